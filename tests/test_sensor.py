@@ -14,7 +14,7 @@ def test_sigma_is_linear_between_points_and_constant_past_the_ends() -> None:
     np.testing.assert_allclose(curve.scaled(2.0).sigma(1500.0), 40)
 
 
-def test_a_curve_is_its_own_copy() -> None:
+def test_curve_is_a_read_only_copy_of_its_arrays() -> None:
     sigma = np.array([10.0, 30.0])
     curve = NoiseCurve(np.array([1000.0, 2000.0]), sigma)
     sigma[0] = -1

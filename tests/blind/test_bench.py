@@ -22,7 +22,7 @@ NAME = "wiggling-clear-0-0"
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("quick_calibration")
-def test_scored_case_is_a_line_that_the_command_sums_up_and_does_not_score_again(
+def test_scored_case_is_one_line_that_is_summed_up_and_not_scored_again(
     tmp_path: Path, fake: tuple[str, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:
     """With a stand-in for `tofmix reconcile` that is handed the truth."""

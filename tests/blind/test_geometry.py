@@ -42,7 +42,7 @@ def test_shares_and_ranges_are_those_of_many_thin_beams(rng: np.random.Generator
             assert beams.range_mm[layer, pixel][0] == pytest.approx(away[number == k].mean(), abs=1.0)
 
 
-def test_directions_are_those_of_the_contract() -> None:
+def test_azimuth_and_elevation_give_the_documented_directions() -> None:
     np.testing.assert_allclose(direction(np.array(0.3), np.array(0.0)), [math.sin(0.3), 0, math.cos(0.3)])
     np.testing.assert_allclose(direction(np.array(0.0), np.array(0.2)), [0, math.sin(0.2), math.cos(0.2)])
 

@@ -37,7 +37,7 @@ def test_drawn_lenses_image_the_whole_image_without_a_fold() -> None:
         assert imaged / radius[-1] < 0.97  # a lens that distorts the corner by two pixels and more
 
 
-def test_rays_are_those_of_opencv_in_the_contracts_terms() -> None:
+def test_rays_and_solid_angles_equal_those_of_opencv() -> None:
     fx, fy, cx, cy = LENS.pixels(VIEW.rows, VIEW.cols)
     row, col = (a.ravel().astype(float) for a in np.indices((VIEW.rows, VIEW.cols)))
     k1, k2, k3 = LENS.radial

@@ -20,7 +20,7 @@ def _z(a: Recording, b: Recording) -> dict[tuple[str, str], float]:
     return {(s.statistic, s.axis): s.z for s in compare(a, b)}
 
 
-def test_two_recordings_of_one_camera_differ_by_chance_alone(plain: tuple[Recording, Recording]) -> None:
+def test_two_recordings_of_one_camera_differ_by_noise_alone(plain: tuple[Recording, Recording]) -> None:
     panels = [compare(*plain)]
     panels += [compare(record(DEVICE, SCENE, seed=10 + k), record(DEVICE, SCENE, seed=20 + k)) for k in range(2)]
     z = np.array([[s.z for s in panel] for panel in panels])

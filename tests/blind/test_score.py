@@ -37,7 +37,7 @@ def test_reconcile_that_copies_the_model_closes_no_gap(fake: tuple[str, ...], tm
 
 
 @pytest.mark.slow
-def test_reconcile_that_is_handed_the_truth_scores_at_the_ceiling(fake: tuple[str, ...], tmp_path: Path) -> None:
+def test_reconcile_that_knows_the_truth_scores_at_the_ceiling(fake: tuple[str, ...], tmp_path: Path) -> None:
     built = _built("pair-7")  # a fixed pattern and a warm-up: with a map
     (tmp_path / "truth").mkdir()
     handed = tmp_path / "truth" / "effects.json"

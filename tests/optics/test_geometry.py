@@ -39,7 +39,7 @@ def test_points_of_a_board_lie_on_the_board() -> None:
     np.testing.assert_allclose(3000.0 * over, truth.range_true[..., 0], rtol=3e-5)
 
 
-def test_a_pinhole_is_pythagoras() -> None:
+def test_depth_of_a_pinhole_follows_pythagoras() -> None:
     over = ray_over_depth(beam_directions_of(Pinhole(fx=3.0, fy=5.0, cx=1.0, cy=2.0), (6, 4)))
     for row in range(6):
         for col in range(4):

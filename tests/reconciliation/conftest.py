@@ -26,7 +26,7 @@ def small() -> Model:
 
 @pytest.fixture(scope="session")
 def record(model: Model) -> Record:
-    """Simulate the model, or another one, with effects that it does not say it has."""
+    """Simulate the model, or another one, with effects that the model lacks."""
 
     def make(*effects: Effect, seed: int = 5, of: Model = model) -> Evidence:
         return recorded(of, *effects, seed=seed)

@@ -31,8 +31,10 @@ def named_kinds(result: Reconciliation) -> list[str]:
     ids=["behind", "before"],
 )
 @pytest.mark.slow
-def test_second_path_gives_way_to_a_pose_and_more_noise(shift_mm: float, rows: int, cols: int, frames: int) -> None:
-    """Alone, the bounce, which widens the noise too, gains more than either."""
+def test_pose_and_excess_noise_replace_a_second_path_that_gains_more_alone(
+    shift_mm: float, rows: int, cols: int, frames: int
+) -> None:
+    """Alone, the second path, which also widens the noise, gains more than either."""
     model = scene(rows=rows, cols=cols, frames=frames)
     hidden = MAKE["surface_pose"](surface="middle", shift_mm=shift_mm), MAKE["excess_noise"](factor=1.25)
     kinds = ("surface_pose", "multipath", "excess_noise", "temperature_drift")
@@ -53,7 +55,7 @@ def stuck(model: Model, every: int, value_mm: float | None = None) -> Effect:
 
 @pytest.mark.slow
 def test_offset_with_pixels_of_one_value_is_not_named_a_pattern(small: Model) -> None:
-    """To a pattern such pixels are large biases, and with spreads that large it takes the offset too."""
+    """A pattern takes such pixels as large biases; with such large spreads it also absorbs the offset."""
     hidden = stuck(small, 33, 3000.0), MAKE["range_offset"](offset_mm=-6.0)
     kinds = ("range_offset", "fixed_pattern", "stuck_pixels", "amplitude_walk", "surface_pose")
     assert named_kinds(reconciled(small, *hidden, kinds=kinds)) == ["range_offset", "stuck_pixels"]
@@ -68,8 +70,8 @@ FAR = (
 
 @pytest.mark.slow
 @pytest.mark.parametrize("hidden", FAR, ids=str)
-def test_surface_that_is_measured_far_away_is_found_there(small: Model, hidden: Effect) -> None:
-    """Where the likelihood has no slope: a pattern of pixels, or random values, would take it all."""
+def test_surface_many_sigma_from_its_model_is_found_with_the_right_effect(small: Model, hidden: Effect) -> None:
+    """The likelihood has no slope there; a pattern or random values could explain all samples of the surface."""
     kinds = ("surface_pose", "multipath", "fixed_pattern", "outliers", *(("motion",) if hidden is FAR[0] else ()))
     result = reconciled(small, hidden, kinds=kinds)
     assert named_kinds(result) == [hidden.kind]
@@ -80,7 +82,7 @@ def test_surface_that_is_measured_far_away_is_found_there(small: Model, hidden: 
 
 @pytest.mark.slow
 def test_wave_is_found_where_most_samples_are_lost(small: Model) -> None:
-    """What lost samples gain is a thousand times what a wave does, of which it says nothing."""
+    """Lost samples gain a thousand times as much as the wave; this gain must not count against the wave."""
     hidden = MAKE["dropout"](probability=0.7), MAKE["wiggling"](amplitude_mm=3.5, phase_rad=0.8)
     kinds = ("dropout", "wiggling", "saturation", "fixed_pattern")
     assert named_kinds(reconciled(small, *hidden, kinds=kinds)) == ["dropout", "wiggling"]
@@ -88,7 +90,9 @@ def test_wave_is_found_where_most_samples_are_lost(small: Model) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("shifts_mm", [(0.4, -0.7, 1.6), (0.63, -1.75, -2.23)], ids=["right", "two"])
-def test_offset_keeps_its_name_where_poses_are_nearly_right(model: Model, shifts_mm: tuple[float, ...]) -> None:
+def test_offset_is_named_and_no_other_effect_if_poses_are_nearly_right(
+    model: Model, shifts_mm: tuple[float, ...]
+) -> None:
     """A walk follows the errors of the poses too: by a tenth of sigma, which is taken as right, or up to two.
 
     Two are more than the tolerance: nothing may then be named instead.
@@ -113,20 +117,20 @@ def test_offset_keeps_its_name_where_poses_are_nearly_right(model: Model, shifts
 @pytest.mark.slow
 @pytest.mark.parametrize("every", [9, 33, 5])
 def test_small_offset_is_found_with_pixels_of_one_value(model: Model, every: int) -> None:
-    """What each sample of these pixels gains does not count against how little an offset gains."""
+    """The large gain of the stuck pixels must not count against the small gain of the offset."""
     hidden = stuck(model, every), MAKE["range_offset"](offset_mm=1.0)
     result = reconciled(model, *hidden, kinds=("range_offset", "fixed_pattern", "stuck_pixels"))
     assert named_kinds(result) == ["range_offset", "stuck_pixels"]
 
 
 @pytest.mark.parametrize("step_mm", [80.0, pytest.param(30.0, marks=pytest.mark.slow)])
-def test_pixels_that_a_lattice_holds_at_one_value_are_not_stuck(small: Model, step_mm: float) -> None:
+def test_constant_pixels_of_a_coarse_quantisation_are_not_stuck(small: Model, step_mm: float) -> None:
     result = reconciled(small, MAKE["quantisation"](step_mm=step_mm), kinds=LATTICE_KINDS)
     assert named_kinds(result) == ["quantisation"]
 
 
 @pytest.mark.parametrize("step_mm", [40.0, pytest.param(12.0, marks=pytest.mark.slow)])
-def test_stuck_pixels_on_a_lattice_are_found_all_and_no_others(small: Model, step_mm: float) -> None:
+def test_exactly_the_stuck_pixels_are_found_with_quantisation(small: Model, step_mm: float) -> None:
     hidden = MAKE["quantisation"](step_mm=step_mm), stuck(small, 33)
     result = reconciled(small, *hidden, kinds=LATTICE_KINDS)
     assert result.verified.verdict == "explained"

@@ -21,13 +21,13 @@ SMALL, LARGE = a_set(2529.1, "vignetting"), a_set(2540.0, "range_offset", "vigne
 BEST = a_set(2530.8, "range_offset", "vignetting")
 
 
-def test_the_smallest_set_comes_first_and_the_best_is_another() -> None:
+def test_better_is_the_smallest_set_and_best_has_most_evidence() -> None:
     sets = Alternatives(found=FOUND, sets=(LARGE, BEST, SMALL))
     assert sets.better(larger=False) is SMALL
     assert sets.best(larger=False) is BEST
     assert sets.best(larger=True) is LARGE
 
 
-def test_none_is_best_that_is_not_clearly_better() -> None:
+def test_best_is_none_if_no_set_is_clearly_better() -> None:
     assert Alternatives(found=BEST, sets=(FOUND, SMALL)).best(larger=True) is None
     assert Alternatives(found=BEST, sets=()).best(larger=True) is None

@@ -61,7 +61,7 @@ def test_columns_alone_are_named_a_pattern_only(small: Model, kinds: tuple[str, 
 
 @slow
 def test_pose_and_offset_together_are_not_named_a_pattern(small: Model) -> None:
-    """The pose, added first, takes a part of the offset; what is left over looks like a law of another shape."""
+    """The pose, added first, absorbs a part of the offset; the remainder looks like another law."""
     hidden = MAKE["surface_pose"](surface="middle", shift_mm=25.0), MAKE["range_offset"](offset_mm=8.0)
     assert named_within_errors(reconciled(small, *hidden, kinds=KINDS), hidden)
 
@@ -84,7 +84,7 @@ DRIFT = MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=2.0)
 @slow
 @pytest.mark.parametrize("offset_mm", [-8.0, 8.0], ids=["away from it", "with it"])
 def test_drift_and_offset_are_separated(small: Model, offset_mm: float) -> None:
-    """Alone, the drift takes up a part of the offset, and has numbers that no step leads away from."""
+    """Alone, the drift absorbs a part of the offset, and its numbers are a local optimum."""
     hidden = DRIFT, MAKE["range_offset"](offset_mm=offset_mm)
     kinds = ("temperature_drift", "range_offset", "surface_pose", "wiggling", "fixed_pattern")
     assert named_within_errors(reconciled(small, *hidden, kinds=kinds), hidden)

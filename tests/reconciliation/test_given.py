@@ -37,7 +37,7 @@ RIVALS = ("range_offset", "surface_pose", "excess_noise", "fixed_pattern", "temp
 
 
 def _with(small: Model, given: Effect) -> Model:
-    """The model with the effect; few frames of two surfaces where one moves, since each frame is cast by itself."""
+    """The model with the effect; with a motion, few frames of two surfaces, because each frame is cast separately."""
     if given.kind == "motion":
         recording = replace(small.recording, frames=30, frame_rate_hz=4.0)
         return replace(small, effects=(given,), recording=recording, surfaces=small.surfaces[1:])
@@ -92,7 +92,7 @@ def test_effect_that_the_recording_lacks_is_a_negative_place(small: Model, given
 
 @pytest.mark.slow
 def test_map_that_was_measured_agrees_with_the_next_recording(small: Model) -> None:
-    """Its errors are those of so many frames; `--tolerance` covers them."""
+    """The map has the errors of so many frames; `--tolerance` covers them."""
     kinds = ("fixed_pattern", "range_offset", "surface_pose")
     pattern = MAKE["fixed_pattern"](map=PixelMap("biases.npy", BIASES))
     (named,) = reconciled(small, pattern, kinds=kinds).named

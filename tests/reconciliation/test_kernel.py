@@ -49,7 +49,7 @@ def _scene(rng: np.random.Generator, *, step: float, period: float, spread: floa
     return scene, rng.uniform(0.0, 0.2, (TIMES, PIXELS))
 
 
-def test_likelihood_of_pixels_side_by_side_is_that_of_each(rng: np.random.Generator) -> None:
+def test_vectorised_likelihood_equals_the_one_sample_by_sample(rng: np.random.Generator) -> None:
     scene, invalid = _scene(rng, step=0.0, period=0.0, spread=40.0)
     one, many = empty_sums(FRAMES, PIXELS), empty_sums(FRAMES, PIXELS)
     kernel.any_log_likelihood(*scene, invalid, RANDOM, 0.0, 0.0, GAUSSIAN, *one)
@@ -141,7 +141,7 @@ def test_gaussian_table_has_the_information_of_a_gaussian_and_moves_its_spread_a
     assert shape_table(None) is GAUSSIAN
 
 
-def test_moves_are_those_of_scores_of_samples_that_are_off_or_wider(rng: np.random.Generator) -> None:
+def test_moves_equal_the_changes_of_simulated_scores_with_a_bias_or_another_width(rng: np.random.Generator) -> None:
     shape, more = skewed(), 0.01
     z = rng.standard_normal(400_000)
     near, at = np.abs(z) < 3.9, shape.quantile(stats.norm.cdf(z))

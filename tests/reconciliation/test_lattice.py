@@ -23,7 +23,7 @@ def test_step_of_quantised_samples_is_found(model: Model, record: Record, step: 
 
 @pytest.mark.parametrize("step", [30.227108, *(pytest.param(step, marks=pytest.mark.slow) for step in (7.3291, 17.03))])
 def test_values_are_rounded_multiples_of_the_found_step(model: Model, record: Record, step: float) -> None:
-    """Far multiples decide the last digits: one that rounds otherwise would leave its samples unexplained."""
+    """Far multiples determine the last digits; a multiple that rounds otherwise leaves its samples unexplained."""
     evidence = record(MAKE["quantisation"](step_mm=step), MAKE["outliers"](probability=0.01))
     found = find_lattice(evidence, Likelihood(evidence, Scene(model, evidence.time_s)).start())
     assert found is not None

@@ -85,7 +85,7 @@ def _noisier(evidence: Evidence, sigma_mm: NDArray[Any]) -> Evidence:
 
 
 def test_noise_of_all_frames_is_no_burst_and_that_of_some_is(model: Model, record: Record) -> None:
-    """A little more in some than in others, by chance, or the more from a third of the recording on."""
+    """Noise that differs a little between frames at random, or that increases after a third of the recording."""
     evidence = record()
     frames = np.arange(evidence.shape[0])
     everywhere = np.random.default_rng(4).uniform(0.3, 1.7, frames.size)

@@ -61,7 +61,7 @@ def test_inflation_of_a_mean_is_the_sum_over_all_pairs_of_frames(
 
 
 @pytest.mark.slow
-def test_slow_part_of_a_long_memory_is_no_pattern(model: Model) -> None:
+def test_long_memory_is_not_named_a_pattern(model: Model) -> None:
     kinds = ("temporal_correlation", "fixed_pattern", "range_offset", "surface_pose", "excess_noise")
     result = reconciled(model, MAKE["temporal_correlation"](coefficient=0.9), kinds=kinds)
     assert [n.effect.kind for n in result.named] == ["temporal_correlation"]
@@ -90,7 +90,7 @@ def test_noise_averaged_over_frames_is_an_unexplained_memory(small: Model, frame
 
 @pytest.mark.slow
 def test_memory_with_random_values_is_found_and_leaves_no_gap(model: Model) -> None:
-    """Random values are not remembered, while the memory of the noise runs on below them."""
+    """Random values do not enter the memory, and do not interrupt it."""
     hidden = MAKE["temporal_correlation"](coefficient=0.4), MAKE["outliers"](probability=0.02)
     result = reconciled(model, *hidden, kinds=("temporal_correlation", "outliers", "fixed_pattern", "excess_noise"))
     assert [n.effect.kind for n in result.named] == ["outliers", "temporal_correlation"]

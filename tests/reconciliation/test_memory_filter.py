@@ -42,7 +42,7 @@ def test_a_random_value_is_not_remembered() -> None:
 
 
 @given(share=st.floats(0.0, 0.1), below=st.floats(0.05, 0.95), u=st.floats(-3.5, 3.5))
-def test_noise_of_a_score_is_the_noise_that_has_it(share: float, below: float, u: float) -> None:
+def test_noise_of_undoes_the_score_of_noise_with_random_values(share: float, below: float, u: float) -> None:
     from scipy.special import ndtr, ndtri
 
     random = RandomValues(share=np.array([share]), below=np.array([below]), density=np.array([2e-3]))

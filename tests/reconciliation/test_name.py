@@ -28,7 +28,7 @@ KINDS = ("range_offset", "surface_pose", "multipath", "amplitude_walk", "tempera
 )
 @pytest.mark.slow
 def test_surface_with_other_noise_has_no_second_path(small: Model, factor: float, kinds: tuple[str, ...]) -> None:
-    """A path of just one turn more, across the first, would dim the surface and not move it."""
+    """A second path of just one turn would change the noise of the surface and not its mean."""
     evidence = recorded(small)
     samples = evidence.samples.astype(np.float64)
     middle = np.median(samples, axis=0)
@@ -44,8 +44,8 @@ def test_surface_with_other_noise_has_no_second_path(small: Model, factor: float
     [("range_offset", "amplitude_walk", "temperature_drift"), pytest.param(KINDS, marks=pytest.mark.slow)],
     ids=["few rivals", "all rivals"],
 )
-def test_offset_that_is_given_wrong_is_neither_drift_nor_walk(small: Model, kinds: tuple[str, ...]) -> None:
-    """Another offset is not tried where the model has one; a drift that is over at once would stand for it."""
+def test_wrong_given_offset_is_named_neither_drift_nor_walk(small: Model, kinds: tuple[str, ...]) -> None:
+    """No second offset is tried if the model has one; a drift that ends at once could imitate it."""
     two = replace(small, surfaces=small.surfaces[1:])
     wrong = replace(two, effects=(MAKE["range_offset"](offset_mm=10.0),))
     result = reconcile(wrong, recorded(two, MAKE["range_offset"](offset_mm=18.0)), Settings(kinds=kinds))
@@ -53,7 +53,7 @@ def test_offset_that_is_given_wrong_is_neither_drift_nor_walk(small: Model, kind
     assert result.verified.verdict == "unexplained"
 
 
-def test_a_tolerated_place_is_as_far_off_as_ranges_that_the_camera_sees_may_be(model: Model) -> None:
+def test_tolerated_shift_moves_the_seen_ranges_by_the_tolerance(model: Model) -> None:
     """A wall whose plane's foot, where the noise is less, is far from the pixels that see it."""
     wall = Surface(name="wall", center_mm=(0, 0, 3000), size_mm=(9000.0, 7000.0), yaw_deg=40.0)
     slanted = replace(model, sensor=replace(load_profile("sr4000"), rows=20, cols=24), surfaces=(wall,))
@@ -70,7 +70,7 @@ def test_a_tolerated_place_is_as_far_off_as_ranges_that_the_camera_sees_may_be(m
     assert abs(shift - 0.11 * sigma) < 3 * sigma / np.sqrt(whole[0].size * whole[1].size)
 
 
-def test_places_of_several_recordings_have_the_sigma_of_those_that_show_them(model: Model) -> None:
+def test_sigma_of_place_is_the_median_of_the_recordings_that_show_the_surface(model: Model) -> None:
     parts = replace(model, surfaces=model.surfaces[:2]), replace(model, surfaces=model.surfaces[1:])
     joined = joint_likelihood([(part, recorded(part)) for part in parts]).scene
     single = [dict(zip(s.names, s.sigma_of_place, strict=True)) for s in joined.members]

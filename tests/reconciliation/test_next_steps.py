@@ -33,7 +33,7 @@ def test_every_verdict_ends_with_a_step(small: Model) -> None:
 
 @pytest.mark.slow
 def test_a_surface_elsewhere_comes_first_with_the_table_that_moves_it_there(small: Model) -> None:
-    """No effect that moves a surface is asked for, so that the step is all that the user gets."""
+    """No tried effect moves a surface, so only the step names the other position."""
     moved = replace(small, surfaces=(posed(small.surfaces[0], 40.0, 2.0, 0.0), *small.surfaces[1:]))
     result = reconcile(small, recorded(moved), Settings(kinds=("range_offset", "wiggling")))
     first = result.next_steps[0]
@@ -79,7 +79,7 @@ def test_advice_that_another_advice_contains_is_left_out() -> None:
 
 @pytest.mark.slow
 def test_offset_beside_noise_of_one_part_of_the_image_is_named_and_no_pose_is_advised(small: Model) -> None:
-    """More noise everywhere gains next to nothing beside the offset and leaves the spread: it is taken back."""
+    """More noise everywhere gains little beyond the offset and does not remove the spread, so it is taken back."""
     evidence = recorded(small, MAKE["range_offset"](offset_mm=60.0))
     middle = np.nanmedian(evidence.samples, axis=0)
     noisier = np.where(np.arange(middle.size) % small.sensor.cols < small.sensor.cols // 3, 1.3, 1.0)

@@ -43,7 +43,7 @@ def test_recording_agrees_with_a_model_that_has_its_noise(small: Model, name: st
     has = with_noise(small, **PARTS[name])
     result = outcome(has, has)
     assert result.verified.verdict == "agree"
-    assert result.verified.before.gap < 1.3  # 1 by chance
+    assert result.verified.before.gap < 1.3  # noise alone gives 1
     assert result.verified.floor.gap < 1.3
 
 
@@ -99,7 +99,7 @@ def test_effect_with_all_noise_parts_is_found_with_its_number(small: Model, hidd
 def test_common_change_of_noise_does_not_change_the_widths(small: Model) -> None:
     has, factor = with_noise(small, **PARTS["all"]), 1.3
     (named,) = outcome(has, has, MAKE["excess_noise"](factor=factor)).named
-    mean = 0.2 / np.sqrt(252)  # standard error of the mean log width, which a recording cannot tell from the factor
+    mean = 0.2 / np.sqrt(252)  # standard error of the mean log width, which cannot be separated from the factor
     error = np.hypot(named.stderr["factor"], factor * mean)
     assert named.parameters["factor"] == pytest.approx(factor, abs=4 * error)
 

@@ -51,7 +51,7 @@ def test_offset_is_found_and_a_right_model_agrees(rows: int, cols: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("rows", "cols"), [(2, 4), (1, 24)])
-def test_an_offset_of_one_wall_in_a_few_pixels_is_never_agreement(rows: int, cols: int) -> None:
+def test_offset_of_a_wall_in_a_few_pixels_is_explained_with_the_offset_named_or_alias(rows: int, cols: int) -> None:
     model = scene(rows=rows, cols=cols)
     wall = replace(model, surfaces=(Surface(name="wall", center_mm=(0, 0, 2200), size_mm=(5200.0, 4200.0)),))
     found = reconcile(wall, _record(wall, MAKE["range_offset"](offset_mm=20.0)), Settings(kinds=KINDS))
@@ -62,7 +62,7 @@ def test_an_offset_of_one_wall_in_a_few_pixels_is_never_agreement(rows: int, col
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("rows", "cols"), SHAPES)
-def test_the_panel_has_no_statistic_of_lines_that_are_not_there(rows: int, cols: int) -> None:
+def test_panel_of_one_line_has_no_statistic_across_it(rows: int, cols: int) -> None:
     model = scene(rows=rows, cols=cols)
     evidence = _record(model, MAKE["range_offset"](offset_mm=30.0), frames=900)  # 200 held-out samples a pixel
     result = reconcile(model, evidence, Settings(kinds=("range_offset",)))
@@ -77,7 +77,7 @@ def test_the_panel_has_no_statistic_of_lines_that_are_not_there(rows: int, cols:
     assert result.verified.verdict == "explained"
 
 
-def test_an_image_of_both_keeps_its_statistics() -> None:
+def test_panel_of_rows_and_columns_has_the_statistics_of_both() -> None:
     model = scene(rows=12, cols=16)
     panel = reconcile(model, _record(model), Settings(kinds=("range_offset",))).verified.before
     for statistic in ("common_mode", "neighbour_correlation", "bias"):

@@ -35,7 +35,7 @@ def test_given_effect_with_wrong_numbers_is_unexplained_with_better_ones(
     assert (result.verified.verdict, result.named) == ("unexplained", ())
     assert result.verified.own is not None
     assert result.verified.own.kind == true.kind
-    if true.kind == "wiggling":  # a path and its share are told apart by less
+    if true.kind == "wiggling":  # path and share of a second path are less certain
         found, wanted = numeric(result.verified.own), numeric(true)
         assert found["amplitude_mm"] == pytest.approx(wanted["amplitude_mm"], rel=0.05)
         assert found["phase_rad"] == pytest.approx(wanted["phase_rad"], abs=0.1)
@@ -43,7 +43,7 @@ def test_given_effect_with_wrong_numbers_is_unexplained_with_better_ones(
 
 
 @pytest.mark.slow
-def test_given_effect_with_right_numbers_leaves_a_pose_its_name(small: Model) -> None:
+def test_missing_pose_is_named_if_the_given_effect_has_right_numbers(small: Model) -> None:
     hidden = MAKE["surface_pose"](surface="middle", shift_mm=20.0)
     kinds = ("wiggling", "range_offset", "surface_pose", "fixed_pattern")
     result = reconcile(replace(small, effects=(STRONG,)), recorded(small, STRONG, hidden), Settings(kinds=kinds))

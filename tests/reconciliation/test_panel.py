@@ -29,14 +29,14 @@ def _without(evidence: Evidence, each: int) -> Evidence:
     return replace(evidence, samples=np.where((samples > 0) & (samples % each == 0), samples + 1, samples))
 
 
-def test_waves_over_whole_mm_are_chance_where_the_model_is_right(model: Model, record: Record) -> None:
+def test_waves_over_whole_mm_are_noise_alone_if_the_model_is_right(model: Model, record: Record) -> None:
     z = [_waves(model, record(seed=seed)).z for seed in range(5, 12)]
     assert max(np.abs(z)) < 3.5
     assert abs(np.mean(z)) < 4 / np.sqrt(len(z))
 
 
 @pytest.mark.parametrize("each", [2, 7, 15])
-def test_waves_show_codes_that_are_missing(model: Model, record: Record, each: int) -> None:
+def test_waves_show_missing_codes(model: Model, record: Record, each: int) -> None:
     """Each wave's power against a sum over the samples one by one."""
     evidence = _without(record(), each)
     curve = _waves(model, evidence)
@@ -46,7 +46,7 @@ def test_waves_show_codes_that_are_missing(model: Model, record: Record, each: i
     assert np.abs(curve.value[own]).max() > 4 * np.sqrt(curve.variance[own]).max()
 
 
-def test_wave_is_the_mean_of_its_samples_phases(model: Model, record: Record) -> None:
+def test_wave_equals_the_mean_phasor_of_the_samples(model: Model, record: Record) -> None:
     evidence = record()
     likelihood = joint_likelihood([(model, evidence)])
     sigma = likelihood.scene.mixture()

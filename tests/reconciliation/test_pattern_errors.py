@@ -32,7 +32,7 @@ def some_likelihood() -> Likelihood:
 def under(
     biases: FloatArray, noise: FloatArray, spreads: tuple[float, float, float], moves: FloatArray
 ) -> UnderPattern:
-    """Pixels' own biases with Gaussian noise, and numbers of which each moves them; the pattern at its best."""
+    """Biases of pixels with Gaussian noise, and numbers that change the biases; the pattern has its fitted values."""
     found = PixelBiases(bias=biases, information=1 / noise, gain=np.zeros(PIXELS))
     values = marginal_pattern(found, IMAGE, spreads)[1]
     pulls = (biases - values) / noise

@@ -43,15 +43,15 @@ def test_tilted_board_and_columns_are_separated(seed: int) -> None:
 
 
 @pytest.mark.parametrize("lines", [12, 24, 60])
-def test_columns_drawn_by_themselves_are_never_smooth(lines: int) -> None:
+def test_independent_columns_are_never_smooth(lines: int) -> None:
     rng = np.random.default_rng(lines)
     known = np.ones((16, lines), dtype=bool)
     found = [smooth(rng.normal(0, 0.2, known.shape) + rng.normal(0, 1, lines), known) for _ in range(100)]
     assert not any(found)
 
 
-def test_faint_smooth_columns_leave_a_pattern_of_pixels_one(rng: np.random.Generator) -> None:
-    """Poses within their tolerance bend what the columns have in common, of which pixels by themselves have little."""
+def test_pattern_of_pixels_with_faint_smooth_columns_is_not_smooth(rng: np.random.Generator) -> None:
+    """Poses within the tolerance make the columns smooth; in a pattern of pixels the columns are a small part."""
     known = np.ones((40, 60), dtype=bool)
     assert not smooth(rng.normal(0, 3, known.shape) + np.linspace(0, 1, 60) ** 2, known)
 

@@ -33,7 +33,7 @@ def test_slopes_are_the_differences_of_ranges_to_moved_planes(yaw: float, pitch:
 @given(
     shift=st.floats(-80, 80), yaw=st.floats(-5, 5), pitch=st.floats(-5, 5), strange=st.floats(0, 0.3),
 )  # fmt: skip
-def test_a_moved_plane_is_found_where_a_third_of_its_pixels_see_something_else(
+def test_pose_of_a_plane_is_found_although_a_third_of_its_pixels_see_another_surface(
     shift: float, yaw: float, pitch: float, strange: float
 ) -> None:
     d = beams()
@@ -44,7 +44,7 @@ def test_a_moved_plane_is_found_where_a_third_of_its_pixels_see_something_else(
     assert (found.shift_mm, found.yaw_deg, found.pitch_deg) == pytest.approx((shift, yaw, pitch), abs=0.05)
 
 
-def test_noise_has_no_tilt_to_speak_of() -> None:
+def test_noise_alone_gives_no_clear_tilt() -> None:
     rng = np.random.default_rng(5)
     d = beams()
     gains = [measured_pose(WALL, d, rng.normal(0, 2.0, len(d)), np.full(len(d), 0.25)).turn_nats for _ in range(60)]
@@ -53,7 +53,7 @@ def test_noise_has_no_tilt_to_speak_of() -> None:
     assert max(gains) < 7
 
 
-def test_a_tilted_pose_is_the_surface_of_these_angles() -> None:
+def test_posed_surface_has_the_shift_and_the_added_angles() -> None:
     moved = posed(WALL, 30.0, 2.0, -1.0)
     assert (moved.yaw_deg, moved.pitch_deg) == (14.0, -8.0)
     assert np.linalg.norm(np.array(moved.center_mm) - WALL.center_mm) == pytest.approx(30.0)

@@ -52,7 +52,7 @@ def test_error_in_polar_numbers_is_that_of_the_profile(turn: float, sigma: float
     radius, angle = (parameter(name, polar, vector, steps) for name in ("amplitude_mm", "phase_rad"))
     assert parabola_error(radius, covariance) == pytest.approx(sigma, rel=1e-3)
     assert parabola_error(angle, covariance) == pytest.approx(math.asin(sigma) / 2, rel=0.03)
-    assert math.asin(sigma) / 2 > sigma / 2  # which its slope alone would give
+    assert math.asin(sigma) / 2 > sigma / 2  # the error by the slope alone
 
 
 def test_error_of_an_exponential_is_the_mean_of_both_sides() -> None:

@@ -44,8 +44,8 @@ def added(model: Model, evidence: Evidence, kinds: Sequence[str]) -> Found:
         pytest.param(True, id="three boards that face the camera"),
     ],
 )
-def test_wave_is_the_same_whether_a_pattern_came_first_or_later(model: Model, record: Record, *, flat: bool) -> None:
-    """Columns of 4 mm can take most of a wave over three boards; given back, it is what it is if it came first."""
+def test_wave_is_the_same_if_added_before_or_after_a_pattern(model: Model, record: Record, *, flat: bool) -> None:
+    """Columns of 4 mm can absorb most of a wave over three boards; the refit corrects this."""
     surfaces = tuple(replace(s, yaw_deg=0.0 if flat else s.yaw_deg) for s in model.surfaces)
     scene = replace(model, surfaces=surfaces)
     evidence = record(*HIDDEN, of=scene)

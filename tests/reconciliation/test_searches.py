@@ -93,13 +93,13 @@ def test_fitted_dropout_is_the_share_that_is_lost(lossy: Likelihood) -> None:
         ("range_offset", {"offset_mm": 5000.0}, True),
     ],
 )
-def test_pose_of_metres_and_path_of_a_turn_are_other_causes(
+def test_pose_of_metres_and_path_of_a_turn_are_not_plausible(
     model: Model, kind: str, values: dict[str, float | str], sound: bool
 ) -> None:
     assert MAKE[kind](**values).plausible(model.sensor) is sound
 
 
-def test_search_that_ends_where_nothing_is_plausible_ends_at_another_effect(model: Model, record: Record) -> None:
+def test_implausible_vector_of_a_search_counts_as_another_effect(model: Model, record: Record) -> None:
     evidence = record()
     likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
     pose = problems("surface_pose", likelihood, likelihood.scene.mixture())[0]

@@ -112,7 +112,7 @@ def test_errors_of_a_patterns_spreads_are_those_of_normal_theory(model: Model, r
 
 
 def test_fitted_map_is_shrunk_by_the_posterior_covariance(rng: np.random.Generator) -> None:
-    """What `standard_errors` takes from it: the posterior covariance times a vector."""
+    """The interface that `standard_errors` uses: the posterior covariance times a vector."""
     rows, cols = 4, 5
     information, vector = rng.uniform(0.5, 2.0, rows * cols), rng.normal(size=rows * cols)
     found = PixelBiases(bias=vector / information, information=information, gain=np.zeros(rows * cols))
@@ -124,7 +124,7 @@ def test_fitted_map_is_shrunk_by_the_posterior_covariance(rng: np.random.Generat
 
 @pytest.mark.slow
 def test_number_at_its_bound_has_no_error_and_others_keep_theirs(small: Model) -> None:
-    """All samples are lost by their amplitude, none by chance."""
+    """All samples are lost by their amplitude, none at random."""
     hidden = MAKE["dropout"](probability=0.0, threshold=15.0, threshold_noise=2.0), MAKE["range_offset"](offset_mm=9.0)
     result = reconciled(small, *hidden, kinds=("dropout", "range_offset", "saturation"))
     lost, offset = sorted(result.named, key=lambda named: named.effect.kind)
@@ -135,8 +135,8 @@ def test_number_at_its_bound_has_no_error_and_others_keep_theirs(small: Model) -
 
 
 @pytest.mark.slow
-def test_full_well_between_two_amplitudes_has_an_error_of_their_gap(model: Model) -> None:
-    """Beside samples that are lost by chance too; the error is of the gap between the amplitudes."""
+def test_error_of_a_full_well_covers_the_gap_between_two_amplitudes(model: Model) -> None:
+    """Other samples are lost at random; the error is that of the gap between the amplitudes."""
     hidden = MAKE["saturation"](full_well_amplitude=FULL), MAKE["dropout"](probability=0.01)
     result = reconciled(model, *hidden, kinds=("saturation", "dropout"))
     own = next(n for n in result.named if n.effect.kind == "saturation")
@@ -162,8 +162,8 @@ class _Saddle:
         return Value(total=-50.0 * (along**2 - 4.0) ** 2 / 16.0 - 20.0 * across**2, by_pixel=nothing, by_frame=nothing)
 
 
-def test_polish_leaves_a_saddle_for_the_top() -> None:
-    """What they promise there is less than nothing, which is no sign of having arrived."""
+def test_polish_moves_from_a_saddle_to_the_top() -> None:
+    """At the saddle the predicted gain is negative, which must not count as convergence."""
     start = _Saddle(0.3, 0.2)
     about = parabola(cast("Numbers", start))
     assert about is not None

@@ -41,7 +41,7 @@ def test_static_offset_is_the_weighted_mean_of_biases(
     assert gain == pytest.approx(0.5 * mean**2 * (lit @ weighed[:, 0]), rel=1e-3)
 
 
-def test_two_recordings_have_own_biases_and_share_one_pattern(model: Model, record: Record) -> None:
+def test_fit_to_two_recordings_equals_least_squares_with_one_common_pattern(model: Model, record: Record) -> None:
     """Against the covariance of all biases, written out."""
     pattern, (pixel, column, row_) = FixedPattern(pixel_sigma_mm=3.0, column_sigma_mm=5.0, row_sigma_mm=2.0), (3, 5, 2)
     hidden = MAKE["range_offset"](offset_mm=9.0)
@@ -69,8 +69,8 @@ def test_two_recordings_have_own_biases_and_share_one_pattern(model: Model, reco
 
 
 @pytest.mark.slow
-def test_pose_gives_back_its_part_of_the_offset_when_fitted_together(model: Model, record: Record) -> None:
-    """A pose that was fitted alone has a part of the offset; fitted together, both are what they are."""
+def test_pose_and_offset_fitted_together_have_their_true_numbers(model: Model, record: Record) -> None:
+    """A pose that was fitted alone has absorbed a part of the offset."""
     hidden = MAKE["surface_pose"](surface="middle", shift_mm=20.0), MAKE["range_offset"](offset_mm=8.0)
     first = _trial(model, record, *hidden)
     pose = next(c for c in candidates(first, ("surface_pose",)) if getattr(c.effect, "surface", "") == "middle")

@@ -78,7 +78,7 @@ def test_evidence_is_the_density_of_the_data_with_the_coefficients_integrated_ou
     assert found == pytest.approx(wanted, rel=1e-9)
 
 
-def test_nothing_explains_a_recording_of_the_model_best(model: Model) -> None:
+def test_empty_set_has_most_evidence_for_a_recording_without_effects(model: Model) -> None:
     assert kinds(sets(model, recorded(model))[0]) == set()
 
 
@@ -104,5 +104,5 @@ def test_offset_and_pose_are_aliases_on_one_board_and_separated_on_two(model: Mo
     ],
     ids=lambda hidden: "+".join(e.kind for e in hidden),
 )
-def test_two_hidden_effects_lead_all_pairs(model: Model, hidden: tuple) -> None:  # type: ignore[type-arg]
+def test_two_hidden_effects_have_most_evidence_of_all_pairs(model: Model, hidden: tuple) -> None:  # type: ignore[type-arg]
     assert kinds(sets(model, recorded(model, *hidden))[0]) == {e.kind for e in hidden}

@@ -27,7 +27,7 @@ def scored(z: FloatArray) -> Scored:
 
 
 def planted(name: str, rng: np.random.Generator) -> FloatArray:
-    """Scores with something in them."""
+    """Scores with a planted change."""
     z: FloatArray = rng.normal(size=(FRAMES, ROWS * COLS))
     now = np.arange(FRAMES)[:, None]
     more: dict[str, FloatArray] = {

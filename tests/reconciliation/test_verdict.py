@@ -54,14 +54,14 @@ def test_no_deviation_is_agree_and_a_bias_is_not() -> None:
 
 
 def test_too_few_samples_to_see_half_a_sigma_never_agree() -> None:
-    """Half a sigma is 3 standard errors of 40 samples: the limit of this panel is 2.7, and 1.6 more is asked."""
+    """Half a sigma is 3 standard errors of 40 samples; this panel needs 2.7, and 1.6 more for the power."""
     few = findings(panel(), panel(), samples=40)
     assert few.few
     assert judge(few) == "unexplained"
     assert not findings(panel(), panel(), samples=120).few
 
 
-def test_explained_needs_that_no_statistic_stands_out_for_any_gap() -> None:
+def test_explained_needs_no_statistic_that_stands_out_whatever_the_gap() -> None:
     before = panel(bias=2.0, spread=0.3)
     assert judge(findings(before, panel(), chosen())) == "explained"
     left = findings(before, panel(spread=0.3), chosen())
@@ -70,26 +70,26 @@ def test_explained_needs_that_no_statistic_stands_out_for_any_gap() -> None:
 
 
 @pytest.mark.parametrize(("left", "verdict"), [(0.15, "explained"), (0.3, "partly_explained")])
-def test_a_tenth_of_what_an_effect_moves_may_be_its_law(left: float, verdict: str) -> None:
+def test_tenth_of_an_effects_change_is_accepted_as_error_of_its_law(left: float, verdict: str) -> None:
     assert judge(findings(panel(bias=2.0), panel(bias=left), chosen(gain=240_000.0))) == verdict
 
 
-def test_limit_of_skew_follows_the_largest_of_tails_and_skew_and_that_of_bias_its_own() -> None:
+def test_limit_of_skew_follows_the_larger_of_skew_and_tails_and_limit_of_bias_follows_bias() -> None:
     before = panel(tails=1.0, skew=0.1, bias=0.1)
     assert inexact(curve("skew", 0.05), before) == pytest.approx(0.1, rel=0.01)
     assert inexact(curve("bias", 0.05), before) == pytest.approx(0.02)
 
 
 @pytest.mark.parametrize(("own", "limit"), [(0.0, 0.02), (0.3, 0.032)])
-def test_of_a_spread_that_a_bias_made_an_inexact_law_leaves_a_hundredth(own: float, limit: float) -> None:
+def test_inexact_law_may_leave_a_hundredth_of_a_spread_that_comes_from_a_bias(own: float, limit: float) -> None:
     """A law that is wrong by a tenth of a bias of 0.84 sigma leaves 0.084, whose square is next to no spread."""
-    told = 0.5 * own**2 * BINS / 1e-4  # nats of what spreads say beyond means
+    told = 0.5 * own**2 * BINS / 1e-4  # nats: the information of spreads beyond means
     spread = replace(curve("spread", 0.5), telling=told)
     before = replace(panel(bias=0.84), curves=(curve("bias", 0.84), spread))
     assert inexact(curve("spread", 0.05), before) == pytest.approx(limit, rel=0.01)
 
 
-def test_effects_that_leave_their_statistics_open_are_numbered() -> None:
+def test_unsigned_has_the_numbers_of_effects_whose_statistics_still_stand_out() -> None:
     noise = chosen("excess_noise", gain=30.0, factor=1.02)
     left = findings(panel(bias=2.0, spread=0.1), panel(spread=0.1), chosen(), noise)
     assert left.unsigned == (1,)
@@ -116,7 +116,7 @@ def test_remaining_change_in_time_gives_partly_explained() -> None:
     assert judge(replace(found, in_time=True)) == "partly_explained"
 
 
-def test_simulation_far_from_its_own_prediction_explains_nothing() -> None:
+def test_large_gap_of_the_models_own_simulation_gives_unexplained() -> None:
     found = findings(panel(bias=0.2), panel(), chosen())
     assert judge(replace(found, floor=panel(bias=0.9))) == "unexplained"
 

@@ -50,7 +50,9 @@ def test_floor_is_simulated_at_the_recordings_frame_rate_not_the_models(small: M
     [("temperature_drift",), pytest.param(("temperature_drift", "range_offset", "motion"), marks=pytest.mark.slow)],
     ids=["drift", "drift, offset, motion"],
 )
-def test_ripple_in_time_leaves_a_drift_a_part_of_the_explanation(small: Model, kinds: tuple[str, ...]) -> None:
+def test_drift_with_a_ripple_in_time_is_not_explained_and_is_placed_in_time(
+    small: Model, kinds: tuple[str, ...]
+) -> None:
     two = replace(small, surfaces=small.surfaces[1:])
     evidence = recorded(two, MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=2.0))
     ripple = np.rint(2.5 * np.sin(0.9 * evidence.time_s)).astype(np.int64)
@@ -61,8 +63,10 @@ def test_ripple_in_time_leaves_a_drift_a_part_of_the_explanation(small: Model, k
 
 
 @pytest.mark.slow
-def test_pattern_that_grows_is_a_pattern_in_part(small: Model, rng: np.random.Generator) -> None:
-    """What is left of each pixel changes slowly: one frame is like the next, and no bias stays."""
+def test_growing_pattern_is_not_explained_and_named_at_most_a_fixed_pattern(
+    small: Model, rng: np.random.Generator
+) -> None:
+    """The remaining bias of each pixel changes slowly, so neighbouring frames are alike and no bias is constant."""
     evidence = recorded(small)
     growing = evidence.time_s[:, None] / evidence.time_s[-1] * rng.normal(0.0, 8.0, evidence.shape[1])
     moved = np.where(evidence.samples > 0, np.rint(evidence.samples + growing), 0).astype(np.uint16)
@@ -82,7 +86,7 @@ class Inconsistent(RangeOffset):
 
 
 @pytest.mark.slow
-def test_model_whose_own_simulation_is_far_from_its_prediction_explains_nothing(small: Model) -> None:
+def test_model_whose_simulation_contradicts_its_prediction_is_unexplained(small: Model) -> None:
     evidence = recorded(small, MAKE["range_offset"](offset_mm=8.0))
     likelihood = Likelihood(evidence, Scene(small, evidence.time_s))
     (added, *_) = ways(likelihood, SETTINGS)
@@ -99,12 +103,12 @@ def test_model_whose_own_simulation_is_far_from_its_prediction_explains_nothing(
     [
         ({"memory": 80.0}, True),
         ({"memory": 80.0, "bias": 60.0}, True),
-        ({"memory": 60.0, "pattern": 80.0}, False),  # one frame is like the next as a bias stays
-        ({"memory": 4.0}, False),  # too little of what was gained
+        ({"memory": 60.0, "pattern": 80.0}, False),  # neighbouring frames are alike because of a constant bias
+        ({"memory": 4.0}, False),  # too small a part of the gain
         ({"pattern": 80.0}, False),
     ],
 )
-def test_memory_that_is_left_is_a_change_in_time_unless_a_bias_stays(
+def test_remaining_memory_is_a_change_in_time_unless_a_bias_remains(
     left: dict[str, float], goes_on: bool, model: Model, record: Record
 ) -> None:
     evidence = record()

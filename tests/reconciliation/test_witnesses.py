@@ -69,7 +69,7 @@ def test_amplitudes_make_share_and_path_of_multipath_certain(model: Model) -> No
     for name, wanted in (("share", 0.03), ("extra_path_mm", 1400.0)):
         assert abs(found[0][name] - wanted) < 4 * errors[0][name]
         assert errors[0][name] < 0.12 * wanted  # of Student's law with 3 degrees: half its width at 2 nats, over 2
-        assert abs(found[1][name] - wanted) > 0.2 * wanted  # noise alone says little of what is in phase
+        assert abs(found[1][name] - wanted) > 0.2 * wanted  # noise alone hardly determines the part in phase
 
 
 def test_wrong_amplitudes_of_the_model_hardly_change_the_likelihood(model: Model) -> None:

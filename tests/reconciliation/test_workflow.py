@@ -60,13 +60,13 @@ def alone(small: Model, kind: str) -> Reconciliation:
     model = small
     if kind == "phase_wrapping":  # a turn of 3.75 m, so that a part of the wall lies beyond it
         model = replace(small, sensor=replace(small.sensor, modulation_frequency_hz=40e6))
-    if kind == "motion":  # each frame is cast by itself: few, over 8 s, of two surfaces
+    if kind == "motion":  # each frame is cast separately: few frames over 8 s, of two surfaces
         recording = replace(small.recording, frames=25, frame_rate_hz=3.0)
         model = replace(small, recording=recording, surfaces=small.surfaces[1:])
     return reconciled(model, HIDDEN[kind], kinds=tuple(k for k in KINDS if k in {kind, *RIVALS}))
 
 
-def test_every_kind_is_hidden_alone() -> None:
+def test_table_of_hidden_effects_has_every_kind() -> None:
     assert set(HIDDEN) == set(EFFECTS), "add the kind to HIDDEN in this file, with values that close a clear gap"
 
 
@@ -118,7 +118,7 @@ def test_drift_before_a_pause_keeps_its_time_constant(small: Model) -> None:
     assert abs(drift.parameters["time_constant_s"] - 1.0) < 4 * drift.stderr["time_constant_s"]
 
 
-def test_right_model_agrees_with_a_gap_of_chance(model: Model) -> None:
+def test_right_model_agrees_with_the_gap_of_noise_alone(model: Model) -> None:
     result = reconciled(model, kinds=KINDS)
     assert result.verified.verdict == "agree"
     assert result.named == ()
@@ -133,7 +133,7 @@ def test_model_off_by_less_than_the_tolerance_agrees(model: Model, record: Recor
 
 
 @pytest.mark.slow
-def test_frames_shaken_at_random_are_unexplained_and_placed_on_the_frame_axis(small: Model) -> None:
+def test_frames_with_random_biases_are_unexplained_on_the_frame_axis(small: Model) -> None:
     evidence = recorded(small)
     jitter = np.random.default_rng(8).normal(size=len(evidence.samples)) * 6.0
     shaken = np.rint(evidence.samples + jitter[:, None]).astype(np.uint16)
@@ -158,7 +158,7 @@ def test_shift_is_given_in_mm_if_many_pixels_see_open_space(
 
 @pytest.mark.slow
 def test_wave_hidden_in_a_fixed_pattern_is_named_with_it(model: Model) -> None:
-    """A pattern can take up any static bias: the law that gains beside it has the precedence, and both are named."""
+    """A pattern can absorb any static bias: the law that gains in its presence is added first, and both are named."""
     hidden = (
         MAKE["fixed_pattern"](pixel_sigma_mm=10.0, column_sigma_mm=3.0, row_sigma_mm=3.0),
         MAKE["wiggling"](amplitude_mm=20.0, phase_rad=0.7),

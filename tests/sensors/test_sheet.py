@@ -12,7 +12,7 @@ from tofmix.sensors.sheet import UNKNOWN
 CURVE = NoiseCurve(np.array([1000.0]), np.array([8.0]))
 
 
-def test_a_whole_sheet_is_the_profile_it_comes_from() -> None:
+def test_complete_sheet_equals_its_profile() -> None:
     sheet, profile = load_sheet("sr3000"), load_profile("sr3000")
     assert sheet.missing() == ()
     for key in ("rows", "cols", "fov_horizontal_deg", "range_max_mm", "exponent", "outlier_probability"):

@@ -94,7 +94,7 @@ def test_negative_amplitudes_are_stored_as_0(bench: Bench) -> None:
     assert amplitude.min() == 0
 
 
-def test_noise_remembers_as_that_of_the_range_does(bench: Bench) -> None:
+def test_noise_of_amplitudes_has_the_memory_of_the_range(bench: Bench) -> None:
     recorded = bench.wall(effect("temporal_correlation", coefficient=0.6), frames=1)
     _, amplitude = frames(recorded.model)
     z = (amplitude - recorded.true_amplitude) / recorded.true_amplitude

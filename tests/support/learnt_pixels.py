@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 from scipy import stats
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.learnt.counting import Thresholds
 from tofmix.estimation.learnt.model import PixelNoise
+from tofmix.estimation.learnt.thresholds import Thresholds
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
 from tofmix.learnt_noise import DRIFTS
 from tofmix.noise_shape import NoiseShape

@@ -30,7 +30,7 @@ def case(scene: str, *hidden: Effect) -> Case:
     return replace(any_one, sort="effects", given=given, true=replace(given, effects=hidden), hidden=hidden)
 
 
-def test_cases_are_the_same_in_any_order_and_each_sort_comes_as_often_as_it_shall() -> None:
+def test_cases_do_not_depend_on_their_order_and_have_the_stated_shares() -> None:
     cases = [draw(SEED, n) for n in range(120)]
     assert draw(SEED, 77).name == cases[77].name
     sorts = [c.sort for c in cases]
@@ -102,7 +102,7 @@ def test_an_alias_is_right_only_with_the_truth_among_at_most_four_alternatives()
     assert score(one, many, unsure).result == "open"
 
 
-def test_nothing_hidden_is_right_where_it_agrees_and_a_stranger_where_it_has_no_name() -> None:
+def test_agree_is_right_without_effects_and_no_name_is_right_for_a_stranger() -> None:
     cases = [draw(SEED, n) for n in range(40)]
     plain = next(c for c in cases if c.sort in ("none", "nearly"))
     strange = next(c for c in cases if c.sort == "stranger")

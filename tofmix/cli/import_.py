@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from tofmix.sensors.sheet import CameraSheet
 
 MOSTLY = 0.5
-"""Share of samples outside the working range that is worth a word."""
+"""Share of samples outside the working range that is reported."""
 
 
 @examples(

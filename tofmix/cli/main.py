@@ -118,14 +118,14 @@ def run(arguments: list[str] | None = None) -> NoReturn:
 
 
 def _is_want_of_memory(error: BaseException | None) -> bool:
-    """Whether it is a MemoryError, or came of one: a library that tidies up after one may fail in another way."""
+    """Whether it is a MemoryError, or has one as its cause: a library may fail in another way after one."""
     return error is not None and (isinstance(error, MemoryError) or _is_want_of_memory(error.__context__))
 
 
 def _fail(text: str, code: ExitCode) -> NoReturn:
     try:
         click.echo(f"tofmix: {' '.join(text.split())}", err=True)
-    except OSError:  # stderr may be a file on the very disk that is full: the code must still tell
+    except OSError:  # stderr may be a file on the full disk; then the exit code alone reports the error
         _discard(sys.stderr)
     sys.exit(code)
 

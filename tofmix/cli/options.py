@@ -21,7 +21,7 @@ class _Path(click.Path):
 
 
 class _Hdf5Path(_Path):
-    """The path of a new HDF5 file: no name that other programs take for a file of another kind."""
+    """The path of a new HDF5 file, without the extension of another kind of file."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ANN401  as click has it
         path = super().convert(value, param, ctx)
@@ -78,7 +78,7 @@ class _Shard(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generi
 SHARD = _Shard()
 
 _LEAST_MEMORY = 250_000_000  # bytes: the program with its kernels, and one block
-_USUAL_SIZE = 80, 24  # columns and rows of a terminal that does not say
+_USUAL_SIZE = 80, 24  # columns and rows of a terminal that reports none
 _QUIET = "tofmix.quiet"
 
 MEMORY = _Memory()

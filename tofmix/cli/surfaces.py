@@ -80,7 +80,7 @@ def surfaces(layers: Path, output: Path | None, factor: int, as_json: bool, over
 
 
 def surfaces_path(layers: Path) -> Path:
-    """Where the surfaces of a layers file go by default."""
+    """Default path of the surfaces of a layers file."""
     return layers.parent / f"{layers.name.removesuffix(_FROM).removesuffix('.h5')}{_ENDING}"
 
 

@@ -248,7 +248,7 @@ class _Chooser:
                     f" give {self.spell('outliers', 'P')}"
                 )
             sensor = replace(sensor, outlier_probability=measured.outlier_probability)
-        kept = measured is not None and (found.lesson is None or found.lesson.kept_start)
+        kept = measured is not None and (found.model is None or found.model.kept_start)
         law = f"; {_amplitude_text(measured)}" if kept and measured and self._has_amplitude(given) else ""
         self._note(f"noise: {found.line()}{law}")
         if kept and measured is not None:

@@ -1,1 +1,1 @@
-"""Files: recordings and layers in HDF5, models in TOML. The only place that knows h5py."""
+"""Files: recordings and layers in HDF5, models in TOML. No other folder imports h5py."""

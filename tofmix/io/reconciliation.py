@@ -138,7 +138,7 @@ def _folders(folders: set[Path]) -> Iterator[None]:
         yield
     except BaseException as error:
         for one in reversed(made):
-            with suppress(OSError):  # somebody else has put something there
+            with suppress(OSError):  # another program has written a file there
                 one.rmdir()
         if isinstance(error, OSError):
             raise StorageError(os_error_text(error, min(folders))) from error

@@ -88,7 +88,7 @@ def _write_noise(group: h5py.Group, noise: NoiseCurve, image: tuple[int, int]) -
     for name, (values, units) in curve.items():
         dataset = group.create_dataset(name, data=values, chunks=values.shape, fletcher32=True)
         dataset.attrs["units"] = units
-    # sigma over range: readers that know dimension scales draw the curve as it is.
+    # sigma over range: readers of dimension scales draw the curve against range.
     group["noise_range"].make_scale("noise_range")
     group["noise_sigma"].dims[0].attach_scale(group["noise_range"])
     if noise.law is not None:

@@ -1,1 +1,1 @@
-"""From a recording to a layers file: the link between the estimator and the files, on one machine or many."""
+"""From a recording to a layers file, on one machine or several: connects the estimator and the files."""

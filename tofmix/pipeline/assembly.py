@@ -1,7 +1,7 @@
 """From finished cells to the layers file, in the cells' order.
 
-Unmixing a window takes all its rows, so it is done here, when all cells are in: the bytes do not depend on who computed
-them. Windows are unmixed side by side, a few at a time.
+Unmixing needs all rows of a window, so it is done here, when all cells are ready. So the bytes do not depend on the
+engine. A few windows are unmixed at the same time.
 """
 
 from collections.abc import Iterable, Iterator
@@ -24,7 +24,7 @@ from tofmix.unmixing.rewriting import Rewritten
 from tofmix.unmixing.unmix import unmix
 
 _WINDOWS_AT_ONCE = 2
-"""Windows that are unmixed side by side: each takes some 100 bytes a pixel and some 100 MB of work."""
+"""Windows that are unmixed at the same time: each needs some 100 bytes a pixel, and some 100 MB of working memory."""
 
 
 def total(tallies: Iterable[tuple[int, ...]]) -> tuple[int, ...]:
@@ -47,7 +47,7 @@ def assemble(
     Returns
     -------
     ((n,) int, MixingLaw or None)
-        Pixels by their number of surfaces; the law of mixing, where it was measured.
+        Pixels by their number of surfaces; the law of mixing, if it was measured.
     """
     provenance, grid = read_header_image(header, header_file)
     writer = LayersWriter(
@@ -99,7 +99,7 @@ def _unmixed(
 
 
 def _groups(cells: Iterable[tuple[Cell, EncodedCell]], grid: Grid) -> Iterator[list[tuple[Cell, EncodedCell]]]:
-    """Cells of the same windows, which make whole images."""
+    """Groups of cells of the same windows, which form whole images."""
     for _, members in groupby(cells, key=lambda item: item[0].index // grid.bands):
         yield list(members)
 

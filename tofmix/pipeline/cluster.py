@@ -1,8 +1,8 @@
 """Cells computed by the workers of a dask.distributed scheduler.
 
 Use `open_cluster`. Workers open the recording by its path and send encoded cells back;
-the journal and the layers file are written here. Tasks of a worker that dies are given
-to another by the scheduler; those of a client that dies are forgotten by it.
+the journal and the layers file are written here. The scheduler gives the tasks of a dead worker to another worker, and
+removes the tasks of a dead client.
 """
 
 import logging
@@ -28,8 +28,8 @@ from tofmix.version import __version__
 BLOCK_SAMPLES = 1 << 22
 """Samples of a task: at least half a second of work, compared with which dask's 2 ms are negligible."""
 
-_CONNECT_TIMEOUT_S = 10  # s until a scheduler that does not answer is given up
-_WORKER_TIMEOUT_S = 30  # s until a scheduler without workers is given up
+_CONNECT_TIMEOUT_S = 10  # s to wait for an answer of a scheduler
+_WORKER_TIMEOUT_S = 30  # s to wait for the first worker
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +45,7 @@ class Block:
 
 
 def identity() -> dict[str, str]:
-    """Properties that must agree on both sides for equal bytes: versions, and the kernels' sources."""
+    """Properties that must be equal on both sides for equal bytes: versions, and the sources of the kernels."""
     from tofmix.compiled.jit import cache_folder
 
     versions = {name: version(name) for name in ("numpy", "numba", "llvmlite")}
@@ -61,7 +61,7 @@ def run_block(block: Block) -> list[tuple[int, EncodedCell]]:
     UsageError
         If the worker's versions differ.
     BadInputError
-        If the worker does not see the recording, or another one by that path.
+        If the worker does not see the recording, or sees another file at its path.
     """
     _check_identity(block.identity, identity())
     job = block.job
@@ -101,7 +101,7 @@ def _check_visible(block: Block) -> None:
 
 @cache
 def _checksum(path: Path, _size: int, _mtime_ns: int) -> str:
-    """Checksum of a copy whose time differs, once a process."""
+    """Checksum of a copy with another time, computed once in a process."""
     return file_sha256(path)
 
 
@@ -128,11 +128,11 @@ class ClusterEngine:
         TofmixError
             The error of a worker.
         StorageError
-            If the scheduler or too many workers have gone.
+            If the scheduler or too many workers have ended.
         """
         from distributed import as_completed
 
-        # Workers stand in other folders.
+        # Workers run in other folders.
         job = replace(job, recording=job.recording.absolute())
         status = job.recording.stat()
         block = Block(
@@ -169,7 +169,7 @@ def _result(future: Any) -> list[tuple[int, EncodedCell]]:  # noqa: ANN401  dist
 
 
 def _blocks(job: Job, wanted: Sequence[Cell]) -> Iterator[tuple[int, ...]]:
-    """Cut the wanted cells into blocks that share stored chunks of the recording, each of the same grid of blocks."""
+    """Divide the wanted cells into blocks that share stored chunks of the recording, on one grid of blocks."""
     grid, block = job.grid, _block_step(job.grid, job.chunk_frames)
     members: dict[tuple[int, int], list[int]] = {}
     for cell in wanted:
@@ -217,8 +217,8 @@ def open_cluster(scheduler: str, *, memory_bytes: int) -> Iterator[ClusterEngine
         from distributed.comm.addressing import parse_address, parse_host_port
     except ImportError as error:
         raise UsageError("--scheduler needs dask.distributed: pip install 'tofmix[cluster]'") from error
-    for logger in ("distributed", "distributed.client"):  # the second has a level of its own
-        logging.getLogger(logger).setLevel(logging.CRITICAL)  # its faults become ours, of one line
+    for logger in ("distributed", "distributed.client"):  # the second logger has a separate level
+        logging.getLogger(logger).setLevel(logging.CRITICAL)  # its errors become one line of tofmix
     where = {"scheduler_file": scheduler} if Path(scheduler).is_file() else {"address": scheduler}
     try:
         if "address" in where:

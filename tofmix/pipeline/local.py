@@ -17,7 +17,7 @@ from tofmix.pipeline.job import Job
 from tofmix.recording import SampleSource
 
 PROGRAM_BYTES = 220_000_000
-"""Memory of the interpreter, the libraries and the kernels, bytes; any recording adds to it."""
+"""Memory of the interpreter, the libraries and the kernels, bytes, without a recording."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,13 +27,13 @@ class LocalEngine:
     Parameters
     ----------
     source : SampleSource
-        The open recording, with the sensor that is to be used.
+        The open recording, with the sensor of the job.
     workers : int
         Threads.
     memory_bytes : int
         Limit of the process's memory.
     folder : Path
-        Where scratch space may be taken.
+        Folder for scratch files.
     """
 
     source: SampleSource
@@ -78,7 +78,7 @@ class LocalEngine:
 
 
 def _extent(grid: Grid, cells: Sequence[Cell]) -> tuple[slice, slice]:
-    """Frames and rows that some cells need."""
+    """Frames and rows that the cells need."""
     frames = [grid.frames(cell.windows) for cell in cells]
     return (
         slice(min(part.start for part in frames), max(part.stop for part in frames)),

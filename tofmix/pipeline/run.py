@@ -1,7 +1,7 @@
 """Run a job: cells from an engine into a journal, and from the journal into the layers file.
 
-The layers file is put together when all cells are in, in their order, so it does not depend on the workers, the order
-or the interruptions.
+The layers file is written when all cells are ready, in their order, so it does not depend on workers, order or
+interruptions.
 """
 
 import os
@@ -36,8 +36,8 @@ from tofmix.wording import counted
 class Outcome:
     """Result of a run: the output, the job's grid, and the pixels by their number of surfaces.
 
-    The grid counts samples; `windows` are its windows in frames. `continued` counts cells that an earlier run had done.
-    `mixture` is the law of mixing, where it was measured; of a part it is not known yet.
+    The grid counts samples; `windows` are its windows in frames. `continued` is the number of cells of an earlier run.
+    `mixture` is the law of mixing, if it was measured; for a part it is not known yet.
     """
 
     target: Path
@@ -66,16 +66,16 @@ def run_job(
     say: Callable[[str], object] = lambda _: None,
     verify_source: Callable[[], object] = lambda: None,
 ) -> Outcome:
-    """Do a job, or go on with it.
+    """Run a job, or continue it.
 
     Parameters
     ----------
     job : Job
         From `tofmix.pipeline.job.plan_job`.
     engine : Engine
-        Who computes.
+        The engine that computes cells.
     target : Path
-        The layers file, or the part where `shard` is not the whole.
+        The layers file, or a part if `shard` is not the whole.
     shard : Shard
         Which of the cells.
     overwrite : bool
@@ -87,19 +87,19 @@ def run_job(
     say : callable
         Called with a line for the user.
     verify_source : callable
-        Called when nothing more will be read, before anything gets its name: the recording's `verify_unchanged`.
+        Called after the last read, before an output gets its name: the recording's `verify_unchanged`.
 
     Returns
     -------
     Outcome
-        What was made.
+        Result of the run.
 
     Raises
     ------
     UsageError
-        If `target` may not be written, another run is at it, or the journal to resume is of another job.
+        If `target` may not be written, another run writes it, or the journal to resume belongs to another job.
     BadInputError, StorageError
-        If the recording cannot be read, or something cannot be written.
+        If the recording cannot be read, or an output cannot be written.
     """
     header, real = job.header(), Path(os.path.realpath(target))
     cells, targets = shard.cells(job.grid.count), job.provenance.targets
@@ -122,7 +122,7 @@ def run_job(
         tally, mixture = total(journal.done().values()), None
         if shard == WHOLE:
             parts = ((job.grid.cell(index), journal.cell(index)) for index in cells)
-            temporary = partial_path(journal.path)  # the journal's lock is over it
+            temporary = partial_path(journal.path)  # the lock of the journal protects it
             tally, mixture = assemble(
                 parts, journal.path, header, target, overwrite=overwrite, inputs=(job.recording,), temporary=temporary
             )
@@ -142,7 +142,7 @@ def _left_as_fits(journal: Journal) -> Iterator[None]:
     try:
         yield
     except BadInputError:
-        journal.remove()  # going on would meet the same fault
+        journal.remove()  # a continued run would meet the same fault
         raise
     except StorageError as error:
         if journal.has_cells:
@@ -217,7 +217,7 @@ def _finished(target: Path, header: bytes, shard: Shard) -> tuple[tuple[int, ...
 
 
 def merge_parts(parts: Sequence[Path], target: Path, *, overwrite: bool = False) -> Outcome:
-    """Put the parts of a sharded run together: the same bytes as an unsharded run.
+    """Merge the parts of a sharded run into the same bytes as an unsharded run.
 
     Parameters
     ----------
@@ -231,7 +231,7 @@ def merge_parts(parts: Sequence[Path], target: Path, *, overwrite: bool = False)
     Returns
     -------
     Outcome
-        What was made.
+        Result of the run.
 
     Raises
     ------
@@ -262,7 +262,7 @@ def merge_parts(parts: Sequence[Path], target: Path, *, overwrite: bool = False)
 def _check_parts(parts: Sequence[Journal]) -> None:
     first, seen = parts[0], dict[int, Journal]()
     for part in parts:
-        _grid(part)  # a damaged header is told of under the name of its own file
+        _grid(part)  # a damaged header is reported with the name of its own file
         if part.header != first.header:
             raise UsageError(
                 f"{part.path}: belongs to another run than {first.path}; it differs in"

@@ -4,9 +4,9 @@ An effect is added if its held-out gain, less the price of its parameters, is ab
 was tried, above what a model within its tolerance gains, and no mere crumb of what was gained so far. A fixed
 pattern, which can stand for any static bias, must leave every structured effect that gains beside it the precedence.
 
-Where two effects are hidden, a third may gain more than either alone, and taken first it stands in the way of both. So
-close rivals of earlier effects are tried again beside the later ones, and where no explanation is reached, the search
-begins anew with other candidates.
+If two effects are hidden, a third one may gain more than either alone. If it is added first, it prevents both. So close
+rivals of earlier effects are tried again together with the later ones, and if nothing explains the recording, another
+search starts from other candidates.
 """
 
 import math
@@ -34,31 +34,31 @@ from tofmix.simulation.effects.quantisation import Quantisation
 from tofmix.simulation.effects.range_offset import RangeOffset
 from tofmix.simulation.effects.stuck_pixels import StuckPixels
 
-_TRIED = 4  # rivals that are looked at with the model within its tolerance
-_FAIR = 0.5  # share of the best candidate's score from which another may begin a way
+_TRIED = 4  # rivals that are compared with the model moved within its tolerance
+_FAIR = 0.5  # least score, as a share of the best one's, of a candidate that starts another search
 
 _COVERED = 0.999  # share of the beam that surfaces fill
-_ALIAS_SHARE = 0.002  # of the gain, by which candidates are alike
+_ALIAS_SHARE = 0.002  # difference of gains, as a share, up to which candidates are equal
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Added:
-    """What came of the way.
+    """The result of a search.
 
     Parameters
     ----------
     state : State
         The model with the effects that were added.
     chosen : tuple of Candidate
-        They, in the order of their adding.
+        The added effects, in the order in which they were added.
     first : tuple of Candidate
         All candidates of the first round, best first.
     aliases : tuple of tuple of Candidate
-        Candidates that the recording cannot tell from a chosen one, which stands first.
+        Groups of candidates that the recording cannot separate; a chosen one stands first.
     panel : Compared
-        Panel of the refined model, on held-out frames, moved within its tolerance to where it fits them best.
+        Panel on held-out frames of the refined model, moved within its tolerance to where it fits them best.
     sets : Alternatives or None
-        What other sets of effects explain; None where there is nothing of which summaries tell.
+        The evidence of other sets of effects; None if no effect moves or widens samples and nothing stands out.
     """
 
     state: State
@@ -70,11 +70,11 @@ class Added:
 
 
 def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None] = lambda _: None) -> Iterator[Added]:
-    """Ways of adding effects until the panel agrees, nothing gains, or there are enough; each when it is asked for.
+    """Searches until the panel agrees, no candidate gains enough, or `max_effects` is reached; lazily, one by one.
 
-    The first is the greedy one, or what all sets of effects together show to be better: a set of no more numbers, or of
-    any size where the greedy way leaves something to be explained. Then the set of any size that explains most; then
-    one that begins with another effect.
+    The first is greedy. If the comparison of all sets of effects finds a better set, of no more numbers or, if a
+    statistic still stands out, of any size, the first starts from this set. The second starts from the set of any size
+    that explains most, the third from another effect.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]
     settings : Settings
         How.
     tick : callable
-        Told of each kind that was tried.
+        Called with each kind that was tried.
     """
     start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
     best = Way(likelihood, settings, tick, start)
@@ -105,7 +105,7 @@ def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]
 
 
 def _or_better(way: Way, added: Added) -> Added:
-    """What was added, or a part of it that is enough, or another set of effects that explains more."""
+    """The outcome, or a subset of it that is enough, or another set of effects that explains more."""
     sets = added.sets
     if sets is None:
         return added
@@ -116,22 +116,22 @@ def _or_better(way: Way, added: Added) -> Added:
         return part
     other = None
     for better in _alternatives(sets, larger=stands_out):
-        if better is not enough:  # that has led back, or does not explain it
+        if better is not enough:  # this one has led back, or does not explain the recording
             other = other or _elsewhere(way, added, better)
     if other is None:
         return added
-    larger = _numbers(other) > _numbers(added)  # what the search has added to the set counts too
+    larger = _numbers(other) > _numbers(added)  # effects that the search adds to the set count too
     return other if (stands_out or not larger) and _leads(way, other, added) else added
 
 
 def _alternatives(sets: Alternatives, *, larger: bool) -> list[Explained]:
-    """The smallest set that is better, and the best of all, should the search from that lead back."""
+    """The smallest better set, and the best set, in case the search from the smallest one leads back."""
     smallest, best = sets.better(larger=larger), sets.best(larger=larger)
     return [s for s in (smallest, best if best is not smallest else None) if s is not None]
 
 
 def _elsewhere(way: Way, added: Added, begun: Explained) -> Added | None:
-    """Where a search ends that begins with a set of effects; None if it leads back to those that were added."""
+    """The end of a search from a set of effects; None if it leads back to the effects that were added."""
     other = _from_set(way, added, begun)
     return None if other is None or _names(other) == _names(added) else other
 
@@ -141,7 +141,7 @@ def _names(added: Added) -> set[tuple[str, str]]:
 
 
 def _numbers(added: Added) -> int:
-    """How many numbers the effects have, counted as those of sets: what is chosen of a few values is none."""
+    """How many numbers the effects have, counted as for sets: a choice among a few values does not count."""
     of_sets = 0 if added.sets is None else added.sets.found.numbers
     rest = (c.parameters for c in added.chosen if added.sets is None or not summed_up(c.kind))
     return of_sets + sum(rest)
@@ -152,25 +152,25 @@ def _n_parameters(added: Added) -> int:
 
 
 def _leads(way: Way, one: Added, other: Added) -> bool:
-    """Whether one outcome explains more than another, by the summaries' evidence and by frames that no fit has seen."""
+    """Whether one outcome explains more than another, by the evidence of the summaries and by held-out frames."""
     likelihood, settings = way.likelihood, way.settings
     if one.sets is None or other.sets is None:
         return False
     test, part = held_out(likelihood, settings), fit_part(likelihood, settings)
     values = []
     for each in (other, one):
-        # A law of more numbers follows the errors of poses: all may move within the tolerance
+        # A law of more numbers follows the errors of poses, so all may move within the tolerance
         near = settled_within(likelihood, each.state, each.chosen, part, settings.tolerance)
         values.append(likelihood.value(near, test) - PRICE_NATS * _n_parameters(each))
     return one.sets.found.evidence - other.sets.found.evidence + values[1] - values[0] > 0
 
 
 def _from_set(way: Way, added: Added, better: Explained) -> Added | None:
-    """Where a search ends that begins with a set of effects instead of those that were added; None if it cannot."""
+    """The end of a search from a set of effects instead of those that were added; None if it cannot start there."""
     likelihood, settings = way.likelihood, way.settings
     part = fit_part(likelihood, settings)
     kept, state = [c for c in added.chosen if not summed_up(c.kind)], apart(added.state)
-    if len(kept) + len(better.terms) > settings.max_effects:  # a pattern takes what is static, whatever it is
+    if len(kept) + len(better.terms) > settings.max_effects:  # a pattern can imitate every static effect
         kept = [c for c in kept if c.kind != FixedPattern.kind]
         state = replace(state, effects=tuple(e for e in state.effects if e.kind != FixedPattern.kind))
     if len(kept) + len(better.terms) > settings.max_effects:
@@ -189,7 +189,7 @@ def _from_set(way: Way, added: Added, better: Explained) -> Added | None:
 
 
 def _with_gains(way: Way, chosen: Sequence[Candidate]) -> list[Candidate]:
-    """Effects with what each gains on held-out data beside the others."""
+    """Effects with their gains on held-out data in the presence of the others."""
     likelihood = way.likelihood
     test = likelihood.evidence.part(fit=False, split=way.settings.split)
     whole = likelihood.value(way.state, test)
@@ -204,9 +204,9 @@ def _with_gains(way: Way, chosen: Sequence[Candidate]) -> list[Candidate]:
 
 
 def _beginning(best: Way) -> Candidate | None:
-    """The next candidate of the first round to begin with, of another kind than the best way did.
+    """The candidate of the first round from which another search starts, of another kind than that of the first search.
 
-    A fixed pattern is none: it takes all that is static, whatever it is.
+    Never a fixed pattern, because it can imitate every static effect.
     """
     if best.begun is None:
         return None
@@ -216,7 +216,7 @@ def _beginning(best: Way) -> Candidate | None:
 
 
 def _followed(way: Way) -> Added:
-    """Go on from where a search stands to its end."""
+    """Continue a search to its end."""
     likelihood, settings = way.likelihood, way.settings
     stood: list[list[tuple[str, str]]] = []
     while True:
@@ -224,7 +224,7 @@ def _followed(way: Way) -> Added:
         if not disagreements(panel, settings.alpha) or len(way.chosen) >= settings.max_effects:
             break
         names = sorted(name_of(c) for c in way.chosen)
-        if names in stood or not _round(way, _open(way, panel)):  # what was added before was dropped again
+        if names in stood or not _round(way, _open(way, panel)):  # an effect that was removed is added again
             break
         stood.append(names)
     kept = {c.kind for c in way.chosen}
@@ -237,10 +237,10 @@ def _followed(way: Way) -> Added:
 
 
 def _panel(likelihood: Likelihood, settings: Settings, state: State, chosen: Sequence[Candidate]) -> Compared:
-    """The panel of the model nearest to frames that no fit has seen.
+    """The panel of the model, within its tolerance, that fits held-out frames best.
 
-    It asks whether any model within the tolerance agrees with these frames: fitted to others, it would bring the chance
-    of those along.
+    It tests whether any model within the tolerance agrees with these frames. A model fitted to other frames would have
+    their noise.
     """
     held = held_out(likelihood, settings)
     near = settled_within(likelihood, state, chosen, held, settings.tolerance)
@@ -257,7 +257,7 @@ def without_faint(likelihood: Likelihood, settings: Settings, added: Added, fail
     Parameters
     ----------
     likelihood, settings
-        The recording and the scene; how.
+        The recording and the scene; options of the search.
     added : Added
         The outcome of a search.
     failed : sequence of int
@@ -285,10 +285,10 @@ def without_faint(likelihood: Likelihood, settings: Settings, added: Added, fail
 
 
 def _covered(likelihood: Likelihood, state: State, part: Part) -> Part:
-    """The part without pixels that see nothing, where the noise was scaled.
+    """The part without pixels that see open space, if `excess_noise` was added.
 
-    The law of `excess_noise` leaves samples without a return as they are; light that adds noise does not. What
-    they show then speaks of the law, not of the name.
+    The law of `excess_noise` does not change samples without a return; ambient light does. Such samples would test the
+    law and not the name.
     """
     if not any(isinstance(e, ExcessNoise) for e in state.effects):
         return part
@@ -300,17 +300,17 @@ def _covered(likelihood: Likelihood, state: State, part: Part) -> Part:
 
 
 def _open(way: Way, panel: Compared) -> set[str]:
-    """Statistics that stand out by more than what the laws of the effects that were added may be wrong by."""
+    """Statistics that stand out by more than the possible error of the laws of the added effects."""
     if way.before is None:
         way.before = panel
     return {c.statistic for c in disagreements(panel, way.settings.alpha) if c.size > inexact(c, way.before)}
 
 
 def _round(way: Way, open_: set[str]) -> bool:
-    """Try all kinds and add the best, if it is good enough.
+    """Try all kinds, and add the best candidate if it is good enough.
 
-    What gains less than a hundredth of what was gained so far may follow what the laws of these are wrong by, but not
-    where it must show in a statistic that stands out by more.
+    A gain of less than a hundredth of the gain so far may follow the errors of the added effects' laws. This does not
+    hold if a statistic that the candidate must change stands out by more than these errors.
     """
     settings, likelihood = way.settings, way.likelihood
     trial = begin_trial(likelihood, way.state, settings.split, settings.seed)
@@ -343,9 +343,9 @@ def _round(way: Way, open_: set[str]) -> bool:
 
 
 def _faint_pattern(way: Way, found: Sequence[Candidate], near: State, needed: float) -> Candidate | None:
-    """A fixed pattern that the held-out pixels are too few for, but which gains enough over all of them.
+    """A fixed pattern that the held-out pixels do not show, but which gains enough on all pixels.
 
-    Its values being integrated out, it needs no pixels that are held out, as laws of few numbers need none.
+    Its values are integrated out, so, like a law of few numbers, it needs no held-out pixels.
     """
     pattern = next((c for c in found if c.kind == FixedPattern.kind), None)
     if pattern is None:
@@ -359,16 +359,16 @@ def _faint_pattern(way: Way, found: Sequence[Candidate], near: State, needed: fl
 
 @dataclass(frozen=True, slots=True)
 class _Taken:
-    """What a round takes, and what the recording cannot tell from the first of it."""
+    """The effects that a round adds, and the candidates that the recording cannot separate from the first one."""
 
     best: tuple[Candidate, ...]
     aliases: tuple[Candidate, ...]
 
 
 def _with_partner(way: Way, trial: Trial, taken: _Taken, needed: float) -> _Taken:
-    """An effect that changes in time, and with it its static partner, where that gains beside it as any other would.
+    """An effect that changes in time, with its static partner if the partner gains enough in its presence.
 
-    Alone, the effect may take up so much of both that the panel agrees, with the wrong numbers.
+    Alone, the effect may absorb so much of both that the panel agrees, with wrong numbers.
     """
     first, likelihood = taken.best[0], trial.likelihood
     if len(taken.best) > 1 or not first.effect.static_partner or first.fitted is None:
@@ -389,10 +389,10 @@ def _with_partner(way: Way, trial: Trial, taken: _Taken, needed: float) -> _Take
 
 
 def _tolerant(way: Way, trial: Trial, found: list[Candidate], near: State) -> tuple[list[Candidate], float]:
-    """The candidates, first the one that is best in a model that may move within its tolerance; what it gains there.
+    """The candidates, first the best one for a model that may move within its tolerance, and its gain there.
 
-    A law of more numbers follows the errors of the model's poses too, by which it gains over the simple one that is
-    there; of a model that has taken them up already, it gains nothing.
+    A law of more numbers also follows the errors of the model's poses, and so gains more than the true, simpler law. If
+    the model may move within its tolerance, this advantage disappears.
     """
     likelihood, tolerance = way.likelihood, way.settings.tolerance
     if tolerance <= 0 or not found or not found[0].static:
@@ -415,13 +415,13 @@ def _tolerant(way: Way, trial: Trial, found: list[Candidate], near: State) -> tu
 
 
 def _take(way: Way, taken: _Taken, found: Sequence[Candidate]) -> None:
-    """Add candidates to the model, as far as there is room, and fit all anew."""
+    """Add candidates to the model, up to `max_effects`, and fit all effects again."""
     best = taken.best[: way.settings.max_effects - len(way.chosen)]
     way.begun = way.begun or best[0]
     if taken.aliases:
         way.aliases.append((best[0], *taken.aliases))
     state = best[0].state
-    for candidate in best[1:]:  # one that goes with it: all are fitted anew
+    for candidate in best[1:]:  # added with the first one; all are fitted again
         state = replace(state, effects=(*state.effects, candidate.effect))
     way.chosen = list(best[0].others) or way.chosen
     for candidate in best:
@@ -435,10 +435,10 @@ def _take(way: Way, taken: _Taken, found: Sequence[Candidate]) -> None:
 
 
 def _best(way: Way, trial: Trial, found: Sequence[Candidate], near: State, needed: float) -> _Taken:
-    """The best candidate; before a fixed pattern, a structured effect that gains beside it.
+    """The best candidate; if it is a fixed pattern, an effect that gains in its presence comes first.
 
-    Before all of them pixels that hold one value: there is no doubt of them, and to a pattern they are large biases.
-    Only a lattice goes before these, which holds pixels at one value too.
+    Stuck pixels come before all others: they are certain, and a pattern would take them as large biases. Only
+    `quantisation` comes before stuck pixels, because it also gives pixels one value.
     """
     sure = {c.kind: c for c in found if c.score > 0}
     if StuckPixels.kind in sure:
@@ -448,7 +448,7 @@ def _best(way: Way, trial: Trial, found: Sequence[Candidate], near: State, neede
         parts = fit_part(way.likelihood, way.settings), held_out(way.likelihood, way.settings)
         beside = best_beside(trial, way.chosen, found, parts, near)
         if beside is not None:
-            # The pattern's turn comes when no more gain beside it, unless it hides the effect
+            # The pattern is added after all effects that gain in its presence, unless it hides the effect
             if not beside.patterned or beside.first.score > needed:
                 return _Taken((beside.first,), beside.rivals)
             return _Taken((beside.first, _second(way, trial, found, beside.first, parts)), beside.rivals)
@@ -458,7 +458,7 @@ def _best(way: Way, trial: Trial, found: Sequence[Candidate], near: State, neede
 def _second(
     way: Way, trial: Trial, found: Sequence[Candidate], first: Candidate, parts: tuple[Part, Part]
 ) -> Candidate:
-    """What goes with an effect that a fixed pattern hides: another effect that gains beside both, or the pattern."""
+    """The partner of an effect that a fixed pattern hides: another effect that gains with both, or the pattern."""
     likelihood = trial.likelihood
     now = replace(trial, state=first.state, mixture=likelihood.mixture(first.state))
     near = tolerated(likelihood, first.state, parts[0], way.settings.tolerance)
@@ -468,6 +468,6 @@ def _second(
 
 
 def _near(best: Candidate, found: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """Candidates of other kinds that gain as much."""
+    """Candidates of other kinds with nearly the same gain."""
     limit = max(ALIAS_NATS, _ALIAS_SHARE * best.gain)
     return tuple(c for c in found if c.kind != best.kind and abs(best.gain - c.gain) < limit)

@@ -1,4 +1,4 @@
-"""Explanations that a recording cannot tell apart, and the recording that would."""
+"""Explanations that a recording cannot separate, and a recording that separates them."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ _SEPARATE: tuple[tuple[frozenset[str], str], ...] = (
 )
 
 NOTHING = "no effect"
-"""What stands for an explanation without any effect."""
+"""Name of an explanation without any effect."""
 
 _AND = " + "
 
@@ -45,14 +45,14 @@ Named = tuple[str, str]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Alias:
-    """Explanations that are as good as each other, but for chance.
+    """Explanations with nearly the same evidence.
 
     Parameters
     ----------
     sets : tuple of tuple of (str, str)
-        Of each, the effects (kind, surface) that the others have not; what was found stands first.
+        For each explanation, its effects (kind, surface) that the others do not have; the found one stands first.
     gains : tuple of float
-        What each gains, nats; only their differences count.
+        Gain of each, nats; only differences count.
     """
 
     sets: tuple[tuple[Named, ...], ...]
@@ -82,14 +82,14 @@ def separate_by(found: Iterable[str], others: Iterable[str]) -> str:
 
 
 def aliases(added: Added, *, named: bool) -> tuple[Alias, ...]:
-    """What the recording cannot tell apart.
+    """Explanations that the recording cannot separate.
 
     Parameters
     ----------
     added : Added
         The outcome of the search.
     named : bool
-        Whether its effects stand. Where none does, it is the best explanations that are not told apart.
+        Whether its effects are named. If not, the result is the best explanations that cannot be separated.
     """
     sets = added.sets
     if sets is None:
@@ -105,7 +105,7 @@ def aliases(added: Added, *, named: bool) -> tuple[Alias, ...]:
         Alias(sets=(mine, *(s for s, _ in others)), gains=(found.evidence, *(g for _, g in others)))
         for mine, others in groups.items()
     ]
-    for head, *rest in added.aliases:  # kinds of which summaries say nothing
+    for head, *rest in added.aliases:  # kinds that summaries do not show
         if not summed_up(head.kind):
             each = tuple(((c.kind, getattr(c.effect, "surface", "")),) for c in (head, *rest))[: MOST_ALIASES + 1]
             out.append(Alias(sets=each, gains=tuple(c.gain for c in (head, *rest))[: MOST_ALIASES + 1]))
@@ -113,12 +113,12 @@ def aliases(added: Added, *, named: bool) -> tuple[Alias, ...]:
 
 
 def _of_nothing(sets: Sequence[Explained]) -> tuple[Alias, ...]:
-    """The best explanations that are not told apart, without what all of them have."""
+    """The best explanations that cannot be separated, without their common effects."""
     if not sets or sets[0].evidence < ALIAS_NATS:
         return ()
     near = [s for s in sets if s.evidence > sets[0].evidence - ALIAS_NATS]
     near = [s for s in near if not any(o.names < s.names for o in near)][: MOST_ALIASES + 1]
-    if len(near) < 2:  # noqa: PLR2004  one is told apart from all others
+    if len(near) < 2:  # noqa: PLR2004  one is separated from all others
         return ()
     common = frozenset.intersection(*(s.names for s in near))
     return (Alias(sets=tuple(tuple(sorted(s.names - common)) for s in near), gains=tuple(s.evidence for s in near)),)

@@ -1,8 +1,8 @@
-"""Other sets of effects that explain a recording as well as those that were found, or better.
+"""Other sets of effects that explain a recording as well as the found one, or better.
 
-All sets of effects that move or widen samples are held against the summaries of the frames that fits may see
-(`tofmix.reconciliation.subsets`). What a set cannot be told from is an alias of it; a set that is clearly better is
-where the search begins anew.
+All sets of effects that move or widen samples are compared with the summaries of the fitting frames
+(`tofmix.reconciliation.subsets`). A set with nearly the same evidence is an alias. From a set that is clearly better,
+another search starts.
 """
 
 from collections.abc import Sequence
@@ -21,24 +21,24 @@ from tofmix.reconciliation.way import Settings, fit_part, name_of
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 
 ALIAS_NATS = 4.0
-"""Evidence that does not tell two sets apart: odds of 55 to 1."""
+"""Difference of evidence that does not separate two sets: odds of 55 to 1."""
 
 MOST_ALIASES = 3
-"""Alternatives that are listed beside the set that was found."""
+"""Most aliases that are listed."""
 
-_BETTER_NATS = 1.0  # for which the search begins anew, and held-out frames are asked too
+_BETTER_NATS = 1.0  # evidence above the found set, from which a search starts from another set
 _CRUMB = 0.01  # of the evidence, which a smaller set may have less: no law is exact
-_LARGEST = 3  # effects of a set
+_LARGEST = 3  # most effects of a set
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Alternatives:
-    """Sets of effects by what they explain.
+    """Sets of effects with their evidence.
 
     Parameters
     ----------
     found : Explained
-        Those of the effects that were found of which summaries tell.
+        The found effects that move or widen samples.
     sets : tuple of Explained
         Others, best first.
     """
@@ -48,29 +48,29 @@ class Alternatives:
 
     @property
     def aliases(self) -> tuple[Explained, ...]:
-        """Sets that are as good as what was found, but for chance, and of which no part is.
+        """Sets with nearly the evidence of the found one, without larger sets that contain such a set.
 
-        Parts of what was found are none: the panel stood out without the rest.
+        Subsets of the found set are left out, because without the rest the panel stood out.
         """
-        least = max(self.found.evidence - ALIAS_NATS, 0.0)  # an explanation is better than none
+        least = max(self.found.evidence - ALIAS_NATS, 0.0)  # an alias must be better than no effect
         near = [s for s in self.sets if s.evidence > least]
         near = [s for s in near if not s.names > self.found.names and not s.names < self.found.names]
         return tuple(s for s in near if not any(o.names < s.names for o in near))[:MOST_ALIASES]
 
     @property
     def enough(self) -> Explained | None:
-        """The best part of what was found that explains as much, but for chance; None if all of it is needed."""
+        """The best subset of the found set with nearly its evidence; None if all effects are needed."""
         parts = [s for s in self.sets if s.terms and s.names < self.found.names]
         near = [s for s in parts if s.evidence > self.found.evidence - ALIAS_NATS]
         return max(near, key=lambda s: (-s.numbers, s.evidence), default=None)
 
     def better(self, *, larger: bool) -> Explained | None:
-        """The smallest set that is clearly better than what was found and nearly as good as any; None if none is.
+        """The smallest set that is clearly better than the found one and nearly the best; None if there is none.
 
         Parameters
         ----------
         larger : bool
-            Whether it may have more numbers than what was found.
+            Whether it may have more numbers than the found set.
         """
         sets = self._of_size(larger=larger)
         if not sets:
@@ -82,7 +82,7 @@ class Alternatives:
         return best if best.evidence > self.found.evidence + _BETTER_NATS else None
 
     def best(self, *, larger: bool) -> Explained | None:
-        """The set of most evidence, if it is clearly better than what was found; `larger` as of `better`."""
+        """The set of most evidence, if it is clearly better than the found one; `larger` as for `better`."""
         best = max(self._of_size(larger=larger), key=lambda s: s.evidence, default=self.found)
         return best if best.evidence > self.found.evidence + _BETTER_NATS else None
 
@@ -93,18 +93,18 @@ class Alternatives:
 def alternatives(
     likelihood: Likelihood, state: State, chosen: Sequence[Candidate], settings: Settings
 ) -> Alternatives | None:
-    """Hold all sets of effects against what the frames that fits may see say; None where they say nothing.
+    """Compare all sets of effects with the summaries of the fitting frames; None if no pixel can be used.
 
     Parameters
     ----------
     likelihood : Likelihood
         The recordings.
     state : State
-        The model with what was found.
+        The model with the found effects.
     chosen : sequence of Candidate
-        That, in the state's order.
+        The found effects, in the order of the state.
     settings : Settings
-        How; of its kinds, those that the model has not.
+        Options of the search; kinds that the model has are left out.
     """
     given = {(e.kind, getattr(e, "surface", "")) for e in likelihood.scene.effects}
     rest = apart(state)
@@ -121,7 +121,7 @@ def alternatives(
 
 
 def _of_names(subsets: Subsets, every: Sequence[Term], names: set[tuple[str, str]]) -> Explained:
-    """The best set of these names, one by one where a law has several choices."""
+    """The best set of these names; if a law has several choices, they are chosen one by one."""
     numbers: list[int] = []
     for name in sorted(names):
         own = [k for k, t in enumerate(every) if t.name == name]
@@ -130,7 +130,7 @@ def _of_names(subsets: Subsets, every: Sequence[Term], names: set[tuple[str, str
 
 
 def apart(state: State) -> State:
-    """The state without what summaries tell of; a pattern's map, which holds all that is static, goes too."""
+    """The state without effects that summaries show, and without a pattern's map, which contains all static biases."""
     kept = tuple(e for e in state.effects if not summed_up(e.kind))
     if any(isinstance(e, FixedPattern) for e in state.effects):
         nothing = np.zeros_like(state.pixel_bias)
@@ -139,23 +139,23 @@ def apart(state: State) -> State:
 
 
 def as_candidates(likelihood: Likelihood, state: State, found: Explained, part: Part) -> list[Candidate]:
-    """The effects of a set as the search has them, each fitted to the samples beside the others.
+    """The effects of a set as candidates of the search, each fitted to the samples with the others present.
 
     Parameters
     ----------
     likelihood : Likelihood
         The recordings.
     state : State
-        The model without them.
+        The model without the set.
     found : Explained
-        The set, its numbers as the summaries have them.
+        The set, with its numbers from the summaries.
     part : (frames, pixels)
-        What fits may see.
+        Data of the fits.
 
     Returns
     -------
     list of Candidate
-        Their gains are not known yet: 0. Empty where one of them cannot have its numbers.
+        Their gains are 0, because they are not known yet. Empty if the numbers of an effect are not possible.
     """
     try:
         effects = [t.make(c) for t, c in zip(found.terms, found.coefficients, strict=True)]
@@ -176,7 +176,7 @@ def as_candidates(likelihood: Likelihood, state: State, found: Explained, part: 
 
 
 def _problem(likelihood: Likelihood, state: State, term: Term) -> Problem | None:
-    """The search of a term's kind, for its surface; of several the one with as many numbers."""
+    """The search of a term's kind for its surface; of several, the one with the same number of numbers."""
     own = []
     for problem in problems(term.kind, likelihood, likelihood.mixture(state)):
         effect = problem.make(np.array(problem.starts[0]))

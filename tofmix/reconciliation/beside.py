@@ -1,8 +1,8 @@
-"""Effects beside a fixed pattern: fitted to biases that it may have, and judged with its values integrated out.
+"""Effects in the presence of a fixed pattern: fitted to biases, and judged with its values integrated out.
 
-A fixed pattern can stand for any static bias. An effect that is fitted without it follows its columns and rows as if
-they were its own, and one that is then judged beside it has the wrong numbers. So the numbers are fitted to the
-biases of all pixels by generalised least squares, with the pattern and the noise as covariance.
+A fixed pattern can imitate any static bias. An effect that is fitted without the pattern follows the columns and rows
+of the pattern, and then has wrong numbers. So its numbers are fitted to the biases of all pixels by generalised least
+squares, with the pattern and the noise as covariance.
 """
 
 import math
@@ -26,29 +26,29 @@ if TYPE_CHECKING:
     from tofmix.simulation.effects.fixed_pattern import FixedPattern
 
 ALIAS_NATS = 6.0
-"""Gains that are nearer are not told apart."""
+"""Differences of gains below this do not separate effects."""
 
-_EACH = 3  # turns of static effects and the model within its tolerance, and of a drift begun anew beside the others
-_FAIR = 0.5  # share of the best score from which what changes in time is worth a fit with all the others
-_TRIED = 3  # of the best static ones
-_CLEAR_NATS, _CLEAR_SHARE = 10.0, 0.0001  # beyond what the pattern gains, for an effect that is put before it
+_EACH = 3  # alternations: of static effects and the model within its tolerance; of a drift and the other effects
+_FAIR = 0.5  # least score, as a share of the best one, of an effect in time that is fitted with all others
+_TRIED = 3  # best static candidates that are tried
+_CLEAR_NATS, _CLEAR_SHARE = 10.0, 0.0001  # gain beyond that of the pattern, for an effect that is added before it
 
 
 def worth(
     likelihood: Likelihood, state: State, mixture: Mixture, parts: tuple[Part, Part], *, patterned: bool
 ) -> float:
-    """Log-likelihood of what no fit has seen, a pattern of free spreads integrated out.
+    """Log-likelihood of held-out data, with a pattern of free spreads integrated out.
 
     Parameters
     ----------
     likelihood : Likelihood
         Of the recording.
     state : State
-        Without a pattern.
+        A state without a pattern.
     mixture : Mixture
         Its prediction.
     parts : two of (frames, pixels)
-        What fits may see, and what they may not, of all pixels: laws of few numbers need none held out.
+        Fitting data and held-out data, of all pixels: laws of few numbers need no held-out pixels.
     patterned : bool
         Whether there is a pattern.
     """
@@ -66,16 +66,16 @@ def worth(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Beside:
-    """What a round found beside a fixed pattern.
+    """The result of a round in the presence of a fixed pattern.
 
     Parameters
     ----------
     first : Candidate
-        The best effect beside it, with the numbers that it has there.
+        The best effect, with its numbers in the presence of the pattern.
     patterned : bool
-        Whether the pattern still gains beside it.
+        Whether the pattern still gains in the presence of the effect.
     rivals : tuple of Candidate
-        Those of other kinds that gain there as much, but for `ALIAS_NATS`.
+        Candidates of other kinds whose gain is less by at most `ALIAS_NATS`.
     """
 
     first: Candidate
@@ -86,7 +86,7 @@ class Beside:
 def best_beside(
     trial: Trial, chosen: Sequence[Candidate], found: Sequence[Candidate], parts: tuple[Part, Part], near: State
 ) -> Beside | None:
-    """The effect that gains most beside a fixed pattern; None if none clearly does.
+    """The effect that gains most in the presence of a fixed pattern; None if no gain is clear.
 
     Parameters
     ----------
@@ -97,13 +97,13 @@ def best_beside(
     found : sequence of Candidate
         Its candidates, a fixed pattern first.
     parts : two of (frames, pixels)
-        What fits may see, and what they may not, of all pixels.
+        Fitting data and held-out data, of all pixels.
     near : State
-        The model within its tolerance, where it fits best: what it explains beside the pattern needs no effect.
+        The model moved within its tolerance to where it fits best; an effect must gain more than it.
     """
     likelihood = trial.likelihood
     pattern, others = found[0], [c for c in found[1:] if c.fitted is not None]
-    unseen = parts[1], parts[1]  # three spreads for all pixels: fitted to what is unseen, they favour none of all these
+    unseen = parts[1], parts[1]  # three spreads for all pixels, fitted to the held-out data: they favour no candidate
     nothing = worth(likelihood, trial.state, trial.mixture, unseen, patterned=False)
     about = links.fit_pattern(likelihood, trial.mixture, trial.state, parts[0])
     effect = cast("FixedPattern", pattern.effect) if about is None else about[0]
@@ -128,7 +128,7 @@ def best_beside(
 
 
 def _still_gains(trial: Trial, other: Candidate, unseen: tuple[Part, Part]) -> bool:
-    """Whether a pattern clearly gains beside an effect, which has the numbers for that."""
+    """Whether a pattern clearly gains in the presence of an effect, whose numbers are fitted for that."""
     likelihood = trial.likelihood
     mixture = likelihood.mixture(other.state)
     without, with_ = (
@@ -138,10 +138,10 @@ def _still_gains(trial: Trial, other: Candidate, unseen: tuple[Part, Part]) -> b
 
 
 def _worth_a_look(others: Sequence[Candidate], fits: "_Fits") -> list[Candidate]:
-    """The static ones that are best by biases beside a pattern, with their numbers there; and the best by themselves.
+    """The static candidates that are best with a pattern, with their numbers there, and the best one without it.
 
-    Of those that are not static, the best of each kind: beside a pattern, by which all the others have lost more, one
-    that is far behind alone may be the first.
+    Of the other candidates, the best of each kind. In the presence of a pattern static candidates lose most of their
+    gain, so a candidate with a small gain alone may be the best.
     """
     gaining = [c for c in others if c.gain > PRICE_NATS * c.parameters + _CLEAR_NATS]
     moving = {c.kind: c for c in reversed(gaining) if not c.static}
@@ -154,10 +154,10 @@ def _worth_a_look(others: Sequence[Candidate], fits: "_Fits") -> list[Candidate]
 def settled_within(
     likelihood: Likelihood, state: State, chosen: Sequence[Candidate], part: Part, tolerance: float
 ) -> State:
-    """The model moved within its tolerance to where it fits best, the static effects' numbers fitted anew meanwhile.
+    """The model moved within its tolerance to where it fits best, alternating with fits of the static effects.
 
-    Numbers that were fitted to the model as given have followed the errors of its poses: they may be off by more than
-    the tolerance leaves room for.
+    Numbers that were fitted to the model as given follow the errors of its poses. They may be off by more than the
+    tolerance can correct.
 
     Parameters as of `tofmix.reconciliation.name.tolerated`, and `chosen`: the state's effects, in its order.
     """
@@ -181,7 +181,7 @@ def settled_within(
 
 
 class _Fits:
-    """Fits of candidates together with the static effects that the model has, a pattern beside or none."""
+    """Fits of candidates together with the static effects of the model, with or without a pattern."""
 
     def __init__(
         self, trial: Trial, chosen: Sequence[Candidate], part: Part, pattern: "FixedPattern | None" = None
@@ -191,7 +191,7 @@ class _Fits:
         self._fits = StaticFits(trial.likelihood, trial.state, trial.mixture, part, pattern)
 
     def beside(self, candidate: Candidate) -> tuple[float, Candidate]:
-        """What a candidate gains by the biases, and it with its numbers, and the model's, that do."""
+        """The gain of a candidate by the biases, and the candidate with its numbers, and the model's, of this fit."""
         if candidate.fitted is None:
             return -math.inf, candidate
         gain, fitted, others = self._fits.fitted(candidate.fitted, self.old)
@@ -199,7 +199,7 @@ class _Fits:
         return gain, replace(candidate, effect=fitted.effect, fitted=fitted, state=state)
 
     def settled(self) -> State:
-        """The model with its own static effects fitted anew."""
+        """The model with its static effects fitted again."""
         if not self.old:
             return self._state
         *before, last = self.old
@@ -212,10 +212,10 @@ class _Fits:
 
 
 def with_the_others(trial: Trial, chosen: Sequence[Candidate], found: Sequence[Candidate]) -> list[Candidate]:
-    """The candidates, best first, scored with those effects of the model fitted anew that may have a part of theirs.
+    """The candidates, best first, scored together with effects of the model that may have absorbed a part of them.
 
-    What stands may have taken a part of what a candidate is: a surface's pose, of an offset; a drift, of whatever is
-    static. With that kept, another candidate that spares the surface would do better.
+    An added effect may have absorbed a part of a candidate: a pose, a part of an offset; a drift, a part of any static
+    effect. With its numbers fixed, a wrong candidate that does not act on this surface would be better.
 
     Parameters
     ----------
@@ -245,10 +245,10 @@ def with_the_others(trial: Trial, chosen: Sequence[Candidate], found: Sequence[C
 
 
 def together(trial: Trial, chosen: Sequence[Candidate], candidate: Candidate) -> Candidate:
-    """A candidate fitted with all that the model has, where one of both changes in time and the other is static.
+    """A candidate fitted together with all effects of the model, if one of two changes in time and the other is static.
 
-    A drift is static in part, and so is a motion. Fitted first, it took up what is static too, and a static effect that
-    came first what it has of that.
+    A drift is partly static, and so is a motion. The one that was fitted first has absorbed the static part of the
+    other.
 
     Parameters
     ----------
@@ -275,7 +275,7 @@ def together(trial: Trial, chosen: Sequence[Candidate], candidate: Candidate) ->
 
 
 def _begun_anew(trial: Trial, now: Sequence[Candidate], number: int) -> Candidate:
-    """One of the candidates, searched for from all its starts beside the others, by which it has another shape."""
+    """One of the candidates, searched for again from all its starts, in the presence of the others."""
     old = now[number]
     if old.fitted is None:
         return old
@@ -285,9 +285,9 @@ def _begun_anew(trial: Trial, now: Sequence[Candidate], number: int) -> Candidat
 
 
 def _share(old: Candidate, new: Candidate) -> bool:
-    """Whether one of two effects is static and the other in part, of the same surface if a motion came first."""
+    """Whether one of two effects is static and the other partly; if a motion came first, of the same surface."""
     if old.kind == Motion.kind:
         return new.static and getattr(old.effect, "surface", "") == getattr(new.effect, "surface", None)
-    # Of what changes in time, a part is static
+    # An effect that changes in time is partly static
     trends = [c.effect.target is Target.TREND for c in (old, new)]
     return (trends[0] and new.static) or (old.static and trends[1])

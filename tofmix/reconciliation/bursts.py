@@ -19,7 +19,7 @@ def forward(quiet: FloatArray, loud: FloatArray, frames: IntArray, effect: Inter
     quiet, loud : (n,) float64
         Log-likelihood of each frame in either state.
     frames : (n,) int64
-        Their numbers, ascending (`Evidence.frame_number`); gaps are bridged by the chain.
+        Their numbers, ascending (`Evidence.frame_number`); the chain also runs over gaps.
     effect : Interference
         Share and length of the bursts.
     """
@@ -29,7 +29,7 @@ def forward(quiet: FloatArray, loud: FloatArray, frames: IntArray, effect: Inter
     step = np.array([[1 - start, start], [stop, 1 - stop]])
     emit = np.stack([quiet, loud], axis=1)
     top = emit.max(axis=1)
-    emit = np.maximum(np.exp(emit - top[:, None]), _LEAST)  # no state is ever ruled out: nothing divides by 0
+    emit = np.maximum(np.exp(emit - top[:, None]), _LEAST)  # no state has probability 0, so nothing divides by 0
     step = (step + _LEAST) / (1 + 2 * _LEAST)
     gaps = np.diff(frames, prepend=frames[0])
     lengths, which = np.unique(gaps, return_inverse=True)
@@ -40,7 +40,7 @@ def forward(quiet: FloatArray, loud: FloatArray, frames: IntArray, effect: Inter
 
 @jit
 def _chain(emit: FloatArray, powers: FloatArray, which: IntArray, belief: FloatArray) -> tuple[float, FloatArray]:
-    """Forward and backward over the frames; `which` of the steps' powers leads to each."""
+    """Forward and backward pass over the frames; `which` is the power of the step that leads to each frame."""
     n = len(emit)
     alpha, posterior = np.empty((n, 2)), np.empty(n)
     total, quiet, loud = 0.0, belief[0], belief[1]

@@ -1,8 +1,8 @@
-"""What effects do to the summaries of a recording, each effect's numbers as linear coefficients with a prior.
+"""The changes that effects make to summaries, with each effect's numbers as linear coefficients with a prior.
 
-A `Term` stands for an effect of some kind (and surface): columns by which each of its coefficients moves the biases and
-the widths of pixels. A law that bends in a parameter (the time constant of a drift, the exponent of a walk) has one
-term for each of a few values of it.
+A `Term` is an effect of one kind (and surface). Each of its coefficients has a column: the change of the pixels' biases
+and widths. If a law is not linear in a parameter (the time constant of a drift, the exponent of a walk), it has one
+term for each of a few values of this parameter.
 """
 
 import math
@@ -20,27 +20,27 @@ from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.base import Latent, Target
 from tofmix.simulation.effects.parameter import Holds, Parameter
 
-_TAUS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)  # time constants of a drift, of the recording
+_TAUS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)  # time constants of a drift, as parts of the recording
 _EXPONENTS = (0.5, 1.0, 1.6)  # of a walk
-_SMALL = 0.01  # share of light, for the slope of what it does
-_TURN_DEG = 0.1  # for the slope by a turn
-_WIDER = 0.05  # logarithm of a width, likewise
+_SMALL = 0.01  # share of light, for slopes
+_TURN_DEG = 0.1  # tilt, for slopes
+_WIDER = 0.05  # logarithm of a width, for slopes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Column:
-    """What one unit of a coefficient does to each recording.
+    """The change that one unit of a coefficient makes to each recording.
 
     Parameters
     ----------
     bias_mm : tuple of (pixel,) float64
-        Its change of the mean, for each summary.
+        Change of the mean, for each summary.
     profile : tuple of (tenth,) float64
-        How that goes with the time.
+        Factor on this change in each tenth of the time.
     width : tuple of (pixel,) float64
-        Its change of the logarithm of the width.
+        Change of the logarithm of the width.
     prior : float
-        Standard deviation of the coefficient before anything is seen.
+        Standard deviation of the prior of the coefficient.
     """
 
     bias_mm: tuple[FloatArray, ...]
@@ -56,13 +56,13 @@ class Term:
     Parameters
     ----------
     kind, surface : str
-        Its name; the surface is empty for an effect of the camera.
+        Kind and surface of the effect; the surface is empty for an effect of the camera.
     columns : tuple of Column
         One for each coefficient.
     make : callable
-        The effect that has some coefficients (coefficient,); ValueError if it cannot have them.
+        Makes the effect from coefficients (coefficient,); ValueError if they are out of bounds.
     choices : int
-        Among how many values of a bent parameter this one was chosen.
+        Number of values of a nonlinear parameter among which this one is chosen.
     """
 
     kind: str
@@ -79,12 +79,12 @@ class Term:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scales:
-    """What priors and finite steps are in units of.
+    """Units of priors and finite steps.
 
     Parameters
     ----------
     sigma_mm : float
-        Typical noise.
+        Typical sigma.
     duration_s : float
         Of the recording.
     turn_mm : float
@@ -100,18 +100,18 @@ class Scales:
 
 
 def terms(likelihood: Likelihood, state: State, seen: Sequence[Summary], kinds: Sequence[str]) -> list[Term]:
-    """The effects of some kinds that may act in the recordings and that summaries tell of.
+    """The terms of some kinds: effects that are possible in the recordings and that summaries show.
 
     Parameters
     ----------
     likelihood : Likelihood
         Of the recordings.
     state : State
-        About which the summaries are.
+        The state of the summaries.
     seen : sequence of Summary
-        Of it.
+        Its summaries.
     kinds : sequence of str
-        Of the registry; those that move or widen no sample by a law have no term.
+        Kinds of the registry. Kinds that neither move nor widen samples by a law have no term.
     """
     make = ColumnMaker(likelihood, state, seen)
     return [
@@ -120,7 +120,7 @@ def terms(likelihood: Likelihood, state: State, seen: Sequence[Summary], kinds: 
 
 
 def summed_up(kind: str) -> bool:
-    """Whether summaries tell of a kind: it has a law of its own here, or one number that moves or widens samples."""
+    """Whether summaries show a kind: it has a law in `TERMS`, or one number that moves or widens samples."""
     return kind in TERMS or _number(kind) is not None
 
 
@@ -134,7 +134,7 @@ def _number(kind: str) -> Parameter | None:
 
 
 class ColumnMaker:
-    """Makes columns by predicting what a small effect does."""
+    """Makes columns from the predicted changes of a small effect."""
 
     def __init__(self, likelihood: Likelihood, state: State, seen: Sequence[Summary]) -> None:
         self.likelihood, self.state, self.seen = likelihood, state, seen
@@ -153,7 +153,7 @@ class ColumnMaker:
         self.surfaces = list(dict.fromkeys(name for s in seen for name, _ in surfaces_of(s)))
 
     def possible(self, of_kind: "Callable[[ColumnMaker], Iterator[Term]]") -> list[Term]:
-        """The terms of a kind; none where the camera or the scene cannot have it."""
+        """The terms of a kind; none if the camera or the scene cannot have it."""
         try:
             return list(of_kind(self))
         except ValueError:
@@ -162,7 +162,7 @@ class ColumnMaker:
     def column(
         self, effect: Effect, size: float, prior: float, *, profile: Callable[[FloatArray], FloatArray] | None = None
     ) -> Column:
-        """What an effect of some size does, by unit of the size, in time as `profile` of the time in s has it.
+        """The change that an effect makes, for each unit of its size; `profile` is the course over the time in s.
 
         Raises
         ------
@@ -175,7 +175,7 @@ class ColumnMaker:
         for s in self.seen:
             before, after = self.base.of_frames(s.view.frames), changed.of_frames(s.view.frames)
             place = after.main_of(before)
-            seen = s.used & (place >= 0)  # of a surface that is out of the pixel, nothing is known
+            seen = s.used & (place >= 0)  # if the surface is out of the pixel, nothing is known
             moved = _of(after, "mean", place) - before.of_main(before.mean)
             wider = np.log(_of(after, "sigma", place) / before.of_main(before.sigma))
             bias.append(np.where(seen, moved, 0.0) / size)
@@ -202,7 +202,7 @@ def _offset(make: ColumnMaker) -> Iterator[Term]:
 
 
 def _pose(make: ColumnMaker) -> Iterator[Term]:
-    """A shift alone, or with both tilts."""
+    """A shift alone, or a shift with both tilts."""
     size, prior = make.scales.sigma_mm, _prior("surface_pose", "shift_mm")
     for name in make.surfaces:
         made = partial(_moved, name)
@@ -221,7 +221,7 @@ def _moved(surface: str, c: FloatArray) -> Effect:
 
 
 def _motion(make: ColumnMaker) -> Iterator[Term]:
-    """By the way in the whole recording, of which as much is likely as of a pose."""
+    """Parameter: the way in the whole recording. It has the prior of a pose."""
     size, duration, prior = make.scales.sigma_mm, make.scales.duration_s, _prior("surface_pose", "shift_mm")
 
     def moving(surface: str, c: FloatArray) -> Effect:
@@ -282,7 +282,7 @@ def _scattering(make: ColumnMaker) -> Iterator[Term]:
 
 
 def _multipath(make: ColumnMaker) -> Iterator[Term]:
-    """The second path's phasor over the first's: along it, which changes the noise, and across it, the range."""
+    """The second path's phasor over the first one's. In phase it changes the noise, a quarter turn off the range."""
     turn = make.scales.turn_mm
 
     def made(surface: str, c: FloatArray) -> Effect:
@@ -331,7 +331,7 @@ def _prior_factor(kind: str, name: str) -> float:
 
 
 def _prior(kind: str, name: str) -> float:
-    """Standard deviation of a coefficient: half of the largest magnitude that is typical."""
+    """Standard deviation of a coefficient: half of the largest typical magnitude."""
     return 0.5 * EFFECTS[kind].parameters()[name].typical[1]
 
 
@@ -352,4 +352,4 @@ TERMS: dict[str, Callable[[ColumnMaker], Iterator[Term]]] = {
     "excess_noise": _noise,
     "vignetting": _vignetting,
 }
-"""Kinds that summaries tell of, by laws that bend, act in time or have several numbers."""
+"""Kinds whose laws are nonlinear, act in time, or have several numbers."""

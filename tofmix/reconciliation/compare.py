@@ -1,7 +1,8 @@
-"""Step 1: hold a recording against a model, by normal scores, and sum them up in a panel of statistics.
+"""Step 1: compare a recording with a model by normal scores, and sum them up in a panel of statistics.
 
-A sample's probability integral transform under the model's own predictive distribution of its pixel gives a
-standard normal score if the model is right; what the scores are summed up to is in `tofmix.reconciliation.panel`.
+The score of a sample is its probability integral transform under the predicted distribution of its pixel, mapped to a
+standard normal. If the model is right, scores are standard normal. `tofmix.reconciliation.panel` computes the
+statistics of the scores.
 """
 
 from collections.abc import Iterator
@@ -21,12 +22,12 @@ from tofmix.reconciliation.panel_time import burst_share, in_time
 from tofmix.reconciliation.telling import telling_of
 from tofmix.simulation.effects.pixel_crosstalk import PixelCrosstalk
 
-_FAR = np.float32(4.0)  # scores beyond count as this: fourth powers must not hang on one sample
+_FAR = np.float32(4.0)  # largest score: one sample must not determine a fourth power
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Compared:
-    """Scores of a part and what they sum up to."""
+    """The statistics of a part's scores."""
 
     curves: tuple[Curve, ...]
     pattern: FloatArray  # (recording, pixel) mean score, NaN outside the part
@@ -34,7 +35,7 @@ class Compared:
 
     @property
     def gap(self) -> float:
-        """Root mean square of the panel's distances: 1 by chance."""
+        """Root mean square of the panel's distances; noise alone gives 1."""
         return float(np.sqrt(np.mean([c.distance**2 for c in self.curves])))
 
 
@@ -46,13 +47,14 @@ def compare(likelihood: Likelihood, state: State, part: Part, *, seed: int, mixt
     likelihood : Likelihood
         The recording and the scene.
     state : State
-        The model as it stands.
+        The model with the effects added so far.
     part : (frames, pixels)
-        What to compare; held out of every fit, for an honest gap. Each recording has curves of its own.
+        Samples to compare. They must be held out of every fit, or the gap is too small. Each recording has separate
+        curves.
     seed : int
         For the draws within cells of whole mm.
     mixture : Mixture, optional
-        The state's, if it is at hand.
+        That of the state, if it was computed before.
     """
     m = likelihood.mixture(state) if mixture is None else mixture
     memory = memory_of(state)
@@ -76,9 +78,9 @@ def compare(likelihood: Likelihood, state: State, part: Part, *, seed: int, mixt
 
 
 def _apart(z: Float32Array, view: View) -> Float32Array:
-    """Scores without those of pixels that see, or are next to one that sees, several surfaces.
+    """Scores without pixels that see several surfaces, or that have such a neighbour.
 
-    Where light leaks into neighbours, these show together which surface was drawn.
+    With crosstalk, neighbouring scores are correlated, because they show which surface was drawn.
     """
     alone = one_surface(view.mixture).reshape(view.evidence.image)
     framed = np.pad(alone, 1, mode="edge")
@@ -87,7 +89,7 @@ def _apart(z: Float32Array, view: View) -> Float32Array:
 
 
 def _curves(z: Float32Array, apart: Float32Array, view: View, state: State) -> Iterator[Curve]:
-    """The panel of one recording's scores (frame, pixel) of its part; of some apart, how they go together."""
+    """The panel of one recording's scores (frame, pixel); `apart` are the scores for correlations."""
     evidence, m, part = view.evidence, view.mixture, view.part
     axes = list(panel_axes(evidence, m, part))
     yield from shapes(z, axes, m, state, part, view.number)

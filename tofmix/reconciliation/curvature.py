@@ -13,7 +13,7 @@ from tofmix.reconciliation.likelihood import Likelihood, Part, State
 SOFT = 1e-9
 """Curvature, in nats, that every number has."""
 
-_UNIT = (0.3, 3.0)  # a drop of the log-likelihood that counts as 1
+_UNIT = (0.3, 3.0)  # limits of a drop of the log-likelihood that is taken as 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -27,9 +27,9 @@ class Numbers:
     state : State
         The model with all its effects.
     fits : mapping of int to Fitted
-        Number of an effect in the state to its search.
+        The search of each effect, by its number in the state.
     part : (frames, pixels)
-        What the fits may see.
+        Data of the fits.
     """
 
     likelihood: Likelihood
@@ -48,7 +48,7 @@ class Numbers:
         return np.array([step for f in self.fits.values() for step in f.problem.steps])
 
     def moved(self, x: FloatArray) -> "Numbers":
-        """The effects with other numbers; a ValueError where they are out of bounds."""
+        """The effects with other numbers; ValueError out of bounds."""
         effects, fits, start = list(self.state.effects), {}, 0
         for number, fitted in self.fits.items():
             own = x[start : start + fitted.problem.parameters]
@@ -59,7 +59,7 @@ class Numbers:
         return replace(self, fits=fits, state=replace(self.state, effects=tuple(effects)))
 
     def at(self, x: FloatArray) -> "Value | None":
-        """What fits maximise, in all and by pixel and frame; None out of bounds."""
+        """The objective of fits, in total and by pixel and frame; None out of bounds."""
         try:
             state = self.moved(x).state
         except ValueError:
@@ -70,7 +70,7 @@ class Numbers:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Value:
-    """The objective, and of it the log-likelihood as `Sums` has it."""
+    """The objective, and the log-likelihood by pixel and frame as in `Sums`."""
 
     total: float
     by_pixel: FloatArray
@@ -79,19 +79,19 @@ class Value:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Parabola:
-    """The log-likelihood about a vector, in units of `steps`, each of about one nat; a pattern's values given.
+    """The log-likelihood near a vector, in units of `steps`, each of about one nat; a pattern's values are fixed.
 
     Parameters
     ----------
     steps : (number,) float64
-        In the units of the searches.
+        Steps in the units of the searches.
     top : Value
-        There.
+        At the vector.
     slope : (number,) float64
     hessian : (number, number) float64
         Its negative second derivatives.
     cross : (number, pixel) float64
-        Those against a number and a pixel's bias, per mm.
+        Negative second derivatives by a number and a pixel's bias, per mm.
     by_pixel, by_frame : (number, pixel), (number, frame) float64
         Slopes.
     """
@@ -106,9 +106,9 @@ class Parabola:
 
 
 def parabola(numbers: Numbers) -> Parabola | None:
-    """The log-likelihood about the numbers, by differences; None where none of them is inside its bounds.
+    """The log-likelihood near the numbers, by differences; None if all numbers are at their bounds.
 
-    Those that are not are taken as given: no slope, no curvature.
+    Numbers at their bounds are fixed: no slope, no curvature.
     """
     x = numbers.vector
     top = numbers.at(x)
@@ -143,7 +143,7 @@ def _table(rows: list[FloatArray], like: FloatArray) -> FloatArray:
 
 
 def inverse(hessian: FloatArray) -> FloatArray:
-    """The covariance that goes with a curvature; 0 for numbers that nothing depends on."""
+    """The covariance of a curvature; 0 for numbers without any effect."""
     acts = np.ix_(hessian.any(axis=1), hessian.any(axis=1))
     covariance = np.zeros_like(hessian)
     covariance[acts] = np.linalg.pinv(hessian[acts] + SOFT * np.eye(len(hessian[acts])), hermitian=True)

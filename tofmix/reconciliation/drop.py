@@ -1,4 +1,4 @@
-"""Step 4, backward: exchange or drop effects that no longer earn their place beside what came since."""
+"""Step 4, backward: exchange or remove effects that no longer gain enough in the presence of later ones."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ from tofmix.simulation.effects.surface_pose import SurfacePose
 
 
 def exchange(way: Way, part: Part) -> None:
-    """Put a rival in the place of an earlier effect where it does better beside what has come since."""
+    """Replace an earlier effect by a rival that gains more in the presence of the later effects."""
     likelihood = way.likelihood
     test = likelihood.evidence.part(fit=False, split=way.settings.split)
     for k in range(len(way.chosen)):
@@ -31,10 +31,11 @@ def exchange(way: Way, part: Part) -> None:
 
 
 def _worth_a_trial(way: Way, number: int) -> list[tuple[Candidate, float]]:
-    """Rivals of an effect that was added, and by how much each must do better.
+    """Rivals of an added effect, and by how much each must be better.
 
-    The closest one, if it was no further behind than what the later effects have gained. What has become flat beside
-    them, with numbers at a bound, is an offset; and a second path that moves a surface is a pose, if that does as well.
+    The closest rival, if its score was lower by less than the gain of the later effects. An effect whose numbers are
+    now at a bound is flat: its rival is an offset. A rival of a second path is the pose of its surface, which wins if
+    it is as good.
     """
     old = way.chosen[number]
     flat = old.fitted is not None and old.fitted.at_a_bound
@@ -54,7 +55,7 @@ def _worth_a_trial(way: Way, number: int) -> list[tuple[Candidate, float]]:
 
 
 def drop(way: Way) -> None:
-    """Drop what no longer earns its place: beside the newest effect, or it, which may have led the others right."""
+    """Remove effects that no longer gain enough, even the newest, after which the others may be right without it."""
     if len(way.chosen) <= 1:
         return
     likelihood = way.likelihood
@@ -76,7 +77,7 @@ def drop(way: Way) -> None:
         worth_ = likelihood.value(rest, part)
         needed = max(PRICE_NATS * candidate.parameters, _crumb(way, k))
         if needed <= whole - worth_ < CRUMB * sum(c.gain for c in others) and not rest.pixel_bias.any():
-            # The others were fitted beside it, and may do without it with other numbers
+            # The others were fitted together with it; without it they may have other numbers
             rest, others = refit(likelihood, rest, others, fit_part(likelihood, way.settings))
             worth_ = likelihood.value(rest, part)
         if whole - worth_ < needed or _is_pattern(way, k):
@@ -85,9 +86,9 @@ def drop(way: Way) -> None:
 
 
 def _crumb(way: Way, number: int) -> float:
-    """What noise, or a change in time, must gain beside the others: what it would have to, were it added after them.
+    """The gain that noise, or a change in time, needs in the presence of the others, as if it were added last.
 
-    A static effect may be hidden in a fixed pattern, which gains far more than it.
+    The gain of a fixed pattern does not count: a pattern may contain a static effect and gain far more.
     """
     own = way.chosen[number]
     if own.static or own.exact or own.loses or own.kind in way.missed:
@@ -97,13 +98,13 @@ def _crumb(way: Way, number: int) -> float:
 
 
 def _bare(state: State, pattern: int) -> State:
-    """The state without the fixed pattern that is the so-many-th of what was added, and without its map."""
+    """The state without the added effect of this number, a fixed pattern, and without its map."""
     nothing = np.zeros_like(state.pixel_bias)
     return replace(without(state, pattern), pixel_bias=nothing, pixel_variance=nothing)
 
 
 def _pattern_gains(way: Way, number: int) -> bool:
-    """Whether a fixed pattern, its values integrated out, still gains beside all else."""
+    """Whether a fixed pattern, with its values integrated out, still gains in the presence of all other effects."""
     bare, likelihood = _bare(way.state, number), way.likelihood
     unseen = held_out(likelihood, way.settings)
     mixture = likelihood.mixture(bare)
@@ -114,9 +115,9 @@ def _pattern_gains(way: Way, number: int) -> bool:
 
 
 def _is_pattern(way: Way, number: int) -> bool:
-    """Whether a static effect is as well a part of the fixed pattern, whose map was found beside it.
+    """Whether a static effect can be a part of the fixed pattern.
 
-    The map has the opposite of what the effect has too much.
+    The map was found together with the effect, so it contains the negative error of the effect.
     """
     state, candidate = way.state, way.chosen[number]
     pattern = next((k for k, c in enumerate(way.chosen) if c.kind == FixedPattern.kind), None)

@@ -1,4 +1,4 @@
-"""The shape of the error as the kernels take it: a table of even steps; and what it makes of the panel's statistics."""
+"""The shape of the error as a table of even steps for kernels, and its effect on the panel's statistics."""
 
 from typing import TypeAlias
 
@@ -10,13 +10,13 @@ from tofmix.noise_shape import NoiseShape
 from tofmix.reconciliation.hermite import hermite_slopes
 
 ShapeTable: TypeAlias = tuple[float, float, FloatArray, FloatArray, float]
-"""First z, step, density at each point, chance below each point, and information of one sample about its location in
-units of that of a Gaussian one. Both arrays are empty for a Gaussian."""
+"""First z, step, density at each point, probability below each point, and information of one sample about its location
+in units of that of a Gaussian one. Both arrays are empty for a Gaussian."""
 
 GAUSSIAN: ShapeTable = (0.0, 1.0, np.zeros(0), np.zeros(0), 1.0)
 
 _STEP = 0.005
-"""In sigma: within a step, a density that is linear in it has no other value by more than 1e-5 of its peak."""
+"""In sigma: linear interpolation within a step is right to 1e-5 of the density's peak."""
 
 _LEAST_POINTS, _MOST_POINTS = 256, 65_536  # of a table
 
@@ -45,11 +45,11 @@ def shape_table(shape: NoiseShape | None) -> ShapeTable:
 
 
 def moves(shape: NoiseShape | None) -> tuple[Moves, Moves]:
-    """By how much the means of the four Hermite polynomials of scores move where a pixel is off, or wider.
+    """Changes of the means of the four Hermite polynomials of scores, for a bias and for a wider pixel.
 
-    Samples that are off by 1 sigma, and those of a width larger by 1 in the log. A score z of a sample at q, the
-    shape's quantile of z's chance, moves by f(q) / phi(z) for each sigma, and by q f(q) / phi(z) for each unit of the
-    log width. Of a Gaussian that is 1 and z: the means move by 1, 0, 0, 0 and by 0, sqrt 2, 0, 0.
+    The changes are for a bias of 1 sigma, and for a log width larger by 1. Let q be the quantile of the shape with the
+    probability of the score z. The score changes by f(q) / phi(z) for each sigma, and by q f(q) / phi(z) for each unit
+    of the log width. For a Gaussian these are 1 and z, so the means change by 1, 0, 0, 0 and by 0, sqrt 2, 0, 0.
     """
     if shape is None:
         return (1.0, 0.0, 0.0, 0.0), (0.0, 2.0**0.5, 0.0, 0.0)

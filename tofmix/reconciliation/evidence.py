@@ -1,9 +1,8 @@
-"""What reconciliation holds of recordings in memory, and which of it a fit may see.
+"""Recordings in memory, and the frames and pixels that fits may use.
 
-Several recordings of one camera are joined frame after frame: pixels are the same, and what is summed up over frames
-needs no care for where one ends. Frames are held out in short blocks, because in long ones a rare burst falls on one
-side; pixels in square blocks, because an effect that gives each pixel its own bias would else explain everything
-static.
+Several recordings of one camera are joined frame after frame, because their pixels are the same. Frames are held out in
+short blocks: with long blocks a rare burst would lie on one side only. Pixels are held out in square blocks: otherwise
+an effect that gives each pixel its own bias would explain every static bias.
 """
 
 from collections.abc import Sequence
@@ -18,12 +17,12 @@ from tofmix.errors import BadInputError
 from tofmix.simulation.model import Model
 from tofmix.wording import counted
 
-BLOCK_FRAMES = 5  # that are held out together
-BLOCK_PIXELS = 4  # along a side of a square that is held out
+BLOCK_FRAMES = 5  # held out together
+BLOCK_PIXELS = 4  # side of a square that is held out
 _LEAST_FRAMES = 20  # four blocks: two to fit and two to judge
 _LEAST_ALIVE = 8  # pixels whose samples change
-_FAR_BELOW = 0.002  # of the largest range: what is in metres is a thousandth
-_APART = 1_000_000  # frames between two recordings: no burst lasts that long; a multiple of any block
+_FAR_BELOW = 0.002  # of the largest range; values in metres are a thousandth
+_APART = 1_000_000  # frame numbers between two recordings: longer than any burst, a multiple of any block
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -39,9 +38,9 @@ class Evidence:
     image : (int, int)
         Rows, columns.
     fit_frames : (frame,) bool
-        Frames that fits may see.
+        Frames that fits may use.
     fit_pixels : (pixel,) bool
-        Pixels that fits may see before gains are scored.
+        Pixels that fits may use before gains are scored.
     starts : tuple of int
         The first frame of each recording.
     amplitude : (pixel,) float64 or None
@@ -49,7 +48,7 @@ class Evidence:
     temperature_c : (frame,) float64 or None
         Of one recording by itself.
     repeated : int
-        Frames that were left out, because they repeat the frame before sample by sample.
+        Number of frames that were left out, because they repeat the frame before sample by sample.
     """
 
     samples: NDArray[np.uint16]
@@ -76,21 +75,21 @@ class Evidence:
 
     @property
     def frame_number(self) -> IntArray:
-        """Number (frame,) of each frame in its recording; recordings are far apart."""
+        """Number (frame,) of each frame in its recording; numbers of different recordings are far apart."""
         lengths = [r.stop - r.start for r in self.recordings]
         return np.concatenate([np.arange(n) + k * _APART for k, n in enumerate(lengths)])
 
     def recording(self, frames: slice) -> "Evidence":
-        """One of the recordings by itself, not copied."""
+        """One of the recordings, not copied."""
         if len(self.starts) == 1:
             return self
         own = (self.samples[frames], self.time_s[frames], self.fit_frames[frames])
         return replace(self, samples=own[0], time_s=own[1], fit_frames=own[2], starts=(0,))
 
     def part(self, *, fit: bool, split: str = "frames,pixels") -> tuple[IntArray, IntArray]:
-        """Frames and pixels of a half: those that fits see, or those that they do not.
+        """Frames and pixels of the fitting data, or of the held-out data.
 
-        One pixel by itself cannot be split: it is in both halves.
+        A single pixel cannot be split; it is in both.
         """
         frames = self.fit_frames == fit if "frames" in split else np.ones(self.shape[0], dtype=bool)
         pixels = self.fit_pixels == fit if "pixels" in split else np.ones(self.shape[1], dtype=bool)
@@ -107,16 +106,16 @@ def make_evidence(
     amplitude: FloatArray | Float32Array | None = None,
     temperature_c: FloatArray | None = None,
 ) -> Evidence:
-    """Hold a recording for reconciliation.
+    """Prepare a recording for reconciliation.
 
     Parameters
     ----------
     model : Model
-        The model it is held against.
+        The model with which it is compared.
     range_mm : (frame, row, col) float
         Samples in mm, NaN where invalid.
     time_s : (frame,), optional
-        Start of each frame, s; by the model's frame rate if left out.
+        Start of each frame, s; without it, from the model's frame rate.
     amplitude : (frame, row, col), optional
         Of each sample, NaN where it has none.
     temperature_c : (frame,), optional
@@ -125,8 +124,9 @@ def make_evidence(
     Raises
     ------
     BadInputError
-        If the image differs from the model's camera, no sample is valid, most are far below its range, the times do
-        not ascend, or there are too few frames to hold some out; those that repeat the one before do not count.
+        If the image differs from the model's camera, no sample is valid, most samples are far below its range, the
+        times do not ascend, or there are too few frames to hold some out. Frames that repeat the one before do not
+        count.
     """
     frames, rows, cols = range_mm.shape
     if (rows, cols) != (model.sensor.rows, model.sensor.cols):
@@ -177,9 +177,9 @@ def make_evidence(
 
 
 def _repeats(samples: NDArray[np.uint16]) -> BoolArray:
-    """Whether each frame (frame,) of an image (frame, row, col) is the one before over again, as drivers deliver it.
+    """Whether each frame (frame,) of an image (frame, row, col) repeats the one before, as some drivers deliver it.
 
-    Pixels that never change say nothing of it. Of the others there must be enough that chance does not do it.
+    Pixels that never change are ignored. There must be enough others, so that noise alone gives no repetition.
     """
     alive = (samples != samples[0]).any(axis=0)
     out = np.zeros(len(samples), dtype=bool)

@@ -1,4 +1,4 @@
-"""How the search for an effect's parameters runs: maximum likelihood by the simplex of Nelder and Mead."""
+"""Fit an effect's parameters by maximum likelihood, with the simplex of Nelder and Mead."""
 
 import math
 from dataclasses import dataclass, replace
@@ -14,8 +14,8 @@ from tofmix.reconciliation.searches import Problem
 from tofmix.simulation.effects import Effect
 
 _MOST_CALLS = 90  # of the likelihood, for up to three numbers
-_NEAR = 0.1  # of a step, where the start is an end of another search
-_ENOUGH_X, _ENOUGH_NATS = 2e-2, 0.1  # enough to rank by; the last step is Newton's, for all numbers at once
+_NEAR = 0.1  # of a step, if the start is the end of another search
+_ENOUGH_X, _ENOUGH_NATS = 2e-2, 0.1  # enough for a ranking; the last step is Newton's, for all numbers together
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -29,7 +29,7 @@ class Fitted:
 
     @property
     def at_a_bound(self) -> bool:
-        """Whether the numbers are so near a bound that the effect is another one."""
+        """Whether the numbers are so close to a bound that another effect describes the same."""
         return self.problem.other is not None and self.problem.other(self.vector)
 
 
@@ -45,11 +45,11 @@ def fit(
     likelihood : Likelihood
         Of the recording.
     state : State
-        The model as it stands.
+        The model with the effects added so far.
     part : (frames, pixels)
-        What the fit may see.
+        Data of the fit.
     start : (parameter,), optional
-        Where to start, instead of the problem's starts: near the end, with small steps.
+        Start instead of the starts of the problem. It is close to the end, so steps are small.
     """
     part = _heard(problem, likelihood, part)
 
@@ -75,7 +75,7 @@ def fit(
 
 
 def _heard(problem: Problem, likelihood: Likelihood, part: Part) -> Part:
-    """The part without recordings that have nothing to do with what is searched."""
+    """The part without recordings in which the effect does not act."""
     for start in problem.starts:
         try:
             return acting_part(likelihood, problem.make(np.array(start)), part)

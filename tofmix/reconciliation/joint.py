@@ -1,8 +1,8 @@
-"""Several recordings of one camera: what they share, and what belongs to the scene of one of them.
+"""Several recordings of one camera: their common parts, and the parts of each one's scene.
 
-Effects of the camera act in all of them with the same parameters; pixels' own biases and values are the camera's too.
-Effects of a surface act where that surface is. Two surfaces are one if name, place, size and reflectivity are the
-same in both models; else they have names of their own while they are worked with (`tell_apart`).
+Effects of the camera act in all recordings with the same parameters; so do the biases and values of pixels. Effects of
+a surface act in recordings with this surface. Two surfaces are the same if name, position, size and reflectivity are
+equal in both models. Otherwise they have different names during the search (`tell_apart`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -31,16 +31,16 @@ if TYPE_CHECKING:
     from tofmix.simulation.surface import Surface
 
 Recording = tuple[Model, Evidence]
-"""What a recording is held against, and its samples."""
+"""A model and the samples of its recording."""
 
 
 class Scenes:
-    """The scenes of several recordings, as if they were one: a `Scene` for each, frames one recording after another.
+    """The scenes of several recordings, with the interface of one `Scene`; frames of the recordings follow each other.
 
     Parameters
     ----------
     members : tuple of Scene
-        At least one, with surfaces told apart by name.
+        At least one; different surfaces have different names.
     """
 
     def __init__(self, members: tuple[Scene, ...]) -> None:
@@ -52,26 +52,26 @@ class Scenes:
 
     @property
     def sigma_of_place(self) -> FloatArray:
-        """As `Scene.sigma_of_place`, the median of the recordings that show a surface."""
+        """As `Scene.sigma_of_place`: the median over the recordings that show a surface."""
         found = [dict(zip(m.names, m.sigma_of_place, strict=True)) for m in self.members]
         seen = ([own[name] for own in found if name in own and own[name] > 0] for name in self.names)
         return np.array([float(np.median(values)) if values else np.nan for values in seen])
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """What any of the models has already."""
+        """Effects of any of the models."""
         return tuple(e for m in self.members for e in m.effects)
 
     @property
     def links(self) -> tuple[Effect, ...]:
-        """As `Scene.links`, the first of each kind: the camera is one."""
+        """As `Scene.links`: the first of each kind, because there is one camera."""
         found: dict[str, Effect] = {}
         for member in self.members:
             found |= {e.kind: e for e in member.links if e.kind not in found}
         return tuple(found.values())
 
     def mixture(self, effects: tuple[Effect, ...] = ()) -> Mixture:
-        """What the models and these effects predict for all frames."""
+        """The prediction of the models and these effects for all frames."""
         parts = [member.mixture(effects) for member in self.members]
         most = max(p.weight.shape[1] for p in parts)
         times = np.cumsum([0, *(len(p.weight) for p in parts)])
@@ -94,18 +94,18 @@ def _padded(part: Mixture, name: str, components: int) -> NDArray[Any]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class View:
-    """One recording of those that a likelihood holds.
+    """One recording of a likelihood.
 
     Parameters
     ----------
     number : int
-        Which one, from 0.
+        Its number, from 0.
     frames : slice
-        Its frames among all.
+        Its frames among those of all recordings.
     scene, evidence, mixture
-        Its own.
+        Those of the recording.
     part : (frames, pixels)
-        What was asked for of it, by its own frames' numbers.
+        The part of it, by the numbers of its own frames.
     """
 
     number: int
@@ -117,12 +117,12 @@ class View:
 
     @property
     def part_of_all(self) -> Part:
-        """The part by the numbers of frames among all."""
+        """The part, by the numbers of frames among those of all recordings."""
         return self.part[0] + self.frames.start, self.part[1]
 
 
 def views(likelihood: Likelihood, mixture: Mixture, part: Part) -> Iterator[View]:
-    """Each recording by itself, without those that have no frame in the part."""
+    """Each recording with frames in the part."""
     evidence = likelihood.evidence
     for number, (frames, scene) in enumerate(zip(evidence.recordings, likelihood.scene.members, strict=True)):
         own = part[0][(part[0] >= frames.start) & (part[0] < frames.stop)] - frames.start
@@ -134,7 +134,7 @@ def views(likelihood: Likelihood, mixture: Mixture, part: Part) -> Iterator[View
 
 
 def acting_part(likelihood: Likelihood, effect: Effect, part: Part) -> Part:
-    """The frames of those recordings in which an effect acts: all others say nothing of it."""
+    """The frames of the recordings in which an effect acts."""
     evidence, members = likelihood.evidence, likelihood.scene.members
     acts = [bool(scene.own((effect,))) for scene in members]
     if all(acts):
@@ -173,7 +173,7 @@ def joint_likelihood(recordings: Sequence[Recording]) -> Likelihood:
 
 
 def _seen(model: Model, evidence: Evidence) -> tuple[Scene, dict[str, Witness]]:
-    """The scene, its surfaces as bright as recorded; and what amplitudes and temperatures say, by what it is of."""
+    """The scene with recorded amplitudes, and the observations of amplitudes and temperatures by name."""
     scene = Scene(model, evidence.time_s)
     ratios = log_ratios(model, evidence, scene.mixture())
     heard: dict[str, Witness] = {}
@@ -189,7 +189,7 @@ def _seen(model: Model, evidence: Evidence) -> tuple[Scene, dict[str, Witness]]:
 
 
 def check_camera(models: Sequence[Model]) -> None:
-    """Refuse models of different cameras; only the integration time may differ.
+    """Refuse models of different cameras. The integration time may differ.
 
     Raises
     ------
@@ -213,7 +213,7 @@ _MAY_DIFFER = ("name", "integration_time_ms", "default_integration_time_ms", "co
 
 
 def tell_apart(models: Sequence[Model]) -> list[Model]:
-    """The models with surfaces renamed where another recording's surface has the same name and is not the same."""
+    """The models; a surface is renamed if a different surface of another recording has its name."""
     known: dict[str, Surface] = {}
     out = []
     for number, model in enumerate(models, 1):
@@ -226,6 +226,6 @@ def tell_apart(models: Sequence[Model]) -> list[Model]:
 
 
 def renamed(effect: Effect, names: dict[str, str]) -> Effect:
-    """The effect with another name for its surface, if it has one."""
+    """The effect with the new name of its surface, if it has a surface."""
     surface = getattr(effect, "surface", None)
     return effect if surface is None or names[surface] == surface else replace(effect, surface=names[surface])  # type: ignore[call-arg]

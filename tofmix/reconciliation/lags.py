@@ -1,4 +1,4 @@
-"""Products of samples that are some frames apart: how memory from frame to frame shows."""
+"""Products of samples at a distance of some frames, which show a memory."""
 
 import numpy as np
 

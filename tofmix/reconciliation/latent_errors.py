@@ -1,4 +1,4 @@
-"""Standard errors, in closed form, of the effects that link samples."""
+"""Standard errors, in closed form, of effects that link samples."""
 
 from dataclasses import replace
 
@@ -16,16 +16,16 @@ _LIKELY = 0.5  # probability from which a frame counts as disturbed
 
 
 def latent_errors(likelihood: Likelihood, state: State, effect: Effect, seed: int) -> tuple[Effect, dict[str, float]]:
-    """An effect with latent states as all samples have it, and the standard errors of its numbers.
+    """An effect with latent states, fitted to all samples, and the standard errors of its numbers.
 
     Parameters
     ----------
     likelihood, state
-        The refined model, its latent states from all frames.
+        The refined model, with latent states from all frames.
     effect : Effect
         One of the state's.
     seed : int
-        Of what is drawn for quantised samples.
+        Seed of the draws for quantised samples.
     """
     frames, pixels = likelihood.evidence.shape
     if isinstance(effect, StuckPixels):
@@ -44,7 +44,7 @@ def latent_errors(likelihood: Likelihood, state: State, effect: Effect, seed: in
 
 
 def _bursts(likelihood: Likelihood, state: State, effect: Interference) -> tuple[Effect, dict[str, float]]:
-    """The share of the frames that were disturbed, and errors of a count and of a curvature."""
+    """The share of disturbed frames, with errors from counts and from the curvature."""
     share = float(np.clip(state.disturbed.mean(), 1e-4, 0.99))
     frames = state.disturbed.size
     mixture = likelihood.mixture(state)
@@ -66,7 +66,7 @@ def _bursts(likelihood: Likelihood, state: State, effect: Interference) -> tuple
 
 
 def share_error(share: float, independent: float) -> float:
-    """Standard error of a share among so many independent frames; of few, taken nearer to a half.
+    """Standard error of a share among so many independent frames; with few frames the share is moved towards one half.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""The lattice on which quantised samples lie: one step, which no smooth search finds."""
+"""The step of quantised samples, which no smooth search finds."""
 
 import numpy as np
 
@@ -7,16 +7,16 @@ from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood import State
 from tofmix.simulation.effects.quantisation import Quantisation
 
-_LEAST_STEP_MM, _MOST_STEP_MM = 1.6, 120.0  # finer is hardly seen in whole mm, coarser than a scene fills
-_ON_LATTICE = 0.985  # share of the samples; the others are random values
-_AS_MANY = 0.999  # of the samples that a finer lattice holds
-_AROUND = 60  # lines of the spectrum on either side of a peak, which is wider than the lattice's step is sharp
-_MANY = 0.1  # share of the pixels
+_LEAST_STEP_MM, _MOST_STEP_MM = 1.6, 120.0  # a finer step hardly shows in whole mm; a scene does not fill a coarser one
+_ON_LATTICE = 0.985  # least share of the samples on the steps; the others are random values
+_AS_MANY = 0.999  # least share of the samples that a coarser step explains, against a finer one
+_AROUND = 60  # lines of the spectrum on either side of a peak that are searched for the step
+_MANY = 0.1  # least share of varying pixels
 _FULL = 5.0  # counts of a mm that has a density
 
 
 def find_lattice(evidence: Evidence, state: State) -> Quantisation | None:
-    """A step of which nearly all stored values are rounded multiples, from the spectrum of their histogram."""
+    """The step of which nearly all stored values are rounded multiples, from the spectrum of their histogram."""
     count = np.bincount(evidence.samples[:, _telling(evidence, state)].ravel(), minlength=65_536).astype(np.float64)
     count[0] = 0
     total = count.sum()
@@ -29,7 +29,7 @@ def find_lattice(evidence: Evidence, state: State) -> Quantisation | None:
     values = np.flatnonzero(count)
     weights = count[values]
     peaks = [peak / length for peak in _peaks(np.where(inside, power, 0.0), 12)]
-    # Whole mm show nothing beyond half a cycle a mm: a step of less than 2 mm stands at what is left to a whole one
+    # Aliasing: whole mm show no more than half a cycle a mm, so a step of less than 2 mm appears at 1 - f
     folded = [1 - f for f in peaks if 1 - f < 1 / _LEAST_STEP_MM]
     for frequency in (*peaks, *folded):
         trial = frequency + np.linspace(-_AROUND, _AROUND, 4 * _AROUND + 1) / length
@@ -38,23 +38,23 @@ def find_lattice(evidence: Evidence, state: State) -> Quantisation | None:
             best = np.flatnonzero(np.array(held) >= max(held) - 1e-9)
             fine = float(1 / trial[best].mean())
             step = _sharpened(fine * _multiple(fine, values, weights), values, weights)
-            # Ties of rounding are decided by the last digit: a step of few digits may be the camera's own
+            # The last digit decides ties of rounding: a step of few digits may be that of the camera
             near = [*(round(step, digits) for digits in (0, 1, 2, 3)), step]
             return Quantisation(step_mm=max(near, key=lambda s: _held(s, values, weights, slack=0.0)))
     return None
 
 
 def _telling(evidence: Evidence, state: State) -> BoolArray:
-    """The pixels (pixel,) that work and vary, if there are many: a stuck one's value lies on no lattice."""
+    """The working pixels (pixel,) that vary, if there are many: the value of a stuck pixel is on no step."""
     varying = state.working & (evidence.samples != evidence.samples[0]).any(axis=0)
     return varying if varying.sum() > _MANY * state.working.sum() else state.working
 
 
 def _sharpened(step: float, values: IntArray, weights: FloatArray) -> float:
-    """The middle of the steps next to this one of which the most samples are rounded multiples.
+    """The middle of the interval of steps near this one of which most samples are rounded multiples.
 
-    The k-th multiple rounds to v for steps from (v - 0.5) / k to (v + 0.5) / k; where most of these overlap is found by
-    going through their ends.
+    The k-th multiple rounds to v for steps from (v - 0.5) / k to (v + 0.5) / k. Sorted ends of these intervals show
+    where most of them overlap.
     """
     k = np.rint(values / step)
     near = (k > 0) & (np.abs(k * step - values) <= 1.0)
@@ -67,14 +67,14 @@ def _sharpened(step: float, values: IntArray, weights: FloatArray) -> float:
 
 
 def _multiple(step: float, values: IntArray, weights: FloatArray) -> int:
-    """How many times coarser a lattice may be and hold as many: of 12.5 mm, the finer one of 6.25 mm holds all too."""
+    """The factor by which a step may be coarser and explain as many samples: 6.25 mm also explains steps of 12.5 mm."""
     held = _held(step, values, weights)
     coarser = (k for k in (4, 3, 2) if k * step <= _MOST_STEP_MM)
     return next((k for k in coarser if _held(k * step, values, weights) >= _AS_MANY * held), 1)
 
 
 def _peaks(power: FloatArray, most: int) -> list[int]:
-    """The strongest frequencies, lowest first: a lattice's own period before its overtones."""
+    """The strongest frequencies, lowest first: the period of the step before its overtones."""
     power = power.copy()
     found = []
     for _ in range(most):
@@ -87,7 +87,7 @@ def _peaks(power: FloatArray, most: int) -> list[int]:
 
 
 def _held(step: float, values: IntArray, weights: FloatArray, *, slack: float = 0.02) -> float:
-    """Samples on the lattice; `slack` mm more than half a mm, for ties of rounding."""
+    """Number of samples on the steps; `slack` mm more than half a mm are allowed, for ties of rounding."""
     nearest = np.rint(values / step) * step
     on = np.abs(nearest - values) <= 0.5 + slack if slack else np.rint(nearest) == values
     return float(weights[on].sum())

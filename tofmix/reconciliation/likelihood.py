@@ -1,8 +1,8 @@
-"""Log-likelihood of a recording under a model with effects, with what links samples integrated out.
+"""Log-likelihood of a recording under a model with effects, with hidden states integrated out.
 
-One compiled pass gives each pixel's and frame's log-likelihood with its slope and information against a bias. On
-these stand the latent states: whether a frame is disturbed (hidden Markov chain), what bias a pixel has of its own
-(Gaussian, in `tofmix.reconciliation.pixel_pattern`), which pixels are stuck, and the memory of the noise.
+One compiled pass computes the log-likelihood of each pixel and frame, with its slope and information for a bias. The
+latent states use these sums: disturbed frames (hidden Markov chain), the bias of each pixel (Gaussian, in
+`tofmix.reconciliation.pixel_pattern`), stuck pixels, and the memory of the noise.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -29,12 +29,12 @@ if TYPE_CHECKING:
 _CHUNKS = 2  # fixed, so that sums do not depend on the number of threads
 _THREADS = 2  # as many as chunks
 _SIDE, _AWAY = 1 / 6, 3**0.5
-"""Gauss and Hermite's three points: the weight of both sides, and how far they are in standard errors."""
+"""Three points of Gauss-Hermite quadrature: weight of each side, and its distance in standard errors."""
 
 
 @lru_cache(maxsize=1)
 def _pool() -> ThreadPoolExecutor:
-    """Threads for all passes: there are thousands, and a thread takes as long to start as a small pass."""
+    """Threads for all passes: there are thousands of passes, and starting a thread takes as long as a small pass."""
     return ThreadPoolExecutor(_THREADS)
 
 
@@ -44,25 +44,25 @@ Part = tuple[IntArray, IntArray]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class State:
-    """The model as it stands: effects, and the latent states that were found for them.
+    """A model with effects, and with the latent states that were estimated for them.
 
     Parameters
     ----------
     effects : tuple of Effect
         Effects beyond those of the model.
     given : tuple of Effect
-        Those of the model that link samples.
+        Effects of the model that link samples.
     pixel_bias : (pixel,) float64
         Known bias of each pixel, mm.
     pixel_variance : (pixel,) float64
-        Variance of what is known of it, mm2.
+        Variance of this bias, mm2.
     stuck_mm : (pixel,) float64
         Value of stuck pixels, NaN for the others.
     disturbed : (frame,) float64
         Probability that a frame is disturbed; used for scores.
     log_width, log_width_error : (recording, pixel) float64
-        Logarithm of each pixel's own width of the noise in each recording, and its standard error; 0 where the camera's
-        pixels are alike.
+        Logarithm of each pixel's own width of the noise in each recording, and its standard error; 0 if all pixels of
+        the camera have the same width.
     """
 
     effects: tuple[Effect, ...]
@@ -81,7 +81,7 @@ class State:
 
     @property
     def bursts(self) -> Interference | None:
-        """What disturbs frames."""
+        """The effect that disturbs frames, if any."""
         return next((e for e in self.linking if isinstance(e, Interference)), None)
 
     @property
@@ -92,7 +92,7 @@ class State:
 
 @dataclass(slots=True, eq=False)
 class Sums:
-    """What a pass gives: columns are log-likelihood, slope (1/mm), information (1/mm2), valid samples."""
+    """Results of a pass: columns are log-likelihood, slope (1/mm), information (1/mm2), valid samples."""
 
     by_pixel: FloatArray
     by_frame: FloatArray
@@ -112,9 +112,9 @@ class Likelihood:
     evidence : Evidence
         The recording.
     scene : Scene or Scenes
-        The model's scene; those of several recordings.
+        The scene of the model, or the scenes of several recordings.
     witnesses : tuple of Witness
-        What amplitudes and temperatures say.
+        Observations of amplitudes and temperatures.
     """
 
     evidence: Evidence
@@ -122,7 +122,7 @@ class Likelihood:
     witnesses: "tuple[Witness, ...]" = ()
 
     def start(self) -> State:
-        """No effects but the model's; latent states not found yet."""
+        """The model without added effects; latent states are not estimated yet."""
         frames, pixels = self.evidence.shape
         return State(
             effects=(),
@@ -136,7 +136,7 @@ class Likelihood:
         )
 
     def mixture(self, state: State) -> Mixture:
-        """What the model and a state's effects predict, pixels' own widths included."""
+        """The prediction of the model and a state's effects, with the widths of pixels."""
         mixture = self.scene.mixture(state.effects)
         return self._widened(mixture, state.log_width) if state.log_width.any() else mixture
 
@@ -151,20 +151,20 @@ class Likelihood:
         self, mixture: Mixture, state: State, part: Part, *, variance: FloatArray | None = None,
         bias: FloatArray | None = None,
     ) -> Sums:  # fmt: skip
-        """One pass over a part, stuck pixels left out.
+        """One pass over a part, without stuck pixels.
 
         Parameters
         ----------
         mixture : Mixture
             The prediction.
         state : State
-            For its stuck pixels and pixels' biases.
+            State with stuck pixels and biases of pixels.
         part : (frames, pixels)
-            What to go over.
+            Samples of the pass.
         variance : (frame,), optional
             Variance that each frame adds, mm2; that of the state's disturbed frames if left out.
         bias : (pixel,), optional
-            Bias of each pixel, mm, in the place of the state's.
+            Bias of each pixel, mm, instead of the state's.
 
         Raises
         ------
@@ -186,7 +186,7 @@ class Likelihood:
         return out
 
     def _working(self, state: State, part: Part) -> Part:
-        """A part without its stuck pixels. The kernels check no bounds: what lies outside is refused here."""
+        """A part without stuck pixels. Frames and pixels out of bounds are refused, because kernels do not check."""
         for name, numbers, count in zip(("frame", "pixel"), part, self.evidence.shape, strict=True):
             if numbers.size and not 0 <= numbers.min() <= numbers.max() < count:
                 raise ValueError(
@@ -209,18 +209,18 @@ class Likelihood:
         return np.asarray(state.disturbed * state.bursts.sigma_mm**2)
 
     def value(self, state: State, part: Part, mixture: Mixture | None = None) -> float:
-        """Log-likelihood of a part; frames' disturbance integrated out."""
+        """Log-likelihood of a part, with disturbed frames integrated out."""
         mixture = self.mixture(state) if mixture is None else mixture
         if state.bursts is not None:
             return self._with_bursts(mixture, state, part, state.bursts)
         return self.sums(mixture, state, part).total
 
     def objective(self, state: State, part: Part) -> float:
-        """What fits maximise: `value`, and what the witnesses say of the effects' parameters."""
+        """The objective of fits: `value`, plus the log density of the witnesses given the effects' parameters."""
         return self.value(state, part) + self.heard(state)
 
     def heard(self, state: State) -> float:
-        """Log density of what the witnesses saw, given the effects."""
+        """Log density of the witnesses' observations, given the effects."""
         return float(sum(witness.log_density(effect) for effect in state.effects for witness in self.witnesses))
 
     def _with_bursts(self, mixture: Mixture, state: State, part: Part, effect: Interference) -> float:
@@ -261,7 +261,7 @@ class Likelihood:
         if m.shape is not None and state.pixel_variance.any():
             error = np.sqrt(state.pixel_variance)
             sides += [(m, state.pixel_bias + way * error) for way in (-_AWAY, _AWAY)]
-        if sides:  # the transform's mean over what a pixel's width and bias may be
+        if sides:  # the mean of the transform over the possible widths and biases of a pixel
             further, aside = np.full_like(out, np.nan), np.zeros_like(out)
             for mixture_aside, bias in sides:
                 list(_pool().map(partial(run, mixture_aside, bias, further), chunks))

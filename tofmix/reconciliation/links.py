@@ -1,7 +1,7 @@
-"""Fits of the effects that link samples, or that a smooth search cannot find: latent states.
+"""Fits of effects with latent states, which a smooth search cannot find.
 
-Each function returns the state with the effect added, and whatever it learned, or None where there is no sign of
-it. Their gains are worked out in `tofmix.reconciliation.name`.
+Each function returns the effect, or the state with the effect and its latent states, or None if there is no evidence.
+`tofmix.reconciliation.name` computes the gains.
 """
 
 import math
@@ -25,25 +25,25 @@ from tofmix.simulation.effects.interference import Interference
 from tofmix.simulation.effects.parameter import PixelMap
 from tofmix.simulation.effects.stuck_pixels import StuckPixels
 
-_MANY_STUCK = 0.05  # share of pixels above which constant ones may be a lattice's
-_LATTICE = 0.9  # share of its samples that two values hold in a pixel which a lattice holds
+_MANY_STUCK = 0.05  # share of constant pixels, above which they may be due to quantisation
+_LATTICE = 0.9  # least share of two values in a pixel that quantisation explains
 _UNLIKELY_NATS = 25.0  # a constant pixel that the model explains to within this is not stuck
-VALUE_NATS = math.log(65_534.0)  # price of a stuck pixel's value, any whole mm being as good
+VALUE_NATS = math.log(65_534.0)  # price of the value of a stuck pixel: any whole mm is equally likely
 _FAR = 10.0  # standard deviations
 _CHANCE = 2.0  # standard deviations
-_MOST_FRAMES = 0.9  # that bursts may fill
-_BEYOND = 0.1  # of what bursts gain, which noise in all frames must leave
-_LONGEST = 0.3  # of the frames, beyond which a burst is something that came or went once
-_MOST_BURST_MM = 10_000.0  # the most that `interference` may have
-_NEXT = math.log(2.0)  # from one size of bursts that is tried first to the next
+_MOST_FRAMES = 0.9  # largest share of frames in bursts
+_BEYOND = 0.1  # least part of the gain of bursts that noise in all frames does not reach
+_LONGEST = 0.3  # of the frames: a longer burst is a change that starts or stops once
+_MOST_BURST_MM = 10_000.0  # upper bound of `interference`
+_NEXT = math.log(2.0)  # logarithm of the ratio of first trial sizes
 
 
 def find_stuck(likelihood: Likelihood, mixture: Mixture, state: State) -> State | None:
-    """Pixels that return one value in every frame, which the model does not explain even with a bias of their own."""
+    """Pixels with one value in every frame that the model does not explain, even with a bias of the pixel."""
     evidence = likelihood.evidence
     x = evidence.samples
     constant = (x == x[0]).all(axis=0) & (x[0] > 0)
-    known = mixture.step > 0  # a lattice, and what it makes of a pixel
+    known = mixture.step > 0  # quantisation, whose effect on a pixel is known
     if not constant.any() or (constant.mean() > _MANY_STUCK and not known and _on_lattice(x[:, ~constant])):
         return None
     whole = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
@@ -57,9 +57,9 @@ def find_stuck(likelihood: Likelihood, mixture: Mixture, state: State) -> State 
 
 
 def _on_lattice(samples: NDArray[np.uint16]) -> bool:
-    """Whether most pixels of (frame, pixel) samples show hardly more than two values.
+    """Whether most pixels of (frame, pixel) samples have hardly more than two values.
 
-    A lattice so coarse that it holds other pixels at one value leaves these no more; a defect leaves them their noise.
+    Quantisation that gives some pixels one value gives the others at most two; a defect does not change the others.
     """
     if not samples.size:
         return True
@@ -70,7 +70,7 @@ def _on_lattice(samples: NDArray[np.uint16]) -> bool:
 
 
 def _constant_nats(view: View) -> FloatArray:
-    """The most (pixel,) that a normal with the pixel's sigma, at any mean, gives to one value again and again."""
+    """Largest log-likelihood (pixel,) of one repeated value, for a normal with the pixel's sigma and any mean."""
     spread = view.mixture.of_main(view.mixture.sigma)
     cell = max(1.0, view.mixture.step)
     best = np.log(erf(cell / np.sqrt(8 * (spread**2 + 1 / 12))))
@@ -78,9 +78,9 @@ def _constant_nats(view: View) -> FloatArray:
 
 
 def _beyond_lattice(view: View) -> BoolArray:
-    """Whether a lattice makes no such value of the pixel (pixel,): on no step of it, or far from each surface.
+    """Whether quantisation cannot give the value of a pixel (pixel,): it is off the steps, or far from each surface.
 
-    A coarse lattice holds working pixels at one value as well, so that values which never change say nothing there.
+    Coarse quantisation also gives working pixels one value, so a constant value is no evidence there.
     """
     m, value = view.mixture, view.evidence.samples[0].astype(np.float64)
     if m.step <= 0:
@@ -90,10 +90,10 @@ def _beyond_lattice(view: View) -> BoolArray:
 
 
 def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, part: Part) -> Interference | None:
-    """Share, length and noise of bursts, each frame's state integrated out."""
+    """Share, length and noise of bursts, with the states of frames integrated out."""
     lit = mixture.of_main(mixture.lit).astype(bool)
     sigmas = mixture.of_main(mixture.sigma)
-    sigma = float(np.median(sigmas[lit] if lit.any() else sigmas))  # where nothing returns, sigma is of the range's end
+    sigma = float(np.median(sigmas[lit] if lit.any() else sigmas))  # without a return, sigma is at the largest range
     numbers = likelihood.evidence.frame_number[part[0]]
 
     def at(size: float, start: tuple[float, float]) -> tuple[float, Interference]:
@@ -112,7 +112,7 @@ def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, par
         return -float(found.fun), make(found.x)
 
     best = max((at(sigma * 2.0**k, (-1.5, 1.2)) for k in range(-4, 4)), key=lambda pair: pair[0])
-    while 8.0 * sigma <= best[1].sigma_mm < _MOST_BURST_MM / 4:  # still more may be better
+    while 8.0 * sigma <= best[1].sigma_mm < _MOST_BURST_MM / 4:  # a larger size may be better
         more = at(2 * best[1].sigma_mm, (-1.5, 1.2))
         if more[0] <= best[0]:
             break
@@ -127,7 +127,7 @@ def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, par
     lasting = best[1].burst_frames > _LONGEST * len(likelihood.evidence.samples)
     if lasting or best[1].probability > _MOST_FRAMES:
         return None
-    # As much noise in all frames must not do as well: of what bursts gain, it has their share of the frames, at most
+    # The same noise in all frames must be worse than bursts, by a part of their gain
     calm, disturbed = (float(np.sum(x)) for x in likelihood.frame_pair(mixture, state, part, best[1].sigma_mm)[:2])
     return best[1] if best[0] - disturbed > _BEYOND * (best[0] - calm) else None
 
@@ -149,7 +149,7 @@ def fit_pattern(
 
 
 def fit_spreads(found: PixelBiases, image: tuple[int, int]) -> tuple[FixedPattern, PixelBiases] | None:
-    """The spreads that make each pixel's bias, and its noise, most likely."""
+    """The spreads that are most likely for the pixels' biases and their noise."""
     use = found.information > 0
     if use.sum() < 2 * sum(image) or not _beyond_chance(found, image):
         return None
@@ -168,7 +168,7 @@ def fit_spreads(found: PixelBiases, image: tuple[int, int]) -> tuple[FixedPatter
 
 
 def _beyond_chance(found: PixelBiases, image: tuple[int, int]) -> bool:
-    """Whether pixels, columns or rows differ by more than two standard deviations of chance."""
+    """Whether pixels, columns or rows differ by more than two standard deviations of noise."""
     use = np.flatnonzero(found.information > 0)
     row, col = np.divmod(use, image[1])
     pulled, weight = found.bias[use] * found.information[use], found.information[use]
@@ -188,7 +188,7 @@ def pattern_map(
     part = (frames, np.arange(likelihood.evidence.shape[1]))
     found = pixel_biases(likelihood, mixture, state, part)
     spreads = (effect.pixel_sigma_mm, effect.column_sigma_mm, effect.row_sigma_mm)
-    whole = max(sum(s**2 for s in spreads), 1e-12)  # columns and rows are no better known than their pixels
+    whole = max(sum(s**2 for s in spreads), 1e-12)  # columns and rows have at least the variance of their pixels
     variance = np.where(found.information > 0, 1.0 / (found.information + 1.0 / whole), 0.0)
     return marginal_pattern(found, likelihood.evidence.image, spreads)[1], variance
 

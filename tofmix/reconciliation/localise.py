@@ -1,7 +1,7 @@
-"""Step 2: where the disagreement is: the interval of an axis in which a statistic stands out most.
+"""Step 2: find the interval of an axis in which a statistic deviates most.
 
-Each curve of the panel is scanned over all intervals of its bins. The best interval's p-value is corrected for
-the intervals and the curves that were looked at (Bonferroni), so it errs on the safe side.
+Each curve of the panel is scanned over all intervals of its bins. The p-value of the best interval is corrected for all
+intervals and curves (Bonferroni), so it is conservative.
 """
 
 import math
@@ -17,14 +17,14 @@ from tofmix.reconciliation.panel import Curve
 from tofmix.reconciliation.telling import gain
 
 LEAST_SIZE = 0.02
-"""Disagreements smaller than this, in sigma, are none (the contract)."""
+"""Smaller deviations, in sigma, do not count."""
 
 _IN_SIGMA = (
     "bias", "spread", "skew", "tails", "pattern", "spread_pattern", "skew_pattern", "tails_pattern", "common_mode",
     "bursts", "trend", "memory", "neighbour_correlation", "widths",
 )  # fmt: skip
-_SMALLEST_P = 1.0e-300  # above 0, which JSON readers take for a missing value
-_MOST_BINS = 60  # times ten: beyond, intervals are not scanned
+_SMALLEST_P = 1.0e-300  # above 0, which some JSON readers take as a missing value
+_MOST_BINS = 60  # times ten: with more bins, intervals are not scanned
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,19 +34,19 @@ class Place:
     Parameters
     ----------
     axis, statistic : str
-        Words of the contract.
+        Names as in `gap.json`.
     interval : (float, float)
-        In the axis' unit.
+        In the unit of the axis.
     size : float
         Mean of the statistic in it; mm for a bias, else a ratio, a correlation or a share.
     unit : str
         Unit of the size.
     p_value : float
-        Corrected for all that was looked at.
+        Corrected for all intervals and curves.
     z : float
         Deviation in standard errors.
     recording : int
-        Which one it is in, from 0.
+        Number of the recording, from 0.
     """
 
     axis: str
@@ -60,7 +60,7 @@ class Place:
 
 
 def disagreements(compared: Compared, alpha: float) -> list[Curve]:
-    """Curves that stand above chance at `alpha`, corrected, and above `LEAST_SIZE`; most telling first."""
+    """Curves above noise at the corrected level `alpha`, and above `LEAST_SIZE`; largest evidence first."""
     curves = compared.curves
     limit = float(norm.isf(alpha / max(len(curves), 1)))
     loud = [
@@ -71,7 +71,7 @@ def disagreements(compared: Compared, alpha: float) -> list[Curve]:
 
 
 def localise(compared: Compared, alpha: float) -> list[Place]:
-    """The strongest interval of each curve that disagrees, most telling first.
+    """The interval of largest deviation of each curve that stands out; largest evidence first.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def localise(compared: Compared, alpha: float) -> list[Place]:
 
 
 def _by_weight(curves: Iterable[Curve]) -> list[Curve]:
-    """By what each says that curves of lower order do not; equal ones in the order of the panel."""
+    """Sorted by the information that lower orders do not contain; equal ones in the order of the panel."""
     return sorted(curves, key=lambda c: -(gain(c.chi2, c.dof) if c.telling is None else c.telling))
 
 
@@ -101,11 +101,11 @@ def _strongest(curve: Curve, looked_at: int) -> Place:
         if z[at] > best:
             best, where = float(z[at]), (at, at + length)
     a, b = where
-    whole = curve.statistic.endswith("pattern")  # pixels have no order: no interval of them is a place
+    whole = curve.statistic.endswith("pattern")  # pixels have no order, so no interval of them is a place
     a, b = (0, curve.dof) if whole else where
     value = (total[b] - total[a]) / (mass[b] - mass[a])
     tests = looked_at * curve.dof * (min(longest, curve.dof) + 1) / 2
-    # The whole curve may say more than its best interval: a sine has none
+    # The whole curve may be more significant than its best interval, as for a sine
     log_p = min(log_ndtr(-best) + math.log(2 * tests), log_ndtr(-curve.z) + math.log(looked_at))
     in_mm = curve.statistic in ("bias", "trend", "common_mode", "pattern")
     scale = float(np.average(curve.scale_mm[a:b], weights=weight[a:b])) if in_mm else 1.0

@@ -1,8 +1,8 @@
-"""The memory of the noise: how strong it is, what it is worth, and what it does to means over frames.
+"""The memory of the noise: its coefficient, its gain, and its effect on means over frames.
 
-Each pixel's noise is AR(1) from frame to frame; whole mm add a noise that has no memory, and some samples are random
-values that are no noise at all, while the memory runs on. So what is expected of a sample is a filter's prediction from
-all that its pixel returned before.
+The noise of each pixel is AR(1) from frame to frame. Rounding to whole mm adds noise without memory. Some samples are
+random values, which do not interrupt the memory. So a filter predicts each sample from all earlier samples of its
+pixel.
 """
 
 import math
@@ -23,7 +23,7 @@ from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 _MAIN, _ALONE = 0.95, 0.9995  # share of the beam
 _STRONG = 0.7  # coefficient
 _MOST = 0.98  # coefficient
-_FAR = 5.0  # sigma: what the model's noise never reaches, and what its random values do not explain
+_FAR = 5.0  # sigma: beyond the model's noise, and not explained by its random values
 _REACH = 7.0  # sigma, beyond which a sample is a random value for sure
 _LEAST_CHANCE = 1e-15  # in either tail: a score of 7.9
 _SUBSTITUTIONS = 3  # of the fixed point of the filter's gain, which halves its error each time
@@ -36,16 +36,16 @@ _ROOT_TWO_PI = math.sqrt(2 * math.pi)
 
 
 def memory_of(state: State) -> float:
-    """The coefficient of a state's memory; 0 where it has none."""
+    """The coefficient of a state's memory; 0 without one."""
     return next((e.coefficient for e in state.linking if isinstance(e, TemporalCorrelation)), 0.0)
 
 
 def whitened(z: Float32Array, mixture: Mixture, coefficient: float) -> Float32Array:
-    """Scores (frame, pixel) given all samples before, where a pixel sees one surface.
+    """Scores (frame, pixel) given all earlier samples, in pixels that see one surface.
 
-    What is predicted is the next noise (`predicted_noise`); a random value is no noise, and keeps its score. A pixel
-    that sees a little of another surface is left out, NaN, where memory is strong: its scores neither forget the last
-    sample nor follow it.
+    The noise of the next sample is predicted (`predicted_noise`); a random value keeps its score. If the memory is
+    strong, pixels that see a little of another surface are NaN: their scores depend on the last sample in no simple
+    way.
     """
     alone = one_surface(mixture)
     out = z.copy()
@@ -62,23 +62,23 @@ def whitened(z: Float32Array, mixture: Mixture, coefficient: float) -> Float32Ar
 
 
 def attenuation(mixture: Mixture) -> FloatArray:
-    """Share (pixel,) of a score's variance that is the camera's, not that of whole mm."""
+    """Share (pixel,) of a score's variance that comes from the camera, not from whole mm."""
     cell = max(mixture.step, 1.0)
     sigma = mixture.of_main(mixture.sigma)
     return np.asarray(sigma**2 / (sigma**2 + cell**2 / 12))
 
 
 def one_surface(mixture: Mixture, share: float = _MAIN) -> BoolArray:
-    """Pixels (pixel,) that see one surface, of whose noise a score speaks and not of which surface was drawn.
+    """Pixels (pixel,) that see one surface, so that scores depend on noise and not on the surface that was drawn.
 
-    That share of their samples that are of any surface, or of none: random values are of neither.
+    `share` is the least share of the main component among samples without random values.
     """
     return np.asarray(mixture.of_main(mixture.weight) > share * np.maximum(mixture.weight[0].sum(axis=0), 1e-9))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RandomValues:
-    """Random values among the valid samples of some pixels, as their noise's scores see them.
+    """Random values among the valid samples of some pixels, in units of the noise.
 
     Parameters
     ----------
@@ -95,12 +95,12 @@ class RandomValues:
     density: FloatArray
 
     def chance(self, u: FloatArray, noise: FloatArray) -> FloatArray:
-        """Chance (frame, pixel) of a value below u sigma, if `noise` is that of the noise alone."""
+        """Probability (frame, pixel) of a value below u sigma; `noise` is that of the noise alone."""
         return np.asarray(self.share * np.clip(self.below + self.density * u, 0, 1) + (1 - self.share) * noise)
 
 
 def random_values(mixture: Mixture, pixels: IntArray) -> RandomValues:
-    """Those that a mixture has in some pixels (pixel,), about each one's main surface."""
+    """The random values of a mixture in some pixels (pixel,), relative to each pixel's main surface."""
     width = max(mixture.high - mixture.low, 1.0)
     valid = np.maximum(1.0 - mixture.invalid[0][pixels], 1e-9)
     return RandomValues(
@@ -111,9 +111,9 @@ def random_values(mixture: Mixture, pixels: IntArray) -> RandomValues:
 
 
 def noise_of(z: FloatArray, random: RandomValues) -> FloatArray:
-    """The noise (frame, pixel), in units of its sigma, of samples that have these scores; random ones lie far out.
+    """The noise (frame, pixel), in units of its sigma, of samples with these scores; random values are far from 0.
 
-    Solves share (below + density u) + (1 - share) Phi(u) = Phi(z) for u, by substitution: the first term hardly
+    Solves share (below + density u) + (1 - share) Phi(u) = Phi(z) for u by substitution, because the first term hardly
     changes over the width of the noise.
     """
     if not random.share.any():
@@ -128,7 +128,7 @@ def noise_of(z: FloatArray, random: RandomValues) -> FloatArray:
 def predicted_noise(
     u: FloatArray, coefficient: float, camera: FloatArray, random: RandomValues
 ) -> tuple[FloatArray, FloatArray]:
-    """Mean and variance (frame, pixel) of each sample's noise, given all that its pixel returned before.
+    """Mean and variance (frame, pixel) of each sample's noise, given all earlier samples of its pixel.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ class _Noise:
     random : RandomValues
         In these pixels.
     scored : (pixel, frame) bool
-        What is part of the gain.
+        Samples that are part of the gain.
     """
 
     u: FloatArray
@@ -173,12 +173,12 @@ class _Noise:
     scored: BoolArray
 
     def gain(self, coefficient: float) -> float:
-        """Nats that the samples before are worth for each one's prediction."""
+        """Gain, nats, by the samples before in the prediction of each sample."""
         return float(_gain(self.u, coefficient, self.camera, self.random.share, self.random.density, self.scored))
 
 
 def _noises(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part) -> list[_Noise]:
-    """The noise of each recording, of the part's pixels; what is scored is of its frames and has a forerunner."""
+    """The noise of each recording in the part's pixels; scored samples are in its frames and have a frame before."""
     return [_noise(z[view.frames], view.mixture, view.part) for view in views(likelihood, mixture, part)]
 
 
@@ -204,7 +204,7 @@ def _noise(z: Float32Array, mixture: Mixture, part: Part) -> _Noise:
 
 
 def fit_memory(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part) -> TemporalCorrelation | None:
-    """The coefficient under which a part's samples are most likely; None where too few have a forerunner."""
+    """The most likely coefficient of a part's samples; None if too few samples have a frame before."""
     noises = _noises(likelihood, z, mixture, part)
     if sum(int(n.scored.sum()) for n in noises) < _LEAST_PAIRS or not any(np.nan_to_num(n.u).any() for n in noises):
         return None
@@ -212,19 +212,19 @@ def fit_memory(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: 
         lambda rho: -sum(n.gain(rho) for n in noises), bounds=(-_MOST, _MOST), method="bounded", options={"xatol": 1e-4}
     )
     rho = float(found.x)
-    rho += (1 + rho) * len(likelihood.evidence.starts) / len(z)  # Nickell's bias: many pixels, each mean taken out
+    rho += (1 + rho) * len(likelihood.evidence.starts) / len(z)  # Nickell's bias, of many pixels without their means
     return TemporalCorrelation(coefficient=min(max(rho, -_MOST), _MOST))
 
 
 def memory_gain(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part, coefficient: float) -> float:
-    """Nats that earlier frames' noise is worth for the prediction of a part's samples."""
+    """Gain, nats, by earlier frames in the prediction of a part's samples."""
     return sum(n.gain(coefficient) for n in _noises(likelihood, z, mixture, part))
 
 
 def memory_left(likelihood: Likelihood, state: State, coefficient: float, seed: int) -> float:
-    """Largest correlation of scores that a memory of one frame leaves, at any lag, less four standard errors of chance.
+    """Largest correlation of scores at any lag after a memory of one frame, minus four standard errors.
 
-    Noise that is averaged over n frames is left with one at lag n, whatever the coefficient.
+    Noise that is averaged over n frames keeps a correlation at lag n, for any coefficient.
     """
     mixture = likelihood.mixture(state)
     frames, pixels = (np.arange(n) for n in likelihood.evidence.shape)
@@ -235,7 +235,7 @@ def memory_left(likelihood: Likelihood, state: State, coefficient: float, seed: 
 def _left(z: Float32Array, mixture: Mixture, coefficient: float) -> float:
     flat = whitened(z, mixture, coefficient)[:, one_surface(mixture)]
     ok = np.isfinite(flat) & (np.abs(flat) < _FAR)
-    for axis in (0, 1):  # pixels' own means, and frames'
+    for axis in (0, 1):  # means of pixels and of frames
         mean = np.where(ok, flat, 0).sum(axis=axis, keepdims=True) / np.maximum(ok.sum(axis=axis, keepdims=True), 1)
         flat = np.where(ok, flat - mean, 0)
     power = float((flat**2).sum(dtype=np.float64)) / max(int(ok.sum()), 1)
@@ -321,9 +321,9 @@ def _gain(
 
 
 def inflation(likelihood: Likelihood, mixture: Mixture, state: State, part: Part) -> FloatArray:
-    """By how much the memory raises the variance (pixel,) of a pixel's mean over the part's frames; 1 without one.
+    """Factor (pixel,) by which the memory raises the variance of a pixel's mean over the part's frames; 1 without one.
 
-    Two samples of a mixed pixel share a surface, and so the noise, by chance.
+    Two samples of a mixed pixel share the noise only if they are of the same surface.
     """
     coefficient = memory_of(state)
     out = np.ones(likelihood.evidence.shape[1])

@@ -1,7 +1,8 @@
 """The mixture that a model with effects predicts for each sample of a recording.
 
-Use `Scene.mixture` with the effects to be tried. What links samples (frames of interference, pixels' own
-biases, stuck pixels, memory) is left to `tofmix.reconciliation.likelihood`; all else is the registry's own prediction.
+Use `Scene.mixture` with the effects to try. `tofmix.reconciliation.likelihood` adds the hidden states that link samples
+(frames of interference, biases of pixels, stuck pixels, memory); everything else is the prediction of the registry's
+effects.
 """
 
 from collections import OrderedDict
@@ -28,11 +29,11 @@ from tofmix.simulation.surface import Surface
 from tofmix.simulation.truth import Truth
 
 LINKING = (Latent.FRAME, Latent.PIXEL, Latent.MEMORY)
-"""Hidden states that link samples: no part of the mixture. A lattice is a part of it."""
+"""Hidden states that link samples. They are no part of the mixture; `quantisation` is a part of it."""
 
-_TIMES = (4, 8, 16, 32)  # at how many a scene that changes is worked out: the most, unless surfaces alone move
-_STEP_MM = 15.0  # that a surface moves from one to the next, if there are enough of them
-_SOON_S = 1e-3  # over which a surface's velocity is taken
+_TIMES = (4, 8, 16, 32)  # times at which a changing scene is computed; the most unless only surfaces move
+_STEP_MM = 15.0  # largest move of a surface from one time to the next, if there are enough times
+_SOON_S = 1e-3  # for the velocity of a surface
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -44,7 +45,7 @@ class Mixture:
     weight, mean, sigma, rate : (time, component, pixel) float64
         Probability; mean and standard deviation, mm; change of the mean, mm/s.
     lit : (time, component, pixel) bool
-        Whether light of a surface is in it, so that biases act.
+        Whether it contains light of a surface, so that biases act.
     surface : (time, component, pixel) int64
         Its number; -1 for none.
     amplitude : (time, component, pixel) float64
@@ -54,13 +55,13 @@ class Mixture:
     invalid : (time, pixel) float64
         Probability of an invalid sample.
     outlier, background : (pixel,) float64
-        Share of random values; the part of it that is the camera's background.
+        Share of random values; the camera's background in this share.
     low, high : float
         Limits of random values, mm.
     step, period : float
-        Lattice and fold, mm; 0 for none.
+        Quantisation step and fold, mm; 0 for none.
     key, since : (frame,)
-        Which time a frame goes by, and the time since then, s.
+        Number of the time that a frame uses, and the time since then, s.
     frame_bias : (frame,) float64
         Bias of a frame's lit components, mm.
     shape : NoiseShape or None
@@ -91,16 +92,16 @@ class Mixture:
     table: ShapeTable = GAUSSIAN
 
     def widened(self, log_width: FloatArray) -> "Mixture":
-        """The same with every sigma times the exponential of logarithms of a shape that goes with (.., .., pixel)."""
+        """The same with each sigma multiplied by exp(log_width), which broadcasts to (time, component, pixel)."""
         return replace(self, sigma=self.sigma * np.exp(log_width))
 
     @property
     def told(self) -> FloatArray:
-        """Share (pixel,) of the samples at the first time that tell of the scene: valid, and no background."""
+        """Share (pixel,) of samples of the scene at the first time: valid and no background."""
         return np.asarray(1.0 - self.invalid[0] - self.background)
 
     def of_frames(self, frames: slice) -> "Mixture":
-        """That of one recording by itself, not copied."""
+        """The mixture of one recording, not copied."""
         if frames.stop - frames.start == self.key.size:
             return self
         first, last = int(self.key[frames].min()), int(self.key[frames].max())
@@ -118,9 +119,9 @@ class Mixture:
         return np.asarray(self.weight[0].argmax(axis=0))
 
     def main_of(self, other: "Mixture") -> IntArray:
-        """The component (pixel,) that shows the heaviest one's surface in another mixture of the scene.
+        """The component (pixel,) with the surface of the heaviest component in another mixture of the scene.
 
-        It is of the first time. -1 where the surface is out of the pixel.
+        At the first time; -1 if the surface is out of the pixel.
         """
         here = self.surface[0] == other.of_main(other.surface)
         same = np.minimum(other.main, len(here) - 1)
@@ -133,26 +134,26 @@ class Mixture:
 
 
 class Scene:
-    """A model's scene, cast wherever effects put its surfaces.
+    """A model's scene, cast with its surfaces as effects place them.
 
-    What it predicts depends on the effects alone. Casts are kept, the last ones used, as fits come back to them.
+    Predictions depend on the effects alone. The casts used last are kept, because fits use them again.
 
-    Effects of a surface that the model has not are none of its own: they are of another recording's scene. What the
-    model has already acts in every mixture, but for what links samples, which is in `links`.
+    An effect of a surface that the model does not have belongs to another recording. The effects of the model act in
+    every mixture, except those that link samples, which are in `links`.
 
     Parameters
     ----------
     model : Model
-        The model, with the effects it has already.
+        The model with its effects.
     time_s : (frame,) float64
         Times of the frames.
     kept_bytes, kept : int
-        Casts that are kept: at most so much memory, at least so many.
+        Kept casts: most memory, and least number.
 
     Attributes
     ----------
     beams : (pixel, 3) float64
-        Unit vectors along the beams of the pixels' centres.
+        Unit vectors of the beams of the pixels' centres.
     """
 
     def __init__(
@@ -166,7 +167,7 @@ class Scene:
         self.links = tuple(e for e in model.effects if e.latent in LINKING and not _mapped_bias(e))
         self._apart = tuple(e for e in model.effects if _stands_apart(e))
         rest = tuple(e for e in model.effects if e not in (*self.links, *self._apart))
-        alike = replace(model.sensor.noise, width_spread=0.0)  # widths are the recording's: a state has them
+        alike = replace(model.sensor.noise, width_spread=0.0)  # widths belong to the recording: a state has them
         self._still = replace(model, effects=rest, sensor=replace(model.sensor, noise=alike))
         self._table = shape_table(model.sensor.noise.shape)
         self._caster = PolygonCaster(model.sensor)
@@ -176,9 +177,9 @@ class Scene:
 
     @cached_property
     def sigma_of_place(self) -> FloatArray:
-        """Move (surface,) of each surface along its normal, mm, that moves its ranges by their sigma.
+        """Shift (surface,) of each surface along its normal, mm, that changes its ranges by their sigma.
 
-        The median over the pixels that see it most; NaN where none does.
+        The median over the pixels in which it has the most light; NaN without such pixels.
         """
         m = self.mixture()
         surface, sigma, ranges = m.of_main(m.surface), m.of_main(m.sigma), m.of_main(m.true_range)
@@ -190,24 +191,24 @@ class Scene:
 
     @property
     def casts(self) -> int:
-        """How many casts are kept."""
+        """Number of kept casts."""
         return len(self._casts)
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """What the model has already."""
+        """Effects of the model."""
         return self.model.effects
 
     def surface(self, name: str) -> Surface:
-        """A surface as the model has it."""
+        """A surface of the model."""
         return self.model.surfaces[self.names.index(name)]
 
     def own(self, effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
-        """Those of some effects that act in this scene."""
+        """The effects among these that act in this scene."""
         return tuple(e for e in effects if getattr(e, "surface", None) in (None, *self.names))
 
     def _cast(self, surfaces: tuple[Surface, ...]) -> tuple[Truth, Prediction]:
-        """The scene cast with its surfaces where they are, and what is predicted of it without effects."""
+        """The cast of the scene with these surfaces, and its prediction without effects."""
         kept = self._casts.pop(surfaces, None)
         if kept is None:
             truth = self._caster.cast(replace(self._still, surfaces=surfaces))
@@ -215,11 +216,11 @@ class Scene:
             most = max(self._kept, self._kept_bytes // max(_size(kept), 1))
             while len(self._casts) >= most:
                 self._casts.popitem(last=False)
-        self._casts[surfaces] = kept  # as the last one used
+        self._casts[surfaces] = kept  # now the last one used
         return kept
 
     def _times(self, effects: tuple[Effect, ...]) -> FloatArray:
-        """Times (time,) at which the scene is worked out, s; one where it does not change but for a bias of frames."""
+        """Times (time,) at which the scene is computed, s; a single one if only biases of frames change."""
         changing = [e for e in effects if e.changes_in_time and e.frame_bias(self.time_s) is None]
         if not changing:
             return np.zeros(1)
@@ -232,7 +233,7 @@ class Scene:
         return np.asarray((edges[1:] + edges[:-1]) / 2)
 
     def _placed(self, effects: tuple[Effect, ...], time_s: float) -> tuple[Surface, ...]:
-        """The surfaces where effects put them at a time."""
+        """The surfaces as effects place them at a time."""
         surfaces = self.model.surfaces
         for effect in effects:
             if effect.level is Level.GEOMETRY:
@@ -240,7 +241,7 @@ class Scene:
         return surfaces
 
     def _velocities(self, effects: tuple[Effect, ...], time_s: float) -> FloatArray:
-        """Change of the rays to each surface (surface + 1,), per mm of their length and second; 0 for no surface."""
+        """Rate of change of the rays to each surface (surface + 1,), per mm of their length and s; 0 for no surface."""
         out = np.zeros(len(self.names) + 1)
         if any(e.level is Level.GEOMETRY and e.changes_in_time for e in effects):
             now, soon = (
@@ -250,7 +251,7 @@ class Scene:
         return out
 
     def mixture(self, effects: tuple[Effect, ...] = ()) -> Mixture:
-        """What the model and these effects predict, but for hidden states that link samples."""
+        """The prediction of the model and these effects, without hidden states that link samples."""
         effects = (*self._apart, *self.own(effects))
         times = self._times((*self._still.effects, *effects))
         wells = [e for e in effects if isinstance(e, Saturation)]
@@ -305,12 +306,12 @@ class Scene:
 
 
 def _mapped_bias(effect: Effect) -> bool:
-    """Whether an effect is a pattern that is known pixel by pixel."""
+    """Whether an effect is a pattern with a map."""
     return isinstance(effect, FixedPattern) and effect.map is not None
 
 
 def _stands_apart(effect: Effect) -> bool:
-    """Whether an effect is left out of `predict`: it places surfaces, or is a bias of each frame."""
+    """Whether `predict` leaves out an effect: it places surfaces, or is a bias of each frame."""
     return effect.level is Level.GEOMETRY or effect.frame_bias(np.zeros(1)) is not None
 
 
@@ -326,7 +327,7 @@ def _plane_distance(surface: Surface) -> float:
 
 
 def _saturate(prediction: Prediction, well: Saturation) -> None:
-    """Lose what is too bright. The amplitude of one sample has the noise of its phase, so the edge is not sharp."""
+    """Lose samples that are too bright. The amplitude of a sample has the noise of its phase, so the edge is smooth."""
     noise = prediction.amplitude * prediction.sigma_mm * (2 * np.pi / prediction.turn_mm)
     over = (prediction.amplitude - well.full_well_amplitude) / np.maximum(noise, 1e-9)
     prediction.lose(np.where(prediction.returned, ndtr(over), 0.0))

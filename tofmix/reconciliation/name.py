@@ -1,8 +1,8 @@
-"""Step 3: fit each effect of the registry to what the fits may see, and score it on what they may not.
+"""Step 3: fit each effect of the registry to the fitting data, and score it on the held-out data.
 
-The score is the gain in held-out log predictive density over the model as it stands. Frames and pixels are held
-out, both in blocks. A model that is right but for a tolerance (poses by a part of sigma, the noise's scale by a tenth
-of that part) competes as the `tolerated` rival: no effect is named for what that explains.
+The score is the gain in held-out log predictive density over the model with the effects added so far. Frames and pixels
+are held out in blocks. The model moved within its tolerance (poses by a part of sigma, the scale of the noise by a
+tenth of that part) is a rival, `tolerated`: an effect must explain more than this rival.
 """
 
 from collections.abc import Callable, Iterable
@@ -33,11 +33,11 @@ from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 
 PRICE_NATS = 3.0  # of each free parameter
 
-_MANY_FRAMES = 80  # from which on half of the frames rank the candidates
+_MANY_FRAMES = 80  # with so many or more, half of them rank the candidates
 _STEPS = 2  # of poses, within the tolerance
 _HALVINGS = 6  # a sixty-fourth of a tolerated step changes nothing
 SLACK = 1.15
-"""A tolerance is a typical error, not the largest."""
+"""Factor on the tolerance, which is a typical error and not the largest one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,15 +49,15 @@ class Candidate:
     effect : Effect
         With its fitted parameters.
     gain : float
-        Held-out gain over the model as it stands, nats.
+        Held-out gain over the model with the effects added so far, nats.
     parameters : int
         Free parameters.
     state : State
-        The model with it.
+        The model with this effect.
     fitted : Fitted or None
-        The search, where there was one.
+        The end of its search, if it was searched for.
     others : tuple of Candidate
-        The model's earlier effects, where they were fitted anew together with it; else none.
+        The effects added before, if they were fitted again together with it; else empty.
     """
 
     effect: Effect
@@ -74,17 +74,17 @@ class Candidate:
 
     @property
     def static(self) -> bool:
-        """Whether it gives each pixel a bias that stays."""
+        """Whether it gives each pixel a constant bias."""
         return self.effect.target is Target.BIAS
 
     @property
     def exact(self) -> bool:
-        """Whether its law is exact, so that its gain says nothing of what is left."""
+        """Whether its law is exact. Its gain then does not limit the remaining deviation."""
         return self.effect.exact_law
 
     @property
     def loses(self) -> bool:
-        """Whether it loses samples: what it gains, a sample each, says nothing of the ranges of the others."""
+        """Whether it loses samples. Its gain, from lost samples, then says nothing about the ranges of the others."""
         return self.effect.target is Target.LOSS
 
     @property
@@ -95,7 +95,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trial:
-    """What the candidates of one round share."""
+    """Data that all candidates of one round share."""
 
     likelihood: Likelihood
     state: State
@@ -126,7 +126,7 @@ def begin_trial(likelihood: Likelihood, state: State, split: str, seed: int) -> 
 
 
 def _thinned(evidence: Evidence, part: Part) -> Part:
-    """Every second block of the frames, if there are many: enough to rank by; what is added is fitted to all."""
+    """Every second block of the frames, if there are many. They rank candidates; added effects are fitted to all."""
     frames, pixels = part
     if len(frames) < _MANY_FRAMES:
         return part
@@ -134,7 +134,7 @@ def _thinned(evidence: Evidence, part: Part) -> Part:
 
 
 def candidates(trial: Trial, kinds: Iterable[str], tick: Callable[[str], None] = lambda _: None) -> list[Candidate]:
-    """Every effect of these kinds that the model may have, best first.
+    """Every possible effect of these kinds, best first.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def candidates(trial: Trial, kinds: Iterable[str], tick: Callable[[str], None] =
     kinds : iterable of str
         Kinds to try.
     tick : callable
-        Told of each kind that is done.
+        Called with each kind that is done.
     """
     found: list[Candidate] = []
     for kind in kinds:
@@ -183,9 +183,9 @@ def _by_search(trial: Trial, kind: str) -> list[Candidate]:
 
 
 def _shifts(trial: Trial, state: State, gain: float) -> bool:
-    """Whether a second path's bias earns a part of its gain: a path of one turn only makes a surface noisier.
+    """Whether the bias of a second path gives a part of its gain.
 
-    What makes a surface noisier has many causes, of which a path of just that length is none that we would name.
+    A path of one turn only adds noise to a surface. Noise has many causes, and such a path is an unlikely one.
     """
     mixture = trial.likelihood.mixture(state)
     if mixture.mean.shape != trial.mixture.mean.shape:
@@ -242,7 +242,7 @@ def _pattern(trial: Trial) -> Candidate | None:
 
 
 def pattern_gain(trial: Trial, effect: FixedPattern) -> float:
-    """Held-out gain of a pattern, all patterns integrated out: the held-out pixels' own were never fitted."""
+    """Held-out gain of a pattern, with its values integrated out, because those of held-out pixels are not fitted."""
     found = pixel_biases(trial.likelihood, trial.mixture, trial.state, trial.test_part)
     return marginal_pattern(found, trial.likelihood.evidence.image, _spreads(effect))[0]
 
@@ -272,19 +272,19 @@ KINDS = tuple(EFFECTS)
 
 
 def tolerated(likelihood: Likelihood, state: State, part: Part, tolerance: float) -> State:
-    """The model with its poses and its noise's scale moved to where they fit best, within what is taken as right.
+    """The model with poses and noise scale moved within the tolerance to where they fit best.
 
     Parameters
     ----------
     likelihood : Likelihood
         Of the recording.
     state : State
-        The model as it stands.
+        The model with the effects added so far.
     part : (frames, pixels)
-        What the fit may see.
+        Data of the fit.
     tolerance : float
-        Error of a surface's ranges by its place, in sigma of the pixels that see it; that of the noise's scale in
-        tenths. A tilt is none that is tolerated.
+        Accepted error of a surface's ranges by its position, in sigma of the pixels that see it; of the noise scale, in
+        tenths. Tilts are not accepted.
     """
     if tolerance <= 0:
         return state
@@ -305,9 +305,9 @@ def tolerated(likelihood: Likelihood, state: State, part: Part, tolerance: float
 
 
 def _within(likelihood: Likelihood, state: State, part: Part, tolerance: float) -> tuple[State, float]:
-    """The model with its poses moved to where they fit best within the tolerance, and its log-likelihood there.
+    """The model with poses moved within the tolerance to where they fit best, and its log-likelihood.
 
-    Newton's steps, each halved until it is one upwards: of ranges on a lattice the log-likelihood is no parabola.
+    Newton steps, each halved until the log-likelihood rises: for quantised ranges it is no parabola.
     """
 
     def at(shifts: FloatArray) -> _Slopes:
@@ -346,7 +346,7 @@ class _Slopes:
     def step(self, likelihood: Likelihood, tolerance: float) -> FloatArray:
         """Newton's step (surface,), mm, that ends within the tolerance."""
         out = np.zeros(self.shifts.size)
-        sigma = np.nan_to_num(likelihood.scene.sigma_of_place)  # where no pixel sees it, no place is known either
+        sigma = np.nan_to_num(likelihood.scene.sigma_of_place)  # if no pixel sees a surface, its position is unknown
         for number in np.flatnonzero(self.information > 0):
             limit = SLACK * tolerance * float(sigma[number])
             to = self.shifts[number] + self.slope[number] / self.information[number]
@@ -367,7 +367,7 @@ def _slopes(likelihood: Likelihood, state: State, part: Part, shifts: FloatArray
 def _add_slopes(
     likelihood: Likelihood, view: View, sums: FloatArray, slope: FloatArray, information: FloatArray
 ) -> None:
-    """Add what one recording says of the surfaces' shifts."""
+    """Add slope and information of one recording about the shifts of surfaces."""
     m = view.mixture
     surface, single = m.of_main(m.surface), m.of_main(m.weight) > 0.9 * m.told
     for own_number, name in enumerate(view.scene.names):

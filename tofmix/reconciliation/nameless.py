@@ -1,9 +1,9 @@
-"""Step 5's nameless rivals: smooth laws of place or range, which no effect is, against the biases that were named.
+"""Step 5, first rivals: smooth laws of place or range that are no known effect, for the named biases.
 
-The nearest effect takes up most of a law that it is not: a lens that bends range outwards looks like a walk with
-amplitude, a scale that is off like a wiggling. So smooth laws compete with the effects that move each pixel by itself,
-as those did among themselves: fitted to the same data, paying for their numbers, and scored on what no fit has seen.
-A fixed pattern among the effects is put under the law too, so that it tips no scale.
+The nearest effect imitates most of an unknown law: a lens that bends range looks like an amplitude walk, a wrong scale
+like a wiggling. So smooth laws compete with the static effects. They are fitted to the same data, have a price for each
+number, and are scored on held-out data. If the effects include a fixed pattern, the laws have one too, so that it gives
+no advantage.
 """
 
 import math
@@ -28,15 +28,15 @@ from tofmix.simulation.effects.temperature_drift import TemperatureDrift
 
 CLEARLY_NATS = 6.0  # of gain over the best effect
 CLEARLY_SHARE = 0.0001
-"""By how much a law must beat the effects: at least so many nats, and this share of what they gained, as no effect's
+"""By how much a law must be better than the effects: so many nats, and this share of their gain, because no effect's
 law is exact."""
 
 _KNOWN = 0.5
-"""Share of the price of a number that is known beforehand to within the tolerance."""
+"""Share of the price, for a number that is known to within the tolerance."""
 
-_PASSES = 2  # of a linear fit, the second about the first's end
-_SOON = 0.05  # of the recording, in which a drift that is as short falls by e
-_ALONE = 0.98  # share of the beam of a surface that a pixel sees by itself
+_PASSES = 2  # of a linear fit; the second starts at the end of the first
+_SOON = 0.05  # longest time constant, as a part of the recording, of a drift that is taken as static
+_ALONE = 0.98  # least share of the beam of a pixel that sees one surface
 
 
 def better_law(
@@ -48,7 +48,7 @@ def better_law(
     *,
     stood: bool = False,
 ) -> str | None:
-    """The axis of a smooth law that beats the static effects that were named; None if none does.
+    """The axis of a smooth law that is better than the named static effects; None without one.
 
     Parameters
     ----------
@@ -59,12 +59,12 @@ def better_law(
     chosen : sequence of Candidate
         Its effects, in its order.
     parts : two of (frames, pixels)
-        What fits may see, and what they may not, of all pixels: laws of few numbers need none held out.
+        Fitting data and held-out data, of all pixels: laws of few numbers need no held-out pixels.
     tolerance : float
-        Of the model: a law must beat whatever is taken as right beside the effects, too.
+        Tolerance of the model: a law must also be better than the effects with the model moved within its tolerance.
     stood : bool
-        Whether a law has beaten fewer effects before: more of them come nearer to it by their number alone, so that
-        it is they that must be better.
+        Whether a law was better than the effects of an earlier search. More effects come nearer to the law by their
+        number alone, so then a law needs no margin.
     """
     duration = float(likelihood.evidence.time_s.max())
     static = [c for c in chosen if _stays(c.effect, duration)]
@@ -74,12 +74,12 @@ def better_law(
     bare = replace(state, pixel_bias=np.zeros_like(state.pixel_bias), pixel_variance=np.zeros_like(state.pixel_bias))
     named = replace(bare, effects=tuple(e for e in state.effects if e.kind != FixedPattern.kind))
     rest = replace(bare, effects=tuple(e for e in state.effects if not _stays(e, duration)))
-    # What stands is here to be overthrown by what has no name, for which the price by the data's size is the safer one
+    # A law without a name may replace the named effects, so the price grows with the number of samples (BIC)
     each = max(PRICE_NATS, 0.5 * math.log(max(len(parts[1][0]) * len(parts[1][1]), 1)))
     price = each * sum(c.parameters for c in static if c.kind != FixedPattern.kind)
     others = [c for c in chosen if c.kind != FixedPattern.kind]
     near = settled_within(likelihood, named, others, parts[0], tolerance)
-    moved = _KNOWN * PRICE_NATS * (len(near.effects) - len(named.effects))  # each one's tilts hardly count
+    moved = _KNOWN * PRICE_NATS * (len(near.effects) - len(named.effects))  # their tilts hardly count
     at, about = (worth(likelihood, s, likelihood.mixture(s), parts, patterned=patterned) for s in (named, near))
     explain = max(at, about - moved) - price
     mixture = likelihood.mixture(rest)
@@ -95,14 +95,14 @@ def better_law(
 
 
 def _stays(effect: Effect, duration_s: float) -> bool:
-    """Whether an effect is static, or soon is."""
+    """Whether an effect is static, or becomes static soon."""
     return effect.target is Target.BIAS or (
         isinstance(effect, TemperatureDrift) and effect.time_constant_s < _SOON * duration_s
     )
 
 
 _Bent = tuple[State, Mixture, int]
-"""What a law makes of state and prediction, and how many numbers it has."""
+"""State and prediction with a law, and its number of parameters."""
 
 
 def _by_plane(likelihood: Likelihood, state: State, mixture: Mixture, part: Part) -> _Bent:
@@ -128,7 +128,7 @@ def _polynomial(likelihood: Likelihood, state: State, mixture: Mixture, part: Pa
 
 
 def _by_range(likelihood: Likelihood, state: State, mixture: Mixture, part: Part) -> _Bent | None:
-    """A polynomial of second degree in the range of each surface; of one recording, as each has its own prediction."""
+    """A polynomial of second degree in the range of each surface; for one recording only."""
     lit = mixture.of_main(mixture.lit).astype(bool)
     if len(likelihood.scene.members) > 1 or not lit.any():
         return None
@@ -157,7 +157,7 @@ _LAWS: Sequence[tuple[str, Callable[[Likelihood, State, Mixture, Part], _Bent | 
 def _fitted(
     likelihood: Likelihood, state: State, mixture: Mixture, part: Part, by: tuple[FloatArray, BoolArray]
 ) -> FloatArray:
-    """The numbers of a law that is linear by columns (pixel, number), from the biases of some pixels."""
+    """The numbers of a law that is linear in columns (pixel, number), from the biases of some pixels."""
     columns, use = by
     found = pixel_biases(likelihood, mixture, state, part)
     weighed = columns * np.where(use, found.information, 0.0)[:, None]

@@ -1,4 +1,4 @@
-"""What to do after a verdict: one sentence each, the most useful first."""
+"""Next steps after a verdict: one sentence each, the most useful first."""
 
 import json
 import math
@@ -19,17 +19,17 @@ from tofmix.reconciliation.way import Settings, fit_part
 from tofmix.simulation.surface import Surface
 from tofmix.wording import counted
 
-_CLEAR = 5.0  # standard errors by which a surface stands elsewhere
-_MOSTLY = 0.8  # of the weighted squares of a surface's biases, that another pose must explain
+_CLEAR = 5.0  # least distance from the model's pose, in standard errors
+_MOSTLY = 0.8  # least share of the weighted squares of a surface's biases that another pose explains
 _LEAST_PIXELS = 12  # of a surface, for a pose of three numbers
 _LEAST = 1e-30  # information
-_MOST_POSES = 3  # that are told: more are another scene
-_LEAST_TURN_DEG = 0.02  # a smaller tilt is not worth a word
+_MOST_POSES = 3  # most poses that are listed; more are another scene
+_LEAST_TURN_DEG = 0.02  # smaller tilts are not reported
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundPose:
-    """Where the samples put a surface of a recording, from 0."""
+    """The pose of a surface from its samples; recordings are numbered from 0."""
 
     surface: Surface
     recording: int
@@ -37,7 +37,7 @@ class FoundPose:
 
     @property
     def farther(self) -> bool:
-        """Whether the surface is farther from the camera than the model says."""
+        """Whether the surface is farther from the camera than in the model."""
         toward = float(self.surface.rotation()[:, 2] @ np.array(self.surface.center_mm))
         return self.pose.shift_mm * toward > 0
 
@@ -45,7 +45,7 @@ class FoundPose:
 def next_steps(
     likelihood: Likelihood, added: Added, verified: Verified, unclear: Sequence[Alias], settings: Settings
 ) -> tuple[str, ...]:
-    """What to do, the most useful first; never empty.
+    """Next steps, the most useful first; never empty.
 
     Parameters
     ----------
@@ -56,13 +56,13 @@ def next_steps(
     verified : Verified
         The verdict.
     unclear : sequence of Alias
-        What is not told apart.
+        Explanations that the recording cannot separate.
     settings : Settings
-        How it was looked for.
+        Options of the search.
     """
     steps = [*_of_the_recording(likelihood, verified)]
     if verified.verdict in ("unexplained", "partly_explained"):
-        named = verified.verdict == "partly_explained"  # the others are no part of the model
+        named = verified.verdict == "partly_explained"  # otherwise the effects are no part of the model
         poses = found_poses(likelihood, settings, verified.state if named else None)
         steps += _of_poses(poses, several=len(likelihood.scene.members) > 1)
         steps += _of_the_search(added, verified, settings, misplaced=bool(poses))
@@ -107,7 +107,7 @@ def _of_the_search(added: Added, verified: Verified, settings: Settings, *, misp
         )
     if len(added.chosen) >= settings.max_effects:
         yield f"The search stopped at {counted(settings.max_effects, 'effect')}: raise --max-effects."
-    if misplaced:  # what is smooth over the image, or widens the noise, may be the surfaces' places
+    if misplaced:  # wrong poses can also cause a bias that is smooth over the image, or wider noise
         return
     if verified.law == "place in the image":
         yield (
@@ -141,7 +141,7 @@ def _of_poses(poses: Sequence[FoundPose], *, several: bool) -> Iterator[str]:
 
 
 def effect_line(found: FoundPose) -> str:
-    """The table of a model file that moves the surface there, on one line of text."""
+    """The table of a model file that moves the surface to this pose, on one line."""
     values: dict[str, str | float] = {"surface": found.surface.name, "shift_mm": float(f"{found.pose.shift_mm:.5g}")}
     for name in ("yaw_deg", "pitch_deg"):
         if abs(getattr(found.pose, name)) > _LEAST_TURN_DEG:

@@ -1,6 +1,6 @@
-"""Step 5's last rival: an effect that the model has, with other numbers than it says.
+"""Step 5, last rival: an effect of the given model with other numbers.
 
-Whatever such an effect lacks, or has too much, the effects that the model has not can only come near.
+If such an effect has wrong numbers, added effects can only imitate the correction.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ def better_own(
     added: tuple[float, Sequence[Candidate]],
     settings: Settings,
 ) -> Effect | None:
-    """The model's own effect, with the numbers by which it beats all effects that were added; None if none does.
+    """The model's own effect with numbers that are better than all added effects; None without one.
 
     Parameters
     ----------
@@ -32,14 +32,14 @@ def better_own(
     likelihood : Likelihood
         Of them.
     added : (float, sequence of Candidate)
-        Held-out log-likelihood with what was added, and that.
+        Held-out log-likelihood with the added effects, and these effects.
     settings : Settings
         How.
     """
     value, chosen = added
     best, top = None, value - PRICE_NATS * sum(c.parameters for c in chosen) + CLEARLY_NATS
     searched = (e for e in likelihood.scene.effects if e.latent is Latent.NONE and e.kind in EFFECTS)
-    for effect in dict.fromkeys(searched):  # recorded amplitudes stand among the effects, but are no registered kind
+    for effect in dict.fromkeys(searched):  # recorded amplitudes are among the effects, but are no registered kind
         without = joint_likelihood([(_less(model, effect), evidence) for model, evidence in recordings])
         part = fit_part(without, settings)
         trial = begin_trial(without, begin(without, part[0], settings.tolerance), settings.split, settings.seed)

@@ -1,8 +1,8 @@
-"""The panel: statistics of scores, each against an axis, each with a null that is known.
+"""The panel: statistics of scores over axes, with known null distributions.
 
-A sample's score is standard normal if the model is right. Its first four Hermite polynomials then have mean 0,
-variance 1 and no correlation, so that means over bins of any axis have known variances. Use
-`tofmix.reconciliation.compare` for the whole of it.
+If the model is right, scores are standard normal. Their first four Hermite polynomials then have mean 0, variance 1 and
+no correlation, so means over bins of any axis have known variances. `tofmix.reconciliation.compare` computes the whole
+panel.
 """
 
 import math
@@ -21,16 +21,16 @@ from tofmix.reconciliation.mixture import Mixture
 
 SHAPES = ("bias", "spread", "skew", "tails")
 BINS = 12
-"""Of axes that are cut by quantiles."""
+"""Number of bins of axes that are divided by quantiles."""
 
 _ENOUGH = 200  # samples of a bin
-_ENOUGH_OF_MEANS = 40  # samples of a bin of which a mean, or a spread, is asked
+_ENOUGH_OF_MEANS = 40  # samples of a bin, for a mean or a spread
 _ENOUGH_PIXELS = 12  # for the correlation of neighbours in the image
-_MANY_BINS = 40  # from which a sum of squares is normal enough
-_FAR_WIDTH = 2.5  # spreads: a pixel that something else widens must not decide for all
+_MANY_BINS = 40  # with more, a sum of squares is nearly normal
+_FAR_WIDTH = 2.5  # largest width in spreads: one pixel with another cause must not decide
 _CLIPPED_MEAN, _CLIPPED_SPREAD = 0.97756, 1.29675  # mean and spread of min(x^2, 2.5^2), x a standard normal number
-_TOLD = 0.5  # part of a pixel's log width, in variance, that its samples tell
-_SMOOTH_MM = 2.0  # a density of this sigma is smooth over three mm
+_TOLD = 0.5  # least part of the variance of a pixel's log width that its samples determine
+_SMOOTH_MM = 2.0  # least sigma of a density that is smooth over three mm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,15 +40,14 @@ class Curve:
     Parameters
     ----------
     statistic, axis : str
-        What, and against what; words of the contract.
+        Names of statistic and axis, as in `gap.json`.
     lower, upper : limits of the bins, in `unit`.
     value : mean of the statistic; 0 if the model is right.
-    variance : of the value by chance.
-    unit : str
+    variance : of the value if the model is right. unit : str
         Unit of the axis.
-    scale_mm : shift of all the bin's samples that have a return by which their mean rises by 1, mm; 0 if none has.
-    telling : gain of what it says beyond lower orders, nats (`tofmix.reconciliation.telling`); None if not worked out.
-    recording : which one it is of, from 0.
+    scale_mm : shift of the bin's samples with a return that raises their mean by 1, mm; 0 without returns. telling :
+    information beyond lower orders, nats (`tofmix.reconciliation.telling`); None if not computed. recording : number of
+    its recording, from 0.
     """
 
     statistic: str
@@ -64,12 +63,12 @@ class Curve:
 
     @property
     def name(self) -> tuple[str, str, int]:
-        """Statistic, axis and recording: what tells it from the other curves of its panel."""
+        """Statistic, axis and recording, which identify it in its panel."""
         return self.statistic, self.axis, self.recording
 
     @property
     def chi2(self) -> float:
-        """Sum of the squares of the values in units of chance."""
+        """Sum of the squares of the values, in units of their variances."""
         return float((self.value**2 / self.variance).sum())
 
     @property
@@ -79,7 +78,7 @@ class Curve:
 
     @property
     def distance(self) -> float:
-        """Root mean square deviation in units of chance; 1 by chance."""
+        """Root mean square deviation in standard errors; noise alone gives 1."""
         return float(np.sqrt(self.chi2 / self.dof)) if self.dof else 1.0
 
     @property
@@ -90,19 +89,19 @@ class Curve:
 
     @property
     def excess_nats(self) -> float:
-        """Half of chi-square less its expectation: what the best explanation of this curve could gain."""
+        """Half of chi-square minus its expectation: the largest possible gain by an explanation of this curve."""
         return 0.5 * (self.chi2 - self.dof)
 
     @property
     def largest(self) -> float:
-        """The largest value beyond two standard errors; of pixels and frames, which are many, `size`."""
+        """The largest value minus two standard errors; for many bins, such as pixels and frames, `size`."""
         if self.dof > _MANY_BINS:
             return self.size
         return float((np.abs(self.value) - 2 * np.sqrt(self.variance)).max()) if self.dof else 0.0
 
     @property
     def size(self) -> float:
-        """Root mean square of the values beyond chance, weighted by their information."""
+        """Root mean square of the values beyond noise, weighted by their information."""
         return float(np.sqrt(max(self.chi2 - self.dof, 0.0) / (1 / self.variance).sum())) if self.dof else 0.0
 
 
@@ -118,7 +117,7 @@ class Axis:
 
 
 def panel_axes(evidence: Evidence, m: Mixture, part: Part, *, bins: int = BINS) -> Iterator[Axis]:
-    """Bins of the part's pixels by what the model says of them and by where they are."""
+    """Bins of the part's pixels, by predicted quantities and by position."""
     shares = tuple(np.arange(1, bins) / bins)
     rows, cols = evidence.image
     row, col = np.divmod(part[1], cols)
@@ -134,7 +133,7 @@ def panel_axes(evidence: Evidence, m: Mixture, part: Part, *, bins: int = BINS) 
     yield _quantiles("amplitude", "1", m.of_main(m.amplitude)[part[1]], shares)
     yield _values("surface", m.of_main(m.surface)[part[1]])
     yield _values("surfaces_in_pixel", np.minimum(several, 3))
-    if rows > 1:  # one row is all
+    if rows > 1:  # a single row equals the axis `all`
         yield _values("row", row)
     if cols > 1:
         yield _values("col", col)
@@ -168,9 +167,9 @@ def shapes(
     """Means of the four Hermite polynomials over bins of pixels, and pixel by pixel."""
     count = np.isfinite(z).sum(axis=0)
     sigma = m.of_main(m.sigma)[part[1]]
-    unknown = state.pixel_variance[part[1]] / sigma**2  # a map that is measured has errors
-    of_width = state.log_width_error[recording, part[1]] ** 2  # and so have widths
-    free = one_surface(m)[part[1]] | (memory_of(state) == 0)  # a memory is taken out where one surface is seen
+    unknown = state.pixel_variance[part[1]] / sigma**2  # a measured map has errors
+    of_width = state.log_width_error[recording, part[1]] ** 2  # so have widths
+    free = one_surface(m)[part[1]] | (memory_of(state) == 0)  # only pixels of one surface are freed of a memory
     for name, power, off, wider in zip(SHAPES, hermite(z), *moves(m.shape), strict=True):
         errors = off**2 * unknown + wider**2 * of_width
         total: FloatArray = np.asarray(np.nansum(power, axis=0, dtype=np.float64))
@@ -186,17 +185,17 @@ def shapes(
 
 
 def widths(state: State, spread: float, recording: int = 0) -> Iterator[Curve]:
-    """Whether pixels' own widths are spread as the model says: their mean square, those beyond 2.5 spreads as at it.
+    """Whether the widths of pixels are spread as in the model: their mean square, clipped at 2.5 spreads.
 
-    Only a camera with a spread of widths has this curve. A width that is found is nearer to the middle than the true
-    one, by what is not known of it.
+    Only a camera with a spread of widths has this curve. An estimated width is nearer to the mean than the true one,
+    because of its error.
 
     Parameters
     ----------
     state : State
-        With the widths that were found.
+        State with the estimated widths.
     spread : float
-        Standard deviation of the log width that the model has.
+        The model's standard deviation of the log width.
     recording : int
         Which one, from 0.
     """
@@ -213,12 +212,12 @@ def widths(state: State, spread: float, recording: int = 0) -> Iterator[Curve]:
 
 
 def sigma_of_lit(m: Mixture, part: Part) -> FloatArray:
-    """Sigma of a part's pixels, mm; infinite where nothing returns, as no bias moves those samples."""
+    """Sigma of a part's pixels, mm; infinite without a return, because no bias moves these samples."""
     return np.where(m.of_main(m.lit)[part[1]], m.of_main(m.sigma)[part[1]], np.inf)
 
 
 def _curve(name: str, axis: Axis, total: FloatArray, known: tuple[FloatArray, FloatArray], sigma: FloatArray) -> Curve:
-    """Means over bins; `known` are the samples of each pixel and the variance of its mean beside theirs."""
+    """Means over bins; `known` are the samples of each pixel, and the additional variance of its mean."""
     count, unknown = known
     n = np.bincount(axis.bin, count, minlength=axis.lower.size)
     some = n >= (_ENOUGH_OF_MEANS if name in ("bias", "spread") else _ENOUGH)
@@ -231,7 +230,7 @@ def _curve(name: str, axis: Axis, total: FloatArray, known: tuple[FloatArray, Fl
 
 
 def invalid(evidence: Evidence, m: Mixture, state: State, axes: list[Axis], part: Part) -> Iterator[Curve]:
-    """Invalid samples beyond those that the model expects, over bins of pixels, and frame by frame."""
+    """Invalid samples beyond those that the model predicts, over bins of pixels, and by frame."""
     lost = evidence.samples[part[0]][:, part[1]] == 0
     working = state.working[part[1]]
     expected = m.invalid[0][part[1]] * len(part[0])
@@ -258,9 +257,10 @@ def invalid(evidence: Evidence, m: Mixture, state: State, axes: list[Axis], part
 
 
 def neighbours(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
-    """Correlation between neighbours in a row, and in a column, pixels' means removed.
+    """Correlation of neighbours in a row, and in a column, without the means of pixels.
 
-    Frames' means are removed too, which makes any two of n pixels alike by -1 / n; of few pixels nothing is left.
+    Means of frames are removed too. This gives any two of n pixels a correlation of -1 / n, so few pixels have no
+    result.
     """
     rows, cols = evidence.image
     if part[1].size < _ENOUGH_PIXELS:
@@ -280,9 +280,9 @@ def neighbours(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curv
 
 
 def discreteness(evidence: Evidence, part: Part, m: Mixture, state: State) -> Iterator[Curve]:
-    """Second differences of the histogram of whole mm, and its Fourier sums: 0 by chance where the density is smooth.
+    """Second differences of the histogram of whole mm, and its Fourier sums; 0 if the density is smooth.
 
-    Where the model has a lattice already: the share of samples that are not on it.
+    If the model has a `quantisation`: the share of samples off its steps.
     """
     use = part[1][(state.working & (m.of_main(m.sigma) > _SMOOTH_MM))[part[1]]]
     count = np.bincount(evidence.samples[part[0]][:, use].ravel(), minlength=65_536)[1:].astype(np.float64)
@@ -298,21 +298,21 @@ def discreteness(evidence: Evidence, part: Part, m: Mixture, state: State) -> It
     curl = count[1:-1] - (count[:-2] + count[2:]) / 2
     variance = count[1:-1] + (count[:-2] + count[2:]) / 4
     full = variance >= _ENOUGH
-    curl, variance = curl[full][::3], variance[full][::3]  # every third: they share no counts
+    curl, variance = curl[full][::3], variance[full][::3]  # every third, so that they share no counts
     at: FloatArray = (np.flatnonzero(full) + 2.0)[::3].astype(np.float64)
     yield Curve(statistic="discreteness", axis="range", lower=at, upper=at + 1, value=curl / variance,
                 variance=1.0 / variance, unit="mm", scale_mm=np.ones(at.size))  # fmt: skip
 
 
 _PERIODS = range(2, 17)  # mm
-_SMOOTH_TURNS = 0.8  # sigma of a density, in periods, from which it has no such wave: e^-12.6 of it
+_SMOOTH_TURNS = 0.8  # least sigma of a density without such a wave, in periods: the wave is e^-12.6
 
 
 def _combs(evidence: Evidence, part: Part, m: Mixture, state: State) -> Iterator[Curve]:
-    """Fourier sums of the samples over periods of whole mm, where some values come too seldom, however few they are.
+    """Fourier sums of the samples over periods of whole mm: they show values that are too rare, even in few samples.
 
-    Samples go in as they are, so that neither a scene that is too wide for full bins nor the model's means matter. A
-    memory, with which samples repeat each other, is left out.
+    They use samples and not scores, so a wide scene with few counts in a bin, or wrong means of the model, do not
+    matter. With a memory there is no result, because samples repeat each other.
     """
     if memory_of(state) or m.period > 0:
         return
@@ -334,7 +334,7 @@ def _combs(evidence: Evidence, part: Part, m: Mixture, state: State) -> Iterator
             sums += both
             counts += [n / len(both)] * len(both)
             turns += [period / k] * len(both)
-    order = np.argsort(turns, kind="stable")  # periods of k turns lie between those of one
+    order = np.argsort(turns, kind="stable")  # periods of k turns lie between those of one turn
     at, power = np.array(turns)[order], np.maximum(np.array(counts)[order], 1)
     yield Curve(statistic="discreteness", axis="all", lower=at, upper=at, value=np.array(sums)[order] / power,
                 variance=1.0 / power, unit="mm", scale_mm=np.ones(at.size))  # fmt: skip

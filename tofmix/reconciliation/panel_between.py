@@ -1,7 +1,7 @@
-"""The panel's samples between two surfaces: where a pixel sees two, and nothing of it lies between.
+"""Part of the panel: samples between the two surfaces of a pixel.
 
-Scores are blind there. Between two peaks the distribution function is flat, so that a sample's score says by how much
-the nearer surface fills the pixel and not that it should not be there; over many pixels such scores cancel.
+Scores do not show such samples. Between two peaks the distribution function is flat, so the score of a sample depends
+on the share of the nearer surface only. Over many pixels these scores cancel.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,16 +15,16 @@ from tofmix.reconciliation.likelihood import Part, State
 from tofmix.reconciliation.mixture import Mixture
 from tofmix.reconciliation.panel import Axis, Curve
 
-_CLEAR = 4.5  # sigma from a surface, where its own samples end
+_CLEAR = 4.5  # sigma from a surface, beyond which it has no samples
 _ENOUGH = 100  # samples of a bin
 _LEAST_SHARE = 1e-3  # of the beam
 
 
 def bridging(evidence: Evidence, m: Mixture, state: State, axes: Sequence[Axis], part: Part) -> Iterator[Curve]:
-    """Share of the samples of pixels that see two surfaces, between these, beyond those that are expected.
+    """Share of samples between the two surfaces of a pixel, beyond the predicted share.
 
-    Pixels next to one that sees a surface between are left out, for the share of a third surface may be too small
-    to be known. So are scenes that move and frames that bursts disturb.
+    A pixel is left out if a neighbour sees a surface between the two: the share of a third surface may be too small to
+    be known. There is no result for scenes that move and for a model with bursts.
     """
     if len(m.weight) > 1 or state.bursts is not None:
         return
@@ -45,15 +45,15 @@ def bridging(evidence: Evidence, m: Mixture, state: State, axes: Sequence[Axis],
     )
     some = n >= _ENOUGH
     found, expected, n = found[some], expected[some], n[some]
-    # Few are expected, so that the square of their number's deviation is no chi-square: the larger of both counts
-    # keeps it small
+    # Few are expected, so the squared deviation of their number is no chi-square; a variance that also follows the
+    # number found keeps it small
     variance = (np.maximum(0.5 * (found + expected), expected) + 1.0) / n**2
     yield Curve(statistic="bridging", axis=axis.name, lower=axis.lower[some], upper=axis.upper[some],
                 value=(found - expected) / n, variance=variance, unit=axis.unit, scale_mm=np.ones(n.size))  # fmt: skip
 
 
 def _valleys(m: Mixture) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Limits (pixel,) of what lies between the two surfaces of a pixel, mm; whether it sees two and no third."""
+    """Limits (pixel,) of the ranges between the two surfaces of a pixel, mm; whether it sees exactly two."""
     weight = np.where(m.lit[0], m.weight[0], 0.0)
     first = weight.argmax(axis=0)
     at = np.arange(first.size)
@@ -69,7 +69,7 @@ def _valleys(m: Mixture) -> tuple[FloatArray, FloatArray, BoolArray]:
 
 
 def _between(m: Mixture, image: tuple[int, int], low: FloatArray, high: FloatArray) -> BoolArray:
-    """Whether a pixel's neighbour has most of its light from between the limits (pixel,)."""
+    """Whether a neighbour of a pixel has most of its light from between the limits (pixel,)."""
     main = np.where(m.of_main(m.lit), m.of_main(m.mean), np.inf).reshape(image)
     framed = np.pad(main, 1, constant_values=np.inf)
     rows, cols = image

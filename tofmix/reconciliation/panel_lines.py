@@ -1,4 +1,4 @@
-"""Part of the panel: lines of the image that move together in a frame, as rows do that are read out one by one."""
+"""Part of the panel: lines of the image with a common bias in a frame, as in a rolling read-out."""
 
 from collections.abc import Iterator
 
@@ -14,10 +14,11 @@ _LEAST = 1e-9  # variance of a line that is not constant
 
 
 def lines(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
-    """Variance of each row's mean, and column's, over that of independent samples, less 1, over root 2.
+    """Variance of the mean of each row, and column, over that of independent samples, minus 1, over root 2.
 
-    Means of pixels and of frames are taken out first, and the line's own spread is divided out. Of an image of one row
-    the row's mean is the frame's, which is taken out: nothing is left to look at. So it is with one column.
+    Means of pixels and of frames are removed first, and values are divided by the spread of the line. In an image of
+    one row the mean of the row is that of the frame, which is removed, so there is no result. The same holds for one
+    column.
     """
     rows, cols = evidence.image
     ok = np.isfinite(z)
@@ -38,7 +39,7 @@ def lines(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
         level = (image**2).sum(axis=(0, axis), dtype=np.float64) / np.maximum(n.sum(axis=0), 1)
         square = np.where(use, image.sum(axis=axis, dtype=np.float64) ** 2 / np.maximum(n, 1), 0.0).sum(axis=0)
         some = (frames >= _FEW) & (level > _LEAST)
-        lost = 1.0 - 1.0 / image.shape[3 - axis]  # what the frames' means took
+        lost = 1.0 - 1.0 / image.shape[3 - axis]  # the part that the means of frames removed
         value = (square[some] / frames[some] / level[some] / lost - 1) / np.sqrt(2)
         at = np.flatnonzero(some).astype(np.float64)
         yield Curve(statistic="common_mode", axis=name, lower=at, upper=at + 1, value=value,

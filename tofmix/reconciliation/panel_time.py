@@ -1,4 +1,4 @@
-"""The statistics of the panel that follow the frames: means, spreads and memory."""
+"""Part of the panel: statistics over frames and time: means, spreads and memory."""
 
 from collections.abc import Iterator
 
@@ -14,11 +14,11 @@ from tofmix.reconciliation.panel import Curve, sigma_of_lit
 from tofmix.simulation.effects.interference import Interference
 
 _ENOUGH_IN_FRAME = 30  # samples
-_MORE = 4.0  # frames as the effect has them that are added to what was seen
+_MORE = 4.0  # weight of the effect's share, in frames
 
 
 def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture) -> Iterator[Curve]:
-    """Each frame's mean and spread, with pixels' own means removed; tenths of the time; memory at lags 1 to 3."""
+    """Mean and spread of each frame, without the means of pixels; of tenths of the time; memory at lags 1 to 3."""
     now = evidence.time_s[part[0]]
     frame = part[0].astype(np.float64)
     ok = np.isfinite(z)
@@ -43,23 +43,23 @@ def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture) -> Iter
         mean_value = np.bincount(tenth, value * n[some]) / size
         yield Curve(statistic=name, axis="time", lower=start, upper=end, value=mean_value,
                     variance=1.0 / size, unit="s", scale_mm=sigma[: size.size])  # fmt: skip
-    alone = one_surface(m)[part[1]]  # of others, a score speaks of which surface was drawn too
+    alone = one_surface(m)[part[1]]  # in other pixels a score also depends on the surface that was drawn
     if alone.any():
         yield from _memory(flat[:, alone], ok[:, alone], part[0])
 
 
 def burst_share(disturbed: FloatArray, effect: Interference) -> Iterator[Curve]:
-    """Share of the frames that were disturbed, over that of the effect; bursts are few, and of any length.
+    """Share of disturbed frames beyond that of the effect; bursts are few, and of any length.
 
     Parameters
     ----------
     disturbed : (frame,) float64
-        Probability that each frame was.
+        Probability that each frame was disturbed.
     effect : Interference
-        What the model says of bursts.
+        The bursts of the model.
     """
     p = effect.probability
-    bursts = disturbed.size / max(2 * effect.burst_frames * (1 - p) - 1, 1.0)  # frames that count as independent
+    bursts = disturbed.size / max(2 * effect.burst_frames * (1 - p) - 1, 1.0)  # number of independent frames
     share = (float(disturbed.sum()) * bursts / disturbed.size + _MORE * p) / (bursts + _MORE)
     yield Curve(statistic="bursts", axis="all", lower=np.zeros(1), upper=np.ones(1), value=np.array([share - p]),
                 variance=np.array([p * (1 - p) / max(bursts, 1.0)]), unit="1", scale_mm=np.ones(1))  # fmt: skip
@@ -81,7 +81,7 @@ def _memory(flat: Float32Array, ok: BoolArray, frames: IntArray) -> Iterator[Cur
     value, variance = [], []
     for lag in lags:
         n, product = lag_product(centred, ok, lag, frames)
-        value.append(product / max(n, 1) + 1.0 / max(len(frames), 1))  # a removed mean lowers it by that
+        value.append(product / max(n, 1) + 1.0 / max(len(frames), 1))  # the removed mean lowers the correlation by this
         variance.append(1.0 / max(n, 1))
     lag_axis = np.array(lags, dtype=np.float64)
     yield Curve(statistic="memory", axis="frame", lower=lag_axis, upper=lag_axis, value=np.array(value),

@@ -1,7 +1,8 @@
-"""What an unknown fixed pattern does to the errors of other numbers, and the errors of its own spreads.
+"""The effect of an unknown fixed pattern on the errors of other numbers, and the errors of its spreads.
 
-An offset and the mean of the pattern's columns cannot be told apart, so that its error is mostly the columns' spread
-over the root of their number. That spread is known from few columns and rows: errors are averaged over what it may be.
+An offset cannot be separated from the mean of the pattern's columns. So its error is mostly the spread of the columns
+over the root of their number. Few columns and rows determine this spread, so errors are averaged over its possible
+values.
 """
 
 import math
@@ -15,7 +16,7 @@ from tofmix.reconciliation.likelihood import State
 from tofmix.reconciliation.pixel_pattern import PatternLines, pixel_biases, with_pattern
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 
-_STATIC = 0.05  # share of the curvature that is not of a static bias, below which there is none
+_STATIC = 0.05  # least share of the curvature that does not come from static biases
 _BELOW, _ABOVE, _CELLS = 4.0, 6.0, 13  # standard deviations about a spread's logarithm, and cells between
 
 
@@ -36,12 +37,12 @@ class Averaged:
 
 
 def pattern_of(state: State) -> FixedPattern | None:
-    """The fixed pattern that is known by its spreads alone, the model's own or one that was added."""
+    """The fixed pattern of which only the spreads are known, the model's own or an added one."""
     return next((e for e in state.linking if isinstance(e, FixedPattern)), None)
 
 
 def integrated(numbers: Numbers, pattern: FixedPattern) -> float:
-    """What fits maximise, the pattern's values integrated out, for its spreads as they are."""
+    """The objective of fits, with the pattern's values integrated out, for its present spreads."""
     likelihood, state = numbers.likelihood, numbers.state
     bare = replace(state, pixel_bias=np.zeros_like(state.pixel_bias))
     mixture = likelihood.mixture(state)
@@ -52,21 +53,21 @@ def integrated(numbers: Numbers, pattern: FixedPattern) -> float:
 
 
 class UnderPattern:
-    """The log-likelihood of numbers and spreads, each pixel's bias integrated out.
+    """The log-likelihood of numbers and spreads, with each pixel's bias integrated out.
 
-    What the numbers move pixels' biases by counts by the covariance of pattern and noise together; what they change
-    beside, in time or in spread, counts as with a known pattern.
+    Changes of the pixels' biases by the numbers have the covariance of pattern and noise. Other changes, in time or in
+    spread, count as with a known pattern.
 
     Parameters
     ----------
     numbers : Numbers
-        With a fixed pattern, whose values are in the state.
+        Numbers of a state with a fixed pattern and its values.
     about : Parabola
         The log-likelihood about them, the values given.
     pattern : FixedPattern
         Its spreads.
     overstated : (pixel,) float64 or float
-        By how much samples that are taken as independent overstate what is known of a pixel's bias.
+        Factor by which independent samples would overstate the information about a pixel's bias.
     """
 
     def __init__(
@@ -83,7 +84,7 @@ class UnderPattern:
         weighted = vectors / self._lines.variance
         self._given = weighted @ vectors.T
         self._pulled = np.stack([self._lines.sums(w) for w in weighted], axis=1)
-        self._slope = about.slope - moved @ pulls[use]  # of what is no static bias
+        self._slope = about.slope - moved @ pulls[use]  # of changes that are no static bias
         self._beside = _beside(about.hessian, about.cross[:, use] @ moved.T)
 
     def curvature(self, column_sigma_mm: float, row_sigma_mm: float) -> FloatArray:
@@ -98,9 +99,9 @@ class UnderPattern:
     def averaged(self) -> Averaged:
         """Integrate over the spreads by column and row, weighted by their restricted likelihood.
 
-        The prior of a line's whole variance, spread and noise, is flat in its logarithm, so that for lines without
-        noise the errors are those of Student's law: their squares are larger by (n - 1) / (n - 3). The spread by
-        pixel, of which there are many, is taken as fitted.
+        The prior of a line's whole variance, spread and noise, is flat in its logarithm. So for lines without noise the
+        errors are those of Student's distribution: their squares are larger by (n - 1) / (n - 3). The spread by pixel
+        is taken as fitted, because there are many pixels.
 
         References
         ----------
@@ -132,7 +133,7 @@ class UnderPattern:
         return self._given - self._pulled.T @ root.solve(self._pulled), logdet
 
     def _restricted(self, column_sigma_mm: float, row_sigma_mm: float) -> tuple[float, FloatArray, FloatArray]:
-        """Log-likelihood of the spreads, numbers integrated out; how these move from the fitted ones; covariance."""
+        """Log-likelihood of the spreads with numbers integrated out; move of the numbers by the fit; covariance."""
         products, logdet = self._at(column_sigma_mm, row_sigma_mm)
         curvature = products[1:, 1:] + self._beside
         slope = products[1:, 0] + self._slope
@@ -144,7 +145,7 @@ class UnderPattern:
 
 
 def _beside(hessian: FloatArray, static: FloatArray) -> FloatArray:
-    """The curvature by what is no static bias; none is what is left of two numbers that are only nearly the same."""
+    """The curvature by changes that are no static bias; 0 for the remainder of two nearly equal numbers."""
     rest = hessian - 0.5 * (static + static.T)
     none = np.diag(rest) < _STATIC * np.diag(hessian)
     rest[none] = 0.0

@@ -1,7 +1,7 @@
-"""Whether a map of biases is a pattern: of a `fixed_pattern`, pixels, columns and rows are each drawn by themselves.
+"""Whether a map of biases is a pattern: in a `fixed_pattern`, pixels, columns and rows are independent.
 
-Where a map runs smoothly over the image, over its columns or rows, or as a plane over a surface, something else has
-bent or tilted the ranges: a static bias that no law describes would else be called a pattern.
+If a map is smooth over the image, over its columns or rows, or a plane over a surface, another cause has changed the
+ranges. Without this test, any static bias that no law describes would be named a pattern.
 """
 
 import numpy as np
@@ -9,21 +9,21 @@ import numpy as np
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 
 SMOOTH = 0.2
-"""Correlation of neighbours in a map above which it is no pattern of pixels."""
+"""Correlation of neighbours in a map, above which it is no pattern."""
 
 TILTED = 0.8
-"""Share of what a map has on one surface, of a plane above which it is no pattern of pixels."""
+"""Share of a plane in a map on one surface, above which the map is no pattern."""
 
-_LINES = 0.2  # share of what a map has, from which its columns, or its rows, are looked at by themselves
-_CHANCE = 4.0  # of the correlation of so many neighbouring lines, in its standard deviations
-_PLANE_LINES = 8  # rows and columns, for a plane to be told from a pattern
-_SWEEPS = 30  # over columns and rows in turn, where not all pixels are known
+_LINES = 0.2  # least share of the columns, or rows, in a map, from which they are tested
+_CHANCE = 4.0  # margin of the correlation of neighbouring lines, in its standard deviations
+_PLANE_LINES = 8  # least rows and columns for the test of a plane
+_SWEEPS = 30  # alternations of columns and rows, if some pixels are unknown
 
 
 def tilted(values: FloatArray, known: BoolArray, surface: IntArray) -> bool:
-    """Whether a map (row, col) runs as a plane over a surface, which is then tilted.
+    """Whether a map (row, col) is a plane over a surface, which is then tilted.
 
-    Of a surface of so many rows and columns: those of a pattern would be in order by chance once in some thousands.
+    On a surface of so many rows and columns, a pattern looks like a plane once in some thousands of recordings.
     """
     for number in range(int(surface.max()) + 1):
         row, col = np.nonzero(known & (surface == number))
@@ -38,10 +38,10 @@ def tilted(values: FloatArray, known: BoolArray, surface: IntArray) -> bool:
 
 
 def smooth(values: FloatArray, known: BoolArray) -> bool:
-    """Whether a map (row, col), or what its columns or rows have in common, runs smoothly over the image.
+    """Whether a map (row, col), or its means of columns or rows, are smooth over the image.
 
-    Of the pixels whose bias is known: the map has 0 where nothing returns, which would else leave of a column what its
-    lit part has.
+    Only pixels with a known bias count. In pixels without a return the map is 0, which would distort the mean of a
+    column.
     """
     if not known.any():
         return False
@@ -64,9 +64,9 @@ def smooth(values: FloatArray, known: BoolArray) -> bool:
 
 
 def _lines_smooth(line: FloatArray, pixels: IntArray, whole: float) -> bool:
-    """Whether values of columns or rows, of so many known pixels each, follow one another.
+    """Whether values of columns or rows, of `pixels` known pixels each, are smooth.
 
-    Of n lines drawn by themselves, neighbours correlate by 0 +- 1 / sqrt(n).
+    In n independent lines, neighbours correlate by 0 +- 1 / sqrt(n).
     """
     seen = pixels > 0
     value = np.where(seen, line - line[seen].mean(), 0.0)

@@ -1,4 +1,4 @@
-"""Each pixel's own bias: the latent state of `fixed_pattern`, found pixel by pixel and integrated out as a whole."""
+"""The bias of each pixel: the latent state of `fixed_pattern`, estimated by pixel and integrated out together."""
 
 from dataclasses import dataclass
 
@@ -13,20 +13,20 @@ from tofmix.reconciliation.memory import inflation
 from tofmix.reconciliation.mixture import Mixture
 
 _STEPS = 6  # of the iteration for pixels' biases
-_LEAST_INFORMATION = 1e-10  # 1/mm2: a bias of which less is known is not known
+_LEAST_INFORMATION = 1e-10  # 1/mm2: a bias with less information is unknown
 _LEAST_MM = 1e-6  # a spread that counts as none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PixelBiases:
-    """Each pixel's bias by itself: arrays (pixel,).
+    """The bias of each pixel: arrays (pixel,).
 
     Parameters
     ----------
     bias : most likely bias, mm.
     information : its information, 1/mm2; 0 where there is none.
     gain : log-likelihood there over that without it.
-    overstated : by how much samples that are taken as independent overstate both, where the noise has a memory.
+    overstated : factor by which independent samples would overstate both, if the noise has a memory.
     """
 
     bias: FloatArray
@@ -36,10 +36,10 @@ class PixelBiases:
 
 
 def pixel_biases(likelihood: Likelihood, mixture: Mixture, state: State, part: Part) -> PixelBiases:
-    """Find each pixel's bias by expectation maximisation, on top of the state's.
+    """Estimate each pixel's bias by expectation maximisation, in addition to the state's.
 
-    A bias of many sigma cannot be reached step by step: the median of a pixel's samples is another start. Where the
-    noise has a memory, information and gain are less, by as much as the variance of a mean over frames is more.
+    A bias of many sigma cannot be reached step by step, so the median of a pixel's samples is another start. If the
+    noise has a memory, information and gain are divided by the factor on the variance of a mean over frames.
     """
     first = likelihood.sums(mixture, state, part)
     far = state.pixel_bias + _median_bias(likelihood, mixture, state, part)
@@ -63,9 +63,9 @@ def pixel_biases(likelihood: Likelihood, mixture: Mixture, state: State, part: P
 
 
 def _median_bias(likelihood: Likelihood, mixture: Mixture, state: State, part: Part) -> FloatArray:
-    """Median of a pixel's samples less what its main surface has, mm; the mean of that over recordings.
+    """Median of a pixel's samples minus the mean of its main surface, mm; the mean over recordings.
 
-    0 where the pixel has no return or no sample.
+    0 if the pixel has no return or no sample.
     """
     total, count = np.zeros(state.pixel_bias.size), np.zeros(state.pixel_bias.size)
     for view in views(likelihood, mixture, part):
@@ -92,7 +92,7 @@ def _medians(evidence: Evidence, mixture: Mixture, part: Part) -> tuple[FloatArr
 def marginal_pattern(
     found: PixelBiases, image: tuple[int, int], sigmas_mm: tuple[float, float, float]
 ) -> tuple[float, FloatArray]:
-    """Gain of a Gaussian pattern over none, all patterns integrated out, and the pattern's mean given the data.
+    """Gain of a Gaussian pattern with its values integrated out, and the posterior mean of its values.
 
     Parameters
     ----------
@@ -128,16 +128,16 @@ def marginal_pattern(
 
 
 def with_pattern(found: PixelBiases, image: tuple[int, int], sigmas_mm: tuple[float, float, float]) -> float:
-    """What a pattern integrated out adds to the log-likelihood without one; to be held against other predictions'.
+    """Difference that a pattern, integrated out, makes to the log-likelihood; comparable between predictions.
 
-    Each pixel at its best counts as for independent samples, like all log-likelihoods; how far from there it may be,
-    as the memory of the noise has it.
+    The maximum of each pixel counts as for independent samples, like all log-likelihoods; its width follows the memory
+    of the noise.
     """
     return marginal_pattern(found, image, sigmas_mm)[0] + float((found.gain * (found.overstated - 1)).sum())
 
 
 class PatternLines:
-    """The covariance of pixels' biases and their noise, for one spread by pixel and any by column and row.
+    """The covariance of pixels' biases and their noise, for one spread by pixel and any spreads by column and row.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ class PatternLines:
         return np.concatenate([by_col, np.bincount(self.row, values, minlength=self.rows)])
 
     def factor(self, column_sigma_mm: float, row_sigma_mm: float) -> tuple["LinesFactor", float]:
-        """What Woodbury's identity inverts, factored; log determinant of the covariance over the noise's."""
+        """The factor of the matrix in Woodbury's identity; log determinant of the covariance over that of the noise."""
         by_col, by_row = (max(float(s), _LEAST_MM) ** 2 for s in (column_sigma_mm, row_sigma_mm))
         prior = np.concatenate([np.full(self.cols, by_col), np.full(self.rows, by_row)])
         root = LinesFactor(1.0 / prior + self._weight, self._cross)
@@ -179,8 +179,8 @@ class PatternLines:
 class LinesFactor:
     """The inverse of a matrix that is diagonal among columns and among rows.
 
-    The larger of the two blocks is eliminated, which leaves a dense matrix of the size of the smaller: a tenth of the
-    work, and too little for threads of a library to wait for each other.
+    The larger of the two blocks is eliminated. The dense matrix that remains has the size of the smaller block: a tenth
+    of the work, and too small for a library to use threads.
 
     Parameters
     ----------
@@ -210,6 +210,6 @@ class LinesFactor:
         return np.concatenate([y, x] if self._wide else [x, y])
 
     def _parts(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Those of the larger block, and of the smaller."""
+        """The parts of the larger and of the smaller block."""
         columns, rows = values[: self._first], values[self._first :]
         return (columns, rows) if self._wide else (rows, columns)

@@ -1,4 +1,4 @@
-"""Where a surface's plane is: how its ranges change with its pose, and the pose that its measured ranges have."""
+"""The plane of a surface: changes of its ranges with its pose, and the pose from its measured ranges."""
 
 import math
 from dataclasses import dataclass
@@ -8,13 +8,13 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.simulation.surface import Surface
 
-_PASSES, _FAR = 12, 6.0  # of a fit; medians of what is left, beyond which a pixel is left out
+_PASSES, _FAR = 12, 6.0  # of a fit; largest residual of a pixel, in medians of the residuals
 _LEAST_MM = 1.0  # range
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanePose:
-    """A pose beside that of the model.
+    """A pose relative to that of the model.
 
     Parameters
     ----------
@@ -25,9 +25,9 @@ class PlanePose:
     explained : float
         Share of the weighted squares of the biases that the pose explains.
     z : float
-        How far it is from the model's pose, in standard errors.
+        Distance from the model's pose, in standard errors.
     turn_nats : float
-        What the tilts explain beyond a shift, nats.
+        Gain of the tilts beyond a shift, nats.
     """
 
     shift_mm: float
@@ -46,7 +46,7 @@ def ranges_to(surface: Surface, beams: FloatArray) -> FloatArray:
 
 
 def range_slopes(surface: Surface, beams: FloatArray) -> FloatArray:
-    """How ranges along unit beams (n, 3) change with shift, yaw and pitch: (n, 3), mm/mm and mm/degree.
+    """Derivatives of ranges along unit beams (n, 3) by shift, yaw and pitch: (n, 3), mm/mm and mm/degree.
 
     The plane n . p = n . c, c shifted along n and n turned about c, is met at r = n . c / (n . d).
     """
@@ -63,20 +63,20 @@ def range_slopes(surface: Surface, beams: FloatArray) -> FloatArray:
 
 
 def measured_pose(surface: Surface, beams: FloatArray, bias_mm: FloatArray, information: FloatArray) -> PlanePose:
-    """The plane through a surface's pixels, each at its measured mean.
+    """The plane through a surface's pixels at their measured mean ranges.
 
-    A beam d meets the plane q . p = 1 at the range 1 / (q . d), so that the inverse range is linear in q. Pixels that
-    are far off see something else, where an edge has moved, and are left out.
+    A beam d meets the plane q . p = 1 at the range 1 / (q . d), so the inverse range is linear in q. Pixels with large
+    residuals see another surface, because an edge has moved; they are left out.
 
 
     Parameters
     ----------
     surface : Surface
-        As the model has it.
+        The surface of the model.
     beams : (n, 3) float64
         Unit vectors of the pixels that see it.
     bias_mm : (n,) float64
-        Of their mean range beyond the model's.
+        Measured minus predicted mean range.
     information : (n,) float64
         Of the bias, 1/mm2.
 
@@ -92,7 +92,7 @@ def measured_pose(surface: Surface, beams: FloatArray, bias_mm: FloatArray, info
     shift = float(np.median(bias_mm[use])) if use.any() else 0.0
     left: FloatArray = np.where(use, (bias_mm - shift) * np.sqrt(information), np.inf)
     change: FloatArray = np.zeros(3)
-    for _ in range(_PASSES):  # least absolute values, which a third of the pixels may be far from
+    for _ in range(_PASSES):  # least absolute values: up to a third of the pixels may be far off
         weight = np.where(use, 1.0 / np.sqrt(np.maximum(np.abs(left), 1.0)), 0.0)
         change = np.asarray(np.linalg.lstsq(rows[use] * weight[use, None], wanted[use] * weight[use], rcond=None)[0])
         left = np.where(use, wanted - rows @ change, np.inf)

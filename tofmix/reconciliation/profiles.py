@@ -1,8 +1,8 @@
-"""From the covariance of a search's numbers to the errors of an effect's parameters, where these are no parabola.
+"""Errors of an effect's parameters from the covariance of a search's numbers, if the likelihood is no parabola.
 
-A parameter's error is a quarter of the way between the two ends at which its profile likelihood is 2 nats, two
-standard errors, below the top: the mean of both sides. Its parabola gives the ends first. Where the log-likelihood
-there says otherwise, the ends are looked for, the other numbers at their best.
+The profile likelihood falls by 2 nats at two ends, two standard errors from the top. A parameter's error is a quarter
+of the distance between the ends: the mean of both sides. First the parabola gives the ends. If the log-likelihood at
+these ends differs from the parabola's, the ends are searched for, with the other numbers at their best values.
 """
 
 import math
@@ -15,14 +15,14 @@ from tofmix.arrays import FloatArray
 from tofmix.reconciliation.fits import Fitted
 from tofmix.simulation.effects import Effect
 
-_REACH = 2.0  # standard errors, at which both sides are taken
-_NEARER = (1.0, 0.5, 0.15)  # of that, where it is out of bounds
+_REACH = 2.0  # standard errors, for both sides
+_NEARER = (1.0, 0.5, 0.15)  # parts of this distance that are tried at a bound
 _TURNS = 2  # of the search for the farthest point of an ellipse
 _SLOPE = 0.3  # of a step, over which slopes are taken
-_PARABOLA = (0.75, 1.33)  # drop over that of the parabola, where it will do
-_SETTLED = 0.15  # logarithm of that, where the profile's end is reached
-_MOST_MOVES = 5  # along a profile until it falls by the error's share
-_LEAST_DROP = 0.2  # nats; less says nothing of the width
+_PARABOLA = (0.75, 1.33)  # ratio of the drop to that of the parabola, at which the parabola is accepted
+_SETTLED = 0.15  # logarithm of this ratio, at which the end of the profile is accepted
+_MOST_MOVES = 5  # along a profile
+_LEAST_DROP = 0.2  # nats; a smaller drop does not determine the width
 
 Value = Callable[[FloatArray], float]
 """Log-likelihood where all numbers move by so many steps; minus infinity out of bounds."""
@@ -39,7 +39,7 @@ class Parameter:
     fitted : Fitted
         Its effect's search.
     own : slice
-        Where the search's numbers stand among all.
+        Position of the search's numbers among all.
     steps : (number,) float64
         Units of all numbers.
     """
@@ -50,7 +50,7 @@ class Parameter:
     steps: FloatArray
 
     def change(self, move: FloatArray) -> float | None:
-        """What the parameter changes by where the numbers move by so many steps; None out of bounds."""
+        """Change of the parameter if the numbers move by so many steps; None out of bounds."""
         try:
             moved = self.fitted.problem.make(self.fitted.vector + (move * self.steps)[self.own])
         except ValueError:
@@ -93,7 +93,7 @@ def stretch(parameter: Parameter, covariance: FloatArray, value: Value) -> float
     Parameters
     ----------
     parameter, covariance
-        As for `parabola_error`; the covariance is that of the log-likelihood's own curvature.
+        As for `parabola_error`; the covariance comes from the curvature of the log-likelihood.
     value : callable
         The log-likelihood.
     """
@@ -114,7 +114,7 @@ def stretch(parameter: Parameter, covariance: FloatArray, value: Value) -> float
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _End:
-    """Where a parameter is farthest, so many standard errors away; its change for each of them."""
+    """The farthest point of a parameter, its distance in standard errors, and the change for each of them."""
 
     move: FloatArray
     errors: float
@@ -122,9 +122,9 @@ class _End:
 
 
 def _farthest(parameter: Parameter, covariance: FloatArray, sign: float) -> _End | None:
-    """One end of the ellipse of `_REACH` standard errors; change of the parameter for each of them.
+    """One end of the ellipse of `_REACH` standard errors.
 
-    Nearer, where that is out of bounds.
+    A nearer point if this one is out of bounds.
     """
     for part in _NEARER:
         at, found, errors = np.zeros(len(covariance)), None, _REACH * part
@@ -146,8 +146,8 @@ def _profiled(
 ) -> float | None:
     """A side of a parameter's error by the profile likelihood, from the parabola's end; None if none was found.
 
-    Moves are scaled until the log-likelihood falls as far as the parabola does at its end; what is left is scaled as a
-    parabola.
+    Moves are scaled until the log-likelihood falls as far as the parabola at its end; a remaining difference is
+    corrected as for a parabola.
     """
     move, fallen, wanted = start
     best: tuple[float, float] | None = None
@@ -169,7 +169,7 @@ def _profiled(
 def _settled(
     parameter: Parameter, covariance: FloatArray, drop: Value, at: tuple[FloatArray, float]
 ) -> tuple[FloatArray, float]:
-    """The other numbers a Newton step nearer to their best, the parameter as it is."""
+    """A Newton step of the other numbers towards their best values, with the parameter fixed."""
     move, fallen = at
     unit = np.eye(move.size) * _SLOPE
     pull = np.array([(drop(move - u) - drop(move + u)) / (2 * _SLOPE) for u in unit])

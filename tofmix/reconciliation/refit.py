@@ -1,4 +1,4 @@
-"""Fit the effects that were added anew, each given the others: their numbers, and the states that link samples."""
+"""Fit the added effects again, each given the others: numbers, and hidden states."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -25,7 +25,7 @@ _MOST_TURNS = 8  # of numbers and latent states
 def refit(
     likelihood: Likelihood, state: State, chosen: Sequence[Candidate], part: Part
 ) -> tuple[State, list[Candidate]]:
-    """Fit all effects anew, each given the others, then all numbers at once.
+    """Fit all effects again, each given the others, then all numbers together.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def refit(
     chosen : sequence of Candidate
         The state's effects, in its order.
     part : (frames, pixels)
-        What the fits may see.
+        Data of the fits.
     """
     chosen = list(chosen)
     for k, candidate in enumerate(chosen):
@@ -51,9 +51,9 @@ def refit(
 
 
 def settle(numbers: Numbers) -> Numbers:
-    """Move all numbers at once to the top of the log-likelihood; latent states follow.
+    """Move all numbers together to the top of the log-likelihood, then fit latent states.
 
-    Numbers and a fixed pattern's spreads are moved by turns, until the numbers stay.
+    Numbers and a fixed pattern's spreads alternate until the numbers converge.
     """
     for _ in range(_MOST_TURNS):
         last = polish(numbers)
@@ -71,22 +71,22 @@ def without(state: State, number: int) -> State:
 
 
 def numbers(likelihood: Likelihood, state: State, chosen: Sequence[Candidate], part: Part) -> Numbers:
-    """The effects that were searched for, as one vector of numbers."""
+    """The searched effects as one vector of numbers."""
     fits = {k: c.fitted for k, c in enumerate(chosen) if c.fitted is not None and c.fitted.problem.steps}
     return Numbers(likelihood=likelihood, state=state, fits=fits, part=part)
 
 
 def begin(likelihood: Likelihood, frames: IntArray, tolerance: float) -> State:
-    """The model as given: what its own effects that link samples did in this recording, and no other effect.
+    """The model as given, with the hidden states of its own effects in this recording, and no other effect.
 
     Parameters
     ----------
     likelihood : Likelihood
         Of the recording.
     frames : (n,) int64
-        What a pattern's map is made from.
+        Frames for a pattern's map.
     tolerance : float
-        Error of a map that the model has, in sigma: it was measured, in a recording as short as this one may be.
+        Error of a map of the model, in sigma: it was measured, possibly in a recording as short as this one.
     """
     state = likelihood.start()
     if any(isinstance(e, FixedPattern) and e.map is not None for e in likelihood.scene.effects):
@@ -104,14 +104,14 @@ def begin(likelihood: Likelihood, frames: IntArray, tolerance: float) -> State:
 
 
 def latent_states(likelihood: Likelihood, state: State, frames: IntArray) -> State:
-    """Fit the effects that link samples anew, given the others; of the model's own, only what they did here.
+    """Fit the effects that link samples again, given the others; of the model's own effects, only their hidden states.
 
     Parameters
     ----------
     likelihood, state
         As they stand.
     frames : (n,) int64
-        What a pattern's map is made from.
+        Frames for a pattern's map.
     """
     mixture = likelihood.mixture(state)
     part = frames, np.arange(likelihood.evidence.shape[1])
@@ -133,5 +133,5 @@ def latent_states(likelihood: Likelihood, state: State, frames: IntArray) -> Sta
 
 
 def _with(state: State, old: Effect, new: Effect) -> State:
-    """The state with one of its effects in the place of another; the model's own stay."""
+    """The state with one of its effects replaced; the model's own effects do not change."""
     return replace(state, effects=tuple(new if e is old else e for e in state.effects))

@@ -1,9 +1,9 @@
-"""Where the search for each effect's parameters starts, and in which numbers it runs.
+"""Starts and parametrisation of the search for each effect.
 
-Any kind without a hidden state is searched for by what it declares of its numbers: typical sizes and bounds. `SEARCHES`
-has the kinds of which the camera or the recording tells better starts, or better numbers to search in; kinds with a
-hidden state are in `tofmix.reconciliation.links`. Numbers are searched in units that make a step of 1 sensible:
-multiples of sigma, logarithms.
+Any kind without a hidden state is searched for by its declaration: typical sizes and bounds of its numbers. `SEARCHES`
+has the kinds with better starts from the camera or the recording, or with a better parametrisation; kinds with a hidden
+state are in `tofmix.reconciliation.links`. Numbers have units in which a step of 1 is reasonable: multiples of sigma,
+logarithms.
 """
 
 import math
@@ -29,19 +29,19 @@ from tofmix.simulation.model import Model
 MAKE: Mapping[str, Callable[..., Effect]] = EFFECTS
 """Makes an effect of a kind from its parameters."""
 
-_LEAST_PIXELS = 12  # that a surface must fill, for effects of its own
-_MOSTLY = 0.5  # share of lost samples from which a pixel is full
-_MOST_OUTLIERS = 0.5  # beyond, it is the rest that is odd
+_LEAST_PIXELS = 12  # least pixels of a surface, for effects of this surface
+_MOSTLY = 0.5  # share of lost samples, above which a pixel is saturated
+_MOST_OUTLIERS = 0.5  # largest share of outliers
 _FLAT = 0.1  # exponent of a walk, below which it is an offset
 _AT_ONCE = 1.2  # of the shortest time constant, below which a drift is an offset
 _OUT_OF_SIGHT = 3.0  # sigma
-_GLANCE = 25  # frames of which medians are taken
-_PAUSED = 1.5  # times what its frames take, beyond which a recording has pauses
-_TURNED_NATS = 6.0  # two more numbers
-_KNOWN_OF_MEDIAN = 2 / math.pi  # of the information of a mean
+_GLANCE = 25  # frames for medians
+_PAUSED = 1.5  # times the duration of its frames, above which a recording has pauses
+_TURNED_NATS = 6.0  # least evidence for tilts, two more numbers
+_KNOWN_OF_MEDIAN = 2 / math.pi  # information of a median over that of a mean
 _AT_THE_EDGE = 0.95  # quantile
-_LEAST_LEVER = 0.1  # mm a degree: a tilt that hardly moves a pixel is not searched for
-_LEAST_FRAMES = 3.0  # in which a drift falls by e: a faster one is an offset with a bad first frame
+_LEAST_LEVER = 0.1  # mm a degree: a tilt with less effect on ranges is not searched for
+_LEAST_FRAMES = 3.0  # least time constant of a drift: a faster one is an offset with a bad first frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -53,11 +53,11 @@ class Problem:
     make : callable
         An effect from a vector of numbers; raises ValueError outside its bounds.
     starts : tuple of tuples
-        Vectors to start from.
+        Start vectors.
     steps : tuple of float
         First steps.
     other : callable, optional
-        Whether a vector is so near a bound, or so large, that the effect is another one.
+        Whether a vector is so close to a bound, or so large, that another effect describes the same.
     parameters : int
         Free parameters.
     """
@@ -75,31 +75,31 @@ class Problem:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Seen:
-    """A surface, by its pixels' medians."""
+    """A surface, measured by the medians of its pixels."""
 
     name: str
     sigma: float  # mm
-    residual: float  # of what is measured from what is predicted, mm
-    pose: PlanePose | None = None  # of what is measured
+    residual: float  # measured minus predicted range, mm
+    pose: PlanePose | None = None  # measured pose
     turned_deg: tuple[float, float] = (0.0, 0.0)  # yaw and pitch by which its edges move by sigma
 
     @property
     def far(self) -> bool:
-        """Whether it is measured where the likelihood has no slope towards it any more."""
+        """Whether it is so far off that the likelihood has no slope towards it."""
         return abs(self.residual) > _OUT_OF_SIGHT * self.sigma
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Setting:
-    """What starts depend on."""
+    """Data that determine the starts."""
 
     mixture: Mixture
     sigma: float  # typical, mm
     turn: float  # d_u, mm
     duration: float  # s
-    recorded: float  # s of it, without pauses
+    recorded: float  # s, without pauses
     interval: float  # s, between frames
-    surfaces: tuple["Seen", ...]  # those that fill pixels
+    surfaces: tuple["Seen", ...]  # surfaces that fill pixels
     amplitudes: FloatArray
     shares: FloatArray  # of invalid samples by pixel
 
@@ -115,7 +115,7 @@ def _bounded(value: float, low: float, high: float) -> float:
 
 
 def _simple(kind: str, name: str, sizes: tuple[float, ...], *, log: bool, most: float = 1e5) -> _Maker:
-    """One number, in logarithms and no more than `most`, or in multiples of sigma."""
+    """One number, as a logarithm with the bound `most`, or in multiples of sigma."""
 
     def make(scale: float, x: FloatArray) -> Effect:
         return MAKE[kind](**{name: math.exp(_bounded(x[0], -25, math.log(most))) if log else float(x[0]) * scale})
@@ -156,7 +156,7 @@ def _drift(s: Setting) -> Iterator[Problem]:
 
     def make(x: FloatArray) -> Effect:
         tau = math.exp(_bounded(x[1], math.log(fastest), math.log(s.duration * 30)))
-        reached = -math.expm1(-s.duration / tau)  # searched by what is reached, which tau does not change
+        reached = -math.expm1(-s.duration / tau)  # the parameter is the drift at the end, which is independent of tau
         return MAKE["temperature_drift"](amplitude_mm=float(x[0]) * s.sigma / reached, time_constant_s=tau)
 
     spans = {s.recorded, s.duration} if s.duration > _PAUSED * s.recorded else {s.duration}
@@ -180,7 +180,7 @@ def _per_surface(kind: str, name: str, sizes: tuple[float, ...], *, by_time: boo
 
 
 def _pose(s: Setting) -> Iterator[Problem]:
-    """A shift; and with tilts, where the surface's plane is turned for sure."""
+    """A shift; and a shift with tilts, if the plane of the surface is clearly tilted."""
     yield from _per_surface("surface_pose", "shift_mm", (-1.0, 1.0), by_time=False)(s)
 
     def make(surface: str, scales: tuple[float, float, float], x: FloatArray) -> Effect:
@@ -197,7 +197,7 @@ def _pose(s: Setting) -> Iterator[Problem]:
 
 
 def _multipath(s: Setting) -> Iterator[Problem]:
-    """In phase, which changes the amplitude, and across it, which changes the range: each is known by itself."""
+    """Two components: in phase, which changes the amplitude, and a quarter turn off, which changes the range."""
 
     def make(surface: str, unit: float, x: FloatArray) -> Effect:
         path = _bounded(math.atan2(x[1], x[0]) % (2 * math.pi) / math.pi, 0.02, 1.98) * s.turn
@@ -222,7 +222,7 @@ def _vignetting(s: Setting) -> Iterator[Problem]:  # noqa: ARG001
 
 
 def _dropout(s: Setting) -> Iterator[Problem]:
-    """By chance alone, and with a threshold; only where samples are lost."""
+    """At random, and with a threshold; only if samples are lost."""
     lost = float(s.shares.mean())
     if lost <= 0:
         return
@@ -261,7 +261,7 @@ def _saturation(s: Setting) -> Iterator[Problem]:
 
 
 def _wrapping(s: Setting) -> Iterator[Problem]:
-    """At the camera's own turn (a free one takes up an offset), and only where something is near enough to it."""
+    """At the camera's own turn, because a free one absorbs an offset; only if a surface is near enough to the turn."""
     reach = np.where(s.mixture.lit & (s.mixture.weight > 0), s.mixture.true_range, 0.0) + 4 * s.sigma
     if reach.max() > s.turn:
         yield Problem(make=lambda _: MAKE["phase_wrapping"](unambiguous_range_mm=s.turn), starts=((),), steps=())
@@ -288,7 +288,7 @@ SEARCHES: dict[str, _Maker] = {
 
 
 def setting(likelihood: Likelihood, mixture: Mixture) -> Setting:
-    """What the starts depend on, for a mixture."""
+    """The data that determine the starts, for a mixture."""
     whole = np.arange(likelihood.evidence.shape[0]), np.arange(likelihood.evidence.shape[1])
     pixels = [_main(view) for view in views(likelihood, mixture, whole)]
     lit, sigma, mean, name, amplitude, lost, median = (np.concatenate(values) for values in zip(*pixels, strict=True))
@@ -319,7 +319,7 @@ def setting(likelihood: Likelihood, mixture: Mixture) -> Setting:
 def _plane_of(
     likelihood: Likelihood, mixture: Mixture, surface: str, sigma: float
 ) -> tuple[PlanePose | None, tuple[float, float]]:
-    """The pose of a surface by its pixels' medians, in the first recording that shows it; tilts worth a sigma."""
+    """The pose of a surface from its pixels' medians, in the first recording that shows it; tilts of one sigma."""
     whole = np.arange(likelihood.evidence.shape[0]), np.arange(likelihood.evidence.shape[1])
     for view in views(likelihood, mixture, whole):
         lit, _, mean, names, _, _, median = _main(view)
@@ -337,9 +337,9 @@ def _plane_of(
 
 
 def _main(view: View) -> _Main:
-    """Of each pixel (pixel,), by its main component: is it lit, sigma, mean, surface's name, amplitude.
+    """For each pixel (pixel,), of its main component: lit, sigma, mean, surface's name, amplitude.
 
-    And its share of lost samples, and the median of some of the others, NaN if there is none.
+    Also its share of lost samples, and the median of some valid samples, NaN if there is none.
     """
     m = view.mixture
     names = np.array([*view.scene.names, ""], dtype=object)[m.of_main(m.surface)]
@@ -355,7 +355,7 @@ def _main(view: View) -> _Main:
 
 
 def problems(kind: str, likelihood: Likelihood, mixture: Mixture) -> list[Problem]:
-    """The searches of a kind; none where the camera or the scene cannot have it."""
+    """The searches of a kind; none if the camera or the scene cannot have it."""
     if EFFECTS[kind].acts_on_phase or kind == "phase_wrapping":
         try:
             refuse_without_phase(kind, likelihood.scene.model.sensor)
@@ -366,7 +366,7 @@ def problems(kind: str, likelihood: Likelihood, mixture: Mixture) -> list[Proble
 
 
 def _plausible(problem: Problem, model: Model) -> Problem:
-    """The search, whose vectors that are not plausible count as another effect."""
+    """The search; vectors that are not plausible count as another effect."""
 
     def other(x: FloatArray) -> bool:
         try:
@@ -378,7 +378,7 @@ def _plausible(problem: Problem, model: Model) -> Problem:
 
 
 def _declared(kind: str) -> _Maker:
-    """All numbers from their typical sizes: logarithms of those of one sign, multiples of the size of others."""
+    """All numbers from their typical sizes: logarithms for numbers of one sign, multiples of the size for others."""
     parameters = EFFECTS[kind].parameters().values()
     free = [p for p in parameters if p.holds is Holds.NUMBER and not math.isnan(p.typical[0])]
     sizes = [math.sqrt(p.typical[0] * p.typical[1]) for p in free]

@@ -1,8 +1,8 @@
 """Standard errors of the numbers of all effects together, and the last step of their fit.
 
-The curvature of the log-likelihood over all numbers at once gives each one's error with the others free; a fixed
-pattern's values are integrated out. Where noise is shared, among frames (a memory) or among pixels (a frame's bursts),
-samples are fewer than they look: the errors are then those of scores summed over blocks of pixels or of frames.
+The curvature of the log-likelihood over all numbers gives the error of each with the others free; a fixed pattern's
+values are integrated out. If noise is common to frames (a memory) or to pixels (bursts), samples are not independent.
+The errors then come from scores summed over blocks of pixels or of frames.
 """
 
 import math
@@ -21,18 +21,18 @@ from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.saturation import Saturation
 
 _MOST_STEPS = 4  # of Newton's to the top
-_ENOUGH = 0.01  # nats that are not worth a step
+_ENOUGH = 0.01  # nats: a smaller gain needs no step
 _PARTS = (1.0, 0.5, 0.2, 0.05)  # of a step that are tried
 _DAMPINGS = (0.0, 0.1, 1.0, 10.0)  # in units of a number's own curvature
-_SEEN, _NEAR, _FAR = 0.05, 0.03, 0.1  # share of the beam; parts of an amplitude: its noise, and a gap
-_OFF = 0.1  # from the part that was tried, of it, where another is worth a trial
+_SEEN, _NEAR, _FAR = 0.05, 0.03, 0.1  # share of the beam; relative noise of an amplitude; relative size of a gap
+_OFF = 0.1  # relative difference of parts, from which another part is tried
 
 
 def polish(numbers: Numbers) -> Numbers:
-    """Newton's steps for all numbers at once, to the top of the log-likelihood; none of them lowers it.
+    """Newton steps for all numbers together, to the top of the log-likelihood; no step lowers it.
 
-    Under a fixed pattern, whose values follow after the step, the log-likelihood is that with them integrated out,
-    and one step is made.
+    Under a fixed pattern its values are integrated out of the log-likelihood, and one step is made; the values are
+    fitted after the step.
     """
     pattern = pattern_of(numbers.state)
     for _ in range(_MOST_STEPS if pattern is None else 1):
@@ -43,7 +43,7 @@ def polish(numbers: Numbers) -> Numbers:
         if pattern is not None:
             under = _under(numbers, about, pattern)
             slope, curvature = under.slope(), under.curvature(pattern.column_sigma_mm, pattern.row_sigma_mm)
-        if 0 <= 0.5 * float(slope @ inverse(curvature) @ slope) < _ENOUGH:  # less than 0: far from any top
+        if 0 <= 0.5 * float(slope @ inverse(curvature) @ slope) < _ENOUGH:  # below 0: far from any top
             break
         better = _climbed(numbers, about.steps, (slope, curvature), pattern)
         if better is None:
@@ -55,7 +55,7 @@ def polish(numbers: Numbers) -> Numbers:
 def _climbed(
     numbers: Numbers, steps: FloatArray, about: tuple[FloatArray, FloatArray], pattern: FixedPattern | None
 ) -> Numbers | None:
-    """A step of Newton's, damped where the whole of it leads astray, as far from the top; None if none climbs.
+    """A Newton step, damped if the whole step does not climb, as far from the top; None if none climbs.
 
     References
     ----------
@@ -72,14 +72,14 @@ def _climbed(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Way:
-    """The numbers along a step, and what fits maximise there."""
+    """The numbers along a step, and the objective of fits there."""
 
     numbers: Numbers
     move: FloatArray
     pattern: FixedPattern | None
 
     def at(self, part: float) -> tuple[float, Numbers]:
-        """Its height and the numbers after a part of the step; minus infinity out of bounds."""
+        """The objective and the numbers after a part of the step; minus infinity out of bounds."""
         try:
             moved = self.numbers.moved(self.numbers.vector + part * self.move)
         except ValueError:
@@ -91,15 +91,14 @@ class _Way:
 
 
 def _better(way: _Way, gain: float) -> Numbers | None:
-    """A step, or a part of it, that raises the log-likelihood; where the part tells of a better one, that.
+    """A step, or a part of it, that raises the log-likelihood; a better part if the values indicate one.
 
     Parameters
     ----------
     way : _Way
         The step.
     gain : float
-        What half the slope along it promises, nats: a parabola of that slope through any point has its top where the
-        next part is.
+        Gain by half the slope along the step, nats. A parabola of this slope through any point gives the next part.
     """
     top, _ = way.at(0.0)
     for part in _PARTS:
@@ -119,13 +118,13 @@ def _under(numbers: Numbers, about: Parabola, pattern: FixedPattern) -> UnderPat
 
 
 def standard_errors(numbers: Numbers) -> dict[int, dict[str, float]]:
-    """Standard errors of the effects' numbers, by the effects' places in the state; of a fixed pattern's spreads too.
+    """Standard errors of the effects' numbers, by their position in the state; also of a fixed pattern's spreads.
 
-    For each number the largest of three: by the curvature (Fisher), and by slopes summed over blocks of pixels, and
-    over blocks of frames, between the curvature's inverses (the sandwich). Under a fixed pattern, the errors by
-    curvature are averaged over what its spreads may be, and blocks of pixels, which share it, are left out. Without
-    one, all are stretched where the profile likelihood is no parabola. Numbers at their bounds are taken as given and
-    have none.
+    The largest of three errors for each number: from the curvature (Fisher), from slopes summed over blocks of pixels,
+    and from slopes summed over blocks of frames (the sandwich estimator). Under a fixed pattern, the errors from the
+    curvature are averaged over its possible spreads, and blocks of pixels are not used, because they share the pattern.
+    Without a pattern, errors are scaled if the profile likelihood is no parabola. Numbers at their bounds are taken as
+    exact and have no error.
 
     References
     ----------
@@ -156,7 +155,7 @@ def standard_errors(numbers: Numbers) -> dict[int, dict[str, float]]:
             parameter = Parameter(name=name, fitted=fitted, own=own, steps=about.steps)
             largest = max(parabola_error(parameter, covariance) for covariance in found)
             known_shape = 1.0 if pattern is not None else stretch(parameter, known, partial(_value, numbers, about))
-            if largest > 0:  # none of a number at its bound, which is taken as given
+            if largest > 0:  # no error for a number at its bound, which is taken as exact
                 out[number][name] = largest * known_shape
         if isinstance(fitted.effect, Saturation):
             least = _half_gap(numbers, fitted.effect.full_well_amplitude)
@@ -165,7 +164,7 @@ def standard_errors(numbers: Numbers) -> dict[int, dict[str, float]]:
 
 
 def _half_gap(numbers: Numbers, full: float) -> float:
-    """Half of the way to the next amplitude in the scene, up or down, where that is far: nothing tells between."""
+    """Half of the distance to the next amplitude in the scene, up or down, if it is large: no sample lies between."""
     mixture = numbers.likelihood.mixture(numbers.state)
     seen = mixture.amplitude[mixture.lit & (mixture.weight > _SEEN)]
     below, above = seen[seen < full * (1 - _NEAR)], seen[seen > full * (1 + _NEAR)]
@@ -174,7 +173,7 @@ def _half_gap(numbers: Numbers, full: float) -> float:
 
 
 def _value(numbers: Numbers, about: Parabola, move: FloatArray) -> float:
-    """The log-likelihood where the numbers move by so many steps."""
+    """The log-likelihood if the numbers move by so many steps."""
     if not move.any():
         return about.top.total
     found = numbers.at(numbers.vector + move * about.steps)
@@ -193,7 +192,7 @@ def _blocks(evidence: Evidence) -> tuple[IntArray, IntArray]:
 
 
 def _summed(slopes: FloatArray, block: IntArray) -> FloatArray:
-    """Slopes (number, block) of the blocks that have any."""
+    """Slopes (number, block) of blocks that are not all 0."""
     total = np.array([np.bincount(block, s) for s in slopes]).reshape(len(slopes), -1 if len(slopes) else 0)
     return np.asarray(total[:, (total != 0).any(axis=0)])
 

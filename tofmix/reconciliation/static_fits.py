@@ -1,8 +1,8 @@
 """Static effects fitted together to the biases of all pixels, by generalised least squares.
 
-Each pixel's bias, and how well it is known, sums up all its samples. What effects make of the biases needs no
-sample, so that a fit takes milliseconds: several effects at once, with the noise alone or a fixed pattern too as
-covariance.
+The bias of each pixel, with its information, summarises all samples of the pixel. A fit of effects to biases needs no
+samples and takes milliseconds. It fits several effects together; the covariance is the noise, with or without a fixed
+pattern.
 """
 
 import math
@@ -20,7 +20,7 @@ from tofmix.reconciliation.pixel_pattern import PatternLines, pixel_biases
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 
-_TURNS = 3  # of the iteration of Gauss and Newton
+_TURNS = 3  # Gauss-Newton steps
 _PARTS = (1.0, 0.3)  # of a step that are tried
 _NUDGE = 0.05  # of a search's first step, for slopes
 
@@ -36,15 +36,15 @@ class StaticFits:
     Parameters
     ----------
     likelihood : Likelihood
-        Of one recording or several: a pixel has a bias in each, and one pattern in all.
+        Of one or several recordings: a pixel has a bias in each, and one pattern in all.
     state : State
-        The model as it stands.
+        The model with the effects added so far.
     mixture : Mixture
         Its prediction.
     part : (frames, pixels)
-        What the fits may see.
+        Data of the fits.
     pattern : FixedPattern, optional
-        Whose spreads biases have beside the noise.
+        Pattern whose spreads are added to the covariance of the noise.
     """
 
     def __init__(
@@ -70,23 +70,23 @@ class StaticFits:
     def fitted(
         self, new: Fitted, old: Mapping[int, Fitted] | None = None, *, place: int | None = None
     ) -> tuple[float, Fitted, dict[int, Fitted]]:
-        """Fit one more effect, and those of the state that are given, together.
+        """Fit one more effect together with given effects of the state.
 
         Parameters
         ----------
         new : Fitted
-            As it was fitted by itself.
+            The effect, fitted alone.
         old : mapping of int to Fitted, optional
-            Those of the state by their place in it.
+            Effects of the state by their number.
         place : int, optional
-            Where the effect stands in the state already; it is one more if there is none.
+            Number of the effect in the state, if it is one of its effects.
 
         Returns
         -------
         gain : float
-            What the fit gains by the biases, nats.
+            Gain by the biases, nats.
         new, old : Fitted, dict of int to Fitted
-            Their ends.
+            The fitted effects.
         """
         places, fits = [*(old or ()), len(self._effects) if place is None else place], [*(old or {}).values(), new]
         before = [f.vector for f in fits[:-1]]
@@ -107,7 +107,7 @@ class StaticFits:
         return 0.5 * (self._none - left), ends[-1], dict(zip(places[:-1], ends[:-1], strict=True))
 
     def _moves(self, places: Sequence[int], fits: Sequence[Fitted], x: FloatArray) -> FloatArray | None:
-        """What numbers move each recording's pixels by (used pixel,), mm; None out of their bounds."""
+        """Change of the ranges of each recording's pixels (used pixel,), mm; None out of bounds."""
         try:
             made = [f.problem.make(v) for f, v in zip(fits, _cut(fits, x), strict=True)]
             for effect in made:
@@ -116,7 +116,7 @@ class StaticFits:
             return None
         effects = dict(enumerate(self._effects)) | dict(zip(places, made, strict=True))
         moves = self._means(tuple(effects.values())) - self._at_rest
-        return np.asarray(np.nan_to_num(moves))  # of a surface that is out of the pixel, nothing is known
+        return np.asarray(np.nan_to_num(moves))  # if the surface is out of the pixel, nothing is known
 
     def _means(self, effects: tuple[Effect, ...]) -> FloatArray:
         mixture = self._scene.mixture(effects)
@@ -126,12 +126,12 @@ class StaticFits:
         return np.concatenate(means)
 
     def _left(self, places: Sequence[int], fits: Sequence[Fitted], x: FloatArray) -> float:
-        """Twice the nats that the biases are from what the numbers make of them."""
+        """Chi-square of the biases without the changes by the numbers."""
         moves = self._moves(places, fits, x)
         return math.inf if moves is None else float(self._products((self._bias - moves)[None])[0, 0])
 
     def _step(self, places: Sequence[int], fits: Sequence[Fitted], x: FloatArray) -> FloatArray | None:
-        """The step that ends at the least, were the moves linear; None at a bound."""
+        """The step to the minimum for linear changes; None at a bound."""
         nudges = _NUDGE * np.diag([step for f in fits for step in f.problem.steps])
         here, ahead = self._moves(places, fits, x), [self._moves(places, fits, x + n) for n in nudges]
         inside = [a for a in ahead if a is not None]
@@ -145,7 +145,8 @@ class StaticFits:
     def _products(self, vectors: FloatArray) -> FloatArray:
         """Products (n, n) of vectors (n, used pixel) by the inverse covariance.
 
-        A pixel's recordings differ by noise alone; their mean, weighted by what each knows, has the pattern in it.
+        Biases of a pixel in several recordings differ by noise alone; their mean, weighted by information, contains the
+        pattern.
         """
         if len(self._use) == 1:
             return self._products_of_means(vectors)
@@ -165,12 +166,12 @@ class StaticFits:
 
 
 def _means_of(mixture: Mixture, other: Mixture) -> FloatArray:
-    """Mean (pixel,) of the surface that another mixture shows most, wherever its edges have moved; NaN for none."""
+    """Mean (pixel,) of the main surface of another mixture, also if its edges have moved; NaN without it."""
     place = mixture.main_of(other)
     mean = np.take_along_axis(mixture.mean[0], np.maximum(place, 0)[None], axis=0)[0]
     return np.asarray(np.where(place < 0, np.nan, mean))
 
 
 def _cut(fits: Sequence[Fitted], x: FloatArray) -> list[FloatArray]:
-    """Each fit's own numbers."""
+    """The numbers of each fit."""
     return np.split(x, np.cumsum([f.problem.parameters for f in fits])[:-1])

@@ -1,8 +1,8 @@
-"""Which sets of effects explain the summaries of a recording, and which cannot be told apart.
+"""Which sets of effects explain the summaries of a recording, and which of them cannot be separated.
 
-The evidence of a set is its marginal likelihood: its coefficients have declared priors and are integrated out, and so
-are the errors that any model has (poses, tilts and the noise's scale within the tolerance, and a smooth discrepancy of
-each surface). All is linear and Gaussian, so that hundreds of sets take some ten milliseconds.
+The evidence of a set is its marginal likelihood. Its coefficients have declared priors and are integrated out. So are
+the errors of any model: poses, tilts and noise scale within the tolerance, and a smooth discrepancy of each surface.
+Everything is linear and Gaussian, so hundreds of sets take some ten milliseconds.
 """
 
 import math
@@ -17,22 +17,22 @@ from tofmix.reconciliation.columns import Column, Term
 from tofmix.reconciliation.summaries import Summary, surfaces_of
 
 _SMOOTH = 3  # functions along each side of a surface
-_DISCREPANCY = 0.25  # of the tolerance: a tilt, or a smooth error of a surface's ranges
-_MOST = 4000  # sets that are looked at
+_DISCREPANCY = 0.25  # of the tolerance: prior of a tilt, and of a smooth error of a surface's ranges
+_MOST = 4000  # most sets that are compared
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Explained:
-    """A set of effects and what it explains.
+    """A set of effects and its evidence.
 
     Parameters
     ----------
     terms : tuple of Term
         The set.
     evidence : float
-        Logarithm of its marginal likelihood over that of no effect, nats.
+        Logarithm of its marginal likelihood, over that without any effect, nats.
     coefficients : tuple of (coefficient,) float64
-        Of each term, given the data.
+        Coefficients of each term, given the data.
     """
 
     terms: tuple[Term, ...]
@@ -51,7 +51,7 @@ class Explained:
 
 
 class Subsets:
-    """The evidence of sets of terms, from products that are made once.
+    """The evidence of sets of terms, from products that are computed once.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class Subsets:
     terms : sequence of Term
         Effects that may be in a set.
     tolerance : float
-        Error of the model that is taken as right: of poses, in sigma; of sigma, a tenth of it.
+        Accepted error of the model: of poses, in sigma; of sigma, a tenth of it.
     pixel_sigma_mm : float
         Standard deviation of a pixel's own bias, where the model has a pattern.
     """
@@ -77,14 +77,14 @@ class Subsets:
         n = len(own)
         rest = np.eye(len(taken) - n) + gram[n:, n:]
         solved = np.linalg.solve(rest, np.column_stack([gram[n:, :n], pull[n:]])) if len(taken) > n else None
-        if solved is not None:  # what any model may be wrong by is integrated out
+        if solved is not None:  # errors of any model are integrated out
             gram, pull = gram[:n, :n] - gram[:n, n:] @ solved[:, :n], pull[:n] - gram[:n, n:] @ solved[:, n]
         self._gram, self._pull, self._prior = gram, pull, prior[:n]
         starts = np.cumsum([0, *(len(t.columns) for t in terms)])
         self._of: list[IntArray] = [np.arange(a, b) for a, b in pairwise(starts)]
 
     def explained(self, numbers: Sequence[int]) -> Explained:
-        """The set of some terms, by their places.
+        """The set of the terms with these numbers.
 
         References
         ----------
@@ -101,7 +101,7 @@ class Subsets:
         return Explained(terms=chosen, evidence=evidence, coefficients=tuple(np.split(found, cuts)) if chosen else ())
 
     def all_up_to(self, size: int) -> list[Explained]:
-        """All sets of at most so many effects, each kind and surface once; the best of each sort, best first."""
+        """All sets of at most `size` effects, each kind and surface once; one a combination of names, best first."""
         best: dict[frozenset[tuple[str, str]], Explained] = {}
         for numbers in self._sets(size):
             one = self.explained(numbers)
@@ -124,7 +124,7 @@ class Subsets:
 def _products(
     seen: Sequence[Summary], columns: Sequence[Column], pixel_sigma_mm: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Products (n, n) of columns with each other, and (n,) with what was seen, by what is known of each cell."""
+    """Products (n, n) of columns with each other, and (n,) with the data, weighted by the information of each cell."""
     n = len(columns)
     gram, pull = np.zeros((n, n)), np.zeros(n)
     for number, s in enumerate(seen):
@@ -141,7 +141,7 @@ def _products(
             pull[moving] += weighed.T @ bias
             across += weighed
             told += information * bias
-        if pixel_sigma_mm > 0:  # a pixel's own bias, which all tenths share, integrated out
+        if pixel_sigma_mm > 0:  # a pixel's own bias, common to all tenths, is integrated out
             share = 1.0 / (pixel_sigma_mm**-2 + s.bias_information[:, used].sum(axis=0))
             gram[np.ix_(moving, moving)] -= across.T @ (across * share[:, None])
             pull[moving] -= across.T @ (share * told)
@@ -152,7 +152,7 @@ def _products(
 
 
 def model_errors(seen: Sequence[Summary], tolerance: float) -> Iterator[Column]:
-    """What any model may be wrong by: each surface's place and tilt, the noise's scale, smooth errors of a surface."""
+    """Errors of any model: position and tilt of each surface, scale of the noise, smooth errors of a surface."""
     if tolerance <= 0:
         return
     for number, s in enumerate(seen):
@@ -178,7 +178,7 @@ def model_errors(seen: Sequence[Summary], tolerance: float) -> Iterator[Column]:
 
 
 def _across(place: IntArray, own: BoolArray) -> FloatArray:
-    """Places (pixel,) from -1 to 1 over those of a surface."""
+    """Coordinates (pixel,) that run from -1 to 1 over a surface."""
     low, high = float(place[own].min()), float(place[own].max())
     return np.asarray(2 * (place - low) / max(high - low, 1.0) - 1)
 

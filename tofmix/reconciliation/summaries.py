@@ -1,9 +1,9 @@
-"""What the samples say of each pixel: a bias in each tenth of the time, and the width of the noise; both with errors.
+"""Summaries of each pixel's samples: a bias in each tenth of the time, and the width of the noise, with errors.
 
-A recording of a million samples then is some ten thousand numbers that are normally distributed, on which effects that
-move or widen samples act almost linearly. `tofmix.reconciliation.subsets` holds whole sets of effects against them in a
-millisecond each. Use the samples' own likelihood (`tofmix.reconciliation.likelihood`) for numbers and verdicts: tails,
-lost samples, pixels that see several surfaces and the change of the noise in time are not in the summaries.
+A recording of a million samples becomes some ten thousand normally distributed numbers. Effects that move or widen
+samples act on them almost linearly, so `tofmix.reconciliation.subsets` compares a set of effects with them in a
+millisecond. For numbers and verdicts use the likelihood of the samples (`tofmix.reconciliation.likelihood`): the
+summaries contain no tails, no lost samples, no pixels that see several surfaces, and no change of the noise in time.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,27 +20,27 @@ from tofmix.reconciliation.pixel_pattern import pixel_biases
 
 TENTHS = 10  # parts of the time
 _STEPS = 2  # of Newton's, from the bias of the whole recording
-_NUDGE = 0.05  # of the logarithm of a width, for its slopes
-_FAR = 1.0  # logarithm of a width: a longer step is not taken at once
-_LEAST = 1e-10  # information of a cell of which something is known, 1/mm2
+_NUDGE = 0.05  # step of the logarithm of a width, for its slopes
+_FAR = 1.0  # longest step of the logarithm of a width
+_LEAST = 1e-10  # least information of a cell with data, 1/mm2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Summary:
-    """What one recording says of its pixels that see one surface.
+    """The summary of one recording's pixels that see one surface.
 
     Parameters
     ----------
     view : View
-        The recording, and what the model as it stands predicts of it.
+        The recording, and the prediction of the model with the effects added so far.
     used : (pixel,) bool
-        Pixels of which something is known; the others have no information.
+        Pixels with data; the others have no information.
     bias_mm, bias_information : (tenth, pixel) float64
-        Of the mean beyond the prediction, mm and 1/mm2.
+        Bias of the mean against the prediction, mm, and its information, 1/mm2.
     width, width_information : (pixel,) float64
-        Logarithm of the width of the noise over the predicted one.
+        Logarithm of the width of the noise, over the predicted one, and its information.
     elapsed_s : (tenth,) float64
-        Mean time of the tenth's frames.
+        Mean time of the frames of the tenth.
     """
 
     view: View
@@ -53,16 +53,16 @@ class Summary:
 
 
 def summaries(likelihood: Likelihood, state: State, part: Part) -> list[Summary]:
-    """Sum up a part of each recording, against a state.
+    """Summarise a part of each recording, relative to a state.
 
     Parameters
     ----------
     likelihood : Likelihood
         The recordings.
     state : State
-        The model as it stands; its latent states are taken as known.
+        The model with the effects added so far; its latent states are taken as known.
     part : (frames, pixels)
-        What is summed up.
+        The samples.
 
     Returns
     -------
@@ -95,7 +95,7 @@ def _summed(likelihood: Likelihood, state: State, mixture: Mixture, view: View) 
     moved = _surfaces_move(view, np.stack(shifts) - state.pixel_bias - whole.bias, np.stack(information))
     about = [(part, state.pixel_bias + whole.bias + move) for part, move in zip(tenths, moved, strict=True)]
     width, known = _widths(likelihood, state, mixture, about)
-    width += 0.5 / max(len(view.part[0]), 1)  # by which a spread about a mean of the same samples is too small
+    width += 0.5 / max(len(view.part[0]), 1)  # a spread about the mean of the same samples is too small by this
     return Summary(
         view=view, used=used, bias_mm=np.where(used, np.stack(shifts) - state.pixel_bias, 0.0),
         bias_information=np.stack(information), width=np.where(used, width, 0.0),
@@ -105,7 +105,7 @@ def _summed(likelihood: Likelihood, state: State, mixture: Mixture, view: View) 
 
 
 def _surfaces_move(view: View, change: FloatArray, information: FloatArray) -> FloatArray:
-    """How far each surface is in each tenth (tenth, pixel) from where it is in all, mm: a mean over its pixels."""
+    """Shift of each surface in each tenth against the whole recording (tenth, pixel), mm: a mean over its pixels."""
     seen = view.mixture.of_main(view.mixture.surface)
     out = np.zeros_like(change)
     for number in np.unique(seen):
@@ -118,7 +118,7 @@ def _surfaces_move(view: View, change: FloatArray, information: FloatArray) -> F
 def _widths(
     likelihood: Likelihood, state: State, mixture: Mixture, about: Sequence[tuple[Part, FloatArray]]
 ) -> tuple[FloatArray, FloatArray]:
-    """Logarithm (pixel,) of the noise's width over the predicted one, and its information, about biases by part."""
+    """Logarithm (pixel,) of the noise's width, over the predicted one, and its information, at given biases."""
     width, information = np.zeros(state.pixel_bias.size), np.zeros(state.pixel_bias.size)
     for _ in range(_STEPS + 1):
         below, here, above = (
@@ -132,7 +132,7 @@ def _widths(
 
 
 def surfaces_of(summary: Summary) -> Iterator[tuple[str, BoolArray]]:
-    """Each surface's name, and the pixels (pixel,) of which something is known that see it."""
+    """Each surface's name, and the pixels (pixel,) with data that see it."""
     m = summary.view.mixture
     seen = m.of_main(m.surface)
     for number, name in enumerate(summary.view.scene.names):

@@ -1,9 +1,9 @@
-"""How much each curve of the panel says that curves of lower order do not: what places are ranked by.
+"""The information of each curve that curves of lower order do not contain; it ranks the places.
 
-Where means are off, so are spread, skew and tails, on every axis. So the mean comes first, in mm: over each axis of
-the pixels, over frames and over time. What the best of it explains is taken out before spreads are looked at, and both
-before skew and tails. What an axis explains is the gain in marginal likelihood of a Gaussian effect over its
-bins, whose variance is free: an axis of many bins has to explain more.
+A wrong mean also changes spread, skew and tails, on every axis. So means come first, in mm: over each axis of the
+pixels, over frames and over time. Means are removed before spreads are computed, and both before skew and tails. The
+gain of an axis is that of the marginal likelihood of a Gaussian effect over its bins, with a free variance. So an axis
+of many bins must explain more.
 """
 
 from collections.abc import Iterable, Iterator
@@ -19,16 +19,16 @@ from tofmix.reconciliation.mixture import Mixture
 from tofmix.reconciliation.panel import Axis, panel_axes
 
 EVERYWHERE = 0.05
-"""What an axis must add to the common part of a statistic, as a share of it, to be the place instead of `all`."""
+"""Part, of the gain of `all`, that an axis must add to be the place instead of `all`."""
 
 STRUCTURED = 0.15
-"""Share of what single pixels explain from which an axis that explains it is the place."""
+"""Least share of the gain of single pixels at which an axis is the place."""
 
 FINE = 48
-"""Bins of axes that are cut by quantiles: what varies within a bin is lost."""
+"""Number of bins of axes that are divided by quantiles; changes within a bin are lost."""
 
-_REACH = 2.0  # of means, in sigma: scores beyond 4 count as 4
-_TENTHS = 10  # parts of the time in which slow changes are taken out
+_REACH = 2.0  # largest mean, in sigma, of a pixel with a valid spread: scores beyond 4 count as 4
+_TENTHS = 10  # parts of the time, for slow changes
 _LAGS = (1, 2, 3)  # frames
 _LEAST = 1e-9  # weight of a pixel
 
@@ -37,7 +37,7 @@ Telling = dict[tuple[str, str], float]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scored:
-    """Scores (frame, pixel), 0 where `ok` is false, with what they are looked at against.
+    """Scores (frame, pixel), 0 where `ok` is false, with the axes.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def gain(chi2: float, dof: int) -> float:
 
 
 def telling(s: Scored) -> Telling:
-    """Gain (nats) by statistic and axis, each beyond what lower orders explain.
+    """Gain (nats) by statistic and axis, beyond lower orders.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def telling(s: Scored) -> Telling:
     rest = _without_spreads(rest, s.ok)
     out |= dict(_linked(rest, s))
     third = (rest * rest - 3) * rest / np.float32(np.sqrt(6))
-    few = np.float32(6.0 / (len(rest) + 1))  # what a kurtosis lacks where mean and spread are the sample's own
+    few = np.float32(6.0 / (len(rest) + 1))  # bias of a kurtosis whose mean and spread are those of the sample
     fourth = np.where(s.ok, (rest**2 * (rest**2 - 6) + 3 + few) / np.float32(np.sqrt(24)), np.float32(0))
     out |= _over("skew", s, third, count, names=("", ""))
     out |= _over("tails", s, fourth, count, names=("", ""))
@@ -104,7 +104,7 @@ def telling(s: Scored) -> Telling:
 def _over(
     name: str, s: Scored, values: Float32Array, mass: tuple[FloatArray, FloatArray], *, names: tuple[str, str]
 ) -> Telling:
-    """One statistic over all axes; its sums (frame, pixel) with their variances by pixel and by frame."""
+    """One statistic over all axes: its values (frame, pixel), with variances by pixel and by frame."""
     by_pixel, by_frame = values.sum(axis=0, dtype=np.float64), values.sum(axis=1, dtype=np.float64)
     single = _chi2(by_pixel, mass[0])
     found = {(name, axis.name): _binned(axis.bin, by_pixel, mass[0]) for axis in s.axes}
@@ -116,7 +116,7 @@ def _over(
 
 
 def _ranked(name: str, found: dict[tuple[str, str], tuple[float, int]], single: tuple[float, int]) -> Telling:
-    """Gains by axis; one that adds next to nothing to the common part comes after `all`."""
+    """Gains by axis; an axis that adds little to the gain of `all` comes after `all`."""
     gains = {key: gain(*value) for key, value in found.items()}
     common = gains[name, "all"]
     for key, value in gains.items():
@@ -139,14 +139,14 @@ def _binned(bins: IntArray, total: FloatArray, mass: FloatArray) -> tuple[float,
 
 
 def _within_reach(s: Scored) -> Scored:
-    """Without pixels far off: scores end where they count as no more, and what is beyond has no spread."""
+    """Without pixels with a large mean: their scores are clipped, so they have no valid spread."""
     mean = np.abs(s.z.sum(axis=0)) / np.maximum(s.ok.sum(axis=0), 1)
     ok = s.ok & (mean < _REACH)
     return replace(s, z=np.where(ok, s.z, np.float32(0)), ok=ok)
 
 
 def _without_means(s: Scored, weight: Float32Array) -> Float32Array:
-    """Scores less each pixel's mean and each frame's bias in mm, at unit variance still."""
+    """Scores without each pixel's mean and each frame's bias in mm, of unit variance."""
     n = np.maximum(s.ok.sum(axis=0), 2)
     rest = np.where(s.ok, s.z - s.z.sum(axis=0) / n, np.float32(0))
     mass = np.where(s.ok, weight**2, np.float32(0)).sum(axis=1)
@@ -156,7 +156,7 @@ def _without_means(s: Scored, weight: Float32Array) -> Float32Array:
 
 
 def _without_spreads(rest: Float32Array, ok: BoolArray) -> Float32Array:
-    """At unit variance in each pixel, then in each frame."""
+    """Scaled to unit variance in each pixel, then in each frame."""
     for axis in (0, 1):
         n = np.maximum(ok.sum(axis=axis, keepdims=True), 1)
         level = np.sqrt((rest * rest).sum(axis=axis, keepdims=True, dtype=np.float64) / n)
@@ -165,7 +165,7 @@ def _without_spreads(rest: Float32Array, ok: BoolArray) -> Float32Array:
 
 
 def _linked(rest: Float32Array, s: Scored) -> Iterator[tuple[tuple[str, str], float]]:
-    """Memory from frame to frame; lines of the image that move together; neighbours."""
+    """Memory from frame to frame; common biases of lines; correlation of neighbours."""
     yield ("memory", "frame"), gain(sum(_pairs(rest, s, lag) for lag in _LAGS), len(_LAGS))
     rows, cols = s.image
     cube: Float32Array = np.zeros((len(rest), rows * cols), dtype=np.float32)
@@ -194,14 +194,14 @@ def _pairs(rest: Float32Array, s: Scored, lag: int) -> float:
 
 
 def of_losses(lost: BoolArray, expected: FloatArray, axes: Iterable[Axis]) -> Telling:
-    """Gains by axis of invalid samples beyond those expected, each sample as uncertain as the mean one.
+    """Gains by axis of invalid samples beyond the predicted ones, all samples with the same variance.
 
     Parameters
     ----------
     lost : (frame, pixel) bool
         Invalid samples.
     expected : (pixel,) float64
-        The model's share of them.
+        The predicted share of them.
     axes : iterable of Axis
         Bins of the pixels.
     """

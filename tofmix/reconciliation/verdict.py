@@ -1,6 +1,6 @@
-"""The verdict: the one place where it is decided what was found is called.
+"""The verdict. No other module decides it.
 
-`tofmix.reconciliation.verify` gathers the findings; `judge` makes them a verdict and its reasons. Nothing else does.
+`tofmix.reconciliation.verify` collects the findings; `judge` makes a verdict of them.
 """
 
 import math
@@ -16,40 +16,41 @@ from tofmix.reconciliation.panel import SHAPES, Curve
 from tofmix.simulation.effects.base import Effect
 
 LAW = 0.1
-"""Part of what an effect changes in a statistic by which its law may be wrong: no camera has any law exactly."""
+"""Possible error of an effect's law, as a part of its change of a statistic: no camera follows a law exactly."""
 
 MOSTLY = 0.9
-"""Share of gain and largest disagreement that is left which the gain must be, where something still stands out."""
+"""If a statistic stands out: least share of the gain in the sum of gain and largest remaining evidence."""
 
 CLOSED = 0.8
-"""Share of the gap that must be closed then."""
+"""Least share of the gap that must then be closed."""
 
 SIGMAS = 0.5
-"""A bias of all samples, in sigma, that a recording must be able to show before it can be said to agree."""
+"""Bias of all samples, in sigma, that a recording must be able to show for the verdict `agree`."""
 
 _POWER = 1.645  # standard errors beyond the limit: such a bias is seen in 95 of 100 recordings
 _WITHIN_CHANCE = 0.15  # of a gap
-_SANE = 1.5  # times chance, which the refined model's own simulation may be from it, where the recording is no further
-_SETTLED, _UNTOUCHED = 0.97, 0.7  # of the largest disagreement that was there, gone; of one that is still there, left
-_SHOWN = 2.0  # normal deviate from which the model's own simulation shows a curve too
-_OPEN = 0.03  # of an effect's gain, that may be left in the statistics in which it must show
-_FEW = 0.1  # third and fourth powers of single pixels hang on few samples
+_SANE = 1.5  # largest gap of the refined model's own simulation, if that of the recording is no larger
+_SETTLED, _UNTOUCHED = 0.97, 0.7  # least share that is removed of the largest deviation; that is left of others
+_SHOWN = 2.0  # normal deviate from which the model's own simulation also shows a deviation
+_OPEN = 0.03  # share of an effect's gain that may remain in the statistics in which it must show
+_FEW = 0.1  # weight of third and fourth powers of single pixels, which depend on few samples
 _HIGHER = ("spread", "skew", "tails")  # orders that a bias moves too
-_TAILED = ("skew", "tails")  # a law that is not exact in one of these is not in the other
+_TAILED = ("skew", "tails")  # a law that is inexact in one of these is inexact in the other
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Findings:
-    """What the verdict depends on.
+    """The data of a verdict.
 
     Parameters
     ----------
     chosen : tuple of Candidate
-        Effects that were found.
+        The found effects.
     before, after, floor : Compared
-        Panels of the model as given, of the refined model, and of a simulation of that, on frames that no fit has seen.
+        Panels on held-out frames: of the model as given, of the refined model, and of a simulation of the refined
+        model.
     nulls : tuple of Compared
-        Of several simulations, `floor` among them, where it shows what stands out in the recording too.
+        Panels of several simulations, including `floor`, if they show the deviations of the recording too.
     near : Compared
         Panel of the refined model moved within its tolerance to where it fits these frames best.
     alpha : float
@@ -57,14 +58,14 @@ class Findings:
     samples : int
         Valid samples that were held out.
     judged : float
-        How many times more samples are judged than effects' gains were scored on.
+        Number of judged samples over the number of samples on which gains were scored.
     law : str or None
-        Of what a smooth law, which no effect is, fits better than the effects that were found.
+        Axis of a smooth law that fits better than the found effects.
     own : Effect or None
-        The model's own effect with other numbers, which fits better than the effects that were found.
+        The model's own effect with other numbers, if it fits better than the found effects.
     bound, echo, shaped, in_time : bool
-        Whether an effect has numbers that make it another one; whether a memory leaves another one; whether a pattern
-        of pixels is a smooth law; whether frames still change in time.
+        Whether an effect has numbers at which it is another effect; whether another memory remains after a memory;
+        whether a pattern of pixels is a smooth law; whether frames still change in time.
     """
 
     chosen: tuple[Candidate, ...]
@@ -96,11 +97,11 @@ class Findings:
 
     @property
     def open(self) -> list[Curve]:
-        """Curves that stand out of chance and tolerance, most telling first."""
+        """Curves that stand out beyond noise and tolerance, largest evidence first."""
         return [c for c in disagreements(self.near, self.alpha) if self._beyond(c)]
 
     def left(self, curve: Curve) -> float:
-        """What a curve that stands out counts for, nats, less what the model's own simulation shows of it."""
+        """The evidence of a curve, nats, minus that of the model's own simulations."""
         few = curve.statistic in ("skew_pattern", "tails_pattern")
         own = [c.excess_nats for c in self._simulated(curve)]
         seen = curve.excess_nats - max(float(np.mean(own)) if own else 0.0, 0.0)
@@ -108,7 +109,7 @@ class Findings:
 
     @property
     def unsigned(self) -> tuple[int, ...]:
-        """Numbers of the effects that leave the statistics open in which they must show."""
+        """Numbers of the effects that leave a deviation in the statistics in which they must show."""
         loud = disagreements(self.near, self.alpha)
         out = []
         for number, candidate in enumerate(self.chosen):
@@ -120,19 +121,19 @@ class Findings:
 
     @property
     def signed(self) -> bool:
-        """Whether no effect leaves the statistics open in which it must show."""
+        """Whether no effect leaves a deviation in the statistics in which it must show."""
         return not self.unsigned
 
     @property
     def sound(self) -> bool:
-        """Whether nothing speaks against the effects themselves, whatever else is left."""
+        """Whether nothing speaks against the effects, whatever else remains."""
         other = self.law is not None or self.own is not None
         sane = self.floor.gap <= max(self.before.gap, _SANE)
         return self.signed and sane and not (other or self.bound or self.echo or self.shaped)
 
     @property
     def settled(self) -> bool:
-        """Whether what is left stands on other curves than what was explained, and was there before."""
+        """Whether the remaining deviations are on other curves than the explained ones, and were there before."""
         if any(c.exact for c in self.chosen):
             return True
         was, now = _named(self.before), _named(self.near)
@@ -144,17 +145,17 @@ class Findings:
         return all(c.excess_nats > _UNTOUCHED * before.get(c.name, 0.0) for c in self.open[:3])
 
     def _beyond(self, curve: Curve) -> bool:
-        """Whether a curve is beyond what the model's own simulations show, and what an inexact law leaves."""
+        """Whether a curve exceeds the model's own simulations and the remainder of an inexact law."""
         if not self.stands_out_of_simulations(curve):
             return False
         return not self.chosen or curve.size > inexact(curve, self.before)
 
     def stands_out_of_simulations(self, curve: Curve) -> bool:
-        """Whether a curve that stands out does so beyond the model's own simulations, where these show it too.
+        """Whether a curve exceeds the model's own simulations, if they also show a deviation.
 
-        Predictions approximate, and hidden states are found with errors: both show in simulations as in a recording.
-        Their chi-squares are not central: 2 (n + 2 l) is their variance, of n bins and a mean of n + l, and it is more
-        where hidden states differ.
+        Predictions are approximate, and hidden states have errors. Both show in simulations as in a recording. So the
+        chi-square of n bins is noncentral: with the mean n + l its variance is 2 (n + 2 l), and larger if hidden states
+        differ.
         """
         own = self._simulated(curve)
         if not self.is_simulated(curve):
@@ -168,7 +169,7 @@ class Findings:
         return curve.chi2 - mean > limit * math.sqrt(variance * (1 + 1 / len(own)))
 
     def is_simulated(self, curve: Curve) -> bool:
-        """Whether simulations of the model show a curve too."""
+        """Whether simulations of the model also show a deviation of a curve."""
         return max((c.z for c in self._simulated(curve)), default=0.0) >= _SHOWN
 
     def _simulated(self, curve: Curve) -> list[Curve]:
@@ -177,10 +178,10 @@ class Findings:
 
     @property
     def mostly(self) -> bool:
-        """Whether effects gained far more than what is left, and close most of the gap.
+        """Whether the gain of the effects is far larger than the remaining evidence, and they close most of the gap.
 
-        Those that lose samples are held against lost samples, the others against ranges. Gains of exact laws are no
-        measure of what is left.
+        Gains of effects that lose samples are compared with lost samples, the others with ranges. Gains of exact laws
+        do not count.
         """
         loud = disagreements(self.near, self.alpha)
         for lost in (True, False):
@@ -200,14 +201,15 @@ def judge(found: Findings) -> str:
     Parameters
     ----------
     found : Findings
-        What was found.
+        The findings.
 
     Returns
     -------
     str
-        ``agree``: no effect was added and nothing stands out, of enough samples to see half a sigma. ``explained``:
-        nothing stands out any more. ``partly_explained``: something does, but it is little beside what the effects
-        explain, or was there before and they do not touch it, or changes in time. ``unexplained``: all else.
+        ``agree``: no effect was added and nothing stands out, with enough samples to see half a sigma. ``explained``:
+        effects were added and nothing stands out. ``partly_explained``: a deviation remains, but it is small compared
+        with the gain of the effects, or it was there before and the effects do not change it, or it is a change in
+        time. ``unexplained``: all other cases.
     """
     if not found.chosen:
         return "unexplained" if found.open or found.few else "agree"
@@ -219,22 +221,22 @@ def judge(found: Findings) -> str:
 
 
 def inexact(curve: Curve, before: Compared) -> float:
-    """Size of a curve up to which it may be what an inexact law leaves.
+    """Size of a curve up to which it may be the remainder of an inexact law.
 
-    Of a bias, a law that is wrong by a tenth leaves a tenth. A spread is quadratic in the bias of its samples, and
-    tails in a spread: of a part that lower orders make, the law leaves a hundredth.
+    A law that is wrong by a tenth leaves a tenth of a bias. A spread is quadratic in the bias of its samples, and tails
+    in a spread. So of the part that comes from lower orders, the law leaves a hundredth.
 
     Parameters
     ----------
     curve : Curve
-        Of a model with effects.
+        A curve of a model with effects.
     before : Compared
         Panel of the model without them.
 
     Returns
     -------
     float
-        At least what counts as no disagreement. Tails and skew of one law go together.
+        At least the size that does not count as a deviation. Skew and tails are treated together.
     """
     was = _named(before)
     pattern = "_pattern" if curve.statistic.endswith("_pattern") else ""
@@ -246,14 +248,14 @@ def inexact(curve: Curve, before: Compared) -> float:
 
 
 def _own_size(curve: Curve) -> float:
-    """Size of a curve without the part that curves of lower order make."""
+    """Size of a curve without the part that comes from curves of lower order."""
     if curve.telling is None or curve.statistic.removesuffix("_pattern") not in _HIGHER:
         return curve.size
     return min(curve.size, math.sqrt(2 * curve.telling / float((1 / curve.variance).sum())))
 
 
 def share_closed(before: Compared, after: Compared, floor: Compared) -> float | None:
-    """Share of the gap that is closed; None where there is none beyond chance."""
+    """Share of the gap that is closed; None if there is no gap beyond noise."""
     room = before.gap - floor.gap
     return None if room < _WITHIN_CHANCE else (before.gap - after.gap) / room
 

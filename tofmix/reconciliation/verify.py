@@ -1,7 +1,7 @@
-"""Step 5: simulate the refined model with fresh seeds, and say what the effects explain.
+"""Step 5: simulate the refined model with new seeds, and judge the effects.
 
-`floor` is the gap of two simulations of the refined model that differ in their seed, `before` and `after` that of
-the recording. What comes of it is decided in `tofmix.reconciliation.verdict`.
+`floor` is the gap between the refined model and a simulation of it, `before` and `after` are gaps of the recording.
+`tofmix.reconciliation.verdict` decides the verdict.
 """
 
 from dataclasses import dataclass, replace
@@ -33,29 +33,29 @@ from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks
 
 IN_TIME = 0.005
-"""Share of what the effects gained that may be left of a change of all frames in time."""
+"""Share of the effects' gain that may remain as a change of all frames in time."""
 
 ECHO = 0.1
-"""Correlation, at any lag, that a memory of one frame may leave."""
+"""Correlation at any lag that may remain after a memory of one frame."""
 
-_SEEDS_APART, _SIMULATIONS_APART = 1000, 100_000  # seeds of recordings, and of simulations
-_NULLS = 3  # simulations, where one is not enough
+_SEEDS_APART, _SIMULATIONS_APART = 1000, 100_000  # distance between seeds of recordings, and of simulations
+_NULLS = 3  # simulations, if one is not enough
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Verified:
-    """What verification says.
+    """The result of the verification.
 
     Parameters
     ----------
     verdict : str
         ``agree``, ``explained``, ``partly_explained`` or ``unexplained``.
     state : State
-        The model that is written: without effects that do not explain.
+        The model that is written, without effects that do not explain the recording.
     before, after, floor : Compared
         Panels of the model as given, of the refined one, and of a simulation of it.
     findings : Findings
-        What the verdict was made from.
+        The data of the verdict.
     """
 
     verdict: str
@@ -67,22 +67,22 @@ class Verified:
 
     @property
     def law(self) -> str | None:
-        """Of what a smooth law, which no effect is, fits better than the effects that were found."""
+        """Axis of a smooth law that fits better than the found effects; None without one."""
         return self.findings.law
 
     @property
     def own(self) -> Effect | None:
-        """The model's own effect with other numbers, which fits better than the effects that were found."""
+        """The model's own effect with other numbers, if it fits better than the found effects."""
         return self.findings.own
 
     @property
     def closed(self) -> float | None:
-        """Share of the gap that is closed; None where there is none beyond chance."""
+        """Share of the gap that is closed; None if there is no gap beyond noise."""
         return share_closed(self.before, self.after, self.floor)
 
 
 def as_given(likelihood: Likelihood, settings: Settings) -> tuple[Added, Verified]:
-    """What verification says of the model as given, before any effect is searched for."""
+    """The verification of the model as given, before the search."""
     held = held_out(likelihood, settings)
     start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
     near = tolerated(likelihood, start, held, settings.tolerance)
@@ -94,7 +94,7 @@ def as_given(likelihood: Likelihood, settings: Settings) -> tuple[Added, Verifie
 def verify(
     likelihood: Likelihood, added: Added, settings: Settings, own: Effect | None = None, *, law_stood: bool = False
 ) -> Verified:
-    """Judge what was added.
+    """Judge the added effects.
 
     Parameters
     ----------
@@ -105,9 +105,9 @@ def verify(
     settings : Settings
         How.
     own : Effect, optional
-        The model's own effect with other numbers, if that is better than what was added.
+        The model's own effect with other numbers, if it is better than the added effects.
     law_stood : bool
-        Whether a law that no effect is has beaten an earlier way of adding effects.
+        Whether a smooth law was better than the effects of an earlier search.
     """
     held = held_out(likelihood, settings)
     start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
@@ -126,7 +126,7 @@ def verify(
         own=own, bound=any(c.fitted is not None and c.fitted.at_a_bound for c in added.chosen),
         echo=_echoes(likelihood, added.state, settings), shaped=_shaped(likelihood, added.state, held),
     )  # fmt: skip
-    # Gains of exact laws are no measure of what is left
+    # Gains of exact laws do not limit the remaining deviation
     gain = sum(c.gain for c in added.chosen if not (c.exact or c.loses))
     found = replace(found, nulls=_nulls(likelihood, added.state, settings, found))
     found = replace(found, in_time=changes_in_time(added.state, found, found.judged * gain))
@@ -136,9 +136,9 @@ def verify(
 
 
 def _nulls(likelihood: Likelihood, state: State, settings: Settings, found: Findings) -> tuple[Compared, ...]:
-    """Simulations of the refined model: several where the first shows too what stands out in the recording.
+    """Simulations of the refined model: several if the first one also shows a deviation of the recording.
 
-    Or may do so: where samples are linked by hidden states, one simulation is not like the next.
+    Several too if hidden states link samples, because simulations then differ from each other.
     """
     loud = disagreements(found.near, found.alpha)
     linked = any(e.latent in LINKING for e in state.linking)
@@ -148,13 +148,13 @@ def _nulls(likelihood: Likelihood, state: State, settings: Settings, found: Find
 
 
 def revoked(likelihood: Likelihood, found: Verified, settings: Settings) -> Verified:
-    """What verification says where no effect stands: the model as given."""
+    """The verification without effects: the model as given."""
     start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
     return replace(found, state=start, after=found.before, floor=simulated(likelihood, start, settings))
 
 
 def _echoes(likelihood: Likelihood, state: State, settings: Settings) -> bool:
-    """Whether a memory of one frame leaves a correlation at any lag."""
+    """Whether a correlation at any lag remains after a memory of one frame."""
     coefficient = memory_of(state)
     return bool(coefficient) and memory_left(likelihood, state, coefficient, settings.seed) > ECHO
 
@@ -172,9 +172,9 @@ def _shaped(likelihood: Likelihood, state: State, held: Part) -> bool:
 
 
 def changes_in_time(state: State, found: Findings, gain: float) -> bool:
-    """Whether means of frames or pixels still change in time: laws in time are exact, so that something else is there.
+    """Whether means of frames or pixels still change in time; laws in time are exact, so another cause remains.
 
-    Where frames are disturbed, or noise has a memory, these means have that in them.
+    If frames are disturbed, or noise has a memory, these means change for that reason, and the answer is no.
 
     Parameters
     ----------
@@ -183,13 +183,13 @@ def changes_in_time(state: State, found: Findings, gain: float) -> bool:
     found : Findings
         Its panels.
     gain : float
-        What its effects gained on the samples that are judged, nats.
+        Gain of its effects on the judged samples, nats.
     """
     if state.bursts is not None or memory_of(state):
         return False
     loud = disagreements(found.near, found.alpha)
     left = (found.left(c) for c in loud if (c.statistic, c.axis) in (("trend", "time"), ("common_mode", "frame")))
-    # One frame is like the next where a bias stays, which shows in the biases, and where it slowly changes
+    # Frames are correlated if a bias is constant, which also shows in the biases, or if it changes slowly
     same, stays = (
         max((found.left(c) for c in loud if c.statistic in some), default=0.0)
         for some in (("memory",), ("bias", "pattern"))
@@ -198,20 +198,20 @@ def changes_in_time(state: State, found: Findings, gain: float) -> bool:
 
 
 def refined_model(scene: Scene, state: State) -> Model:
-    """A scene's model with those of a state's effects that act in it."""
+    """The model of a scene with the effects of a state that act in it."""
     effects: tuple[Effect, ...] = (*scene.model.effects, *scene.own(state.effects))
     return replace(scene.model, effects=effects)
 
 
 def simulated(likelihood: Likelihood, state: State, settings: Settings, number: int = 0) -> Compared:
-    """Panel of a simulation of a model, whose hidden states are found in it anew, as they are in a recording.
+    """Panel of a simulation of a model. Its hidden states are estimated from the simulation, as from a recording.
 
     Parameters
     ----------
     likelihood, state, settings
-        The recording, what was found in it, and how.
+        The recording, its effects, and the options.
     number : int
-        Which simulation; each has a seed of its own.
+        Number of the simulation; each has another seed.
     """
     evidence = likelihood.evidence
     samples = np.empty_like(evidence.samples)
@@ -235,7 +235,7 @@ def _as_recorded(model: Model, time_s: FloatArray) -> Model:
 
 
 def _as_found(model: Model, state: State) -> Model:
-    """The model with maps that were found in the recording, where it says only what is drawn from a seed."""
+    """The model with maps from the recording instead of patterns that are drawn from a seed."""
     image = model.sensor.rows, model.sensor.cols
 
     def found(effect: Effect) -> Effect:

@@ -15,7 +15,7 @@ _FRAMES = 20  # as few as are taken
 
 
 def warm_up(model: Model) -> None:
-    """Compile, or load from the cache, what `reconcile` uses beside the kernels of simulation.
+    """Compile the kernels of `reconcile`, except those of simulation, or load them from the cache.
 
     Parameters
     ----------

@@ -1,10 +1,11 @@
-"""What a way of adding effects knows as it goes: the settings, what may be fitted, the model as it stands."""
+"""The state of a search: its settings, the data that fits may see, and the model with the effects added so far."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from tofmix.bounds import Positive, Probability, WholeNumber, check_bounds, check_one_of
 from tofmix.reconciliation.compare import Compared
 from tofmix.reconciliation.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.name import Candidate
@@ -12,38 +13,45 @@ from tofmix.reconciliation.name import Candidate
 CRUMB = 0.01
 """Share of the gain so far below which a further effect is not believed: no law of ours is exact."""
 
+SPLITS = ("frames,pixels", "frames", "pixels")
+"""Parts of the recording that may be held out."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """How reconciliation goes about.
+    """Options of a reconciliation.
 
     Parameters
     ----------
     kinds : tuple of str
-        Effects that are tried.
+        Kinds of effects to try.
     max_effects : int
         Most effects that are added.
     alpha : float
         Level of all tests, after correction.
     tolerance : float
-        Error of the model that is taken as right: of a pose in sigma, of the noise's scale in tenths.
+        Accepted error of the model: of a pose in sigma, of the scale of the noise in tenths.
     split : str
-        What is held out: ``frames``, ``pixels`` or ``frames,pixels``.
+        Held-out data: ``frames``, ``pixels`` or ``frames,pixels``.
     seed : int
         Seed of every draw.
     """
 
     kinds: tuple[str, ...]
-    max_effects: int = 3
-    alpha: float = 0.01
-    tolerance: float = 0.1
+    max_effects: WholeNumber = 3
+    alpha: Probability = 0.01
+    tolerance: Positive = 0.1
     split: str = "frames,pixels"
-    seed: int = 1
+    seed: WholeNumber = 1
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        check_one_of(self, "split", SPLITS)
 
 
 @dataclass(slots=True, eq=False)
 class Way:
-    """One way of adding effects, as it stands.
+    """The state of one search.
 
     Parameters
     ----------
@@ -52,19 +60,19 @@ class Way:
     settings : Settings
         How.
     tick : callable
-        Told of each kind that was tried.
+        Called with each kind that was tried.
     state : State
-        The model with what was added so far.
+        The model with the effects added so far.
     chosen : list of Candidate
-        What was added, in that order.
+        The added effects, in the order in which they were added.
     rivals : list of tuple of Candidate
-        The other candidates of the round in which each of `chosen` was added, best first.
+        For each of `chosen`: the other candidates of its round, best first.
     first : tuple of Candidate
         All candidates of the first round, best first.
     aliases : list of tuple of Candidate
-        Candidates that the recording cannot tell from a chosen one, which stands first.
+        Groups of candidates that the recording cannot separate; a chosen one stands first.
     begun : Candidate, optional
-        What was added first, whether or not it was dropped since.
+        The effect that was added first, even if it was removed later.
     before : Compared, optional
         Panel of the model as given.
     missed : set of str
@@ -85,19 +93,19 @@ class Way:
 
 
 def held_out(likelihood: Likelihood, settings: Settings) -> Part:
-    """Frames that no fit has seen, all pixels; the held-out pixels where frames are not split."""
+    """Held-out frames with all pixels; if frames are not split, the held-out pixels."""
     if "frames" not in settings.split:
         return likelihood.evidence.part(fit=False, split=settings.split)
     return np.flatnonzero(~likelihood.evidence.fit_frames), np.arange(likelihood.evidence.shape[1])
 
 
 def fit_part(likelihood: Likelihood, settings: Settings) -> Part:
-    """What joint fits see: the rest of `held_out`."""
+    """The data of fits of all effects together: the rest of `held_out`."""
     if "frames" not in settings.split:
         return likelihood.evidence.part(fit=True, split=settings.split)
     return np.flatnonzero(likelihood.evidence.fit_frames), np.arange(likelihood.evidence.shape[1])
 
 
 def name_of(candidate: Candidate) -> tuple[str, str]:
-    """What names a candidate: its kind, and the surface that it acts on, if it is of one."""
+    """The identity of a candidate: its kind, and the surface on which it acts, if any."""
     return candidate.kind, getattr(candidate.effect, "surface", "")

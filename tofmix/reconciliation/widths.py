@@ -1,8 +1,7 @@
-"""Each pixel's own width of the noise, where the model's camera has a spread of widths: what it is in a recording.
+"""The width of each pixel's noise in a recording, if the camera of the model has a spread of widths.
 
-A model says how widths are spread, not which they are; each recording has its own. They are found in the frames that
-fits may see, as a fixed pattern's map is, and what a pixel's noise has more or less than its neighbours' is then taken
-as its width.
+A model has the spread of widths, not the widths; each recording has its own. Like a fixed pattern's map, they are
+estimated from the fitting frames. Then each difference between the noise of pixels is taken as width.
 """
 
 from collections.abc import Callable
@@ -16,10 +15,10 @@ from tofmix.reconciliation.likelihood import Likelihood, State
 from tofmix.reconciliation.mixture import Mixture
 
 _GRID = np.linspace(-3.5, 3.5, 8)
-"""Starts, in spreads from the middle: one log-normal number in two thousand lies beyond."""
+"""Starts, in spreads from the mean; one log-normal number in two thousand lies beyond."""
 
 _AROUND = np.linspace(-3.5, 3.5, 9)
-"""Where what a width may be is weighed, in standard errors from the likeliest one."""
+"""Points of the average over possible widths, in standard errors from the most likely width."""
 
 _TURNS = 5  # Newton steps of the log widths
 _NUDGE = 0.02  # of the log width: a Gaussian's log-likelihood is a parabola over that to 1e-3
@@ -27,24 +26,24 @@ _FARTHEST = 0.5
 """Longest step of a log width: the log-likelihood is no parabola over more."""
 
 _LEAST_TOLD = 1e-3
-"""Share of a pixel's width that its samples must tell, rather than the other pixels."""
+"""Least share of a pixel's width that its samples determine, not the other pixels."""
 
 _COMMON = 3.0
-"""Standard errors by which the mean log width of all pixels may differ from 0: beyond, the noise is another."""
+"""Standard errors by which the mean log width of all pixels may differ from 0; beyond, the noise differs."""
 
 
 def with_widths(likelihood: Likelihood, state: State, frames: IntArray) -> State:
-    """The state with the pixels' own widths and their standard errors; itself where the camera has no spread of them.
+    """The state with the widths of pixels and their standard errors; unchanged without a spread of widths.
 
-    Widths are where the log-likelihood of the frames and the log-normal distribution together have their mean. That the
-    noise of all pixels is wider than the model's is no matter of widths: a mean that chance does not give is taken out.
+    A width is the mean under the likelihood of the frames and the log-normal prior. Noise that is wider in all pixels
+    is no matter of widths: a mean log width beyond noise is subtracted.
 
     Parameters
     ----------
     likelihood, state
-        As they stand; the state's own widths are where the search begins.
+        The state's own widths are the start.
     frames : (n,) int64
-        What the widths are found in.
+        Frames for the estimate.
     """
     spread = likelihood.scene.model.sensor.noise.width_spread
     if not spread:
@@ -81,7 +80,7 @@ def _found(
 def _climbed(
     value: Callable[[FloatArray], FloatArray], at: FloatArray, spread: float, *, free: bool
 ) -> tuple[tuple[FloatArray, FloatArray], float]:
-    """Go up by Newton's steps from log widths (pixel,), whose mean is 0 or, if it is `free`, follows them.
+    """Newton steps from log widths (pixel,) upwards; their mean is 0 or, if `free`, is estimated.
 
     Returns the widths with their errors, and the mean.
     """
@@ -90,7 +89,7 @@ def _climbed(
         low, middle, high = (value(at + step) for step in (-_NUDGE, 0.0, _NUDGE))
         variance = 1.0 / (np.maximum((2 * middle - low - high) / _NUDGE**2, 0.0) + 1.0 / spread**2)
         slope = (high - low) / (2 * _NUDGE)
-        if free:  # where the mean of all log widths is after this step, the steps included
+        if free:  # the mean of all log widths after this step
             told = max(1.0 - float(variance.mean()) / spread**2, _LEAST_TOLD)
             mean = float((at + variance * (slope - at / spread**2)).mean()) / told
         at = at + np.clip(variance * (slope - (at - mean) / spread**2), -_FARTHEST, _FARTHEST)
@@ -101,9 +100,9 @@ def _climbed(
 def _weighed(
     value: Callable[[FloatArray], FloatArray], at: FloatArray, error: FloatArray, spread: float, mean: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Mean and standard deviation (pixel,) of what a log width may be, near its likeliest value.
+    """Mean and standard deviation (pixel,) of the possible log widths, near the most likely one.
 
-    Of few samples the likeliest width is no mean: of n Gaussian ones it is less by 1 / (2 n) in the log.
+    With few samples the most likely width differs from the mean: for n Gaussian samples by 1 / (2 n) in the logarithm.
     """
     places = np.stack([at + far * error for far in _AROUND])
     height = np.stack([value(place) - 0.5 * ((place - mean) / spread) ** 2 for place in places])

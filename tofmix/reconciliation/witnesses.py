@@ -1,11 +1,11 @@
-"""What a recording's amplitudes and temperatures say of an effect, beside what its ranges say.
+"""Information of a recording's amplitudes and temperatures about an effect, in addition to ranges.
 
-Use `amplitude_witnesses` and `warm_up_witness` for what goes into `Likelihood.objective`, and `as_bright_as_seen` for
-a model in which laws of amplitude act on recorded ones. They steer parameters, never names: held-out gains are of
+Use `amplitude_witnesses` and `warm_up_witness` for the terms of `Likelihood.objective`, and `as_bright_as_seen` for a
+model in which laws of amplitude use recorded amplitudes. They affect parameters, never names: held-out gains are of
 ranges alone.
 
-A witness is only as good as the model's amplitudes are, or as the thermometer's place is. How good the amplitudes are,
-the recording tells: by how much its other surfaces differ from the model.
+The information depends on the accuracy of the model's amplitudes, or on the position of the thermometer. The accuracy
+of amplitudes is estimated from the recording, by the deviations of its other surfaces from the model.
 """
 
 import cmath
@@ -29,29 +29,29 @@ from tofmix.simulation.model import Model
 
 _SINGLE = 0.9  # weight of a pixel's main surface
 _LEAST_PIXELS = 12  # of a surface, for the median of its amplitudes
-_ROUGH = 0.3  # scatter of a surface's log ratios above which its amplitudes follow another law
-_OWN_UNIT = 0.02  # a surface whose amplitude is right to this: the recording's unit is the model's
-_BEST = 0.002  # log ratio: scatter of a model's amplitudes that is supposed before it is seen,
-_SUPPOSED = 2  # as if seen on so many surfaces
-_LEAST_OTHERS = 2  # surfaces, beside which one stands out
-_LEAST_RISE_K = 0.5  # of the temperature, for a law of its own
+_ROUGH = 0.3  # largest scatter of a surface's log ratios; above, its amplitudes follow another law
+_OWN_UNIT = 0.02  # log ratio: if a surface is right to this, the unit of amplitudes is the model's
+_BEST = 0.002  # log ratio: prior scatter of a model's amplitudes,
+_SUPPOSED = 2  # with the weight of so many surfaces
+_LEAST_OTHERS = 2  # least number of other surfaces
+_LEAST_RISE_K = 0.5  # least rise of the temperature
 _SAME_LAW = 0.9  # of the temperature's variance that a warm-up must explain
-_LAG = 0.03  # by which the part that drifts may differ from the one that was measured
-_THERMAL_DOF = 4  # of Student's t: a time constant that differs is no proof
+_LAG = 0.03  # relative difference between the drifting part and the measured one
+_THERMAL_DOF = 4  # of Student's t: another time constant is weak evidence
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AmplitudeWitness:
-    """Logarithm of recorded over predicted amplitude of one surface, against that of the scene's others.
+    """Logarithm of recorded over predicted amplitude of one surface, relative to the other surfaces.
 
     Parameters
     ----------
     surface : str
         The surface.
     log_ratio : float
-        Less the mean of the others.
+        The logarithm minus the mean of the others.
     scale, dof : float
-        Of Student's t distribution that it has if nothing acts on this surface alone.
+        Of its Student's t distribution if no effect acts on this surface alone.
     turn_mm : float
         d_u.
     """
@@ -63,7 +63,7 @@ class AmplitudeWitness:
     turn_mm: float
 
     def log_density(self, effect: Effect) -> float:
-        """Of what was recorded, given an effect; 0 for one that it says nothing of."""
+        """Log density of the observation, given an effect; 0 if the observation does not depend on it."""
         if not isinstance(effect, Multipath) or effect.surface != self.surface:
             return 0.0
         mixed = abs(1 + effect.share * cmath.exp(1j * math.pi * effect.extra_path_mm / self.turn_mm))
@@ -73,13 +73,13 @@ class AmplitudeWitness:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WarmUpWitness:
-    """The time constant with which the recorded temperature rises, s, and its relative error."""
+    """The time constant of the recorded temperature, s, and its relative error."""
 
     time_constant_s: float
     error: float
 
     def log_density(self, effect: Effect) -> float:
-        """Of what was recorded, given an effect; 0 for one that it says nothing of."""
+        """Log density of the observation, given an effect; 0 if the observation does not depend on it."""
         if not isinstance(effect, TemperatureDrift):
             return 0.0
         away = math.log(effect.time_constant_s / self.time_constant_s) / self.error
@@ -95,11 +95,11 @@ def log_ratios(model: Model, evidence: Evidence, mixture: Mixture) -> dict[str, 
     Parameters
     ----------
     model : Model
-        For its surfaces' names.
+        The model, for the names of its surfaces.
     evidence : Evidence
         One recording; without amplitudes there are no ratios.
     mixture : Mixture
-        What the model predicts of it.
+        The prediction of the model.
     """
     if evidence.amplitude is None:
         return {}
@@ -120,9 +120,9 @@ def log_ratios(model: Model, evidence: Evidence, mixture: Mixture) -> dict[str, 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeenAmplitude(Effect):
-    """Amplitudes of each surface times a factor, for what acts by amplitude after the light has been mixed.
+    """Multiply the amplitudes of each surface by a factor, for effects that depend on amplitude after mixing.
 
-    No effect of a camera, and never written: it stands for reflectivities that the model has wrong.
+    It is no effect of a camera and is never written: it corrects wrong reflectivities of the model.
     """
 
     kind: ClassVar[str] = "seen_amplitude"
@@ -136,15 +136,15 @@ class SeenAmplitude(Effect):
         return {}
 
     def act(self, echoes: Echoes, context: Context) -> None:  # noqa: ARG002  the effects' own signature
-        """Multiply; ranges and their noise stay."""
-        factor = np.array([*self.factors, 1.0])  # the last is for no surface, number -1
+        """Multiply amplitudes; ranges and their noise do not change."""
+        factor = np.array([*self.factors, 1.0])  # the last is for number -1, no surface
         echoes.amplitude = echoes.amplitude * factor[echoes.surface]
 
 
 def as_bright_as_seen(model: Model, ratios: dict[str, float]) -> Model:
-    """The model with each surface as bright, against the others, as it was recorded.
+    """The model with the recorded brightness of each surface, relative to the others.
 
-    The unit of recorded amplitudes may be any; it is the model's if one surface's amplitude is right.
+    Recorded amplitudes may have any unit. If the amplitude of one surface is right, the unit is the model's.
     """
     if len(ratios) < _LEAST_OTHERS:
         return model
@@ -155,7 +155,7 @@ def as_bright_as_seen(model: Model, ratios: dict[str, float]) -> Model:
 
 
 def amplitude_witnesses(ratios: dict[str, float], turn_mm: float) -> list[AmplitudeWitness]:
-    """What each surface's amplitude says, where there are others to hold it against."""
+    """The information of each surface's amplitude, if there are enough other surfaces."""
     out = []
     for name, ratio in ratios.items():
         others = np.array([r for other, r in ratios.items() if other != name])
@@ -170,7 +170,7 @@ def amplitude_witnesses(ratios: dict[str, float], turn_mm: float) -> list[Amplit
 
 
 def warm_up_witness(evidence: Evidence) -> WarmUpWitness | None:
-    """The time constant of one recording's temperature, where it rises as in a warm-up.
+    """The time constant of one recording's temperature, if it rises as in a warm-up.
 
     Least squares of ``a + b (1 - exp(-t / tau))``.
     """

@@ -1,4 +1,4 @@
-"""The outcome in words: the headline, ten lines for the terminal, and the lines added to the model file."""
+"""The result as text: the headline, lines for the terminal, and the tables for the model file."""
 
 import json
 import math
@@ -28,13 +28,13 @@ _AXES = {
 }
 """Words before an interval; other axes have their names."""
 
-_NO_DOUBT = 1.0e-99  # a smaller p-value is not told apart
-_WIDER = 1.3  # of gaps, from which the difference is worth a word
+_NO_DOUBT = 1.0e-99  # smaller p-values are not printed
+_WIDER = 1.3  # least ratio of gaps that is mentioned
 _UNITS = {"range": "mm", "time": "s", "radius": "pixels", "neighbour_contrast": "mm", "surfaces_in_pixel": "surfaces"}
 
 
 def headline(result: Reconciliation) -> str:
-    """One sentence: where they disagree, what explains it, and how far the gap falls."""
+    """The place of the disagreement, its explanation, and the fall of the gap."""
     v = result.verified
     if v.verdict == "agree" or not result.where:
         gap = f"the gap is {v.before.gap:.2f}, noise alone gives {v.floor.gap:.2f}"
@@ -42,7 +42,7 @@ def headline(result: Reconciliation) -> str:
         return f"{_TITLES['agree']}: no disagreement beyond noise and tolerance; {gap}{within}."
     place = where_text(result.where[0], result)
     if v.verdict == "unexplained":
-        stays = result.where[0].statistic in ("bias", "pattern")  # what goes with time is no matter of that law
+        stays = result.where[0].statistic in ("bias", "pattern")  # a smooth law of place or range has no change in time
         law = f"; a smooth function of {v.law} fits better than any of them" if v.law and stays else ""
         if v.own is not None:
             own = f"the model's own effect fits with other numbers: {in_words(v.own)}"
@@ -58,7 +58,7 @@ def headline(result: Reconciliation) -> str:
 
 
 def in_words(effect: Effect) -> str:
-    """What the effect does, its numbers to four digits."""
+    """The sentence of an effect, its numbers with four digits."""
     numbers = {name: getattr(effect, name) for name in effect.parameters()}
     short = {name: float(f"{value:.4g}") + 0.0 for name, value in numbers.items() if isinstance(value, float)}
     return replace(effect, **short).explain()
@@ -87,7 +87,7 @@ def where_text(place: Place, result: Reconciliation) -> str:
 
 
 def p_text(place: Place) -> str:
-    """The corrected p-value in words; what is beyond all doubt is not given in digits."""
+    """The corrected p-value as text; very small values as a bound."""
     return f"p = {place.p_value:.1g}" if place.p_value > _NO_DOUBT else f"p < {_NO_DOUBT:g}"
 
 
@@ -98,16 +98,16 @@ def effect_text(named: NamedEffect, result: Reconciliation) -> str:
     shown = [
         f'"{value}"' if isinstance(value, str) else _with_error(name, value, named.stderr.get(name))
         for name, value in named.parameters.items()
-        if isinstance(value, str) or value or named.stderr.get(name)  # what is not there needs no words
+        if isinstance(value, str) or value or named.stderr.get(name)  # zeros are left out
     ]
     shown += _size_of_map(named.effect)
     return f"{named.effect.kind} ({', '.join(shown)}){within}" if shown else named.effect.kind
 
 
 def _size_of_map(effect: Effect) -> list[str]:
-    """How large a pattern is, or how many pixels are stuck; a file's name says neither."""
+    """The size of a pattern, or the number of stuck pixels, which the name of a file does not show."""
     if isinstance(effect, FixedPattern) and effect.map is not None:
-        known = effect.map.values[effect.map.values != 0].astype(np.float64)  # 0 where nothing returns
+        known = effect.map.values[effect.map.values != 0].astype(np.float64)  # 0 without a return
         return [f"{np.sqrt((known**2).mean()):.3g} mm rms"] if known.size else []
     if isinstance(effect, StuckPixels) and effect.map is not None:
         return [counted(int(np.isfinite(effect.map.values).sum()), "pixel")]

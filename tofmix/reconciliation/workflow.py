@@ -1,6 +1,6 @@
-"""Reconcile: compare, localise, name, add, verify; and what comes of it as a result.
+"""Run the steps compare, localise, name, add and verify, and collect the result.
 
-Use `reconcile` on samples in memory; `tofmix.cli.reconcile` does so on files.
+Use `reconcile` for samples in memory; `tofmix.cli.reconcile` does the same for files.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,23 +33,23 @@ from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 from tofmix.simulation.model import Model
 
 DONE = ("agree", "explained")
-"""Verdicts after which no other way is tried."""
+"""Verdicts after which no further search runs."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NamedEffect:
-    """An effect that the measurement has and the model had not.
+    """An effect that the measurement has and the model lacks.
 
     Parameters
     ----------
     effect : Effect
-        With its parameters; maps are named by a path beside the model.
+        With its parameters; maps are named by a path in the model's folder.
     stderr : dict
         Standard errors of its numbers.
     heldout_gain_nats : float
-        Gain on data that its fit has not seen.
+        Gain on held-out data.
     recordings : tuple of int
-        In which it acts, from 0: in all of them, but for effects of a surface that some do not have.
+        Recordings in which it acts, from 0. An effect of a surface acts only in recordings with this surface.
     """
 
     effect: Effect
@@ -59,7 +59,7 @@ class NamedEffect:
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """What the model file says of it."""
+        """Its parameters in the model file."""
         values: dict[str, Any] = {}
         for name, parameter in self.effect.parameters().items():
             value = getattr(self.effect, name)
@@ -82,11 +82,11 @@ class Reconciliation:
     named : tuple of NamedEffect
         Effects that were found.
     where : tuple of Place
-        Where the model as given disagrees; of what is left, where effects explain a part.
+        Places where the model as given disagrees. If effects explain a part, places of the refined model come first.
     added, verified
-        Search and verification.
+        Results of the search and of the verification.
     next_steps : tuple of str
-        What to do now, the most useful first.
+        Next steps, the most useful first.
     """
 
     models: tuple[Model, ...]
@@ -99,11 +99,11 @@ class Reconciliation:
 
     @property
     def aliases(self) -> tuple[Alias, ...]:
-        """What the recording cannot tell apart."""
+        """Explanations that the recording cannot separate."""
         return aliases(self.added, named=bool(self.named))
 
     def acting(self, recording: int) -> tuple[NamedEffect, ...]:
-        """What was found for one of the recordings, from 0."""
+        """The effects that act in one of the recordings, from 0."""
         return tuple(n for n in self.named if recording in n.recordings)
 
     @property
@@ -115,7 +115,7 @@ class Reconciliation:
         return tuple(best.values())
 
     def as_dict(self) -> dict[str, Any]:
-        """What `gap.json` holds."""
+        """The contents of `gap.json`."""
         v = self.verified
         return {
             "verdict": v.verdict,
@@ -140,7 +140,7 @@ class Reconciliation:
         return said | ({"recordings": [k + 1 for k in named.recordings]} if len(self.models) > 1 else {})
 
     def _also(self) -> dict[str, Any]:
-        """Effects that the first recording has not: `effects` are those of its model."""
+        """Effects that do not act in the first recording; `effects` lists the others."""
         others = [
             {"recording": k + 1, "effects": [self._effect(n) for n in self.acting(k) if 0 not in n.recordings]}
             for k in range(1, len(self.models))
@@ -148,7 +148,7 @@ class Reconciliation:
         return {"also": others} if others else {}
 
     def _in_recording(self, number: int) -> dict[str, Any]:
-        """Which recording, from 1, where there are several."""
+        """The number of the recording, from 1, if there are several."""
         return {"recording": number + 1} if len(self.models) > 1 else {}
 
 
@@ -190,20 +190,21 @@ def reconcile(
     *,
     also: Sequence[Recording] = (),
 ) -> Reconciliation:
-    """Find the effects that a recording, or several of one camera, has and its model has not.
+    """Find the effects that a model lacks, from one recording or from several of one camera.
 
     Parameters
     ----------
     model : Model
-        The model; effects that it has are kept.
+        The model; its own effects stay.
     evidence : Evidence
         The recording.
     settings : Settings
-        How.
+        Options of the search.
     tick : callable
-        Told of each kind that was tried.
+        Called with each kind that was tried.
     also : sequence of (Model, Evidence)
-        Further recordings of the camera, which share the effects' parameters, each with the model of its scene.
+        Further recordings of the same camera, each with the model of its scene. Effects of the camera have the same
+        parameters in all.
 
     Returns
     -------
@@ -237,9 +238,10 @@ def reconcile(
 
 
 def _refuse_what_no_prediction_takes(model: Model) -> None:
-    """A random value has no part in a pixel's memory, and nothing in a sample says for sure that it is one.
+    """Refuse a background together with a memory: a random value has no memory, and no sample is marked as random.
 
-    So scores are not normal given those of the frame before. The few of an `outlier_probability` do not show.
+    So scores are not normal, given the scores of the frame before. An `outlier_probability` is too small for this to
+    matter.
     """
     if model.sensor.noise.background is not None and any(e.kind == TemporalCorrelation.kind for e in model.effects):
         raise BadInputError(
@@ -249,11 +251,12 @@ def _refuse_what_no_prediction_takes(model: Model) -> None:
 
 
 def _searched(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]) -> tuple[Added, Verified]:
-    """The first way of adding effects that explains the recording; where none does, the best verdict's first.
+    """The first search that explains the recording; if none does, the first one with the best verdict.
 
-    Where a law that no effect is has beaten one way, no other way is tried: names only come nearer to it by chance.
-    But one that has beaten a fixed pattern alone only says that there is more; and a set of effects that explains
-    clearly more is tried, which must then beat the law.
+    If a smooth law is better than the effects of a search, no further search runs: other effects would come nearer to
+    the law only by accident. There are two exceptions. A law that is better than a fixed pattern alone shows only that
+    something else is there. And a set of effects that explains clearly more is tried; it must then be better than the
+    law.
     """
     if likelihood.scene.effects:  # else predictions do not approximate
         given = as_given(likelihood, settings)
@@ -273,7 +276,7 @@ def _searched(likelihood: Likelihood, settings: Settings, tick: Callable[[str], 
 
 
 def _judged(likelihood: Likelihood, added: Added, settings: Settings, *, law_stood: bool) -> tuple[Added, Verified]:
-    """A way with its verdict: as it ended, or where that is unexplained, without faint effects that explain nothing."""
+    """A search and its verdict. If it is unexplained, faint effects that explain nothing are taken back."""
     verified = verify(likelihood, added, settings, law_stood=law_stood)
     if verified.verdict != "unexplained":
         return added, verified
@@ -285,7 +288,7 @@ def _judged(likelihood: Likelihood, added: Added, settings: Settings, *, law_sto
 
 
 def _placed(named: NamedEffect, likelihood: Likelihood, models: tuple[Model, ...]) -> NamedEffect:
-    """In which recordings an effect acts, its surface under the name that it has in its model."""
+    """The effect with the recordings in which it acts; its surface has the name that it has in its own model."""
     scenes = likelihood.scene.members
     own = tuple(k for k, scene in enumerate(scenes) if scene.own((named.effect,)))
     given = {t.name: s.name for k in own for s, t in zip(models[k].surfaces, scenes[k].model.surfaces, strict=True)}
@@ -293,7 +296,7 @@ def _placed(named: NamedEffect, likelihood: Likelihood, models: tuple[Model, ...
 
 
 def _named(likelihood: Likelihood, added: Added, verified: Verified, settings: Settings) -> tuple[NamedEffect, ...]:
-    """The effects that stand, with maps from all frames, and their standard errors."""
+    """The named effects with maps from all frames and their standard errors."""
     if verified.verdict in ("agree", "unexplained"):
         return ()
     frames, pixels = likelihood.evidence.shape
@@ -312,6 +315,6 @@ def _named(likelihood: Likelihood, added: Added, verified: Verified, settings: S
 
 
 def maps_of(effect: Effect) -> dict[str, FloatArray]:
-    """The maps (row, col) of an effect by their paths beside the model."""
+    """The maps (row, col) of an effect by their paths in the model's folder."""
     plane = getattr(effect, "map", None)
     return {} if plane is None else {plane.path: np.asarray(plane.values, dtype=np.float64)}

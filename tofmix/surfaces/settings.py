@@ -1,5 +1,7 @@
 """Thresholds of surfaces and edges, each with its unit; `reconstruct` takes them.
 
+A value out of its bounds raises UsageError.
+
 They are tuples, so that kernels take them too.
 
 docs/results/surfaces.md shows what the defaults find.
@@ -7,7 +9,10 @@ docs/results/surfaces.md shows what the defaults find.
 
 from typing import NamedTuple
 
+from tofmix.bounds import Count, NotNegative, Positive, Share, WholeNumber, checked
 
+
+@checked
 class LinkSettings(NamedTuple):
     """Which layers are of one surface.
 
@@ -37,19 +42,20 @@ class LinkSettings(NamedTuple):
         Layers of a surface at least: a plane has three numbers.
     """
 
-    least_probability: float = 0.5
-    unknown_error: float = 0.01
-    prior_slope: float = 1.5
-    most_sigmas: float = 4.0
-    surface_cost: float = 28.0
-    apart_cost: float = 0.5
-    sweeps: int = 4
-    least_piece: int = 8
-    same_plane_odds: float = 0.01
-    slight_misfit: float = 0.25
-    least_layers: int = 3
+    least_probability: Share = 0.5
+    unknown_error: Positive = 0.01
+    prior_slope: Positive = 1.5
+    most_sigmas: Positive = 4.0
+    surface_cost: NotNegative = 28.0
+    apart_cost: NotNegative = 0.5
+    sweeps: Count = 4
+    least_piece: Count = 8
+    same_plane_odds: Positive = 0.01
+    slight_misfit: NotNegative = 0.25
+    least_layers: Count = 3
 
 
+@checked
 class ShareSettings(NamedTuple):
     """What pixels see, and where a surface ends.
 
@@ -69,13 +75,14 @@ class ShareSettings(NamedTuple):
         Relative distance of a layer from its surface's plane, beyond which the fine image has the layer's own range.
     """
 
-    least_open_samples: float = 3.0
-    unseen_share: float = 0.03
-    crease: float = 0.03
-    border_margin: float = 0.003
-    most_off: float = 0.1
+    least_open_samples: NotNegative = 3.0
+    unseen_share: Share = 0.03
+    crease: NotNegative = 0.03
+    border_margin: NotNegative = 0.003
+    most_off: NotNegative = 0.1
 
 
+@checked
 class EdgeSettings(NamedTuple):
     """Edges through runs of pixels, and what they cover.
 
@@ -123,28 +130,29 @@ class EdgeSettings(NamedTuple):
         weights of a standard deviation of 2 pixels.
     """
 
-    longest_run: int = 12
-    fast_run: float = 4.0
-    first_turn: float = 0.15
-    steps: int = 4
-    agree_sigmas: float = 3.0
-    curvature_gain: float = 9.0
-    corner_gain: float = 9.0
-    half_width: float = 1.5
-    most_curvature: float = 0.3
-    short_run: float = 3.0
-    around: int = 3
-    most_edges: int = 8
-    same_angle: float = 0.15
-    same_place: float = 0.25
-    bar_cosine: float = 0.9
-    least_bar: float = 0.1
-    graze_area: float = 0.002
-    graze_sigmas: float = 3.0
-    shared_variance: float = 0.25
-    alike_distance: float = 4.0
+    longest_run: Count = 12
+    fast_run: NotNegative = 4.0
+    first_turn: Positive = 0.15
+    steps: Count = 4
+    agree_sigmas: Positive = 3.0
+    curvature_gain: NotNegative = 9.0
+    corner_gain: NotNegative = 9.0
+    half_width: Positive = 1.5
+    most_curvature: Positive = 0.3
+    short_run: NotNegative = 3.0
+    around: WholeNumber = 3
+    most_edges: Count = 8
+    same_angle: NotNegative = 0.15
+    same_place: NotNegative = 0.25
+    bar_cosine: Share = 0.9
+    least_bar: Positive = 0.1
+    graze_area: NotNegative = 0.002
+    graze_sigmas: NotNegative = 3.0
+    shared_variance: Share = 0.25
+    alike_distance: Positive = 4.0
 
 
+@checked
 class SurfaceSettings(NamedTuple):
     """All thresholds of surfaces.
 

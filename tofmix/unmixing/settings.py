@@ -1,10 +1,14 @@
 """Thresholds of unmixing, each with its unit; `unmix` takes them.
 
+A value out of its bounds raises UsageError.
+
 docs/results/mixing.md shows what the defaults find.
 """
 
 from dataclasses import dataclass, field
 from typing import NamedTuple
+
+from tofmix.bounds import Count, Factor, NotNegative, Positive, Share, WholeNumber, check_bounds, checked
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,9 +25,12 @@ class ImageSettings:
         Largest factor on the neighbours' noise of a single surface: more scatter may be two surfaces.
     """
 
-    least_samples: int = 3
-    prior_samples: float = 8.0
-    most_noise: float = 1.5
+    least_samples: Count = 3
+    prior_samples: NotNegative = 8.0
+    most_noise: Factor = 1.5
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,14 +52,18 @@ class SeedSettings:
         Standard errors that a pixel is off both sides, and that these differ by, where it may be a mixture of both.
     """
 
-    rare: float = 1.0e-3
-    quantiles: tuple[float, ...] = (0.1, 0.25)
-    least_windows: int = 20
-    unlike_sigmas: float = 2.5
-    between_sigmas: float = 1.0
-    different_sigmas: float = 5.0
+    rare: Share = 1.0e-3
+    quantiles: tuple[Share, ...] = (0.1, 0.25)
+    least_windows: Count = 20
+    unlike_sigmas: NotNegative = 2.5
+    between_sigmas: NotNegative = 1.0
+    different_sigmas: NotNegative = 5.0
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
 
 
+@checked
 class NeighbourSettings(NamedTuple):
     """The surfaces beside a pixel; a tuple, as kernels take it.
 
@@ -76,17 +87,17 @@ class NeighbourSettings(NamedTuple):
         Standard deviations of a mean square of residuals that are chance.
     """
 
-    reach: int = 4
-    near: int = 3
-    apart_sigmas: float = 4.0
-    apart: float = 0.01
-    outlier: float = 16.0
-    free_slope: float = 2.0
-    known_slope: float = 0.25
-    light_slope: float = 2.0
-    least_light_slope: float = 0.005
-    light_reach: float = 2.0
-    chance_sigmas: float = 2.0
+    reach: Count = 4
+    near: Count = 3
+    apart_sigmas: NotNegative = 4.0
+    apart: NotNegative = 0.01
+    outlier: Positive = 16.0
+    free_slope: Positive = 2.0
+    known_slope: Positive = 0.25
+    light_slope: NotNegative = 2.0
+    least_light_slope: Positive = 0.005
+    light_reach: Positive = 2.0
+    chance_sigmas: NotNegative = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,12 +118,15 @@ class PlaneSettings:
         Factor on the variance of a plane outside of its pixels: real walls are flat to about their noise.
     """
 
-    least_pixels: int = 30
-    most_regions: int = 20
-    most_planes: int = 3
-    tries: int = 25
-    inlier_sigmas: float = 4.0
-    extrapolated: float = 4.0
+    least_pixels: Count = 30
+    most_regions: WholeNumber = 20
+    most_planes: WholeNumber = 3
+    tries: Count = 25
+    inlier_sigmas: Positive = 4.0
+    extrapolated: Positive = 4.0
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,13 +151,16 @@ class HypothesisSettings:
         Rounds of share and place: a surface is seen where its part of the pixel is, and that is as large as the share.
     """
 
-    distant_prior: float = 0.002
-    likely: float = 0.9
-    near_chord: float = 0.02
-    apart_sigmas: float = 5.0
-    apart: float = 0.02
-    same_sigmas: float = 3.0
-    rounds: int = 3
+    distant_prior: Share = 0.002
+    likely: Share = 0.9
+    near_chord: NotNegative = 0.02
+    apart_sigmas: NotNegative = 5.0
+    apart: NotNegative = 0.02
+    same_sigmas: NotNegative = 3.0
+    rounds: Count = 3
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -167,13 +184,16 @@ class LabelSettings:
         What is added to that of u: half a percent.
     """
 
-    rounds: int = 3
-    open_reach: int = 3
-    least_open: int = 3
-    agree_sigmas: float = 3.0
-    slope: float = 2.0
-    light_slope: float = 2.0
-    light_step: float = 0.005
+    rounds: Count = 3
+    open_reach: WholeNumber = 3
+    least_open: Count = 3
+    agree_sigmas: NotNegative = 3.0
+    slope: Positive = 2.0
+    light_slope: NotNegative = 2.0
+    light_step: Positive = 0.005
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -204,16 +224,19 @@ class LawSettings:
         no pixel sees alone.
     """
 
-    least_phasor_share: float = 0.05
-    chance_sigmas: float = 3.0
-    least_probability: float = 0.9
-    least_share: float = 0.15
-    most_error: float = 0.5
-    least_error: float = 0.02
-    reach: int = 3
-    least_along: int = 5
-    different_sigmas: float = 4.0
-    least_differing: float = 0.05
+    least_phasor_share: NotNegative = 0.05
+    chance_sigmas: NotNegative = 3.0
+    least_probability: Share = 0.9
+    least_share: Share = 0.15
+    most_error: Positive = 0.5
+    least_error: Positive = 0.02
+    reach: Count = 3
+    least_along: Count = 5
+    different_sigmas: NotNegative = 4.0
+    least_differing: Share = 0.05
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -235,12 +258,15 @@ class UnfoldingSettings:
         Ratio of the scatter of light with the turn to that without it, below which the turn is taken.
     """
 
-    least_pixels: int = 12
-    link_sigmas: float = 4.0
-    link_pitches: float = 4.0
-    crossed: float = 0.2
-    strides: tuple[int, ...] = (4, 16)
-    better: float = 0.7
+    least_pixels: Count = 12
+    link_sigmas: NotNegative = 4.0
+    link_pitches: NotNegative = 4.0
+    crossed: NotNegative = 0.2
+    strides: tuple[Count, ...] = (4, 16)
+    better: NotNegative = 0.7
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -272,10 +298,13 @@ class UnmixSettings:
     labels: LabelSettings = field(default_factory=LabelSettings)
     law: LawSettings = field(default_factory=LawSettings)
     unfolding: UnfoldingSettings = field(default_factory=UnfoldingSettings)
-    least_probability: float = 0.5
-    most_fresh_probability: float = 0.9
-    open_share: float = 0.5
-    unknown_pitch: float = 0.005
+    least_probability: Share = 0.5
+    most_fresh_probability: Share = 0.9
+    open_share: Share = 0.5
+    unknown_pitch: Positive = 0.005
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
 
 
 DEFAULT_SETTINGS = UnmixSettings()

@@ -11,7 +11,7 @@ from support.files import write_recording
 from support.learnt_pixels import KNOWN, surfaces
 
 from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.learnt.thresholds import calibrate
+from tofmix.estimation.learnt.bootstrap import calibrate
 from tofmix.io.layers.layers_file import open_layers
 
 FRAMES, ROWS, COLS = 60, 6, 8

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy import interpolate
 from support.learnt_pixels import (
     CAMERA,
     KNOWN,
@@ -17,61 +16,12 @@ from support.learnt_pixels import (
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.learnt.counting import Thresholds, read_gains, remove
-from tofmix.estimation.learnt.fitting import BACKGROUND, LOG_WIDTH, MEAN, OWN, WEIGHT, new_fit
-from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.flags import Status
 
 PLACES = 1500.0, 1500.0 + 6 * SIGMA_MM, 3000.0
 SHARES = {1: (1.0,), 2: (0.4, 0.6), 3: (0.3, 0.3, 0.4)}
 ON_BACKGROUND = (2.0, 6.0)
-
-
-@pytest.fixture
-def gains() -> Thresholds:
-    rng = np.random.default_rng(8)
-    chances = len(FALSE_ALARMS)
-    return Thresholds(
-        log_n=np.log([5.0, 20.0, 300.0]),
-        background=np.array([0.0, 0.1, 0.5, 0.8]),
-        more=rng.uniform(1.0, 9.0, (3, 4, chances)),
-        first=rng.uniform(1.0, 9.0, (3, chances)),
-    )
-
-
-@pytest.mark.parametrize("n", [5.0, 12.0, 20.0, 299.0])
-@pytest.mark.parametrize("background", [0.0, 0.05, 0.1, 0.33, 0.8])
-def test_gains_are_interpolated_as_scipy_does(gains: Thresholds, n: float, background: float) -> None:
-    out = np.zeros(len(FALSE_ALARMS))
-    read_gains(n, background, False, gains, out)  # noqa: FBT003  a kernel's flag
-    wanted = interpolate.RegularGridInterpolator((gains.log_n, gains.background), gains.more)((np.log(n), background))
-    np.testing.assert_allclose(out, wanted, rtol=1e-12)
-    read_gains(n, background, True, gains, out)  # noqa: FBT003  likewise
-    for c in range(len(out)):
-        assert out[c] == pytest.approx(np.interp(np.log(n), gains.log_n, gains.first[:, c]), rel=1e-12)
-
-
-def test_gains_past_the_ends_of_the_table_are_those_of_its_ends(gains: Thresholds) -> None:
-    out = np.zeros(len(FALSE_ALARMS))
-    read_gains(2.0, 0.95, False, gains, out)  # noqa: FBT003  a kernel's flag
-    np.testing.assert_array_equal(out, gains.more[0, -1])
-    read_gains(1e5, 0.0, False, gains, out)  # noqa: FBT003  likewise
-    np.testing.assert_array_equal(out, gains.more[-1, 0])
-
-
-def test_share_of_a_removed_surface_goes_to_all_others_and_the_last_ones_to_background() -> None:
-    fit = new_fit(3)
-    fit[MEAN, :3], fit[WEIGHT, :3] = (1.0, 2.0, 3.0), (0.2, 0.3, 0.4)
-    fit[OWN, BACKGROUND], fit[OWN, LOG_WIDTH] = 0.1, 0.4
-    assert remove(3, 1, fit) == 2
-    np.testing.assert_array_equal(fit[MEAN, :2], [1.0, 3.0])
-    np.testing.assert_allclose(fit[WEIGHT, :2], np.array([0.2, 0.4]) / 0.7)
-    assert fit[OWN, BACKGROUND] == pytest.approx(0.1 / 0.7)
-    assert remove(2, 0, fit) == 1
-    assert remove(1, 0, fit) == 0
-    assert fit[OWN, BACKGROUND] == 1.0
-    assert fit[OWN, LOG_WIDTH] == 0.0  # a width without a surface is that of all
 
 
 @pytest.mark.compiled("hundreds of pixels")

@@ -8,7 +8,7 @@ from support.learnt_pixels import CAMERA, KNOWN, SIGMA_MM, surfaces
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.learnt.curve_check import doubts
-from tofmix.estimation.learnt.learning import Pixels
+from tofmix.estimation.learnt.training_pixels import Pixels
 from tofmix.sensor import NoiseCurve
 
 FRAMES, PIXELS = 80, 200

@@ -8,10 +8,10 @@ from support.learnt_pixels import camera_with, pixel_noise
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.beam import beam_of
-from tofmix.estimation.learnt.counting import Thresholds
+from tofmix.estimation.learnt.bootstrap import calibrate
 from tofmix.estimation.learnt.known_thresholds import KnownThresholds
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.thresholds import calibrate
+from tofmix.estimation.learnt.thresholds import Thresholds
 
 RANGES_MM = np.array([1500.0, 2500.0, 4000.0])
 NOISE = pixel_noise("skewed", drift_mm=(10.0, 0.0, 0.0))

@@ -8,30 +8,22 @@ from scipy import signal
 from support.learnt_pixels import CAMERA, KNOWN, LOW_MM, SIGMA_MM, TOP_MM, surfaces
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.learnt.learning import (
-    Lesson,
-    Pixels,
-    beta_prior,
-    better_by,
-    learn_pixel_noise,
-    medians,
-    width_scale,
-    without_chance,
-)
+from tofmix.estimation.learnt.learning import LearntModel, learn_pixel_noise
+from tofmix.estimation.learnt.training_pixels import Pixels
 from tofmix.sensor import NoiseCurve
 
 FRAMES, PIXELS = 60, 300
 TIME = np.linspace(-1.0, 1.0, FRAMES)[:, np.newaxis]
 
 
-def _lesson(samples: FloatArray, **choices: Any) -> Lesson:  # noqa: ANN401  those of learn_pixel_noise
-    """What samples (frame, pixel) teach."""
+def _learnt(samples: FloatArray, **choices: Any) -> LearntModel:  # noqa: ANN401  those of learn_pixel_noise
+    """Learn from samples (frame, pixel)."""
     pixels = Pixels(samples=np.ascontiguousarray(samples.T, dtype=np.float32))
     return learn_pixel_noise(pixels, CAMERA, None, **choices)
 
 
-def _parts(lesson: Lesson) -> set[str]:
-    noise = lesson.noise
+def _parts(model: LearntModel) -> set[str]:
+    noise = model.noise
     there = {
         "shape": noise.curve.shape is not None,
         "widths": noise.curve.width_spread > 0,
@@ -44,86 +36,86 @@ def _parts(lesson: Lesson) -> set[str]:
 
 @pytest.mark.slow
 def test_gaussian_noise_teaches_sigma_alone(rng: np.random.Generator) -> None:
-    lesson = _lesson(surfaces(rng, (FRAMES, PIXELS), (2000.0,)))
-    assert lesson.noise.is_gaussian
-    assert lesson.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.03)
-    assert lesson.pixels == PIXELS
-    assert np.median(lesson.ranges_mm) == pytest.approx(2000.0, abs=2.0)
+    model = _learnt(surfaces(rng, (FRAMES, PIXELS), (2000.0,)))
+    assert model.noise.is_gaussian
+    assert model.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.03)
+    assert model.pixels == PIXELS
+    assert np.median(model.ranges_mm) == pytest.approx(2000.0, abs=2.0)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["skewed", "student", "laplace"])
 def test_shape_is_learnt_and_nothing_else(name: str, rng: np.random.Generator) -> None:
-    lesson = _lesson(surfaces(rng, (FRAMES, PIXELS), (2000.0,), errors=KNOWN[name].draw))
-    assert _parts(lesson) == {"shape"}
-    shape = lesson.noise.curve.shape
+    model = _learnt(surfaces(rng, (FRAMES, PIXELS), (2000.0,), errors=KNOWN[name].draw))
+    assert _parts(model) == {"shape"}
+    shape = model.noise.curve.shape
     assert shape is not None
     # The mean of a pixel takes a part of its errors: what is learnt is a little nearer to the Gaussian.
     at = np.linspace(-4.0, 4.0, 81)
     assert np.abs(shape.cdf(at) - KNOWN[name].cdf(at)).max() < 0.03
-    assert lesson.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.05)
+    assert model.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.05)
 
 
 @pytest.mark.slow
 def test_widths_are_learnt_and_nothing_else(rng: np.random.Generator) -> None:
     width = np.exp(0.3 * rng.standard_normal(PIXELS))
-    lesson = _lesson(surfaces(rng, (FRAMES, PIXELS), (2000.0,), width=width))
-    assert _parts(lesson) == {"widths"}
-    assert lesson.noise.curve.width_spread == pytest.approx(0.3, abs=0.08)
-    assert lesson.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM * np.median(width), rel=0.05)
+    model = _learnt(surfaces(rng, (FRAMES, PIXELS), (2000.0,), width=width))
+    assert _parts(model) == {"widths"}
+    assert model.noise.curve.width_spread == pytest.approx(0.3, abs=0.08)
+    assert model.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM * np.median(width), rel=0.05)
 
 
 @pytest.mark.slow
 def test_wide_pixels_that_seem_two_surfaces_count_in_the_spread_of_widths(rng: np.random.Generator) -> None:
     frames = 200  # with so many, the count under one width splits a third of the pixels
     width = np.exp(0.3 * rng.standard_normal(PIXELS))
-    lesson = _lesson(surfaces(rng, (frames, PIXELS), (2000.0,), width=width))
-    assert lesson.noise.curve.width_spread == pytest.approx(0.3, abs=0.06)
+    model = _learnt(surfaces(rng, (frames, PIXELS), (2000.0,), width=width))
+    assert model.noise.curve.width_spread == pytest.approx(0.3, abs=0.06)
 
 
 @pytest.mark.slow
 def test_background_of_each_pixel_is_learnt_and_nothing_else(rng: np.random.Generator) -> None:
     share = rng.uniform(0.0, 0.9, PIXELS)
-    lesson = _lesson(surfaces(rng, (FRAMES, PIXELS), (2000.0,), background=share))
-    assert _parts(lesson) == {"background"}
-    assert lesson.noise.background is not None
-    near, far = lesson.noise.background
+    model = _learnt(surfaces(rng, (FRAMES, PIXELS), (2000.0,), background=share))
+    assert _parts(model) == {"background"}
+    assert model.noise.background is not None
+    near, far = model.noise.background
     assert near / (near + far) == pytest.approx(share.mean(), abs=0.05)
     variance = near * far / ((near + far) ** 2 * (near + far + 1.0))
     assert np.sqrt(variance) == pytest.approx(share.std(), rel=0.2)
-    assert lesson.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.05)
+    assert model.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.05)
 
 
 @pytest.mark.slow
 def test_drift_is_learnt_and_sigma_is_that_without_it(rng: np.random.Generator) -> None:
     drift = 1.5 * SIGMA_MM * rng.choice([-1.0, 1.0], PIXELS) * TIME
-    lesson = _lesson(surfaces(rng, (FRAMES, PIXELS), (2000.0,), drift_mm=drift))
-    assert _parts(lesson) == {"drift"}
-    assert lesson.noise.drift_mm[0] == pytest.approx(1.5 * SIGMA_MM, rel=0.15)
-    assert (lesson.noise.drift_mm[1:] < 0.2 * SIGMA_MM).all()
-    assert lesson.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.05)
+    model = _learnt(surfaces(rng, (FRAMES, PIXELS), (2000.0,), drift_mm=drift))
+    assert _parts(model) == {"drift"}
+    assert model.noise.drift_mm[0] == pytest.approx(1.5 * SIGMA_MM, rel=0.15)
+    assert (model.noise.drift_mm[1:] < 0.2 * SIGMA_MM).all()
+    assert model.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.05)
 
 
 @pytest.mark.slow
 def test_memory_is_the_correlation_of_neighbouring_frames(rng: np.random.Generator) -> None:
     z = signal.lfilter([np.sqrt(0.75)], [1.0, -0.5], rng.standard_normal((FRAMES + 40, PIXELS)), axis=0)[40:]
-    lesson = _lesson(2000.0 + SIGMA_MM * z, drift=False)
-    assert lesson.noise.memory == pytest.approx(0.5, abs=0.06)
-    assert "shape" not in _parts(lesson)
+    model = _learnt(2000.0 + SIGMA_MM * z, drift=False)
+    assert model.noise.memory == pytest.approx(0.5, abs=0.06)
+    assert "shape" not in _parts(model)
 
 
 @pytest.mark.slow
 def test_sigma_is_that_of_all_errors_where_drifts_follow_errors_that_remember(rng: np.random.Generator) -> None:
     z = signal.lfilter([np.sqrt(0.75)], [1.0, -0.5], rng.standard_normal((FRAMES + 40, 900)), axis=0)[40:]
-    lesson = _lesson(2000.0 + SIGMA_MM * z)
-    assert lesson.noise.drift_mm.any()
-    assert lesson.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.04)
+    model = _learnt(2000.0 + SIGMA_MM * z)
+    assert model.noise.drift_mm.any()
+    assert model.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.04)
 
 
 @pytest.mark.slow
 def test_pixels_of_background_alone_teach_background_and_not_one_wide_surface(rng: np.random.Generator) -> None:
-    lesson = _lesson(rng.uniform(LOW_MM, TOP_MM, (FRAMES, PIXELS)))
-    assert lesson.noise.background is not None
+    model = _learnt(rng.uniform(LOW_MM, TOP_MM, (FRAMES, PIXELS)))
+    assert model.noise.background is not None
 
 
 @pytest.mark.slow
@@ -131,18 +123,11 @@ def test_what_pixels_have_of_their_own_is_drawn_with_the_spread_and_the_tails_th
     rng: np.random.Generator,
 ) -> None:
     drift = np.where(rng.random(PIXELS) < 0.5, 1.5, -1.5) * SIGMA_MM
-    own = _lesson(surfaces(rng, (FRAMES, PIXELS), (2000.0,), drift_mm=drift * TIME)).own
+    own = _learnt(surfaces(rng, (FRAMES, PIXELS), (2000.0,), drift_mm=drift * TIME)).pixel_effects
     assert len(own) > 0.9 * PIXELS
     assert not own[:, 0].any()  # widths are alike
     np.testing.assert_allclose(np.std(own[:, 1]), 1.5 * SIGMA_MM, rtol=0.08)
     assert np.abs(own[:, 1]).max() < 2.5 * SIGMA_MM  # a Student t of this spread has some at 6
-
-
-@pytest.mark.parametrize("square", [0.0, 1.0])
-def test_chance_is_taken_off_the_spread_of_values(square: float, rng: np.random.Generator) -> None:
-    variance = rng.uniform(0.5, 2.0, 4000)
-    value = np.sqrt(square + variance) * rng.standard_normal(4000)
-    assert np.mean(without_chance(value, variance) ** 2) == pytest.approx(square, abs=0.1)
 
 
 @pytest.mark.slow
@@ -153,9 +138,9 @@ def test_all_parts_together_are_all_learnt(rng: np.random.Generator) -> None:
         rng, (frames, pixels), (2000.0,), errors=KNOWN["skewed"].draw, width=np.exp(0.3 * rng.standard_normal(pixels)),
         background=rng.uniform(0.0, 0.9, pixels), drift_mm=drift,
     )  # fmt: skip
-    lesson = _lesson(samples)
-    assert _parts(lesson) - {"memory"} == {"shape", "widths", "background", "drift"}
-    assert lesson.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.1)
+    model = _learnt(samples)
+    assert _parts(model) - {"memory"} == {"shape", "widths", "background", "drift"}
+    assert model.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.1)
 
 
 @pytest.mark.slow
@@ -163,9 +148,9 @@ def test_sigma_is_right_where_every_pixel_sees_two_surfaces(rng: np.random.Gener
     near = rng.uniform(800.0, 3000.0, PIXELS)
     second = rng.random((FRAMES, PIXELS)) < rng.uniform(0.2, 0.8, PIXELS)
     samples = near + np.where(second, 600.0, 0.0) + SIGMA_MM * rng.standard_normal((FRAMES, PIXELS))
-    lesson = _lesson(samples)
-    assert _parts(lesson) <= {"drift"}
-    sigmas = lesson.noise.curve.sigma_mm
+    model = _learnt(samples)
+    assert _parts(model) <= {"drift"}
+    sigmas = model.noise.curve.sigma_mm
     assert np.median(sigmas) == pytest.approx(SIGMA_MM, rel=0.05)
     np.testing.assert_allclose(sigmas, SIGMA_MM, rtol=0.12)  # each of twenty or so pixels
 
@@ -180,31 +165,31 @@ def test_sigma_is_right_where_no_cluster_stands_clear_in_any_pixel(
     which = (rng.random((frames, pixels, 1)) > shares[:, :-1]).sum(axis=2)
     near = rng.uniform(800.0, 3000.0, pixels)
     samples = near + SIGMA_MM * (np.array(places)[which] + rng.standard_normal((frames, pixels)))
-    sigmas = _lesson(samples).noise.curve.sigma_mm
+    sigmas = _learnt(samples).noise.curve.sigma_mm
     assert np.median(sigmas) == pytest.approx(SIGMA_MM, rel=0.05)
 
 
 @pytest.mark.parametrize("name", ["gaussian", "skewed"])
 def test_few_pixels_give_one_sigma_and_a_gaussian(name: str, rng: np.random.Generator) -> None:
-    lesson = _lesson(surfaces(rng, (30, 12), (2000.0,), errors=KNOWN[name].draw))
-    assert lesson.noise.is_gaussian
-    assert len(lesson.noise.curve.sigma_mm) == 1
+    model = _learnt(surfaces(rng, (30, 12), (2000.0,), errors=KNOWN[name].draw))
+    assert model.noise.is_gaussian
+    assert len(model.noise.curve.sigma_mm) == 1
     # 360 samples tell a sigma to 4 %; by differences, and with a skewed shape, less exactly.
-    assert lesson.noise.curve.sigma_mm[0] == pytest.approx(SIGMA_MM, rel=0.15)
+    assert model.noise.curve.sigma_mm[0] == pytest.approx(SIGMA_MM, rel=0.15)
 
 
 def test_forbidden_parts_are_skipped_and_required_parts_are_learnt(rng: np.random.Generator) -> None:
     width = np.exp(0.3 * rng.standard_normal(90))
     samples = surfaces(rng, (40, 90), (2000.0,), errors=KNOWN["skewed"].draw, width=width)
-    assert _parts(_lesson(samples, shape=False, widths=False, drift=False)) <= {"background", "memory"}
+    assert _parts(_learnt(samples, shape=False, widths=False, drift=False)) <= {"background", "memory"}
     plain = surfaces(rng, (40, 90), (2000.0,))
-    insisted = _lesson(plain, shape=False, widths=True, drift=False)
+    insisted = _learnt(plain, shape=False, widths=True, drift=False)
     assert _parts(insisted) <= {"widths", "background"}
 
 
 def test_same_pixels_give_the_same_noise(rng: np.random.Generator) -> None:
     samples = surfaces(rng, (40, 60), (2000.0,), background=0.2)
-    one, other = _lesson(samples, shape=False), _lesson(samples.copy(), shape=False)
+    one, other = _learnt(samples, shape=False), _learnt(samples.copy(), shape=False)
     np.testing.assert_array_equal(one.noise.curve.sigma_mm, other.noise.curve.sigma_mm)
     assert (one.noise.background, one.noise.memory) == (other.noise.background, other.noise.memory)
 
@@ -213,49 +198,11 @@ def test_same_pixels_give_the_same_noise(rng: np.random.Generator) -> None:
 @pytest.mark.parametrize(("sigma", "holds"), [(SIGMA_MM, True), (2.0 * SIGMA_MM, False), (0.5 * SIGMA_MM, False)])
 def test_a_given_curve_holds_where_nothing_predicts_better(sigma: float, holds: bool, rng: np.random.Generator) -> None:
     given = NoiseCurve(np.array([2000.0]), np.array([sigma]))
-    lesson = _lesson(surfaces(rng, (40, 90), (2000.0,)), instead_of=given)
-    assert lesson.given_holds is holds
+    model = _learnt(surfaces(rng, (40, 90), (2000.0,)), instead_of=given)
+    assert model.given_holds is holds
 
 
 @pytest.mark.parametrize("samples", [np.full((40, 30), 2000.0), np.full((40, 30), np.nan)], ids=["constant", "none"])
 def test_samples_without_a_spread_give_no_noise(samples: FloatArray) -> None:
     with pytest.raises(ValueError, match="no two samples of a pixel differ, or none is valid"):
-        _lesson(samples)
-
-
-@pytest.mark.parametrize("scale", [0.1, 0.3])
-@pytest.mark.parametrize("variance", [1e-4, 0.01])
-def test_spread_of_widths_is_found_beyond_chance(scale: float, variance: float, rng: np.random.Generator) -> None:
-    chance = np.full(3000, variance)
-    seen = scale * rng.standard_t(4.0, 3000) + np.sqrt(chance) * rng.standard_normal(3000)
-    assert width_scale(seen, chance) == pytest.approx(scale, rel=0.15)  # the scales that are tried are 14 % apart
-    assert (width_scale(np.sqrt(chance) * rng.standard_normal(3000), chance) or 0.0) < 0.3 * np.sqrt(variance)
-
-
-@pytest.mark.parametrize(("near", "far"), [(0.5, 4.0), (2.0, 2.0), (8.0, 30.0)])
-def test_prior_of_background_is_the_beta_density_that_shares_were_drawn_from(
-    near: float, far: float, rng: np.random.Generator
-) -> None:
-    n = np.full(4000, 200.0)
-    share = rng.binomial(200, rng.beta(near, far, 4000)) / 200.0
-    np.testing.assert_allclose(beta_prior(share, n), [near, far], rtol=0.1)
-    share[:100], n[:100] = 0.9, 0.0  # pixels without a surface tell nothing
-    np.testing.assert_allclose(beta_prior(share, n), [near, far], rtol=0.1)
-
-
-def test_single_deviating_pixel_adds_no_part(rng: np.random.Generator) -> None:
-    one = rng.normal(0.0, 1.0, 400)
-    other = one - 0.2 + rng.normal(0.0, 0.1, 400)
-    gain, error = better_by(one, other)
-    assert gain == pytest.approx(0.2, abs=4 * error)
-    assert error == pytest.approx(0.1 / np.sqrt(400), rel=0.15)
-    other[0] = 1e6
-    assert better_by(one, other)[0] == pytest.approx(0.2, abs=0.02)
-    other[1] = np.nan
-    assert better_by(one, other)[0] == pytest.approx(0.2, abs=0.02)
-    assert better_by(one[:2], other[2:4]) == (0.0, np.inf)
-
-
-def test_medians_leave_out_pixels_without_samples() -> None:
-    samples = np.array([[1.0, np.nan, 3.0], [np.nan] * 3, [5.0, np.nan, np.nan]], dtype=np.float32)
-    np.testing.assert_array_equal(medians(samples), [2.0, 5.0])
+        _learnt(samples)

@@ -10,17 +10,9 @@ from support.learnt_pixels import CAMERA, KNOWN, LOW_MM, SIGMA_MM, TOP_MM, pixel
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.learnt.learning import Pixels
-from tofmix.estimation.learnt.recordings import (
-    FoundNoise,
-    calibrated,
-    has_parts,
-    learn_if_contradicted,
-    learn_noise,
-    pixels_of,
-    scatters,
-)
-from tofmix.estimation.learnt.thresholds import calibrate
+from tofmix.estimation.learnt.bootstrap import calibrate
+from tofmix.estimation.learnt.recordings import FoundNoise, calibrated, has_parts, learn_if_contradicted, learn_noise
+from tofmix.estimation.learnt.training_pixels import Pixels, pixels_of, scatters
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor

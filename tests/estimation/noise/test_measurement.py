@@ -95,7 +95,7 @@ def test_drift_pattern_outliers_stuck_and_invalid_samples_leave_sigma(rng: np.ra
 
 
 @pytest.mark.slow
-def test_noise_that_remembers_is_measured(rng: np.random.Generator, sensor: Sensor) -> None:
+def test_sigma_of_noise_with_a_memory_is_measured(rng: np.random.Generator, sensor: Sensor) -> None:
     assert sensor.noise is not None
     seen = rng.uniform(1000.0, 3000.0, 3000)
     noise = rng.standard_normal((100, 3000))

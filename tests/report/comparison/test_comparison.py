@@ -96,7 +96,7 @@ def test_a_file_equals_itself_and_order_changes_nothing_but_sides() -> None:
     assert one.equal(one.different / one.pixels)
 
 
-def test_more_room_for_layers_is_no_difference() -> None:
+def test_files_with_another_max_layers_and_equal_layers_are_equal() -> None:
     a = made_up_layers(SHAPE, MAX_LAYERS)
     wide = Layers.empty(SHAPE, MAX_LAYERS + 2)
     for spec in LAYER_FIELDS:
@@ -119,7 +119,7 @@ def test_the_most_different_pixels_come_first() -> None:
     assert len(top.range_a_mm) == a.n_modes[top.window, top.row, top.col] == top.surfaces[0]
 
 
-def test_unknown_errors_ask_for_equal_ranges() -> None:
+def test_layers_without_errors_are_equal_only_with_equal_ranges() -> None:
     a = made_up_layers((1, 2, 2), 1)
     a.n_modes[...], a.range[...], a.range_stderr[...] = 1, 1000.0, np.nan
     b = copied(a)

@@ -51,7 +51,7 @@ def test_very_long_ranges_are_rounded_more_roughly() -> None:
     np.testing.assert_allclose(unpacked(packed, 0, 1), np.sort(samples.ravel()), atol=4.0)
 
 
-def test_samples_take_no_more_room_than_they_may() -> None:
+def test_packed_samples_stay_below_the_limit_of_characters() -> None:
     samples = np.random.default_rng(5).normal(4000, 400, (60, 5, 6)).round()
     recording = ArrayRecording(samples, Sensor(name="x"))
     whole = pack_samples(recording, start=0, stop=60, noise=CURVE, characters=10**6)

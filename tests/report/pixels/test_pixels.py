@@ -75,7 +75,7 @@ def test_samples_are_the_valid_ones_in_order() -> None:
 
 
 @pytest.mark.slow
-def test_the_grown_density_ends_where_all_samples_lead() -> None:
+def test_density_over_all_samples_equals_the_last_step_of_its_growth() -> None:
     samples = two_boards()
     growth = grow_density(samples, SENSOR)
     assert growth.n_samples == tuple(range(1, 81))

@@ -1,5 +1,5 @@
-"""Layers of pixels whose noise is learnt: any shape, widths, backgrounds and drifts of their own.
+"""Layers of pixels under learnt noise: errors of any shape, and a width, background and drift of each pixel.
 
-`model` says what is learnt, `learning` learns it, `thresholds` calibrates the count, `fitting` and `counting` are the
-kernels, `blocks` makes layers with them.
+`model` describes the noise, `learning` learns it, and `bootstrap` draws the gains of noise alone. `em`, `trials` and
+`counting` are the kernels, and `blocks` makes layers with them.
 """

@@ -17,7 +17,7 @@ from tofmix.sensor import Sensor
 def counts_with_learnt(sensor: Sensor, options: EstimateOptions) -> bool:
     """Whether surfaces are counted under the sensor's learnt noise.
 
-    Free sigmas, and peaks taken for surfaces, are the paper's: they know a Gaussian alone.
+    Not with free sigmas, nor where peaks are surfaces: these ways of the paper have Gaussian noise.
     """
     return sensor.learnt is not None and options.refine is Refine.LIKELIHOOD and options.sigma is not SigmaMode.FREE
 
@@ -25,7 +25,7 @@ def counts_with_learnt(sensor: Sensor, options: EstimateOptions) -> bool:
 def layers_with_learnt(block: Float32Array, beam: Beam, sensor: Sensor, options: EstimateOptions, out: Layers) -> None:
     """Fill `out` for samples (pixel, frame), mm, NaN where invalid.
 
-    On a circle, where samples have lost their order, no pixel drifts.
+    On a circle of ranges no pixel drifts, because unrolled samples are not in the order of frames.
 
     Raises
     ------
@@ -45,5 +45,5 @@ def layers_with_learnt(block: Float32Array, beam: Beam, sensor: Sensor, options:
         out.noise_width[...] = width
     inflation = math.sqrt((1.0 + sensor.learnt.memory) / (1.0 - sensor.learnt.memory))
     if inflation > 1.0:
-        # Samples that remember the last one tell less: the variance of their mean is so much larger.
+        # The variance of the mean of AR(1) noise is larger by this factor.
         out.range_stderr[...] *= inflation

@@ -1,4 +1,4 @@
-"""Layers of a block of pixels under the learnt noise."""
+"""Layers of a block of pixels under the learnt noise: the kernel."""
 
 import math
 from typing import Any
@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
-from tofmix.estimation.learnt.counting import Rules, Thresholds, count_surfaces, new_workspace, read_gains, remove
-from tofmix.estimation.learnt.errors import standard_errors
-from tofmix.estimation.learnt.fitting import (
+from tofmix.estimation.learnt.acceleration import maximise, value_of
+from tofmix.estimation.learnt.components import (
     BACKGROUND,
     GAIN,
     LOG_WIDTH,
@@ -20,16 +19,17 @@ from tofmix.estimation.learnt.fitting import (
     SIGMA,
     SUPPORT,
     WEIGHT,
-    Samples,
-    fill_times,
-    maximise,
-    value_of,
+    remove_surface,
 )
+from tofmix.estimation.learnt.counting import Rules, count_surfaces
+from tofmix.estimation.learnt.errors import standard_errors
 from tofmix.estimation.learnt.law import Law
+from tofmix.estimation.learnt.pixel_samples import Samples, fill_times, take_samples
+from tofmix.estimation.learnt.thresholds import Thresholds, read_gains
+from tofmix.estimation.learnt.trials import new_workspace
 from tofmix.estimation.mixture.components import sort_surfaces
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, chance_of
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
-from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.estimation.settings import KernelOptions
 from tofmix.flags import Status
 
@@ -42,23 +42,6 @@ _DEGENERATE = int(Status.DEGENERATE)
 
 
 @jit
-def take_samples(samples: Float32Array, value: FloatArray, time: FloatArray) -> int:
-    """Fill `value` with the valid samples of a pixel (frame,), ascending, and `time` with their times; return how many.
-
-    Time runs from -1 at the first frame to 1 at the last.
-    """
-    frames, n = len(samples), 0
-    half = 0.5 * (frames - 1) if frames > 1 else 1.0
-    order = np.argsort(samples, kind="mergesort")  # stable: equal samples stay in the order of frames; NaN last
-    for frame in order:
-        x = samples[frame]
-        if abs(x) <= FARTHEST_MM:  # false for NaN
-            value[n], time[n] = x, frame / half - 1.0
-            n += 1
-    return n
-
-
-@jit
 def fill_layers(
     block: Float32Array,
     out: tuple[NDArray[Any], ...],
@@ -68,7 +51,11 @@ def fill_layers(
     thresholds: Thresholds,
     options: KernelOptions,
 ) -> None:
-    """Fill `out`, the arrays of `Layers` in their order, and `width` (pixel,), for samples (pixel, frame)."""
+    """Fill the layers and the widths of pixels.
+
+    `block` (pixel, frame) are samples, mm, NaN where invalid. `out` are the arrays of `tofmix.layers.Layers` in their
+    order, and `width` (pixel,) factors on sigma(r).
+    """
     (n_modes, n_peaks, mean, sigma, weight, range_stderr, weight_stderr, probability, no_return, outlier, likelihood,
      n_samples, n_iter, status) = out  # fmt: skip
     pixels, frames = block.shape
@@ -91,14 +78,14 @@ def fill_layers(
         k, law = count_surfaces(data, work, laws, beam, thresholds, rules)
         found = k
         iterations = maximise(data, k, fit, law, beam, options.max_iter, options.tol, scratch)
-        while k > 0:  # what the last iterations left without samples is no surface
+        while k > 0:  # a surface that the last iterations left without samples is removed
             weakest = 0
             for i in range(1, k):
                 if fit[SUPPORT, i] < fit[SUPPORT, weakest]:
                     weakest = i
             if fit[SUPPORT, weakest] >= 1.0:
                 break
-            k = remove(k, weakest, fit)
+            k = remove_surface(k, weakest, fit)
             iterations = maximise(data, k, fit, law, beam, options.max_iter, options.tol, scratch)
         sort_surfaces(k, fit, OWN)
         known = standard_errors(data, k, fit, law, beam, scratch, range_errors, weight_errors)

@@ -1,7 +1,7 @@
-"""Clusters of samples that stand clear of all others in their pixel, and fits of one surface to each.
+"""Clusters of samples that are isolated in their pixel, and fits of one surface to each.
 
-The noise is learnt from them: a pixel of one surface is one cluster, one of two far apart is two, and a pixel on strong
-background is one where its samples crowd. What surrounds a cluster is its background.
+The noise is learnt from clusters: a pixel of one surface has one, and a pixel of two distant surfaces two. The samples
+around a cluster are its background.
 """
 
 from typing import NamedTuple
@@ -11,13 +11,10 @@ import numpy as np
 from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
-from tofmix.estimation.learnt.blocks import take_samples
-from tofmix.estimation.learnt.counting import CLOSE, new_workspace, try_one_more
-from tofmix.estimation.learnt.fitting import (
+from tofmix.estimation.learnt.acceleration import LEARNING_ITER, LEARNING_TOL, maximise
+from tofmix.estimation.learnt.components import (
     BACKGROUND,
     DRIFT,
-    LEARNING_ITER,
-    LEARNING_TOL,
     LOG_WIDTH,
     MEAN,
     OWN,
@@ -25,39 +22,38 @@ from tofmix.estimation.learnt.fitting import (
     SIGMA,
     SUPPORT,
     WEIGHT,
-    Samples,
-    detrend,
-    fill_times,
-    maximise,
-    mix,
     still_row,
 )
+from tofmix.estimation.learnt.em import detrend, mix
 from tofmix.estimation.learnt.law import Law
+from tofmix.estimation.learnt.pixel_samples import Samples, fill_times, take_samples
+from tofmix.estimation.learnt.trials import CLOSE, densest_place, new_workspace, try_one_more
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.learnt_noise import DRIFTS
 
 WINDOW = 16.0
-"""A cluster's window reaches this many sigma to either side of its densest place."""
+"""Half the width of a cluster's window about its densest place, in sigmas."""
 
-CLEAR = 0.2
-"""No other place of the window, `APART` sigma or more away, has more samples together than this part of the densest."""
+MOST_BESIDE = 0.2
+"""A cluster is isolated if no other place of its window, `APART` sigmas or more away, has more than this part of the
+samples of its densest place."""
 
 APART = 4.0
-"""Sigmas from which on another crowd of the window may be another surface: two nearer ones overlap in one crowd."""
+"""Distance, in sigmas, from which on other samples of the window may be another surface: nearer surfaces overlap."""
 
 LEAST_IN_CLUSTER = 8
-"""Samples that crowd in a cluster, at least."""
+"""Least samples at the densest place of a cluster."""
 
 LEAST_SHARE = 0.1
-"""Part of the pixel's samples that crowd in a cluster, at least."""
+"""Least part of the pixel's samples at the densest place of a cluster."""
 
 MOST_IN_PIXEL = 3
-"""Clusters looked for in a pixel: later ones hold few of its samples."""
+"""Most clusters of a pixel: further ones have few of its samples."""
 
 
 class Clusters(NamedTuple):
-    """Clusters of pixels: `pixel` (cluster,), and the window of each, `low` and `high` (cluster,), mm."""
+    """Clusters: the index of the `pixel` (cluster,), and the ends of the window, `low` and `high` (cluster,), mm."""
 
     pixel: IntArray
     low: FloatArray
@@ -65,11 +61,11 @@ class Clusters(NamedTuple):
 
 
 class ClusterFits(NamedTuple):
-    """One surface fitted to each cluster, all (cluster,).
+    """One surface fitted to each cluster; (cluster,) where no other shape is named.
 
-    `place` of the surface and `sigma` of the curve there, mm; `log_width`; `drift` (cluster, DRIFTS), mm; `support`,
-    the samples that are the surface's; `gain`, nat, of a second surface; `error` (cluster, frame), the standardised
-    errors of all samples of the window, NaN where there is none.
+    `place` is the range of the surface and `sigma` that of the curve there, mm; `log_width` and `drift` (cluster,
+    DRIFTS), mm, are fitted; `support` is the number of the surface's samples, `gain` that of a second surface, nat, and
+    `error` (cluster, frame) the standardised errors of the window's samples, NaN where a frame has none.
     """
 
     place: FloatArray
@@ -83,7 +79,7 @@ class ClusterFits(NamedTuple):
 
 @jit
 def find_clusters(samples: Float32Array, beam: Beam) -> Clusters:
-    """Find the clusters of pixels (pixel, frame)."""
+    """Find the isolated clusters of samples (pixel, frame), mm, NaN where invalid."""
     pixels, frames = samples.shape
     most = pixels * MOST_IN_PIXEL
     owner, low, high, count = np.zeros(most, dtype=np.int64), np.zeros(most), np.zeros(most), 0
@@ -95,12 +91,12 @@ def find_clusters(samples: Float32Array, beam: Beam) -> Clusters:
         rest = n
         left[:n] = value[:n]
         for _ in range(MOST_IN_PIXEL):
-            place, crowd_size = _crowd(left, rest, curve_range, curve_sigma)
-            if crowd_size < max(LEAST_IN_CLUSTER, LEAST_SHARE * n):
+            place, most_together = densest_place(left, rest, own, True)  # noqa: FBT003  a kernel's flag
+            if most_together < max(LEAST_IN_CLUSTER, LEAST_SHARE * n):
                 break
             sigma = sigma_at(place, curve_range, curve_sigma)
             a, b = place - WINDOW * sigma, place + WINDOW * sigma
-            if _clear(value, n, place, a, b, crowd_size, curve_range, curve_sigma):
+            if _isolated(value, n, place, a, b, most_together, curve_range, curve_sigma):
                 owner[count], low[count], high[count] = pixel, a, b
                 count += 1
             kept = 0
@@ -113,32 +109,17 @@ def find_clusters(samples: Float32Array, beam: Beam) -> Clusters:
 
 
 @jit
-def _crowd(y: FloatArray, n: int, curve_range: FloatArray, curve_sigma: FloatArray) -> tuple[float, float]:
-    """Where most of `n` ascending samples lie together, and how many."""
-    most, place, stop, inside = 0.0, 0.0, 0, 0.0
-    for first in range(n):
-        end = y[first] + 2.0 * CLOSE * sigma_at(y[first], curve_range, curve_sigma)
-        while stop < n and y[stop] <= end:
-            inside += y[stop]
-            stop += 1
-        if stop - first > most:
-            most, place = float(stop - first), inside / (stop - first)
-        inside -= y[first]
-    return place, most
-
-
-@jit
-def _clear(
+def _isolated(
     y: FloatArray,
     n: int,
     place: float,
     a: float,
     b: float,
-    crowd_size: float,
+    most_together: float,
     curve_range: FloatArray,
     curve_sigma: FloatArray,
 ) -> bool:
-    """Whether no other place of the window [a, b] has so many samples together that it may be a surface."""
+    """Whether no other place of the window [a, b] has so many of the samples that it may be a surface."""
     sigma = sigma_at(place, curve_range, curve_sigma)
     stop = 0
     for first in range(n):
@@ -146,14 +127,15 @@ def _clear(
         while stop < n and y[stop] <= y[first] + 2.0 * CLOSE * sigma:
             stop += 1
         middle = 0.5 * (y[first] + y[stop - 1])
-        if a <= middle <= b and abs(middle - place) >= APART * sigma and stop - first > max(CLEAR * crowd_size, 1.0):
+        apart = a <= middle <= b and abs(middle - place) >= APART * sigma
+        if apart and stop - first > max(MOST_BESIDE * most_together, 1.0):
             return False
     return True
 
 
 @jit
 def fit_clusters(samples: Float32Array, clusters: Clusters, law: Law, beam: Beam, second: bool) -> ClusterFits:
-    """Fit one surface on uniform background to each cluster; with `second`, also find what a second surface gains."""
+    """Fit one surface on uniform background to each cluster; with `second`, also fit a second one for its gain."""
     count, frames = len(clusters.pixel), samples.shape[1]
     place, sigma, log_width, support = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count)
     drift, gain = np.zeros((count, DRIFTS)), np.zeros(count)

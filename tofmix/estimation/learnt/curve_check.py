@@ -1,8 +1,8 @@
-"""A quick look whether a noise curve goes with the samples: if it does, nothing need be learnt.
+"""A quick test of a Gaussian noise curve by the samples: if it passes, no noise is learnt.
 
-Clusters of one surface are fitted under the curve with a Gaussian. Their widths, the shape of their errors, their
-drifts and the samples far from all clusters should be those that the curve and p(c_r) let expect. What is found here
-is only a reason to learn the noise; whether the learnt noise is better, pixels that no fit has seen decide.
+Clusters of one surface are fitted under the curve. Their widths, drifts, the shape of their errors and the share of
+samples far from all clusters are compared with the curve and p(c_r). A difference is only a reason to learn the noise:
+held-out pixels decide whether the learnt noise is better.
 """
 
 import math
@@ -13,33 +13,34 @@ from tofmix.arrays import IntArray
 from tofmix.compiled.robust import MAD_TO_SIGMA
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.learnt.clusters import ClusterFits, find_clusters, fit_clusters
-from tofmix.estimation.learnt.learning import LEAST_CLUSTERS, Pixels
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.pair_differences import sigma_from_differences
+from tofmix.estimation.learnt.sigma_curve import LEAST_CLUSTERS
+from tofmix.estimation.learnt.training_pixels import Pixels
 from tofmix.estimation.noise.pixel_noise import pixel_curves
 from tofmix.learnt_noise import DRIFTS
 from tofmix.sensor import NoiseCurve, Sensor
 
 WIDTH_TOLERANCE = 0.10
-"""Relative difference of typical widths and of their spread that is worth learning for."""
+"""Tolerated difference of the median log width from 0, and tolerated spread of log width."""
 
 SKEWNESS_TOLERANCE, KURTOSIS_TOLERANCE = 0.3, 0.6
-"""Skewness and excess kurtosis of the errors that are worth learning for: less adds one false alarm in a thousand."""
+"""Tolerated skewness and excess kurtosis of the errors: they add one false alarm in a thousand."""
 
 DRIFT_TOLERANCE = 0.5
-"""Typical drift over a window, in sigmas, that is worth learning for."""
+"""Tolerated drift over a window, in sigmas."""
 
 BACKGROUND_TOLERANCE = 0.01
-"""Share of samples near no cluster, beyond p(c_r), that is worth learning for."""
+"""Tolerated share of samples far from all clusters, beyond p(c_r)."""
 
-FEW = 0.5
-"""Where less of the pixels than this have a cluster that stands clear, clusters do not tell: nothing is doubted."""
+LEAST_WITH_CLUSTER = 0.5
+"""Least part of the pixels with an isolated cluster: with fewer, differences of samples decide."""
 
 FAR_OFF = 1.5
-"""Factor between the curve's sigma and that of differences that surfaces close to each other do not make alone."""
+"""Tolerated factor between the curve's sigma and that of differences of samples, which close surfaces widen."""
 
 SURE = 3.0
-"""Standard errors beyond each tolerance: chance alone makes one of some hundred recordings doubtful."""
+"""Standard errors beyond each tolerance: noise alone contradicts the curve in one of some hundred recordings."""
 
 _NEAR_SIGMAS = 8.0  # of a cluster: samples farther from all clusters count as background
 _QUARTILE_ERROR = 1.83
@@ -48,7 +49,7 @@ _CENTRAL = 4.0  # sigmas; errors more than one sigma farther out are outliers, a
 
 
 def doubts(pixels: Pixels, sensor: Sensor) -> list[str]:
-    """What the samples say against the sensor's Gaussian noise curve.
+    """Ways in which the samples contradict the sensor's Gaussian noise curve.
 
     Parameters
     ----------
@@ -60,7 +61,12 @@ def doubts(pixels: Pixels, sensor: Sensor) -> list[str]:
     Returns
     -------
     list of str
-        Of ``width``, ``widths``, ``shape``, ``drift``, ``background``; empty if nothing does, or too few pixels tell.
+        Of ``width``, ``widths``, ``shape``, ``drift``, ``background``; empty where there are too few clusters.
+
+    Raises
+    ------
+    ValueError
+        If the sensor has no noise curve.
     """
     if sensor.noise is None:
         raise ValueError("the sensor has no noise curve")
@@ -71,7 +77,7 @@ def doubts(pixels: Pixels, sensor: Sensor) -> list[str]:
     clusters = find_clusters(pixels.samples, beam)
     owners = np.unique(clusters.pixel)
     filled = np.count_nonzero(np.isfinite(pixels.samples).sum(axis=1) >= 1)
-    if len(clusters.pixel) < LEAST_CLUSTERS or len(owners) < FEW * filled:
+    if len(clusters.pixel) < LEAST_CLUSTERS or len(owners) < LEAST_WITH_CLUSTER * filled:
         return _by_differences(pixels, sensor.noise)
     free = PixelNoise(curve=sensor.noise, p_outlier=noise.p_outlier, background=(0.5, 5.0), drift_mm=np.zeros(DRIFTS))
     law = free.laws()[0]._replace(width_spread=0.5)
@@ -100,7 +106,7 @@ def doubts(pixels: Pixels, sensor: Sensor) -> list[str]:
 
 
 def _by_differences(pixels: Pixels, curve: NoiseCurve) -> list[str]:
-    """Whether differences of samples contradict the curve's sigma: all that tells where clusters do not stand clear."""
+    """Whether differences of samples contradict the curve's sigma; for recordings without isolated clusters."""
     found = sigma_from_differences(pixels.samples)
     if found is None:
         return []
@@ -109,7 +115,7 @@ def _by_differences(pixels: Pixels, curve: NoiseCurve) -> list[str]:
 
 
 def _is_shaped(fits: ClusterFits) -> bool:
-    """Whether the errors are skewed or long-tailed, each pixel by its own width, beyond chance and tolerance."""
+    """Whether the errors of all clusters are skewed or long-tailed, beyond noise and tolerance."""
     z = fits.error[np.isfinite(fits.error) & (np.abs(fits.error) < _CENTRAL + 1.0)]
     if z.size < 100:  # noqa: PLR2004  moments of fewer tell nothing
         return False
@@ -121,10 +127,10 @@ def _is_shaped(fits: ClusterFits) -> bool:
 
 
 def _drifts(fits: ClusterFits) -> bool:
-    """Whether the typical change over a window by the first polynomial, chance taken off, is worth learning for.
+    """Whether the typical change over a window by the first polynomial exceeds noise and tolerance.
 
-    Without drift, the square of that change over the width is 12 / n times an F variable of 1 and n - 4 degrees: mean
-    and polynomials have taken four.
+    Without drift, the square of this change over the width is 12 / n times an F variable of 1 and n - 4 degrees of
+    freedom: the mean and the three polynomials take four.
     """
     from scipy.stats import f
 
@@ -138,10 +144,10 @@ def _drifts(fits: ClusterFits) -> bool:
 
 
 def _far_share(pixels: Pixels, fits: ClusterFits, pixel: IntArray, owners: IntArray) -> float:
-    """Median over pixels of the share of samples near no cluster of theirs.
+    """Median over the pixels of the share of samples far from all clusters of the pixel.
 
-    Pixels with a cluster that does not stand clear have other surfaces: the median tells of background alone where
-    most pixels see one surface.
+    Such samples may be of surfaces without an isolated cluster. So the median is a share of background only where most
+    pixels see one surface.
     """
     share = np.zeros(len(owners))
     for i, owner in enumerate(owners):

@@ -1,7 +1,7 @@
-"""Standard errors under the learnt noise: Louis' information of means, shares, width and drift together.
+"""Standard errors under the learnt noise, by the information of means, shares, width and drift together.
 
-The information of the samples is that of samples whose surface is known, less what not knowing it costs. That of known
-samples is Fisher's: the error of a surface that stands alone is u sigma / sqrt(n I), whatever its samples are.
+The information of the samples is that of samples whose surface is known, less the information that is lost because it
+is not known. That of known samples is Fisher's: an isolated surface has the standard error u sigma / sqrt(n I).
 
 References
 ----------
@@ -16,7 +16,7 @@ from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.cholesky import scaled_cholesky
-from tofmix.estimation.learnt.fitting import (
+from tofmix.estimation.learnt.components import (
     BACKGROUND,
     DENSITY,
     DRIFT,
@@ -28,18 +28,17 @@ from tofmix.estimation.learnt.fitting import (
     TIME,
     TOTAL,
     WEIGHT,
-    Samples,
-    background_density,
-    mix,
     no_return_row,
     slope_row,
     still_row,
 )
+from tofmix.estimation.learnt.em import background_density, mix
 from tofmix.estimation.learnt.law import Law, precision_of_t
+from tofmix.estimation.learnt.pixel_samples import Samples
 from tofmix.learnt_noise import DRIFTS
 
 _NOTHING = 1.0e-12
-"""A sample of which a surface has a smaller part tells nothing of it."""
+"""Least responsibility of a surface for a sample that has information on it."""
 
 
 @jit
@@ -53,9 +52,9 @@ def standard_errors(  # noqa: PLR0915  one pass over the samples
     by_mean: FloatArray,
     by_share: FloatArray,
 ) -> bool:
-    """Fill the errors of `k` means, mm, and shares; return whether the information could be inverted.
+    """Fill the standard errors of `k` means, mm, and shares, both (k,); return whether the information has an inverse.
 
-    Where it could not, they are those of surfaces that stand alone.
+    Where it has none, they are those of isolated surfaces.
     """
     for i in range(k):
         support = max(fit[SUPPORT, i], 1.0)
@@ -74,7 +73,7 @@ def standard_errors(  # noqa: PLR0915  one pass over the samples
     at_drift = at_width + (1 if with_width else 0)
     at_share = at_drift + k * moving
     size = at_share + shares
-    # The share that the others leave is that of the largest surface: it is never 0.
+    # The largest surface, whose share is never 0, has the share that all else leaves.
     largest = 0
     for i in range(1, k):
         if fit[WEIGHT, i] > fit[WEIGHT, largest]:
@@ -160,7 +159,7 @@ def _invert(
     by_mean: FloatArray,
     by_share: FloatArray,
 ) -> bool:
-    """Errors from the inverse of a positive definite matrix; false, and nothing is set, where it is not."""
+    """Fill standard errors from the inverse of a positive definite matrix; false, and no change, where it is not."""
     size = len(information)
     unit, lower = np.zeros(size), np.zeros((size, size))
     if not scaled_cholesky(information, unit, lower):
@@ -172,7 +171,7 @@ def _invert(
         if i != largest:
             by_share[i] = _error_of(lower, unit, at_share + place, at_share, 0)
             place += 1
-    # The largest surface's share is what all others leave: its variance is that of their sum.
+    # The largest surface has the share that all else leaves: its variance is that of their sum.
     by_share[largest] = _error_of(lower, unit, at_share, at_share, len(reference)) if len(reference) > 0 else 0.0
     return True
 

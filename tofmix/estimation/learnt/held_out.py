@@ -1,53 +1,49 @@
-"""How well a noise model predicts samples that no fit has seen, of pixels that it was not learnt from."""
+"""Held-out likelihood: of samples that no fit has seen, in pixels that the noise was not learnt from."""
 
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.estimation.beam import Beam
-from tofmix.estimation.learnt.blocks import take_samples
-from tofmix.estimation.learnt.counting import Rules, Thresholds, count_surfaces, new_workspace
-from tofmix.estimation.learnt.fitting import (
-    LEARNING_ITER,
-    LEARNING_TOL,
-    Samples,
-    background_density,
-    fill_times,
-    maximise,
-    mix,
-)
-from tofmix.estimation.learnt.fitting import TOTAL as TOTAL_ROW
+from tofmix.estimation.learnt.acceleration import LEARNING_ITER, LEARNING_TOL, maximise
+from tofmix.estimation.learnt.components import TOTAL
+from tofmix.estimation.learnt.counting import LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, Rules, count_surfaces
+from tofmix.estimation.learnt.em import background_density, mix
 from tofmix.estimation.learnt.law import Law
+from tofmix.estimation.learnt.pixel_samples import LEAST_SAMPLES, Samples, fill_times, take_samples
+from tofmix.estimation.learnt.thresholds import Thresholds
+from tofmix.estimation.learnt.trials import new_workspace
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 
 PARTS = 4
-"""Parts of a pixel's frames, each predicted from the others: a fit to half of a few samples predicts badly under the
-true noise too, most of all where a shape is steep."""
+"""Parts of the frames of a pixel, each predicted by a fit to the others. A fit to fewer samples predicts badly under
+the true noise too, above all where a shape is steep."""
 
 LEAST_GAIN = 7.0
-"""Gain, nat, that a surface must have here, under any model: a Gaussian's is 6 for one false alarm in 1000."""
+"""Threshold of a further surface under any model, nat: for Gaussian noise it is 6 at one false alarm in 1000."""
 
 LEAST_FIRST_GAIN = 4.0
-"""Gain, nat, that the first surface must have beside background alone: a pixel with a surface must not go without one
-where the recording's ranges, and so the background, span few sigmas; one without any costs all models the same."""
+"""Threshold of the first surface over background alone, nat. It is low because the background may span few sigmas: a
+pixel with a surface must not pass for background. A pixel without surfaces costs all models the same."""
 
 NO_SURFACE_NATS = 1.0e9
-"""Nats by which background alone must explain a pixel better than one surface does, where it may not."""
+"""Threshold of the first surface where each pixel has one, below 0: no gain is as low."""
 
 SURPRISES = 0.02
-"""Share of background that is mixed into every model here: samples of a surface that the other frames did not show
-surprise all models alike, and say nothing of noise."""
+"""Share of background that is mixed into every model: samples of a surface that no other frame shows are improbable
+under all models, and must not decide between them."""
 
 _CHANCES = len(FALSE_ALARMS)
-_MIX, _BITS = 0x9E3779B1, 0xFFFFFFFF  # 2^32 by the golden ratio, odd (Knuth): it scatters neighbouring frames
+_MULTIPLIER, _BITS = 0x9E3779B1, 0xFFFFFFFF
+"""Hash of a frame: the factor is 2^32 by the golden ratio, odd (Knuth, The Art of Computer Programming 3, 6.4)."""
 
 
 def flat_thresholds(*, always_one: bool = False) -> Thresholds:
-    """The same gains for all models: what noise reaches is known only when one is chosen.
+    """Make thresholds that are the same for all models and samples: those of a model are known after its choice.
 
-    With `always_one` every pixel has a surface: it is no model of noise that all samples of a pixel are background,
-    where pixels have no background of their own.
+    With `always_one`, each pixel has a surface. A model without background by pixel must not explain a pixel by
+    background alone.
     """
     return Thresholds(
         log_n=np.zeros(1),
@@ -59,9 +55,9 @@ def flat_thresholds(*, always_one: bool = False) -> Thresholds:
 
 @borrowing
 def _part_of(frame: int) -> int:
-    """Part of a frame, 0 to PARTS - 1, as if at random: targets of a frame, or surfaces, may take turns."""
-    mixed = (frame + 1) * _MIX & _BITS
-    mixed = (mixed ^ mixed >> 15) * _MIX & _BITS
+    """Part of a frame, 0 to PARTS - 1, by a hash: surfaces, or targets of a frame, may come in turn."""
+    mixed = (frame + 1) * _MULTIPLIER & _BITS
+    mixed = (mixed ^ mixed >> 15) * _MULTIPLIER & _BITS
     return (mixed ^ mixed >> 13) % PARTS
 
 
@@ -69,16 +65,34 @@ def _part_of(frame: int) -> int:
 def held_out_scores(
     samples: Float32Array, laws: tuple[Law, Law], beam: Beam, thresholds: Thresholds, max_layers: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Log likelihood, nat, of each of `PARTS` of a pixel's frames under a fit to the others.
+    """Log likelihood of each of `PARTS` of a pixel's frames under a fit to the others.
 
-    Returns the sum (pixel,) of all, NaN where there are too few samples, and the surfaces found (pixel,) on average.
+    Parameters
+    ----------
+    samples : (pixel, frame) float32
+        Samples, mm, NaN where invalid.
+    laws : (Law, Law)
+        The noise, with and without drift.
+    beam : Beam
+        The fixed part of equation (1).
+    thresholds : Thresholds
+        Gains that surfaces must have; see `flat_thresholds`.
+    max_layers : int
+        Most surfaces of a pixel.
+
+    Returns
+    -------
+    (pixel,) float64
+        Sum over the parts, nat; NaN where a pixel has too few samples.
+    (pixel,) float64
+        Mean number of surfaces.
     """
     pixels, frames = samples.shape
     out, found = np.full(pixels, np.nan), np.zeros(pixels)
     value, time = np.empty(frames), np.empty(frames)
     part = np.empty(frames, dtype=np.float32)
     work = new_workspace(max_layers + 1, frames, _CHANCES)
-    rules = Rules(1.0e-3, 4.0, max_layers)
+    rules = Rules(LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, max_layers)
     for pixel in range(pixels):
         own = beam_of_pixel(beam, pixel)
         total, count = 0.0, 0
@@ -86,7 +100,7 @@ def held_out_scores(
             for frame in range(frames):
                 part[frame] = samples[pixel, frame] if _part_of(frame) != held else np.nan
             n = take_samples(part, value, time)
-            if n < 4:  # noqa: PLR2004  fewer fit nothing
+            if n < LEAST_SAMPLES:
                 continue
             data = Samples(value[:n], time[:n])
             fill_times(data, work.scratch)
@@ -103,7 +117,7 @@ def held_out_scores(
             mix(seen, k, work.fit, law, own, work.scratch)
             floor = SURPRISES * background_density(own)
             for j in range(m):
-                total += np.log((1.0 - SURPRISES) * work.scratch[TOTAL_ROW, j] + floor)
+                total += np.log((1.0 - SURPRISES) * work.scratch[TOTAL, j] + floor)
             count += m
         if count > 0:
             out[pixel] = total

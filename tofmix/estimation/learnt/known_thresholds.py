@@ -1,4 +1,4 @@
-"""Thresholds that this process has drawn before: the same noise is not calibrated twice."""
+"""A cache of thresholds in this process: those of one noise are drawn once."""
 
 import dataclasses
 import hashlib
@@ -11,15 +11,15 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.beam import Beam
-from tofmix.estimation.learnt.counting import Thresholds
+from tofmix.estimation.learnt.bootstrap import calibrate
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.thresholds import calibrate
+from tofmix.estimation.learnt.thresholds import Thresholds
 
 
 class KnownThresholds:
-    """Tables by the noise they were drawn for; those used last are kept, a few kilobytes each.
+    """Thresholds by all that they depend on; those used last are kept, a few kilobytes each.
 
-    A table depends on nothing but what it is drawn for: its seed is fixed, and workers do not change it.
+    The seed of a bootstrap is fixed, and its workers do not change it. So its arguments are the key.
 
     Parameters
     ----------
@@ -41,16 +41,16 @@ class KnownThresholds:
         ranges_mm: FloatArray,
         *,
         samples: tuple[int, int],
-        own: FloatArray | None = None,
+        pixel_effects: FloatArray | None = None,
         rounding_mm: float = 0.0,
         workers: int = 1,
         progress: Callable[[int, int], None] | None = None,
     ) -> Thresholds:
-        """The table of the noise, drawn or known. `progress` is not called where it is known.
+        """Return the thresholds of the noise, drawn or known. `progress` is called where they are drawn.
 
         Parameters
         ----------
-        noise, beam, ranges_mm, samples, own, rounding_mm, workers, progress
+        noise, beam, ranges_mm, samples, pixel_effects, rounding_mm, workers, progress
             As for `calibrate`.
 
         Returns
@@ -58,7 +58,7 @@ class KnownThresholds:
         Thresholds
             For `count_surfaces`.
         """
-        key = _digest((noise, beam, ranges_mm, samples, own, rounding_mm))
+        key = _digest((noise, beam, ranges_mm, samples, pixel_effects, rounding_mm))
         with self._lock:
             if key in self._tables:
                 self._tables.move_to_end(key)
@@ -68,7 +68,7 @@ class KnownThresholds:
             beam,
             ranges_mm,
             samples=samples,
-            own=own,
+            pixel_effects=pixel_effects,
             rounding_mm=rounding_mm,
             workers=workers,
             progress=progress,
@@ -81,10 +81,10 @@ class KnownThresholds:
 
 
 def _digest(value: tuple[Any, ...]) -> bytes:
-    """A digest of all numbers in tuples, dataclasses and arrays."""
+    """SHA-256 of all numbers in tuples, dataclasses and arrays."""
     found = hashlib.sha256()
 
-    def take(value: Any) -> None:  # noqa: ANN401  whatever noise is made of
+    def take(value: Any) -> None:  # noqa: ANN401  any part of the arguments
         if isinstance(value, np.ndarray):
             found.update(repr((value.dtype.str, value.shape)).encode())
             found.update(np.ascontiguousarray(value).tobytes())
@@ -104,4 +104,4 @@ def _digest(value: tuple[Any, ...]) -> bytes:
 
 
 known_thresholds = KnownThresholds()
-"""Those of this process."""
+"""The cache of this process."""

@@ -1,4 +1,4 @@
-"""The learnt noise as the kernels read it: tables of the shape, and the priors of what each pixel has of its own."""
+"""The learnt noise as kernels read it: tables of the shape, and the priors of width, drift and background."""
 
 import math
 from typing import NamedTuple
@@ -11,32 +11,33 @@ from tofmix.learnt_noise import DRIFTS
 from tofmix.noise_shape import NoiseShape
 
 STEPS = 32
-"""Points of the tables in a sigma."""
+"""Points of the tables by sigma."""
 
 REACH = 24.0
-"""The tables end this many sigma from the surface; a density is 0 beyond."""
+"""Ends of the tables, in sigmas from the surface; the density is 0 beyond."""
 
 NEGLIGIBLE = 1.0e-4
-"""Where the density is below this part of its peak, a surface lends a sample too little to be searched for."""
+"""Part of its peak below which the density plays no part in the search for a surface."""
 
 TAIL_DEGREES = 4.0
-"""Degrees of freedom of the Student t priors of log width and drift: some pixels are far wider than most."""
+"""Degrees of freedom of the Student t priors of log width and drift: some pixels are far wider than others."""
 
 SCALE_OF_SPREAD = 0.831
-"""Scale of the Student t of `TAIL_DEGREES` that is nearest to a Gaussian of standard deviation 1, in likelihood."""
+"""Scale of the Student t of `TAIL_DEGREES` with the largest likelihood for values of a standard Gaussian."""
 
 MOST_LOG_WIDTH = 1.5
-"""A pixel's width is between exp(-1.5) and exp(1.5) times the common one."""
+"""Largest absolute log width of a pixel."""
 
 
 class Law(NamedTuple):
     """The learnt noise of all pixels.
 
-    `density` and `slope` (point,) are f(z) and -f'(z) at z from -`REACH` on, `STEPS` a sigma. `information` is the mean
-    of (f' / f)^2, `width_information` that of (z f' / f + 1)^2: Fisher's information of location and log scale;
-    `cross_information` is that of both. Between `low` and `high` the density is worth a look. `width_spread` is the
-    scale of log width, 0 if all are alike; `drift_mm` (DRIFTS,) that of each polynomial, 0 if there is none.
-    `background_near` and `background_far` are pseudo-counts, in samples, of background and of the rest.
+    `density` and `slope` (point,) are f(z) and -f'(z) at z from -`REACH` to `REACH`, in sigmas. `information` is the
+    mean of (f' / f)^2 and `width_information` that of (z f' / f + 1)^2: Fisher's information of location and log scale;
+    `cross_information` is that of both together. Beyond `low` and `high`, in sigmas, the density is `NEGLIGIBLE`.
+    `width_spread` is the scale of log width, 0 where all widths are equal; `drift_mm` (DRIFTS,) has the scale of each
+    polynomial, 0 without this polynomial. `background_near` and `background_far` are the pseudo-counts, in samples, of
+    background and of the rest.
     """
 
     density: FloatArray
@@ -54,7 +55,7 @@ class Law(NamedTuple):
 
 @borrowing
 def at_table(z: float, table: FloatArray) -> float:
-    """Linear interpolation in a table of `Law`; 0 beyond it."""
+    """Interpolate linearly in a table of `Law` at z, in sigmas; 0 beyond its ends."""
     t = (z + REACH) * STEPS
     if not 0.0 <= t < len(table) - 1:
         return 0.0
@@ -64,7 +65,7 @@ def at_table(z: float, table: FloatArray) -> float:
 
 @borrowing
 def log_prior_t(value: float, scale: float) -> float:
-    """Logarithm of a Student t density over that at 0, at `value` of this scale; 0 where there is no scale."""
+    """Logarithm of a Student t density at `value`, less that at 0; 0 where the scale is 0."""
     if scale <= 0.0:
         return 0.0
     ratio = value / scale
@@ -73,7 +74,7 @@ def log_prior_t(value: float, scale: float) -> float:
 
 @borrowing
 def precision_of_t(value: float, scale: float) -> float:
-    """Precision of the Gaussian that has the slope of the log prior there: the prior as EM sees it."""
+    """Precision of the Gaussian whose log density has the slope of the log prior at `value`, for a step of EM."""
     return (TAIL_DEGREES + 1.0) / (TAIL_DEGREES * scale * scale + value * value)
 
 
@@ -84,18 +85,18 @@ def law_of(
     width_spread: float = 0.0,
     drift_mm: FloatArray | None = None,
 ) -> Law:
-    """Tables of a shape, and the priors.
+    """Make the tables of a shape, with the priors.
 
     Parameters
     ----------
     shape : NoiseShape or None
-        None is the Gaussian.
+        None is a Gaussian.
     background : (float, float)
         Pseudo-counts of background and of the rest.
     width_spread : float
-        Scale of log width; 0: all are alike.
+        Scale of log width; 0: all widths are equal.
     drift_mm : (DRIFTS,) float64, optional
-        Scale of each polynomial of time, mm; none without it.
+        Scale of each polynomial of time, mm; default: no drift.
     """
     z = np.arange(-REACH * STEPS, REACH * STEPS + 1) / STEPS
     if shape is None:

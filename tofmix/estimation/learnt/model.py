@@ -1,36 +1,36 @@
-"""What is learnt of a recording's noise: what the estimator is given, and what a layers file keeps of it."""
+"""The noise of a recording's pixels, as the estimator takes it and as a sensor and a layers file carry it."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.learnt.counting import Thresholds
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, Law, law_of
+from tofmix.estimation.learnt.thresholds import Thresholds
 from tofmix.learnt_noise import DRIFTS, LearntNoise
 from tofmix.sensor import NoiseCurve, Sensor
 
 SURE_SAMPLES = 1000.0
-"""Where pixels have no background of their own, p(c_r) is as sure as if so many samples had told it."""
+"""Pseudo-count, in samples, of the sensor's p(c_r), where pixels have no share of background each."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PixelNoise:
-    """The noise of a recording's pixels, beyond a Gaussian of sigma(r).
+    """Noise of a recording's pixels, beyond a Gaussian of sigma(r).
 
     Parameters
     ----------
     curve : NoiseCurve
-        sigma by range, and by amplitude where there is a law; with the shape of the error, None for a Gaussian, and
-        `width_spread`, 0 where the widths of all pixels are alike:
-        their logarithms follow the Student t density that is nearest to a Gaussian of this standard deviation.
+        sigma by range, and by amplitude where it has a law; the shape of the error, None for a Gaussian; and
+        `width_spread`, the standard deviation of log width, 0 where all widths are equal. Log widths follow a Student t
+        of the scale `law.SCALE_OF_SPREAD` times it.
     background : (float, float) or None
         Prior of each pixel's share of uniform background, a Beta density: pseudo-counts, in samples, of background and
         of the rest. None: every pixel has about the sensor's p(c_r), `p_outlier`.
     p_outlier : float
         The sensor's p(c_r).
     drift_mm : (DRIFTS,) float64
-        Scale, mm, of what each pixel's ranges follow within a window: Legendre polynomials of the degrees 1 to 3.
+        Scales, mm, of the drift of a pixel's ranges within a window: Legendre polynomials of time, degrees 1 to 3.
     memory : float
         Correlation of the standardised error from one frame to the next, as of AR(1) noise, 0 to below 1.
     """
@@ -43,12 +43,12 @@ class PixelNoise:
 
     @classmethod
     def gaussian(cls, curve: NoiseCurve, p_outlier: float) -> "PixelNoise":
-        """Nothing beyond the curve."""
+        """Gaussian noise of the curve's sigma(r), with the share `p_outlier` of background."""
         return cls(curve=curve, p_outlier=p_outlier, drift_mm=np.zeros(DRIFTS))
 
     @property
     def is_gaussian(self) -> bool:
-        """Whether the noise is that of a Gaussian of sigma(r), pixel by pixel and frame by frame."""
+        """Whether the noise is Gaussian, of sigma(r), and independent from frame to frame."""
         return (
             self.curve.shape is None
             and self.curve.width_spread == 0.0
@@ -91,7 +91,7 @@ class PixelNoise:
         )
 
     def learnt_with(self, thresholds: Thresholds) -> LearntNoise:
-        """What a sensor carries of it, with the gains that it reaches by chance."""
+        """The noise as a sensor carries it, with the gains that it reaches alone."""
         return LearntNoise(
             background=self.background,
             drift_mm=self.drift_mm,
@@ -104,7 +104,7 @@ class PixelNoise:
 
 
 def thresholds_of(learnt: LearntNoise) -> Thresholds:
-    """The gains as the kernels read them."""
+    """The gains that a sensor carries, as kernels read them."""
     return Thresholds(
         log_n=np.log(learnt.gain_samples),
         background=np.array(learnt.gain_background),

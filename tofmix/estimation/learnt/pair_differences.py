@@ -1,52 +1,53 @@
-"""sigma(r) where no pixel need see one surface: from the differences of samples of the same pixel.
+"""sigma(r) from the differences between samples of a pixel, also where no pixel sees one surface alone.
 
-Two samples of one surface differ by sqrt(2) sigma; samples of background, or of other surfaces, by more, at lags spread
-widely. The density of |x_i - x_j| is a peak at small lags on a level. The level is taken off, and the median of what is
-left is 0.954 sigma (that of a Gaussian's difference). Where surfaces lie a few sigma apart in every pixel, they widen
-the peak: then the scale found is that of all of them together, and `learning` tries smaller ones too.
+The difference of two samples of one surface has the standard deviation sqrt(2) sigma. Differences to background or to
+other surfaces are larger and spread widely. So the density of |x_i - x_j| is a peak at small differences on a level.
+The level is subtracted; the median of the rest is 0.954 sigma, that of a Gaussian's difference. Surfaces that are a few
+sigmas apart in every pixel widen the peak: `sigma_curve` then tries smaller sigmas too.
 """
 
 import math
 from itertools import pairwise
+from statistics import NormalDist
 
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import jit
 
-MEDIAN_OF_DIFFERENCE = 0.6744897501960817 * math.sqrt(2.0)
+MEDIAN_OF_DIFFERENCE = NormalDist().inv_cdf(0.75) * math.sqrt(2.0)
 """Median of |x_i - x_j| of a Gaussian, in sigmas."""
 
 PEAK_SIGMAS, LEVEL_SIGMAS = 5.0, 10.0
-"""Lags up to the first are the peak's; between the two, those of the level."""
+"""Differences up to the first are the peak's, those between the two the level's, in sigmas."""
 
 PAIRS_A_SAMPLE = 16
-"""Partners of each sample of a pixel, the next ones in time of its valid samples: a drift within them is small."""
+"""Pairs of each sample, with the next valid ones of its pixel: a drift over them is small."""
 
 MOST_PAIRS = 1_500_000
-"""Differences of all pixels together, about: so many tell sigma to a fifth of a percent."""
+"""About the most differences of all pixels: they determine sigma to a fifth of a percent."""
 
 LEAST_PAIRS = 2000
-"""A bin of range with fewer differences tells no sigma."""
+"""Least differences in a bin of range."""
 
 WIDE = 0.25
-"""Width of a bin over its range."""
+"""Width of a bin by its range."""
 
 WIDEST = 5.0
-"""Most that sigma at one range differs from the common one, as a factor."""
+"""Largest factor between sigma in a bin and the common one."""
 
 FLAT = 0.25
-"""Samples of no surface are uniform: the scale of their differences is 0.31 of their span; a Gaussian's, below 0.2."""
+"""Largest sigma by the span of the samples: uniform samples have 0.31, those of a surface less than 0.2."""
 
 LEAST_EXCESS = 0.02
-"""Part of the differences that the peak must have over the level."""
+"""Least part of the differences that the peak has over the level."""
 
-_GRID_STEP = math.log(1.12)
+_GRID_STEP = math.log(1.12)  # between the sigmas that are tried
 
 
 @jit
 def _differences(samples: Float32Array, partners: int, place: FloatArray, lag: FloatArray) -> int:
-    """Fill `place` and `lag` with the middle and the absolute difference of pairs of a pixel's samples."""
+    """Fill `place` and `lag`, mm, with means and absolute differences of pairs of samples; return their number."""
     pixels, frames = samples.shape
     kept, count = np.empty(frames), 0
     for pixel in range(pixels):
@@ -64,7 +65,7 @@ def _differences(samples: Float32Array, partners: int, place: FloatArray, lag: F
 
 
 def sigma_from_differences(samples_mm: Float32Array) -> tuple[FloatArray, FloatArray] | None:
-    """sigma(r) from pairs of samples.
+    """Measure sigma(r) by pairs of samples.
 
     Parameters
     ----------
@@ -102,7 +103,7 @@ def sigma_from_differences(samples_mm: Float32Array) -> tuple[FloatArray, FloatA
 
 
 def _bins(place: FloatArray, common: float) -> list[tuple[int, int]]:
-    """Cut ascending places into bins, `WIDE` of the range and many sigmas wide: a narrow one cuts peaks in two."""
+    """Cut ascending places, mm, into bins `WIDE` of the range wide, or many sigmas: a narrow bin would cut peaks."""
     edges = [float(place[0])]
     while edges[-1] < place[-1]:
         edges.append(edges[-1] + max(WIDE * abs(edges[-1]), 4.0 * LEVEL_SIGMAS * common))
@@ -111,7 +112,7 @@ def _bins(place: FloatArray, common: float) -> list[tuple[int, int]]:
 
 
 def _scale(lags: FloatArray, most: float) -> float | None:
-    """Smallest sigma, up to `most`, that is the scale of its own peak in ascending lags; None without one."""
+    """Smallest sigma, mm, up to `most`, that equals the sigma of its peak in ascending lags, mm; None without one."""
     positive = lags[lags > 0]
     if positive.size < 10:  # noqa: PLR2004  fewer tell nothing
         return None
@@ -120,7 +121,7 @@ def _scale(lags: FloatArray, most: float) -> float | None:
     for scale in np.exp(np.arange(math.log(low), math.log(max(high, 2 * low)), _GRID_STEP)):
         found = _peak(lags, scale)
         if found is not None and found <= scale and before is not None:
-            # Between the two, the scale and that of its peak are equal.
+            # Between the two, the sigma equals that of its peak.
             for _ in range(20):
                 again = _peak(lags, found)
                 if again is None or abs(again - found) < 1e-3 * found:
@@ -132,7 +133,7 @@ def _scale(lags: FloatArray, most: float) -> float | None:
 
 
 def _peak(lags: FloatArray, scale: float) -> float | None:
-    """Sigma of the peak over the level at the lags past it; None where the level has it all."""
+    """Sigma, mm, of the peak over the level at larger lags; None without a peak."""
     if not scale > 0.0:
         return None
     near, far = np.searchsorted(lags, [PEAK_SIGMAS * scale, LEVEL_SIGMAS * scale], side="right")

@@ -1,8 +1,7 @@
-"""The learnt mixture of single pixels as a layers file tells it, to be drawn and to be held against samples.
+"""The fitted mixture of a pixel from the numbers of a layers file, to draw it and to compare it with samples.
 
-A layers file keeps ranges, shares, widths and background of a pixel, but not how its ranges drift within the window:
-`drifts_of` finds that again from the samples, with all else as the file has it, by the scoring of
-`tofmix.estimation.learnt.fitting`.
+A layers file has ranges, shares, widths and background of a pixel, but no drift. `drifts_of` fits the drift to the
+samples again, all else held, by the scoring of `tofmix.estimation.learnt.em`.
 """
 
 import math
@@ -20,13 +19,13 @@ from tofmix.learnt_noise import DRIFTS
 from tofmix.sensor import Sensor
 
 _WIDER = (4.0, 2.0, 1.0)
-"""A drift of several sigmas is found from afar: shapes this much wider come first. Only the last counts."""
+"""Factors on sigma, one after another: with a wider shape, a drift of several sigmas is found from afar."""
 
 _ITERATIONS, _TOLERANCE = 60, 1.0e-3
-"""At most so many steps at each width; steps below this part of sigma end them."""
+"""Most steps at each factor, and the step, in sigmas, that ends them."""
 
 _MOST_TIMES = 200
-"""Times that a drifting surface is drawn at; more are not seen in a curve."""
+"""Most times at which a drifting surface is drawn."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -36,19 +35,19 @@ class PixelMixture:
     Parameters
     ----------
     range_mm, sigma_mm, weight : (layer,) float64
-        Its layers; sigma with the pixel's own width. A layer with a number that cannot be has the share 0.
+        Its layers; sigma includes the pixel's width. A layer with an impossible number has the share 0.
     width : float
-        The pixel's own width, a factor on the common sigma.
+        The pixel's width, a factor on the common sigma.
     background : float
         Share of samples that are uniform over `span_mm`.
     span_mm : (float, float)
         Ends of the working range, mm.
     no_return : (float, float, float)
-        Share, place and spread of the samples without a return, mm; the share is 0 where there are none.
+        Share of the samples without a return, their mean and their sigma, mm.
     drift_mm : (layer, DRIFTS) float64
-        Coefficients of the Legendre polynomials of time that the ranges follow; 0 where no samples tell them.
+        Coefficients of the Legendre polynomials of time, of the degrees 1 to 3; 0 without samples.
     time : (time,) float64
-        Times at which there are samples, -1 to 1 over the window.
+        Times of samples, -1 to 1 over the window.
     z, density : (point,) float64
         The shape of the error.
     drifts : bool
@@ -92,17 +91,17 @@ class PixelMixture:
         return np.asarray(sum(parts, start=self.floor(range_mm)))
 
     def drift(self, k: int) -> FloatArray:
-        """How far a layer's range is from its mean at each of the times, mm; one 0 where it does not drift."""
+        """Drift of a layer at each of the times, mm; one 0 where it does not drift."""
         if not self.drift_mm[k].any() or self.time.size == 0:
             return np.zeros(1)
         return np.asarray(self.drift_mm[k] @ legendre(self.time))
 
     def drift_extent_mm(self) -> FloatArray:
-        """How far the range of each layer moves within the window, mm: its largest less its least."""
+        """Span of the drift of each layer (layer,), mm: its largest value less its least."""
         return np.array([float(np.ptp(self.drift(k))) for k in range(len(self.range_mm))])
 
     def opened(self, cut_mm: float, unambiguous_range_mm: float) -> "PixelMixture":
-        """Ranges on a line that begins at a cut of the circle; see `tofmix.circle.open_at`."""
+        """Return the mixture on a line that begins at a cut of the circle; see `tofmix.circle.open_at`."""
         share, place, spread = self.no_return
         at = float(open_at(np.array([place]), cut_mm, unambiguous_range_mm)[0]) if math.isfinite(place) else place
         return replace(
@@ -125,7 +124,7 @@ def pixel_mixture(
     samples_mm: FloatArray | None,
     unambiguous_range_mm: float | None = None,
 ) -> PixelMixture:
-    """The mixture of one pixel, with the drift that its samples show.
+    """Make the mixture of one pixel, with the drift that fits its samples.
 
     Parameters
     ----------
@@ -134,11 +133,11 @@ def pixel_mixture(
     range_mm, sigma_mm, weight : (layer,) float64
         The pixel's layers.
     width, background, no_return : float
-        Its own width; its share of random values; its share without a return. What is not finite counts as 1, 0 and 0.
+        Its width, its share of random values, and its share without a return; 1, 0 and 0 where not finite.
     samples_mm : (frame,) float64, optional
-        Its samples in the order of time, NaN where invalid; without them no drift is known.
+        Its samples in the order of time, NaN where invalid; default: no drift.
     unambiguous_range_mm : float, optional
-        Where ranges are on a circle: its length, mm. No pixel drifts there.
+        Length of the circle of ranges, mm, on which no pixel drifts.
 
     Raises
     ------
@@ -187,7 +186,7 @@ def drifts_of(
     rest: FloatArray,
     law: Law,
 ) -> tuple[FloatArray, FloatArray]:
-    """Drift (pixel, layer, DRIFTS) of each surface, mm, at its most probable value, and how much of it samples tell.
+    """Fit the drift of each surface, at its most probable value.
 
     Parameters
     ----------
@@ -196,16 +195,16 @@ def drifts_of(
     range_mm, sigma_mm, weight : (pixel, layer) float64
         The surfaces.
     rest : (pixel, frame) float64
-        Density at each sample of all that is no surface, 1/mm.
+        Density of background and of samples without a return at each sample, 1/mm.
     law : Law
         The learnt noise.
 
     Returns
     -------
     (pixel, layer, DRIFTS) float64
-        Coefficients of the Legendre polynomials of time.
+        Coefficients of the Legendre polynomials of time, mm.
     (pixel, layer) float64
-        Degrees of freedom that they take from the samples of the surface, 0 to DRIFTS: less, where the prior tells.
+        Degrees of freedom of the drift, 0 to DRIFTS: trace of the samples' part of the information.
     """
     pixels, layers = range_mm.shape
     used = np.flatnonzero(law.drift_mm > 0.0)
@@ -238,13 +237,13 @@ def drifts_of(
 
 
 def times(frames: int) -> FloatArray:
-    """Time of each frame of a window, -1 to 1, as `tofmix.estimation.learnt.blocks.take_samples` has it."""
+    """Time of each frame of a window, -1 to 1, as in `tofmix.estimation.learnt.pixel_samples.take_samples`."""
     half = 0.5 * (frames - 1) if frames > 1 else 1.0
     return np.arange(frames) / half - 1.0
 
 
 def legendre(time: FloatArray) -> FloatArray:
-    """Legendre's polynomials (DRIFTS, time) of the degrees 1 to 3, as `tofmix.estimation.learnt.fitting.fill_times`."""
+    """Legendre polynomials (DRIFTS, time) of the degrees 1 to 3, as `pixel_samples.fill_times` fills them."""
     return np.array([time, 1.5 * time * time - 0.5, (2.5 * time * time - 1.5) * time])
 
 

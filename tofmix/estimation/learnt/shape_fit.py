@@ -1,8 +1,7 @@
-"""The density of standardised errors from their histogram: as smooth as held-out errors allow, a Gaussian in the limit.
+"""The density of standardised errors, by penalised maximum likelihood from their histogram.
 
-The logarithm of the density is fitted with a penalty on its third derivative. What it does not punish is a parabola:
-with few errors, or in the tails, the fit is the nearest Gaussian, and where errors are many it follows them. How far
-it is smoothed is chosen by errors of other pixels.
+The penalty is on the third derivative of the log density. A parabola has none: with few errors the fit is the nearest
+Gaussian, and with many errors it follows them. The weight of the penalty is chosen by the errors of other pixels.
 
 References
 ----------
@@ -23,49 +22,47 @@ STEP = 0.125
 """Width of a bin in sigmas."""
 
 REACH = 16.0
-"""Errors past this many sigma are not binned: nothing is known of the shape there, and it ends."""
+"""Ends of the bins, in sigmas, and of the shape."""
 
 RING = (12.0, 16.0)
-"""Distances, in sigmas, at which what is seen is background and not the surface."""
+"""Distances, in sigmas, at which errors are background."""
 
 _PENALTIES = np.logspace(-5, 5, 11)
-"""Weights of the mean square of the third derivative that are tried, per error."""
+"""Weights of the mean square of the third derivative that are tried, by error."""
 
 _NEWTON_STEPS = 40  # most steps of one fit of the shape: a bound for histograms on which it does not end
 _BACKGROUND_ROUNDS = 6  # fits of the shape, each with the background that the one before leaves in `RING`
 _TOLERANCE = 1e-6  # gain of the log likelihood, nat an error, below which a fit ends
 _RIDGE = 1e-11
-"""Damps the steps where rounding makes the matrix singular: the penalty leaves parabolas free."""
+"""Damps Newton's steps where rounding makes the matrix singular: the penalty leaves parabolas free."""
 
 _LEAST_FALL = 0.5
-"""Past the last errors the logarithm of the density falls by at least this in a sigma."""
+"""Least fall of the log density by sigma beyond the last errors."""
 
-_SEEN = 3.0
-"""Bins with less than so many errors from there outward tell nothing more."""
+_LAST_ERRORS = 3.0
+"""Errors from a bin outward up to which it counts as beyond the last errors."""
 
 FAR = 4.0
-"""Errors past this many sigma are not asked whether shapes differ: background is among them."""
+"""Errors beyond this many sigmas are left out where shapes are compared: they may be background."""
 
 LEAST_SAMPLES, LEAST_SURFACES = 10, 30
-"""Samples of a surface, and surfaces, that tell whether shapes differ."""
+"""Least samples of a surface, and least surfaces, whose shapes are compared."""
 
 UNLIKE, SURE = 1.3, 5.0
-"""Ratio of the variance between surfaces to that of chance, and its standard errors, from which on shapes differ.
-
-Noise of one shape has a ratio between 0.4 and 1.0, also where widths, drifts and backgrounds differ.
-"""
+"""Shapes differ from this ratio on of the variance between surfaces to that of samples alone, and from so many standard
+errors of the ratio on. Noise of one shape has 0.4 to 1.0, also where widths, drifts and backgrounds differ."""
 
 CENTRES = np.arange(-round(REACH / STEP), round(REACH / STEP) + 1) * STEP
 
 
 def histogram(z: FloatArray, weight: FloatArray | None = None) -> FloatArray:
-    """Errors (bin,) in each bin of `CENTRES`."""
+    """Count the errors z, in sigmas, in each bin of `CENTRES`: (bin,); NaN is in none."""
     edges = np.concatenate([CENTRES - 0.5 * STEP, [CENTRES[-1] + 0.5 * STEP]])
     return np.histogram(z, edges, weights=weight)[0].astype(np.float64)
 
 
 def fit_shape(folds: tuple[FloatArray, FloatArray]) -> NoiseShape | None:
-    """The shape of the errors in two histograms, of different pixels.
+    """Fit the shape of the errors in two histograms, of different pixels.
 
     Parameters
     ----------
@@ -94,11 +91,11 @@ def fit_shape(folds: tuple[FloatArray, FloatArray]) -> NoiseShape | None:
 
 
 def shapes_differ(error: FloatArray) -> bool:
-    """Whether the shape of the error differs between surfaces by more than chance.
+    """Whether the shape of the error differs between surfaces.
 
-    Each surface has a mean of H3(z) = z^3 - 3 z, the part of its errors that is lopsided and that neither its mean nor
-    its width moves. Were all shapes alike, these means would differ by the variance within surfaces over the number of
-    samples; here they must differ by `UNLIKE` times as much or more, and by `SURE` standard errors of that ratio.
+    The statistic of a surface is the mean of the third Hermite polynomial, H3(z) = z^3 - 3 z: its skewness, which
+    neither its mean nor its width changes. For one shape, these means would have the variance within surfaces by the
+    number of samples. They must have `UNLIKE` times this variance, and `SURE` standard errors of the ratio more.
 
     Parameters
     ----------
@@ -112,17 +109,17 @@ def shapes_differ(error: FloatArray) -> bool:
     if kept.sum() < LEAST_SURFACES:
         return False
     z, known, number = z[kept], known[kept], number[kept]
-    lopsided = np.where(known, z**3 - 3.0 * z, 0.0)
-    mean = lopsided.sum(axis=1) / number
-    within = np.where(known, (lopsided - mean[:, None]) ** 2, 0.0).sum(axis=1) / (number - 1)
-    # Each surface counts alike: where some are longer-tailed than others, each has a chance of its own.
+    skewness = np.where(known, z**3 - 3.0 * z, 0.0)
+    mean = skewness.sum(axis=1) / number
+    within = np.where(known, (skewness - mean[:, None]) ** 2, 0.0).sum(axis=1) / (number - 1)
+    # Each surface counts equally, by its own variance: some may have longer tails than others.
     square = (mean - np.average(mean, weights=number)) ** 2 * number / np.maximum(within, within.mean())
     ratio, spread = float(square.mean()), math.sqrt(2.0 / len(square))
     return ratio > max(UNLIKE, 1.0 + SURE * spread)
 
 
 def _without_background(counts: FloatArray) -> FloatArray:
-    """Errors of the surface: each bin's share over the level of the ring, by a few rounds of EM with a smooth fit."""
+    """Errors of the surface (bin,): those of each bin over the level of `RING`, by rounds of EM with a smooth fit."""
     ring = (np.abs(CENTRES) >= RING[0]) & (np.abs(CENTRES) <= RING[1])
     level = float(counts[ring].mean())
     inside = np.abs(CENTRES) < RING[0]
@@ -185,13 +182,13 @@ def _times(band: FloatArray, vector: NDArray[np.floating]) -> FloatArray:
 
 
 def _with_tails(log_density: FloatArray, counts: FloatArray) -> FloatArray:
-    """Make the density fall on either side of its peak, and on past the last errors seen."""
+    """Make the density fall on either side of its peak, also beyond the last errors."""
     out, peak = log_density.copy(), int(np.argmax(log_density))
     outward = np.cumsum(counts[::-1])[::-1], np.cumsum(counts)
     for j in range(peak + 1, len(out)):
-        fall = 0.0 if outward[0][j] > _SEEN else _LEAST_FALL * STEP
+        fall = 0.0 if outward[0][j] > _LAST_ERRORS else _LEAST_FALL * STEP
         out[j] = min(out[j], out[j - 1] - fall)
     for j in range(peak - 1, -1, -1):
-        fall = 0.0 if outward[1][j] > _SEEN else _LEAST_FALL * STEP
+        fall = 0.0 if outward[1][j] > _LAST_ERRORS else _LEAST_FALL * STEP
         out[j] = min(out[j], out[j + 1] - fall)
     return out

@@ -1,4 +1,4 @@
-"""What single pixels tell of a noise model, by a count under it: their share of background, and their width."""
+"""Shares of background and widths of pixels, by a count of their surfaces under a noise model."""
 
 from typing import NamedTuple
 
@@ -7,24 +7,14 @@ import numpy as np
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
-from tofmix.estimation.learnt.blocks import take_samples
-from tofmix.estimation.learnt.counting import Rules, Thresholds, count_surfaces, new_workspace
-from tofmix.estimation.learnt.fitting import (
-    BACKGROUND,
-    LEARNING_ITER,
-    LEARNING_TOL,
-    LOG_WIDTH,
-    MEAN,
-    OWN,
-    SUPPORT,
-    Samples,
-    background_density,
-    fill_times,
-    maximise,
-    mix,
-)
-from tofmix.estimation.learnt.fitting import TOTAL as TOTAL_ROW
+from tofmix.estimation.learnt.acceleration import LEARNING_ITER, LEARNING_TOL, maximise
+from tofmix.estimation.learnt.components import BACKGROUND, LOG_WIDTH, MEAN, OWN, SUPPORT, TOTAL
+from tofmix.estimation.learnt.counting import LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, Rules, count_surfaces
+from tofmix.estimation.learnt.em import background_density, mix
 from tofmix.estimation.learnt.law import Law
+from tofmix.estimation.learnt.pixel_samples import LEAST_SAMPLES, Samples, fill_times, take_samples
+from tofmix.estimation.learnt.thresholds import Thresholds
+from tofmix.estimation.learnt.trials import new_workspace
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 
 
@@ -32,19 +22,31 @@ from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 def background_shares(
     samples: Float32Array, laws: tuple[Law, Law], beam: Beam, thresholds: Thresholds, max_layers: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Share of background (pixel,) among the samples (pixel, frame), without its prior; and their number (pixel,).
+    """Share of background of each pixel, without its prior.
 
-    The number is 0 where a pixel shows no surface: nothing tells its background from far surfaces then.
+    Parameters
+    ----------
+    samples : (pixel, frame) float32
+        Samples, mm, NaN where invalid.
+    laws, beam, thresholds, max_layers
+        As for `held_out_scores`.
+
+    Returns
+    -------
+    (pixel,) float64
+        Share of background among the samples.
+    (pixel,) float64
+        Number of samples; 0 where a pixel has no surface, as its samples may then be of surfaces or of background.
     """
     pixels, frames = samples.shape
     share, number = np.zeros(pixels), np.zeros(pixels)
     value, time = np.empty(frames), np.empty(frames)
     work = new_workspace(max_layers + 1, frames, thresholds.first.shape[1])
-    rules = Rules(1.0e-3, 4.0, max_layers)
+    rules = Rules(LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, max_layers)
     for pixel in range(pixels):
         own = beam_of_pixel(beam, pixel)
         n = take_samples(samples[pixel], value, time)
-        if n < 4:  # noqa: PLR2004  fewer fit nothing
+        if n < LEAST_SAMPLES:
             continue
         data = Samples(value[:n], time[:n])
         fill_times(data, work.scratch)
@@ -55,13 +57,17 @@ def background_shares(
         random = work.fit[OWN, BACKGROUND] * background_density(beam)
         total = 0.0
         for j in range(n):
-            total += random / work.scratch[TOTAL_ROW, j]
+            total += random / work.scratch[TOTAL, j]
         share[pixel], number[pixel] = total / n, float(n)
     return share, number
 
 
 class PixelWidths(NamedTuple):
-    """Widths of pixels, all (pixel,): mean `place` of the surfaces, mm, `log_width`, samples of them, and how many."""
+    """Widths of pixels, all (pixel,).
+
+    `place` is the mean range of a pixel's surfaces, mm, `support` the number of their samples, and `surfaces` the
+    number of the surfaces.
+    """
 
     place: FloatArray
     log_width: FloatArray
@@ -73,21 +79,30 @@ class PixelWidths(NamedTuple):
 def pixel_widths(
     samples: Float32Array, laws: tuple[Law, Law], free: Law, beam: Beam, thresholds: Thresholds, max_layers: int
 ) -> PixelWidths:
-    """Width of the samples (pixel, frame) about all surfaces that each pixel is found to have; none of pixels without.
+    """Width of each pixel, common to all its surfaces; pixels without surfaces are left out.
 
-    For recordings in which no surface stands clear of others. Surfaces are counted under `laws`, and their width is
-    measured under `free`, which leaves it to the samples: a count with free widths takes three surfaces for a wide one.
+    For recordings in which no surface is isolated. Surfaces are counted under `laws`, and their width is fitted under
+    `free`, whose prior is weak: a count under `free` would take three surfaces for a wide one.
+
+    Parameters
+    ----------
+    samples : (pixel, frame) float32
+        Samples, mm, NaN where invalid.
+    laws, beam, thresholds, max_layers
+        As for `held_out_scores`.
+    free : Law
+        The noise with a weak prior of log width.
     """
     pixels, frames = samples.shape
     out = PixelWidths(np.zeros(pixels), np.zeros(pixels), np.zeros(pixels), np.zeros(pixels))
     value, time = np.empty(frames), np.empty(frames)
     work = new_workspace(max_layers + 1, frames, thresholds.first.shape[1])
-    rules = Rules(1.0e-3, 4.0, max_layers)
+    rules = Rules(LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, max_layers)
     count = 0
     for pixel in range(pixels):
         own = beam_of_pixel(beam, pixel)
         n = take_samples(samples[pixel], value, time)
-        if n < 4:  # noqa: PLR2004  fewer fit nothing
+        if n < LEAST_SAMPLES:
             continue
         data = Samples(value[:n], time[:n])
         fill_times(data, work.scratch)

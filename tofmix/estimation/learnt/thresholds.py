@@ -1,256 +1,59 @@
-"""Gains that the learnt noise reaches by chance: a parametric bootstrap, once a recording.
+"""The gain in likelihood that a surface must have: a table by number of samples and share of background.
 
-Pixels are drawn from the learnt model with one surface, and with none, for a few numbers of samples and shares of
-background, and rounded as the recording is. The package's own search fits one surface more to each, and a jump in time.
-The gains it finds have a tail that falls exponentially, as those of likelihood ratios do; it is fitted from the gains
-that a twentieth of the pixels exceed, so that chances down to 10^-6 follow from a few thousand draws. Seeds are fixed:
-the same model gives the same table.
-
-References
-----------
-McLachlan, Applied Statistics 36(3), 1987, doi:10.2307/2347790: the bootstrap of the likelihood ratio for mixtures.
+`bootstrap` draws the table for the learnt noise of a recording. The likelihood ratio between mixtures of different
+numbers of surfaces has no known distribution, so that no formula gives these gains.
 """
 
 import math
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from itertools import product
-
-import numpy as np
+from typing import NamedTuple
 
 from tofmix.arrays import FloatArray
-from tofmix.compiled.jit import jit
-from tofmix.estimation.beam import Beam
-from tofmix.estimation.learnt.blocks import take_samples
-from tofmix.estimation.learnt.counting import (
-    Thresholds,
-    first_surface,
-    gain_of_jump,
-    new_workspace,
-    start_empty,
-    try_one_more,
-)
-from tofmix.estimation.learnt.fitting import Samples, copy_fit, fill_times
-from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, TAIL_DEGREES, Law
-from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
-from tofmix.learnt_noise import DRIFTS
-
-DRAWS = 6000, 20_000
-"""Fewest and most pixels drawn for each number of samples and share of background: 300 or more exceed the tail's
-start."""
-
-DRAWS_IN_ALL = 120_000
-"""Pixels drawn in all, within these."""
-
-TAIL = 0.05
-"""Share of the gains that the tail is fitted to."""
-
-SHARES = (0.0, 0.02, 0.1, 0.3, 0.6, 0.85)
-"""Shares of background that are drawn, where pixels have shares of their own: those that one in a thousand has."""
-
-RARE_SHARE = 1.0e-3  # part of the pixels whose background may lie beyond the simulated shares, on either side
-
-SAMPLES = (3, 6, 12, 25, 50, 100, 200, 400, 1000)
-"""Numbers of samples that are drawn, as far as the recording's windows have them; past the last, its gains hold."""
-
-LEAST_WORTH = 1.0
-"""Gains below this, nat, need not be known: more than a twentieth of all noise exceeds them."""
-
-_SEED = 20080922  # of the bootstrap, so that the same model gives the same table
+from tofmix.compiled.jit import borrowing
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Cell:
-    """Draws of one number of samples: with one surface on a share of background, or with none (None)."""
+class Thresholds(NamedTuple):
+    """Gains, nat, that noise alone exceeds with each probability of `mixture.false_alarms.FALSE_ALARMS`.
 
-    samples: int
-    background: float | None
-    number: int
-
-
-def calibrate(
-    noise: PixelNoise,
-    beam: Beam,
-    ranges_mm: FloatArray,
-    *,
-    samples: tuple[int, int],
-    own: FloatArray | None = None,
-    rounding_mm: float = 0.0,
-    draws: int | None = None,
-    workers: int = 1,
-    progress: Callable[[int, int], None] | None = None,
-) -> Thresholds:
-    """Draw the gains that noise exceeds.
-
-    Parameters
-    ----------
-    noise : PixelNoise
-        The learnt noise.
-    beam : Beam
-        The fixed part of equation (1).
-    ranges_mm : (n,) float64
-        Ranges of surfaces as the recording has them, mm: draws take them in turn.
-    samples : (int, int)
-        Fewest and most valid samples of the recording's pixels in a window.
-    own : (n, 1 + DRIFTS) float64, optional
-        Log width and drift, mm, of pixels of the recording: draws take them at random. By the priors without it.
-    rounding_mm : float
-        Step of the stored ranges: draws are rounded to it.
-    draws : int, optional
-        Pixels a cell; by `DRAWS` and `DRAWS_IN_ALL` without it.
-    workers : int
-        Threads; the table does not depend on them.
-    progress : callable, optional
-        Told cells done and all cells.
-
-    Returns
-    -------
-    Thresholds
-        For `count_surfaces`.
+    `log_n` (samples,) are logarithms of numbers of samples, ascending, and `background` (background,) shares of
+    background, ascending. `more` (samples, background, probability) are the gains of a further surface, and `first`
+    (samples, probability) those of the first surface over background alone.
     """
-    numbers = _numbers(*samples)
-    shares = [beam.p_outlier] if noise.background is None else _shares(noise.background)
-    cells = [
-        _Cell(samples=n, background=share, number=number)
-        for number, (n, share) in enumerate(product(numbers, [*shares, None]))
-    ]
-    count = draws or min(max(DRAWS[0], DRAWS_IN_ALL // len(cells)), DRAWS[1])
-    laws = noise.laws()
-    draw = _Drawing(noise, beam, ranges_mm, own, rounding_mm)
 
-    def gains(cell: _Cell) -> FloatArray:
-        block = draw.block(cell, count)
-        out = np.zeros(count)
-        _gains(block, cell.background is None, laws, beam, out)
-        return _tail(out)
-
-    rows, done = [], 0
-    with ThreadPoolExecutor(workers, thread_name_prefix="tofmix") as pool:
-        for row in pool.map(gains, cells):
-            rows.append(row)
-            done += 1
-            if progress is not None:
-                progress(done, len(cells))
-    table = np.array(rows).reshape(len(numbers), len(shares) + 1, len(FALSE_ALARMS))
-    return Thresholds(
-        log_n=np.log(np.array(numbers, dtype=np.float64)),
-        background=np.array(shares),
-        more=np.ascontiguousarray(table[:, :-1]),
-        first=np.ascontiguousarray(table[:, -1]),
-    )
+    log_n: FloatArray
+    background: FloatArray
+    more: FloatArray
+    first: FloatArray
 
 
-def _shares(prior: tuple[float, float]) -> list[float]:
-    """Those of `SHARES` that enclose all but rare shares of the prior."""
-    from scipy.special import betaincinv
-
-    low, high = betaincinv(*prior, [RARE_SHARE, 1.0 - RARE_SHARE])
-    first = max((i for i, share in enumerate(SHARES) if share <= low), default=0)
-    last = min((i for i, share in enumerate(SHARES) if share >= high), default=len(SHARES) - 1)
-    return list(SHARES[first : max(last, first) + 1])
-
-
-def _numbers(least: int, most: int) -> list[int]:
-    """Numbers of samples to draw, ascending: those of `SAMPLES` between the ends, and the ends."""
-    low, high = max(least, SAMPLES[0]), min(max(most, SAMPLES[0]), SAMPLES[-1])
-    low = min(low, high)
-    return sorted({low, high, *(n for n in SAMPLES if low < n < high)})
+@borrowing
+def _place_in(x: float, known: FloatArray) -> tuple[int, float]:
+    """Find the interval of ascending `known` that holds x, and the place in it, 0 to 1; beyond the ends, the end."""
+    last = len(known) - 1
+    if last == 0 or x <= known[0]:
+        return 0, 0.0
+    if x >= known[last]:
+        return last - 1, 1.0
+    at = 0
+    while known[at + 1] < x:
+        at += 1
+    return at, (x - known[at]) / (known[at + 1] - known[at])
 
 
-def _tail(gains: FloatArray) -> FloatArray:
-    """Gains exceeded with each of `FALSE_ALARMS`: quantiles down to `TAIL`, and an exponential tail beyond.
+@borrowing
+def read_gains(n: float, background: float, first: bool, thresholds: Thresholds, out: FloatArray) -> None:
+    """Interpolate the gains for `n` samples and a share of background, nat, into `out` (probability,).
 
-    The mean excess over the tail's start is the scale of an exponential (its maximum likelihood).
+    `first` asks for the gains of the first surface. Linear in log n and in the share; beyond the table, its ends hold.
     """
-    ordered = np.sort(np.maximum(gains, 0.0))
-    start = float(np.quantile(ordered, 1.0 - TAIL))
-    beyond = ordered[ordered > start]
-    scale = float(beyond.mean() - start) if beyond.size else 1.0
-    out = []
-    for chance in FALSE_ALARMS:
-        if chance >= TAIL:
-            out.append(max(float(np.quantile(ordered, 1.0 - chance)), 0.0))
-        else:
-            out.append(start + scale * math.log(TAIL / chance))
-    # Chances are read off between the gains: these must ascend.
-    return np.maximum.accumulate(np.array(out) + 1e-9 * np.arange(len(out)))
-
-
-class _Drawing:
-    """Draws blocks of pixels from the learnt model."""
-
-    def __init__(
-        self, noise: PixelNoise, beam: Beam, ranges_mm: FloatArray, own: FloatArray | None, rounding_mm: float
-    ) -> None:
-        self._noise, self._beam, self._rounding_mm = noise, beam, rounding_mm
-        self._ranges = np.asarray(ranges_mm, dtype=np.float64)
-        self._own = None if own is None or len(own) == 0 else own
-
-    def block(self, cell: _Cell, count: int) -> FloatArray:
-        """Samples (pixel, frame), mm."""
-        rng = np.random.default_rng([_SEED, cell.number, cell.samples])
-        n, beam, noise = cell.samples, self._beam, self._noise
-        if cell.background is None:
-            return rng.uniform(beam.range_min, beam.range_top, (count, n))
-        place = self._ranges[np.arange(count) % len(self._ranges)]
-        own = self._of_their_own(rng, count)
-        z = _standardised(rng, noise, (count, n))
-        out = place[:, None] + np.exp(own[:, :1]) * noise.curve.sigma(place)[:, None] * z
-        out += own[:, 1:] @ np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n), DRIFTS)[:, 1:].T
-        random = rng.random((count, n)) < cell.background
-        out[random] = rng.uniform(beam.range_min, beam.range_top, int(random.sum()))
-        if self._rounding_mm > 0.0:
-            out = np.clip(self._rounding_mm * np.rint(out / self._rounding_mm), beam.range_min, beam.range_top)
-        return np.asarray(out, dtype=np.float64)
-
-    def _of_their_own(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """Log width and drift, mm, of so many pixels (count, 1 + DRIFTS)."""
-        if self._own is not None:
-            return self._own[rng.integers(len(self._own), size=count)]
-        spread = SCALE_OF_SPREAD * self._noise.curve.width_spread
-        log_width = spread * np.clip(rng.standard_t(TAIL_DEGREES, (count, 1)), -4.0, 4.0)
-        drift = self._noise.drift_mm * np.clip(rng.standard_t(TAIL_DEGREES, (count, DRIFTS)), -6.0, 6.0)
-        return np.hstack([log_width, drift])
-
-
-def _standardised(rng: np.random.Generator, noise: PixelNoise, shape: tuple[int, int]) -> FloatArray:
-    """Standardised errors with the learnt shape and memory: a Gaussian copula of AR(1) noise."""
-    from scipy.special import ndtr
-
-    z = rng.standard_normal(shape)
-    if noise.memory > 0:
-        fresh = math.sqrt(1.0 - noise.memory**2)
-        for j in range(1, shape[1]):
-            z[:, j] = noise.memory * z[:, j - 1] + fresh * z[:, j]
-    if noise.curve.shape is not None:
-        z = noise.curve.shape.quantile(ndtr(z))
-    return np.asarray(z, dtype=np.float64)
-
-
-@jit
-def _gains(block: FloatArray, empty: bool, laws: tuple[Law, Law], beam: Beam, out: FloatArray) -> None:
-    """Fill `out` (pixel,) with the gain of the first surface, where pixels have none, or of a second one or a jump."""
-    pixels, frames = block.shape
-    value, time = np.empty(frames), np.empty(frames)
-    work = new_workspace(3, frames, 1)
-    for pixel in range(pixels):
-        n = take_samples(block[pixel].astype(np.float32), value, time)
-        data = Samples(value[:n], time[:n])
-        fill_times(data, work.scratch)
-        start_empty(data, work.fit, beam)
-        gain, _ = first_surface(data, work, laws[0], beam)
-        if empty:
-            out[pixel] = gain
-        elif gain > 0.0:
-            copy_fit(work.best, work.fit)
-            jump = gain_of_jump(data, work.fit, laws[0], beam, work.scratch)
-            more = try_one_more(data, 1, work, laws[0], beam, LEAST_WORTH)
-            if jump > more:
-                # A jump alone splits no pixel: without drift, a further surface must gain as much.
-                start_empty(data, work.fit, beam)
-                first_surface(data, work, laws[1], beam)
-                copy_fit(work.best, work.fit)
-                more = min(jump, try_one_more(data, 1, work, laws[1], beam, LEAST_WORTH))
-            out[pixel] = more
+    a, s = _place_in(math.log(n), thresholds.log_n)
+    above = min(a + 1, len(thresholds.log_n) - 1)
+    if first:
+        for c in range(len(out)):
+            out[c] = (1.0 - s) * thresholds.first[a, c] + s * thresholds.first[above, c]
+        return
+    b, t = _place_in(background, thresholds.background)
+    right = min(b + 1, len(thresholds.background) - 1)
+    for c in range(len(out)):
+        low = (1.0 - t) * thresholds.more[a, b, c] + t * thresholds.more[a, right, c]
+        high = (1.0 - t) * thresholds.more[above, b, c] + t * thresholds.more[above, right, c]
+        out[c] = (1.0 - s) * low + s * high

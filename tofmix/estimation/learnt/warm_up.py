@@ -1,4 +1,4 @@
-"""Compile the kernels of learnt noise, or load them from their cache, by using each once on a few made-up pixels."""
+"""Compile the kernels of learnt noise, or load them from the cache: each runs once on some made-up pixels."""
 
 from dataclasses import replace
 
@@ -6,12 +6,12 @@ import numpy as np
 
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.layering import layer_pixels
+from tofmix.estimation.learnt.bootstrap import calibrate
 from tofmix.estimation.learnt.clusters import find_clusters, fit_clusters
 from tofmix.estimation.learnt.held_out import flat_thresholds, held_out_scores
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.pair_differences import sigma_from_differences
 from tofmix.estimation.learnt.shares import background_shares, pixel_widths
-from tofmix.estimation.learnt.thresholds import calibrate
 from tofmix.sensor import NoiseCurve, Sensor
 
 _RANGE_MM, _SIGMA_MM = 1000.0, 10.0  # of the made-up samples
@@ -19,7 +19,7 @@ _FRAMES, _PIXELS = 20, 3  # of the made-up samples
 
 
 def warm_up() -> None:
-    """Use each kernel once."""
+    """Run each kernel once."""
     samples = np.random.default_rng(1).normal(_RANGE_MM, _SIGMA_MM, (_PIXELS, _FRAMES)).astype(np.float32)
     sensor = Sensor(
         name="warm-up",

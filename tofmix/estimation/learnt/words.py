@@ -1,15 +1,15 @@
-"""The noise that a sensor carries, in words: sigma, shape, background, widths, drift, memory."""
+"""The noise of a sensor in words: sigma, shape, background, widths, drift, memory."""
 
 import numpy as np
 
 from tofmix.sensor import NoiseCurve, Sensor
 
 SEEN_SKEWNESS = 0.2
-"""A shape of less skewness than this looks symmetric in a plot."""
+"""Least absolute skewness of a shape that is called skewed."""
 
 
 def noise_words(sensor: Sensor) -> list[str]:
-    """One short text a part, for a user; parts that are not there are left out, but for the shape and the widths.
+    """One short text a part, for a user; the shape and the widths always have one.
 
     Raises
     ------

@@ -1,6 +1,21 @@
-"""Thresholds of the measurement of noise, each with its unit; `measure_noise` takes them."""
+"""Thresholds of the measurement of noise, each with its unit; `measure_noise` takes them.
+
+A value out of its bounds raises UsageError.
+"""
 
 from dataclasses import dataclass, field
+
+from tofmix.bounds import (
+    AtLeastTwo,
+    Count,
+    Finite,
+    NotNegative,
+    Positive,
+    RatioAbove1,
+    Share,
+    check_ascending,
+    check_bounds,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,15 +42,19 @@ class CurveSettings:
         Fewest bins that determine the smoothness of the curve.
     """
 
-    least_in_bin: int = 20
-    bin_target: int = 60
-    most_bins: int = 64
-    wide: float = 0.12
-    narrow: float = 0.02
-    gap: float = 0.03
-    slopes: tuple[float, float] = (-1.0, 4.0)
-    fill: float = 1.15
-    least_smoothed: int = 4
+    least_in_bin: Count = 20
+    bin_target: Count = 60
+    most_bins: Count = 64
+    wide: Positive = 0.12
+    narrow: NotNegative = 0.02
+    gap: Positive = 0.03
+    slopes: tuple[Finite, Finite] = (-1.0, 4.0)
+    fill: RatioAbove1 = 1.15
+    least_smoothed: Count = 4
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        check_ascending(self, "slopes")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,15 +82,19 @@ class AmplitudeSettings:
         Series with amplitudes: fewer are not asked for a law, and of more some are fitted, spread over all.
     """
 
-    exponents: tuple[float, float] = (0.0, 2.0)
-    pieces: tuple[int, ...] = (1, 2, 3)
-    ends: tuple[float, float] = (0.005, 0.995)
-    folds: int = 5
-    least_gain: float = 10.0
-    least_errors: float = 2.0
-    least_effect: float = 0.025
-    least_series: int = 100
-    most_series: int = 20_000
+    exponents: tuple[Finite, Finite] = (0.0, 2.0)
+    pieces: tuple[Count, ...] = (1, 2, 3)
+    ends: tuple[Share, Share] = (0.005, 0.995)
+    folds: AtLeastTwo = 5
+    least_gain: NotNegative = 10.0
+    least_errors: NotNegative = 2.0
+    least_effect: NotNegative = 0.025
+    least_series: Count = 100
+    most_series: Count = 20_000
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        check_ascending(self, "exponents", "pieces", "ends")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,11 +115,14 @@ class OutlierSettings:
         A series whose spread is that many times sigma(r) may see two surfaces.
     """
 
-    far_sigmas: float = 5.0
-    neighbour_sigmas: float = 3.0
-    cells: int = 20
-    least_in_cell: int = 5
-    suspect_factor: float = 1.35
+    far_sigmas: Positive = 5.0
+    neighbour_sigmas: NotNegative = 3.0
+    cells: Count = 20
+    least_in_cell: Count = 5
+    suspect_factor: Positive = 1.35
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,9 +144,12 @@ class NoiseSettings:
     curve: CurveSettings = field(default_factory=CurveSettings)
     amplitude: AmplitudeSettings = field(default_factory=AmplitudeSettings)
     outliers: OutlierSettings = field(default_factory=OutlierSettings)
-    strictness: float = 0.1
-    least_fitting: float = 0.1
-    pile_sigma: float = 0.5
+    strictness: Share = 0.1
+    least_fitting: Share = 0.1
+    pile_sigma: NotNegative = 0.5
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
 
 
 DEFAULT_SETTINGS = NoiseSettings()

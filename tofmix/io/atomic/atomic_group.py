@@ -11,7 +11,7 @@ from tofmix.io.atomic.storage import AtomicFile
 
 
 def write_atomic_group(contents: dict[Path, bytes], *, overwrite: bool, inputs: tuple[Path, ...] = ()) -> None:
-    """Write several files; each gets its name only when all of them are on disk whole.
+    """Write several files; each gets its name only when all are completely on disk.
 
     The files get their names in the order of `contents`: put one that names another after it. Should a renaming
     fail, files that did not exist before are removed again; one that was replaced by then stays replaced.

@@ -48,7 +48,7 @@ class OutputLock:
         return _leads_to(self.path, self.descriptor)
 
     def release(self) -> None:
-        """Remove the file and give up the lock."""
+        """Remove the file and release the lock."""
         if self.is_there():
             self.path.unlink(missing_ok=True)
         os.close(self.descriptor)
@@ -65,7 +65,7 @@ def hold_lock(target: Path) -> None:
 
 
 def release_lock(target: Path) -> None:
-    """Give a held lock up, unless a writer has taken it."""
+    """Release a held lock, unless a writer has taken it."""
     lock = _held.pop(target, None)
     if lock is not None:
         lock.release()
@@ -123,7 +123,7 @@ def _machine() -> str:
 
 
 def _lock(path: Path) -> OutputLock | None:
-    """Create and lock a file; None where the disk knows no locks. A file that a dead run left there is replaced."""
+    """Create and lock a file; None if the disk does not support locks. A file of a dead run is replaced."""
     for attempt in range(ATTEMPTS):
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
         try:
@@ -131,7 +131,7 @@ def _lock(path: Path) -> OutputLock | None:
         except OSError as error:
             os.close(descriptor)
             if error.errno in _NO_LOCKS:
-                path.unlink(missing_ok=True)  # nobody writes it: all that come here take a name of their own
+                path.unlink(missing_ok=True)  # nobody writes it: every run takes another name
                 return None
             if attempt == ATTEMPTS - 1 or not isinstance(error, BlockingIOError):
                 raise

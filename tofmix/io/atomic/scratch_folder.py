@@ -48,7 +48,7 @@ def scratch_folder() -> Iterator[Path]:
 
 
 def _lock(descriptor: int) -> bool:
-    """Lock an open folder; False if another run has it, or the disk knows no locks."""
+    """Lock an open folder; False if another run has it, or the disk does not support locks."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
@@ -66,7 +66,7 @@ def _clear(root: Path) -> None:
                 continue
             descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
         except OSError:
-            continue  # gone meanwhile
+            continue  # removed in the meantime
         try:
             if _lock(descriptor):
                 shutil.rmtree(folder, ignore_errors=True)

@@ -42,7 +42,7 @@ class Sink:
         return self._position
 
     def write(self, data: bytes | memoryview) -> int:
-        """Write all of `data` at the position, or remember why not."""
+        """Write all of `data` at the position, or store the first failure."""
         view = memoryview(data).cast("B")
         done = 0
         while self.error is None and done < len(view):
@@ -70,7 +70,7 @@ class Sink:
         return len(view)
 
     def truncate(self, size: int | None = None) -> int:
-        """Set the length of the file, or remember why not."""
+        """Set the length of the file, or store the first failure."""
         self._end = self._position if size is None else size
         if self.error is None:
             try:
@@ -183,7 +183,7 @@ class AtomicFile:
 
 @contextmanager
 def locked(*paths: Path, overwrite: bool, inputs: tuple[Path, ...] = ()) -> Iterator[None]:
-    """Lock outputs before the work for them is done: no other run can write them then, and refusals come at once.
+    """Lock outputs before the work starts, so no other run can write them and a refusal comes at once.
 
     Those that the block writes, through `AtomicFile`, pass to the writer.
 

@@ -191,5 +191,5 @@ def export_planes(
 
 
 def _one_line(title: str) -> str:
-    """ASCII on one line: text headers contain the name of a file, which must not end them."""
+    """ASCII on one line: a text header contains the name of a file, which must not end the header."""
     return "".join(c if c.isprintable() else "?" for c in title).encode("ascii", "replace").decode()

@@ -26,7 +26,7 @@ _OWN = (*_COORDINATES, "return_number", "number_of_returns")
 _FARTHEST_M = SCALE_M * np.iinfo(np.int32).max
 _DESCRIPTION_BYTES = 31  # of a text field of 32 bytes that ends with a zero
 _INTENSITY_OF_ONE = np.iinfo(np.uint16).max  # a share of 1
-_NO_DATE = date(1970, 1, 1)  # the format asks for one; the same points give the same bytes
+_NO_DATE = date(1970, 1, 1)  # the format needs a date; the same points give the same bytes
 
 
 def write_las(file: AtomicFile, points: PointSource, title: str, written: Callable[[], None]) -> int:

@@ -94,7 +94,7 @@ class StructureChecker:
         if self._process is None or self._owner != os.getpid() or self._process.poll() is not None:
             pipe = subprocess.PIPE
             try:
-                # In a session of its own: Ctrl-C is the terminal's word to us, and the pipe's end is ours to it.
+                # In a separate session, so that Ctrl-C reaches only this process; the checker ends with its pipe.
                 self._process = subprocess.Popen(  # noqa: S603  our own program
                     self._program, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True,
                     start_new_session=True, env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
@@ -107,7 +107,7 @@ class StructureChecker:
     def _ended(self) -> int | None:
         """End the process; return its exit code if it ended by itself, None if it had to be killed."""
         process, self._process = self._process, None
-        assert process is not None  # noqa: S101  for the type checker: it was asked
+        assert process is not None  # noqa: S101  for the type checker: it was checked
         return _finish(process)
 
     def close(self) -> None:
@@ -123,7 +123,7 @@ def _finish(process: "subprocess.Popen[str]") -> int | None:
         try:
             if pipe is not None:
                 pipe.close()
-        except OSError:  # what was not sent to a process that has gone
+        except OSError:  # data for a process that has ended
             continue
     try:
         return process.wait(GRACE_S)

@@ -17,7 +17,7 @@ _PREFLIGHT_BYTES = 4 << 20
 """Memory that must be free before an opening, bytes; the library takes less than 1 MB for one."""
 
 _AHEAD = 4
-"""Files whose caches are allocated at once, ahead of their opening."""
+"""Number of files whose caches are allocated together, before the files are opened."""
 
 _LIST_BYTES, _ALL_LISTS_BYTES = 16 << 20, 32 << 20
 """Memory that the library may keep for freed objects of one kind, and of all kinds, bytes."""
@@ -26,7 +26,7 @@ _MOST_FILES = 28
 """The caches of so many files fit into the list; it is emptied when more of them are given back."""
 
 _caches = [0]
-"""How many caches there are, in use or in the list."""
+"""Number of caches, in use or in the list."""
 
 
 def reserve_memory() -> None:

@@ -30,7 +30,7 @@ _MEMORY_BYTES = 1 << 30
 
 def main() -> None:
     """Answer until stdin ends."""
-    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # whatever was inherited: it must end this process
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # not an inherited handler: the signal must end this process
     _bound_memory()
     for line in sys.stdin:
         request = json.loads(line)
@@ -78,7 +78,7 @@ def _answer(request: dict[str, Any]) -> dict[str, Any]:
         return {"refused": "cannot be read: its structure takes more memory than any recording's"}
     except OSError as error:
         return {"refused": error.strerror if error.errno and error.strerror else library_reason(error)}
-    except Exception as error:  # noqa: BLE001  whatever a damaged file makes of the library
+    except Exception as error:  # noqa: BLE001  a damaged file can raise any error
         return {"refused": f"cannot be read: {library_reason(error)}"}
 
 

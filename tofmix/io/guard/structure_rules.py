@@ -13,6 +13,8 @@ from typing import TypeAlias
 import h5py
 import numpy as np
 
+from tofmix.bounds import WholeNumber, check_bounds
+
 FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32", 4: "szip", 5: "nbit", 6: "scaleoffset", 32000: "lzf"}
 """Accepted filters by their numbers: those of the library, none that is loaded from a path."""
 
@@ -48,26 +50,29 @@ class Limits:
     chunks : int
         Chunks of a dataset: the library holds an index of them in memory.
     walked_chunks : int
-        Chunks of a dataset up to which each one's place is checked; a larger index takes too long.
+        Most chunks of a dataset whose positions are checked; a larger index takes too long.
     value_bytes : int
         Size of one value of a dataset, such as a text of fixed length.
     attributes, attribute_bytes : int
         Attributes of one object, and the size of each.
     """
 
-    objects: int = 20_000
-    rank: int = 8
-    chunk_bytes: int = 256 << 20
-    lzf_chunk_bytes: int = 16 << 20
-    chunk_slack_bytes: int = 64 << 10
-    dataset_bytes: int = 1 << 44
-    expansion: int = 2000
-    always_fits_bytes: int = 256 << 20
-    chunks: int = 1 << 24
-    walked_chunks: int = 1 << 20
-    value_bytes: int = 1 << 20
-    attributes: int = 1000
-    attribute_bytes: int = 16 << 20
+    objects: WholeNumber = 20_000
+    rank: WholeNumber = 8
+    chunk_bytes: WholeNumber = 256 << 20
+    lzf_chunk_bytes: WholeNumber = 16 << 20
+    chunk_slack_bytes: WholeNumber = 64 << 10
+    dataset_bytes: WholeNumber = 1 << 44
+    expansion: WholeNumber = 2000
+    always_fits_bytes: WholeNumber = 256 << 20
+    chunks: WholeNumber = 1 << 24
+    walked_chunks: WholeNumber = 1 << 20
+    value_bytes: WholeNumber = 1 << 20
+    attributes: WholeNumber = 1000
+    attribute_bytes: WholeNumber = 16 << 20
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
 
 
 LIMITS = Limits()

@@ -89,7 +89,7 @@ def _largest_stored(bind: h5py.h5d.DatasetID) -> int:
     chunk = bind.get_create_plist().get_chunk()
     declared: int = math.prod(chunk) * bind.get_type().get_size()
     count = math.prod(-(-length // step) for length, step in zip(bind.shape, chunk, strict=True))
-    # The guard's rules let no chunk be stored in more than thrice its size, where they go over the chunks.
+    # If the guard has checked the chunks, no stored chunk is larger than three times its declared size.
     if count <= LIMITS.walked_chunks and 3 * declared * MOST_GZIP <= UNCHECKED_BYTES:
         return declared
     largest = [0]

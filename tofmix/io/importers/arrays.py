@@ -163,7 +163,7 @@ def choose(shapes: dict[str, tuple[int, ...]], wanted: str | None, path: Path, a
     dimensions = len((axes or FRAMES_FIRST).split(","))
     images = [name for name, shape in shapes.items() if len(shape) == dimensions]
     images = images or [name for name, shape in shapes.items() if len(shape) == IMAGE_DIMENSIONS and min(shape) > 1]
-    # An only array of four axes is it, too: what they are, the user is asked next.
+    # A single array of four axes is accepted too; the next step asks the user for its axes.
     images = images or [name for name, shape in shapes.items() if len(shape) == _WITH_TARGETS]
     listed = ", ".join(f"{name} {shape}" for name, shape in sorted(shapes.items())) or "none"
     if wanted is not None:

@@ -39,13 +39,13 @@ class Request:
     axes : str, optional
         Order of the axes of an array, as `tofmix.io.importers.axes.check_axes` has it.
     shape : (int, int), optional
-        Rows and columns of an image whose pixels a source holds in one line or axis.
+        Rows and columns of the image, if the source stores its pixels in one line or axis.
     image : (int, int), optional
-        Rows and columns of the sensor, to tell the order of axes by.
+        Rows and columns of the sensor, which determine the order of axes.
     unit_mm : float, optional
-        The unit of the depths that was said, mm, whatever the source says.
+        Given unit of the depths, mm; it overrides that of the source.
     lens_given : bool
-        Whether it was said where the pixels look, whatever the source says.
+        Whether the directions of the pixels were given; they override those of the source.
     """
 
     topic: str | None = None
@@ -134,7 +134,7 @@ class FrameSource:
 def foreign(what: object) -> Iterator[None]:
     """Turn any error of a library on damaged input into one `BadInputError` that begins with `what`.
 
-    Keep our own code out of the block: a bug of ours must not look like a bad file.
+    Keep other code of tofmix out of the block: an error in it must not look like a bad file.
     """
     try:
         yield

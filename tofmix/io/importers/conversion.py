@@ -29,7 +29,7 @@ class Conversion:
     ray_over_depth : (row, col) float64, optional
         Range over depth, where depths are along z.
     unit_known : bool
-        Whether somebody said the unit; if not, real numbers are looked at.
+        Whether the unit was given; if not, real numbers are checked.
     """
 
     dtype: np.dtype[Any]

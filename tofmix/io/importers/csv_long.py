@@ -50,7 +50,7 @@ def open_long(
     shape : (int, int), optional
         Rows and columns; without it, from the samples.
     unit_mm : float, optional
-        mm of the unit that was asked for; it must not contradict the header.
+        mm of the given unit; it must not contradict the header.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def open_long(
 
 
 def _range_column(path: Path, names: list[str]) -> tuple[int, float | None]:
-    """Where the ranges are, and mm of their unit if the header names it, as in ``range_mm``."""
+    """Column of the ranges, and mm of their unit if the header names it, as in ``range_mm``."""
     for k, name in enumerate(names):
         stem, _, unit = name.rpartition("_")
         if name == "range" or (stem in ("range", "distance") and unit in UNITS_MM):
@@ -181,7 +181,7 @@ def _both(one: tuple[int, int], other: tuple[int, int]) -> tuple[int, int]:
 
 
 def _ends(pieces: Iterable[Piece]) -> _Ends | None:
-    """Look through pieces once; None where a frame comes after a later one, or there is no line."""
+    """Read the pieces once; None if a frame comes after a later one, or there is no line."""
     found: _Ends | None = None
     for piece in pieces:
         if (np.diff(piece.frame) < 0).any():

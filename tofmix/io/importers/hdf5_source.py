@@ -80,7 +80,7 @@ def _datasets(root: h5py.File) -> dict[str, tuple[int, ...]]:
 
 
 def _scales(dataset: h5py.Dataset) -> str | None:
-    """Axes of a dataset as its dimension scales name them, where they are names that we know."""
+    """Axes of a dataset by the names of its dimension scales, if these are known names."""
     names = [dim[0].name.rsplit("/", 1)[-1] if len(dim) else "" for dim in dataset.dims]
     known = [order.split(",") for order in (FRAMES_FIRST, WITH_TARGETS)]
     return ",".join(names) if sorted(names) in [sorted(order) for order in known] else None

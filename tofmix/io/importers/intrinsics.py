@@ -85,7 +85,7 @@ class Calibration:
         Raises
         ------
         BadInputError
-            If they are of another size, the model is no pinhole's, or a number is out of its bounds.
+            If they are of another image size, the model is no pinhole, or a number is out of bounds.
         """
         size = self.size()
         if size is not None and size != tuple(shape):
@@ -106,7 +106,7 @@ class Calibration:
             raise BadInputError(f"{self.what}: {error}") from error
 
     def _coefficients(self) -> tuple[float, ...]:
-        """D as a pinhole takes it; none where it is all zeros."""
+        """D for a pinhole; empty if all numbers are 0."""
         if not any(self.distortion):
             return ()
         if self.model and self.model not in MODELS:

@@ -42,7 +42,7 @@ def main() -> None:
             _save(Path(folder) / f"{number}.npy", held[name])
     except MemoryError:
         sys.exit(f"its arrays take more than {_MEMORY_BYTES >> 30} GB")
-    except Exception as error:  # noqa: BLE001  whatever a damaged file makes of the library
+    except Exception as error:  # noqa: BLE001  a damaged file can raise any error
         sys.exit(" ".join(str(error).split()) or type(error).__name__)
 
 

@@ -146,6 +146,6 @@ def _of_hdf5(root: h5py.File, path: Path, request: Request) -> FrameSource:
 
 
 def _variable(root: h5py.File, name: str, shape: tuple[int, ...], request: Request, path: Path) -> DatasetFrames:
-    """A variable of a version 7.3 file, whose axes are stored in reverse."""
+    """A variable of a version 7.3 file, which stores axes in reverse order."""
     axes = axes_of(shape, request.axes, None, f"{path}: {name}")
     return DatasetFrames(guard.checked_dataset(root, name, path), axes[::-1], None, path, name)

@@ -16,7 +16,7 @@ from tofmix.arrays import Float32Array
 from tofmix.layers import LayerField, Layers
 
 COMPRESSION_LEVEL = 1
-"""The fastest that gzip has: packing must not hold up the kernels."""
+"""The fastest level of gzip: packing must not slow down the kernels."""
 
 
 class EncodedCell(NamedTuple):

@@ -119,7 +119,7 @@ class Journal:
             If the disk fails.
         """
         with _faults(self.path):
-            # Fetched to its end: it is then that SQLite commits, and says what fails.
+            # Fetched to its end, because SQLite commits then, and reports failures.
             modes = self._database.execute("PRAGMA journal_mode = DELETE").fetchall()
             self._database.close()
         if modes != [("delete",)]:
@@ -189,7 +189,7 @@ def open_journal(path: Path, header: bytes, shard: Shard = WHOLE) -> Journal:
     Returns
     -------
     Journal
-        Its header and shard are those that were found, which may differ from the given ones.
+        Its header and shard are those in the file, which may differ from the given ones.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def open_journal(path: Path, header: bytes, shard: Shard = WHOLE) -> Journal:
     """
     is_new = not path.exists()
     if is_new:
-        remove_journal(path)  # what SQLite left beside one that is gone
+        remove_journal(path)  # files of SQLite without their journal
         note_partial_output(*files_of(path), resumable=False)
     with _faults(path):
         database = sqlite3.connect(path, timeout=0.0, check_same_thread=False)

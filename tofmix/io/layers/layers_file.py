@@ -40,7 +40,7 @@ FORMAT = "tofmix-layers"
 
 
 class LayersWriter:
-    """Writes a layers file block by block; the file gets its name when all is in.
+    """Writes a layers file block by block; the file gets its name after the last block.
 
     Use it as a context manager. Blocks must come in one order for any number of workers.
 

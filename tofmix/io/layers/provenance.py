@@ -103,7 +103,7 @@ def read_surfaces_provenance(root: h5py.File, path: Path) -> SurfacesProvenance:
 
 
 def _texts(root: h5py.File, path: Path) -> dict[str, Any]:
-    """Source, its checksum, version and options, held against their checksum."""
+    """Source, its checksum, version and options, compared with their checksum."""
     if _CHECKSUM in root.attrs and int(root.attrs[_CHECKSUM]) != _checksum(root):
         raise BadInputError(f"{path}: attribute options or source is damaged: their checksum differs")
     try:

@@ -17,7 +17,7 @@ from tofmix.errors import BadInputError
 from tofmix.io.next_command import import_command
 from tofmix.sensor import Sensor
 
-_BLOCKS = 4  # places of the recording that are looked at
+_BLOCKS = 4  # parts of the recording that are checked
 _BLOCK_SAMPLES = 1 << 16  # samples at each place
 
 

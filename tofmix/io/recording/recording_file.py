@@ -294,7 +294,7 @@ def _digest(file: io.FileIO, path: Path) -> str:
 
 
 def _whole_chunks(start: int, stop: int, step: int, wanted: int) -> Iterator[slice]:
-    """Cut [start, stop) at multiples of the stored step into parts of about `wanted`, and of one step at least."""
+    """Divide [start, stop) at multiples of the stored step into parts of about `wanted`, at least one step each."""
     size = step * max(1, wanted // step)
     while start < stop:
         end = min(start - start % step + size, stop)

@@ -1,4 +1,4 @@
-"""Writing recordings: frames are streamed into a new file, which gets its name when the last one is in.
+"""Writing of recordings: frames are streamed into a new file, which gets its name after the last frame.
 
 Use `RecordingWriter`; `tofmix.io.recording.recording_file` reads its files. The contract is docs/reference/formats.md.
 """
@@ -31,7 +31,7 @@ _NO_SAMPLE = 0  # value of a lost sample where ranges are uint16
 
 
 class RecordingWriter:
-    """Streams frames into a new recording, which gets its name when the last one is in.
+    """Streams frames into a new recording, which gets its name after the last frame.
 
     Use it as a context manager; write every frame, in order, in blocks of `chunk_frames`.
 

@@ -36,7 +36,7 @@ class ScratchRecording:
         self._amplitude = amplitude
 
     def place(self, frame: int, row: int) -> int:
-        """Where in the file a frame's samples of a row begin."""
+        """Offset in the file of a frame's samples of a row."""
         frames, _, cols = self.shape
         return (row * frames + frame) * cols * SAMPLE_BYTES
 

@@ -1,4 +1,4 @@
-"""How a dataset is stored: whether damage to it would be noticed, and whether all of it is there."""
+"""Storage of a dataset: whether damage would be noticed, and whether it is complete."""
 
 import math
 from pathlib import Path

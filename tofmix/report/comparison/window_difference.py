@@ -90,7 +90,7 @@ def _circular_difference(gap_mm: FloatArray, length_mm: float) -> FloatArray:
 
 
 def _pairs_on_circle(range_a: FloatArray, range_b: FloatArray, n_modes: IntArray, length_mm: float) -> IntArray:
-    """For each layer of A (row, col, layer) the layer of B that it is held against, of as many."""
+    """For each layer of A (row, col, layer) the layer of B with which it is compared."""
     layer = np.arange(range_a.shape[-1])
     count = np.maximum(n_modes, 1).astype(np.int64)[..., np.newaxis]
     best = np.broadcast_to(layer, range_a.shape)

@@ -43,7 +43,7 @@ _ANGLE_DIGITS = 6  # of an angle in rad: 0.01 mm at 10 m
 class Explorer:
     """The data of the explorer.
 
-    text, JSON that may stand in a ``script`` element; note, which windows and samples are in it.
+    text, JSON for a ``script`` element; note, the windows and samples in it.
     """
 
     text: str

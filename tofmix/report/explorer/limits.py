@@ -1,6 +1,8 @@
-"""How much of a recording a page holds."""
+"""Limits of the samples in a page."""
 
 from dataclasses import dataclass
+
+from tofmix.bounds import WholeNumber, check_bounds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,13 +27,16 @@ class PageLimits:
         Characters that samples may take however much the layers take.
     """
 
-    pixels: int = 60_000
-    windows: int = 50
-    image_pixels: int = 400_000
-    samples: int = 4_000_000
-    least_frames: int = 16
-    characters: int = 2_400_000
-    sample_characters: int = 200_000
+    pixels: WholeNumber = 60_000
+    windows: WholeNumber = 50
+    image_pixels: WholeNumber = 400_000
+    samples: WholeNumber = 4_000_000
+    least_frames: WholeNumber = 16
+    characters: WholeNumber = 2_400_000
+    sample_characters: WholeNumber = 200_000
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
 
 
 DEFAULT_LIMITS = PageLimits()

@@ -1,4 +1,4 @@
-"""The samples of a window for the page: sorted a pixel and stored as gaps, which takes half the room of the values.
+"""The samples of a window for the page: sorted in each pixel and stored as differences, half as large as the values.
 
 The order of the frames is lost; a histogram and a density do not need it. For
 samples in order use `tofmix.report.pixels.pixels.row_samples`.
@@ -60,7 +60,7 @@ def pack_samples(
     noise : NoiseCurve, optional
         sigma(r): samples that are no whole mm are rounded well below it.
     characters : int
-        Characters that the text may take; where it takes more, samples are rounded more roughly.
+        Most characters of the text; a longer text is avoided by coarser rounding.
     windows : int
         Windows that share the limit of samples.
     limits : PageLimits

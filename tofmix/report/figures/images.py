@@ -90,7 +90,7 @@ def gap_image(gap_mm: FloatArray, *, no_data: str, theme: Theme, least_gap_mm: f
 
 
 def _image_axes(shape: tuple[int, ...]) -> tuple[Figure, Axes]:
-    """Make a figure whose axes keep square pixels, unless the image is a mere stripe: that is stretched to be seen.
+    """Make a figure with square pixels; a very narrow image is stretched so that it is visible.
 
     The axes have one position for any labels around them, so images side by side are aligned.
     """

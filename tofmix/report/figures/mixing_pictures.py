@@ -15,7 +15,7 @@ _COLOURS = {
     Mixing.PHASOR: "var(--layer-1)",
     Mixing.UNDECIDED: "var(--layer-2)",
 }
-"""Colours of the legend, which the page's style knows in both themes."""
+"""Colours of the legend, which the page's style has in both themes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

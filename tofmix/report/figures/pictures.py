@@ -28,7 +28,7 @@ from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.wording import counted
 
 NO_DATA, NO_SURFACE = "var(--hatching)", "var(--no-surface)"
-"""Grounds of the legend that the page's style knows in both themes."""
+"""Backgrounds of the legend, which the page's style has in both themes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -164,7 +164,7 @@ def _draw_ends(axes: Axes, plane: PhasorPlane, theme: Theme) -> None:
 
 
 def _draw_direction(axes: Axes, plane: PhasorPlane, end: PhasorEnd, colour: str) -> None:
-    """Draw where a surface lies that no neighbour shows alone: its phase is known, its amplitude is not."""
+    """Draw a surface that no neighbour shows alone: its phase is known, its amplitude is not."""
     shown: FloatArray = np.abs(np.concatenate([plane.samples, plane.neighbours]))
     far = float(shown.max(initial=0.0))
     axes.plot(

@@ -204,7 +204,7 @@ def _draw_pixel(
 
 
 def _cut(views: list[PixelView], length_mm: float | None) -> float:
-    """Where the circle is cut open for all panels; 0 without one."""
+    """The cut of the circle for all panels; 0 without a circle."""
     if length_mm is None:
         return 0.0
     ranges, sigmas = (np.concatenate([getattr(view, name) for view in views]) for name in ("range_mm", "sigma_mm"))

@@ -1,4 +1,4 @@
-"""One pixel and its neighbours: their layers, their samples, and the density as samples come in.
+"""One pixel and its neighbours: their layers, their samples, and the density over the number of samples.
 
 Use `view_pixels` for neighbouring pixels as in the paper's Fig. 8, and `grow_density` for its Fig. 7. Drawing is left
 to `tofmix.report.pixels.pixel_figures`.
@@ -113,7 +113,7 @@ _FIELDS = {"range_mm": "range", "range_stderr_mm": "range_stderr", "sigma_mm": "
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GrowingDensity:
-    """The density of one pixel as its samples come in.
+    """The density of one pixel over its number of samples.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ def view_pixels(
 def learnt_sensor(provenance: Provenance) -> Sensor | None:
     """The sensor of a layers file whose surfaces were counted under learnt noise; None for any other file.
 
-    Free sigmas, and peaks taken for surfaces, know a Gaussian alone.
+    Free sigmas, and peaks taken as surfaces, use a Gaussian alone.
     """
     sensor, options = provenance.sensor, provenance.options
     of_peaks = bool(options.get("paper")) or options.get("refine") == Refine.NONE
@@ -272,7 +272,7 @@ def _mixture(
 
 def _own_noise(view: PixelView) -> dict[str, Any]:
     mixture = view.mixture
-    assert mixture is not None  # noqa: S101  asked of learnt noise alone
+    assert mixture is not None  # noqa: S101  called for learnt noise alone
     drift = mixture.drift_extent_mm().tolist()
     known = view.samples_mm is not None
     return {"width": mixture.width, "background": mixture.background, "drift_mm": drift if known else None}

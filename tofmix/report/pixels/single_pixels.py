@@ -1,4 +1,4 @@
-"""Pixels of one layer, held against the learnt noise: how wide their samples lie, and how their errors are shaped."""
+"""Pixels of one layer, compared with the learnt noise: the width of their samples, and the shape of their errors."""
 
 import math
 from dataclasses import dataclass
@@ -85,7 +85,7 @@ def single_pixels(
     start, stop : int
         Frames of the window.
     most_pixels : int
-        Pixels that are looked at, evenly spread over the image; more are not seen in a picture.
+        Most pixels that are used, evenly spread over the image; a picture does not show more.
     most_samples : int
         Samples of all of them; there are fewer pixels where they have more.
     most_frames : int
@@ -93,7 +93,7 @@ def single_pixels(
     least_samples : int
         Fewest samples of a pixel for the width of their central 68 %: of 12, at least two lie outside on either side.
     reach_sigmas : float
-        Samples more than this many sigma from the surface are background. What it adds nearer by is taken off.
+        Samples more than this many sigma from the surface are background. Its part nearer to the surface is subtracted.
 
     Raises
     ------

@@ -66,7 +66,7 @@ def _layer_line(view: PixelView, k: int) -> str:
 def _own_noise(view: PixelView) -> str:
     """Width, background and drift of a pixel under learnt noise."""
     mixture = view.mixture
-    assert mixture is not None  # noqa: S101  asked of learnt noise alone
+    assert mixture is not None  # noqa: S101  called for learnt noise alone
     said = f"width {mixture.width:.2f}, background {100 * mixture.background:.1f} %"
     if not mixture.drift_mm.any():
         return said

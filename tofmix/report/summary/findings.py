@@ -103,7 +103,7 @@ def sample_findings(
         text = f"Samples scatter {scatter_over_curve:.2g} times as much as the noise curve says (median){averaged}."
         found.append(Finding(code="scatter_off_curve", text=text, commands=(remedy.measure(),)))
     if drift_sigmas is not None and drift_sigmas > drift:
-        # Half of what is worth a word.
+        # Half of the size that is reported.
         window = int(0.5 * drift / drift_sigmas * remedy.window_frames)
         text = (
             f"In a quarter of the pixels ranges drift by {drift_sigmas:.1f} sigma or more within the"

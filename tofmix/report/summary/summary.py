@@ -81,7 +81,7 @@ class Summary:
     pixels_by_surfaces, pixels_by_peaks : tuple of int
         Entry n counts pixels with n surfaces; with n peaks of the density in step 1.
     undecided_by_surfaces : tuple of int
-        Those pixels of `pixels_by_surfaces` whose mixing is undecided: their layers are not to be relied on.
+        Pixels of `pixels_by_surfaces` with undecided mixing: their layers are not reliable.
     pixels_by_status : dict
         By the names of `tofmix.flags.Status`; a value without a name is ``status_<value>``.
     pixels_with_close_layers : int
@@ -370,7 +370,7 @@ def _close(window: Layers, length: float | None, close_sigmas: float) -> int:
 
 
 def noise_of(provenance: Provenance) -> NoiseCurve | None:
-    """Return the curve that sigmas are held against: the sensor's, on a circle continuous across the fold."""
+    """Return the curve with which sigmas are compared: the sensor's, on a circle continuous across the fold."""
     sensor, length = provenance.sensor, provenance.unambiguous_range_mm
     if length is None or sensor.noise is None:
         return sensor.noise

@@ -1,7 +1,9 @@
-"""When something about a layers file is worth a warning."""
+"""Thresholds of the warnings about a layers file."""
 
 import math
 from dataclasses import dataclass
+
+from tofmix.bounds import Count, Factor, NotNegative, Share, check_bounds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,15 +29,18 @@ class Thresholds:
         Iterations to advise where fits do not converge: four times the default of ``--max-iter``.
     """
 
-    sigma_tolerance: float = 0.10
-    scatter_factor: float = 2.0
-    status_share: float = 0.05
-    full_share: float = 0.05
-    close_share: float = 0.05
-    close_sigmas: float = 5.0
-    least_components: int = 30
-    dominant_weight: float = 0.5
-    more_iterations: int = 200
+    sigma_tolerance: NotNegative = 0.10
+    scatter_factor: Factor = 2.0
+    status_share: Share = 0.05
+    full_share: Share = 0.05
+    close_share: Share = 0.05
+    close_sigmas: NotNegative = 5.0
+    least_components: Count = 30
+    dominant_weight: Share = 0.5
+    more_iterations: Count = 200
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
 
     @property
     def drift_sigmas(self) -> float:

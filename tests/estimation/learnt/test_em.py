@@ -11,7 +11,8 @@ from support.learnt_pixels import KNOWN, LOW_MM, SIGMA_MM, TOP_MM, camera_with, 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.learnt.fitting import (
+from tofmix.estimation.learnt.acceleration import maximise, value_of
+from tofmix.estimation.learnt.components import (
     BACKGROUND,
     DRIFT,
     LOG_WIDTH,
@@ -19,16 +20,13 @@ from tofmix.estimation.learnt.fitting import (
     OWN,
     SIGMA,
     WEIGHT,
-    Samples,
-    em_step,
-    fill_times,
-    maximise,
     new_fit,
     new_scratch,
-    value_of,
 )
+from tofmix.estimation.learnt.em import em_step
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, TAIL_DEGREES, Law
 from tofmix.estimation.learnt.model import PixelNoise
+from tofmix.estimation.learnt.pixel_samples import Samples, fill_times
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.learnt_noise import DRIFTS
 

@@ -1,8 +1,8 @@
-"""Whether a pixel's range jumps rather than drifts: a jump in mid-window is two surfaces, a slow drift is one.
+"""Whether a pixel's range drifts or jumps: a slow drift is one surface, a jump within the window is two.
 
-A smooth polynomial follows a jump far enough to beat two surfaces whose samples may come in any order. So the drift is
-held against one jump at the best of all times, with as many free numbers: where the jump gains as much as a further
-surface must, the pixel is given no drift, and its surfaces are counted.
+A polynomial follows a jump well enough to have a larger likelihood than two surfaces, whose samples may come in any
+order. So the drift is compared with one jump at the best of all times, which has as many free numbers. Where the jump
+gains as much as a further surface must, the surfaces of the pixel are counted without drift.
 """
 
 import math
@@ -12,32 +12,37 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.estimation.beam import Beam
-from tofmix.estimation.learnt.fitting import (
+from tofmix.estimation.learnt.acceleration import value_of
+from tofmix.estimation.learnt.components import (
     BACKGROUND,
     DRIFT,
     LOG_WIDTH,
     MEAN,
     OWN,
     SIGMA,
+    SUPPORT,
     WEIGHT,
-    Samples,
-    background_density,
 )
+from tofmix.estimation.learnt.em import background_density, log_priors
 from tofmix.estimation.learnt.law import Law, at_table
+from tofmix.estimation.learnt.pixel_samples import Samples
 from tofmix.learnt_noise import DRIFTS
 
 NEAR_SIGMAS = 5.0
-"""Samples farther from the drifting surface than this do not say when the jump was; half a jump counts as well."""
+"""Samples this near to the drifting surface, in sigmas beyond its drift, determine the time of the jump."""
 
 LEAST_AFTER = 2
-"""Samples on either side of a jump."""
+"""Least samples on either side of a jump."""
 
-_ROUNDS = 8  # scoring steps for the range on one side of a jump
+SIGNIFICANT = 2.0
+"""Standard errors from which on a width or a drift exceeds noise, and may stand for a further surface."""
+
+_ROUNDS = 8  # steps of scoring for the range on one side of a jump
 
 
 @borrowing
 def _side(value: FloatArray, start: float, weight: float, background: float, width: float, law: Law) -> float:
-    """Log likelihood, nat, of the samples on one side of the jump, at the best place of the surface there."""
+    """Log likelihood, nat, of the samples on one side of the jump, at the best range there, from `start`, mm, on."""
     place, total = start, 0.0
     for _ in range(_ROUNDS):
         push, held, total = 0.0, 0.0, 0.0
@@ -56,9 +61,9 @@ def _side(value: FloatArray, start: float, weight: float, background: float, wid
 
 @jit
 def value_of_jump(data: Samples, fit: FloatArray, law: Law, beam: Beam) -> float:
-    """Log likelihood, nat, of the samples of `fit`, of one surface, with one jump at the best time instead of a drift.
+    """Log likelihood, nat, of one surface with a jump at the best time, instead of the drift of `fit`.
 
-    Minus infinity where there are too few samples for two sides.
+    Minus infinity where the samples are too few for two sides.
     """
     n = len(data.value)
     width = math.exp(fit[OWN, LOG_WIDTH]) * fit[SIGMA, 0]
@@ -96,3 +101,22 @@ def value_of_jump(data: Samples, fit: FloatArray, law: Law, beam: Beam) -> float
     jump = _side(value[: at + 1], first_mean, weight, background, width, law)
     jump += _side(value[at + 1 :], second_mean, weight, background, width, law)
     return jump
+
+
+@borrowing
+def drift_exceeds_noise(i: int, fit: FloatArray, law: Law, n: float) -> bool:
+    """Whether the drift of a surface of `n` samples exceeds noise: its root mean square over the standard error."""
+    sigma = math.exp(fit[OWN, LOG_WIDTH]) * fit[SIGMA, i]
+    square = 0.0
+    for d in range(DRIFTS):
+        square += fit[DRIFT + d, i] ** 2 / (2.0 * d + 3.0)  # mean square of the polynomial
+    return bool(square > (SIGNIFICANT * sigma) ** 2 / (law.information * n))
+
+
+@jit
+def gain_of_jump(data: Samples, fit: FloatArray, law: Law, beam: Beam, scratch: FloatArray) -> float:
+    """Gain in log likelihood, nat, of one jump over the drift in a fit of one surface; 0 where it does not drift."""
+    if not drift_exceeds_noise(0, fit, law, max(fit[SUPPORT, 0], 1.0)):
+        return 0.0
+    drifting = value_of(data, 1, fit, law, beam, scratch) - log_priors(1, fit, law)
+    return value_of_jump(data, fit, law, beam) - drifting

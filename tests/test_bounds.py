@@ -1,0 +1,198 @@
+"""Bounds of settings: every class of settings refuses each field's values out of bounds, and takes those within."""
+
+import importlib
+import math
+import pkgutil
+from dataclasses import dataclass, is_dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+import tofmix
+from tofmix.bounds import (
+    Bounds,
+    Count,
+    Factor,
+    Finite,
+    Share,
+    check_ascending,
+    check_bounds,
+    check_one_of,
+    checked,
+    declared,
+)
+from tofmix.errors import UsageError
+from tofmix.estimation.noise.settings import AmplitudeSettings, CurveSettings, NoiseSettings, OutlierSettings
+from tofmix.io.guard.structure_rules import Limits
+from tofmix.reconciliation.way import Settings
+from tofmix.report.explorer.limits import PageLimits
+from tofmix.report.summary.thresholds import Thresholds
+from tofmix.surfaces.settings import EdgeSettings, LinkSettings, ShareSettings, SurfaceSettings
+from tofmix.unmixing.settings import (
+    HypothesisSettings,
+    ImageSettings,
+    LabelSettings,
+    LawSettings,
+    NeighbourSettings,
+    PlaneSettings,
+    SeedSettings,
+    UnfoldingSettings,
+    UnmixSettings,
+)
+
+CLASSES: tuple[type, ...] = (
+    AmplitudeSettings, CurveSettings, NoiseSettings, OutlierSettings, Limits, Settings, PageLimits, Thresholds,
+    EdgeSettings, LinkSettings, ShareSettings, SurfaceSettings, HypothesisSettings, ImageSettings, LabelSettings,
+    LawSettings, NeighbourSettings, PlaneSettings, SeedSettings, UnfoldingSettings, UnmixSettings,
+)  # fmt: skip
+WITH_A_CHECK_OF_THEIR_OWN = {"RecordingSettings"}
+"""Settings of a model file, whose refusals name its keys."""
+
+
+def _made(settings: type, **values: Any) -> Any:  # noqa: ANN401  of any class
+    return settings(**({"kinds": ()} if settings is Settings else {}) | values)
+
+
+def _changed(made: Any, **values: Any) -> Any:  # noqa: ANN401  of any class
+    change = replace if is_dataclass(made) else type(made)._replace
+    return change(made, **values)
+
+
+def _outside(kind: type, bounds: Bounds) -> list[Any]:
+    """Values that a field must refuse."""
+    step = 1 if kind is int else 1e-9
+    wrong: list[Any] = [math.nan, math.inf, "1", None, True]
+    if kind is int:
+        wrong.append(bounds.low + 0.5)
+    for end, outward in ((bounds.low, -step), (bounds.high, step)):
+        if math.isfinite(end):
+            wrong.append(kind(end) if bounds.inside else kind(end) + outward)
+    return wrong
+
+
+NUMBERS = [
+    pytest.param(settings, name, id=f"{settings.__module__.split('.')[1]}.{settings.__name__}.{name}")
+    for settings in CLASSES
+    for name, (_, bounds, _) in declared(settings).items()
+    if bounds is not None
+]
+
+
+@pytest.mark.parametrize(("settings", "name"), NUMBERS)
+def test_values_out_of_bounds_are_refused_with_field_value_and_remedy(settings: type, name: str) -> None:
+    made = _made(settings)
+    kind, bounds, several = declared(settings)[name]
+    assert bounds is not None
+    for value in _outside(kind, bounds):
+        wrong = (value, *getattr(made, name)[1:]) if several else value
+        with pytest.raises(UsageError) as refusal:
+            _made(settings, **{name: wrong})
+        assert str(refusal.value).startswith(f"{settings.__name__}: {name} is {wrong!r}; give a") or several
+        assert str(bounds) in str(refusal.value)
+        with pytest.raises(UsageError):
+            _changed(made, **{name: wrong})
+
+
+@pytest.mark.parametrize(("settings", "name"), NUMBERS)
+def test_ends_of_the_bounds_are_taken(settings: type, name: str) -> None:
+    kind, bounds, several = declared(settings)[name]
+    assert bounds is not None
+    if several:
+        return
+    for end in (bounds.low, bounds.high):
+        if math.isfinite(end) and not bounds.inside:
+            assert getattr(_made(settings, **{name: kind(end)}), name) == end
+    near = kind(getattr(_made(settings), name))
+    assert getattr(_made(settings, **{name: np.dtype(kind).type(near)}), name) == near
+
+
+@pytest.mark.parametrize("settings", CLASSES, ids=lambda settings: f"{settings.__module__}.{settings.__name__}")
+def test_every_number_has_bounds(settings: type) -> None:
+    without = [
+        name for name, (kind, bounds, _) in declared(settings).items() if bounds is None and kind in (int, float)
+    ]
+    assert not without
+
+
+@pytest.mark.parametrize("settings", CLASSES, ids=lambda settings: f"{settings.__module__}.{settings.__name__}")
+def test_a_value_of_another_type_is_refused(settings: type) -> None:
+    for name in declared(settings):
+        with pytest.raises(UsageError, match=f"{name} is 3.5j; give"):
+            _made(settings, **{name: 3.5j})
+
+
+def test_every_class_of_settings_is_checked() -> None:
+    found = set()
+    for module in pkgutil.walk_packages(tofmix.__path__, "tofmix."):
+        if module.name.endswith(("settings", "limits", "thresholds", ".way", "structure_rules", "simulation.model")):
+            names = vars(importlib.import_module(module.name))
+            found |= {
+                value
+                for value in names.values()
+                if isinstance(value, type)
+                and value.__module__ == module.name
+                and value.__name__.endswith(("Settings", "Limits"))
+            }
+    assert len(found) > 15
+    unchecked = {settings.__name__ for settings in found - set(CLASSES)}
+    assert unchecked == WITH_A_CHECK_OF_THEIR_OWN
+
+
+@pytest.mark.parametrize(
+    ("settings", "values", "reason"),
+    [
+        (CurveSettings, {"slopes": (4.0, -1.0)}, r"slopes is \(4.0, -1.0\); give ascending values"),
+        (AmplitudeSettings, {"exponents": (2.0, 2.0)}, "exponents is .* give ascending values"),
+        (AmplitudeSettings, {"pieces": (1, 3, 2)}, "pieces is .* give ascending values"),
+        (AmplitudeSettings, {"ends": (0.9, 0.1)}, "ends is .* give ascending values"),
+        (Settings, {"split": "rows"}, "split is 'rows'; give one of frames,pixels, frames, pixels"),
+        (AmplitudeSettings, {"pieces": [1, 2]}, r"pieces is \[1, 2\]; give a tuple"),
+        (UnmixSettings, {"law": LabelSettings()}, "law is .* give values of LawSettings"),
+        (SurfaceSettings, {"edge": LinkSettings()}, "edge is .* give values of EdgeSettings"),
+    ],
+)
+def test_values_that_do_not_go_together_are_refused(settings: type, values: dict[str, Any], reason: str) -> None:
+    with pytest.raises(UsageError, match=reason):
+        _made(settings, **values)
+
+
+class Small(NamedTuple):
+    """A tuple with each kind of bounds."""
+
+    share: Share = 0.5
+    number: Count = 1
+    factor: Factor = 1.0
+    slope: Finite = -3.0
+
+
+def test_a_checked_tuple_stays_one() -> None:
+    small = checked(Small)
+    made = small(0.25, number=2)
+    assert made == (0.25, 2, 1.0, -3.0)
+    assert made._replace(slope=-1e300).slope == -1e300
+    with pytest.raises(UsageError, match=r"Small: share is 1\.5; give a number from 0 to 1"):
+        made._replace(share=1.5)
+    with pytest.raises(UsageError, match=r"Small: number is 0; give a whole number of at least 1"):
+        small(0.5, 0)
+    with pytest.raises(UsageError, match=r"Small: slope is -inf; give a number that is finite"):
+        small(slope=-math.inf)
+
+
+@dataclass(frozen=True)
+class Ordered:
+    """Ascending values and a text of two."""
+
+    values: tuple[float, ...] = (1.0, 2.0)
+    word: str = "a"
+
+
+def test_order_and_words_are_checked() -> None:
+    check_bounds(Ordered())
+    check_ascending(Ordered(), "values")
+    check_ascending(Ordered(values=()), "values")
+    check_one_of(Ordered(), "word", ("a", "b"))
+    with pytest.raises(UsageError, match="values is"):
+        check_ascending(Ordered(values=(1.0, 1.0)), "values")
+    with pytest.raises(UsageError, match=r"Ordered: word is 'c'; give one of a, b"):
+        check_one_of(Ordered(word="c"), "word", ("a", "b"))

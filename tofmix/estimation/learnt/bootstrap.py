@@ -1,0 +1,251 @@
+"""Gains that the learnt noise alone reaches: a parametric bootstrap, once a recording.
+
+Pixels with one surface and without surfaces are drawn from the learnt model, for some numbers of samples and shares of
+background, and rounded as the recording is. A trial (`trials`) fits one surface more to each, and a jump in time. The
+tail of the gains falls exponentially, as that of likelihood ratios. It is fitted to the largest twentieth of the gains,
+so that probabilities down to 10^-6 follow from some thousand draws. The seed is fixed: the same model gives the same
+thresholds.
+
+References
+----------
+McLachlan, Applied Statistics 36(3), 1987, doi:10.2307/2347790: the bootstrap of the likelihood ratio for mixtures.
+"""
+
+import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from tofmix.arrays import FloatArray
+from tofmix.compiled.jit import jit
+from tofmix.estimation.beam import Beam
+from tofmix.estimation.learnt.components import copy_fit, start_without_surface
+from tofmix.estimation.learnt.jumps import gain_of_jump
+from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, TAIL_DEGREES, Law
+from tofmix.estimation.learnt.model import PixelNoise
+from tofmix.estimation.learnt.pixel_samples import Samples, fill_times, take_samples
+from tofmix.estimation.learnt.thresholds import Thresholds
+from tofmix.estimation.learnt.trials import first_surface, new_workspace, try_one_more
+from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
+from tofmix.learnt_noise import DRIFTS
+
+DRAWS = 6000, 20_000
+"""Fewest and most pixels of each number of samples and share of background: the tail then has 300 gains or more."""
+
+DRAWS_IN_ALL = 120_000
+"""Pixels drawn in all, within these bounds."""
+
+TAIL = 0.05
+"""Part of the gains that the tail is fitted to."""
+
+SHARES = (0.0, 0.02, 0.1, 0.3, 0.6, 0.85)
+"""Shares of background that are drawn where each pixel has a share."""
+
+RARE_SHARE = 1.0e-3
+"""Part of the pixels whose share of background may lie beyond those that are drawn, at either end."""
+
+SAMPLES = (3, 6, 12, 25, 50, 100, 200, 400, 1000)
+"""Numbers of samples that are drawn, as far as pixels of the recording have them; the gains of the last hold beyond."""
+
+LEAST_WORTH = 1.0
+"""Gain bound, nat, from which on a trial is made: smaller gains are no part of the tail."""
+
+_SEED = 20080922  # of the bootstrap, so that the same model gives the same table
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Cell:
+    """Draws of one number of samples, with one surface on a share of background; without surfaces where it is None."""
+
+    samples: int
+    background: float | None
+    number: int
+
+
+def calibrate(
+    noise: PixelNoise,
+    beam: Beam,
+    ranges_mm: FloatArray,
+    *,
+    samples: tuple[int, int],
+    pixel_effects: FloatArray | None = None,
+    rounding_mm: float = 0.0,
+    draws: int | None = None,
+    workers: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> Thresholds:
+    """Draw the gains that noise alone exceeds.
+
+    Parameters
+    ----------
+    noise : PixelNoise
+        The learnt noise.
+    beam : Beam
+        The fixed part of equation (1).
+    ranges_mm : (n,) float64
+        Ranges of surfaces of the recording, mm: draws take them in turn.
+    samples : (int, int)
+        Fewest and most valid samples of the recording's pixels in a window.
+    pixel_effects : (n, 1 + DRIFTS) float64, optional
+        Log width and drift, mm, of pixels of the recording: draws take them at random. Default: draws of the priors.
+    rounding_mm : float
+        Step of the stored ranges, mm: draws are rounded to it.
+    draws : int, optional
+        Pixels of each number of samples and share; default: by `DRAWS` and `DRAWS_IN_ALL`.
+    workers : int
+        Threads; the table does not depend on them.
+    progress : callable, optional
+        Is called with the numbers of finished and of all parts of the table.
+
+    Returns
+    -------
+    Thresholds
+        For `count_surfaces`.
+    """
+    numbers = _numbers(*samples)
+    shares = [beam.p_outlier] if noise.background is None else _shares(noise.background)
+    cells = [
+        _Cell(samples=n, background=share, number=number)
+        for number, (n, share) in enumerate(product(numbers, [*shares, None]))
+    ]
+    count = draws or min(max(DRAWS[0], DRAWS_IN_ALL // len(cells)), DRAWS[1])
+    laws = noise.laws()
+    draw = _Drawing(noise, beam, ranges_mm, pixel_effects, rounding_mm)
+
+    def gains(cell: _Cell) -> FloatArray:
+        block = draw.block(cell, count)
+        out = np.zeros(count)
+        _gains(block, cell.background is None, laws, beam, out)
+        return _tail(out)
+
+    rows, done = [], 0
+    with ThreadPoolExecutor(workers, thread_name_prefix="tofmix") as pool:
+        for row in pool.map(gains, cells):
+            rows.append(row)
+            done += 1
+            if progress is not None:
+                progress(done, len(cells))
+    table = np.array(rows).reshape(len(numbers), len(shares) + 1, len(FALSE_ALARMS))
+    return Thresholds(
+        log_n=np.log(np.array(numbers, dtype=np.float64)),
+        background=np.array(shares),
+        more=np.ascontiguousarray(table[:, :-1]),
+        first=np.ascontiguousarray(table[:, -1]),
+    )
+
+
+def _shares(prior: tuple[float, float]) -> list[float]:
+    """Return the `SHARES` that enclose all but rare shares of the prior."""
+    from scipy.special import betaincinv
+
+    low, high = betaincinv(*prior, [RARE_SHARE, 1.0 - RARE_SHARE])
+    first = max((i for i, share in enumerate(SHARES) if share <= low), default=0)
+    last = min((i for i, share in enumerate(SHARES) if share >= high), default=len(SHARES) - 1)
+    return list(SHARES[first : max(last, first) + 1])
+
+
+def _numbers(least: int, most: int) -> list[int]:
+    """Return the numbers of samples to draw, ascending: those of `SAMPLES` between the ends, and the ends."""
+    low, high = max(least, SAMPLES[0]), min(max(most, SAMPLES[0]), SAMPLES[-1])
+    low = min(low, high)
+    return sorted({low, high, *(n for n in SAMPLES if low < n < high)})
+
+
+def _tail(gains: FloatArray) -> FloatArray:
+    """Gains that are exceeded with each probability of `FALSE_ALARMS`: quantiles to `TAIL`, and an exponential tail.
+
+    The mean excess over the start of the tail is the maximum-likelihood scale of an exponential.
+    """
+    ordered = np.sort(np.maximum(gains, 0.0))
+    start = float(np.quantile(ordered, 1.0 - TAIL))
+    beyond = ordered[ordered > start]
+    scale = float(beyond.mean() - start) if beyond.size else 1.0
+    out = []
+    for chance in FALSE_ALARMS:
+        if chance >= TAIL:
+            out.append(max(float(np.quantile(ordered, 1.0 - chance)), 0.0))
+        else:
+            out.append(start + scale * math.log(TAIL / chance))
+    # Probabilities are interpolated between the gains, which must ascend.
+    return np.maximum.accumulate(np.array(out) + 1e-9 * np.arange(len(out)))
+
+
+class _Drawing:
+    """Draws of pixels from the learnt model."""
+
+    def __init__(
+        self, noise: PixelNoise, beam: Beam, ranges_mm: FloatArray, pixel_effects: FloatArray | None, rounding_mm: float
+    ) -> None:
+        self._noise, self._beam, self._rounding_mm = noise, beam, rounding_mm
+        self._ranges = np.asarray(ranges_mm, dtype=np.float64)
+        self._effects = None if pixel_effects is None or len(pixel_effects) == 0 else pixel_effects
+
+    def block(self, cell: _Cell, count: int) -> FloatArray:
+        """Draw samples (pixel, frame), mm."""
+        rng = np.random.default_rng([_SEED, cell.number, cell.samples])
+        n, beam, noise = cell.samples, self._beam, self._noise
+        if cell.background is None:
+            return rng.uniform(beam.range_min, beam.range_top, (count, n))
+        place = self._ranges[np.arange(count) % len(self._ranges)]
+        effects = self._draw_effects(rng, count)
+        z = _standardised(rng, noise, (count, n))
+        out = place[:, None] + np.exp(effects[:, :1]) * noise.curve.sigma(place)[:, None] * z
+        out += effects[:, 1:] @ np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n), DRIFTS)[:, 1:].T
+        random = rng.random((count, n)) < cell.background
+        out[random] = rng.uniform(beam.range_min, beam.range_top, int(random.sum()))
+        if self._rounding_mm > 0.0:
+            out = np.clip(self._rounding_mm * np.rint(out / self._rounding_mm), beam.range_min, beam.range_top)
+        return np.asarray(out, dtype=np.float64)
+
+    def _draw_effects(self, rng: np.random.Generator, count: int) -> FloatArray:
+        """Draw log width and drift, mm, of `count` pixels: (count, 1 + DRIFTS)."""
+        if self._effects is not None:
+            return self._effects[rng.integers(len(self._effects), size=count)]
+        spread = SCALE_OF_SPREAD * self._noise.curve.width_spread
+        log_width = spread * np.clip(rng.standard_t(TAIL_DEGREES, (count, 1)), -4.0, 4.0)
+        drift = self._noise.drift_mm * np.clip(rng.standard_t(TAIL_DEGREES, (count, DRIFTS)), -6.0, 6.0)
+        return np.hstack([log_width, drift])
+
+
+def _standardised(rng: np.random.Generator, noise: PixelNoise, shape: tuple[int, int]) -> FloatArray:
+    """Draw standardised errors with the learnt shape and memory: a Gaussian copula of AR(1) noise."""
+    from scipy.special import ndtr
+
+    z = rng.standard_normal(shape)
+    if noise.memory > 0:
+        fresh = math.sqrt(1.0 - noise.memory**2)
+        for j in range(1, shape[1]):
+            z[:, j] = noise.memory * z[:, j - 1] + fresh * z[:, j]
+    if noise.curve.shape is not None:
+        z = noise.curve.shape.quantile(ndtr(z))
+    return np.asarray(z, dtype=np.float64)
+
+
+@jit
+def _gains(block: FloatArray, empty: bool, laws: tuple[Law, Law], beam: Beam, out: FloatArray) -> None:
+    """Fill `out` (pixel,) with gains, nat: of the first surface in empty pixels, else of a second one or a jump."""
+    pixels, frames = block.shape
+    value, time = np.empty(frames), np.empty(frames)
+    work = new_workspace(3, frames, 1)
+    for pixel in range(pixels):
+        n = take_samples(block[pixel].astype(np.float32), value, time)
+        data = Samples(value[:n], time[:n])
+        fill_times(data, work.scratch)
+        start_without_surface(data.value, work.fit, beam)
+        gain, _ = first_surface(data, work, laws[0], beam)
+        if empty:
+            out[pixel] = gain
+        elif gain > 0.0:
+            copy_fit(work.best, work.fit)
+            jump = gain_of_jump(data, work.fit, laws[0], beam, work.scratch)
+            more = try_one_more(data, 1, work, laws[0], beam, LEAST_WORTH)
+            if jump > more:
+                # A jump alone splits no pixel: without drift, a further surface must gain as much too.
+                start_without_surface(data.value, work.fit, beam)
+                first_surface(data, work, laws[1], beam)
+                copy_fit(work.best, work.fit)
+                more = min(jump, try_one_more(data, 1, work, laws[1], beam, LEAST_WORTH))
+            out[pixel] = more

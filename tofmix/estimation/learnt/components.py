@@ -1,0 +1,150 @@
+"""The surfaces of a mixture under the learnt noise, and scratch arrays for its fit.
+
+Both are plain float64 arrays with a row for each quantity, as in `tofmix.estimation.mixture.components`: fits are
+copied, sorted and extrapolated as wholes.
+
+A fit is (ROWS, capacity + 1). Rows MEAN and SIGMA (of the noise curve) are in mm, SUPPORT is a surface's sum of
+responsibilities, in samples, and GAIN the loss of the objective without the surface, nat. From DRIFT on stand `DRIFTS`
+coefficients of a surface's drift, mm. The last column of row WEIGHT is the share of c_0. Row OWN has the numbers of the
+pixel, in the columns LOG_WIDTH and BACKGROUND (its share). Row PLACE has steps of the means, in sigmas; from FIRST,
+SECOND and THIRD on stand the three vectors of an acceleration.
+
+A scratch is (rows, samples): TOTAL is p(r_j), SHARE 1 / p(r_j), TERM and NEW are free for any loop. From TIME on stand
+the polynomials of time, from SCORES on three scores, and from DENSITY on the densities of the surfaces, 1/mm. Then
+follow the density of c_0 (`no_return_row`), -f' of the surfaces (`slope_row`), and the samples less the drift of each
+surface (`still_row`).
+"""
+
+import math
+
+import numpy as np
+
+from tofmix.arrays import FloatArray
+from tofmix.compiled.jit import borrowing, jit
+from tofmix.estimation.beam import NO_RETURN_REACH, Beam
+from tofmix.estimation.noise.kernel import sigma_at
+from tofmix.learnt_noise import DRIFTS
+
+MEAN, SIGMA, WEIGHT, SUPPORT, GAIN, DRIFT = range(6)
+OWN = DRIFT + DRIFTS
+PLACE = OWN + 1
+FIRST = PLACE + 1
+
+VECTOR = 3 + DRIFTS
+"""Rows of a vector: means in sigmas, shares, drifts in sigmas, the pixel's numbers."""
+
+SECOND, THIRD = FIRST + VECTOR, FIRST + 2 * VECTOR
+ROWS = FIRST + 3 * VECTOR
+
+LOG_WIDTH, BACKGROUND = range(2)
+OWN_NUMBERS = 2
+"""Columns of row OWN."""
+
+TOTAL, SHARE, TERM, NEW, TIME = range(5)
+SCORES = TIME + DRIFTS
+DENSITY = SCORES + 3
+
+_LEAST_SHARE = 1.0e-9  # where less share is left, it is rounding: the other shares are not scaled up
+
+
+@jit
+def new_fit(capacity: int) -> FloatArray:
+    """Make room (ROWS, capacity + 1) for `capacity` surfaces and c_0."""
+    return np.zeros((ROWS, max(capacity, OWN_NUMBERS) + 1))
+
+
+@jit
+def new_scratch(capacity: int, samples: int) -> FloatArray:
+    """Make room (rows, samples) for pixels of up to `samples` samples and `capacity` surfaces."""
+    return np.zeros((DENSITY + 3 * max(capacity, OWN_NUMBERS) + 1, samples))
+
+
+@borrowing
+def capacity_of(fit: FloatArray) -> int:
+    """Most surfaces that there is room for."""
+    return len(fit[MEAN]) - 1
+
+
+@borrowing
+def no_return_row(fit: FloatArray) -> int:
+    """Row of the densities of c_0."""
+    return DENSITY + capacity_of(fit)
+
+
+@borrowing
+def slope_row(fit: FloatArray) -> int:
+    """First row of the slopes -f'."""
+    return DENSITY + capacity_of(fit) + 1
+
+
+@borrowing
+def still_row(fit: FloatArray) -> int:
+    """First row of the samples less each surface's drift; filled where the law has a drift."""
+    return DENSITY + 2 * capacity_of(fit) + 1
+
+
+@borrowing
+def copy_fit(source: FloatArray, target: FloatArray) -> None:
+    """Copy the surfaces, c_0 and the numbers of the pixel."""
+    for row in range(OWN + 1):
+        for i in range(len(source[row])):
+            target[row, i] = source[row, i]
+
+
+@borrowing
+def start_without_surface(value: FloatArray, fit: FloatArray, beam: Beam) -> None:
+    """Fill `fit` with background alone, and with c_0 where some of the samples (n,), mm, lie near r_max."""
+    n = len(value)
+    for row in range(ROWS):
+        for i in range(len(fit[row])):
+            fit[row, i] = 0.0
+    near = 0.0
+    if math.isfinite(beam.range_max):
+        for j in range(n):
+            if abs(value[j] - beam.range_max) < NO_RETURN_REACH * beam.sigma_max:
+                near += 1.0
+    share = near / n
+    fit[OWN, BACKGROUND] = 1.0 if near == 0.0 else max(1.0 - share, 1.0 / n)
+    fit[WEIGHT, -1] = 0.0 if near == 0.0 else 1.0 - fit[OWN, BACKGROUND]
+
+
+@borrowing
+def add_surface(k: int, place: float, share: float, fit: FloatArray, beam: Beam) -> int:
+    """Add a surface at `place`, mm, with this share; scale the shares of all else down. Return k + 1."""
+    for i in range(k):
+        fit[WEIGHT, i] *= 1.0 - share
+    fit[WEIGHT, -1] *= 1.0 - share
+    fit[OWN, BACKGROUND] *= 1.0 - share
+    fit[MEAN, k], fit[WEIGHT, k] = place, share
+    for d in range(DRIFTS):
+        fit[DRIFT + d, k] = 0.0
+    fit[SIGMA, k] = sigma_at(place, beam.curve_range, beam.curve_sigma)
+    return k + 1
+
+
+@borrowing
+def clear_width_and_drift(fit: FloatArray) -> None:
+    """Give the pixel the common width, and its surfaces no drift."""
+    fit[OWN, LOG_WIDTH] = 0.0
+    for d in range(DRIFTS):
+        for i in range(len(fit[DRIFT])):
+            fit[DRIFT + d, i] = 0.0
+
+
+@borrowing
+def remove_surface(k: int, index: int, fit: FloatArray) -> int:
+    """Close the gap that surface `index` leaves; divide its share among all else. Return k - 1."""
+    weight = fit[WEIGHT, index]
+    for row in range(OWN):
+        for i in range(index, k - 1):
+            fit[row, i] = fit[row, i + 1]
+    left = 1.0 - weight
+    if k == 1 and fit[WEIGHT, -1] == 0.0:
+        fit[OWN, BACKGROUND] = 1.0
+        clear_width_and_drift(fit)
+    elif left > _LEAST_SHARE:
+        for i in range(k - 1):
+            fit[WEIGHT, i] /= left
+        fit[WEIGHT, -1] /= left
+        fit[OWN, BACKGROUND] /= left
+    return k - 1

@@ -1,0 +1,88 @@
+"""Cross-validation: the pixels of a fold teach a model of the noise, and others judge it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from tofmix.arrays import FloatArray
+from tofmix.estimation.beam import Beam, beam_of
+from tofmix.estimation.learnt.clusters import ClusterFits, Clusters, find_clusters, fit_clusters
+from tofmix.estimation.learnt.held_out import flat_thresholds, held_out_scores
+from tofmix.estimation.learnt.model import PixelNoise
+from tofmix.estimation.learnt.shares import PixelWidths, background_shares, pixel_widths
+from tofmix.estimation.learnt.training_pixels import MANY_PIXELS, Pixels
+from tofmix.estimation.noise.pixel_noise import pixel_curves
+from tofmix.sensor import Sensor
+
+MAX_LAYERS = 4
+"""Most surfaces of a pixel while the noise is learnt."""
+
+MOST_COUNTED = 600
+"""Most pixels whose surfaces are counted, to measure backgrounds or widths."""
+
+_FOLDS = 3  # two thirds of the pixels teach, one third judges
+_SEED = 20080922  # of the split into folds, so that the same recording gives the same noise
+_WEAK_PRIOR = (0.5, 5.0)  # pseudo-counts of background and of the rest, for a cluster under noise without background
+
+
+class Fold:
+    """Pixels that teach, other pixels that judge, and their camera.
+
+    Parameters
+    ----------
+    training : Pixels
+        Pixels that models are learnt from.
+    held_out : Pixels
+        Pixels that models are judged by; none, where all pixels teach.
+    sensor : Sensor
+        The camera; its noise is not used.
+    """
+
+    def __init__(self, training: Pixels, held_out: Pixels, sensor: Sensor) -> None:
+        self.training, self.held_out, self._sensor = training, held_out, sensor
+
+    def _beam(self, noise: PixelNoise, pixels: Pixels) -> Beam:
+        beam = beam_of(replace(self._sensor, noise=noise.curve))
+        if noise.curve.law is not None and pixels.amplitude is not None and len(pixels.samples):
+            beam = beam._replace(pixel_curves=pixel_curves(pixels.samples.T, pixels.amplitude.T, noise.curve))
+        return beam
+
+    def scores(self, noise: PixelNoise) -> FloatArray:
+        """Log likelihood (pixel,) of the held-out pixels, nat, by `held_out_scores`."""
+        beam = self._beam(noise, self.held_out)
+        thresholds = flat_thresholds(always_one=noise.background is None)
+        found, _ = held_out_scores(self.held_out.samples, noise.laws(), beam, thresholds, MAX_LAYERS)
+        return found
+
+    def clusters(self, noise: PixelNoise) -> Clusters:
+        """Isolated clusters of the training pixels."""
+        return find_clusters(self.training.samples, self._beam(noise, self.training))
+
+    def fits(self, noise: PixelNoise, clusters: Clusters, *, second: bool = False) -> ClusterFits:
+        """One surface fitted to each cluster; with `second`, also the gain of a second one."""
+        free = replace(noise, background=noise.background or _WEAK_PRIOR)
+        return fit_clusters(self.training.samples, clusters, free.laws()[0], self._beam(noise, self.training), second)
+
+    def widths(self, noise: PixelNoise, free: PixelNoise) -> PixelWidths:
+        """Widths of some training pixels under `free`, of the surfaces that are counted under `noise`."""
+        pixels = self.training.some(MOST_COUNTED)
+        beam = self._beam(noise, pixels)
+        return pixel_widths(pixels.samples, noise.laws(), free.laws()[0], beam, flat_thresholds(), MAX_LAYERS)
+
+    def background_shares(self, noise: PixelNoise) -> tuple[FloatArray, FloatArray]:
+        """Share of background and number of samples (pixel,) of some training pixels."""
+        pixels = self.training.some(MOST_COUNTED)
+        return background_shares(pixels.samples, noise.laws(), self._beam(noise, pixels), flat_thresholds(), MAX_LAYERS)
+
+
+def folds_of(pixels: Pixels, sensor: Sensor) -> list[Fold]:
+    """Split pixels into thirds: one third judges; where pixels are few, each third in turn."""
+    count = len(pixels.samples)
+    part = np.random.default_rng(_SEED).permutation(count) % _FOLDS  # neighbours are alike: no fold has them all
+    turns = range(_FOLDS) if count < MANY_PIXELS else [_FOLDS - 1]
+    return [Fold(pixels.chosen(part != turn), pixels.chosen(part == turn), sensor) for turn in turns]
+
+
+def whole_fold(pixels: Pixels, sensor: Sensor) -> Fold:
+    """Make a fold in which all pixels teach and none judges."""
+    return Fold(pixels, pixels.chosen(np.zeros(len(pixels.samples), dtype=np.bool_)), sensor)

@@ -1,0 +1,256 @@
+"""The parts of the noise beyond sigma(r): background, drift, widths and shape, each learnt under the others.
+
+A part is learnt from isolated clusters (`clusters`), the background from a count (`shares`). The variance that samples
+alone give to fitted widths, drifts and shares is subtracted. `selection` decides which parts are used.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from tofmix.arrays import BoolArray, FloatArray
+from tofmix.estimation.learnt.clusters import Clusters
+from tofmix.estimation.learnt.folds import Fold
+from tofmix.estimation.learnt.held_out import LEAST_GAIN
+from tofmix.estimation.learnt.law import MOST_LOG_WIDTH, SCALE_OF_SPREAD, TAIL_DEGREES
+from tofmix.estimation.learnt.model import PixelNoise
+from tofmix.estimation.learnt.shape_fit import fit_shape, histogram
+from tofmix.estimation.learnt.sigma_curve import FREE_WIDTH, LEAST_CLUSTERS, ROUNDS, variance_left, with_sigma
+from tofmix.learnt_noise import DRIFTS
+
+PARTS = ("background", "drift", "widths", "shape")
+"""Names of the parts."""
+
+_FREE_DRIFT_SIGMAS = 3.0
+"""Scale of the drift, in sigmas, while drifts are measured: this prior leaves each drift to its samples."""
+
+FIRST_PRIOR = (0.5, 2.0)
+"""Pseudo-counts of background and of the rest, before shares are known."""
+
+_UPPER_QUARTILE = 1.1503
+"""Upper quartile of |z| of a standard Gaussian: its quantile at 7/8."""
+
+_LEAST_DRIFT_SIGMAS = 0.02
+"""A drift of a smaller scale, in sigmas, counts as none: it changes no count."""
+
+_WIDTH_SCALES = np.geomspace(0.02, 1.0, 30)
+"""Scales of log width that are tried."""
+
+_LEAST_LIKELIHOOD = 1e-12  # before its logarithm is taken
+
+
+def with_part(fold: Fold, noise: PixelNoise, part: str) -> PixelNoise | None:
+    """Learn one part under `noise`, from the training pixels of a fold, and sigma(r) again.
+
+    Parameters
+    ----------
+    fold : Fold
+        Pixels that teach.
+    noise : PixelNoise
+        The noise with its other parts.
+    part : str
+        One of `PARTS`.
+
+    Returns
+    -------
+    PixelNoise or None
+        None where there are too few clusters, or the samples alone explain the spread.
+    """
+    if part == "background":
+        return _with_background(fold, noise)
+    clusters = fold.clusters(noise)
+    if len(clusters.pixel) < LEAST_CLUSTERS:
+        return None
+    single = single_surfaces(fold, noise, clusters)
+    if len(single.pixel) < LEAST_CLUSTERS:
+        return None
+    learnt = {"drift": _with_drift, "widths": _with_widths, "shape": _with_shape}[part]
+    trial = learnt(fold, noise, single)
+    if trial is not None and part != "drift":  # without the part, pixels that need it most pass for two surfaces
+        trial = learnt(fold, trial, single_surfaces(fold, with_sigma(fold, trial), clusters))
+    return None if trial is None else with_sigma(fold, trial)
+
+
+def without_part(noise: PixelNoise, part: str) -> PixelNoise:
+    """Return the noise without one of `PARTS`; all else is kept as it is."""
+    if part == "background":
+        return replace(noise, background=None)
+    if part == "drift":
+        return replace(noise, drift_mm=np.zeros(DRIFTS))
+    if part == "widths":
+        return replace(noise, curve=replace(noise.curve, width_spread=0.0))
+    return replace(noise, curve=replace(noise.curve, shape=None))
+
+
+def _chosen(clusters: Clusters, which: BoolArray) -> Clusters:
+    return Clusters(clusters.pixel[which], clusters.low[which], clusters.high[which])
+
+
+def single_surfaces(fold: Fold, noise: PixelNoise, clusters: Clusters) -> Clusters:
+    """Clusters in which a second surface gains less than `LEAST_GAIN`; all clusters where it gains more in most."""
+    fits = fold.fits(noise, clusters, second=True)
+    single = fits.gain < LEAST_GAIN
+    # A wrong shape splits most clusters: then a split shows the shape, and not a second surface.
+    return _chosen(clusters, single) if 2 * single.sum() > len(single) else clusters
+
+
+def _with_drift(fold: Fold, noise: PixelNoise, clusters: Clusters) -> PixelNoise | None:
+    """Measure the scale of each polynomial of the drift, beyond the variance that samples give to fitted drifts."""
+    sigma = float(np.median(noise.curve.sigma_mm))
+    free = replace(noise, drift_mm=np.full(DRIFTS, _FREE_DRIFT_SIGMAS * sigma))
+    fits = fold.fits(free, clusters)
+    width = np.exp(fits.log_width) * fits.sigma
+    information = noise.laws()[0].information
+    scales = np.zeros(DRIFTS)
+    for d in range(DRIFTS):
+        variance = (2.0 * d + 3.0) * width**2 / (information * np.maximum(fits.support, 1.0))
+        square = np.quantile(np.abs(fits.drift[:, d]), 0.75) ** 2 / _UPPER_QUARTILE**2
+        # By the quartile of all drifts, or, where few pixels drift far, by a part of their mean square.
+        scales[d] = math.sqrt(
+            max(
+                float(square - np.median(variance)),
+                float(np.mean(np.clip(fits.drift[:, d] ** 2 - variance, 0.0, 9.0 * max(square, 1e-12)))) * 0.25,
+                0.0,
+            )
+        )
+    scales[scales < _LEAST_DRIFT_SIGMAS * sigma] = 0.0
+    return replace(noise, drift_mm=scales)
+
+
+def _with_widths(fold: Fold, noise: PixelNoise, clusters: Clusters) -> PixelNoise | None:
+    """Measure the spread of log width, beyond the variance that samples give to fitted widths."""
+    fits = fold.fits(replace(noise, curve=replace(noise.curve, width_spread=FREE_WIDTH)), clusters)
+    variance = 1.0 / (noise.laws()[0].width_information * np.maximum(fits.support, 1.0))
+    scale = width_scale(fits.log_width - float(np.median(fits.log_width)), np.asarray(variance))
+    if scale is None:
+        return None
+    return replace(noise, curve=replace(noise.curve, width_spread=scale / SCALE_OF_SPREAD))
+
+
+def width_scale(log_width: FloatArray, variance: FloatArray) -> float | None:
+    """Scale of the Student t density of log width, by maximum likelihood over `_WIDTH_SCALES`.
+
+    Parameters
+    ----------
+    log_width : (n,) float64
+        Fitted log widths, less their median.
+    variance : (n,) float64
+        Variance of each fitted log width around the true one.
+
+    Returns
+    -------
+    float or None
+        None where equal widths are as likely.
+    """
+    at = np.linspace(-MOST_LOG_WIDTH, MOST_LOG_WIDTH, 601)
+    seen = np.exp(-0.5 * (log_width[:, None] - at) ** 2 / variance[:, None]) / np.sqrt(variance[:, None])
+    alike = np.exp(-0.5 * log_width**2 / variance) / np.sqrt(variance)
+    best, chosen = float(np.log(np.maximum(alike, _LEAST_LIKELIHOOD)).sum()), None
+    for scale in _WIDTH_SCALES:
+        prior = (1.0 + (at / scale) ** 2 / TAIL_DEGREES) ** (-0.5 * (TAIL_DEGREES + 1.0))
+        found = float(np.log(np.maximum(seen @ (prior / prior.sum()), _LEAST_LIKELIHOOD)).sum())
+        if found > best:
+            best, chosen = found, float(scale)
+    return chosen
+
+
+def shrunken_effects(fold: Fold, noise: PixelNoise) -> FloatArray:
+    """Log width and drift, mm, of each cluster of one surface (cluster, 1 + DRIFTS), shrunken to their true spread.
+
+    The priors of log width and drift have longer tails than the pixels, and the gains that noise reaches once in 1000
+    come from the tails. So `bootstrap` draws from these values, and not from the priors.
+    """
+    clusters = fold.clusters(noise)
+    if len(clusters.pixel):
+        clusters = single_surfaces(fold, noise, clusters)
+    out = np.zeros((len(clusters.pixel), 1 + DRIFTS))
+    wide, moves = noise.curve.width_spread > 0.0, noise.drift_mm > 0.0
+    if not len(out) or not (wide or moves.any()):
+        return out
+    sigma = float(np.median(noise.curve.sigma_mm))
+    free = replace(noise, drift_mm=np.where(moves, _FREE_DRIFT_SIGMAS * sigma, 0.0))
+    if wide:
+        free = replace(free, curve=replace(free.curve, width_spread=FREE_WIDTH))
+    fits, law = fold.fits(free, clusters), noise.laws()[0]
+    support = np.maximum(fits.support, 1.0)
+    slow = (1.0 + noise.memory) / (1.0 - noise.memory)
+    if wide:
+        variance = (1.0 + noise.memory**2) / (1.0 - noise.memory**2) / (law.width_information * support)
+        out[:, 0] = shrunken(fits.log_width - float(np.median(fits.log_width)), variance)
+    width = np.exp(fits.log_width) * fits.sigma
+    for d in np.flatnonzero(moves):
+        variance = slow * (2.0 * d + 3.0) * width**2 / (law.information * support)
+        out[:, 1 + d] = shrunken(fits.drift[:, d], variance)
+    return out
+
+
+def shrunken(value: FloatArray, variance: FloatArray) -> FloatArray:
+    """Shrink values about 0 towards 0, so that their mean square is that of the true values.
+
+    Parameters
+    ----------
+    value : (n,) float64
+        Fitted values.
+    variance : (n,) float64
+        Variance of each fitted value around the true one.
+
+    Returns
+    -------
+    (n,) float64
+        The factor is the square root of the usual one: shrunken best estimates would spread less than the true values.
+
+    References
+    ----------
+    Louis, Journal of the American Statistical Association 79(386), 1984, pages 393 to 398: constrained estimates.
+    """
+    square = max(float(np.mean(value**2 - variance)), 0.0)
+    return value * np.sqrt(square / np.maximum(square + variance, 1e-300))
+
+
+def _with_shape(fold: Fold, noise: PixelNoise, clusters: Clusters) -> PixelNoise | None:
+    """Learn the shape from the errors of clusters, in two folds of pixels.
+
+    Surfaces are located once, under the shape so far. Located again under each new shape, errors would gather where
+    this shape is high by chance, and the shape would become steeper than the true one from round to round.
+    """
+    fits = fold.fits(noise, clusters)
+    taken = 1.0 + np.count_nonzero(noise.drift_mm)
+    stretch = 1.0 / np.sqrt(variance_left(taken, fits.support))
+    error = fits.error * stretch[:, None]
+    even = clusters.pixel % 2 == 0
+    shape = fit_shape((histogram(error[even]), histogram(error[~even])))
+    return None if shape is None else replace(noise, curve=replace(noise.curve, shape=shape))
+
+
+def _with_background(fold: Fold, noise: PixelNoise) -> PixelNoise:
+    """Learn the prior of the pixels' shares of background: a Beta density with the moments of these shares."""
+    prior = noise.background or FIRST_PRIOR
+    for _ in range(ROUNDS):
+        prior = beta_prior(*fold.background_shares(replace(noise, background=prior)))
+    return replace(noise, background=prior)
+
+
+def beta_prior(share: FloatArray, n: FloatArray) -> tuple[float, float]:
+    """Pseudo-counts of background and of the rest: a Beta density with the moments of the true shares.
+
+    Parameters
+    ----------
+    share : (pixel,) float64
+        Share of background of each pixel.
+    n : (pixel,) float64
+        Samples of each pixel: the binomial variance is subtracted. Pixels with n = 0 are left out.
+
+    Returns
+    -------
+    (float, float)
+        `FIRST_PRIOR` where no pixel is left.
+    """
+    share, n = share[n > 0], n[n > 0]
+    if share.size == 0:
+        return FIRST_PRIOR
+    mean = min(max(float(share.mean()), 1e-4), 0.99)
+    binomial = float(np.mean(mean * (1.0 - mean) / n))
+    square = max(float(share.var()) - binomial, 1e-4 * mean * (1.0 - mean))
+    together = min(max(mean * (1.0 - mean) / square - 1.0, 0.5), 50.0)
+    return mean * together, (1.0 - mean) * together

@@ -1,0 +1,47 @@
+"""The samples of one pixel, ascending, with their times within the window."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tofmix.arrays import Float32Array, FloatArray
+from tofmix.compiled.jit import borrowing, jit
+from tofmix.estimation.learnt.components import TIME
+from tofmix.estimation.samples import FARTHEST_MM
+
+LEAST_SAMPLES = 4
+"""Least samples of a pixel that noise is learnt from: fewer determine no fit."""
+
+
+class Samples(NamedTuple):
+    """Samples of a pixel: `value` (n,) ascending, mm, and `time` (n,) of each, -1 to 1 over the window."""
+
+    value: FloatArray
+    time: FloatArray
+
+
+@jit
+def take_samples(samples: Float32Array, value: FloatArray, time: FloatArray) -> int:
+    """Fill `value` (frame,) with the valid samples of a pixel (frame,), ascending, mm, and `time` with their times.
+
+    Return their number. Time runs from -1 at the first frame to 1 at the last.
+    """
+    frames, n = len(samples), 0
+    half = 0.5 * (frames - 1) if frames > 1 else 1.0
+    order = np.argsort(samples, kind="mergesort")  # stable: equal samples stay in the order of frames; NaN last
+    for frame in order:
+        x = samples[frame]
+        if abs(x) <= FARTHEST_MM:  # false for NaN
+            value[n], time[n] = x, frame / half - 1.0
+            n += 1
+    return n
+
+
+@borrowing
+def fill_times(data: Samples, scratch: FloatArray) -> None:
+    """Fill the rows from TIME on with the Legendre polynomials of time, of the degrees 1 to 3."""
+    for j in range(len(data.value)):
+        t = data.time[j]
+        scratch[TIME, j] = t
+        scratch[TIME + 1, j] = 1.5 * t * t - 0.5
+        scratch[TIME + 2, j] = (2.5 * t * t - 1.5) * t

@@ -1,0 +1,159 @@
+"""sigma(r) from pixels: first curves to start from, and a curve measured anew under a noise model."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tofmix.arrays import Float32Array, FloatArray
+from tofmix.compiled.robust import MAD_TO_SIGMA
+from tofmix.estimation.learnt.folds import Fold
+from tofmix.estimation.learnt.model import PixelNoise
+from tofmix.estimation.learnt.pair_differences import sigma_from_differences
+from tofmix.estimation.learnt.training_pixels import medians
+from tofmix.sensor import NoiseCurve, Sensor
+
+LEAST_CLUSTERS = 12
+"""Least clusters that a part, or a curve, is learnt from."""
+
+LEAST_CLUSTERS_A_PIXEL = 0.05
+"""Least clusters a pixel that sigma(r) is measured with: fewer may be isolated by chance."""
+
+SCALES = (1.0, 0.5, 0.25, 0.125)
+"""Factors on the sigma of the differences: where surfaces lie close in every pixel, this sigma is too large."""
+
+ROUNDS = 3
+"""Rounds of measuring under the last noise."""
+
+FREE_WIDTH = 0.6
+"""Spread of log width while widths are measured: this prior leaves each width to its samples."""
+
+_EQUAL_FACTOR = 1.02
+"""Curves within this factor count as equal: no count differs by it."""
+
+_DIFFERENT_FACTOR = 1.1
+"""Curves to start from differ by more than this factor."""
+
+_CONVERGED = 0.01
+"""Change of log sigma that ends the rounds: samples determine sigma less exactly."""
+
+_LEAST_IN_BIN, _WIDEST_BIN = 20, 0.12  # clusters in a bin of range, and its greatest width by its range
+_LEAST_VARIANCE_LEFT = 0.1  # see `variance_left`
+
+
+def first_curves(samples: Float32Array, start: NoiseCurve | None) -> list[NoiseCurve]:
+    """Return curves to start from: `start`, that of the differences of samples, and smaller ones.
+
+    Parameters
+    ----------
+    samples : (pixel, frame) float32
+        Samples, mm, NaN where invalid.
+    start : NoiseCurve or None
+        A curve measured in another way.
+
+    Returns
+    -------
+    list of NoiseCurve
+        Empty if no two samples of a pixel differ.
+    """
+    curves = [] if start is None else [start]
+    found = sigma_from_differences(samples)
+    if found is not None:
+        ranges, sigmas = found
+    else:
+        seen = samples[np.isfinite(samples).sum(axis=1) > 1]
+        if len(seen) == 0:
+            return curves
+        away = np.abs(seen - medians(seen)[:, None])
+        spread = MAD_TO_SIGMA * float(np.median(medians(away)))
+        if not spread > 0:
+            return curves
+        ranges, sigmas = np.array([float(np.median(medians(seen)))]), np.array([spread])
+    for scale in SCALES:
+        curve = NoiseCurve(ranges, sigmas * scale)
+        if all(abs(math.log(typical_ratio(curve, other))) > math.log(_DIFFERENT_FACTOR) for other in curves):
+            curves.append(curve)
+    return curves
+
+
+def different_starts(
+    folds: Sequence[Fold], curves: Sequence[NoiseCurve], sensor: Sensor
+) -> Iterator[tuple[NoiseCurve, list[PixelNoise]]]:
+    """Yield each curve with the Gaussian noise that each fold measures from it, unless a curve before gave the same."""
+    known: list[list[PixelNoise]] = []
+    for curve in curves:
+        first = PixelNoise.gaussian(curve, sensor.outlier_probability)
+        noises = [with_sigma(fold, first) for fold in folds]
+        if not any(all(map(_nearly_equal, noises, others)) for others in known):
+            known.append(noises)
+            yield curve, noises
+
+
+def _nearly_equal(one: PixelNoise, other: PixelNoise) -> bool:
+    """Whether two curves have about the same sigma at all ranges of the first one."""
+    return bool(
+        np.all(np.abs(np.log(one.curve.sigma_mm / other.curve.sigma(one.curve.range_mm))) < math.log(_EQUAL_FACTOR))
+    )
+
+
+def typical_ratio(one: NoiseCurve, other: NoiseCurve) -> float:
+    """Median ratio of two curves, in the logarithm, at the ranges of the first one."""
+    return float(np.exp(np.median(np.log(one.sigma_mm / other.sigma(one.range_mm)))))
+
+
+def with_sigma(fold: Fold, noise: PixelNoise) -> PixelNoise:
+    """Measure sigma(r) anew: the median width of the clusters near each range, or of pixels where clusters are rare."""
+    for _ in range(ROUNDS):
+        free = replace(noise, curve=replace(noise.curve, width_spread=FREE_WIDTH))
+        clusters = fold.clusters(noise)
+        if len(clusters.pixel) >= max(LEAST_CLUSTERS, LEAST_CLUSTERS_A_PIXEL * len(fold.training.samples)):
+            fits = fold.fits(free, clusters)
+            place, wide = fits.place, fits.log_width + _log_bias(noise, fits.support, 1.0)
+        else:
+            pixels = fold.widths(noise, free)
+            if len(pixels.place) < LEAST_CLUSTERS:
+                return noise
+            place, wide = pixels.place, pixels.log_width + _log_bias(noise, pixels.support, pixels.surfaces)
+        curve = _curve_through(place, wide, noise.curve)
+        change = abs(math.log(typical_ratio(curve, noise.curve)))
+        noise = replace(noise, curve=curve)
+        if change < _CONVERGED:
+            break
+    return noise
+
+
+def _log_bias(noise: PixelNoise, support: FloatArray, surfaces: FloatArray | float) -> FloatArray:
+    """Log factor that fitted widths lack, because fitted means and drifts remove a part of the spread.
+
+    With memory rho this part is larger: slow errors have (1 + rho) / (1 - rho) times the variance of all errors.
+    """
+    taken = surfaces * (1.0 + np.count_nonzero(noise.drift_mm)) * (1.0 + noise.memory) / (1.0 - noise.memory)
+    return np.asarray(-0.5 * np.log(variance_left(taken, support)))
+
+
+def variance_left(taken: FloatArray | float, support: FloatArray) -> FloatArray:
+    """Part of the errors' variance that fits of `taken` parameters to `support` (n,) samples leave: 1 - taken / n."""
+    return np.asarray(np.maximum(1.0 - taken / np.maximum(support, taken + 2.0), _LEAST_VARIANCE_LEFT))
+
+
+def _curve_through(at_mm: FloatArray, log_width: FloatArray, curve: NoiseCurve) -> NoiseCurve:
+    """Curve through the median widths of bins of range; log widths (n,) are relative to `curve` at `at_mm` (n,)."""
+    order = np.argsort(at_mm, kind="stable")
+    place = at_mm[order]
+    wide = log_width[order] + np.log(curve.sigma(place))
+    ranges, sigmas, first = [], [], 0
+    while first < len(place):
+        stop = max(
+            first + _LEAST_IN_BIN, int(np.searchsorted(place, place[first] * (1.0 + _WIDEST_BIN) + 1e-9, side="right"))
+        )
+        if len(place) - stop < _LEAST_IN_BIN // 2:
+            stop = len(place)
+        ranges.append(float(np.median(place[first:stop])))
+        sigmas.append(float(np.exp(np.median(wide[first:stop]))))
+        first = stop
+    at, where = np.unique(np.round(np.array(ranges), 3), return_index=True)
+    law = curve.law
+    if law is not None:
+        law = replace(law, reference=np.interp(at, curve.range_mm, law.reference))
+    return replace(curve, range_mm=at, sigma_mm=np.array(sigmas)[where], law=law)
