@@ -7,8 +7,10 @@ and of the samples, where it has none. Prints Markdown tables, or JSON with `--j
 
 - real: recordings of four sensors. `clusters.py` says which pixels see one surface and which see two, without calling
   the package; some columns leave out pixels beside a faint further cluster. `sigma` is the learnt sigma over half the
-  width of the central 68 % of single pixels, drift removed: the median over them. A TMF8829 recording is part of the
-  project; the others are read from `--data`, and skipped with a line on stderr where they are not there.
+  width of the central 68 % of single pixels, drift removed: the median over them. A second table says where the further
+  layers of single pixels stand (`further_layers.py`), and how double pixels fare whose clusters are as narrow as those
+  of single ones. A TMF8829 recording is part of the project; the others are read from `--data`, and skipped with a line
+  on stderr where they are not there.
 - spliced: recordings of single real pixels, of which 15 % were joined from two at a known distance.
 - simulated: one surface a pixel and noise that is skewed, long-tailed, of different widths, drifting or on background,
   `--pixels` a cell in images of 25,000; and three surfaces in every pixel.
@@ -26,11 +28,13 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from benchmarks.clusters import Judged, Kind, half_width, half_width_without_drift
+from benchmarks.further_layers import further_layers
 from benchmarks.real_recordings import FOLDER, LOADERS, PROJECT, RealRecording, SinglePixels, real_recordings
 from benchmarks.simulated_noise import (
     CAMERA,
@@ -67,6 +71,9 @@ IMAGE_COLS, IMAGE_PIXELS = 250, 25_000
 ENOUGH = 15
 """Samples that a surface must have for it to be found without fail."""
 
+WIDEST = 0.99
+"""Double pixels are narrow if no cluster is wider than this share of single pixels has it."""
+
 THREE_FRAMES = (100, 300)
 THREE_DISTANCES = (4.0, 12.0)
 FULL_IMAGE = (144, 176)
@@ -84,6 +91,8 @@ class Outcome:
     ----------
     layers : (pixel,) int64 or None
         Layers of each pixel; None where the recording was refused.
+    range_mm, weight : (pixel, layer) float64 or None
+        The layers, NaN past the last.
     curve : NoiseCurve or None
         The noise that was used.
     said : list of str
@@ -91,6 +100,8 @@ class Outcome:
     """
 
     layers: IntArray | None = None
+    range_mm: FloatArray | None = None
+    weight: FloatArray | None = None
     curve: NoiseCurve | None = None
     said: list[str] = field(default_factory=list)
 
@@ -104,7 +115,9 @@ def estimated(recording: Recording, workers: int, noise: str | NoiseCurve | None
         except TofmixError as error:
             return Outcome(said=[str(error)])
     said = [str(warning.message) for warning in caught]
-    return Outcome(layers=result.n_modes.ravel().astype(np.int64), curve=result.sensor.noise, said=said)
+    layers = result.n_modes.ravel().astype(np.int64)
+    range_mm, weight = (x.reshape(layers.size, -1).astype(np.float64) for x in (result.range, result.weight))
+    return Outcome(layers=layers, range_mm=range_mm, weight=weight, curve=result.sensor.noise, said=said)
 
 
 def percent(part: IntArray | np.ndarray[Any, np.dtype[np.bool_]]) -> float | None:
@@ -140,30 +153,50 @@ def sigma_ratio(real: RealRecording, judged: Judged, curve: NoiseCurve | None) -
     return float(np.median(sigma / np.maximum(own, 1e-9)))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimated:
+    """A real recording, what the rule says of its pixels, and what an estimate finds."""
+
+    real: RealRecording
+    judged: Judged
+    noise: str | None
+    found: Outcome
+
+
+@cache
+def real_estimates(folder: Path, names: tuple[str, ...], workers: int) -> list[Estimated]:
+    """Estimate the real recordings, once for all tables: by default, and with learnt noise beside a file's curve."""
+    out = []
+    for real in real_recordings(folder, names, _skip):
+        judged = real.judged()
+        for noise in (None, "auto") if real.recording.sensor.noise is not None else (None,):
+            found = estimated(real.recording, workers, noise)
+            out.append(Estimated(real=real, judged=judged, noise=noise, found=found))
+    return out
+
+
 def run_real(chosen: argparse.Namespace) -> Iterator[Row]:
     """Rows of the table of real recordings."""
-    for real in real_recordings(chosen.data, tuple(chosen.only or LOADERS), _skip):
-        judged = real.judged()
+    for one in real_estimates(chosen.data, tuple(chosen.only or LOADERS), chosen.workers):
+        real, judged, found, noise = one.real, one.judged, one.found, one.noise
         single, double = judged.pixels(Kind.SINGLE), judged.pixels(Kind.DOUBLE)
-        for noise in (None, "auto") if real.recording.sensor.noise is not None else (None,):
-            found = estimated(real.recording, chosen.workers, noise)
-            row: Row = {
-                "recording": real.name, "noise": noise or "default", "single": single.size, "double": double.size,
-                "undecided": len(judged.kind) - single.size - double.size, "half-width, mm": judged.half_width_mm,
-                "single: aim": 100.0 * real.most_split, "double: aim": 100.0 * (real.least_double or 0.0) or None,
-                "sigma": sigma_ratio(real, judged, found.curve), "said": found.said,
-            }  # fmt: skip
-            if found.layers is not None:
-                row["single: more than one"] = percent(found.layers[single] > 1)
-                clear, pair = judged.clear(Kind.SINGLE), judged.clear(Kind.DOUBLE)
-                row["clear single"], row["clear double"] = clear.size, pair.size
-                row["clear single: more than one"] = percent(found.layers[clear] > 1)
-                row["clear double: two"] = percent(found.layers[pair] == 2)
-                row["single: none"] = percent(found.layers[single] == 0)
-                row["double: two"] = percent(found.layers[double] == 2)
-                row["double: one"] = percent(found.layers[double] == 1)
-                row["double: other"] = percent((found.layers[double] == 0) | (found.layers[double] > 2))
-            yield row
+        row: Row = {
+            "recording": real.name, "noise": noise or "default", "single": single.size, "double": double.size,
+            "undecided": len(judged.kind) - single.size - double.size, "half-width, mm": judged.half_width_mm,
+            "single: aim": 100.0 * real.most_split, "double: aim": 100.0 * (real.least_double or 0.0) or None,
+            "sigma": sigma_ratio(real, judged, found.curve), "said": found.said,
+        }  # fmt: skip
+        if found.layers is not None:
+            row["single: more than one"] = percent(found.layers[single] > 1)
+            clear, pair = judged.clear(Kind.SINGLE), judged.clear(Kind.DOUBLE)
+            row["clear single"], row["clear double"] = clear.size, pair.size
+            row["clear single: more than one"] = percent(found.layers[clear] > 1)
+            row["clear double: two"] = percent(found.layers[pair] == 2)
+            row["single: none"] = percent(found.layers[single] == 0)
+            row["double: two"] = percent(found.layers[double] == 2)
+            row["double: one"] = percent(found.layers[double] == 1)
+            row["double: other"] = percent((found.layers[double] == 0) | (found.layers[double] > 2))
+        yield row
 
 
 REAL: Columns = {
@@ -203,6 +236,47 @@ def run_spliced(chosen: argparse.Namespace) -> Iterator[Row]:
                 row["lost"] = percent(found.layers[single] == 0)
                 row["sigma"] = float(found.curve.sigma(float(np.median(pool.centre_mm)))) / sigma_mm
             yield row
+
+
+def run_further(chosen: argparse.Namespace) -> Iterator[Row]:
+    """Rows of the table of further layers in single pixels, and of narrow double pixels."""
+    for one in real_estimates(chosen.data, tuple(chosen.only or LOADERS), chosen.workers):
+        judged, found, sensor = one.judged, one.found, one.real.recording.sensor
+        if found.layers is None or found.range_mm is None or found.weight is None:
+            continue
+        samples = one.real.samples()
+        low, high = float(np.nanmin(samples)), float(np.nanmax(samples))
+        if sensor.range_min_mm is not None and sensor.range_max_mm is not None:
+            low, high = sensor.range_min_mm, sensor.range_max_mm
+        _, rows, cols = one.real.recording.range_mm.shape
+        groups = further_layers(judged, (rows, cols), found.range_mm, found.weight, low_mm=low, high_mm=high)
+        widest = np.quantile(widest_mm(judged, judged.pixels(Kind.SINGLE)), WIDEST)
+        double = judged.pixels(Kind.DOUBLE)
+        narrow = double[widest_mm(judged, double) <= widest]
+        yield {
+            "recording": one.real.name, "noise": one.noise or "default", "beside": groups.beside,
+            "around": groups.around, "around by chance": 100.0 * groups.around_by_chance, "scene": groups.scene,
+            "scene by chance": 100.0 * groups.scene_by_chance, "elsewhere": groups.elsewhere,
+            "pixels elsewhere": 100.0 * groups.pixels_elsewhere, "narrow": narrow.size,
+            "narrow: two": percent(found.layers[narrow] == 2), "narrow: one": percent(found.layers[narrow] == 1),
+            "wide": double.size - narrow.size,
+            "wide: two": percent(found.layers[np.setdiff1d(double, narrow)] == 2),
+        }  # fmt: skip
+
+
+def widest_mm(judged: Judged, pixels: IntArray) -> FloatArray:
+    """Half-width of the widest cluster of each of these pixels, mm."""
+    return np.array([max(cluster.half_width_mm for cluster in judged.clusters[pixel]) for pixel in pixels])
+
+
+FURTHER: Columns = {
+    "recording": "recording", "noise": "noise", "further layers of single pixels: beside the first": "beside",
+    "at a surface of pixels around": "around", "by chance, %": "around by chance",
+    "at another surface of the scene": "scene", "by chance, % ": "scene by chance", "elsewhere": "elsewhere",
+    "single pixels with one elsewhere, %": "pixels elsewhere",
+    "double, clusters as narrow as of 99 % of the single": "narrow", "of these two, %": "narrow: two",
+    "one, %": "narrow: one", "double, wider": "wide", "of these two, % ": "wide: two",
+}  # fmt: skip
 
 
 SPLICED: Columns = {
@@ -396,7 +470,10 @@ SPEED: Columns = {
 }  # fmt: skip
 
 PARTS: dict[str, list[tuple[str, Callable[[argparse.Namespace], Iterator[Row]], Columns]]] = {
-    "real": [("Real recordings: layers in pixels that visibly see one surface, and two", run_real, REAL)],
+    "real": [
+        ("Real recordings: layers in pixels that visibly see one surface, and two", run_real, REAL),
+        ("Further layers of single pixels, and double pixels by the width of their clusters", run_further, FURTHER),
+    ],
     "spliced": [("Single real pixels, 15 % of them joined from two", run_spliced, SPLICED)],
     "simulated": [
         ("One surface a pixel", run_simulated, SIMULATED),

@@ -70,7 +70,9 @@ def with_part(fold: Fold, noise: PixelNoise, part: str) -> PixelNoise | None:
     learnt = {"drift": _with_drift, "widths": _with_widths, "shape": _with_shape}[part]
     trial = learnt(fold, noise, single)
     if trial is not None and part != "drift":  # without the part, pixels that need it most pass for two surfaces
-        trial = learnt(fold, trial, single_surfaces(fold, with_sigma(fold, trial), clusters))
+        # Surfaces are not located under a shape that their own errors gave (`_with_shape`).
+        start = noise if part == "shape" else trial
+        trial = learnt(fold, start, single_surfaces(fold, with_sigma(fold, trial), clusters))
     return None if trial is None else with_sigma(fold, trial)
 
 
