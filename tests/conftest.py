@@ -80,7 +80,7 @@ def _twins() -> Iterator[None]:
     from support import cast_twin, noise_twins, reconcile_twins
 
     from tofmix.estimation.noise import series as noise_series
-    from tofmix.reconciliation import likelihood
+    from tofmix.reconciliation.likelihood import likelihood
     from tofmix.simulation.casting import cast
 
     with pytest.MonkeyPatch.context() as patch:

@@ -97,6 +97,7 @@ ORDER = {
     "estimation": ("noise", "peaks", "mixture", "learnt", "blocks"),
     "io": ("atomic", "guard", "recording", "layers", "surfaces", "importers", "exporters", "verify"),
     "report": ("summary", "descriptions", "pixels", "figures", "explorer", "page", "comparison", "gap"),
+    "reconciliation": ("likelihood", "comparison", "parameters", "search", "verification"),
     "simulation": ("casting", "effects"),
 }
 """Subfolders of a folder: each may import those before it. What two of them use stands in the folder above."""

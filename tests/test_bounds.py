@@ -25,7 +25,7 @@ from tofmix.bounds import (
 from tofmix.errors import UsageError
 from tofmix.estimation.noise.settings import AmplitudeSettings, CurveSettings, NoiseSettings, OutlierSettings
 from tofmix.io.guard.structure_rules import Limits
-from tofmix.reconciliation.way import Settings
+from tofmix.reconciliation.search.search_state import Settings
 from tofmix.report.explorer.limits import PageLimits
 from tofmix.report.summary.thresholds import Thresholds
 from tofmix.surfaces.settings import EdgeSettings, LinkSettings, ShareSettings, SurfaceSettings

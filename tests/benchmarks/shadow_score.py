@@ -16,12 +16,12 @@ from users.cases import FRAMES, RATE_HZ, Case, draw, recorded
 from users.oracle import known
 from users.shadow import Scored, Shadow, beats
 
-from tofmix.reconciliation.columns import ColumnMaker, Term, summed_up, terms
 from tofmix.reconciliation.evidence import make_evidence
-from tofmix.reconciliation.joint import joint_likelihood
-from tofmix.reconciliation.name import KINDS
-from tofmix.reconciliation.summaries import summaries
-from tofmix.reconciliation.way import Settings
+from tofmix.reconciliation.likelihood.joint import joint_likelihood
+from tofmix.reconciliation.search.columns import ColumnMaker, Term, summed_up, terms
+from tofmix.reconciliation.search.name import KINDS
+from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.search.summaries import summaries
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.motion import Motion
 from tofmix.simulation.effects.range_offset import RangeOffset

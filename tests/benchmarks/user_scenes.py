@@ -33,8 +33,8 @@ from users.oracle import known
 from users.score import score
 
 from tofmix.reconciliation.evidence import make_evidence
-from tofmix.reconciliation.name import KINDS
-from tofmix.reconciliation.way import Settings
+from tofmix.reconciliation.search.name import KINDS
+from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.workflow import Reconciliation, reconcile
 
 SEED = 20261124

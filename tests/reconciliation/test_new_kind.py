@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from support.recordings import MAKE, recorded
 
-from tofmix.reconciliation.columns import summed_up
-from tofmix.reconciliation.name import KINDS
-from tofmix.reconciliation.way import Settings
+from tofmix.reconciliation.search.columns import summed_up
+from tofmix.reconciliation.search.name import KINDS
+from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects import EFFECTS, Effect, Level

@@ -9,10 +9,10 @@ from support.noise_parts import long_tailed, skewed, with_noise
 from support.recordings import MAKE, recorded, simulated
 
 from tofmix.errors import BadInputError
-from tofmix.reconciliation.joint import joint_likelihood
-from tofmix.reconciliation.localise import disagreements
-from tofmix.reconciliation.refit import begin
-from tofmix.reconciliation.way import Settings, fit_part
+from tofmix.reconciliation.comparison.localise import disagreements
+from tofmix.reconciliation.likelihood.joint import joint_likelihood
+from tofmix.reconciliation.search.refit import begin
+from tofmix.reconciliation.search.search_state import Settings, fit_part
 from tofmix.reconciliation.workflow import Reconciliation, reconcile
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model

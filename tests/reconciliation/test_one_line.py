@@ -8,10 +8,10 @@ import pytest
 from support.reconcile_errors import scene
 from support.recordings import MAKE
 
-from tofmix.reconciliation.compare import Compared
+from tofmix.reconciliation.comparison.compare import Compared
 from tofmix.reconciliation.evidence import Evidence, make_evidence
-from tofmix.reconciliation.name import KINDS
-from tofmix.reconciliation.way import Settings
+from tofmix.reconciliation.search.name import KINDS
+from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import Effect

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from support.recordings import MAKE, Record
 
-from tofmix.reconciliation.compare import Compared, compare
-from tofmix.reconciliation.likelihood import Likelihood, State
-from tofmix.reconciliation.mixture import Scene
-from tofmix.reconciliation.name import Candidate
-from tofmix.reconciliation.panel import Curve
+from tofmix.reconciliation.comparison.compare import Compared, compare
+from tofmix.reconciliation.comparison.panel import Curve
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, State
+from tofmix.reconciliation.likelihood.mixture import Scene
+from tofmix.reconciliation.search.name import Candidate
+from tofmix.reconciliation.search.search_state import Settings, held_out
 from tofmix.reconciliation.verdict import Findings, inexact, judge
-from tofmix.reconciliation.way import Settings, held_out
 from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.model import Model
 
@@ -84,7 +84,7 @@ def test_limit_of_skew_follows_the_larger_of_skew_and_tails_and_limit_of_bias_fo
 def test_inexact_law_may_leave_a_hundredth_of_a_spread_that_comes_from_a_bias(own: float, limit: float) -> None:
     """A law that is wrong by a tenth of a bias of 0.84 sigma leaves 0.084, whose square is next to no spread."""
     told = 0.5 * own**2 * BINS / 1e-4  # nats: the information of spreads beyond means
-    spread = replace(curve("spread", 0.5), telling=told)
+    spread = replace(curve("spread", 0.5), information=told)
     before = replace(panel(bias=0.84), curves=(curve("bias", 0.84), spread))
     assert inexact(curve("spread", 0.05), before) == pytest.approx(limit, rel=0.01)
 

@@ -6,16 +6,16 @@ from dataclasses import replace
 import numpy as np
 
 from support.recordings import MAKE, simulated
-from tofmix.reconciliation.curvature import Numbers
 from tofmix.reconciliation.evidence import Evidence
-from tofmix.reconciliation.fits import Fitted, fit
-from tofmix.reconciliation.likelihood import Likelihood, Part, State
-from tofmix.reconciliation.mixture import Scene
-from tofmix.reconciliation.profiles import numeric
-from tofmix.reconciliation.refit import latent_states, settle
-from tofmix.reconciliation.searches import problems
-from tofmix.reconciliation.standard_errors import standard_errors
-from tofmix.reconciliation.way import Settings
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.likelihood.mixture import Scene
+from tofmix.reconciliation.parameters.curvature import Numbers
+from tofmix.reconciliation.parameters.fits import Fitted, fit
+from tofmix.reconciliation.parameters.profiles import numeric
+from tofmix.reconciliation.parameters.searches import problems
+from tofmix.reconciliation.parameters.standard_errors import standard_errors
+from tofmix.reconciliation.search.refit import latent_states, settle
+from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.sensor import NoiseCurve
 from tofmix.sensors.registry import load_profile

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from tofmix.noise_shape import NoiseShape
-from tofmix.reconciliation.error_shape import ShapeTable
-from tofmix.reconciliation.kernel import Sorted
+from tofmix.reconciliation.likelihood.error_shape import ShapeTable
+from tofmix.reconciliation.likelihood.kernel import Sorted
 
 Array = NDArray[np.float64]
 Any_ = NDArray[Any]
@@ -64,7 +64,7 @@ def log_likelihood(
     invalid: Array, random_density: Array, step: float, period: float, table: ShapeTable, by_pixel: Array,
     by_frame: Array,
 ) -> None:  # fmt: skip
-    """Twin of `tofmix.reconciliation.kernel.log_likelihood`."""
+    """Twin of `tofmix.reconciliation.likelihood.kernel.log_likelihood`."""
     value = samples[np.ix_(frames, pixels)].astype(np.float64)
     if value.size == 0:
         return
@@ -119,7 +119,7 @@ def transform(
     random_share: Array, low: float, high: float, step: float, period: float, table: ShapeTable, seed: int,
     out: NDArray[np.float32],
 ) -> None:  # fmt: skip
-    """Twin of `tofmix.reconciliation.kernel.transform`."""
+    """Twin of `tofmix.reconciliation.likelihood.kernel.transform`."""
     value = samples[np.ix_(frames, pixels)].astype(np.float64)
     if value.size == 0:
         return

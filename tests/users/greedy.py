@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from tofmix.reconciliation.evidence import Evidence
-from tofmix.reconciliation.joint import joint_likelihood
-from tofmix.reconciliation.latent_errors import latent_errors
-from tofmix.reconciliation.likelihood import Likelihood, Part, State
-from tofmix.reconciliation.name import Candidate, Trial, candidates
-from tofmix.reconciliation.refit import begin, numbers, refit
-from tofmix.reconciliation.standard_errors import standard_errors
-from tofmix.reconciliation.way import Settings
+from tofmix.reconciliation.likelihood.joint import joint_likelihood
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.parameters.latent_errors import latent_errors
+from tofmix.reconciliation.parameters.standard_errors import standard_errors
+from tofmix.reconciliation.search.name import Candidate, Trial, candidates
+from tofmix.reconciliation.search.refit import begin, numbers, refit
+from tofmix.reconciliation.search.search_state import Settings
 from tofmix.simulation.model import Model
 
 

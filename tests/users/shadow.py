@@ -1,10 +1,10 @@
 """A score by held-out blocks, beside the search of `reconcile`: which sets of effects predict unseen pixels.
 
-The summaries of a recording (`tofmix.reconciliation.summaries`) are cut into blocks of 8 x 8 pixels by a tenth of the
-time, on a checkerboard. The score of a set is the logarithm of the predictive density of each block by itself, given
-the blocks of the other colour at the other tenths, all coefficients and errors of the model integrated out. One set
-beats another if it gains over 4 nats and over z standard errors of the paired difference, z the normal quantile of 0.01
-over the number of sets that were looked at. Smooth laws that no effect is are members of sets.
+The summaries of a recording (`tofmix.reconciliation.search.summaries`) are cut into blocks of 8 x 8 pixels by a tenth
+of the time, on a checkerboard. The score of a set is the logarithm of the predictive density of each block by itself,
+given the blocks of the other colour at the other tenths, all coefficients and errors of the model integrated out. One
+set beats another if it gains over 4 nats and over z standard errors of the paired difference, z the normal quantile of
+0.01 over the number of sets that were looked at. Smooth laws that no effect is are members of sets.
 
 Use it to find out whether such a score names what is hidden. It needs cases whose effects move or widen samples; what
 acts otherwise must be in the model.
@@ -23,9 +23,9 @@ import numpy as np
 from scipy.stats import norm
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.reconciliation.columns import Column, Term
-from tofmix.reconciliation.subsets import Explained, Subsets, model_errors
-from tofmix.reconciliation.summaries import Summary
+from tofmix.reconciliation.search.columns import Column, Term
+from tofmix.reconciliation.search.subsets import Explained, Subsets, model_errors
+from tofmix.reconciliation.search.summaries import Summary
 from tofmix.simulation.effects import Effect
 
 SIDE = 8

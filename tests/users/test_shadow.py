@@ -7,9 +7,9 @@ import pytest
 from scipy.stats import multivariate_normal
 from support.recordings import MAKE, recorded
 
-from tofmix.reconciliation.columns import terms
-from tofmix.reconciliation.joint import joint_likelihood
-from tofmix.reconciliation.summaries import summaries
+from tofmix.reconciliation.likelihood.joint import joint_likelihood
+from tofmix.reconciliation.search.columns import terms
+from tofmix.reconciliation.search.summaries import summaries
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
 from users.shadow import Shadow, _evidence, beats

@@ -102,8 +102,8 @@ def reconcile(
     """
     from tofmix.api.recordings import opened_recording
     from tofmix.reconciliation.evidence import make_evidence
-    from tofmix.reconciliation.name import KINDS
-    from tofmix.reconciliation.way import Settings
+    from tofmix.reconciliation.search.name import KINDS
+    from tofmix.reconciliation.search.search_state import Settings
     from tofmix.reconciliation.workflow import reconcile as run
 
     scene = _model(model)

@@ -80,7 +80,7 @@ def reconcile(
     docs/reference/verdicts.md explains the verdicts.
     """
     from tofmix.io.reconciliation import locked_folder, model_names
-    from tofmix.reconciliation.way import Settings
+    from tofmix.reconciliation.search.search_state import Settings
     from tofmix.reconciliation.words import summary_lines
     from tofmix.reconciliation.workflow import reconcile as run
 
@@ -110,7 +110,7 @@ def reconcile(
 
 def _kinds(effects: str | None) -> tuple[str, ...]:
     from tofmix.errors import UsageError
-    from tofmix.reconciliation.name import KINDS
+    from tofmix.reconciliation.search.name import KINDS
     from tofmix.toml_table import nearest
 
     if effects is None:
@@ -128,7 +128,7 @@ def _read_all(files: "Files") -> list[tuple["Model", "Evidence"]]:
     """Models and recordings; models before recordings, which take longer to read."""
     from tofmix.errors import BadInputError
     from tofmix.io.model_file import load_model
-    from tofmix.reconciliation.joint import check_camera
+    from tofmix.reconciliation.likelihood.joint import check_camera
 
     models = [load_model(model) for model, _ in files]
     for (name, _), model in zip(files, models, strict=True):

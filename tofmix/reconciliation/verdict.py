@@ -1,6 +1,6 @@
 """The verdict. No other module decides it.
 
-`tofmix.reconciliation.verify` collects the findings; `judge` makes a verdict of them.
+`tofmix.reconciliation.verification.verify` collects the findings; `judge` makes a verdict of them.
 """
 
 import math
@@ -10,10 +10,10 @@ from statistics import NormalDist
 import numpy as np
 from scipy.stats import norm
 
-from tofmix.reconciliation.compare import Compared
-from tofmix.reconciliation.localise import LEAST_SIZE, disagreements
-from tofmix.reconciliation.name import Candidate
-from tofmix.reconciliation.panel import SHAPES, Curve
+from tofmix.reconciliation.comparison.compare import Compared
+from tofmix.reconciliation.comparison.localise import LEAST_SIZE, disagreements
+from tofmix.reconciliation.comparison.panel import SHAPES, Curve
+from tofmix.reconciliation.search.name import Candidate
 from tofmix.simulation.effects.base import Effect
 
 LAW = 0.1
@@ -252,9 +252,9 @@ def inexact(curve: Curve, before: Compared) -> float:
 
 def _own_size(curve: Curve) -> float:
     """Size of a curve without the part that comes from curves of lower order."""
-    if curve.telling is None or curve.statistic.removesuffix("_pattern") not in _HIGHER:
+    if curve.information is None or curve.statistic.removesuffix("_pattern") not in _HIGHER:
         return curve.size
-    return min(curve.size, math.sqrt(2 * curve.telling / float((1 / curve.variance).sum())))
+    return min(curve.size, math.sqrt(2 * curve.information / float((1 / curve.variance).sum())))
 
 
 def share_closed(before: Compared, after: Compared, floor: Compared) -> float | None:

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from tofmix.reconciliation import links
 from tofmix.reconciliation.evidence import make_evidence
-from tofmix.reconciliation.joint import joint_likelihood
-from tofmix.reconciliation.memory import RandomValues, memory_gain, predicted_noise
+from tofmix.reconciliation.likelihood.joint import joint_likelihood
+from tofmix.reconciliation.likelihood.memory import RandomValues, memory_gain, predicted_noise
+from tofmix.reconciliation.search import links
 from tofmix.simulation.casting.polygon_cast import PolygonCaster
 from tofmix.simulation.model import Model
 

@@ -11,21 +11,21 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
-from tofmix.reconciliation.add import Added, ways, without_faint
-from tofmix.reconciliation.aliases import Alias, aliases
-from tofmix.reconciliation.compare import Compared
+from tofmix.reconciliation.comparison.compare import Compared
+from tofmix.reconciliation.comparison.localise import Place, localise
 from tofmix.reconciliation.evidence import Evidence
-from tofmix.reconciliation.joint import Recording, joint_likelihood, renamed
-from tofmix.reconciliation.latent_errors import latent_errors
-from tofmix.reconciliation.likelihood import Likelihood
-from tofmix.reconciliation.localise import Place, localise
-from tofmix.reconciliation.name import Candidate
-from tofmix.reconciliation.next_steps import next_steps
-from tofmix.reconciliation.own import better_own
-from tofmix.reconciliation.refit import latent_states, numbers
-from tofmix.reconciliation.standard_errors import standard_errors
-from tofmix.reconciliation.verify import Verified, as_given, verify
-from tofmix.reconciliation.way import Settings, fit_part
+from tofmix.reconciliation.likelihood.joint import Recording, joint_likelihood, renamed
+from tofmix.reconciliation.likelihood.likelihood import Likelihood
+from tofmix.reconciliation.parameters.latent_errors import latent_errors
+from tofmix.reconciliation.parameters.standard_errors import standard_errors
+from tofmix.reconciliation.search.add import Added, ways, without_faint
+from tofmix.reconciliation.search.name import Candidate
+from tofmix.reconciliation.search.refit import latent_states, numbers
+from tofmix.reconciliation.search.search_state import Settings, fit_part
+from tofmix.reconciliation.verification.aliases import Alias, aliases
+from tofmix.reconciliation.verification.model_effects import better_model_effect
+from tofmix.reconciliation.verification.next_steps import next_steps
+from tofmix.reconciliation.verification.verify import Verified, as_given, verify
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.parameter import PixelMap
@@ -225,7 +225,7 @@ def reconcile(
     if verified.verdict != "agree":
         test = likelihood.evidence.part(fit=False, split=settings.split)
         stands = likelihood.value(added.state, test), added.chosen
-        own = better_own(recordings, likelihood, stands, settings)
+        own = better_model_effect(recordings, likelihood, stands, settings)
         if own is not None:
             verified = verify(likelihood, added, settings, own, law_stood=verified.law is not None)
     where = tuple(localise(verified.before, settings.alpha)) if verified.verdict != "agree" else ()
@@ -272,7 +272,7 @@ def _searched(likelihood: Likelihood, settings: Settings, tick: Callable[[str], 
         patterned = all(c.kind == FixedPattern.kind for c in added.chosen)
         if tried[-1][1].law is not None and not patterned and not set_is_left:
             break
-    return next((way for way in tried if way[1].verdict == "partly_explained"), tried[0])
+    return next((search for search in tried if search[1].verdict == "partly_explained"), tried[0])
 
 
 def _judged(likelihood: Likelihood, added: Added, settings: Settings, *, law_stood: bool) -> tuple[Added, Verified]:

@@ -2,7 +2,7 @@
 
 from importlib import import_module
 
-from tofmix.reconciliation.name import Candidate
+from tofmix.reconciliation.search.name import Candidate
 from tofmix.reconciliation.words import effect_tables, effect_text, headline, in_words, p_text, where_text
 from tofmix.reconciliation.workflow import NamedEffect, Reconciliation
 from tofmix.report.page.templates import load_template

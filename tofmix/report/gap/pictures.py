@@ -9,12 +9,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from tofmix.arrays import FloatArray
-from tofmix.reconciliation.panel import Curve
+from tofmix.reconciliation.comparison.panel import Curve
 from tofmix.reconciliation.workflow import Reconciliation
 from tofmix.report.theme import GAP_MAP, Theme, drawn, mark_no_data
 
 if TYPE_CHECKING:
-    from tofmix.reconciliation.compare import Compared
+    from tofmix.reconciliation.comparison.compare import Compared
 
 _MOST = 6  # curves that have a picture; the rest are named
 _MANY = 40  # bins: no marker for each

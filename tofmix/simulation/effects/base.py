@@ -196,8 +196,8 @@ class Effect:
     target : Target
         Property of the distribution that it changes most.
     shows_in : tuple of str
-        Statistics of `tofmix.reconciliation.panel` that it changes. It is never named for a deviation in other
-        statistics. Empty for an exact law, which needs no such check.
+        Statistics of `tofmix.reconciliation.comparison.panel` that it changes. It is never named for a deviation in
+        other statistics. Empty for an exact law, which needs no such check.
     latent : Latent
         Hidden state that links its samples. `reconcile` searches for a kind without one by its parameters; where the
         likelihood has several tops, as by a frequency, from several starts (`reconciliation.searches`).

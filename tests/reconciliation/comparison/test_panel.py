@@ -1,0 +1,66 @@
+"""Curves of the panel whose null is worked out here: waves over whole mm."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.recordings import Record, recorded
+
+from tofmix.reconciliation.comparison.compare import compare
+from tofmix.reconciliation.comparison.panel import Curve
+from tofmix.reconciliation.evidence import Evidence
+from tofmix.reconciliation.likelihood.joint import joint_likelihood
+from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.workflow import reconcile
+from tofmix.simulation.model import Model
+
+
+def _waves(model: Model, evidence: Evidence) -> Curve:
+    likelihood = joint_likelihood([(model, evidence)])
+    part = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
+    panel = compare(likelihood, likelihood.start(), part, seed=1)
+    (curve,) = [c for c in panel.curves if c.name == ("discreteness", "all", 0)]
+    return curve
+
+
+def _without(evidence: Evidence, each: int) -> Evidence:
+    """Every so many-th code missing: its samples go to the next."""
+    samples = evidence.samples
+    return replace(evidence, samples=np.where((samples > 0) & (samples % each == 0), samples + 1, samples))
+
+
+def test_waves_over_whole_mm_are_noise_alone_if_the_model_is_right(model: Model, record: Record) -> None:
+    z = [_waves(model, record(seed=seed)).z for seed in range(5, 12)]
+    assert max(np.abs(z)) < 3.5
+    assert abs(np.mean(z)) < 4 / np.sqrt(len(z))
+
+
+@pytest.mark.parametrize("each", [2, 7, 15])
+def test_waves_show_missing_codes(model: Model, record: Record, each: int) -> None:
+    """Each wave's power against a sum over the samples one by one."""
+    evidence = _without(record(), each)
+    curve = _waves(model, evidence)
+    assert curve.z > 6
+    assert (np.diff(curve.lower) >= 0).all()  # a place is an interval of it
+    own = np.isclose(curve.lower, each)
+    assert np.abs(curve.value[own]).max() > 4 * np.sqrt(curve.variance[own]).max()
+
+
+def test_wave_equals_the_mean_phasor_of_the_samples(model: Model, record: Record) -> None:
+    evidence = record()
+    likelihood = joint_likelihood([(model, evidence)])
+    sigma = likelihood.scene.mixture()
+    narrowest = np.where(sigma.weight[0] > 0, sigma.sigma[0], np.inf).min(axis=0)
+    x = evidence.samples[:, narrowest > 0.8 * 5].astype(np.float64)
+    x = x[x > 0]
+    curve = _waves(model, evidence)
+    cosine, sine = curve.value[np.isclose(curve.lower, 5)]
+    assert cosine == pytest.approx(np.cos(2 * np.pi * x / 5).mean() * 2, abs=1e-9)
+    assert sine == pytest.approx(-np.sin(2 * np.pi * x / 5).mean() * 2, abs=1e-9)
+
+
+def test_missing_codes_are_unexplained_discreteness(small: Model) -> None:
+    kinds = ("quantisation", "excess_noise", "range_offset", "outliers")
+    result = reconcile(small, _without(recorded(small), 6), Settings(kinds=kinds))
+    assert result.verified.verdict == "unexplained"
+    assert result.where[0].statistic == "discreteness"

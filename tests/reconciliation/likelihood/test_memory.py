@@ -1,0 +1,99 @@
+"""The memory of the noise: what it does to means, and what is none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.recordings import MAKE, Record, reconciled, recorded
+
+from tofmix.reconciliation.evidence import Evidence
+from tofmix.reconciliation.likelihood.likelihood import Likelihood
+from tofmix.reconciliation.likelihood.memory import attenuation, fit_memory, inflation
+from tofmix.reconciliation.likelihood.mixture import Scene
+from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.workflow import reconcile
+from tofmix.simulation.model import Model
+
+
+def test_scores_of_zero_have_no_memory(model: Model, record: Record) -> None:
+    evidence = record()
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    z = np.zeros(evidence.shape, dtype=np.float32)
+    everything = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
+    assert fit_memory(likelihood, z, likelihood.scene.mixture(()), everything) is None
+
+
+def test_memory_fitted_to_few_frames_has_no_bias(model: Model, record: Record) -> None:
+    """Of 0.5 in 30 frames, means taken out lose 0.05 (Nickell 1981); 12 parts of 0.007 each leave 0.002."""
+    found = []
+    for seed in (5, 6, 7):
+        whole = record(MAKE["temporal_correlation"](coefficient=0.5), seed=seed)
+        for k in range(0, 120, 30):
+            own = slice(k, k + 30)
+            evidence = replace(
+                whole, samples=whole.samples[own], time_s=whole.time_s[own], fit_frames=whole.fit_frames[own]
+            )
+            likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+            mixture, part = likelihood.scene.mixture(), (np.arange(30), np.arange(evidence.shape[1]))
+            scores = likelihood.scores(likelihood.start(), part, 1, mixture)
+            effect = fit_memory(likelihood, scores, mixture, part)
+            assert effect is not None
+            found.append(effect.coefficient)
+    assert abs(np.mean(found) - 0.5) < 0.012
+
+
+@pytest.mark.parametrize("coefficient", [-0.4, 0.0, 0.5, 0.9])
+def test_inflation_of_a_mean_is_the_sum_over_all_pairs_of_frames(
+    model: Model, record: Record, coefficient: float
+) -> None:
+    """Frames in blocks, as fits see them; the closed form by brute force."""
+    evidence = record()
+    effects = (MAKE["temporal_correlation"](coefficient=coefficient),) if coefficient else ()
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    mixture, state = likelihood.scene.mixture(), replace(likelihood.start(), effects=effects)
+    frames = np.flatnonzero(evidence.fit_frames)
+    found = inflation(likelihood, mixture, state, (frames, np.arange(evidence.shape[1])))
+    wanted = (coefficient ** np.abs(frames[:, None] - frames)).mean() * frames.size
+    alone = mixture.weight[0].max(axis=0) > 0.999
+    assert alone.sum() > 200
+    share = attenuation(mixture)[alone]  # whole mm have no memory
+    assert found[alone] == pytest.approx(1 + (wanted - 1) * share, rel=2e-3)
+
+
+@pytest.mark.slow
+def test_long_memory_is_not_named_a_pattern(model: Model) -> None:
+    kinds = ("temporal_correlation", "fixed_pattern", "range_offset", "surface_pose", "excess_noise")
+    result = reconciled(model, MAKE["temporal_correlation"](coefficient=0.9), kinds=kinds)
+    assert [n.effect.kind for n in result.named] == ["temporal_correlation"]
+
+
+def averaged(evidence: Evidence, frames: int) -> Evidence:
+    """Each pixel's deviations from its median averaged over so many frames, as wide as before."""
+    x = evidence.samples.astype(np.float64)
+    middle = np.median(x, axis=0)
+    steps = x - middle
+    mean = sum(np.roll(steps, k, axis=0) for k in range(frames)) / np.sqrt(frames)
+    quiet = (np.abs(steps).max(axis=0) < 200) & (middle > 0)
+    return replace(evidence, samples=np.where(quiet, np.rint(middle + mean), x).astype(np.uint16))
+
+
+@pytest.mark.parametrize(
+    "frames", [pytest.param(2, marks=pytest.mark.slow), 4, pytest.param(8, marks=pytest.mark.slow)]
+)
+def test_noise_averaged_over_frames_is_an_unexplained_memory(small: Model, frames: int) -> None:
+    result = reconcile(
+        small, averaged(recorded(small), frames), Settings(kinds=("temporal_correlation", "range_offset"))
+    )
+    assert result.verified.verdict == "unexplained"
+    assert result.where[0].statistic == "memory"
+
+
+@pytest.mark.slow
+def test_memory_with_random_values_is_found_and_leaves_no_gap(model: Model) -> None:
+    """Random values do not enter the memory, and do not interrupt it."""
+    hidden = MAKE["temporal_correlation"](coefficient=0.4), MAKE["outliers"](probability=0.02)
+    result = reconciled(model, *hidden, kinds=("temporal_correlation", "outliers", "fixed_pattern", "excess_noise"))
+    assert [n.effect.kind for n in result.named] == ["outliers", "temporal_correlation"]
+    memory = result.named[1]
+    assert abs(memory.parameters["coefficient"] - 0.4) < 3.5 * memory.stderr["coefficient"]
+    assert result.verified.floor.gap < 1.6

@@ -1,0 +1,151 @@
+"""Effects that came first give way where a rival does better beside a later one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.reconcile_errors import in_errors, scene
+from support.recordings import MAKE, reconciled, recorded
+
+from tofmix.reconciliation.parameters.profiles import numeric
+from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.words import headline
+from tofmix.reconciliation.workflow import Reconciliation, reconcile
+from tofmix.simulation.effects import Effect
+from tofmix.simulation.effects.parameter import PixelMap
+from tofmix.simulation.effects.stuck_pixels import StuckPixels
+from tofmix.simulation.model import Model
+
+LATTICE_KINDS = ("quantisation", "stuck_pixels", "fixed_pattern", "range_offset")
+
+
+def named_kinds(result: Reconciliation) -> list[str]:
+    """Kinds of the named effects, sorted, of a result that is explained."""
+    assert result.verified.verdict == "explained"
+    return sorted(n.effect.kind for n in result.named)
+
+
+@pytest.mark.parametrize(
+    ("shift_mm", "rows", "cols", "frames"),
+    [(14.0, 20, 24, 120), (-14.0, 14, 18, 80)],
+    ids=["behind", "before"],
+)
+@pytest.mark.slow
+def test_pose_and_excess_noise_replace_a_second_path_that_gains_more_alone(
+    shift_mm: float, rows: int, cols: int, frames: int
+) -> None:
+    """Alone, the second path, which also widens the noise, gains more than either."""
+    model = scene(rows=rows, cols=cols, frames=frames)
+    hidden = MAKE["surface_pose"](surface="middle", shift_mm=shift_mm), MAKE["excess_noise"](factor=1.25)
+    kinds = ("surface_pose", "multipath", "excess_noise", "temperature_drift")
+    result = reconciled(model, *hidden, kinds=kinds)
+    assert result.candidates[0].kind == "multipath"
+    assert named_kinds(result) == ["excess_noise", "surface_pose"]
+    pose = next(n for n in result.named if n.effect.kind == "surface_pose")
+    assert abs(numeric(pose.effect)["shift_mm"] - shift_mm) < 4 * pose.stderr["shift_mm"]
+
+
+def stuck(model: Model, every: int, value_mm: float | None = None) -> Effect:
+    """Every so many-th pixel at one value; or at a value of its own, some of which a surface could have."""
+    values = np.full((model.sensor.rows, model.sensor.cols), np.nan, dtype=np.float32)
+    own = np.rint(np.linspace(700, 4500, values.flat[::every].size))
+    values.flat[::every] = own if value_mm is None else value_mm
+    return MAKE["stuck_pixels"](map=PixelMap("stuck.npy", values))
+
+
+@pytest.mark.slow
+def test_offset_with_pixels_of_one_value_is_not_named_a_pattern(small: Model) -> None:
+    """A pattern takes such pixels as large biases; with such large spreads it also absorbs the offset."""
+    hidden = stuck(small, 33, 3000.0), MAKE["range_offset"](offset_mm=-6.0)
+    kinds = ("range_offset", "fixed_pattern", "stuck_pixels", "amplitude_walk", "surface_pose")
+    assert named_kinds(reconciled(small, *hidden, kinds=kinds)) == ["range_offset", "stuck_pixels"]
+
+
+FAR = (
+    MAKE["surface_pose"](surface="middle", shift_mm=150.0),
+    MAKE["surface_pose"](surface="middle", shift_mm=-300.0),
+    MAKE["multipath"](surface="middle", share=0.7, extra_path_mm=2500.0),
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hidden", FAR, ids=str)
+def test_surface_many_sigma_from_its_model_is_found_with_the_right_effect(small: Model, hidden: Effect) -> None:
+    """The likelihood has no slope there; a pattern or random values could explain all samples of the surface."""
+    kinds = ("surface_pose", "multipath", "fixed_pattern", "outliers", *(("motion",) if hidden is FAR[0] else ()))
+    result = reconciled(small, hidden, kinds=kinds)
+    assert named_kinds(result) == [hidden.kind]
+    off = in_errors(hidden, result.named[0].effect, result.named[0].stderr)
+    assert off.keys() == {name for name, value in numeric(hidden).items() if value}
+    assert all(abs(distance) < 4 for distance in off.values()), off
+
+
+@pytest.mark.slow
+def test_wave_is_found_where_most_samples_are_lost(small: Model) -> None:
+    """Lost samples gain a thousand times as much as the wave; this gain must not count against the wave."""
+    hidden = MAKE["dropout"](probability=0.7), MAKE["wiggling"](amplitude_mm=3.5, phase_rad=0.8)
+    kinds = ("dropout", "wiggling", "saturation", "fixed_pattern")
+    assert named_kinds(reconciled(small, *hidden, kinds=kinds)) == ["dropout", "wiggling"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shifts_mm", [(0.4, -0.7, 1.6), (0.63, -1.75, -2.23)], ids=["right", "two"])
+def test_offset_is_named_and_no_other_effect_if_poses_are_nearly_right(
+    model: Model, shifts_mm: tuple[float, ...]
+) -> None:
+    """A walk follows the errors of the poses too: by a tenth of sigma, which is taken as right, or up to two.
+
+    Two are more than the tolerance: nothing may then be named instead.
+    """
+    nearly = replace(
+        model,
+        surfaces=tuple(
+            replace(s, center_mm=(*s.center_mm[:2], s.center_mm[2] + d))
+            for s, d in zip(model.surfaces, shifts_mm, strict=True)
+        ),
+    )
+    evidence = recorded(model, MAKE["range_offset"](offset_mm=7.0), seed=14)
+    kinds = ("range_offset", "amplitude_walk", "wiggling", "scattering", "fixed_pattern")
+    result = reconcile(nearly, evidence, Settings(kinds=kinds))
+    if max(shifts_mm) > 1:
+        assert named_kinds(result) == ["range_offset"]
+        assert headline(result).endswith("within --tolerance, which the errors exclude.")
+    else:
+        assert {n.effect.kind for n in result.named} <= {"range_offset"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("every", [9, 33, 5])
+def test_small_offset_is_found_with_pixels_of_one_value(model: Model, every: int) -> None:
+    """The large gain of the stuck pixels must not count against the small gain of the offset."""
+    hidden = stuck(model, every), MAKE["range_offset"](offset_mm=1.0)
+    result = reconciled(model, *hidden, kinds=("range_offset", "fixed_pattern", "stuck_pixels"))
+    assert named_kinds(result) == ["range_offset", "stuck_pixels"]
+
+
+@pytest.mark.parametrize("step_mm", [80.0, pytest.param(30.0, marks=pytest.mark.slow)])
+def test_constant_pixels_of_a_coarse_quantisation_are_not_stuck(small: Model, step_mm: float) -> None:
+    result = reconciled(small, MAKE["quantisation"](step_mm=step_mm), kinds=LATTICE_KINDS)
+    assert named_kinds(result) == ["quantisation"]
+
+
+@pytest.mark.parametrize("step_mm", [40.0, pytest.param(12.0, marks=pytest.mark.slow)])
+def test_exactly_the_stuck_pixels_are_found_with_quantisation(small: Model, step_mm: float) -> None:
+    hidden = MAKE["quantisation"](step_mm=step_mm), stuck(small, 33)
+    result = reconciled(small, *hidden, kinds=LATTICE_KINDS)
+    assert result.verified.verdict == "explained"
+    found = next(n.effect for n in result.named if isinstance(n.effect, StuckPixels))
+    assert found.map is not None
+    pixels = small.sensor.rows * small.sensor.cols
+    assert np.isfinite(found.map.values).ravel().nonzero()[0].tolist() == list(range(0, pixels, 33))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spread", [{"column_sigma_mm": 0.8}, {"pixel_sigma_mm": 1.0}], ids=str)
+def test_pattern_of_a_tenth_of_sigma_is_found_over_all_pixels(model: Model, spread: dict[str, float]) -> None:
+    """The held-out pixels are too few for it; the panel sees it, since it looks at all pixels."""
+    kinds = ("fixed_pattern", "range_offset", "excess_noise", "stuck_pixels")
+    result = reconciled(model, MAKE["fixed_pattern"](**spread), kinds=kinds)
+    assert named_kinds(result) == ["fixed_pattern"]
+    found = numeric(result.named[0].effect)
+    assert all(found[name] == pytest.approx(value, rel=0.3) for name, value in spread.items())

@@ -1,0 +1,1 @@
+"""Where a recording and a model disagree: statistics of the normal scores, each against an axis."""

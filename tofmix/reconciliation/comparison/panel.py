@@ -1,0 +1,348 @@
+"""The panel: statistics of scores over axes, with known null distributions.
+
+If the model is right, scores are standard normal. Their first four Hermite polynomials then have mean 0, variance 1 and
+no correlation, so means over bins of any axis have known variances. `tofmix.reconciliation.comparison.compare` computes
+the whole panel.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from tofmix.arrays import Float32Array, FloatArray, IntArray
+from tofmix.reconciliation.evidence import Evidence
+from tofmix.reconciliation.likelihood.error_shape import moves
+from tofmix.reconciliation.likelihood.hermite import hermite
+from tofmix.reconciliation.likelihood.likelihood import Part, State
+from tofmix.reconciliation.likelihood.memory import memory_of, one_surface
+from tofmix.reconciliation.likelihood.mixture import Mixture
+
+SHAPES = ("bias", "spread", "skew", "tails")
+BINS = 12
+"""Number of bins of axes that are divided by quantiles."""
+
+_ENOUGH = 200  # samples of a bin
+_ENOUGH_OF_MEANS = 40  # samples of a bin, for a mean or a spread
+_ENOUGH_PIXELS = 12  # for the correlation of neighbours in the image
+_MANY_BINS = 40  # with more, a sum of squares is nearly normal
+_FAR_WIDTH = 2.5  # largest width in spreads: one pixel with another cause must not decide
+_CLIPPED_MEAN, _CLIPPED_SPREAD = 0.97756, 1.29675  # mean and spread of min(x^2, 2.5^2), x a standard normal number
+_TOLD = 0.5  # least part of the variance of a pixel's log width that its samples determine
+_SMOOTH_MM = 2.0  # least sigma of a density that is smooth over three mm
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Curve:
+    """A statistic against an axis: arrays (bin,).
+
+    Parameters
+    ----------
+    statistic, axis : str
+        Names of statistic and axis, as in `gap.json`.
+    lower, upper : (bin,) float64
+        Limits of the bins, in `unit`.
+    value : (bin,) float64
+        Mean of the statistic; 0 if the model is right.
+    variance : (bin,) float64
+        Variance of the value if the model is right.
+    unit : str
+        Unit of the axis.
+    scale_mm : (bin,) float64
+        Shift of the bin's samples with a return that raises their mean by 1, mm; 0 without returns.
+    information : float, optional
+        Information beyond curves of lower order, nats (`tofmix.reconciliation.comparison.information`); None if not
+        computed.
+    recording : int
+        Number of its recording, from 0.
+    """
+
+    statistic: str
+    axis: str
+    lower: FloatArray
+    upper: FloatArray
+    value: FloatArray
+    variance: FloatArray
+    unit: str
+    scale_mm: FloatArray
+    information: float | None = None
+    recording: int = 0
+
+    @property
+    def name(self) -> tuple[str, str, int]:
+        """Statistic, axis and recording, which identify it in its panel."""
+        return self.statistic, self.axis, self.recording
+
+    @property
+    def chi2(self) -> float:
+        """Sum of the squares of the values, in units of their variances."""
+        return float((self.value**2 / self.variance).sum())
+
+    @property
+    def dof(self) -> int:
+        """Bins."""
+        return self.value.size
+
+    @property
+    def distance(self) -> float:
+        """Root mean square deviation in standard errors; noise alone gives 1."""
+        return float(np.sqrt(self.chi2 / self.dof)) if self.dof else 1.0
+
+    @property
+    def z(self) -> float:
+        """Wilson and Hilferty's normal deviate of the chi-square."""
+        part = 2 / (9 * max(self.dof, 1))
+        return float((np.cbrt(self.chi2 / max(self.dof, 1)) - (1 - part)) / np.sqrt(part)) if self.dof else 0.0
+
+    @property
+    def excess_nats(self) -> float:
+        """Half of chi-square minus its expectation: the largest possible gain by an explanation of this curve."""
+        return 0.5 * (self.chi2 - self.dof)
+
+    @property
+    def largest(self) -> float:
+        """The largest value minus two standard errors; for many bins, such as pixels and frames, `size`."""
+        if self.dof > _MANY_BINS:
+            return self.size
+        return float((np.abs(self.value) - 2 * np.sqrt(self.variance)).max()) if self.dof else 0.0
+
+    @property
+    def size(self) -> float:
+        """Root mean square of the values beyond noise, weighted by their information."""
+        return float(np.sqrt(max(self.chi2 - self.dof, 0.0) / (1 / self.variance).sum())) if self.dof else 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Axis:
+    """Bins (pixel,) of the pixels, and the limits of the bins."""
+
+    name: str
+    unit: str
+    bin: IntArray
+    lower: FloatArray
+    upper: FloatArray
+
+
+def panel_axes(evidence: Evidence, m: Mixture, part: Part, *, bins: int = BINS) -> Iterator[Axis]:
+    """Bins of the part's pixels, by predicted quantities and by position."""
+    shares = tuple(np.arange(1, bins) / bins)
+    rows, cols = evidence.image
+    row, col = np.divmod(part[1], cols)
+    mean, lit = m.of_main(m.mean), m.of_main(m.lit)
+    contrast = _contrast(np.where(lit, mean, m.high).reshape(rows, cols)).ravel()[part[1]]
+    seen = np.where((m.weight[0] > 0) & m.lit[0], m.surface[0], -1)[:, part[1]]
+    several = np.zeros(part[1].size, dtype=np.int64)
+    for number in range(int(seen.max(initial=-1)) + 1):
+        several += (seen == number).any(axis=0)
+    ones = np.zeros(part[1].size, dtype=np.int64)
+    yield Axis(name="all", unit="1", bin=ones, lower=np.zeros(1), upper=np.ones(1))
+    yield _quantiles("range", "mm", mean[part[1]], shares)
+    yield _quantiles("amplitude", "1", m.of_main(m.amplitude)[part[1]], shares)
+    yield _values("surface", m.of_main(m.surface)[part[1]])
+    yield _values("surfaces_in_pixel", np.minimum(several, 3))
+    if rows > 1:  # a single row equals the axis `all`
+        yield _values("row", row)
+    if cols > 1:
+        yield _values("col", col)
+    yield _quantiles("radius", "pixel", np.hypot(row - (rows - 1) / 2, col - (cols - 1) / 2), shares)
+    yield _quantiles("neighbour_contrast", "mm", contrast, (0.5, 0.8, 0.9, 0.95))
+
+
+def _quantiles(name: str, unit: str, values: FloatArray, shares: tuple[float, ...]) -> Axis:
+    inner = np.unique(np.quantile(values, shares))
+    edges = np.concatenate([[values.min()], inner, [values.max()]])
+    return Axis(
+        name=name, unit=unit, bin=np.searchsorted(inner, values, side="right"), lower=edges[:-1], upper=edges[1:]
+    )
+
+
+def _values(name: str, values: IntArray) -> Axis:
+    bins = values - min(int(values.min()), 0)
+    lower = np.arange(bins.max() + 1, dtype=np.float64) + min(int(values.min()), 0)
+    return Axis(name=name, unit="1", bin=bins, lower=lower, upper=lower + 1)
+
+
+def _contrast(image: FloatArray) -> FloatArray:
+    framed = np.pad(image, 1, mode="edge")
+    near = [framed[:-2, 1:-1], framed[2:, 1:-1], framed[1:-1, :-2], framed[1:-1, 2:]]
+    return np.asarray(np.max([np.abs(n - image) for n in near], axis=0))
+
+
+def shapes(
+    z: Float32Array, axes: list[Axis], m: Mixture, state: State, part: Part, recording: int = 0
+) -> Iterator[Curve]:
+    """Means of the four Hermite polynomials over bins of pixels, and pixel by pixel."""
+    count = np.isfinite(z).sum(axis=0)
+    sigma = m.of_main(m.sigma)[part[1]]
+    unknown = state.pixel_variance[part[1]] / sigma**2  # a measured map has errors
+    of_width = state.log_width_error[recording, part[1]] ** 2  # so have widths
+    free = one_surface(m)[part[1]] | (memory_of(state) == 0)  # only pixels of one surface are freed of a memory
+    for name, power, off, wider in zip(SHAPES, hermite(z), *moves(m.shape), strict=True):
+        errors = off**2 * unknown + wider**2 * of_width
+        total: FloatArray = np.asarray(np.nansum(power, axis=0, dtype=np.float64))
+        for axis in axes:
+            yield _curve(name, axis, total, (count, errors), sigma_of_lit(m, part))
+        enough = (count >= _ENOUGH / 10) & free
+        value = total[enough] / count[enough]
+        number = part[1][enough].astype(np.float64)
+        own = "pattern" if name == "bias" else f"{name}_pattern"
+        spread = 1.0 / count[enough] + errors[enough]
+        yield Curve(statistic=own, axis="all", lower=number, upper=number + 1,
+                    value=value, variance=spread, unit="1", scale_mm=sigma[enough])  # fmt: skip
+
+
+def widths(state: State, spread: float, recording: int = 0) -> Iterator[Curve]:
+    """Whether the widths of pixels are spread as in the model: their mean square, clipped at 2.5 spreads.
+
+    Only a camera with a spread of widths has this curve. An estimated width is nearer to the mean than the true one,
+    because of its error.
+
+    Parameters
+    ----------
+    state : State
+        State with the estimated widths.
+    spread : float
+        The model's standard deviation of the log width.
+    recording : int
+        Which one, from 0.
+    """
+    found, error = state.log_width[recording], state.log_width_error[recording]
+    expected = spread**2 - error**2
+    told = state.working & (error > 0) & (expected > _TOLD * spread**2)
+    if not told.any():
+        return
+    square = np.minimum(found[told] ** 2 / expected[told], _FAR_WIDTH**2)
+    value = (float(square.mean()) - _CLIPPED_MEAN) / _CLIPPED_SPREAD
+    yield Curve(statistic="widths", axis="all", lower=np.zeros(1), upper=np.ones(1),
+                value=np.array([value]), variance=np.array([1.0 / told.sum()]), unit="1",
+                scale_mm=np.ones(1))  # fmt: skip
+
+
+def sigma_of_lit(m: Mixture, part: Part) -> FloatArray:
+    """Sigma of a part's pixels, mm; infinite without a return, because no bias moves these samples."""
+    return np.where(m.of_main(m.lit)[part[1]], m.of_main(m.sigma)[part[1]], np.inf)
+
+
+def _curve(name: str, axis: Axis, total: FloatArray, known: tuple[FloatArray, FloatArray], sigma: FloatArray) -> Curve:
+    """Means over bins; `known` are the samples of each pixel, and the additional variance of its mean."""
+    count, unknown = known
+    n = np.bincount(axis.bin, count, minlength=axis.lower.size)
+    some = n >= (_ENOUGH_OF_MEANS if name in ("bias", "spread") else _ENOUGH)
+    value = np.bincount(axis.bin, total, minlength=n.size)[some] / n[some]
+    per_mm = np.bincount(axis.bin, count / sigma, minlength=n.size)[some] / n[some]
+    scale = np.where(per_mm > 0, 1.0 / np.maximum(per_mm, 1e-9), 0.0)
+    shared = np.bincount(axis.bin, count**2 * unknown, minlength=n.size)[some] / n[some] ** 2
+    return Curve(statistic=name, axis=axis.name, lower=axis.lower[some], upper=axis.upper[some], value=value,
+                 variance=1.0 / n[some] + shared, unit=axis.unit, scale_mm=scale)  # fmt: skip
+
+
+def invalid(evidence: Evidence, m: Mixture, state: State, axes: list[Axis], part: Part) -> Iterator[Curve]:
+    """Invalid samples beyond those that the model predicts, over bins of pixels, and by frame."""
+    lost = evidence.samples[part[0]][:, part[1]] == 0
+    working = state.working[part[1]]
+    expected = m.invalid[0][part[1]] * len(part[0])
+    seen = lost.sum(axis=0)
+    for axis in axes:
+        use = axis.bin[working]
+        wanted = np.bincount(use, expected[working], minlength=axis.lower.size)
+        found = np.bincount(use, seen[working], minlength=axis.lower.size)
+        n = np.bincount(use, minlength=axis.lower.size) * len(part[0])
+        share = np.bincount(use, (m.invalid[0][part[1]] * (1 - m.invalid[0][part[1]]))[working] * len(part[0]),
+                            minlength=axis.lower.size)  # fmt: skip
+        some = n >= _ENOUGH
+        n = n[some]
+        yield Curve(statistic="invalid", axis=axis.name, lower=axis.lower[some], upper=axis.upper[some],
+                    value=(found - wanted)[some] / n, variance=np.maximum(share[some], 1.0) / n**2, unit=axis.unit,
+                    scale_mm=np.ones(n.size))  # fmt: skip
+    by_frame = lost[:, working].sum(axis=1) - expected[working].sum() / len(part[0])
+    level = max(float(lost[:, working].sum(axis=1).mean()), 1.0)
+    size = float(working.sum())
+    frame = part[0].astype(np.float64)
+    yield Curve(statistic="invalid", axis="frame", lower=frame, upper=frame + 1,
+                value=by_frame / size, variance=np.full(len(part[0]), level / size**2), unit="1",
+                scale_mm=np.ones(len(part[0])))  # fmt: skip
+
+
+def neighbours(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
+    """Correlation of neighbours in a row, and in a column, without the means of pixels.
+
+    Means of frames are removed too. This gives any two of n pixels a correlation of -1 / n, so few pixels have no
+    result.
+    """
+    rows, cols = evidence.image
+    if part[1].size < _ENOUGH_PIXELS:
+        return
+    flat = np.nan_to_num(z - np.nanmean(np.where(np.isfinite(z).any(axis=0), z, 0), axis=0))
+    cube = np.zeros((len(part[0]), rows * cols), dtype=np.float32)
+    cube[:, part[1]] = flat - flat.mean(axis=1, keepdims=True)
+    image = cube.reshape(-1, rows, cols)
+    both = {"col": (image[:, :, 1:], image[:, :, :-1]), "row": (image[:, 1:], image[:, :-1])}
+    for axis, (a, b) in both.items():
+        if a.size == 0:  # one column, or one row
+            continue
+        n = max(int(((a != 0) & (b != 0)).sum()), 1)
+        value = float((a * b).sum(dtype=np.float64)) / n + 1.0 / part[1].size
+        yield Curve(statistic="neighbour_correlation", axis=axis, lower=np.zeros(1), upper=np.ones(1),
+                    value=np.array([value]), variance=np.array([1.0 / n]), unit="1", scale_mm=np.ones(1))  # fmt: skip
+
+
+def discreteness(evidence: Evidence, part: Part, m: Mixture, state: State) -> Iterator[Curve]:
+    """Second differences of the histogram of whole mm, and its Fourier sums; 0 if the density is smooth.
+
+    If the model has a `quantisation`: the share of samples off its steps.
+    """
+    use = part[1][(state.working & (m.of_main(m.sigma) > _SMOOTH_MM))[part[1]]]
+    count = np.bincount(evidence.samples[part[0]][:, use].ravel(), minlength=65_536)[1:].astype(np.float64)
+    if m.step > 0:
+        value = np.arange(1.0, 65_536.0)
+        off = float(count[np.rint(np.rint(value / m.step) * m.step) != value].sum())
+        n = max(float(count.sum()), 1.0)
+        yield Curve(statistic="discreteness", axis="all", lower=np.zeros(1), upper=np.ones(1),
+                    value=np.array([off / n]), variance=np.array([max(off, 1.0) / n**2]), unit="1",
+                    scale_mm=np.ones(1))  # fmt: skip
+        return
+    yield from _combs(evidence, part, m, state)
+    curl = count[1:-1] - (count[:-2] + count[2:]) / 2
+    variance = count[1:-1] + (count[:-2] + count[2:]) / 4
+    full = variance >= _ENOUGH
+    curl, variance = curl[full][::3], variance[full][::3]  # every third, so that they share no counts
+    at: FloatArray = (np.flatnonzero(full) + 2.0)[::3].astype(np.float64)
+    yield Curve(statistic="discreteness", axis="range", lower=at, upper=at + 1, value=curl / variance,
+                variance=1.0 / variance, unit="mm", scale_mm=np.ones(at.size))  # fmt: skip
+
+
+_PERIODS = range(2, 17)  # mm
+_SMOOTH_TURNS = 0.8  # least sigma of a density without such a wave, in periods: the wave is e^-12.6
+
+
+def _combs(evidence: Evidence, part: Part, m: Mixture, state: State) -> Iterator[Curve]:
+    """Fourier sums of the samples over periods of whole mm: they show values that are too rare, even in few samples.
+
+    They use samples and not scores, so a wide scene with few counts in a bin, or wrong means of the model, do not
+    matter. With a memory there is no result, because samples repeat each other.
+    """
+    if memory_of(state) or m.period > 0:
+        return
+    sigma = np.where(state.working, np.where(m.weight[0] > 0, m.sigma[0], np.inf).min(axis=0), 0.0)[part[1]]
+    values = evidence.samples[part[0]][:, part[1]]
+    sums: list[float] = []
+    counts: list[float] = []
+    turns: list[float] = []
+    for period in _PERIODS:
+        of_each = np.bincount(values[:, sigma > _SMOOTH_TURNS * period].ravel(), minlength=1)
+        of_each[0] = 0
+        residues = np.bincount(np.arange(of_each.size) % period, of_each, minlength=period)
+        n = residues.sum()
+        waves = np.fft.rfft(residues)
+        for k in range(1, period // 2 + 1):
+            if n < _ENOUGH or math.gcd(k, period) > 1:
+                continue
+            both = [float(w) for w in (waves[k].real, waves[k].imag)[: 1 + (2 * k < period)]]
+            sums += both
+            counts += [n / len(both)] * len(both)
+            turns += [period / k] * len(both)
+    order = np.argsort(turns, kind="stable")  # periods of k turns lie between those of one turn
+    at, power = np.array(turns)[order], np.maximum(np.array(counts)[order], 1)
+    yield Curve(statistic="discreteness", axis="all", lower=at, upper=at, value=np.array(sums)[order] / power,
+                variance=1.0 / power, unit="mm", scale_mm=np.ones(at.size))  # fmt: skip

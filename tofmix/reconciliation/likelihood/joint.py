@@ -1,0 +1,231 @@
+"""Several recordings of one camera: their common parts, and the parts of each one's scene.
+
+Effects of the camera act in all recordings with the same parameters; so do the biases and values of pixels. Effects of
+a surface act in recordings with this surface. Two surfaces are the same if name, position, size and reflectivity are
+equal in both models. Otherwise they have different names during the search (`tell_apart`).
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.arrays import FloatArray
+from tofmix.errors import BadInputError
+from tofmix.reconciliation.evidence import Evidence, join
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part
+from tofmix.reconciliation.likelihood.mixture import Mixture, Scene
+from tofmix.reconciliation.likelihood.side_information import (
+    SideInformation,
+    amplitude_information,
+    as_bright_as_seen,
+    log_ratios,
+    warm_up_information,
+)
+from tofmix.simulation.effects.base import Effect
+from tofmix.simulation.model import Model
+
+if TYPE_CHECKING:
+    from tofmix.simulation.surface import Surface
+
+Recording = tuple[Model, Evidence]
+"""A model and the samples of its recording."""
+
+
+class Scenes:
+    """The scenes of several recordings, with the interface of one `Scene`; frames of the recordings follow each other.
+
+    Parameters
+    ----------
+    members : tuple of Scene
+        At least one; different surfaces have different names.
+    """
+
+    def __init__(self, members: tuple[Scene, ...]) -> None:
+        self.members = members
+        self.model = members[0].model
+        distances = {name: d for m in reversed(members) for name, d in zip(m.names, m.distance, strict=True)}
+        self.names = tuple(dict.fromkeys(name for m in members for name in m.names))
+        self.distance = np.array([distances[name] for name in self.names])
+
+    @property
+    def sigma_of_place(self) -> FloatArray:
+        """As `Scene.sigma_of_place`: the median over the recordings that show a surface."""
+        found = [dict(zip(m.names, m.sigma_of_place, strict=True)) for m in self.members]
+        seen = ([own[name] for own in found if name in own and own[name] > 0] for name in self.names)
+        return np.array([float(np.median(values)) if values else np.nan for values in seen])
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Effects of any of the models."""
+        return tuple(e for m in self.members for e in m.effects)
+
+    @property
+    def links(self) -> tuple[Effect, ...]:
+        """As `Scene.links`: the first of each kind, because there is one camera."""
+        found: dict[str, Effect] = {}
+        for member in self.members:
+            found |= {e.kind: e for e in member.links if e.kind not in found}
+        return tuple(found.values())
+
+    def mixture(self, effects: tuple[Effect, ...] = ()) -> Mixture:
+        """The prediction of the models and these effects for all frames."""
+        parts = [member.mixture(effects) for member in self.members]
+        most = max(p.weight.shape[1] for p in parts)
+        times = np.cumsum([0, *(len(p.weight) for p in parts)])
+        joined = {name: np.concatenate([_padded(p, name, most) for p in parts]) for name in _BY_COMPONENT}
+        key = np.concatenate([p.key + start for p, start in zip(parts, times[:-1], strict=True)])
+        whole = {name: np.concatenate([getattr(p, name) for p in parts]) for name in ("invalid", "since", "frame_bias")}
+        changed: dict[str, Any] = {**joined, **whole, "key": key}
+        return replace(parts[0], **changed)
+
+
+_BY_COMPONENT = {"weight": 0.0, "mean": 1.0, "sigma": 1.0, "rate": 0.0, "lit": False, "surface": -1, "amplitude": 0.0,
+                 "true_range": 1.0}  # fmt: skip
+
+
+def _padded(part: Mixture, name: str, components: int) -> NDArray[Any]:
+    values: NDArray[Any] = getattr(part, name)
+    missing = components - values.shape[1]
+    return np.pad(values, ((0, 0), (0, missing), (0, 0)), constant_values=_BY_COMPONENT[name])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class View:
+    """One recording of a likelihood.
+
+    Parameters
+    ----------
+    number : int
+        Its number, from 0.
+    frames : slice
+        Its frames among those of all recordings.
+    scene, evidence, mixture
+        Those of the recording.
+    part : (frames, pixels)
+        The part of it, by the numbers of its own frames.
+    """
+
+    number: int
+    frames: slice
+    scene: Scene
+    evidence: Evidence
+    mixture: Mixture
+    part: Part
+
+    @property
+    def part_of_all(self) -> Part:
+        """The part, by the numbers of frames among those of all recordings."""
+        return self.part[0] + self.frames.start, self.part[1]
+
+
+def views(likelihood: Likelihood, mixture: Mixture, part: Part) -> Iterator[View]:
+    """Each recording with frames in the part."""
+    evidence = likelihood.evidence
+    for number, (frames, scene) in enumerate(zip(evidence.recordings, likelihood.scene.members, strict=True)):
+        own = part[0][(part[0] >= frames.start) & (part[0] < frames.stop)] - frames.start
+        if own.size:
+            yield View(
+                number=number, frames=frames, scene=scene, evidence=evidence.recording(frames),
+                mixture=mixture.of_frames(frames), part=(own, part[1]),
+            )  # fmt: skip
+
+
+def acting_part(likelihood: Likelihood, effect: Effect, part: Part) -> Part:
+    """The frames of the recordings in which an effect acts."""
+    evidence, members = likelihood.evidence, likelihood.scene.members
+    acts = [bool(scene.own((effect,))) for scene in members]
+    if all(acts):
+        return part
+    frames = part[0]
+    use = np.zeros(evidence.shape[0], dtype=bool)
+    for own, acting in zip(evidence.recordings, acts, strict=True):
+        use[own] = acting
+    return frames[use[frames]], part[1]
+
+
+def joint_likelihood(recordings: Sequence[Recording]) -> Likelihood:
+    """The likelihood of recordings of one camera.
+
+    Parameters
+    ----------
+    recordings : sequence of (Model, Evidence)
+        At least one.
+
+    Raises
+    ------
+    BadInputError
+        If the models' cameras differ.
+    """
+    check_camera([model for model, _ in recordings])
+    models = tell_apart([model for model, _ in recordings])
+    alone = [evidence for _, evidence in recordings]
+    scenes: list[Scene] = []
+    side_information: dict[str, SideInformation] = {}
+    for model, evidence in zip(models, alone, strict=True):
+        scene, side = _seen(model, evidence)
+        scenes.append(scene)
+        side_information |= {name: w for name, w in side.items() if name not in side_information}
+    joined = scenes[0] if len(scenes) == 1 else Scenes(tuple(scenes))
+    return Likelihood(join(alone), joined, tuple(side_information.values()))
+
+
+def _seen(model: Model, evidence: Evidence) -> tuple[Scene, dict[str, SideInformation]]:
+    """The scene with recorded amplitudes, and the observations of amplitudes and temperatures by name."""
+    scene = Scene(model, evidence.time_s)
+    ratios = log_ratios(model, evidence, scene.mixture())
+    side: dict[str, SideInformation] = {}
+    if model.sensor.modulation_frequency_hz is not None:
+        side |= {
+            f"amplitude of {w.surface}": w for w in amplitude_information(ratios, model.sensor.turn_mm("reconcile"))
+        }
+    warm_up = warm_up_information(evidence)
+    if warm_up is not None:
+        side["temperature"] = warm_up
+    bright = as_bright_as_seen(model, ratios)
+    return (scene if bright is model else Scene(bright, evidence.time_s)), side
+
+
+def check_camera(models: Sequence[Model]) -> None:
+    """Refuse models of different cameras. The integration time may differ.
+
+    Raises
+    ------
+    BadInputError
+        Naming the first key that differs.
+    """
+    first = models[0].sensor
+    for model in models[1:]:
+        for field in fields(first):
+            ours, theirs = getattr(first, field.name), getattr(model.sensor, field.name)
+            if field.name in _MAY_DIFFER or ours == theirs:
+                continue
+            if field.name == "noise":
+                if ours.same_as(theirs):
+                    continue
+                raise BadInputError("sensor: noise: another camera than the first model's: the noise curves differ")
+            raise BadInputError(f"sensor: {field.name}: {theirs} is another camera than the first model's {ours}")
+
+
+_MAY_DIFFER = ("name", "integration_time_ms", "default_integration_time_ms", "confirmed", "sources")
+
+
+def tell_apart(models: Sequence[Model]) -> list[Model]:
+    """The models; a surface is renamed if a different surface of another recording has its name."""
+    known: dict[str, Surface] = {}
+    out = []
+    for number, model in enumerate(models, 1):
+        names = {s.name: s.name if known.get(s.name, s) == s else f"{s.name} ({number})" for s in model.surfaces}
+        surfaces = tuple(replace(s, name=names[s.name]) for s in model.surfaces)
+        effects = tuple(renamed(effect, names) for effect in model.effects)
+        out.append(replace(model, surfaces=surfaces, effects=effects))
+        known |= {s.name: s for s in surfaces}
+    return out
+
+
+def renamed(effect: Effect, names: dict[str, str]) -> Effect:
+    """The effect with the new name of its surface, if it has a surface."""
+    surface = getattr(effect, "surface", None)
+    return effect if surface is None or names[surface] == surface else replace(effect, surface=names[surface])  # type: ignore[call-arg]

@@ -1,0 +1,279 @@
+"""Log-likelihood of a recording under a model with effects, with hidden states integrated out.
+
+One compiled pass computes the log-likelihood of each pixel and frame, with its slope and information for a bias. The
+latent states use these sums: disturbed frames (hidden Markov chain), the bias of each pixel (Gaussian, in
+`tofmix.reconciliation.likelihood.pixel_pattern`), stuck pixels, and the memory of the noise.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.special import ndtri
+
+from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from tofmix.reconciliation.evidence import Evidence
+from tofmix.reconciliation.likelihood.bursts import forward
+from tofmix.reconciliation.likelihood.kernel import Sorted, empty_sums, log_likelihood, sort_pixels, transform
+from tofmix.reconciliation.likelihood.mixture import Mixture, Scene
+from tofmix.simulation.effects.base import Effect
+from tofmix.simulation.effects.interference import Interference
+from tofmix.wording import counted
+
+if TYPE_CHECKING:
+    from tofmix.reconciliation.likelihood.joint import Scenes
+    from tofmix.reconciliation.likelihood.side_information import SideInformation
+
+_CHUNKS = 2  # fixed, so that sums do not depend on the number of threads
+_THREADS = 2  # as many as chunks
+_SIDE, _AWAY = 1 / 6, 3**0.5
+"""Three points of Gauss-Hermite quadrature: weight of each side, and its distance in standard errors."""
+
+
+@lru_cache(maxsize=1)
+def _pool() -> ThreadPoolExecutor:
+    """Threads for all passes: there are thousands of passes, and starting a thread takes as long as a small pass."""
+    return ThreadPoolExecutor(_THREADS)
+
+
+Part = tuple[IntArray, IntArray]
+"""Frames and pixels."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class State:
+    """A model with effects, and with the latent states that were estimated for them.
+
+    Parameters
+    ----------
+    effects : tuple of Effect
+        Effects beyond those of the model.
+    given : tuple of Effect
+        Effects of the model that link samples.
+    pixel_bias : (pixel,) float64
+        Known bias of each pixel, mm.
+    pixel_variance : (pixel,) float64
+        Variance of this bias, mm2.
+    stuck_mm : (pixel,) float64
+        Value of stuck pixels, NaN for the others.
+    disturbed : (frame,) float64
+        Probability that a frame is disturbed; used for scores.
+    log_width, log_width_error : (recording, pixel) float64
+        Logarithm of each pixel's own width of the noise in each recording, and its standard error; 0 if all pixels of
+        the camera have the same width.
+    """
+
+    effects: tuple[Effect, ...]
+    given: tuple[Effect, ...]
+    pixel_bias: FloatArray
+    pixel_variance: FloatArray
+    stuck_mm: FloatArray
+    disturbed: FloatArray
+    log_width: FloatArray
+    log_width_error: FloatArray
+
+    @property
+    def linking(self) -> tuple[Effect, ...]:
+        """All effects that may link samples, the model's own first."""
+        return (*self.given, *self.effects)
+
+    @property
+    def bursts(self) -> Interference | None:
+        """The effect that disturbs frames, if any."""
+        return next((e for e in self.linking if isinstance(e, Interference)), None)
+
+    @property
+    def working(self) -> BoolArray:
+        """Pixels that are not stuck."""
+        return np.isnan(self.stuck_mm)
+
+
+@dataclass(slots=True, eq=False)
+class Sums:
+    """Results of a pass: columns are log-likelihood, slope (1/mm), information (1/mm2), valid samples."""
+
+    by_pixel: FloatArray
+    by_frame: FloatArray
+
+    @property
+    def total(self) -> float:
+        """The log-likelihood."""
+        return float(self.by_pixel[:, 0].sum())
+
+
+def _in_rows(mixture: Mixture) -> Mixture:
+    """The same with rows of pixels in memory, whatever made it: kernels are compiled for this one order."""
+    names = "weight", "mean", "sigma", "rate", "lit"
+    return replace(mixture, **{name: np.ascontiguousarray(getattr(mixture, name)) for name in names})
+
+
+@dataclass(eq=False)
+class Likelihood:
+    """Evaluates states on parts of a recording.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        The recording.
+    scene : Scene or Scenes
+        The scene of the model, or the scenes of several recordings.
+    side_information : tuple of SideInformation
+        Observations of amplitudes and temperatures.
+    """
+
+    evidence: Evidence
+    scene: "Scene | Scenes"
+    side_information: "tuple[SideInformation, ...]" = ()
+
+    def start(self) -> State:
+        """The model without added effects; latent states are not estimated yet."""
+        frames, pixels = self.evidence.shape
+        return State(
+            effects=(),
+            given=self.scene.links,
+            pixel_bias=np.zeros(pixels),
+            pixel_variance=np.zeros(pixels),
+            stuck_mm=np.full(pixels, np.nan),
+            disturbed=np.zeros(frames),
+            log_width=np.zeros((len(self.evidence.starts), pixels)),
+            log_width_error=np.zeros((len(self.evidence.starts), pixels)),
+        )
+
+    def mixture(self, state: State) -> Mixture:
+        """The prediction of the model and a state's effects, with the widths of pixels."""
+        mixture = self.scene.mixture(state.effects)
+        return self._widened(mixture, state.log_width) if state.log_width.any() else mixture
+
+    def _widened(self, mixture: Mixture, log_width: FloatArray) -> Mixture:
+        """A mixture of all recordings with widths (recording, pixel)."""
+        times = np.zeros(len(mixture.sigma), dtype=np.int64)
+        for number, frames in enumerate(self.evidence.recordings):
+            times[int(mixture.key[frames].min()) :] = number
+        return mixture.widened(log_width[times][:, None])
+
+    def sums(
+        self, mixture: Mixture, state: State, part: Part, *, variance: FloatArray | None = None,
+        bias: FloatArray | None = None,
+    ) -> Sums:  # fmt: skip
+        """One pass over a part, without stuck pixels.
+
+        Parameters
+        ----------
+        mixture : Mixture
+            The prediction.
+        state : State
+            State with stuck pixels and biases of pixels.
+        part : (frames, pixels)
+            Samples of the pass.
+        variance : (frame,), optional
+            Variance that each frame adds, mm2; that of the state's disturbed frames if left out.
+        bias : (pixel,), optional
+            Bias of each pixel, mm, instead of the state's.
+
+        Raises
+        ------
+        ValueError
+            If the recording has no such frame or pixel.
+        """
+        frames, pixels = self._working(state, part)
+        added = self._variance(state) if variance is None else variance
+        shift = state.pixel_bias if bias is None else bias
+        density = mixture.outlier / (mixture.high - mixture.low)
+        m = _in_rows(mixture)
+        chosen = sort_pixels(pixels, m.weight, m.sigma, m.invalid, m.step, m.period, gaussian=m.shape is None)
+        run = partial(self._pass, m, chosen, (added, shift, density))
+        results = list(_pool().map(run, np.array_split(frames, _CHUNKS)))
+        out = Sums(*empty_sums(*self.evidence.shape))
+        for by_pixel, by_frame in results:
+            out.by_pixel += by_pixel
+            out.by_frame += by_frame
+        return out
+
+    def _working(self, state: State, part: Part) -> Part:
+        """A part without stuck pixels. Frames and pixels out of bounds are refused, because kernels do not check."""
+        for name, numbers, count in zip(("frame", "pixel"), part, self.evidence.shape, strict=True):
+            if numbers.size and not 0 <= numbers.min() <= numbers.max() < count:
+                raise ValueError(
+                    f"{name}s {numbers.min()} to {numbers.max()} asked for, the recording has {counted(count, name)}"
+                )
+        return part[0], part[1][state.working[part[1]]]
+
+    def _pass(self, m: Mixture, pixels: Sorted, more: tuple[Any, ...], frames: IntArray) -> tuple[Any, Any]:
+        added, shift, density = more
+        by_pixel, by_frame = empty_sums(*self.evidence.shape)
+        log_likelihood(
+            self.evidence.samples, pixels, frames, m.key, m.since, m.frame_bias, added, shift, m.weight, m.mean,
+            m.sigma, m.rate, m.lit, m.invalid, density, m.step, m.period, m.table, by_pixel, by_frame,
+        )  # fmt: skip
+        return by_pixel, by_frame
+
+    def _variance(self, state: State) -> FloatArray:
+        if state.bursts is None:
+            return np.zeros(self.evidence.shape[0])
+        return np.asarray(state.disturbed * state.bursts.sigma_mm**2)
+
+    def value(self, state: State, part: Part, mixture: Mixture | None = None) -> float:
+        """Log-likelihood of a part, with disturbed frames integrated out."""
+        mixture = self.mixture(state) if mixture is None else mixture
+        if state.bursts is not None:
+            return self._with_bursts(mixture, state, part, state.bursts)
+        return self.sums(mixture, state, part).total
+
+    def objective(self, state: State, part: Part) -> float:
+        """The objective of fits: `value`, plus the log density of the side information, given the effects."""
+        return self.value(state, part) + self.side_log_density(state)
+
+    def side_log_density(self, state: State) -> float:
+        """Log density of amplitudes and temperatures, given the effects."""
+        return float(sum(side.log_density(effect) for effect in state.effects for side in self.side_information))
+
+    def _with_bursts(self, mixture: Mixture, state: State, part: Part, effect: Interference) -> float:
+        numbers = self.evidence.frame_number[part[0]]
+        return forward(*self.frame_pair(mixture, state, part, effect.sigma_mm), numbers, effect)[0]
+
+    def frame_pair(self, mixture: Mixture, state: State, part: Part, sigma_mm: float) -> tuple[FloatArray, FloatArray]:
+        """Log-likelihoods (n,) of the part's frames, quiet and disturbed."""
+        frames = self.evidence.shape[0]
+        quiet = self.sums(mixture, state, part, variance=np.zeros(frames)).by_frame[part[0], 0]
+        loud = self.sums(mixture, state, part, variance=np.full(frames, sigma_mm**2)).by_frame[part[0], 0]
+        return quiet, loud
+
+    def scores(self, state: State, part: Part, seed: int, mixture: Mixture | None = None) -> Float32Array:
+        """Standard normal scores (frame, pixel) if the model is right; NaN for invalid samples and outside the part.
+
+        Raises
+        ------
+        ValueError
+            If the recording has no such frame or pixel.
+        """
+        m = _in_rows(self.mixture(state) if mixture is None else mixture)
+        frames, pixels = self._working(state, part)
+        out: Float32Array = np.full(self.evidence.shape, np.nan, dtype=np.float32)
+        added = self._variance(state)
+
+        def run(m: Mixture, bias: FloatArray, into: Float32Array, some: IntArray) -> None:
+            transform(
+                self.evidence.samples, pixels, some, m.key, m.since, m.frame_bias, added, bias, m.weight, m.mean,
+                m.sigma, m.rate, m.lit, m.outlier, m.low, m.high, m.step, m.period, m.table, seed, into,
+            )  # fmt: skip
+
+        chunks = np.array_split(frames, _CHUNKS)
+        list(_pool().map(partial(run, m, state.pixel_bias, out), chunks))
+        sides: list[tuple[Mixture, FloatArray]] = []
+        if state.log_width_error.any():
+            sides += [(self._widened(m, sign * state.log_width_error), state.pixel_bias) for sign in (-_AWAY, _AWAY)]
+        if m.shape is not None and state.pixel_variance.any():
+            error = np.sqrt(state.pixel_variance)
+            sides += [(m, state.pixel_bias + sign * error) for sign in (-_AWAY, _AWAY)]
+        if sides:  # the mean of the transform over the possible widths and biases of a pixel
+            further, aside = np.full_like(out, np.nan), np.zeros_like(out)
+            for mixture_aside, bias in sides:
+                list(_pool().map(partial(run, mixture_aside, bias, further), chunks))
+                aside += further
+            out *= np.float32(1.0 - _SIDE * len(sides))
+            out += np.float32(_SIDE) * aside
+        for frame in range(len(out)):  # frame by frame: no second copy in double precision
+            out[frame] = ndtri(np.clip(out[frame].astype(np.float64), 1e-9, 1 - 1e-9))
+        return out

@@ -1,0 +1,333 @@
+"""The mixture that a model with effects predicts for each sample of a recording.
+
+Use `Scene.mixture` with the effects to try. `tofmix.reconciliation.likelihood.likelihood` adds the hidden states that
+link samples (frames of interference, biases of pixels, stuck pixels, memory); everything else is the prediction of the
+registry's effects.
+"""
+
+from collections import OrderedDict
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.noise_shape import NoiseShape
+from tofmix.optics.projection import beam_directions_of
+from tofmix.reconciliation.likelihood.error_shape import GAUSSIAN, ShapeTable, shape_table
+from tofmix.simulation.casting.polygon_cast import PolygonCaster
+from tofmix.simulation.distribution import Prediction
+from tofmix.simulation.effects.base import Effect, Latent, Level
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.saturation import Saturation
+from tofmix.simulation.model import Model
+from tofmix.simulation.prediction import equation_1, predict
+from tofmix.simulation.surface import Surface
+from tofmix.simulation.truth import Truth
+
+LINKING = (Latent.FRAME, Latent.PIXEL, Latent.MEMORY)
+"""Hidden states that link samples. They are no part of the mixture; `quantisation` is a part of it."""
+
+_TIMES = (4, 8, 16, 32)  # times at which a changing scene is computed; the most unless only surfaces move
+_STEP_MM = 15.0  # largest move of a surface from one time to the next, if there are enough times
+_SOON_S = 1e-3  # for the velocity of a surface
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mixture:
+    """The predicted distribution of every sample.
+
+    Parameters
+    ----------
+    weight, mean, sigma, rate : (time, component, pixel) float64
+        Probability; mean and standard deviation, mm; change of the mean, mm/s.
+    lit : (time, component, pixel) bool
+        Whether it contains light of a surface, so that biases act.
+    surface : (time, component, pixel) int64
+        Its number; -1 for none.
+    amplitude : (time, component, pixel) float64
+        Its amplitude.
+    true_range : (time, component, pixel) float64
+        Its range before any effect, mm.
+    invalid : (time, pixel) float64
+        Probability of an invalid sample.
+    outlier, background : (pixel,) float64
+        Share of random values; the camera's background in this share.
+    low, high : float
+        Limits of random values, mm.
+    step, period : float
+        Quantisation step and fold, mm; 0 for none.
+    key, since : (frame,)
+        Number of the time that a frame uses, and the time since then, s.
+    frame_bias : (frame,) float64
+        Bias of a frame's lit components, mm.
+    shape : NoiseShape or None
+        Density of every component's error in units of its sigma; Gaussian without it.
+    table : ShapeTable
+        The same for the kernels.
+    """
+
+    weight: FloatArray
+    mean: FloatArray
+    sigma: FloatArray
+    rate: FloatArray
+    lit: BoolArray
+    surface: IntArray
+    amplitude: FloatArray
+    true_range: FloatArray
+    invalid: FloatArray
+    outlier: FloatArray
+    background: FloatArray
+    low: float
+    high: float
+    step: float
+    period: float
+    key: IntArray
+    since: FloatArray
+    frame_bias: FloatArray
+    shape: NoiseShape | None = None
+    table: ShapeTable = GAUSSIAN
+
+    def widened(self, log_width: FloatArray) -> "Mixture":
+        """The same with each sigma multiplied by exp(log_width), which broadcasts to (time, component, pixel)."""
+        return replace(self, sigma=self.sigma * np.exp(log_width))
+
+    @property
+    def told(self) -> FloatArray:
+        """Share (pixel,) of samples of the scene at the first time: valid and no background."""
+        return np.asarray(1.0 - self.invalid[0] - self.background)
+
+    def of_frames(self, frames: slice) -> "Mixture":
+        """The mixture of one recording, not copied."""
+        if frames.stop - frames.start == self.key.size:
+            return self
+        first, last = int(self.key[frames].min()), int(self.key[frames].max())
+        times = slice(first, last + 1)
+        return replace(
+            self, weight=self.weight[times], mean=self.mean[times], sigma=self.sigma[times], rate=self.rate[times],
+            lit=self.lit[times], surface=self.surface[times], amplitude=self.amplitude[times],
+            true_range=self.true_range[times], invalid=self.invalid[times], key=self.key[frames] - first,
+            since=self.since[frames], frame_bias=self.frame_bias[frames],
+        )  # fmt: skip
+
+    @property
+    def main(self) -> IntArray:
+        """The heaviest component (pixel,) at the first time."""
+        return np.asarray(self.weight[0].argmax(axis=0))
+
+    def main_of(self, other: "Mixture") -> IntArray:
+        """The component (pixel,) with the surface of the heaviest component in another mixture of the scene.
+
+        At the first time; -1 if the surface is out of the pixel.
+        """
+        here = self.surface[0] == other.of_main(other.surface)
+        same = np.minimum(other.main, len(here) - 1)
+        kept = np.take_along_axis(here, same[None], axis=0)[0]
+        return np.where(kept, same, np.where(here.any(axis=0), here.argmax(axis=0), -1))
+
+    def of_main(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Values (time, component, pixel) of the heaviest component, (pixel,)."""
+        return np.asarray(np.take_along_axis(values[0], self.main[None], axis=0)[0])
+
+
+class Scene:
+    """A model's scene, cast with its surfaces as effects place them.
+
+    Predictions depend on the effects alone. The casts used last are kept, because fits use them again.
+
+    An effect of a surface that the model does not have belongs to another recording. The effects of the model act in
+    every mixture, except those that link samples, which are in `links`.
+
+    Parameters
+    ----------
+    model : Model
+        The model with its effects.
+    time_s : (frame,) float64
+        Times of the frames.
+    kept_bytes, kept : int
+        Kept casts: most memory, and least number.
+
+    Attributes
+    ----------
+    beams : (pixel, 3) float64
+        Unit vectors of the beams of the pixels' centres.
+    """
+
+    def __init__(
+        self, model: Model, time_s: FloatArray, *, kept_bytes: int = 1 << 26, kept: int = 2 * _TIMES[-1]
+    ) -> None:
+        self.model = model
+        self.time_s = time_s
+        self._kept_bytes, self._kept = kept_bytes, kept
+        self.names = tuple(surface.name for surface in model.surfaces)
+        self.members: tuple[Scene, ...] = (self,)
+        self.links = tuple(e for e in model.effects if e.latent in LINKING and not _mapped_bias(e))
+        self._apart = tuple(e for e in model.effects if _stands_apart(e))
+        rest = tuple(e for e in model.effects if e not in (*self.links, *self._apart))
+        alike = replace(model.sensor.noise, width_spread=0.0)  # widths belong to the recording: a state has them
+        self._still = replace(model, effects=rest, sensor=replace(model.sensor, noise=alike))
+        self._table = shape_table(model.sensor.noise.shape)
+        self._caster = PolygonCaster(model.sensor)
+        self.beams = beam_directions_of(model.sensor.optics, model.sensor.shape).reshape(-1, 3)
+        self._casts: OrderedDict[tuple[Surface, ...], tuple[Truth, Prediction]] = OrderedDict()
+        self.distance = np.array([_plane_distance(s) for s in model.surfaces])
+
+    @cached_property
+    def sigma_of_place(self) -> FloatArray:
+        """Shift (surface,) of each surface along its normal, mm, that changes its ranges by their sigma.
+
+        The median over the pixels in which it has the most light; NaN without such pixels.
+        """
+        m = self.mixture()
+        surface, sigma, ranges = m.of_main(m.surface), m.of_main(m.sigma), m.of_main(m.true_range)
+        out = np.full(len(self.names), np.nan)
+        for number in np.intersect1d(surface, np.arange(len(self.names))):
+            own = surface == number
+            out[number] = float(np.median(sigma[own] / ranges[own])) * abs(self.distance[number])
+        return out
+
+    @property
+    def casts(self) -> int:
+        """Number of kept casts."""
+        return len(self._casts)
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Effects of the model."""
+        return self.model.effects
+
+    def surface(self, name: str) -> Surface:
+        """A surface of the model."""
+        return self.model.surfaces[self.names.index(name)]
+
+    def own(self, effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
+        """The effects among these that act in this scene."""
+        return tuple(e for e in effects if getattr(e, "surface", None) in (None, *self.names))
+
+    def _cast(self, surfaces: tuple[Surface, ...]) -> tuple[Truth, Prediction]:
+        """The cast of the scene with these surfaces, and its prediction without effects."""
+        kept = self._casts.pop(surfaces, None)
+        if kept is None:
+            truth = self._caster.cast(replace(self._still, surfaces=surfaces))
+            kept = truth, equation_1(truth, self._still)
+            most = max(self._kept, self._kept_bytes // max(_size(kept), 1))
+            while len(self._casts) >= most:
+                self._casts.popitem(last=False)
+        self._casts[surfaces] = kept  # now the last one used
+        return kept
+
+    def _times(self, effects: tuple[Effect, ...]) -> FloatArray:
+        """Times (time,) at which the scene is computed, s; a single one if only biases of frames change."""
+        changing = [e for e in effects if e.changes_in_time and e.frame_bias(self.time_s) is None]
+        if not changing:
+            return np.zeros(1)
+        end_s = float(self.time_s[-1])
+        count = _TIMES[-1]
+        if all(e.level is Level.GEOMETRY for e in changing):
+            first, last = (np.array([_plane_distance(s) for s in self._placed(effects, t)]) for t in (0.0, end_s))
+            count = next((n for n in _TIMES if n * _STEP_MM >= np.abs(last - first).max()), count)
+        edges = np.linspace(0.0, end_s, count + 1)
+        return np.asarray((edges[1:] + edges[:-1]) / 2)
+
+    def _placed(self, effects: tuple[Effect, ...], time_s: float) -> tuple[Surface, ...]:
+        """The surfaces as effects place them at a time."""
+        surfaces = self.model.surfaces
+        for effect in effects:
+            if effect.level is Level.GEOMETRY:
+                surfaces = tuple(effect.place(surface, time_s) for surface in surfaces)
+        return surfaces
+
+    def _velocities(self, effects: tuple[Effect, ...], time_s: float) -> FloatArray:
+        """Rate of change of the rays to each surface (surface + 1,), per mm of their length and s; 0 for no surface."""
+        out = np.zeros(len(self.names) + 1)
+        if any(e.level is Level.GEOMETRY and e.changes_in_time for e in effects):
+            now, soon = (
+                np.array([_plane_distance(s) for s in self._placed(effects, t)]) for t in (time_s, time_s + _SOON_S)
+            )
+            out[:-1] = (soon / now - 1.0) / _SOON_S
+        return out
+
+    def mixture(self, effects: tuple[Effect, ...] = ()) -> Mixture:
+        """The prediction of the model and these effects, without hidden states that link samples."""
+        effects = (*self._apart, *self.own(effects))
+        times = self._times((*self._still.effects, *effects))
+        wells = [e for e in effects if isinstance(e, Saturation)]
+        acting = tuple(
+            e for e in effects if e.latent not in LINKING and not _stands_apart(e) and not isinstance(e, Saturation)
+        )
+        model = replace(self._still, effects=(*self._still.effects, *acting))
+        parts = []
+        for t in times:
+            truth, without_effects = self._cast(self._placed(effects, float(t)))
+            parts.append(predict(model, truth, time_s=float(t), without_effects=without_effects))
+        for part in parts:
+            for well in wells:
+                _saturate(part, well)
+        return self._stack(parts, times, effects)
+
+    def _stack(self, parts: list[Prediction], times: FloatArray, effects: tuple[Effect, ...]) -> Mixture:
+        most, pixels = max(len(p.weight) for p in parts), parts[0].weight.shape[1]
+
+        def stack(name: str, fill: float) -> FloatArray:
+            if len(parts) == 1:
+                return np.asarray(getattr(parts[0], name)[None])
+            out = np.full((len(parts), most, pixels), fill)
+            for rows, part in zip(out, parts, strict=True):
+                rows[: len(part.weight)] = getattr(part, name)
+            return out
+
+        surface = stack("surface", -1).astype(np.int64, copy=False)
+        velocity = np.stack([self._velocities(effects, float(t)) for t in times])
+        key = np.clip(
+            (self.time_s * len(times) / max(float(self.time_s[-1]), 1e-9)).astype(np.int64), 0, len(times) - 1
+        )
+        bias = np.zeros(len(self.time_s))
+        for effect in effects:
+            of_effect = effect.frame_bias(self.time_s)
+            bias += 0.0 if of_effect is None else of_effect
+        first, true_range = parts[0], stack("true_range_mm", 1.0)
+        rate = np.zeros(true_range.shape)
+        if velocity.any():
+            rate = true_range * np.take_along_axis(velocity[:, None], surface, axis=2)
+        sensor = self.model.sensor
+        share = 0.0 if sensor.noise.background is None else sensor.noise.background
+        background = np.broadcast_to(share, sensor.shape).ravel().astype(np.float64)
+        return Mixture(
+            weight=stack("weight", 0.0), mean=stack("range_mm", 1.0), sigma=np.maximum(stack("sigma_mm", 1.0), 0.05),
+            rate=rate, lit=surface >= 0, surface=surface, amplitude=stack("amplitude", 0.0), true_range=true_range,
+            invalid=np.stack([p.invalid for p in parts]), outlier=np.zeros(pixels) + first.outlier,
+            background=background, low=first.limits_mm[0], high=first.limits_mm[1], step=first.step_mm,
+            period=first.period_mm or 0.0, key=key, since=self.time_s - times[key], frame_bias=bias,
+            shape=first.error_shape, table=self._table,
+        )  # fmt: skip
+
+
+def _mapped_bias(effect: Effect) -> bool:
+    """Whether an effect is a pattern with a map."""
+    return isinstance(effect, FixedPattern) and effect.map is not None
+
+
+def _stands_apart(effect: Effect) -> bool:
+    """Whether `predict` leaves out an effect: it places surfaces, or is a bias of each frame."""
+    return effect.level is Level.GEOMETRY or effect.frame_bias(np.zeros(1)) is not None
+
+
+def _size(kept: tuple[Truth | Prediction, ...]) -> int:
+    """Bytes of a cast and of its prediction."""
+    return sum(getattr(getattr(of, name), "nbytes", 0) for of in kept for name in of.__dataclass_fields__)
+
+
+def _plane_distance(surface: Surface) -> float:
+    """Distance of a surface's plane from the camera along its normal, signed, mm; never 0."""
+    distance = float(surface.rotation()[:, 2] @ np.array(surface.center_mm))
+    return distance if abs(distance) > 1.0 else 1.0
+
+
+def _saturate(prediction: Prediction, well: Saturation) -> None:
+    """Lose samples that are too bright. The amplitude of a sample has the noise of its phase, so the edge is smooth."""
+    noise = prediction.amplitude * prediction.sigma_mm * (2 * np.pi / prediction.turn_mm)
+    over = (prediction.amplitude - well.full_well_amplitude) / np.maximum(noise, 1e-9)
+    prediction.lose(np.where(prediction.returned, ndtr(over), 0.0))

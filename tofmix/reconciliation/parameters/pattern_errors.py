@@ -1,0 +1,172 @@
+"""The effect of an unknown fixed pattern on the errors of other numbers, and the errors of its spreads.
+
+An offset cannot be separated from the mean of the pattern's columns. So its error is mostly the spread of the columns
+over the root of their number. Few columns and rows determine this spread, so errors are averaged over its possible
+values.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tofmix.arrays import FloatArray
+from tofmix.reconciliation.likelihood.likelihood import State
+from tofmix.reconciliation.likelihood.pixel_pattern import PatternLines, pixel_biases, with_pattern
+from tofmix.reconciliation.parameters.curvature import SOFT, Numbers, Parabola, inverse
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
+
+_STATIC = 0.05  # least share of the curvature that does not come from static biases
+_BELOW, _ABOVE, _CELLS = 4.0, 6.0, 13  # standard deviations about a spread's logarithm, and cells between
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Averaged:
+    """Errors with the pattern's spreads by column and row integrated out.
+
+    Parameters
+    ----------
+    covariance : (number, number) float64
+        Of the numbers, in units of the parabola's steps.
+    spreads_mm : (3,) float64
+        Standard errors of the spreads by pixel, column and row.
+    """
+
+    covariance: FloatArray
+    spreads_mm: FloatArray
+
+
+def pattern_of(state: State) -> FixedPattern | None:
+    """The fixed pattern of which only the spreads are known, the model's own or an added one."""
+    return next((e for e in state.linking if isinstance(e, FixedPattern)), None)
+
+
+def integrated(numbers: Numbers, pattern: FixedPattern) -> float:
+    """The objective of fits, with the pattern's values integrated out, for its present spreads."""
+    likelihood, state = numbers.likelihood, numbers.state
+    bare = replace(state, pixel_bias=np.zeros_like(state.pixel_bias))
+    mixture = likelihood.mixture(state)
+    found = pixel_biases(likelihood, mixture, bare, numbers.part)
+    spreads = (pattern.pixel_sigma_mm, pattern.column_sigma_mm, pattern.row_sigma_mm)
+    total = likelihood.sums(mixture, bare, numbers.part).total + likelihood.side_log_density(state)
+    return total + with_pattern(found, likelihood.evidence.image, spreads)
+
+
+class UnderPattern:
+    """The log-likelihood of numbers and spreads, with each pixel's bias integrated out.
+
+    Changes of the pixels' biases by the numbers have the covariance of pattern and noise. Other changes, in time or in
+    spread, count as with a known pattern.
+
+    Parameters
+    ----------
+    numbers : Numbers
+        Numbers of a state with a fixed pattern and its values.
+    about : Parabola
+        The log-likelihood about them, the values given.
+    pattern : FixedPattern
+        Its spreads.
+    overstated : (pixel,) float64 or float
+        Factor by which independent samples would overstate the information about a pixel's bias.
+    """
+
+    def __init__(
+        self, numbers: Numbers, about: Parabola, pattern: FixedPattern, overstated: FloatArray | float = 1.0
+    ) -> None:
+        self._pattern = pattern
+        pulls, known = about.top.by_pixel[:, 1], about.top.by_pixel[:, 2]
+        self._lines = PatternLines(known / overstated, numbers.likelihood.evidence.image, pattern.pixel_sigma_mm)
+        use = self._lines.use
+        noise = 1.0 / known[use]
+        moved = about.cross[:, use] * noise
+        biases = numbers.state.pixel_bias[use] + pulls[use] * noise
+        vectors = np.vstack([biases, moved])
+        weighted = vectors / self._lines.variance
+        self._given = weighted @ vectors.T
+        self._pulled = np.stack([self._lines.sums(w) for w in weighted], axis=1)
+        self._slope = about.slope - moved @ pulls[use]  # of changes that are no static bias
+        self._beside = _beside(about.hessian, about.cross[:, use] @ moved.T)
+
+    def curvature(self, column_sigma_mm: float, row_sigma_mm: float) -> FloatArray:
+        """Negative second derivatives (number, number) for given spreads."""
+        return self._at(column_sigma_mm, row_sigma_mm)[0][1:, 1:] + self._beside
+
+    def slope(self) -> FloatArray:
+        """Slope (number,) for the pattern's own spreads."""
+        products, _ = self._at(self._pattern.column_sigma_mm, self._pattern.row_sigma_mm)
+        return products[1:, 0] + self._slope
+
+    def averaged(self) -> Averaged:
+        """Integrate over the spreads by column and row, weighted by their restricted likelihood.
+
+        The prior of a line's whole variance, spread and noise, is flat in its logarithm. So for lines without noise the
+        errors are those of Student's distribution: their squares are larger by (n - 1) / (n - 3). The spread by pixel
+        is taken as fitted, because there are many pixels.
+
+        References
+        ----------
+        Box and Tiao, Bayesian Inference in Statistical Analysis, 1973, chapter 5. Kackar and Harville, J. Am. Stat.
+        Assoc. 79 (1984) 853, on errors that take estimated variances as known.
+        """
+        fitted = (self._pattern.column_sigma_mm, self._pattern.row_sigma_mm)
+        counts = (np.unique(self._lines.col).size, np.unique(self._lines.row).size)
+        noise = float(self._lines.variance.mean()) / self._lines.use.size
+        columns, rows = (_grid(s, noise * n, n) for s, n in zip(fitted, counts, strict=True))
+        pairs = np.array([(c, r) for c in columns[0] for r in rows[0]])
+        found = [self._restricted(c, r) for c, r in pairs]
+        chance = np.array([f[0] for f in found])
+        weight = np.exp(chance - chance.max()) * np.outer(columns[1], rows[1]).ravel()
+        weight /= weight.sum()
+        moves = np.stack([f[1] for f in found])
+        moves -= weight @ moves
+        lines = np.sqrt(weight @ (pairs - np.array(fitted)) ** 2)
+        free = max(self._lines.use.size - sum(counts), 1)
+        own = float(self._lines.variance.mean()) / math.sqrt(2 * free * self._lines.own)
+        return Averaged(
+            covariance=np.einsum("s,sij->ij", weight, np.stack([f[2] for f in found])) + (weight * moves.T) @ moves,
+            spreads_mm=np.array([own, *lines]),
+        )
+
+    def _at(self, column_sigma_mm: float, row_sigma_mm: float) -> tuple[FloatArray, float]:
+        """Products of biases and moves by the inverse covariance, and the covariance's log determinant."""
+        root, logdet = self._lines.factor(column_sigma_mm, row_sigma_mm)
+        return self._given - self._pulled.T @ root.solve(self._pulled), logdet
+
+    def _restricted(self, column_sigma_mm: float, row_sigma_mm: float) -> tuple[float, FloatArray, FloatArray]:
+        """Log-likelihood of the spreads with numbers integrated out; move of the numbers by the fit; covariance."""
+        products, logdet = self._at(column_sigma_mm, row_sigma_mm)
+        curvature = products[1:, 1:] + self._beside
+        slope = products[1:, 0] + self._slope
+        covariance = inverse(curvature)
+        move = covariance @ slope
+        volume = float(np.linalg.slogdet(curvature + SOFT * np.eye(slope.size))[1])
+        value = -0.5 * (float(products[0, 0]) + logdet) + 0.5 * float(slope @ move) - 0.5 * volume
+        return value, move, covariance
+
+
+def _beside(hessian: FloatArray, static: FloatArray) -> FloatArray:
+    """The curvature by changes that are no static bias; 0 for the remainder of two nearly equal numbers."""
+    rest = hessian - 0.5 * (static + static.T)
+    none = np.diag(rest) < _STATIC * np.diag(hessian)
+    rest[none] = 0.0
+    rest[:, none] = 0.0
+    return np.asarray(rest)
+
+
+def _grid(sigma_mm: float, noise: float, count: int) -> tuple[FloatArray, float]:
+    """Spreads (cell,) even in the logarithm of the variance of a line's mean, and the cells' width.
+
+    Parameters
+    ----------
+    sigma_mm : float
+        Spread as fitted.
+    noise : float
+        Variance of a line's mean without it, mm2.
+    count : int
+        Lines.
+    """
+    width = 1.0 / math.sqrt(2.0 * max(count - 1, 1))
+    middle, least = 0.5 * math.log(sigma_mm**2 + noise), 0.5 * math.log(noise)
+    edges = np.linspace(max(middle - _BELOW * width, least), middle + _ABOVE * width, _CELLS + 1)
+    whole = np.exp(edges[1:] + edges[:-1])
+    return np.sqrt(whole - noise), float(edges[1] - edges[0])

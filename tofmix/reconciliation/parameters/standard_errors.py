@@ -1,0 +1,205 @@
+"""Standard errors of the numbers of all effects together, and the last step of their fit.
+
+The curvature of the log-likelihood over all numbers gives the error of each with the others free; a fixed pattern's
+values are integrated out. If noise is common to frames (a memory) or to pixels (bursts), samples are not independent.
+The errors then come from scores summed over blocks of pixels or of frames.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from tofmix.arrays import FloatArray, IntArray
+from tofmix.reconciliation.evidence import BLOCK_FRAMES, BLOCK_PIXELS, Evidence
+from tofmix.reconciliation.likelihood.memory import inflation
+from tofmix.reconciliation.parameters.curvature import Numbers, Parabola, inverse, parabola
+from tofmix.reconciliation.parameters.pattern_errors import UnderPattern, integrated, pattern_of
+from tofmix.reconciliation.parameters.profiles import Parameter, numeric, parabola_error, stretch
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.saturation import Saturation
+
+_MOST_STEPS = 4  # of Newton's to the top
+_ENOUGH = 0.01  # nats: a smaller gain needs no step
+_PARTS = (1.0, 0.5, 0.2, 0.05)  # of a step that are tried
+_DAMPINGS = (0.0, 0.1, 1.0, 10.0)  # in units of a number's own curvature
+_SEEN, _NEAR, _FAR = 0.05, 0.03, 0.1  # share of the beam; relative noise of an amplitude; relative size of a gap
+_OFF = 0.1  # relative difference of parts, from which another part is tried
+
+
+def polish(numbers: Numbers) -> Numbers:
+    """Newton steps for all numbers together, to the top of the log-likelihood; no step lowers it.
+
+    Under a fixed pattern its values are integrated out of the log-likelihood, and one step is made; the values are
+    fitted after the step.
+    """
+    pattern = pattern_of(numbers.state)
+    for _ in range(_MOST_STEPS if pattern is None else 1):
+        about = parabola(numbers)
+        if about is None:
+            break
+        slope, curvature = about.slope, about.hessian
+        if pattern is not None:
+            under = _under(numbers, about, pattern)
+            slope, curvature = under.slope(), under.curvature(pattern.column_sigma_mm, pattern.row_sigma_mm)
+        if 0 <= 0.5 * float(slope @ inverse(curvature) @ slope) < _ENOUGH:  # below 0: far from any top
+            break
+        better = _climbed(numbers, about.steps, (slope, curvature), pattern)
+        if better is None:
+            break
+        numbers = better
+    return numbers
+
+
+def _climbed(
+    numbers: Numbers, steps: FloatArray, about: tuple[FloatArray, FloatArray], pattern: FixedPattern | None
+) -> Numbers | None:
+    """A Newton step, damped if the whole step does not climb, as far from the top; None if none climbs.
+
+    References
+    ----------
+    Levenberg, Quart. Appl. Math. 2 (1944) 164.
+    """
+    slope, curvature = about
+    for damping in _DAMPINGS:
+        move = inverse(curvature + damping * np.eye(slope.size)) @ slope
+        better = _better(_Line(numbers, move * steps, pattern), 0.5 * float(slope @ move))
+        if better is not None:
+            return better
+    return None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Line:
+    """The numbers along a step, and the objective of fits there."""
+
+    numbers: Numbers
+    move: FloatArray
+    pattern: FixedPattern | None
+
+    def at(self, part: float) -> tuple[float, Numbers]:
+        """The objective and the numbers after a part of the step; minus infinity out of bounds."""
+        try:
+            moved = self.numbers.moved(self.numbers.vector + part * self.move)
+        except ValueError:
+            return -math.inf, self.numbers
+        if self.pattern is not None:
+            return integrated(moved, self.pattern), moved
+        found = moved.at(moved.vector)
+        return -math.inf if found is None else found.total, moved
+
+
+def _better(line: _Line, gain: float) -> Numbers | None:
+    """A step, or a part of it, that raises the log-likelihood; a better part if the values indicate one.
+
+    Parameters
+    ----------
+    line : _Line
+        The step.
+    gain : float
+        Gain by half the slope along the step, nats. A parabola of this slope through any point gives the next part.
+    """
+    top, _ = line.at(0.0)
+    for part in _PARTS:
+        height, found = line.at(part)
+        if height > top:
+            bend = 2 * gain * part - (height - top)
+            near = gain * part**2 / bend if bend > 0 else part
+            other, nearer = line.at(near) if abs(near / part - 1) > _OFF else (-math.inf, found)
+            return nearer if other > height else found
+    return None
+
+
+def _under(numbers: Numbers, about: Parabola, pattern: FixedPattern) -> UnderPattern:
+    mixture = numbers.likelihood.mixture(numbers.state)
+    overstated = inflation(numbers.likelihood, mixture, numbers.state, numbers.part)
+    return UnderPattern(numbers, about, pattern, overstated)
+
+
+def standard_errors(numbers: Numbers) -> dict[int, dict[str, float]]:
+    """Standard errors of the effects' numbers, by their position in the state; also of a fixed pattern's spreads.
+
+    The largest of three errors for each number: from the curvature (Fisher), from slopes summed over blocks of pixels,
+    and from slopes summed over blocks of frames (the sandwich estimator). Under a fixed pattern, the errors from the
+    curvature are averaged over its possible spreads, and blocks of pixels are not used, because they share the pattern.
+    Without a pattern, errors are scaled if the profile likelihood is no parabola. Numbers at their bounds are taken as
+    exact and have no error.
+
+    References
+    ----------
+    White, Econometrica 50 (1982) 1; Liang and Zeger, Biometrika 73 (1986) 13, for blocks.
+    """
+    pattern = pattern_of(numbers.state)
+    about = parabola(numbers)
+    if about is None:
+        bare = {} if pattern is None else standard_errors(replace(numbers, fits={}))
+        return {number: {} for number in numbers.fits} | bare
+    known = inverse(about.hessian)
+    pixels, frames = _blocks(numbers.likelihood.evidence)
+    found = [_sandwich(known, _summed(about.by_frame, frames))]
+    out = {}
+    if pattern is None:
+        found += [known, _sandwich(known, _summed(about.by_pixel, pixels))]
+    else:
+        averaged = _under(numbers, about, pattern).averaged()
+        found.append(averaged.covariance)
+        if pattern in numbers.state.effects:
+            out[numbers.state.effects.index(pattern)] = _spreads(averaged.spreads_mm)
+    start = 0
+    for number, fitted in numbers.fits.items():
+        own = slice(start, start + fitted.problem.parameters)
+        start = own.stop
+        out[number] = {}
+        for name in numeric(fitted.effect):
+            parameter = Parameter(name=name, fitted=fitted, own=own, steps=about.steps)
+            largest = max(parabola_error(parameter, covariance) for covariance in found)
+            known_shape = 1.0 if pattern is not None else stretch(parameter, known, partial(_value, numbers, about))
+            if largest > 0:  # no error for a number at its bound, which is taken as exact
+                out[number][name] = largest * known_shape
+        if isinstance(fitted.effect, Saturation):
+            least = _half_gap(numbers, fitted.effect.full_well_amplitude)
+            out[number]["full_well_amplitude"] = max(out[number].get("full_well_amplitude", 0.0), least)
+    return out
+
+
+def _half_gap(numbers: Numbers, full: float) -> float:
+    """Half of the distance to the next amplitude in the scene, up or down, if it is large: no sample lies between."""
+    mixture = numbers.likelihood.mixture(numbers.state)
+    seen = mixture.amplitude[mixture.lit & (mixture.weight > _SEEN)]
+    below, above = seen[seen < full * (1 - _NEAR)], seen[seen > full * (1 + _NEAR)]
+    ways = [full - below.max() if below.size else 0.0, above.min() - full if above.size else 0.0]
+    return 0.5 * max([float(step) for step in ways if step > _FAR * full], default=0.0)
+
+
+def _value(numbers: Numbers, about: Parabola, move: FloatArray) -> float:
+    """The log-likelihood if the numbers move by so many steps."""
+    if not move.any():
+        return about.top.total
+    found = numbers.at(numbers.vector + move * about.steps)
+    return -math.inf if found is None else found.total
+
+
+def _spreads(errors_mm: FloatArray) -> dict[str, float]:
+    return dict(zip(("pixel_sigma_mm", "column_sigma_mm", "row_sigma_mm"), errors_mm.tolist(), strict=True))
+
+
+def _blocks(evidence: Evidence) -> tuple[IntArray, IntArray]:
+    """Block of each pixel, and of each frame."""
+    row, col = np.divmod(np.arange(evidence.shape[1]), evidence.image[1])
+    squares = row // BLOCK_PIXELS * (evidence.image[1] // BLOCK_PIXELS + 1) + col // BLOCK_PIXELS
+    return squares, np.arange(evidence.shape[0]) // BLOCK_FRAMES
+
+
+def _summed(slopes: FloatArray, block: IntArray) -> FloatArray:
+    """Slopes (number, block) of blocks that are not all 0."""
+    total = np.array([np.bincount(block, s) for s in slopes]).reshape(len(slopes), -1 if len(slopes) else 0)
+    return np.asarray(total[:, (total != 0).any(axis=0)])
+
+
+def _sandwich(covariance: FloatArray, slopes: FloatArray) -> FloatArray:
+    blocks = slopes.shape[1]
+    if blocks <= 1:
+        return covariance
+    centred = slopes - slopes.mean(axis=1, keepdims=True)
+    return np.asarray(covariance @ (centred @ centred.T) @ covariance * blocks / (blocks - 1))

@@ -1,0 +1,482 @@
+"""Step 4, forward: add effects one by one while they gain.
+
+An effect is added if its held-out gain, less the price of its parameters, is above what chance gives among all that
+was tried, above what a model within its tolerance gains, and not faint beside the others. A fixed pattern, which can
+stand for any static bias, must leave every structured effect that gains beside it the precedence.
+
+If two effects are hidden, a third one may gain more than either alone. If it is added first, it prevents both. So close
+rivals of earlier effects are tried again together with the later ones, and if nothing explains the recording, another
+search starts from other candidates.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tofmix.reconciliation.comparison.compare import Compared, compare
+from tofmix.reconciliation.comparison.localise import disagreements
+from tofmix.reconciliation.likelihood.joint import views
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.search.alternatives import Alternatives, alternatives, apart, as_candidates
+from tofmix.reconciliation.search.columns import summed_up
+from tofmix.reconciliation.search.drop import drop, exchange
+from tofmix.reconciliation.search.name import PRICE_NATS, Candidate, Trial, begin_trial, candidates, tolerated
+from tofmix.reconciliation.search.pattern_fits import (
+    ALIAS_NATS,
+    best_with_pattern,
+    settled_within,
+    together,
+    with_the_others,
+    worth,
+)
+from tofmix.reconciliation.search.refit import begin, refit, without
+from tofmix.reconciliation.search.search_state import FAINT_SHARE, SearchState, Settings, fit_part, held_out, name_of
+from tofmix.reconciliation.search.subsets import Explained
+from tofmix.reconciliation.verdict import inexact
+from tofmix.simulation.effects.excess_noise import ExcessNoise
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.quantisation import Quantisation
+from tofmix.simulation.effects.range_offset import RangeOffset
+from tofmix.simulation.effects.stuck_pixels import StuckPixels
+
+_TRIED = 4  # rivals that are compared with the model moved within its tolerance
+_FAIR = 0.5  # least score, as a share of the best one's, of a candidate that starts another search
+
+_COVERED = 0.999  # share of the beam that surfaces fill
+_ALIAS_SHARE = 0.002  # difference of gains, as a share, up to which candidates are equal
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Added:
+    """The result of a search.
+
+    Parameters
+    ----------
+    state : State
+        The model with the effects that were added.
+    chosen : tuple of Candidate
+        The added effects, in the order in which they were added.
+    first : tuple of Candidate
+        All candidates of the first round, best first.
+    aliases : tuple of tuple of Candidate
+        Groups of candidates that the recording cannot separate; a chosen one stands first.
+    panel : Compared
+        Panel on held-out frames of the refined model, moved within its tolerance to where it fits them best.
+    sets : Alternatives or None
+        The evidence of other sets of effects; None if no effect moves or widens samples and nothing stands out.
+    """
+
+    state: State
+    chosen: tuple[Candidate, ...]
+    first: tuple[Candidate, ...]
+    aliases: tuple[tuple[Candidate, ...], ...]
+    panel: Compared
+    sets: Alternatives | None = None
+
+
+def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None] = lambda _: None) -> Iterator[Added]:
+    """Searches until the panel agrees, no candidate gains enough, or `max_effects` is reached; lazily, one by one.
+
+    The first is greedy. If the comparison of all sets of effects finds a better set, of no more numbers or, if a
+    statistic still stands out, of any size, the first starts from this set. The second starts from the set of any size
+    that explains most, the third from another effect.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        The recording and the scene.
+    settings : Settings
+        How.
+    tick : callable
+        Called with each kind that was tried.
+    """
+    start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
+    best = SearchState(likelihood, settings, tick, start)
+    added = _followed(best)
+    if not added.chosen and not disagreements(added.panel, settings.alpha):
+        yield added
+        return
+    first = _or_better(best, added)
+    yield first
+    larger = None if first.sets is None else first.sets.better(larger=True)
+    other = None if larger is None else _from_set(best, first, larger)
+    if other is not None:
+        yield other
+    beginning = _beginning(best)
+    if beginning is not None:
+        search = SearchState(likelihood, settings, tick, start, first=best.first)
+        _take(search, _Taken((beginning,), _near(beginning, best.first)), best.first)
+        yield _followed(search)
+
+
+def _or_better(search: SearchState, added: Added) -> Added:
+    """The outcome, or a subset of it that is enough, or another set of effects that explains more."""
+    sets = added.sets
+    if sets is None:
+        return added
+    stands_out = bool(_open(search, added.panel))
+    enough = None if stands_out else sets.enough
+    part = None if enough is None else _elsewhere(search, added, enough)
+    if part is not None and not _open(search, part.panel):
+        return part
+    other = None
+    for better in _alternatives(sets, larger=stands_out):
+        if better is not enough:  # this one has led back, or does not explain the recording
+            other = other or _elsewhere(search, added, better)
+    if other is None:
+        return added
+    larger = _numbers(other) > _numbers(added)  # effects that the search adds to the set count too
+    return other if (stands_out or not larger) and _leads(search, other, added) else added
+
+
+def _alternatives(sets: Alternatives, *, larger: bool) -> list[Explained]:
+    """The smallest better set, and the best set, in case the search from the smallest one leads back."""
+    smallest, best = sets.better(larger=larger), sets.best(larger=larger)
+    return [s for s in (smallest, best if best is not smallest else None) if s is not None]
+
+
+def _elsewhere(search: SearchState, added: Added, begun: Explained) -> Added | None:
+    """The end of a search from a set of effects; None if it leads back to the effects that were added."""
+    other = _from_set(search, added, begun)
+    return None if other is None or _names(other) == _names(added) else other
+
+
+def _names(added: Added) -> set[tuple[str, str]]:
+    return {name_of(c) for c in added.chosen}
+
+
+def _numbers(added: Added) -> int:
+    """How many numbers the effects have, counted as for sets: a choice among a few values does not count."""
+    of_sets = 0 if added.sets is None else added.sets.found.numbers
+    rest = (c.parameters for c in added.chosen if added.sets is None or not summed_up(c.kind))
+    return of_sets + sum(rest)
+
+
+def _n_parameters(added: Added) -> int:
+    return sum(c.parameters for c in added.chosen)
+
+
+def _leads(search: SearchState, one: Added, other: Added) -> bool:
+    """Whether one outcome explains more than another, by the evidence of the summaries and by held-out frames."""
+    likelihood, settings = search.likelihood, search.settings
+    if one.sets is None or other.sets is None:
+        return False
+    test, part = held_out(likelihood, settings), fit_part(likelihood, settings)
+    values = []
+    for each in (other, one):
+        # A law of more numbers follows the errors of poses, so all may move within the tolerance
+        near = settled_within(likelihood, each.state, each.chosen, part, settings.tolerance)
+        values.append(likelihood.value(near, test) - PRICE_NATS * _n_parameters(each))
+    return one.sets.found.evidence - other.sets.found.evidence + values[1] - values[0] > 0
+
+
+def _from_set(search: SearchState, added: Added, better: Explained) -> Added | None:
+    """The end of a search from a set of effects instead of those that were added; None if it cannot start there."""
+    likelihood, settings = search.likelihood, search.settings
+    part = fit_part(likelihood, settings)
+    kept, state = [c for c in added.chosen if not summed_up(c.kind)], apart(added.state)
+    if len(kept) + len(better.terms) > settings.max_effects:  # a pattern can imitate every static effect
+        kept = [c for c in kept if c.kind != FixedPattern.kind]
+        state = replace(state, effects=tuple(e for e in state.effects if e.kind != FixedPattern.kind))
+    if len(kept) + len(better.terms) > settings.max_effects:
+        return None
+    new = as_candidates(likelihood, state, better, part)
+    if not new:
+        return None
+    chosen = [*kept, *new]
+    state = replace(state, effects=(*state.effects, *(c.effect for c in new)))
+    state, chosen = refit(likelihood, state, chosen, part)
+    other = SearchState(likelihood, settings, search.tick, state, first=search.first)
+    other.chosen, other.rivals = _with_gains(other, chosen), [()] * len(chosen)
+    other.begun = chosen[-len(new)]
+    drop(other)
+    return _followed(other)
+
+
+def _with_gains(search: SearchState, chosen: Sequence[Candidate]) -> list[Candidate]:
+    """Effects with their gains on held-out data in the presence of the others."""
+    likelihood = search.likelihood
+    test = likelihood.evidence.part(fit=False, split=search.settings.split)
+    whole = likelihood.value(search.state, test)
+    out = []
+    for k, candidate in enumerate(chosen):
+        if candidate.fitted is None:
+            out.append(candidate)
+            continue
+        rest = without(search.state, k)
+        out.append(replace(candidate, gain=whole - likelihood.value(rest, test)))
+    return out
+
+
+def _beginning(best: SearchState) -> Candidate | None:
+    """The candidate of the first round from which another search starts, of another kind than that of the first search.
+
+    Never a fixed pattern, because it can imitate every static effect.
+    """
+    if best.begun is None:
+        return None
+    kinds = (best.begun.kind, FixedPattern.kind)
+    other = next((c for c in best.first if c.kind not in kinds), None)
+    return other if other is not None and other.score > _FAIR * best.begun.score else None
+
+
+def _followed(search: SearchState) -> Added:
+    """Continue a search to its end."""
+    likelihood, settings = search.likelihood, search.settings
+    stood: list[list[tuple[str, str]]] = []
+    while True:
+        panel = _panel(likelihood, settings, search.state, search.chosen)
+        if not disagreements(panel, settings.alpha) or len(search.chosen) >= settings.max_effects:
+            break
+        names = sorted(name_of(c) for c in search.chosen)
+        if names in stood or not _round(search, _open(search, panel)):  # an effect that was removed is added again
+            break
+        stood.append(names)
+    kept = {c.kind for c in search.chosen}
+    told = any(summed_up(c.kind) for c in search.chosen) or bool(disagreements(panel, settings.alpha))
+    return Added(
+        state=search.state, chosen=tuple(search.chosen), first=search.first,
+        aliases=tuple(group for group in search.aliases if group[0].kind in kept), panel=panel,
+        sets=alternatives(likelihood, search.state, search.chosen, settings) if told else None,
+    )  # fmt: skip
+
+
+def _panel(likelihood: Likelihood, settings: Settings, state: State, chosen: Sequence[Candidate]) -> Compared:
+    """The panel of the model, within its tolerance, that fits held-out frames best.
+
+    It tests whether any model within the tolerance agrees with these frames. A model fitted to other frames would have
+    their noise.
+    """
+    held = held_out(likelihood, settings)
+    near = settled_within(likelihood, state, chosen, held, settings.tolerance)
+    return compare(likelihood, near, _covered(likelihood, state, held), seed=settings.seed)
+
+
+def without_faint(likelihood: Likelihood, settings: Settings, added: Added, failed: Sequence[int]) -> Added | None:
+    """The outcome of a search without the faint effects that leave the statistics open in which they must show.
+
+    A faint effect gains less than `FAINT_SHARE` of the others' gain. It is added because such a statistic stands out.
+    If that statistic still stands out, the effect does not explain it. The laws of the others may be wrong by as much,
+    so that they are judged alone.
+
+    Parameters
+    ----------
+    likelihood, settings
+        The recording and the scene; options of the search.
+    added : Added
+        The outcome of a search.
+    failed : sequence of int
+        Numbers of the effects that leave their statistics open.
+
+    Returns
+    -------
+    Added or None
+        None if there is no such effect.
+    """
+    gains = [c.gain for c in added.chosen]
+    faint = {
+        k for k in failed if added.chosen[k].fitted is not None and gains[k] < FAINT_SHARE * (sum(gains) - gains[k])
+    }
+    if not faint:
+        return None
+    state, chosen = added.state, [c for k, c in enumerate(added.chosen) if k not in faint]
+    for k in sorted(faint, reverse=True):
+        state = without(state, k)
+    state, chosen = refit(likelihood, state, chosen, fit_part(likelihood, settings))
+    kinds = {c.kind for c in chosen}
+    return replace(
+        added, state=state, chosen=tuple(chosen), panel=_panel(likelihood, settings, state, chosen),
+        aliases=tuple(group for group in added.aliases if group[0].kind in kinds),
+        sets=alternatives(likelihood, state, chosen, settings) if any(summed_up(k) for k in kinds) else None,
+    )  # fmt: skip
+
+
+def _covered(likelihood: Likelihood, state: State, part: Part) -> Part:
+    """The part without pixels that see open space, if `excess_noise` was added.
+
+    The law of `excess_noise` does not change samples without a return; ambient light does. Such samples would test the
+    law and not the name.
+    """
+    if not any(isinstance(e, ExcessNoise) for e in state.effects):
+        return part
+    lit = np.ones(likelihood.evidence.shape[1], dtype=bool)
+    for view in views(likelihood, likelihood.scene.mixture(), part):
+        lit &= (view.mixture.weight[0] * view.mixture.lit[0]).sum(axis=0) > _COVERED
+    pixels = part[1][lit[part[1]]]
+    return (part[0], pixels) if pixels.size else part
+
+
+def _open(search: SearchState, panel: Compared) -> set[str]:
+    """Statistics that stand out by more than the possible error of the laws of the added effects."""
+    if search.before is None:
+        search.before = panel
+    return {c.statistic for c in disagreements(panel, search.settings.alpha) if c.size > inexact(c, search.before)}
+
+
+def _round(search: SearchState, open_: set[str]) -> bool:
+    """Try all kinds, and add the best candidate if it is good enough.
+
+    A faint effect may follow the errors of the added effects' laws. This does not hold if a statistic that the
+    candidate must change stands out by more than these errors.
+    """
+    settings, likelihood = search.settings, search.likelihood
+    trial = begin_trial(likelihood, search.state, settings.split, settings.seed)
+    near = tolerated(likelihood, search.state, fit_part(likelihood, settings), settings.tolerance)
+    allowed = max(0.0, likelihood.value(near, trial.test_part) - trial.base)
+    tried = candidates(trial, settings.kinds, search.tick)
+    found = with_the_others(trial, search.chosen, tried)
+    chance = math.log(max(len(found), 1) / settings.alpha)
+    faint_gain = FAINT_SHARE * sum(c.gain for c in search.chosen if not (c.exact or c.loses))
+    lost = FAINT_SHARE * sum(c.gain for c in search.chosen if not c.exact)
+    found = [c for c in found if not c.loses or c.score > lost]
+    found, beyond = _tolerant(search, trial, found, near)
+    search.missed |= {c.kind for c in found[:1] if search.chosen and open_ & set(c.effect.shows_in)}
+    if found and found[0].kind in search.missed:
+        faint_gain = 0.0
+    needed = max(allowed + chance, faint_gain)
+    search.first = search.first or tuple(found)
+    if not found:
+        return False
+    if found[0].score <= needed and beyond <= max(chance, faint_gain):
+        faint = _faint_pattern(search, found, near, needed)
+        if faint is not None:
+            _take(search, _Taken((faint,), ()), found)
+        return faint is not None
+    taken = _best(search, trial, found, near, needed)
+    if len(taken.best) == 1 and taken.best[0].score <= needed:
+        taken = _Taken((found[0],), _near(found[0], found))
+    _take(search, _with_partner(search, trial, taken, max(chance, faint_gain)), found)
+    return True
+
+
+def _faint_pattern(search: SearchState, found: Sequence[Candidate], near: State, needed: float) -> Candidate | None:
+    """A fixed pattern that the held-out pixels do not show, but which gains enough on all pixels.
+
+    Its values are integrated out, so, like a law of few numbers, it needs no held-out pixels.
+    """
+    pattern = next((c for c in found if c.kind == FixedPattern.kind), None)
+    if pattern is None:
+        return None
+    parts = fit_part(search.likelihood, search.settings), held_out(search.likelihood, search.settings)
+    mixture = search.likelihood.mixture(near)
+    bare, patterned = (worth(search.likelihood, near, mixture, parts, patterned=p) for p in (False, True))
+    gain = patterned - bare - PRICE_NATS * pattern.parameters
+    return pattern if gain > needed else None
+
+
+@dataclass(frozen=True, slots=True)
+class _Taken:
+    """The effects that a round adds, and the candidates that the recording cannot separate from the first one."""
+
+    best: tuple[Candidate, ...]
+    aliases: tuple[Candidate, ...]
+
+
+def _with_partner(search: SearchState, trial: Trial, taken: _Taken, needed: float) -> _Taken:
+    """An effect that changes in time, with its static partner if the partner gains enough in its presence.
+
+    Alone, the effect may absorb so much of both that the panel agrees, with wrong numbers.
+    """
+    first, likelihood = taken.best[0], trial.likelihood
+    if len(taken.best) > 1 or not first.effect.static_partner or first.fitted is None:
+        return taken
+    mixture = likelihood.mixture(first.state)
+    base = likelihood.value(first.state, trial.test_part, mixture)
+    now = replace(trial, state=first.state, mixture=mixture, base=base)
+    surface = getattr(first.effect, "surface", "")
+    found = (c for c in candidates(now, (first.effect.static_partner,)) if getattr(c.effect, "surface", "") == surface)
+    both = [together(now, [*(first.others or search.chosen), first], c) for c in found]
+    near = tolerated(likelihood, first.state, fit_part(likelihood, search.settings), search.settings.tolerance)
+    allowed = max(0.0, likelihood.value(near, trial.test_part) - base)
+    if not both or not both[0].others or both[0].score <= allowed + needed:
+        return taken
+    *others, first = both[0].others
+    state = replace(both[0].state, effects=both[0].state.effects[:-1])
+    return _Taken((replace(first, state=state, others=tuple(others)), both[0]), taken.aliases)
+
+
+def _tolerant(search: SearchState, trial: Trial, found: list[Candidate], near: State) -> tuple[list[Candidate], float]:
+    """The candidates, first the best one for a model that may move within its tolerance, and its gain there.
+
+    A law of more numbers also follows the errors of the model's poses, and so gains more than the true, simpler law. If
+    the model may move within its tolerance, this advantage disappears.
+    """
+    likelihood, tolerance = search.likelihood, search.settings.tolerance
+    if tolerance <= 0 or not found or not found[0].static:
+        return found, -math.inf
+    part, test = fit_part(likelihood, search.settings), trial.test_part
+    static = [c for c in found if c.static and c.fitted is not None and c.gain > 0]
+    simple = [c for c in static if c.parameters <= found[0].parameters]
+    offset = [c for c in simple[_TRIED:] if c.kind == RangeOffset.kind]
+    scored = []
+    for c in (*simple[:_TRIED], *offset):
+        moved = settled_within(likelihood, c.state, [*search.chosen, c], part, tolerance)
+        scored.append((likelihood.value(moved, test) - PRICE_NATS * c.parameters, c))
+    if not scored:
+        return found, -math.inf
+    score, best = max(scored, key=lambda pair: pair[0])
+    beyond = score - likelihood.value(near, test)
+    if found[0].fitted is None:
+        return found, beyond
+    return [best, *(c for c in found if c is not best)], beyond
+
+
+def _take(search: SearchState, taken: _Taken, found: Sequence[Candidate]) -> None:
+    """Add candidates to the model, up to `max_effects`, and fit all effects again."""
+    best = taken.best[: search.settings.max_effects - len(search.chosen)]
+    search.begun = search.begun or best[0]
+    if taken.aliases:
+        search.aliases.append((best[0], *taken.aliases))
+    state = best[0].state
+    for candidate in best[1:]:  # added with the first one; all are fitted again
+        state = replace(state, effects=(*state.effects, candidate.effect))
+    search.chosen = list(best[0].others) or search.chosen
+    for candidate in best:
+        search.chosen.append(candidate)
+        search.rivals.append(tuple(c for c in found if name_of(c) not in {name_of(b) for b in best}))
+    search.state = state
+    part = fit_part(search.likelihood, search.settings)
+    search.state, search.chosen = refit(search.likelihood, search.state, search.chosen, part)
+    exchange(search, part)
+    drop(search)
+
+
+def _best(search: SearchState, trial: Trial, found: Sequence[Candidate], near: State, needed: float) -> _Taken:
+    """The best candidate; if it is a fixed pattern, an effect that gains in its presence comes first.
+
+    Stuck pixels come before all others: they are certain, and a pattern would take them as large biases. Only
+    `quantisation` comes before stuck pixels, because it also gives pixels one value.
+    """
+    sure = {c.kind: c for c in found if c.score > 0}
+    if StuckPixels.kind in sure:
+        first = sure.get(Quantisation.kind, sure[StuckPixels.kind])
+        return _Taken((first,), _near(first, found))
+    if found[0].kind == FixedPattern.kind:
+        parts = fit_part(search.likelihood, search.settings), held_out(search.likelihood, search.settings)
+        beside = best_with_pattern(trial, search.chosen, found, parts, near)
+        if beside is not None:
+            # The pattern is added after all effects that gain in its presence, unless it hides the effect
+            if not beside.patterned or beside.first.score > needed:
+                return _Taken((beside.first,), beside.rivals)
+            return _Taken((beside.first, _second(search, trial, found, beside.first, parts)), beside.rivals)
+    return _Taken((found[0],), _near(found[0], found))
+
+
+def _second(
+    search: SearchState, trial: Trial, found: Sequence[Candidate], first: Candidate, parts: tuple[Part, Part]
+) -> Candidate:
+    """The partner of an effect that a fixed pattern hides: another effect that gains with both, or the pattern."""
+    likelihood = trial.likelihood
+    now = replace(trial, state=first.state, mixture=likelihood.mixture(first.state))
+    near = tolerated(likelihood, first.state, parts[0], search.settings.tolerance)
+    rest = [c for c in found if c.static and name_of(c) != name_of(first)]
+    beside = best_with_pattern(now, [*search.chosen, first], rest, parts, near)
+    return found[0] if beside is None else beside.first
+
+
+def _near(best: Candidate, found: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """Candidates of other kinds with nearly the same gain."""
+    limit = max(ALIAS_NATS, _ALIAS_SHARE * best.gain)
+    return tuple(c for c in found if c.kind != best.kind and abs(best.gain - c.gain) < limit)

@@ -1,0 +1,133 @@
+"""Step 4, backward: exchange or remove effects that no longer gain enough in the presence of later ones."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from tofmix.reconciliation.likelihood.likelihood import Part, State
+from tofmix.reconciliation.search.name import PRICE_NATS, Candidate
+from tofmix.reconciliation.search.pattern_fits import worth
+from tofmix.reconciliation.search.refit import refit, without
+from tofmix.reconciliation.search.search_state import FAINT_SHARE, SearchState, fit_part, held_out, name_of
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.multipath import Multipath
+from tofmix.simulation.effects.range_offset import RangeOffset
+from tofmix.simulation.effects.surface_pose import SurfacePose
+
+
+def exchange(search: SearchState, part: Part) -> None:
+    """Replace an earlier effect by a rival that gains more in the presence of the later effects."""
+    likelihood = search.likelihood
+    test = likelihood.evidence.part(fit=False, split=search.settings.split)
+    for k in range(len(search.chosen)):
+        for rival, needed in _worth_a_trial(search, k):
+            old = search.chosen[k]
+            stood = likelihood.value(search.state, test) - PRICE_NATS * old.parameters
+            effects = (*search.state.effects[:k], rival.effect, *search.state.effects[k + 1 :])
+            trial = [*search.chosen[:k], rival, *search.chosen[k + 1 :]]
+            state, trial = refit(likelihood, replace(search.state, effects=effects), trial, part)
+            if likelihood.value(state, test) - PRICE_NATS * rival.parameters > stood + needed:
+                search.state, search.chosen = state, trial
+
+
+def _worth_a_trial(search: SearchState, number: int) -> list[tuple[Candidate, float]]:
+    """Rivals of an added effect, and by how much each must be better.
+
+    The closest rival, if its score was lower by less than the gain of the later effects. An effect whose numbers are
+    now at a bound is flat: its rival is an offset. A rival of a second path is the pose of its surface, which wins if
+    it is as good.
+    """
+    old = search.chosen[number]
+    flat = old.fitted is not None and old.fitted.at_a_bound
+    newest = number == len(search.chosen) - 1
+    names = [name_of(c) for c in search.chosen]
+    usable = [c for c in search.rivals[number] if c.fitted is not None and name_of(c) not in names]
+    if flat:
+        return [(c, 0.0) for c in usable if c.kind == RangeOffset.kind][:1]
+    if newest:
+        return []
+    later = sum(c.gain for c in search.chosen[number + 1 :])
+    found = [(c, PRICE_NATS) for c in usable[:1] if old.score - c.score < later]
+    if isinstance(old.effect, Multipath):
+        pose = SurfacePose.kind, old.effect.surface
+        found += [(c, 0.0) for c in usable if name_of(c) == pose and c not in [f for f, _ in found]]
+    return found
+
+
+def drop(search: SearchState) -> None:
+    """Remove effects that no longer gain enough, even the newest, after which the others may be right without it."""
+    if len(search.chosen) <= 1:
+        return
+    likelihood = search.likelihood
+    part = likelihood.evidence.part(fit=False, split=search.settings.split)
+    whole = likelihood.value(search.state, part)
+    for k in range(len(search.chosen) - 1, -1, -1):
+        candidate = search.chosen[k]
+        if len(search.chosen) == 1:
+            break
+        if candidate.kind == FixedPattern.kind:
+            if not _pattern_gains(search, k):
+                search.state = _bare(search.state, k)
+                whole = likelihood.value(search.state, part)
+                del search.chosen[k], search.rivals[k]
+            continue
+        if candidate.fitted is None:
+            continue
+        rest, others = without(search.state, k), [*search.chosen[:k], *search.chosen[k + 1 :]]
+        worth_ = likelihood.value(rest, part)
+        needed = max(PRICE_NATS * candidate.parameters, _faint_gain(search, k))
+        if needed <= whole - worth_ < FAINT_SHARE * sum(c.gain for c in others) and not rest.pixel_bias.any():
+            # The others were fitted together with it; without it they may have other numbers
+            rest, others = refit(likelihood, rest, others, fit_part(likelihood, search.settings))
+            worth_ = likelihood.value(rest, part)
+        if whole - worth_ < needed or _is_pattern(search, k):
+            search.state, search.chosen, whole = rest, others, worth_
+            del search.rivals[k]
+
+
+def _faint_gain(search: SearchState, number: int) -> float:
+    """Gain, nat, that noise, or a change in time, needs in the presence of the others, as if it were added last.
+
+    The gain of a fixed pattern does not count: a pattern may contain a static effect and gain far more.
+    """
+    own = search.chosen[number]
+    if own.static or own.exact or own.loses or own.kind in search.missed:
+        return 0.0
+    others = (*search.chosen[:number], *search.chosen[number + 1 :])
+    return FAINT_SHARE * sum(c.gain for c in others if not (c.kind == FixedPattern.kind or c.exact or c.loses))
+
+
+def _bare(state: State, pattern: int) -> State:
+    """The state without the added effect of this number, a fixed pattern, and without its map."""
+    nothing = np.zeros_like(state.pixel_bias)
+    return replace(without(state, pattern), pixel_bias=nothing, pixel_variance=nothing)
+
+
+def _pattern_gains(search: SearchState, number: int) -> bool:
+    """Whether a fixed pattern, with its values integrated out, still gains in the presence of all other effects."""
+    bare, likelihood = _bare(search.state, number), search.likelihood
+    unseen = held_out(likelihood, search.settings)
+    mixture = likelihood.mixture(bare)
+    alone, patterned = (
+        worth(likelihood, bare, mixture, (unseen, unseen), patterned=patterned) for patterned in (False, True)
+    )
+    return patterned - alone > PRICE_NATS * search.chosen[number].parameters
+
+
+def _is_pattern(search: SearchState, number: int) -> bool:
+    """Whether a static effect can be a part of the fixed pattern.
+
+    The map was found together with the effect, so it contains the negative error of the effect.
+    """
+    state, candidate = search.state, search.chosen[number]
+    pattern = next((k for k, c in enumerate(search.chosen) if c.kind == FixedPattern.kind), None)
+    if pattern is None or not candidate.static:
+        return False
+    likelihood, bare = search.likelihood, _bare(state, pattern)
+    rest = without(bare, number - (pattern < number))
+    unseen = held_out(likelihood, search.settings)
+    values = []
+    for each in (bare, rest):
+        mixture = likelihood.mixture(each)
+        values.append(worth(likelihood, each, mixture, (unseen, unseen), patterned=True))
+    return values[0] - values[1] < PRICE_NATS * candidate.parameters

@@ -1,0 +1,198 @@
+"""Fits of effects with latent states, which a smooth search cannot find.
+
+Each function returns the effect, or the state with the effect and its latent states, or None if there is no evidence.
+`tofmix.reconciliation.search.name` computes the gains.
+"""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize, minimize_scalar
+from scipy.special import erf
+from scipy.stats import mode
+
+from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.reconciliation.likelihood.bursts import forward
+from tofmix.reconciliation.likelihood.joint import View, views
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.likelihood.mixture import Mixture
+from tofmix.reconciliation.likelihood.pixel_pattern import PixelBiases, marginal_pattern, pixel_biases
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.interference import Interference
+from tofmix.simulation.effects.parameter import PixelMap
+from tofmix.simulation.effects.stuck_pixels import StuckPixels
+
+_MANY_STUCK = 0.05  # share of constant pixels, above which they may be due to quantisation
+_LATTICE = 0.9  # least share of two values in a pixel that quantisation explains
+_UNLIKELY_NATS = 25.0  # a constant pixel that the model explains to within this is not stuck
+VALUE_NATS = math.log(65_534.0)  # price of the value of a stuck pixel: any whole mm is equally likely
+_FAR = 10.0  # standard deviations
+_CHANCE = 2.0  # standard deviations
+_MOST_FRAMES = 0.9  # largest share of frames in bursts
+_BEYOND = 0.1  # least part of the gain of bursts that noise in all frames does not reach
+_LONGEST = 0.3  # of the frames: a longer burst is a change that starts or stops once
+_MOST_BURST_MM = 10_000.0  # upper bound of `interference`
+_NEXT = math.log(2.0)  # logarithm of the ratio of first trial sizes
+
+
+def find_stuck(likelihood: Likelihood, mixture: Mixture, state: State) -> State | None:
+    """Pixels with one value in every frame that the model does not explain, even with a bias of the pixel."""
+    evidence = likelihood.evidence
+    x = evidence.samples
+    constant = (x == x[0]).all(axis=0) & (x[0] > 0)
+    known = mixture.step > 0  # quantisation, whose effect on a pixel is known
+    if not constant.any() or (constant.mean() > _MANY_STUCK and not known and _on_lattice(x[:, ~constant])):
+        return None
+    whole = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
+    best = sum((_constant_nats(view) for view in views(likelihood, mixture, whole)), np.zeros(whole[1].size))
+    stuck = constant & (-best > _UNLIKELY_NATS + VALUE_NATS)
+    if not stuck.any():
+        return None
+    values = np.where(stuck, x[0].astype(np.float64), np.nan)
+    effect = StuckPixels(map=PixelMap("stuck_pixels.npy", values.reshape(evidence.image)))
+    return replace(state, effects=(*state.effects, effect), stuck_mm=values)
+
+
+def _on_lattice(samples: NDArray[np.uint16]) -> bool:
+    """Whether most pixels of (frame, pixel) samples have hardly more than two values.
+
+    Quantisation that gives some pixels one value gives the others at most two; a defect does not change the others.
+    """
+    if not samples.size:
+        return True
+    first, often = mode(samples, axis=0)
+    others = -1 - np.arange(samples.shape[0])  # of the first value's samples, each of them once
+    _, next_often = mode(np.where(samples == first, others[:, None], samples.astype(np.int64)), axis=0)
+    return bool(np.median(often + next_often) > _LATTICE * samples.shape[0])
+
+
+def _constant_nats(view: View) -> FloatArray:
+    """Largest log-likelihood (pixel,) of one repeated value, for a normal with the pixel's sigma and any mean."""
+    spread = view.mixture.of_main(view.mixture.sigma)
+    cell = max(1.0, view.mixture.step)
+    best = np.log(erf(cell / np.sqrt(8 * (spread**2 + 1 / 12))))
+    return np.where(_beyond_lattice(view), -np.inf, best * view.evidence.shape[0])
+
+
+def _beyond_lattice(view: View) -> BoolArray:
+    """Whether quantisation cannot give the value of a pixel (pixel,): it is off the steps, or far from each surface.
+
+    Coarse quantisation also gives working pixels one value, so a constant value is no evidence there.
+    """
+    m, value = view.mixture, view.evidence.samples[0].astype(np.float64)
+    if m.step <= 0:
+        return np.zeros(value.shape, dtype=bool)
+    near = np.where(m.weight > 0, np.abs(value - m.mean) - _FAR * m.sigma, np.inf).min(axis=(0, 1))
+    return np.asarray((near > 2 * m.step) | (np.rint(np.rint(value / m.step) * m.step) != value))
+
+
+def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, part: Part) -> Interference | None:
+    """Share, length and noise of bursts, with the states of frames integrated out."""
+    lit = mixture.of_main(mixture.lit).astype(bool)
+    sigmas = mixture.of_main(mixture.sigma)
+    sigma = float(np.median(sigmas[lit] if lit.any() else sigmas))  # without a return, sigma is at the largest range
+    numbers = likelihood.evidence.frame_number[part[0]]
+
+    def at(size: float, start: tuple[float, float]) -> tuple[float, Interference]:
+        pair = likelihood.frame_pair(mixture, state, part, size)
+
+        def make(x: FloatArray) -> Interference:
+            p = 1 / (1 + math.exp(-min(max(x[0], -7.0), 3.0)))
+            return Interference(probability=p, sigma_mm=size, burst_frames=1 + math.exp(min(max(x[1], -2.0), 4.0)))
+
+        options: Any = {"maxfev": 60, "xatol": 1e-2, "fatol": 0.05}
+
+        def cost(x: FloatArray) -> float:
+            return -forward(*pair, numbers, make(x))[0]
+
+        found = minimize(cost, np.array(start, dtype=np.float64), method="Nelder-Mead", options=options)
+        return -float(found.fun), make(found.x)
+
+    best = max((at(sigma * 2.0**k, (-1.5, 1.2)) for k in range(-4, 4)), key=lambda pair: pair[0])
+    while 8.0 * sigma <= best[1].sigma_mm < _MOST_BURST_MM / 4:  # a larger size may be better
+        more = at(2 * best[1].sigma_mm, (-1.5, 1.2))
+        if more[0] <= best[0]:
+            break
+        best = more
+    start = math.log(best[1].probability / (1 - best[1].probability)), math.log(max(best[1].burst_frames - 1, 0.14))
+    middle = math.log(best[1].sigma_mm)
+    finer: Any = minimize_scalar(
+        lambda size: -at(math.exp(size), start)[0],
+        bounds=(middle - _NEXT, middle + _NEXT), method="bounded", options={"xatol": 2e-3, "maxiter": 12},
+    )  # fmt: skip
+    best = max(best, at(math.exp(float(finer.x)), start), key=lambda pair: pair[0])
+    lasting = best[1].burst_frames > _LONGEST * len(likelihood.evidence.samples)
+    if lasting or best[1].probability > _MOST_FRAMES:
+        return None
+    # The same noise in all frames must be worse than bursts, by a part of their gain
+    calm, disturbed = (float(np.sum(x)) for x in likelihood.frame_pair(mixture, state, part, best[1].sigma_mm)[:2])
+    return best[1] if best[0] - disturbed > _BEYOND * (best[0] - calm) else None
+
+
+def disturbed_frames(likelihood: Likelihood, mixture: Mixture, state: State, effect: Interference) -> FloatArray:
+    """Probability (frame,) that each frame is disturbed, from all its samples."""
+    frames, pixels = likelihood.evidence.shape
+    part = (np.arange(frames), np.arange(pixels))
+    pair = likelihood.frame_pair(mixture, state, part, effect.sigma_mm)
+    return forward(*pair, likelihood.evidence.frame_number, effect)[1]
+
+
+def fit_pattern(
+    likelihood: Likelihood, mixture: Mixture, state: State, part: Part
+) -> tuple[FixedPattern, PixelBiases] | None:
+    """Spreads of a pattern by pixel, column and row, by marginal likelihood."""
+    found = pixel_biases(likelihood, mixture, state, part)
+    return fit_spreads(found, likelihood.evidence.image)
+
+
+def fit_spreads(found: PixelBiases, image: tuple[int, int]) -> tuple[FixedPattern, PixelBiases] | None:
+    """The spreads that are most likely for the pixels' biases and their noise."""
+    use = found.information > 0
+    if use.sum() < 2 * sum(image) or not _beyond_chance(found, image):
+        return None
+    size = max(float(np.median(np.abs(found.bias[use])) / 0.67), 1e-3)
+
+    def cost(x: FloatArray) -> float:
+        pixel, column, row = (math.exp(min(max(v, -8.0), 6.9)) for v in x)
+        return -marginal_pattern(found, image, (pixel, column, row))[0]
+
+    start = np.log(np.array([size, size * 0.3, size * 0.3]))
+    simplex = np.vstack([start, start + 0.5 * np.eye(3)])
+    options: Any = {"maxfev": 80, "fatol": 0.1, "xatol": 0.02, "initial_simplex": simplex}
+    best = minimize(cost, start, method="Nelder-Mead", options=options)
+    pixel, column, row = (float(math.exp(min(max(v, -8.0), 6.9))) for v in best.x)
+    return FixedPattern(pixel_sigma_mm=pixel, column_sigma_mm=column, row_sigma_mm=row), found
+
+
+def _beyond_chance(found: PixelBiases, image: tuple[int, int]) -> bool:
+    """Whether pixels, columns or rows differ by more than two standard deviations of noise."""
+    use = np.flatnonzero(found.information > 0)
+    row, col = np.divmod(use, image[1])
+    pulled, weight = found.bias[use] * found.information[use], found.information[use]
+    deviates = [(2 * float(found.gain[use].sum()) - use.size) / math.sqrt(2 * use.size)]
+    for line in (row, col):
+        total, noise = np.bincount(line, pulled), np.bincount(line, weight)
+        full = noise > 0
+        chi2 = float((total[full] ** 2 / noise[full]).sum())
+        deviates.append((chi2 - full.sum()) / math.sqrt(2 * full.sum()))
+    return max(deviates) > _CHANCE
+
+
+def pattern_map(
+    likelihood: Likelihood, mixture: Mixture, state: State, effect: FixedPattern, frames: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """The pattern (pixel,), mm, shrunk by its noise, from all pixels of some frames; and its variance, mm2."""
+    part = (frames, np.arange(likelihood.evidence.shape[1]))
+    found = pixel_biases(likelihood, mixture, state, part)
+    spreads = (effect.pixel_sigma_mm, effect.column_sigma_mm, effect.row_sigma_mm)
+    whole = max(sum(s**2 for s in spreads), 1e-12)  # columns and rows have at least the variance of their pixels
+    variance = np.where(found.information > 0, 1.0 / (found.information + 1.0 / whole), 0.0)
+    return marginal_pattern(found, likelihood.evidence.image, spreads)[1], variance
+
+
+def with_map(effect: FixedPattern, pattern: FloatArray, image: tuple[int, int]) -> FixedPattern:
+    """The effect with a map (pixel,), mm; it keeps the spreads."""
+    return replace(effect, map=PixelMap("fixed_pattern.npy", pattern.reshape(image).astype(np.float32)))

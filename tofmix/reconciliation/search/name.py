@@ -1,0 +1,378 @@
+"""Step 3: fit each effect of the registry to the fitting data, and score it on the held-out data.
+
+The score is the gain in held-out log predictive density over the model with the effects added so far. Frames and pixels
+are held out in blocks. The model moved within its tolerance (poses by a part of sigma, the scale of the noise by a
+tenth of that part) is a rival, `tolerated`: an effect must explain more than this rival.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tofmix.arrays import Float32Array, FloatArray
+from tofmix.reconciliation.evidence import BLOCK_FRAMES, Evidence
+from tofmix.reconciliation.likelihood.joint import View, views
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.likelihood.memory import fit_memory, memory_gain
+from tofmix.reconciliation.likelihood.mixture import Mixture
+from tofmix.reconciliation.likelihood.pixel_pattern import marginal_pattern, pixel_biases
+from tofmix.reconciliation.parameters.fits import Fitted, fit
+from tofmix.reconciliation.parameters.searches import problems
+from tofmix.reconciliation.search import links
+from tofmix.reconciliation.search.lattice import find_lattice
+from tofmix.simulation.effects import EFFECTS, Effect
+from tofmix.simulation.effects.base import Target
+from tofmix.simulation.effects.excess_noise import ExcessNoise
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.interference import Interference
+from tofmix.simulation.effects.multipath import Multipath
+from tofmix.simulation.effects.stuck_pixels import StuckPixels
+from tofmix.simulation.effects.surface_pose import SurfacePose
+from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
+
+PRICE_NATS = 3.0  # of each free parameter
+
+_MANY_FRAMES = 80  # with so many or more, half of them rank the candidates
+_STEPS = 2  # of poses, within the tolerance
+_HALVINGS = 6  # a sixty-fourth of a tolerated step changes nothing
+SLACK = 1.15
+"""Factor on the tolerance, which is a typical error and not the largest one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Candidate:
+    """An effect that was tried.
+
+    Parameters
+    ----------
+    effect : Effect
+        With its fitted parameters.
+    gain : float
+        Held-out gain over the model with the effects added so far, nats.
+    parameters : int
+        Free parameters.
+    state : State
+        The model with this effect.
+    fitted : Fitted or None
+        The end of its search, if it was searched for.
+    others : tuple of Candidate
+        The effects added before, if they were fitted again together with it; else empty.
+    """
+
+    effect: Effect
+    gain: float
+    parameters: int
+    state: State
+    fitted: Fitted | None = None
+    others: tuple["Candidate", ...] = ()
+
+    @property
+    def kind(self) -> str:
+        """Its kind."""
+        return self.effect.kind
+
+    @property
+    def static(self) -> bool:
+        """Whether it gives each pixel a constant bias."""
+        return self.effect.target is Target.BIAS
+
+    @property
+    def exact(self) -> bool:
+        """Whether its law is exact. Its gain then does not limit the remaining deviation."""
+        return self.effect.exact_law
+
+    @property
+    def loses(self) -> bool:
+        """Whether it loses samples. Its gain, from lost samples, then says nothing about the ranges of the others."""
+        return self.effect.target is Target.LOSS
+
+    @property
+    def score(self) -> float:
+        """Gain less the price of the parameters."""
+        return self.gain - PRICE_NATS * self.parameters
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Trial:
+    """Data that all candidates of one round share."""
+
+    likelihood: Likelihood
+    state: State
+    mixture: Mixture
+    scores: Float32Array
+    fit_part: Part
+    test_part: Part
+    base: float
+
+    @property
+    def names(self) -> set[tuple[str, str]]:
+        """Kinds, and surfaces, that the model has already."""
+        effects = (*self.likelihood.scene.effects, *self.state.effects)
+        return {(e.kind, getattr(e, "surface", "")) for e in effects}
+
+
+def begin_trial(likelihood: Likelihood, state: State, split: str, seed: int) -> Trial:
+    """Prepare a round."""
+    mixture = likelihood.mixture(state)
+    test = likelihood.evidence.part(fit=False, split=split)
+    frames, pixels = likelihood.evidence.shape
+    whole = np.arange(frames), np.arange(pixels)
+    return Trial(
+        likelihood=likelihood, state=state, mixture=mixture, scores=likelihood.scores(state, whole, seed, mixture),
+        fit_part=_thinned(likelihood.evidence, likelihood.evidence.part(fit=True, split=split)), test_part=test,
+        base=likelihood.value(state, test, mixture),
+    )  # fmt: skip
+
+
+def _thinned(evidence: Evidence, part: Part) -> Part:
+    """Every second block of the frames, if there are many. They rank candidates; added effects are fitted to all."""
+    frames, pixels = part
+    if len(frames) < _MANY_FRAMES:
+        return part
+    return frames[evidence.frame_number[frames] // (2 * BLOCK_FRAMES) % 2 == 0], pixels
+
+
+def candidates(trial: Trial, kinds: Iterable[str], tick: Callable[[str], None] = lambda _: None) -> list[Candidate]:
+    """Every possible effect of these kinds, best first.
+
+    Parameters
+    ----------
+    trial : Trial
+        The round.
+    kinds : iterable of str
+        Kinds to try.
+    tick : callable
+        Called with each kind that is done.
+    """
+    found: list[Candidate] = []
+    for kind in kinds:
+        if kind in _SPECIAL:
+            if (kind, "") not in trial.names:
+                candidate = _SPECIAL[kind](trial)
+                found += [] if candidate is None else [candidate]
+        else:
+            found += _by_search(trial, kind)
+        tick(kind)
+    return sorted(found, key=lambda c: -c.score)
+
+
+def _by_search(trial: Trial, kind: str) -> list[Candidate]:
+    out = []
+    for problem in problems(kind, trial.likelihood, trial.mixture):
+        if problem.starts and problem.starts[0] is not None:
+            try:
+                surface = getattr(problem.make(np.array(problem.starts[0])), "surface", "")
+            except ValueError:
+                continue
+            if (kind, surface) in trial.names:
+                continue
+        fitted = fit(problem, trial.likelihood, trial.state, trial.fit_part)
+        if not np.isfinite(fitted.value):
+            continue
+        if fitted.at_a_bound:
+            continue
+        state = replace(trial.state, effects=(*trial.state.effects, fitted.effect))
+        gain = trial.likelihood.value(state, trial.test_part) - trial.base
+        if kind == Multipath.kind and gain > 0 and not _shifts(trial, state, gain):
+            continue
+        out.append(
+            Candidate(effect=fitted.effect, gain=gain, parameters=problem.parameters, state=state, fitted=fitted)
+        )
+    return out
+
+
+def _shifts(trial: Trial, state: State, gain: float) -> bool:
+    """Whether the bias of a second path gives a part of its gain.
+
+    A path of one turn only adds noise to a surface. Noise has many causes, and such a path is an unlikely one.
+    """
+    mixture = trial.likelihood.mixture(state)
+    if mixture.mean.shape != trial.mixture.mean.shape:
+        return True
+    unmoved = replace(mixture, mean=trial.mixture.mean)
+    noise_alone = trial.likelihood.value(state, trial.test_part, unmoved) - trial.base
+    return gain - noise_alone > 2 * PRICE_NATS
+
+
+def _stuck(trial: Trial) -> Candidate | None:
+    state = links.find_stuck(trial.likelihood, trial.mixture, trial.state)
+    if state is None:
+        return None
+    frames, pixels = trial.test_part
+    stuck = pixels[~state.working[pixels]]
+    all_stuck = np.flatnonzero(~state.working)
+    part = (frames, stuck if stuck.size else all_stuck)
+    before = trial.likelihood.sums(trial.mixture, trial.state, part).total
+    gain = -before - links.VALUE_NATS * part[1].size
+    return Candidate(effect=state.effects[-1], gain=gain, parameters=1, state=state)
+
+
+def _lattice(trial: Trial) -> Candidate | None:
+    effect = find_lattice(trial.likelihood.evidence, trial.state)
+    if effect is None:
+        return None
+    state = replace(trial.state, effects=(*trial.state.effects, effect))
+    gain = trial.likelihood.value(state, trial.test_part) - trial.base
+    return Candidate(effect=effect, gain=gain, parameters=1, state=state)
+
+
+def _bursts(trial: Trial) -> Candidate | None:
+    effect = links.fit_interference(trial.likelihood, trial.mixture, trial.state, trial.fit_part)
+    if effect is None:
+        return None
+    state = replace(trial.state, effects=(*trial.state.effects, effect))
+    gain = trial.likelihood.value(state, trial.test_part, trial.mixture) - trial.base
+    frames = links.disturbed_frames(trial.likelihood, trial.mixture, trial.state, effect)
+    return Candidate(effect=effect, gain=gain, parameters=3, state=replace(state, disturbed=frames))
+
+
+def _pattern(trial: Trial) -> Candidate | None:
+    fitted = links.fit_pattern(trial.likelihood, trial.mixture, trial.state, trial.fit_part)
+    if fitted is None:
+        return None
+    effect, _ = fitted
+    gain = pattern_gain(trial, effect)
+    frames = np.flatnonzero(trial.likelihood.evidence.fit_frames)
+    pattern, variance = links.pattern_map(trial.likelihood, trial.mixture, trial.state, effect, frames)
+    effect = links.with_map(effect, pattern, trial.likelihood.evidence.image)
+    effects, bias = (*trial.state.effects, effect), trial.state.pixel_bias + pattern
+    state = replace(trial.state, effects=effects, pixel_bias=bias, pixel_variance=variance)
+    return Candidate(effect=effect, gain=gain, parameters=3, state=state)
+
+
+def pattern_gain(trial: Trial, effect: FixedPattern) -> float:
+    """Held-out gain of a pattern, with its values integrated out, because those of held-out pixels are not fitted."""
+    found = pixel_biases(trial.likelihood, trial.mixture, trial.state, trial.test_part)
+    return marginal_pattern(found, trial.likelihood.evidence.image, _spreads(effect))[0]
+
+
+def _spreads(effect: FixedPattern) -> tuple[float, float, float]:
+    return effect.pixel_sigma_mm, effect.column_sigma_mm, effect.row_sigma_mm
+
+
+def _memory(trial: Trial) -> Candidate | None:
+    effect = fit_memory(trial.likelihood, trial.scores, trial.mixture, trial.fit_part)
+    if effect is None:
+        return None
+    gain = memory_gain(trial.likelihood, trial.scores, trial.mixture, trial.test_part, effect.coefficient)
+    state = replace(trial.state, effects=(*trial.state.effects, effect))
+    return Candidate(effect=effect, gain=gain, parameters=1, state=state)
+
+
+_SPECIAL: dict[str, Callable[[Trial], Candidate | None]] = {
+    StuckPixels.kind: _stuck,
+    "quantisation": _lattice,
+    Interference.kind: _bursts,
+    FixedPattern.kind: _pattern,
+    TemporalCorrelation.kind: _memory,
+}
+KINDS = tuple(EFFECTS)
+"""All kinds that are tried."""
+
+
+def tolerated(likelihood: Likelihood, state: State, part: Part, tolerance: float) -> State:
+    """The model with poses and noise scale moved within the tolerance to where they fit best.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        Of the recording.
+    state : State
+        The model with the effects added so far.
+    part : (frames, pixels)
+        Data of the fit.
+    tolerance : float
+        Accepted error of a surface's ranges by its position, in sigma of the pixels that see it; of the noise scale, in
+        tenths. Tilts are not accepted.
+    """
+    if tolerance <= 0:
+        return state
+    best, value = _within(likelihood, state, part, tolerance)
+    if any(isinstance(e, ExcessNoise) for e in (*likelihood.scene.effects, *state.effects)):
+        return best
+    if state.bursts is not None:  # integrated out below, but not where poses were moved
+        value = likelihood.value(best, part)
+
+    def scaled(factor: float) -> State:
+        return replace(best, effects=(*best.effects, ExcessNoise(factor=factor)))
+
+    limit = 0.1 * tolerance * SLACK
+    less, more = (likelihood.value(scaled(1 + sign * limit), part) for sign in (-1, 1))
+    curve = less - 2 * value + more
+    peak = 0.5 * (less - more) / curve if curve < 0 else float(np.sign(more - less))
+    return scaled(1 + limit * float(np.clip(peak, -1, 1)))
+
+
+def _within(likelihood: Likelihood, state: State, part: Part, tolerance: float) -> tuple[State, float]:
+    """The model with poses moved within the tolerance to where they fit best, and its log-likelihood.
+
+    Newton steps, each halved until the log-likelihood rises: for quantised ranges it is no parabola.
+    """
+
+    def at(shifts: FloatArray) -> _Slopes:
+        moved = replace(state, effects=(*state.effects, *_poses(likelihood, shifts)))
+        return _slopes(likelihood, moved, part, shifts)
+
+    here = at(np.zeros(len(likelihood.scene.names)))
+    for _ in range(_STEPS):
+        step = here.step(likelihood, tolerance)
+        for _ in range(_HALVINGS):
+            there = at(here.shifts + step)
+            if there.value >= here.value:
+                break
+            step = 0.5 * step
+        else:
+            break
+        here = there
+    return here.state, here.value
+
+
+def _poses(likelihood: Likelihood, shifts: FloatArray) -> tuple[Effect, ...]:
+    names = likelihood.scene.names
+    return tuple(SurfacePose(surface=n, shift_mm=float(d)) for n, d in zip(names, shifts, strict=True) if d)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Slopes:
+    """Log-likelihood of a model whose surfaces (surface,) are moved by `shifts` mm, with its derivatives by them."""
+
+    state: State
+    shifts: FloatArray
+    value: float
+    slope: FloatArray
+    information: FloatArray
+
+    def step(self, likelihood: Likelihood, tolerance: float) -> FloatArray:
+        """Newton's step (surface,), mm, that ends within the tolerance."""
+        out = np.zeros(self.shifts.size)
+        sigma = np.nan_to_num(likelihood.scene.sigma_of_place)  # if no pixel sees a surface, its position is unknown
+        for number in np.flatnonzero(self.information > 0):
+            limit = SLACK * tolerance * float(sigma[number])
+            to = self.shifts[number] + self.slope[number] / self.information[number]
+            out[number] = float(np.clip(to, -limit, limit)) - self.shifts[number]
+        return out
+
+
+def _slopes(likelihood: Likelihood, state: State, part: Part, shifts: FloatArray) -> _Slopes:
+    m = likelihood.mixture(state)
+    value, slope, information = 0.0, np.zeros(shifts.size), np.zeros(shifts.size)
+    for view in views(likelihood, m, part):
+        sums = likelihood.sums(m, state, view.part_of_all)
+        value += sums.total
+        _add_slopes(likelihood, view, sums.by_pixel, slope, information)
+    return _Slopes(state=state, shifts=shifts, value=value, slope=slope, information=information)
+
+
+def _add_slopes(
+    likelihood: Likelihood, view: View, sums: FloatArray, slope: FloatArray, information: FloatArray
+) -> None:
+    """Add slope and information of one recording about the shifts of surfaces."""
+    m = view.mixture
+    surface, single = m.of_main(m.surface), m.of_main(m.weight) > 0.9 * m.told
+    for own_number, name in enumerate(view.scene.names):
+        own = single & (surface == own_number)
+        number = likelihood.scene.names.index(name)
+        lever = m.of_main(m.true_range)[own] / likelihood.scene.distance[number]
+        information[number] += float((sums[own, 2] * lever**2).sum())
+        slope[number] += float((sums[own, 1] * lever).sum())

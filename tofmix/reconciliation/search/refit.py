@@ -1,0 +1,137 @@
+"""Fit the added effects again, each given the others: numbers, and hidden states."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tofmix.arrays import IntArray
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.likelihood.widths import with_widths
+from tofmix.reconciliation.parameters.curvature import Numbers
+from tofmix.reconciliation.parameters.fits import fit
+from tofmix.reconciliation.parameters.pattern_errors import pattern_of
+from tofmix.reconciliation.parameters.standard_errors import polish
+from tofmix.reconciliation.search import links
+from tofmix.reconciliation.search.name import SLACK, Candidate
+from tofmix.simulation.effects.base import Effect
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.interference import Interference
+from tofmix.simulation.effects.stuck_pixels import StuckPixels
+
+_MOST_TURNS = 8  # of numbers and latent states
+
+
+def refit(
+    likelihood: Likelihood, state: State, chosen: Sequence[Candidate], part: Part
+) -> tuple[State, list[Candidate]]:
+    """Fit all effects again, each given the others, then all numbers together.
+
+    Parameters
+    ----------
+    likelihood, state
+        As they stand.
+    chosen : sequence of Candidate
+        The state's effects, in its order.
+    part : (frames, pixels)
+        Data of the fits.
+    """
+    chosen = list(chosen)
+    for k, candidate in enumerate(chosen):
+        if candidate.fitted is None or not candidate.fitted.problem.steps:
+            continue
+        rest = without(state, k)
+        fitted = fit(candidate.fitted.problem, likelihood, rest, part, start=candidate.fitted.vector)
+        chosen[k] = replace(candidate, effect=fitted.effect, fitted=fitted)
+        state = replace(state, effects=(*rest.effects[:k], fitted.effect, *rest.effects[k:]))
+    state = latent_states(likelihood, state, part[0])
+    last = settle(numbers(likelihood, state, chosen, part))
+    ends = [replace(c, fitted=last.fits.get(k, c.fitted)) for k, c in enumerate(chosen)]
+    return last.state, [replace(c, effect=e) for c, e in zip(ends, last.state.effects, strict=True)]
+
+
+def settle(numbers: Numbers) -> Numbers:
+    """Move all numbers together to the top of the log-likelihood, then fit latent states.
+
+    Numbers and a fixed pattern's spreads alternate until the numbers converge.
+    """
+    for _ in range(_MOST_TURNS):
+        last = polish(numbers)
+        if last is numbers:
+            break
+        numbers = replace(last, state=latent_states(last.likelihood, last.state, last.part[0]))
+        if pattern_of(numbers.state) is None:
+            break
+    return numbers
+
+
+def without(state: State, number: int) -> State:
+    """The model without one of the effects."""
+    return replace(state, effects=(*state.effects[:number], *state.effects[number + 1 :]))
+
+
+def numbers(likelihood: Likelihood, state: State, chosen: Sequence[Candidate], part: Part) -> Numbers:
+    """The searched effects as one vector of numbers."""
+    fits = {k: c.fitted for k, c in enumerate(chosen) if c.fitted is not None and c.fitted.problem.steps}
+    return Numbers(likelihood=likelihood, state=state, fits=fits, part=part)
+
+
+def begin(likelihood: Likelihood, frames: IntArray, tolerance: float) -> State:
+    """The model as given, with the hidden states of its own effects in this recording, and no other effect.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        Of the recording.
+    frames : (n,) int64
+        Frames for a pattern's map.
+    tolerance : float
+        Error of a map of the model, in sigma: it was measured, possibly in a recording as short as this one.
+    """
+    state = likelihood.start()
+    if any(isinstance(e, FixedPattern) and e.map is not None for e in likelihood.scene.effects):
+        mixture = likelihood.scene.mixture()
+        state = replace(state, pixel_variance=(SLACK * tolerance * mixture.of_main(mixture.sigma)) ** 2)
+    for effect in state.given:
+        if isinstance(effect, StuckPixels):
+            if effect.map is not None:
+                state = replace(state, stuck_mm=effect.map.values.ravel().astype(np.float64))
+                continue
+            found = links.find_stuck(likelihood, likelihood.scene.mixture(), state)
+            if found is not None:
+                state = replace(state, stuck_mm=found.stuck_mm)
+    return latent_states(likelihood, state, frames)
+
+
+def latent_states(likelihood: Likelihood, state: State, frames: IntArray) -> State:
+    """Fit the effects that link samples again, given the others; of the model's own effects, only their hidden states.
+
+    Parameters
+    ----------
+    likelihood, state
+        As they stand.
+    frames : (n,) int64
+        Frames for a pattern's map.
+    """
+    mixture = likelihood.mixture(state)
+    part = frames, np.arange(likelihood.evidence.shape[1])
+    for effect in state.linking:
+        own = effect in state.given
+        if isinstance(effect, FixedPattern):
+            bare = replace(state, pixel_bias=np.zeros_like(state.pixel_bias))
+            fitted = None if own else links.fit_pattern(likelihood, mixture, bare, part)
+            spread = effect if fitted is None else fitted[0]
+            pattern, variance = links.pattern_map(likelihood, mixture, bare, spread, frames)
+            state = replace(state, pixel_bias=pattern, pixel_variance=variance)
+            state = _with(state, effect, links.with_map(spread, pattern, likelihood.evidence.image))
+        elif isinstance(effect, Interference):
+            fitted_bursts = None if own else links.fit_interference(likelihood, mixture, state, part)
+            bursts = effect if fitted_bursts is None else fitted_bursts
+            disturbed = links.disturbed_frames(likelihood, mixture, state, bursts)
+            state = _with(replace(state, disturbed=disturbed), effect, bursts)
+    return with_widths(likelihood, state, frames)
+
+
+def _with(state: State, old: Effect, new: Effect) -> State:
+    """The state with one of its effects replaced; the model's own effects do not change."""
+    return replace(state, effects=tuple(new if e is old else e for e in state.effects))

@@ -1,0 +1,111 @@
+"""The state of a search: its settings, the data that fits may see, and the model with the effects added so far."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tofmix.bounds import Positive, Probability, WholeNumber, check_bounds, check_one_of
+from tofmix.reconciliation.comparison.compare import Compared
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.search.name import Candidate
+
+FAINT_SHARE = 0.01
+"""An effect is faint if it gains less than this share of the others' gain: no law of theirs is exact."""
+
+SPLITS = ("frames,pixels", "frames", "pixels")
+"""Parts of the recording that may be held out."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """Options of a reconciliation.
+
+    Parameters
+    ----------
+    kinds : tuple of str
+        Kinds of effects to try.
+    max_effects : int
+        Most effects that are added.
+    alpha : float
+        Level of all tests, after correction.
+    tolerance : float
+        Accepted error of the model: of a pose in sigma, of the scale of the noise in tenths.
+    split : str
+        Held-out data: ``frames``, ``pixels`` or ``frames,pixels``.
+    seed : int
+        Seed of every draw.
+    """
+
+    kinds: tuple[str, ...]
+    max_effects: WholeNumber = 3
+    alpha: Probability = 0.01
+    tolerance: Positive = 0.1
+    split: str = "frames,pixels"
+    seed: WholeNumber = 1
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        check_one_of(self, "split", SPLITS)
+
+
+@dataclass(slots=True, eq=False)
+class SearchState:
+    """The state of one search.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        The recording and the scene.
+    settings : Settings
+        How.
+    tick : callable
+        Called with each kind that was tried.
+    state : State
+        The model with the effects added so far.
+    chosen : list of Candidate
+        The added effects, in the order in which they were added.
+    rivals : list of tuple of Candidate
+        For each of `chosen`: the other candidates of its round, best first.
+    first : tuple of Candidate
+        All candidates of the first round, best first.
+    aliases : list of tuple of Candidate
+        Groups of candidates that the recording cannot separate; a chosen one stands first.
+    begun : Candidate, optional
+        The effect that was added first, even if it was removed later.
+    before : Compared, optional
+        Panel of the model as given.
+    missed : set of str
+        Kinds that were added while a statistic in which they must show stood out.
+    """
+
+    likelihood: Likelihood
+    settings: Settings
+    tick: Callable[[str], None]
+    state: State
+    chosen: list[Candidate] = field(default_factory=list)
+    rivals: list[tuple[Candidate, ...]] = field(default_factory=list)
+    first: tuple[Candidate, ...] = ()
+    aliases: list[tuple[Candidate, ...]] = field(default_factory=list)
+    begun: Candidate | None = None
+    before: Compared | None = None
+    missed: set[str] = field(default_factory=set)
+
+
+def held_out(likelihood: Likelihood, settings: Settings) -> Part:
+    """Held-out frames with all pixels; if frames are not split, the held-out pixels."""
+    if "frames" not in settings.split:
+        return likelihood.evidence.part(fit=False, split=settings.split)
+    return np.flatnonzero(~likelihood.evidence.fit_frames), np.arange(likelihood.evidence.shape[1])
+
+
+def fit_part(likelihood: Likelihood, settings: Settings) -> Part:
+    """The data of fits of all effects together: the rest of `held_out`."""
+    if "frames" not in settings.split:
+        return likelihood.evidence.part(fit=True, split=settings.split)
+    return np.flatnonzero(likelihood.evidence.fit_frames), np.arange(likelihood.evidence.shape[1])
+
+
+def name_of(candidate: Candidate) -> tuple[str, str]:
+    """The identity of a candidate: its kind, and the surface on which it acts, if any."""
+    return candidate.kind, getattr(candidate.effect, "surface", "")

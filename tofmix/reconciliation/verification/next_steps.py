@@ -1,0 +1,177 @@
+"""Next steps after a verdict: one sentence each, the most useful first."""
+
+import json
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, State
+from tofmix.reconciliation.parameters.planes import PlanePose, measured_pose
+from tofmix.reconciliation.search.add import Added
+from tofmix.reconciliation.search.refit import begin
+from tofmix.reconciliation.search.search_state import Settings, fit_part
+from tofmix.reconciliation.search.summaries import summaries, surfaces_of
+from tofmix.reconciliation.verdict import SIGMAS
+from tofmix.reconciliation.verification.aliases import Alias
+from tofmix.reconciliation.verification.verify import Verified
+from tofmix.simulation.surface import Surface
+from tofmix.wording import counted
+
+_CLEAR = 5.0  # least distance from the model's pose, in standard errors
+_MOSTLY = 0.8  # least share of the weighted squares of a surface's biases that another pose explains
+_LEAST_PIXELS = 12  # of a surface, for a pose of three numbers
+_LEAST = 1e-30  # information
+_MOST_POSES = 3  # most poses that are listed; more are another scene
+_LEAST_TURN_DEG = 0.02  # smaller tilts are not reported
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundPose:
+    """The pose of a surface from its samples; recordings are numbered from 0."""
+
+    surface: Surface
+    recording: int
+    pose: PlanePose
+
+    @property
+    def farther(self) -> bool:
+        """Whether the surface is farther from the camera than in the model."""
+        toward = float(self.surface.rotation()[:, 2] @ np.array(self.surface.center_mm))
+        return self.pose.shift_mm * toward > 0
+
+
+def next_steps(
+    likelihood: Likelihood, added: Added, verified: Verified, unclear: Sequence[Alias], settings: Settings
+) -> tuple[str, ...]:
+    """Next steps, the most useful first; never empty.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        The recordings, against the models as given.
+    added : Added
+        The outcome of the search.
+    verified : Verified
+        The verdict.
+    unclear : sequence of Alias
+        Explanations that the recording cannot separate.
+    settings : Settings
+        Options of the search.
+    """
+    steps = [*_of_the_recording(likelihood, verified)]
+    if verified.verdict in ("unexplained", "partly_explained"):
+        named = verified.verdict == "partly_explained"  # otherwise the effects are no part of the model
+        poses = found_poses(likelihood, settings, verified.state if named else None)
+        steps += _of_poses(poses, several=len(likelihood.scene.members) > 1)
+        steps += _of_the_search(added, verified, settings, misplaced=bool(poses))
+    for alias in unclear:
+        kinds = alias.kinds
+        steps.append(
+            f"This recording cannot separate {kinds[0]} from {' or '.join(kinds[1:])}: record {alias.separate_by}."
+        )
+    if verified.verdict == "agree":
+        steps.append(
+            f"A bias of {verified.findings.smallest_sigma:.2g} sigma of all samples would have been seen; four times"
+            " as many frames show half of that."
+        )
+    if verified.verdict == "explained":
+        steps.append(
+            "Confirm it on a scene that no fit has seen: reconcile the written model.toml, with the surfaces of that"
+            " scene, with a recording of it."
+        )
+    return tuple(steps) or ("Examine the places in `where`: no known effect explains them.",)
+
+
+def _of_the_recording(likelihood: Likelihood, verified: Verified) -> Iterator[str]:
+    repeated, found = likelihood.evidence.repeated, verified.findings
+    if repeated:
+        yield (
+            f"{counted(repeated, 'frame')} of {repeated + likelihood.evidence.shape[0]} repeated the frame before,"
+            " sample by sample, and were left out: check the driver's frame rate."
+        )
+    if found.few:
+        frames = math.ceil(likelihood.evidence.shape[0] * (found.smallest_sigma / SIGMAS) ** 2)
+        yield (
+            f"Too few samples: {found.samples} were held out, and the smallest bias that they show is"
+            f" {found.smallest_sigma:.2g} sigma. Record {frames} frames or more, or more pixels."
+        )
+
+
+def _of_the_search(added: Added, verified: Verified, settings: Settings, *, misplaced: bool) -> Iterator[str]:
+    if verified.own is not None:
+        yield (
+            f"The model's own {verified.own.kind} has other numbers than the camera's: correct it. The samples give:"
+            f" {verified.own.explain()}."
+        )
+    if len(added.chosen) >= settings.max_effects:
+        yield f"The search stopped at {counted(settings.max_effects, 'effect')}: raise --max-effects."
+    if misplaced:  # wrong poses can also cause a bias that is smooth over the image, or wider noise
+        return
+    if verified.law == "place in the image":
+        yield (
+            "A smooth bias over the image fits better than any effect: suspect the lens. Give the model the camera's"
+            " own intrinsics and distortion, or measure the map of a fixed_pattern on a flat wall."
+        )
+    if verified.law == "range":
+        yield (
+            "A smooth bias in range fits better than any effect: check modulation_frequency_hz and the calibration of"
+            " ranges."
+        )
+    noise = [c for c in verified.findings.open if c.statistic in ("spread", "spread_pattern")]
+    if noise:
+        axis = f" over {noise[0].axis}" if noise[0].axis not in ("all", "frame", "time") else ""
+        yield (
+            f"The noise differs from the model's{axis}: measure its curve with `tofmix estimate MEASURED.h5 --noise"
+            " auto` and give it to the model; by amplitude, where dark surfaces are noisier."
+        )
+
+
+def _of_poses(poses: Sequence[FoundPose], *, several: bool) -> Iterator[str]:
+    for found in sorted(poses, key=lambda f: -f.pose.z)[:_MOST_POSES]:
+        where = f" of recording {found.recording + 1}" if several else ""
+        side = f"{'farther' if found.farther else 'nearer'} along its normal"
+        turn = math.hypot(found.pose.yaw_deg, found.pose.pitch_deg)
+        turned = f" and turned by {turn:.2g} degrees" if turn > _LEAST_TURN_DEG else ""
+        yield (
+            f'"{found.surface.name}"{where} is {abs(found.pose.shift_mm):.3g} mm {side}{turned}:'
+            f" measure its position again, or add {effect_line(found)}"
+        )
+
+
+def effect_line(found: FoundPose) -> str:
+    """The table of a model file that moves the surface to this pose, on one line."""
+    values: dict[str, str | float] = {"surface": found.surface.name, "shift_mm": float(f"{found.pose.shift_mm:.5g}")}
+    for name in ("yaw_deg", "pitch_deg"):
+        if abs(getattr(found.pose, name)) > _LEAST_TURN_DEG:
+            values[name] = float(f"{getattr(found.pose, name):.4g}")
+    return "[[effect]] " + "; ".join(['kind = "surface_pose"', *(f"{k} = {json.dumps(v)}" for k, v in values.items())])
+
+
+def found_poses(likelihood: Likelihood, settings: Settings, state: State | None = None) -> list[FoundPose]:
+    """Surfaces for which another pose explains most of the remaining biases.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        The recordings and their scenes.
+    settings : Settings
+        How.
+    state : State, optional
+        The model with the effects that are named; the model as given without it.
+    """
+    part = fit_part(likelihood, settings)
+    state = state or begin(likelihood, part[0], settings.tolerance)
+    out = []
+    for summary in summaries(likelihood, state, part):
+        scene = summary.view.scene
+        for name, own in surfaces_of(summary):
+            if own.sum() < _LEAST_PIXELS:
+                continue
+            surface = next(s for s in scene.model.surfaces if s.name == name)
+            information = summary.bias_information[:, own].sum(axis=0)
+            bias = (summary.bias_information * summary.bias_mm)[:, own].sum(axis=0) / np.maximum(information, _LEAST)
+            pose = measured_pose(surface, scene.beams[own], bias, information)
+            out.append(FoundPose(surface=surface, recording=summary.view.number, pose=pose))
+    return [f for f in out if f.pose.z > _CLEAR and f.pose.explained > _MOSTLY]

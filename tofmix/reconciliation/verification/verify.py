@@ -1,0 +1,257 @@
+"""Step 5: simulate the refined model with new seeds, and judge the effects.
+
+`floor` is the gap between the refined model and a simulation of it, `before` and `after` are gaps of the recording.
+`tofmix.reconciliation.verdict` decides the verdict.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.arrays import FloatArray
+from tofmix.reconciliation.comparison.compare import Compared, compare
+from tofmix.reconciliation.comparison.localise import disagreements
+from tofmix.reconciliation.likelihood.joint import views
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.likelihood.memory import memory_left, memory_of
+from tofmix.reconciliation.likelihood.mixture import LINKING, Scene
+from tofmix.reconciliation.search import links
+from tofmix.reconciliation.search.add import Added
+from tofmix.reconciliation.search.name import tolerated
+from tofmix.reconciliation.search.refit import begin, latent_states
+from tofmix.reconciliation.search.search_state import Settings, fit_part, held_out
+from tofmix.reconciliation.verdict import Findings, judge, share_closed
+from tofmix.reconciliation.verification.pattern_shape import smooth, tilted
+from tofmix.reconciliation.verification.smooth_laws import better_law
+from tofmix.simulation.casting.cast import cast_scene
+from tofmix.simulation.effects.base import Effect
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.parameter import PixelMap
+from tofmix.simulation.effects.stuck_pixels import StuckPixels
+from tofmix.simulation.model import Model
+from tofmix.simulation.render import render_blocks
+
+IN_TIME = 0.005
+"""Share of the effects' gain that may remain as a change of all frames in time."""
+
+ECHO = 0.1
+"""Correlation at any lag that may remain after a memory of one frame."""
+
+_SEEDS_APART, _SIMULATIONS_APART = 1000, 100_000  # distance between seeds of recordings, and of simulations
+_NULLS = 3  # simulations, if one is not enough
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Verified:
+    """The result of the verification.
+
+    Parameters
+    ----------
+    verdict : str
+        ``agree``, ``explained``, ``partly_explained`` or ``unexplained``.
+    state : State
+        The model that is written, without effects that do not explain the recording.
+    before, after, floor : Compared
+        Panels of the model as given, of the refined one, and of a simulation of it.
+    findings : Findings
+        The data of the verdict.
+    """
+
+    verdict: str
+    state: State
+    before: Compared
+    after: Compared
+    floor: Compared
+    findings: Findings
+
+    @property
+    def law(self) -> str | None:
+        """Axis of a smooth law that fits better than the found effects; None without one."""
+        return self.findings.law
+
+    @property
+    def own(self) -> Effect | None:
+        """The model's own effect with other numbers, if it fits better than the found effects."""
+        return self.findings.own
+
+    @property
+    def closed(self) -> float | None:
+        """Share of the gap that is closed; None if there is no gap beyond noise."""
+        return share_closed(self.before, self.after, self.floor)
+
+
+def as_given(likelihood: Likelihood, settings: Settings) -> tuple[Added, Verified]:
+    """The verification of the model as given, before the search."""
+    held = held_out(likelihood, settings)
+    start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
+    near = tolerated(likelihood, start, held, settings.tolerance)
+    panel = compare(likelihood, near, held, seed=settings.seed)
+    added = Added(state=start, chosen=(), first=(), aliases=(), panel=panel)
+    return added, verify(likelihood, added, settings)
+
+
+def verify(
+    likelihood: Likelihood, added: Added, settings: Settings, own: Effect | None = None, *, law_stood: bool = False
+) -> Verified:
+    """Judge the added effects.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        The recording and the scene.
+    added : Added
+        The outcome of the search.
+    settings : Settings
+        How.
+    own : Effect, optional
+        The model's own effect with other numbers, if it is better than the added effects.
+    law_stood : bool
+        Whether a smooth law was better than the effects of an earlier search.
+    """
+    held = held_out(likelihood, settings)
+    start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
+    before = compare(likelihood, start, held, seed=settings.seed)
+    after = compare(likelihood, added.state, held, seed=settings.seed) if added.chosen else before
+    floor = simulated(likelihood, added.state, settings)
+    part = likelihood.evidence.part(fit=False, split=settings.split)
+    found = Findings(
+        chosen=added.chosen, before=before, after=after, floor=floor, near=added.panel, alpha=settings.alpha,
+        samples=int((likelihood.evidence.samples[held[0]][:, held[1]] > 0).sum()),
+        judged=len(held[0]) * len(held[1]) / max(len(part[0]) * len(part[1]), 1),
+        law=better_law(
+            likelihood, added.state, added.chosen, (fit_part(likelihood, settings), held), settings.tolerance,
+            stood=law_stood,
+        ),
+        own=own, bound=any(c.fitted is not None and c.fitted.at_a_bound for c in added.chosen),
+        echo=_echoes(likelihood, added.state, settings), shaped=_shaped(likelihood, added.state, held),
+    )  # fmt: skip
+    # Gains of exact laws do not limit the remaining deviation
+    gain = sum(c.gain for c in added.chosen if not (c.exact or c.loses))
+    found = replace(found, nulls=_nulls(likelihood, added.state, settings, found))
+    found = replace(found, in_time=changes_in_time(added.state, found, found.judged * gain))
+    verdict = judge(found)
+    out = Verified(verdict=verdict, state=added.state, before=before, after=after, floor=floor, findings=found)
+    return revoked(likelihood, out, settings) if added.chosen and verdict in ("agree", "unexplained") else out
+
+
+def _nulls(likelihood: Likelihood, state: State, settings: Settings, found: Findings) -> tuple[Compared, ...]:
+    """Simulations of the refined model: several if the first one also shows a deviation of the recording.
+
+    Several too if hidden states link samples, because simulations then differ from each other.
+    """
+    loud = disagreements(found.near, found.alpha)
+    linked = any(e.latent in LINKING for e in state.linking)
+    several = bool(loud) and (linked or any(found.is_simulated(c) for c in loud))
+    more = range(1, _NULLS) if several else range(0)
+    return (found.floor, *(simulated(likelihood, state, settings, number) for number in more))
+
+
+def revoked(likelihood: Likelihood, found: Verified, settings: Settings) -> Verified:
+    """The verification without effects: the model as given."""
+    start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
+    return replace(found, state=start, after=found.before, floor=simulated(likelihood, start, settings))
+
+
+def _echoes(likelihood: Likelihood, state: State, settings: Settings) -> bool:
+    """Whether a correlation at any lag remains after a memory of one frame."""
+    coefficient = memory_of(state)
+    return bool(coefficient) and memory_left(likelihood, state, coefficient, settings.seed) > ECHO
+
+
+def _shaped(likelihood: Likelihood, state: State, held: Part) -> bool:
+    """Whether a pattern of pixels is a smooth law of place."""
+    known = (state.pixel_variance > 0).reshape(likelihood.evidence.image)
+    maps = [e.map for e in state.effects if isinstance(e, FixedPattern) and e.map is not None]
+    if not maps or not known.any():
+        return False
+    mixture = likelihood.mixture(state)
+    surfaces = [v.mixture.of_main(v.mixture.surface).reshape(known.shape) for v in views(likelihood, mixture, held)]
+    values = [m.values.astype(np.float64) for m in maps]
+    return any(smooth(v, known) or any(tilted(v, known, s) for s in surfaces) for v in values)
+
+
+def changes_in_time(state: State, found: Findings, gain: float) -> bool:
+    """Whether means of frames or pixels still change in time; laws in time are exact, so another cause remains.
+
+    If frames are disturbed, or noise has a memory, these means change for that reason, and the answer is no.
+
+    Parameters
+    ----------
+    state : State
+        The refined model.
+    found : Findings
+        Its panels.
+    gain : float
+        Gain of its effects on the judged samples, nats.
+    """
+    if state.bursts is not None or memory_of(state):
+        return False
+    loud = disagreements(found.near, found.alpha)
+    left = (found.left(c) for c in loud if (c.statistic, c.axis) in (("trend", "time"), ("common_mode", "frame")))
+    # Frames are correlated if a bias is constant, which also shows in the biases, or if it changes slowly
+    same, stays = (
+        max((found.left(c) for c in loud if c.statistic in some), default=0.0)
+        for some in (("memory",), ("bias", "pattern"))
+    )
+    return max(left, default=0.0) > IN_TIME * gain or same > max(IN_TIME * gain, stays)
+
+
+def refined_model(scene: Scene, state: State) -> Model:
+    """The model of a scene with the effects of a state that act in it."""
+    effects: tuple[Effect, ...] = (*scene.model.effects, *scene.own(state.effects))
+    return replace(scene.model, effects=effects)
+
+
+def simulated(likelihood: Likelihood, state: State, settings: Settings, number: int = 0) -> Compared:
+    """Panel of a simulation of a model. Its hidden states are estimated from the simulation, as from a recording.
+
+    Parameters
+    ----------
+    likelihood, state, settings
+        The recording, its effects, and the options.
+    number : int
+        Number of the simulation; each has another seed.
+    """
+    evidence = likelihood.evidence
+    samples = np.empty_like(evidence.samples)
+    first = settings.seed + 1 + _SIMULATIONS_APART * number
+    for k, (frames, scene) in enumerate(zip(evidence.recordings, likelihood.scene.members, strict=True)):
+        model = _as_recorded(_as_found(refined_model(scene, state), state), evidence.time_s[frames])
+        samples[frames] = simulate_like(model, frames.stop - frames.start, seed=first + _SEEDS_APART * k)
+    again = Likelihood(replace(evidence, samples=samples), likelihood.scene)
+    # A simulation draws its own widths
+    alike = replace(state, log_width=np.zeros_like(state.log_width), log_width_error=np.zeros_like(state.log_width))
+    found = latent_states(again, alike, fit_part(likelihood, settings)[0])
+    return compare(again, found, held_out(likelihood, settings), seed=first)
+
+
+def _as_recorded(model: Model, time_s: FloatArray) -> Model:
+    """The model at the recording's own frame rate."""
+    duration = float(time_s[-1] - time_s[0])
+    if duration <= 0:
+        return model
+    return replace(model, recording=replace(model.recording, frame_rate_hz=(time_s.size - 1) / duration))
+
+
+def _as_found(model: Model, state: State) -> Model:
+    """The model with maps from the recording instead of patterns that are drawn from a seed."""
+    image = model.sensor.rows, model.sensor.cols
+
+    def found(effect: Effect) -> Effect:
+        if isinstance(effect, FixedPattern) and effect.map is None:
+            return links.with_map(effect, state.pixel_bias, image)
+        if isinstance(effect, StuckPixels) and effect.map is None:
+            return replace(effect, map=PixelMap("stuck_pixels.npy", state.stuck_mm.reshape(image).astype(np.float32)))
+        return effect
+
+    return replace(model, effects=tuple(found(e) for e in model.effects))
+
+
+def simulate_like(model: Model, frames: int, *, seed: int) -> NDArray[np.uint16]:
+    """Samples (frame, pixel) of a model, as `Evidence` holds them."""
+    pixels = model.sensor.rows * model.sensor.cols
+    samples = np.empty((frames, pixels), dtype=np.uint16)
+    for block in render_blocks(model, cast_scene(model), n_frames=frames, seed=seed, threads=2):
+        samples[block.start : block.stop] = block.range_mm.reshape(-1, pixels)
+    return samples
