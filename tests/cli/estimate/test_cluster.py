@@ -107,6 +107,7 @@ def expected(tofmix: Tofmix, recording: Path) -> bytes:
     return _EXPECTED[0]
 
 
+@pytest.mark.compiled("5,760 fits, twice")
 def test_unmixed_layers_of_phasor_sums_have_the_bytes_of_a_local_run(
     cluster: Cluster, tofmix: Tofmix, tmp_path: Path
 ) -> None:
