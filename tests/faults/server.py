@@ -1,7 +1,7 @@
 """Runs `tofmix` commands one after the other in forks of one warm process: no start-up, whatever a command dies of.
 
 Start it as `python -m faults.server`: jobs come as JSON lines on stdin, outcomes leave as JSON lines on stdout. A fresh
-fork for each command ends as the program itself would, exit functions and libraries included, so that what crashes
+fork for each command ends as the program itself would, exit functions and the HDF5 library included, so that a crash
 there is seen. A worker is a fork that runs many commands, which is quicker, and is replaced when one has killed it.
 """
 

@@ -26,7 +26,7 @@ pytestmark = [
 DASK = (sys.executable, "-m", "distributed.cli.dask_scheduler"), (sys.executable, "-m", "distributed.cli.dask_worker")
 SMALL_BLOCKS = (
     "import sys, tofmix.pipeline.cluster as cluster\n"
-    "cluster.BLOCK_SAMPLES, cluster._CONNECT_TIMEOUT_S = 1 << 17, 2\n"
+    "cluster.BLOCK_SAMPLES = 1 << 17\n"
     "from tofmix.cli.main import run\nrun(sys.argv[1:])\n"
 )
 TOFMIX = (sys.executable, "-c", SMALL_BLOCKS)
@@ -107,6 +107,7 @@ def expected(tofmix: Tofmix, recording: Path) -> bytes:
     return _EXPECTED[0]
 
 
+@pytest.mark.compiled("5,760 fits, twice")
 def test_unmixed_layers_of_phasor_sums_have_the_bytes_of_a_local_run(
     cluster: Cluster, tofmix: Tofmix, tmp_path: Path
 ) -> None:
@@ -212,7 +213,9 @@ def test_path_missing_on_worker_exits_with_3(cluster: Cluster, recording: Path, 
 
 
 def test_missing_scheduler_is_a_storage_error(recording: Path, tmp_path: Path) -> None:
-    done = run(recording, tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1")
+    program = SMALL_BLOCKS.replace("BLOCK_SAMPLES = 1 << 17", "_CONNECT_TIMEOUT_S = 0.2")
+    given = map(str, arguments(recording, tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1"))
+    done = subprocess.run([sys.executable, "-c", program, *given], capture_output=True, text=True, check=False)
     assert done.returncode == ExitCode.STORAGE
     assert done.stderr.startswith("tofmix: --scheduler tcp://127.0.0.1:1: cannot be reached")
     assert done.stderr.count("\n") == 1

@@ -43,8 +43,7 @@ def another_run(path: Path) -> Iterator["subprocess.Popen[str]"]:
 
 
 @pytest.fixture(autouse=True)
-def _fresh(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(locks, "_cleared", set())
+def _few_attempts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(locks, "ATTEMPTS", 2)
 
 
@@ -79,10 +78,10 @@ def test_temporary_file_of_killed_run_is_removed(tmp_path: Path) -> None:
 
 def test_temporary_file_of_killed_run_does_not_block_the_output(tmp_path: Path) -> None:
     path = tmp_path / "out.h5"
+    locks.clear_folder(tmp_path)  # once a process: what dies there later stays
     with another_run(path) as first:
         first.send_signal(signal.SIGKILL)
         first.wait()
-    locks._cleared.add(tmp_path)
     (stray,) = tmp_path.iterdir()
     os.link(stray, tmp_path / "linked")  # what has another name keeps its content
     write_text(path, "whole", overwrite=False)

@@ -159,7 +159,7 @@ def test_a_file_that_is_replaced_is_read_as_it_was(tmp_path: Path) -> None:
 
 def test_file_replaced_after_the_check_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_recording(tmp_path / "a.h5", boards())
-    monkeypatch.setattr(guard._checker, "check", lambda *_: [0, 0, 0, 0])
+    monkeypatch.setattr(StructureChecker, "check", lambda *_: [0, 0, 0, 0])
     with pytest.raises(BadInputError, match="the file was replaced between check and opening"), open_recording(path):
         pass
 

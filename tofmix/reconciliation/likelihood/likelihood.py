@@ -105,8 +105,11 @@ class Sums:
 
 def _in_rows(mixture: Mixture) -> Mixture:
     """The same with rows of pixels in memory, whatever made it: kernels are compiled for this one order."""
-    names = "weight", "mean", "sigma", "rate", "lit"
-    return replace(mixture, **{name: np.ascontiguousarray(getattr(mixture, name)) for name in names})
+    m = mixture
+    return replace(
+        mixture, weight=np.ascontiguousarray(m.weight), mean=np.ascontiguousarray(m.mean),
+        sigma=np.ascontiguousarray(m.sigma), rate=np.ascontiguousarray(m.rate), lit=np.ascontiguousarray(m.lit),
+    )  # fmt: skip
 
 
 @dataclass(eq=False)
