@@ -1,9 +1,9 @@
 """Bounds of settings: every class of settings refuses each field's values out of bounds, and takes those within."""
 
-import importlib
+import ast
 import math
-import pkgutil
 from dataclasses import dataclass, is_dataclass, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +23,7 @@ from tofmix.bounds import (
     declared,
 )
 from tofmix.errors import UsageError
+from tofmix.estimation.learnt.curve_check import CurveTolerances
 from tofmix.estimation.noise.settings import AmplitudeSettings, CurveSettings, NoiseSettings, OutlierSettings
 from tofmix.io.guard.structure_rules import Limits
 from tofmix.reconciliation.search.search_state import Settings
@@ -42,9 +43,9 @@ from tofmix.unmixing.settings import (
 )
 
 CLASSES: tuple[type, ...] = (
-    AmplitudeSettings, CurveSettings, NoiseSettings, OutlierSettings, Limits, Settings, PageLimits, Thresholds,
-    EdgeSettings, LinkSettings, ShareSettings, SurfaceSettings, HypothesisSettings, ImageSettings, LabelSettings,
-    LawSettings, NeighbourSettings, PlaneSettings, SeedSettings, UnfoldingSettings, UnmixSettings,
+    AmplitudeSettings, CurveSettings, CurveTolerances, NoiseSettings, OutlierSettings, Limits, Settings, PageLimits,
+    Thresholds, EdgeSettings, LinkSettings, ShareSettings, SurfaceSettings, HypothesisSettings, ImageSettings,
+    LabelSettings, LawSettings, NeighbourSettings, PlaneSettings, SeedSettings, UnfoldingSettings, UnmixSettings,
 )  # fmt: skip
 WITH_A_CHECK_OF_THEIR_OWN = {"RecordingSettings"}
 """Settings of a model file, whose refusals name its keys."""
@@ -123,20 +124,14 @@ def test_a_value_of_another_type_is_refused(settings: type) -> None:
 
 
 def test_every_class_of_settings_is_checked() -> None:
-    found = set()
-    for module in pkgutil.walk_packages(tofmix.__path__, "tofmix."):
-        if module.name.endswith(("settings", "limits", "thresholds", ".way", "structure_rules", "simulation.model")):
-            names = vars(importlib.import_module(module.name))
-            found |= {
-                value
-                for value in names.values()
-                if isinstance(value, type)
-                and value.__module__ == module.name
-                and value.__name__.endswith(("Settings", "Limits"))
-            }
+    found = {
+        node.name
+        for module in Path(tofmix.__file__).parent.rglob("*.py")
+        for node in ast.walk(ast.parse(module.read_text()))
+        if isinstance(node, ast.ClassDef) and node.name.endswith(("Settings", "Limits", "Tolerances"))
+    }
     assert len(found) > 15
-    unchecked = {settings.__name__ for settings in found - set(CLASSES)}
-    assert unchecked == WITH_A_CHECK_OF_THEIR_OWN
+    assert found - {settings.__name__ for settings in CLASSES} == WITH_A_CHECK_OF_THEIR_OWN
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ suffices, which `SensorProfile.sensor` makes.
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from tofmix.optics.projection import Projection
 from tofmix.optics.ranging import unambiguous_range_mm
 from tofmix.recording import MOST_PIXELS_A_SIDE
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
+
+if TYPE_CHECKING:
+    from tofmix.sensors.sheet import CameraSheet
 
 MAX_RANGE_MM = 65_000.0  # ranges are stored as whole mm in 16 bits
 
@@ -203,15 +207,39 @@ class SensorProfile:
         ValueError
             If the noise curve is not finite at that time.
         """
-        return Sensor(
-            name=self.name,
-            modulation_frequency_hz=self.modulation_frequency_hz,
-            integration_time_ms=self.integration_time_ms,
-            range_min_mm=self.range_min_mm,
-            range_max_mm=self.range_max_mm,
-            fov_horizontal_deg=self.fov_horizontal_deg,
-            fov_vertical_deg=self.fov_vertical_deg,
-            projection=self.projection,
-            outlier_probability=self.outlier_probability,
-            noise=self.noise_at(self.integration_time_ms),
+        return recorded_sensor(
+            self, outlier_probability=self.outlier_probability, noise=self.noise_at(self.integration_time_ms)
         )
+
+
+def recorded_sensor(
+    camera: "SensorProfile | CameraSheet", *, outlier_probability: float, noise: NoiseCurve | None
+) -> Sensor:
+    """Make the sensor of a recording by a camera, with the numbers that a recording has.
+
+    Parameters
+    ----------
+    camera : SensorProfile or CameraSheet
+        The camera.
+    outlier_probability : float
+        p(c_r).
+    noise : NoiseCurve or None
+        The noise curve at the camera's integration time.
+
+    Raises
+    ------
+    ValueError
+        If a number is outside its bounds.
+    """
+    return Sensor(
+        name=camera.name,
+        modulation_frequency_hz=camera.modulation_frequency_hz,
+        integration_time_ms=camera.integration_time_ms,
+        range_min_mm=camera.range_min_mm,
+        range_max_mm=camera.range_max_mm,
+        fov_horizontal_deg=camera.fov_horizontal_deg,
+        fov_vertical_deg=camera.fov_vertical_deg,
+        projection=camera.projection,
+        outlier_probability=outlier_probability,
+        noise=noise,
+    )

@@ -10,7 +10,7 @@ from typing import Any
 from tofmix.optics.projection import Projection
 from tofmix.recording import MOST_PIXELS_A_SIDE
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
-from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.profile import SensorProfile, recorded_sensor
 
 NOISE_KEYS = ("noise", "reference_integration_time_ms", "exponent")
 """Keys of a noise curve at any integration time; each needs the others."""
@@ -114,18 +114,10 @@ class CameraSheet:
         """
         if not self.missing():
             return self.profile().sensor()
-        return Sensor(
-            name=self.name,
-            modulation_frequency_hz=self.modulation_frequency_hz,
-            integration_time_ms=self.integration_time_ms,
-            range_min_mm=self.range_min_mm,
-            range_max_mm=self.range_max_mm,
-            fov_horizontal_deg=self.fov_horizontal_deg,
-            fov_vertical_deg=self.fov_vertical_deg,
-            projection=self.projection,
-            outlier_probability=(
-                DEFAULT_OUTLIER_PROBABILITY if self.outlier_probability is None else self.outlier_probability
-            ),
+        known = self.outlier_probability
+        return recorded_sensor(
+            self,
+            outlier_probability=DEFAULT_OUTLIER_PROBABILITY if known is None else known,
             noise=self._noise_at_own_time(),
         )
 

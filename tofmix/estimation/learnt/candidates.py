@@ -11,15 +11,6 @@ from tofmix.compiled.robust import MAD_TO_SIGMA
 from tofmix.estimation.learnt.folds import Fold
 from tofmix.estimation.learnt.model import PixelNoise
 
-SIGNIFICANT = 3.0
-"""Standard errors of its mean by which the likelihood must gain."""
-
-LEAST_GAIN_A_PIXEL = 0.1
-"""Least mean gain, nat a pixel: less changes no count."""
-
-LEAST_FALSE_CHOICE = 1.0e-3
-"""Probability of a wrong choice where a few pixels have most of the gain."""
-
 _CLIP_DEVIATIONS = 10.0
 """Differences of pixels are clipped at so many median absolute deviations, so that no single pixel decides."""
 
@@ -48,25 +39,41 @@ def candidate_of(folds: Sequence[Fold], noises: Sequence[PixelNoise | None]) -> 
     return Candidate(known, np.concatenate([fold.scores(noise) for fold, noise in zip(folds, known, strict=True)]))
 
 
-def held_out_gain(one: Candidate, other: Candidate) -> float:
+def held_out_gain(
+    one: Candidate,
+    other: Candidate,
+    *,
+    standard_errors: float = 3.0,
+    least_gain: float = 0.1,
+    false_choice: float = 1.0e-3,
+) -> float:
     """Gain of the first over the second, nat a pixel; 0 where noise alone may give it, or it changes no count.
 
-    One of two tests must pass. Most pixels gain: the mean is `SIGNIFICANT` standard errors above 0. Or a few pixels
-    gain much: if the second model were true, the product of the likelihood ratios of held-out pixels would exceed e^g
-    with probability e^-g at most, however the first was learnt. The pixel that gains most is left out.
+    One of two tests must pass. Most pixels gain: the mean is some standard errors above 0. Or a few pixels gain much:
+    if the second model were true, the product of the likelihood ratios of held-out pixels would exceed e^g with
+    probability e^-g at most, however the first was learnt. The pixel that gains most is left out.
+
+    Parameters
+    ----------
+    one, other : Candidate
+        The models, judged by the same pixels.
+    standard_errors : float
+        Least mean gain of the first test, in its standard errors.
+    least_gain : float
+        Least mean gain of both tests, nat a pixel: less changes no count.
+    false_choice : float
+        Largest probability e^-g of a wrong choice by the second test.
 
     References
     ----------
     Vovk and Wang, Annals of Statistics 49(3), 2021, doi:10.1214/20-AOS2020: e-values.
     """
     gain, error = mean_difference(one.scores, other.scores)
-    if gain > max(SIGNIFICANT * error, LEAST_GAIN_A_PIXEL):
+    if gain > max(standard_errors * error, least_gain):
         return gain
     difference = one.scores - other.scores
     difference = np.sort(difference[np.isfinite(difference)])[:-1]
-    if difference.size and difference.sum() > max(
-        math.log(1.0 / LEAST_FALSE_CHOICE), LEAST_GAIN_A_PIXEL * difference.size
-    ):
+    if difference.size and difference.sum() > max(math.log(1.0 / false_choice), least_gain * difference.size):
         return float(difference.mean())
     return 0.0
 

@@ -6,11 +6,13 @@ held-out pixels decide whether the learnt noise is better.
 """
 
 import math
+from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
 
 from tofmix.arrays import IntArray
+from tofmix.bounds import Factor, NotNegative, Share, check_bounds
 from tofmix.compiled.robust import MAD_TO_SIGMA
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.learnt.clusters import ClusterFits, find_clusters, fit_clusters
@@ -23,27 +25,6 @@ from tofmix.estimation.learnt.training_pixels import Pixels
 from tofmix.estimation.noise.pixel_noise import pixel_curves
 from tofmix.learnt_noise import DRIFTS
 from tofmix.sensor import NoiseCurve, Sensor
-
-WIDTH_TOLERANCE = 0.10
-"""Tolerated difference of the median log width from 0, and tolerated spread of log width."""
-
-SKEWNESS_TOLERANCE, KURTOSIS_TOLERANCE = 0.3, 0.6
-"""Tolerated skewness and excess kurtosis of the errors: they add one false alarm in a thousand."""
-
-DRIFT_TOLERANCE = 0.5
-"""Tolerated drift over a window, in sigmas."""
-
-BACKGROUND_TOLERANCE = 0.01
-"""Tolerated share of samples far from all clusters, beyond p(c_r)."""
-
-LEAST_WITH_CLUSTER = 0.5
-"""Least part of the pixels with an isolated cluster: with fewer, differences of samples decide."""
-
-FAR_OFF = 1.5
-"""Tolerated factor between the curve's sigma and that of differences of samples, which close surfaces widen."""
-
-SIGNIFICANT = 3.0
-"""Standard errors beyond each tolerance: noise alone contradicts the curve in one of some hundred recordings."""
 
 FREE_SCALE = 0.5
 """Scale of log width while widths are measured: this prior leaves each width to its samples."""
@@ -69,7 +50,45 @@ _CENTRAL = 4.0
 """Largest error, in sigmas, that is a sign of a shape; one sigma farther out, errors are outliers."""
 
 
-def doubts(pixels: Pixels, sensor: Sensor) -> list[str]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CurveTolerances:
+    """Differences between samples and their noise curve up to which no noise is learnt.
+
+    Parameters
+    ----------
+    width : float
+        Of the median log width from 0, and spread of log width.
+    skewness, kurtosis : float
+        Of the errors; the excess kurtosis. The defaults add one false alarm in a thousand.
+    drift : float
+        Over a window, in sigmas.
+    background : float
+        Share of samples far from all clusters, beyond p(c_r).
+    differences : float
+        Factor between the curve's sigma and that of differences of samples, which close surfaces widen.
+    least_with_cluster : float
+        Least part of the pixels with an isolated cluster; with fewer, differences of samples decide.
+    standard_errors : float
+        Standard errors beyond each tolerance: noise alone contradicts the curve in one of some hundred recordings.
+    """
+
+    width: NotNegative = 0.10
+    skewness: NotNegative = 0.3
+    kurtosis: NotNegative = 0.6
+    drift: NotNegative = 0.5
+    background: NotNegative = 0.01
+    differences: Factor = 1.5
+    least_with_cluster: Share = 0.5
+    standard_errors: NotNegative = 3.0
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+DEFAULT_TOLERANCES = CurveTolerances()
+
+
+def doubts(pixels: Pixels, sensor: Sensor, *, tolerances: CurveTolerances = DEFAULT_TOLERANCES) -> list[str]:
     """Ways in which the samples contradict the sensor's Gaussian noise curve.
 
     Parameters
@@ -78,6 +97,8 @@ def doubts(pixels: Pixels, sensor: Sensor) -> list[str]:
         Some pixels of the recording.
     sensor : Sensor
         With a noise curve.
+    tolerances : CurveTolerances
+        Differences that are no contradiction.
 
     Returns
     -------
@@ -98,56 +119,55 @@ def doubts(pixels: Pixels, sensor: Sensor) -> list[str]:
     clusters = find_clusters(pixels.samples, beam)
     owners = np.unique(clusters.pixel)
     filled = np.count_nonzero(np.isfinite(pixels.samples).sum(axis=1) >= 1)
-    if len(clusters.pixel) < LEAST_CLUSTERS or len(owners) < LEAST_WITH_CLUSTER * filled:
-        return _by_differences(pixels, sensor.noise)
+    if len(clusters.pixel) < LEAST_CLUSTERS or len(owners) < tolerances.least_with_cluster * filled:
+        return _by_differences(pixels, sensor.noise, tolerances)
     free = PixelNoise(curve=sensor.noise, p_outlier=noise.p_outlier, background=WEAK_PRIOR, drift_mm=np.zeros(DRIFTS))
     law = free.laws()[0]._replace(width_spread=FREE_SCALE)
     fits = fit_clusters(pixels.samples, clusters, law, beam, False)  # noqa: FBT003  a kernel's flag
     moving = law._replace(drift_mm=np.full(DRIFTS, FREE_DRIFT_SIGMAS * float(np.median(fits.sigma))))
     drifting = fit_clusters(pixels.samples, clusters, moving, beam, False)  # noqa: FBT003  a kernel's flag
-    found = []
+    found, errors = [], tolerances.standard_errors
     variance = 1.0 / (law.width_information * np.maximum(fits.support, 1.0))
     count = len(fits.place)
     typical = float(np.median(fits.log_width))
-    if abs(typical) > WIDTH_TOLERANCE + SIGNIFICANT * math.sqrt(float(np.median(variance)) / count):
+    if abs(typical) > tolerances.width + errors * math.sqrt(float(np.median(variance)) / count):
         found.append("width")
     spread = MAD_TO_SIGMA * float(np.median(np.abs(fits.log_width - typical)))
-    if spread**2 - float(np.median(variance)) > WIDTH_TOLERANCE**2 + SIGNIFICANT * float(
-        np.median(variance)
-    ) * math.sqrt(2 / count):
+    beyond = tolerances.width**2 + errors * float(np.median(variance)) * math.sqrt(2 / count)
+    if spread**2 - float(np.median(variance)) > beyond:
         found.append("widths")
-    if _is_shaped(fits):
+    if _is_shaped(fits, tolerances):
         found.append("shape")
-    if _drifts(drifting):
+    if _drifts(drifting, tolerances):
         found.append("drift")
     far = _far_share(pixels, fits, clusters.pixel, owners)
-    if far > sensor.outlier_probability + BACKGROUND_TOLERANCE:
+    if far > sensor.outlier_probability + tolerances.background:
         found.append("background")
     return found
 
 
-def _by_differences(pixels: Pixels, curve: NoiseCurve) -> list[str]:
+def _by_differences(pixels: Pixels, curve: NoiseCurve, tolerances: CurveTolerances) -> list[str]:
     """Whether differences of samples contradict the curve's sigma; for recordings without isolated clusters."""
     found = sigma_from_differences(pixels.samples)
     if found is None:
         return []
     ratio = float(np.median(found[1] / curve.sigma(found[0])))
-    return ["width"] if not 1.0 / FAR_OFF <= ratio <= FAR_OFF else []
+    return ["width"] if not 1.0 / tolerances.differences <= ratio <= tolerances.differences else []
 
 
-def _is_shaped(fits: ClusterFits) -> bool:
+def _is_shaped(fits: ClusterFits, tolerances: CurveTolerances) -> bool:
     """Whether the errors of all clusters are skewed or long-tailed, beyond noise and tolerance."""
     z = fits.error[np.isfinite(fits.error) & (np.abs(fits.error) < _CENTRAL + 1.0)]
     if z.size < LEAST_ERRORS:
         return False
     z = (z - z.mean()) / z.std()
     skewness, kurtosis = float((z**3).mean()), float((z**4).mean() - 3.0)
-    return abs(skewness) > SKEWNESS_TOLERANCE + SIGNIFICANT * math.sqrt(6 / z.size) or kurtosis > (
-        KURTOSIS_TOLERANCE + SIGNIFICANT * math.sqrt(24 / z.size)
-    )
+    errors = tolerances.standard_errors
+    skewed = abs(skewness) > tolerances.skewness + errors * math.sqrt(6 / z.size)
+    return skewed or kurtosis > tolerances.kurtosis + errors * math.sqrt(24 / z.size)
 
 
-def _drifts(fits: ClusterFits) -> bool:
+def _drifts(fits: ClusterFits, tolerances: CurveTolerances) -> bool:
     """Whether the typical change over a window by the first polynomial exceeds noise and tolerance.
 
     Without drift, the square of this change over the width is 12 / n times an F variable of 1 and n - 4 degrees of
@@ -161,7 +181,8 @@ def _drifts(fits: ClusterFits) -> bool:
     variance = 12.0 / free
     quartile = float(f.ppf(0.75, 1.0, free))
     square = float(np.quantile((2.0 * fits.drift[:, 0] / width) ** 2, 0.75)) / quartile
-    return square - variance > DRIFT_TOLERANCE**2 + SIGNIFICANT * variance * _QUARTILE_ERROR / math.sqrt(len(width))
+    error = tolerances.standard_errors * variance * _QUARTILE_ERROR / math.sqrt(len(width))
+    return square - variance > tolerances.drift**2 + error
 
 
 def _far_share(pixels: Pixels, fits: ClusterFits, pixel: IntArray, owners: IntArray) -> float:

@@ -48,16 +48,6 @@ _LEAST_FALL = 0.5
 _LAST_ERRORS = 3.0
 """Errors from a bin outward up to which it counts as beyond the last errors."""
 
-FAR = 4.0
-"""Errors beyond this many sigmas are left out where shapes are compared: they may be background."""
-
-LEAST_SAMPLES, LEAST_SURFACES = 10, 30
-"""Least samples of a surface, and least surfaces, whose shapes are compared."""
-
-LEAST_RATIO, SIGNIFICANT = 1.3, 5.0
-"""Shapes differ from this ratio on of the variance between surfaces to that of samples alone, and from so many standard
-errors of the ratio on. Noise of one shape has 0.4 to 1.0, also where widths, drifts and backgrounds differ."""
-
 CENTRES = np.arange(-round(REACH / STEP), round(REACH / STEP) + 1) * STEP
 
 
@@ -96,24 +86,40 @@ def fit_shape(folds: tuple[FloatArray, FloatArray]) -> NoiseShape | None:
     return NoiseShape.standardised(fine, np.exp(CubicSpline(CENTRES, log_density)(fine)))
 
 
-def shapes_differ(error: FloatArray) -> bool:
+def shapes_differ(
+    error: FloatArray,
+    *,
+    least_ratio: float = 1.3,
+    standard_errors: float = 5.0,
+    far_sigmas: float = 4.0,
+    least_samples: int = 10,
+    least_surfaces: int = 30,
+) -> bool:
     """Whether the shape of the error differs between surfaces.
 
     The statistic of a surface is the mean of the third Hermite polynomial, H3(z) = z^3 - 3 z: its skewness, which
     neither its mean nor its width changes. For one shape, these means would have the variance within surfaces by the
-    number of samples. Shapes differ where they have `LEAST_RATIO` times this variance, and the ratio exceeds 1 by
-    `SIGNIFICANT` standard errors.
+    number of samples. Shapes differ where their variance is larger by `least_ratio`, and this ratio exceeds 1 by
+    `standard_errors`.
 
     Parameters
     ----------
     error : (surface, frame) float64
         Standardised errors, NaN where there is none.
+    least_ratio : float
+        Least ratio. Noise of one shape has 0.4 to 1.0, also where widths, drifts and backgrounds differ.
+    standard_errors : float
+        Least excess of the ratio over 1, in its standard errors.
+    far_sigmas : float
+        Larger errors, in sigmas, are left out: they may be background.
+    least_samples, least_surfaces : int
+        Least samples of a surface that is compared, and least of such surfaces.
     """
-    known = np.isfinite(error) & (np.abs(error) < FAR)
+    known = np.isfinite(error) & (np.abs(error) < far_sigmas)
     z = np.where(known, error, 0.0)
     number = known.sum(axis=1)
-    kept = number >= LEAST_SAMPLES
-    if kept.sum() < LEAST_SURFACES:
+    kept = number >= least_samples
+    if kept.sum() < least_surfaces:
         return False
     z, known, number = z[kept], known[kept], number[kept]
     skewness = np.where(known, z**3 - 3.0 * z, 0.0)
@@ -122,7 +128,7 @@ def shapes_differ(error: FloatArray) -> bool:
     # Each surface counts equally, by its own variance: some may have longer tails than others.
     square = (mean - np.average(mean, weights=number)) ** 2 * number / np.maximum(within, within.mean())
     ratio, spread = float(square.mean()), math.sqrt(2.0 / len(square))
-    return ratio > max(LEAST_RATIO, 1.0 + SIGNIFICANT * spread)
+    return ratio > max(least_ratio, 1.0 + standard_errors * spread)
 
 
 def _without_background(counts: FloatArray) -> FloatArray:
