@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tofmix.bounds import Positive, Probability, WholeNumber, check_bounds, check_one_of
+from tofmix.bounds import NotNegative, Probability, WholeNumber, check_bounds, check_one_of
 from tofmix.reconciliation.comparison.compare import Compared
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.search.name import Candidate
@@ -40,7 +40,7 @@ class Settings:
     kinds: tuple[str, ...]
     max_effects: WholeNumber = 3
     alpha: Probability = 0.01
-    tolerance: Positive = 0.1
+    tolerance: NotNegative = 0.1
     split: str = "frames,pixels"
     seed: WholeNumber = 1
 
