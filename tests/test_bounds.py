@@ -72,43 +72,44 @@ def _outside(kind: type, bounds: Bounds) -> list[Any]:
     return wrong
 
 
-NUMBERS = [
-    pytest.param(settings, name, id=f"{settings.__module__.split('.')[1]}.{settings.__name__}.{name}")
-    for settings in CLASSES
-    for name, (_, bounds, _) in declared(settings).items()
-    if bounds is not None
-]
+each_class = pytest.mark.parametrize(
+    "settings", CLASSES, ids=lambda settings: f"{settings.__module__}.{settings.__name__}"
+)
 
 
-@pytest.mark.parametrize(("settings", "name"), NUMBERS)
-def test_values_out_of_bounds_are_refused_with_field_value_and_remedy(settings: type, name: str) -> None:
+def _numbers(settings: type) -> list[tuple[str, type, Bounds, bool]]:
+    """Name, type and bounds of each number, and whether it is a tuple of such numbers."""
+    fields = declared(settings).items()
+    return [(name, kind, bounds, several) for name, (kind, bounds, several) in fields if bounds is not None]
+
+
+@each_class
+def test_values_out_of_bounds_are_refused_with_field_value_and_remedy(settings: type) -> None:
     made = _made(settings)
-    kind, bounds, several = declared(settings)[name]
-    assert bounds is not None
-    for value in _outside(kind, bounds):
-        wrong = (value, *getattr(made, name)[1:]) if several else value
-        with pytest.raises(UsageError) as refusal:
-            _made(settings, **{name: wrong})
-        assert str(refusal.value).startswith(f"{settings.__name__}: {name} is {wrong!r}; give a") or several
-        assert str(bounds) in str(refusal.value)
-        with pytest.raises(UsageError):
-            _changed(made, **{name: wrong})
+    for name, kind, bounds, several in _numbers(settings):
+        for value in _outside(kind, bounds):
+            wrong = (value, *getattr(made, name)[1:]) if several else value
+            with pytest.raises(UsageError) as refusal:
+                _made(settings, **{name: wrong})
+            assert str(refusal.value).startswith(f"{settings.__name__}: {name} is {wrong!r}; give a") or several
+            assert str(bounds) in str(refusal.value)
+            with pytest.raises(UsageError):
+                _changed(made, **{name: wrong})
 
 
-@pytest.mark.parametrize(("settings", "name"), NUMBERS)
-def test_ends_of_the_bounds_are_taken(settings: type, name: str) -> None:
-    kind, bounds, several = declared(settings)[name]
-    assert bounds is not None
-    if several:
-        return
-    for end in (bounds.low, bounds.high):
-        if math.isfinite(end) and not bounds.inside:
-            assert getattr(_made(settings, **{name: kind(end)}), name) == end
-    near = kind(getattr(_made(settings), name))
-    assert getattr(_made(settings, **{name: np.dtype(kind).type(near)}), name) == near
+@each_class
+def test_ends_of_the_bounds_are_taken(settings: type) -> None:
+    for name, kind, bounds, several in _numbers(settings):
+        if several:
+            continue
+        for end in (bounds.low, bounds.high):
+            if math.isfinite(end) and not bounds.inside:
+                assert getattr(_made(settings, **{name: kind(end)}), name) == end
+        near = kind(getattr(_made(settings), name))
+        assert getattr(_made(settings, **{name: np.dtype(kind).type(near)}), name) == near
 
 
-@pytest.mark.parametrize("settings", CLASSES, ids=lambda settings: f"{settings.__module__}.{settings.__name__}")
+@each_class
 def test_every_number_has_bounds(settings: type) -> None:
     without = [
         name for name, (kind, bounds, _) in declared(settings).items() if bounds is None and kind in (int, float)
@@ -116,7 +117,7 @@ def test_every_number_has_bounds(settings: type) -> None:
     assert not without
 
 
-@pytest.mark.parametrize("settings", CLASSES, ids=lambda settings: f"{settings.__module__}.{settings.__name__}")
+@each_class
 def test_a_value_of_another_type_is_refused(settings: type) -> None:
     for name in declared(settings):
         with pytest.raises(UsageError, match=f"{name} is 3.5j; give"):
