@@ -99,6 +99,10 @@ def reconcile(
     ------
     BadInputError
         If the model or the recording cannot be read, or they do not go together.
+    UsageError
+        If an option is out of its bounds.
+    ValueError
+        If `effects` names an unknown kind.
     """
     from tofmix.api.recordings import opened_recording
     from tofmix.reconciliation.evidence import make_evidence

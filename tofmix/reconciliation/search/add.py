@@ -1,8 +1,8 @@
 """Step 4, forward: add effects one by one while they gain.
 
-An effect is added if its held-out gain, less the price of its parameters, is above what chance gives among all that
-was tried, above what a model within its tolerance gains, and not faint beside the others. A fixed pattern, which can
-stand for any static bias, must leave every structured effect that gains beside it the precedence.
+An effect is added if its held-out gain, less the price of its parameters, exceeds two limits: log(candidates / alpha)
+plus the gain of the model within its tolerance, and 1 % of the gain of the others. A fixed pattern can imitate any
+static bias: an effect that gains in its presence is added before it.
 
 If two effects are hidden, a third one may gain more than either alone. If it is added first, it prevents both. So close
 rivals of earlier effects are tried again together with the later ones, and if nothing explains the recording, another

@@ -199,8 +199,9 @@ class Effect:
         Statistics of `tofmix.reconciliation.comparison.panel` that it changes. It is never named for a deviation in
         other statistics. Empty for an exact law, which needs no such check.
     latent : Latent
-        Hidden state that links its samples. `reconcile` searches for a kind without one by its parameters; where the
-        likelihood has several tops, as by a frequency, from several starts (`reconciliation.searches`).
+        Hidden state that links its samples. `reconcile` searches for a kind without one by its parameters. If the
+        likelihood has several maxima, as for a frequency, the search has several starts
+        (`tofmix.reconciliation.parameters.searches`).
     exact_law : bool
         Whether cameras follow its law exactly. Then a single sample that fits exactly gains as much as many samples
         that fit roughly.
