@@ -22,10 +22,30 @@ def test_options_out_of_bounds_are_named(name: str, value: float) -> None:
         EstimateOptions(**options)
 
 
-def test_unknown_sigma_mode_is_refused() -> None:
+def test_unknown_choice_is_refused_with_its_name_and_all_choices() -> None:
     assert EstimateOptions(sigma="tied").sigma is SigmaMode.TIED  # type: ignore[arg-type]  # the CLI passes text
-    with pytest.raises(ValueError, match="loose"):
+    with pytest.raises(ValueError, match=r"^sigma: 'loose' is not one of tied, prior, free$"):
         EstimateOptions(sigma="loose")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"^mixing: 'phaser' is not one of auto, events, phasor$"):
+        EstimateOptions(mixing="phaser")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "refusal"),
+    [
+        ("max_layers", 2.5, "max_layers: 2.5 is not a whole number"),
+        ("max_iter", 10.5, "max_iter: 10.5 is not a whole number"),
+        ("min_samples", True, "min_samples: True is not a whole number"),
+        ("tol", "x", "tol: 'x' is not a number"),
+        ("false_alarm", "0.1", "false_alarm: '0.1' is not a number"),
+        ("paper", "no", "paper: 'no' is neither True nor False"),
+        ("counter", "cpdf", r"counter: 'cpdf' is not one of .*Cpdf\(\).*, of tofmix.estimation.peaks.counters"),
+    ],
+)
+def test_option_of_another_type_is_refused_by_name(name: str, value: object, refusal: str) -> None:
+    options: dict[str, Any] = {name: value}
+    with pytest.raises(ValueError, match=f"^{refusal}$"):
+        EstimateOptions(**options)
 
 
 def test_as_dict_names_every_option() -> None:

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
+from numbers import Integral, Real
 from statistics import NormalDist
 from typing import NamedTuple
 
@@ -37,6 +38,7 @@ class MixingChoice(StrEnum):
     PHASOR = "phasor"
 
 
+_CHOICES: dict[str, type[StrEnum]] = {"sigma": SigmaMode, "refine": Refine, "mixing": MixingChoice}
 _OF_PAPER = {"mixing": "events", "sigma": "free", "refine": "none", "max_iter": 50}
 _WITHOUT_MEANING = ("false_alarm", "tol", "epsilon")
 
@@ -100,9 +102,12 @@ class EstimateOptions:
                 raise ValueError("paper: its algorithm has no wrapped range axis; leave out the unambiguous range")
             for name, value in _OF_PAPER.items():
                 object.__setattr__(self, name, value)
-        object.__setattr__(self, "sigma", SigmaMode(self.sigma))
-        object.__setattr__(self, "refine", Refine(self.refine))
-        object.__setattr__(self, "mixing", MixingChoice(self.mixing))
+        self._check_types()
+        for name, kind in _CHOICES.items():
+            value = getattr(self, name)
+            if value not in list(kind):
+                raise ValueError(f"{name}: {value!r} is not one of {', '.join(kind)}")
+            object.__setattr__(self, name, kind(value))
         check_false_alarm(self.false_alarm)
         length = self.unambiguous_range_mm
         bounds = (
@@ -115,6 +120,23 @@ class EstimateOptions:
         for fits, name, text in bounds:
             if not fits:
                 raise ValueError(f"{name}: {getattr(self, name)} is not {text}")
+
+    def _check_types(self) -> None:
+        """Refuse values of another type than declared, which later code would take for something else."""
+        for name in ("max_layers", "max_iter", "min_samples"):
+            value = getattr(self, name)
+            if not isinstance(value, Integral) or isinstance(value, bool):
+                raise ValueError(f"{name}: {value!r} is not a whole number")  # noqa: TRY004  as any other bad option
+        for name in ("false_alarm", "tol", "unambiguous_range_mm"):
+            value = getattr(self, name)
+            if value is not None and (not isinstance(value, Real) or isinstance(value, bool)):
+                raise ValueError(f"{name}: {value!r} is not a number")
+        if not isinstance(self.paper, bool):
+            raise ValueError(f"paper: {self.paper!r} is neither True nor False")  # noqa: TRY004  as any other bad option
+        if not isinstance(self.counter, tuple(COUNTERS.values())):
+            kinds = ", ".join(f"{kind.__name__}()" for kind in COUNTERS.values())
+            refusal = f"counter: {self.counter!r} is not one of {kinds}, of tofmix.estimation.peaks.counters"
+            raise ValueError(refusal)  # noqa: TRY004  likewise
 
     def as_dict(self) -> dict[str, str | int | float]:
         """The options by name, with those of the counter, for provenance; without options that are None.

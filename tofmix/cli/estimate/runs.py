@@ -33,11 +33,8 @@ if TYPE_CHECKING:
     from tofmix.pipeline.job import Engine
     from tofmix.windows import Windows
 
-_NO_PHASORS = (
-    "mixing: not measured: the recording lacks amplitudes or a single modulation frequency; each sample counts as one"
-    " surface"
-)
-"""The note on a recording whose samples are no phasors."""
+_NO_PHASORS = "mixing: not measured: the recording has no {}; each sample counts as one surface"
+"""The note on a recording whose samples are no phasors, with the part that is missing."""
 
 
 def estimate_files(
@@ -124,7 +121,8 @@ def _estimate(
             progress=bar.update, say=say, verify_source=source.verify_unchanged,
         )  # fmt: skip
     if not job.provenance.is_unmixed and options.mixing == "auto" and not is_quiet():
-        say(f"{recording}: {_NO_PHASORS}")
+        missing = "single modulation frequency" if source.has_amplitude else "amplitudes"
+        say(f"{recording}: {_NO_PHASORS.format(missing)}")
     if outcome.mixture is not None and not is_quiet():
         say(f"{recording}: mixing: {outcome.mixture.words()}")
     if outcome.continued and not is_quiet():
