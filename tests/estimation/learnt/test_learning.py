@@ -1,5 +1,6 @@
 """Each part of the noise is learnt where it is there, and dropped where it is not."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,10 @@ from scipy import signal
 from support.learnt_pixels import CAMERA, KNOWN, LOW_MM, SIGMA_MM, TOP_MM, surfaces
 
 from tofmix.arrays import FloatArray
+from tofmix.estimation.learnt.folds import whole_fold
 from tofmix.estimation.learnt.learning import LearntModel, learn_pixel_noise
+from tofmix.estimation.learnt.model import PixelNoise
+from tofmix.estimation.learnt.parts import with_part
 from tofmix.estimation.learnt.training_pixels import Pixels
 from tofmix.sensor import NoiseCurve
 
@@ -54,6 +58,20 @@ def test_shape_is_learnt_and_nothing_else(name: str, rng: np.random.Generator) -
     at = np.linspace(-4.0, 4.0, 81)
     assert np.abs(shape.cdf(at) - KNOWN[name].cdf(at)).max() < 0.03
     assert model.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.05)
+
+
+@pytest.mark.slow
+def test_shape_is_not_made_steeper_by_surfaces_located_under_it() -> None:
+    """With these samples a shape whose surfaces are located again under it has a peak that is 10 % too high."""
+    samples = surfaces(np.random.default_rng(3), (FRAMES, 500), (2000.0,), errors=KNOWN["skewed"].draw)
+    pixels = Pixels(samples=np.ascontiguousarray(samples.T, dtype=np.float32))
+    gaussian = NoiseCurve(np.array([500.0, 5000.0]), np.full(2, SIGMA_MM))
+    found = with_part(whole_fold(pixels, CAMERA), PixelNoise.of(replace(CAMERA, noise=gaussian)), "shape")
+    assert found is not None
+    assert found.curve.shape is not None
+    at = np.linspace(-4.0, 4.0, 1601)
+    peak = np.gradient(KNOWN["skewed"].cdf(at), at).max()
+    assert found.curve.shape.density.max() == pytest.approx(peak, rel=0.06)
 
 
 @pytest.mark.slow
