@@ -1,6 +1,7 @@
 """Bounds of settings: every class of settings refuses each field's values out of bounds, and takes those within."""
 
 import ast
+import inspect
 import math
 from dataclasses import dataclass, is_dataclass, replace
 from pathlib import Path
@@ -13,6 +14,7 @@ import tofmix
 from tofmix.bounds import (
     Bounds,
     Count,
+    Declared,
     Factor,
     Finite,
     Share,
@@ -63,7 +65,7 @@ def _changed(made: Any, **values: Any) -> Any:  # noqa: ANN401  of any class
 def _outside(kind: type, bounds: Bounds) -> list[Any]:
     """Values that a field must refuse."""
     step = 1 if kind is int else 1e-9
-    wrong: list[Any] = [math.nan, math.inf, "1", None, True]
+    wrong: list[Any] = [math.nan, -math.inf, "1", None, True] + [math.inf] * (not bounds.infinite)
     if kind is int:
         wrong.append(bounds.low + 0.5)
     for end, outward in ((bounds.low, -step), (bounds.high, step)):
@@ -77,21 +79,27 @@ each_class = pytest.mark.parametrize(
 )
 
 
-def _numbers(settings: type) -> list[tuple[str, type, Bounds, bool]]:
-    """Name, type and bounds of each number, and whether it is a tuple of such numbers."""
-    fields = declared(settings).items()
-    return [(name, kind, bounds, several) for name, (kind, bounds, several) in fields if bounds is not None]
+def _numbers(settings: type) -> list[tuple[str, Declared, Bounds]]:
+    """Each number, or tuple of numbers, by name."""
+    return [(name, field, field.bounds) for name, field in declared(settings).items() if field.bounds is not None]
+
+
+def _ascending(low: float, high: float, count: int) -> list[float]:
+    """Values from one end to the other; a step of 1 takes the place of an end that is infinite."""
+    first = low if math.isfinite(low) else min(high, 0.0) - count if math.isfinite(high) else -1.0
+    last = high if math.isfinite(high) else first + count - 1
+    return [float(value) for value in np.linspace(first, last, count)]
 
 
 @each_class
 def test_values_out_of_bounds_are_refused_with_field_value_and_remedy(settings: type) -> None:
     made = _made(settings)
-    for name, kind, bounds, several in _numbers(settings):
-        for value in _outside(kind, bounds):
-            wrong = (value, *getattr(made, name)[1:]) if several else value
+    for name, field, bounds in _numbers(settings):
+        for value in _outside(field.kind, bounds):
+            wrong = (value, *getattr(made, name)[1:]) if field.is_tuple else value
             with pytest.raises(UsageError) as refusal:
                 _made(settings, **{name: wrong})
-            assert str(refusal.value).startswith(f"{settings.__name__}: {name} is {wrong!r}; give a") or several
+            assert str(refusal.value).startswith(f"{settings.__name__}: {name} is {wrong!r}; give a") or field.is_tuple
             assert str(bounds) in str(refusal.value)
             with pytest.raises(UsageError):
                 _changed(made, **{name: wrong})
@@ -99,20 +107,41 @@ def test_values_out_of_bounds_are_refused_with_field_value_and_remedy(settings: 
 
 @each_class
 def test_ends_of_the_bounds_are_taken(settings: type) -> None:
-    for name, kind, bounds, several in _numbers(settings):
-        if several:
+    for name, field, bounds in _numbers(settings):
+        if field.is_tuple:
             continue
         for end in (bounds.low, bounds.high):
-            if math.isfinite(end) and not bounds.inside:
-                assert getattr(_made(settings, **{name: kind(end)}), name) == end
-        near = kind(getattr(_made(settings), name))
-        assert getattr(_made(settings, **{name: np.dtype(kind).type(near)}), name) == near
+            if (math.isfinite(end) and not bounds.inside) or (end == math.inf and bounds.infinite):
+                assert getattr(_made(settings, **{name: field.kind(end)}), name) == end
+        near = field.kind(getattr(_made(settings), name))
+        assert getattr(_made(settings, **{name: np.dtype(field.kind).type(near)}), name) == near
+
+
+@each_class
+def test_tuples_take_the_ends_of_their_bounds_also_as_numpy_scalars(settings: type) -> None:
+    for name, field, bounds in _numbers(settings):
+        if not field.is_tuple:
+            continue
+        for kind in (field.kind, np.dtype(field.kind).type):
+            values = tuple(map(kind, _ascending(bounds.low, bounds.high, field.length or 3)))
+            assert getattr(_made(settings, **{name: values}), name) == values
+
+
+@each_class
+def test_tuples_of_another_length_are_refused(settings: type) -> None:
+    made = _made(settings)
+    for name, field in declared(settings).items():
+        values = getattr(made, name)
+        for wrong in () if field.length is None else (values[:-1], (*values, values[-1] + 1), ()):
+            with pytest.raises(UsageError) as refusal:
+                _made(settings, **{name: wrong})
+            assert str(refusal.value) == f"{settings.__name__}: {name} is {wrong!r}; give {field.length} values"
 
 
 @each_class
 def test_every_number_has_bounds(settings: type) -> None:
     without = [
-        name for name, (kind, bounds, _) in declared(settings).items() if bounds is None and kind in (int, float)
+        name for name, field in declared(settings).items() if field.bounds is None and field.kind in (int, float)
     ]
     assert not without
 
@@ -144,6 +173,9 @@ def test_every_class_of_settings_is_checked() -> None:
         (AmplitudeSettings, {"ends": (0.9, 0.1)}, "ends is .* give ascending values"),
         (Settings, {"split": "rows"}, "split is 'rows'; give one of frames,pixels, frames, pixels"),
         (AmplitudeSettings, {"pieces": [1, 2]}, r"pieces is \[1, 2\]; give a tuple"),
+        (CurveSettings, {"slopes": (1.0,)}, r"slopes is \(1.0,\); give 2 values"),
+        (LinkSettings, {"sweeps": 4.0}, r"sweeps is 4.0; give a whole number of at least 0"),
+        (Thresholds, {"scatter_factor": -math.inf}, "scatter_factor is -inf; give a number of at least 1, or inf"),
         (UnmixSettings, {"law": LabelSettings()}, "law is .* give values of LawSettings"),
         (SurfaceSettings, {"edge": LinkSettings()}, "edge is .* give values of EdgeSettings"),
     ],
@@ -160,6 +192,30 @@ class Small(NamedTuple):
     number: Count = 1
     factor: Factor = 1.0
     slope: Finite = -3.0
+
+
+@pytest.mark.parametrize(
+    ("settings", "name", "off"),
+    [
+        (Thresholds, "scatter_factor", math.inf),
+        (SeedSettings, "unlike_sigmas", math.inf),
+        (LawSettings, "most_error", np.float32(math.inf)),
+        (EdgeSettings, "corner_gain", math.inf),
+        (EdgeSettings, "most_edges", 0),
+        (LinkSettings, "sweeps", 0),
+        (LabelSettings, "rounds", 0),
+        (PlaneSettings, "tries", 0),
+    ],
+)
+def test_a_threshold_or_a_loop_can_be_off(settings: type, name: str, off: float) -> None:
+    assert getattr(_made(settings, **{name: off}), name) == off
+
+
+@pytest.mark.parametrize("settings", [LinkSettings, ShareSettings, EdgeSettings, SurfaceSettings, NeighbourSettings])
+def test_the_signature_of_a_checked_tuple_shows_its_fields(settings: Any) -> None:  # noqa: ANN401  a named tuple
+    parameters = inspect.signature(settings).parameters
+    assert tuple(parameters) == settings._fields
+    assert [parameter.default for parameter in parameters.values()] == list(settings())
 
 
 def test_a_checked_tuple_stays_one() -> None:

@@ -15,8 +15,9 @@ class MixingLaw:
     Parameters
     ----------
     phasor_share : float
-        q, the share of the samples at edges that are phasor sums; NaN if no pixel determines it. pixels : int Pixels
-        that determine it.
+        q, the share of the samples at edges that are phasor sums; NaN if no pixel determines it.
+    pixels : int
+        Pixels that determine it.
     """
 
     phasor_share: float

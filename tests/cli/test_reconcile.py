@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -108,7 +109,12 @@ def test_folder_holds_gap_report_and_a_model_that_runs(
     assert gap["where"][0].keys() >= {"axis", "interval", "statistic", "size", "unit", "p_value"}
     effects = tomllib.loads((folder / "model.toml").read_text())["effect"]
     assert effects == [{"kind": "fixed_pattern", "map": "fixed_pattern.npy"}]
-    assert "<img" in (folder / "report.html").read_text()
+    page = (folder / "report.html").read_text()
+    assert "Verdict: explained" in page
+    titles = re.findall(r"<h3>(residual of each pixel, .*?)</h3>", page)
+    assert titles == [f"residual of each pixel, {when}" for when in ("before", "after")]
+    before, after = re.findall(r'srcset="(data:image/png.*?)">\s*<img src="(data:image/png.*?)"', page)
+    assert len({*before, *after}) == 4  # dark and light, before and after
     assert tofmix("simulate", folder / "model.toml", "-o", tmp_path / "again.h5").code == 0
     assert verdict(folder / "model.toml", files[1], kinds=("fixed_pattern", "range_offset")) == "agree"
     again = tofmix("reconcile", *files, "-o", folder)

@@ -120,7 +120,7 @@ class Fuzz:
             "%layers": "layers.h5",
             "%sensor": "sensor.toml",
         }
-        names |= {"%array": "a.npy", "%part": "2.part"}
+        names |= {"%array": "a.npy", "%part": "2.part", "%learnt": "learnt 2.part"}
         filled = (names.get(word, word) for word in shlex.split(command))
         return tuple(str(self._folder / word if str(word) in _SOUND else word) for word in filled)
 
@@ -167,7 +167,7 @@ class Fuzz:
         return self._sound[key]
 
 
-_SOUND = ("recording.h5", "layers.h5", "sensor.toml", "a.npy", "2.part")
+_SOUND = ("recording.h5", "layers.h5", "sensor.toml", "a.npy", "2.part", "learnt 2.part")
 
 
 def table(verdicts: list[Verdict]) -> str:

@@ -80,7 +80,7 @@ def _mutants(run: Run) -> Done:
     verdicts = [verdict for verdict in verdicts if int(verdict.mutant.split()[-1]) < first + done]
     path.write_text("".join(json.dumps(asdict(verdict)) + "\n" for verdict in verdicts))
     with tempfile.TemporaryDirectory(prefix="originals-") as name, Pool(run.options.processes) as pool:
-        originals = make(Path(name), pool)
+        originals = make(Path(name), pool, learn=True)
         fuzz = Fuzz(Path(name), pool, originals)
         fuzz.check_originals()
         while done < run.options.mutants:

@@ -1,5 +1,7 @@
 """Small sound files of every kind that is read; the mutants are made of them."""
 
+import sqlite3
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -68,6 +70,9 @@ threshold = 1.0
 threshold_noise = 0.5
 """
 
+MEMORY = '[[effect]]\nkind = "temporal_correlation"\ncoefficient = 0.7\n'
+"""Contradicts the noise curve, so that `estimate` learns the noise, in windows of 10 frames and more."""
+
 SENSOR = '[sensor]\nprofile = "sr3000"\nrows = 6\ncols = 8\nfov_horizontal_deg = 30.0\nfov_vertical_deg = 20.0\n'
 
 
@@ -82,7 +87,7 @@ class Original:
     format : str
         "hdf5", "text" or "bytes": how it can be mutated beside byte by byte.
     commands : tuple
-        What reads it. In an argument, @ is the mutant, %recording and %layers are sound files.
+        What reads it. In an argument, @ is the mutant, %recording and %layers and the like are sound files.
     own : bool
         Whether every value in it has a checksum, so that what can be read must be right.
     """
@@ -128,8 +133,11 @@ _READ_LAYERS = (
 )
 
 
-def make(folder: Path, pool: Pool) -> dict[str, Original]:
-    """Write the originals into a folder, those of our own formats by the program itself."""
+def make(folder: Path, pool: Pool, *, learn: bool = False) -> dict[str, Original]:
+    """Write the originals into a folder, those of our own formats by the program itself.
+
+    With `learn`, which takes seconds, there are parts with learnt noise as well.
+    """
 
     def run(*argv: object) -> None:
         outcome = pool.run(Job(argv=tuple(map(str, argv)), cwd=str(folder)))
@@ -144,6 +152,15 @@ def make(folder: Path, pool: Pool) -> dict[str, Original]:
     parts = (folder / "1.part", folder / "2.part")
     for number, part in enumerate(parts, 1):
         run("estimate", recording, "--window", 5, "--shard", f"{number}/2", "-o", part)
+    learnt = tuple(folder / f"learnt {number}.part" for number in ((1, 2) if learn else ()))
+    if learnt:
+        other = folder / "memory.toml", folder / "memory.h5"
+        other[0].write_text(MODEL + MEMORY)
+        run("simulate", other[0], "-o", other[1])
+        for number, part in enumerate(learnt, 1):
+            run("estimate", other[1], "--window", 10, "--shard", f"{number}/2", "-o", part)
+            if not has_learnt_noise(part):
+                raise RuntimeError(f"{part}: no learnt noise")
     return {
         "recording": Original((recording,), "hdf5", _with_verify(_READ_RECORDING), own=True),
         "foreign recording": Original((_foreign(folder / "foreign.h5"),), "hdf5", _with_verify(_READ_RECORDING)),
@@ -153,9 +170,21 @@ def make(folder: Path, pool: Pool) -> dict[str, Original]:
         ),
         "sensor": Original((folder / "sensor.toml",), "text", ("import %array -o out.h5 --sensor @", "info @")),
         "part": Original(parts, "bytes", ("merge @ %part -o out.layers.h5",)),
+        **(
+            {"part with learnt noise": Original(learnt, "bytes", ("merge @ %learnt -o out.layers.h5",))}
+            if learn
+            else {}
+        ),
         **_arrays(folder),
         **{f"bag {kind}": _bag(folder, kind) for kind in ("ros1", "sqlite3", "mcap")},
     }
+
+
+def has_learnt_noise(part: Path) -> bool:
+    """Whether the header of a part of a sharded run holds learnt noise."""
+    with closing(sqlite3.connect(f"{part.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
+        ((header,),) = database.execute("SELECT value FROM about WHERE key = 'header'").fetchall()
+    return b"noise_memory" in header
 
 
 def _with_verify(commands: tuple[str, ...]) -> tuple[str, ...]:

@@ -159,10 +159,10 @@ def _code_of(run: Any, job: dict[str, Any]) -> int:  # noqa: ANN401  the program
 
 
 def _leave(code: int) -> NoReturn:
-    """End as the interpreter does, threads, exit functions and the HDF5 library included, but for all objects.
+    """End as the interpreter does, with the ends of threads, Python's exit functions and the HDF5 library.
 
-    To take those apart, Python's and those of libraries, would copy all memory that this fork shares with its parent,
-    at half a second a command.
+    Objects are not destroyed, because that would copy all shared memory: half a second a command. Exit handlers of
+    other C libraries do not run; `test_exit.py` runs them.
     """
     threading._shutdown()  # type: ignore[attr-defined]  # what the interpreter calls
     atexit._run_exitfuncs()

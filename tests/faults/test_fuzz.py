@@ -8,8 +8,8 @@ import pytest
 
 from faults.fuzz import Fuzz, judge
 from faults.mutants import mutate
-from faults.originals import Original
-from faults.pool import Outcome
+from faults.originals import Original, make
+from faults.pool import Outcome, Pool
 
 MUTANTS = 154
 GOOD = Outcome(code=0, hung=False, out="", err="", seconds=0.1, cpu_s=0.1, extra_bytes=0, calls=0)
@@ -25,6 +25,15 @@ def test_mutants_are_done_or_refused(fuzz: Fuzz, originals: dict[str, Original])
     by_kind = {kind: Counter(v.result for v in verdicts if v.kind == kind) for kind in originals}
     assert all(results["refused"] for results in by_kind.values()), by_kind
     assert sum(results["refused"] == results.total() for results in by_kind.values()) <= 3, by_kind
+
+
+@pytest.mark.faults
+def test_mutants_of_parts_with_learnt_noise_are_done_or_refused(pool: Pool, tmp_path: Path) -> None:
+    kind = "part with learnt noise"
+    verdicts = list(Fuzz(tmp_path, pool, make(tmp_path, pool, learn=True)).run([kind], 20, seed=0))
+    faults = [f"{v.fault}: {v.mutant}: {v.command}: {v.change}: {v.outcome.err}" for v in verdicts if v.fault]
+    assert not faults, "\n".join(faults)
+    assert {v.result for v in verdicts} >= {"done", "refused"}
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,15 @@
 """Edges below a pixel and the fine range image, against truth by fine casting."""
 
+import math
+from typing import Any
+
 import numpy as np
 import pytest
 from support.edges import between, camera, counted, drawn, estimated, judge_parts, judge_places
 from support.plates import SMALL, Plate, Scene, bars, disks, facing, half_plane, lattice, scene, tilted_rectangles, wall
 
+from tofmix.arrays import FloatArray
+from tofmix.bounds import declared
 from tofmix.flags import Mixing
 from tofmix.layers import Layers
 from tofmix.sensor import Sensor
@@ -161,3 +166,25 @@ def test_settings_bound_the_layers_of_a_surface() -> None:
     found = reconstruct(layers, camera(SMALL), settings=SurfaceSettings(link=link))
     assert len(found.planes) == len(found.edges) == 0
     assert (found.surface == NO_SURFACE).all()
+
+
+@pytest.mark.compiled("reconstructs 30 times")
+def test_infinite_thresholds_and_loops_of_no_rounds_work() -> None:
+    """An infinite threshold does what a very large one does."""
+    layers = counted(scene(half_plane(np.random.default_rng(1), SMALL), SMALL), 100, 1)
+
+    def fine(part: str, **values: float) -> FloatArray:
+        made: Any = type(getattr(SurfaceSettings(), part))
+        settings = SurfaceSettings(**{part: made(**values)})
+        return np.asarray(reconstruct(layers, camera(SMALL), factor=4, settings=settings).range_fine, np.float64)
+
+    tried = 0
+    for part, settings in SurfaceSettings()._asdict().items():
+        kind: Any = type(settings)
+        for name, field in declared(kind).items():
+            if field.bounds is not None and field.bounds.infinite:
+                np.testing.assert_array_equal(fine(part, **{name: math.inf}), fine(part, **{name: 1e12}), err_msg=name)
+                tried += 1
+    assert tried > 10
+    assert np.isfinite(fine("link", sweeps=0)).any()
+    assert np.isfinite(fine("edge", most_edges=0)).any()

@@ -1,10 +1,15 @@
 """Unmixing on raw-tap recordings: surfaces are found, and layers stay as they were where samples are of one surface."""
 
+import math
+from typing import Any
+
 import numpy as np
 import pytest
 from blind.geometry import Surface
 from support.lock_in import FAMILIES, SMALL, Scene, judge, made, random_boards, small, two_boards
 
+from tofmix.arrays import Float32Array
+from tofmix.bounds import declared
 from tofmix.estimation.blocks.sequence import EstimatedWindows, estimate_windows, resolved_mixing
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
 from tofmix.flags import Mixing
@@ -256,3 +261,33 @@ def test_settings_bound_the_share_of_sums_that_is_unmixed(sums: Scene) -> None:
     assert (found.layers.mixing == int(Mixing.PHASOR)).sum() > 100
     assert not (kept.layers.mixing == int(Mixing.PHASOR)).any()
     assert kept.phasor_share == found.phasor_share
+
+
+@pytest.mark.slow
+@pytest.mark.compiled("unmixes 50 times")
+def test_infinite_thresholds_and_loops_of_no_rounds_work(sums: Scene) -> None:
+    """An infinite threshold does what a very large one does."""
+    layers = first(estimate_windows(sums.recording, EVENTS))
+    everything = slice(None), slice(None)
+    means = mean_phasors(
+        sums.recording.read_range(*everything), sums.recording.read_amplitude(*everything), sums.sensor
+    )
+
+    def ranges(part: str, **values: float) -> Float32Array:
+        made: Any = type(getattr(UnmixSettings(), part))
+        circle_mm = 7500.0 if part == "unfolding" else None
+        settings = UnmixSettings(**{part: made(**values)})
+        return unmix(layers, means, sums.sensor, circle_mm=circle_mm, settings=settings).layers.range
+
+    tried = 0
+    for part in ("image", "seeds", "neighbours", "planes", "hypotheses", "labels", "law", "unfolding"):
+        settings: Any = type(getattr(UnmixSettings(), part))
+        for name, field in declared(settings).items():
+            if field.bounds is not None and field.bounds.infinite:
+                np.testing.assert_array_equal(
+                    ranges(part, **{name: math.inf}), ranges(part, **{name: 1e12}), err_msg=name
+                )
+                tried += 1
+    assert tried > 15
+    assert np.isfinite(ranges("labels", rounds=0)).any()
+    assert np.isfinite(ranges("planes", tries=0)).any()

@@ -30,11 +30,6 @@ def case(scene: str, *hidden: Effect, rows: int = ROWS, cols: int = COLS) -> Cas
     return replace(any_one, sort="effects", given=given, true=replace(given, effects=hidden), hidden=hidden)
 
 
-def small_case(scene: str, *hidden: Effect) -> Case:
-    """The same with a third of the pixels, where the whole search is run."""
-    return case(scene, *hidden, rows=32, cols=40)
-
-
 def test_cases_do_not_depend_on_their_order_and_have_the_stated_shares() -> None:
     cases = [draw(SEED, n) for n in range(120)]
     assert draw(SEED, 77).name == cases[77].name
@@ -127,7 +122,7 @@ def test_agree_is_right_without_effects_and_no_name_is_right_for_a_stranger() ->
     ids=lambda hidden: "+".join(e.kind for e in hidden),
 )
 def test_reconcile_is_right_on_a_wall_and_a_box(hidden: tuple[Effect, ...]) -> None:
-    one = small_case("wall and box", *hidden)
+    one = case("wall and box", *hidden)
     evidence = make_evidence(one.given, recorded(one), time_s=np.arange(120) / 25.0)
     found = reconcile(one.given, evidence, Settings(kinds=KINDS)).as_dict()
     assert score(one, found, known(one)).result == "right", found["effects"]
@@ -135,7 +130,7 @@ def test_reconcile_is_right_on_a_wall_and_a_box(hidden: tuple[Effect, ...]) -> N
 
 @pytest.mark.slow
 def test_noise_and_offset_of_one_wall_are_never_a_second_path_alone() -> None:
-    one = small_case("wall", MAKE["excess_noise"](factor=1.3), MAKE["range_offset"](offset_mm=12.0))
+    one = case("wall", MAKE["excess_noise"](factor=1.3), MAKE["range_offset"](offset_mm=12.0))
     found = reconcile(one.given, make_evidence(one.given, recorded(one)), Settings(kinds=KINDS)).as_dict()
     assert [e["kind"] for e in found["effects"]] != ["multipath"]
     assert score(one, found, known(one)).result == "right", found["effects"]
@@ -171,7 +166,7 @@ def test_another_recording_of_a_case_has_the_pixels_own_biases_of_the_first() ->
 def test_greedy_bic_names_a_clear_offset_with_its_error_and_nothing_where_nothing_is_hidden() -> None:
     settings = Settings(kinds=("range_offset", "excess_noise", "outliers"))
     for hidden in ((), (MAKE["range_offset"](offset_mm=9.0),)):
-        one = small_case("wall and box", *hidden)
+        one = case("wall and box", *hidden, rows=32, cols=40)
         evidence = make_evidence(one.given, recorded(one), time_s=np.arange(120) / 25.0)
         found = greedy_bic(one.given, evidence, settings)
         assert [e["kind"] for e in found["effects"]] == [e.kind for e in hidden]

@@ -114,7 +114,9 @@ def plan_grid(beams: Beams, pose: Pose, *, cell_mm: float, height_mm: tuple[floa
 
     Parameters
     ----------
-    beams : Beams The pixels of the camera. pose : Pose
+    beams : Beams
+        The pixels of the camera.
+    pose : Pose
         Where it stood.
     cell_mm : float
         Edge of a cell, mm, above 0.

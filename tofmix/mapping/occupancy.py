@@ -106,7 +106,9 @@ def count_light(
 
     Parameters
     ----------
-    beams : Beams The pixels of the camera. pose : Pose
+    beams : Beams
+        The pixels of the camera.
+    pose : Pose
         Where it stood.
     grid : Grid
         The cells. The cell of the camera stays unknown.

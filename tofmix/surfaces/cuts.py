@@ -50,7 +50,9 @@ def make_cuts(shares: Shares, planes: FloatArray, directions: FloatArray, settin
 
     Parameters
     ----------
-    shares : Shares Surfaces in each pixel. planes : (surface, 3) float64
+    shares : Shares
+        Surfaces in each pixel.
+    planes : (surface, 3) float64
         m of 1/r = m . d.
     directions : (row, col, 3) float64
         Unit vectors d.

@@ -9,7 +9,7 @@ docs/results/surfaces.md shows what the defaults find.
 
 from typing import NamedTuple
 
-from tofmix.bounds import Count, NotNegative, Positive, Share, WholeNumber, checked
+from tofmix.bounds import Count, NotNegative, Positive, PositiveThreshold, Share, Threshold, WholeNumber, checked
 
 
 @checked
@@ -48,10 +48,10 @@ class LinkSettings(NamedTuple):
     most_sigmas: Positive = 4.0
     surface_cost: NotNegative = 28.0
     apart_cost: NotNegative = 0.5
-    sweeps: Count = 4
+    sweeps: WholeNumber = 4
     least_piece: Count = 8
     same_plane_odds: Positive = 0.01
-    slight_misfit: NotNegative = 0.25
+    slight_misfit: Threshold = 0.25
     least_layers: Count = 3
 
 
@@ -75,11 +75,11 @@ class ShareSettings(NamedTuple):
         Relative distance of a layer from its surface's plane, beyond which the fine image has the layer's own range.
     """
 
-    least_open_samples: NotNegative = 3.0
+    least_open_samples: Threshold = 3.0
     unseen_share: Share = 0.03
     crease: NotNegative = 0.03
     border_margin: NotNegative = 0.003
-    most_off: NotNegative = 0.1
+    most_off: Threshold = 0.1
 
 
 @checked
@@ -131,23 +131,23 @@ class EdgeSettings(NamedTuple):
     """
 
     longest_run: Count = 12
-    fast_run: NotNegative = 4.0
+    fast_run: Threshold = 4.0
     first_turn: Positive = 0.15
     steps: Count = 4
-    agree_sigmas: Positive = 3.0
-    curvature_gain: NotNegative = 9.0
-    corner_gain: NotNegative = 9.0
+    agree_sigmas: PositiveThreshold = 3.0
+    curvature_gain: Threshold = 9.0
+    corner_gain: Threshold = 9.0
     half_width: Positive = 1.5
-    most_curvature: Positive = 0.3
-    short_run: NotNegative = 3.0
+    most_curvature: PositiveThreshold = 0.3
+    short_run: Threshold = 3.0
     around: WholeNumber = 3
-    most_edges: Count = 8
-    same_angle: NotNegative = 0.15
-    same_place: NotNegative = 0.25
+    most_edges: WholeNumber = 8
+    same_angle: Threshold = 0.15
+    same_place: Threshold = 0.25
     bar_cosine: Share = 0.9
     least_bar: Positive = 0.1
     graze_area: NotNegative = 0.002
-    graze_sigmas: NotNegative = 3.0
+    graze_sigmas: Threshold = 3.0
     shared_variance: Share = 0.25
     alike_distance: Positive = 4.0
 

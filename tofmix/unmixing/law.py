@@ -26,7 +26,9 @@ class Law:
     ----------
     phasor_share : float
         q, the share of the samples at edges that are phasor sums: of edges between surfaces, where there are some; NaN
-        if no pixel determines it. pixels : int Pixels that determine it.
+        if no pixel determines it.
+    pixels : int
+        Pixels that determine it.
     is_sum : (pixel,) bool
         Whether the pixel's edge has phasor sums: a share of `least_phasor_share` and more, and more than by chance.
     """

@@ -37,8 +37,9 @@ class Seeds:
     plane : (pixel, 3) float64
         m of the plane 1 / r = m . d of the best window that holds the pixel, 1 / mm; 0 where there is none.
     middle : (pixel,) int64
-        The middle of that window. has_plane : (pixel,) bool Whether there is a plane, in a block of at least 4 x 4
-        pixels.
+        The middle of that window.
+    has_plane : (pixel,) bool
+        Whether there is a plane, in a block of at least 4 x 4 pixels.
     certain : (pixel,) bool
         Whether light, too, is that of one surface: such a pixel sees nothing else.
     pattern_variance : float

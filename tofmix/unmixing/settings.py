@@ -8,7 +8,18 @@ docs/results/mixing.md shows what the defaults find.
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from tofmix.bounds import Count, Factor, NotNegative, Positive, Share, WholeNumber, check_bounds, checked
+from tofmix.bounds import (
+    Count,
+    FactorThreshold,
+    NotNegative,
+    Positive,
+    PositiveThreshold,
+    Share,
+    Threshold,
+    WholeNumber,
+    check_bounds,
+    checked,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,7 +38,7 @@ class ImageSettings:
 
     least_samples: Count = 3
     prior_samples: NotNegative = 8.0
-    most_noise: Factor = 1.5
+    most_noise: FactorThreshold = 1.5
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -55,9 +66,9 @@ class SeedSettings:
     rare: Share = 1.0e-3
     quantiles: tuple[Share, ...] = (0.1, 0.25)
     least_windows: Count = 20
-    unlike_sigmas: NotNegative = 2.5
-    between_sigmas: NotNegative = 1.0
-    different_sigmas: NotNegative = 5.0
+    unlike_sigmas: Threshold = 2.5
+    between_sigmas: Threshold = 1.0
+    different_sigmas: Threshold = 5.0
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -89,15 +100,15 @@ class NeighbourSettings(NamedTuple):
 
     reach: Count = 4
     near: Count = 3
-    apart_sigmas: NotNegative = 4.0
-    apart: NotNegative = 0.01
-    outlier: Positive = 16.0
+    apart_sigmas: Threshold = 4.0
+    apart: Threshold = 0.01
+    outlier: PositiveThreshold = 16.0
     free_slope: Positive = 2.0
     known_slope: Positive = 0.25
     light_slope: NotNegative = 2.0
     least_light_slope: Positive = 0.005
     light_reach: Positive = 2.0
-    chance_sigmas: NotNegative = 2.0
+    chance_sigmas: Threshold = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,8 +132,8 @@ class PlaneSettings:
     least_pixels: Count = 30
     most_regions: WholeNumber = 20
     most_planes: WholeNumber = 3
-    tries: Count = 25
-    inlier_sigmas: Positive = 4.0
+    tries: WholeNumber = 25
+    inlier_sigmas: PositiveThreshold = 4.0
     extrapolated: Positive = 4.0
 
     def __post_init__(self) -> None:
@@ -153,10 +164,10 @@ class HypothesisSettings:
 
     distant_prior: Share = 0.002
     likely: Share = 0.9
-    near_chord: NotNegative = 0.02
-    apart_sigmas: NotNegative = 5.0
-    apart: NotNegative = 0.02
-    same_sigmas: NotNegative = 3.0
+    near_chord: Threshold = 0.02
+    apart_sigmas: Threshold = 5.0
+    apart: Threshold = 0.02
+    same_sigmas: Threshold = 3.0
     rounds: Count = 3
 
     def __post_init__(self) -> None:
@@ -170,7 +181,7 @@ class LabelSettings:
     Parameters
     ----------
     rounds : int
-        Times that pixels in doubt are judged, at least 1.
+        Times that pixels in doubt are judged; with 0 their layers stay as they are.
     open_reach : int
         Pixels from open space within which a pixel may see some of it.
     least_open : int
@@ -184,10 +195,10 @@ class LabelSettings:
         What is added to that of u: half a percent.
     """
 
-    rounds: Count = 3
+    rounds: WholeNumber = 3
     open_reach: WholeNumber = 3
     least_open: Count = 3
-    agree_sigmas: NotNegative = 3.0
+    agree_sigmas: Threshold = 3.0
     slope: Positive = 2.0
     light_slope: NotNegative = 2.0
     light_step: Positive = 0.005
@@ -224,15 +235,15 @@ class LawSettings:
         no pixel sees alone.
     """
 
-    least_phasor_share: NotNegative = 0.05
-    chance_sigmas: NotNegative = 3.0
+    least_phasor_share: Threshold = 0.05
+    chance_sigmas: Threshold = 3.0
     least_probability: Share = 0.9
     least_share: Share = 0.15
-    most_error: Positive = 0.5
+    most_error: PositiveThreshold = 0.5
     least_error: Positive = 0.02
     reach: Count = 3
     least_along: Count = 5
-    different_sigmas: NotNegative = 4.0
+    different_sigmas: Threshold = 4.0
     least_differing: Share = 0.05
 
     def __post_init__(self) -> None:
@@ -259,11 +270,11 @@ class UnfoldingSettings:
     """
 
     least_pixels: Count = 12
-    link_sigmas: NotNegative = 4.0
-    link_pitches: NotNegative = 4.0
-    crossed: NotNegative = 0.2
+    link_sigmas: Threshold = 4.0
+    link_pitches: Threshold = 4.0
+    crossed: Threshold = 0.2
     strides: tuple[Count, ...] = (4, 16)
-    better: NotNegative = 0.7
+    better: Threshold = 0.7
 
     def __post_init__(self) -> None:
         check_bounds(self)

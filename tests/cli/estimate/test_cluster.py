@@ -9,14 +9,18 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
 import pytest
 from support.commandline import Tofmix
 from support.files import boards, write_recording
-from support.lock_in import small, write_sums
+from support.lock_in import made, two_boards, write_sums
 
 from tofmix.errors import ExitCode
+from tofmix.grid import plan_grid
 from tofmix.io.layers.layers_file import open_layers
+from tofmix.pipeline import cluster as pipeline_cluster
 from tofmix.report.summary.summary import find, remedy_for
+from tofmix.windows import plan_windows
 
 pytestmark = [
     pytest.mark.cluster,
@@ -24,9 +28,10 @@ pytestmark = [
 ]
 
 DASK = (sys.executable, "-m", "distributed.cli.dask_scheduler"), (sys.executable, "-m", "distributed.cli.dask_worker")
+SMALL_BLOCK_SAMPLES = 1 << 17
 SMALL_BLOCKS = (
     "import sys, tofmix.pipeline.cluster as cluster\n"
-    "cluster.BLOCK_SAMPLES = 1 << 17\n"
+    f"cluster.BLOCK_SAMPLES = {SMALL_BLOCK_SAMPLES}\n"
     "from tofmix.cli.main import run\nrun(sys.argv[1:])\n"
 )
 TOFMIX = (sys.executable, "-c", SMALL_BLOCKS)
@@ -107,12 +112,19 @@ def expected(tofmix: Tofmix, recording: Path) -> bytes:
     return _EXPECTED[0]
 
 
-@pytest.mark.compiled("5,760 fits, twice")
+@pytest.mark.compiled("6,480 fits, twice")
 def test_unmixed_layers_of_phasor_sums_have_the_bytes_of_a_local_run(
-    cluster: Cluster, tofmix: Tofmix, tmp_path: Path
+    cluster: Cluster, tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sums = write_sums(tmp_path / "sums.h5", small(1).recording)
-    given = "estimate", sums, "--window", 20, "--noise", "file", "--mixing", "phasor"
+    """The one image is unmixed from the cells of two tasks."""
+    view = (72, 90, 24.0, 19.5)
+    sums = write_sums(tmp_path / "sums.h5", made(two_boards(np.random.default_rng(1)), 1, view=view).recording)
+    grid = plan_grid(plan_windows(40, window=40), view[:2])
+    monkeypatch.setattr(pipeline_cluster, "BLOCK_SAMPLES", SMALL_BLOCK_SAMPLES)
+    groups, bands = pipeline_cluster._block_step(grid, 40)
+    assert grid.bands > 1
+    assert (grid.groups // groups) * (grid.bands // bands) > 1
+    given = "estimate", sums, "--window", 40, "--noise", "file", "--mixing", "phasor"
     local = tofmix(*given, "-o", tmp_path / "local.layers.h5")
     assert local.code == 0, local.err
     program = command(*given, "-o", tmp_path / "cluster.layers.h5", "--scheduler", cluster.file)
@@ -213,7 +225,7 @@ def test_path_missing_on_worker_exits_with_3(cluster: Cluster, recording: Path, 
 
 
 def test_missing_scheduler_is_a_storage_error(recording: Path, tmp_path: Path) -> None:
-    program = SMALL_BLOCKS.replace("BLOCK_SAMPLES = 1 << 17", "_CONNECT_TIMEOUT_S = 0.2")
+    program = SMALL_BLOCKS.replace(f"BLOCK_SAMPLES = {SMALL_BLOCK_SAMPLES}", "_CONNECT_TIMEOUT_S = 0.2")
     given = map(str, arguments(recording, tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1"))
     done = subprocess.run([sys.executable, "-c", program, *given], capture_output=True, text=True, check=False)
     assert done.returncode == ExitCode.STORAGE

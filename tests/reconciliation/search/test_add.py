@@ -1,4 +1,4 @@
-"""Effects that came first give way where a rival does better beside a later one."""
+"""Earlier effects are replaced if a rival gains more in the presence of a later one."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What was added is dropped where it earns nothing beside what came since; what is there stays."""
+"""Effects that no longer gain in the presence of later ones are removed; the others stay."""
 
 import numpy as np
 import pytest

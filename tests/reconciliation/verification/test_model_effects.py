@@ -1,4 +1,4 @@
-"""A model's own effect with wrong numbers gets no other effect's name; with right ones it stands in no other's way."""
+"""No effect is named instead of a model's own one with wrong numbers; with right numbers, other effects are named."""
 
 from dataclasses import replace
 

@@ -27,7 +27,10 @@ def verify_recording(root: h5py.File, recording: RecordingFile, findings: Findin
         The file.
     recording : RecordingFile
         The recording in it.
-    findings : Findings Receives the findings. ours : bool Whether the file is marked as of the tofmix format.
+    findings : Findings
+        Receives the findings.
+    ours : bool
+        Whether the file is marked as of the tofmix format.
     """
     for name in ("range", *_UNITS):
         with guard.reading(recording.path, name):

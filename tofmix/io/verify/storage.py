@@ -21,8 +21,10 @@ def check_storage(dataset: h5py.Dataset, name: str, path: Path, findings: Findin
         Its name.
     path : Path
         Its file.
-    findings : Findings Receives faults of a tofmix file, or notes on another program's. ours : bool Whether the file is
-    marked as of a tofmix format.
+    findings : Findings
+        Receives faults of a tofmix file, or notes on another program's.
+    ours : bool
+        Whether the file is marked as of a tofmix format.
     """
     with guard.reading(path, name):
         if dataset.chunks is None:

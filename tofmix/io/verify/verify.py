@@ -42,7 +42,8 @@ def verify(path: Path) -> Findings:
 
     Parameters
     ----------
-    path : Path The file or folder.
+    path : Path
+        The file or folder.
 
     Returns
     -------

@@ -51,7 +51,7 @@ def fit(
     start : (parameter,), optional
         Start instead of the starts of the problem. It is close to the end, so steps are small.
     """
-    part = _side_log_density(problem, likelihood, part)
+    part = _part_where_it_acts(problem, likelihood, part)
 
     def cost(x: FloatArray) -> float:
         try:
@@ -74,7 +74,7 @@ def fit(
     return Fitted(effect=problem.make(best), vector=best, problem=problem, value=-value)
 
 
-def _side_log_density(problem: Problem, likelihood: Likelihood, part: Part) -> Part:
+def _part_where_it_acts(problem: Problem, likelihood: Likelihood, part: Part) -> Part:
     """The part without recordings in which the effect does not act."""
     for start in problem.starts:
         try:

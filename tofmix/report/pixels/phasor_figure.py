@@ -48,7 +48,9 @@ def draw_plane(
     ----------
     figure : Figure or SubFigure
         Empty.
-    plane : PhasorPlane The data. theme : Theme
+    plane : PhasorPlane
+        The data.
+    theme : Theme
         Colours; a surface has the colour of its layer.
     zoom_errors : float
         Half the width of the enlarged part around the mean, in standard errors.

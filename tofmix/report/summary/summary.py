@@ -54,8 +54,9 @@ class MixingNumbers:
     line : str
         The law in words.
     phasor_share : float or None
-        Share of the samples at edges that are phasor sums; None if no pixel determines it. telling_pixels : int Pixels
-        that determine it.
+        Share of the samples at edges that are phasor sums; None if no pixel determines it.
+    telling_pixels : int
+        Pixels that determine it.
     pixels : dict
         Pixels by the names of `tofmix.flags.Mixing`.
     """

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from tofmix.bounds import Count, Factor, NotNegative, Share, check_bounds
+from tofmix.bounds import Count, FactorThreshold, NotNegative, Share, Threshold, check_bounds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,8 +29,8 @@ class Thresholds:
         Iterations to advise where fits do not converge: four times the default of ``--max-iter``.
     """
 
-    sigma_tolerance: NotNegative = 0.10
-    scatter_factor: Factor = 2.0
+    sigma_tolerance: Threshold = 0.10
+    scatter_factor: FactorThreshold = 2.0
     status_share: Share = 0.05
     full_share: Share = 0.05
     close_share: Share = 0.05
