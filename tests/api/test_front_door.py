@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import h5py
@@ -137,6 +138,20 @@ def test_options_of_learnt_noise_need_learnt_noise(recording: Path) -> None:
         tm.estimate(recording, noise_shape="gaussian", noise="sr3000")
     with pytest.raises(ValueError, match=r"^noise_shape: 'round' is not one of gaussian, auto$"):
         tm.estimate(recording, noise_shape="round")
+
+
+@pytest.mark.slow
+def test_learnt_noise_of_an_earlier_estimate_gives_the_same_layers() -> None:
+    recording = tm.open(Path(__file__).parents[2] / "sample_data" / "tmf8829_edge.h5")
+    assert isinstance(recording, tm.Recording)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DoubtWarning)
+        learnt = tm.estimate(recording)
+        again = tm.estimate(recording.with_sensor(learnt.sensor), noise="file")
+    assert learnt.sensor.learnt is not None
+    assert learnt.sensor.learnt.drift_mm.any()
+    for name in ("n_modes", "range", "weight", "probability"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(learnt, name))
 
 
 @pytest.mark.slow

@@ -198,7 +198,7 @@ class _Chooser:
         if not isinstance(outliers, str):
             sensor = replace(sensor, outlier_probability=outliers)
         if isinstance(noise, NoiseCurve):
-            sensor = replace(sensor, noise=noise)
+            sensor = replace(sensor, noise=noise, learnt=None)
         if gaussian_option(self.options, self.spell) is not None:
             sensor = self._with_measured(sensor)
         elif noise == AUTO:
@@ -259,6 +259,8 @@ class _Chooser:
         """The sensor with its own noise, or with the learnt one if samples may contradict it and do."""
         if sensor.noise is None:
             return sensor
+        if sensor.learnt is not None and self.request.outliers == FILE:
+            return sensor  # of an earlier estimate: drift, memory and thresholds are not in the curve
         if has_parts(sensor.noise):
             return calibrated(
                 self._ranges(sensor), window_frames=self.request.window_frames, min_samples=self.options.min_samples,
