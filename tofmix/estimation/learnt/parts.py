@@ -69,7 +69,8 @@ def with_part(fold: Fold, noise: PixelNoise, part: str) -> PixelNoise | None:
         return None
     learnt = {"drift": _with_drift, "widths": _with_widths, "shape": _with_shape}[part]
     trial = learnt(fold, noise, single)
-    if trial is not None and part != "drift":  # without the part, pixels that need it most pass for two surfaces
+    if trial is not None and part != "drift":
+        # Without the part, pixels that need it most look like two surfaces: they are chosen again with it.
         # Surfaces are not located under a shape that their own errors gave (`_with_shape`).
         start = noise if part == "shape" else trial
         trial = learnt(fold, start, single_surfaces(fold, with_sigma(fold, trial), clusters))

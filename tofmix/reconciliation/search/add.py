@@ -88,7 +88,7 @@ def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]
     likelihood : Likelihood
         The recording and the scene.
     settings : Settings
-        How.
+        Options of the search.
     tick : callable
         Called with each kind that was tried.
     """

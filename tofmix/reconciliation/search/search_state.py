@@ -58,7 +58,7 @@ class SearchState:
     likelihood : Likelihood
         The recording and the scene.
     settings : Settings
-        How.
+        Options of the search.
     tick : callable
         Called with each kind that was tried.
     state : State
