@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tofmix.cli.options import HDF5_PATH, PATH, examples, json_option, overwrite_option, progress_bar
-from tofmix.errors import UsageError
+from tofmix.errors import BadInputError, UsageError
 
 if TYPE_CHECKING:
     from tofmix.io.importers.base import FrameSource
@@ -30,6 +30,7 @@ tofmix import other.h5 -o rec.h5 --dataset entry/data --invalid 65535
 tofmix import depth.tif -o depth.h5 --intrinsics 210,210,88,72
 tofmix import frames/ -o frames.h5 --intrinsics head_camera.yaml --frame-rate 30
 tofmix import samples.mat -o samples.h5 --sensor sr3000 --dataset r --axes row,col,frame
+tofmix import log.csv -o log.h5 --columns y=row,x=col,depth=range --valid-status status=5,9
 tofmix import targets.npy -o targets.h5 --axes frame,row,col,target
 """
 )
@@ -73,6 +74,21 @@ tofmix import targets.npy -o targets.h5 --axes frame,row,col,target
     help="Value of invalid samples, in the source's units; repeatable. 0, NaN and infinities are always invalid.",
 )  # fmt: skip
 @click.option(
+    "--valid-status", metavar="NAME=CODES",
+    help="Column, dataset or array of status codes beside the ranges, and the codes of valid samples: status=5,9."
+    "  [default: codes of the sensor's profile for status]",
+)  # fmt: skip
+@click.option(
+    "--keep-values", is_flag=True,
+    help="Keep zeros and fill values, such as 65535 and netCDF's, as ranges. NaN, infinite and negative ones cannot be"
+    " kept.",
+)  # fmt: skip
+@click.option(
+    "--columns", metavar="THEIRS=OURS,...",
+    help="CSV with a sample a line: meanings of its columns, as in y=row,x=col,depth=range. Ours are frame, time, row,"
+    " col, target, range, amplitude, status.",
+)  # fmt: skip
+@click.option(
     "--axes", metavar="NAMES",
     help="Order of an array's axes: frame,row,col in any order, with target if a pixel returns several."
     "  [default: frame,row,col; .mat by size]",
@@ -80,6 +96,10 @@ tofmix import targets.npy -o targets.h5 --axes frame,row,col,target
 @click.option(
     "--shape", metavar="ROWSxCOLS", help="Image size; needed if the source stores a frame as one line or one axis."
 )
+@click.option(
+    "--time-unit", type=click.Choice(["s", "ms", "us", "ns"]),
+    help="Unit of the times.  [default: the source's, else s]",
+)  # fmt: skip
 @click.option(
     "--frame-rate", type=click.FloatRange(0, min_open=True), help="Frames per second, for a source without times."
 )
@@ -98,8 +118,12 @@ def import_(
     units: str | None,
     scale: float | None,
     invalid: tuple[float, ...],
+    valid_status: str | None,
+    keep_values: bool,
+    columns: str | None,
     axes: str | None,
     shape: str | None,
+    time_unit: str | None,
     frame_rate: float | None,
     as_json: bool,
     overwrite: bool,
@@ -123,12 +147,13 @@ def import_(
         shape_of,
         view_of,
     )
+    from tofmix.cli.import_columns import columns_of, status_of
     from tofmix.io.atomic.storage import locked
     from tofmix.io.importers import open_source
     from tofmix.io.importers.axes import check_axes
     from tofmix.io.importers.base import Request
     from tofmix.io.importers.conversion import Conversion
-    from tofmix.io.importers.units import UNITS_MM
+    from tofmix.io.importers.units import TIME_UNITS_S, UNITS_MM
     from tofmix.io.importers.writing import write_recording
     from tofmix.io.sensor_group import check_background
 
@@ -144,16 +169,22 @@ def import_(
         topic=topic, amplitude=amplitude, camera_info=camera_info, axes=None if axes is None else check_axes(axes),
         shape=shape_of(shape), unit_mm=unit_mm, lens_given=intrinsics is not None or fov is not None,
         image=None if camera.rows is None or camera.cols is None else (camera.rows, camera.cols),
+        columns=columns_of(columns), valid_status=status_of(valid_status), status_codes=camera.valid_status,
+        time_unit_s=None if time_unit is None else TIME_UNITS_S[time_unit], keep_values=keep_values,
     )  # fmt: skip
     inputs = [Path(name) for name in (source, sensor, amplitude, intrinsics) if name is not None]
     inputs += [file for folder in inputs if folder.is_dir() for file in folder.iterdir()]
     with locked(output, overwrite=overwrite, inputs=tuple(inputs)), open_source(source, request) as frames:
         known = frames.sensor if sensor is None and frames.sensor is not None else sensor_of(camera, frames.shape[1:])
         check_background(known, frames.shape[1:], source if sensor is None else Path(sensor))
+        if frames.unit_unknown and unit_mm is None:
+            raise BadInputError(f"{source}: {frames.unit_unknown}; give --scale, mm of one count, or --units")
         geometry = geometry_of(frames, known, lens, depth_axis, source)
         conversion = Conversion(
-            dtype=frames.dtype, unit_mm=unit_mm or frames.unit_mm or 1.0, invalid=(*frames.invalid, *invalid),
+            dtype=frames.dtype, unit_mm=unit_mm or frames.unit_mm or 1.0, offset_mm=frames.offset_mm,
+            invalid=(*frames.invalid, *invalid), valid_span=frames.valid_span, status_valid=frames.status_valid,
             ray_over_depth=geometry.factor, unit_known=unit_mm is not None or frames.unit_mm is not None,
+            keep_values=keep_values,
         )  # fmt: skip
         attributes: dict[str, str | int | float] = {
             "source": source.name, "source_kind": frames.kind, "unit_mm": conversion.unit_mm, "geometry": geometry.text
@@ -164,14 +195,17 @@ def import_(
                 attributes=attributes, progress=bar.update, overwrite=overwrite,
                 inputs=tuple(inputs),
             )  # fmt: skip
-        _say([*frames.notes, *geometry.notes], frames, imported, camera, geometry.sensor, source)
+        notes = [*frames.notes, *geometry.notes]
+        notes += _doubts(frames, imported, camera, geometry.sensor, source, conversion.unit_mm)
+    for note in notes:
+        click.echo(f"tofmix: {note}", err=True)
     _, rows, cols = frames.shape
     unknown = not_known(geometry.sensor, has_optics=geometry.sensor.optics is not None)
     if as_json:
         made = {
             "source": str(source), "output": str(output), "frames": imported.frames, "rows": rows, "cols": cols,
             "targets": frames.targets, "kind": frames.kind, "unit_mm": conversion.unit_mm, "geometry": geometry.text,
-            "not_known": unknown,
+            "not_known": unknown, "dropped": imported.dropped, "notes": notes,
         }  # fmt: skip
         click.echo(json.dumps(made))
         return
@@ -180,14 +214,25 @@ def import_(
         f"{output}: {imported.frames:,} frame{'s' * (imported.frames != 1)} of {rows} x {cols} pixels{targets} from"
         f" {frames.kind}, {conversion.unit_mm:g} mm a unit; {geometry.text}"
     )
+    if imported.dropped:
+        counts = ", ".join(f"{number:,} {reason}" for reason, number in imported.dropped.items())
+        click.echo(f"no samples: {counts}{'' if keep_values else ' (--keep-values keeps fill values)'}")
     if unknown:
         click.echo(f"not known: {', '.join(unknown)}")
 
 
-def _say(
-    notes: list[str], frames: "FrameSource", imported: "Imported", camera: "CameraSheet", sensor: "Sensor", source: Path
-) -> None:
-    """Print the doubts about a source on stderr."""
+def _doubts(
+    frames: "FrameSource",
+    imported: "Imported",
+    camera: "CameraSheet",
+    sensor: "Sensor",
+    source: Path,
+    unit_mm: float,
+) -> list[str]:
+    """Doubts about a source, each a line for the user."""
+    from tofmix.io.recording.range_check import implausible
+
+    notes = []
     _, rows, cols = frames.shape
     if camera.rows is not None and camera.cols is not None and (rows, cols) != (camera.rows, camera.cols):
         view = "field of view is used" if camera.projection is None else "projection is not used"
@@ -195,8 +240,11 @@ def _say(
             f"{source}: {rows} x {cols} pixels, {camera.name} has {camera.rows} x {camera.cols};"
             f" its {view} for this image"
         )
+    doubt = "" if imported.median_mm is None else implausible(imported.median_mm, sensor, unit_mm=unit_mm, path=source)
     if imported.valid == 0:
         notes.append(f"{source}: no valid sample; check --invalid and --units")
+    elif doubt:
+        notes.append(f"{source}: {doubt}")
     elif imported.outside / imported.valid > MOSTLY:
         limits = sensor.range_min_mm or 0.0, math.inf if sensor.range_max_mm is None else sensor.range_max_mm
         notes.append(
@@ -206,5 +254,4 @@ def _say(
     if imported.without_amplitude:
         few = "frame" if imported.without_amplitude == 1 else "frames"
         notes.append(f"{source}: {imported.without_amplitude} {few} without an amplitude image of the same time stamp")
-    for note in notes:
-        click.echo(f"tofmix: {note}", err=True)
+    return notes

@@ -73,7 +73,7 @@ def read_sheet(
     """
     noise = table.table("noise")
     optics = {"projection", *_optics_keys()}
-    table.refuse_unknown({*_WHOLE, *_NUMBERS, *_MAY_BE_LEFT_OUT, "name", "noise", *optics, *more_keys})
+    table.refuse_unknown({*_WHOLE, *_NUMBERS, *_MAY_BE_LEFT_OUT, "name", "noise", "valid_status", *optics, *more_keys})
     noise.refuse_unknown({*_NOISE_LISTS, *_LAW, *_NOISE_PARTS, *_NOISE_NUMBERS})
     settings: dict[str, Any] = {"name": _UNNAMED} if base is None else base.known()
     if "name" in table:
@@ -81,6 +81,8 @@ def read_sheet(
     settings |= {key: table.integer(key) for key in _WHOLE if key in table}
     settings |= {key: table.number(key) for key in (*_NUMBERS, *_MAY_BE_LEFT_OUT) if key in table}
     settings |= {key: noise.number(key) for key in _NOISE_NUMBERS if key in noise}
+    if "valid_status" in table:
+        settings["valid_status"] = _codes(table)
     if any(key in noise for key in (*_NOISE_LISTS, *_LAW, *_NOISE_PARTS)):
         rows, cols = settings.get("rows"), settings.get("cols")
         image = None if rows is None or cols is None else (rows, cols)
@@ -93,6 +95,13 @@ def read_sheet(
     except ValueError as error:
         where = noise if str(error).startswith(("reference", "exponent", "noise curve", "background")) else table
         raise where.error(str(error)) from None
+
+
+def _codes(table: TomlTable) -> tuple[int, ...]:
+    codes = table.numbers("valid_status")
+    if any(code != int(code) for code in codes):
+        raise table.error("expected whole numbers", "valid_status")
+    return tuple(int(code) for code in codes)
 
 
 def read_sensor(

@@ -21,6 +21,8 @@ PROFILES: dict[str, str] = {
     "azure-kinect-wfov-binned": "azure_kinect_wfov_binned.toml",
     "pico-flexx": "pico_flexx.toml",
     "l515": "l515.toml",
+    "vl53l0x": "vl53l0x.toml",
+    "vl53l1x": "vl53l1x.toml",
     "vl53l5cx": "vl53l5cx.toml",
     "vl53l8cx": "vl53l8cx.toml",
     "tmf8828": "tmf8828.toml",

@@ -32,6 +32,8 @@ class CameraSheet:
         Whether the figures were checked against the maker's data or a measurement.
     sources : tuple of str
         Where the figures come from.
+    valid_status : tuple of int
+        Status codes with which the camera marks valid samples; empty where its samples have no such code.
 
     The other fields are those of `SensorProfile`.
 
@@ -58,6 +60,7 @@ class CameraSheet:
     outlier_probability: float | None = None
     confirmed: bool = False
     sources: tuple[str, ...] = ()
+    valid_status: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         for key in ("rows", "cols"):
@@ -98,6 +101,7 @@ class CameraSheet:
         if lacking := self.missing():
             raise ValueError(f"{self.name}: not known: {', '.join(lacking)}")
         settings = self.known()
+        del settings["valid_status"]  # of files, not of a simulated camera
         # Without a profile nobody has said what the camera integrates by default; the curve's own time is the guess.
         settings.setdefault("default_integration_time_ms", settings["reference_integration_time_ms"])
         profile = SensorProfile(**settings)

@@ -4,9 +4,10 @@ Values are converted afterwards, in one place: `tofmix.io.importers.conversion`.
 """
 
 import logging
-from collections.abc import Iterator
+import math
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -46,6 +47,16 @@ class Request:
         Given unit of the depths, mm; it overrides that of the source.
     lens_given : bool
         Whether the directions of the pixels were given; they override those of the source.
+    columns : mapping of str to str
+        Columns of a table by their names there, lower case, and their meanings here, such as ``{"y": "row"}``.
+    valid_status : (str, tuple of int), optional
+        Name of a column, dataset or array of codes, and the codes of valid samples.
+    status_codes : tuple of int
+        Codes of valid samples by the camera's data sheet; empty where it names none.
+    time_unit_s : float, optional
+        Given unit of the times, s; it overrides that of the source.
+    keep_values : bool
+        Whether zeros of real numbers and fill values are kept as ranges.
     """
 
     topic: str | None = None
@@ -56,18 +67,24 @@ class Request:
     image: tuple[int, int] | None = None
     unit_mm: float | None = None
     lens_given: bool = False
+    columns: Mapping[str, str] = field(default_factory=dict)
+    valid_status: tuple[str, tuple[int, ...]] | None = None
+    status_codes: tuple[int, ...] = ()
+    time_unit_s: float | None = None
+    keep_values: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Frame:
     """One frame: depths in the source's own numbers, amplitude, time in s from any origin.
 
-    Depths and amplitudes are (row, col), or (target, row, col) where a pixel returns several targets.
+    Depths, amplitudes and status codes are (row, col), or (target, row, col) where a pixel returns several targets.
     """
 
     depth: NDArray[Any]
     amplitude: NDArray[Any] | None = None
     time_s: float | None = None
+    status: NDArray[Any] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -88,8 +105,16 @@ class FrameSource:
         Length of the frames' axis of targets; 0 where they have none.
     unit_mm : float, optional
         mm of one unit, where the source says.
+    unit_unknown : str
+        Reason why the unit must be given, as in "mono16 without a unit"; empty where it is known or may be guessed.
+    offset_mm : float
+        Added to a depth after its unit, mm.
     invalid : tuple of float
         Values that the source says are no samples.
+    valid_span : (float, float)
+        Least and largest valid value that the source states, in its own numbers.
+    status_valid : tuple of int
+        Codes of valid samples, where frames carry `status`.
     depth_axis : {"z", "ray"}
         What its depths are along, where its kind says.
     has_amplitude, has_time : bool
@@ -100,7 +125,8 @@ class FrameSource:
         Whether the source marks the lens distortion as removed.
     sensor : Sensor, optional
         Data of the camera in the source.
-    notes : tuple of str Notes for the user.
+    notes : tuple of str
+        Notes for the user.
     """
 
     kind: str
@@ -109,7 +135,11 @@ class FrameSource:
     frames: Iterator[Frame]
     targets: int = 0
     unit_mm: float | None = None
+    unit_unknown: str = ""
+    offset_mm: float = 0.0
     invalid: tuple[float, ...] = ()
+    valid_span: tuple[float, float] = (-math.inf, math.inf)
+    status_valid: tuple[int, ...] = ()
     depth_axis: DepthAxis = "ray"
     has_amplitude: bool = False
     has_time: bool = False
@@ -196,6 +226,12 @@ def check_numbers(dtype: np.dtype[Any], what: object) -> None:
     """Refuse a type that is no whole or real number."""
     if dtype.kind not in "iuf":
         raise BadInputError(f"{what}: expected whole or real numbers, got {dtype}")
+
+
+def unused(what: object, kind: str, names: Iterable[str], remedy: str = "") -> str:
+    """Note that names the parts of a source that are not used, such as its columns, and perhaps a remedy."""
+    listed = list(names)
+    return f"{what}: not used: {kind}{'s' * (len(listed) > 1)} {', '.join(listed)}{f' ({remedy})' if remedy else ''}"
 
 
 def _size(shape: tuple[int, ...]) -> str:

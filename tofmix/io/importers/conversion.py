@@ -1,22 +1,31 @@
 """From the numbers of a source to those of a recording: radial ranges in mm, and invalid samples."""
 
+import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.arrays import BoolArray, FloatArray
+from tofmix.arrays import FloatArray
+from tofmix.io.samples import no_sample
 
 _WHOLE_MM = ("u1", "u2")
 """Types whose whole mm a recording holds as they are."""
+
+
+class Converted(NamedTuple):
+    """Ranges in mm of the shape of the depths, and the number of values that were dropped, by reason."""
+
+    range_mm: NDArray[np.uint16] | NDArray[np.float32]
+    dropped: dict[str, int]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Conversion:
     """How the depths of a source become ranges.
 
-    0, NaN and infinities are never samples, nor are the values in `invalid`.
+    `tofmix.io.samples.no_sample` says which values are no samples.
 
     Parameters
     ----------
@@ -24,19 +33,31 @@ class Conversion:
         Type of the depths.
     unit_mm : float
         mm of one unit, above 0.
+    offset_mm : float
+        Added after the unit, mm.
     invalid : tuple of float
-        Further invalid values, in the source's units.
+        Further invalid values, in the source's numbers.
+    valid_span : (float, float)
+        Least and largest valid value, in the source's numbers.
+    status_valid : tuple of int
+        Status codes of valid samples.
     ray_over_depth : (row, col) float64, optional
         Range over depth, where depths are along z.
     unit_known : bool
         Whether the unit was given; if not, real numbers are checked.
+    keep_values : bool
+        Whether zeros and fill values are ranges.
     """
 
     dtype: np.dtype[Any]
     unit_mm: float = 1.0
+    offset_mm: float = 0.0
     invalid: tuple[float, ...] = ()
+    valid_span: tuple[float, float] = (-math.inf, math.inf)
+    status_valid: tuple[int, ...] = ()
     ray_over_depth: FloatArray | None = None
     unit_known: bool = True
+    keep_values: bool = False
 
     @property
     def is_doubtful(self) -> bool:
@@ -46,26 +67,38 @@ class Conversion:
     @property
     def stored_dtype(self) -> str:
         """``u2`` where ranges are whole mm in 16 bits as they come, with 0 for no sample; else ``f4`` with NaN."""
-        whole = self.dtype.newbyteorder("=").str[1:] in _WHOLE_MM
-        return "u2" if whole and self.unit_mm == 1.0 and self.ray_over_depth is None else "f4"
+        whole = self.dtype.newbyteorder("=").str[1:] in _WHOLE_MM and not self.keep_values
+        as_they_are = self.unit_mm == 1.0 and not self.offset_mm and self.ray_over_depth is None
+        return "u2" if whole and as_they_are else "f4"
 
-    def __call__(self, depth: NDArray[Any]) -> NDArray[np.uint16] | NDArray[np.float32]:
-        """Ranges in mm of `stored_dtype`, of the shape of `depth`; in `f4` rounded once, from float64."""
-        bad = self._bad(depth)
+    def __call__(self, depth: NDArray[Any], status: NDArray[Any] | None = None) -> Converted:
+        """Convert a frame.
+
+        Parameters
+        ----------
+        depth : (row, col) or (target, row, col) array
+            Numbers of the source.
+        status : array, optional
+            Status codes, of the same shape.
+
+        Returns
+        -------
+        Converted
+            Ranges of `stored_dtype`; in `f4` rounded once, from float64.
+        """
+        bad, dropped = no_sample(
+            depth, unit_mm=self.unit_mm, offset_mm=self.offset_mm, invalid=self.invalid, valid_span=self.valid_span,
+            keep_values=self.keep_values,
+        )  # fmt: skip
+        if status is not None:
+            unfit = ~bad & ~np.isin(status, self.status_valid)
+            if count := int(np.count_nonzero(unfit)):
+                dropped["status"] = count
+                bad |= unfit
         if self.stored_dtype == "u2":
-            return np.where(bad, 0, depth).astype(np.uint16)
-        scale = self.unit_mm if self.ray_over_depth is None else self.unit_mm * self.ray_over_depth
+            return Converted(np.where(bad, 0, depth).astype(np.uint16), dropped)
         with np.errstate(over="ignore", invalid="ignore"):
-            range_mm = (depth.astype(np.float64) * scale).astype(np.float32)
-        range_mm[bad | ~np.isfinite(range_mm)] = np.nan
-        return range_mm
-
-    def _bad(self, depth: NDArray[Any]) -> BoolArray:
-        bad = depth == 0
-        if depth.dtype.kind == "f":
-            bad |= ~np.isfinite(depth)
-        for value in self.invalid:
-            # In the source's own precision: 0.1 as a float32 is not 0.1.
-            with np.errstate(over="ignore"):
-                bad |= depth == (np.asarray(value).astype(depth.dtype) if depth.dtype.kind == "f" else value)
-        return np.asarray(bad, dtype=np.bool_)
+            along: Any = 1.0 if self.ray_over_depth is None else self.ray_over_depth
+            rounded = (depth.astype(np.float64) * (self.unit_mm * along) + self.offset_mm * along).astype(np.float32)
+        rounded[bad | ~np.isfinite(rounded)] = np.nan
+        return Converted(rounded, dropped)

@@ -1,7 +1,7 @@
 """From an open source to a recording, block by block: memory does not grow with the frames."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -21,6 +21,8 @@ from tofmix.wording import counted
 BLOCK_BYTES = 64_000_000
 """Most bytes of ranges that are held at once, where a frame is not larger."""
 
+_MEDIAN_SAMPLES = 1 << 14  # of a block, at most
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imported:
@@ -34,6 +36,10 @@ class Imported:
         Valid samples outside the sensor's working range.
     without_amplitude : int
         Frames without an amplitude where the source has some; they hold NaN.
+    dropped : dict
+        Values that were dropped, by reason.
+    median_mm : float or None
+        Median of some of the valid samples, mm; None without any.
     """
 
     frames: int
@@ -41,6 +47,8 @@ class Imported:
     valid: int
     outside: int
     without_amplitude: int
+    dropped: dict[str, int]
+    median_mm: float | None
 
 
 def write_recording(
@@ -106,11 +114,13 @@ def write_recording(
         for block in _blocks(source.frames, block_frames):
             if start + len(block) > frames:
                 raise BadInputError(f"{what}: {counted(frames, 'frame')} declared, more found; write the source again")
-            ranges: Any = np.stack([conversion(frame.depth) for frame in block])
+            converted = [conversion(frame.depth, frame.status) for frame in block]
+            ranges: Any = np.stack([one.range_mm for one in converted])
             if doubtful and np.isfinite(ranges).any():
                 refuse_metres(ranges, sensor, what)
                 doubtful = False
             tally.add(ranges, block if source.has_amplitude else [])
+            tally.drop(one.dropped for one in converted)
             writer.write(
                 start, ranges, time_s=_time(block, start, frame_rate_hz, has_time=source.has_time),
                 amplitude=_amplitude(block) if source.has_amplitude else None,
@@ -147,20 +157,32 @@ class _Tally:
     def __init__(self, sensor: Sensor) -> None:
         self._limits = sensor.range_min_mm or 0.0, sensor.range_max_mm or math.inf
         self._samples = self._valid = self._outside = self._without = 0
+        self._dropped: dict[str, int] = {}
+        self._some: list[np.ndarray[Any, Any]] = []
 
     def add(self, ranges: "np.ndarray[Any, Any]", with_amplitude: list[Frame]) -> None:
         valid = np.isfinite(ranges) if ranges.dtype.kind == "f" else ranges != 0
         outside = valid & ((ranges < self._limits[0]) | (ranges > self._limits[1]))
+        seen = ranges[valid]
+        self._some.append(seen[:: 1 + seen.size // _MEDIAN_SAMPLES].astype(np.float32))
         self._samples += ranges.size
         self._valid += int(valid.sum())
         self._outside += int(outside.sum())
         self._without += sum(frame.amplitude is None for frame in with_amplitude)
 
+    def drop(self, counts: Iterable[dict[str, int]]) -> None:
+        for count in counts:
+            for reason, number in count.items():
+                self._dropped[reason] = self._dropped.get(reason, 0) + number
+
     def result(self, frames: int) -> Imported:
+        some = np.concatenate(self._some) if self._some else np.zeros(0, dtype=np.float32)
         return Imported(
             frames=frames,
             samples=self._samples,
             valid=self._valid,
             outside=self._outside,
             without_amplitude=self._without,
+            dropped=self._dropped,
+            median_mm=float(np.median(some)) if some.size else None,
         )

@@ -1,10 +1,11 @@
-"""Checks on the ranges of a recording: that they are in mm, and that zeros are ranges.
+"""Checks on the ranges of a recording: that they are in mm, plausible, and that zeros are ranges.
 
 A float dataset does not show this. Without the attribute `units`, values of a few units are metres more likely than mm;
 without `_FillValue`, exact zeros are ranges by the contract, and lost samples more likely. Both are checked in a few
 blocks, so that a long recording is not read twice; a file always has the same blocks.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -66,16 +67,14 @@ class RangeCheck:
     median: float | None
 
 
-def look(recording: FloatRecording) -> RangeCheck | None:
-    """Look at some samples; None where neither unit nor zeros are in doubt.
+def look(recording: FloatRecording) -> RangeCheck:
+    """Look at some samples.
 
     Raises
     ------
     BadInputError
         If a block cannot be read.
     """
-    if "float" not in recording.stored_type or (recording.units is not None and recording.fill is not None):
-        return None
     values = np.concatenate([recording.read_range(*block).ravel() for block in _blocks(recording)])
     some = values[np.isfinite(values) & (values != 0)]
     return RangeCheck(
@@ -119,9 +118,64 @@ def is_too_small(median_mm: float, sensor: Sensor, *, least_mm: float = 50.0, le
     return median_mm < max(least_mm, least_share * (sensor.range_min_mm or 0.0))
 
 
-def unit_doubt(recording: FloatRecording, found: RangeCheck | None) -> str | None:
+FARTHEST_MM = 100_000.0
+"""No camera measures a median range above 100 m."""
+
+NEAREST_MM = 20.0
+"""No camera measures a median range below 20 mm."""
+
+_UNITS_MM = (("--units", "mm", 1.0), ("--units", "m", 1000.0), ("--units", "cm", 10.0), ("--scale", "0.001", 0.001))
+"""Options of `tofmix import` that may set the unit right, and mm of one unit."""
+
+
+def implausible(median_mm: float, sensor: Sensor, *, unit_mm: float, path: Path | None, far_share: float = 2.0) -> str:
+    """Doubt about a median range that no camera measures, or not this one.
+
+    Parameters
+    ----------
+    median_mm : float
+        Median of the valid samples, mm.
+    sensor : Sensor
+        The camera.
+    unit_mm : float
+        mm of one unit of the source, by which the median was made.
+    path : Path, optional
+        The source, for the remedy.
+    far_share : float
+        A median above this many times the camera's range is doubtful.
+
+    Returns
+    -------
+    str
+        Reason and remedy; empty where the median is plausible.
+    """
+    least, most = sensor.range_min_mm or 0.0, sensor.range_max_mm or math.inf
+    if median_mm > min(FARTHEST_MM, far_share * most):
+        limit = "no camera" if median_mm > FARTHEST_MM else f"{sensor.name}, whose range ends at {most:g} mm,"
+        said = f"half of the ranges are above {median_mm / 1000:.4g} m; {limit} sees so far"
+    elif median_mm < max(NEAREST_MM, least):
+        limit = "no camera" if median_mm < NEAREST_MM else f"{sensor.name}, whose range begins at {least:g} mm,"
+        said = f"half of the ranges are below {median_mm:.4g} mm; {limit} sees so near"
+    else:
+        return ""
+    value = median_mm / unit_mm
+    fits = [
+        (option, text) for option, text, mm in _UNITS_MM
+        if mm != unit_mm and max(NEAREST_MM, least) <= value * mm <= min(FARTHEST_MM, most)
+    ]  # fmt: skip
+    if not fits:
+        return f"{said}; check the unit, and the camera"
+    option, text = fits[0]
+    remedy = f"units={text!r}" if path is None else import_command(path, option, text)
+    return f"{said}; if the numbers are in {_NAMES[text]}: {remedy}"
+
+
+_NAMES = {"mm": "mm", "m": "m", "cm": "cm", "0.001": "micrometres"}
+
+
+def unit_doubt(recording: FloatRecording, found: RangeCheck) -> str | None:
     """Reason to doubt that ranges are in mm, with the remedies; None without a doubt."""
-    if found is None or found.median is None or recording.units is not None:
+    if found.median is None or recording.units is not None or "float" not in recording.stored_type:
         return None
     if not is_too_small(found.median, recording.sensor):
         return None
@@ -133,9 +187,9 @@ def unit_doubt(recording: FloatRecording, found: RangeCheck | None) -> str | Non
     )
 
 
-def zeros_doubt(recording: FloatRecording, found: RangeCheck | None, *, most_share: float = 0.01) -> str | None:
+def zeros_doubt(recording: FloatRecording, found: RangeCheck, *, most_share: float = 0.01) -> str | None:
     """Number of samples that are exactly 0 and count as ranges, with the remedy; None up to a share of them."""
-    if found is None or recording.fill is not None or found.zeros <= most_share * found.samples:
+    if recording.fill is not None or found.zeros <= most_share * found.samples:
         return None
     return (
         f"{found.zeros:,} of {found.samples:,} checked samples are exactly 0 and count as ranges of 0 mm; if 0"
@@ -161,5 +215,11 @@ def check_range(recording: FloatRecording) -> tuple[str, ...]:
     doubt = unit_doubt(recording, found)
     if doubt is not None:
         raise BadInputError(f"{recording.path}: range: {doubt}")
-    zeros = zeros_doubt(recording, found)
-    return () if zeros is None else (f"{recording.path}: range: {zeros}",)
+    doubts = (zeros_doubt(recording, found), _distance_doubt(recording, found))
+    return tuple(f"{recording.path}: range: {text}" for text in doubts if text)
+
+
+def _distance_doubt(recording: FloatRecording, found: RangeCheck) -> str:
+    if found.median is None:
+        return ""
+    return implausible(found.median, recording.sensor, unit_mm=1.0, path=recording.path)

@@ -1,0 +1,36 @@
+"""Status codes beside the ranges: which of them mark a valid sample."""
+
+import re
+
+from tofmix.io.importers.base import Request
+
+_NAMES = frozenset({"status", "confidence", "quality", "valid", "validity", "flag", "flags", "error", "errors"})
+
+
+def is_status_name(name: str) -> bool:
+    """Whether a column, dataset or array holds codes or grades of samples, by a word of its name."""
+    words = re.split(r"[^a-z0-9]+", name.lower())
+    return any(word.rstrip("0123456789") in _NAMES for word in words)
+
+
+def codes_of(name: str, request: Request) -> tuple[int, ...] | None:
+    """Codes of valid samples in a column, dataset or array.
+
+    Parameters
+    ----------
+    name : str
+        Its name, or the path that ends in it.
+    request : Request
+        Its `valid_status` is used first, then the camera's codes for whatever is called ``status``.
+
+    Returns
+    -------
+    tuple of int or None
+        None where nothing tells the codes.
+    """
+    last = name.rpartition("/")[2].lower()
+    if request.valid_status is not None:
+        wanted, codes = request.valid_status
+        return codes if wanted.strip("/").lower() in (name.strip("/").lower(), last) else None
+    of_camera = "status" in re.split(r"[^a-z0-9]+", last)
+    return request.status_codes if of_camera and request.status_codes else None

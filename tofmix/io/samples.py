@@ -1,0 +1,120 @@
+"""What is no sample: values that stand for a lost sample, in sources of all kinds and in arrays.
+
+One rule for `tofmix import` and `tofmix.from_array`. Recordings are read by the contract of their file instead.
+"""
+
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.arrays import BoolArray
+
+MOST_MM = 1.0e9
+"""A range above this many mm, 1,000 km, is a fill value; netCDF's is 9.97e36."""
+
+FILLS_16_BIT = (32768.0, 65535.0)
+"""Fill values of 16-bit counts; as mm they also occur in wider types, to which such counts were converted."""
+
+_EQUAL_MM = 0.01
+"""65.535 as a float32, and in mm, is within this of 65535 mm."""
+
+_BITS_16 = 2  # bytes
+
+
+class NoSample(NamedTuple):
+    """Samples that are none: `bad` of the shape of the values, and their number by reason, in order, without zeros."""
+
+    bad: BoolArray
+    dropped: dict[str, int]
+
+
+def no_sample(
+    values: NDArray[Any],
+    *,
+    unit_mm: float,
+    offset_mm: float = 0.0,
+    invalid: tuple[float, ...] = (),
+    valid_span: tuple[float, float] = (-math.inf, math.inf),
+    keep_values: bool = False,
+) -> NoSample:
+    """Find the values that are no samples: zeros, NaN, and what the reasons name.
+
+    Parameters
+    ----------
+    values : array of int or float
+        Numbers of the source.
+    unit_mm, offset_mm : float
+        A range in mm is `unit_mm` times a value, plus `offset_mm`.
+    invalid : tuple of float
+        Values that are no samples, in the source's numbers.
+    valid_span : (float, float)
+        Least and largest valid value, in the source's numbers.
+    keep_values : bool
+        Whether zeros and fill values are ranges. What no recording can hold is dropped all the same: NaN, infinities,
+        negative ranges.
+
+    Returns
+    -------
+    NoSample
+        A value counts for the first reason that applies.
+    """
+    is_float = values.dtype.kind == "f"
+    bad = ~np.isfinite(values) if is_float else np.zeros(values.shape, dtype=np.bool_)
+    dropped: dict[str, int] = {}
+    if is_float and (infinite := int(np.count_nonzero(bad & ~np.isnan(values)))):
+        dropped["infinite"] = infinite
+    if not keep_values:
+        bad |= (values == 0) if not offset_mm else values * float(unit_mm) == -offset_mm
+    reasons = _reasons(values, unit_mm, offset_mm, invalid, valid_span, keep_values=keep_values)
+    for reason, mask in reasons:
+        mask &= ~bad  # noqa: PLW2901  an array of this loop alone
+        if count := int(np.count_nonzero(mask)):
+            dropped[reason] = dropped.get(reason, 0) + count
+            bad |= mask
+    return NoSample(bad, dropped)
+
+
+def _reasons(
+    values: NDArray[Any],
+    unit_mm: float,
+    offset_mm: float,
+    invalid: tuple[float, ...],
+    valid_span: tuple[float, float],
+    *,
+    keep_values: bool,
+) -> Iterator[tuple[str, BoolArray]]:
+    is_float = values.dtype.kind == "f"
+    for value in invalid:
+        # In the source's own precision: 0.1 as a float32 is not 0.1.
+        with np.errstate(over="ignore"):
+            yield f"value {value:g}", values == (np.asarray(value).astype(values.dtype) if is_float else value)
+    if valid_span != (-math.inf, math.inf):
+        with np.errstate(invalid="ignore"):
+            yield (
+                "outside of the valid range that the source states",
+                (values < valid_span[0]) | (values > valid_span[1]),
+            )
+    if not keep_values:
+        yield from _fills(values, unit_mm, offset_mm)
+    if values.dtype.kind != "u" or offset_mm:
+        with np.errstate(invalid="ignore", over="ignore"):
+            yield "negative", values * float(unit_mm) < -offset_mm
+
+
+def _fills(values: NDArray[Any], unit_mm: float, offset_mm: float) -> Iterator[tuple[str, BoolArray]]:
+    if values.dtype.kind in "iu":
+        ends = np.iinfo(values.dtype)
+        fills = [float(ends.max), *([float(ends.min)] if ends.min else [])]
+        if values.dtype.itemsize == _BITS_16 and values.dtype.kind == "u":
+            fills.append(FILLS_16_BIT[0])
+        for value in fills:
+            yield f"fill value {value:.12g}", values == np.array(int(value), dtype=values.dtype)
+    if values.dtype.itemsize > _BITS_16:
+        with np.errstate(invalid="ignore", over="ignore"):
+            range_mm = values * float(unit_mm) + offset_mm
+            for value in FILLS_16_BIT:
+                yield f"fill value {value:g} mm", np.abs(range_mm - value) < _EQUAL_MM
+            yield f"above {MOST_MM:g} mm", range_mm > MOST_MM
