@@ -96,11 +96,55 @@ def test_from_array_in_metres_equals_the_same_array_in_millimetres(recording: Pa
         tm.from_array(ranges, units="inch")
 
 
-def test_from_array_takes_zeros_of_integers_and_given_values_for_no_samples() -> None:
-    ranges = np.full((10, 1, 2), 1200, dtype=np.uint16)
-    ranges[:3, 0, 0], ranges[:4, 0, 1] = 0, 65535
-    found = tm.from_array(ranges, units="mm", invalid=(65535,)).range_mm
+@pytest.mark.parametrize("dtype", ["u2", "f4", "f8"])
+def test_from_array_takes_zeros_and_given_values_for_no_samples(dtype: str) -> None:
+    ranges = np.full((10, 1, 2), 1200, dtype=dtype)
+    ranges[:3, 0, 0], ranges[:4, 0, 1] = 0, 9999
+    found = tm.from_array(ranges, units="mm", invalid=(9999,)).range_mm
     assert np.isnan(found).sum(axis=0).tolist() == [[3, 4]]
+
+
+@pytest.mark.parametrize(
+    ("dtype", "units", "bad", "reason"),
+    [
+        ("u2", "mm", 65535, "fill value 65535"),
+        ("i2", "mm", -32768, "fill value -32768"),
+        ("i4", "mm", -7, "negative"),
+        ("f4", "m", 65.535, "fill value 65535 mm"),
+        ("f4", "mm", 9.96921e36, "above 1e.09 mm"),
+    ],
+)
+def test_from_array_drops_fill_values_and_says_how_many(dtype: str, units: str, bad: float, reason: str) -> None:
+    ranges = np.full((10, 1, 2), 1.5 if units == "m" else 1500).astype(dtype)
+    ranges[:3, 0, 1] = bad
+    with pytest.warns(DoubtWarning, match=f"from_array: no samples: 3 {reason}; keep_values=True"):
+        found = tm.from_array(ranges, units=units).range_mm
+    assert np.isnan(found).sum(axis=0).tolist() == [[0, 3]]
+
+
+def test_from_array_keeps_fill_values_and_zeros_if_asked() -> None:
+    ranges = np.array([[[0, 65535]]] * 5, dtype="u2")
+    np.testing.assert_array_equal(tm.from_array(ranges, units="mm", keep_values=True).range_mm, ranges)
+
+
+def test_from_array_takes_masked_values_for_no_samples() -> None:
+    ranges = np.ma.masked_greater(np.full((5, 1, 2), 1500.0) + [[[0.0, 500.0]]], 1600.0)
+    assert np.isnan(tm.from_array(ranges, units="mm").range_mm).sum(axis=0).tolist() == [[0, 5]]
+
+
+def test_from_array_drops_samples_whose_status_is_not_valid() -> None:
+    ranges, status = np.full((4, 1, 2), 800), np.array([[[5, 9]], [[255, 9]], [[5, 10]], [[0, 5]]])
+    by_camera = tm.from_array(ranges, units="mm", status=status, sensor="vl53l5cx").range_mm
+    given = tm.from_array(ranges, units="mm", status=status, valid_status=(5, 9)).range_mm
+    np.testing.assert_array_equal(np.isnan(by_camera), ~np.isin(status, (5, 9)))
+    np.testing.assert_array_equal(by_camera, given)
+    with pytest.raises(ValueError, match=r"no codes of valid samples are known; give valid_status"):
+        tm.from_array(ranges, units="mm", status=status)
+
+
+def test_from_array_says_that_no_camera_measures_so_far() -> None:
+    with pytest.warns(DoubtWarning, match=r"half of the ranges are above 1500 m; .*: units='mm'"):
+        tm.from_array(np.full((5, 1, 1), 1500.0), units="m")
 
 
 def test_from_array_with_a_built_in_camera_has_the_noise_of_the_given_integration_time() -> None:

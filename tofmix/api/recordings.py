@@ -254,6 +254,9 @@ def from_array(
     integration_time_ms: float | None = None,
     noise: NoiseCurve | None = None,
     invalid: tuple[float, ...] = (),
+    status: ArrayLike | None = None,
+    valid_status: tuple[int, ...] | None = None,
+    keep_values: bool = False,
     amplitude: ArrayLike | None = None,
     time_s: ArrayLike | None = None,
 ) -> Recording:
@@ -262,7 +265,8 @@ def from_array(
     Parameters
     ----------
     ranges : (frame, row, col) array_like
-        Distances along each pixel's beam. NaN and infinities are invalid; 0 is invalid in an array of integers.
+        Distances along each pixel's beam. What `tofmix.io.samples.no_sample` names is invalid: NaN, infinities, 0,
+        negative numbers and fill values, such as the ends of an integer type; and masked values.
     units : {"mm", "cm", "m"}
         Unit of `ranges`.
     sensor : Sensor or str, optional
@@ -273,7 +277,13 @@ def from_array(
     noise : NoiseCurve, optional
         sigma(r), mm. Without it, that of the sensor; without one there, `tofmix.estimate` measures it.
     invalid : tuple of float
-        Further invalid values of `ranges`, for example ``(65535,)``.
+        Further invalid values of `ranges`, for example ``(9999,)``.
+    status : (frame, row, col) array_like of int, optional
+        Status code of each sample.
+    valid_status : tuple of int, optional
+        Codes of valid samples; without it, those of a built-in camera.
+    keep_values : bool
+        Whether zeros and fill values are ranges. NaN, infinite and negative ones are invalid all the same.
     amplitude : (frame, row, col) array_like, optional
         Amplitude of each sample.
     time_s : (frame,) array_like, optional
@@ -287,18 +297,31 @@ def from_array(
     Raises
     ------
     ValueError
-        If the unit is not known, or a shape does not fit.
+        If the unit is not known, a shape does not fit, or no codes of valid samples are known.
     BadInputError
         If there is no built-in camera of that name.
+
+    Warns
+    -----
+    DoubtWarning
+        If values were dropped that are none of `invalid`, or no camera measures the median range.
     """
     if units not in UNITS_MM:
         raise ValueError(f"units: {units!r} is not one of {', '.join(UNITS_MM)}")
-    raw = np.asarray(ranges)
+    from tofmix.io.samples import no_sample
+
+    masked = np.ma.asarray(ranges)
+    raw = np.asarray(masked.data)
     if raw.dtype.kind not in "iuf":
         raise ValueError(f"ranges: expected integers or floats, got {raw.dtype}")
     range_mm = raw.astype(np.float64) * UNITS_MM[units]
-    range_mm[_no_sample(raw, invalid)] = np.nan
+    bad, dropped = no_sample(raw, unit_mm=UNITS_MM[units], invalid=invalid, keep_values=keep_values)
+    bad |= np.ma.getmaskarray(masked)
+    if status is not None:
+        bad |= ~np.isin(_status(status, raw.shape), _valid_codes(valid_status, sensor))
+    range_mm[bad] = np.nan
     camera = _camera(sensor, integration_time_ms)
+    _say_doubts(range_mm, camera, dropped, UNITS_MM[units], invalid)
     if noise is not None:
         camera = replace(camera, noise=noise)
     samples = ArrayRecording(range_mm, camera, amplitude)
@@ -308,11 +331,40 @@ def from_array(
     return Recording(samples, camera, shape=samples.shape, time_s=time)
 
 
-def _no_sample(raw: NDArray[Any], invalid: tuple[float, ...]) -> NDArray[np.bool_]:
-    bad = ~np.isfinite(raw) if raw.dtype.kind == "f" else raw == 0
-    for value in invalid:
-        bad |= raw == value
-    return np.asarray(bad, dtype=np.bool_)
+def _status(status: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
+    codes = np.asarray(status)
+    if codes.shape != shape:
+        raise ValueError(f"status: expected the shape of ranges, {shape}, got {codes.shape}")
+    return codes
+
+
+def _valid_codes(given: tuple[int, ...] | None, sensor: Sensor | str | None) -> tuple[int, ...]:
+    """Codes of valid samples: the given ones, or those of a built-in camera."""
+    from tofmix.sensors import load_sheet
+
+    of_camera = load_sheet(sensor).valid_status if given is None and isinstance(sensor, str) else given
+    if not of_camera:
+        raise ValueError("status: no codes of valid samples are known; give valid_status=(5, 9), or the sensor's own")
+    return of_camera
+
+
+def _say_doubts(
+    range_mm: FloatArray, camera: Sensor, dropped: dict[str, int], unit_mm: float, invalid: tuple[float, ...]
+) -> None:
+    """Warn of values that were dropped without being named, and of a median that no camera measures."""
+    from tofmix.io.recording.range_check import implausible
+
+    named = {"infinite", *(f"value {value:g}" for value in invalid)}
+    counts = [f"{number:,} {reason}" for reason, number in dropped.items() if reason not in named]
+    if counts:
+        text = f"from_array: no samples: {', '.join(counts)}; keep_values=True keeps fill values"
+        warnings.warn(text, DoubtWarning, stacklevel=3)
+    seen = range_mm[np.isfinite(range_mm)]
+    if not seen.size:
+        return
+    doubt = implausible(float(np.median(seen)), camera, unit_mm=unit_mm, path=None)
+    if doubt:
+        warnings.warn(f"from_array: {doubt}", DoubtWarning, stacklevel=3)
 
 
 def _camera(sensor: Sensor | str | None, integration_time_ms: float | None) -> Sensor:

@@ -169,7 +169,7 @@ def import_(
         topic=topic, amplitude=amplitude, camera_info=camera_info, axes=None if axes is None else check_axes(axes),
         shape=shape_of(shape), unit_mm=unit_mm, lens_given=intrinsics is not None or fov is not None,
         image=None if camera.rows is None or camera.cols is None else (camera.rows, camera.cols),
-        columns=columns_of(columns), valid_status=status_of(valid_status), status_codes=camera.valid_status,
+        columns=columns_of(columns), valid_status=status_of(valid_status), status_codes=camera.valid_status or (),
         time_unit_s=None if time_unit is None else TIME_UNITS_S[time_unit], keep_values=keep_values,
     )  # fmt: skip
     inputs = [Path(name) for name in (source, sensor, amplitude, intrinsics) if name is not None]

@@ -104,7 +104,7 @@ def _of_hdf5(path: Path) -> "Description":
     from tofmix.io.file_kind import format_of
     from tofmix.io.layers import layers_file
     from tofmix.io.layers.layers_file import open_layers
-    from tofmix.io.recording.range_check import look, unit_doubt, zeros_doubt
+    from tofmix.io.recording.range_check import distance_doubt, look, unit_doubt, zeros_doubt
     from tofmix.io.recording.recording_file import open_recording
     from tofmix.io.surfaces.fields import FORMAT as SURFACES_FORMAT
     from tofmix.io.surfaces.surfaces_file import open_surfaces
@@ -121,5 +121,8 @@ def _of_hdf5(path: Path) -> "Description":
             return describe_surfaces(surfaces, name=str(path), file_bytes=size)
     with open_recording(path, check_units=False) as recording:
         found = look(recording)
-        doubts = {"range_units": unit_doubt(recording, found), "range_zeros": zeros_doubt(recording, found)}
+        doubts = {
+            "range_units": unit_doubt(recording, found), "range_zeros": zeros_doubt(recording, found),
+            "range_distance": distance_doubt(recording, found),
+        }  # fmt: skip
         return describe_recording(recording, name=str(path), file_bytes=size, doubts=doubts)

@@ -75,7 +75,7 @@ def _as_dict(name: str, sheet: "CameraSheet") -> dict[str, Any]:
         "noise_range_mm": None if noise is None else noise.range_mm.tolist(),
         "noise_sigma_mm": None if noise is None else noise.sigma_mm.tolist(),
         "reference_integration_time_ms": sheet.reference_integration_time_ms, "exponent": sheet.exponent,
-        "valid_status": list(sheet.valid_status), "confirmed": sheet.confirmed, "sources": list(sheet.sources),
+        "valid_status": sheet.valid_status, "confirmed": sheet.confirmed, "sources": list(sheet.sources),
     }  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from tofmix.sensors.profile import SensorProfile, recorded_sensor
 NOISE_KEYS = ("noise", "reference_integration_time_ms", "exponent")
 """Keys of a noise curve at any integration time; each needs the others."""
 
-_MAY_BE_LEFT_OUT = ("modulation_frequency_hz", "default_integration_time_ms", "projection")
+_MAY_BE_LEFT_OUT = ("modulation_frequency_hz", "default_integration_time_ms", "projection", "valid_status")
 VIEW_KEYS = ("fov_horizontal_deg", "fov_vertical_deg")
 """Keys that a `projection` replaces."""
 
@@ -32,8 +32,8 @@ class CameraSheet:
         Whether the figures were checked against the maker's data or a measurement.
     sources : tuple of str
         Where the figures come from.
-    valid_status : tuple of int
-        Status codes with which the camera marks valid samples; empty where its samples have no such code.
+    valid_status : tuple of int, optional
+        Status codes with which the camera marks valid samples.
 
     The other fields are those of `SensorProfile`.
 
@@ -60,7 +60,7 @@ class CameraSheet:
     outlier_probability: float | None = None
     confirmed: bool = False
     sources: tuple[str, ...] = ()
-    valid_status: tuple[int, ...] = ()
+    valid_status: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
         for key in ("rows", "cols"):
@@ -101,7 +101,7 @@ class CameraSheet:
         if lacking := self.missing():
             raise ValueError(f"{self.name}: not known: {', '.join(lacking)}")
         settings = self.known()
-        del settings["valid_status"]  # of files, not of a simulated camera
+        settings.pop("valid_status", None)  # of files, not of a simulated camera
         # Without a profile nobody has said what the camera integrates by default; the curve's own time is the guess.
         settings.setdefault("default_integration_time_ms", settings["reference_integration_time_ms"])
         profile = SensorProfile(**settings)

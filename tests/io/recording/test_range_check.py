@@ -8,8 +8,9 @@ import pytest
 from support.files import boards, write_recording
 
 from tofmix.errors import BadInputError
-from tofmix.io.recording.range_check import look
+from tofmix.io.recording.range_check import implausible, look, unit_doubt, zeros_doubt
 from tofmix.io.recording.recording_file import RecordingFile, open_recording
+from tofmix.sensor import Sensor
 
 
 def _floats(path: Path, samples: Any, *, units: str | None = None, **settings: Any) -> Path:  # noqa: ANN401  as h5py
@@ -40,14 +41,37 @@ def test_without_limits_the_check_is_by_the_median_alone(tmp_path: Path) -> None
         pass
 
 
-def test_floats_marked_as_mm_are_read_unchecked(tmp_path: Path) -> None:
-    with open_recording(_floats(tmp_path / "a.h5", boards() * 1e-3, units="mm")) as recording:
-        assert recording.remarks == ()
+def test_floats_marked_as_mm_are_read_with_a_note_where_no_camera_sees_so_near(tmp_path: Path) -> None:
+    path = _floats(tmp_path / "a.h5", boards() * 1e-3, units="mm")
+    with open_recording(path) as recording:
+        (said,) = recording.remarks
+    assert f"no camera sees so near; if the numbers are in m: tofmix import {path} --units m" in said
 
 
-def test_integers_are_not_checked(tmp_path: Path) -> None:
-    with open_recording(write_recording(tmp_path / "a.h5", (boards() // 1000).astype("u2"))) as recording:
-        assert look(recording) is None
+@pytest.mark.parametrize(
+    ("median", "limits", "said"),
+    [
+        (60.0, {}, ""),
+        (19.0, {}, "half of the ranges are below 19 mm; no camera sees so near; if the numbers are in m"),
+        (140_000.0, {}, "half of the ranges are above 140 m; no camera sees so far; if the numbers are in micrometres"),
+        (7000.0, {"range_max_mm": 4000.0}, ""),
+        (9000.0, {"range_max_mm": 4000.0}, "above 9 m; unknown, whose range ends at 4000 mm, sees so far"),
+        (300.0, {"range_min_mm": 350.0}, "below 300 mm; unknown, whose range begins at 350 mm, sees so near"),
+    ],
+)
+def test_a_median_that_the_camera_cannot_measure_is_said(median: float, limits: dict[str, float], said: str) -> None:
+    doubt = implausible(median, Sensor(name="unknown", **limits), unit_mm=1.0, path=Path("a.h5"))  # type: ignore[arg-type]
+    assert doubt.startswith("half of the ranges are") == bool(said)
+    assert said in doubt
+
+
+def test_integers_have_no_doubtful_unit_and_no_doubtful_zeros(tmp_path: Path) -> None:
+    samples = (boards() // 1000).astype("u2")
+    samples[::2] = 0
+    with open_recording(write_recording(tmp_path / "a.h5", samples)) as recording:
+        found = look(recording)
+        assert unit_doubt(recording, found) is None
+        assert zeros_doubt(recording, found) is None
 
 
 @pytest.mark.parametrize("unit", ["m", "cm", "metre", "centimetre"])

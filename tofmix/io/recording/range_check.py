@@ -198,6 +198,13 @@ def zeros_doubt(recording: FloatRecording, found: RangeCheck, *, most_share: flo
     )
 
 
+def distance_doubt(recording: FloatRecording, found: RangeCheck) -> str | None:
+    """Doubt about a median range that no camera measures, with the remedy; None without one."""
+    if found.median is None or unit_doubt(recording, found) is not None:
+        return None
+    return implausible(found.median, recording.sensor, unit_mm=1.0, path=recording.path) or None
+
+
 def check_range(recording: FloatRecording) -> tuple[str, ...]:
     """Refuse ranges that are probably not in mm.
 
@@ -215,11 +222,5 @@ def check_range(recording: FloatRecording) -> tuple[str, ...]:
     doubt = unit_doubt(recording, found)
     if doubt is not None:
         raise BadInputError(f"{recording.path}: range: {doubt}")
-    doubts = (zeros_doubt(recording, found), _distance_doubt(recording, found))
+    doubts = (zeros_doubt(recording, found), distance_doubt(recording, found))
     return tuple(f"{recording.path}: range: {text}" for text in doubts if text)
-
-
-def _distance_doubt(recording: FloatRecording, found: RangeCheck) -> str:
-    if found.median is None:
-        return ""
-    return implausible(found.median, recording.sensor, unit_mm=1.0, path=recording.path)
