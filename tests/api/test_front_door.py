@@ -128,7 +128,7 @@ def test_from_array_keeps_fill_values_and_zeros_if_asked() -> None:
 
 
 def test_from_array_takes_masked_values_for_no_samples() -> None:
-    ranges = np.ma.masked_greater(np.full((5, 1, 2), 1500.0) + [[[0.0, 500.0]]], 1600.0)
+    ranges = np.ma.masked_greater(np.array([[[1500.0, 2000.0]]] * 5), 1600.0)
     assert np.isnan(tm.from_array(ranges, units="mm").range_mm).sum(axis=0).tolist() == [[0, 5]]
 
 

@@ -170,7 +170,7 @@ def test_import_warns_of_doubtful_ranges(tofmix: Tofmix, tmp_path: Path, sensor:
     assert "too small for mm; give --units m, or --units mm if mm is right" in said.err
     said = tofmix("import", tmp_path / "m.npy", "-o", tmp_path / "m.h5", "--sensor", sensor, "--units", "mm")
     assert said.code == 0
-    assert "no camera sees so near; if the numbers are in m: tofmix import" in said.err
+    assert "no camera sees so near; check the units; if the numbers are in m: tofmix import" in said.err
     said = tofmix("import", tmp_path / "m.npy", "-o", tmp_path / "b.h5", "--sensor", "sr3000", "--scale", 1000)
     assert said.err.count("\n") == 1
     assert "4 x 6 pixels, SR-3000 has 144 x 176" in said.err

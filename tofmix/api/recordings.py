@@ -308,9 +308,9 @@ def from_array(
     """
     if units not in UNITS_MM:
         raise ValueError(f"units: {units!r} is not one of {', '.join(UNITS_MM)}")
-    from tofmix.io.samples import no_sample
+    from tofmix.io.samples import guessed, no_sample
 
-    masked = np.ma.asarray(ranges)
+    masked: np.ma.MaskedArray[Any, Any] = np.ma.asarray(ranges)
     raw = np.asarray(masked.data)
     if raw.dtype.kind not in "iuf":
         raise ValueError(f"ranges: expected integers or floats, got {raw.dtype}")
@@ -321,7 +321,7 @@ def from_array(
         bad |= ~np.isin(_status(status, raw.shape), _valid_codes(valid_status, sensor))
     range_mm[bad] = np.nan
     camera = _camera(sensor, integration_time_ms)
-    _say_doubts(range_mm, camera, dropped, UNITS_MM[units], invalid)
+    _say_doubts(range_mm, camera, guessed(dropped), UNITS_MM[units])
     if noise is not None:
         camera = replace(camera, noise=noise)
     samples = ArrayRecording(range_mm, camera, amplitude)
@@ -348,16 +348,12 @@ def _valid_codes(given: tuple[int, ...] | None, sensor: Sensor | str | None) -> 
     return of_camera
 
 
-def _say_doubts(
-    range_mm: FloatArray, camera: Sensor, dropped: dict[str, int], unit_mm: float, invalid: tuple[float, ...]
-) -> None:
+def _say_doubts(range_mm: FloatArray, camera: Sensor, dropped: str, unit_mm: float) -> None:
     """Warn of values that were dropped without being named, and of a median that no camera measures."""
     from tofmix.io.recording.range_check import implausible
 
-    named = {"infinite", *(f"value {value:g}" for value in invalid)}
-    counts = [f"{number:,} {reason}" for reason, number in dropped.items() if reason not in named]
-    if counts:
-        text = f"from_array: no samples: {', '.join(counts)}; keep_values=True keeps fill values"
+    if dropped:
+        text = f"from_array: no samples: {dropped}; keep_values=True keeps fill values"
         warnings.warn(text, DoubtWarning, stacklevel=3)
     seen = range_mm[np.isfinite(range_mm)]
     if not seen.size:

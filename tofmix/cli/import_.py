@@ -155,6 +155,7 @@ def import_(
     from tofmix.io.importers.conversion import Conversion
     from tofmix.io.importers.units import TIME_UNITS_S, UNITS_MM
     from tofmix.io.importers.writing import write_recording
+    from tofmix.io.samples import guessed
     from tofmix.io.sensor_group import check_background
 
     for name, value in (("--scale", scale), ("--frame-rate", frame_rate)):
@@ -214,9 +215,8 @@ def import_(
         f"{output}: {imported.frames:,} frame{'s' * (imported.frames != 1)} of {rows} x {cols} pixels{targets} from"
         f" {frames.kind}, {conversion.unit_mm:g} mm a unit; {geometry.text}"
     )
-    if imported.dropped:
-        counts = ", ".join(f"{number:,} {reason}" for reason, number in imported.dropped.items())
-        click.echo(f"no samples: {counts}{'' if keep_values else ' (--keep-values keeps fill values)'}")
+    if declared := [f"{number:,} {reason}" for reason, number in imported.dropped.items() if not guessed({reason: 1})]:
+        click.echo(f"no samples: {', '.join(declared)}")
     if unknown:
         click.echo(f"not known: {', '.join(unknown)}")
 
@@ -231,6 +231,7 @@ def _doubts(
 ) -> list[str]:
     """Doubts about a source, each a line for the user."""
     from tofmix.io.recording.range_check import implausible
+    from tofmix.io.samples import guessed
 
     notes = []
     _, rows, cols = frames.shape
@@ -241,6 +242,8 @@ def _doubts(
             f" its {view} for this image"
         )
     doubt = "" if imported.median_mm is None else implausible(imported.median_mm, sensor, unit_mm=unit_mm, path=source)
+    if dropped := guessed(imported.dropped):
+        notes.append(f"{source}: no samples: {dropped} (--keep-values keeps fill values)")
     if imported.valid == 0:
         notes.append(f"{source}: no valid sample; check --invalid and --units")
     elif doubt:

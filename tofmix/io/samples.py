@@ -24,6 +24,10 @@ _EQUAL_MM = 0.01
 _BITS_16 = 2  # bytes
 
 
+GUESSED = ("fill value", "negative", "above")
+"""Beginnings of the reasons that neither the source nor the user names."""
+
+
 class NoSample(NamedTuple):
     """Samples that are none: `bad` of the shape of the values, and their number by reason, in order, without zeros."""
 
@@ -77,6 +81,11 @@ def no_sample(
     return NoSample(bad, dropped)
 
 
+def guessed(dropped: dict[str, int]) -> str:
+    """Numbers and reasons of the values that neither the source nor the user calls invalid; empty without any."""
+    return ", ".join(f"{number:,} {reason}" for reason, number in dropped.items() if reason.startswith(GUESSED))
+
+
 def _reasons(
     values: NDArray[Any],
     unit_mm: float,
@@ -94,7 +103,7 @@ def _reasons(
     if valid_span != (-math.inf, math.inf):
         with np.errstate(invalid="ignore"):
             yield (
-                "outside of the valid range that the source states",
+                "outside of the stated valid range",
                 (values < valid_span[0]) | (values > valid_span[1]),
             )
     if not keep_values:
@@ -107,11 +116,11 @@ def _reasons(
 def _fills(values: NDArray[Any], unit_mm: float, offset_mm: float) -> Iterator[tuple[str, BoolArray]]:
     if values.dtype.kind in "iu":
         ends = np.iinfo(values.dtype)
-        fills = [float(ends.max), *([float(ends.min)] if ends.min else [])]
+        fills = [int(ends.max), *([int(ends.min)] if ends.min else [])]
         if values.dtype.itemsize == _BITS_16 and values.dtype.kind == "u":
-            fills.append(FILLS_16_BIT[0])
-        for value in fills:
-            yield f"fill value {value:.12g}", values == np.array(int(value), dtype=values.dtype)
+            fills.append(int(FILLS_16_BIT[0]))
+        for end in fills:
+            yield f"fill value {end}", values == np.array(end, dtype=values.dtype)
     if values.dtype.itemsize > _BITS_16:
         with np.errstate(invalid="ignore", over="ignore"):
             range_mm = values * float(unit_mm) + offset_mm

@@ -45,15 +45,23 @@ def test_floats_marked_as_mm_are_read_with_a_note_where_no_camera_sees_so_near(t
     path = _floats(tmp_path / "a.h5", boards() * 1e-3, units="mm")
     with open_recording(path) as recording:
         (said,) = recording.remarks
-    assert f"no camera sees so near; if the numbers are in m: tofmix import {path} --units m" in said
+    assert f"no camera sees so near; check the units; if the numbers are in m: tofmix import {path} --units m" in said
 
 
 @pytest.mark.parametrize(
     ("median", "limits", "said"),
     [
         (60.0, {}, ""),
-        (19.0, {}, "half of the ranges are below 19 mm; no camera sees so near; if the numbers are in m"),
-        (140_000.0, {}, "half of the ranges are above 140 m; no camera sees so far; if the numbers are in micrometres"),
+        (
+            19.0,
+            {},
+            "below 19 mm; no camera sees so near; check the units; if the numbers are in m",
+        ),
+        (
+            140_000.0,
+            {},
+            "above 140 m; no camera sees so far; check the units; if the numbers are in micr",
+        ),
         (7000.0, {"range_max_mm": 4000.0}, ""),
         (9000.0, {"range_max_mm": 4000.0}, "above 9 m; unknown, whose range ends at 4000 mm, sees so far"),
         (300.0, {"range_min_mm": 350.0}, "below 300 mm; unknown, whose range begins at 350 mm, sees so near"),

@@ -164,10 +164,10 @@ def implausible(median_mm: float, sensor: Sensor, *, unit_mm: float, path: Path 
         if mm != unit_mm and max(NEAREST_MM, least) <= value * mm <= min(FARTHEST_MM, most)
     ]  # fmt: skip
     if not fits:
-        return f"{said}; check the unit, and the camera"
+        return f"{said}; check the units, and the camera"
     option, text = fits[0]
     remedy = f"units={text!r}" if path is None else import_command(path, option, text)
-    return f"{said}; if the numbers are in {_NAMES[text]}: {remedy}"
+    return f"{said}; check the units; if the numbers are in {_NAMES[text]}: {remedy}"
 
 
 _NAMES = {"mm": "mm", "m": "m", "cm": "cm", "0.001": "micrometres"}
