@@ -49,6 +49,10 @@ def _pixel_lines(view: PixelView) -> list[str]:
     if view.mixing is not None:
         lines.append(f"  mixing: {view.mixing.replace('_', ' ')}")
     lines.append(f"  no return {view.weight_no_return:.4f}, outliers {view.weight_outlier:.2g}")
+    if not view.n_samples:
+        lines.append(
+            "  none of its samples is valid: too dark, saturated, out of range, or dropped when it was imported"
+        )
     if view.mixture is not None and count:
         lines.append(f"  noise of the pixel: {_own_noise(view)}")
     if view.modes_mm is not None:
