@@ -230,16 +230,17 @@ def opened_recording(path: Path) -> Recording:
     Warns
     -----
     DoubtWarning
-        If many of its samples are exactly 0 and count as ranges.
+        If many of its samples are exactly 0 and count as ranges, or no camera measures its median.
     """
     from tofmix.io.file_kind import format_of
     from tofmix.io.layers.layers_file import FORMAT
+    from tofmix.io.recording.range_check import check_whole_numbers
     from tofmix.io.recording.recording_file import open_recording
 
     if format_of(path) == FORMAT:
         raise BadInputError(f"{path}: a layers file, not a recording; tofmix.open reads it as it is")
     with open_recording(path) as source:
-        for remark in source.remarks:
+        for remark in (*source.remarks, *check_whole_numbers(source)):
             warnings.warn(remark, DoubtWarning, stacklevel=3)
         averaged = source.attributes().get("averaged", 0) not in (0, "0", "")
         shape = source.frames, *source.shape[1:]

@@ -11,7 +11,7 @@ from tofmix.cli.options import HDF5_PATH, PATH, examples, json_option, overwrite
 from tofmix.errors import BadInputError, UsageError
 
 if TYPE_CHECKING:
-    from tofmix.io.importers.base import FrameSource
+    from tofmix.io.importers.base import FrameSource, Request
     from tofmix.io.importers.writing import Imported
     from tofmix.sensor import Sensor
     from tofmix.sensors.sheet import CameraSheet
@@ -180,9 +180,11 @@ def import_(
         check_background(known, frames.shape[1:], source if sensor is None else Path(sensor))
         if frames.unit_unknown and unit_mm is None:
             raise BadInputError(f"{source}: {frames.unit_unknown}; give --scale, mm of one count, or --units")
+        _refuse_turned(frames.shape[1:], camera, request, source)
         geometry = geometry_of(frames, known, lens, depth_axis, source)
+        used_mm = unit_mm or frames.unit_mm or 1.0
         conversion = Conversion(
-            dtype=frames.dtype, unit_mm=unit_mm or frames.unit_mm or 1.0, offset_mm=frames.offset_mm,
+            dtype=frames.dtype, unit_mm=used_mm * frames.scale_factor, offset_mm=used_mm * frames.add_offset,
             invalid=(*frames.invalid, *invalid), valid_span=frames.valid_span, status_valid=frames.status_valid,
             ray_over_depth=geometry.factor, unit_known=unit_mm is not None or frames.unit_mm is not None,
             keep_values=keep_values,
@@ -197,7 +199,7 @@ def import_(
                 inputs=tuple(inputs),
             )  # fmt: skip
         notes = [*frames.notes, *geometry.notes]
-        notes += _doubts(frames, imported, camera, geometry.sensor, source, conversion.unit_mm)
+        notes += _doubts(frames, imported, camera, geometry.sensor, source, used_mm)
     for note in notes:
         click.echo(f"tofmix: {note}", err=True)
     _, rows, cols = frames.shape
@@ -219,6 +221,17 @@ def import_(
         click.echo(f"no samples: {', '.join(declared)}")
     if unknown:
         click.echo(f"not known: {', '.join(unknown)}")
+
+
+def _refuse_turned(shape: tuple[int, int], camera: "CameraSheet", request: "Request", source: Path) -> None:
+    """Refuse an array whose rows and columns are those of the camera, swapped; images of a turned camera are read."""
+    from tofmix.io.importers import takes_axes
+
+    if request.axes is None and takes_axes(source) and shape[0] != shape[1] and shape == (camera.cols, camera.rows):
+        raise BadInputError(
+            f"{source}: images of {shape[0]} x {shape[1]} pixels, {camera.name} has {camera.rows} x {camera.cols}: rows"
+            " and columns are swapped; give their order: --axes frame,col,row"
+        )
 
 
 def _doubts(

@@ -193,9 +193,11 @@ def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str |
         optics = sensor.optics
         if optics is not None:
             optics.check(shape)
+        notes = _lens_doubts(optics, shape, lens, where)
         if not along_z:
             otherwise = "" if axis else " (--depth-axis z if they are along z)"
-            return Geometry(factor=None, sensor=sensor, text=f"depths along the beam, taken as ranges{otherwise}")
+            text = f"depths along the beam, taken as ranges{otherwise}"
+            return Geometry(factor=None, sensor=sensor, text=text, notes=notes)
         if optics is None:
             raise BadInputError(
                 f"{source}: depths along z need a lens to become ranges: give --intrinsics FX,FY,CX,CY"
@@ -207,7 +209,30 @@ def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str |
     otherwise = "" if axis else " (--depth-axis ray if they are along the beam)"
     by_view = lens.intrinsics is None and lens.view_deg is not None
     how = _in_words(optics, shape, lens.view_deg if by_view else None)
-    return Geometry(factor=factor, sensor=sensor, text=f"depths along z converted to ranges by {how}{otherwise}")
+    text = f"depths along z converted to ranges by {how}{otherwise}"
+    return Geometry(factor=factor, sensor=sensor, text=text, notes=notes)
+
+
+def _lens_doubts(
+    optics: "Projection | None", shape: tuple[int, int], lens: Lens, where: str, *, outside: float = 0.5
+) -> tuple[str, ...]:
+    """Notes on a field of view that may be in radians, and on a centre farther outside than a share of the image."""
+    import math
+
+    from tofmix.optics.pinhole import Pinhole
+
+    notes = []
+    if lens.view_deg is not None and max(lens.view_deg) < math.pi:
+        wide = "x".join(f"{math.degrees(angle):.4g}" for angle in lens.view_deg)
+        notes.append(f"--fov: {lens.view_deg[0]:g} x {lens.view_deg[1]:g} degrees is narrow; in radians: --fov {wide}")
+    if isinstance(optics, Pinhole):
+        places = zip((optics.cx, optics.cy), (shape[1], shape[0]), strict=True)
+        if not all(-outside * size <= centre <= (1 + outside) * size for centre, size in places):
+            notes.append(
+                f"{where}: the centre, column {optics.cx:g}, row {optics.cy:g}, is far outside of the image of"
+                f" {shape[0]} x {shape[1]} pixels; are the intrinsics those of another image size?"
+            )
+    return tuple(notes)
 
 
 def ray_factor(optics: "Projection", shape: tuple[int, int]) -> "FloatArray":

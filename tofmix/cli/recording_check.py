@@ -33,10 +33,11 @@ def opened_recording(path: Path, *, say: Callable[[str], object] = echo) -> Iter
     BadInputError
         As `tofmix.io.recording.recording_file.open_recording`.
     """
+    from tofmix.io.recording.range_check import check_whole_numbers
     from tofmix.io.recording.recording_file import open_recording
 
     with open_recording(path) as recording:
-        for line in recording.remarks:
+        for line in (*recording.remarks, *check_whole_numbers(recording)):
             say(line)
         yield recording
 

@@ -225,13 +225,8 @@ def test_a_flipped_bit_is_noticed(tmp_path: Path) -> None:
     data = bytearray(path.read_bytes())
     data[offset + 100] ^= 1
     path.write_bytes(data)
-    with (
-        pytest.raises(BadInputError, match="range: cannot be read"),
-        open_recording(path, check_units=False) as recording,
-    ):
+    with open_recording(path) as recording, pytest.raises(BadInputError, match="range: cannot be read"):
         recording.read_range(*EVERYTHING)
-    with pytest.raises(BadInputError, match="range: cannot be read"), open_recording(path):
-        pass
 
 
 def test_file_sha256_equals_hashlib(tmp_path: Path) -> None:

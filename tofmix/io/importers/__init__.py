@@ -77,6 +77,11 @@ def is_importable(path: Path) -> bool:
     return any(path.suffix.lower() in importer.suffixes for importer in IMPORTERS)
 
 
+def takes_axes(path: Path) -> bool:
+    """Whether a source is an array whose order of axes may be given."""
+    return path.is_file() and "axes" in importer_for(path).names
+
+
 @contextmanager
 def open_source(path: Path, request: Request) -> Iterator[FrameSource]:
     """Open a source of frames.
@@ -105,7 +110,14 @@ def open_source(path: Path, request: Request) -> Iterator[FrameSource]:
 def _of_shape(source: FrameSource, request: Request, path: Path) -> FrameSource:
     """Return the source; raise `UsageError` if another shape than that of its images is requested."""
     rows, cols = source.shape[1:]
-    if request.shape not in (None, (rows, cols)):
+    if request.shape is not None and request.shape != (rows, cols):
         asked = "{}x{}".format(*request.shape)
-        raise UsageError(f"--shape {asked}: {path} has images of {rows} x {cols} already; leave the option out")
+        remedy = "leave the option out"
+        if (
+            request.axes is None
+            and rows * cols != request.shape[0] * request.shape[1]
+            and "axes" in importer_for(path).names
+        ):
+            remedy += ", or name the axes, such as --axes frame,zone,target"
+        raise UsageError(f"--shape {asked}: {path} has images of {rows} x {cols} already; {remedy}")
     return source

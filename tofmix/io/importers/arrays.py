@@ -46,7 +46,7 @@ def open_npy(path: Path, request: Request) -> Iterator[FrameSource]:
             file = stack.enter_context(path.open("rb"))
             shape, fortran, dtype = _header(file)
         check_numbers(dtype, path)
-        if _in_order(shape, request) and not fortran:
+        if _in_order(shape, request, path) and not fortran:
             check_not_empty(shape, path)
             found, targets = (shape[0], shape[1], shape[2]), 0
             images = _unpacked(file, found, dtype, path)
@@ -109,7 +109,7 @@ class _Member:
             file = stack.enter_context(archive.open(member))
             shape, fortran, dtype = _header(file)
         check_numbers(dtype, what)
-        if _in_order(shape, request) and not fortran:
+        if _in_order(shape, request, what) and not fortran:
             check_not_empty(shape, what)
             self.shape: tuple[int, int, int] = shape[0], shape[1], shape[2]
             self.targets = 0
@@ -177,9 +177,10 @@ def choose(shapes: dict[str, tuple[int, ...]], wanted: str | None, path: Path, a
     return images[0]
 
 
-def _in_order(shape: tuple[int, ...], request: Request) -> bool:
+def _in_order(shape: tuple[int, ...], request: Request, what: object) -> bool:
     """Whether an array is (frame, row, col) as it is."""
-    return len(shape) == STACK_DIMENSIONS and request.axes in (None, FRAMES_FIRST)
+    names = axes_of(shape, request.axes, request.shape, what) if len(shape) == STACK_DIMENSIONS else ()
+    return ",".join(names) == FRAMES_FIRST
 
 
 def stack_of(array: NDArray[Any], request: Request, what: object) -> NDArray[Any]:

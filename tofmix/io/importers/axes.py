@@ -14,6 +14,18 @@ WITH_TARGETS = "frame,target,row,col"
 IMAGE = ("row", "col")
 IMAGE_DIMENSIONS, STACK_DIMENSIONS = len(IMAGE), len(FRAMES_FIRST.split(","))
 _KNOWN = ("frame", "target", *IMAGE)
+_WITH_ZONES = ({"frame", "zone"}, {"frame", "zone", "target"})
+_SPELT = {
+    "time": "frame", "t": "frame", "frames": "frame", "index": "frame", "y": "row", "rows": "row", "height": "row",
+    "v": "row", "x": "col", "cols": "col", "column": "col", "columns": "col", "width": "col", "u": "col",
+    "targets": "target", "return": "target", "returns": "target", "echo": "target", "pixel": "zone", "zones": "zone",
+}  # fmt: skip
+"""Other names of axes, as files and people have them."""
+
+
+def axis_name(name: str) -> str:
+    """Our name of an axis."""
+    return _SPELT.get(name.strip().lower(), name.strip().lower())
 
 
 def check_axes(text: str) -> str:
@@ -22,11 +34,14 @@ def check_axes(text: str) -> str:
     Raises
     ------
     UsageError
-        If it is not an order of frame, row and col, with or without target.
+        If it is not an order of frame, row and col, or of frame and zone, each with or without target.
     """
-    names = [name.strip() for name in text.split(",")]
-    if len(set(names)) < len(names) or not {"frame", *IMAGE} <= set(names) <= set(_KNOWN):
-        raise UsageError(f"--axes: {text!r} is not an order of frame, row and col, with or without target")
+    names = [axis_name(name) for name in text.split(",")]
+    fits = {"frame", *IMAGE} <= set(names) <= set(_KNOWN) or set(names) in _WITH_ZONES
+    if len(set(names)) < len(names) or not fits:
+        raise UsageError(
+            f"--axes: {text!r} is not an order of frame, row and col, or of frame and zone, each with or without target"
+        )
     return ",".join(names)
 
 
@@ -59,12 +74,23 @@ def axes_of(shape: tuple[int, ...], asked: str | None, image: tuple[int, int] | 
         names = tuple(asked.split(","))
         if len(names) != len(shape):
             raise BadInputError(f"{what}: shape {shape} has {len(shape)} axes, --axes names {len(names)}")
+        if "zone" in names:
+            _check_zones(shape[names.index("zone")], image, what)
         return names
     if len(shape) == len(_KNOWN):
         raise BadInputError(f"{what}: shape {shape}: name the axes, such as --axes {WITH_TARGETS}")
     if len(shape) != STACK_DIMENSIONS:
         raise BadInputError(f"{what}: expected (frame, row, col), got shape {shape}")
+    if image is not None and shape[1] == image[0] * image[1] and shape[1:] != image and shape[2] <= MOST_TARGETS:
+        return ("frame", "zone", "target")
     return tuple(FRAMES_FIRST.split(","))
+
+
+def _check_zones(zones: int, image: tuple[int, int] | None, what: object) -> None:
+    if image is None:
+        raise BadInputError(f"{what}: {zones} zones in one axis; give their image: --shape ROWSxCOLS")
+    if zones != image[0] * image[1]:
+        raise BadInputError(f"{what}: {zones} zones do not fill {image[0]} x {image[1]} pixels")
 
 
 def stack_shape(
@@ -96,9 +122,10 @@ def as_stack(array: NDArray[Any], names: tuple[str, ...], image: tuple[int, int]
     BadInputError
         As `stack_shape`.
     """
-    frames, _, pixels = stack_shape(array.shape, names, image, what)
+    frames, targets, pixels = stack_shape(array.shape, names, image, what)
     if "zone" in names:
-        return array.reshape(frames, *pixels)
+        order = [names.index(name) for name in ("frame", "target", "zone") if name in names]
+        return np.transpose(array, order).reshape(frames, *(targets,) * (targets > 0), *pixels)
     order = [names.index(name) for name in _KNOWN if name in names]
     ordered = np.transpose(array, order)
     return ordered if "frame" in names else ordered[np.newaxis]

@@ -107,8 +107,8 @@ class FrameSource:
         mm of one unit, where the source says.
     unit_unknown : str
         Reason why the unit must be given, as in "mono16 without a unit"; empty where it is known or may be guessed.
-    offset_mm : float
-        Added to a depth after its unit, mm.
+    scale_factor, add_offset : float
+        Packing: a depth in `unit_mm` is the stored number times the factor, plus the offset.
     invalid : tuple of float
         Values that the source says are no samples.
     valid_span : (float, float)
@@ -136,7 +136,8 @@ class FrameSource:
     targets: int = 0
     unit_mm: float | None = None
     unit_unknown: str = ""
-    offset_mm: float = 0.0
+    scale_factor: float = 1.0
+    add_offset: float = 0.0
     invalid: tuple[float, ...] = ()
     valid_span: tuple[float, float] = (-math.inf, math.inf)
     status_valid: tuple[int, ...] = ()
@@ -230,8 +231,7 @@ def check_numbers(dtype: np.dtype[Any], what: object) -> None:
 
 def unused(what: object, kind: str, names: Iterable[str], remedy: str = "") -> str:
     """Note that names the parts of a source that are not used, such as its columns, and perhaps a remedy."""
-    listed = list(names)
-    return f"{what}: not used: {kind}{'s' * (len(listed) > 1)} {', '.join(listed)}{f' ({remedy})' if remedy else ''}"
+    return f"{what}: not used: {kind} {', '.join(names)}{f' ({remedy})' if remedy else ''}"
 
 
 def _size(shape: tuple[int, ...]) -> str:

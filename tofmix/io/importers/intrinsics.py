@@ -64,6 +64,11 @@ class Calibration:
         """Whether a focal length is known: an uncalibrated camera has zeros."""
         return min(self.matrix[0], self.matrix[4]) > 0 or self._rectified_focal() > 0
 
+    def focal_lengths(self) -> tuple[float, float]:
+        """Fx and fy of images as the lens makes them; those of rectified images where only these are known."""
+        of_lens = (self.matrix[0], self.matrix[4])
+        return of_lens if min(of_lens) > 0 else (self.projection[0], self.projection[5])
+
     def _rectified_focal(self) -> float:
         return min(self.projection[0], self.projection[5]) if self.projection else 0.0
 
@@ -81,6 +86,7 @@ class Calibration:
             Their rows and columns.
         rectified : bool
             Whether they are rectified: then by P and without distortion, or by K where there is no P; else by K and D.
+            Images without K are taken as rectified.
 
         Raises
         ------
@@ -92,6 +98,8 @@ class Calibration:
             raise BadInputError(
                 f"{self.what}: describes {size[0]} x {size[1]} pixels, the depths have {shape[0]} x {shape[1]}"
             )
+        only_rectified = min(self.matrix[0], self.matrix[4]) <= 0  # drivers of rectified images may leave out K
+        rectified = rectified or only_rectified
         by_projection = rectified and self._rectified_focal() > 0
         at = (0, 5, 2, 6) if by_projection else (0, 4, 2, 5)
         fx, fy, cx, cy = (float((self.projection if by_projection else self.matrix)[k]) for k in at)
@@ -187,6 +195,8 @@ def read_calibration(path: Path) -> Calibration:
         raise BadInputError(f"{path}: {len(text):,} characters; a calibration has no more than {_MOST_CHARACTERS:,}")
     with foreign(path):
         found = _parse(text)
+    if isinstance(found, Mapping):
+        _refuse_other_kinds(found, path)
     if not isinstance(found, Mapping):
         raise BadInputError(f"{path}: not a calibration: no table of keys")
     matrix = _first(found, "camera_matrix", "k", "K")
@@ -210,7 +220,40 @@ def _parse(text: str) -> Any:  # noqa: ANN401  what YAML holds
     """Plain YAML, without OpenCV's additions: its first line and the tag of its matrices."""
     yaml = need("yaml", extra="ros", what="a calibration in YAML")
     first, _, rest = text.partition("\n")
-    return yaml.safe_load((rest if first.startswith("%YAML:") else text).replace("!!opencv-matrix", ""))
+    plain = (rest if first.startswith("%YAML:") else text).replace("!!opencv-matrix", "")
+    # `ros2 topic echo` ends each message in ---: the first one that holds something is the calibration.
+    return next((found for found in yaml.safe_load_all(plain) if found is not None), None)
+
+
+def _refuse_other_kinds(found: Mapping[str, Any], path: Path) -> None:
+    """Refuse a calibration of another kind by its name, with the numbers to give instead where they are plain.
+
+    Kalibr's camera chains and JSON of camera makers have the focal lengths under names of their own.
+    """
+    for table in _tables(found):
+        numbers = table.get("intrinsics")
+        if isinstance(numbers, list) and len(numbers) == _FOUR and all(isinstance(n, int | float) for n in numbers):
+            raise _other_kind(path, "Kalibr's", numbers)
+        named = [_first(table, name, name.upper()) for name in ("fx", "fy", "cx", "cy")]
+        if all(isinstance(number, int | float) for number in named):
+            raise _other_kind(path, "a camera maker's", named)
+
+
+def _tables(found: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """A table and those in it, outermost first."""
+    inner = [value for value in found.values() if isinstance(value, Mapping)]
+    return [found, *(table for one in inner for table in _tables(one))]
+
+
+def _other_kind(path: Path, kind: str, numbers: Sequence[float]) -> BadInputError:
+    text = ",".join(f"{number:g}" for number in numbers)
+    return BadInputError(
+        f"{path}: a calibration of {kind} kind, which is not read; give its numbers, without distortion:"
+        f" --intrinsics {text}"
+    )
+
+
+_FOUR = 4  # focal lengths and centre
 
 
 def _first(found: Mapping[str, Any], *keys: str) -> Any:  # noqa: ANN401  what YAML holds

@@ -1,10 +1,12 @@
 """Depth images of ROS 1 bags, ROS 2 bags and MCAP files, by rosbags.
 
-`16UC1` is in millimetres and `32FC1` in metres, along z (REP 118); rows may be
-padded (`step`) and of either byte order. A frame's time is its header's stamp,
-or the bag's where the header has none. Messages are read one by one.
+`16UC1` is in millimetres and `32FC1` in metres, along z (REP 118), unless a RealSense bag states its unit; rows may be
+padded (`step`) and of either byte order. A frame's time is its header's stamp, or the bag's where the header has none.
+Messages are read one by one.
 """
 
+import math
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import islice
@@ -16,18 +18,22 @@ from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
 from tofmix.io.extras import need
-from tofmix.io.importers.base import Frame, FrameSource, Request, check_frame, foreign
-from tofmix.io.importers.intrinsics import from_camera_info
+from tofmix.io.importers.base import Frame, FrameSource, Request, check_frame, foreign, unused
+from tofmix.io.importers.intrinsics import Calibration, from_camera_info
+from tofmix.io.importers.streams import depths_among, stream_of
 from tofmix.optics.pinhole import Pinhole
 
 SUFFIXES = (".bag", ".mcap", ".db3")
 
-DEPTH_UNITS_MM = {"16UC1": 1.0, "mono16": 1.0, "32FC1": 1000.0}
-"""mm of one unit, by encoding. mono16 counts as depth only if its topic is requested."""
+DEPTH_UNITS_MM = {"16UC1": 1.0, "16SC1": 1.0, "32FC1": 1000.0, "64FC1": 1000.0, "mono16": None}
+"""mm of one unit, by encoding; None where it must be stated. mono16 is depth only by the name of its topic."""
 
 _DTYPES = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4", "8UC1": "u1", "mono8": "u1", "16SC1": "i2", "64FC1": "f8"}
-_SURE = ("16UC1", "32FC1")
+_SURE = ("16UC1", "16SC1", "32FC1", "64FC1")
 _IMAGE, _INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
+_COMPRESSED, _NUMBER = "sensor_msgs/msg/CompressedImage", "std_msgs/msg/Float32"
+_UNIT_TOPIC = "/option/Depth_Units/value"
+_MM = 1000.0  # in a metre
 _WAITING = 64
 """Frames that wait for an amplitude image of the same time stamp; older frames have none."""
 
@@ -50,24 +56,29 @@ def open_bag(path: Path, request: Request) -> Iterator[FrameSource]:
     """
     need("rosbags.highlevel", extra="ros", what="a ROS bag")
     with _Bag(path) as bag:
-        topic = _depth_topic(bag, request.topic)
+        topic, unused_topics = _depth_topic(bag, request.topic)
         first, _ = bag.first(topic)
         depth = _decoded(first, f"{path}: {topic}", tuple(DEPTH_UNITS_MM))
         if request.amplitude is not None:
             bag.check(request.amplitude, _IMAGE)
         pinhole, notes = _intrinsics(bag, topic, request, (depth.shape[0], depth.shape[1]))
+        stated_mm = _stated_unit_mm(bag, topic)
+        unit_mm = DEPTH_UNITS_MM[first.encoding] if stated_mm is None else stated_mm
+        unknown = "" if unit_mm else f"{topic}: {first.encoding} without a message {_UNIT_TOPIC}: the unit is not known"
+        unused_topics = [name for name in unused_topics if name != request.amplitude]
         yield FrameSource(
             kind=f"{first.encoding} images of {topic}",
             shape=(bag.count(topic), depth.shape[0], depth.shape[1]),
             dtype=depth.dtype,
             frames=_frames(bag, topic, request.amplitude, depth),
-            unit_mm=DEPTH_UNITS_MM[first.encoding],
+            unit_mm=unit_mm,
+            unit_unknown=unknown,
             depth_axis="z",
             has_amplitude=request.amplitude is not None,
             has_time=True,
             pinhole=pinhole,
             rectified=_is_rectified(topic),
-            notes=notes,
+            notes=(*notes, *([unused(path, "topic", unused_topics)] if unused_topics else [])),
         )
 
 
@@ -122,6 +133,13 @@ class _Bag:
                 message = self._reader.deserialize(data, connection.msgtype)
             yield connection.topic, stamp, message
 
+    def stamps_ns(self, topic: str) -> Iterator[int]:
+        """The bag's times of a topic's messages, ns, without reading these."""
+        with foreign(self.path):
+            chosen = [c for c in self._reader.connections if c.topic == topic]
+            for _, stamp, _ in self._reader.messages(connections=chosen):
+                yield stamp
+
     def first(self, topic: str) -> tuple[Any, int]:
         """The first message of a topic and the bag's time of it."""
         for _, stamp, message in islice(self.messages(topic), 1):
@@ -129,17 +147,52 @@ class _Bag:
         raise BadInputError(f"{self.path}: {topic}: no message")
 
 
-def _depth_topic(bag: _Bag, wanted: str | None) -> str:
+def _depth_topic(bag: _Bag, wanted: str | None) -> tuple[str, list[str]]:
+    """The topic of the depths, and those beside it that are not used and may be taken for it."""
     if wanted is not None:
         bag.check(wanted, _IMAGE)
-        return wanted
+        return wanted, []
     encodings = {topic: str(bag.first(topic)[0].encoding) for topic in bag.topics(_IMAGE)}
-    depths = [topic for topic, encoding in encodings.items() if encoding in _SURE]
+    fitting = [
+        topic for topic, encoding in encodings.items()
+        if encoding in _SURE or (encoding in DEPTH_UNITS_MM and stream_of(topic) == "depth")
+    ]  # fmt: skip
+    depths = depths_among(fitting)
     if len(depths) == 1:
-        return depths[0]
-    listed = ", ".join(f"{topic} ({encoding})" for topic, encoding in encodings.items()) or "none"
+        return depths[0], [topic for topic in fitting if topic != depths[0]]
+    readable = ", ".join(f"{topic} ({e})" for topic, e in encodings.items() if e in DEPTH_UNITS_MM) or "none"
+    others = ", ".join(f"{topic} ({e})" for topic, e in encodings.items() if e not in DEPTH_UNITS_MM)
     reason = "several topics of depth images" if depths else f"no topic of depth images ({' or '.join(_SURE)})"
-    raise BadInputError(f"{bag.path}: {reason}; choose with --topic from its images: {listed}")
+    also = f"; not readable as depths: {others}" if others else ""
+    raise BadInputError(
+        f"{bag.path}: {reason}; choose with --topic from its images: {readable}{also}{_compressed(bag)}"
+    )
+
+
+def _compressed(bag: _Bag) -> str:
+    """Remedy for depths that are compressed; empty where there are none."""
+    names = [name for name in bag.topics(_COMPRESSED) if "depth" in name.lower()]
+    if not names:
+        return ""
+    base = names[0].rpartition("/")[0]
+    return (
+        f"; {names[0]} holds compressed images, which are not read: play the bag with ros2 run image_transport republish"
+        f" compressedDepth raw --ros-args -r in/compressedDepth:={names[0]} -r out:={base}_raw, and record {base}_raw"
+    )
+
+
+def _stated_unit_mm(bag: _Bag, topic: str) -> float | None:
+    """Mm of one count by the message of a RealSense bag that belongs to the topic's sensor; None without one."""
+    near = [
+        name for name in bag.topics(_NUMBER)
+        if name.endswith(_UNIT_TOPIC) and topic.startswith(name.removesuffix(_UNIT_TOPIC) + "/")
+    ]  # fmt: skip
+    if not near:
+        return None
+    unit_mm = float(bag.first(near[0])[0].data) * _MM
+    if not (math.isfinite(unit_mm) and unit_mm > 0):
+        raise BadInputError(f"{bag.path}: {near[0]}: {unit_mm / _MM:g} m is no unit; give --scale, mm of one count")
+    return round(unit_mm, 9)  # a float32 of 0.00025 is 0.000250000012
 
 
 def _decoded(message: Any, what: str, encodings: tuple[str, ...]) -> NDArray[Any]:  # noqa: ANN401  a ROS message
@@ -195,22 +248,59 @@ def _joined(stamp: int, depth: NDArray[Any], amplitudes: dict[int, NDArray[Any]]
 
 def _is_rectified(topic: str) -> bool:
     """Whether images are rectified: ROS names their topics so, such as ``image_rect_raw``."""
-    return "rect" in topic.rpartition("/")[2]
+    return "rect" in topic.rpartition("/")[2].split("_")
+
+
+def _info_topics(topic: str) -> list[str]:
+    """Names that drivers give the camera_info of a topic: beside it, or RealSense's ``Depth_0/info/camera_info``."""
+    folder = topic.rpartition("/")[0]
+    above = folder.rpartition("/")[0]
+    return [f"{folder}/camera_info", f"{above}/info/camera_info", f"{folder}/info/camera_info", f"{topic}/camera_info"]
 
 
 def _intrinsics(
     bag: _Bag, topic: str, request: Request, shape: tuple[int, int]
 ) -> tuple[Pinhole | None, tuple[str, ...]]:
     """Intrinsics from the camera_info of the depth topic, and warnings about them."""
-    name = request.camera_info or f"{topic.rpartition('/')[0]}/camera_info"
     if request.camera_info is not None:
-        bag.check(name, _INFO)
-    elif request.lens_given or name not in bag.topics(_INFO):
-        return None, ()
-    message, _ = bag.first(name)
+        bag.check(request.camera_info, _INFO)
+        name = request.camera_info
+    else:
+        there = [name for name in _info_topics(topic) if name in bag.topics(_INFO)]
+        if request.lens_given or not there:
+            return None, ()
+        name = there[0]
     what = f"{bag.path}: {name}"
-    with foreign(what):
-        calibration = from_camera_info(message, what)
-    if not calibration.calibrated:
+    stamps: list[int] = []
+    found: list[Calibration] = []
+    blank = 0
+    for _, stamp, message in bag.messages(name):
+        with foreign(what):
+            calibration = from_camera_info(message, what)
+        if not calibration.calibrated:
+            blank += 1
+        elif not found or calibration != found[-1]:
+            found.append(calibration)
+            stamps.append(stamp)
+    if not found:
         return None, (f"{what}: not calibrated (a focal length is not above 0); not used",)
-    return calibration.pinhole(shape, rectified=_is_rectified(topic)), ()
+    if len(found) > 1 and not request.lens_given:
+        before = sum(stamp < stamps[1] for stamp in bag.stamps_ns(topic))
+        raise BadInputError(
+            f"{what}: the lens changes: {_lens(found[0])} up to frame {before - 1}, {_lens(found[1])} from frame"
+            f" {before} on, {stamps[1] * _NS:.3f} s; cut the bag there ({_cut(bag.path, stamps[1])}), or give"
+            " --intrinsics FX,FY,CX,CY if one lens holds for all"
+        )
+    notes = (f"{what}: {blank} of its messages are not calibrated (zeros); the others are used",) if blank else ()
+    return found[0].pinhole(shape, rectified=_is_rectified(topic)), notes
+
+
+def _lens(calibration: Calibration) -> str:
+    fx, fy = calibration.focal_lengths()
+    return f"fx {fx:g} fy {fy:g}"
+
+
+def _cut(path: Path, stamp_ns: int) -> str:
+    if path.suffix == ".bag":
+        return f"rosbag filter {os.fspath(path)} first.bag 't.to_sec() < {stamp_ns * _NS:.6f}'"
+    return "ros2 bag convert with end_time_ns and start_time_ns"

@@ -205,8 +205,24 @@ def distance_doubt(recording: FloatRecording, found: RangeCheck) -> str | None:
     return implausible(found.median, recording.sensor, unit_mm=1.0, path=recording.path) or None
 
 
+def check_whole_numbers(recording: FloatRecording) -> tuple[str, ...]:
+    """Notes on the distances of a recording of whole numbers, as `check_range` has them of floats.
+
+    Apart from opening, since floats alone must be looked at before they are used.
+
+    Raises
+    ------
+    BadInputError
+        If the recording cannot be read.
+    """
+    if "float" in recording.stored_type:
+        return ()
+    doubt = distance_doubt(recording, look(recording))
+    return () if doubt is None else (f"{recording.path}: range: {doubt}",)
+
+
 def check_range(recording: FloatRecording) -> tuple[str, ...]:
-    """Refuse ranges that are probably not in mm.
+    """Refuse floats that are probably not in mm; whole numbers are not read.
 
     Returns
     -------
@@ -218,6 +234,8 @@ def check_range(recording: FloatRecording) -> tuple[str, ...]:
     BadInputError
         If a float dataset without `units` holds ranges too small for mm, or cannot be read.
     """
+    if "float" not in recording.stored_type:
+        return ()
     found = look(recording)
     doubt = unit_doubt(recording, found)
     if doubt is not None:
