@@ -178,12 +178,14 @@ def test_a_bag_without_depths_lists_its_images(tmp_path: Path) -> None:
         read_source(path)
 
 
-def test_mono16_is_depth_if_its_topic_is_requested(tmp_path: Path) -> None:
+def test_mono16_is_depth_by_the_name_of_its_topic_and_its_unit_must_be_given(tmp_path: Path) -> None:
     with new_bag(tmp_path, "mcap") as (bag, path):
         bag.image(DEPTH, images()[0], stamp_ns=SECOND, encoding="mono16")
-    np.testing.assert_array_equal(depths(path, topic=DEPTH)[0], images()[0])
-    with pytest.raises(BadInputError, match="no topic of depth images"):
-        read_source(path)
+        bag.image(AMPLITUDE, images()[1], stamp_ns=SECOND, encoding="mono16")
+    for request in (Request(), Request(topic=DEPTH)):
+        with open_source(path, request) as source:
+            assert "the unit is not known" in source.unit_unknown
+            np.testing.assert_array_equal(next(source.frames).depth, images()[0])
 
 
 @pytest.mark.parametrize(

@@ -5,11 +5,12 @@ Both are read frame by frame. Where frames are not the first axis in memory, an
 """
 
 import math
+import re
 import zipfile
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 from numpy.lib import format as npy_format
@@ -23,7 +24,10 @@ from tofmix.io.importers.base import (
     Request,
     check_numbers,
     foreign,
+    unused,
 )
+from tofmix.io.importers.status import codes_of, is_status_name
+from tofmix.io.importers.streams import depths_among
 
 TIME = "time"
 """Name of an array of one number a frame, s."""
@@ -90,14 +94,21 @@ def open_npz(path: Path, request: Request) -> Iterator[FrameSource]:
             with foreign(f"{path}: {TIME}"), archive.open(members[TIME]) as file:
                 time_s = npy_format.read_array(file, allow_pickle=False)
             check_time(time_s, depth.shape[0], path)
+            time_s = time_s * (request.time_unit_s or 1.0)
+        beside = arrays_beside(shapes, name, request, path)
+        status = None
+        if beside.status is not None:
+            status = _Member(archive, members[beside.status], request, f"{path}: {beside.status}", stack)
         yield FrameSource(
             kind=f"array {name} of an .npz",
             shape=depth.shape,
             targets=depth.targets,
             dtype=depth.dtype,
-            frames=joined(depth, amplitude, time_s),
+            frames=joined(depth, amplitude, time_s, status),
+            status_valid=beside.codes,
             has_amplitude=amplitude is not None,
             has_time=time_s is not None,
+            notes=beside.notes,
         )
 
 
@@ -158,7 +169,7 @@ def choose(shapes: dict[str, tuple[int, ...]], wanted: str | None, path: Path, a
     Raises
     ------
     BadInputError
-        If none fits, or several fit; the text lists the candidates.
+        If none fits, or several fit and names do not tell the depths; the text lists the candidates.
     """
     dimensions = len((axes or FRAMES_FIRST).split(","))
     images = [name for name, shape in shapes.items() if len(shape) == dimensions]
@@ -172,9 +183,71 @@ def choose(shapes: dict[str, tuple[int, ...]], wanted: str | None, path: Path, a
         return wanted
     if _PREFERRED in images:
         return _PREFERRED
+    if len(images) > 1:
+        images = depths_among(images)
     if len(images) != 1:
         raise BadInputError(f"{path}: several arrays may hold the depths; choose one with --dataset: {listed}")
     return images[0]
+
+
+class Beside(NamedTuple):
+    """Arrays beside the depths: that of the status codes, if there is one, the valid codes, and notes on the others."""
+
+    status: str | None
+    codes: tuple[int, ...]
+    notes: tuple[str, ...]
+
+
+def arrays_beside(shapes: dict[str, tuple[int, ...]], name: str, request: Request, path: Path) -> Beside:
+    """Find the status codes of the depths `name`, and name the arrays of the same shape that are not used.
+
+    Raises
+    ------
+    BadInputError
+        If ``--valid-status`` names an array that is not there, or of another shape.
+    """
+    group = name.rpartition("/")[0]
+    others = [one for one in shapes if one != name and one != (request.amplitude or "").strip("/")]
+    near = [one for one in others if request.valid_status is not None or one.rpartition("/")[0] == group]
+    status = next((one for one in near if codes_of(one, request)), None)
+    if status is not None:
+        check_shapes(shapes[name], shapes[status], f"{path}: {status}")
+    elif request.valid_status is not None:
+        raise BadInputError(f"{path}: --valid-status: no array {request.valid_status[0]!r} beside {name}")
+    light = f"{group}/amplitude" if group else "amplitude"
+    left = [one for one in others if shapes[one] == shapes[name] and one not in (status, light)]
+    codes = [one for one in left if is_status_name(one)]
+    notes = []
+    if codes:
+        notes.append(unused(path, "array", codes, f"--valid-status {codes[0]}=5,9 says which codes are valid"))
+    if plain := [one for one in left if one not in codes]:
+        notes.append(unused(path, "array", plain))
+    return Beside(status, () if status is None else codes_of(status, request) or (), tuple(notes))
+
+
+def numbered_images(shapes: dict[str, tuple[int, ...]]) -> list[str] | None:
+    """Names of images of one shape that differ in numbers alone, such as ``frame_0/depth``, in their order.
+
+    None where there are no such images, there are several kinds of them of which none is of depths, or something else
+    holds frames.
+    """
+    if any(len(shape) >= STACK_DIMENSIONS for shape in shapes.values()):
+        return None
+    kinds: dict[str, list[str]] = {}
+    for name, shape in shapes.items():
+        if len(shape) == IMAGE_DIMENSIONS and min(shape) > 1:
+            kinds.setdefault(re.sub(r"\d+", "#", name), []).append(name)
+    several = {kind: names for kind, names in kinds.items() if len(names) > 1 and "#" in kind}
+    chosen = list(several) if len(several) == 1 else depths_among(several)
+    if len(chosen) != 1 or len({shapes[name] for name in several[chosen[0]]}) > 1:
+        return None
+    return sorted(several[chosen[0]], key=natural)
+
+
+def natural(name: str) -> list[tuple[int, int, str]]:
+    """Sort key in which 2 comes before 10."""
+    parts = re.split(r"(\d+)", name)
+    return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts]
 
 
 def _in_order(shape: tuple[int, ...], request: Request, what: object) -> bool:
@@ -223,12 +296,15 @@ def joined(
     depth: Iterable[NDArray[Any]],
     amplitude: Iterable[NDArray[Any]] | None,
     time_s: NDArray[Any] | None,
+    status: Iterable[NDArray[Any]] | None = None,
 ) -> Iterator[Frame]:
     """Frames of arrays that have been checked to go together."""
     amplitudes = None if amplitude is None else iter(amplitude)
+    codes = None if status is None else iter(status)
     for number, frame in enumerate(depth):
         yield Frame(
             depth=frame,
             amplitude=None if amplitudes is None else next(amplitudes),
             time_s=None if time_s is None else float(time_s.reshape(-1)[number]),
+            status=None if codes is None else next(codes),
         )

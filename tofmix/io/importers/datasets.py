@@ -39,7 +39,7 @@ class DatasetFrames:
     def __init__(
         self, dataset: h5py.Dataset, names: tuple[str, ...], image: tuple[int, int] | None, path: Path, name: str
     ) -> None:
-        self.name, self._path, self._dataset, self._names, self._image = name, path, dataset, names, image
+        self.name, self._path, self.dataset, self._names, self._image = name, path, dataset, names, image
         self.dtype: np.dtype[Any] = dataset.dtype
         check_numbers(self.dtype, f"{path}: {name}")
         frames, self.targets, (rows, cols) = stack_shape(dataset.shape, names, image, f"{path}: {name}")
@@ -51,7 +51,7 @@ class DatasetFrames:
             yield from self._read(())
             return
         axis = self._names.index("frame")
-        stored = self._dataset.chunks[axis] if self._dataset.chunks else 1
+        stored = self.dataset.chunks[axis] if self.dataset.chunks else 1
         most = max(1, _BLOCK_BYTES // (rows * cols * max(1, self.targets) * self.dtype.itemsize))
         step = max(1, most // stored * stored) if most >= stored else most
         for start in range(0, frames, step):
@@ -59,5 +59,5 @@ class DatasetFrames:
 
     def _read(self, part: tuple[slice, ...]) -> NDArray[Any]:
         with guard.reading(self._path, self.name):
-            block = np.asarray(self._dataset[part or ...])
+            block = np.asarray(self.dataset[part or ...])
         return as_stack(block, self._names, self._image, f"{self._path}: {self.name}")

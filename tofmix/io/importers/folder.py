@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
 from tofmix.io.extras import need
-from tofmix.io.importers.base import Frame, FrameSource, Request, check_frame, check_numbers, foreign
-from tofmix.io.importers.tiff import read_single
+from tofmix.io.importers.base import Frame, FrameSource, Request, check_frame, check_numbers, foreign, unused
+from tofmix.io.importers.image_text import stated_in
+from tofmix.io.importers.streams import depths_among, stream_of
+from tofmix.io.importers.tiff import read_single, single_text
 
 _GREY_16 = ("I;16", "I;16B", "I")
 """Modes in which Pillow, by its version, reads 16-bit grey."""
@@ -34,20 +36,49 @@ def open_folder(path: Path, _: Request) -> Iterator[FrameSource]:
         raise BadInputError(f"{path}: no {', '.join(IMAGE_KINDS)} in this folder")
     if len(kinds) > 1:
         raise BadInputError(f"{path}: {' and '.join(kinds)} images in this folder; keep one kind")
+    files, left = _one_sequence(files, path)
     first = _read(files[0])
+    stated = stated_in(_text(files[0]))
     yield FrameSource(
         kind=f"folder of {kinds[0]} images",
         shape=(len(files), *first.shape),
         dtype=first.dtype,
-        depth_axis="z",
+        unit_mm=stated.unit_mm,
+        depth_axis=stated.depth_axis,
         frames=_frames(files, first),
+        notes=(unused(path, "images", left),) if left else (),
     )
 
 
-def _natural(path: Path) -> list[tuple[int, int, str]]:
-    """Sort key in which 2 comes before 10."""
-    parts = re.split(r"(\d+)", path.name)
-    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts]
+def _one_sequence(files: list[Path], folder: Path) -> tuple[list[Path], list[str]]:
+    """The images of depths, and the names of the other sequences in the folder.
+
+    Names that differ in numbers alone are one sequence.
+
+    Raises
+    ------
+    BadInputError
+        If there are several sequences, and names do not tell which is of depths.
+    """
+    sequences: dict[str, list[Path]] = {}
+    for file in files:
+        sequences.setdefault(re.sub(r"[\d.]+", "#", file.stem), []).append(file)
+    told = {name: stream_of(name) for name in sequences}
+    if len(sequences) == 1 or not any(told.values()) or set(told.values()) == {"unknown"}:
+        return files, []
+    chosen = depths_among(sequences)
+    if len(chosen) != 1:
+        listed = ", ".join(f"{len(members)} of {name}" for name, members in sequences.items())
+        raise BadInputError(
+            f"{folder}: several sequences of images: {listed}; put the depths into a folder of their own"
+        )
+    return sequences[chosen[0]], [f"{name} ({len(sequences[name])})" for name in sequences if name != chosen[0]]
+
+
+def _natural(path: Path) -> list[tuple[int, float, str]]:
+    """Sort key in which 2 comes before 10, and time stamps such as 1700000000.5 are decimal numbers."""
+    parts = re.split(r"(\d+(?:\.\d+)?)", path.stem)
+    return [(0, float(part), "") if part[:1].isdecimal() else (1, 0.0, part) for part in parts]
 
 
 def _frames(files: list[Path], first: NDArray[Any]) -> Iterator[Frame]:
@@ -57,6 +88,18 @@ def _frames(files: list[Path], first: NDArray[Any]) -> Iterator[Frame]:
 
 def _kind(file: Path) -> tuple[str, Callable[[Path], NDArray[Any]]]:
     return IMAGE_KINDS[file.suffix.lower()]
+
+
+def _text(file: Path) -> str | None:
+    """The text that an image holds of itself."""
+    return TEXTS[_kind(file)[0]](file)
+
+
+def _png_text(file: Path) -> str | None:
+    pillow = need("PIL.Image", extra="images", what="PNG")
+    with foreign(file), pillow.open(file, formats=["PNG"]) as image:
+        text = image.text.get("Description") if hasattr(image, "text") else None
+    return text if isinstance(text, str) else None
 
 
 def _read(file: Path) -> NDArray[Any]:
@@ -82,3 +125,6 @@ IMAGE_KINDS: dict[str, tuple[str, Callable[[Path], NDArray[Any]]]] = {
     ".tiff": ("TIFF", read_single),
 }
 """Kind of each suffix, and the reader of one image, (row, col)."""
+
+TEXTS: dict[str, Callable[[Path], str | None]] = {"PNG": _png_text, "TIFF": single_text}
+"""Readers of an image's own text, by its kind."""

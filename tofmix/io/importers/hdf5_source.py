@@ -1,7 +1,8 @@
 """HDF5: one dataset of any file, with its amplitudes, times and camera.
 
-`--dataset` names it; without, it is the only one of frames, or `range`. Its attributes `units` and `_FillValue`, its
-dimension scales, and a group `sensor` as in a recording are used where they are there.
+`--dataset` names it; without, it is the only one of frames, or `range`. Its attribute `units`, its packing and fill
+values (`tofmix.io.importers.cf`), its dimension scales, and a group `sensor` as in a recording are used where they are
+there.
 """
 
 from collections.abc import Iterator
@@ -15,10 +16,12 @@ from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
 from tofmix.io import hdf5, sensor_group
 from tofmix.io.guard import guard
-from tofmix.io.importers.arrays import check_shapes, check_time, choose, joined
-from tofmix.io.importers.axes import FRAMES_FIRST, WITH_TARGETS, axes_of
-from tofmix.io.importers.base import FrameSource, Request
+from tofmix.io.importers.arrays import arrays_beside, check_shapes, check_time, choose, joined, numbered_images
+from tofmix.io.importers.axes import FRAMES_FIRST, WITH_TARGETS, axes_of, axis_name
+from tofmix.io.importers.base import Frame, FrameSource, Request, check_frame
+from tofmix.io.importers.cf import Packing, packing_of
 from tofmix.io.importers.datasets import DatasetFrames
+from tofmix.io.importers.times import time_unit_s
 from tofmix.io.importers.units import unit_mm_of
 from tofmix.io.layers.layers_file import FORMAT as LAYERS_FORMAT
 
@@ -45,25 +48,69 @@ def _source(root: h5py.File, path: Path, request: Request) -> FrameSource:
         raise BadInputError(f"{path}: a layers file, not a recording: tofmix report {path}")
     with guard.reading(path, "datasets"):
         shapes = _datasets(root)
+    of_frames = None if request.topic is not None or request.axes is not None else numbered_images(shapes)
+    if of_frames is not None:
+        return _one_dataset_a_frame(root, of_frames, path, request)
     name = choose(
         shapes, None if request.topic is None else request.topic.strip("/"), path, _axes_asked(root, shapes, request)
     )
+    beside = arrays_beside(shapes, name, request, path)
+    notes = [*_axes_guessed(root, name, request, path), *beside.notes]
     depth = _frames(root, name, shapes, path, request)
     dataset = guard.checked_dataset(root, name, path)
+    packing = _packing(root, dataset, path)
     amplitude = _amplitude(root, name, shapes, path, request)
-    time_s = _time(root, name, shapes, depth.shape[0], path)
+    light = None if amplitude is None else map(_packing(root, amplitude.dataset, path).unpacked, amplitude)
+    time_s = _time(root, name, shapes, depth.shape[0], path, request, notes)
+    status = None if beside.status is None else _frames(root, beside.status, shapes, path, request)
     return FrameSource(
         kind=f"dataset {name}{'' if amplitude is None else f' with {amplitude.name}'} of an HDF5 file",
         shape=depth.shape,
         targets=depth.targets,
         dtype=depth.dtype,
-        frames=joined(depth, amplitude, time_s),
+        frames=joined(depth, light, time_s, status),
         unit_mm=_unit(dataset, name, path, request),
-        invalid=_fill(dataset, path),
+        scale_factor=packing.scale_factor,
+        add_offset=packing.add_offset,
+        invalid=packing.invalid,
+        valid_span=packing.valid_span,
+        status_valid=beside.codes,
         has_amplitude=amplitude is not None,
         has_time=time_s is not None,
         sensor=sensor_group.read_sensor(root, path) if isinstance(root.get("sensor"), h5py.Group) else None,
+        notes=tuple(notes),
     )
+
+
+def _one_dataset_a_frame(root: h5py.File, names: list[str], path: Path, request: Request) -> FrameSource:
+    """Images of one frame each, in the order of the numbers in their names."""
+    first = guard.checked_dataset(root, names[0], path)
+    packing = _packing(root, first, path)
+
+    def images() -> Iterator[Frame]:
+        for name in names:
+            dataset = guard.checked_dataset(root, name, path)
+            with guard.reading(path, name):
+                image = np.asarray(dataset[...])
+            yield Frame(depth=check_frame(image, first.shape, first.dtype, f"{path}: {name}"))
+
+    return FrameSource(
+        kind=f"{len(names)} datasets of an HDF5 file, one a frame",
+        shape=(len(names), *first.shape),
+        dtype=first.dtype,
+        frames=images(),
+        unit_mm=_unit(first, names[0], path, request),
+        scale_factor=packing.scale_factor,
+        add_offset=packing.add_offset,
+        invalid=packing.invalid,
+        valid_span=packing.valid_span,
+        notes=(f"{path}: {names[0]} to {names[-1]} are taken as {len(names)} frames, in this order",),
+    )
+
+
+def _packing(root: h5py.File, dataset: h5py.Dataset, path: Path) -> Packing:
+    with guard.reading(path, dataset.name):
+        return packing_of(dataset, path, netcdf=path.suffix.lower() == ".nc" or "_NCProperties" in root.attrs)
 
 
 def _datasets(root: h5py.File) -> dict[str, tuple[int, ...]]:
@@ -81,9 +128,19 @@ def _datasets(root: h5py.File) -> dict[str, tuple[int, ...]]:
 
 def _scales(dataset: h5py.Dataset) -> str | None:
     """Axes of a dataset by the names of its dimension scales, if these are known names."""
-    names = [dim[0].name.rsplit("/", 1)[-1] if len(dim) else "" for dim in dataset.dims]
+    names = [axis_name(dim[0].name.rsplit("/", 1)[-1]) if len(dim) else "" for dim in dataset.dims]
     known = [order.split(",") for order in (FRAMES_FIRST, WITH_TARGETS)]
     return ",".join(names) if sorted(names) in [sorted(order) for order in known] else None
+
+
+def _axes_guessed(root: h5py.File, name: str, request: Request, path: Path) -> Iterator[str]:
+    """Note on axes that are told by other names than those of a recording."""
+    asked = None if request.axes is not None else _scales(root[name])
+    if asked is None:
+        return
+    theirs = ",".join(dim[0].name.rsplit("/", 1)[-1] for dim in root[name].dims)
+    if theirs != asked:
+        yield f"{path}: {name}: the dimensions {theirs} are taken as --axes {asked}"
 
 
 def _axes_asked(root: h5py.File, shapes: dict[str, tuple[int, ...]], request: Request) -> str | None:
@@ -122,17 +179,29 @@ def _companion(name: str, other: str) -> str:
     return f"{group}/{other}" if group else other
 
 
-def _time(root: h5py.File, name: str, shapes: dict[str, tuple[int, ...]], frames: int, path: Path) -> FloatArray | None:
+def _time(
+    root: h5py.File,
+    name: str,
+    shapes: dict[str, tuple[int, ...]],
+    frames: int,
+    path: Path,
+    request: Request,
+    notes: list[str],
+) -> FloatArray | None:
+    """Times of the frames, s, by the unit of `request` or of the dataset."""
     other = _companion(name, _TIME)
     if other not in shapes:
         return None
     dataset = guard.checked_dataset(root, other, path)
-    if hdf5.text_attribute(dataset, "units") not in (None, "s"):
+    units = hdf5.text_attribute(dataset, "units")
+    unit_s = request.time_unit_s or (1.0 if units is None else time_unit_s(units))
+    if unit_s is None:
+        notes.append(f"{path}: not used: {other} in {units!r}, no known unit of time (--time-unit gives it)")
         return None
     with guard.reading(path, other):
-        time_s = np.asarray(dataset[...], dtype=np.float64)
-    check_time(time_s, frames, path)
-    return time_s
+        stored = np.asarray(dataset[...])
+    check_time(stored, frames, path)
+    return np.asarray(_packing(root, dataset, path).unpacked(stored), dtype=np.float64) * unit_s
 
 
 def _unit(dataset: h5py.Dataset, name: str, path: Path, request: Request) -> float | None:
@@ -143,11 +212,3 @@ def _unit(dataset: h5py.Dataset, name: str, path: Path, request: Request) -> flo
     if unit is None:
         raise BadInputError(f"{path}: {name}: units {text!r} are not a known unit of length; give --units or --scale")
     return unit
-
-
-def _fill(dataset: h5py.Dataset, path: Path) -> tuple[float, ...]:
-    try:
-        fill = hdf5.fill_value(dataset)
-    except BadInputError as error:
-        raise BadInputError(f"{path}: {error}") from error
-    return () if fill is None else (float(fill[0]),)

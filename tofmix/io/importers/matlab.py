@@ -22,7 +22,17 @@ from tofmix.errors import BadInputError, ExitCode, StorageError, TofmixError
 from tofmix.io.atomic.scratch_folder import scratch_folder
 from tofmix.io.guard import guard
 from tofmix.io.guard.watchdog import watched
-from tofmix.io.importers.arrays import TIME, check_shapes, check_time, choose, joined, sizes_of, stack_of
+from tofmix.io.importers.arrays import (
+    TIME,
+    Beside,
+    arrays_beside,
+    check_shapes,
+    check_time,
+    choose,
+    joined,
+    sizes_of,
+    stack_of,
+)
 from tofmix.io.importers.axes import FRAMES_FIRST, FRAMES_LAST, STACK_DIMENSIONS, axes_of
 from tofmix.io.importers.base import FrameSource, Request, foreign
 from tofmix.io.importers.datasets import DatasetFrames
@@ -78,7 +88,9 @@ def _of_scipy(path: Path, request: Request, folder: Path) -> FrameSource:
         shapes = {name: tuple(shape) for name, shape in json.loads(listed).items()}
         name = choose(shapes, request.topic, path, request.axes)
         names = [name] if request.amplitude is None else [name, choose(shapes, request.amplitude, path, request.axes)]
+        beside = arrays_beside(shapes, name, request, path)
         request = _with_axes(shapes[name], request, f"{path}: {name}")
+        names += [beside.status] if beside.status is not None else []
         wanted = [*names, TIME] if TIME in shapes else names
         complaint = child.communicate(json.dumps(wanted) + "\n")[1]
     if child.returncode:
@@ -86,8 +98,10 @@ def _of_scipy(path: Path, request: Request, folder: Path) -> FrameSource:
     with foreign(path):
         held = [np.load(folder / f"{k}.npy", mmap_mode="r", allow_pickle=False) for k in range(len(wanted))]
     arrays = [stack_of(held[k], request, f"{path}: {one}") for k, one in enumerate(names)]
-    time_s = held[-1] if TIME in shapes else None
-    return _source(path, name, arrays, time_s, f"array {name} of a .mat")
+    time_s = np.asarray(held[-1]) * (request.time_unit_s or 1.0) if TIME in shapes else None
+    status = arrays.pop() if beside.status is not None else None
+    amplitude = arrays[1] if request.amplitude is not None else None
+    return _source(path, name, arrays[0], amplitude, status, time_s, beside)
 
 
 def _refusal(child: "subprocess.Popen[str]", complaint: str, path: Path) -> TofmixError:
@@ -100,20 +114,29 @@ def _refusal(child: "subprocess.Popen[str]", complaint: str, path: Path) -> Tofm
     return BadInputError(f"{path}: cannot be read: {reason[-1] if reason else 'no reason given'}")
 
 
-def _source(path: Path, name: str, arrays: list[NDArray[Any]], time_s: Any, kind: str) -> FrameSource:  # noqa: ANN401  what loadmat gives
-    depth, amplitude = arrays[0], arrays[1] if len(arrays) > 1 else None
+def _source(
+    path: Path,
+    name: str,
+    depth: NDArray[Any],
+    amplitude: NDArray[Any] | None,
+    status: NDArray[Any] | None,
+    time_s: NDArray[Any] | None,
+    beside: Beside,
+) -> FrameSource:
     if amplitude is not None:
         check_shapes(depth.shape, amplitude.shape, f"{path}: amplitudes beside {name}")
     if time_s is not None:
-        check_time(np.asarray(time_s), depth.shape[0], path)
+        check_time(time_s, depth.shape[0], path)
     return FrameSource(
-        kind=kind,
+        kind=f"array {name} of a .mat",
         shape=sizes_of(depth)[0],
         targets=sizes_of(depth)[1],
         dtype=depth.dtype,
-        frames=joined(depth, amplitude, None if time_s is None else np.asarray(time_s)),
+        frames=joined(depth, amplitude, time_s, status),
+        status_valid=beside.codes,
         has_amplitude=amplitude is not None,
         has_time=time_s is not None,
+        notes=beside.notes,
     )
 
 
@@ -122,8 +145,10 @@ def _of_hdf5(root: h5py.File, path: Path, request: Request) -> FrameSource:
         # HDF5 sees MATLAB's axes in reverse.
         shapes = {n: tuple(reversed(item.shape)) for n, item in root.items() if isinstance(item, h5py.Dataset)}
     name = choose(shapes, request.topic, path, request.axes)
+    beside = arrays_beside(shapes, name, request, path)
     request = _with_axes(shapes[name], request, f"{path}: {name}")
     depth = _variable(root, name, shapes[name], request, path)
+    status = None if beside.status is None else _variable(root, beside.status, shapes[beside.status], request, path)
     amplitude = None
     if request.amplitude is not None:
         other = choose(shapes, request.amplitude, path, request.axes)
@@ -134,14 +159,17 @@ def _of_hdf5(root: h5py.File, path: Path, request: Request) -> FrameSource:
         with guard.reading(path, TIME):
             time_s = np.asarray(guard.checked_dataset(root, TIME, path)[...])
         check_time(time_s, depth.shape[0], path)
+        time_s = time_s * (request.time_unit_s or 1.0)
     return FrameSource(
         kind=f"array {name} of a .mat of version 7.3",
         shape=depth.shape,
         targets=depth.targets,
         dtype=depth.dtype,
-        frames=joined(depth, amplitude, time_s),
+        frames=joined(depth, amplitude, time_s, status),
+        status_valid=beside.codes,
         has_amplitude=amplitude is not None,
         has_time=time_s is not None,
+        notes=beside.notes,
     )
 
 

@@ -176,8 +176,9 @@ def _compressed(bag: _Bag) -> str:
         return ""
     base = names[0].rpartition("/")[0]
     return (
-        f"; {names[0]} holds compressed images, which are not read: play the bag with ros2 run image_transport republish"
-        f" compressedDepth raw --ros-args -r in/compressedDepth:={names[0]} -r out:={base}_raw, and record {base}_raw"
+        f"; {names[0]} holds compressed images, which are not read: play the bag beside ros2 run image_transport"
+        f" republish compressedDepth raw --ros-args -r in/compressedDepth:={names[0]} -r"
+        f" out:={base}_raw, and record {base}_raw"
     )
 
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,10 @@ from tofmix.io.importers.base import (
     check_numbers,
     complaints_are_errors,
     foreign,
+    unused,
 )
+from tofmix.io.importers.image_text import stated_in
+from tofmix.io.importers.streams import depths_among
 
 _LOGGER = "tifffile"
 
@@ -38,13 +42,76 @@ def open_pages(path: Path, _: Request) -> Iterator[FrameSource]:
         check_numbers(first.dtype, path)
         with complaints_are_errors(_LOGGER, path), foreign(path):
             count = len(pages)
+        with complaints_are_errors(_LOGGER, path), foreign(path):
+            text = str(pages[0].description or "")
+        channels = _channels(text)
+        chosen, notes = _depth_pages(channels, count, path)
+        stated = stated_in(text)
         yield FrameSource(
             kind="multi-page TIFF",
-            shape=(count, first.shape[0], first.shape[1]),
+            shape=(len(chosen), first.shape[0], first.shape[1]),
             dtype=first.dtype,
-            depth_axis="z",
-            frames=_frames(pages, count, first, path),
+            unit_mm=stated.unit_mm,
+            depth_axis=stated.depth_axis,
+            frames=_frames(pages, chosen, first, path),
+            notes=notes,
         )
+
+
+def _channels(text: str) -> tuple[list[str], str]:
+    """Names of an OME-TIFF's channels, and the order of its axes.
+
+    One channel without a name where the text is no OME-XML.
+    """
+    if "<OME" not in text:
+        return [""], ""
+    try:
+        root = ET.fromstring(text)  # noqa: S314  tifffile read it; entities of its own are refused by expat
+    except ET.ParseError:
+        return [""], ""
+    pixels = next((one for one in root.iter() if one.tag.endswith("}Pixels") or one.tag == "Pixels"), None)
+    if pixels is None:
+        return [""], ""
+    names = [one.get("Name", "") for one in pixels if one.tag.endswith("Channel")]
+    count = int(pixels.get("SizeC", "1")) if pixels.get("SizeC", "1").isdecimal() else 1
+    return [*names, *[""] * (count - len(names))][:count], pixels.get("DimensionOrder", "XYCZT")
+
+
+def _depth_pages(channels: tuple[list[str], str], count: int, path: Path) -> tuple[list[int], tuple[str, ...]]:
+    """Pages of the depths, and a note on other channels.
+
+    Raises
+    ------
+    BadInputError
+        If there are several channels, and their names do not tell which is of depths.
+    """
+    names, order = channels
+    if len(names) <= 1:
+        return list(range(count)), ()
+    shown = [name or f"channel {k}" for k, name in enumerate(names)]
+    depths = depths_among([name for name in names if name])
+    if len(depths) != 1 or count % len(names):
+        raise BadInputError(
+            f"{path}: {len(names)} channels ({', '.join(shown)}), not one sequence of depths;"
+            " write the depths to a TIFF of their own"
+        )
+    channel, frames = names.index(depths[0]), count // len(names)
+    first_c = order.find("C") < max(order.find("T"), order.find("Z")) and order.find("C") == 2  # noqa: PLR2004  X, Y, C
+    pages = [k * len(names) + channel if first_c else channel * frames + k for k in range(frames)]
+    left = [name for k, name in enumerate(shown) if k != channel]
+    return pages, (unused(path, "channels", left),)
+
+
+def single_text(path: Path) -> str | None:
+    """The ``ImageDescription`` of a TIFF.
+
+    Raises
+    ------
+    BadInputError
+        If it is damaged.
+    """
+    with _opened(path) as pages, complaints_are_errors(_LOGGER, path), foreign(path):
+        return str(pages[0].description or "")
 
 
 def read_single(path: Path) -> NDArray[Any]:
@@ -81,7 +148,7 @@ def _page(pages: Any, number: int, path: Path) -> NDArray[Any]:  # noqa: ANN401 
     return page
 
 
-def _frames(pages: Any, count: int, first: NDArray[Any], path: Path) -> Iterator[Frame]:  # noqa: ANN401  tifffile's own
-    for number in range(count):
+def _frames(pages: Any, numbers: list[int], first: NDArray[Any], path: Path) -> Iterator[Frame]:  # noqa: ANN401  tifffile's own
+    for number in numbers:
         page = _page(pages, number, path)
         yield Frame(depth=check_frame(page, first.shape, first.dtype, f"{path}: page {number}"))

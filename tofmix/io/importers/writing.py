@@ -21,6 +21,7 @@ from tofmix.wording import counted
 BLOCK_BYTES = 64_000_000
 """Most bytes of ranges that are held at once, where a frame is not larger."""
 
+_MATRIX = (1, 3, 3)  # frames, rows and columns of a camera matrix that is taken for an image
 _MEDIAN_SAMPLES = 1 << 14  # of a block, at most
 
 
@@ -114,6 +115,8 @@ def write_recording(
         for block in _blocks(source.frames, block_frames):
             if start + len(block) > frames:
                 raise BadInputError(f"{what}: {counted(frames, 'frame')} declared, more found; write the source again")
+            if start == 0 and source.shape == _MATRIX:
+                _refuse_matrix(block[0].depth, what)
             converted = [conversion(frame.depth, frame.status) for frame in block]
             ranges: Any = np.stack([one.range_mm for one in converted])
             if doubtful and np.isfinite(ranges).any():
@@ -131,6 +134,12 @@ def write_recording(
         if start < frames:
             raise BadInputError(f"{what}: ends after {start} of {frames} frames; the rest of it is missing")
     return tally.result(frames)
+
+
+def _refuse_matrix(depth: "np.ndarray[Any, Any]", what: Path) -> None:
+    """Refuse a camera matrix, which is no image."""
+    if depth.shape == _MATRIX[1:] and depth[2].tolist() == [0, 0, 1]:
+        raise BadInputError(f"{what}: one 3 x 3 array that ends in 0 0 1 is a camera matrix, not depths")
 
 
 def _blocks(frames: Iterator[Frame], length: int) -> Iterator[list[Frame]]:

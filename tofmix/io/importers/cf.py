@@ -1,0 +1,118 @@
+"""Packed numbers and fill values of HDF5 and netCDF datasets, as the CF conventions have them.
+
+References
+----------
+CF Conventions 1.11, sections 2.5.1 and 8.1; the default fill values are those of netCDF's ``netcdf.h``.
+"""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.errors import BadInputError
+
+_DEFAULT_FILLS = {
+    "i1": -127, "u1": 255, "i2": -32767, "u2": 65535, "i4": -2147483647, "u4": 4294967295,
+    "i8": -9223372036854775806, "u8": 18446744073709551614,
+}  # fmt: skip
+"""netCDF's fill values of whole numbers; that of real ones is above any range."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Packing:
+    """How stored numbers become values: ``scale_factor * number + add_offset``; some numbers are no values.
+
+    Parameters
+    ----------
+    scale_factor, add_offset : float
+        In the unit of the dataset.
+    invalid : tuple of float
+        Stored numbers that are fill values.
+    valid_span : (float, float)
+        Least and largest valid stored number.
+    """
+
+    scale_factor: float = 1.0
+    add_offset: float = 0.0
+    invalid: tuple[float, ...] = ()
+    valid_span: tuple[float, float] = (-math.inf, math.inf)
+
+    def unpacked(self, stored: NDArray[Any]) -> NDArray[Any]:
+        """Values of stored numbers, as they are where nothing is packed; fill values become NaN.
+
+        Parameters
+        ----------
+        stored : array of int or float
+            Numbers of the dataset.
+        """
+        if self == Packing():
+            return stored
+        bad = np.isin(stored, self.invalid) | (stored < self.valid_span[0]) | (stored > self.valid_span[1])
+        return np.where(bad, np.nan, stored * self.scale_factor + self.add_offset)
+
+
+def packing_of(dataset: h5py.Dataset, path: Path, *, netcdf: bool) -> Packing:
+    """Read the packing of a dataset.
+
+    Parameters
+    ----------
+    dataset : h5py.Dataset
+        The dataset.
+    path : Path
+        For messages.
+    netcdf : bool
+        Whether netCDF's default fill values count where the dataset names none.
+
+    Raises
+    ------
+    BadInputError
+        If an attribute is not made of numbers, or a factor is not above 0.
+    """
+    scale = _numbers(dataset, "scale_factor", path, count=1) or (1.0,)
+    offset = _numbers(dataset, "add_offset", path, count=1) or (0.0,)
+    if not (math.isfinite(scale[0]) and scale[0] > 0 and math.isfinite(offset[0])):
+        raise BadInputError(
+            f"{path}: {dataset.name}: scale_factor {scale[0]:g} and add_offset {offset[0]:g} are no packing of ranges"
+        )
+    fills = (*_numbers(dataset, "_FillValue", path, count=1), *_numbers(dataset, "missing_value", path))
+    own = _own_fill(dataset)
+    if not fills and own is not None:
+        fills = (own,)
+    kind = dataset.dtype.str[1:]
+    if not fills and netcdf and kind in _DEFAULT_FILLS:
+        fills = (float(_DEFAULT_FILLS[kind]),)
+    return Packing(
+        scale_factor=scale[0], add_offset=offset[0], invalid=tuple(fill for fill in fills if not math.isnan(fill)),
+        valid_span=_span(dataset, path),
+    )  # fmt: skip
+
+
+def _span(dataset: h5py.Dataset, path: Path) -> tuple[float, float]:
+    both = _numbers(dataset, "valid_range", path, count=2)
+    least = _numbers(dataset, "valid_min", path, count=1) or both[:1] or (-math.inf,)
+    most = _numbers(dataset, "valid_max", path, count=1) or both[1:] or (math.inf,)
+    return least[0], most[0]
+
+
+def _own_fill(dataset: h5py.Dataset) -> float | None:
+    """The fill value that the file's maker gave the dataset itself; None for HDF5's own 0."""
+    if dataset.id.get_create_plist().fill_value_defined() != h5py.h5d.FILL_VALUE_USER_DEFINED:
+        return None
+    value = float(dataset.fillvalue)
+    return value or None
+
+
+def _numbers(dataset: h5py.Dataset, key: str, path: Path, *, count: int | None = None) -> tuple[float, ...]:
+    value = dataset.attrs.get(key)
+    if value is None:
+        return ()
+    numbers = np.asarray(value).reshape(-1)
+    if numbers.dtype.kind not in "iuf" or numbers.size == 0 or (count is not None and numbers.size != count):
+        expected = "numbers" if count is None else "a number" if count == 1 else f"{count} numbers"
+        raise BadInputError(f"{path}: {dataset.name.lstrip('/')}: {key}: expected {expected}, got {value!r}")
+    return tuple(float(number) for number in numbers)
