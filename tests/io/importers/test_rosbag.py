@@ -11,6 +11,8 @@ from support.bags import AMPLITUDE, DEPTH, INFO, KINDS, new_bag
 from support.reading import depths, read_source
 
 from tofmix.errors import BadInputError, UsageError
+from tofmix.io.importers import open_source
+from tofmix.io.importers.base import Request
 from tofmix.optics.pinhole import Pinhole
 
 SECOND = 10**9
