@@ -194,16 +194,20 @@ def import_(
         }  # fmt: skip
         with progress_bar(frames.shape[0], "import", "frame") as bar:
             imported = write_recording(
-                frames, output, what=source, sensor=geometry.sensor, conversion=conversion, frame_rate_hz=frame_rate,
+                frames, output, what=source, sensor=geometry.sensor, conversion=conversion,
+                again=lambda: open_source(source, request), frame_rate_hz=frame_rate,
                 attributes=attributes, progress=bar.update, overwrite=overwrite,
                 inputs=tuple(inputs),
             )  # fmt: skip
-        notes = [*frames.notes, *geometry.notes]
+        notes = [*frames.notes, *imported.remarks, *geometry.notes]
         notes += _doubts(frames, imported, camera, geometry.sensor, source, used_mm)
     for note in notes:
         click.echo(f"tofmix: {note}", err=True)
     _, rows, cols = frames.shape
-    unknown = not_known(geometry.sensor, has_optics=geometry.sensor.optics is not None)
+    unknown = not_known(
+        geometry.sensor, has_optics=geometry.sensor.optics is not None,
+        has_time=frames.has_time or frame_rate is not None or imported.frames == 1,
+    )  # fmt: skip
     if as_json:
         made = {
             "source": str(source), "output": str(output), "frames": imported.frames, "rows": rows, "cols": cols,

@@ -303,8 +303,8 @@ def _ideal(rows: int, cols: int, view_deg: tuple[float, float]) -> "Pinhole":
     return Pinhole(fx=fx, fy=fy, cx=(cols - 1) / 2, cy=(rows - 1) / 2)
 
 
-def not_known(sensor: "Sensor", *, has_optics: bool) -> list[str]:
-    """Missing camera data, with the commands that need them."""
+def not_known(sensor: "Sensor", *, has_optics: bool, has_time: bool) -> list[str]:
+    """Missing data of the camera and of its clock, with the commands that need them."""
     missing = []
     if not has_optics:
         missing.append("field of view (export, map and surfaces need it: import --fov)")
@@ -312,4 +312,6 @@ def not_known(sensor: "Sensor", *, has_optics: bool) -> list[str]:
         missing.append("largest range (share without a return)")
     if sensor.noise is None:
         missing.append("noise curve (estimate measures it)")
+    if not has_time:
+        missing.append("times of the frames (reconcile needs them for effects in time: import --frame-rate)")
     return missing

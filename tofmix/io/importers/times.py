@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.wording import counted
 
 _UNITS_S = {
     "s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "millis": 1e-3,
@@ -21,6 +22,9 @@ _UNITS_S = {
 
 SET_BACK_S = 1.0
 """A clock that goes back by more than this has been set, or started again; by less, messages overtook one another."""
+
+_DIGITS = 9
+"""Stamps are whole nanoseconds: those of ROS are, and floats that differ by less are equal."""
 
 _EPOCH_S = 1.0e8, 1.0e10
 """Seconds since 1970 in the years 1973 to 2286."""
@@ -54,9 +58,9 @@ class Settled(NamedTuple):
 def settled(stamps_s: FloatArray, same_as_before: BoolArray) -> Settled:
     """Settle the order and the times of frames.
 
-    Frames that overtook one another are sorted. A clock that goes back by more than `SET_BACK_S` while the frames after
-    it do not fill gaps of those before is a new start: its frames follow one frame interval later. Of frames of the
-    same stamp, one that equals an earlier one is left out, and others get a time between their neighbours'.
+    Frames of one clock that are out of order are sorted. A clock that goes back by more than `SET_BACK_S` is a new
+    start: its frames follow one frame interval later. Of frames of the same stamp, one that equals an earlier one is
+    left out, and others get a time between their neighbours'.
 
     Parameters
     ----------
@@ -70,6 +74,7 @@ def settled(stamps_s: FloatArray, same_as_before: BoolArray) -> Settled:
     if twins := int(same_as_before.sum()):
         remarks.append(f"{_frames(twins)} equal to another of the same time left out")
     time_s = _filled(stamps_s[order], remarks)
+    time_s = np.round(time_s - time_s.min(), _DIGITS)
     time_s = _restarted(time_s, order, remarks)
     sort = np.argsort(time_s, kind="stable")
     if moved := int(np.count_nonzero(sort != np.arange(sort.size))):
@@ -80,7 +85,7 @@ def settled(stamps_s: FloatArray, same_as_before: BoolArray) -> Settled:
 
 
 def _frames(count: int) -> str:
-    return f"{count} frame{'s' * (count != 1)}"
+    return counted(count, "frame")
 
 
 def _filled(time_s: FloatArray, remarks: list[str]) -> FloatArray:
@@ -121,8 +126,18 @@ def _restarted(time_s: FloatArray, order: IntArray, remarks: list[str]) -> Float
     return time_s
 
 
-def _is_shuffled(time_s: FloatArray, backs: IntArray, *, most_share: float = 0.1) -> bool:
-    """Whether frames were shuffled rather than clocks set: many steps back, for runs that ascend are long."""
+def _is_shuffled(
+    time_s: FloatArray, backs: IntArray, *, most_share: float = 0.1, gaps: tuple[float, float] = (0.3, 2.5)
+) -> bool:
+    """Whether frames of one clock are out of order, rather than a clock set back.
+
+    They are if all times together, sorted, are those of one clock, without near twins and without gaps in units of
+    their interval; or if the times go back at more than a share of the frames, for a clock is not set that often.
+    """
+    steps = np.diff(np.sort(time_s))
+    interval = float(np.median(steps))
+    if steps.min() >= gaps[0] * interval and steps.max() <= gaps[1] * interval:
+        return True
     return backs.size > max(1.0, most_share * time_s.size)
 
 

@@ -1,8 +1,10 @@
 """From an open source to a recording, block by block: memory does not grow with the frames."""
 
+import hashlib
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
@@ -10,8 +12,10 @@ from typing import Any, Literal
 import numpy as np
 
 from tofmix.errors import BadInputError
+from tofmix.io.atomic.scratch_folder import scratch_folder
 from tofmix.io.importers.base import Frame, FrameSource
 from tofmix.io.importers.conversion import Conversion
+from tofmix.io.importers.times import Settled, settled
 from tofmix.io.importers.units import refuse_metres
 from tofmix.io.recording.recording_writer import CHUNK_FRAMES, RecordingWriter
 from tofmix.recording import SAMPLE_BYTES
@@ -41,6 +45,8 @@ class Imported:
         Values that were dropped, by reason.
     median_mm : float or None
         Median of some of the valid samples, mm; None without any.
+    remarks : tuple of str
+        Changes of the order and the times of frames.
     """
 
     frames: int
@@ -50,6 +56,7 @@ class Imported:
     without_amplitude: int
     dropped: dict[str, int]
     median_mm: float | None
+    remarks: tuple[str, ...] = ()
 
 
 def write_recording(
@@ -59,13 +66,16 @@ def write_recording(
     what: Path,
     sensor: Sensor,
     conversion: Conversion,
+    again: Callable[[], AbstractContextManager[FrameSource]] | None = None,
     frame_rate_hz: float | None = None,
     attributes: dict[str, str | int | float] | None = None,
     progress: Callable[[int], object] | None = None,
     overwrite: bool = False,
     inputs: tuple[Path, ...] = (),
 ) -> Imported:
-    """Write the frames of a source as a recording.
+    """Write the frames of a source as a recording, whose times ascend from 0.
+
+    Times that do not ascend are settled by `tofmix.io.importers.times.settled`; the source is then read again.
 
     Parameters
     ----------
@@ -79,6 +89,8 @@ def write_recording(
         The camera.
     conversion : Conversion
         From the source's numbers to ranges.
+    again : callable, optional
+        Opens the source a second time. Without it times that do not ascend are refused.
     frame_rate_hz : float, optional
         Gives `time` where the source has none.
     attributes : dict, optional
@@ -100,6 +112,40 @@ def write_recording(
     UsageError, StorageError
         As for `AtomicFile`.
     """
+
+    def written(frames: FrameSource, clock: "_Clock") -> Imported:
+        return _write(
+            frames, output, what=what, sensor=sensor, conversion=conversion, clock=clock, frame_rate_hz=frame_rate_hz,
+            attributes=attributes, progress=progress, overwrite=overwrite, inputs=inputs,
+        )  # fmt: skip
+
+    clock = _Clock()
+    try:
+        return written(source, clock)
+    except _UnsettledError:
+        if again is None:
+            raise BadInputError(f"{what}: the times of its frames do not ascend") from None
+    order = clock.settled()
+    with again() as fresh, scratch_folder() as folder:
+        imported = written(_in_order(fresh, order, folder), _Clock())
+    return replace(imported, remarks=tuple(f"{what}: {remark}" for remark in order.remarks))
+
+
+def _write(
+    source: FrameSource,
+    output: Path,
+    *,
+    what: Path,
+    sensor: Sensor,
+    conversion: Conversion,
+    clock: "_Clock",
+    frame_rate_hz: float | None,
+    attributes: dict[str, str | int | float] | None,
+    progress: Callable[[int], object] | None,
+    overwrite: bool,
+    inputs: tuple[Path, ...],
+) -> Imported:
+    """Write frames in the order in which they come; `_UnsettledError` at the end if their times do not ascend."""
     frames, rows, cols = source.shape
     layers = max(1, source.targets)
     block_frames = max(1, min(CHUNK_FRAMES, BLOCK_BYTES // (rows * cols * layers * SAMPLE_BYTES)))
@@ -124,16 +170,73 @@ def write_recording(
                 doubtful = False
             tally.add(ranges, block if source.has_amplitude else [])
             tally.drop(one.dropped for one in converted)
-            writer.write(
-                start, ranges, time_s=_time(block, start, frame_rate_hz, has_time=source.has_time),
-                amplitude=_amplitude(block) if source.has_amplitude else None,
-            )  # fmt: skip
+            time_s = clock.times_of(block) if source.has_time else _time(start, len(block), frame_rate_hz)
+            writer.write(start, ranges, time_s=time_s, amplitude=_amplitude(block) if source.has_amplitude else None)
             start += len(block)
             if progress is not None:
                 progress(len(block))
         if start < frames:
             raise BadInputError(f"{what}: ends after {start} of {frames} frames; the rest of it is missing")
+        if not clock.ascends:
+            raise _UnsettledError
     return tally.result(frames)
+
+
+class _UnsettledError(Exception):
+    """The times of the frames do not ascend; nothing was written."""
+
+
+class _Clock:
+    """Times of the frames as they come, and marks of frames that are equal to an earlier one of the same time."""
+
+    def __init__(self) -> None:
+        self._stamps_s: list[float] = []
+        self._seen: set[tuple[float, bytes]] = set()
+        self._twins: list[bool] = []
+
+    def times_of(self, block: list[Frame]) -> "np.ndarray[Any, np.dtype[np.float64]]":
+        """Times of some frames, s, from the first frame on."""
+        for frame in block:
+            stamp = math.nan if frame.time_s is None else frame.time_s
+            mark = stamp, hashlib.blake2b(np.ascontiguousarray(frame.depth).data, digest_size=16).digest()
+            self._twins.append(mark in self._seen)
+            self._seen.add(mark)
+            self._stamps_s.append(stamp)
+        return np.array(self._stamps_s[-len(block) :]) - self._stamps_s[0]
+
+    @property
+    def ascends(self) -> bool:
+        """Whether each frame is later than the one before; also without any times."""
+        stamps = np.array(self._stamps_s)
+        return bool(np.isfinite(stamps).all() and (np.diff(stamps) > 0).all())
+
+    def settled(self) -> Settled:
+        """The frames to keep, their order and their times."""
+        return settled(np.array(self._stamps_s), np.array(self._twins, dtype=np.bool_))
+
+
+def _in_order(source: FrameSource, order: Settled, folder: Path) -> FrameSource:
+    """The frames of a source in another order: kept in a folder meanwhile, so that memory does not grow with them."""
+    kept: dict[str, np.memmap[Any, Any]] = {}
+    held = np.zeros(source.shape[0], dtype=np.bool_)
+    for number, frame in enumerate(source.frames):
+        for name in ("depth", "amplitude", "status"):
+            image = getattr(frame, name)
+            if image is None:
+                continue
+            if name not in kept:
+                shape = (source.shape[0], *image.shape)
+                kept[name] = np.memmap(folder / name, dtype=image.dtype, mode="w+", shape=shape)
+            kept[name][number] = image
+            held[number] |= name == "amplitude"
+
+    def images() -> Iterator[Frame]:
+        for number, time_s in zip(order.order, order.time_s, strict=True):
+            amplitude = kept["amplitude"][number] if held[number] else None
+            status = kept["status"][number] if "status" in kept else None
+            yield Frame(depth=kept["depth"][number], amplitude=amplitude, status=status, time_s=float(time_s))
+
+    return replace(source, shape=(len(order.order), *source.shape[1:]), frames=images())
 
 
 def _refuse_matrix(depth: "np.ndarray[Any, Any]", what: Path) -> None:
@@ -147,10 +250,8 @@ def _blocks(frames: Iterator[Frame], length: int) -> Iterator[list[Frame]]:
         yield block
 
 
-def _time(block: list[Frame], start: int, rate: float | None, *, has_time: bool) -> "np.ndarray[Any, Any] | None":
-    if has_time:
-        return np.array([math.nan if frame.time_s is None else frame.time_s for frame in block])
-    return None if rate is None else (start + np.arange(len(block))) / rate
+def _time(start: int, count: int, rate: float | None) -> "np.ndarray[Any, Any] | None":
+    return None if rate is None else (start + np.arange(count)) / rate
 
 
 def _amplitude(block: list[Frame]) -> "np.ndarray[Any, np.dtype[np.float32]]":
