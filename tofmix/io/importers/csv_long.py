@@ -1,8 +1,9 @@
 """CSV with a sample a line: the header names `frame`, `row`, `col` and `range`.
 
-Optional columns are `target`, `amplitude` and `time` (s). Columns may be in any order, with others. Rows, columns and
-targets count from 0; from 1 if no 0 occurs (in neither rows nor columns). Where the frames ascend, the file is read
-twice in pieces: once for its sizes, once for its samples. Where they do not, it is read whole, and sorted.
+`zone` may take the place of `row` and `col`, and a time that of `frame`. Optional columns are `target`, `amplitude`, a
+time, and status codes. Columns may be in any order, with others. Rows, columns and targets count from 0; from 1 if no 0
+occurs (in neither rows nor columns). Where the frames ascend, the file is read twice in pieces: once for its sizes,
+once for its samples. Where they do not, it is read whole, and sorted.
 """
 
 import math
@@ -15,8 +16,12 @@ import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.errors import BadInputError
-from tofmix.io.importers.base import Frame, FrameSource, foreign
-from tofmix.io.importers.units import UNITS_MM
+from tofmix.io.importers.base import Frame, FrameSource, Request, foreign, unused
+from tofmix.io.importers.csv_text import Layout
+from tofmix.io.importers.status import codes_of, is_status_name
+from tofmix.io.importers.streams import stream_of
+from tofmix.io.importers.times import epoch_unit_s
+from tofmix.io.importers.units import TIME_UNITS_S, UNITS_MM
 from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE, MOST_TARGETS
 
 PIECE_LINES = 1 << 17
@@ -25,18 +30,79 @@ PIECE_LINES = 1 << 17
 MOST_WHOLE_BYTES = 4 << 30
 """A file that is read whole: its numbers take about as much memory as their text."""
 
-_WHOLE = ("frame", "row", "col")
+_PLACE = ("row", "col")
+_WHOLE = ("frame", *_PLACE, "target", "zone")
 _FLOAT = np.dtype(np.float64)
+TIME_NAMES = frozenset(
+    f"{stem}{unit}" for stem in ("time", "timestamp", "stamp", "t") for unit in ("", "_s", "_ms", "_us", "_ns")
+)
+"""Names of a column of times; what follows the last _ is its unit."""
+
+_SLOWEST_S = 5.0
+"""Frames farther apart than this are more likely in another unit than s."""
 
 
-def open_long(
-    path: Path,
-    names: list[str],
-    delimiter: str | None,
-    shape: tuple[int, int] | None,
-    *,
-    unit_mm: float | None = None,
-) -> FrameSource:
+def named_columns(names: list[str], request: Request, path: Path) -> list[str]:
+    """Names of columns with the meanings that ``--columns`` gives them; a unit at the end of a name stays.
+
+    Raises
+    ------
+    BadInputError
+        If it names a column that is not there.
+    """
+    if lacking := [name for name in request.columns if name not in names]:
+        raise BadInputError(f"{path}: --columns: no column {', '.join(lacking)}; its header names: {', '.join(names)}")
+
+    def meaning(name: str) -> str:
+        if name not in request.columns:
+            return name
+        ours, unit = request.columns[name], name.rpartition("_")[2]
+        known = (ours == "range" and unit in UNITS_MM) or (ours == "time" and unit in TIME_UNITS_S)
+        return f"{ours}_{unit}" if known and "_" in name else ours
+
+    taken = set(request.columns.values())
+    return [meaning(name) if name in request.columns or name not in taken else f"other {name}" for name in names]
+
+
+def time_unit_of(name: str, first: list[float], request: Request, path: Path) -> tuple[float, list[str]]:
+    """Unit of a column of times, s, and a note where it is told by the size of the numbers.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    first : list of float
+        Its numbers in the first frames.
+    request : Request
+        Its `time_unit_s` comes first.
+    path : Path
+        For messages.
+
+    Raises
+    ------
+    BadInputError
+        If nothing tells the unit, and frames would be too far apart in s.
+    """
+    if request.time_unit_s is not None:
+        return request.time_unit_s, []
+    unit = name.rpartition("_")[2] if "_" in name else ""
+    if unit in TIME_UNITS_S:
+        return TIME_UNITS_S[unit], []
+    known = np.array([number for number in first if math.isfinite(number)])
+    steps = np.diff(np.unique(known))
+    epoch_s = epoch_unit_s(float(known[0])) if known.size else None
+    if epoch_s is not None:
+        text = next(unit for unit, unit_s in TIME_UNITS_S.items() if unit_s == epoch_s)
+        return epoch_s, [] if text == "s" else [f"{path}: {name}: numbers of this size are taken as {text} since 1970"]
+    if steps.size and float(np.median(steps)) > _SLOWEST_S:
+        raise BadInputError(
+            f"{path}: {name}: no unit, and frames would be {float(np.median(steps)):g} s apart; give --time-unit ms (or"
+            " s, us, ns)"
+        )
+    return 1.0, []
+
+
+def open_long(path: Path, names: list[str], layout: Layout, request: Request) -> FrameSource:
     """Open a file with a sample a line.
 
     Parameters
@@ -44,13 +110,11 @@ def open_long(
     path : Path
         The file.
     names : list of str
-        Names in its header, in lower case.
-    delimiter : str, optional
-        Separator of cells; blanks without it.
-    shape : (int, int), optional
-        Rows and columns; without it, from the samples.
-    unit_mm : float, optional
-        mm of the given unit; it must not contradict the header.
+        Meanings of its columns, by `named_columns`.
+    layout : Layout
+        Its encoding and separators.
+    request : Request
+        Options; a given unit must not contradict the header.
 
     Raises
     ------
@@ -59,16 +123,29 @@ def open_long(
         long to be sorted.
     """
     column, named_mm = _range_column(path, names)
-    if unit_mm is not None and named_mm is not None and unit_mm != named_mm:
+    if request.unit_mm is not None and named_mm is not None and request.unit_mm != named_mm:
         raise BadInputError(
-            f"{path}: the column is {names[column]}, but --units or --scale says {unit_mm:g} mm a unit; leave the"
-            f" option out, or rename the column to {names[column].rpartition('_')[0]}"
+            f"{path}: the column is {names[column]}, but --units or --scale says {request.unit_mm:g} mm a unit; leave"
+            f" the option out, or rename the column to {names[column].rpartition('_')[0]}"
         )
-    if lacking := [name for name in _WHOLE if name not in names]:
-        raise BadInputError(f"{path}: its header names no {', '.join(lacking)}; it names: {', '.join(names)}")
-    wanted = [*_WHOLE, *(name for name in ("target", "amplitude", "time") if name in names)]
-    table = _Table(path, {name: names.index(name) for name in wanted} | {"range": column}, delimiter)
-    return _Samples(table, shape).source(named_mm)
+    time = next((name for name in names if name in TIME_NAMES), None)
+    place = ("zone",) if "zone" in names and not set(_PLACE) & set(names) else _PLACE
+    needed = [*(("frame",) if time is None else ()), *place]
+    if lacking := [name for name in needed if name not in names]:
+        raise BadInputError(
+            f"{path}: its header names no {', '.join(lacking)}; it names: {', '.join(names)};"
+            f" --columns THEIRS={lacking[0]} says which column it is"
+        )
+    if place == ("zone",) and request.shape is None:
+        raise BadInputError(f"{path}: a column zone without row and col: give their image: --shape ROWSxCOLS")
+    status, codes, notes = _status(path, names, request)
+    wanted = {name: names.index(name) for name in ("frame", *place, "target", "amplitude") if name in names}
+    wanted |= {"range": column} | ({} if time is None else {"time": names.index(time)})
+    wanted |= {} if status is None else {"status": status}
+    notes += _not_used(path, names, wanted)
+    samples = _Samples(_Table(path, wanted, layout, request.shape), request.shape)
+    unit_s, said = (1.0, []) if time is None else time_unit_of(time, samples.first_times(), request, path)
+    return samples.source(named_mm, unit_s, codes, (*layout.notes, *notes, *said))
 
 
 def _range_column(path: Path, names: list[str]) -> tuple[int, float | None]:
@@ -77,11 +154,32 @@ def _range_column(path: Path, names: list[str]) -> tuple[int, float | None]:
         stem, _, unit = name.rpartition("_")
         if name == "range" or (stem in ("range", "distance") and unit in UNITS_MM):
             return k, UNITS_MM.get(unit) if name != "range" else None
-    raise BadInputError(f"{path}: its header names no range; it names: {', '.join(names)}")
+    raise BadInputError(
+        f"{path}: its header names no range; it names: {', '.join(names)}; --columns THEIRS=range says which it is"
+    )
 
 
-def _value(cell: str) -> float:
-    return float(cell) if cell.strip() else math.nan
+def _status(path: Path, names: list[str], request: Request) -> tuple[int | None, tuple[int, ...], list[str]]:
+    """Column of the status codes, the valid ones, and a note on a column of codes that is not used."""
+    for k, name in enumerate(names):
+        if codes := codes_of(name, request):
+            return k, codes, []
+    if request.valid_status is not None:
+        raise BadInputError(
+            f"{path}: --valid-status: no column {request.valid_status[0]!r}; its header names: {', '.join(names)}"
+        )
+    left = [name for name in names if is_status_name(name)]
+    remedy = f"--valid-status {left[0]}=5,9 says which codes are valid" if left else ""
+    return None, (), [unused(path, "column", left, remedy)] if left else []
+
+
+def _not_used(path: Path, names: list[str], wanted: dict[str, int]) -> list[str]:
+    """Note on columns that look like samples, and are not used."""
+    left = [
+        name for k, name in enumerate(names)
+        if k not in wanted.values() and not is_status_name(name) and stream_of(name) != "unknown"
+    ]  # fmt: skip
+    return [unused(path, "column", left)] if left else []
 
 
 class Piece(NamedTuple):
@@ -115,8 +213,8 @@ def _joined(pieces: Iterable[Piece]) -> Piece:
 class _Table:
     """The lines of a file, in pieces."""
 
-    def __init__(self, path: Path, columns: dict[str, int], delimiter: str | None) -> None:
-        self.path, self._columns, self._delimiter = path, columns, delimiter
+    def __init__(self, path: Path, columns: dict[str, int], layout: Layout, image: tuple[int, int] | None) -> None:
+        self.path, self._columns, self._layout, self._image = path, columns, layout, image
 
     @property
     def names(self) -> list[str]:
@@ -125,14 +223,18 @@ class _Table:
 
     def pieces(self) -> Iterator[Piece]:
         """Read the file once."""
+        converters: dict[int | str, Callable[[str], float]] = {
+            column: self._layout.moment if name == "time" else self._layout.number
+            for name, column in self._columns.items()
+        }
         with foreign(self.path):
-            file = self.path.open(encoding="utf-8-sig", newline="")
+            file = self._layout.open(self.path)
         with file:
             lines = (line for line in file if line.strip())
             with foreign(self.path):
                 next(lines, None)  # the header, which may begin with #
             samples = (line for line in lines if not line.lstrip().startswith("#"))
-            before = 0
+            before, last = 0, _LastTime()
             while True:
                 with foreign(self.path):
                     text = list(islice(samples, PIECE_LINES))
@@ -140,17 +242,21 @@ class _Table:
                     return
                 with foreign(f"{self.path}: after {before} samples" if before else self.path):
                     found = np.loadtxt(
-                        text, delimiter=self._delimiter, usecols=list(self._columns.values()), converters=_value,
-                        ndmin=2, comments="#",
+                        text, delimiter=self._layout.delimiter, usecols=list(self._columns.values()),
+                        converters=converters, ndmin=2, comments="#",
                     )  # fmt: skip
                 before += len(found)
-                yield self._piece(dict(zip(self._columns, np.asarray(found, dtype=np.float64).T, strict=True)))
+                yield self._piece(dict(zip(self._columns, np.asarray(found, dtype=np.float64).T, strict=True)), last)
 
-    def _piece(self, held: dict[str, FloatArray]) -> Piece:
-        frame = self._index("frame", held["frame"], None)
-        row, col = (self._index(name, held[name], MOST_PIXELS_A_SIDE) for name in ("row", "col"))
+    def _piece(self, held: dict[str, FloatArray], last: "_LastTime") -> Piece:
+        frame = self._index("frame", held["frame"], None) if "frame" in held else last.frames(held["time"])
+        if "zone" in held and self._image is not None:
+            zone = self._index("zone", held["zone"], MOST_PIXELS_A_SIDE**2)
+            row, col = zone // self._image[1], zone % self._image[1]
+        else:
+            row, col = (self._index(name, held[name], MOST_PIXELS_A_SIDE) for name in _PLACE)
         target = self._index("target", held["target"], MOST_TARGETS) if "target" in held else np.zeros_like(row)
-        values = {name: held[name] for name in held if name not in (*_WHOLE, "target")}
+        values = {name: held[name] for name in held if name not in _WHOLE}
         return Piece(frame, row, col, target, values)
 
     def _index(self, name: str, values: FloatArray, most: int | None) -> IntArray:
@@ -160,6 +266,21 @@ class _Table:
         if most is not None and values.max() > most:
             raise BadInputError(f"{self.path}: {name}: {values.max():g}; no more than {most}")
         return values.astype(np.int64)
+
+
+class _LastTime:
+    """Numbers frames where only their times are known: a new time is a new frame."""
+
+    def __init__(self) -> None:
+        self._time, self._frame = math.nan, -1
+
+    def frames(self, time: FloatArray) -> IntArray:
+        """Numbers of the frames of these lines (line,) int64; a missing time belongs to the frame before."""
+        new = np.diff(time, prepend=self._time) != 0
+        new &= ~np.isnan(time)
+        numbers = np.maximum(self._frame + np.cumsum(new), 0)
+        self._time, self._frame = float(time[-1]), int(numbers[-1])
+        return np.asarray(numbers, dtype=np.int64)
 
 
 class _Ends(NamedTuple):
@@ -205,7 +326,8 @@ class _Samples:
     """Samples of a file with a sample a line, frame by frame."""
 
     def __init__(self, table: _Table, shape: tuple[int, int] | None) -> None:
-        self._table, self._path = table, table.path
+        self._table, self._path, self.restarted = table, table.path, ""
+        self._time_unit_s = 1.0
         self._pieces: Callable[[], Iterable[Piece]] = table.pieces
         ends = _ends(table.pieces())
         if ends is None:
@@ -246,10 +368,38 @@ class _Samples:
         if not pieces:
             raise BadInputError(f"{self._path}: no sample below its header")
         whole = _joined(pieces)
+        whole = self._counted_on(whole)
         return whole.taken(np.argsort(whole.frame, kind="stable"))
 
-    def source(self, unit_mm: float | None) -> FrameSource:
+    def _counted_on(self, whole: Piece) -> Piece:
+        """Lines whose frames count on where the counter starts again, which shows by samples that occur twice."""
+        keys = np.stack([whole.frame, whole.row, whole.col, whole.target])
+        if np.unique(keys, axis=1).shape[1] == keys.shape[1]:
+            return whole
+        starts = np.flatnonzero(np.diff(whole.frame) < 0) + 1
+        run = np.zeros(whole.frame.size, dtype=np.int64)
+        run[starts] = 1
+        run = np.cumsum(run)
+        if np.unique(np.vstack([run, keys]), axis=1).shape[1] < keys.shape[1]:
+            return whole  # twins within a run are refused with their place
+        ends = np.maximum.reduceat(whole.frame, np.r_[0, starts]) + 1
+        first = np.r_[0, np.cumsum(ends)[:-1]]
+        times = "once" if starts.size == 1 else f"{starts.size} times"
+        self.restarted = f"{self._path}: its frame counter starts again {times}; the frames are counted on"
+        return whole._replace(frame=whole.frame + first[run])
+
+    def first_times(self, *, frames: int = 20) -> list[float]:
+        """Times of the first frames, in the file's unit."""
+        with foreign(self._path):
+            piece = next(iter(self._pieces()))
+        _, first = np.unique(piece.frame, return_index=True)
+        return [float(time) for time in piece.values["time"][np.sort(first)[:frames]]]
+
+    def source(
+        self, unit_mm: float | None, time_unit_s: float, status_valid: tuple[int, ...], notes: tuple[str, ...]
+    ) -> FrameSource:
         """The file as a source."""
+        self._time_unit_s = time_unit_s
         return FrameSource(
             kind="CSV, one sample a line",
             shape=(self._frames, *self._pixels),
@@ -259,7 +409,8 @@ class _Samples:
             unit_mm=unit_mm,
             has_amplitude="amplitude" in self._table.names,
             has_time="time" in self._table.names,
-            notes=tuple(self.notes),
+            status_valid=status_valid,
+            notes=(*notes, *self.notes, *((self.restarted,) if self.restarted else ())),
         )
 
     def _images(self) -> Iterator[Frame]:
@@ -279,9 +430,10 @@ class _Samples:
         where = lines.target - self._first_target, lines.row - self._first, lines.col - self._first
         place = np.ravel_multi_index(where, (max(1, self._targets), *self._pixels))
         self._refuse_twins(lines, place)
-        time_s = float(lines.values["time"][0]) if "time" in lines.values else None
+        time_s = float(lines.values["time"][0]) * self._time_unit_s if "time" in lines.values else None
+        status = self._image(place, lines.values["status"]) if "status" in lines.values else None
         amplitude = self._image(place, lines.values["amplitude"]) if "amplitude" in lines.values else None
-        return Frame(depth=self._image(place, lines.values["range"]), amplitude=amplitude, time_s=time_s)
+        return Frame(depth=self._image(place, lines.values["range"]), amplitude=amplitude, time_s=time_s, status=status)
 
     def _refuse_twins(self, lines: Piece, place: IntArray) -> None:
         _, first, count = np.unique(place, return_index=True, return_counts=True)

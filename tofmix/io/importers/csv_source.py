@@ -1,26 +1,31 @@
 """CSV: a frame a line (wide), or a sample a line (long); the header decides.
 
-Wide: `--shape ROWSxCOLS` gives the image of a line, row by row. A header is skipped, except for a column `time` (s) and
+Wide: `--shape ROWSxCOLS` gives the image of a line, row by row. A header is skipped, except for a column of times and
 a column `frame`. Read line by line. Long: see `csv_long`. An empty cell and nan are invalid samples. So are samples
 that a long file leaves out.
 """
 
-import csv
-import math
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from tofmix.errors import BadInputError
 from tofmix.io.importers.base import Frame, FrameSource, Request, foreign
-from tofmix.io.importers.csv_long import open_long
+from tofmix.io.importers.csv_long import TIME_NAMES, named_columns, open_long, time_unit_of
+from tofmix.io.importers.csv_text import Layout, layout_of
 from tofmix.wording import counted
 
 SUFFIXES = (".csv", ".tsv", ".txt")
 
-_ALSO = {"column": "col", "distance": "range"}
+_ALSO = {"column": "col", "distance": "range", "zone_id": "zone", "pixel": "zone"}
+_INDEX_NAMES = ("", "index", "unnamed: 0")
+"""Names of a column that numbers the lines, as tables of pandas have it."""
+
+_UNIT_BESIDE = re.compile(r"(.+?)[ _]*[\[(]\s*(\w+)\s*[\])]")
 _FLOAT = np.dtype(np.float64)
 
 
@@ -33,61 +38,38 @@ def open_csv(path: Path, request: Request) -> Iterator[FrameSource]:
     BadInputError
         If it has other content, lines differ in length, or its layout is not determined.
     """
-    with foreign(path):
-        head, delimiter = _head(path)
-    if not head:
+    layout = layout_of(path)
+    if not layout.head:
         raise BadInputError(f"{path}: empty")
-    names = None if all(_is_number(cell) for cell in head) else [_name(cell) for cell in head]
-    if names is not None and {"row", "col"} & set(names):
-        yield open_long(path, names, delimiter, request.shape, unit_mm=request.unit_mm)
+    names = named_columns([_name(cell) for cell in layout.head], request, path) if layout.has_header else None
+    if names is not None and {"row", "col", "zone"} & set(names):
+        yield open_long(path, names, layout, request)
+    elif request.columns:
+        raise BadInputError(f"{path}: --columns is for a table with a sample a line, whose header names its columns")
     elif request.shape is None:
         raise BadInputError(
             f"{path}: if a line is a frame, give --shape ROWSxCOLS; if it is a sample, a header must name"
-            " frame,row,col,range"
+            " frame,row,col,range, or --columns y=row,x=col,depth=range must say which columns these are"
         )
     else:
-        yield _wide(path, names, delimiter, len(head), request.shape)
-
-
-def _head(path: Path) -> tuple[list[str], str | None]:
-    """Cells of the first line that has any, and their separator: None for blanks."""
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        for line in file:
-            if text := line.strip().lstrip("#").strip():
-                delimiter = next((mark for mark in (",", ";", "\t") if mark in text), None)
-                return _cells(text, delimiter), delimiter
-    return [], None
-
-
-def _cells(line: str, delimiter: str | None) -> list[str]:
-    return (
-        line.split() if delimiter is None else [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
-    )
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell or "nan")
-    except ValueError:
-        return False
-    return True
+        yield _wide(path, names, layout, request.shape, request)
 
 
 def _name(cell: str) -> str:
+    """Our name of a column; a unit in brackets follows it, as in ``range_mm``."""
     name = cell.strip().lower()
-    return _ALSO.get(name, name)
+    beside = _UNIT_BESIDE.fullmatch(name)
+    stem, unit = (beside[1], f"_{beside[2]}") if beside else (name, "")
+    return _ALSO.get(stem, stem) + unit
 
 
-def _value(cell: str) -> float:
-    return float(cell) if cell.strip() else math.nan
-
-
-def _lines(path: Path, *, skip: bool) -> Iterator[tuple[int, str]]:
-    """Lines with numbers, and their line numbers from 1; `skip` the first one."""
-    with path.open(encoding="utf-8-sig", newline="") as file:
+def _lines(path: Path, layout: Layout) -> Iterator[tuple[int, str]]:
+    """Lines with numbers, and their line numbers from 1."""
+    skip = layout.has_header
+    with layout.open(path) as file:
         for number, line in enumerate(file, 1):
-            text = line.strip()
-            if not text or (text.startswith("#") and not skip):
+            text = line.strip(" \r\n") if layout.delimiter == "\t" else line.strip()
+            if not text.strip() or (text.startswith("#") and not skip):
                 continue
             if skip:
                 skip = False
@@ -95,39 +77,45 @@ def _lines(path: Path, *, skip: bool) -> Iterator[tuple[int, str]]:
             yield number, text
 
 
-def _wide(
-    path: Path, names: list[str] | None, delimiter: str | None, width: int, shape: tuple[int, int]
-) -> FrameSource:
-    names = names or []
-    labels = [k for k, name in enumerate(names) if name in ("frame", "time")]
-    time_at = names.index("time") if "time" in names else None
+def _wide(path: Path, names: list[str] | None, layout: Layout, shape: tuple[int, int], request: Request) -> FrameSource:
+    names, width, notes = names or [], len(layout.head), list(layout.notes)
+    labels = [k for k, name in enumerate(names) if name == "frame" or name in TIME_NAMES]
+    labels += [k for k, name in enumerate(names[:1]) if name in _INDEX_NAMES]
+    time_at = next((k for k, name in enumerate(names) if name in TIME_NAMES), None)
     pixels = shape[0] * shape[1]
+    if width == pixels + 1 and not labels and _first_counts(path, layout):
+        labels = [0]
+        notes.append(f"{path}: its first column, which counts the lines, is taken as an index")
     if width - len(labels) != pixels:
         raise BadInputError(
             f"{path}: {counted(width - len(labels), 'value')} in the first line,"
             f" --shape {shape[0]}x{shape[1]} has {pixels}"
         )
     with foreign(path):
-        frames = sum(1 for _ in _lines(path, skip=bool(names)))
+        frames = sum(1 for _ in _lines(path, layout))
     if not frames:
         raise BadInputError(f"{path}: no frame below its header")
     keep = [k for k in range(width) if k not in labels]
+    unit_s = 1.0
+    if time_at is not None:
+        unit_s, said = time_unit_of(names[time_at], _first_times(path, layout, time_at), request, path)
+        notes += said
 
     def images() -> Iterator[Frame]:
-        lines = _lines(path, skip=bool(names))
+        lines = _lines(path, layout)
         while True:
             with foreign(path):
                 number, text = next(lines, (0, ""))
             if not number:
                 return
             with foreign(f"{path}: line {number}"):
-                cells = _cells(text, delimiter)
+                cells = layout.cells(text)
                 if len(cells) != width:
                     raise BadInputError(
                         f"{path}: line {number}: {counted(len(cells), 'value')}, the first line has {width}"
                     )
-                values = np.array([_value(cells[k]) for k in keep])
-                time_s = None if time_at is None else float(cells[time_at])
+                values = np.array([layout.number(cells[k]) for k in keep])
+                time_s = None if time_at is None else layout.moment(cells[time_at]) * unit_s
             yield Frame(depth=values.reshape(shape), time_s=time_s)
 
     return FrameSource(
@@ -136,4 +124,24 @@ def _wide(
         dtype=_FLOAT,
         frames=images(),
         has_time=time_at is not None,
+        notes=tuple(notes),
     )
+
+
+def _first_cells(path: Path, layout: Layout, column: int, count: int) -> list[str]:
+    with foreign(path):
+        lines = _lines(path, layout)
+        texts = [text for _, (_, text) in zip(range(count), lines, strict=False)]
+        return [layout.cells(text)[column] for text in texts if len(layout.cells(text)) > column]
+
+
+def _first_counts(path: Path, layout: Layout, *, count: int = 3) -> bool:
+    """Whether the first column counts the lines from 0 or 1."""
+    with foreign(path):
+        first = [layout.number(cell) for cell in _first_cells(path, layout, 0, count)]
+    return len(first) > 1 and first[0] in (0.0, 1.0) and all(b - a == 1.0 for a, b in pairwise(first))
+
+
+def _first_times(path: Path, layout: Layout, column: int, *, count: int = 20) -> list[float]:
+    with foreign(path):
+        return [layout.moment(cell) for cell in _first_cells(path, layout, column, count)]
