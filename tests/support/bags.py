@@ -73,6 +73,8 @@ class Bag:
         projection: Sequence[float] = (0.0,) * 4,
         region: tuple[int, int, int, int] = (0, 0, 0, 0),
         binning: tuple[int, int] = (0, 0),
+        stamp_ns: int = 1,
+        bag_ns: int | None = None,
     ) -> None:
         """Write one camera_info with fx, fy, cx, cy, and those of rectified images.
 
@@ -91,10 +93,22 @@ class Bag:
             names["p"]: np.array([projection[0], 0, projection[2], 0, 0, projection[1], projection[3], 0] + [0.0] * 4),
         }
         message = types["sensor_msgs/msg/CameraInfo"](
-            header=self._header(1), height=size[0], width=size[1], distortion_model=model, binning_x=binning[1],
+            header=self._header(stamp_ns), height=size[0], width=size[1], distortion_model=model, binning_x=binning[1],
             binning_y=binning[0], roi=roi, **matrices,
         )  # fmt: skip
-        self._write(topic, "sensor_msgs/msg/CameraInfo", message, 1)
+        self._write(topic, "sensor_msgs/msg/CameraInfo", message, stamp_ns if bag_ns is None else bag_ns)
+
+    def number(self, topic: str, value: float, *, bag_ns: int = 1) -> None:
+        """Write one std_msgs/Float32."""
+        message = self._store.types["std_msgs/msg/Float32"](data=value)
+        self._write(topic, "std_msgs/msg/Float32", message, bag_ns)
+
+    def compressed(self, topic: str, *, stamp_ns: int) -> None:
+        """Write one compressed image, without sensible data."""
+        message = self._store.types["sensor_msgs/msg/CompressedImage"](
+            header=self._header(stamp_ns), format="16UC1; compressedDepth png", data=np.zeros(30, dtype=np.uint8)
+        )
+        self._write(topic, "sensor_msgs/msg/CompressedImage", message, stamp_ns)
 
 
 @contextmanager

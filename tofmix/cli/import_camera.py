@@ -199,9 +199,10 @@ def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str |
             text = f"depths along the beam, taken as ranges{otherwise}"
             return Geometry(factor=None, sensor=sensor, text=text, notes=notes)
         if optics is None:
+            reason = f"; {frames.lens_unknown}" if frames.lens_unknown else ""
             raise BadInputError(
                 f"{source}: depths along z need a lens to become ranges: give --intrinsics FX,FY,CX,CY"
-                " or --fov HxV, or --depth-axis ray if they are along the beam"
+                f" or --fov HxV, or --depth-axis ray if they are along the beam{reason}"
             )
         factor = ray_factor(optics, shape)
     except ValueError as error:

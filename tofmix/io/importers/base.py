@@ -123,6 +123,8 @@ class FrameSource:
         Directions of its pixels, if the source has them.
     rectified : bool
         Whether the source marks the lens distortion as removed.
+    lens_unknown : str
+        Reason why the source has no lens where one may be expected; empty otherwise.
     sensor : Sensor, optional
         Data of the camera in the source.
     notes : tuple of str
@@ -146,6 +148,7 @@ class FrameSource:
     has_time: bool = False
     pinhole: Pinhole | None = None
     rectified: bool = False
+    lens_unknown: str = ""
     sensor: Sensor | None = None
     notes: tuple[str, ...] = ()
 

@@ -4,8 +4,9 @@
 `image_geometry`: values of full resolution are shifted by the region of interest, then divided by the binning.
 """
 
+import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from tofmix.errors import BadInputError
 from tofmix.io.atomic.storage import read_text
 from tofmix.io.extras import need
 from tofmix.io.importers.base import foreign
+from tofmix.io.importers.streams import depths_among
 from tofmix.optics.pinhole import DISTORTION_LENGTHS, Pinhole
 
 MODELS = ("plumb_bob", "rational_polynomial")
@@ -68,6 +70,11 @@ class Calibration:
         """Fx and fy of images as the lens makes them; those of rectified images where only these are known."""
         of_lens = (self.matrix[0], self.matrix[4])
         return of_lens if min(of_lens) > 0 else (self.projection[0], self.projection[5])
+
+    def centre(self) -> tuple[float, float]:
+        """Cx and cy of the same images as `focal_lengths`."""
+        of_lens = min(self.matrix[0], self.matrix[4]) > 0
+        return (self.matrix[2], self.matrix[5]) if of_lens else (self.projection[2], self.projection[6])
 
     def _rectified_focal(self) -> float:
         return min(self.projection[0], self.projection[5]) if self.projection else 0.0
@@ -195,11 +202,11 @@ def read_calibration(path: Path) -> Calibration:
         raise BadInputError(f"{path}: {len(text):,} characters; a calibration has no more than {_MOST_CHARACTERS:,}")
     with foreign(path):
         found = _parse(text)
-    if isinstance(found, Mapping):
+    matrix = _first(found, "camera_matrix", "k", "K") if isinstance(found, Mapping) else None
+    if matrix is None or (isinstance(matrix, Mapping) and "data" not in matrix):
         _refuse_other_kinds(found, path)
     if not isinstance(found, Mapping):
         raise BadInputError(f"{path}: not a calibration: no table of keys")
-    matrix = _first(found, "camera_matrix", "k", "K")
     if matrix is None:
         raise BadInputError(f"{path}: not a calibration: it has no camera_matrix (nor K)")
     size = _first(found, "image_height", "height"), _first(found, "image_width", "width")
@@ -217,7 +224,12 @@ def read_calibration(path: Path) -> Calibration:
 
 
 def _parse(text: str) -> Any:  # noqa: ANN401  what YAML holds
-    """Plain YAML, without OpenCV's additions: its first line and the tag of its matrices."""
+    """JSON, or plain YAML without OpenCV's additions: its first line and the tag of its matrices."""
+    if text.lstrip().startswith(("{", "[")):
+        try:
+            return json.loads(text)  # may be indented with tabs, as YAML may not
+        except ValueError:
+            pass
     yaml = need("yaml", extra="ros", what="a calibration in YAML")
     first, _, rest = text.partition("\n")
     plain = (rest if first.startswith("%YAML:") else text).replace("!!opencv-matrix", "")
@@ -225,35 +237,53 @@ def _parse(text: str) -> Any:  # noqa: ANN401  what YAML holds
     return next((found for found in yaml.safe_load_all(plain) if found is not None), None)
 
 
-def _refuse_other_kinds(found: Mapping[str, Any], path: Path) -> None:
+_LENS_KEYS = (("fx", "fy", "cx", "cy"), ("fx", "fy", "ppx", "ppy"))
+"""Names of focal lengths and centre in calibrations of other kinds."""
+
+
+def _refuse_other_kinds(found: object, path: Path) -> None:
     """Refuse a calibration of another kind by its name, with the numbers to give instead where they are plain.
 
-    Kalibr's camera chains and JSON of camera makers have the focal lengths under names of their own.
+    Kalibr's camera chains and JSON of camera makers have the focal lengths under names of their own. Where one file
+    describes several cameras, those of depth are named; without such a name, all are.
     """
-    for table in _tables(found):
-        numbers = table.get("intrinsics")
-        if isinstance(numbers, list) and len(numbers) == _FOUR and all(isinstance(n, int | float) for n in numbers):
-            raise _other_kind(path, "Kalibr's", numbers)
-        named = [_first(table, name, name.upper()) for name in ("fx", "fy", "cx", "cy")]
-        if all(isinstance(number, int | float) for number in named):
-            raise _other_kind(path, "a camera maker's", named)
-
-
-def _tables(found: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """A table and those in it, outermost first."""
-    inner = [value for value in found.values() if isinstance(value, Mapping)]
-    return [found, *(table for one in inner for table in _tables(one))]
-
-
-def _other_kind(path: Path, kind: str, numbers: Sequence[float]) -> BadInputError:
-    text = ",".join(f"{number:g}" for number in numbers)
-    return BadInputError(
-        f"{path}: a calibration of {kind} kind, which is not read; give its numbers, without distortion:"
-        f" --intrinsics {text}"
+    with foreign(path):
+        lenses = {name: numbers for name, table in _tables(found) if (numbers := _lens_of(table))}
+    if not lenses:
+        return
+    chosen = depths_among(lenses) or list(lenses)
+    options = [f"--intrinsics {','.join(f'{n:.10g}' for n in lenses[name])}" for name in chosen]
+    named = options if len(chosen) == 1 else [f"{text} ({name})" for text, name in zip(options, chosen, strict=True)]
+    raise BadInputError(
+        f"{path}: a calibration of Kalibr's or a camera maker's kind, which is not read; give its numbers, without"
+        f" distortion: {' or '.join(' '.join(text.split()) for text in named)}"
     )
 
 
-_FOUR = 4  # focal lengths and centre
+def _tables(found: object, name: str = "") -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """A table and those in it, outermost first, each with the names that lead to it."""
+    if isinstance(found, Mapping):
+        yield name, found
+    parts: Iterable[tuple[object, object]] = ()
+    if isinstance(found, Mapping):
+        parts = found.items()
+    elif isinstance(found, list):
+        parts = enumerate(found)
+    for key, value in parts:
+        yield from _tables(value, f"{name}.{key}".lstrip("."))
+
+
+def _lens_of(table: Mapping[str, Any]) -> tuple[float, ...]:
+    """Fx, fy, cx and cy of a table of Kalibr's or a maker's kind; empty if it has none."""
+    lower = {str(key).lower(): value for key, value in table.items()}
+    values: list[list[Any]] = [[lower.get(key) for key in keys] for keys in _LENS_KEYS]
+    if isinstance(lower.get("intrinsics"), list):
+        values.append(lower["intrinsics"][-len(_LENS_KEYS[0]) :])  # models of wide lenses put numbers before
+    for numbers in values:
+        plain = len(numbers) == len(_LENS_KEYS[0]) and all(type(number) in (int, float) for number in numbers)
+        if plain and all(math.isfinite(number) for number in numbers) and min(numbers[:2]) > 0:
+            return tuple(float(number) for number in numbers)
+    return ()
 
 
 def _first(found: Mapping[str, Any], *keys: str) -> Any:  # noqa: ANN401  what YAML holds

@@ -6,9 +6,10 @@ Messages are read one by one.
 """
 
 import math
-import os
+import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any, Self
@@ -33,6 +34,7 @@ _SURE = ("16UC1", "16SC1", "32FC1", "64FC1")
 _IMAGE, _INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
 _COMPRESSED, _NUMBER = "sensor_msgs/msg/CompressedImage", "std_msgs/msg/Float32"
 _UNIT_TOPIC = "/option/Depth_Units/value"
+_DEPTH_TRANSPORT = "/compressedDepth"
 _MM = 1000.0  # in a metre
 _WAITING = 64
 """Frames that wait for an amplitude image of the same time stamp; older frames have none."""
@@ -62,7 +64,7 @@ def open_bag(path: Path, request: Request) -> Iterator[FrameSource]:
         if request.amplitude is not None:
             bag.check(request.amplitude, _IMAGE)
         pinhole, notes = _intrinsics(bag, topic, request, (depth.shape[0], depth.shape[1]))
-        stated_mm = _stated_unit_mm(bag, topic)
+        stated_mm = _stated_unit_mm(bag, topic) if depth.dtype.kind in "iu" else None
         unit_mm = DEPTH_UNITS_MM[first.encoding] if stated_mm is None else stated_mm
         unknown = "" if unit_mm else f"{topic}: {first.encoding} without a message {_UNIT_TOPIC}: the unit is not known"
         unused_topics = [name for name in unused_topics if name != request.amplitude]
@@ -78,6 +80,7 @@ def open_bag(path: Path, request: Request) -> Iterator[FrameSource]:
             has_time=True,
             pinhole=pinhole,
             rectified=_is_rectified(topic),
+            lens_unknown="; ".join(notes) if pinhole is None else "",
             notes=(*notes, *([unused(path, "topic", unused_topics)] if unused_topics else [])),
         )
 
@@ -117,7 +120,8 @@ class _Bag:
         """Refuse a topic that is not there or of another type."""
         if topic not in self.topics(kind):
             there = ", ".join(self.topics(kind)) or "none"
-            raise BadInputError(f"{self.path}: no topic {topic} of {kind}; it has: {there}")
+            compressed = _compressed(self) if kind == _IMAGE else ""
+            raise BadInputError(f"{self.path}: no topic {topic} of {kind}; it has: {there}{compressed}")
 
     def messages(self, *topics: str) -> Iterator[tuple[str, int, Any]]:
         """Topic, the bag's time in ns, and message, in the bag's order."""
@@ -132,13 +136,6 @@ class _Bag:
                 connection, stamp, data = item
                 message = self._reader.deserialize(data, connection.msgtype)
             yield connection.topic, stamp, message
-
-    def stamps_ns(self, topic: str) -> Iterator[int]:
-        """The bag's times of a topic's messages, ns, without reading these."""
-        with foreign(self.path):
-            chosen = [c for c in self._reader.connections if c.topic == topic]
-            for _, stamp, _ in self._reader.messages(connections=chosen):
-                yield stamp
 
     def first(self, topic: str) -> tuple[Any, int]:
         """The first message of a topic and the bag's time of it."""
@@ -159,26 +156,32 @@ def _depth_topic(bag: _Bag, wanted: str | None) -> tuple[str, list[str]]:
     ]  # fmt: skip
     depths = depths_among(fitting)
     if len(depths) == 1:
-        return depths[0], [topic for topic in fitting if topic != depths[0]]
-    readable = ", ".join(f"{topic} ({e})" for topic, e in encodings.items() if e in DEPTH_UNITS_MM) or "none"
+        beside = [t for t, e in encodings.items() if t in fitting or (e in _DTYPES and stream_of(t) == "other")]
+        return depths[0], [topic for topic in beside if topic != depths[0]]
+    readable = ", ".join(f"{topic} ({e})" for topic, e in encodings.items() if e in DEPTH_UNITS_MM)
     others = ", ".join(f"{topic} ({e})" for topic, e in encodings.items() if e not in DEPTH_UNITS_MM)
     reason = "several topics of depth images" if depths else f"no topic of depth images ({' or '.join(_SURE)})"
+    choice = f"; choose with --topic from its images: {readable}" if readable else ""
     also = f"; not readable as depths: {others}" if others else ""
-    raise BadInputError(
-        f"{bag.path}: {reason}; choose with --topic from its images: {readable}{also}{_compressed(bag)}"
-    )
+    raise BadInputError(f"{bag.path}: {reason}{choice}{also}{_compressed(bag)}")
 
 
 def _compressed(bag: _Bag) -> str:
     """Remedy for depths that are compressed; empty where there are none."""
-    names = [name for name in bag.topics(_COMPRESSED) if "depth" in name.lower()]
+    names = [name for name in bag.topics(_COMPRESSED) if stream_of(name) == "depth" or name.endswith(_DEPTH_TRANSPORT)]
     if not names:
         return ""
-    base = names[0].rpartition("/")[0]
+    base, _, transport = names[0].rpartition("/")
+    if bag.path.suffix == ".bag":
+        command = f"rosrun image_transport republish {transport} in:={base} raw out:={base}_raw"
+    else:
+        command = (
+            f"ros2 run image_transport republish {transport} raw --ros-args -r in/{transport}:={names[0]}"
+            f" -r out:={base}_raw"
+        )
     return (
-        f"; {names[0]} holds compressed images, which are not read: play the bag beside ros2 run image_transport"
-        f" republish compressedDepth raw --ros-args -r in/compressedDepth:={names[0]} -r"
-        f" out:={base}_raw, and record {base}_raw"
+        f"; {names[0]} holds compressed images, which are not read: start {command}, play the bag, and record"
+        f" {base}_raw"
     )
 
 
@@ -190,10 +193,15 @@ def _stated_unit_mm(bag: _Bag, topic: str) -> float | None:
     ]  # fmt: skip
     if not near:
         return None
-    unit_mm = float(bag.first(near[0])[0].data) * _MM
+    # The shortest text of a float32 is the number that was meant: 0.00025, not 0.000250000012.
+    values = [float(str(np.float32(message.data))) for _, _, message in bag.messages(near[0])]
+    if len(set(values)) > 1:
+        text = ", ".join(f"{value:g}" for value in dict.fromkeys(values))
+        raise BadInputError(f"{bag.path}: {near[0]}: the unit changes ({text} m); cut the bag where it does")
+    unit_mm = values[0] * _MM
     if not (math.isfinite(unit_mm) and unit_mm > 0):
-        raise BadInputError(f"{bag.path}: {near[0]}: {unit_mm / _MM:g} m is no unit; give --scale, mm of one count")
-    return round(unit_mm, 9)  # a float32 of 0.00025 is 0.000250000012
+        raise BadInputError(f"{bag.path}: {near[0]}: {values[0]:g} m is no unit of a count")
+    return round(unit_mm, 12)
 
 
 def _decoded(message: Any, what: str, encodings: tuple[str, ...]) -> NDArray[Any]:  # noqa: ANN401  a ROS message
@@ -263,45 +271,112 @@ def _intrinsics(
     bag: _Bag, topic: str, request: Request, shape: tuple[int, int]
 ) -> tuple[Pinhole | None, tuple[str, ...]]:
     """Intrinsics from the camera_info of the depth topic, and warnings about them."""
+    notes: list[str] = []
+    there = bag.topics(_INFO)
+    for name in _lens_topics(bag, topic, request):
+        what = f"{bag.path}: {name}"
+        found, blank = _calibrations(bag, name)
+        if not found:
+            notes.append(f"{what}: not calibrated (a focal length is not above 0); not used")
+            continue
+        if len(found) > 1 and not request.lens_given:
+            found = [_only_lens(bag, topic, found, what)]
+        if blank:
+            notes.append(f"{what}: {blank} of its messages are not calibrated (zeros); the others are used")
+        return found[0].calibration.pinhole(shape, rectified=_is_rectified(topic)), tuple(notes)
+    if there and not (notes or request.lens_given):
+        notes.append(f"{bag.path}: no camera_info beside {topic}; --camera-info takes one of: {', '.join(there)}")
+    return None, tuple(notes)
+
+
+def _lens_topics(bag: _Bag, topic: str, request: Request) -> list[str]:
+    """Topics of camera_info that may describe the depths, the nearest first."""
     if request.camera_info is not None:
         bag.check(request.camera_info, _INFO)
-        name = request.camera_info
-    else:
-        there = [name for name in _info_topics(topic) if name in bag.topics(_INFO)]
-        if request.lens_given or not there:
-            return None, ()
-        name = there[0]
+        return [request.camera_info]
+    there = bag.topics(_INFO)
+    return [] if request.lens_given else [name for name in dict.fromkeys(_info_topics(topic)) if name in there]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Lens:
+    """A calibration from its first message on.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        The camera.
+    stamp, bag_ns : int
+        Time stamp of the message and the bag's time of it, ns.
+    frame : int
+        Number of the first frame that it describes.
+    """
+
+    calibration: Calibration
+    stamp: int
+    bag_ns: int
+    frame: int = 0
+
+    def words(self) -> str:
+        """Its focal lengths and centre."""
+        fx, fy = self.calibration.focal_lengths()
+        cx, cy = self.calibration.centre()
+        return f"fx {fx:g} fy {fy:g} cx {cx:g} cy {cy:g}"
+
+
+def _calibrations(bag: _Bag, name: str) -> tuple[list[_Lens], int]:
+    """Calibrations of a topic, each where it begins, and the number of messages that are not calibrated."""
     what = f"{bag.path}: {name}"
-    stamps: list[int] = []
-    found: list[Calibration] = []
+    found: list[_Lens] = []
     blank = 0
-    for _, stamp, message in bag.messages(name):
+    for _, bag_ns, message in bag.messages(name):
         with foreign(what):
             calibration = from_camera_info(message, what)
         if not calibration.calibrated:
             blank += 1
-        elif not found or calibration != found[-1]:
-            found.append(calibration)
-            stamps.append(stamp)
-    if not found:
-        return None, (f"{what}: not calibrated (a focal length is not above 0); not used",)
-    if len(found) > 1 and not request.lens_given:
-        before = sum(stamp < stamps[1] for stamp in bag.stamps_ns(topic))
-        raise BadInputError(
-            f"{what}: the lens changes: {_lens(found[0])} up to frame {before - 1}, {_lens(found[1])} from frame"
-            f" {before} on, {stamps[1] * _NS:.3f} s; cut the bag there ({_cut(bag.path, stamps[1])}), or give"
-            " --intrinsics FX,FY,CX,CY if one lens holds for all"
-        )
-    notes = (f"{what}: {blank} of its messages are not calibrated (zeros); the others are used",) if blank else ()
-    return found[0].pinhole(shape, rectified=_is_rectified(topic)), notes
+        elif not found or calibration != found[-1].calibration:
+            found.append(_Lens(calibration=calibration, stamp=_stamp(message, bag_ns), bag_ns=bag_ns))
+    return found, blank
 
 
-def _lens(calibration: Calibration) -> str:
-    fx, fy = calibration.focal_lengths()
-    return f"fx {fx:g} fy {fy:g}"
+def _only_lens(bag: _Bag, topic: str, found: list[_Lens], what: str) -> _Lens:
+    """The one lens that describes all frames.
+
+    Raises
+    ------
+    BadInputError
+        If several do: with the frames and the command that cuts the bag.
+    """
+    frames = [(_stamp(message, bag_ns), bag_ns) for _, bag_ns, message in bag.messages(topic)]
+    used: list[_Lens] = []
+    lenses = [found[0], *(_begin(lens, frames) for lens in found[1:])]
+    for lens, following in zip(lenses, [*(later.frame for later in lenses[1:]), len(frames)], strict=True):
+        if lens.frame < following and not (used and used[-1].calibration == lens.calibration):
+            used.append(lens)
+    if len(used) == 1:
+        return used[0]
+    one, other = used[:2]
+    raise BadInputError(
+        f"{what}: the lens changes: {one.words()} up to frame {other.frame - 1}, {other.words()} from frame"
+        f" {other.frame} on; cut the bag there ({_cut(bag.path, other.bag_ns)}) and import each part, or give"
+        " --intrinsics FX,FY,CX,CY if one lens holds for all"
+    )
 
 
-def _cut(path: Path, stamp_ns: int) -> str:
+def _begin(lens: _Lens, frames: list[tuple[int, int]]) -> _Lens:
+    """The lens with its first frame: that of the same time stamp, else the first one after it in the bag."""
+    same = [number for number, (stamp, _) in enumerate(frames) if stamp == lens.stamp]
+    frame = same[0] if same else sum(bag_ns < lens.bag_ns for _, bag_ns in frames)
+    bag_ns = min([lens.bag_ns, *(ns for _, ns in frames[frame : frame + 1])])
+    return replace(lens, frame=frame, bag_ns=bag_ns)
+
+
+def _cut(path: Path, bag_ns: int) -> str:
+    """Command that cuts a bag in two."""
+    name = shlex.quote(str(path))
     if path.suffix == ".bag":
-        return f"rosbag filter {os.fspath(path)} first.bag 't.to_sec() < {stamp_ns * _NS:.6f}'"
-    return "ros2 bag convert with end_time_ns and start_time_ns"
+        return f"rosbag filter {name} first.bag 't.to_nsec() < {bag_ns}', and second.bag with >="
+    return (
+        f"ros2 bag convert -i {name} -o cut.yaml, with cut.yaml: {{output_bags: [{{uri: first, all: true,"
+        f" end_time_ns: {bag_ns - 1}}}, {{uri: second, all: true, start_time_ns: {bag_ns}}}]}}"
+    )

@@ -21,7 +21,9 @@ def stream_of(name: str) -> Stream:
     are seen from another camera.
     """
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
-    words = [word for word in re.split(r"[^a-z]+", re.sub(r"to[_\- ]+[A-Za-z]+", "", spaced).lower()) if word]
+    words = [
+        word for word in re.split(r"[^a-z]+", re.sub(r"(?<![A-Za-z])to[_\- ]+[A-Za-z]+", "", spaced).lower()) if word
+    ]
     if any(word in _OTHER for word in words):
         return "other"
     return "depth" if any(word in _DEPTH for word in words) else "unknown"

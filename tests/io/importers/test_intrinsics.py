@@ -1,0 +1,66 @@
+"""Calibration files that ROS tools and makers of cameras write."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tofmix.errors import BadInputError
+from tofmix.io.importers.intrinsics import read_calibration
+from tofmix.optics.pinhole import Pinhole
+
+INFO = "height: 4\nwidth: 6\nk: [5.0, 0, 2.5, 0, 5.5, 1.5, 0, 0, 1]\nd: [0, 0, 0, 0, 0]\n"
+DEPTH = {"fx": 210.5, "fy": 211.0, "cx": 88.25, "cy": 72.0, "width": 176}
+COLOUR = {"fx": 600.0, "fy": 601.0, "cx": 320.0, "cy": 240.0, "width": 640}
+
+
+@pytest.mark.parametrize("text", [f"{INFO}---\n", f"---\n{INFO}---\n{INFO.replace('5.0', '9.0')}---\n"])
+def test_the_first_message_of_ros2_topic_echo_is_read(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "info.yaml"
+    path.write_text(text)
+    assert read_calibration(path).pinhole((4, 6), rectified=False) == Pinhole(fx=5.0, fy=5.5, cx=2.5, cy=1.5)
+
+
+def test_json_of_a_camera_info_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "info.json"
+    path.write_text(json.dumps({"K": [[5.0, 0, 2.5], [0, 5.5, 1.5], [0, 0, 1]]}, indent="\t"))
+    assert read_calibration(path).pinhole((4, 6), rectified=False) == Pinhole(fx=5.0, fy=5.5, cx=2.5, cy=1.5)
+
+
+@pytest.mark.parametrize(
+    ("found", "option"),
+    [
+        ({"cam0": {"camera_model": "pinhole", "intrinsics": [210.5, 211, 88.25, 72]}}, "210.5,211,88.25,72"),
+        ({"cam0": {"camera_model": "omni", "intrinsics": [0.9, 210.5, 211, 88.25, 72]}}, "210.5,211,88.25,72"),
+        ({"value0": {"intrinsics": [{"camera_type": "kb4", "intrinsics": DEPTH}]}}, "210.5,211,88.25,72"),
+        ({"rgbIntrinsic": COLOUR, "depthIntrinsic": DEPTH}, "210.5,211,88.25,72"),
+        ([{"colour": COLOUR, "depth": DEPTH}], "210.5,211,88.25,72"),
+        ({"fx": 210.5, "fy": 211, "ppx": 88.25, "ppy": 72}, "210.5,211,88.25,72"),
+        ({"left": DEPTH, "right": COLOUR}, "210.5,211,88.25,72 (left) or --intrinsics 600,601,320,240 (right)"),
+    ],
+)
+def test_other_kinds_are_refused_with_their_numbers_as_an_option(tmp_path: Path, found: object, option: str) -> None:
+    path = tmp_path / "cameras.json"
+    path.write_text(json.dumps(found, indent="\t"))
+    with pytest.raises(BadInputError) as refused:
+        read_calibration(path)
+    assert str(refused.value).endswith(f"without distortion: --intrinsics {option}")
+
+
+@pytest.mark.parametrize(
+    "found", [{"fx": "a", "fy": 1, "cx": 1, "cy": 1}, {"cam0": {"intrinsics": [0, 0, 1, 1]}}, [1, 2]]
+)
+def test_files_without_usable_numbers_are_no_calibration(tmp_path: Path, found: object) -> None:
+    path = tmp_path / "cameras.json"
+    path.write_text(json.dumps(found))
+    with pytest.raises(BadInputError, match="not a calibration"):
+        read_calibration(path)
+
+
+@pytest.mark.parametrize("text", ["[" * 5000, '{"fx": 1' + "0" * 400 + ', "fy": 1, "cx": 1, "cy": 1}', "{", "\t- {"])
+def test_damaged_files_are_refused_in_one_line(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "cameras.json"
+    path.write_text(text)
+    with pytest.raises(BadInputError) as refused:
+        read_calibration(path)
+    assert "\n" not in str(refused.value)
