@@ -52,3 +52,11 @@ def percent_of(count: int, total: int) -> str:
 def table_cell(text: str) -> str:
     """A text as the cell of a Markdown table: one line, with bars escaped."""
     return " ".join(text.split()).replace("|", "\\|")
+
+
+def readable(text: str) -> str:
+    """The text with a replacement character for each byte of a file name that is no UTF-8.
+
+    Python keeps such bytes as lone surrogates, which no file format of text takes.
+    """
+    return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tofmix.cli.options import HDF5_PATH, PATH, examples, json_option, overwrite_option, progress_bar
+from tofmix.cli.options import HDF5_PATH, PATH, examples, json_option, nearer_of, overwrite_option, progress_bar
 from tofmix.errors import BadInputError, UsageError
+from tofmix.wording import readable
 
 if TYPE_CHECKING:
     from tofmix.io.importers.base import FrameSource, Request
@@ -161,6 +162,7 @@ def import_(
     for name, value in (("--scale", scale), ("--frame-rate", frame_rate)):
         if value is not None and not math.isfinite(value):
             raise UsageError(f"{name}: {value} is not finite")
+    units, scale = nearer_of(units=units, scale=scale)
     if units is not None and scale is not None:
         raise UsageError("--units and --scale both set the unit; give one of them")
     camera = camera_of(sensor)
@@ -190,7 +192,8 @@ def import_(
             keep_values=keep_values,
         )  # fmt: skip
         attributes: dict[str, str | int | float] = {
-            "source": source.name, "source_kind": frames.kind, "unit_mm": conversion.unit_mm, "geometry": geometry.text
+            "source": readable(source.name), "source_kind": frames.kind, "unit_mm": conversion.unit_mm,
+            "geometry": geometry.text,
         }  # fmt: skip
         with progress_bar(frames.shape[0], "import", "frame") as bar:
             imported = write_recording(

@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from collections.abc import Mapping
 from types import FrameType
 from typing import NoReturn, TextIO
 
@@ -88,6 +89,21 @@ for _command in (
     quiet_option(_command)
 
 
+_OTHER_VARIABLES = frozenset({"TOFMIX_READ_TIMEOUT"})
+"""Documented variables of the environment that set no option."""
+
+
+def unknown_variables(environment: Mapping[str, str]) -> list[str]:
+    """Variables that look like an option's, and are none's."""
+    known = {
+        f"TOFMIX_{name}_{parameter.name}".upper().replace("-", "_")
+        for name, command in main.commands.items()
+        for parameter in command.params
+        if isinstance(parameter, click.Option) and parameter.allow_from_autoenv
+    }
+    return sorted(name for name in environment if name.startswith("TOFMIX_") and name not in known | _OTHER_VARIABLES)
+
+
 def run(arguments: list[str] | None = None) -> NoReturn:
     """Run the command line and leave with its exit code; never a traceback for a fault of the user's or the disk's."""
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -95,6 +111,8 @@ def run(arguments: list[str] | None = None) -> NoReturn:
     arm()
     code = ExitCode.DONE
     try:
+        if unknown := unknown_variables(os.environ):
+            click.echo(f"tofmix: not used: {', '.join(unknown)}, in the environment: no option has this name", err=True)
         code = main.main(args=arguments, prog_name="tofmix", standalone_mode=False) or code
         sys.stdout.flush()
     except click.UsageError as error:

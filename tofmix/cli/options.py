@@ -99,6 +99,25 @@ def default_workers() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def nearer_of(**values: Any) -> tuple[Any, ...]:  # noqa: ANN401  values of any options
+    """Values of options that exclude one another: those of the environment give way to those of the command line.
+
+    Parameters
+    ----------
+    **values
+        Values of the running command's parameters, by name; None where one is not given.
+
+    Returns
+    -------
+    tuple
+        The same values in their order, None in place of each that gives way.
+    """
+    context = click.get_current_context()
+    line = click.core.ParameterSource.COMMANDLINE
+    typed = {name for name, value in values.items() if value is not None and context.get_parameter_source(name) is line}
+    return tuple(value if not typed or name in typed else None for name, value in values.items())
+
+
 def _hush(context: click.Context, _: click.Parameter, wanted: bool) -> None:
     context.meta[_QUIET] = wanted
 

@@ -19,6 +19,7 @@ from tofmix.errors import BadInputError
 from tofmix.io.atomic.storage import AtomicFile, Sink
 from tofmix.io.guard.hdf5_memory import reserve_memory
 from tofmix.io.next_command import next_command
+from tofmix.wording import readable
 
 FORMAT_VERSION = "1.0"
 CONVENTIONS = "CF-1.11"
@@ -46,8 +47,8 @@ def create(file: AtomicFile, *, kind: str, title: str, history: str) -> Iterator
         root.attrs["format"] = kind
         root.attrs["format_version"] = FORMAT_VERSION
         root.attrs["Conventions"] = CONVENTIONS
-        root.attrs["title"] = title
-        root.attrs["history"] = history
+        root.attrs["title"] = readable(title)
+        root.attrs["history"] = readable(history)
         yield root
     file.commit()
 

@@ -16,6 +16,7 @@ from tofmix.cli.options import (
     default_workers,
     examples,
     json_option,
+    nearer_of,
     overwrite_option,
 )
 from tofmix.errors import UsageError
@@ -204,6 +205,7 @@ def estimate(
 
     if stride is not None and window is None:
         raise UsageError("--stride needs --window")
+    shard, scheduler = nearer_of(shard=shard, scheduler=scheduler)
     if scheduler is not None and shard is not None:
         raise UsageError("--shard and --scheduler exclude each other: a shard is computed on this machine")
     if choices["refine"] == "none" and context.get_parameter_source("false_alarm") is not ParameterSource.DEFAULT:

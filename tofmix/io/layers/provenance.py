@@ -16,6 +16,7 @@ from tofmix.layers import Provenance
 from tofmix.recording import MOST_TARGETS
 from tofmix.surfaces.found import SurfacesProvenance
 from tofmix.windows import Windows
+from tofmix.wording import readable
 
 _CHECKSUM = "provenance_crc32"
 
@@ -63,7 +64,7 @@ def write_surfaces_provenance(root: h5py.File, provenance: SurfacesProvenance) -
 
 
 def _write_texts(root: h5py.File, provenance: Provenance | SurfacesProvenance) -> None:
-    root.attrs["source"] = provenance.source
+    root.attrs["source"] = readable(provenance.source)
     root.attrs["source_sha256"] = provenance.source_sha256
     root.attrs["tofmix_version"] = provenance.version
     root.attrs["options"] = json.dumps(provenance.options, sort_keys=True)

@@ -1,0 +1,59 @@
+"""Options in the environment: those of the command line win, and names of no option are said."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.commandline import Tofmix
+
+from tofmix.cli.main import unknown_variables
+
+WALL = np.full((5, 2, 3), 1500, dtype=np.uint16)
+
+
+def test_option_on_the_command_line_wins_over_one_in_the_environment_that_excludes_it(
+    tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    np.save(tmp_path / "a.npy", WALL)
+    monkeypatch.setenv("TOFMIX_IMPORT_SCALE", "0.25")
+    done = tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5")
+    assert ", 0.25 mm a unit;" in done.out
+    done = tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "b.h5", "--units", "mm")
+    assert (done.code, done.err) == (0, "")
+    assert ", 1 mm a unit;" in done.out
+    monkeypatch.setenv("TOFMIX_IMPORT_UNITS", "mm")
+    done = tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "c.h5")
+    assert "--units and --scale both set the unit" in done.err
+
+
+def test_variables_of_no_option_are_named_and_those_of_options_are_not() -> None:
+    names = ("TOFMIX_ESTIMATE_WORKERS", "TOFMIX_IMPORT_VALID_STATUS", "TOFMIX_READ_TIMEOUT", "PATH", "TOFMIX")
+    assert unknown_variables(dict.fromkeys(names, "1")) == []
+    wrong = ("TOFMIX_WORKERS", "TOFMIX_ESTIMATE_WORKER", "TOFMIX_ESTIMATE_OVERWRITE")
+    assert unknown_variables(dict.fromkeys(wrong, "1")) == sorted(wrong)
+
+
+def test_unknown_variable_is_said_in_one_line_and_the_command_runs(
+    tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    np.save(tmp_path / "a.npy", WALL)
+    monkeypatch.setenv("TOFMIX_IMPORT_UNIT", "mm")
+    done = tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5")
+    assert done.code == 0
+    assert done.err == "tofmix: not used: TOFMIX_IMPORT_UNIT, in the environment: no option has this name\n"
+
+
+def test_file_names_that_are_no_utf_8_are_read_and_written(tofmix: Tofmix, tmp_path: Path) -> None:
+    name = b"m\xfcll".decode("utf-8", "surrogateescape")
+    np.save(tmp_path / "a.npy", np.rint(np.random.default_rng(1).normal(1500.0, 4.0, (30, 3, 4))).astype("u2"))
+    (tmp_path / "a.npy").rename(tmp_path / f"{name}.npy")
+    recording, layers = tmp_path / f"{name}.h5", tmp_path / f"{name}.layers.h5"
+    assert tofmix("import", tmp_path / f"{name}.npy", "-o", recording, "--fov", "40x30").code == 0
+    assert tofmix("estimate", recording).code == 0
+    for arguments in (
+        ("verify", recording, layers),
+        ("info", layers, "--json"),
+        ("report", layers, "--recording", recording, "--html", tmp_path / f"{name}.html"),
+        ("export", layers, "-o", tmp_path / f"{name}.ply"),
+    ):
+        assert tofmix(*arguments).code == 0
