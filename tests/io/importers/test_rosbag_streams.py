@@ -103,7 +103,7 @@ def test_depth_seen_from_the_colour_camera_and_raw_are_listed(tmp_path: Path) ->
 
 def test_encodings_that_are_not_read_are_named_and_not_offered(tmp_path: Path) -> None:
     with new_bag(tmp_path, "mcap") as (bag, path):
-        bag.image("/cam/depth", np.zeros((4, 12), "u1"), stamp_ns=SECOND, encoding="8UC2")
+        bag.image("/cam/depth", np.zeros((4, 12), "u1"), stamp_ns=SECOND, encoding="8UC2\n")
     with pytest.raises(BadInputError, match=r"not readable as depths: /cam/depth \(8UC2\)") as refused:
         read_source(path)
     assert "--topic" not in str(refused.value)

@@ -149,7 +149,7 @@ def _depth_topic(bag: _Bag, wanted: str | None) -> tuple[str, list[str]]:
     if wanted is not None:
         bag.check(wanted, _IMAGE)
         return wanted, []
-    encodings = {topic: str(bag.first(topic)[0].encoding) for topic in bag.topics(_IMAGE)}
+    encodings = {topic: " ".join(str(bag.first(topic)[0].encoding).split()) for topic in bag.topics(_IMAGE)}
     fitting = [
         topic for topic, encoding in encodings.items()
         if encoding in _SURE or (encoding in DEPTH_UNITS_MM and stream_of(topic) == "depth")
