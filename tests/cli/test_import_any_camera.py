@@ -165,13 +165,13 @@ def test_units_and_fill_value_of_a_dataset_are_used_and_the_command_line_overrul
 
 def test_one_of_several_datasets_is_chosen_by_name(tofmix: Tofmix, tmp_path: Path) -> None:
     with h5py.File(tmp_path / "x.h5", "w") as root:
-        root["a/depth"], root["a/light"] = samples().astype("f4"), samples(seed=9).astype("f4")
+        root["a/first"], root["a/second"] = samples().astype("f4"), samples(seed=9).astype("f4")
         root["a/time"] = np.arange(SHAPE[0]) / 25.0
     refused = tofmix("import", tmp_path / "x.h5", "-o", tmp_path / "r.h5")
     assert refused.code == ExitCode.BAD_INPUT
-    assert "choose one with --dataset: a/depth (60, 4, 6), a/light (60, 4, 6)" in refused.err
+    assert "choose one with --dataset: a/first (60, 4, 6), a/second (60, 4, 6)" in refused.err
     done = tofmix(
-        "import", tmp_path / "x.h5", "-o", tmp_path / "r.h5", "--dataset", "/a/depth", "--amplitude", "a/light"
+        "import", tmp_path / "x.h5", "-o", tmp_path / "r.h5", "--dataset", "/a/first", "--amplitude", "a/second"
     )
     assert done.code == 0, done.err
     np.testing.assert_array_equal(read(tmp_path / "r.h5"), samples().astype("f4"))
@@ -297,4 +297,5 @@ def test_json_lists_the_output_and_unknown_camera_data(tofmix: Tofmix, tmp_path:
     made = json.loads(done.out)
     assert (made["frames"], made["rows"], made["cols"], made["targets"], made["unit_mm"]) == (5, 3, 4, 0, 1.0)
     assert made["output"] == str(tmp_path / "a.h5")
-    assert [line.split(" (")[0] for line in made["not_known"]] == ["field of view", "largest range", "noise curve"]
+    unknown = ["field of view", "largest range", "noise curve", "times of the frames"]
+    assert [line.split(" (")[0] for line in made["not_known"]] == unknown

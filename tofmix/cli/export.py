@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from tofmix.cli.options import PATH, examples, json_option, overwrite_option, progress_bar
+from tofmix.cli.options import PATH, examples, json_option, overwrite_option, progress_bar, projection_option
 from tofmix.errors import BadInputError, UsageError
 from tofmix.wording import counted
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from tofmix.optics.projection import Projection
     from tofmix.points import PointFilter
 
-_POINTS_ONLY = ("min_weight", "min_probability", "fov")
+_POINTS_ONLY = ("min_weight", "min_probability", "fov", "projection")
 _IMAGES_ONLY = ("layer", "scale")
 _LAYERS_ONLY = (*_POINTS_ONLY, "undecided", "layer")
 _WHAT = ("edges", "points", "image", "planes")
@@ -57,8 +57,9 @@ tofmix export boards.surfaces.h5 -o boards.obj --what planes
 @click.option("--min-probability", type=click.FloatRange(0, 1), help="Points: smallest probability of a layer.")
 @click.option("--undecided", is_flag=True, help="Write undecided pixels too.")
 @click.option(
-    "--fov", metavar="HxV", help="Points: field of view in degrees, of equal angles.  [default: from the layers file]"
+    "--fov", metavar="HxV", help="Points: full field of view in degrees, by --projection.  [default: the layers file's]"
 )
+@projection_option
 @click.option(
     "--layer", type=click.IntRange(1), default=1, show_default=True, help="Images: number of the layer, 1 = nearest."
 )
@@ -79,6 +80,7 @@ def export(
     min_probability: float | None,
     undecided: bool,
     fov: str | None,
+    projection: str,
     layer: int,
     scale: float,
     as_json: bool,
@@ -126,7 +128,7 @@ def export(
                     from tofmix.points import PointFilter
 
                     chosen = PointFilter(min_weight=min_weight, min_probability=min_probability, undecided=undecided)
-                    line, made = _export_points(layers, output, window, fov, chosen, overwrite)
+                    line, made = _export_points(layers, output, window, (fov, projection), chosen, overwrite)
     click.echo(json.dumps({"output": str(output), **made}) if as_json else line)
 
 
@@ -171,15 +173,23 @@ def _check_window(file: "LayersFile | SurfacesFile", window: int | None, *, as_i
 
 
 def _export_points(
-    file: "LayersFile", output: Path, window: int | None, fov: str | None, chosen: "PointFilter", overwrite: bool
+    file: "LayersFile",
+    output: Path,
+    window: int | None,
+    view: tuple[str | None, str],
+    chosen: "PointFilter",
+    overwrite: bool,
 ) -> tuple[str, dict[str, Any]]:
+    from tofmix.cli.import_camera import view_of, view_words
     from tofmix.io.exporters import export_points
     from tofmix.points import LayerPoints
 
     windows = range(file.shape[0]) if window is None else [window]
     try:
-        points = LayerPoints(file, optics=_optics(file, fov), windows=windows, chosen=chosen)
+        optics = _optics(file, *view)
+        points = LayerPoints(file, optics=optics, windows=windows, chosen=chosen)
     except ValueError as error:
+        fov = view[0]
         raise (UsageError if fov else BadInputError)(f"{'--fov' if fov else file.path}: {error}") from error
     title = f"layers of {file.provenance.source}"
     with progress_bar(len(windows), "export", "window") as bar:
@@ -189,17 +199,20 @@ def _export_points(
     if count == 0:
         click.echo(f"tofmix: {output}: no layer passed the filters, so the file has no point", err=True)
     line = f"{output}: {counted(count, 'point', ',')} of {counted(len(windows), 'window')}"
+    if view[0] is not None:
+        line += f"; placed by {view_words(optics, file.shape[1:], view_of(view[0]))}"
     return line, {"points": count, "windows": len(windows)}
 
 
-def _optics(file: "LayersFile", fov: str | None) -> "Projection":
-    """The projection: --fov, with equal angles, or from the layers file."""
-    from tofmix.cli.import_camera import view_of
-    from tofmix.optics.equiangular import Equiangular
+def _optics(file: "LayersFile", fov: str | None, projection: str) -> "Projection":
+    """The projection: --fov by --projection, or from the layers file."""
+    from tofmix.cli.import_camera import view_of, with_view
 
     view = view_of(fov)
     if view is not None:
-        return Equiangular(fov_horizontal_deg=view[0], fov_vertical_deg=view[1])
+        sensor = with_view(file.provenance.sensor, view, projection, file.shape[1:])
+        assert sensor.optics is not None  # noqa: S101  for the type checker: it has a view
+        return sensor.optics
     optics = file.provenance.sensor.optics
     if optics is None:
         raise BadInputError(

@@ -209,7 +209,7 @@ def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str |
         raise BadInputError(f"{where}: {error}") from error
     otherwise = "" if axis else " (--depth-axis ray if they are along the beam)"
     by_view = lens.intrinsics is None and lens.view_deg is not None
-    how = _in_words(optics, shape, lens.view_deg if by_view else None)
+    how = view_words(optics, shape, lens.view_deg if by_view else None)
     text = f"depths along z converted to ranges by {how}{otherwise}"
     return Geometry(factor=factor, sensor=sensor, text=text, notes=notes)
 
@@ -266,17 +266,43 @@ def _with_optics(
         pinhole = lens.intrinsics.pinhole((rows, cols), rectified=frames.rectified)
         where = lens.intrinsics.what
     elif lens.view_deg is not None:
-        where = "--fov"
-        pinhole = _ideal(rows, cols, lens.view_deg) if along_z else None
-        if pinhole is None:
-            horizontal, vertical = lens.view_deg
-            return replace(sensor, fov_horizontal_deg=horizontal, fov_vertical_deg=vertical, projection=None), where
+        projection = "pinhole" if along_z else "equiangular"
+        return with_view(sensor, lens.view_deg, projection, (rows, cols)), "--fov"
     if pinhole is None:
         return sensor, where
     return replace(sensor, projection=pinhole, fov_horizontal_deg=None, fov_vertical_deg=None), where
 
 
-def _in_words(optics: "Projection", shape: tuple[int, int], view_deg: tuple[float, float] | None) -> str:
+PROJECTIONS_OF_VIEW = ("equiangular", "pinhole")
+"""Projections that a field of view may be of."""
+
+
+def with_view(sensor: "Sensor", view_deg: tuple[float, float], projection: str, shape: tuple[int, int]) -> "Sensor":
+    """The camera with the directions of an image's pixels by a field of view.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The camera.
+    view_deg : (float, float)
+        Full field of view, horizontal and vertical, degrees.
+    projection : {"equiangular", "pinhole"}
+        Equal angles between pixels, or an ideal pinhole.
+    shape : (int, int)
+        Rows and columns of the image.
+
+    Raises
+    ------
+    UsageError
+        If no pinhole sees that much.
+    """
+    if projection == "pinhole":
+        return replace(sensor, projection=_ideal(*shape, view_deg), fov_horizontal_deg=None, fov_vertical_deg=None)
+    return replace(sensor, projection=None, fov_horizontal_deg=view_deg[0], fov_vertical_deg=view_deg[1])
+
+
+def view_words(optics: "Projection", shape: tuple[int, int], view_deg: tuple[float, float] | None) -> str:
+    """A projection in words; an ideal pinhole by its field of view, if that is what was given."""
     from tofmix.optics.pinhole import Pinhole
 
     if not isinstance(optics, Pinhole):

@@ -1,5 +1,6 @@
 """The command ``tofmix``, and its exit codes."""
 
+import io
 import os
 import signal
 import sys
@@ -104,15 +105,26 @@ def unknown_variables(environment: Mapping[str, str]) -> list[str]:
     return sorted(name for name in environment if name.startswith("TOFMIX_") and name not in known | _OTHER_VARIABLES)
 
 
+def _say_unknown_variables() -> None:
+    if unknown := unknown_variables(os.environ):
+        click.echo(f"tofmix: not used: {', '.join(unknown)}, in the environment: no option has this name", err=True)
+
+
+def _take_any_name() -> None:
+    """Let standard output print names of files that are no UTF-8, as the bytes that they are."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="surrogateescape")
+
+
 def run(arguments: list[str] | None = None) -> NoReturn:
     """Run the command line and leave with its exit code; never a traceback for a fault of the user's or the disk's."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _die)
     arm()
+    _take_any_name()
     code = ExitCode.DONE
     try:
-        if unknown := unknown_variables(os.environ):
-            click.echo(f"tofmix: not used: {', '.join(unknown)}, in the environment: no option has this name", err=True)
+        _say_unknown_variables()
         code = main.main(args=arguments, prog_name="tofmix", standalone_mode=False) or code
         sys.stdout.flush()
     except click.UsageError as error:

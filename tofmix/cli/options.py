@@ -94,6 +94,12 @@ json_option = click.option(
 )
 
 
+projection_option = click.option(
+    "--projection", type=click.Choice(["equiangular", "pinhole"]), default="equiangular", show_default=True,
+    help="What --fov is of: equal angles between pixels, or an ideal pinhole.",
+)  # fmt: skip
+
+
 def default_workers() -> int:
     """Processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

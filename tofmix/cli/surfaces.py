@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tofmix.cli.options import HDF5_PATH, PATH, examples, json_option, overwrite_option, progress_bar
+from tofmix.cli.options import HDF5_PATH, PATH, examples, json_option, overwrite_option, progress_bar, projection_option
 from tofmix.cli.recording_check import check_view
 from tofmix.errors import BadInputError
 from tofmix.wording import counted
 
 if TYPE_CHECKING:
     from tofmix.io.layers.layers_file import LayersFile
+    from tofmix.sensor import Sensor
     from tofmix.surfaces.found import WindowSurfaces
 
 _ENDING, _FROM = ".surfaces.h5", ".layers.h5"
@@ -33,9 +34,15 @@ tofmix export boards.surfaces.h5 -o boards.obj --what planes
     "--factor", type=click.IntRange(2, 32), default=8, show_default=True,
     help="Subdivision of a pixel in the fine range image: FACTOR x FACTOR parts.",
 )  # fmt: skip
+@click.option(
+    "--fov", metavar="HxV", help="Full field of view in degrees, by --projection.  [default: the layers file's]"
+)
+@projection_option
 @json_option
 @overwrite_option
-def surfaces(layers: Path, output: Path | None, factor: int, as_json: bool, overwrite: bool) -> None:
+def surfaces(
+    layers: Path, output: Path | None, factor: int, fov: str | None, projection: str, as_json: bool, overwrite: bool
+) -> None:
     """Find the surfaces in LAYERS, a file that tofmix estimate wrote.
 
     The command joins layers of neighbouring pixels into surfaces, and fits a plane
@@ -45,6 +52,7 @@ def surfaces(layers: Path, output: Path | None, factor: int, as_json: bool, over
     camera's field of view. docs/how-to/surfaces.md shows how other programs read
     the file.
     """
+    from tofmix.cli.import_camera import view_of, view_words, with_view
     from tofmix.io.atomic.storage import locked
     from tofmix.io.layers.layers_file import open_layers
     from tofmix.io.recording.recording_file import file_sha256
@@ -54,11 +62,18 @@ def surfaces(layers: Path, output: Path | None, factor: int, as_json: bool, over
 
     output = output or surfaces_path(layers)
     with locked(output, overwrite=overwrite, inputs=(layers,)), open_layers(layers) as file:
-        check_view(file)
+        sensor, view = file.provenance.sensor, view_of(fov)
+        if view is None:
+            check_view(file)
+        else:
+            sensor = with_view(sensor, view, projection, file.shape[1:])
         provenance = SurfacesProvenance(
-            source=layers.name, source_sha256=file_sha256(layers), version=__version__,
-            sensor=file.provenance.sensor, options={"factor": factor},
-        )  # fmt: skip
+            source=layers.name,
+            source_sha256=file_sha256(layers),
+            version=__version__,
+            sensor=sensor,
+            options={"factor": factor},
+        )
         tally = _Tally()
         with (
             progress_bar(file.shape[0], "surfaces", "window") as bar,
@@ -68,7 +83,7 @@ def surfaces(layers: Path, output: Path | None, factor: int, as_json: bool, over
             ) as writer,
         ):  # fmt: skip
             for window in range(file.shape[0]):
-                found = _reconstruct(file, window, factor)
+                found = _reconstruct(file, sensor, window, factor)
                 writer.write(found)
                 tally.add(found)
                 bar.update()
@@ -76,7 +91,8 @@ def surfaces(layers: Path, output: Path | None, factor: int, as_json: bool, over
         "rows_fine": file.shape[1] * factor, "cols_fine": file.shape[2] * factor, "factor": factor,
         "windows": file.shape[0],
     }  # fmt: skip
-    click.echo(json.dumps({"output": str(output), **values}) if as_json else f"{output}: {_line(values)}")
+    placed = "" if view is None or sensor.optics is None else f"; {view_words(sensor.optics, file.shape[1:], view)}"
+    click.echo(json.dumps({"output": str(output), **values}) if as_json else f"{output}: {_line(values)}{placed}")
 
 
 def surfaces_path(layers: Path) -> Path:
@@ -84,14 +100,14 @@ def surfaces_path(layers: Path) -> Path:
     return layers.parent / f"{layers.name.removesuffix(_FROM).removesuffix('.h5')}{_ENDING}"
 
 
-def _reconstruct(file: "LayersFile", window: int, factor: int) -> "WindowSurfaces":
+def _reconstruct(file: "LayersFile", sensor: "Sensor", window: int, factor: int) -> "WindowSurfaces":
     from tofmix.cli.compiling import announced
     from tofmix.surfaces.reconstruct import reconstruct
 
     layers = file.read_window(window)
     try:
         with announced():
-            return reconstruct(layers, file.provenance.sensor, factor=factor)
+            return reconstruct(layers, sensor, factor=factor)
     except ValueError as error:
         raise BadInputError(f"{file.path}: window {window}: {error}") from error
 

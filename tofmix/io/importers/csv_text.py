@@ -84,7 +84,7 @@ def layout_of(path: Path) -> Layout:
         notes.append(f"{path}: read as UTF-16")
     with foreign(path), path.open(encoding=encoding, newline="") as file:
         first, second = (next(lines, "") for lines in [_filled(file)] * 2)
-    delimiter = _delimiter(second or first)
+    delimiter = _delimiter(second) or _delimiter(first)
     decimal_comma = _has_decimal_comma(second or first, delimiter)
     if decimal_comma:
         notes.append(f"{path}: commas in its numbers are decimal commas")

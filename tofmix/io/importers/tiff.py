@@ -1,9 +1,10 @@
 """TIFF by tifffile: a stack of pages, one a frame, read page by page."""
 
+import math
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -58,26 +59,34 @@ def open_pages(path: Path, _: Request) -> Iterator[FrameSource]:
         )
 
 
-def _channels(text: str) -> tuple[list[str], str]:
-    """Names of an OME-TIFF's channels, and the order of its axes.
+class _Channels(NamedTuple):
+    """Names of the channels, and the number of pages from one of them to the next."""
 
-    One channel without a name where the text is no OME-XML.
-    """
+    names: list[str]
+    stride: int
+
+
+def _channels(text: str) -> _Channels:
+    """Channels of an OME-TIFF; one without a name where the text is no OME-XML."""
+    one = _Channels([""], 1)
     if "<OME" not in text:
-        return [""], ""
+        return one
     try:
         root = ET.fromstring(text)  # noqa: S314  tifffile read it; entities of its own are refused by expat
     except ET.ParseError:
-        return [""], ""
-    pixels = next((one for one in root.iter() if one.tag.endswith("}Pixels") or one.tag == "Pixels"), None)
+        return one
+    pixels = next((item for item in root.iter() if item.tag.rpartition("}")[2] == "Pixels"), None)
     if pixels is None:
-        return [""], ""
-    names = [one.get("Name", "") for one in pixels if one.tag.endswith("Channel")]
-    count = int(pixels.get("SizeC", "1")) if pixels.get("SizeC", "1").isdecimal() else 1
-    return [*names, *[""] * (count - len(names))][:count], pixels.get("DimensionOrder", "XYCZT")
+        return one
+    sizes = {axis: int(size) if (size := pixels.get(f"Size{axis}", "1")).isdecimal() else 1 for axis in "ZCT"}
+    order = pixels.get("DimensionOrder", "XYCZT")[2:]  # the fastest axis first
+    names = [item.get("Name", "") for item in pixels if item.tag.rpartition("}")[2] == "Channel"]
+    before = order[: order.find("C")] if "C" in order else ""
+    names = [*names, *[""] * max(0, sizes["C"] - len(names))][: max(1, sizes["C"])]
+    return _Channels(names, max(1, math.prod(sizes.get(axis, 1) for axis in before)))
 
 
-def _depth_pages(channels: tuple[list[str], str], count: int, path: Path) -> tuple[list[int], tuple[str, ...]]:
+def _depth_pages(channels: _Channels, count: int, path: Path) -> tuple[list[int], tuple[str, ...]]:
     """Pages of the depths, and a note on other channels.
 
     Raises
@@ -85,7 +94,7 @@ def _depth_pages(channels: tuple[list[str], str], count: int, path: Path) -> tup
     BadInputError
         If there are several channels, and their names do not tell which is of depths.
     """
-    names, order = channels
+    names = channels.names
     if len(names) <= 1:
         return list(range(count)), ()
     shown = [name or f"channel {k}" for k, name in enumerate(names)]
@@ -95,11 +104,9 @@ def _depth_pages(channels: tuple[list[str], str], count: int, path: Path) -> tup
             f"{path}: {len(names)} channels ({', '.join(shown)}), not one sequence of depths;"
             " write the depths to a TIFF of their own"
         )
-    channel, frames = names.index(depths[0]), count // len(names)
-    first_c = order.find("C") < max(order.find("T"), order.find("Z")) and order.find("C") == 2  # noqa: PLR2004  X, Y, C
-    pages = [k * len(names) + channel if first_c else channel * frames + k for k in range(frames)]
-    left = [name for k, name in enumerate(shown) if k != channel]
-    return pages, (unused(path, "channels", left),)
+    channel = names.index(depths[0])
+    pages = [page for page in range(count) if page // channels.stride % len(names) == channel]
+    return pages, (unused(path, "channels", [name for k, name in enumerate(shown) if k != channel]),)
 
 
 def single_text(path: Path) -> str | None:
