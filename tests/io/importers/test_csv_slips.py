@@ -156,3 +156,9 @@ def test_status_codes_are_used_where_they_are_known_and_named_where_not(tmp_path
             assert codes.tolist() == [[0, 0, 0], [5, 5, 5]]
     with pytest.raises(BadInputError, match=r"no column 'state'; its header names: frame, row, col, range, status"):
         read(path, valid_status=("state", (1,)))
+
+
+def test_cell_of_a_hundred_thousand_characters_is_refused_in_one_line(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", ["[" * 200_000 + ",1", *wide()])
+    with pytest.raises(BadInputError, match=r"a\.csv: cannot be read: field larger than field limit"):
+        read(path, shape=(2, 3))

@@ -85,14 +85,16 @@ def layout_of(path: Path) -> Layout:
     with foreign(path), path.open(encoding=encoding, newline="") as file:
         first, second = (next(lines, "") for lines in [_filled(file)] * 2)
     delimiter = _delimiter(second) or _delimiter(first)
-    decimal_comma = _has_decimal_comma(second or first, delimiter)
+    with foreign(path):
+        decimal_comma = _has_decimal_comma(second or first, delimiter)
+        head = _cells(first, delimiter) if first else []
     if decimal_comma:
         notes.append(f"{path}: commas in its numbers are decimal commas")
-    head = _cells(first, delimiter) if first else []
     layout = Layout(
         encoding=encoding, delimiter=delimiter, decimal_comma=decimal_comma, head=head, has_header=False, notes=()
     )
-    numbers = _numbers(layout, head)
+    with foreign(path):
+        numbers = _numbers(layout, head)
     counted = numbers is not None and _counts(numbers)
     if counted:
         notes.append(f"{path}: its first line, {head[0] or head[1]} to {head[-1]}, is taken as a header")
