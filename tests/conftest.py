@@ -77,16 +77,14 @@ def pytest_collection_finish() -> None:
 @pytest.fixture(autouse=PLAIN, scope="session")
 def _twins() -> Iterator[None]:
     """As plain Python these would take hours: they go over samples with the kernels' twins, which other tests hold."""
-    from support import cast_twin, noise_twins, reconcile_twins
+    from support import cast_twin, reconcile_twins
 
-    from tofmix.estimation.noise import series as noise_series
     from tofmix.reconciliation.likelihood import likelihood
     from tofmix.simulation.casting import cast
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(cast, "cast_row", cast_twin.cast_row)
         patch.setattr(cast, "cast_cells", cast_twin.cast_cells)
-        patch.setattr(noise_series, "_series_statistics", noise_twins.series_statistics)
         patch.setattr(likelihood, "log_likelihood", reconcile_twins.sorted_log_likelihood)
         patch.setattr(likelihood, "transform", reconcile_twins.transform)
         yield

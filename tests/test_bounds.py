@@ -25,7 +25,7 @@ from tofmix.bounds import (
     declared,
 )
 from tofmix.errors import UsageError
-from tofmix.estimation.learnt.curve_check import CurveTolerances
+from tofmix.estimation.noise.curve_check import CurveTolerances
 from tofmix.estimation.noise.settings import AmplitudeSettings, CurveSettings, NoiseSettings, OutlierSettings
 from tofmix.io.guard.structure_rules import Limits
 from tofmix.reconciliation.search.search_state import Settings

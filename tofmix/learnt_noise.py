@@ -13,6 +13,12 @@ from tofmix.arrays import FloatArray
 DRIFTS = 3
 """Legendre polynomials of time, of the degrees 1 to 3, that a pixel's ranges may follow within a window."""
 
+TAIL_DEGREES = 4.0
+"""Degrees of freedom of the Student t priors of log width and drift: some pixels are far wider than others."""
+
+MOST_LOG_WIDTH = 1.5
+"""Largest absolute log width of a pixel."""
+
 _SHAPES = {"drift_mm": 1, "gain_samples": 1, "gain_background": 1, "gain_more": 3, "gain_first": 2}
 
 

@@ -187,6 +187,11 @@ class NoiseCurve:
         factor = np.exp(self.law.log_factor(amplitude) - self.law.log_factor(reference))
         return sigma * np.where(np.isnan(factor), 1.0, factor)
 
+    @property
+    def has_parts(self) -> bool:
+        """Whether it has more than sigma by range and amplitude."""
+        return self.shape is not None or self.width_spread > 0 or self.background is not None
+
     def scaled(self, factor: float, *, amplitude_factor: float = 1.0) -> Self:
         """The same curve with every sigma times `factor`, and the law's amplitudes times `amplitude_factor`."""
         law = None if self.law is None else self.law.scaled(amplitude_factor)
@@ -278,6 +283,11 @@ class Sensor:
                 raise ValueError(f"{key}: {value} is not finite")
         if not 0 <= self.outlier_probability < 1:
             raise ValueError(f"outlier_probability: {self.outlier_probability} is not in [0, 1)")
+
+    @property
+    def follows_drift(self) -> bool:
+        """Whether an estimate with this sensor lets the ranges of a pixel drift within a window."""
+        return self.learnt is not None and bool(self.learnt.drift_mm.any())
 
     @property
     def optics(self) -> Projection | None:

@@ -368,13 +368,12 @@ def _say_doubts(
     samples: "SampleSource", sensor: Sensor, noise: str | NoiseCurve, window_frames: int, circle_mm: float | None
 ) -> None:
     """Warn of the doubts about the samples that `tofmix estimate` prints before it estimates them."""
-    from tofmix.estimation.learnt.model import follows_drift
     from tofmix.estimation.noise.consistency import check_consistency
     from tofmix.report.summary.findings import Remedy, sample_findings
 
     seen = check_consistency(
         samples, sensor.noise, window_frames=window_frames, unambiguous_range_mm=circle_mm,
-        follows_drift=follows_drift(sensor),
+        follows_drift=sensor.follows_drift,
     )  # fmt: skip
     scatter = None if noise == AUTO else seen.scatter_over_curve  # a curve that the samples gave is theirs
     remedy = Remedy(recording="recording", window_frames=window_frames)

@@ -46,13 +46,12 @@ def findings_of_samples(
     source: "RecordingFile", sensor: "Sensor", circle_mm: float | None, remedy: "Remedy"
 ) -> list["Finding"]:
     """Doubts from some of the samples: scatter off the noise curve of `sensor`, and drift within a window."""
-    from tofmix.estimation.learnt.model import follows_drift
     from tofmix.estimation.noise.consistency import check_consistency
     from tofmix.report.summary.findings import sample_findings
 
     seen = check_consistency(
         source, sensor.noise, window_frames=remedy.window_frames, unambiguous_range_mm=circle_mm,
-        follows_drift=follows_drift(sensor),
+        follows_drift=sensor.follows_drift,
     )  # fmt: skip
     # A curve that the samples gave is theirs.
     scatter = None if remedy.noise == AUTO else seen.scatter_over_curve

@@ -15,7 +15,6 @@ from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.compiled.vector import product_of
 from tofmix.estimation.beam import Beam, beam_of, is_no_return, reaches_no_return
-from tofmix.estimation.learnt.block_layers import counts_with_learnt, layers_with_learnt
 from tofmix.estimation.mixture.acceleration import maximise_likelihood
 from tofmix.estimation.mixture.components import (
     GAIN,
@@ -60,7 +59,14 @@ from tofmix.estimation.paper import paper_pixels
 from tofmix.estimation.peaks.counters import Kde
 from tofmix.estimation.peaks.counters.base import MAX_PEAKS, Peaks
 from tofmix.estimation.samples import Readings, SortedSamples, gather, padded, sort_samples
-from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED, EstimateOptions, KernelOptions, kernel_options
+from tofmix.estimation.settings import (
+    MODE_PRIOR,
+    MODE_TIED,
+    EstimateOptions,
+    KernelOptions,
+    counts_with_learnt,
+    kernel_options,
+)
 from tofmix.estimation.unrolling import fold_layers, unrolled
 from tofmix.flags import Status
 from tofmix.layers import Layers, layer_fields
@@ -295,6 +301,8 @@ def layer_pixels(
             amplitudes = np.asarray(amplitude, np.float32).reshape(block.shape)
             beam = beam._replace(pixel_curves=pixel_curves(block, amplitudes, sensor.noise))
         if counts_with_learnt(sensor, options):
+            from tofmix.estimation.learnt.block_layers import layers_with_learnt
+
             layers_with_learnt(np.ascontiguousarray(block.T), beam, sensor, options, out)
         else:
             _layers_on_line(ordered, beam, options, out)
@@ -314,6 +322,8 @@ def _layers_on_circle(
     for part in unrolled(samples, sensor, length):
         found = Layers.empty((len(part.pixels),), options.max_layers, out.fields)
         if counts_with_learnt(sensor, options):
+            from tofmix.estimation.learnt.block_layers import layers_with_learnt
+
             layers_with_learnt(part.samples.values.astype(np.float32), part.beam, sensor, options, found)
         else:
             _layers_on_line(part.samples, part.beam, options, found)

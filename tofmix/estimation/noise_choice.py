@@ -11,7 +11,7 @@ from typing import TypeVar
 from tofmix.circle import has_no_return
 from tofmix.errors import BadInputError
 from tofmix.estimation.beam import beam_of, outlier_interval
-from tofmix.estimation.learnt.recordings import calibrated, has_parts, learn_if_contradicted, learn_noise
+from tofmix.estimation.noise.curve_check import is_contradicted
 from tofmix.estimation.noise.measurement import MeasuredNoise, disagreement, measure_noise
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.estimation.unrolling import UnrolledSource
@@ -239,6 +239,8 @@ class _Chooser:
 
     def _with_learnt(self, given: Sensor) -> Sensor:
         """The sensor with all parts of the noise that the samples show."""
+        from tofmix.estimation.learnt.recordings import learn_noise  # with the learnt engine, which others do not need
+
         found = self._learnt(given, learn_noise)
         sensor, measured = found.sensor, found.measured
         if self.request.outliers == AUTO:
@@ -261,13 +263,18 @@ class _Chooser:
             return sensor
         if sensor.learnt is not None and self.request.outliers == FILE:
             return sensor  # of an earlier estimate: drift, memory and thresholds are not in the curve
-        if has_parts(sensor.noise):
+        if sensor.noise.has_parts:
+            from tofmix.estimation.learnt.recordings import calibrated
+
             return calibrated(
                 self._ranges(sensor), window_frames=self.request.window_frames, min_samples=self.options.min_samples,
                 workers=self.request.workers, progress=self.progress,
             )  # fmt: skip
-        question = self.request.noise == FILE and not self.request.asked
-        found = self._learnt(sensor, learn_if_contradicted) if question else None
+        if self.request.noise != FILE or self.request.asked or not self._is_contradicted(sensor):
+            return sensor
+        from tofmix.estimation.learnt.recordings import learn_instead
+
+        found = self._learnt(sensor, learn_instead)
         if found is None:
             return sensor
         self._note(
@@ -275,6 +282,15 @@ class _Chooser:
             f" ({self.spell('noise', FILE)} keeps the file's curve)"
         )
         return found.sensor
+
+    def _is_contradicted(self, sensor: Sensor) -> bool:
+        request = self.request
+        try:
+            return is_contradicted(
+                self._ranges(sensor), window_frames=request.window_frames, stride_frames=request.stride_frames
+            )
+        except ValueError as error:
+            raise self._unmeasured(error) from error
 
     def _ranges(self, sensor: Sensor) -> SampleSource:
         source = self.use(sensor)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from tofmix.estimation.mixture.false_alarms import check_false_alarm
 from tofmix.estimation.peaks.counters import COUNTERS, Counter, Kde
 from tofmix.layers import MAX_LAYERS_LIMIT
+from tofmix.sensor import Sensor
 
 LEAST_SAMPLES = 2
 """Samples below which nothing can be fitted: no layer rests on a single one."""
@@ -198,3 +199,11 @@ def kernel_options(options: EstimateOptions) -> KernelOptions:
         tol=float(options.tol),
         min_samples=options.min_samples,
     )
+
+
+def counts_with_learnt(sensor: Sensor, options: EstimateOptions) -> bool:
+    """Whether surfaces are counted under the sensor's learnt noise.
+
+    Not with free sigmas, nor where peaks are surfaces: these ways of the paper have Gaussian noise.
+    """
+    return sensor.learnt is not None and options.refine is Refine.LIKELIHOOD and options.sigma is not SigmaMode.FREE

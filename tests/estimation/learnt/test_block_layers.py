@@ -8,9 +8,9 @@ from support.learnt_pixels import SIGMA_MM, camera_with, flat, pixel_noise, surf
 
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.learnt.block_layers import counts_with_learnt, layers_with_learnt
+from tofmix.estimation.learnt.block_layers import layers_with_learnt
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
-from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
+from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode, counts_with_learnt
 from tofmix.layers import Layers
 from tofmix.sensor import NoiseCurve, Sensor
 

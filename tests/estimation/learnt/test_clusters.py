@@ -6,8 +6,9 @@ from support.learnt_pixels import CAMERA, SIGMA_MM, camera_with, pixel_noise, su
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.estimation.beam import Beam, beam_of
-from tofmix.estimation.learnt.clusters import ClusterFits, Clusters, find_clusters, fit_clusters
+from tofmix.estimation.learnt.clusters import ClusterFits, find_clusters, fit_clusters
 from tofmix.estimation.learnt.model import PixelNoise
+from tofmix.estimation.noise.isolated_clusters import Clusters
 
 PIXELS, FRAMES = 200, 100
 BEAM = beam_of(camera_with(pixel_noise()))

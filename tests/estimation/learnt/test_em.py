@@ -24,11 +24,11 @@ from tofmix.estimation.learnt.components import (
     new_scratch,
 )
 from tofmix.estimation.learnt.em import em_step
-from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, TAIL_DEGREES, Law
+from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, Law
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.pixel_samples import Samples, fill_times
 from tofmix.estimation.settings import EstimateOptions
-from tofmix.learnt_noise import DRIFTS
+from tofmix.learnt_noise import DRIFTS, TAIL_DEGREES
 
 if TYPE_CHECKING:
     from collections.abc import Callable

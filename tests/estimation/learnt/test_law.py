@@ -12,12 +12,12 @@ from tofmix.estimation.learnt.law import (
     REACH,
     SCALE_OF_SPREAD,
     STEPS,
-    TAIL_DEGREES,
     at_table,
     law_of,
     log_prior_t,
     precision_of_t,
 )
+from tofmix.learnt_noise import TAIL_DEGREES
 from tofmix.noise_shape import NoiseShape
 
 Z = np.linspace(-REACH, REACH, int(2 * REACH * STEPS) + 1)

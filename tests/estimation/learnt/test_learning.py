@@ -13,7 +13,7 @@ from tofmix.estimation.learnt.folds import whole_fold
 from tofmix.estimation.learnt.learning import LearntModel, learn_pixel_noise
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.parts import with_part
-from tofmix.estimation.learnt.training_pixels import Pixels
+from tofmix.estimation.noise.training_pixels import Pixels
 from tofmix.sensor import NoiseCurve
 
 FRAMES, PIXELS = 60, 300

@@ -7,7 +7,7 @@ import pytest
 from support.learnt_pixels import CAMERA, camera_with, flat, pixel_noise
 
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD
-from tofmix.estimation.learnt.model import SURE_SAMPLES, PixelNoise, follows_drift, thresholds_of
+from tofmix.estimation.learnt.model import SURE_SAMPLES, PixelNoise, thresholds_of
 
 FULL = pixel_noise("skewed", background=(1.0, 9.0), width_spread=0.3, drift_mm=(5.0, 0.0, 2.0), memory=0.4)
 
@@ -57,9 +57,9 @@ def test_known_background_is_as_sure_as_a_thousand_samples() -> None:
 
 
 def test_a_sensor_follows_drift_where_one_was_learnt() -> None:
-    assert follows_drift(camera_with(FULL))
-    assert not follows_drift(camera_with(pixel_noise("skewed")))
-    assert not follows_drift(CAMERA)
+    assert camera_with(FULL).follows_drift
+    assert not camera_with(pixel_noise("skewed")).follows_drift
+    assert not CAMERA.follows_drift
 
 
 def test_sensor_without_learnt_noise_has_its_curves_gaussian_and_one_without_a_curve_none() -> None:

@@ -11,8 +11,9 @@ from support.learnt_pixels import CAMERA, KNOWN, LOW_MM, SIGMA_MM, TOP_MM, pixel
 from tofmix.arrays import FloatArray
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.bootstrap import calibrate
-from tofmix.estimation.learnt.recordings import FoundNoise, calibrated, has_parts, learn_if_contradicted, learn_noise
-from tofmix.estimation.learnt.training_pixels import Pixels, pixels_of, scatters
+from tofmix.estimation.learnt.recordings import FoundNoise, calibrated, learn_instead, learn_noise
+from tofmix.estimation.noise.curve_check import is_contradicted
+from tofmix.estimation.noise.training_pixels import Pixels, pixels_of, scatters
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor
@@ -187,7 +188,8 @@ def test_a_files_curve_is_replaced_only_where_samples_contradict_it(
 ) -> None:
     sensor = replace(CAMERA, noise=NoiseCurve(np.array([2000.0]), np.array([sigma])))
     source = _recording(surfaces(rng, (50, 120), (2000.0,)), sensor)
-    found = learn_if_contradicted(source, window_frames=50)
+    assert is_contradicted(source, window_frames=50) is not kept
+    found = learn_instead(source, window_frames=50)
     assert (found is None) is kept
     if found is not None:
         assert found.sensor.noise is not None
@@ -197,8 +199,8 @@ def test_a_files_curve_is_replaced_only_where_samples_contradict_it(
 @pytest.mark.usefixtures("few_draws")
 def test_a_curve_that_states_parts_gets_the_gains_of_its_own_noise(rng: np.random.Generator) -> None:
     noise = pixel_noise("skewed")
-    assert has_parts(noise.curve)
-    assert not has_parts(pixel_noise().curve)
+    assert noise.curve.has_parts
+    assert not pixel_noise().curve.has_parts
     samples = surfaces(rng, (40, 60), (2000.0,), errors=KNOWN["skewed"].draw)
     sensor = calibrated(_recording(samples, replace(CAMERA, noise=noise.curve)), window_frames=40)
     assert sensor.noise is noise.curve

@@ -29,10 +29,10 @@ from tofmix.estimation.learnt.components import (
     WEIGHT,
 )
 from tofmix.estimation.learnt.em import drifts, em_step, mix, objective, step_up
-from tofmix.estimation.learnt.law import MOST_LOG_WIDTH, Law
+from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.learnt.pixel_samples import Samples
 from tofmix.estimation.noise.kernel import sigma_at
-from tofmix.learnt_noise import DRIFTS
+from tofmix.learnt_noise import DRIFTS, MOST_LOG_WIDTH
 
 _LONGEST_JUMP = 32.0
 """Most EM steps that one jump stands for."""

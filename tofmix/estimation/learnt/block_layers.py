@@ -8,18 +8,10 @@ from tofmix.arrays import Float32Array
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.blocks import fill_layers
 from tofmix.estimation.learnt.model import PixelNoise, thresholds_of
-from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode, kernel_options
+from tofmix.estimation.settings import EstimateOptions, SigmaMode, kernel_options
 from tofmix.layers import Layers
 from tofmix.learnt_noise import DRIFTS
 from tofmix.sensor import Sensor
-
-
-def counts_with_learnt(sensor: Sensor, options: EstimateOptions) -> bool:
-    """Whether surfaces are counted under the sensor's learnt noise.
-
-    Not with free sigmas, nor where peaks are surfaces: these ways of the paper have Gaussian noise.
-    """
-    return sensor.learnt is not None and options.refine is Refine.LIKELIHOOD and options.sigma is not SigmaMode.FREE
 
 
 def layers_with_learnt(block: Float32Array, beam: Beam, sensor: Sensor, options: EstimateOptions, out: Layers) -> None:

@@ -24,13 +24,13 @@ from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.components import copy_fit, start_without_surface
 from tofmix.estimation.learnt.jumps import gain_of_jump
-from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, TAIL_DEGREES, Law
+from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, Law
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.pixel_samples import Samples, fill_times, take_samples
 from tofmix.estimation.learnt.thresholds import Thresholds
 from tofmix.estimation.learnt.trials import first_surface, new_workspace, try_one_more
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
-from tofmix.learnt_noise import DRIFTS
+from tofmix.learnt_noise import DRIFTS, TAIL_DEGREES
 
 DRAWS = 6000, 20_000
 """Fewest and most pixels of each number of samples and share of background: the tail then has 300 gains or more."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tofmix.arrays import Float32Array, FloatArray, IntArray
+from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.acceleration import LEARNING_ITER, LEARNING_TOL, maximise
@@ -27,37 +27,20 @@ from tofmix.estimation.learnt.components import (
 from tofmix.estimation.learnt.em import detrend, mix
 from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.learnt.pixel_samples import Samples, fill_times, take_samples
-from tofmix.estimation.learnt.trials import CLOSE, densest_place, new_workspace, try_one_more
+from tofmix.estimation.learnt.trials import densest_place, new_workspace, try_one_more
+from tofmix.estimation.noise.isolated_clusters import (
+    APART,
+    CLOSE,
+    LEAST_IN_CLUSTER,
+    LEAST_SHARE,
+    MOST_BESIDE,
+    MOST_IN_PIXEL,
+    WINDOW,
+    Clusters,
+)
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.learnt_noise import DRIFTS
-
-WINDOW = 16.0
-"""Half the width of a cluster's window about its densest place, in sigmas."""
-
-MOST_BESIDE = 0.2
-"""A cluster is isolated if no other place of its window, `APART` sigmas or more away, has more than this part of the
-samples of its densest place."""
-
-APART = 4.0
-"""Distance, in sigmas, from which on other samples of the window may be another surface: nearer surfaces overlap."""
-
-LEAST_IN_CLUSTER = 8
-"""Least samples at the densest place of a cluster."""
-
-LEAST_SHARE = 0.1
-"""Least part of the pixel's samples at the densest place of a cluster."""
-
-MOST_IN_PIXEL = 3
-"""Most clusters of a pixel: further ones have few of its samples."""
-
-
-class Clusters(NamedTuple):
-    """Clusters: the index of the `pixel` (cluster,), and the ends of the window, `low` and `high` (cluster,), mm."""
-
-    pixel: IntArray
-    low: FloatArray
-    high: FloatArray
 
 
 class ClusterFits(NamedTuple):

@@ -38,11 +38,11 @@ from tofmix.estimation.learnt.components import (
     slope_row,
     still_row,
 )
-from tofmix.estimation.learnt.law import MOST_LOG_WIDTH, REACH, STEPS, Law, log_prior_t, precision_of_t
+from tofmix.estimation.learnt.law import REACH, STEPS, Law, log_prior_t, precision_of_t
 from tofmix.estimation.learnt.pixel_samples import Samples
 from tofmix.estimation.mixture.em import gaussians
 from tofmix.estimation.noise.kernel import sigma_at
-from tofmix.learnt_noise import DRIFTS
+from tofmix.learnt_noise import DRIFTS, MOST_LOG_WIDTH
 
 LONGEST_STEP = 1.0
 """Most that a mean moves in one iteration, in sigmas: scoring may overshoot where log f is not concave."""

@@ -6,12 +6,13 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.beam import Beam, beam_of
-from tofmix.estimation.learnt.clusters import ClusterFits, Clusters, find_clusters, fit_clusters
+from tofmix.estimation.learnt.clusters import ClusterFits, find_clusters, fit_clusters
 from tofmix.estimation.learnt.held_out import flat_thresholds, held_out_scores
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.shares import PixelWidths, background_shares, pixel_widths
-from tofmix.estimation.learnt.training_pixels import MANY_PIXELS, Pixels
+from tofmix.estimation.noise.isolated_clusters import WEAK_PRIOR, Clusters
 from tofmix.estimation.noise.pixel_noise import pixel_curves
+from tofmix.estimation.noise.training_pixels import MANY_PIXELS, Pixels
 from tofmix.sensor import Sensor
 
 MAX_LAYERS = 4
@@ -25,9 +26,6 @@ _FOLDS = 3
 
 _SEED = 20080922
 """Seed of the split into folds: the same recording gives the same noise."""
-
-WEAK_PRIOR = (0.5, 5.0)
-"""Pseudo-counts of background and of the rest for a cluster, where the noise has no background."""
 
 
 class Fold:

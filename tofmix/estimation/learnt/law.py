@@ -7,7 +7,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
-from tofmix.learnt_noise import DRIFTS
+from tofmix.learnt_noise import DRIFTS, TAIL_DEGREES
 from tofmix.noise_shape import NoiseShape
 
 STEPS = 32
@@ -19,15 +19,9 @@ REACH = 24.0
 NEGLIGIBLE = 1.0e-4
 """Part of its peak below which the density plays no part in the search for a surface."""
 
-TAIL_DEGREES = 4.0
-"""Degrees of freedom of the Student t priors of log width and drift: some pixels are far wider than others."""
-
 SCALE_OF_SPREAD = 0.831
 """Scale s of the Student t of n = `TAIL_DEGREES` with the largest likelihood for values x of a standard Gaussian, to
 three decimals: the mean of (n + 1) x^2 / (n s^2 + x^2) is 1."""
-
-MOST_LOG_WIDTH = 1.5
-"""Largest absolute log width of a pixel."""
 
 
 class Law(NamedTuple):

@@ -23,7 +23,7 @@ from tofmix.estimation.learnt.parts import PARTS, shrunken_effects, with_part
 from tofmix.estimation.learnt.selection import select_parts
 from tofmix.estimation.learnt.shape_fit import shapes_differ
 from tofmix.estimation.learnt.sigma_curve import different_starts, first_curves, with_sigma
-from tofmix.estimation.learnt.training_pixels import Pixels, medians
+from tofmix.estimation.noise.training_pixels import Pixels, medians
 from tofmix.sensor import NoiseCurve, Sensor
 
 

@@ -111,8 +111,3 @@ def thresholds_of(learnt: LearntNoise) -> Thresholds:
         more=np.array(learnt.gain_more),
         first=np.array(learnt.gain_first),
     )
-
-
-def follows_drift(sensor: Sensor) -> bool:
-    """Whether an estimate with this sensor lets the ranges of a pixel drift within a window."""
-    return sensor.learnt is not None and bool(sensor.learnt.drift_mm.any())

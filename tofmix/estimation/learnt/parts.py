@@ -11,20 +11,17 @@ from statistics import NormalDist
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray
-from tofmix.estimation.learnt.clusters import Clusters
 from tofmix.estimation.learnt.folds import Fold
 from tofmix.estimation.learnt.held_out import LEAST_GAIN
-from tofmix.estimation.learnt.law import MOST_LOG_WIDTH, SCALE_OF_SPREAD, TAIL_DEGREES
+from tofmix.estimation.learnt.law import SCALE_OF_SPREAD
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.shape_fit import fit_shape, histogram
-from tofmix.estimation.learnt.sigma_curve import FREE_WIDTH, LEAST_CLUSTERS, ROUNDS, variance_left, with_sigma
-from tofmix.learnt_noise import DRIFTS
+from tofmix.estimation.learnt.sigma_curve import FREE_WIDTH, ROUNDS, variance_left, with_sigma
+from tofmix.estimation.noise.isolated_clusters import FREE_DRIFT_SIGMAS, LEAST_CLUSTERS, Clusters
+from tofmix.learnt_noise import DRIFTS, MOST_LOG_WIDTH, TAIL_DEGREES
 
 PARTS = ("background", "drift", "widths", "shape")
 """Names of the parts."""
-
-FREE_DRIFT_SIGMAS = 3.0
-"""Scale of the drift, in sigmas, while drifts are measured: this prior leaves each drift to its samples."""
 
 FIRST_PRIOR = (0.5, 2.0)
 """Pseudo-counts of background and of the rest, before shares are known."""

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from tofmix.arrays import FloatArray
 from tofmix.circle import open_at
 from tofmix.estimation.beam import beam_of
-from tofmix.estimation.learnt.law import REACH, TAIL_DEGREES, Law
+from tofmix.estimation.learnt.law import REACH, Law
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.learnt_noise import DRIFTS
+from tofmix.learnt_noise import DRIFTS, TAIL_DEGREES
 from tofmix.sensor import Sensor
 
 _WIDER = (4.0, 2.0, 1.0)

@@ -8,7 +8,6 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.beam import beam_of
-from tofmix.estimation.learnt.curve_check import doubts
 from tofmix.estimation.learnt.folds import MAX_LAYERS
 from tofmix.estimation.learnt.held_out import flat_thresholds
 from tofmix.estimation.learnt.known_thresholds import known_thresholds
@@ -16,9 +15,9 @@ from tofmix.estimation.learnt.learning import LearntModel, learn_pixel_noise
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.parts import beta_prior
 from tofmix.estimation.learnt.shares import background_shares
-from tofmix.estimation.learnt.training_pixels import MOST_FRAMES, medians, pixels_of, sample_numbers, scatters
 from tofmix.estimation.learnt.words import noise_words
 from tofmix.estimation.noise.measurement import MeasuredNoise, measure_noise
+from tofmix.estimation.noise.training_pixels import MOST_FRAMES, medians, pixels_of, sample_numbers, scatters
 from tofmix.learnt_noise import DRIFTS
 from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
@@ -26,9 +25,6 @@ from tofmix.wording import counted
 
 LEAST_IN_PIXEL, LEAST_IN_ALL = 5, 100
 """Least valid samples for one sigma: in some pixel, and in all pixels. Its standard error is then 7 %."""
-
-QUESTIONED_PIXELS = 1000
-"""Most pixels whose samples are compared with a file's curve."""
 
 COARSE = 1.0
 """Step of the stored ranges, in sigmas, from which on rounding is a part of the learnt noise."""
@@ -175,42 +171,22 @@ def learn_noise(
     )
 
 
-def learn_if_contradicted(
-    source: SampleSource,
-    *,
-    window_frames: int,
-    stride_frames: int | None = None,
-    **choices: Any,  # noqa: ANN401  those of `learn_noise`
-) -> FoundNoise | None:
-    """Learn the noise if the samples contradict the Gaussian curve of the recording's sensor.
+def learn_instead(source: SampleSource, *, window_frames: int, **choices: Any) -> FoundNoise | None:  # noqa: ANN401  those of `learn_noise`
+    """Learn the noise in place of the sensor's Gaussian curve, which the samples contradict (`noise.curve_check`).
 
     Parameters
     ----------
     source : SampleSource
         The recording, with a curve.
-    window_frames, stride_frames : int
-        Frames of a window, and from one window to the next.
-    **choices
+    window_frames, **choices
         As for `learn_noise`.
 
     Returns
     -------
     FoundNoise or None
-        None where the samples do not contradict the curve, or no model predicts held-out pixels better.
-
-    Raises
-    ------
-    ValueError
-        If the sensor has no curve.
+        None where no model predicts held-out pixels better than the curve.
     """
-    targets = samples_a_frame(source)
-    stride = (stride_frames or window_frames) * targets
-    pixels = pixels_of(source, window_frames * targets, stride, most=QUESTIONED_PIXELS)
-    if not scatters(pixels) or not doubts(pixels, source.sensor):
-        return None
-    found = learn_noise(
-        source, window_frames=window_frames, stride_frames=stride_frames, instead_of=source.sensor.noise, **choices
-    )
+    found = learn_noise(source, window_frames=window_frames, instead_of=source.sensor.noise, **choices)
     return None if found.model is None or found.model.given_holds else found
 
 
@@ -218,11 +194,6 @@ def _without_spread(curve: NoiseCurve, rounding_mm: float) -> NoiseCurve:
     """The curve without the uniform noise that `pixels_of` adds; the rounding itself stays."""
     variance = curve.sigma_mm**2 - rounding_mm**2 / 12.0
     return replace(curve, sigma_mm=np.sqrt(np.maximum(variance, rounding_mm**2 / 12.0)))
-
-
-def has_parts(curve: NoiseCurve) -> bool:
-    """Whether a file's curve has more than sigma by range and amplitude."""
-    return curve.shape is not None or curve.width_spread > 0 or curve.background is not None
 
 
 def calibrated(

@@ -10,12 +10,10 @@ from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.robust import MAD_TO_SIGMA
 from tofmix.estimation.learnt.folds import Fold
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.pair_differences import sigma_from_differences
-from tofmix.estimation.learnt.training_pixels import medians
+from tofmix.estimation.noise.isolated_clusters import LEAST_CLUSTERS
+from tofmix.estimation.noise.pair_differences import sigma_from_differences
+from tofmix.estimation.noise.training_pixels import medians
 from tofmix.sensor import NoiseCurve, Sensor
-
-LEAST_CLUSTERS = 12
-"""Least clusters that a part, or a curve, is learnt from."""
 
 LEAST_CLUSTERS_A_PIXEL = 0.05
 """Least clusters a pixel that sigma(r) is measured with: fewer may be isolated by chance."""

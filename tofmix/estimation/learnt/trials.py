@@ -40,10 +40,8 @@ from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.learnt.pixel_samples import Samples
 from tofmix.estimation.mixture.counting import COUNT_ITER, COUNT_TOL, LEAST_BOUND, MIN_SUPPORT, SPLIT_SIGMAS
 from tofmix.estimation.mixture.share_step import LARGEST_SHARE
+from tofmix.estimation.noise.isolated_clusters import CLOSE
 from tofmix.estimation.noise.kernel import sigma_at
-
-CLOSE = 1.2
-"""Half the width, in sigmas, of the window of `densest_place`: it holds 77 % of a Gaussian surface."""
 
 CERTAIN_SUPPORT, CERTAIN_GAIN = 5.0, 40.0
 """Least samples of a surface that is kept without a trial, and least loss, nat, without it."""

@@ -10,8 +10,8 @@ from tofmix.estimation.learnt.bootstrap import calibrate
 from tofmix.estimation.learnt.clusters import find_clusters, fit_clusters
 from tofmix.estimation.learnt.held_out import flat_thresholds, held_out_scores
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.pair_differences import sigma_from_differences
 from tofmix.estimation.learnt.shares import background_shares, pixel_widths
+from tofmix.estimation.noise.pair_differences import sigma_from_differences
 from tofmix.sensor import NoiseCurve, Sensor
 
 _RANGE_MM, _SIGMA_MM = 1000.0, 10.0

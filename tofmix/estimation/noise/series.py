@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
-from tofmix.compiled.jit import jit
 from tofmix.compiled.robust import MAD_TO_SIGMA
 from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.recording import AmplitudeSource, SampleSource, amplitude_source
@@ -35,6 +34,7 @@ LEAST_KEPT = 0.7
 """A series of which a smaller share is left then sees more than one surface."""
 
 
+_BLOCK = 1 << 18  # samples that are worked on at once: they stay in the processor's cache
 _ROUNDS = 4  # of fitting a trend and setting samples aside
 _RESOLUTION_MM = 0.01  # finer steps are not told from none
 _SHAPE_TRIALS = 2000  # simulated Gaussian series for each size
@@ -138,7 +138,6 @@ def quantisation_step(samples_mm: Float32Array) -> float:
     return float(gaps[gaps <= 1.5 * np.quantile(gaps, 0.1)].mean())
 
 
-@jit
 def trend_degree(n: int) -> int:
     """Degree of the polynomial that is taken out of `n` samples."""
     for least, degree in TREND_DEGREES:
@@ -147,76 +146,84 @@ def trend_degree(n: int) -> int:
     return 1
 
 
-@jit
-def _fit_trend(time: FloatArray, values: FloatArray, keep: BoolArray, degree: int, trend: FloatArray) -> None:
-    """Fill `trend` with the least-squares polynomial through the kept values."""
-    size = degree + 1
-    normal, right = np.zeros((size, size)), np.zeros(size)
-    for j in range(len(time)):
-        if keep[j]:
-            for a in range(size):
-                right[a] += time[j] ** a * values[j]
-                for b in range(size):
-                    normal[a, b] += time[j] ** (a + b)
-    # Frames that are all in one place leave the trend to a tiny ridge, not to a division by zero.
-    for a in range(size):
-        normal[a, a] += 1e-9
-    solution = np.linalg.solve(normal, right)
-    for j in range(len(time)):
-        trend[j] = 0.0
-        for a in range(size):
-            trend[j] += solution[a] * time[j] ** a
-
-
-@jit
 def _series_statistics(samples: Float32Array, step: float) -> SeriesStatistics:
     count, frames = samples.shape
-    valid, kept = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
-    place, variance, skewness = np.zeros(count), np.zeros(count), np.zeros(count)
-    kurtosis, memory = np.zeros(count), np.zeros(count)
-    all_time, all_values = np.empty(frames), np.empty(frames)
-    for k in range(count):
-        n = 0
-        for frame in range(frames):
-            if abs(samples[k, frame]) <= FARTHEST_MM:  # false for NaN
-                all_time[n], all_values[n] = 2.0 * frame / frames - 1.0, samples[k, frame]
-                n += 1
-        valid[k] = n
-        if n < LEAST_SAMPLES:
-            continue
-        time, centre, degree = all_time[:n], np.median(all_values[:n]), trend_degree(n)
-        values = all_values[:n] - centre
-        trend, keep = np.zeros(n), np.ones(n, dtype=np.bool_)
-        for _ in range(_ROUNDS):
-            rest = values - trend
-            middle = np.median(rest)
-            spread = MAD_TO_SIGMA * np.median(np.abs(rest - middle))
-            # Few samples have a rough median deviation: the limit is wider for them.
-            keep = np.abs(rest - middle) <= max(CLIP_SIGMAS * spread * (1.0 + 5.0 / n), 2.0 * step)
-            _fit_trend(time, values, keep, degree, trend)
-        m2, m3, m4, lagged, left = 0.0, 0.0, 0.0, 0.0, 0
-        for j in range(n):
-            if keep[j]:
-                rest_j = values[j] - trend[j]
-                left += 1
-                m2 += rest_j**2
-                m3 += rest_j**3
-                m4 += rest_j**4
-                if j > 0 and keep[j - 1]:
-                    lagged += rest_j * (values[j - 1] - trend[j - 1])
-        if left < max(degree + 3, LEAST_KEPT * n):
-            continue
-        kept[k], place[k] = left, centre + np.median(values[keep])
-        variance[k] = m2 / (left - degree - 1)
-        if m2 > 0.0:
-            skewness[k], kurtosis[k] = m3 / left / (m2 / left) ** 1.5, m4 / left / (m2 / left) ** 2
-            memory[k] = lagged / m2
-    return SeriesStatistics(valid, kept, place, variance, skewness, kurtosis, memory)
+    with np.errstate(invalid="ignore"):
+        valid = (np.abs(samples) <= FARTHEST_MM).sum(axis=1)
+    out = SeriesStatistics(valid, np.zeros(count, np.int64), *(np.zeros(count) for _ in range(5)))
+    enough = valid >= LEAST_SAMPLES
+    degree_of = np.array([trend_degree(n) for n in range(frames + 1)])[valid]
+    for degree in np.unique(degree_of[enough]):
+        rows = np.flatnonzero(enough & (degree_of == degree))
+        most = max(1, _BLOCK // frames)
+        for start in range(0, len(rows), most):
+            _fill_statistics(samples, rows[start : start + most], int(degree), step, out)
+    return out
+
+
+def _fill_statistics(samples: Float32Array, rows: IntArray, degree: int, step: float, out: SeriesStatistics) -> None:
+    """Fill the statistics of some series, whose trend is a polynomial of one degree."""
+    frames, n = samples.shape[1], out.valid[rows]
+    raw = samples[rows].astype(np.float64)
+    known = np.ones(raw.shape, dtype=np.bool_)
+    frame = np.broadcast_to(np.arange(frames), raw.shape)
+    if n.min() < frames:
+        with np.errstate(invalid="ignore"):
+            known = np.abs(raw) <= FARTHEST_MM
+        frame = np.argsort(~known, axis=1, kind="stable")[:, : int(n.max())]  # valid samples first, in their order
+        known = np.arange(frame.shape[1]) < n[:, None]
+        raw = np.where(known, np.take_along_axis(raw, frame, axis=1), 0.0)
+    time = 2.0 * frame / frames - 1.0
+    powers = np.stack([time**a for a in range(degree + 1)])
+    centre = _middle(raw, known)
+    values = np.where(known, raw - centre[:, None], 0.0)
+    trend, keep = np.zeros(values.shape), known
+    for _ in range(_ROUNDS):
+        rest = values - trend
+        away = np.abs(rest - _middle(rest, known)[:, None])
+        spread = MAD_TO_SIGMA * _middle(away, known)
+        # Few samples have a rough median deviation: the limit is wider for them.
+        limit = np.maximum(CLIP_SIGMAS * spread * (1.0 + 5.0 / n), 2.0 * step)
+        keep = known & (away <= limit[:, None])
+        trend = _fit_trends(powers, values, keep)
+    rest = np.where(keep, values - trend, 0.0)
+    square, left = rest * rest, keep.sum(axis=1)
+    m2, m3, m4 = square.sum(axis=1), (square * rest).sum(axis=1), (square * square).sum(axis=1)
+    good = left >= np.maximum(degree + 3, LEAST_KEPT * n)
+    at, m2, m3, m4, left = rows[good], m2[good], m3[good], m4[good], left[good]
+    lagged = (rest[good, 1:] * rest[good, :-1]).sum(axis=1)
+    out.kept[at], out.range_mm[at] = left, centre[good] + _middle(values[good], keep[good])
+    out.variance[at] = m2 / (left - degree - 1)
+    moves = m2 > 0.0
+    mean = m2[moves] / left[moves]
+    out.skewness[at[moves]] = m3[moves] / left[moves] / mean**1.5
+    out.kurtosis[at[moves]] = m4[moves] / left[moves] / mean**2
+    out.memory[at[moves]] = lagged[moves] / m2[moves]
+
+
+def _middle(values: FloatArray, known: BoolArray) -> FloatArray:
+    """Median of the known values of each row (row, n), of which there are some."""
+    count, row = known.sum(axis=1), np.arange(len(values))
+    if (count == values.shape[1]).all():
+        return np.asarray(np.median(values, axis=1))
+    ordered = np.sort(np.where(known, values, np.inf), axis=1)
+    return np.asarray(0.5 * (ordered[row, (count - 1) // 2] + ordered[row, count // 2]))
+
+
+def _fit_trends(powers: FloatArray, values: FloatArray, keep: BoolArray) -> FloatArray:
+    """Least-squares polynomial through the kept values of each row (row, n); `powers` (degree + 1, row, n)."""
+    kept = np.where(keep, powers, 0.0)
+    normal = np.einsum("arn,brn->rab", kept, powers, optimize=True)
+    # Frames that are all in one place leave the trend to a tiny ridge, not to a division by zero.
+    normal += 1e-9 * np.eye(len(powers))
+    right = np.einsum("arn,rn->ra", kept, values)
+    solution = np.linalg.solve(normal, right[..., None])[..., 0]
+    return np.asarray(np.einsum("ra,arn->rn", solution, powers))
 
 
 def series_statistics(series: Series, step_mm: float) -> SeriesStatistics:
     """Statistics of each series; `step_mm` is the result of `quantisation_step`."""
-    return _series_statistics(np.ascontiguousarray(series.samples), step_mm)
+    return _series_statistics(series.samples, step_mm)
 
 
 @lru_cache(maxsize=64)

@@ -11,20 +11,30 @@ from statistics import NormalDist
 
 import numpy as np
 
-from tofmix.arrays import IntArray
+from tofmix.arrays import FloatArray
 from tofmix.bounds import Factor, NotNegative, Share, check_bounds
 from tofmix.compiled.robust import MAD_TO_SIGMA
 from tofmix.estimation.beam import beam_of
-from tofmix.estimation.learnt.clusters import ClusterFits, find_clusters, fit_clusters
-from tofmix.estimation.learnt.folds import WEAK_PRIOR
-from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.pair_differences import sigma_from_differences
-from tofmix.estimation.learnt.parts import FREE_DRIFT_SIGMAS
-from tofmix.estimation.learnt.sigma_curve import LEAST_CLUSTERS
-from tofmix.estimation.learnt.training_pixels import Pixels
+from tofmix.estimation.noise.isolated_clusters import (
+    FREE_DRIFT_SIGMAS,
+    LEAST_CLUSTERS,
+    WIDTH_INFORMATION,
+    Clusters,
+    FlatSamples,
+    GaussianFits,
+    PixelSigmas,
+    find_clusters,
+    fit_clusters,
+)
+from tofmix.estimation.noise.pair_differences import sigma_from_differences
 from tofmix.estimation.noise.pixel_noise import pixel_curves
+from tofmix.estimation.noise.training_pixels import Pixels, pixels_of, scatters
 from tofmix.learnt_noise import DRIFTS
+from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
+
+QUESTIONED_PIXELS = 1000
+"""Most pixels whose samples are compared with a file's curve."""
 
 FREE_SCALE = 0.5
 """Scale of log width while widths are measured: this prior leaves each width to its samples."""
@@ -48,6 +58,10 @@ Serfling, Approximation Theorems of Mathematical Statistics, 1980, section 2.3.3
 
 _CENTRAL = 4.0
 """Largest error, in sigmas, that is a sign of a shape; one sigma farther out, errors are outliers."""
+
+
+_NODES, _NEWTON_STEPS = 40, 8
+"""Nodes of the integral of a Student t density, and steps to its quantile: from 1 degree on to 1e-12."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,22 +126,20 @@ def doubts(pixels: Pixels, sensor: Sensor, *, tolerances: CurveTolerances = DEFA
     """
     if sensor.noise is None:
         raise ValueError("the sensor has no noise curve")
-    noise = PixelNoise.gaussian(sensor.noise, sensor.outlier_probability)
     beam = beam_of(sensor)
     if sensor.noise.law is not None and pixels.amplitude is not None:
         beam = beam._replace(pixel_curves=pixel_curves(pixels.samples.T, pixels.amplitude.T, sensor.noise))
-    clusters = find_clusters(pixels.samples, beam)
+    samples, sigma = FlatSamples.of(pixels.samples), PixelSigmas(beam)
+    clusters = find_clusters(samples, len(pixels.samples), sigma)
     owners = np.unique(clusters.pixel)
-    filled = np.count_nonzero(np.isfinite(pixels.samples).sum(axis=1) >= 1)
+    filled = np.count_nonzero(np.isfinite(pixels.samples).any(axis=1))
     if len(clusters.pixel) < LEAST_CLUSTERS or len(owners) < tolerances.least_with_cluster * filled:
         return _by_differences(pixels, sensor.noise, tolerances)
-    free = PixelNoise(curve=sensor.noise, p_outlier=noise.p_outlier, background=WEAK_PRIOR, drift_mm=np.zeros(DRIFTS))
-    law = free.laws()[0]._replace(width_spread=FREE_SCALE)
-    fits = fit_clusters(pixels.samples, clusters, law, beam, False)  # noqa: FBT003  a kernel's flag
-    moving = law._replace(drift_mm=np.full(DRIFTS, FREE_DRIFT_SIGMAS * float(np.median(fits.sigma))))
-    drifting = fit_clusters(pixels.samples, clusters, moving, beam, False)  # noqa: FBT003  a kernel's flag
+    fits = fit_clusters(samples, clusters, sigma, width_scale=FREE_SCALE)
+    drift_mm = FREE_DRIFT_SIGMAS * float(np.median(fits.sigma))
+    drifting = fit_clusters(samples, clusters, sigma, width_scale=FREE_SCALE, drift_mm=drift_mm)
     found, errors = [], tolerances.standard_errors
-    variance = 1.0 / (law.width_information * np.maximum(fits.support, 1.0))
+    variance = 1.0 / (WIDTH_INFORMATION * np.maximum(fits.support, 1.0))
     count = len(fits.place)
     typical = float(np.median(fits.log_width))
     if abs(typical) > tolerances.width + errors * math.sqrt(float(np.median(variance)) / count):
@@ -140,10 +152,30 @@ def doubts(pixels: Pixels, sensor: Sensor, *, tolerances: CurveTolerances = DEFA
         found.append("shape")
     if _drifts(drifting, tolerances):
         found.append("drift")
-    far = _far_share(pixels, fits, clusters.pixel, owners)
-    if far > sensor.outlier_probability + tolerances.background:
+    if _far_share(samples, fits, clusters) > sensor.outlier_probability + tolerances.background:
         found.append("background")
     return found
+
+
+def is_contradicted(source: SampleSource, *, window_frames: int, stride_frames: int | None = None) -> bool:
+    """Whether the samples of a recording contradict the Gaussian curve of its sensor, by `doubts`.
+
+    Parameters
+    ----------
+    source : SampleSource
+        The recording, with a curve. Up to `QUESTIONED_PIXELS` pixels are read.
+    window_frames, stride_frames : int
+        Frames of a window, and from one window to the next.
+
+    Raises
+    ------
+    ValueError
+        If the sensor has no curve.
+    """
+    targets = samples_a_frame(source)
+    stride = (stride_frames or window_frames) * targets
+    pixels = pixels_of(source, window_frames * targets, stride, most=QUESTIONED_PIXELS)
+    return scatters(pixels) and bool(doubts(pixels, source.sensor))
 
 
 def _by_differences(pixels: Pixels, curve: NoiseCurve, tolerances: CurveTolerances) -> list[str]:
@@ -155,9 +187,9 @@ def _by_differences(pixels: Pixels, curve: NoiseCurve, tolerances: CurveToleranc
     return ["width"] if not 1.0 / tolerances.differences <= ratio <= tolerances.differences else []
 
 
-def _is_shaped(fits: ClusterFits, tolerances: CurveTolerances) -> bool:
+def _is_shaped(fits: GaussianFits, tolerances: CurveTolerances) -> bool:
     """Whether the errors of all clusters are skewed or long-tailed, beyond noise and tolerance."""
-    z = fits.error[np.isfinite(fits.error) & (np.abs(fits.error) < _CENTRAL + 1.0)]
+    z = fits.error[np.abs(fits.error) < _CENTRAL + 1.0]
     if z.size < LEAST_ERRORS:
         return False
     z = (z - z.mean()) / z.std()
@@ -167,37 +199,48 @@ def _is_shaped(fits: ClusterFits, tolerances: CurveTolerances) -> bool:
     return skewed or kurtosis > tolerances.kurtosis + errors * math.sqrt(24 / z.size)
 
 
-def _drifts(fits: ClusterFits, tolerances: CurveTolerances) -> bool:
+def _drifts(fits: GaussianFits, tolerances: CurveTolerances) -> bool:
     """Whether the typical change over a window by the first polynomial exceeds noise and tolerance.
 
     Without drift, the square of this change over the width is 12 / n times an F variable of 1 and n - 4 degrees of
-    freedom: the mean and the three polynomials take four.
+    freedom, the square of a Student t variable: the mean and the three polynomials take four.
     """
-    from scipy.stats import f
-
     width = np.exp(fits.log_width) * fits.sigma
     n = max(float(np.median(fits.support)), 1.0)
     free = max(n - 1.0 - DRIFTS, 1.0)
     variance = 12.0 / free
-    quartile = float(f.ppf(0.75, 1.0, free))
+    quartile = _quantile_of_t(7.0 / 8.0, free) ** 2
     square = float(np.quantile((2.0 * fits.drift[:, 0] / width) ** 2, 0.75)) / quartile
     error = tolerances.standard_errors * variance * _QUARTILE_ERROR / math.sqrt(len(width))
     return square - variance > tolerances.drift**2 + error
 
 
-def _far_share(pixels: Pixels, fits: ClusterFits, pixel: IntArray, owners: IntArray) -> float:
+def _quantile_of_t(probability: float, degrees: float) -> float:
+    """Quantile of a Student t variable, for probabilities from 1/2 on; SciPy, which has it too, is slow to import."""
+    log_peak = math.lgamma(0.5 * (degrees + 1.0)) - math.lgamma(0.5 * degrees) - 0.5 * math.log(degrees * math.pi)
+    node, weight = np.polynomial.legendre.leggauss(_NODES)
+
+    def density(t: FloatArray) -> FloatArray:
+        return np.exp(log_peak - 0.5 * (degrees + 1.0) * np.log1p(t * t / degrees))
+
+    found = NormalDist().inv_cdf(probability)
+    for _ in range(_NEWTON_STEPS):
+        below = 0.5 + 0.5 * found * float(weight @ density(0.5 * found * (node + 1.0)))
+        found -= (below - probability) / float(density(np.array(found)))
+    return found
+
+
+def _far_share(samples: FlatSamples, fits: GaussianFits, clusters: Clusters) -> float:
     """Median over the pixels of the share of samples far from all clusters of the pixel.
 
     Such samples may be of surfaces without an isolated cluster. So the median is a share of background only where most
     pixels see one surface.
     """
-    share = np.zeros(len(owners))
-    for i, owner in enumerate(owners):
-        samples = pixels.samples[owner]
-        samples = samples[np.isfinite(samples)]
-        far = np.ones(len(samples), dtype=np.bool_)
-        for c in np.flatnonzero(pixel == owner):
-            reach = _NEAR_SIGMAS * fits.sigma[c] * math.exp(max(fits.log_width[c], 0.0))
-            far &= np.abs(samples - fits.place[c]) > reach
-        share[i] = far.mean()
-    return float(np.median(share))
+    reach = _NEAR_SIGMAS * fits.sigma * np.exp(np.maximum(fits.log_width, 0.0))
+    change = np.zeros(len(samples.value) + 1, dtype=np.int64)
+    np.add.at(change, samples.since(clusters.pixel, fits.place - reach), 1)
+    np.add.at(change, samples.until(clusters.pixel, fits.place + reach), -1)
+    far = np.cumsum(change[:-1]) == 0
+    owners = np.unique(clusters.pixel)
+    of_pixel = np.bincount(samples.pixel, minlength=owners[-1] + 1)[owners]
+    return float(np.median(np.bincount(samples.pixel[far], minlength=owners[-1] + 1)[owners] / of_pixel))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tofmix.estimation.learnt.training_pixels import Pixels, medians
+from tofmix.estimation.noise.training_pixels import Pixels, medians
 
 
 def test_some_pixels_are_spread_evenly_and_keep_their_amplitudes() -> None:

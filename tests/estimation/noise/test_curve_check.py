@@ -7,8 +7,8 @@ import pytest
 from support.learnt_pixels import CAMERA, KNOWN, SIGMA_MM, surfaces
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.learnt.curve_check import doubts
-from tofmix.estimation.learnt.training_pixels import Pixels
+from tofmix.estimation.noise.curve_check import doubts
+from tofmix.estimation.noise.training_pixels import Pixels
 from tofmix.sensor import NoiseCurve
 
 FRAMES, PIXELS = 80, 200

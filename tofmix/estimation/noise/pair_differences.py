@@ -13,7 +13,6 @@ from statistics import NormalDist
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
-from tofmix.compiled.jit import jit
 
 MEDIAN_OF_DIFFERENCE = NormalDist().inv_cdf(0.75) * math.sqrt(2.0)
 """Median of |x_i - x_j| of a Gaussian, in sigmas."""
@@ -52,23 +51,17 @@ _GRID_STEP = math.log(1.12)
 """Step between the logarithms of the sigmas that are tried."""
 
 
-@jit
-def _differences(samples: Float32Array, partners: int, place: FloatArray, lag: FloatArray) -> int:
-    """Fill `place` and `lag`, mm, with means and absolute differences of pairs of samples; return their number."""
-    pixels, frames = samples.shape
-    kept, count = np.empty(frames), 0
-    for pixel in range(pixels):
-        n = 0
-        for frame in range(frames):
-            x = samples[pixel, frame]
-            if not math.isnan(x):
-                kept[n] = x
-                n += 1
-        for a in range(n):
-            for b in range(a + 1, min(a + 1 + partners, n)):
-                place[count], lag[count] = 0.5 * (kept[a] + kept[b]), abs(kept[a] - kept[b])
-                count += 1
-    return count
+def _differences(samples: Float32Array, partners: int) -> tuple[FloatArray, FloatArray]:
+    """Means and absolute differences, mm, of each valid sample and each of the `partners` next ones of its pixel."""
+    pixel, frame = np.nonzero(~np.isnan(samples))  # in the order of pixels, and of frames within each
+    value = samples[pixel, frame].astype(np.float64)
+    places, lags = [], []
+    for away in range(1, partners + 1):
+        together = pixel[away:] == pixel[:-away]
+        one, other = value[:-away][together], value[away:][together]
+        places.append(0.5 * (one + other))
+        lags.append(np.abs(one - other))
+    return np.concatenate(places), np.concatenate(lags)
 
 
 def sigma_from_differences(samples_mm: Float32Array) -> tuple[FloatArray, FloatArray] | None:
@@ -86,13 +79,11 @@ def sigma_from_differences(samples_mm: Float32Array) -> tuple[FloatArray, FloatA
     """
     partners = min(PAIRS_A_SAMPLE, max(samples_mm.shape[1] - 1, 1))
     some = samples_mm[:: 1 + samples_mm.size * partners // MOST_PAIRS]
-    length = some.size * partners
-    place, lag = np.empty(length), np.empty(length)
-    count = _differences(np.ascontiguousarray(some), partners, place, lag)
-    if count < 1:
+    place, lag = _differences(some, partners)
+    if place.size == 0:
         return None
-    order = np.argsort(place[:count], kind="stable")
-    place, lag = place[:count][order], lag[:count][order]
+    order = np.argsort(place, kind="stable")
+    place, lag = place[order], lag[order]
     common = _scale(np.sort(lag), math.inf)
     if common is None or common > FLAT * (place[-1] - place[0]):
         return None
