@@ -10,7 +10,8 @@ import pytest
 from numba.core.errors import NumbaError
 
 from tofmix.arrays import FloatArray
-from tofmix.compiled.jit import borrowing, config, jit
+from tofmix.compiled.jit import borrowing, jit
+from tofmix.compiled.processor import config
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="there is no compiler to look at")
 

@@ -2,7 +2,7 @@
 
 from typing import TypeVar
 
-from tofmix.compiled.jit import config
+from tofmix.compiled.processor import config
 
 T = TypeVar("T")
 

@@ -46,11 +46,10 @@ class Block:
 
 def identity() -> dict[str, str]:
     """Properties that must be equal on both sides for equal bytes: versions, and the sources of the kernels."""
-    from tofmix.compiled.jit import cache_folder
+    from tofmix.compiled.kept import sources
 
     versions = {name: version(name) for name in ("numpy", "numba", "llvmlite")}
-    kernels = cache_folder().name.rsplit("-", 1)[-1]
-    return {"tofmix": __version__, "python": platform.python_version(), **versions, "kernels": kernels}
+    return {"tofmix": __version__, "python": platform.python_version(), **versions, "kernels": sources()}
 
 
 def run_block(block: Block) -> list[tuple[int, EncodedCell]]:

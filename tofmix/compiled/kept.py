@@ -1,0 +1,229 @@
+"""Compiled kernels, kept in files: a later run, another user and another machine of the same class compile nothing.
+
+Each compiled signature of a kernel is a file. It lies in a folder named by all that its code depends on: the versions
+of Python, numba and tofmix, the source of all kernels, and the class of processors (`processor`). numba's own cache
+checks only the file of a kernel, not those of the kernels that it calls, so that callers would run stale code; and it
+ends a run where no folder can be written. None of it is used here.
+
+Base folders, in this order: `NUMBA_CACHE_DIR`; the `__pycache__` beside the package, which stays readable to other users
+(not in the package: what an uninstallation leaves there could still be imported); the user's cache folder; the temporary
+folder. Code is read from each that has it, and written to the first that can be written. A damaged or foreign file
+counts as none, and a full disk is no error: a cache is never why a run fails.
+"""
+
+import hashlib
+import os
+import pickle
+import stat
+import sys
+import tempfile
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import llvmlite
+import numba
+import numba.core.compiler
+import numba.core.runtime
+import numba.core.serialize
+
+from tofmix.compiled.processor import processor_class
+from tofmix.compiled.watching import watcher
+from tofmix.version import __version__
+
+PACKAGE = Path(__file__).parents[1]
+SUFFIX = ".nbc"
+
+CANNOT_KEEP = (
+    "no folder can be written, so compiled kernels are not kept and each run compiles them again; set NUMBA_CACHE_DIR to"
+    " a folder that can be written"
+)
+
+_KERNEL_FOLDERS = ("compiled", "estimation", "mapping", "reconciliation", "simulation", "surfaces", "unmixing")
+_KERNEL_FILES = "learnt_noise.py", "optics/cells.py"
+"""Files of other folders with a kernel, or a constant that kernels use."""
+_WITHOUT_KERNELS = ("reading.py", "sequence.py")
+"""Modules above the kernels, which no kernel takes a constant from."""
+
+_HEADER = b"tofmix kernel 1\n"
+_CHECKSUM = hashlib.sha256
+_core: Any = numba.core  # it has no types
+
+
+class Kept:
+    """The kept code of a kernel, in place of numba's cache of a dispatcher.
+
+    Parameters
+    ----------
+    function : callable
+        The kernel in Python.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        module = function.__module__.removeprefix("tofmix.")
+        self.kernel = f"{module}.{function.__qualname__.rpartition('.')[2]}"
+        self._code = function.__code__.co_code
+
+    @property
+    def cache_path(self) -> str:
+        """Folder of the kept code, for numba's statistics."""
+        return str(cache_folder() or "")
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:  # noqa: ANN401  numba's own
+        """Compiled code for a signature, or None where it is to be compiled.
+
+        To load it none of numba's tables of types are needed, which `target_context.refresh()` fills by importing much
+        of numba: they are filled when something is compiled.
+        """
+        found = self._read(sig, target_context)
+        if found is not None:
+            return found
+        watcher().begins(self.kernel)
+        for wait in _elsewhere:
+            if wait(self.kernel) and (found := self._read(sig, target_context)) is not None:
+                watcher().ends(self.kernel)
+                return found
+        target_context.refresh()
+        return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:  # noqa: ANN401  numba's own
+        """Keep the compiled code of a signature."""
+        watcher().ends(self.kernel)
+        if data.lifted or data.library.has_dynamic_globals:
+            return  # it holds addresses of this process
+        payload = _core.serialize.dumps(data._reduce())  # noqa: SLF001  as numba's cache does
+        content = _HEADER + _CHECKSUM(payload).digest() + payload
+        for folder in _folders():
+            with suppress(OSError):
+                _write(folder / self._name(sig), content)
+                return
+        _say_that_nothing_is_kept()
+
+    def flush(self) -> None:
+        """Nothing is held back."""
+
+    def _read(self, sig: Any, context: Any) -> Any:  # noqa: ANN401  numba's own
+        for folder in _folders():
+            # A fault here is a damaged or foreign file, whatever it makes of its reader.
+            with suppress(Exception):
+                content = (folder / self._name(sig)).read_bytes()
+                head = len(_HEADER) + _CHECKSUM().digest_size
+                payload = content[head:]
+                if content[:head] == _HEADER + _CHECKSUM(payload).digest():
+                    _core.runtime.rtsys.initialize(context)  # arrays are allocated by it
+                    return _core.compiler.CompileResult._rebuild(context, *pickle.loads(payload))  # noqa: S301, SLF001
+        return None
+
+    def _name(self, sig: Any) -> str:  # noqa: ANN401  numba's own
+        return f"{self.kernel}-{hashlib.sha256(str(sig).encode() + self._code).hexdigest()[:16]}{SUFFIX}"
+
+
+_elsewhere: list[Callable[[str], bool]] = []
+
+
+def compiled_elsewhere(wait: Callable[[str], bool]) -> None:
+    """Ask `wait` before a kernel is compiled: it returns whether another process has compiled the kernel meanwhile."""
+    _elsewhere.append(wait)
+
+
+def is_kept(kernel: str) -> bool:
+    """Whether code of the kernel is kept, for some signature."""
+    return any(next(folder.glob(f"{kernel}-*{SUFFIX}"), None) is not None for folder in _folders())
+
+
+def cache_folder() -> Path | None:
+    """The folder that compiled kernels are written to; None where no folder can be written."""
+    for folder in _folders():
+        with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                return folder
+    return None
+
+
+@cache
+def sources() -> str:
+    """Hash of every source file that may hold a kernel, or a constant that one has compiled in."""
+    digest = hashlib.sha256(b"".join((PACKAGE / name).read_bytes() for name in _KERNEL_FILES))
+    for name in _KERNEL_FOLDERS:
+        for source in sorted((PACKAGE / name).rglob("*.py")):
+            if source.name not in _WITHOUT_KERNELS:
+                digest.update(source.name.encode() + source.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+@cache
+def _key() -> str:
+    """Hash of all that compiled code depends on."""
+    config: Any = numba.config
+    parts = (
+        sys.implementation.cache_tag, numba.__version__, llvmlite.__version__, __version__, sources(), processor_class(),
+        config.USING_SVML, config.OPT, config.LOOP_VECTORIZE, config.SLP_VECTORIZE, config.BOUNDSCHECK,
+    )  # fmt: skip
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
+
+
+@cache
+def _folders() -> tuple[Path, ...]:
+    """Folders of this key, in the order of their use."""
+    return tuple(base / f"tofmix-kernels-{_key()}" for base in _bases())
+
+
+def _bases() -> list[Path]:
+    bases = [PACKAGE.parent / "__pycache__"]
+    if chosen := os.environ.get("NUMBA_CACHE_DIR"):
+        bases.insert(0, Path(chosen).absolute())
+    if home := os.environ.get("XDG_CACHE_HOME"):
+        bases.append(Path(home).absolute())
+    else:
+        with suppress(RuntimeError):  # a user without a home
+            bases.append(Path("~/.cache").expanduser())
+    if (temporary := _temporary()) is not None:
+        bases.append(temporary)
+    return bases
+
+
+def _temporary() -> Path | None:
+    """A folder of this user alone in the temporary folder; None where there is none, or another user may write to it.
+
+    Compiled kernels are run without a check.
+    """
+    try:
+        parent = Path(tempfile.gettempdir())
+        named = {os.environ.get(name) for name in ("TMPDIR", "TEMP", "TMP")} | {"/tmp", "/var/tmp", "/usr/tmp"}  # noqa: S108  compared
+        if str(parent) not in named:
+            return None  # Python takes the working folder where there is no other
+        folder = parent / f"tofmix-{os.getuid()}"
+        folder.mkdir(mode=0o700, exist_ok=True)
+        status = folder.lstat()
+    except OSError:
+        return None
+    is_own = stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o022
+    return folder if is_own else None
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Write a file as a whole, or not at all.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_name(f"{path.name}.{os.getpid()}.{threading.get_ident()}")
+    try:
+        unfinished.write_bytes(content)
+        unfinished.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            unfinished.unlink()
+        raise
+
+
+@cache
+def _say_that_nothing_is_kept() -> None:
+    watcher().cannot_keep(CANNOT_KEEP)
