@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from tofmix.cli.options import PATH, examples, json_option, overwrite_option, progress_bar, projection_option
+from tofmix.cli.options import PATH, examples, json_option, overwrite_option, projection_option
+from tofmix.cli.progress import Progress
 from tofmix.errors import BadInputError, UsageError
 from tofmix.wording import counted
 
@@ -192,7 +193,7 @@ def _export_points(
         fov = view[0]
         raise (UsageError if fov else BadInputError)(f"{'--fov' if fov else file.path}: {error}") from error
     title = f"layers of {file.provenance.source}"
-    with progress_bar(len(windows), "export", "window") as bar:
+    with Progress(len(windows), "export", "window") as bar:
         count = export_points(
             output, points, title=title, progress=bar.update, overwrite=overwrite, inputs=(file.path,)
         )
@@ -306,7 +307,7 @@ def _export_fine_points(
 
     points = FinePoints(file, windows)
     title = f"fine range image of {file.provenance.source}"
-    with progress_bar(len(points), "export", "block") as bar:
+    with Progress(len(points), "export", "block") as bar:
         count = export_points(
             output, points, title=title, progress=bar.update, overwrite=overwrite, inputs=(file.path,)
         )

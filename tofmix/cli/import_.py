@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tofmix.cli.options import HDF5_PATH, PATH, examples, json_option, nearer_of, overwrite_option, progress_bar
+from tofmix.cli.options import HDF5_PATH, PATH, examples, json_option, nearer_of, overwrite_option
+from tofmix.cli.progress import Progress
 from tofmix.errors import BadInputError, UsageError
 from tofmix.wording import readable
 
@@ -195,7 +196,7 @@ def import_(
             "source": readable(source.name), "source_kind": frames.kind, "unit_mm": conversion.unit_mm,
             "geometry": geometry.text,
         }  # fmt: skip
-        with progress_bar(frames.shape[0], "import", "frame") as bar:
+        with Progress(frames.shape[0], "import", "frame") as bar:
             imported = write_recording(
                 frames, output, what=source, sensor=geometry.sensor, conversion=conversion,
                 again=lambda: open_source(source, request), frame_rate_hz=frame_rate,

@@ -11,6 +11,7 @@ from typing import NoReturn, TextIO
 import click
 
 from tofmix.cli.compare import compare
+from tofmix.cli.compiling import announced
 from tofmix.cli.estimate.command import estimate
 from tofmix.cli.export import export
 from tofmix.cli.import_ import import_
@@ -80,6 +81,7 @@ def main(context: click.Context, /) -> None:
     if context.invoked_subcommand is None:
         click.echo(context.get_help(), err=True)
         context.exit(ExitCode.USAGE)
+    context.with_resource(announced())
 
 
 for _command in (

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tofmix.cli.options import PATH, default_workers, examples, json_option, overwrite_option, progress_bar
+from tofmix.cli.options import PATH, default_workers, examples, json_option, overwrite_option
+from tofmix.cli.progress import Progress
 from tofmix.errors import BadInputError, UsageError
 
 if TYPE_CHECKING:
@@ -145,7 +146,7 @@ def map_(
                 grid = grid.with_levels(height)
         except ValueError as error:
             raise UsageError(str(error)) from error
-        with progress_bar(grid.size, "map", "cell") as bar:
+        with Progress(grid.size, "map", "cell") as bar:
             space = map_beams(beams, camera, grid, min_share=min_share, workers=threads, progress=bar.update)
             contents: dict[Path, bytes] = {}
             if voxels is not None:

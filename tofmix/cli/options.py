@@ -2,13 +2,11 @@
 
 import os
 import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar
 
 import click
-from tqdm import tqdm
 
 
 class _Path(click.Path):
@@ -78,7 +76,6 @@ class _Shard(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generi
 SHARD = _Shard()
 
 _LEAST_MEMORY = 250_000_000  # bytes: the program with its kernels, and one block
-_USUAL_SIZE = 80, 24  # columns and rows of a terminal that reports none
 _QUIET = "tofmix.quiet"
 
 MEMORY = _Memory()
@@ -136,7 +133,7 @@ quiet_option = click.option(
 
 def is_quiet() -> bool:
     """Whether the running command has --quiet."""
-    context = click.get_current_context(silent=True)
+    context = click.get_current_context(silent=True)  # its `meta` is that of all its parents
     return context is not None and bool(context.meta.get(_QUIET))
 
 
@@ -152,27 +149,6 @@ def say_written(what: str, path: Path, *, beside_json: bool) -> None:
         click.echo(f"{what}: {path}")
     elif not is_quiet():
         click.echo(f"{what}: {path}", err=True)
-
-
-def progress_bar(total: int, what: str, unit: str) -> "tqdm[Any]":
-    """Return a bar on stderr; silent with --quiet, and when stderr is no terminal."""
-    hushed = True if is_quiet() else None
-    cols, rows = _size_of_stderr()
-    return tqdm(
-        total=total, desc=what, unit=unit, unit_scale=True, disable=hushed, leave=False, ncols=cols, nrows=rows
-    )  # fmt: skip
-
-
-def _size_of_stderr() -> tuple[int, int] | tuple[None, None]:
-    """Columns and rows for a terminal that reports none, as serial lines and some containers do; else tqdm asks it.
-
-    With none of its own, tqdm would show nothing there.
-    """
-    try:
-        unknown = os.get_terminal_size(sys.stderr.fileno()).columns == 0
-    except (OSError, ValueError):  # no terminal, or no file at all
-        return None, None
-    return _USUAL_SIZE if unknown else (None, None)
 
 
 def examples(text: str) -> Callable[[click.Command], click.Command]:

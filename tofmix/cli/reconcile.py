@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tofmix.cli.options import PATH, examples, json_option, overwrite_option, progress_bar
+from tofmix.cli.options import PATH, examples, json_option, overwrite_option
+from tofmix.cli.progress import Progress
 
 if TYPE_CHECKING:
     from tofmix.arrays import FloatArray
@@ -89,16 +90,16 @@ def reconcile(
     settings = Settings(kinds=kinds, max_effects=max_effects, alpha=alpha, tolerance=tolerance, split=split, seed=seed)
     with locked_folder(output, overwrite=overwrite, models=len(files)):
         first, *others = _read_all(files)
-        with progress_bar(len(kinds) * max(max_effects, 1), "reconcile", "kind") as bar:
+        with Progress(len(kinds) * max(max_effects, 1), "reconcile", "kind") as bar:
 
             def tick(_: str) -> None:
-                if bar.n == bar.total:  # another way is tried
+                if bar.done == bar.total:  # another way is tried
                     bar.total += len(kinds)
                 bar.update(1)
 
             result = run(*first, settings, tick, also=others)
-            bar.total = bar.n  # no other way is tried: the page is left
-            bar.set_description("reconcile: page")
+            bar.total = bar.done  # no other way is tried: the page is left
+            bar.describe("reconcile: page")
             _write(result, files, output, overwrite)
     if as_json:
         click.echo(json.dumps(result.as_dict(), indent=2, allow_nan=False))

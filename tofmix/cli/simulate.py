@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tofmix.cli.options import HDF5_PATH, default_workers, examples, json_option, overwrite_option, progress_bar
+from tofmix.cli.options import HDF5_PATH, default_workers, examples, json_option, overwrite_option
+from tofmix.cli.progress import Progress
 from tofmix.errors import BadInputError
 from tofmix.wording import counted
 
@@ -152,7 +153,7 @@ def _write(model: "Model", name: str, output: Path, averaged: bool, overwrite: b
         attributes={"seed": seed, "averaged": int(averaged)},
         overwrite=overwrite,
     )
-    with progress_bar(n_frames, "simulate", "frame") as bar, writer:  # the bar stays until the file has its name
+    with Progress(n_frames, "simulate", "frame") as bar, writer:  # the bar stays until the file has its name
         for block in render_blocks(
             model,
             truth,

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tofmix.cli.options import HDF5_PATH, PATH, examples, json_option, overwrite_option, progress_bar, projection_option
+from tofmix.cli.options import HDF5_PATH, PATH, examples, json_option, overwrite_option, projection_option
+from tofmix.cli.progress import Progress
 from tofmix.cli.recording_check import check_view
 from tofmix.errors import BadInputError
 from tofmix.wording import counted
@@ -76,7 +77,7 @@ def surfaces(
         )
         tally = _Tally()
         with (
-            progress_bar(file.shape[0], "surfaces", "window") as bar,
+            Progress(file.shape[0], "surfaces", "window") as bar,
             SurfacesWriter(
                 output, shape=file.shape, max_layers=file.max_layers, factor=factor, provenance=provenance,
                 overwrite=overwrite, inputs=(layers,),
@@ -101,13 +102,11 @@ def surfaces_path(layers: Path) -> Path:
 
 
 def _reconstruct(file: "LayersFile", sensor: "Sensor", window: int, factor: int) -> "WindowSurfaces":
-    from tofmix.cli.compiling import announced
     from tofmix.surfaces.reconstruct import reconstruct
 
     layers = file.read_window(window)
     try:
-        with announced():
-            return reconstruct(layers, sensor, factor=factor)
+        return reconstruct(layers, sensor, factor=factor)
     except ValueError as error:
         raise BadInputError(f"{file.path}: window {window}: {error}") from error
 

@@ -1,7 +1,7 @@
 """The one JIT decorator, with the reasons for its options.
 
-Compiled code is kept by `kept`, which numba's own cache does not do. ``nogil=True``: threads run kernels side by side on
-one process's memory. ``error_model="numpy"``: a division by zero gives inf or NaN as in NumPy, and the loop vectorises;
+Compiled code is kept by `kept`, not by numba's own cache. ``nogil=True``: threads run kernels side by side on one
+process's memory. ``error_model="numpy"``: a division by zero gives inf or NaN as in NumPy, and the loop vectorises;
 kernels never rely on an exception. Kernels that others call are compiled as a part of these (`linking`), with the
 versions of numba that this was tested with; others compile each by itself. No ``fastmath``: sums must not depend on how
 the compiler reorders them on another machine.

@@ -5,10 +5,10 @@ of Python, numba and tofmix, the source of all kernels, and the class of process
 checks only the file of a kernel, not those of the kernels that it calls, so that callers would run stale code; and it
 ends a run where no folder can be written. None of it is used here.
 
-Base folders, in this order: `NUMBA_CACHE_DIR`; the `__pycache__` beside the package, which stays readable to other users
-(not in the package: what an uninstallation leaves there could still be imported); the user's cache folder; the temporary
-folder. Code is read from each that has it, and written to the first that can be written. A damaged or foreign file
-counts as none, and a full disk is no error: a cache is never why a run fails.
+Base folders, in this order: `NUMBA_CACHE_DIR`; the `__pycache__` beside the package, which other users read (in the
+package itself, what an uninstallation leaves could still be imported); the user's cache folder; the temporary folder.
+Code is read from each that has it, and written to the first that can be written. A damaged or foreign file counts as
+none, and a full disk is no error: a cache is never why a run fails.
 """
 
 import hashlib
@@ -22,9 +22,9 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-import llvmlite
+import llvmlite  # type: ignore[import-untyped]
 import numba
 import numba.core.compiler
 import numba.core.runtime
@@ -38,8 +38,8 @@ PACKAGE = Path(__file__).parents[1]
 SUFFIX = ".nbc"
 
 CANNOT_KEEP = (
-    "no folder can be written, so compiled kernels are not kept and each run compiles them again; set NUMBA_CACHE_DIR to"
-    " a folder that can be written"
+    "no folder can be written, so compiled kernels are not kept and each run compiles them again; set NUMBA_CACHE_DIR"
+    " to a folder that can be written"
 )
 
 _KERNEL_FOLDERS = ("compiled", "estimation", "mapping", "reconciliation", "simulation", "surfaces", "unmixing")
@@ -144,6 +144,27 @@ def cache_folder() -> Path | None:
     return None
 
 
+class KeptCode(NamedTuple):
+    """A folder of compiled code: how many kernels it has, and its size."""
+
+    folder: Path
+    kernels: int
+    size_bytes: int
+
+
+def gather() -> KeptCode | None:
+    """Copy the code of all folders that has been read so far to the one that is written; None where there is none."""
+    target = cache_folder()
+    if target is None:
+        return None
+    for folder in _folders():
+        for file in folder.glob(f"*{SUFFIX}"):
+            if not (target / file.name).exists():
+                _write(target / file.name, file.read_bytes())
+    sizes = [file.stat().st_size for file in target.glob(f"*{SUFFIX}")]
+    return KeptCode(target, len(sizes), sum(sizes))
+
+
 @cache
 def sources() -> str:
     """Hash of every source file that may hold a kernel, or a constant that one has compiled in."""
@@ -160,8 +181,9 @@ def _key() -> str:
     """Hash of all that compiled code depends on."""
     config: Any = numba.config
     parts = (
-        sys.implementation.cache_tag, numba.__version__, llvmlite.__version__, __version__, sources(), processor_class(),
-        config.USING_SVML, config.OPT, config.LOOP_VECTORIZE, config.SLP_VECTORIZE, config.BOUNDSCHECK,
+        sys.implementation.cache_tag, numba.__version__, llvmlite.__version__, __version__, sources(),
+        processor_class(), config.USING_SVML, config.OPT, config.LOOP_VECTORIZE, config.SLP_VECTORIZE,
+        config.BOUNDSCHECK,
     )  # fmt: skip
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 

@@ -1,8 +1,9 @@
 """The class of processors that kernels are compiled for, so that kept code serves all machines of the class.
 
-numba compiles for the very processor that it runs on, and other machines of a container image or a cluster would compile
-again. x86-64-v3 (AVX2 and FMA) is the class of most x86 processors since 2013. A process has one compiler: where another
-package has used it before, where `NUMBA_CPU_NAME` is set, and on all other processors, code is for the machine's own.
+numba compiles for the very processor that it runs on, and other machines of a container image or a cluster would
+compile again. x86-64-v3 (AVX2 and FMA) is the class of most x86 processors since 2013. A process has one compiler:
+where another package has used it before, where `NUMBA_CPU_NAME` is set, and on all other processors, code is for the
+machine's own.
 
 References
 ----------
@@ -12,7 +13,6 @@ x86-64 psABI, section 3.1.1, table 3.1: micro-architecture levels.
 from functools import cache
 from typing import Any
 
-import llvmlite.binding
 import numba
 import numba.core.codegen
 import numba.core.registry
@@ -25,7 +25,7 @@ _OF_V3 = (
 
 config: Any = numba.config  # its settings are made at run time, unknown to a type checker
 _core: Any = numba.core  # it has no types
-_binding: Any = llvmlite.binding  # likewise
+_binding: Any = _core.codegen.ll  # llvmlite's
 
 
 @cache

@@ -155,3 +155,16 @@ def moments_of(values: FloatArray, density: FloatArray, share: FloatArray, about
         a1 += weight * away
         a2 += weight * away * away
     return (a0 + b0) + (c0 + d0), (a1 + b1) + (c1 + d1), (a2 + b2) + (c2 + d2)
+
+
+@borrowing
+def least_of(values: FloatArray) -> int:
+    """Index of the first of the least values (n,), n > 0, none of them NaN.
+
+    `np.argmin` would have each process that loads the caller's code import SciPy.
+    """
+    least = 0
+    for j in range(1, len(values)):
+        if values[j] < values[least]:
+            least = j
+    return least

@@ -16,6 +16,9 @@ FIRST_RUN = "compiling the kernels; a first run takes up to a minute, later ones
 class Watcher(Protocol):
     """Receives the events of compiling; every kernel has a name such as ``estimation.layering._layer_block``."""
 
+    def expects(self, kernels: int) -> None:
+        """So many kernels are still to be compiled."""
+
     def begins(self, kernel: str) -> None:
         """Compiling of a kernel begins, or waiting for another process that compiles it."""
 
@@ -29,6 +32,9 @@ class Watcher(Protocol):
 class Unwatched:
     """The watcher of those who want no word."""
 
+    def expects(self, kernels: int) -> None:
+        """Say nothing."""
+
     def begins(self, kernel: str) -> None:
         """Say nothing."""
 
@@ -39,7 +45,7 @@ class Unwatched:
         """Say nothing."""
 
 
-class _Log:
+class _Log(Unwatched):
     """The watcher where there is no other: one line of each kind in a process."""
 
     def __init__(self) -> None:
@@ -47,9 +53,6 @@ class _Log:
 
     def begins(self, kernel: str) -> None:  # noqa: ARG002  as the protocol has it
         self._say(FIRST_RUN)
-
-    def ends(self, kernel: str) -> None:
-        """Say nothing."""
 
     def cannot_keep(self, reason: str) -> None:
         self._say(reason)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
-from tofmix.compiled.vector import product_of
+from tofmix.compiled.vector import least_of, product_of
 from tofmix.estimation.beam import Beam, beam_of, is_no_return, reaches_no_return
 from tofmix.estimation.mixture.acceleration import maximise_likelihood
 from tofmix.estimation.mixture.components import (
@@ -57,7 +57,7 @@ from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel, pixel_curves
 from tofmix.estimation.paper import paper_pixels
 from tofmix.estimation.peaks.counters import Kde
-from tofmix.estimation.peaks.counters.base import MAX_PEAKS, Peaks
+from tofmix.estimation.peaks.counters.base import MAX_PEAKS, Peaks, no_peaks
 from tofmix.estimation.samples import Readings, SortedSamples, gather, padded, sort_samples
 from tofmix.estimation.settings import (
     MODE_PRIOR,
@@ -70,7 +70,7 @@ from tofmix.estimation.settings import (
 from tofmix.estimation.unrolling import fold_layers, unrolled
 from tofmix.flags import Status
 from tofmix.layers import Layers, layer_fields
-from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 
 CLEAR_SIGMAS = 4.0
 """One peak and no sample farther from the mean than this: the mean is the fit, no EM is needed."""
@@ -191,7 +191,7 @@ def _fit_pixel(
             n_iter = expectation_maximisation(data, k, fit, beam, options.mode, options.max_iter, options.tol, scratch)
         left = drop_unsupported(data.total, k, fit, beam, rules)
         while left > options.max_layers:
-            left = remove_surface(left, int(np.argmin(fit[WEIGHT, :left])), fit)
+            left = remove_surface(left, least_of(fit[WEIGHT, :left]), fit)
         if left == k:
             if options.mode != _held(options):
                 draw_sigmas(data, k, fit, beam, scratch)
@@ -332,9 +332,44 @@ def _layers_on_circle(
     fold_layers(out, length)
 
 
-def warm_up(options: EstimateOptions) -> None:
-    """Compile the kernels, or load them from their cache, by fitting one made-up pixel."""
+_MADE_UP_MM = 1000.0  # range of the made-up samples
+
+
+def warm_up(options: EstimateOptions, sensor: Sensor | None = None) -> None:
+    """Compile the kernels that layers of a sensor take, or load them from their cache: the largest first.
+
+    Parameters
+    ----------
+    options : EstimateOptions
+        The estimator's.
+    sensor : Sensor, optional
+        Whose noise decides which kernels are needed; default: one of Gaussian noise by range.
+    """
+    camera = _made_up_sensor(options, sensor)
+    samples = np.full((options.min_samples, 1), _MADE_UP_MM)
+    is_gaussian = not options.paper and not counts_with_learnt(camera, options)
+    if is_gaussian:
+        out = Layers.empty((1,), options.max_layers, layer_fields(camera))
+        block = sort_samples(samples.astype(np.float32))
+        _layer_block(
+            block, no_peaks(1), out.arrays(), beam_of(camera), kernel_options(options), gain_table(len(samples))
+        )
+    has_law = camera.noise is not None and camera.noise.law is not None
+    layer_pixels(samples, camera, options, amplitude=np.full(samples.shape, 100.0) if has_law else None)
+
+
+def find_made_up_peaks(options: EstimateOptions) -> None:
+    """Compile the kernels that find peaks, or load them from their cache."""
+    samples = sort_samples(np.full((options.min_samples, 1), _MADE_UP_MM, dtype=np.float32))
+    options.counter.peaks(samples, beam_of(_made_up_sensor(options, None)))
+
+
+def _made_up_sensor(options: EstimateOptions, like: Sensor | None) -> Sensor:
+    """A sensor for the made-up samples, whose noise takes the same kernels as that of another one."""
     sigma = 10.0 if options.unambiguous_range_mm is None else 0.01 * options.unambiguous_range_mm
-    noise = NoiseCurve(np.array([1000.0]), np.array([sigma]))
-    sensor = Sensor(name="warm-up", range_max_mm=2000.0, noise=noise)
-    layer_pixels(np.full((options.min_samples, 1), 1000.0), sensor, options)
+    law = None
+    if like is not None and like.noise is not None and like.noise.law is not None:
+        law = AmplitudeLaw(np.array([100.0]), np.array([50.0, 200.0]), np.array([2.0, 0.5]))
+    noise = NoiseCurve(np.array([_MADE_UP_MM]), np.array([sigma]), None if options.unambiguous_range_mm else law)
+    learnt = None if like is None else like.learnt
+    return Sensor(name="warm-up", range_max_mm=2.0 * _MADE_UP_MM, noise=noise, learnt=learnt)

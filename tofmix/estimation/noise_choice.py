@@ -134,6 +134,7 @@ def choose_sensor(
     *,
     spell: Spelling,
     progress: Callable[[int, int], None] | None = None,
+    before_learning: Callable[[], object] | None = None,
 ) -> NoiseChoice:
     """The recording's sensor with the chosen noise and p(c_r).
 
@@ -153,6 +154,8 @@ def choose_sensor(
         For remedies in messages.
     progress : callable, optional
         Receives the finished steps of a calibration, and their number.
+    before_learning : callable, optional
+        Called before noise is learnt, which not every recording needs.
 
     Returns
     -------
@@ -164,7 +167,7 @@ def choose_sensor(
     BadInputError
         If there is no noise curve, or the samples do not determine one.
     """
-    chooser = _Chooser(name, use, options, request, spell, progress)
+    chooser = _Chooser(name, use, options, request, spell, progress, before_learning)
     chosen = chooser.choose(sensor)
     return NoiseChoice(
         sensor=chosen, notes=tuple(chooser.notes),
@@ -183,9 +186,11 @@ class _Chooser:
         request: NoiseRequest,
         spell: Spelling,
         progress: Callable[[int, int], None] | None,
+        before_learning: Callable[[], object] | None,
     ) -> None:
         self.name, self.use, self.options, self.request, self.spell = name, use, options, request, spell
         self.circle_mm, self.progress = options.unambiguous_range_mm, progress
+        self.before_learning = before_learning
         self.notes: list[Note] = []
 
     def choose(self, sensor: Sensor) -> Sensor:
@@ -298,6 +303,8 @@ class _Chooser:
 
     def _learnt(self, sensor: Sensor, learn: Callable[..., T]) -> T:
         request = self.request
+        if self.before_learning is not None:
+            self.before_learning()
         try:
             return learn(
                 self._ranges(sensor), window_frames=request.window_frames, stride_frames=request.stride_frames,

@@ -24,8 +24,7 @@ from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 from tofmix.simulation.casting.cast import MovingCaster
 from tofmix.simulation.effects import EFFECTS
 from tofmix.surfaces.reconstruct import reconstruct
-from tofmix.unmixing.phasors import mean_phasors, phase_scale_mm
-from tofmix.unmixing.unmix import unmix
+from tofmix.unmixing import warm_up as unmixing
 
 _RANGE_MM = 1000.0  # of the made-up samples
 _EDGE_SIDE = 12  # pixels of the made-up images with edges, along each side
@@ -55,9 +54,8 @@ def compile_options() -> None:
 
 def compile_images() -> None:
     """Compile the kernels of unmixing and surfaces, or load them from their cache."""
-    _, sensor, _ = _made_up()
-    _compile_edges(sensor)
-    _compile_unmixing(_with_sigma(sensor))
+    _compile_edges(_made_up()[1])
+    unmixing.warm_up()
 
 
 def compile_scenes() -> None:
@@ -82,18 +80,6 @@ def _compile_edges(sensor: Sensor) -> None:
     near_mm, far_mm = np.random.default_rng(2).normal([[[[_RANGE_MM]]], [[[1.5 * _RANGE_MM]]]], 10.0, (2, *far.shape))
     layers = layer_pixels(np.where(far, far_mm, near_mm), _with_sigma(sensor))
     reconstruct(layers.reshaped(rows.shape), sensor, factor=2)
-
-
-def _compile_unmixing(camera: Sensor) -> None:
-    """Unmix the pixels between two surfaces that share the middle column."""
-    sensor = replace(camera, modulation_frequency_hz=20.0e6)
-    share = np.repeat([1.0, 0.5, 0.0], [_EDGE_SIDE // 2, 1, _EDGE_SIDE // 2 - 1])
-    scale = phase_scale_mm(20.0e6)
-    sums = share * np.exp(1j * _RANGE_MM / scale) + (1.0 - share) * np.exp(1.5j * _RANGE_MM / scale)
-    shape = (20, _EDGE_SIDE, _EDGE_SIDE)
-    range_mm = np.random.default_rng(3).normal(scale * np.angle(sums), 10.0, shape)
-    light = np.random.default_rng(4).normal(np.abs(sums), 0.01, shape)
-    unmix(layer_pixels(range_mm, sensor), mean_phasors(range_mm, light, sensor), sensor, insist=True)
 
 
 def _compile_casts() -> None:

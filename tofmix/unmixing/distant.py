@@ -3,11 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.compiled.robust import MAD_TO_SIGMA
+from tofmix.unmixing.functions import components
 from tofmix.unmixing.image import PhasorImage
 from tofmix.unmixing.seeds import Seeds
 from tofmix.unmixing.settings import PlaneSettings
@@ -77,8 +76,7 @@ def _regions(image: PhasorImage, seeds: Seeds, most_sigmas: float) -> IntArray:
     pairs = [(index[:, :-1].ravel(), index[:, 1:].ravel()), (index[:-1].ravel(), index[1:].ravel())]
     kept = [(one[mask], other[mask]) for one, other in pairs for mask in (linked(one, other),)]
     one, other = (np.concatenate(parts) for parts in zip(*kept, strict=True))
-    graph = coo_array((np.ones(len(one), np.int8), (one, other)), shape=(image.count, image.count))
-    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+    return components(one, other, image.count)
 
 
 def _sigmas(image: PhasorImage, seeds: Seeds, pixels: IntArray) -> FloatArray:

@@ -21,10 +21,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.unmixing.distant import DistantPlane
+from tofmix.unmixing.functions import logsumexp, ndtr
 from tofmix.unmixing.image import ComplexArray, PhasorImage, polar_covariance, variance_along
 from tofmix.unmixing.neighbours import Predictions, find_neighbours, phasor_of, predict
 from tofmix.unmixing.seeds import Seeds, plane_vector
@@ -165,13 +165,13 @@ class _Best:
 
     def unexplained(self) -> IntArray:
         """Pixels (m,) that no neighbouring surfaces explain."""
-        total = special.logsumexp(np.stack(self._logs), axis=0)
+        total = logsumexp(np.stack(self._logs))
         vague = (self._kept["kind"] == Kind.NEW) | ~self._kept["is_known"]
         return np.flatnonzero(vague | (np.exp(self._log - total) < self._likely))
 
     def findings(self) -> Findings:
         """The kept hypothesis, with its probability among all."""
-        total = special.logsumexp(np.stack(self._logs), axis=0)
+        total = logsumexp(np.stack(self._logs))
         return Findings(probability=np.exp(self._log - total), **self._kept)
 
 
@@ -403,7 +403,7 @@ def _chord(ends: _Ends, one: int, other: int, plane: DistantPlane | None = None)
     broad = variance_along(covariance, chord / length)
     narrow = determinant / np.maximum(broad, _TINY)
     error = np.sqrt(variance)
-    inside = special.ndtr(share / error) - special.ndtr((share - 1.0) / error)
+    inside = ndtr(share / error) - ndtr((share - 1.0) / error)
     log_density = (
         -0.5 * _form(covariance, across, across) - 0.5 * np.log(2.0 * math.pi * np.maximum(narrow, _TINY))
         - np.log(length) + np.log(np.maximum(inside, _TINY))
@@ -544,7 +544,7 @@ def _likeliest(chords: list[_Chord]) -> _Chord:
 
     return _Chord(
         share=chosen([chord.share for chord in chords]), variance=chosen([chord.variance for chord in chords]),
-        log_density=special.logsumexp(densities, axis=0) - math.log(len(chords)), one=end("one"), other=end("other"),
+        log_density=logsumexp(np.asarray(densities)) - math.log(len(chords)), one=end("one"), other=end("other"),
     )  # fmt: skip
 
 
@@ -595,5 +595,5 @@ def _barycentric(
     shares = np.column_stack([first, second, 1.0 - first - second])
     sides = np.column_stack([np.abs(b - c), np.abs(c - a), np.abs(a - b)])
     errors = np.maximum(spread[:, np.newaxis] * sides / np.abs(area)[:, np.newaxis], _TINY)
-    inside = special.ndtr(shares / errors).prod(axis=1)
+    inside = ndtr(shares / errors).prod(axis=1)
     return shares, errors, np.log(np.maximum(inside, _TINY)) - np.log(0.5 * np.abs(area))

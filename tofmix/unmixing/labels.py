@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy import ndimage
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.compiled.robust import MAD_TO_SIGMA
 from tofmix.unmixing.distant import distant_planes
+from tofmix.unmixing.functions import near
 from tofmix.unmixing.hypotheses import ENDS, Kind, OpenSpace, judge
 from tofmix.unmixing.image import ComplexArray, PhasorImage
 from tofmix.unmixing.seeds import Seeds, find_seeds
@@ -108,8 +108,7 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
 
 def _open_space(image: PhasorImage, settings: LabelSettings) -> tuple[OpenSpace, ...]:
     """Pixels that may see open space, and its possible returns: nothing, or the return of pixels of open space."""
-    side = 2 * settings.open_reach + 1
-    nearby = ndimage.binary_dilation(image.open_space.reshape(image.shape), np.ones((side, side), bool)).ravel()
+    nearby = near(image.open_space.reshape(image.shape), settings.open_reach).ravel()
     if not nearby.any():
         return ()
     own = image.open_space & (image.samples > 0)
@@ -156,8 +155,7 @@ def _near_changes(before: Members, after: Members, shape: tuple[int, int], reach
         differs = old != new
         changed |= differs if differs.ndim == 1 else differs.any(axis=1)
     changed &= before.is_member | after.is_member
-    side = 2 * reach + 1
-    return np.asarray(ndimage.binary_dilation(changed.reshape(shape), np.ones((side, side), bool)).ravel())
+    return near(changed.reshape(shape), reach).ravel()
 
 
 def _agreeing(

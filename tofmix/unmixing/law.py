@@ -9,9 +9,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.unmixing.functions import count_around
 from tofmix.unmixing.hypotheses import Kind
 from tofmix.unmixing.image import PhasorImage, places, variance_along, window
 from tofmix.unmixing.labels import Labels
@@ -122,9 +122,7 @@ def _along_edges(
     A median, because some pixels have wrong surfaces: a pixel that sees only a narrow surface near a chord looks like a
     sum.
     """
-    side = 2 * settings.reach + 1
-    square = np.ones((side, side), np.int64)
-    count = ndimage.convolve(group.reshape(image.shape).astype(np.int64), square, mode="constant").ravel()
+    count = count_around(group.reshape(image.shape), settings.reach).ravel()
     pixels = np.flatnonzero(edges & image.valid & (count >= settings.least_along))
     others, inside = places(pixels, image.shape, window(settings.reach, middle=True))
     inside &= group[others]

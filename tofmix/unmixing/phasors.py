@@ -8,11 +8,11 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.optics.ranging import unambiguous_range_mm
 from tofmix.sensor import Sensor
+from tofmix.unmixing.functions import binomial_most
 
 FIELDS = ("real", "imaginary", "variance_real", "variance_imaginary", "covariance", "samples", "turn")
 """Values of each pixel, in the order of the last axis."""
@@ -119,5 +119,5 @@ def _outliers(
     # The median distance of a two-dimensional Gaussian is sqrt(2 ln 2) sigma.
     sigma = _median(away.astype(np.float32), valid) / math.sqrt(2.0 * math.log(2.0))
     far = valid & (away > far_sigmas * sigma)
-    most = np.ceil(special.bdtrik(1.0 - rare, valid.sum(axis=0), probability))
+    most = binomial_most(1.0 - rare, valid.sum(axis=0), probability)
     return np.asarray(far & (far.sum(axis=0) <= most))

@@ -7,10 +7,10 @@ belong to the errors of everything that follows.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.compiled.jit import borrowing, jit
+from tofmix.unmixing.functions import chi_square_6
 from tofmix.unmixing.image import Beams, Measured, PhasorImage, places, window
 from tofmix.unmixing.plane_fit import fit_plane
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, SeedSettings
@@ -64,7 +64,7 @@ def find_seeds(image: PhasorImage, settings: SeedSettings = DEFAULT_SETTINGS.see
     range_scatter, range_noise, light_scatter, light_noise = scatters[pixels].T
     pattern = _excess(range_scatter, range_noise, settings)
     texture = _excess(light_scatter, light_noise, settings)
-    limit = float(special.chdtri(_FREE, settings.rare)) / _FREE
+    limit = chi_square_6(settings.rare) / _FREE
     excess = range_scatter / np.maximum(range_noise + pattern, np.finfo(float).tiny)
     of_plane = excess < limit
     of_surface = of_plane & (light_scatter < limit * (light_noise + texture))
@@ -198,7 +198,7 @@ def _excess(scatter: FloatArray, noise: FloatArray, settings: SeedSettings) -> f
 
 
 def _excess_at(scatter: FloatArray, noise: FloatArray, part: float) -> float:
-    target = float(special.chdtri(_FREE, 1.0 - part)) / _FREE
+    target = chi_square_6(1.0 - part) / _FREE
 
     def too_small(excess: float) -> bool:
         ratio = scatter / np.maximum(noise + excess, np.finfo(float).tiny)

@@ -6,10 +6,9 @@ ranges in the farther half of a turn stay as they are.
 """
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.unmixing.functions import components
 from tofmix.unmixing.image import PhasorImage
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, UnfoldingSettings
 
@@ -35,8 +34,7 @@ def unfolded(
     gap = image.range_mm[other] - image.range_mm[one]
     both = image.valid[one] & image.valid[other]
     linked = both & near[one] & near[other] & (np.abs(gap) < reach)
-    graph = coo_array((np.ones(int(linked.sum()), np.int8), (one[linked], other[linked])), shape=(image.count,) * 2)
-    number = np.asarray(connected_components(graph, directed=False)[1], np.int64)
+    number = components(one[linked], other[linked], image.count)
     size = np.bincount(number[near], minlength=int(number.max()) + 1)
     across = both & (near[one] != near[other]) & (np.abs(circle_mm - np.abs(gap)) < reach)
     at = np.where(near[one], one, other)[across]

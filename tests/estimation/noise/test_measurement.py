@@ -15,6 +15,8 @@ from tofmix.estimation.noise.series import (
     LEAST_SAMPLES,
     TREND_DEGREES,
     Series,
+    _limits_of_shape,
+    drawn_limits,
     memory_correction,
     quantisation_step,
     read_series,
@@ -201,6 +203,13 @@ def test_statistics_of_all_series_together_equal_those_of_each_alone(rng: np.ran
         for name, expected in zip(found._fields, one_by_one(samples, step), strict=True):
             np.testing.assert_allclose(getattr(found, name), expected, rtol=1e-6, atol=1e-6, err_msg=name)
         assert found.kept[2] == 0
+
+
+def test_usual_limits_of_shape_are_those_that_are_drawn() -> None:
+    for index in range(9):
+        assert _limits_of_shape(index, 0.1) == pytest.approx(drawn_limits(index, 0.1), rel=1e-9)
+    assert NoiseSettings().strictness == 0.1
+    assert _limits_of_shape(0, 0.05)[0] > _limits_of_shape(0, 0.1)[0]
 
 
 def test_statistics_equal_a_slow_reference(rng: np.random.Generator) -> None:

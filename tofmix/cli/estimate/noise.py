@@ -2,16 +2,15 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from tofmix.cli.options import AUTO, FILE, note, progress_bar
+from tofmix.cli.options import AUTO, FILE, note
+from tofmix.cli.progress import Progress
 from tofmix.errors import BadInputError, UsageError
 
 if TYPE_CHECKING:
-    from tqdm import tqdm
-
     from tofmix.estimation.noise_choice import NoiseChoice, NoiseRequest
     from tofmix.estimation.settings import EstimateOptions
     from tofmix.io.recording.recording_file import RecordingFile
@@ -118,8 +117,13 @@ def sensor_for(source: "RecordingFile", options: "EstimateOptions", request: "No
         source.sensor = sensor
         return source
 
+    from tofmix.pipeline.first_run import compile_learning_beside
+
     with calibration_bar() as progress:
-        choice = choose_sensor(source.path, use, source.sensor, options, request, spell=spell, progress=progress)
+        choice = choose_sensor(
+            source.path, use, source.sensor, options, request, spell=spell, progress=progress,
+            before_learning=compile_learning_beside,
+        )  # fmt: skip
     for said in choice.notes:
         if said.is_warning:
             click.echo(f"tofmix: {said.text}", err=True)
@@ -131,12 +135,12 @@ def sensor_for(source: "RecordingFile", options: "EstimateOptions", request: "No
 @contextmanager
 def calibration_bar() -> Iterator[Callable[[int, int], None]]:
     """A progress bar for the calibration of learnt noise; it shows once there is something to calibrate."""
-    bars: list[tqdm[Any]] = []
+    bars: list[Progress] = []
 
     def progress(done: int, of: int) -> None:
         if not bars:
-            bars.append(progress_bar(of, "noise", "step"))
-        bars[0].update(done - bars[0].n)
+            bars.append(Progress(of, "noise", "step"))
+        bars[0].update(done - bars[0].done)
 
     try:
         yield progress

@@ -1,7 +1,6 @@
 """The runs of ``tofmix estimate``: recordings one after the other, one bar for all, one line each."""
 
 import json
-import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
@@ -11,21 +10,19 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tofmix.cli.compiling import announced
 from tofmix.cli.estimate.frames import check_frames
 from tofmix.cli.estimate.noise import circle_of, noise_choice, noise_of, sensor_for
 from tofmix.cli.estimate.outputs import count_pixels, listed, paired_outputs, windows_of
 from tofmix.cli.estimate.request import Request
 from tofmix.cli.estimate.results import describe, findings_of, say_findings
-from tofmix.cli.options import AUTO, is_quiet, note, progress_bar
+from tofmix.cli.options import AUTO, is_quiet, note
+from tofmix.cli.progress import Progress
 from tofmix.cli.recording_check import findings_of_samples, opened_recording
 from tofmix.errors import ExitCode, TofmixError
 from tofmix.wording import counted
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
-
-    from tqdm import tqdm
 
     from tofmix.estimation.settings import EstimateOptions
     from tofmix.io.recording.recording_file import RecordingFile
@@ -52,7 +49,7 @@ def estimate_files(
     several = len(recordings) > 1 or output_dir is not None or Path("-") in recordings
     pairs = paired_outputs(listed(recordings), output, output_dir, request, several=several)
     failed = 0
-    with _cluster(request) as cluster, progress_bar(count_pixels(pairs, request), "estimate", "px") as bar:
+    with _cluster(request) as cluster, Progress(count_pixels(pairs, request), "estimate", "px") as bar:
         for recording, target in pairs:
             try:
                 said = _estimate(recording, target, request, cluster, bar)
@@ -60,10 +57,10 @@ def estimate_files(
                 if not several:
                     raise
                 failed += 1
-                with bar.external_write_mode(file=sys.stderr):
+                with bar.aside():
                     click.echo(f"tofmix: {' '.join(str(error).split())}", err=True)
                 said = "", {"status": "failed", "exit_code": int(error.exit_code), "error": str(error)}
-            with bar.external_write_mode(file=sys.stderr):
+            with bar.aside():
                 if as_json:
                     click.echo(json.dumps({"recording": str(recording), "output": str(target), **said[1]}))
                 elif said[0]:
@@ -74,12 +71,13 @@ def estimate_files(
 
 
 def _estimate(
-    recording: Path, target: Path, request: Request, cluster: "ClusterEngine | None", bar: "tqdm[Any]"
+    recording: Path, target: Path, request: Request, cluster: "ClusterEngine | None", bar: Progress
 ) -> tuple[str, dict[str, Any]]:
     """Estimate one recording; return the result as a line and for JSON."""
     from tofmix.estimation.noise_choice import noise_options
     from tofmix.io.atomic.storage import check_output
     from tofmix.io.layers.journal import WHOLE, Shard
+    from tofmix.pipeline.first_run import compile_for
     from tofmix.pipeline.job import plan_job
     from tofmix.pipeline.local import LocalEngine
     from tofmix.pipeline.run import run_job
@@ -99,7 +97,7 @@ def _estimate(
             recording=str(recording), noise=noise, window_frames=windows.length, windows=windows.count,
             paper=options.paper,
         )  # fmt: skip
-        with bar.external_write_mode(file=sys.stderr), announced():
+        with bar.aside():
             findings = findings_of_samples(source, source.sensor, options.unambiguous_range_mm, remedy)
         say_findings(recording, findings, say)
         job = plan_job(
@@ -110,8 +108,8 @@ def _estimate(
         if cluster is not None:
             engine = cluster
         else:
-            with bar.external_write_mode(file=sys.stderr):
-                _compile(options)
+            with bar.aside():
+                compile_for(job.options, source.sensor, unmixes=job.provenance.is_unmixed)
             engine = LocalEngine(
                 source=source, workers=request.workers, memory_bytes=request.memory_bytes, folder=target.parent
             )
@@ -135,7 +133,7 @@ def _estimate(
 
 
 def _with_sensor(
-    source: "RecordingFile", request: Request, noise: str, windows: "Windows", bar: "tqdm[Any]"
+    source: "RecordingFile", request: Request, noise: str, windows: "Windows", bar: Progress
 ) -> "tuple[EstimateOptions, bool]":
     """Give the recording its sensor; return the options with its own unambiguous range, and whether noise is learnt."""
     from tofmix.estimation.blocks.sample_span import sensor_with_span
@@ -145,7 +143,7 @@ def _with_sensor(
     if request.wrap:
         options = replace(options, unambiguous_range_mm=circle_of(source))
     source.sensor = sensor_with_span(source, options.unambiguous_range_mm)
-    with bar.external_write_mode(file=sys.stderr):
+    with bar.aside():
         wanted = NoiseRequest(
             noise=noise_of(source, noise), outliers=request.outliers, asked=request.noise is not None,
             window_frames=windows.length, stride_frames=windows.stride, shape=request.noise_shape,
@@ -170,8 +168,8 @@ def _no_return(source: "RecordingFile") -> float | None:
     return found
 
 
-def _say(bar: "tqdm[Any]", text: str) -> None:
-    with bar.external_write_mode(file=sys.stderr):
+def _say(bar: Progress, text: str) -> None:
+    with bar.aside():
         click.echo(f"tofmix: {text}", err=True)
 
 
@@ -181,11 +179,3 @@ def _cluster(request: Request) -> "AbstractContextManager[ClusterEngine | None]"
     from tofmix.pipeline.cluster import open_cluster
 
     return open_cluster(request.scheduler, memory_bytes=request.memory_bytes)
-
-
-def _compile(options: "EstimateOptions") -> None:
-    """Compile the kernels, or load them from their cache; print a line if that takes long."""
-    from tofmix.estimation.layering import warm_up
-
-    with announced():
-        warm_up(options)

@@ -104,7 +104,7 @@ def estimate_cells(
         sensor = sensor_with_span(source, options.unambiguous_range_mm)
     plan = plan_reading(source, grid, buffer_bytes=buffer_bytes, workers=workers, phasors=phasors)
     # Compile or load the kernels before there are threads: several at once would wait for each other.
-    warm_up(options)
+    warm_up(options, sensor)
     groups = read_groups(source, grid, plan, grid.cells() if wanted is None else wanted, phasors=phasors)
     run = _Run(groups, plan, _Work(sensor, grid, options, finish, phasors=phasors), workers)
     with closing(run.results()) as results:

@@ -183,7 +183,10 @@ def expectation_maximisation(
 @borrowing
 def start_at(places: FloatArray, heights: FloatArray, k: int, no_return: float, fit: Components, beam: Beam) -> None:
     """Start `fit` at step 1's places with weights in proportion to their heights."""
-    total = no_return + np.sum(heights[:k])
+    together = 0.0
+    for i in range(k):
+        together += heights[i]
+    total = no_return + together
     scale = (1.0 - beam.p_outlier) / total if total > 0.0 else 0.0
     for i in range(k):
         fit[MEAN, i] = places[i]

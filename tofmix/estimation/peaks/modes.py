@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
+from tofmix.compiled.vector import least_of
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.peaks.density import BANDWIDTH, REACH, kernel_bend, kernel_sums
 from tofmix.estimation.reach import whole_lanes, within_reach
@@ -105,7 +106,7 @@ def keep_peak(places: FloatArray, heights: FloatArray, count: int, place: float,
     if count < len(places):
         places[count], heights[count] = place, height
         return count + 1
-    lowest = int(np.argmin(heights))
+    lowest = least_of(heights)
     if height > heights[lowest]:
         for i in range(lowest, len(places) - 1):
             places[i], heights[i] = places[i + 1], heights[i + 1]

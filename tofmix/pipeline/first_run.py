@@ -1,0 +1,162 @@
+"""A first run: its kernels are compiled by two processes, the largest by this one and the others by a second.
+
+A compiler holds a lock in its process, so threads would wait for each other. The second process writes each kernel to
+the folder of kept code; this one waits for it where it needs the kernel, or compiles it where the other has failed.
+"""
+
+import os
+import pickle
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+
+from tofmix.compiled.kept import PACKAGE, cache_folder, compiled_elsewhere, is_kept
+from tofmix.compiled.watching import Unwatched, watched, watcher
+from tofmix.estimation.peaks.counters import Counter
+from tofmix.estimation.settings import EstimateOptions, counts_with_learnt
+from tofmix.sensor import Sensor
+
+_LAYERS = "estimation.layering._layer_block"
+_UNMIXING = ("unmixing.seeds._fit_windows", "unmixing.surface_fit.fill_surfaces")
+_LEARNT_FIRST = (
+    "estimation.learnt.clusters.find_clusters", "estimation.learnt.clusters.fit_clusters",
+    "estimation.learnt.held_out.held_out_scores",
+)  # fmt: skip
+_LEARNT_LATER = (
+    "estimation.learnt.shares.background_shares", "estimation.learnt.shares.pixel_widths",
+    "estimation.learnt.blocks.fill_layers", "estimation.learnt.bootstrap._gains",
+)  # fmt: skip
+
+_POLL_S = 0.02  # between two looks for a kernel
+
+
+class Beside:
+    """A second process that compiles kernels, and ends.
+
+    Parameters
+    ----------
+    kernels : sequence of str
+        Kernels that it compiles, as `tofmix.compiled.kept` names them.
+    task : tuple
+        A function of this module by name, and its arguments.
+    """
+
+    def __init__(self, kernels: Sequence[str], task: tuple[object, ...]) -> None:
+        self._kernels = frozenset(kernels)
+        path = os.pathsep.join(filter(None, (str(PACKAGE.parent), os.environ.get("PYTHONPATH"))))
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "tofmix.pipeline.first_run"], stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ | {"PYTHONPATH": path},
+        )  # fmt: skip
+        assert self._process.stdin is not None  # noqa: S101  a pipe was asked for
+        with suppress(OSError), self._process.stdin as stream:
+            stream.write(pickle.dumps(task))
+        compiled_elsewhere(self._wait_for)
+
+    def _wait_for(self, kernel: str) -> bool:
+        if kernel not in self._kernels:
+            return False
+        while not is_kept(kernel):
+            if self._process.poll() is not None:
+                return is_kept(kernel)
+            time.sleep(_POLL_S)
+        return True
+
+    def end(self) -> None:
+        """Wait for its end."""
+        self._process.wait()
+
+
+def start_beside(kernels: Sequence[str], *task: object) -> Beside | None:
+    """Let a second process compile what is missing of some kernels.
+
+    Parameters
+    ----------
+    kernels : sequence of str
+        The kernels.
+    *task
+        A function of this module by name, and its arguments.
+
+    Returns
+    -------
+    Beside or None
+        None where nothing is missing, or there is one processor alone, or no folder that keeps code.
+    """
+    missing = [kernel for kernel in kernels if not is_kept(kernel)]
+    if not missing or _processors() < 2 or not sys.executable or cache_folder() is None:  # noqa: PLR2004  two processes
+        return None
+    with suppress(OSError):  # no memory, or no process more
+        return Beside(missing, task)
+    return None
+
+
+def _processors() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def compile_for(options: EstimateOptions, sensor: Sensor, *, unmixes: bool) -> None:
+    """Compile the kernels of an estimate, or load them; a second process compiles all but the largest.
+
+    Parameters
+    ----------
+    options : EstimateOptions
+        The estimator's.
+    sensor : Sensor
+        Of the recording.
+    unmixes : bool
+        Whether the recording's pixels are looked through for phasor sums.
+    """
+    from tofmix.estimation.layering import warm_up
+
+    others = _UNMIXING if unmixes else ()
+    if not options.paper and not counts_with_learnt(sensor, options):
+        others = (_kernel_of(options.counter), *others)
+        watcher().expects(sum(not is_kept(kernel) for kernel in (_LAYERS, *others)))
+        if is_kept(_LAYERS) and len(others) == 1:
+            others = ()  # one kernel alone is compiled here
+    beside = start_beside(others, "compile_others", options, unmixes)
+    warm_up(options, sensor)
+    if beside is not None:
+        beside.end()
+
+
+def _kernel_of(counter: Counter) -> str:
+    return f"{type(counter).__module__.removeprefix('tofmix.')}._fill"
+
+
+def compile_others(options: EstimateOptions, unmixes: bool) -> None:
+    """Compile what `compile_for` leaves to the second process."""
+    from tofmix.estimation.layering import find_made_up_peaks
+    from tofmix.unmixing.warm_up import warm_up
+
+    if unmixes:
+        warm_up()
+    if not options.paper:
+        find_made_up_peaks(options)
+
+
+def compile_learning_beside() -> Beside | None:
+    """Let a second process compile half of the kernels that learn noise; the other half comes first here."""
+    watcher().expects(sum(not is_kept(kernel) for kernel in (*_LEARNT_FIRST, *_LEARNT_LATER)))
+    return start_beside(_LEARNT_LATER, "compile_learning")
+
+
+def compile_learning() -> None:
+    """Compile what `compile_learning_beside` leaves to the second process."""
+    from tofmix.estimation.learnt.warm_up import warm_up_later
+
+    warm_up_later()
+
+
+def main() -> None:
+    """Do the task on standard input."""
+    name, *arguments = pickle.load(sys.stdin.buffer)  # noqa: S301  from the first process
+    tasks: dict[str, Callable[..., None]] = {"compile_others": compile_others, "compile_learning": compile_learning}
+    with watched(Unwatched()):
+        tasks[name](*arguments)
+
+
+if __name__ == "__main__":
+    main()
