@@ -38,7 +38,7 @@ MAY_IMPORT = {
     "compiled": {"compiled"},
     "": set(),
 }
-BELOW_COMMON = {"arrays"}
+BELOW_COMMON = {"arrays", "version"}
 """Root modules that the folders below them may import."""
 
 ONLY_IN = {

@@ -11,23 +11,27 @@ from support.commandline import Tofmix
 from support.files import boards, write_recording
 from support.sizes import sized
 
-from tofmix.compiled.jit import cache_folder
+from tofmix.compiled.kept import SUFFIX, cache_folder
 
 KERNELS = 24
 """Kernels that commands call: other kernels are compiled inside these."""
 
+FOLDER = cache_folder()
+
 
 def _count() -> int:
-    return sum(1 for _ in cache_folder().rglob("*.nbc"))
+    assert FOLDER is not None
+    return sum(1 for _ in FOLDER.glob(f"*{SUFFIX}"))
 
 
-def test_warmup_prints_folder_and_kernel_count(tofmix: Tofmix) -> None:
+def test_warmup_prints_folder_kernels_and_size(tofmix: Tofmix) -> None:
     before = _count()
     outcome = tofmix("warmup")
     assert outcome.code == 0, outcome.err
-    said = re.fullmatch(rf"{re.escape(str(cache_folder()))}: (\d+) compiled kernels\n", outcome.out)
+    said = re.fullmatch(rf"{re.escape(str(FOLDER))}: (\d+) compiled kernels, (\d+\.\d) MB\n", outcome.out)
     assert said is not None, outcome.out
     assert max(before, sized(KERNELS, 0)) <= int(said[1]) <= _count()  # other tests may compile some at the same time
+    assert sized(1.0, 0.0) <= float(said[2]) < 100.0
 
 
 @contextmanager

@@ -136,7 +136,7 @@ class Study:
         def test(mutant: Mutant) -> None:
             slot = slots.get()
             try:
-                self._keep(_Trial(slot, mutant, maps, names, budget_s).result((self._kernels, self._slot_path(0))))
+                self._keep(_Trial(slot, mutant, maps, names, budget_s).result(self._kernels))
             finally:
                 slots.put(slot)
 
@@ -214,7 +214,7 @@ class _Trial:
         self._slot, self._mutant, self._maps, self._names, self._budget_s = slot, mutant, maps, names, budget_s
         self._source = (slot.checkout / mutant.file).read_bytes()
 
-    def result(self, kernels: tuple[Path, Path]) -> dict[str, Any]:
+    def result(self, kernels: Path) -> dict[str, Any]:
         """Run the quick tests, the earlier ones, and the rest of ours where it is in question."""
         about = {"number": self._mutant.number, "kind": self._mutant.kind, "file": self._mutant.file}
         found: dict[str, Any] = {"line": self._mutant.line, "diff": self._mutant.diff(self._source)}

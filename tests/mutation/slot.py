@@ -131,10 +131,10 @@ class Slot:
                 target.write_bytes(path.read_bytes())
 
     @contextmanager
-    def changed(self, mutant: Mutant, names: Names, kernels: tuple[Path, Path] | None) -> Iterator[float]:
+    def changed(self, mutant: Mutant, names: Names, kernels: Path | None) -> Iterator[float]:
         """Change the package meanwhile; yield the seconds that its kernels may take to compile.
 
-        `kernels` is the cache of the unchanged package, and the checkout that it is of.
+        `kernels` is the cache of the unchanged package.
         """
         path = self.checkout / mutant.file
         source = path.read_bytes()
@@ -146,7 +146,7 @@ class Slot:
             concerned = [found for found in above if found.kind == "kernel"]
             if kernels is not None and mutant.file not in _KERNEL_WIDE:
                 again = [f"{Path(k.file).with_suffix('').as_posix()}.{k.name}" for k in concerned]
-                command = [sys.executable, "-m", "mutation.kernels", *map(str, kernels), mutant.file, *again]
+                command = [sys.executable, "-m", "mutation.kernels", str(kernels), *again]
                 # Without the copy, every kernel is compiled again: slower, and as right.
                 subprocess.run(command, env=self.environment(), cwd=self.folder, capture_output=True, check=False)
             yield 240.0 if concerned or mutant.file in _KERNEL_WIDE else 60.0

@@ -7,8 +7,9 @@ tests are collected. Tests load from the cache what they use.
 import fcntl
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
-from tofmix.compiled.jit import cache_folder
+from tofmix.compiled.kept import cache_folder
 
 
 def layers() -> None:
@@ -66,7 +67,7 @@ PARTS: tuple[Callable[[], None], ...] = (
 def begin(worker: int) -> None:
     """Compile the parts that no other worker has begun; every other worker begins with the last one."""
     for part in PARTS if worker % 2 == 0 else PARTS[::-1]:
-        done = cache_folder() / f"{part.__name__}.done"
+        done = _folder() / f"{part.__name__}.done"
         with suppress(BlockingIOError), _alone_with(part, wait=False):
             if not done.exists():
                 part()
@@ -80,6 +81,20 @@ def finish() -> None:
             pass
 
 
+def _folder() -> Path:
+    """The folder of kept code.
+
+    Raises
+    ------
+    FileNotFoundError
+        If no folder can be written: then each worker compiles by itself.
+    """
+    folder = cache_folder()
+    if folder is None:
+        raise FileNotFoundError("no folder keeps compiled code")
+    return folder
+
+
 @contextmanager
 def _alone_with(part: Callable[[], None], *, wait: bool = True) -> Iterator[None]:
     """Let one process at a time into the block.
@@ -89,7 +104,6 @@ def _alone_with(part: Callable[[], None], *, wait: bool = True) -> Iterator[None
     BlockingIOError
         If another one is in it, and this one is not to wait.
     """
-    cache_folder().mkdir(parents=True, exist_ok=True)
-    with (cache_folder() / f"{part.__name__}.lock").open("a") as file:
+    with (_folder() / f"{part.__name__}.lock").open("a") as file:
         fcntl.flock(file, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
         yield

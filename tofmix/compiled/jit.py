@@ -30,7 +30,7 @@ def jit(function: Callable[P, R]) -> Callable[P, R]:
     compiled: Callable[P, R] = numba.njit(nogil=True, error_model="numpy")(function)
     _link_into_callers(compiled, borrows=False)
     if hasattr(compiled, "_cache"):  # without the JIT it is the function itself
-        compiled._cache = Kept(function)  # noqa: SLF001  numba shows it nowhere else
+        compiled._cache = Kept(function, is_linked=_links())  # noqa: SLF001  numba shows it nowhere else
     return compiled
 
 
@@ -46,6 +46,11 @@ def borrowing(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _link_into_callers(compiled: Any, *, borrows: bool) -> None:  # noqa: ANN401  a dispatcher, or without the JIT a function
-    if hasattr(compiled, "get_call_template") and LINKS_WITH[0] <= numba.version_info.short <= LINKS_WITH[1]:
+    if hasattr(compiled, "get_call_template") and _links():
         callee = linking.Callee(compiled, borrows=borrows)
         compiled.get_call_template, compiled.get_overload = callee.template, callee.code
+
+
+def _links() -> bool:
+    """Whether this version of numba compiles callees as a part of their callers."""
+    return bool(LINKS_WITH[0] <= numba.version_info.short <= LINKS_WITH[1])

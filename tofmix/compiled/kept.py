@@ -60,12 +60,14 @@ class Kept:
     ----------
     function : callable
         The kernel in Python.
+    is_linked : bool
+        Whether the kernels that it calls are compiled as a part of it.
     """
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], *, is_linked: bool) -> None:
         module = function.__module__.removeprefix("tofmix.")
         self.kernel = f"{module}.{function.__qualname__.rpartition('.')[2]}"
-        self._code = function.__code__.co_code
+        self._code = function.__code__.co_code + bytes([is_linked])
 
     @property
     def cache_path(self) -> str:
