@@ -13,6 +13,7 @@ from support.commandline import succeed
 from support.files import boards, write_recording
 
 import tofmix as tm
+from tofmix.choices import Units
 from tofmix.errors import BadInputError, DoubtWarning, UsageError
 from tofmix.layers import LAYER_FIELDS
 from tofmix.sensor import NoiseCurve
@@ -82,18 +83,18 @@ def test_save_does_not_replace_a_file_without_overwrite(recording: Path, tmp_pat
     assert (tmp_path / "there.h5").read_bytes() == b"mine"
 
 
+SCALES: tuple[tuple[Units, float], ...] = (("mm", 1.0), ("cm", 10.0), ("m", 1000.0))
+
+
 def test_from_array_in_metres_equals_the_same_array_in_millimetres(recording: Path) -> None:
     source = tm.open(recording)
     assert isinstance(source, tm.Recording)
     ranges = source.range_mm.astype(np.float64)
-    layers = [
-        tm.estimate(tm.from_array(ranges / mm, units=unit, sensor=source.sensor))
-        for unit, mm in (("mm", 1.0), ("cm", 10.0), ("m", 1000.0))
-    ]
+    layers = [tm.estimate(tm.from_array(ranges / mm, units=unit, sensor=source.sensor)) for unit, mm in SCALES]
     for other in layers[1:]:
         np.testing.assert_allclose(other.range, layers[0].range, rtol=1e-6)
     with pytest.raises(ValueError, match="units: 'inch' is not one of mm, cm, m"):
-        tm.from_array(ranges, units="inch")
+        tm.from_array(ranges, units="inch")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("dtype", ["u2", "f4", "f8"])
@@ -114,7 +115,7 @@ def test_from_array_takes_zeros_and_given_values_for_no_samples(dtype: str) -> N
         ("f4", "mm", 9.96921e36, "above 1e.09 mm"),
     ],
 )
-def test_from_array_drops_fill_values_and_says_how_many(dtype: str, units: str, bad: float, reason: str) -> None:
+def test_from_array_drops_fill_values_and_says_how_many(dtype: str, units: Units, bad: float, reason: str) -> None:
     ranges = np.full((10, 1, 2), 1.5 if units == "m" else 1500).astype(dtype)
     ranges[:3, 0, 1] = bad
     with pytest.warns(DoubtWarning, match=f"from_array: no samples: 3 {reason}; keep_values=True"):
@@ -181,7 +182,7 @@ def test_options_of_learnt_noise_need_learnt_noise(recording: Path) -> None:
     with pytest.raises(ValueError, match=r"^noise_shape='gaussian' needs learnt noise; noise='sr3000' uses"):
         tm.estimate(recording, noise_shape="gaussian", noise="sr3000")
     with pytest.raises(ValueError, match=r"^noise_shape: 'round' is not one of gaussian, auto$"):
-        tm.estimate(recording, noise_shape="round")
+        tm.estimate(recording, noise_shape="round")  # type: ignore[arg-type]
 
 
 @pytest.mark.slow

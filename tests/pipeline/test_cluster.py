@@ -85,13 +85,6 @@ def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         pass
 
 
-@pytest.mark.parametrize("scheduler", ["no.json", "host:port", "tcp://host"])
-def test_invalid_scheduler_address_is_refused_at_once(scheduler: str) -> None:
-    pytest.importorskip("distributed")
-    with pytest.raises(StorageError, match="cannot be reached"), cluster.open_cluster(scheduler, memory_bytes=1):
-        pass
-
-
 class Ended:
     """A task that has ended with an error."""
 
@@ -135,3 +128,56 @@ def test_workers_with_other_versions_are_refused_before_any_work() -> None:
         cluster._check_workers(Scheduler({"a": identity(), "b": identity() | {"numba": "0.1"}}), "here")
     with pytest.raises(UsageError, match="here: its workers cannot run tofmix: no module"):
         cluster._check_workers(Scheduler(ValueError("no module")), "here")
+
+
+@pytest.mark.parametrize(
+    ("scheduler", "error", "text"),
+    [
+        ("none.json", BadInputError, "none.json: no such file"),
+        ("http://host:8786", UsageError, "http:// is none of"),
+        ("host", UsageError, "neither an address such as tcp://host:8786 nor a scheduler file"),
+        ("host:port", UsageError, "neither an address such as tcp://host:8786 nor a scheduler file"),
+        ("tcp://host", UsageError, "neither an address such as tcp://host:8786 nor a scheduler file"),
+    ],
+)
+def test_what_is_no_scheduler_is_refused_in_one_line(scheduler: str, error: type[Exception], text: str) -> None:
+    pytest.importorskip("distributed")
+    with pytest.raises(error, match=text), cluster.open_cluster(scheduler, memory_bytes=1):
+        pass
+
+
+@pytest.mark.parametrize("content", ["", "{}", "[1]", "\x89HDF", '{"other": 1}'])
+def test_a_file_that_is_no_scheduler_file_is_refused(content: str, tmp_path: Path) -> None:
+    (tmp_path / "scheduler.json").write_text(content)
+    with pytest.raises(BadInputError, match=r"scheduler\.json: no scheduler file"):
+        cluster._place(str(tmp_path / "scheduler.json"))
+
+
+class _Client:
+    """A client whose workers and scheduler are as told."""
+
+    def __init__(self, *, status: str, workers: dict[str, object]) -> None:
+        self.status, self._workers = status, workers
+        self.scheduler = type("Scheduler", (), {"address": "tcp://host:8786"})
+
+    def scheduler_info(self) -> dict[str, object]:
+        return {"workers": self._workers}
+
+
+class _Waiting:
+    """Futures that never end."""
+
+    def count(self) -> int:
+        return 1
+
+    def has_ready(self) -> bool:
+        return False
+
+
+@pytest.mark.parametrize(
+    ("status", "text"), [("running", "has had no worker for 0.1 s; --resume continues"), ("closed", "has ended; --res")]
+)
+def test_a_run_without_workers_or_scheduler_ends(status: str, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cluster, "_WORKER_TIMEOUT_S", 0.1)
+    with pytest.raises(StorageError, match=text):
+        next(cluster._while_there_are_workers(_Client(status=status, workers={}), _Waiting()))

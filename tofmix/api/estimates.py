@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.api.recordings import Recording, opened_recording
+from tofmix.choices import Mixing, Refine, Shape, Sigma, Widths
 from tofmix.errors import BadInputError, DoubtWarning
 from tofmix.layers import LAW_TEXTS, Layers, Provenance
 from tofmix.mixing import MixingLaw, law_over_windows
@@ -33,16 +34,16 @@ FILE, AUTO = "file", "auto"
 class Choices(TypedDict, total=False):
     """Options of `estimate` that change values: the fields of `tofmix.estimation.settings.EstimateOptions`."""
 
-    sigma: str
+    sigma: Sigma
     max_layers: int
     counter: "Counter"
-    refine: str
+    refine: Refine
     false_alarm: float
     max_iter: int
     tol: float
     min_samples: int
     unambiguous_range_mm: float | None
-    mixing: str
+    mixing: Mixing
     paper: bool
 
 
@@ -200,8 +201,8 @@ def estimate(
     *,
     noise: str | NoiseCurve | None = None,
     outliers: str | float = FILE,
-    noise_shape: str = AUTO,
-    noise_widths: str = AUTO,
+    noise_shape: Shape = "auto",
+    noise_widths: Widths = "auto",
     window: int | None = None,
     stride: int | None = None,
     workers: int | None = None,

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tofmix.arrays import Float32Array, FloatArray
+from tofmix.choices import Units
 from tofmix.errors import BadInputError, DoubtWarning
 from tofmix.recording import ArrayRecording, SampleSource
 from tofmix.sensor import NoiseCurve, Sensor
@@ -250,7 +251,7 @@ def opened_recording(path: Path) -> Recording:
 def from_array(
     ranges: ArrayLike,
     *,
-    units: str,
+    units: Units,
     sensor: Sensor | str | None = None,
     integration_time_ms: float | None = None,
     noise: NoiseCurve | None = None,

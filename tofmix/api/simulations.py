@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tofmix.api.recordings import Recording
+from tofmix.choices import Split
 from tofmix.errors import BadInputError
 from tofmix.recording import ArrayRecording
 
@@ -74,7 +75,7 @@ def reconcile(
     max_effects: int = 3,
     alpha: float = 0.01,
     tolerance: float = 0.1,
-    split: str = "frames,pixels",
+    split: Split = "frames,pixels",
     seed: int = 1,
 ) -> "Reconciliation":
     """Find where a simulation of a model and a recording disagree, and which effect the model lacks.

@@ -5,9 +5,11 @@ the journal and the layers file are written here. The scheduler gives the tasks 
 removes the tasks of a dead client.
 """
 
+import json
 import logging
 import platform
 import secrets
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -29,7 +31,8 @@ BLOCK_SAMPLES = 1 << 22
 """Samples of a task: at least half a second of work, compared with which dask's 2 ms are negligible."""
 
 _CONNECT_TIMEOUT_S = 10  # s to wait for an answer of a scheduler
-_WORKER_TIMEOUT_S = 30  # s to wait for the first worker
+_WORKER_TIMEOUT_S = 30  # s to wait for a worker
+_LOOK_S = 0.05  # s between two looks for a block that is done
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,13 +148,39 @@ class ClusterEngine:
         ]
         waiting = as_completed(futures, loop=self.client.loop)
         try:
-            for future in waiting:
+            for future in _while_there_are_workers(self.client, waiting):
                 for index, encoded in _result(future):
                     yield job.grid.cell(index), encoded
                 futures.remove(future)
                 future.release()
         finally:
             self.client.cancel(futures, force=True)
+
+
+def _while_there_are_workers(client: Any, waiting: Any) -> Iterator[Any]:  # noqa: ANN401  distributed's own
+    """Futures in the order of their ends.
+
+    Raises
+    ------
+    StorageError
+        If no worker has been there for `_WORKER_TIMEOUT_S`, or the scheduler has ended.
+    """
+    last_seen_s = time.monotonic()
+    while waiting.count():
+        if waiting.has_ready():
+            yield next(waiting)
+            last_seen_s = time.monotonic()
+            continue
+        time.sleep(_LOOK_S)
+        if client.status not in ("running", "connecting"):
+            raise StorageError(f"the scheduler {client.scheduler.address} has ended; --resume continues")
+        if client.scheduler_info().get("workers"):
+            last_seen_s = time.monotonic()
+        elif time.monotonic() - last_seen_s > _WORKER_TIMEOUT_S:
+            raise StorageError(
+                f"the scheduler {client.scheduler.address} has had no worker for {_WORKER_TIMEOUT_S} s;"
+                " --resume continues"
+            )
 
 
 def _result(future: Any) -> list[tuple[int, EncodedCell]]:  # noqa: ANN401  distributed's own
@@ -213,15 +242,12 @@ def open_cluster(scheduler: str, *, memory_bytes: int) -> Iterator[ClusterEngine
     """
     try:
         from distributed import Client
-        from distributed.comm.addressing import parse_address, parse_host_port
     except ImportError as error:
         raise UsageError("--scheduler needs dask.distributed: pip install 'tofmix[cluster]'") from error
+    where = _place(scheduler)
     for logger in ("distributed", "distributed.client"):  # the second logger has a separate level
         logging.getLogger(logger).setLevel(logging.CRITICAL)  # its errors become one line of tofmix
-    where = {"scheduler_file": scheduler} if Path(scheduler).is_file() else {"address": scheduler}
     try:
-        if "address" in where:
-            parse_host_port(parse_address(scheduler)[1])  # a client that fails over it leaves a traceback behind
         client = Client(**where, timeout=_CONNECT_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise StorageError(
@@ -234,6 +260,42 @@ def open_cluster(scheduler: str, *, memory_bytes: int) -> Iterator[ClusterEngine
             raise StorageError(f"--scheduler {scheduler}: no worker joined within {_WORKER_TIMEOUT_S} s") from error
         _check_workers(client, scheduler)
         yield ClusterEngine(client=client, memory_bytes=memory_bytes)
+
+
+def _place(scheduler: str) -> dict[str, str]:
+    """Where a scheduler is, as a client takes it.
+
+    Raises
+    ------
+    UsageError
+        If it is no address.
+    BadInputError
+        If the file is no scheduler file.
+    """
+    from distributed.comm.addressing import parse_address, parse_host_port
+    from distributed.comm.registry import backends
+
+    path = Path(scheduler)
+    if path.is_file():
+        try:
+            address = json.loads(path.read_text(encoding="utf-8"))["address"]
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise BadInputError(
+                f"--scheduler {scheduler}: no scheduler file, which `dask scheduler --scheduler-file` writes"
+            ) from error
+        return {"address": str(address)}
+    if "://" not in scheduler and (path.suffix or "/" in scheduler) and ":" not in scheduler:
+        raise BadInputError(f"--scheduler {scheduler}: no such file")
+    try:
+        protocol, host = parse_address(scheduler)
+        parse_host_port(host)  # a client that fails over it leaves a traceback behind
+    except ValueError as error:
+        raise UsageError(
+            f"--scheduler {scheduler}: neither an address such as tcp://host:8786 nor a scheduler file"
+        ) from error
+    if protocol not in backends:
+        raise UsageError(f"--scheduler {scheduler}: {protocol}:// is none of {', '.join(sorted(backends))}")
+    return {"address": scheduler}
 
 
 def _check_workers(client: Any, scheduler: str) -> None:  # noqa: ANN401  distributed's own

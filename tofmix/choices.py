@@ -1,0 +1,14 @@
+"""Names that options of the public functions take, for type checkers: ``sigma="tide"`` is an error before it runs.
+
+The lists that the program checks itself stand where they are used; `tests/api/test_typing.py` holds both together.
+"""
+
+from typing import Literal
+
+Sigma = Literal["tied", "prior", "free"]
+Refine = Literal["likelihood", "none"]
+Mixing = Literal["auto", "events", "phasor"]
+Shape = Literal["auto", "gaussian"]
+Widths = Literal["auto", "common", "own"]
+Units = Literal["mm", "cm", "m"]
+Split = Literal["frames,pixels", "frames", "pixels"]
