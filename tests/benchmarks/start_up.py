@@ -198,8 +198,7 @@ def imports(state: State, recording: Path, folder: Path) -> dict[str, float]:
     spent: dict[str, float] = defaultdict(float)
     for own, module in re.findall(r"import time:\s+(\d+) \|\s+\d+ \|\s+(\S+)", told):
         top = module.split(".")[0]
-        place = ".".join(module.split(".")[:2]) if top == "scipy" else top
-        spent[place if top in PACKAGES else "others"] += int(own) / 1e6
+        spent[top if top in PACKAGES else "others"] += int(own) / 1e6
     return dict(spent)
 
 
