@@ -59,6 +59,8 @@ def test_file_names_that_are_no_utf_8_are_read_and_written(tmp_path: Path) -> No
         ("info", f"{name}.layers.h5"),
         ("report", f"{name}.layers.h5", "--recording", f"{name}.h5", "--html", f"{name}.html"),
         ("export", f"{name}.layers.h5", "-o", f"{name}.ply"),
+        ("compare", f"{name}.layers.h5", f"{name}.layers.h5", "--html", f"{name}-twice.html"),
+        ("map", f"{name}.layers.h5", "-o", f"{name}.yaml"),
     ):
         done = subprocess.run(
             [sys.executable, "-m", "tofmix", *arguments], cwd=tmp_path, env=strict, capture_output=True, check=False

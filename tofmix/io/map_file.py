@@ -47,7 +47,10 @@ def encode_map(map_: FloorMap, path: Path, *, comment: str) -> dict[Path, bytes]
         If `path` does not end in .yaml or .yml.
     """
     image, text = map_paths(path)
-    return {image: _pgm(map_), text: _yaml(map_, image.name, comment).encode()}
+    return {
+        image: _pgm(map_),
+        text: _yaml(map_, image.name, comment).encode(errors="surrogateescape"),
+    }  # the image's own name
 
 
 def _pgm(map_: FloorMap) -> bytes:

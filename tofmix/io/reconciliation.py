@@ -22,6 +22,7 @@ from tofmix.errors import StorageError, UsageError, os_error_text
 from tofmix.io.atomic.atomic_group import write_atomic_group
 from tofmix.io.atomic.locks import hold_lock, release_lock
 from tofmix.io.atomic.storage import sync_folder
+from tofmix.wording import readable
 
 FILES = ("report.html", "gap.json")
 """In addition to the models and their maps."""
@@ -116,7 +117,7 @@ def write_folder(
     names = model_names(len(model_texts))
     gap_text = json.dumps(gap, indent=2, allow_nan=False) + "\n"
     for name, text in zip((*names, *FILES), (*model_texts, page, gap_text), strict=True):
-        contents[folder / name] = text.encode()
+        contents[folder / name] = readable(text).encode()
     with _folders({folder, *(path.parent for path in contents)}):
         write_atomic_group(contents, overwrite=overwrite, inputs=inputs)
     for stale in folder.glob("model_[0-9]*.toml"):  # of more recordings, by an earlier run

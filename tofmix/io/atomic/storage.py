@@ -17,6 +17,7 @@ from typing import Self
 from tofmix.errors import BadInputError, StorageError, UsageError, os_error_text
 from tofmix.io.atomic.locks import OutputLock, hold_lock, lock_output, release_lock
 from tofmix.io.atomic.partial_output import forget_partial_output, note_partial_output
+from tofmix.wording import readable
 
 
 class Sink:
@@ -232,9 +233,12 @@ def check_output(path: Path, *, overwrite: bool, inputs: tuple[Path, ...] = ()) 
 
 
 def write_text(path: Path, text: str, *, overwrite: bool, inputs: tuple[Path, ...] = ()) -> None:
-    """Write a text file whole or not at all, in UTF-8; refusals as for `AtomicFile`."""
+    """Write a text file whole or not at all, in UTF-8; refusals as for `AtomicFile`.
+
+    Bytes of a file's name that are no UTF-8 become the replacement character.
+    """
     with AtomicFile(path, overwrite=overwrite, inputs=inputs) as file:
-        file.sink.write(text.encode())
+        file.sink.write(readable(text).encode())
         file.commit()
 
 
