@@ -11,8 +11,11 @@ from support.modules import MODULES, PACKAGE, nodes
 RUNS_CODE = {"pickle", "cPickle", "_pickle", "dill", "cloudpickle", "shelve", "marshal", "joblib", "code", "runpy"}
 CONNECTS = {"socket", "ssl", "http", "urllib", "urllib3", "requests", "ftplib", "smtplib", "telnetlib", "aiohttp"}
 BUILTINS = {"eval", "exec", "compile", "__import__"}
-STARTS_PROGRAMS = {"io/guard/guard.py", "io/importers/matlab.py"}
+STARTS_PROGRAMS = {"io/guard/guard.py", "io/importers/matlab.py", "pipeline/first_run.py"}
 """Modules that start a process: each starts the interpreter with a file of the package, never what a file names."""
+
+KEEPS_CODE = {"compiled/kept.py"}
+"""Modules that read compiled code: from folders of the installation and of the user alone, never from a given file."""
 
 CALLS_C = {"io/guard/hdf5_memory.py"}
 """Modules that call C themselves: one function of the HDF5 library that h5py has loaded."""
@@ -46,7 +49,7 @@ def _calls(module: Path) -> dict[str, list[ast.Call]]:
 def _code_runners(module: Path) -> Iterator[str]:
     """What in a module could run code that a file holds, or open a connection."""
     tops = {name.split(".")[0] for name in _imported(module)}
-    yield from sorted(tops & (RUNS_CODE | CONNECTS))
+    yield from sorted(tops & (RUNS_CODE | CONNECTS) - ({"pickle"} if _name(module) in KEEPS_CODE else set()))
     if _name(module) not in CALLS_C:
         yield from sorted(tops & {"ctypes", "cffi"})
     calls = _calls(module)

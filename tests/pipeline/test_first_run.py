@@ -55,18 +55,18 @@ def test_the_named_kernels_are_there(kernels: list[str]) -> None:
 def test_no_second_process_is_started_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(first_run, "Beside", lambda *_: pytest.fail("a process was started"))
     monkeypatch.setattr(first_run, "is_kept", lambda _: True)
-    assert start_beside(["a.b"], "compile_learning") is None
+    assert start_beside(["a.b"], "learning") is None
     monkeypatch.setattr(first_run, "is_kept", lambda _: False)
     monkeypatch.setattr(first_run, "_processors", lambda: 1)
-    assert start_beside(["a.b"], "compile_learning") is None
+    assert start_beside(["a.b"], "learning") is None
     monkeypatch.setattr(first_run, "_processors", lambda: 2)
     monkeypatch.setattr(first_run, "cache_folder", lambda: None)
-    assert start_beside(["a.b"], "compile_learning") is None
+    assert start_beside(["a.b"], "learning") is None
 
 
 def test_a_second_process_that_fails_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kept, "_elsewhere", [])
-    beside = Beside(["nothing.of_this_name"], ("no such task",))
+    beside = Beside(["nothing.of_this_name"], ["no such task"])
     assert not kept._elsewhere[0]("another.kernel")
     assert not kept._elsewhere[0]("nothing.of_this_name")
     beside.end()

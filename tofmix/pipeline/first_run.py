@@ -5,16 +5,16 @@ the folder of kept code; this one waits for it where it needs the kernel, or com
 """
 
 import os
-import pickle
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
+from pathlib import Path
 
 from tofmix.compiled.kept import PACKAGE, cache_folder, compiled_elsewhere, is_kept
 from tofmix.compiled.watching import Unwatched, watched, watcher
-from tofmix.estimation.peaks.counters import Counter
+from tofmix.estimation.peaks.counters import COUNTERS, Counter
 from tofmix.estimation.settings import EstimateOptions, counts_with_learnt
 from tofmix.sensor import Sensor
 
@@ -39,20 +39,17 @@ class Beside:
     ----------
     kernels : sequence of str
         Kernels that it compiles, as `tofmix.compiled.kept` names them.
-    task : tuple
-        A function of this module by name, and its arguments.
+    tasks : sequence of str
+        What it does, as `main` takes it.
     """
 
-    def __init__(self, kernels: Sequence[str], task: tuple[object, ...]) -> None:
+    def __init__(self, kernels: Sequence[str], tasks: Sequence[str]) -> None:
         self._kernels = frozenset(kernels)
         path = os.pathsep.join(filter(None, (str(PACKAGE.parent), os.environ.get("PYTHONPATH"))))
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "tofmix.pipeline.first_run"], stdin=subprocess.PIPE,
+        self._process = subprocess.Popen(  # noqa: S603  this very file
+            [sys.executable, "-P", str(Path(__file__).with_name("first_run.py")), *tasks], stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ | {"PYTHONPATH": path},
         )  # fmt: skip
-        assert self._process.stdin is not None  # noqa: S101  a pipe was asked for
-        with suppress(OSError), self._process.stdin as stream:
-            stream.write(pickle.dumps(task))
         compiled_elsewhere(self._wait_for)
 
     def _wait_for(self, kernel: str) -> bool:
@@ -69,15 +66,15 @@ class Beside:
         self._process.wait()
 
 
-def start_beside(kernels: Sequence[str], *task: object) -> Beside | None:
+def start_beside(kernels: Sequence[str], *tasks: str) -> Beside | None:
     """Let a second process compile what is missing of some kernels.
 
     Parameters
     ----------
     kernels : sequence of str
         The kernels.
-    *task
-        A function of this module by name, and its arguments.
+    *tasks : str
+        What compiles them, as `main` takes it.
 
     Returns
     -------
@@ -88,7 +85,7 @@ def start_beside(kernels: Sequence[str], *task: object) -> Beside | None:
     if not missing or _processors() < 2 or not sys.executable or cache_folder() is None:  # noqa: PLR2004  two processes
         return None
     with suppress(OSError):  # no memory, or no process more
-        return Beside(missing, task)
+        return Beside(missing, tasks)
     return None
 
 
@@ -110,13 +107,14 @@ def compile_for(options: EstimateOptions, sensor: Sensor, *, unmixes: bool) -> N
     """
     from tofmix.estimation.layering import warm_up
 
-    others = _UNMIXING if unmixes else ()
+    others, tasks = (_UNMIXING, ["unmixing"]) if unmixes else ((), [])
     if not options.paper and not counts_with_learnt(sensor, options):
         others = (_kernel_of(options.counter), *others)
+        tasks += [name for name, kind in COUNTERS.items() if type(options.counter) is kind]
         watcher().expects(sum(not is_kept(kernel) for kernel in (_LAYERS, *others)))
         if is_kept(_LAYERS) and len(others) == 1:
             others = ()  # one kernel alone is compiled here
-    beside = start_beside(others, "compile_others", options, unmixes)
+    beside = start_beside(others, *tasks)
     warm_up(options, sensor)
     if beside is not None:
         beside.end()
@@ -126,36 +124,32 @@ def _kernel_of(counter: Counter) -> str:
     return f"{type(counter).__module__.removeprefix('tofmix.')}._fill"
 
 
-def compile_others(options: EstimateOptions, unmixes: bool) -> None:
-    """Compile what `compile_for` leaves to the second process."""
-    from tofmix.estimation.layering import find_made_up_peaks
-    from tofmix.unmixing.warm_up import warm_up
-
-    if unmixes:
-        warm_up()
-    if not options.paper:
-        find_made_up_peaks(options)
-
-
 def compile_learning_beside() -> Beside | None:
     """Let a second process compile half of the kernels that learn noise; the other half comes first here."""
     watcher().expects(sum(not is_kept(kernel) for kernel in (*_LEARNT_FIRST, *_LEARNT_LATER)))
-    return start_beside(_LEARNT_LATER, "compile_learning")
-
-
-def compile_learning() -> None:
-    """Compile what `compile_learning_beside` leaves to the second process."""
-    from tofmix.estimation.learnt.warm_up import warm_up_later
-
-    warm_up_later()
+    return start_beside(_LEARNT_LATER, "learning")
 
 
 def main() -> None:
-    """Do the task on standard input."""
-    name, *arguments = pickle.load(sys.stdin.buffer)  # noqa: S301  from the first process
-    tasks: dict[str, Callable[..., None]] = {"compile_others": compile_others, "compile_learning": compile_learning}
+    """Do the tasks that the command line names: ``unmixing``, ``learning``, or the peaks of a counter by its name."""
     with watched(Unwatched()):
-        tasks[name](*arguments)
+        for task in sys.argv[1:]:
+            _compile(task)
+
+
+def _compile(task: str) -> None:
+    if task == "unmixing":
+        from tofmix.unmixing.warm_up import warm_up
+
+        warm_up()
+    elif task == "learning":
+        from tofmix.estimation.learnt.warm_up import warm_up_later
+
+        warm_up_later()
+    else:
+        from tofmix.estimation.layering import find_made_up_peaks
+
+        find_made_up_peaks(EstimateOptions(counter=COUNTERS[task]()))
 
 
 if __name__ == "__main__":

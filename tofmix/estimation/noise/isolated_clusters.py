@@ -104,8 +104,8 @@ class PixelSigmas:
         stop = np.maximum(np.cumsum(curves.size)[pixel], 1)
         first = np.maximum(stop - size, 0)
         low, high = np.clip(after - 1, first, stop - 1), np.clip(after, first, stop - 1)
-        length = np.maximum(ranges[high] - ranges[low], np.finfo(float).tiny)
-        part = np.clip((range_mm - ranges[low]) / length, 0.0, 1.0)
+        length = ranges[high] - ranges[low]
+        part = np.clip((range_mm - ranges[low]) / np.where(length > 0.0, length, 1.0), 0.0, 1.0)
         return np.where(size > 0, sigmas[low] + part * (sigmas[high] - sigmas[low]), common)
 
 
