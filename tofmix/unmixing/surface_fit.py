@@ -23,12 +23,12 @@ MOST_SURFACES = 4
 _TINY = 1.0e-30
 """Least divisor."""
 
-_NUMBERS, _INDICES = 13, 8
+_NUMBERS, _INDICES = 15, 9
 """Rows of the scratch, of numbers and of indices. The columns are the members in a window, in the order of places."""
 
 _COSINE, _X, _Y, _INVERSE, _VARIANCE, _VALUE, _ERROR = range(7)
-_OWN_X, _OWN_Y, _OWN_VALUE, _OWN_WEIGHT, _OWN_VARIANCE, _RESIDUAL = range(7, _NUMBERS)
-_OTHER, _DOWN, _RIGHT, _ORDER, _GROUP, _SIZE, _CLOSE, _OWN = range(_INDICES)
+_OWN_X, _OWN_Y, _OWN_VALUE, _OWN_WEIGHT, _OWN_VARIANCE, _RESIDUAL, _LIGHT, _LIGHT_ERROR = range(7, _NUMBERS)
+_OTHER, _DOWN, _RIGHT, _ORDER, _GROUP, _SIZE, _CLOSE, _OWN, _LINE = range(_INDICES)
 
 
 class Members(NamedTuple):
@@ -53,6 +53,9 @@ class Members(NamedTuple):
         m of 1 / r = m . d, 1 / mm.
     middle : int64
         Pixel in the middle of the plane's window.
+    line : int64
+        Number of the narrow surface that the pixel sees (`tofmix.unmixing.lines`): its pixels predict together, by
+        their line. -1: none.
     """
 
     is_member: BoolArray
@@ -63,6 +66,7 @@ class Members(NamedTuple):
     is_fresh: BoolArray
     plane: FloatArray
     middle: IntArray
+    line: IntArray
 
 
 class NeighbourSurfaces(NamedTuple):
@@ -115,10 +119,11 @@ def fill_surfaces(
     """
     places = (2 * settings.reach + 1) ** 2 - 1  # the middle left out
     numbers, indices = np.empty((_NUMBERS, places)), np.empty((_INDICES, places), np.int64)
-    normal = np.empty((4, 3))
+    normal, fit = np.empty((4, 3)), np.empty((4, 3))
     for at in range(len(pixels)):
         pixel = pixels[at]
         count = _gather(pixel, rows, cols, beams, measured, members, pattern_variance, numbers, indices, settings)
+        _predict_lines(pixel, count, texture_variance, beams, measured, numbers, indices, normal, fit, settings)
         groups = _sort(count, numbers, indices, settings)
         _measure(count, groups, indices, settings.near)
         for number in range(MOST_SURFACES):
@@ -159,6 +164,7 @@ def _gather(
             square = inverse * inverse
             variance = (measured.range_variance[other] + pattern_variance) * square * square
             indices[_OTHER, count], indices[_DOWN, count], indices[_RIGHT, count] = other, r - row, c - col
+            indices[_LINE, count] = members.line[other]
             numbers[_COSINE, count], numbers[_INVERSE, count], numbers[_VARIANCE, count] = cosine, inverse, variance
             numbers[_X, count] = dot(way, beams.across[pixel]) / cosine / beams.pitch_across[pixel]
             numbers[_Y, count] = dot(way, beams.down[pixel]) / cosine / beams.pitch_down[pixel]
@@ -174,6 +180,69 @@ def _gather(
                 numbers[_ERROR, count] = variance + away * free * square
             count += 1
     return count
+
+
+@borrowing
+def _predict_lines(
+    pixel: int, count: int, texture_variance: float, beams: Beams, measured: Measured, numbers: FloatArray,
+    indices: IntArray, normal: FloatArray, fit: FloatArray, settings: NeighbourSettings,
+) -> None:  # fmt: skip
+    """Let the members of each narrow surface predict together: 1 / r and u at the pixel, with their variances.
+
+    A line of pixels determines the slope along itself; the slope across it has the variance of the prior.
+    """
+    pitch, coefficients, covariance = _pitch(pixel, beams), fit[0], fit[1:]
+    light_slope = settings.light_slope * pitch + settings.least_light_slope
+    for first in range(count):
+        line = indices[_LINE, first]
+        is_done = line < 0
+        for k in range(first):
+            is_done = is_done or indices[_LINE, k] == line
+        if is_done:
+            continue
+        size = 0
+        for k in range(count):
+            if indices[_LINE, k] == line:
+                indices[_OWN, size] = k
+                size += 1
+        x, y, value, weight = numbers[_OWN_X, :size], numbers[_OWN_Y, :size], numbers[_OWN_VALUE, :size], \
+            numbers[_OWN_WEIGHT, :size]  # fmt: skip
+        variance, residual = numbers[_OWN_VARIANCE, :size], numbers[_RESIDUAL, :size]
+        level = 0.0
+        for k in range(size):
+            place = indices[_OWN, k]
+            level += numbers[_INVERSE, place] / numbers[_COSINE, place] / size
+        for k in range(size):
+            place = indices[_OWN, k]
+            x[k], y[k], variance[k] = numbers[_X, place], numbers[_Y, place], numbers[_VARIANCE, place]
+            value[k], weight[k] = numbers[_INVERSE, place] / numbers[_COSINE, place] - level, 1.0 / variance[k]
+        slope = settings.free_slope * pitch * level
+        fit_plane(x, y, value, weight, 1.0 / (slope * slope), normal, coefficients, covariance, residual)
+        _widen(size, residual, weight, variance, covariance, settings.chance_sigmas)
+        for k in range(size):
+            place = indices[_OWN, k]
+            numbers[_VALUE, place], numbers[_ERROR, place] = level + coefficients[0], covariance[0, 0]
+        level = 0.0
+        for k in range(size):
+            level += measured.log_light[indices[_OTHER, indices[_OWN, k]]] / size
+        for k in range(size):
+            place = indices[_OWN, k]
+            other = indices[_OTHER, place]
+            variance[k] = _light_variance(other, numbers[_INVERSE, place], texture_variance, measured)
+            value[k], weight[k] = measured.log_light[other] - level, 1.0 / variance[k]
+        fit_plane(x, y, value, weight, 1.0 / (light_slope * light_slope), normal, coefficients, covariance, residual)
+        _widen(size, residual, weight, variance, covariance, settings.chance_sigmas)
+        for k in range(size):
+            place = indices[_OWN, k]
+            numbers[_LIGHT, place], numbers[_LIGHT_ERROR, place] = level + coefficients[0], covariance[0, 0]
+
+
+@borrowing
+def _light_variance(other: int, inverse: float, texture_variance: float, measured: Measured) -> float:
+    """Variance of a pixel's u."""
+    return float(
+        measured.light_variance[other] + 9.0 * measured.range_variance[other] * inverse * inverse + texture_variance
+    )
 
 
 @borrowing
@@ -195,10 +264,21 @@ def _sort(count: int, numbers: FloatArray, indices: IntArray, settings: Neighbou
         if k > 0:
             before = order[k - 1]
             apart = settings.apart_sigmas * math.sqrt(2.0 * min(error[here], error[before]))
-            if value[here] - value[before] > max(apart, settings.apart * abs(value[before])):
+            if value[here] - value[before] > max(apart, settings.apart * abs(value[before])) or _have_other_light(
+                here, before, numbers, indices, settings.apart_sigmas
+            ):
                 number += 1
         group[here] = number
     return number + 1 if count > 0 else 0
+
+
+@borrowing
+def _have_other_light(here: int, before: int, numbers: FloatArray, indices: IntArray, apart_sigmas: float) -> bool:
+    """Whether two members are of narrow surfaces whose u differs: a slope across them may hide that their ranges do."""
+    one, other = indices[_LINE, here], indices[_LINE, before]
+    step = numbers[_LIGHT, here] - numbers[_LIGHT, before]
+    error = numbers[_LIGHT_ERROR, here] + numbers[_LIGHT_ERROR, before]
+    return bool(one >= 0 and other >= 0 and one != other and step * step > apart_sigmas * apart_sigmas * error)
 
 
 @borrowing
@@ -305,10 +385,7 @@ def _fit_light(
     for k in range(size):
         place = indices[_OWN, k]
         other, inverse = indices[_OTHER, place], numbers[_INVERSE, place]
-        variance[k] = (
-            measured.light_variance[other] + 9.0 * measured.range_variance[other] * inverse * inverse
-            + texture_variance
-        )  # fmt: skip
+        variance[k] = _light_variance(other, inverse, texture_variance, measured)
         used = weight[k] > 0.0 and (members.has_light[other] or not lit)
         away = indices[_DOWN, place] ** 2 + indices[_RIGHT, place] ** 2
         weight[k] = math.exp(-away / (2.0 * settings.light_reach**2)) / variance[k] if used else 0.0
