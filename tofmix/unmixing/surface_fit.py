@@ -249,7 +249,8 @@ def _light_variance(other: int, inverse: float, texture_variance: float, measure
 def _sort(count: int, numbers: FloatArray, indices: IntArray, settings: NeighbourSettings) -> int:
     """Number the surfaces that members belong to, from far to near, and return how many there are.
 
-    Predictions are put in order; where the step to the next is larger than their errors, a new surface begins.
+    Predictions are put in order; where the step to the next is larger than their errors, a new surface begins. So it
+    does where a prediction contradicts the most certain one of the surface, which vague ones between would connect.
     """
     value, error, order, group = numbers[_VALUE], numbers[_ERROR], indices[_ORDER], indices[_GROUP]
     for k in range(count):
@@ -258,18 +259,44 @@ def _sort(count: int, numbers: FloatArray, indices: IntArray, settings: Neighbou
             order[at] = order[at - 1]
             at -= 1
         order[at] = k
-    number = 0
+    begins = indices[_SIZE]
+    best = -1
     for k in range(count):
         here = order[k]
+        begins[k] = 0
         if k > 0:
             before = order[k - 1]
             apart = settings.apart_sigmas * math.sqrt(2.0 * min(error[here], error[before]))
-            if value[here] - value[before] > max(apart, settings.apart * abs(value[before])) or _have_other_light(
-                here, before, numbers, indices, settings.apart_sigmas
+            if (
+                value[here] - value[before] > max(apart, settings.apart * abs(value[before]))
+                or _contradicts(here, best, numbers, settings)
+                or _have_other_light(here, before, numbers, indices, settings.apart_sigmas)
             ):
-                number += 1
-        group[here] = number
+                begins[k] = 1
+        if begins[k] == 1 or k == 0 or error[here] < error[best]:
+            best = here
+    best = -1
+    for k in range(count - 1, -1, -1):
+        here = order[k]
+        if best < 0 or begins[k + 1] == 1:
+            best = here
+        elif _contradicts(here, best, numbers, settings):
+            begins[k + 1], best = 1, here
+        elif error[here] < error[best]:
+            best = here
+    number = 0
+    for k in range(count):
+        number += begins[k]
+        group[order[k]] = number
     return number + 1 if count > 0 else 0
+
+
+@borrowing
+def _contradicts(one: int, other: int, numbers: FloatArray, settings: NeighbourSettings) -> bool:
+    """Whether two predictions differ by more than both errors."""
+    value, error = numbers[_VALUE], numbers[_ERROR]
+    apart = settings.apart_sigmas * math.sqrt(error[one] + error[other])
+    return bool(abs(value[one] - value[other]) > max(apart, settings.apart * abs(value[other])))
 
 
 @borrowing
