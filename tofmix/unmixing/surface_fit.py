@@ -122,7 +122,8 @@ def fill_surfaces(
     normal, fit = np.empty((4, 3)), np.empty((4, 3))
     for at in range(len(pixels)):
         pixel = pixels[at]
-        count = _gather(pixel, rows, cols, beams, measured, members, pattern_variance, numbers, indices, settings)
+        count = _gather(pixel, rows, cols, beams, measured, members, pattern_variance, texture_variance, numbers,
+                        indices, settings)  # fmt: skip
         _predict_lines(pixel, count, texture_variance, beams, measured, numbers, indices, normal, fit, settings)
         groups = _sort(count, numbers, indices, settings)
         _measure(count, groups, indices, settings.near)
@@ -147,12 +148,13 @@ def _pitch(pixel: int, beams: Beams) -> float:
 @borrowing
 def _gather(
     pixel: int, rows: int, cols: int, beams: Beams, measured: Measured, members: Members, pattern_variance: float,
-    numbers: FloatArray, indices: IntArray, settings: NeighbourSettings,
+    texture_variance: float, numbers: FloatArray, indices: IntArray, settings: NeighbourSettings,
 ) -> int:  # fmt: skip
     """Collect the members around a pixel: where they are, and their prediction of 1 / r there with its variance."""
     row, col = pixel // cols, pixel % cols
     own = beams.direction[pixel]
     free = (settings.free_slope * _pitch(pixel, beams)) ** 2
+    light_free = (settings.light_slope * _pitch(pixel, beams) + settings.least_light_slope) ** 2
     count = 0
     for r in range(max(row - settings.reach, 0), min(row + settings.reach + 1, rows)):
         for c in range(max(col - settings.reach, 0), min(col + settings.reach + 1, cols)):
@@ -168,6 +170,11 @@ def _gather(
             numbers[_COSINE, count], numbers[_INVERSE, count], numbers[_VARIANCE, count] = cosine, inverse, variance
             numbers[_X, count] = dot(way, beams.across[pixel]) / cosine / beams.pitch_across[pixel]
             numbers[_Y, count] = dot(way, beams.down[pixel]) / cosine / beams.pitch_down[pixel]
+            away = (r - row) ** 2 + (c - col) ** 2
+            numbers[_LIGHT, count] = measured.log_light[other]
+            numbers[_LIGHT_ERROR, count] = (
+                _light_variance(other, inverse, texture_variance, measured) + away * light_free
+            )
             if members.has_plane[other]:
                 middle = members.middle[other]
                 down, right = middle // cols - row, middle % cols - col
@@ -175,7 +182,6 @@ def _gather(
                 # A plane through 3 x 3 points has the variance 1 / 9 in its middle, and a slope the variance 1 / 6.
                 numbers[_ERROR, count] = variance * (1.0 / 9.0 + (down * down + right * right) / 6.0)
             else:
-                away = (r - row) ** 2 + (c - col) ** 2
                 numbers[_VALUE, count] = inverse / cosine
                 numbers[_ERROR, count] = variance + away * free * square
             count += 1
@@ -189,7 +195,8 @@ def _predict_lines(
 ) -> None:  # fmt: skip
     """Let the members of each narrow surface predict together: 1 / r and u at the pixel, with their variances.
 
-    A line of pixels determines the slope along itself; the slope across it has the variance of the prior.
+    A line of pixels determines the slope along itself. Across it a small slope is expected: any two lines lie on a
+    plane, so lines that need a steep one to agree may be of two surfaces.
     """
     pitch, coefficients, covariance = _pitch(pixel, beams), fit[0], fit[1:]
     light_slope = settings.light_slope * pitch + settings.least_light_slope
@@ -216,7 +223,7 @@ def _predict_lines(
             place = indices[_OWN, k]
             x[k], y[k], variance[k] = numbers[_X, place], numbers[_Y, place], numbers[_VARIANCE, place]
             value[k], weight[k] = numbers[_INVERSE, place] / numbers[_COSINE, place] - level, 1.0 / variance[k]
-        slope = settings.free_slope * pitch * level
+        slope = settings.known_slope * pitch * level
         fit_plane(x, y, value, weight, 1.0 / (slope * slope), normal, coefficients, covariance, residual)
         _widen(size, residual, weight, variance, covariance, settings.chance_sigmas)
         for k in range(size):
@@ -269,8 +276,7 @@ def _sort(count: int, numbers: FloatArray, indices: IntArray, settings: Neighbou
             apart = settings.apart_sigmas * math.sqrt(2.0 * min(error[here], error[before]))
             if (
                 value[here] - value[before] > max(apart, settings.apart * abs(value[before]))
-                or _contradicts(here, best, numbers, settings)
-                or _have_other_light(here, before, numbers, indices, settings.apart_sigmas)
+                or _contradicts(here, best, numbers, indices, settings)
             ):
                 begins[k] = 1
         if begins[k] == 1 or k == 0 or error[here] < error[best]:
@@ -280,7 +286,7 @@ def _sort(count: int, numbers: FloatArray, indices: IntArray, settings: Neighbou
         here = order[k]
         if best < 0 or begins[k + 1] == 1:
             best = here
-        elif _contradicts(here, best, numbers, settings):
+        elif _contradicts(here, best, numbers, indices, settings):
             begins[k + 1], best = 1, here
         elif error[here] < error[best]:
             best = here
@@ -292,20 +298,20 @@ def _sort(count: int, numbers: FloatArray, indices: IntArray, settings: Neighbou
 
 
 @borrowing
-def _contradicts(one: int, other: int, numbers: FloatArray, settings: NeighbourSettings) -> bool:
-    """Whether two predictions differ by more than both errors."""
-    value, error = numbers[_VALUE], numbers[_ERROR]
+def _contradicts(
+    one: int, other: int, numbers: FloatArray, indices: IntArray, settings: NeighbourSettings
+) -> bool:  # fmt: skip
+    """Whether two predictions differ by more than both errors.
+
+    The slope across a narrow surface may be that to a pixel of another one, so there the predictions of light count too.
+    """
+    value, error, light, light_error = numbers[_VALUE], numbers[_ERROR], numbers[_LIGHT], numbers[_LIGHT_ERROR]
     apart = settings.apart_sigmas * math.sqrt(error[one] + error[other])
-    return bool(abs(value[one] - value[other]) > max(apart, settings.apart * abs(value[other])))
-
-
-@borrowing
-def _have_other_light(here: int, before: int, numbers: FloatArray, indices: IntArray, apart_sigmas: float) -> bool:
-    """Whether two members are of narrow surfaces whose u differs: a slope across them may hide that their ranges do."""
-    one, other = indices[_LINE, here], indices[_LINE, before]
-    step = numbers[_LIGHT, here] - numbers[_LIGHT, before]
-    error = numbers[_LIGHT_ERROR, here] + numbers[_LIGHT_ERROR, before]
-    return bool(one >= 0 and other >= 0 and one != other and step * step > apart_sigmas * apart_sigmas * error)
+    if abs(value[one] - value[other]) > max(apart, settings.apart * abs(value[other])):
+        return True
+    apart = settings.apart_sigmas * math.sqrt(light_error[one] + light_error[other])
+    is_narrow = indices[_LINE, one] >= 0 or indices[_LINE, other] >= 0
+    return bool(is_narrow and abs(light[one] - light[other]) > apart)
 
 
 @borrowing
