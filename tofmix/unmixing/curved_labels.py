@@ -1,0 +1,226 @@
+"""Labels beside surfaces that bend: in rounds, from the pixels that surely see one surface towards the limbs.
+
+Planes label the image first (`tofmix.unmixing.labels`). Here segments of smooth surfaces are found. Where all of them
+are planes, nothing changes. Around a segment that bends, pixels are judged anew: those that a surface fills join it, and
+the next round sees farther. Mixed pixels are what is left.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from tofmix.arrays import BoolArray, IntArray
+from tofmix.image.smooth.scales import Scales, learn_scales
+from tofmix.image.smooth.segments import rim_of, segments_of
+from tofmix.image.smooth.view import View
+from tofmix.unmixing.curved import REACH, Bent, Verdicts, judge_bent
+from tofmix.unmixing.functions import near
+from tofmix.unmixing.hypotheses import Kind
+from tofmix.unmixing.image import PhasorImage, polar_covariance, variance_along
+from tofmix.unmixing.labels import Labels
+
+_ROUNDS = 8
+_LEAVING, _RELEARNT = 1, 2  # rounds in which members at the rim may leave, and after which scales are learnt again
+_SURE = 0.9
+"""Probability from which on a surface that fills a pixel has it."""
+_BESIDE = 2  # pixels from a segment, within which a pixel may join it
+_EDGE = 0.02
+"""Share of the lesser surface below which a pixel is of one surface."""
+
+
+def label_curved(image: PhasorImage, labels: Labels) -> Labels:
+    """Label the pixels beside surfaces that bend.
+
+    Parameters
+    ----------
+    image : PhasorImage
+        The window.
+    labels : Labels
+        By planes.
+
+    Returns
+    -------
+    Labels
+        The same object where nothing bends.
+    """
+    view = view_of(image, labels)
+    segment = segments_of(view)
+    count = int(segment.max()) + 1
+    if not count or image.open_space.all():
+        return labels
+    scales = learn_scales(view, segment, np.arange(count), REACH)
+    bent = ~scales.is_flat()
+    if not bent.any():
+        return labels
+    grid = image.shape
+    beside_open = near(image.open_space.reshape(grid), REACH).ravel()
+    area = near((bent[segment] & (segment >= 0)).reshape(grid), REACH).ravel() & image.valid & ~beside_open
+    if not area.any():
+        return labels
+    segment, pixels, verdicts = _grown(image, view, segment, scales, area, labels.seeds.texture_variance)
+    return _merged(image, labels, segment, bent, area, pixels, verdicts)
+
+
+def view_of(image: PhasorImage, labels: Labels) -> View:
+    """The image as smooth surfaces take it."""
+    return View(
+        shape=image.shape, scale_mm=image.scale_mm, valid=image.valid, range_mm=image.range_mm,
+        range_variance=image.range_variance + labels.seeds.pattern_variance,
+        log_amplitude=np.log(np.where(image.valid, image.amplitude, 1.0)), amplitude_variance=image.light_variance,
+        direction=image.directions, right=image.across * image.pitch_across[:, np.newaxis],
+        below=image.down * image.pitch_down[:, np.newaxis], pitch=image.pitch,
+    )  # fmt: skip
+
+
+class _Judged:
+    """Verdicts on pixels, and the surroundings that each was judged in: a pixel is judged again when these change."""
+
+    def __init__(self, image: PhasorImage, view: View, texture_variance: float) -> None:
+        self._image, self._view, self._texture = image, view, texture_variance
+        self._around: dict[int, bytes] = {}
+        self.verdict: dict[int, tuple[np.ndarray, ...]] = {}  # type: ignore[type-arg]
+
+    def judge(self, segment: IntArray, scales: Scales, pixels: IntArray) -> IntArray:
+        """Judge what has not been judged in these surroundings; the pixels that were."""
+        grid = segment.reshape(self._view.shape)
+        fresh = []
+        for pixel in pixels.tolist():
+            row, col = divmod(pixel, self._view.shape[1])
+            window = grid[max(row - REACH, 0) : row + REACH + 1, max(col - REACH, 0) : col + REACH + 1].copy()
+            mark = window.tobytes()
+            if self._around.get(pixel) != mark:
+                self._around[pixel] = mark
+                fresh.append(pixel)
+        if not fresh:
+            return np.zeros(0, np.int64)
+        chosen = np.array(fresh, dtype=np.int64)
+        for start in range(0, chosen.size, _CHUNK):
+            block = chosen[start : start + _CHUNK]
+            found = judge_bent(self._image, self._view, segment, block, scales, self._texture)
+            for place, pixel in enumerate(block.tolist()):
+                self.verdict[pixel] = tuple(part[place] for part in found)
+        return chosen
+
+
+_CHUNK = 128
+"""Pixels that are judged at once: the draws of their surfaces take some 100 MB."""
+
+
+def _grown(
+    image: PhasorImage, view: View, segment: IntArray, scales: Scales, area: BoolArray, texture_variance: float
+) -> tuple[IntArray, IntArray, Verdicts]:
+    """Segments with the pixels that joined, and the verdicts on those of the area that are in none."""
+    judged = _Judged(image, view, texture_variance)
+    segment = segment.copy()
+    for number in range(_ROUNDS):
+        candidates = _open_pixels(segment, area, view)
+        judged.judge(segment, scales, candidates)
+        joined = 0
+        changed = segment.copy()
+        for pixel in candidates.tolist():
+            verdict = judged.verdict[pixel]
+            if verdict[0] == Bent.ONE and verdict[1] > _SURE:
+                changed[pixel] = verdict[2]
+                joined += 1
+        segment = changed
+        if not joined and number >= _RELEARNT:
+            break
+        if number == _LEAVING:
+            rim = np.flatnonzero(rim_of(segment >= 0, view.shape) & area)
+            for pixel in judged.judge(segment, scales, rim).tolist():
+                if judged.verdict[pixel][0] != Bent.ONE:
+                    segment[pixel] = -1
+        if number == _RELEARNT:
+            bent = np.flatnonzero(~scales.is_flat())
+            again = learn_scales(view, segment, bent, REACH)
+            for old, new in zip(scales, again, strict=True):
+                old[bent] = new
+    pixels = np.array([pixel for pixel in np.flatnonzero(area & (segment < 0)).tolist() if pixel in judged.verdict])
+    parts = zip(*(judged.verdict[pixel] for pixel in pixels.tolist()), strict=True)
+    return segment, pixels.astype(np.int64), Verdicts(*(np.array(part) for part in parts)) if pixels.size else _nothing()
+
+
+def _open_pixels(segment: IntArray, area: BoolArray, view: View) -> IntArray:
+    return np.flatnonzero(area & (segment < 0) & near((segment >= 0).reshape(view.shape), _BESIDE).ravel())
+
+
+def _nothing() -> Verdicts:
+    return Verdicts(
+        np.zeros(0, np.int64), np.zeros(0), np.zeros(0, np.int64), np.zeros((0, 2), np.int64), np.zeros((0, 5)),
+        np.zeros((0, 5, 5)), np.zeros(0, np.complex128), np.zeros(0),
+    )  # fmt: skip
+
+
+def _merged(
+    image: PhasorImage, labels: Labels, segment: IntArray, bent: BoolArray, area: BoolArray, pixels: IntArray,
+    verdicts: Verdicts,
+) -> Labels:  # fmt: skip
+    """Labels of planes, in the area replaced by those of smooth surfaces where one of these bends."""
+    names = (
+        "kind", "probability", "range_mm", "range_variance", "share", "share_variance", "is_known", "is_fresh", "chord",
+        "scatter", "log_density", "is_surface",
+    )  # fmt: skip
+    out = {name: getattr(labels, name).copy() for name in names}
+
+    def clear(which: IntArray) -> None:
+        for name in ("range_mm", "range_variance", "share", "share_variance"):
+            out[name][which] = np.nan
+        out["is_known"][which], out["is_fresh"][which] = True, False
+        out["chord"][which], out["scatter"][which] = 0.0, 0.0
+
+    inside = np.flatnonzero(area & (segment >= 0) & bent[np.maximum(segment, 0)])
+    clear(inside)
+    out["kind"][inside], out["probability"][inside], out["is_surface"][inside] = int(Kind.CONTINUED), 1.0, True
+    is_pair = np.isin(verdicts.kind, (Bent.LIMB, Bent.CUT))
+    with_bent = is_pair & bent[np.maximum(verdicts.pair, 0)].any(axis=1)
+    share = verdicts.mean[:, 0]
+    with np.errstate(invalid="ignore"):
+        lesser = with_bent & (np.minimum(share, 1.0 - share) < _EDGE)
+    one = (verdicts.kind == Bent.ONE) & bent[np.maximum(verdicts.one, 0)]
+    single = pixels[lesser | one]
+    clear(single)
+    out["kind"][single], out["is_surface"][single] = int(Kind.CONTINUED), True
+    out["probability"][single] = verdicts.probability[lesser | one]
+    two = np.flatnonzero(with_bent & ~lesser)
+    mixed, mean, covariance = pixels[two], verdicts.mean[two], verdicts.covariance[two]
+    clear(mixed)
+    out["kind"][mixed], out["is_surface"][mixed] = int(Kind.PAIR), False
+    out["probability"][mixed], out["log_density"][mixed] = verdicts.probability[two], verdicts.log_density[two]
+    out["chord"][mixed] = verdicts.chord[two]
+    out["share"][mixed, 0], out["share"][mixed, 1] = mean[:, 0], 1.0 - mean[:, 0]
+    out["share_variance"][mixed, :2] = covariance[:, :1, 0]
+    out["range_mm"][mixed, 0], out["range_mm"][mixed, 1] = mean[:, 2], mean[:, 4]
+    out["range_variance"][mixed, 0], out["range_variance"][mixed, 1] = covariance[:, 2, 2], covariance[:, 4, 4]
+    out["scatter"][mixed] = _scatter(image, segment, mixed, verdicts.pair[two], mean, verdicts.chord[two])
+    vague = pixels[(verdicts.kind == Bent.NEW) & _beside(segment, bent, pixels, image.shape)]
+    doubtful = vague[labels.is_surface[vague] | np.isin(labels.kind[vague], (Kind.PAIR, Kind.TRIPLE))]
+    clear(doubtful)
+    out["kind"][doubtful], out["is_surface"][doubtful], out["probability"][doubtful] = int(Kind.NEW), False, 0.0
+    return replace(labels, **out)
+
+
+def _beside(segment: IntArray, bent: BoolArray, pixels: IntArray, shape: tuple[int, int]) -> BoolArray:
+    """Which pixels have a segment that bends within a pixel or two."""
+    mask = (segment >= 0) & bent[np.maximum(segment, 0)]
+    return near(mask.reshape(shape), _BESIDE).ravel()[pixels]
+
+
+def _scatter(
+    image: PhasorImage, segment: IntArray, pixels: IntArray, pair: IntArray, mean: "np.ndarray", chord: "np.ndarray"
+) -> "np.ndarray":  # type: ignore[type-arg]
+    """Variance (n,) along the chord of samples of one surface each, by the noise of both segments where seen alone."""
+    count = int(segment.max()) + 1
+    inside = segment >= 0
+    size = np.maximum(np.bincount(segment[inside], minlength=count), 1)
+    tangential, radial = (
+        np.bincount(segment[inside], weights=part[inside], minlength=count) / size
+        for part in (image.scatter_tangential, image.scatter_radial)
+    )
+    along = chord / np.maximum(np.abs(chord), 1e-30)
+    total = np.zeros(len(pixels))
+    for end in (0, 1):
+        phasor = np.exp(mean[:, 1 + 2 * end] + 1j * mean[:, 2 + 2 * end] / image.scale_mm)
+        number = pair[:, end]
+        part = mean[:, 0] if end == 0 else 1.0 - mean[:, 0]
+        total += part * variance_along(polar_covariance(phasor, tangential[number], radial[number]), along)
+    return total
