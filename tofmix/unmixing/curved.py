@@ -47,6 +47,8 @@ _NEAREST = 2  # pixels, within which a surface must have one
 _SIDE = 8
 _PARTS = _SIDE * _SIDE
 _PLACES = grid_of_places(_SIDE)
+_COARSE = grid_of_places(3)
+"""Parts of a pixel beside one surface alone: the mean over it needs no more."""
 _DRAWS = 64
 _ALL = 0.995  # share of the parts that counts as all
 _SOME = 0.01  # and as some
@@ -131,13 +133,19 @@ def judge_bent(
     patches = fit_patches(view, at, members, scales.bend[number], scales.third[number])
     patches = patches._replace(covariance=patches.covariance * scales.inflation[number][:, np.newaxis, np.newaxis])
     lit = with_light(view, at, patches, texture_variance)
-    side = _middle(view, at, members)
-    seen = _see(view, at, lit)
-    phasor, noise = image.phasor[at], _matrix(image.mean_covariance[at])
     largest = 1.5 * float(np.quantile(image.amplitude[image.valid], 0.999))
     best = _Best(len(pixels), math.log(PRIORS[Bent.NEW]) - math.log(math.pi * largest**2))
-    count = np.bincount(owner, minlength=len(pixels))
-    best.put_one(owner, number, math.log(PRIORS[Bent.ONE]) - np.log(count[owner]) + _one(seen, phasor, noise, view))
+    count = np.bincount(owner, minlength=len(pixels))[owner]
+    log_prior = math.log(PRIORS[Bent.ONE]) - np.log(count)
+    alone, several = np.flatnonzero(count == 1), np.flatnonzero(count > 1)
+    seen = _see(view, at[alone], _some(lit, alone), _COARSE)
+    log = _one(seen, image.phasor[at[alone]], _matrix(image.mean_covariance[at[alone]]), view)
+    best.put_one(owner[alone], number[alone], log_prior[alone] + log)
+    owner, number, at, lit, log_prior = owner[several], number[several], at[several], _some(lit, several), log_prior[several]
+    side = _middle(view, at, members[several])
+    seen = _see(view, at, lit, _PLACES)
+    phasor, noise = image.phasor[at], _matrix(image.mean_covariance[at])
+    best.put_one(owner, number, log_prior + _one(seen, phasor, noise, view))
     first, second = _pairs(owner, seen)
     for start in range(0, first.size, _BLOCK):
         a, b = first[start : start + _BLOCK], second[start : start + _BLOCK]
@@ -183,16 +191,20 @@ _NORMAL = np.concatenate([_NORMAL, -_NORMAL])
 """Standard normal numbers of the draws, each with its negative: the same in each run."""
 
 
-def _see(view: View, at: IntArray, lit: Lit) -> _Seen:
-    """Draw the surfaces, and see them through the parts of their pixels."""
-    n = len(at)
+def _some(lit: Lit, which: IntArray) -> Lit:
+    return Lit(lit.patches.some(which), *(part[which] for part in lit[1:]))
+
+
+def _see(view: View, at: IntArray, lit: Lit, places: FloatArray) -> _Seen:
+    """Draw the surfaces, and see them through the parts of their pixels, whose middles are at `places`."""
+    n, parts = len(at), len(places)
     state, covariance = lit.state, np.where(lit.fitted[:, np.newaxis, np.newaxis], lit.covariance, np.eye(STATES))
     sd = np.sqrt(np.maximum(covariance[:, range(STATES), range(STATES)], 1e-300))
     relative = covariance / sd[:, :, np.newaxis] / sd[:, np.newaxis, :] + 1e-9 * np.eye(STATES)
     spread = np.linalg.cholesky(relative) * sd[:, :, np.newaxis]
     draws = state[:, np.newaxis] + np.einsum("nij,sj->nsi", spread, _NORMAL)
-    rays = view.rays(at, _PLACES)
-    range_mm, cosine = np.empty((n, _DRAWS, _PARTS)), np.empty((n, _DRAWS, _PARTS))
+    rays = view.rays(at, places)
+    range_mm, cosine = np.empty((n, _DRAWS, parts)), np.empty((n, _DRAWS, parts))
     frame = lit.patches.frame
     for start in range(0, n, _BLOCK):
         part = slice(start, start + _BLOCK)

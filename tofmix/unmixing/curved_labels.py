@@ -52,13 +52,14 @@ def label_curved(image: PhasorImage, labels: Labels) -> Labels:
     bent = ~scales.is_flat()
     if not bent.any():
         return labels
-    grid = image.shape
-    beside_open = near(image.open_space.reshape(grid), REACH).ravel()
-    area = near((bent[segment] & (segment >= 0)).reshape(grid), REACH).ravel() & image.valid & ~beside_open
-    if not area.any():
-        return labels
-    segment, pixels, verdicts = _grown(image, view, segment, scales, area, labels.seeds.texture_variance)
-    return _merged(image, labels, segment, bent, area, pixels, verdicts)
+    allowed = image.valid & ~near(image.open_space.reshape(image.shape), REACH).ravel()
+    segment, pixels, verdicts = _grown(image, view, segment, scales, bent, allowed, labels.seeds.texture_variance)
+    return _merged(image, labels, segment, bent, allowed, pixels, verdicts)
+
+
+def _beside(segment: IntArray, bent: BoolArray, shape: tuple[int, int], reach: int) -> BoolArray:
+    """Which pixels (pixel,) have one of a segment that bends within `reach`."""
+    return near(((segment >= 0) & bent[segment]).reshape(shape), reach).ravel()
 
 
 def view_of(image: PhasorImage, labels: Labels) -> View:
@@ -107,12 +108,14 @@ _CHUNK = 128
 
 
 def _grown(
-    image: PhasorImage, view: View, segment: IntArray, scales: Scales, area: BoolArray, texture_variance: float
-) -> tuple[IntArray, IntArray, Verdicts]:
-    """Segments with the pixels that joined, and the verdicts on those of the area that are in none."""
+    image: PhasorImage, view: View, segment: IntArray, scales: Scales, bent: BoolArray, allowed: BoolArray,
+    texture_variance: float,
+) -> tuple[IntArray, IntArray, Verdicts]:  # fmt: skip
+    """Segments with the pixels that joined, and the verdicts on those beside bent ones that are in none."""
     judged = _Judged(image, view, texture_variance)
     segment = segment.copy()
     for number in range(_ROUNDS):
+        area = allowed & _beside(segment, bent, view.shape, REACH)
         candidates = _open_pixels(segment, area, view)
         judged.judge(segment, scales, candidates)
         joined = 0
@@ -131,10 +134,11 @@ def _grown(
                 if judged.verdict[pixel][0] != Bent.ONE:
                     segment[pixel] = -1
         if number == _RELEARNT:
-            bent = np.flatnonzero(~scales.is_flat())
-            again = learn_scales(view, segment, bent, REACH)
+            curved = np.flatnonzero(bent)
+            again = learn_scales(view, segment, curved, REACH)
             for old, new in zip(scales, again, strict=True):
-                old[bent] = new
+                old[curved] = new
+    area = allowed & _beside(segment, bent, view.shape, REACH)
     pixels = np.array([pixel for pixel in np.flatnonzero(area & (segment < 0)).tolist() if pixel in judged.verdict])
     parts = zip(*(judged.verdict[pixel] for pixel in pixels.tolist()), strict=True)
     return segment, pixels.astype(np.int64), Verdicts(*(np.array(part) for part in parts)) if pixels.size else _nothing()
@@ -192,17 +196,11 @@ def _merged(
     out["range_mm"][mixed, 0], out["range_mm"][mixed, 1] = mean[:, 2], mean[:, 4]
     out["range_variance"][mixed, 0], out["range_variance"][mixed, 1] = covariance[:, 2, 2], covariance[:, 4, 4]
     out["scatter"][mixed] = _scatter(image, segment, mixed, verdicts.pair[two], mean, verdicts.chord[two])
-    vague = pixels[(verdicts.kind == Bent.NEW) & _beside(segment, bent, pixels, image.shape)]
+    vague = pixels[(verdicts.kind == Bent.NEW) & _beside(segment, bent, image.shape, _BESIDE)[pixels]]
     doubtful = vague[labels.is_surface[vague] | np.isin(labels.kind[vague], (Kind.PAIR, Kind.TRIPLE))]
     clear(doubtful)
     out["kind"][doubtful], out["is_surface"][doubtful], out["probability"][doubtful] = int(Kind.NEW), False, 0.0
     return replace(labels, **out)
-
-
-def _beside(segment: IntArray, bent: BoolArray, pixels: IntArray, shape: tuple[int, int]) -> BoolArray:
-    """Which pixels have a segment that bends within a pixel or two."""
-    mask = (segment >= 0) & bent[np.maximum(segment, 0)]
-    return near(mask.reshape(shape), _BESIDE).ravel()[pixels]
 
 
 def _scatter(
