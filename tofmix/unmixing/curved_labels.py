@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from tofmix.arrays import BoolArray, IntArray
-from tofmix.image.smooth.scales import Scales, learn_scales
+from tofmix.image.smooth.scales import Scales, learn_scales, may_bend
 from tofmix.image.smooth.segments import rim_of, segments_of
 from tofmix.image.smooth.view import View
 from tofmix.unmixing.curved import REACH, Bent, Verdicts, judge_bent
@@ -23,6 +23,8 @@ _ROUNDS = 8
 _LEAVING, _RELEARNT = 1, 2  # rounds in which members at the rim may leave, and after which scales are learnt again
 _SURE = 0.9
 """Probability from which on a surface that fills a pixel has it."""
+_DECIDED = 0.5
+"""Probability from which on a mixed pixel is decided."""
 _BESIDE = 2  # pixels from a segment, within which a pixel may join it
 _EDGE = 0.02
 """Share of the lesser surface below which a pixel is of one surface."""
@@ -41,12 +43,14 @@ def label_curved(image: PhasorImage, labels: Labels) -> Labels:
     Returns
     -------
     Labels
-        The same object where nothing bends.
+        The same object where planes explain all pixels, or nothing bends.
     """
     view = view_of(image, labels)
     segment = segments_of(view)
     count = int(segment.max()) + 1
-    if not count or image.open_space.all():
+    beside = segment[near(_undecided(image, labels).reshape(image.shape), REACH).ravel()]
+    doubtful = np.unique(beside[beside >= 0])
+    if not may_bend(view, segment, doubtful, REACH).any():
         return labels
     scales = learn_scales(view, segment, np.arange(count), REACH)
     bent = ~scales.is_flat()
@@ -55,6 +59,12 @@ def label_curved(image: PhasorImage, labels: Labels) -> Labels:
     allowed = image.valid & ~near(image.open_space.reshape(image.shape), REACH).ravel()
     segment, pixels, verdicts = _grown(image, view, segment, scales, bent, allowed, labels.seeds.texture_variance)
     return _merged(image, labels, segment, bent, allowed, pixels, verdicts)
+
+
+def _undecided(image: PhasorImage, labels: Labels) -> BoolArray:
+    """Pixels that no planes explain."""
+    mixed = np.isin(labels.kind, (Kind.PAIR, Kind.TRIPLE)) & labels.is_known
+    return image.valid & ~labels.is_surface & ~(mixed & (labels.probability > _DECIDED))
 
 
 def _beside(segment: IntArray, bent: BoolArray, shape: tuple[int, int], reach: int) -> BoolArray:

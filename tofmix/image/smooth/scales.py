@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tofmix.arrays import FloatArray, IntArray
+from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.smooth.patch import STATE, fit_patches, meet
 from tofmix.image.smooth.segments import around, rim_of
 from tofmix.image.smooth.view import View
@@ -39,9 +39,37 @@ class Scales(NamedTuple):
     third: FloatArray
     inflation: FloatArray
 
-    def is_flat(self) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
+    def is_flat(self) -> BoolArray:
         """Which segments are planes, as far as their pixels tell: radii beyond 10 m."""
         return np.asarray(self.bend <= BENDS[1])
+
+
+def may_bend(view: View, segment: IntArray, numbers: IntArray, reach: int) -> BoolArray:
+    """Which segments (m,) a bent surface explains better than a plane, or have too few pixels to tell."""
+    if not len(numbers):
+        return np.zeros(0, np.bool_)
+    trials = np.array([(BENDS[0], THIRDS[0]), (BENDS[2], THIRDS[0]), UNKNOWN])
+    owner, evidence = _evidence(view, segment, numbers, reach, trials)
+    sums = np.stack([np.bincount(owner, weights=row, minlength=len(numbers)) for row in evidence])
+    few = np.bincount(owner, minlength=len(numbers)) < _LEAST_WINDOWS
+    return np.asarray(few | (sums[1:].max(axis=0) > sums[0]))
+
+
+def _evidence(
+    view: View, segment: IntArray, numbers: IntArray, reach: int, trials: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """Place of the segment (window,) of some windows, and log evidence (trial, window) of scales (trial, 2), nat."""
+    at, owner = _windows(segment, numbers)
+    members = around(view.shape, segment, at, segment[at], reach, own=True)
+    usable = (members >= 0).sum(axis=1) >= _LEAST_MEMBERS
+    at, owner, members = at[usable], owner[usable], members[usable]
+    evidence = np.zeros((len(trials), at.size))
+    if not at.size:
+        return owner, evidence
+    for number, (bend, third) in enumerate(trials):
+        same = np.ones(at.size)
+        evidence[number] = fit_patches(view, at, members, bend * same, third * same, robust=False).log_evidence
+    return owner, np.maximum(evidence, evidence.max(axis=0, initial=-np.inf) - _MOST_WORSE)
 
 
 def learn_scales(view: View, segment: IntArray, numbers: IntArray, reach: int) -> Scales:
@@ -64,18 +92,8 @@ def learn_scales(view: View, segment: IntArray, numbers: IntArray, reach: int) -
         Of the m segments: by the sum of the log evidence of some windows of each, drawn with a fixed seed.
     """
     grid = np.array([(bend, third) for bend in BENDS for third in THIRDS])
-    at, owner = _windows(segment, numbers)
+    owner, evidence = _evidence(view, segment, numbers, reach, grid)
     bend, third = np.full(len(numbers), UNKNOWN[0]), np.full(len(numbers), UNKNOWN[1])
-    if not at.size:
-        return Scales(bend, third, np.full(len(numbers), _UNTESTED))
-    members = around(view.shape, segment, at, segment[at], reach, own=True)
-    usable = (members >= 0).sum(axis=1) >= _LEAST_MEMBERS
-    at, owner, members = at[usable], owner[usable], members[usable]
-    evidence = np.empty((len(grid), at.size))
-    for number, (one, other) in enumerate(grid):
-        same = np.ones(at.size)
-        evidence[number] = fit_patches(view, at, members, one * same, other * same, robust=False).log_evidence
-    evidence = np.maximum(evidence, evidence.max(axis=0, initial=-np.inf) - _MOST_WORSE)
     for number in range(len(numbers)):
         mine = owner == number
         if mine.sum() >= _LEAST_WINDOWS:
