@@ -64,6 +64,26 @@ def sensor_of(camera: "CameraSheet", shape: tuple[int, int]) -> "Sensor":
     return replace(sensor, projection=None)
 
 
+def with_frequency(sensor: "Sensor", frequency_hz: float | None) -> "Sensor":
+    """The camera with the modulation frequency, Hz, of ``--modulation-frequency``; the same without the option.
+
+    Raises
+    ------
+    UsageError
+        If the camera is known to measure no phase, or no camera has such a frequency.
+    """
+    if frequency_hz is None:
+        return sensor
+    if sensor.is_lock_in is False:
+        raise UsageError(
+            f"--modulation-frequency: {sensor.name} is no lock-in camera (measurement: {sensor.measurement})"
+        )
+    try:
+        return replace(sensor, modulation_frequency_hz=frequency_hz)
+    except ValueError as error:
+        raise UsageError(f"--modulation-frequency: {error}") from error
+
+
 def view_of(text: str | None) -> tuple[float, float] | None:
     """Field of view (horizontal, vertical), degrees, from a text such as 70x55.
 
@@ -330,9 +350,19 @@ def _ideal(rows: int, cols: int, view_deg: tuple[float, float]) -> "Pinhole":
     return Pinhole(fx=fx, fy=fy, cx=(cols - 1) / 2, cy=(rows - 1) / 2)
 
 
-def not_known(sensor: "Sensor", *, has_optics: bool, has_time: bool) -> list[str]:
+def not_known(
+    sensor: "Sensor", *, has_optics: bool, has_time: bool, has_amplitude: bool = True, targets: int = 0
+) -> list[str]:
     """Missing data of the camera and of its clock, with the commands that need them."""
+    from tofmix.report.summary.light import OPTIONS, lacking
+
     missing = []
+    if sensor.is_lock_in is not False and not targets:
+        whose = "" if sensor.is_lock_in else "of a lock-in camera; "
+        missing += [
+            f"{name} ({whose}without, flying pixels are counted as surfaces: import {' '.join(OPTIONS[name])})"
+            for name in lacking(sensor, has_amplitude=has_amplitude)
+        ]
     if not has_optics:
         missing.append("field of view (export, map and surfaces need it: import --fov)")
     if sensor.range_max_mm is None:

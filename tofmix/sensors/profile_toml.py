@@ -74,7 +74,9 @@ def read_sheet(
     """
     noise = table.table("noise")
     optics = {"projection", *_optics_keys()}
-    table.refuse_unknown({*_WHOLE, *_NUMBERS, *_MAY_BE_LEFT_OUT, "name", "measurement", "noise", "valid_status", *optics, *more_keys})
+    table.refuse_unknown(
+        {*_WHOLE, *_NUMBERS, *_MAY_BE_LEFT_OUT, "name", "measurement", "noise", "valid_status", *optics, *more_keys}
+    )
     noise.refuse_unknown({*_NOISE_LISTS, *_LAW, *_NOISE_PARTS, *_NOISE_NUMBERS})
     settings: dict[str, Any] = {"name": _UNNAMED} if base is None else base.known()
     if "name" in table:
