@@ -357,12 +357,6 @@ def not_known(
     from tofmix.report.summary.light import OPTIONS, lacking
 
     missing = []
-    if sensor.is_lock_in is not False and not targets:
-        whose = "" if sensor.is_lock_in else "of a lock-in camera; "
-        missing += [
-            f"{name} ({whose}without, flying pixels are counted as surfaces: import {' '.join(OPTIONS[name])})"
-            for name in lacking(sensor, has_amplitude=has_amplitude)
-        ]
     if not has_optics:
         missing.append("field of view (export, map and surfaces need it: import --fov)")
     if sensor.range_max_mm is None:
@@ -371,4 +365,10 @@ def not_known(
         missing.append("noise curve (estimate measures it)")
     if not has_time:
         missing.append("times of the frames (reconcile needs them for effects in time: import --frame-rate)")
+    if sensor.is_lock_in is not False and not targets:
+        condition = "" if sensor.is_lock_in else "if this is a lock-in camera, "
+        missing += [
+            f"{name} ({condition}flying pixels are counted as surfaces without: import {' '.join(OPTIONS[name])})"
+            for name in lacking(sensor, has_amplitude=has_amplitude)
+        ]
     return missing

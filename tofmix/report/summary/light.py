@@ -54,8 +54,8 @@ def light_findings(sensor: Sensor, *, targets: int, remedy: Remedy) -> list[Find
     commands = (remedy.import_command(*options),)
     if sensor.is_lock_in:
         text = (
-            f"The recording {without}, so nothing is unmixed. In a lock-in camera the light of all surfaces in a pixel"
-            f" adds up: flying pixels are counted as surfaces. {needs}"
+            f"The recording {without}: a lock-in camera's flying pixels, in which the light of several surfaces adds"
+            f" up, are counted as surfaces. {needs}"
         )
         return [Finding(code="flying_pixels_counted", text=text, commands=commands)]
     text = (
