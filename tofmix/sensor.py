@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
 from tofmix.learnt_noise import LearntNoise
-from tofmix.measurement import Measurement
+from tofmix.measurement import Measurement, measurement_of
 from tofmix.noise_shape import NoiseShape
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import Projection
@@ -232,7 +232,7 @@ class Sensor:
     projection : Projection or None
         Where the pixels look, if not by the field of view.
     measurement : Measurement or None
-        What the camera measures.
+        What the camera measures; a text such as ``"pulses"`` becomes it.
     outlier_probability : float
         p(c_r) of equation (1), in [0, 1).
     no_return_mm : float or None
@@ -274,6 +274,8 @@ class Sensor:
             value = getattr(self, key)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise ValueError(f"{key}: {value} is not a finite number above 0")
+        if self.measurement is not None:
+            object.__setattr__(self, "measurement", measurement_of(self.measurement))
         frequency = self.modulation_frequency_hz
         if frequency is not None and not _LEAST_FREQUENCY_HZ <= frequency <= _MOST_FREQUENCY_HZ:
             raise ValueError(f"modulation_frequency_hz: {frequency:g} is not between 1 Hz and 1 THz")

@@ -15,8 +15,9 @@ def check_frames(source: "RecordingFile", request: Request) -> None:
     Raises
     ------
     BadInputError
-        If phasors are wanted, and the recording has no amplitudes, no modulation frequency, or several targets a
-        frame, or its camera measures no phase; or if samples are wanted, and its root attribute `averaged` is a number other than 0.
+        If phasors are wanted, and the recording has no amplitudes, no modulation frequency or several targets a frame,
+        or its camera measures no phase; or if samples are wanted, and its root attribute `averaged` is a number other
+        than 0.
     """
     if request.options.mixing == "phasor":
         _check_phasors(source)

@@ -41,7 +41,8 @@ class AskedFrames:
         if window >= self.frames:
             return []
         row = min(frames for frames in self.found if frames >= window)
-        most = f"{'' if row == window else 'less than '}{100 * self.found[row]:.0f} %"
+        least = "less than " if row > window and self.found[row] > 0 else ""
+        most = f"{least}{100 * self.found[row]:.0f} %"
         text = (
             f"{counted(window, 'frame')} a window; tofmix asks for {self.frames} or more. Of {self.what}, {most} are"
             f" found with {counted(window, 'frame')}, and {100 * self.found[self.frames]:.0f} % with {self.frames}"
