@@ -13,8 +13,9 @@ UNKNOWN = Sensor(name="Kinect v2")
 """A name is no declaration."""
 
 
-def codes(sensor: Sensor, *, targets: int = 0, **remedy: bool | None) -> list[str]:
-    return [one.code for one in light_findings(sensor, targets=targets, remedy=Remedy(recording="x.h5", **remedy))  # type: ignore[arg-type]]
+def codes(sensor: Sensor, *, targets: int = 0, has_amplitude: bool | None = None, unmix: bool = True) -> list[str]:
+    remedy = Remedy(recording="x.h5", has_amplitude=has_amplitude, unmix=unmix)
+    return [one.code for one in light_findings(sensor, targets=targets, remedy=remedy)]
 
 
 @pytest.mark.parametrize("has_amplitude", [True, False, None])
