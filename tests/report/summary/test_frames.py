@@ -1,12 +1,19 @@
 """The note on fewer frames than README asks for: when it is made, and that its figures are those of docs/results."""
 
+import math
 import re
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from tofmix.layers import Layers
+from tofmix.mixing import MixingLaw
+from tofmix.report.sources import LayersSource
 from tofmix.report.summary.findings import Remedy
 from tofmix.report.summary.frames import PHASOR_SUMS, SINGLE_SAMPLES, AskedFrames, frame_findings
+from tofmix.report.summary.summary import summarise
 
 ROOT = Path(__file__).parents[3]
 
@@ -76,3 +83,22 @@ def test_more_frames_are_asked_for_where_the_window_is_the_whole_recording() -> 
     assert finding.commands == ()
     assert finding.text.endswith("less than 98 % are found with 6 frames, and 99 % with 10"
                                  " (docs/results/mixing.md#by-number-of-frames). Record more frames.")  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("options", "share", "asked"),
+    [
+        ({"mixing": "auto"}, 0.05, 10),
+        ({"mixing": "auto"}, 0.04, 25),
+        ({"mixing": "auto"}, math.nan, 25),
+        ({"mixing": "phasor"}, math.nan, 10),
+    ],
+)
+def test_the_law_of_mixing_or_the_option_settles_which_frames_are_asked_for(
+    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource], options: dict[str, str],
+    share: float, asked: int,
+) -> None:  # fmt: skip
+    source = replace(make_source(make_layers(), options={"window": 9} | options), frames=9,
+                     law=MixingLaw(phasor_share=share, pixels=70))  # type: ignore[type-var]  # fmt: skip
+    (note,) = summarise(source).notes
+    assert f"9 frames a window; tofmix asks for {asked} or more." in note.text

@@ -323,9 +323,10 @@ class _FindingTally:
         )
         provenance = layers_file.provenance
         of_light = light_findings(provenance.sensor, targets=provenance.targets, remedy=remedy)
-        law = layers_file.mixing_law
+        law, insisted = layers_file.mixing_law, provenance.options.get("mixing") == "phasor"
+        measured = law is not None and law.phasor_share >= DEFAULT_SETTINGS.law.least_phasor_share
         of_frames = frame_findings(
-            sums=law is not None and law.phasor_share >= DEFAULT_SETTINGS.law.least_phasor_share,
+            sums=insisted or measured,
             total=int(layers_file.window_stop[-1]) + provenance.frames_left_out,
             remedy=remedy,
         )
