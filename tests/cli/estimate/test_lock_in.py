@@ -142,6 +142,15 @@ def test_few_frames_are_said_once_and_listed_among_the_notes(tofmix: Tofmix, fol
     assert "less than 73 % are found with 13 frames, and 93 % with 25" in note["text"]
 
 
+def test_the_longer_window_that_a_note_advises_has_frames_enough(tofmix: Tofmix, folder: Path, tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    tofmix("import", folder / "ranges.npy", "-o", path, "--sensor", "l515", *VIEW)
+    (note,) = json.loads(tofmix("estimate", path, "--window", 14, "--json").out)["notes"]
+    again = tofmix(*shlex.split(note["commands"][0])[1:], "--json")
+    assert json.loads(again.out)["window_frames"] == 25
+    assert json.loads(again.out)["notes"] == []
+
+
 @pytest.mark.parametrize(("frames", "codes"), [(10, []), (8, ["few_frames"])])
 def test_ten_frames_are_enough_where_light_adds_up(
     tofmix: Tofmix, folder: Path, tmp_path: Path, frames: int, codes: list[str]
