@@ -94,6 +94,23 @@ def test_default_fill_value_counts_in_netcdf_alone(tmp_path: Path) -> None:
         assert np.isnan(found).sum() == 1
 
 
+@pytest.mark.parametrize("images", [False, True])
+def test_whole_numbers_that_are_marked_as_unsigned_are_read_so(tmp_path: Path, *, images: bool) -> None:
+    # netCDF-3 has no unsigned numbers: 2100 mm in steps of 0.05 mm are 42,000, stored as -23,536.
+    counts = np.rint(WALL / 0.05).astype(np.uint16)
+    counts[2, 1, 1], counts[3, 0, 2] = 65000, 60000  # the fill value, and above the largest valid number
+    expected = np.where(counts >= 60000, np.nan, counts * 0.05)
+    path = tmp_path / "a.nc"
+    with h5py.File(path, "w") as root:
+        for number, stored in enumerate(counts.view(np.int16) if images else [counts.view(np.int16)]):
+            dataset = root.create_dataset(f"frame_{number}/depth" if images else "range", data=stored)
+            dataset.attrs.update({
+                "_Unsigned": "true", "scale_factor": 0.05, "units": "mm", "_FillValue": np.int16(65000 - 65536),
+                "valid_max": np.int16(59999 - 65536),
+            })  # fmt: skip
+    np.testing.assert_allclose(imported_mm(path), expected, rtol=1e-6)
+
+
 def test_damaged_packing_is_refused(tmp_path: Path) -> None:
     path = write_hdf5(tmp_path / "a.h5", WALL, scale_factor="half")
     with pytest.raises(BadInputError, match="scale_factor: expected a number"):

@@ -67,8 +67,8 @@ def _source(root: h5py.File, path: Path, request: Request) -> FrameSource:
         kind=f"dataset {name}{'' if amplitude is None else f' with {amplitude.name}'} of an HDF5 file",
         shape=depth.shape,
         targets=depth.targets,
-        dtype=depth.dtype,
-        frames=joined(depth, light, time_s, status),
+        dtype=packing.dtype or depth.dtype,
+        frames=joined(map(packing.as_marked, depth), light, time_s, status),
         unit_mm=_unit(dataset, name, path, request),
         scale_factor=packing.scale_factor,
         add_offset=packing.add_offset,
@@ -92,12 +92,13 @@ def _one_dataset_a_frame(root: h5py.File, names: list[str], path: Path, request:
             dataset = guard.checked_dataset(root, name, path)
             with guard.reading(path, name):
                 image = np.asarray(dataset[...])
-            yield Frame(depth=check_frame(image, first.shape, first.dtype, f"{path}: {name}"))
+            same = check_frame(image, first.shape, first.dtype, f"{path}: {name}")
+            yield Frame(depth=packing.as_marked(same))
 
     return FrameSource(
         kind=f"{len(names)} datasets of an HDF5 file, one a frame",
         shape=(len(names), *first.shape),
-        dtype=first.dtype,
+        dtype=packing.dtype or first.dtype,
         frames=images(),
         unit_mm=_unit(first, names[0], path, request),
         scale_factor=packing.scale_factor,
