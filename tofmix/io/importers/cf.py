@@ -2,7 +2,8 @@
 
 References
 ----------
-CF Conventions 1.11, sections 2.5.1 and 8.1; NetCDF Users Guide, ``_Unsigned``; the default fill values are those of netCDF's ``netcdf.h``.
+CF Conventions 1.11, sections 2.5.1 and 8.1; NetCDF Users Guide, attribute ``_Unsigned``. The default fill values
+are those of netCDF's ``netcdf.h``.
 """
 
 import math

@@ -22,7 +22,7 @@ from tofmix.io.importers.base import Frame, FrameSource, Request, check_frame
 from tofmix.io.importers.cf import Packing, packing_of
 from tofmix.io.importers.datasets import DatasetFrames
 from tofmix.io.importers.times import time_unit_s
-from tofmix.io.importers.units import unit_mm_of
+from tofmix.io.importers.units import unit_in_name, unit_mm_of
 from tofmix.io.layers.layers_file import FORMAT as LAYERS_FORMAT
 
 _RANGE, _AMPLITUDE, _TIME = "range", "amplitude", "time"
@@ -52,8 +52,9 @@ def _source(root: h5py.File, path: Path, request: Request) -> FrameSource:
     if of_frames is not None:
         return _one_dataset_a_frame(root, of_frames, path, request)
     name = choose(
-        shapes, None if request.topic is None else request.topic.strip("/"), path, _axes_asked(root, shapes, request)
-    )
+        shapes, None if request.topic is None else request.topic.strip("/"), path, _axes_asked(root, shapes, request),
+        {name for name in shapes if root[name].dtype.itemsize == 1},
+    )  # fmt: skip
     beside = arrays_beside(shapes, name, request, path)
     notes = [*_axes_guessed(root, name, request, path), *beside.notes]
     depth = _frames(root, name, shapes, path, request)
@@ -207,8 +208,10 @@ def _time(
 
 def _unit(dataset: h5py.Dataset, name: str, path: Path, request: Request) -> float | None:
     text = hdf5.text_attribute(dataset, "units")
-    if text is None or request.unit_mm is not None:
+    if request.unit_mm is not None:
         return None
+    if text is None:
+        return unit_in_name(name)
     unit = unit_mm_of(text)
     if unit is None:
         raise BadInputError(f"{path}: {name}: units {text!r} are not a known unit of length; give --units or --scale")
