@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from tofmix.simulation.truth import Truth
 
 _IMAGE_DIMENSIONS = 2
+"""Rows and columns."""
 
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 """Length of each unit of `from_array`, mm."""
@@ -363,7 +364,8 @@ def _seen_by(
 ) -> tuple[Sensor, FloatArray | float]:
     """The camera with its lens, and the range of each pixel over its number in the array."""
     from tofmix.optics.pinhole import Pinhole
-    from tofmix.optics.view import projection_of_view, ray_factor, with_lens, with_view
+    from tofmix.optics.view import projection_of_view, ray_factor
+    from tofmix.sensors.view import with_lens, with_view
 
     if depth_axis not in get_args(DepthAxis):
         raise ValueError(f"depth_axis: {depth_axis!r} is not one of {', '.join(get_args(DepthAxis))}")

@@ -260,7 +260,8 @@ def _with_optics(
 ) -> "tuple[Sensor, str]":
     """The camera with the directions of its pixels, and the source of these."""
     from tofmix.optics.pinhole import Pinhole
-    from tofmix.optics.view import projection_of_view, with_lens
+    from tofmix.optics.view import projection_of_view
+    from tofmix.sensors.view import with_lens
 
     rows, cols = frames.shape[1:]
     pinhole, where = frames.pinhole, str(source)
@@ -280,7 +281,7 @@ def viewed(
     sensor: "Sensor", view_deg: tuple[float, float], projection: str, shape: tuple[int, int], option: str = "--fov"
 ) -> "Sensor":
     """The camera with the directions of an image's pixels by a field of view; `UsageError` if no pinhole sees it."""
-    from tofmix.optics.view import with_view
+    from tofmix.sensors.view import with_view
 
     try:
         return with_view(sensor, view_deg, projection, shape)

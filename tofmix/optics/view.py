@@ -1,50 +1,19 @@
 """A field of view as the directions of an image's pixels, and depths along z as ranges."""
 
 import math
-from dataclasses import replace
 
 from tofmix.arrays import FloatArray
 from tofmix.optics.geometry import ray_over_depth
 from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import Projection, beam_directions_of
-from tofmix.sensor import Sensor
 
-EQUIANGULAR, PINHOLE = "equiangular", "pinhole"
-
+EQUIANGULAR = "equiangular"
+PINHOLE = "pinhole"
 PROJECTIONS_OF_VIEW = (EQUIANGULAR, PINHOLE)
 """Projections that a field of view may be of: equal angles between pixels, or an ideal pinhole."""
 
 _FLAT_DEG = 180.0
 """A pinhole sees less than this angle, degrees: a half-space."""
-
-
-def with_lens(sensor: Sensor, lens: Pinhole) -> Sensor:
-    """The camera with the directions of its pixels by a lens."""
-    return replace(sensor, projection=lens, fov_horizontal_deg=None, fov_vertical_deg=None)
-
-
-def with_view(sensor: Sensor, view_deg: tuple[float, float], projection: str, shape: tuple[int, int]) -> Sensor:
-    """The camera with the directions of an image's pixels by a field of view.
-
-    Parameters
-    ----------
-    sensor : Sensor
-        The camera.
-    view_deg : (float, float)
-        Full field of view, horizontal and vertical, degrees.
-    projection : {"equiangular", "pinhole"}
-        Equal angles between pixels, or an ideal pinhole.
-    shape : (int, int)
-        Rows and columns of the image.
-
-    Raises
-    ------
-    ValueError
-        If no pinhole sees that much.
-    """
-    if projection == PINHOLE:
-        return with_lens(sensor, ideal_pinhole(view_deg, shape))
-    return replace(sensor, projection=None, fov_horizontal_deg=view_deg[0], fov_vertical_deg=view_deg[1])
 
 
 def projection_of_view(*, along_z: bool) -> str:
