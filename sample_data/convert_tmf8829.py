@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.io.recording.recording_writer import RecordingWriter
+from tofmix.measurement import Measurement
 from tofmix.sensor import NoiseCurve, Sensor
 
 STEADY_MM = 50.0
@@ -59,6 +60,7 @@ def convert(source: Path, target: Path) -> None:
     middle = range_mm.shape[1] // 2
     sensor = Sensor(
         name="ams-OSRAM TMF8829 (direct time of flight, 16 x 16)",
+        measurement=Measurement.PULSES,
         range_min_mm=0.0,
         fov_horizontal_deg=field_of_view(np.arctan2(point[middle, :, 0], point[middle, :, 2])),
         fov_vertical_deg=field_of_view(np.arctan2(point[:, middle, 1], point[:, middle, 2])),

@@ -55,3 +55,23 @@ def test_unfit_sensors_are_refused(key: str, value: float) -> None:
     settings: dict[str, Any] = {"name": "x", "range_max_mm": 5000.0, key: value}
     with pytest.raises(ValueError, match=key):
         Sensor(**settings)
+
+
+@pytest.mark.parametrize(
+    ("known", "lock_in"),
+    [
+        ({}, None),
+        ({"measurement": "lock-in"}, True),
+        ({"measurement": "pulses"}, False),
+        ({"measurement": "stereo"}, False),
+        ({"modulation_frequency_hz": 47.5e6}, True),
+        ({"measurement": "stereo", "modulation_frequency_hz": 47.5e6}, True),
+    ],
+)
+def test_a_camera_is_lock_in_by_its_measurement_or_by_a_frequency(known: dict[str, Any], lock_in: bool | None) -> None:
+    assert Sensor(name="camera", **known).is_lock_in is lock_in
+
+
+def test_an_unknown_measurement_is_refused_with_the_known_ones() -> None:
+    with pytest.raises(ValueError, match='measurement: "phase" is not one of lock-in, pulses, stereo'):
+        Sensor(name="camera", measurement="phase")  # type: ignore[arg-type]  # a text of a user

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
 from tofmix.learnt_noise import LearntNoise
+from tofmix.measurement import Measurement, measurement_of
 from tofmix.noise_shape import NoiseShape
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import Projection
@@ -230,6 +231,8 @@ class Sensor:
         Full field of view, of equal angles between pixels. Unused if there is a `projection`.
     projection : Projection or None
         Where the pixels look, if not by the field of view.
+    measurement : Measurement or None
+        What the camera measures; a text such as ``"pulses"`` becomes it.
     outlier_probability : float
         p(c_r) of equation (1), in [0, 1).
     no_return_mm : float or None
@@ -258,6 +261,7 @@ class Sensor:
     fov_horizontal_deg: float | None = None
     fov_vertical_deg: float | None = None
     projection: Projection | None = None
+    measurement: Measurement | None = None
     outlier_probability: float = DEFAULT_OUTLIER_PROBABILITY
     no_return_mm: float | None = None
     sample_min_mm: float | None = None
@@ -270,6 +274,8 @@ class Sensor:
             value = getattr(self, key)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise ValueError(f"{key}: {value} is not a finite number above 0")
+        if self.measurement is not None:
+            object.__setattr__(self, "measurement", measurement_of(self.measurement))
         frequency = self.modulation_frequency_hz
         if frequency is not None and not _LEAST_FREQUENCY_HZ <= frequency <= _MOST_FREQUENCY_HZ:
             raise ValueError(f"modulation_frequency_hz: {frequency:g} is not between 1 Hz and 1 THz")
@@ -283,6 +289,16 @@ class Sensor:
                 raise ValueError(f"{key}: {value} is not finite")
         if not 0 <= self.outlier_probability < 1:
             raise ValueError(f"outlier_probability: {self.outlier_probability} is not in [0, 1)")
+
+    @property
+    def is_lock_in(self) -> bool | None:
+        """Whether the camera measures the phase of modulated light; None if that is not known.
+
+        A modulation frequency says so too, where nothing is declared or a user gave it.
+        """
+        if self.modulation_frequency_hz is not None:
+            return True
+        return None if self.measurement is None else self.measurement is Measurement.LOCK_IN
 
     @property
     def follows_drift(self) -> bool:

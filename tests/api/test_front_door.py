@@ -4,6 +4,7 @@ import subprocess
 import sys
 import warnings
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -141,6 +142,46 @@ def test_from_array_drops_samples_whose_status_is_not_valid() -> None:
     np.testing.assert_array_equal(by_camera, given)
     with pytest.raises(ValueError, match=r"no codes of valid samples are known; give valid_status"):
         tm.from_array(ranges, units="mm", status=status)
+
+
+def test_from_array_turns_depths_along_z_into_ranges_as_import_does(tmp_path: Path) -> None:
+    flat = np.full((4, 6, 8), 3000.0)
+    with pytest.raises(ValueError, match="give intrinsics or fov_deg"):
+        tm.from_array(flat, units="mm", depth_axis="z")
+    np.save(tmp_path / "a.npy", flat)
+    lenses: tuple[tuple[str, dict[str, Any]], ...] = (
+        ("--intrinsics=9,8,3.5,2.5", {"intrinsics": (9.0, 8.0, 3.5, 2.5)}), ("--fov=70x55", {"fov_deg": (70.0, 55.0)})
+    )  # fmt: skip
+    for option, lens in lenses:
+        done = tm.from_array(flat, units="mm", depth_axis="z", **lens)
+        succeed("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5", "--overwrite", "--depth-axis", "z", option)
+        imported = tm.open(tmp_path / "a.h5")
+        assert isinstance(imported, tm.Recording)
+        np.testing.assert_array_equal(done.range_mm, imported.range_mm)
+        assert done.sensor.projection == imported.sensor.projection
+        along = tm.from_array(flat, units="mm", **lens)
+        assert (along.range_mm == 3000.0).all()
+        assert along.sensor.optics is not None
+
+
+def test_from_array_puts_frames_in_order_and_says_so() -> None:
+    frames = np.random.default_rng(3).normal(1500.0, 4.0, (5, 2, 3))
+    swapped, stamps = [0, 2, 1, 3, 4, 4], np.array([7.0, 7.1, 7.2, 7.3, 7.4])
+    with pytest.warns(DoubtWarning) as said:
+        rec = tm.from_array(
+            frames[swapped], units="mm", amplitude=frames[swapped] / 10, time_s=stamps[swapped]
+        )  # fmt: skip
+    assert [str(one.message) for one in said] == [
+        "from_array: 1 frame equal to another of the same time left out",
+        "from_array: 2 frames out of order sorted by time",
+    ]
+    np.testing.assert_array_equal(rec.range_mm, frames.astype("f4"))
+    assert rec.amplitude is not None
+    np.testing.assert_array_equal(rec.amplitude, (frames / 10).astype("f4"))
+    assert rec.time_s is not None
+    np.testing.assert_allclose(rec.time_s, stamps - 7.0, atol=1e-12)
+    with pytest.raises(ValueError, match="one number a frame, 5, got shape"):
+        tm.from_array(frames, units="mm", time_s=stamps[:3])
 
 
 def test_from_array_says_that_no_camera_measures_so_far() -> None:

@@ -1,12 +1,16 @@
 """How often two surfaces are told from one, beside a slow likelihood-ratio test on the same pixels.
 
-Usage: python tests/benchmarks/power.py [--pixels 5000] [--calibration 200000] [--one-surface 40000] [--workers 2]
+Usage: python tests/benchmarks/power.py [grid|alarms|frames ...] [--pixels 5000] [--calibration 200000]
+           [--one-surface 40000] [--workers 2]
 
 Prints Markdown tables; docs/results/limits.md holds a copy. Asserts nothing.
 
 The test fits one and two surfaces of known noise, with the p(c_r) term of equation (1), by EM from 14 starts a
 pixel. It shares no code with the package. Its threshold is the 99 % quantile of its gains on its own draws of one
 surface. A second form of the test wants 1.5 samples' worth of responsibility for each of the two, as tofmix does.
+
+- grid: both over distance and share. alarms: false alarms by number of samples.
+- frames: tofmix by number of frames, at its default false-alarm rate.
 """
 
 import argparse
@@ -44,8 +48,14 @@ FALSE_ALARM = 0.01
 APART = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0)
 SHARES = (0.5, 0.2, 0.1, 0.05)
 NUMBERS = (15, 30, 100, 300, 1000)
+FRAMES = (3, 5, 7, 10, 15, 20, 25, 50, 100)
+FRAME_CELLS = ((0.5, 3.0), (0.5, 4.0), (0.5, 5.0), (0.2, 3.0), (0.2, 4.0), (0.2, 5.0))
+"""Share of the nearer surface and distance, sigma, of the table by number of frames."""
+
 NEAR_MM = (500.0, 5000.0)
 SEED = 71
+
+TABLES = ("grid", "alarms", "frames")
 
 SPLITS = (0.03, 0.06, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.94, 0.97)
 FIRST_CYCLES, MOST_CYCLES = 6, 80
@@ -186,10 +196,12 @@ def reference(samples: Float32Array) -> Reference:
     return Reference(gain, held, fit)
 
 
-def drawn(seed: list[int], pixels: int, *, apart: float = 0.0, share: float = 1.0) -> Float32Array:
+def drawn(
+    seed: list[int], pixels: int, *, apart: float = 0.0, share: float = 1.0, samples: int = SAMPLES
+) -> Float32Array:
     """Samples (sample, pixel) of one surface, or of two `apart` sigma; no random values."""
     rng = np.random.default_rng(seed)
-    mean = np.where(rng.random((SAMPLES, pixels)) < share, CENTRE_MM, CENTRE_MM + apart * UNIT_MM)
+    mean = np.where(rng.random((samples, pixels)) < share, CENTRE_MM, CENTRE_MM + apart * UNIT_MM)
     noise = (BASE_MM + SLOPE * mean) * rng.standard_normal(mean.shape)
     return np.asarray(mean + noise, dtype=np.float32)
 
@@ -282,18 +294,41 @@ def false_alarms(pixels: int, pool: ProcessPoolExecutor) -> None:
         print(f"| {n} | {percent(rates[2 * k])} | {percent(rates[2 * k + 1])} |")
 
 
+def power(job: tuple[int, int, float, float], pixels: int) -> float:
+    """Share of the pixels in which tofmix finds two surfaces, at its default false-alarm rate."""
+    number, samples, share, apart = job
+    some = drawn([SEED, 9000 + number], pixels, apart=apart, share=share, samples=samples)
+    return float(several(some, EstimateOptions().false_alarm).mean())
+
+
+def by_frames(pixels: int, pool: ProcessPoolExecutor) -> None:
+    """Print power by number of frames."""
+    cells = [(samples, share, apart) for samples in FRAMES for share, apart in FRAME_CELLS]
+    found = list(pool.map(partial(power, pixels=pixels), [(k, *cell) for k, cell in enumerate(cells)]))
+    heads = " | ".join(f"{share:g}, {apart:g} sigma" for share, apart in FRAME_CELLS)
+    print(f"\n| frames | {heads} |\n{'|---' * (len(FRAME_CELLS) + 1)}|")
+    for samples, row in zip(FRAMES, np.array(found).reshape(len(FRAMES), -1), strict=True):
+        print(f"| {samples} | {' | '.join(f'{value:.2f}' for value in row)} |")
+
+
 def main() -> None:
-    """Print everything."""
+    """Print the tables that are asked for; without a name all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("tables", nargs="*", choices=[*TABLES, []], default=[])
     parser.add_argument("--pixels", type=int, default=5000, help="pixels a cell")
     parser.add_argument("--calibration", type=int, default=200000, help="pixels that set the test's threshold")
     parser.add_argument("--one-surface", type=int, default=40000, help="pixels for each false-alarm rate")
     parser.add_argument("--workers", type=int, default=2)
     chosen = parser.parse_args()
     layer_pixels(drawn([SEED], 2), CAMERA)  # compile before the processes part
+    names = set(chosen.tables or TABLES)
     with ProcessPoolExecutor(chosen.workers) as pool:
-        grid(chosen.pixels, chosen.calibration, pool)
-        false_alarms(chosen.one_surface, pool)
+        if "grid" in names:
+            grid(chosen.pixels, chosen.calibration, pool)
+        if "alarms" in names:
+            false_alarms(chosen.one_surface, pool)
+        if "frames" in names:
+            by_frames(chosen.pixels, pool)
 
 
 if __name__ == "__main__":

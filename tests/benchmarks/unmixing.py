@@ -1,12 +1,14 @@
 """Mixed pixels of a lock-in camera: how often both surfaces are found, and what is invented.
 
-    python tests/benchmarks/unmixing.py [phasor|few|texture|laws|open|wrapped|events|speed ...] [--seeds 1 2] [--small]
+    python tests/benchmarks/unmixing.py [phasor|few|frames|texture|laws|open|wrapped|events|speed ...]
+        [--seeds 1 2] [--small]
 
 Raw-tap recordings (tests/blind, which knows nothing of the package) of ten kinds of scenes, 144 x 176 pixels, 50
 frames unless said otherwise, estimated with all defaults. Prints Markdown tables; docs/results/mixing.md holds a copy.
 Asserts nothing.
 
 - phasor: all samples are phasor sums. few: 10 frames of that. texture: 10 % from pixel to pixel.
+- frames: all scenes together, by number of frames.
 - laws: the share q of phasor sums between 0 and 1, and what is measured of it.
 - open: boards without the wall behind them: a surface beside open space, its share in every frame.
 - wrapped: 30 MHz, the ranges folded at 5 m.
@@ -29,7 +31,12 @@ from tofmix.estimation.blocks.sequence import EstimatedWindows, estimate_windows
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.layers import Layers
 
+FRAMES = (3, 5, 7, 10, 25)
 SHARES = (0.0, 0.1, 0.35, 0.5, 0.7, 1.0)
+HEADS = (
+    "| scene | asked for | exactly both | false layers a mixed pixel | undecided of mixed | share, rms |"
+    " split of single | sure and false |\n|---|---|---|---|---|---|---|---|"
+)
 LAW_SCENES = ("boards", "pickets", "random boards", "corner")
 
 
@@ -52,8 +59,7 @@ def estimated(one: Scene, options: EstimateOptions | None = None) -> EstimatedWi
 def print_judged(options: argparse.Namespace, title: str, **choices: float | bool) -> None:
     """A row for each family."""
     print(f"\n**{title}**\n")
-    print("| scene | asked for | exactly both | false layers a mixed pixel | undecided of mixed | share, rms |"
-          " split of single | sure and false |\n|---|---|---|---|---|---|---|---|")  # fmt: skip
+    print(HEADS)
     total = Judged()
     for family in options.scenes or FAMILIES:
         result = Judged()
@@ -65,6 +71,17 @@ def print_judged(options: argparse.Namespace, title: str, **choices: float | boo
         total += result
         print_row(family, result)
     print_row("all", total)
+
+
+def print_frames(options: argparse.Namespace) -> None:
+    """All scenes together, by number of frames."""
+    print(f"\n**Phasor sums, by number of frames**\n\n{HEADS.replace('scene', 'frames')}")
+    for frames in FRAMES:
+        scenes = ((family, seed) for family in options.scenes or FAMILIES for seed in options.seeds)
+        judged = (
+            judge(one, first(estimated(one))) for one in (scene(*of, options.small, frames=frames) for of in scenes)
+        )
+        print_row(str(frames), sum(judged, Judged()))
 
 
 def print_row(name: str, r: Judged) -> None:
@@ -153,6 +170,7 @@ def print_speed(options: argparse.Namespace) -> None:
 TABLES = {
     "phasor": lambda o: print_judged(o, "Phasor sums, 50 frames"),
     "few": lambda o: print_judged(o, "Phasor sums, 10 frames", frames=10),
+    "frames": print_frames,
     "texture": lambda o: print_judged(o, "Phasor sums, 10 % texture", texture=0.1),
     "laws": print_laws,
     "open": print_open,

@@ -1,13 +1,16 @@
 """Options in the environment: those of the command line win, and names of no option are said."""
 
+import json
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from support.commandline import Tofmix
+from support.files import boards, write_recording
 
 from tofmix.cli.main import unknown_variables
 
@@ -27,6 +30,45 @@ def test_option_on_the_command_line_wins_over_one_in_the_environment_that_exclud
     monkeypatch.setenv("TOFMIX_IMPORT_UNITS", "mm")
     done = tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "c.h5")
     assert "--units and --scale both set the unit" in done.err
+
+
+def options_of(path: Path) -> dict[str, object]:
+    with h5py.File(path) as root:
+        options: dict[str, object] = json.loads(root.attrs["options"])
+        return options
+
+
+def test_typed_paper_wins_over_options_of_the_environment_and_typed_options_over_its_paper(
+    tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_recording(tmp_path / "a.h5", boards(20))
+    monkeypatch.setenv("TOFMIX_ESTIMATE_SIGMA", "tied")
+    done = tofmix("estimate", tmp_path / "a.h5", "-o", tmp_path / "paper.h5", "--paper")
+    assert done.code == 0, done.err
+    assert options_of(tmp_path / "paper.h5")["sigma"] == "free"
+    monkeypatch.setenv("TOFMIX_ESTIMATE_PAPER", "1")
+    assert "--sigma and --paper exclude each other" in tofmix("estimate", tmp_path / "a.h5").err
+    done = tofmix("estimate", tmp_path / "a.h5", "-o", tmp_path / "sigma.h5", "--sigma", "tied")
+    assert done.code == 0, done.err
+    assert options_of(tmp_path / "sigma.h5")["sigma"] == "tied"
+    assert "paper" not in options_of(tmp_path / "sigma.h5")
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "typed"),
+    [
+        ("FALSE_ALARM", "0.01", ("--refine", "none")),
+        ("BINS", "20", ("--counter", "kde")),
+        ("REFINE", "none", ("--false-alarm", "0.01")),
+    ],
+)
+def test_typed_option_wins_over_one_of_the_environment_that_belongs_to_another(
+    tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, variable: str, value: str, typed: tuple[str, str]
+) -> None:
+    write_recording(tmp_path / "a.h5", boards(20))
+    monkeypatch.setenv(f"TOFMIX_ESTIMATE_{variable}", value)
+    done = tofmix("estimate", tmp_path / "a.h5", "-o", tmp_path / "out.h5", *typed)
+    assert done.code == 0, done.err
 
 
 def test_variables_of_no_option_are_named_and_those_of_options_are_not() -> None:

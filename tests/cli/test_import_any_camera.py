@@ -297,5 +297,6 @@ def test_json_lists_the_output_and_unknown_camera_data(tofmix: Tofmix, tmp_path:
     made = json.loads(done.out)
     assert (made["frames"], made["rows"], made["cols"], made["targets"], made["unit_mm"]) == (5, 3, 4, 0, 1.0)
     assert made["output"] == str(tmp_path / "a.h5")
-    unknown = ["field of view", "largest range", "noise curve", "times of the frames"]
+    unknown = ["field of view", "largest range", "noise curve", "times of the frames", "amplitudes"]
+    unknown += ["modulation frequency"]
     assert [line.split(" (")[0] for line in made["not_known"]] == unknown

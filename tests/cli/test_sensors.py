@@ -18,8 +18,9 @@ def test_list_names_every_profile_and_marks_unknown_values(tofmix: Tofmix) -> No
     assert list(lines) == list(PROFILES)
     assert "45 x 45" in lines["vl53l5cx"]
     assert "0.02 to 4 m" in lines["vl53l5cx"]
-    assert lines["tmf8828"].split()[4] == "-"
+    assert lines["tmf8828"].split()[5] == "-"
     assert " yes " in lines["sr3000"]
+    assert [lines[name].split()[1] for name in ("pico-flexx", "l515", "stoc")] == ["lock-in", "pulses", "stereo"]
 
 
 def test_json_is_one_object_a_line(tofmix: Tofmix) -> None:
@@ -28,6 +29,7 @@ def test_json_is_one_object_a_line(tofmix: Tofmix) -> None:
     by_name = {one["profile"]: one for one in objects}
     assert by_name["vl53l8cx"]["fov_horizontal_deg"] is None
     assert by_name["l515"]["noise_sigma_mm"] is None
+    assert by_name["azure-kinect-wfov"]["measurement"] == "lock-in"
     assert by_name["sr3000"]["noise_sigma_mm"][0] == 2.5
     assert json.loads(tofmix("sensors", "l515", "--json").out) == by_name["l515"]
 

@@ -12,6 +12,7 @@ from support.files import boards, write_recording
 from tofmix.errors import BadInputError
 from tofmix.io import hdf5, sensor_group
 from tofmix.io.recording.recording_file import open_recording
+from tofmix.measurement import Measurement
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.pinhole import Pinhole
 from tofmix.sensor import Sensor
@@ -74,4 +75,21 @@ def test_unfit_attributes_are_refused_by_name(tmp_path: Path, change: dict[str, 
 def test_a_missing_number_is_named(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "x.h5", boards(), attributes={"projection": "pinhole", "fx": 1.0, "cx": 1.0})
     with pytest.raises(BadInputError, match="sensor: projection: pinhole needs fy, cy"):
+        read(path)
+
+
+@pytest.mark.parametrize("measurement", [None, *Measurement])
+def test_measurement_round_trips_and_is_left_out_if_unknown(measurement: Measurement | None) -> None:
+    camera = Sensor(name="camera", measurement=measurement)
+    image = hdf5.image_of(lambda root: sensor_group.write_sensor(root, camera, image=(4, 6)))
+    with h5py.File(io.BytesIO(image), "r") as root:
+        assert sensor_group.read_sensor(root, Path("x.h5")).measurement is measurement
+        assert ("measurement" in root["sensor"].attrs) == (measurement is not None)
+
+
+def test_a_foreign_measurement_is_refused_by_name(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "a.h5", boards(3))
+    with h5py.File(path, "r+") as root:
+        root["sensor"].attrs["measurement"] = "structured light"
+    with pytest.raises(BadInputError, match=r'a\.h5: sensor: measurement: "structured light" is not one of lock-in, '):
         read(path)

@@ -6,7 +6,7 @@ import pytest
 from tofmix.errors import BadInputError
 from tofmix.sensors import PROFILES, load_profile, load_sheet, profiles_with_noise
 from tofmix.sensors.profile_toml import parse_profile
-from tofmix.sensors.sensor_file import sensor_of
+from tofmix.sensors.sensor_file import parse_sensor, sensor_of
 from tofmix.simulation.model_toml import parse_model
 from tofmix.toml_table import parse_toml
 
@@ -129,3 +129,22 @@ def test_unknown_camera_is_refused_in_one_line_with_the_known_ones(name: str) ->
 def test_a_profile_file_is_read_as_strictly_as_a_model(text: str, message: str) -> None:
     with pytest.raises(BadInputError, match=message):
         parse_profile(text, source="p")
+
+
+PULSES = {"l515", "vl53l0x", "vl53l1x", "vl53l5cx", "vl53l8cx", "tmf8828", "tmf8829"}
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_each_profile_declares_what_its_camera_measures(name: str) -> None:
+    expected = "pulses" if name in PULSES else "stereo" if name == "stoc" else "lock-in"
+    sensor = load_sheet(name).sensor()
+    assert sensor.measurement == expected
+    assert sensor.is_lock_in is (expected == "lock-in")
+
+
+def test_a_file_inherits_or_overrides_the_measurement_of_its_profile() -> None:
+    assert parse_sensor('[sensor]\nprofile = "tmf8828"\n', source="a.toml").measurement == "pulses"
+    own = '[sensor]\nprofile = "tmf8828"\nmeasurement = "lock-in"\n'
+    assert parse_sensor(own, source="a.toml").sensor().measurement == "lock-in"
+    with pytest.raises(BadInputError, match=r'a\.toml: \[sensor\]: measurement: "Lock-In" is not one of lock-in, '):
+        parse_sensor('[sensor]\nmeasurement = "Lock-In"\n', source="a.toml")

@@ -52,7 +52,7 @@ def images() -> None:
 
 
 def scenes() -> None:
-    """Compile what maps, scenes and live densities take."""
+    """Compile what maps, scenes and the steps of one pixel take."""
     from tofmix.pipeline.kernels import compile_scenes
 
     compile_scenes()

@@ -257,6 +257,7 @@ def estimate(
     from tofmix.estimation.noise.no_return import no_return_constant
     from tofmix.estimation.noise_choice import NoiseRequest, check_parts, noise_options
     from tofmix.estimation.settings import EstimateOptions
+    from tofmix.recording import amplitude_source
     from tofmix.windows import plan_windows
 
     source = recording if isinstance(recording, Recording) else opened_recording(Path(recording))
@@ -287,7 +288,9 @@ def estimate(
             sensor = replace(sensor, no_return_mm=no_return_constant(samples))
         _say_doubts(samples, sensor, asked, windows.length, options.unambiguous_range_mm)
     source = source.with_sensor(sensor)
+    unmix = options.mixing == "auto"
     with source.opened() as samples:
+        has_amplitude = amplitude_source(samples) is not None
         options = resolved_mixing(options, samples)
         found = estimate_windows(samples, options, windows=of_samples, workers=workers or os.cpu_count() or 1)
     name = asked if isinstance(asked, str) else "given"
@@ -303,7 +306,7 @@ def estimate(
         window_stop=starts + np.uint64(windows.length), phasor_share=found.phasor_share,
         phasor_pixels=found.phasor_pixels, recording=source,
     )  # fmt: skip
-    _say_findings(made)
+    _say_findings(made, unmix=unmix, has_amplitude=has_amplitude)
     return made
 
 
@@ -390,15 +393,19 @@ _IN_PYTHON = {
     "all_layers_used": "A larger max_layers shows them.",
     "not_converged": "Take a larger max_iter.",
     "too_few_samples": "Take a longer window.",
+    "flying_pixels_counted": "from_array takes amplitude=..., with_sensor modulation_frequency_hz=...",
 }
 """Remedies of findings, as parameters of `estimate`."""
 
 
-def _say_findings(layers: Estimate) -> None:
-    """Warn of the findings that `tofmix estimate` prints about its layers."""
-    from tofmix.report.summary.summary import find
+def _say_findings(layers: Estimate, *, unmix: bool, has_amplitude: bool) -> None:
+    """Warn of the findings that `tofmix estimate` prints about its layers; its notes are no warnings."""
+    from tofmix.report.summary.findings import split_notes
+    from tofmix.report.summary.summary import find, remedy_for
 
-    for finding in find(layers):
+    remedy = remedy_for(layers.provenance, layers.shape[0])
+    warned, _ = split_notes(find(layers, replace(remedy, unmix=unmix, has_amplitude=has_amplitude)))
+    for finding in warned:
         text = f"{finding.text} {_IN_PYTHON.get(finding.code, '')}".strip()
         warnings.warn(text, DoubtWarning, stacklevel=3)
 

@@ -5,19 +5,22 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tofmix.arrays import Float32Array, FloatArray
-from tofmix.choices import Units
+from tofmix.arrays import Float32Array, FloatArray, IntArray
+from tofmix.choices import DepthAxis, Units
 from tofmix.errors import BadInputError, DoubtWarning
 from tofmix.recording import ArrayRecording, SampleSource
 from tofmix.sensor import NoiseCurve, Sensor
 
 if TYPE_CHECKING:
     from tofmix.simulation.truth import Truth
+
+_IMAGE_DIMENSIONS = 2
+"""Rows and columns."""
 
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 """Length of each unit of `from_array`, mm."""
@@ -261,6 +264,9 @@ def from_array(
     keep_values: bool = False,
     amplitude: ArrayLike | None = None,
     time_s: ArrayLike | None = None,
+    depth_axis: DepthAxis = "ray",
+    intrinsics: tuple[float, float, float, float] | None = None,
+    fov_deg: tuple[float, float] | None = None,
 ) -> Recording:
     """Make a recording of an array of ranges.
 
@@ -289,7 +295,16 @@ def from_array(
     amplitude : (frame, row, col) array_like, optional
         Amplitude of each sample.
     time_s : (frame,) array_like, optional
-        Start of each frame, s.
+        Start of each frame, s, by any clock; the recording's begins with 0. Frames whose times do not ascend are put in
+        order as `tofmix import` does it.
+    depth_axis : {"ray", "z"}
+        What `ranges` are along: the beam of each pixel, or the axis of the camera, as the depth images of most drivers
+        are. Depths along z become ranges by the lens.
+    intrinsics : (float, float, float, float), optional
+        Focal lengths fx, fy and centre cx, cy of the lens, pixels; without them, `fov_deg`, else those of the sensor.
+    fov_deg : (float, float), optional
+        Full field of view, horizontal and vertical, degrees: of an ideal pinhole where depths are along z, else of
+        equal angles between pixels.
 
     Returns
     -------
@@ -299,14 +314,16 @@ def from_array(
     Raises
     ------
     ValueError
-        If the unit is not known, a shape does not fit, or no codes of valid samples are known.
+        If the unit is not known, a shape does not fit, no codes of valid samples are known, or depths along z have no
+        lens.
     BadInputError
         If there is no built-in camera of that name.
 
     Warns
     -----
     DoubtWarning
-        If values were dropped that are none of `invalid`, or no camera measures the median range.
+        If values were dropped that are none of `invalid`, no camera measures the median range, or frames were put in
+        order.
     """
     if units not in UNITS_MM:
         raise ValueError(f"units: {units!r} is not one of {', '.join(UNITS_MM)}")
@@ -323,14 +340,63 @@ def from_array(
         bad |= ~np.isin(_status(status, raw.shape), _valid_codes(valid_status, sensor))
     range_mm[bad] = np.nan
     camera = _camera(sensor, integration_time_ms)
+    if range_mm.ndim >= _IMAGE_DIMENSIONS:
+        camera, along = _seen_by(camera, depth_axis, intrinsics, fov_deg, range_mm.shape[-2:])
+        range_mm *= along
     _say_doubts(range_mm, camera, guessed(dropped), UNITS_MM[units])
     if noise is not None:
         camera = replace(camera, noise=noise)
-    samples = ArrayRecording(range_mm, camera, amplitude)
-    time = None if time_s is None else np.asarray(time_s, dtype=np.float64)
-    if time is not None and time.shape != samples.shape[:1]:
-        raise ValueError(f"time_s: expected one number a frame, {samples.shape[0]}, got shape {time.shape}")
+    light = None if amplitude is None else np.asarray(amplitude)
+    time = None
+    if time_s is not None:
+        order, time = _in_time(np.asarray(time_s, dtype=np.float64), range_mm)
+        range_mm, light = range_mm[order], None if light is None else light[order]
+    samples = ArrayRecording(range_mm, camera, light)
     return Recording(samples, camera, shape=samples.shape, time_s=time)
+
+
+def _seen_by(
+    camera: Sensor,
+    depth_axis: DepthAxis,
+    intrinsics: tuple[float, float, float, float] | None,
+    fov_deg: tuple[float, float] | None,
+    shape: tuple[int, ...],
+) -> tuple[Sensor, FloatArray | float]:
+    """The camera with its lens, and the range of each pixel over its number in the array."""
+    from tofmix.optics.pinhole import Pinhole
+    from tofmix.optics.view import projection_of_view, ray_factor
+    from tofmix.sensors.view import with_lens, with_view
+
+    if depth_axis not in get_args(DepthAxis):
+        raise ValueError(f"depth_axis: {depth_axis!r} is not one of {', '.join(get_args(DepthAxis))}")
+    along_z, image = depth_axis == "z", (shape[0], shape[1])
+    if intrinsics is not None:
+        fx, fy, cx, cy = intrinsics
+        camera = with_lens(camera, Pinhole(fx=fx, fy=fy, cx=cx, cy=cy))
+    elif fov_deg is not None:
+        camera = with_view(camera, fov_deg, projection_of_view(along_z=along_z), image)
+    if not along_z:
+        return camera, 1.0
+    if camera.optics is None:
+        raise ValueError("depth_axis='z': depths along z need a lens to become ranges: give intrinsics or fov_deg")
+    camera.optics.check(image)
+    return camera, ray_factor(camera.optics, image)
+
+
+def _in_time(stamps_s: FloatArray, frames: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Frames to keep, in the order of time, and their times from 0 on, s; a warning says what is changed."""
+    from tofmix.io.importers.times import Twins, ascends, settled
+
+    if stamps_s.shape != frames.shape[:1]:
+        raise ValueError(f"time_s: expected one number a frame, {frames.shape[0]}, got shape {stamps_s.shape}")
+    if ascends(stamps_s):
+        return np.arange(stamps_s.size), stamps_s - stamps_s[:1]
+    earlier = Twins()
+    twins = [earlier.is_twin(float(stamp), frame) for stamp, frame in zip(stamps_s, frames, strict=True)]
+    order = settled(stamps_s, np.array(twins, dtype=np.bool_))
+    for remark in order.remarks:
+        warnings.warn(f"from_array: {remark}", DoubtWarning, stacklevel=3)
+    return order.order, order.time_s
 
 
 def _status(status: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:

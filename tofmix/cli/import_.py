@@ -33,6 +33,7 @@ tofmix import depth.tif -o depth.h5 --intrinsics 210,210,88,72
 tofmix import frames/ -o frames.h5 --intrinsics head_camera.yaml --frame-rate 30
 tofmix import samples.mat -o samples.h5 --sensor sr3000 --dataset r --axes row,col,frame
 tofmix import log.csv -o log.h5 --columns y=row,x=col,depth=range --valid-status status=5,9
+tofmix import ranges.npy -o lock_in.h5 --amplitude amplitudes.npy --modulation-frequency 30e6
 tofmix import targets.npy -o targets.h5 --axes frame,row,col,target
 """
 )
@@ -50,6 +51,11 @@ tofmix import targets.npy -o targets.h5 --axes frame,row,col,target
 @click.option(
     "--amplitude", metavar="NAME|PATH",
     help="Topic or array of the amplitudes; for images, .npy and CSV the path of their source.",
+)  # fmt: skip
+@click.option(
+    "--modulation-frequency", metavar="HZ", type=click.FloatRange(0, min_open=True),
+    help="The one modulation frequency of a lock-in camera's ranges and amplitudes.  [default: the source's, else the"
+    " sensor's]",
 )  # fmt: skip
 @click.option(
     "--camera-info", metavar="TOPIC", help="Bags: topic of the intrinsics.  [default: camera_info beside the depths]"
@@ -113,6 +119,7 @@ def import_(
     sensor: str | None,
     topic: str | None,
     amplitude: str | None,
+    modulation_frequency: float | None,
     camera_info: str | None,
     depth_axis: str | None,
     intrinsics: str | None,
@@ -148,6 +155,7 @@ def import_(
         sensor_of,
         shape_of,
         view_of,
+        with_frequency,
     )
     from tofmix.cli.import_columns import columns_of, status_of
     from tofmix.io.atomic.storage import locked
@@ -180,6 +188,7 @@ def import_(
     inputs += [file for folder in inputs if folder.is_dir() for file in folder.iterdir()]
     with locked(output, overwrite=overwrite, inputs=tuple(inputs)), open_source(source, request) as frames:
         known = frames.sensor if sensor is None and frames.sensor is not None else sensor_of(camera, frames.shape[1:])
+        known = with_frequency(known, modulation_frequency)
         check_background(known, frames.shape[1:], source if sensor is None else Path(sensor))
         if frames.unit_unknown and unit_mm is None:
             raise BadInputError(f"{source}: {frames.unit_unknown}; give --scale, mm of one count, or --units")
@@ -209,7 +218,8 @@ def import_(
         click.echo(f"tofmix: {note}", err=True)
     _, rows, cols = frames.shape
     unknown = not_known(
-        geometry.sensor, has_optics=geometry.sensor.optics is not None,
+        geometry.sensor, has_optics=geometry.sensor.optics is not None, has_amplitude=frames.has_amplitude,
+        targets=frames.targets,
         has_time=frames.has_time or frame_rate is not None or imported.frames == 1,
     )  # fmt: skip
     if as_json:

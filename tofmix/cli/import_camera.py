@@ -21,9 +21,6 @@ _PAIR = re.compile(r"\s*([0-9.eE+-]+)\s*[x,]\s*([0-9.eE+-]+)\s*")
 _MOST_DEG = 360.0, 180.0
 """Largest field of view, degrees: a whole turn, and from pole to pole."""
 
-_FLAT_DEG = 180.0
-"""A pinhole sees less than this angle, degrees: a half-space."""
-
 
 def camera_of(name: str | None) -> "CameraSheet":
     """Properties of the camera of ``--sensor``; empty without it.
@@ -62,6 +59,26 @@ def sensor_of(camera: "CameraSheet", shape: tuple[int, int]) -> "Sensor":
     if sensor.projection is None or (camera.rows or shape[0], camera.cols or shape[1]) == tuple(shape):
         return sensor
     return replace(sensor, projection=None)
+
+
+def with_frequency(sensor: "Sensor", frequency_hz: float | None) -> "Sensor":
+    """The camera with the modulation frequency, Hz, of ``--modulation-frequency``; the same without the option.
+
+    Raises
+    ------
+    UsageError
+        If the camera is known to measure no phase, or no camera has such a frequency.
+    """
+    if frequency_hz is None:
+        return sensor
+    if sensor.is_lock_in is False:
+        raise UsageError(
+            f"--modulation-frequency: {sensor.name} is no lock-in camera (measurement: {sensor.measurement})"
+        )
+    try:
+        return replace(sensor, modulation_frequency_hz=frequency_hz)
+    except ValueError as error:
+        raise UsageError(f"--modulation-frequency: {error}") from error
 
 
 def view_of(text: str | None) -> tuple[float, float] | None:
@@ -186,6 +203,8 @@ def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str |
     BadInputError
         If depths along z cannot become ranges, as the lens is not known, or the lens cannot be.
     """
+    from tofmix.optics.view import ray_factor
+
     along_z = (axis or frames.depth_axis) == "z"
     sensor, where = _with_optics(frames, sensor, lens, source, along_z=along_z)
     shape = frames.shape[1:]
@@ -236,25 +255,13 @@ def _lens_doubts(
     return tuple(notes)
 
 
-def ray_factor(optics: "Projection", shape: tuple[int, int]) -> "FloatArray":
-    """Range along the beam over depth along z (row, col) of an image's pixels.
-
-    Raises
-    ------
-    ValueError
-        If a pixel looks nowhere, or 90 degrees or more off the axis.
-    """
-    from tofmix.optics.geometry import ray_over_depth
-    from tofmix.optics.projection import beam_directions_of
-
-    return ray_over_depth(beam_directions_of(optics, shape))
-
-
 def _with_optics(
     frames: "FrameSource", sensor: "Sensor", lens: Lens, source: Path, *, along_z: bool
 ) -> "tuple[Sensor, str]":
     """The camera with the directions of its pixels, and the source of these."""
     from tofmix.optics.pinhole import Pinhole
+    from tofmix.optics.view import projection_of_view
+    from tofmix.sensors.view import with_lens
 
     rows, cols = frames.shape[1:]
     pinhole, where = frames.pinhole, str(source)
@@ -266,39 +273,20 @@ def _with_optics(
         pinhole = lens.intrinsics.pinhole((rows, cols), rectified=frames.rectified)
         where = lens.intrinsics.what
     elif lens.view_deg is not None:
-        projection = "pinhole" if along_z else "equiangular"
-        return with_view(sensor, lens.view_deg, projection, (rows, cols)), "--fov"
-    if pinhole is None:
-        return sensor, where
-    return replace(sensor, projection=pinhole, fov_horizontal_deg=None, fov_vertical_deg=None), where
+        return viewed(sensor, lens.view_deg, projection_of_view(along_z=along_z), (rows, cols)), "--fov"
+    return (sensor if pinhole is None else with_lens(sensor, pinhole)), where
 
 
-PROJECTIONS_OF_VIEW = ("equiangular", "pinhole")
-"""Projections that a field of view may be of."""
+def viewed(
+    sensor: "Sensor", view_deg: tuple[float, float], projection: str, shape: tuple[int, int], option: str = "--fov"
+) -> "Sensor":
+    """The camera with the directions of an image's pixels by a field of view; `UsageError` if no pinhole sees it."""
+    from tofmix.sensors.view import with_view
 
-
-def with_view(sensor: "Sensor", view_deg: tuple[float, float], projection: str, shape: tuple[int, int]) -> "Sensor":
-    """The camera with the directions of an image's pixels by a field of view.
-
-    Parameters
-    ----------
-    sensor : Sensor
-        The camera.
-    view_deg : (float, float)
-        Full field of view, horizontal and vertical, degrees.
-    projection : {"equiangular", "pinhole"}
-        Equal angles between pixels, or an ideal pinhole.
-    shape : (int, int)
-        Rows and columns of the image.
-
-    Raises
-    ------
-    UsageError
-        If no pinhole sees that much.
-    """
-    if projection == "pinhole":
-        return replace(sensor, projection=_ideal(*shape, view_deg), fov_horizontal_deg=None, fov_vertical_deg=None)
-    return replace(sensor, projection=None, fov_horizontal_deg=view_deg[0], fov_vertical_deg=view_deg[1])
+    try:
+        return with_view(sensor, view_deg, projection, shape)
+    except ValueError as error:
+        raise UsageError(f"{option}: {error}") from error
 
 
 def view_words(optics: "Projection", shape: tuple[int, int], view_deg: tuple[float, float] | None) -> str:
@@ -312,26 +300,12 @@ def view_words(optics: "Projection", shape: tuple[int, int], view_deg: tuple[flo
     return f"{how} fx {optics.fx:g} fy {optics.fy:g} cx {optics.cx:g} cy {optics.cy:g}{lens}"
 
 
-def _ideal(rows: int, cols: int, view_deg: tuple[float, float]) -> "Pinhole":
-    """A pinhole without distortion whose image's outer edges are at the field of view.
-
-    Raises
-    ------
-    UsageError
-        If no pinhole sees that much.
-    """
-    import math
-
-    from tofmix.optics.pinhole import Pinhole
-
-    if max(view_deg) >= _FLAT_DEG:
-        raise UsageError(f"--fov: {view_deg[0]:g} x {view_deg[1]:g} degrees; a pinhole sees less than 180")
-    fx, fy = (size / 2 / math.tan(math.radians(angle) / 2) for size, angle in zip((cols, rows), view_deg, strict=True))
-    return Pinhole(fx=fx, fy=fy, cx=(cols - 1) / 2, cy=(rows - 1) / 2)
-
-
-def not_known(sensor: "Sensor", *, has_optics: bool, has_time: bool) -> list[str]:
+def not_known(
+    sensor: "Sensor", *, has_optics: bool, has_time: bool, has_amplitude: bool = True, targets: int = 0
+) -> list[str]:
     """Missing data of the camera and of its clock, with the commands that need them."""
+    from tofmix.report.summary.light import OPTIONS, lacking
+
     missing = []
     if not has_optics:
         missing.append("field of view (export, map and surfaces need it: import --fov)")
@@ -341,4 +315,10 @@ def not_known(sensor: "Sensor", *, has_optics: bool, has_time: bool) -> list[str
         missing.append("noise curve (estimate measures it)")
     if not has_time:
         missing.append("times of the frames (reconcile needs them for effects in time: import --frame-rate)")
+    if sensor.is_lock_in is not False and not targets:
+        condition = "" if sensor.is_lock_in else "if this is a lock-in camera, "
+        missing += [
+            f"{name} ({condition}flying pixels are counted as surfaces without: import {' '.join(OPTIONS[name])})"
+            for name in lacking(sensor, has_amplitude=has_amplitude)
+        ]
     return missing

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -119,6 +119,36 @@ def nearer_of(**values: Any) -> tuple[Any, ...]:  # noqa: ANN401  values of any 
     line = click.core.ParameterSource.COMMANDLINE
     typed = {name for name, value in values.items() if value is not None and context.get_parameter_source(name) is line}
     return tuple(value if not typed or name in typed else None for name, value in values.items())
+
+
+def give_way(values: dict[str, Any], ruling: str, others: Iterable[str]) -> dict[str, Any]:
+    """Values in which an option of the environment gives way to one of the command line that excludes it.
+
+    What gives way has its default, and counts as not given.
+
+    Parameters
+    ----------
+    values : dict
+        Values of the running command's parameters, by name.
+    ruling : str
+        Name of the parameter that excludes others.
+    others : iterable of str
+        Their names.
+    """
+    context, others = click.get_current_context(), tuple(others)
+    line, environment = click.core.ParameterSource.COMMANDLINE, click.core.ParameterSource.ENVIRONMENT
+    weaker: tuple[str, ...] = ()
+    if context.get_parameter_source(ruling) is line:
+        weaker = others
+    elif any(context.get_parameter_source(name) is line for name in others):
+        weaker = (ruling,)
+    settled = dict(values)
+    for option in context.command.params:
+        name = option.name or ""
+        if name in weaker and context.get_parameter_source(name) is environment:
+            settled[name] = option.get_default(context)
+            context.set_parameter_source(name, click.core.ParameterSource.DEFAULT)
+    return settled
 
 
 def _hush(context: click.Context, _: click.Parameter, wanted: bool) -> None:

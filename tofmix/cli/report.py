@@ -65,9 +65,9 @@ def report(
         summary = summarise(file)
         if source is not None:
             made = file.provenance
-            remedy = remedy_for(made, file.shape[0], str(recording))
+            remedy = remedy_for(made, file.shape[0], str(recording), has_amplitude=source.has_amplitude)
             of_samples = findings_of_samples(source, made.sensor, made.unambiguous_range_mm, remedy)
-            summary = replace(summary, warnings=(*of_samples, *find(file, remedy)))
+            summary = summary.with_findings((*of_samples, *find(file, remedy)))
         singles = None
         if source is not None and summary.noise is not None:
             singles = _singles(file, window, source)

@@ -66,7 +66,7 @@ def _as_dict(name: str, sheet: "CameraSheet") -> dict[str, Any]:
     """Properties of a camera for JSON; None if not known."""
     noise = sheet.noise
     return {
-        "profile": name, "name": sheet.name, "rows": sheet.rows, "cols": sheet.cols,
+        "profile": name, "name": sheet.name, "measurement": sheet.measurement, "rows": sheet.rows, "cols": sheet.cols,
         "fov_horizontal_deg": sheet.fov_horizontal_deg, "fov_vertical_deg": sheet.fov_vertical_deg,
         "projection": None if sheet.projection is None else _optics(sheet.projection),
         "range_min_mm": sheet.range_min_mm, "range_max_mm": sheet.range_max_mm,
@@ -93,12 +93,12 @@ def _view(sheet: "CameraSheet") -> str:
 
 
 def _table(sheets: "dict[str, CameraSheet]") -> str:
-    lines = [f"{'profile':<26}{'rows x cols':<13}{'view, degrees':<21}{'range':<16}{'noise':<7}camera"]
+    lines = [f"{'profile':<26}{'measures':<10}{'rows x cols':<13}{'view, degrees':<21}{'range':<16}{'noise':<7}camera"]
     for name, sheet in sheets.items():
         size = "-" if sheet.rows is None else f"{sheet.rows} x {sheet.cols}"
         view = _view(sheet)
         ends = [None if end is None else f"{end / 1000:g}" for end in (sheet.range_min_mm, sheet.range_max_mm)]
         reach = "-" if ends == [None, None] else f"{ends[0] or '?'} to {ends[1] or '?'} m"
         noise = "-" if sheet.noise is None else "yes"
-        lines.append(f"{name:<26}{size:<13}{view:<21}{reach:<16}{noise:<7}{sheet.name}")
+        lines.append(f"{name:<26}{sheet.measurement or '-':<10}{size:<13}{view:<21}{reach:<16}{noise:<7}{sheet.name}")
     return "\n".join(lines)

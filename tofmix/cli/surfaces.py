@@ -53,7 +53,7 @@ def surfaces(
     camera's field of view. docs/how-to/surfaces.md shows how other programs read
     the file.
     """
-    from tofmix.cli.import_camera import view_of, view_words, with_view
+    from tofmix.cli.import_camera import view_of, view_words, viewed
     from tofmix.io.atomic.storage import locked
     from tofmix.io.layers.layers_file import open_layers
     from tofmix.io.recording.recording_file import file_sha256
@@ -67,7 +67,7 @@ def surfaces(
         if view is None:
             check_view(file)
         else:
-            sensor = with_view(sensor, view, projection, file.shape[1:])
+            sensor = viewed(sensor, view, projection, file.shape[1:])
         provenance = SurfacesProvenance(
             source=layers.name,
             source_sha256=file_sha256(layers),

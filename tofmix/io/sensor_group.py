@@ -11,6 +11,7 @@ from tofmix.errors import BadInputError
 from tofmix.io.guard import guard
 from tofmix.io.hdf5 import add_group, text_attribute
 from tofmix.learnt_noise import LearntNoise
+from tofmix.measurement import Measurement, measurement_of
 from tofmix.noise_shape import NoiseShape
 from tofmix.optics.projection import (
     DEFAULT_PROJECTION,
@@ -63,6 +64,8 @@ def write_sensor(root: h5py.File, sensor: Sensor, *, image: tuple[int, int]) -> 
     """Write the group `sensor` of an image (rows, cols); a number that is not known is NaN."""
     group = add_group(root, "sensor")
     group.attrs["name"] = sensor.name
+    if sensor.measurement is not None:
+        group.attrs["measurement"] = sensor.measurement.value
     for key in SENSOR_NUMBERS:
         value = getattr(sensor, key)
         group.attrs[key] = np.nan if value is None else float(value)
@@ -174,10 +177,16 @@ def read_sensor(root: h5py.File, path: Path) -> Sensor:
         noise, projection = _read_noise(group, path), _read_projection(group, path)
         learnt = _read_learnt(group, path)
         return Sensor(
-            name=text_attribute(group, "name") or "unknown", noise=noise, projection=projection, learnt=learnt, **known
-        )
+            name=text_attribute(group, "name") or "unknown", measurement=_read_measurement(group), noise=noise,
+            projection=projection, learnt=learnt, **known,
+        )  # fmt: skip
     except ValueError as error:
         raise BadInputError(f"{path}: sensor: {error}") from error
+
+
+def _read_measurement(group: h5py.Group) -> Measurement | None:
+    text = text_attribute(group, "measurement")
+    return measurement_of(text) if text else None
 
 
 def _read_projection(group: h5py.Group, path: Path) -> Projection | None:

@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 
 from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.learnt import warm_up as learnt
+from tofmix.estimation.mixture.em import fit_mixture
 from tofmix.estimation.noise.measurement import measure_noise
 from tofmix.estimation.peaks.counters import COUNTERS
+from tofmix.estimation.peaks.density import density
 from tofmix.estimation.peaks.incremental import IncrementalDensity
 from tofmix.estimation.peaks.modes import find_modes
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
@@ -27,6 +29,7 @@ from tofmix.surfaces.reconstruct import reconstruct
 from tofmix.unmixing import warm_up as unmixing
 
 _RANGE_MM = 1000.0  # of the made-up samples
+_NOISE = NoiseCurve(np.array([_RANGE_MM]), np.array([10.0]))
 _EDGE_SIDE = 12  # pixels of the made-up images with edges, along each side
 _PINHOLE = Pinhole(fx=20.0, fy=20.0, cx=5.5, cy=5.5)
 """A lens that sees the made-up scenes."""
@@ -59,7 +62,7 @@ def compile_images() -> None:
 
 
 def compile_scenes() -> None:
-    """Compile the kernels of maps, scenes and live densities, or load them from their cache."""
+    """Compile the kernels of maps, scenes and the steps of one pixel, or load them from their cache."""
     range_mm, sensor, _ = _made_up()
     camera = _with_sigma(sensor)
     layers = layer_pixels(range_mm, camera)
@@ -69,7 +72,9 @@ def compile_scenes() -> None:
     live = IncrementalDensity(camera, 1)
     live.add(range_mm[:1, 0, :1])
     live.modes()
-    find_modes(range_mm[:, 0, 0], NoiseCurve(np.array([_RANGE_MM]), np.array([10.0])))
+    find_modes(range_mm[:, 0, 0], _NOISE)
+    density(range_mm[:, 0, 0], [_RANGE_MM], _NOISE)
+    fit_mixture(range_mm[:, 0, 0], [_RANGE_MM], camera)
     _compile_casts()
 
 
@@ -97,7 +102,7 @@ def compile_noise() -> None:
 
 
 def _with_sigma(sensor: Sensor, law: AmplitudeLaw | None = None) -> Sensor:
-    return replace(sensor, noise=NoiseCurve(np.array([_RANGE_MM]), np.array([10.0]), law))
+    return replace(sensor, noise=replace(_NOISE, law=law))
 
 
 def _made_up() -> tuple[NDArray[np.float64], Sensor, NDArray[np.float64]]:

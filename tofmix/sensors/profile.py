@@ -13,6 +13,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
+from tofmix.measurement import Measurement
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import Projection
 from tofmix.optics.ranging import unambiguous_range_mm
@@ -65,6 +66,8 @@ class SensorProfile:
         sigma(r, tau) = sigma(r) * (reference / tau) ** exponent; at least 0.
     projection : Projection, optional
         Where the pixels look, if not with equal angles over the field of view.
+    measurement : Measurement, optional
+        What the camera measures.
     confirmed : bool
         Whether the figures were checked against the maker's data or a measurement.
     sources : tuple of str
@@ -82,6 +85,7 @@ class SensorProfile:
     fov_horizontal_deg: float | None = None
     fov_vertical_deg: float | None = None
     projection: Projection | None = None
+    measurement: Measurement | None = None
     range_min_mm: float
     range_max_mm: float
     integration_time_ms: float
@@ -240,6 +244,7 @@ def recorded_sensor(
         fov_horizontal_deg=camera.fov_horizontal_deg,
         fov_vertical_deg=camera.fov_vertical_deg,
         projection=camera.projection,
+        measurement=camera.measurement,
         outlier_probability=outlier_probability,
         noise=noise,
     )

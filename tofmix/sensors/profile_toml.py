@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.measurement import Measurement, measurement_of
 from tofmix.noise_shape import NoiseShape
 from tofmix.optics.projection import (
     DEFAULT_PROJECTION,
@@ -73,11 +74,15 @@ def read_sheet(
     """
     noise = table.table("noise")
     optics = {"projection", *_optics_keys()}
-    table.refuse_unknown({*_WHOLE, *_NUMBERS, *_MAY_BE_LEFT_OUT, "name", "noise", "valid_status", *optics, *more_keys})
+    table.refuse_unknown(
+        {*_WHOLE, *_NUMBERS, *_MAY_BE_LEFT_OUT, "name", "measurement", "noise", "valid_status", *optics, *more_keys}
+    )
     noise.refuse_unknown({*_NOISE_LISTS, *_LAW, *_NOISE_PARTS, *_NOISE_NUMBERS})
     settings: dict[str, Any] = {"name": _UNNAMED} if base is None else base.known()
     if "name" in table:
         settings["name"] = table.text("name")
+    if "measurement" in table:
+        settings["measurement"] = _measurement(table)
     settings |= {key: table.integer(key) for key in _WHOLE if key in table}
     settings |= {key: table.number(key) for key in (*_NUMBERS, *_MAY_BE_LEFT_OUT) if key in table}
     settings |= {key: noise.number(key) for key in _NOISE_NUMBERS if key in noise}
@@ -95,6 +100,13 @@ def read_sheet(
     except ValueError as error:
         where = noise if str(error).startswith(("reference", "exponent", "noise curve", "background")) else table
         raise where.error(str(error)) from None
+
+
+def _measurement(table: TomlTable) -> Measurement:
+    try:
+        return measurement_of(table.text("measurement"))
+    except ValueError as error:
+        raise table.error(str(error)) from None
 
 
 def _codes(table: TomlTable) -> tuple[int, ...]:

@@ -7,6 +7,7 @@ Use a sheet where a camera is only described: `tofmix sensors`, `tofmix import`.
 from dataclasses import dataclass, fields
 from typing import Any
 
+from tofmix.measurement import Measurement
 from tofmix.optics.projection import Projection
 from tofmix.recording import MOST_PIXELS_A_SIDE
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
@@ -15,7 +16,13 @@ from tofmix.sensors.profile import SensorProfile, recorded_sensor
 NOISE_KEYS = ("noise", "reference_integration_time_ms", "exponent")
 """Keys of a noise curve at any integration time; each needs the others."""
 
-_MAY_BE_LEFT_OUT = ("modulation_frequency_hz", "default_integration_time_ms", "projection", "valid_status")
+_MAY_BE_LEFT_OUT = (
+    "modulation_frequency_hz",
+    "default_integration_time_ms",
+    "projection",
+    "measurement",
+    "valid_status",
+)
 VIEW_KEYS = ("fov_horizontal_deg", "fov_vertical_deg")
 """Keys that a `projection` replaces."""
 
@@ -44,6 +51,7 @@ class CameraSheet:
     """
 
     name: str
+    measurement: Measurement | None = None
     rows: int | None = None
     cols: int | None = None
     fov_horizontal_deg: float | None = None

@@ -68,6 +68,8 @@ def test_findings_equal_those_of_report_for_any_engine(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     _wall(Path("a.h5"), drift=20.0, frames=80)
+    with h5py.File("a.h5", "r+") as root:  # nothing to say about mixing
+        root["sensor"].attrs["measurement"] = "pulses"
     given = "--noise", "file", "--window", 40, "--mixing", "events"
     once = tofmix("estimate", "a.h5", *given, "--workers", 1)
     lines = once.err.splitlines()

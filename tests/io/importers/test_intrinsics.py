@@ -36,6 +36,48 @@ def test_json_of_a_camera_info_is_read(tmp_path: Path) -> None:
         ({"rgbIntrinsic": COLOUR, "depthIntrinsic": DEPTH}, "210.5,211,88.25,72"),
         ([{"colour": COLOUR, "depth": DEPTH}], "210.5,211,88.25,72"),
         ({"fx": 210.5, "fy": 211, "ppx": 88.25, "ppy": 72}, "210.5,211,88.25,72"),
+        # Open3D writes the columns of the matrix, DepthAI its rows.
+        (
+            {"width": 176, "height": 144, "intrinsic_matrix": [210.5, 0, 0, 0, 211, 0, 88.25, 72, 1]},
+            "210.5,211,88.25,72 (of images of 144 x 176 pixels)",
+        ),
+        (
+            {
+                "cameraData": [
+                    [2, {"width": 176, "height": 144, "intrinsicMatrix": [[210.5, 0, 88.25], [0, 211, 72], [0, 0, 1]]}]
+                ]
+            },
+            "210.5,211,88.25,72 (of images of 144 x 176 pixels)",
+        ),
+        # An Azure Kinect's are parts of the sensor's size, with the corner of the first pixel at 0.
+        (
+            {
+                "CalibrationInformation": {
+                    "Cameras": [
+                        {
+                            "Purpose": "CALIBRATION_CameraPurposePhotoVideo",
+                            "SensorWidth": 4096,
+                            "SensorHeight": 3072,
+                            "Intrinsics": {"ModelParameters": [0.5, 0.5, 0.7, 0.9, 0.1]},
+                        },
+                        {
+                            "Purpose": "CALIBRATION_CameraPurposeDepth",
+                            "SensorWidth": 1000,
+                            "SensorHeight": 500,
+                            "Intrinsics": {"ModelParameters": [0.51, 0.49, 0.25, 0.75, 5.0]},
+                        },
+                    ]
+                }
+            },
+            "250,375,509.5,244.5 (of images of 500 x 1000 pixels)",
+        ),
+        (
+            {
+                "cam0": {"rostopic": "/rgb/image", "intrinsics": [600, 601, 320, 240]},
+                "cam1": {"rostopic": "/depth/image", "intrinsics": [210.5, 211, 88.25, 72]},
+            },
+            "210.5,211,88.25,72",
+        ),
         ({"left": DEPTH, "right": COLOUR}, "210.5,211,88.25,72 (left) or --intrinsics 600,601,320,240 (right)"),
     ],
 )

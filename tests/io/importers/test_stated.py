@@ -94,6 +94,23 @@ def test_default_fill_value_counts_in_netcdf_alone(tmp_path: Path) -> None:
         assert np.isnan(found).sum() == 1
 
 
+@pytest.mark.parametrize("images", [False, True])
+def test_whole_numbers_that_are_marked_as_unsigned_are_read_so(tmp_path: Path, *, images: bool) -> None:
+    # netCDF-3 has no unsigned numbers: 2100 mm in steps of 0.05 mm are 42,000, stored as -23,536.
+    counts = np.rint(WALL / 0.05).astype(np.uint16)
+    counts[2, 1, 1], counts[3, 0, 2] = 65000, 60000  # the fill value, and above the largest valid number
+    expected = np.where(counts >= 60000, np.nan, counts * 0.05)
+    path = tmp_path / "a.nc"
+    with h5py.File(path, "w") as root:
+        for number, stored in enumerate(counts.view(np.int16) if images else [counts.view(np.int16)]):
+            dataset = root.create_dataset(f"frame_{number}/depth" if images else "range", data=stored)
+            dataset.attrs.update({
+                "_Unsigned": "true", "scale_factor": 0.05, "units": "mm", "_FillValue": np.int16(65000 - 65536),
+                "valid_max": np.int16(59999 - 65536),
+            })  # fmt: skip
+    np.testing.assert_allclose(imported_mm(path), expected, rtol=1e-6)
+
+
 def test_damaged_packing_is_refused(tmp_path: Path) -> None:
     path = write_hdf5(tmp_path / "a.h5", WALL, scale_factor="half")
     with pytest.raises(BadInputError, match="scale_factor: expected a number"):
@@ -190,6 +207,62 @@ def test_scale_in_the_text_of_an_image_is_used(tmp_path: Path) -> None:
         np.testing.assert_array_equal(frames[0].depth, WALL[0] * 8)
 
 
+@pytest.mark.parametrize(("lines", "unit_mm", "factor", "offset"), [
+    ("cf=0\nc0=100.0\nc1=0.25\nvunit=mm\n", 1.0, 0.25, 100.0),
+    ("cf=0\nc0=0.0\nc1=0.001\nvunit=m\n", 1000.0, 0.001, 0.0),
+    ("vunit=mm\n", 1.0, 1.0, 0.0),
+    ("cf=20\nc0=1.0\nc1=2.0\nvunit=Gray Value\n", None, 1.0, 0.0),
+])  # fmt: skip
+def test_calibration_of_imagej_is_used(
+    tmp_path: Path, lines: str, unit_mm: float | None, factor: float, offset: float
+) -> None:
+    path = tmp_path / "a.tif"
+    text = f"ImageJ=1.54f\nimages={len(WALL)}\nframes={len(WALL)}\n{lines}"
+    with tifffile.TiffWriter(path) as file:
+        for number, image in enumerate(WALL):
+            file.write(image.astype("u2"), description=text if number == 0 else None, metadata=None)
+    source, frames = opened(path)
+    assert (source.unit_mm, source.scale_factor, source.add_offset) == (unit_mm, factor, offset)
+    np.testing.assert_array_equal([frame.depth for frame in frames], WALL)
+
+
+def test_channels_of_imagej_have_no_names_and_are_refused(tmp_path: Path) -> None:
+    stack = np.stack([WALL, WALL + 500], axis=1).astype("u2")
+    tifffile.imwrite(tmp_path / "a.tif", stack, imagej=True, metadata={"axes": "TCYX"})
+    with pytest.raises(BadInputError, match=r"2 channels .* not one sequence of depths"):
+        opened(tmp_path / "a.tif")
+
+
+@pytest.mark.parametrize(("channel", "annotation", "unit_mm"), [
+    ("Depth [cm]", "", 10.0), ("depth_m", "mm", 1000.0), ("Depth", "mm", 1.0), ("Depth", "", None),
+    ("Depth", "V", None),
+])  # fmt: skip
+def test_unit_of_an_ome_tiff_is_that_of_its_channel_or_of_an_annotation(
+    tmp_path: Path, channel: str, annotation: str, unit_mm: float | None
+) -> None:
+    metadata = {
+        "axes": "TYX", "Channel": {"Name": channel}, "PhysicalSizeX": 3.0, "PhysicalSizeXUnit": "m",
+        **({"MapAnnotation": {"Unit": annotation}} if annotation else {}),
+    }  # fmt: skip
+    tifffile.imwrite(tmp_path / "a.ome.tif", WALL.astype("f4"), metadata=metadata, ome=True)
+    assert opened(tmp_path / "a.ome.tif")[0].unit_mm == unit_mm
+
+
+@pytest.mark.parametrize("kind", ["npz", "mat", "h5"])
+def test_unit_in_the_name_of_an_array_is_used(tmp_path: Path, kind: str) -> None:
+    path, metres = tmp_path / f"a.{kind}", WALL / 1000
+    if kind == "npz":
+        np.savez(path, depth_m=metres)
+    elif kind == "mat":
+        savemat(path, {"depth_m": metres})
+    else:
+        with h5py.File(path, "w") as root:
+            root["depth_m"] = metres
+    options = ("--axes", "frame,row,col") if kind == "mat" else ()
+    np.testing.assert_allclose(imported_mm(path, *options), WALL, rtol=1e-6)
+    np.testing.assert_allclose(imported_mm(path, *options, "--units", "cm"), WALL / 100, rtol=1e-6)
+
+
 def test_images_of_another_stream_in_a_folder_are_not_frames(tmp_path: Path) -> None:
     for k in range(9):
         write_png(tmp_path / f"depth_{k}.png", WALL[k])
@@ -241,6 +314,22 @@ def test_channel_of_an_ome_tiff_is_told_by_its_name(tmp_path: Path, names: tuple
 )
 def test_streams_are_told_by_the_words_of_their_names(name: str, stream: str) -> None:
     assert stream_of(name) == stream
+
+
+@pytest.mark.parametrize("kind", ["npz", "mat", "h5"])
+def test_array_of_8_bits_beside_a_wider_one_is_no_depth_where_names_say_nothing(tmp_path: Path, kind: str) -> None:
+    path, arrays = tmp_path / f"a.{kind}", {"a": np.full(WALL.shape, 255, dtype="u1"), "b": WALL}
+    if kind == "npz":
+        np.savez(path, **arrays)  # type: ignore[arg-type]
+    elif kind == "mat":
+        savemat(path, arrays)
+    else:
+        with h5py.File(path, "w") as root:
+            for name, values in arrays.items():
+                root[name] = values
+    source, frames = opened(path, axes="frame,row,col")
+    np.testing.assert_array_equal([frame.depth for frame in frames], WALL)
+    assert source.notes == (f"{path}: not used: array a",)
 
 
 def test_names_that_say_nothing_are_taken_where_none_says_depth() -> None:

@@ -139,7 +139,11 @@ def test_no_surface_anywhere_gives_none_not_nan(make_source: Callable[..., Layer
     json.dumps(values, allow_nan=False)
     assert values["layers"][0]["range_mm"] == {"count": 0, "q05": None, "q50": None, "q95": None}
     assert values["pixels_by_surfaces"] == [6, 0, 0]
-    assert {w["code"] for w in values["warnings"]} == {"too_few_samples", "no_surface_anywhere"}
+    assert {w["code"] for w in values["warnings"]} == {
+        "too_few_samples",
+        "no_surface_anywhere",
+        "flying_pixels_counted",
+    }
 
 
 def test_without_a_curve_nothing_is_compared(

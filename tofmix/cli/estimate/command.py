@@ -15,6 +15,7 @@ from tofmix.cli.options import (
     SHARD,
     default_workers,
     examples,
+    give_way,
     json_option,
     nearer_of,
     overwrite_option,
@@ -26,6 +27,11 @@ if TYPE_CHECKING:
 
 COUNTER_OPTIONS = {"kde": ("gamma", "epsilon"), "cpdf": ("bins", "ratio"), "fourier": ("order", "level")}
 """The counters and their options: `tofmix.estimation.peaks.counters.COUNTERS` in words, for it imports numba."""
+
+_NOT_OF_THE_PAPER = (
+    "sigma", "refine", "false_alarm", "counter", "epsilon", "max_iter", "tol", "unambiguous_range", "wrap", "mixing"
+)  # fmt: skip
+"""Options that the paper's algorithm does not have."""
 
 
 @examples(
@@ -208,6 +214,14 @@ def estimate(
     shard, scheduler = nearer_of(shard=shard, scheduler=scheduler)
     if scheduler is not None and shard is not None:
         raise UsageError("--shard and --scheduler exclude each other: a shard is computed on this machine")
+    settled = give_way({**choices, "wrap": wrap, "unambiguous_range": unambiguous_range}, "paper", _NOT_OF_THE_PAPER)
+    if settled["refine"] == "none":
+        settled = give_way(settled, "refine", ["false_alarm"])
+    settled = give_way(
+        settled, "counter", [n for kind, names in COUNTER_OPTIONS.items() if kind != settled["counter"] for n in names]
+    )
+    wrap, unambiguous_range = settled.pop("wrap"), settled.pop("unambiguous_range")
+    choices = settled
     if choices["refine"] == "none" and context.get_parameter_source("false_alarm") is not ParameterSource.DEFAULT:
         raise UsageError("--false-alarm belongs to --refine likelihood, not to --refine none")
     if choices["paper"]:
@@ -242,9 +256,7 @@ def estimate(
 
 def _check_paper(context: click.Context) -> None:
     """Refuse options that the paper's algorithm does not have."""
-    for name in (
-        "sigma", "refine", "false_alarm", "counter", "epsilon", "max_iter", "tol", "unambiguous_range", "wrap", "mixing"
-    ):  # fmt: skip
+    for name in _NOT_OF_THE_PAPER:
         if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
             raise UsageError(
                 f"--{name.replace('_', '-')} and --paper exclude each other: the paper's algorithm has no such option"

@@ -15,8 +15,9 @@ def check_frames(source: "RecordingFile", request: Request) -> None:
     Raises
     ------
     BadInputError
-        If phasors are wanted, and the recording has no amplitudes, no modulation frequency, or several targets a
-        frame; or if samples are wanted, and its root attribute `averaged` is a number other than 0.
+        If phasors are wanted, and the recording has no amplitudes, no modulation frequency or several targets a frame,
+        or its camera measures no phase; or if samples are wanted, and its root attribute `averaged` is a number other
+        than 0.
     """
     if request.options.mixing == "phasor":
         _check_phasors(source)
@@ -37,15 +38,18 @@ def _check_not_averaged(recording: "RecordingFile") -> None:
 
 def _check_phasors(recording: "RecordingFile") -> None:
     """Refuse a recording whose samples are no phasors."""
+    from tofmix.report.summary.light import OPTIONS, lacking
+
     if recording.targets:
         raise BadInputError(f"{recording.path}: several targets a frame, and --mixing phasor needs one sample a frame")
-    lacking = {
-        "amplitudes": ("--amplitude", recording.has_amplitude),
-        "modulation frequency": ("--sensor", recording.sensor.modulation_frequency_hz is not None),
-    }
-    wanted = {name: option for name, (option, is_there) in lacking.items() if not is_there}
-    if wanted:
+    sensor = recording.sensor
+    if sensor.is_lock_in is False:
         raise BadInputError(
-            f"{recording.path}: no {' and no '.join(wanted)}, which --mixing phasor needs; import the recording with"
-            f" {' and '.join(wanted.values())}"
+            f"{recording.path}: {sensor.name} is no lock-in camera (measurement: {sensor.measurement}), and --mixing"
+            " phasor needs one"
+        )
+    if missing := lacking(sensor, has_amplitude=recording.has_amplitude):
+        raise BadInputError(
+            f"{recording.path}: no {' and no '.join(missing)}, which --mixing phasor needs; import the recording with"
+            f" {' and '.join(OPTIONS[name][0] for name in missing)}"
         )

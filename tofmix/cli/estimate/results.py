@@ -5,6 +5,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tofmix.cli.options import is_quiet
 from tofmix.wording import counted
 
 if TYPE_CHECKING:
@@ -13,8 +14,10 @@ if TYPE_CHECKING:
 
 
 def say_findings(path: Path, findings: list["Finding"], say: Callable[[str], object]) -> list["Finding"]:
-    """Print the doubts about a file, a line each; return them."""
+    """Print the doubts about a file, a line each, and the notes unless --quiet is set; return them."""
     for finding in findings:
+        if finding.is_note and is_quiet():
+            continue
         say(f"{path}: {finding.line}")
     return findings
 
@@ -32,6 +35,8 @@ def describe(
     outcome: "Outcome", findings: Sequence["Finding"] = (), shard: tuple[int, int] | None = None
 ) -> tuple[str, dict[str, Any]]:
     """Describe the result, as a line and for JSON."""
+    from tofmix.report.summary.findings import split_notes
+
     (rows, cols), windows = outcome.grid.image, outcome.windows
     undecided = () if outcome.mixture is None else _undecided(outcome.target)
     decided = [count - without for count, without in zip_longest(outcome.tally, undecided, fillvalue=0)]
@@ -42,11 +47,12 @@ def describe(
         f"{outcome.target}: {part}{rows} x {cols} pixels, {counted(windows.count, 'window')}"
         f" of {counted(windows.length, 'frame')}; pixels by surfaces {found}"
     )
+    warnings, notes = split_notes(findings)
     said: dict[str, Any] = {
         "status": "done", "exit_code": 0, "rows": rows, "cols": cols, "windows": windows.count,
         "window_frames": windows.length, "frames_left_out": windows.frames_left_out,
         "pixels_by_surfaces": list(outcome.tally), "blocks": outcome.cells, "blocks_continued": outcome.continued,
-        "warnings": [finding.as_dict() for finding in findings],
+        "warnings": [finding.as_dict() for finding in warnings], "notes": [finding.as_dict() for finding in notes],
     }  # fmt: skip
     if outcome.mixture is not None:
         said["mixing"] = outcome.mixture.as_dict()

@@ -30,9 +30,6 @@ if TYPE_CHECKING:
     from tofmix.pipeline.job import Engine
     from tofmix.windows import Windows
 
-_NO_PHASORS = "mixing: not measured: the recording has no {}; each sample counts as one surface"
-"""The note on a recording whose samples are no phasors, with the part that is missing."""
-
 
 def estimate_files(
     recordings: Sequence[Path], output: Path | None, output_dir: Path | None, request: Request, *, as_json: bool
@@ -95,7 +92,7 @@ def _estimate(
             noise = AUTO
         remedy = Remedy(
             recording=str(recording), noise=noise, window_frames=windows.length, windows=windows.count,
-            paper=options.paper,
+            paper=options.paper, unmix=options.mixing == "auto", has_amplitude=source.has_amplitude,
         )  # fmt: skip
         with bar.aside():
             findings = findings_of_samples(source, source.sensor, options.unambiguous_range_mm, remedy)
@@ -118,9 +115,6 @@ def _estimate(
             job, engine, target, shard=shard, overwrite=request.overwrite, resume=request.resume,
             progress=bar.update, say=say, verify_source=source.verify_unchanged,
         )  # fmt: skip
-    if not job.provenance.is_unmixed and options.mixing == "auto" and not is_quiet():
-        missing = "single modulation frequency" if source.has_amplitude else "amplitudes"
-        say(f"{recording}: {_NO_PHASORS.format(missing)}")
     if outcome.mixture is not None and not is_quiet():
         say(f"{recording}: mixing: {outcome.mixture.words()}")
     if outcome.continued and not is_quiet():

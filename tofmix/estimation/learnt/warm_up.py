@@ -10,6 +10,7 @@ from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.bootstrap import calibrate
 from tofmix.estimation.learnt.clusters import find_clusters, fit_clusters
 from tofmix.estimation.learnt.held_out import flat_thresholds, held_out_scores
+from tofmix.estimation.learnt.law import precision_of_t
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.shares import background_shares, pixel_widths
 from tofmix.sensor import NoiseCurve, Sensor
@@ -31,6 +32,7 @@ def warm_up_first() -> None:
     laws, beam = noise.laws(), beam_of(sensor)
     fit_clusters(samples, find_clusters(samples, beam), laws[0], beam, True)  # noqa: FBT003  a kernel's flag
     held_out_scores(samples, laws, beam, flat_thresholds(), 2)
+    precision_of_t(0.0, 1.0)
 
 
 def warm_up_later() -> None:

@@ -7,7 +7,7 @@ Both are read frame by frame. Where frames are not the first axis in memory, an
 import math
 import re
 import zipfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -28,6 +28,7 @@ from tofmix.io.importers.base import (
 )
 from tofmix.io.importers.status import codes_of, is_status_name
 from tofmix.io.importers.streams import depths_among
+from tofmix.io.importers.units import unit_in_name
 
 TIME = "time"
 """Name of an array of one number a frame, s."""
@@ -78,11 +79,13 @@ def open_npz(path: Path, request: Request) -> Iterator[FrameSource]:
         with foreign(path):
             archive = stack.enter_context(zipfile.ZipFile(path))
             members = {name.removesuffix(".npy"): name for name in archive.namelist() if name.endswith(".npy")}
-        shapes = {}
+        shapes, bytewise = {}, set()
         for name, member in members.items():
             with foreign(f"{path}: {name}"), archive.open(member) as file:
-                shapes[name] = _header(file)[0]
-        name = choose(shapes, request.topic, path, request.axes)
+                shapes[name], _, dtype = _header(file)
+            if dtype.itemsize == 1:
+                bytewise.add(name)
+        name = choose(shapes, request.topic, path, request.axes, bytewise)
         depth = _Member(archive, members[name], request, f"{path}: {name}", stack)
         amplitude = None
         if request.amplitude is not None:
@@ -104,6 +107,7 @@ def open_npz(path: Path, request: Request) -> Iterator[FrameSource]:
             shape=depth.shape,
             targets=depth.targets,
             dtype=depth.dtype,
+            unit_mm=unit_in_name(name),
             frames=joined(depth, amplitude, time_s, status),
             status_valid=beside.codes,
             has_amplitude=amplitude is not None,
@@ -161,10 +165,16 @@ def _header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
     return shape, fortran, dtype
 
 
-def choose(shapes: dict[str, tuple[int, ...]], wanted: str | None, path: Path, axes: str | None = None) -> str:
+def choose(
+    shapes: dict[str, tuple[int, ...]],
+    wanted: str | None,
+    path: Path,
+    axes: str | None = None,
+    bytewise: Container[str] = (),
+) -> str:
     """Name of the array to read: the wanted one, else the only one of frames, else ``range``.
 
-    Frames are arrays with as many axes as `axes` names, three without it.
+    Frames are arrays with as many axes as `axes` names, three without it; `bytewise` are those of 8 bits.
 
     Raises
     ------
@@ -184,7 +194,7 @@ def choose(shapes: dict[str, tuple[int, ...]], wanted: str | None, path: Path, a
     if _PREFERRED in images:
         return _PREFERRED
     if len(images) > 1:
-        images = depths_among(images)
+        images = depths_among(images, bytewise)
     if len(images) != 1:
         raise BadInputError(f"{path}: several arrays may hold the depths; choose one with --dataset: {listed}")
     return images[0]

@@ -2,7 +2,8 @@
 
 References
 ----------
-CF Conventions 1.11, sections 2.5.1 and 8.1; the default fill values are those of netCDF's ``netcdf.h``.
+CF Conventions 1.11, sections 2.5.1 and 8.1; NetCDF Users Guide, attribute ``_Unsigned``. The default fill values
+are those of netCDF's ``netcdf.h``.
 """
 
 import math
@@ -35,12 +36,19 @@ class Packing:
         Stored numbers that are fill values.
     valid_span : (float, float)
         Least and largest valid stored number.
+    dtype : dtype, optional
+        Whole numbers that the stored ones are to be read as: netCDF-3 has no unsigned ones, and marks them.
     """
 
     scale_factor: float = 1.0
     add_offset: float = 0.0
     invalid: tuple[float, ...] = ()
     valid_span: tuple[float, float] = (-math.inf, math.inf)
+    dtype: np.dtype[Any] | None = None
+
+    def as_marked(self, stored: NDArray[Any]) -> NDArray[Any]:
+        """Stored numbers as whole numbers with or without a sign, as the dataset marks them."""
+        return stored if self.dtype is None else stored.view(self.dtype)
 
     def unpacked(self, stored: NDArray[Any]) -> NDArray[Any]:
         """Values of stored numbers, as they are where nothing is packed; fill values become NaN.
@@ -52,6 +60,7 @@ class Packing:
         """
         if self == Packing():
             return stored
+        stored = self.as_marked(stored)
         bad = np.isin(stored, self.invalid) | (stored < self.valid_span[0]) | (stored > self.valid_span[1])
         return np.where(bad, np.nan, stored * self.scale_factor + self.add_offset)
 
@@ -83,20 +92,43 @@ def packing_of(dataset: h5py.Dataset, path: Path, *, netcdf: bool) -> Packing:
     own = _own_fill(dataset)
     if not fills and own is not None:
         fills = (own,)
+    dtype = _marked_dtype(dataset)
     kind = dataset.dtype.str[1:]
     if not fills and netcdf and kind in _DEFAULT_FILLS:
         fills = (float(_DEFAULT_FILLS[kind]),)
+    if dtype is not None:
+        fills = tuple(_as_marked(fill, dtype) for fill in fills)
     return Packing(
         scale_factor=scale[0], add_offset=offset[0], invalid=tuple(fill for fill in fills if not math.isnan(fill)),
-        valid_span=_span(dataset, path),
+        valid_span=_span(dataset, path, dtype), dtype=dtype,
     )  # fmt: skip
 
 
-def _span(dataset: h5py.Dataset, path: Path) -> tuple[float, float]:
+def _marked_dtype(dataset: h5py.Dataset) -> np.dtype[Any] | None:
+    """Type that ``_Unsigned`` of the NetCDF Users Guide gives to whole numbers; None where it changes nothing."""
+    mark = dataset.attrs.get("_Unsigned")
+    text = (mark.decode(errors="replace") if isinstance(mark, bytes) else str(mark)).lower()
+    meant = {"true": "u", "1": "u", "false": "i", "0": "i"}.get(text)
+    if meant is None or dataset.dtype.kind not in "iu" or dataset.dtype.kind == meant:
+        return None
+    return np.dtype(f"{dataset.dtype.byteorder}{meant}{dataset.dtype.itemsize}")
+
+
+def _as_marked(number: float, dtype: np.dtype[Any]) -> float:
+    """A limit or a fill value, which is stored as the numbers are, in the marked type."""
+    if math.isinf(number) or not number.is_integer():
+        return number
+    size = 2 ** (8 * dtype.itemsize)
+    whole = int(number) % size
+    return float(whole - size if dtype.kind == "i" and whole >= size // 2 else whole)
+
+
+def _span(dataset: h5py.Dataset, path: Path, dtype: np.dtype[Any] | None) -> tuple[float, float]:
     both = _numbers(dataset, "valid_range", path, count=2)
     least = _numbers(dataset, "valid_min", path, count=1) or both[:1] or (-math.inf,)
     most = _numbers(dataset, "valid_max", path, count=1) or both[1:] or (math.inf,)
-    return least[0], most[0]
+    span = least[0], most[0]
+    return span if dtype is None else (_as_marked(span[0], dtype), _as_marked(span[1], dtype))
 
 
 def _own_fill(dataset: h5py.Dataset) -> float | None:

@@ -44,6 +44,8 @@ def open_folder(path: Path, _: Request) -> Iterator[FrameSource]:
         shape=(len(files), *first.shape),
         dtype=first.dtype,
         unit_mm=stated.unit_mm,
+        scale_factor=stated.scale_factor,
+        add_offset=stated.add_offset,
         depth_axis=stated.depth_axis,
         frames=_frames(files, first),
         notes=(unused(path, "images", left),) if left else (),

@@ -22,7 +22,7 @@ from tofmix.io.importers.base import Frame, FrameSource, Request, check_frame
 from tofmix.io.importers.cf import Packing, packing_of
 from tofmix.io.importers.datasets import DatasetFrames
 from tofmix.io.importers.times import time_unit_s
-from tofmix.io.importers.units import unit_mm_of
+from tofmix.io.importers.units import unit_in_name, unit_mm_of
 from tofmix.io.layers.layers_file import FORMAT as LAYERS_FORMAT
 
 _RANGE, _AMPLITUDE, _TIME = "range", "amplitude", "time"
@@ -52,8 +52,9 @@ def _source(root: h5py.File, path: Path, request: Request) -> FrameSource:
     if of_frames is not None:
         return _one_dataset_a_frame(root, of_frames, path, request)
     name = choose(
-        shapes, None if request.topic is None else request.topic.strip("/"), path, _axes_asked(root, shapes, request)
-    )
+        shapes, None if request.topic is None else request.topic.strip("/"), path, _axes_asked(root, shapes, request),
+        {name for name in shapes if root[name].dtype.itemsize == 1},
+    )  # fmt: skip
     beside = arrays_beside(shapes, name, request, path)
     notes = [*_axes_guessed(root, name, request, path), *beside.notes]
     depth = _frames(root, name, shapes, path, request)
@@ -67,8 +68,8 @@ def _source(root: h5py.File, path: Path, request: Request) -> FrameSource:
         kind=f"dataset {name}{'' if amplitude is None else f' with {amplitude.name}'} of an HDF5 file",
         shape=depth.shape,
         targets=depth.targets,
-        dtype=depth.dtype,
-        frames=joined(depth, light, time_s, status),
+        dtype=packing.dtype or depth.dtype,
+        frames=joined(map(packing.as_marked, depth), light, time_s, status),
         unit_mm=_unit(dataset, name, path, request),
         scale_factor=packing.scale_factor,
         add_offset=packing.add_offset,
@@ -92,12 +93,13 @@ def _one_dataset_a_frame(root: h5py.File, names: list[str], path: Path, request:
             dataset = guard.checked_dataset(root, name, path)
             with guard.reading(path, name):
                 image = np.asarray(dataset[...])
-            yield Frame(depth=check_frame(image, first.shape, first.dtype, f"{path}: {name}"))
+            same = check_frame(image, first.shape, first.dtype, f"{path}: {name}")
+            yield Frame(depth=packing.as_marked(same))
 
     return FrameSource(
         kind=f"{len(names)} datasets of an HDF5 file, one a frame",
         shape=(len(names), *first.shape),
-        dtype=first.dtype,
+        dtype=packing.dtype or first.dtype,
         frames=images(),
         unit_mm=_unit(first, names[0], path, request),
         scale_factor=packing.scale_factor,
@@ -206,8 +208,10 @@ def _time(
 
 def _unit(dataset: h5py.Dataset, name: str, path: Path, request: Request) -> float | None:
     text = hdf5.text_attribute(dataset, "units")
-    if text is None or request.unit_mm is not None:
+    if request.unit_mm is not None:
         return None
+    if text is None:
+        return unit_in_name(name)
     unit = unit_mm_of(text)
     if unit is None:
         raise BadInputError(f"{path}: {name}: units {text!r} are not a known unit of length; give --units or --scale")

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -240,20 +240,33 @@ def _parse(text: str) -> Any:  # noqa: ANN401  what YAML holds
 _LENS_KEYS = (("fx", "fy", "cx", "cy"), ("fx", "fy", "ppx", "ppy"))
 """Names of focal lengths and centre in calibrations of other kinds."""
 
+_LENS_MATRICES = "intrinsic_matrix", "intrinsicmatrix", "intrinsics", "intrinsic", "camera_matrix", "cameramatrix", "k"
+"""Names of a 3 x 3 matrix there: Open3D writes its columns, DepthAI its rows."""
+
+_OWN_NAMES = "Purpose", "rostopic", "name"
+"""What a camera's table says of the camera there: an Azure Kinect's, Kalibr's, others'."""
+
+_SIZES = (("width", "height"), ("sensorwidth", "sensorheight"))
+"""Names of the image's size there."""
+
 
 def _refuse_other_kinds(found: object, path: Path) -> None:
-    """Refuse a calibration of another kind by its name, with the numbers to give instead where they are plain.
+    """Refuse a calibration of another kind by its name, with the numbers to give instead.
 
     Kalibr's camera chains and JSON of camera makers have the focal lengths under names of their own. Where one file
     describes several cameras, those of depth are named; without such a name, all are.
     """
     with foreign(path):
-        lenses = {name: numbers for name, table in _tables(found) if (numbers := _lens_of(table))}
+        lenses = {name: lens for name, table in _tables(found) if (lens := _lens_of(table)) is not None}
     if not lenses:
         return
     chosen = depths_among(lenses) or list(lenses)
-    options = [f"--intrinsics {','.join(f'{n:.10g}' for n in lenses[name])}" for name in chosen]
-    named = options if len(chosen) == 1 else [f"{text} ({name})" for text, name in zip(options, chosen, strict=True)]
+    named = []
+    for name in chosen:
+        lens = lenses[name]
+        about = ", ".join(part for part in (name if len(chosen) > 1 else "", lens.image) if part)
+        numbers = ",".join(f"{n:.10g}" for n in lens.numbers)
+        named.append(f"--intrinsics {numbers}{f' ({about})' if about else ''}")
     raise BadInputError(
         f"{path}: a calibration of Kalibr's or a camera maker's kind, which is not read; give its numbers, without"
         f" distortion: {' or '.join(' '.join(text.split()) for text in named)}"
@@ -261,9 +274,10 @@ def _refuse_other_kinds(found: object, path: Path) -> None:
 
 
 def _tables(found: object, name: str = "") -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """A table and those in it, outermost first, each with the names that lead to it."""
+    """A table and those in it, outermost first, each with the names that lead to it, and what it calls itself."""
     if isinstance(found, Mapping):
-        yield name, found
+        own = [text for key in _OWN_NAMES if isinstance(text := found.get(key), str)]
+        yield ".".join(filter(None, (name, *own))), found
     parts: Iterable[tuple[object, object]] = ()
     if isinstance(found, Mapping):
         parts = found.items()
@@ -273,17 +287,48 @@ def _tables(found: object, name: str = "") -> Iterator[tuple[str, Mapping[str, A
         yield from _tables(value, f"{name}.{key}".lstrip("."))
 
 
-def _lens_of(table: Mapping[str, Any]) -> tuple[float, ...]:
-    """Fx, fy, cx and cy of a table of Kalibr's or a maker's kind; empty if it has none."""
+class _Lens(NamedTuple):
+    """Fx, fy, cx and cy, pixels, and the image that they are of in words, empty if it is not known."""
+
+    numbers: tuple[float, ...]
+    image: str
+
+
+def _lens_of(table: Mapping[str, Any]) -> _Lens | None:
+    """The lens of a table of Kalibr's or a maker's kind; None if it has none."""
     lower = {str(key).lower(): value for key, value in table.items()}
+    sizes = [(lower.get(width), lower.get(height)) for width, height in _SIZES]
+    size = next(((w, h) for w, h in sizes if type(w) is int and type(h) is int and min(w, h) > 0), None)
     values: list[list[Any]] = [[lower.get(key) for key in keys] for keys in _LENS_KEYS]
+    values += [_of_matrix(lower.get(key)) for key in _LENS_MATRICES]
     if isinstance(lower.get("intrinsics"), list):
         values.append(lower["intrinsics"][-len(_LENS_KEYS[0]) :])  # models of wide lenses put numbers before
+    if size is not None:
+        values.append(_of_azure(lower.get("intrinsics"), size))
     for numbers in values:
         plain = len(numbers) == len(_LENS_KEYS[0]) and all(type(number) in (int, float) for number in numbers)
         if plain and all(math.isfinite(number) for number in numbers) and min(numbers[:2]) > 0:
-            return tuple(float(number) for number in numbers)
-    return ()
+            image = "" if size is None else f"of images of {size[1]} x {size[0]} pixels"
+            return _Lens(tuple(float(number) for number in numbers), image)
+    return None
+
+
+def _of_matrix(value: object) -> list[Any]:
+    """Fx, fy, cx and cy of a 3 x 3 matrix in rows or in columns; empty if it is none."""
+    m = list(_flat(value)) if isinstance(value, (list, Mapping)) else []
+    if len(m) != _MATRIX or m[8] != 1:
+        return []
+    return [m[0], m[4], m[2], m[5]] if m[6] == m[7] == 0 else [m[0], m[4], m[6], m[7]]
+
+
+def _of_azure(value: object, size: tuple[int, int]) -> list[Any]:
+    """Fx, fy, cx and cy of the whole sensor, by an Azure Kinect: cx, cy, fx and fy in parts of the sensor's size."""
+    numbers = value.get("ModelParameters") if isinstance(value, Mapping) else None
+    first = numbers[:4] if isinstance(numbers, list) else []
+    if len(first) < len(_LENS_KEYS[0]) or not all(type(number) is float for number in first):
+        return []
+    cx, cy, fx, fy = first
+    return [fx * size[0], fy * size[1], cx * size[0] - 0.5, cy * size[1] - 0.5]
 
 
 def _first(found: Mapping[str, Any], *keys: str) -> Any:  # noqa: ANN401  what YAML holds

@@ -32,7 +32,7 @@ def main() -> None:
         hard = resource.getrlimit(what)[1]
         resource.setrlimit(what, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
     try:
-        sys.stdout.write(json.dumps({name: shape for name, shape, _ in whosmat(path)}) + "\n")
+        sys.stdout.write(json.dumps({name: (shape, kind) for name, shape, kind in whosmat(path)}) + "\n")
         sys.stdout.flush()
         names = json.loads(sys.stdin.readline() or "[]")
         held = loadmat(path, variable_names=names) if names else {}

@@ -36,6 +36,10 @@ from tofmix.io.importers.arrays import (
 from tofmix.io.importers.axes import FRAMES_FIRST, FRAMES_LAST, STACK_DIMENSIONS, axes_of
 from tofmix.io.importers.base import FrameSource, Request, foreign
 from tofmix.io.importers.datasets import DatasetFrames
+from tofmix.io.importers.units import unit_in_name
+
+_BYTES = ("int8", "uint8", "logical", "char")
+"""MATLAB's classes of 8 bits."""
 
 _UNPACKING_TIMES = 6.0
 """Factor on the time limit of a read: a whole file is unpacked at once."""
@@ -85,8 +89,11 @@ def _of_scipy(path: Path, request: Request, folder: Path) -> FrameSource:
         listed = child.stdout.readline()
         if not listed:
             raise _refusal(child, child.communicate()[1], path)
-        shapes = {name: tuple(shape) for name, shape in json.loads(listed).items()}
-        name = choose(shapes, request.topic, path, request.axes)
+        found = json.loads(listed)
+        shapes = {name: tuple(shape) for name, (shape, _) in found.items()}
+        name = choose(
+            shapes, request.topic, path, request.axes, {n for n, (_, kind) in found.items() if kind in _BYTES}
+        )
         names = [name] if request.amplitude is None else [name, choose(shapes, request.amplitude, path, request.axes)]
         beside = arrays_beside(shapes, name, request, path)
         request = _with_axes(shapes[name], request, f"{path}: {name}")
@@ -132,6 +139,7 @@ def _source(
         shape=sizes_of(depth)[0],
         targets=sizes_of(depth)[1],
         dtype=depth.dtype,
+        unit_mm=unit_in_name(name),
         frames=joined(depth, amplitude, time_s, status),
         status_valid=beside.codes,
         has_amplitude=amplitude is not None,
@@ -143,8 +151,10 @@ def _source(
 def _of_hdf5(root: h5py.File, path: Path, request: Request) -> FrameSource:
     with guard.reading(path, "variables"):
         # HDF5 sees MATLAB's axes in reverse.
-        shapes = {n: tuple(reversed(item.shape)) for n, item in root.items() if isinstance(item, h5py.Dataset)}
-    name = choose(shapes, request.topic, path, request.axes)
+        datasets = {name: item for name, item in root.items() if isinstance(item, h5py.Dataset)}
+        shapes = {name: tuple(reversed(item.shape)) for name, item in datasets.items()}
+        bytewise = {name for name, item in datasets.items() if item.dtype.itemsize == 1}
+    name = choose(shapes, request.topic, path, request.axes, bytewise)
     beside = arrays_beside(shapes, name, request, path)
     request = _with_axes(shapes[name], request, f"{path}: {name}")
     depth = _variable(root, name, shapes[name], request, path)
@@ -165,6 +175,7 @@ def _of_hdf5(root: h5py.File, path: Path, request: Request) -> FrameSource:
         shape=depth.shape,
         targets=depth.targets,
         dtype=depth.dtype,
+        unit_mm=unit_in_name(name),
         frames=joined(depth, amplitude, time_s, status),
         status_valid=beside.codes,
         has_amplitude=amplitude is not None,

@@ -1,7 +1,7 @@
 """Streams by their names: topics, files, datasets and channels of depth, and those of something else."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from typing import Literal
 
 Stream = Literal["depth", "other", "unknown"]
@@ -29,8 +29,18 @@ def stream_of(name: str) -> Stream:
     return "depth" if any(word in _DEPTH for word in words) else "unknown"
 
 
-def depths_among(names: Iterable[str]) -> list[str]:
-    """Names that may be of depths: those that say so, else those that say nothing."""
+def depths_among(names: Iterable[str], bytewise: Container[str] = ()) -> list[str]:
+    """Names that may be of depths: those that say so, else those that say nothing.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Names of streams side by side.
+    bytewise : container of str
+        Those whose values have 8 bits. Among streams that say nothing they are no depths beside wider ones: masks,
+        confidences and grey images have 8 bits, and ranges in mm need more.
+    """
     told = {name: stream_of(name) for name in names}
     sure = [name for name, stream in told.items() if stream == "depth"]
-    return sure or [name for name, stream in told.items() if stream == "unknown"]
+    silent = [name for name, stream in told.items() if stream == "unknown"]
+    return sure or [name for name in silent if name not in bytewise] or silent

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
-from xml.etree import ElementTree as ET
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +22,7 @@ from tofmix.io.importers.base import (
     foreign,
     unused,
 )
-from tofmix.io.importers.image_text import stated_in
+from tofmix.io.importers.image_text import imagej_keys, ome_root, stated_in, tag
 from tofmix.io.importers.streams import depths_among
 
 _LOGGER = "tifffile"
@@ -47,12 +46,14 @@ def open_pages(path: Path, _: Request) -> Iterator[FrameSource]:
             text = str(pages[0].description or "")
         channels = _channels(text)
         chosen, notes = _depth_pages(channels, count, path)
-        stated = stated_in(text)
+        stated = stated_in(text, channels.names[chosen[0] // channels.stride % len(channels.names)])
         yield FrameSource(
             kind="multi-page TIFF",
             shape=(len(chosen), first.shape[0], first.shape[1]),
             dtype=first.dtype,
             unit_mm=stated.unit_mm,
+            scale_factor=stated.scale_factor,
+            add_offset=stated.add_offset,
             depth_axis=stated.depth_axis,
             frames=_frames(pages, chosen, first, path),
             notes=notes,
@@ -67,20 +68,18 @@ class _Channels(NamedTuple):
 
 
 def _channels(text: str) -> _Channels:
-    """Channels of an OME-TIFF; one without a name where the text is no OME-XML."""
+    """Channels of an OME-TIFF or of ImageJ's, which has no names; one without a name where the text has none."""
     one = _Channels([""], 1)
-    if "<OME" not in text:
-        return one
-    try:
-        root = ET.fromstring(text)  # noqa: S314  tifffile read it; entities of its own are refused by expat
-    except ET.ParseError:
-        return one
-    pixels = next((item for item in root.iter() if item.tag.rpartition("}")[2] == "Pixels"), None)
+    if text.startswith("ImageJ="):
+        count = imagej_keys(text).get("channels", "1")
+        return _Channels([""] * int(count), 1) if count.isdecimal() and int(count) > 1 else one
+    root = ome_root(text)
+    pixels = None if root is None else next((item for item in root.iter() if tag(item) == "Pixels"), None)
     if pixels is None:
         return one
     sizes = {axis: int(size) if (size := pixels.get(f"Size{axis}", "1")).isdecimal() else 1 for axis in "ZCT"}
     order = pixels.get("DimensionOrder", "XYCZT")[2:]  # the fastest axis first
-    names = [item.get("Name", "") for item in pixels if item.tag.rpartition("}")[2] == "Channel"]
+    names = [item.get("Name", "") for item in pixels if tag(item) == "Channel"]
     before = order[: order.find("C")] if "C" in order else ""
     names = [*names, *[""] * max(0, sizes["C"] - len(names))][: max(1, sizes["C"])]
     return _Channels(names, max(1, math.prod(sizes.get(axis, 1) for axis in before)))

@@ -4,10 +4,12 @@ A recording's times ascend from 0. Sources have clocks that are set back, messag
 stored twice; `settled` gives the frames to keep, their order and their times.
 """
 
+import hashlib
 import re
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.wording import counted
@@ -53,6 +55,25 @@ class Settled(NamedTuple):
     order: IntArray
     time_s: FloatArray
     remarks: tuple[str, ...]
+
+
+class Twins:
+    """Marks frames that equal an earlier one of the same stamp."""
+
+    def __init__(self) -> None:
+        self._seen: set[tuple[float, bytes]] = set()
+
+    def is_twin(self, stamp_s: float, frame: NDArray[Any]) -> bool:
+        """Whether a frame has come before with this stamp, to the bit."""
+        mark = stamp_s, hashlib.blake2b(np.ascontiguousarray(frame).data, digest_size=16).digest()
+        known = mark in self._seen
+        self._seen.add(mark)
+        return known
+
+
+def ascends(stamps_s: FloatArray) -> bool:
+    """Whether each frame is later than the one before; also without any frames."""
+    return bool(np.isfinite(stamps_s).all() and (np.diff(stamps_s) > 0).all())
 
 
 def settled(stamps_s: FloatArray, same_as_before: BoolArray) -> Settled:

@@ -1,5 +1,6 @@
 """Units of length as files and people write them, and numbers that look like metres."""
 
+import re
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,15 @@ def unit_mm_of(text: str) -> float | None:
     """Length of the unit that a text names, mm; None if it is not known."""
     name = text.strip()
     return _LENGTHS_MM.get(name, _SPELT.get(name.lower()))
+
+
+_IN_NAME = re.compile(r"\w.*?[_\s./([-](mm|cm|m)[)\]]?$", re.DOTALL)
+
+
+def unit_in_name(name: str) -> float | None:
+    """Length of the unit that the name of an array or channel ends in, mm, as in ``range_m`` or ``depth [mm]``."""
+    found = _IN_NAME.match(name.strip())
+    return None if found is None else UNITS_MM[found[1]]
 
 
 def refuse_metres(range_mm: NDArray[Any], sensor: Sensor, what: object) -> None:

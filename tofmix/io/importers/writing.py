@@ -1,6 +1,5 @@
 """From an open source to a recording, block by block: memory does not grow with the frames."""
 
-import hashlib
 import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
@@ -15,7 +14,7 @@ from tofmix.errors import BadInputError
 from tofmix.io.atomic.scratch_folder import scratch_folder
 from tofmix.io.importers.base import Frame, FrameSource
 from tofmix.io.importers.conversion import Conversion
-from tofmix.io.importers.times import Settled, settled
+from tofmix.io.importers.times import Settled, Twins, ascends, settled
 from tofmix.io.importers.units import refuse_metres
 from tofmix.io.recording.recording_writer import CHUNK_FRAMES, RecordingWriter
 from tofmix.recording import SAMPLE_BYTES
@@ -191,24 +190,21 @@ class _Clock:
 
     def __init__(self) -> None:
         self._stamps_s: list[float] = []
-        self._seen: set[tuple[float, bytes]] = set()
+        self._earlier = Twins()
         self._twins: list[bool] = []
 
     def times_of(self, block: list[Frame]) -> "np.ndarray[Any, np.dtype[np.float64]]":
         """Times of some frames, s, from the first frame on."""
         for frame in block:
             stamp = math.nan if frame.time_s is None else frame.time_s
-            mark = stamp, hashlib.blake2b(np.ascontiguousarray(frame.depth).data, digest_size=16).digest()
-            self._twins.append(mark in self._seen)
-            self._seen.add(mark)
+            self._twins.append(self._earlier.is_twin(stamp, frame.depth))
             self._stamps_s.append(stamp)
         return np.array(self._stamps_s[-len(block) :]) - self._stamps_s[0]
 
     @property
     def ascends(self) -> bool:
         """Whether each frame is later than the one before; also without any times."""
-        stamps = np.array(self._stamps_s)
-        return bool(np.isfinite(stamps).all() and (np.diff(stamps) > 0).all())
+        return ascends(np.array(self._stamps_s))
 
     def settled(self) -> Settled:
         """The frames to keep, their order and their times."""

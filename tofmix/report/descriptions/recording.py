@@ -9,7 +9,8 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.report.descriptions.description import Description, Section
 from tofmix.report.descriptions.sections import sensor_section, view_findings
-from tofmix.report.summary.findings import Finding, target_findings
+from tofmix.report.summary.findings import Finding, Remedy, split_notes, target_findings
+from tofmix.report.summary.light import light_findings
 from tofmix.sensor import Sensor
 from tofmix.wording import counted
 
@@ -86,7 +87,7 @@ def describe_recording(
     sections["sensor"] = sensor_section(file.sensor)
     sections["attributes"] = dict(file.attributes())
     of_samples = [Finding(code=code, text=f"Range: {text}.") for code, text in doubts.items() if text is not None]
-    warnings = [*of_samples, *_recording_findings(file), *_time_findings(time_s)]
+    warnings = [*of_samples, *_recording_findings(file, name), *_time_findings(time_s)]
     return Description(kind="recording", name=name, sections=sections, warnings=tuple(warnings))
 
 
@@ -112,7 +113,7 @@ def _time_findings(time_s: FloatArray | None) -> list[Finding]:
     return [Finding(code="time_gaps", text=text)]
 
 
-def _recording_findings(file: RecordingHeader) -> list[Finding]:
+def _recording_findings(file: RecordingHeader, name: str) -> list[Finding]:
     found = []
     sensor = file.sensor
     if sensor.noise is None:
@@ -122,6 +123,8 @@ def _recording_findings(file: RecordingHeader) -> list[Finding]:
         text = "No range_max_mm: samples without a return may count as a surface."
         found.append(Finding(code="no_range_max", text=text))
     found += view_findings(sensor, file.shape[1:])
+    remedy = Remedy(recording=name, has_amplitude=file.has_amplitude)
+    found += split_notes(light_findings(sensor, targets=file.targets, remedy=remedy))[0]
     found += target_findings(file.targets)
     if file.frames == 1:
         text = "One frame only: a single sample cannot show several surfaces."

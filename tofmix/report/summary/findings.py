@@ -5,7 +5,7 @@ nothing is refused here. `estimate`, `merge` and `report` print the same ones.
 """
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from tofmix.flags import Status, status_name
@@ -15,11 +15,15 @@ from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One warning: `code` is stable and for scripts, `text` for people, `commands` are possible remedies."""
+    """One warning: `code` is stable and for scripts, `text` for people, `commands` are possible remedies.
+
+    A note (`is_note`) says what a recording of its kind cannot show; nothing in it is doubtful.
+    """
 
     code: str
     text: str
     commands: tuple[str, ...] = ()
+    is_note: bool = False
 
     def as_dict(self) -> dict[str, str | list[str]]:
         """Return the same for JSON."""
@@ -29,6 +33,12 @@ class Finding:
     def line(self) -> str:
         """All of it in one line."""
         return f"{self.text} Try: {', or: '.join(self.commands)}" if self.commands else self.text
+
+
+def split_notes(findings: Iterable[Finding]) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
+    """Warnings, and notes, each in their order."""
+    every = tuple(findings)
+    return tuple(f for f in every if not f.is_note), tuple(f for f in every if f.is_note)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,6 +55,10 @@ class Remedy:
         Frames of a window, and how many windows there are.
     paper : bool
         Its option ``--paper``.
+    unmix : bool
+        Whether pixels were to be unmixed where their samples are phasor sums.
+    has_amplitude : bool or None
+        Whether the recording has amplitudes; None if that is not known.
     """
 
     recording: str
@@ -52,6 +66,12 @@ class Remedy:
     window_frames: int = 2
     windows: int = 1
     paper: bool = False
+    unmix: bool = True
+    has_amplitude: bool | None = None
+
+    def import_command(self, *options: str) -> str:
+        """The command that makes the recording again, with other options."""
+        return shlex.join(["tofmix", "import", "SOURCE", "-o", self.recording, *options, "--overwrite"])
 
     def command(self, *options: str) -> str:
         """The command with other options."""

@@ -4,9 +4,10 @@
 For one pixel or one window read the file itself.
 """
 
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, replace
 from itertools import zip_longest
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -20,12 +21,16 @@ from tofmix.report.summary.findings import (
     Remedy,
     count_findings,
     sigma_findings,
+    split_notes,
     target_findings,
 )
+from tofmix.report.summary.frames import frame_findings
+from tofmix.report.summary.light import light_findings
 from tofmix.report.summary.noise_numbers import NoiseNumbers, noise_numbers
 from tofmix.report.summary.quantiles import Quantiles, ValueCounts, spread_of
 from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from tofmix.sensor import NoiseCurve
+from tofmix.unmixing.settings import DEFAULT_SETTINGS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,6 +108,8 @@ class Summary:
         The measured mixing.
     warnings : tuple of Finding
         Warnings.
+    notes : tuple of Finding
+        What a recording of its kind cannot show.
     """
 
     source: str
@@ -130,6 +137,7 @@ class Summary:
     noise: NoiseNumbers | None
     mixing: MixingNumbers | None
     warnings: tuple[Finding, ...]
+    notes: tuple[Finding, ...] = ()
 
     @property
     def decided_by_surfaces(self) -> tuple[int, ...]:
@@ -140,7 +148,12 @@ class Summary:
     def as_dict(self) -> dict[str, Any]:
         """Return the same as dicts and lists under the same names, for JSON; never NaN, None instead."""
         values = {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
-        return values | {"warnings": [finding.as_dict() for finding in self.warnings]}
+        return values | {key: [finding.as_dict() for finding in getattr(self, key)] for key in ("warnings", "notes")}
+
+    def with_findings(self, findings: Iterable[Finding]) -> Self:
+        """The same numbers with other warnings and notes."""
+        warnings, notes = split_notes(findings)
+        return replace(self, warnings=warnings, notes=notes)
 
 
 def summarise(layers_file: LayersSource, *, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> Summary:
@@ -168,6 +181,7 @@ def summarise(layers_file: LayersSource, *, thresholds: Thresholds = DEFAULT_THR
         tally.add(layers_file.read_window(k))
     pixels = windows * rows * cols
     summaries = tally.layer_summaries()
+    warnings, notes = split_notes(tally.findings(layers_file, pixels, remedy_for(provenance, windows)))
     return Summary(
         source=provenance.source,
         source_sha256=provenance.source_sha256,
@@ -193,7 +207,8 @@ def summarise(layers_file: LayersSource, *, thresholds: Thresholds = DEFAULT_THR
         samples=spread_of(tally.samples),
         noise=noise_numbers(provenance.sensor, tally.widths),
         mixing=_mixing(layers_file, tally),
-        warnings=tally.findings(layers_file, pixels, remedy_for(provenance, windows)),
+        warnings=warnings,
+        notes=notes,
     )
 
 
@@ -229,8 +244,22 @@ def find(
     return tally.findings(layers_file, windows * rows * cols, remedy or remedy_for(provenance, windows))
 
 
-def remedy_for(provenance: Provenance, windows: int, recording: str | None = None) -> Remedy:
-    """The estimate that made a layers file, for the commands of its findings."""
+def remedy_for(
+    provenance: Provenance, windows: int, recording: str | None = None, *, has_amplitude: bool | None = None
+) -> Remedy:
+    """The estimate that made a layers file, for the commands of its findings.
+
+    Parameters
+    ----------
+    provenance : Provenance
+        The file's.
+    windows : int
+        Its windows.
+    recording : str, optional
+        The recording, as it is named in a command; by default the name in the file.
+    has_amplitude : bool, optional
+        Whether the recording has amplitudes, where it is at hand.
+    """
     options = provenance.options
     return Remedy(
         recording=provenance.source if recording is None else recording,
@@ -238,6 +267,8 @@ def remedy_for(provenance: Provenance, windows: int, recording: str | None = Non
         window_frames=int(options.get("window", 2)),
         windows=windows,
         paper=bool(options.get("paper", False)),
+        unmix=not (options.get("paper", False) or provenance.is_unmixed),
+        has_amplitude=has_amplitude,
     )
 
 
@@ -290,7 +321,16 @@ class _FindingTally:
             remedy=remedy,
             thresholds=self._thresholds,
         )
-        return *of_sigma, *of_counts, *target_findings(layers_file.provenance.targets)
+        provenance = layers_file.provenance
+        of_light = light_findings(provenance.sensor, targets=provenance.targets, remedy=remedy)
+        law, insisted = layers_file.mixing_law, provenance.options.get("mixing") == "phasor"
+        measured = law is not None and law.phasor_share >= DEFAULT_SETTINGS.law.least_phasor_share
+        of_frames = frame_findings(
+            sums=insisted or measured,
+            total=int(layers_file.window_stop[-1]) + provenance.frames_left_out,
+            remedy=remedy,
+        )
+        return *of_sigma, *of_counts, *of_light, *of_frames, *target_findings(provenance.targets)
 
     def by_status(self) -> dict[str, int]:
         named = {status_name(s): self._status.get(int(s), 0) for s in Status}

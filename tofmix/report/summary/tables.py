@@ -37,8 +37,9 @@ def format_table(summary: Summary) -> str:
         About 25 lines of at most 80 ASCII characters, but for commands; without a newline at the end.
     """
     lines = [*_head(summary), "", *_surfaces(summary), "", *_layers(summary), "", *_status(summary)]
-    for finding in summary.warnings:
-        lines += textwrap.wrap(f"warning: {finding.text}", COLUMNS, subsequent_indent="  ")
+    for finding in (*summary.warnings, *summary.notes):
+        kind = "note" if finding.is_note else "warning"
+        lines += textwrap.wrap(f"{kind}: {finding.text}", COLUMNS, subsequent_indent="  ")
         lines += [f"  try: {printable(command, 1000)}" for command in finding.commands]  # whole, to be copied
     return "\n".join(lines)
 
