@@ -229,6 +229,9 @@ class LawSettings:
         Reach of the window, pixels, in which the q of an edge is measured, and the fewest pixels in it.
     different_sigmas : float
         Standard errors by which an edge differs from the others of the image before its own law is taken.
+    noisiest : float
+        Quantile of the scatter of pixels that see one surface, 0 to 1, which counts as their noise: dark surfaces
+        scatter more than bright ones.
     least_differing : float
         Part of the pixels that measure q, which the pixels at edges of another q must exceed. By their probability, one
         in 100 of the certain pairs may have a wrong surface. These lie together, at a corner, or next to a surface that
@@ -244,6 +247,7 @@ class LawSettings:
     reach: Count = 3
     least_along: Count = 5
     different_sigmas: Threshold = 4.0
+    noisiest: Share = 0.9
     least_differing: Share = 0.05
 
     def __post_init__(self) -> None:
