@@ -197,19 +197,13 @@ def _some(lit: Lit, which: IntArray) -> Lit:
 
 def _see(view: View, at: IntArray, lit: Lit, places: FloatArray) -> _Seen:
     """Draw the surfaces, and see them through the parts of their pixels, whose middles are at `places`."""
-    n, parts = len(at), len(places)
     state, covariance = lit.state, np.where(lit.fitted[:, np.newaxis, np.newaxis], lit.covariance, np.eye(STATES))
     sd = np.sqrt(np.maximum(covariance[:, range(STATES), range(STATES)], 1e-300))
     relative = covariance / sd[:, :, np.newaxis] / sd[:, np.newaxis, :] + 1e-9 * np.eye(STATES)
     spread = np.linalg.cholesky(relative) * sd[:, :, np.newaxis]
     draws = state[:, np.newaxis] + np.einsum("nij,sj->nsi", spread, _NORMAL)
-    rays = view.rays(at, places)
-    range_mm, cosine = np.empty((n, _DRAWS, parts)), np.empty((n, _DRAWS, parts))
     frame = lit.patches.frame
-    for start in range(0, n, _BLOCK):
-        part = slice(start, start + _BLOCK)
-        some = type(frame)(*(one[part] for one in frame))
-        range_mm[part], cosine[part] = meet(some, draws[part, :, :STATE], rays[part])
+    range_mm, cosine = meet(frame, draws[..., :STATE], view.rays(at, places))
     distance = np.linalg.norm(frame.origin, axis=1)[:, np.newaxis, np.newaxis]
     with np.errstate(invalid="ignore"):
         hit = np.isfinite(range_mm) & (range_mm < _FAR * distance) & (range_mm > _NEAR * distance)

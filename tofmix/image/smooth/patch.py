@@ -9,11 +9,14 @@ N(0, bend^2); four cubic terms of standard deviation `third` are integrated out:
 A polynomial of 1 / r is no such model: at the limb of a round thing 1 / r has the singularity of a square root.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.compiled.jit import jit
+from tofmix.compiled.plane import dot
 from tofmix.image.smooth.view import View
 
 STATE = 6
@@ -104,21 +107,46 @@ def meet(frame: Frame, state: FloatArray, rays: FloatArray) -> tuple[FloatArray,
     range_mm, cosine : (n, sample, ray) float64
         Range along the ray, and the cosine of incidence; NaN where the ray misses.
     """
-    along = [np.matmul(rays, part[:, :, np.newaxis])[..., 0][:, np.newaxis] for part in frame[1:]]
-    start = [(frame.origin * part).sum(axis=1)[:, np.newaxis, np.newaxis] for part in frame[1:]]
-    (du, dv, dh), (u0, v0, h0) = along, start
-    a, b, c, k11, k12, k22 = (state[..., i, np.newaxis] for i in range(STATE))
-    g = bend_term(k11, k12, k22)
-    alpha = -0.5 * (g * dh * dh + k11 * du * du + 2.0 * k12 * du * dv + k22 * dv * dv)
-    beta = dh + g * dh * h0 - b * du - c * dv + k11 * du * u0 + k12 * (du * v0 + dv * u0) + k22 * dv * v0
-    gamma = -h0 - 0.5 * g * h0 * h0 - a + b * u0 + c * v0 - 0.5 * (k11 * u0 * u0 + 2.0 * k12 * u0 * v0 + k22 * v0 * v0)
-    with np.errstate(all="ignore"):
-        root = np.sqrt(beta * beta - 4.0 * alpha * gamma)
-        range_mm = 2.0 * gamma / (root - beta)
-        range_mm = np.where((range_mm > 0) & (gamma > 0), range_mm, np.nan)
-        u, v, h = range_mm * du - u0, range_mm * dv - v0, range_mm * dh - h0
-        steep = np.sqrt((1.0 - g * h) ** 2 + (b + k11 * u + k12 * v) ** 2 + (c + k12 * u + k22 * v) ** 2)
-        return range_mm, root / steep
+    n, samples = state.shape[:2]
+    range_mm, cosine = np.empty((n, samples, rays.shape[1])), np.empty((n, samples, rays.shape[1]))
+    _meet(
+        *(np.ascontiguousarray(part) for part in frame), np.ascontiguousarray(state), np.ascontiguousarray(rays),
+        range_mm, cosine,
+    )  # fmt: skip
+    return range_mm, cosine
+
+
+@jit
+def _meet(
+    origin: FloatArray, e1: FloatArray, e2: FloatArray, normal: FloatArray, state: FloatArray, rays: FloatArray,
+    range_mm: FloatArray, cosine: FloatArray,
+) -> None:  # fmt: skip
+    """Fill ranges and cosines (n, sample, ray), as `meet` gives them."""
+    for i in range(len(origin)):
+        u0, v0, h0 = dot(origin[i], e1[i]), dot(origin[i], e2[i]), dot(origin[i], normal[i])
+        for j in range(rays.shape[1]):
+            du, dv, dh = dot(rays[i, j], e1[i]), dot(rays[i, j], e2[i]), dot(rays[i, j], normal[i])
+            for s in range(state.shape[1]):
+                a, b, c = state[i, s, 0], state[i, s, 1], state[i, s, 2]
+                k11, k12, k22 = state[i, s, 3], state[i, s, 4], state[i, s, 5]
+                trace, square = k11 + k22, k11 * k11 + 2.0 * k12 * k12 + k22 * k22
+                g = square * trace / max(trace * trace, square, 1e-30)
+                alpha = -0.5 * (g * dh * dh + k11 * du * du + 2.0 * k12 * du * dv + k22 * dv * dv)
+                beta = dh + g * dh * h0 - b * du - c * dv + k11 * du * u0 + k12 * (du * v0 + dv * u0) + k22 * dv * v0
+                gamma = (
+                    -h0 - 0.5 * g * h0 * h0 - a + b * u0 + c * v0
+                    - 0.5 * (k11 * u0 * u0 + 2.0 * k12 * u0 * v0 + k22 * v0 * v0)
+                )  # fmt: skip
+                below = beta * beta - 4.0 * alpha * gamma
+                root = math.sqrt(below) if below >= 0.0 else math.nan
+                t = 2.0 * gamma / (root - beta) if root != beta else math.nan
+                if not (t > 0.0 and gamma > 0.0):
+                    range_mm[i, s, j], cosine[i, s, j] = math.nan, math.nan
+                    continue
+                u, v, h = t * du - u0, t * dv - v0, t * dh - h0
+                across, down = b + k11 * u + k12 * v, c + k12 * u + k22 * v
+                range_mm[i, s, j] = t
+                cosine[i, s, j] = root / math.sqrt((1.0 - g * h) ** 2 + across * across + down * down)
 
 
 def fit_patches(
