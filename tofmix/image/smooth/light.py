@@ -22,6 +22,7 @@ _SLOPE = 0.01  # a pixel
 _FREE = 1e-6  # precision of c
 _ROUNDS = 2
 _STEP = 0.3  # of a standard deviation, for derivatives
+_LARGEST_STEP = np.array([10.0, 0.05, 0.05, 1e-3, 1e-3, 1e-3])  # mm, 1, 1, 1 / mm: rays still meet the patch
 _LEAST = 3  # pixels
 _ROUGH = 0.004  # of ln A: what no law of light is exact to
 _GRAZING = 0.002  # the same in units of 1 / cos(theta)^2
@@ -137,7 +138,7 @@ def _linear(
     usable: BoolArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:  # fmt: skip
     """Design (n, place, 10) about states, ln(cos / r^2) and ln cos (n, place), and where all of it is known."""
-    step = _STEP * sd
+    step = np.minimum(_STEP * sd, _LARGEST_STEP)
     offsets = np.concatenate([np.eye(STATE), -np.eye(STATE), np.zeros((1, STATE))])
     several = state[:, np.newaxis, :STATE] + offsets * step[:, np.newaxis]
     light, log_cosine = _light(frame, several, ray)

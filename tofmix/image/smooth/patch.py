@@ -27,7 +27,7 @@ _FIRST = 10  # nearest members, through which the first plane goes
 _ORIGIN = 3  # nearest members, in whose middle the origin lies
 _OUTLIER = 4.5  # standard errors
 _RIDGE = 1.0e-12
-_HEIGHT_MM, _SLOPE = 1e4, 10.0  # standard deviations of a, and of b and c, which pixels in one line leave open
+_HEIGHT_MM, _SLOPE = 1e4, 2.0  # standard deviations of a, and of b and c, which pixels in one line leave open
 _STEEPEST = 1.0e-4  # least square of the cosine of incidence by which noise counts
 _REMAINDER = 0.3
 """Part of the cubic terms' error that each pixel has on its own."""
