@@ -47,7 +47,7 @@ def scored(names: Sequence[str], seeds: Sequence[int], **choices: float) -> Scor
     """Estimate scenes and compare them with their truth."""
     total = Score()
     for name in names:
-        things, reflectivity = SCENES[name]
+        things, reflectivity = SCENES[name]()
         for seed in seeds:
             one = render(things, reflectivity, seed=seed, **choices)  # type: ignore[arg-type]
             total += score(one, estimated(one).window(0))
@@ -96,7 +96,7 @@ def print_cost(names: Sequence[str], seeds: Sequence[int]) -> None:
     """CPU time of estimates, the best of three, kernels compiled."""
     from tofmix.unmixing import unmix as module
 
-    things, reflectivity = SCENES[names[0]]
+    things, reflectivity = SCENES[names[0]]()
     one = render(things, reflectivity, noise_mm=20.0, seed=seeds[0])
     whole, curved = [], module.label_curved
     for replaced in (curved, lambda image, labels: labels):

@@ -1,7 +1,7 @@
 """Hypotheses for the mean phasor of a pixel beside smooth surfaces that bend: one, or two of them. Bayes' rule.
 
 Where a surface goes on in a pixel is known with an error that grows with distance and curvature. So each surface is 64
-draws of its patch and light, and each draw is seen through 8 x 8 parts of the pixel:
+draws of its patch and light, and each draw is seen at 64 places of the pixel:
 
 - ONE: a surface fills the pixel.
 - LIMB: the rays of a part of the pixel miss the nearer surface, which ends there by itself. The share of hits and the
@@ -24,7 +24,7 @@ from tofmix.image.smooth.light import STATES, Lit, with_light
 from tofmix.image.smooth.patch import STATE, fit_patches, meet
 from tofmix.image.smooth.scales import Scales
 from tofmix.image.smooth.segments import LEAST_PIXELS, around
-from tofmix.image.smooth.view import View, grid_of_places
+from tofmix.image.smooth.view import View, grid_of_places, lattice_of_places
 from tofmix.unmixing.image import ComplexArray, PhasorImage
 
 
@@ -44,9 +44,8 @@ REACH = 4
 """Reach of the window whose pixels a patch goes through, pixels."""
 
 _NEAREST = 2  # pixels, within which a surface must have one
-_SIDE = 8
-_PARTS = _SIDE * _SIDE
-_PLACES = grid_of_places(_SIDE)
+_PARTS = 64
+_PLACES = lattice_of_places(_PARTS, 27)
 _COARSE = grid_of_places(3)
 """Parts of a pixel beside one surface alone: the mean over it needs no more."""
 _DRAWS = 64

@@ -50,6 +50,20 @@ class View(NamedTuple):
         return np.asarray(ways / np.linalg.norm(ways, axis=-1, keepdims=True))
 
 
+def lattice_of_places(count: int, step: int) -> FloatArray:
+    """Places (count, 2) in a pixel, as `grid_of_places`, of which no two are in one row or column: a lattice.
+
+    On a grid whole columns of places would cross an upright limb at once.
+
+    Parameters
+    ----------
+    count, step : int
+        Number of places, and a number without a common divisor, by which the rows go on from column to column.
+    """
+    place = np.arange(count)
+    return np.stack([(place * step % count + 0.5) / count - 0.5, (place + 0.5) / count - 0.5], axis=-1)
+
+
 def grid_of_places(side: int) -> FloatArray:
     """Middles (side^2, 2) of the parts of a pixel, down and right of its middle, in units of the pixel."""
     steps = (np.arange(side) + 0.5) / side - 0.5
