@@ -34,9 +34,13 @@ class DistantPlane:
     light_variance: float
 
 
-def distant_planes(image: PhasorImage, seeds: Seeds, settings: PlaneSettings) -> tuple[DistantPlane, ...]:
+def distant_planes(
+    image: PhasorImage, seeds: Seeds, line: IntArray, settings: PlaneSettings
+) -> tuple[DistantPlane, ...]:
     """Find the planes of large surfaces: random sample consensus within connected regions of one-surface pixels.
 
+    The pixels of narrow surfaces, of numbers `line` (pixel,) from 0 on, are one region: a wall behind slats shows in
+    the gaps alone. Any two lines may lie on one plane, so the plane of a wall has three and more.
     Triples are drawn with a fixed seed: the same image gives the same planes.
 
     References
@@ -45,16 +49,16 @@ def distant_planes(image: PhasorImage, seeds: Seeds, settings: PlaneSettings) ->
     """
     region = _regions(image, seeds, settings.inlier_sigmas)
     certain = np.flatnonzero(seeds.certain)
-    if certain.size == 0:
-        return ()
-    sizes = np.bincount(region[certain], minlength=int(region.max()) + 1)
     rng = np.random.default_rng(0)
+    sizes = np.bincount(region[certain], minlength=int(region.max()) + 1)
+    regions = [certain[region[certain] == number]
+               for number in np.argsort(-sizes, kind="stable")[: settings.most_regions]]  # fmt: skip
     found = []
-    for number in np.argsort(-sizes, kind="stable")[: settings.most_regions]:
-        left = certain[region[certain] == number]
+    lines = np.flatnonzero(line >= 0)
+    for tries, left in (*((settings.tries, one) for one in regions), (settings.line_tries, lines)):
         for _ in range(settings.most_planes):
-            inliers = _consensus(image, seeds, left, rng, settings)
-            if inliers is None:
+            inliers = _consensus(image, seeds, left, rng, tries, settings)
+            if inliers is None or (line[left[0]] >= 0 and len(np.unique(line[left[inliers]])) < settings.least_lines):
                 break
             found.append(_fitted(image, seeds, left[inliers], settings.extrapolated))
             left = left[~inliers]
@@ -86,7 +90,7 @@ def _sigmas(image: PhasorImage, seeds: Seeds, pixels: IntArray) -> FloatArray:
 
 
 def _consensus(
-    image: PhasorImage, seeds: Seeds, pixels: IntArray, rng: np.random.Generator, settings: PlaneSettings
+    image: PhasorImage, seeds: Seeds, pixels: IntArray, rng: np.random.Generator, tries: int, settings: PlaneSettings
 ) -> BoolArray | None:
     """Pixels of the plane that most of them lie on; None if they are too few."""
     if len(pixels) < settings.least_pixels:
@@ -94,7 +98,7 @@ def _consensus(
     beams, near = image.directions[pixels], 1.0 / image.range_mm[pixels]
     reach = settings.inlier_sigmas * _sigmas(image, seeds, pixels)
     best = np.zeros(len(pixels), bool)
-    for _ in range(settings.tries):
+    for _ in range(tries):
         triple = rng.choice(len(pixels), 3, replace=False)
         # Three beams that lie in a plane with each other tell no plane.
         if abs(np.linalg.det(beams[triple])) < np.finfo(float).eps:

@@ -79,7 +79,7 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
         is_member=member, has_plane=seeds.has_plane, has_light=alone, is_known=member, is_trusted=member,
         is_fresh=np.zeros(image.count, bool), plane=seeds.plane, middle=seeds.middle, line=line,
     )  # fmt: skip
-    planes = distant_planes(image, seeds, settings.planes) if doubtful.size else ()
+    planes = distant_planes(image, seeds, line, settings.planes) if doubtful.size else ()
     kind = np.where(alone, int(Kind.CONTINUED), int(Kind.UNKNOWN))
     count = image.count
     arrays: dict[str, NDArray[Any]] = {

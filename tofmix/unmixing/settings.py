@@ -123,6 +123,10 @@ class PlaneSettings:
         Connected regions that are looked at, the largest first, and planes that are looked for in each.
     tries : int
         Random triples of pixels: with half of them on one plane, 25 triples miss it once in 30 regions.
+    line_tries : int
+        Likewise among the pixels of narrow surfaces, with a third of them on one plane.
+    least_lines : int
+        Narrow surfaces that such a plane goes through: two of them always lie on one plane if they are parallel.
     inlier_sigmas : float
         Distance from a plane, standard deviations, up to which a pixel belongs to it.
     extrapolated : float
@@ -133,6 +137,8 @@ class PlaneSettings:
     most_regions: WholeNumber = 20
     most_planes: WholeNumber = 3
     tries: WholeNumber = 25
+    line_tries: WholeNumber = 100
+    least_lines: Count = 3
     inlier_sigmas: PositiveThreshold = 4.0
     extrapolated: Positive = 4.0
 
