@@ -16,11 +16,11 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.compiled.robust import MAD_TO_SIGMA
-from tofmix.unmixing.distant import distant_planes
+from tofmix.unmixing.distant import DistantPlane, distant_planes
 from tofmix.unmixing.functions import near
 from tofmix.unmixing.hypotheses import ENDS, Kind, OpenSpace, judge
 from tofmix.unmixing.image import ComplexArray, PhasorImage
-from tofmix.unmixing.lines import agree, find_lines
+from tofmix.unmixing.lines import Mixtures, agree, find_lines
 from tofmix.unmixing.seeds import Seeds, find_seeds
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, LabelSettings, UnmixSettings
 from tofmix.unmixing.surface_fit import Members
@@ -70,7 +70,7 @@ _FIELDS = (*_ENDS, "kind", "probability", "is_known", "is_fresh", "chord", "scat
 def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Labels:
     """Label the pixels of an image."""
     seeds, spaces = find_seeds(image, settings.seeds), _open_space(image, settings.labels)
-    line = find_lines(image, seeds, settings.labels, settings.neighbours.reach)
+    line = find_lines(image, seeds, None, settings.labels, settings.neighbours.reach)
     is_line = line >= 0
     alone = seeds.certain | is_line
     doubtful = np.flatnonzero(image.valid & ~alone)
@@ -79,7 +79,7 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
         is_member=member, has_plane=seeds.has_plane, has_light=alone, is_known=member, is_trusted=member,
         is_fresh=np.zeros(image.count, bool), plane=seeds.plane, middle=seeds.middle, line=line,
     )  # fmt: skip
-    planes = distant_planes(image, seeds, line, settings.planes) if doubtful.size else ()
+    planes: tuple[DistantPlane, ...] = ()
     kind = np.where(alone, int(Kind.CONTINUED), int(Kind.UNKNOWN))
     count = image.count
     arrays: dict[str, NDArray[Any]] = {
@@ -94,7 +94,7 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
         for start in range(0, pixels.size, _BLOCK):
             block = pixels[start : start + _BLOCK]
             found = judge(
-                image, block, members, seeds, planes if number else (), spaces, settings.hypotheses, settings.neighbours
+                image, block, members, seeds, planes, spaces, settings.hypotheses, settings.neighbours
             )
             plane[block], is_distant[block] = found.plane, found.is_distant
             for name in _FIELDS:
@@ -102,11 +102,20 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
         if not pixels.size:
             break
         before = members
+        is_mixed = np.isin(arrays["kind"], (Kind.PAIR, Kind.TRIPLE))
+        mixtures = Mixtures(is_mixed=is_mixed, **{name: arrays[name] for name in _ENDS})
+        line = find_lines(image, seeds, mixtures, settings.labels, settings.neighbours.reach)
         members, square = _next_members(image, seeds, line, arrays["kind"], plane, is_distant, settings.labels)
-        if number > 0:  # the large planes are tried from the second round on, in all pixels
+        if number == 0:  # the large planes are tried from the second round on, in all pixels
+            planes = distant_planes(image, seeds, line, settings.planes)
+        else:
             pixels = doubtful[_near_changes(before, members, image.shape, settings.neighbours.reach)[doubtful]]
     kind = arrays["kind"]
-    is_surface = alone | np.isin(kind, (Kind.CONTINUED, Kind.OTHER_REFLECTANCE)) | ((kind == Kind.NEW) & square)
+    kind[(line >= 0) & (kind == Kind.NEW)] = Kind.CONTINUED
+    is_surface = (
+        seeds.certain | (line >= 0) | np.isin(kind, (Kind.CONTINUED, Kind.OTHER_REFLECTANCE))
+        | ((kind == Kind.NEW) & square)
+    )  # fmt: skip
     return Labels(**arrays, is_surface=is_surface, seeds=seeds)
 
 
