@@ -40,7 +40,7 @@ def distant_planes(
     """Find the planes of large surfaces: random sample consensus within connected regions of one-surface pixels.
 
     The pixels of narrow surfaces, of numbers `line` (pixel,) from 0 on, are one region: a wall behind slats shows in
-    the gaps alone. Any two lines may lie on one plane, so the plane of a wall has three and more.
+    the gaps alone. Any two lines may lie on one plane, so a plane is taken from three and more.
     Triples are drawn with a fixed seed: the same image gives the same planes.
 
     References
@@ -56,13 +56,24 @@ def distant_planes(
     found = []
     lines = np.flatnonzero(line >= 0)
     for tries, left in (*((settings.tries, one) for one in regions), (settings.line_tries, lines)):
+        is_narrow = left is lines
         for _ in range(settings.most_planes):
             inliers = _consensus(image, seeds, left, rng, tries, settings)
-            if inliers is None or (line[left[0]] >= 0 and len(np.unique(line[left[inliers]])) < settings.least_lines):
+            if inliers is None or (is_narrow and _width(line, left[inliers], image.shape) < settings.least_width):
                 break
             found.append(_fitted(image, seeds, left[inliers], settings.extrapolated))
             left = left[~inliers]
     return tuple(found)
+
+
+def _width(line: IntArray, pixels: IntArray, shape: tuple[int, int]) -> float:
+    """Sum of the mean widths, pixels, of the narrow surfaces that pixels belong to."""
+    row, col = np.divmod(pixels, shape[1])
+    width = 0.0
+    for number in np.unique(line[pixels]):
+        own = line[pixels] == number
+        width += np.count_nonzero(own) / max(np.ptp(row[own]) + 1, np.ptp(col[own]) + 1)
+    return width
 
 
 def _regions(image: PhasorImage, seeds: Seeds, most_sigmas: float) -> IntArray:

@@ -3,7 +3,8 @@
 1. Pixels that are not certain are judged by the certain ones around them.
 2. Pixels that no nearby surface explains may see a large surface from elsewhere, or a thin one: pixels that agree with
    their neighbours. Those join, and all is judged again.
-3. Once more where pixels joined or left surfaces, as the ends of chords are better known there.
+3. Once more where pixels joined or left surfaces, as the ends of chords are better known there; and again as long as
+   narrow surfaces are found by the mixtures beside them, at most as often.
 
 A pair of equal mixed pixels along a straight edge looks like a thin surface. So a surface one pixel wide may be an end
 of a chord, but never continues itself.
@@ -90,7 +91,7 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
     plane, is_distant = np.zeros((count, 3)), np.zeros(count, bool)
     square = np.zeros(count, bool)
     pixels = doubtful if alone.any() else doubtful[:0]
-    for number in range(settings.labels.rounds):
+    for number in range(2 * settings.labels.rounds):
         for start in range(0, pixels.size, _BLOCK):
             block = pixels[start : start + _BLOCK]
             found = judge(
@@ -105,11 +106,15 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
         is_mixed = np.isin(arrays["kind"], (Kind.PAIR, Kind.TRIPLE))
         mixtures = Mixtures(is_mixed=is_mixed, **{name: arrays[name] for name in _ENDS})
         line = find_lines(image, seeds, mixtures, settings.labels, settings.neighbours.reach)
+        is_last = number + 1 >= settings.labels.rounds and bool(np.all(is_line == (line >= 0)))
+        is_line = line >= 0
         members, square = _next_members(image, seeds, line, arrays["kind"], plane, is_distant, settings.labels)
         if number == 0:  # the large planes are tried from the second round on, in all pixels
             planes = distant_planes(image, seeds, line, settings.planes)
         else:
             pixels = doubtful[_near_changes(before, members, image.shape, settings.neighbours.reach)[doubtful]]
+        if is_last:
+            break
     kind = arrays["kind"]
     kind[(line >= 0) & (kind == Kind.NEW)] = Kind.CONTINUED
     is_surface = (

@@ -125,8 +125,9 @@ class PlaneSettings:
         Random triples of pixels: with half of them on one plane, 25 triples miss it once in 30 regions.
     line_tries : int
         Likewise among the pixels of narrow surfaces, with a third of them on one plane.
-    least_lines : int
-        Narrow surfaces that such a plane goes through: two of them always lie on one plane if they are parallel.
+    least_width : float
+        Pixels across all narrow surfaces on such a plane: two lines that are parallel always lie on one, a third tests
+        it. Lines have gaps.
     inlier_sigmas : float
         Distance from a plane, standard deviations, up to which a pixel belongs to it.
     extrapolated : float
@@ -138,7 +139,7 @@ class PlaneSettings:
     most_planes: WholeNumber = 3
     tries: WholeNumber = 25
     line_tries: WholeNumber = 100
-    least_lines: Count = 3
+    least_width: PositiveThreshold = 2.5
     inlier_sigmas: PositiveThreshold = 4.0
     extrapolated: Positive = 4.0
 
