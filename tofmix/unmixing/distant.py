@@ -59,21 +59,35 @@ def distant_planes(
         is_narrow = left is lines
         for _ in range(settings.most_planes):
             inliers = _consensus(image, seeds, left, rng, tries, settings)
-            if inliers is None or (is_narrow and _width(line, left[inliers], image.shape) < settings.least_width):
+            if inliers is not None and is_narrow:
+                inliers = inliers & _has_light(image, seeds, left, inliers, settings)
+                if not _is_tested(line, left[inliers], image.shape, settings.least_width):
+                    break
+            if inliers is None:
                 break
             found.append(_fitted(image, seeds, left[inliers], settings.extrapolated))
             left = left[~inliers]
     return tuple(found)
 
 
-def _width(line: IntArray, pixels: IntArray, shape: tuple[int, int]) -> float:
-    """Sum of the mean widths, pixels, of the narrow surfaces that pixels belong to."""
+def _has_light(
+    image: PhasorImage, seeds: Seeds, pixels: IntArray, inliers: BoolArray, settings: PlaneSettings
+) -> BoolArray:
+    """Pixels (n,) whose light is that of most of the inliers: slats of several surfaces may lie on a plane, too."""
+    step = settings.light_slope * image.pitch[pixels] + settings.light_step
+    sigma = np.sqrt(image.light_variance[pixels] + seeds.texture_variance + step**2)
+    off = image.log_light[pixels] - np.median(image.log_light[pixels[inliers]])
+    return np.asarray(np.abs(off) < settings.inlier_sigmas * sigma)
+
+
+def _is_tested(line: IntArray, pixels: IntArray, shape: tuple[int, int], least_width: float) -> bool:
+    """Whether the pixels of a plane are of several narrow surfaces, as wide together as tests a plane."""
     row, col = np.divmod(pixels, shape[1])
-    width = 0.0
-    for number in np.unique(line[pixels]):
+    numbers, width = np.unique(line[pixels]), 0.0
+    for number in numbers:
         own = line[pixels] == number
         width += np.count_nonzero(own) / max(np.ptp(row[own]) + 1, np.ptp(col[own]) + 1)
-    return width
+    return bool(len(numbers) > 1 and width >= least_width)
 
 
 def _regions(image: PhasorImage, seeds: Seeds, most_sigmas: float) -> IntArray:

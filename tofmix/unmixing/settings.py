@@ -128,6 +128,9 @@ class PlaneSettings:
     least_width : float
         Pixels across all narrow surfaces on such a plane: two lines that are parallel always lie on one, a third tests
         it. Lines have gaps.
+    light_slope, light_step : float
+        Standard deviation of u = ln A + 3 ln r over such a plane, in pitches, and what is added: that of one step to
+        the next pixel of a surface.
     inlier_sigmas : float
         Distance from a plane, standard deviations, up to which a pixel belongs to it.
     extrapolated : float
@@ -140,6 +143,8 @@ class PlaneSettings:
     tries: WholeNumber = 25
     line_tries: WholeNumber = 100
     least_width: PositiveThreshold = 2.5
+    light_slope: NotNegative = 2.0
+    light_step: Positive = 0.005
     inlier_sigmas: PositiveThreshold = 4.0
     extrapolated: Positive = 4.0
 
