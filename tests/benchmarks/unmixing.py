@@ -155,7 +155,8 @@ def print_pickets(options: argparse.Namespace) -> None:
     """A row for each direction and width of slats."""
     print(f"\n**Slats, {SLAT_FRAMES} frames**\n")
     print("| slats | pixels wide | asked for | exactly both | false layers a mixed pixel | undecided of mixed |"
-          " share, rms | split of single | sure and false | wrong parts | at the ends |\n" + "|---" * 11 + "|")  # fmt: skip
+          " share, rms | split of single | sure and false | wrong parts | at the ends |\n"
+          + "|---" * 11 + "|")  # fmt: skip
     for direction in DIRECTIONS:
         for width in WIDTHS:
             total, wrong, at_ends = Judged(), [], []
@@ -186,10 +187,11 @@ def judged_slats(
     cast = plates.scene([plates.Plate.of(surface) for surface in surfaces], view)
     wrong = wrong_parts(cast, reconstruct(layers, camera(view)).range_fine, SLAT_FRAMES)
     if ends:
-        wall = (cast.truth.share[-1] > 1.0 - 1e-6) if direction != "horizontal" else (cast.truth.share[-1] > 1.0 - 1e-6).T
-        padded = np.pad(wall, ((1, 1), (0, 0)))
-        beside = padded[:-2] | padded[2:]
-        wrong = np.where(beside if direction != "horizontal" else beside.T, wrong, np.nan)
+        # At an end, the pixel beyond along the slat sees the wall alone.
+        is_wall = cast.truth.share[-1] > 1.0 - 1.0e-6
+        along = 1 if direction == "horizontal" else 0
+        beyond = np.stack([np.roll(is_wall, step, axis=along) for step in (-1, 1)])
+        wrong = np.where(beyond.any(axis=0), wrong, np.nan)
     return one, layers, wrong[np.isfinite(wrong)]
 
 

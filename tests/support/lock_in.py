@@ -74,13 +74,15 @@ def slats(
         length = float(rng.uniform(24, 36)) * pixel * depth if ends else 9000.0
         off, slant = math.tan(middle) * depth, float(rng.uniform(-3, 3))
         lean = float(rng.uniform(20, 40)) if direction == "tilted" else slant
-        out.append(
-            Surface(
-                name=f"slat {k}", center_mm=(0.0, off, depth) if is_horizontal else (off, 0.0, depth),
-                size_mm=(length, width) if is_horizontal else (width, length), yaw_deg=slant if is_horizontal else 0.0,
-                pitch_deg=0.0 if is_horizontal else lean, reflectivity=float(rng.uniform(0.3, 0.9)),
-            )  # fmt: skip
+        slat = Surface(
+            name=f"slat {k}",
+            center_mm=(0.0, off, depth) if is_horizontal else (off, 0.0, depth),
+            size_mm=(length, width) if is_horizontal else (width, length),
+            yaw_deg=slant if is_horizontal else 0.0,
+            pitch_deg=0.0 if is_horizontal else lean,
+            reflectivity=float(rng.uniform(0.3, 0.9)),
         )
+        out.append(slat)
     return [*out, Surface(name="back wall", center_mm=(0.0, 0.0, 4300.0), size_mm=(40000.0, 40000.0))]
 
 

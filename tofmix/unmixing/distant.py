@@ -55,8 +55,8 @@ def distant_planes(
                for number in np.argsort(-sizes, kind="stable")[: settings.most_regions]]  # fmt: skip
     found = []
     lines = np.flatnonzero(line >= 0)
-    for tries, left in (*((settings.tries, one) for one in regions), (settings.line_tries, lines)):
-        is_narrow = left is lines
+    for tries, pixels in (*((settings.tries, one) for one in regions), (settings.line_tries, lines)):
+        is_narrow, left = pixels is lines, pixels
         for _ in range(settings.most_planes):
             inliers = _consensus(image, seeds, left, line if is_narrow else None, rng, tries, settings)
             if inliers is None or (

@@ -94,9 +94,7 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
     for number in range(2 * settings.labels.rounds):
         for start in range(0, pixels.size, _BLOCK):
             block = pixels[start : start + _BLOCK]
-            found = judge(
-                image, block, members, seeds, planes, spaces, settings.hypotheses, settings.neighbours
-            )
+            found = judge(image, block, members, seeds, planes, spaces, settings.hypotheses, settings.neighbours)
             plane[block], is_distant[block] = found.plane, found.is_distant
             for name in _FIELDS:
                 arrays[name][block] = getattr(found, name)
@@ -108,7 +106,9 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
         line = find_lines(image, seeds, mixtures, settings.labels, settings.neighbours.reach)
         is_last = number + 1 >= settings.labels.rounds and bool(np.all(is_line == (line >= 0)))
         is_line = line >= 0
-        members, square = _next_members(image, seeds, line, arrays["kind"], plane, is_distant, arrays["is_fresh"], settings.labels)
+        members, square = _next_members(
+            image, seeds, line, arrays["kind"], plane, is_distant, arrays["is_fresh"], settings.labels
+        )
         if number == 0:  # the large planes are tried from the second round on, in all pixels
             planes = distant_planes(image, seeds, line, settings.planes)
         else:

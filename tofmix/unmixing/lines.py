@@ -188,7 +188,10 @@ def _on_chord(
     z - z_other = w (z_one - z_other), by generalised least squares. The surfaces' phasors are taken a pixel away from
     where they are seen, and have the errors of a slope.
     """
-    (first, first_error), (second, second_error) = _end(image, seeds, one, settings), _end(image, seeds, other, settings)
+    (first, first_error), (second, second_error) = (
+        _end(image, seeds, one, settings),
+        _end(image, seeds, other, settings),
+    )
     chord, offset = first - second, image.phasor[pixels] - second
     square = np.maximum(np.abs(chord) ** 2, _TINY)
     share = (offset * np.conj(chord)).real / square
