@@ -3,7 +3,8 @@
 1. Pixels that are not certain are judged by the certain ones around them.
 2. Pixels that no nearby surface explains may see a large surface from elsewhere, or a thin one: pixels that agree with
    their neighbours. Those join, and all is judged again.
-3. Once more where pixels joined or left surfaces, as the ends of chords are better known there.
+3. Once more where pixels joined or left surfaces, as the ends of chords are better known there; and again as long as
+   narrow surfaces are found by the mixtures beside them, at most as often.
 
 A pair of equal mixed pixels along a straight edge looks like a thin surface. So a surface one pixel wide may be an end
 of a chord, but never continues itself.
@@ -16,11 +17,11 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.compiled.robust import MAD_TO_SIGMA
-from tofmix.unmixing.distant import distant_planes
+from tofmix.unmixing.distant import DistantPlane, distant_planes
 from tofmix.unmixing.functions import near
 from tofmix.unmixing.hypotheses import ENDS, Kind, OpenSpace, judge
 from tofmix.unmixing.image import ComplexArray, PhasorImage
-from tofmix.unmixing.lines import agree, find_lines
+from tofmix.unmixing.lines import Mixtures, agree, find_lines
 from tofmix.unmixing.seeds import Seeds, find_seeds
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, LabelSettings, UnmixSettings
 from tofmix.unmixing.surface_fit import Members
@@ -70,7 +71,7 @@ _FIELDS = (*_ENDS, "kind", "probability", "is_known", "is_fresh", "chord", "scat
 def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Labels:
     """Label the pixels of an image."""
     seeds, spaces = find_seeds(image, settings.seeds), _open_space(image, settings.labels)
-    line = find_lines(image, seeds, settings.labels, settings.neighbours.reach)
+    line = find_lines(image, seeds, None, settings.labels, settings.neighbours.reach)
     is_line = line >= 0
     alone = seeds.certain | is_line
     doubtful = np.flatnonzero(image.valid & ~alone)
@@ -79,7 +80,7 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
         is_member=member, has_plane=seeds.has_plane, has_light=alone, is_known=member, is_trusted=member,
         is_fresh=np.zeros(image.count, bool), plane=seeds.plane, middle=seeds.middle, line=line,
     )  # fmt: skip
-    planes = distant_planes(image, seeds, settings.planes) if doubtful.size else ()
+    planes: tuple[DistantPlane, ...] = ()
     kind = np.where(alone, int(Kind.CONTINUED), int(Kind.UNKNOWN))
     count = image.count
     arrays: dict[str, NDArray[Any]] = {
@@ -90,23 +91,36 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
     plane, is_distant = np.zeros((count, 3)), np.zeros(count, bool)
     square = np.zeros(count, bool)
     pixels = doubtful if alone.any() else doubtful[:0]
-    for number in range(settings.labels.rounds):
+    for number in range(2 * settings.labels.rounds):
         for start in range(0, pixels.size, _BLOCK):
             block = pixels[start : start + _BLOCK]
-            found = judge(
-                image, block, members, seeds, planes if number else (), spaces, settings.hypotheses, settings.neighbours
-            )
+            found = judge(image, block, members, seeds, planes, spaces, settings.hypotheses, settings.neighbours)
             plane[block], is_distant[block] = found.plane, found.is_distant
             for name in _FIELDS:
                 arrays[name][block] = getattr(found, name)
         if not pixels.size:
             break
         before = members
-        members, square = _next_members(image, seeds, line, arrays["kind"], plane, is_distant, settings.labels)
-        if number > 0:  # the large planes are tried from the second round on, in all pixels
+        is_mixed = np.isin(arrays["kind"], (Kind.PAIR, Kind.TRIPLE))
+        mixtures = Mixtures(is_mixed=is_mixed, **{name: arrays[name] for name in _ENDS})
+        line = find_lines(image, seeds, mixtures, settings.labels, settings.neighbours.reach)
+        is_last = number + 1 >= settings.labels.rounds and bool(np.all(is_line == (line >= 0)))
+        is_line = line >= 0
+        members, square = _next_members(
+            image, seeds, line, arrays["kind"], plane, is_distant, arrays["is_fresh"], settings.labels
+        )
+        if number == 0:  # the large planes are tried from the second round on, in all pixels
+            planes = distant_planes(image, seeds, line, settings.planes)
+        else:
             pixels = doubtful[_near_changes(before, members, image.shape, settings.neighbours.reach)[doubtful]]
+        if is_last:
+            break
     kind = arrays["kind"]
-    is_surface = alone | np.isin(kind, (Kind.CONTINUED, Kind.OTHER_REFLECTANCE)) | ((kind == Kind.NEW) & square)
+    kind[(line >= 0) & (kind == Kind.NEW)] = Kind.CONTINUED
+    is_surface = (
+        seeds.certain | (line >= 0) | np.isin(kind, (Kind.CONTINUED, Kind.OTHER_REFLECTANCE))
+        | ((kind == Kind.NEW) & square)
+    )  # fmt: skip
     return Labels(**arrays, is_surface=is_surface, seeds=seeds)
 
 
@@ -135,6 +149,7 @@ def _next_members(
     kind: IntArray,
     plane: FloatArray,
     is_distant: BoolArray,
+    is_fresh: BoolArray,
     settings: LabelSettings,
 ) -> tuple[Members, BoolArray]:
     """Settle who is a member in the next round, and which new pixels agree in blocks of 2 x 2."""
@@ -149,7 +164,7 @@ def _next_members(
         is_member=kept | joined | (fresh & agrees) | is_line, has_plane=kept | joined,
         has_light=seeds.certain | (kind == Kind.CONTINUED) | (fresh & agrees),
         is_known=is_known, is_trusted=kept | (joined & is_distant) | (fresh & square) | is_line,
-        is_fresh=fresh & square, plane=np.where(joined[:, np.newaxis], plane, seeds.plane),
+        is_fresh=(fresh & square) | (joined & is_fresh), plane=np.where(joined[:, np.newaxis], plane, seeds.plane),
         middle=np.where(joined, np.arange(image.count), seeds.middle), line=line,
     )  # fmt: skip
     return next_members, square

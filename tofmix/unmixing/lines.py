@@ -10,6 +10,8 @@ of which a line of pixels is enough: the line determines the slope along itself,
 (`tofmix.unmixing.surface_fit`). Use `find_lines` after `find_seeds`, which finds wider surfaces.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
@@ -25,9 +27,28 @@ _BEYOND = (2, 3)
 """Distances, pixels, of the surface beyond a neighbour. An edge that is not upright in the image crosses two pixels."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mixtures:
+    """The surfaces of the pixels that are judged to see several. Arrays are (pixel, end), as in `Findings`.
+
+    Parameters
+    ----------
+    is_mixed : (pixel,) bool
+        Whether the pixel sees several.
+    range_mm, range_variance, share, share_variance : float64
+        Its surfaces.
+    """
+
+    is_mixed: BoolArray
+    range_mm: FloatArray
+    range_variance: FloatArray
+    share: FloatArray
+    share_variance: FloatArray
+
+
 def find_lines(
-    image: PhasorImage, seeds: Seeds, settings: LabelSettings = DEFAULT_SETTINGS.labels,
-    reach: int = DEFAULT_SETTINGS.neighbours.reach,
+    image: PhasorImage, seeds: Seeds, mixtures: Mixtures | None = None,
+    settings: LabelSettings = DEFAULT_SETTINGS.labels, reach: int = DEFAULT_SETTINGS.neighbours.reach,
 ) -> IntArray:  # fmt: skip
     """Find narrow surfaces.
 
@@ -37,6 +58,8 @@ def find_lines(
         The window.
     seeds : Seeds
         Pixels of wider surfaces, and the scatter beyond noise.
+    mixtures : Mixtures, optional
+        What pixels were judged to see by then: they see some of the surfaces in them.
     settings : LabelSettings
         Which neighbours agree.
     reach : int
@@ -45,12 +68,13 @@ def find_lines(
     Returns
     -------
     (pixel,) int64
-        Number of the pixel's narrow surface; -1 where it has none.
+        Number of the pixel's narrow surface, that of its first pixel; -1 where it has none.
     """
     number = np.full(image.count, -1)
-    pixels = np.flatnonzero(image.valid & ~seeds.has_plane)
+    is_doubtful = image.valid & ~seeds.has_plane
+    pixels = np.flatnonzero(is_doubtful if mixtures is None else is_doubtful & ~mixtures.is_mixed)
     for axis in (0, 1):
-        pixels = pixels[_is_between(image, seeds, pixels, axis, settings)]
+        pixels = pixels[_is_between(image, seeds, mixtures, pixels, axis, settings)]
     if not pixels.size:
         return number
     is_line = np.zeros(image.count, bool)
@@ -66,7 +90,7 @@ def find_lines(
     wider[surface[np.where(is_line[one], one, other)[beside]]] = True
     known = wider[surface] & near(seeds.has_plane.reshape(image.shape), reach).ravel()
     pixels = pixels[(size[surface[pixels]] >= _LEAST_PIXELS) & ~known[pixels]]
-    number[pixels] = surface[pixels]
+    number[pixels] = np.unique(surface, return_index=True)[1][surface[pixels]]
     return number
 
 
@@ -96,14 +120,14 @@ def agree(
 
 
 def _is_between(
-    image: PhasorImage, seeds: Seeds, pixels: IntArray, axis: int, settings: LabelSettings
+    image: PhasorImage, seeds: Seeds, mixtures: Mixtures | None, pixels: IntArray, axis: int, settings: LabelSettings
 ) -> BoolArray:
     """Whether both neighbours of pixels (n,) along an axis see some of the pixel's surface.
 
     If both are mixtures, the pixel itself must not be one of the two surfaces beyond, as on a blurred edge.
     """
     sees, agrees, exists, beyond = zip(
-        *(_see_some(image, seeds, pixels, axis, side, settings) for side in (-1, 1)), strict=True
+        *(_see_some(image, seeds, mixtures, pixels, axis, side, settings) for side in (-1, 1)), strict=True
     )
     both = (sees[0] & sees[1]) | (~exists[0] & agrees[1]) | (~exists[1] & agrees[0])
     chord = np.flatnonzero(both & (beyond[0] >= 0) & (beyond[1] >= 0))
@@ -114,8 +138,9 @@ def _is_between(
 
 
 def _see_some(
-    image: PhasorImage, seeds: Seeds, pixels: IntArray, axis: int, side: int, settings: LabelSettings
-) -> tuple[BoolArray, BoolArray, BoolArray, IntArray]:
+    image: PhasorImage, seeds: Seeds, mixtures: Mixtures | None, pixels: IntArray, axis: int, side: int,
+    settings: LabelSettings,
+) -> tuple[BoolArray, BoolArray, BoolArray, IntArray]:  # fmt: skip
     """Whether the neighbours of pixels (n,) on a side see some of the pixel's surface, and agree with it; and exist.
 
     The last array is the pixel of the surface beyond, where the neighbour is a mixture with it; else -1.
@@ -130,6 +155,8 @@ def _see_some(
     beside, exists = at(1)
     agrees = exists & image.valid[beside] & agree(image, seeds, pixels, beside, settings)
     sees, beyond = agrees.copy(), np.full(len(pixels), -1)
+    if mixtures is not None:
+        sees |= exists & _has_end(image, seeds, mixtures, beside, pixels, settings)
     for steps in _BEYOND:
         far, inside = at(steps)
         which = np.flatnonzero(~sees & inside & image.valid[beside] & (image.valid[far] | image.open_space[far]))
@@ -140,6 +167,19 @@ def _see_some(
     return sees, agrees, exists, beyond
 
 
+def _has_end(
+    image: PhasorImage, seeds: Seeds, mixtures: Mixtures, pixels: IntArray, others: IntArray, settings: LabelSettings
+) -> BoolArray:
+    """Whether pixels (n,) were judged to see some of the surfaces that others fill."""
+    step = (settings.slope * image.pitch[others] * image.range_mm[others]) ** 2
+    error = image.range_variance[others] + seeds.pattern_variance + step
+    off = mixtures.range_mm[pixels] - image.range_mm[others, np.newaxis]
+    most = settings.agree_sigmas**2
+    is_same = off**2 < most * (mixtures.range_variance[pixels] + error[:, np.newaxis])
+    is_some = mixtures.share[pixels] ** 2 > most * mixtures.share_variance[pixels]
+    return np.asarray(mixtures.is_mixed[pixels] & (is_same & is_some).any(axis=1))
+
+
 def _on_chord(
     image: PhasorImage, seeds: Seeds, pixels: IntArray, one: IntArray, other: IntArray, settings: LabelSettings
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
@@ -148,7 +188,10 @@ def _on_chord(
     z - z_other = w (z_one - z_other), by generalised least squares. The surfaces' phasors are taken a pixel away from
     where they are seen, and have the errors of a slope.
     """
-    (first, first_error), (second, second_error) = _end(image, seeds, one, settings), _end(image, seeds, other, settings)
+    (first, first_error), (second, second_error) = (
+        _end(image, seeds, one, settings),
+        _end(image, seeds, other, settings),
+    )
     chord, offset = first - second, image.phasor[pixels] - second
     square = np.maximum(np.abs(chord) ** 2, _TINY)
     share = (offset * np.conj(chord)).real / square

@@ -123,6 +123,14 @@ class PlaneSettings:
         Connected regions that are looked at, the largest first, and planes that are looked for in each.
     tries : int
         Random triples of pixels: with half of them on one plane, 25 triples miss it once in 30 regions.
+    line_tries : int
+        Likewise among the pixels of narrow surfaces, with a third of them on one plane.
+    least_width : float
+        Pixels across all narrow surfaces on such a plane: two lines that are parallel always lie on one, a third tests
+        it. Lines have gaps.
+    light_slope, light_step : float
+        Standard deviation of u = ln A + 3 ln r over such a plane, in pitches, and what is added: that of one step to
+        the next pixel of a surface.
     inlier_sigmas : float
         Distance from a plane, standard deviations, up to which a pixel belongs to it.
     extrapolated : float
@@ -133,6 +141,10 @@ class PlaneSettings:
     most_regions: WholeNumber = 20
     most_planes: WholeNumber = 3
     tries: WholeNumber = 25
+    line_tries: WholeNumber = 100
+    least_width: PositiveThreshold = 2.5
+    light_slope: NotNegative = 2.0
+    light_step: Positive = 0.005
     inlier_sigmas: PositiveThreshold = 4.0
     extrapolated: Positive = 4.0
 

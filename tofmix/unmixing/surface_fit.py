@@ -132,7 +132,7 @@ def fill_surfaces(
             if group < 0:
                 break
             out.found[at, number] = True
-            size = _collect(count, group, indices)
+            size = _collect(count, group, _GROUP, indices)
             _fit_ranges(pixel, at, number, size, beams, members, numbers, indices, normal, out, settings)
             _fit_light(pixel, at, number, size, texture_variance, beams, measured, members, numbers, indices, normal,
                        out, settings)  # fmt: skip
@@ -198,50 +198,66 @@ def _predict_lines(
     A line of pixels determines the slope along itself. Across it a small slope is expected: any two lines lie on a
     plane, so lines that need a steep one to agree may be of two surfaces.
     """
-    pitch, coefficients, covariance = _pitch(pixel, beams), fit[0], fit[1:]
-    light_slope = settings.light_slope * pitch + settings.least_light_slope
     for first in range(count):
-        line = indices[_LINE, first]
-        is_done = line < 0
+        line, is_first = indices[_LINE, first], True
         for k in range(first):
-            is_done = is_done or indices[_LINE, k] == line
-        if is_done:
-            continue
-        size = 0
-        for k in range(count):
-            if indices[_LINE, k] == line:
-                indices[_OWN, size] = k
-                size += 1
-        x, y, value, weight = numbers[_OWN_X, :size], numbers[_OWN_Y, :size], numbers[_OWN_VALUE, :size], \
-            numbers[_OWN_WEIGHT, :size]  # fmt: skip
-        variance, residual = numbers[_OWN_VARIANCE, :size], numbers[_RESIDUAL, :size]
-        level = 0.0
-        for k in range(size):
-            place = indices[_OWN, k]
-            level += numbers[_INVERSE, place] / numbers[_COSINE, place] / size
-        for k in range(size):
-            place = indices[_OWN, k]
-            x[k], y[k], variance[k] = numbers[_X, place], numbers[_Y, place], numbers[_VARIANCE, place]
-            value[k], weight[k] = numbers[_INVERSE, place] / numbers[_COSINE, place] - level, 1.0 / variance[k]
-        slope = settings.known_slope * pitch * level
-        fit_plane(x, y, value, weight, 1.0 / (slope * slope), normal, coefficients, covariance, residual)
-        _widen(size, residual, weight, variance, covariance, settings.chance_sigmas)
-        for k in range(size):
-            place = indices[_OWN, k]
-            numbers[_VALUE, place], numbers[_ERROR, place] = level + coefficients[0], covariance[0, 0]
-        level = 0.0
-        for k in range(size):
-            level += measured.log_light[indices[_OTHER, indices[_OWN, k]]] / size
-        for k in range(size):
-            place = indices[_OWN, k]
-            other = indices[_OTHER, place]
-            variance[k] = _light_variance(other, numbers[_INVERSE, place], texture_variance, measured)
-            value[k], weight[k] = measured.log_light[other] - level, 1.0 / variance[k]
-        fit_plane(x, y, value, weight, 1.0 / (light_slope * light_slope), normal, coefficients, covariance, residual)
-        _widen(size, residual, weight, variance, covariance, settings.chance_sigmas)
-        for k in range(size):
-            place = indices[_OWN, k]
-            numbers[_LIGHT, place], numbers[_LIGHT_ERROR, place] = level + coefficients[0], covariance[0, 0]
+            is_first = is_first and indices[_LINE, k] != line
+        if line >= 0 and is_first:
+            size = _collect(count, line, _LINE, indices)
+            _predict_ranges(size, _pitch(pixel, beams), numbers, indices, normal, fit, settings)
+            _predict_light(size, _pitch(pixel, beams), texture_variance, measured, numbers, indices, normal, fit,
+                           settings)  # fmt: skip
+
+
+@borrowing
+def _predict_ranges(
+    size: int, pitch: float, numbers: FloatArray, indices: IntArray, normal: FloatArray, fit: FloatArray,
+    settings: NeighbourSettings,
+) -> None:  # fmt: skip
+    """Predict 1 / r at the pixel from the members of a narrow surface."""
+    x, y, value, weight = numbers[_OWN_X, :size], numbers[_OWN_Y, :size], numbers[_OWN_VALUE, :size], \
+        numbers[_OWN_WEIGHT, :size]  # fmt: skip
+    variance, residual = numbers[_OWN_VARIANCE, :size], numbers[_RESIDUAL, :size]
+    coefficients, covariance, level = fit[0], fit[1:], 0.0
+    for k in range(size):
+        place = indices[_OWN, k]
+        x[k], y[k], variance[k] = numbers[_X, place], numbers[_Y, place], numbers[_VARIANCE, place]
+        value[k], weight[k] = numbers[_INVERSE, place] / numbers[_COSINE, place], 1.0 / variance[k]
+        level += value[k] / size
+    for k in range(size):
+        value[k] -= level
+    slope = settings.known_slope * pitch * level
+    fit_plane(x, y, value, weight, 1.0 / (slope * slope), normal, coefficients, covariance, residual)
+    _widen(size, residual, weight, variance, covariance, settings.chance_sigmas)
+    for k in range(size):
+        place = indices[_OWN, k]
+        numbers[_VALUE, place], numbers[_ERROR, place] = level + coefficients[0], covariance[0, 0]
+
+
+@borrowing
+def _predict_light(
+    size: int, pitch: float, texture_variance: float, measured: Measured, numbers: FloatArray, indices: IntArray,
+    normal: FloatArray, fit: FloatArray, settings: NeighbourSettings,
+) -> None:  # fmt: skip
+    """Predict u at the pixel from the members of a narrow surface, at the places of `_predict_ranges`."""
+    x, y, value, weight = numbers[_OWN_X, :size], numbers[_OWN_Y, :size], numbers[_OWN_VALUE, :size], \
+        numbers[_OWN_WEIGHT, :size]  # fmt: skip
+    variance, residual = numbers[_OWN_VARIANCE, :size], numbers[_RESIDUAL, :size]
+    coefficients, covariance, level = fit[0], fit[1:], 0.0
+    for k in range(size):
+        place = indices[_OWN, k]
+        other = indices[_OTHER, place]
+        variance[k] = _light_variance(other, numbers[_INVERSE, place], texture_variance, measured)
+        value[k], weight[k] = measured.log_light[other], 1.0 / variance[k]
+        level += value[k] / size
+    for k in range(size):
+        value[k] -= level
+    slope = settings.light_slope * pitch + settings.least_light_slope
+    fit_plane(x, y, value, weight, 1.0 / (slope * slope), normal, coefficients, covariance, residual)
+    _widen(size, residual, weight, variance, covariance, settings.chance_sigmas)
+    for k in range(size):
+        place = indices[_OWN, k]
+        numbers[_LIGHT, place], numbers[_LIGHT_ERROR, place] = level + coefficients[0], covariance[0, 0]
 
 
 @borrowing
@@ -259,14 +275,25 @@ def _sort(count: int, numbers: FloatArray, indices: IntArray, settings: Neighbou
     Predictions are put in order; where the step to the next is larger than their errors, a new surface begins. So it
     does where a prediction contradicts the most certain one of the surface, which vague ones between would connect.
     """
-    value, error, order, group = numbers[_VALUE], numbers[_ERROR], indices[_ORDER], indices[_GROUP]
+    value, order = numbers[_VALUE], indices[_ORDER]
     for k in range(count):
         at = k
         while at > 0 and value[order[at - 1]] > value[k]:
             order[at] = order[at - 1]
             at -= 1
         order[at] = k
-    begins = indices[_SIZE]
+    _find_steps(count, numbers, indices, settings)
+    number = 0
+    for k in range(count):
+        number += indices[_SIZE, k]
+        indices[_GROUP, order[k]] = number
+    return number + 1 if count > 0 else 0
+
+
+@borrowing
+def _find_steps(count: int, numbers: FloatArray, indices: IntArray, settings: NeighbourSettings) -> None:
+    """Mark, in the row of sizes, the predictions in order at which a new surface begins."""
+    value, error, order, begins = numbers[_VALUE], numbers[_ERROR], indices[_ORDER], indices[_SIZE]
     best = -1
     for k in range(count):
         here = order[k]
@@ -274,27 +301,17 @@ def _sort(count: int, numbers: FloatArray, indices: IntArray, settings: Neighbou
         if k > 0:
             before = order[k - 1]
             apart = settings.apart_sigmas * math.sqrt(2.0 * min(error[here], error[before]))
-            if (
-                value[here] - value[before] > max(apart, settings.apart * abs(value[before]))
-                or _contradicts(here, best, numbers, indices, settings)
-            ):
-                begins[k] = 1
-        if begins[k] == 1 or k == 0 or error[here] < error[best]:
+            is_apart = value[here] - value[before] > max(apart, settings.apart * abs(value[before]))
+            begins[k] = is_apart or _contradicts(here, best, numbers, indices, settings)
+        if begins[k] == 1 or best < 0 or error[here] < error[best]:
             best = here
     best = -1
     for k in range(count - 1, -1, -1):
         here = order[k]
-        if best < 0 or begins[k + 1] == 1:
+        if best >= 0 and begins[k + 1] == 0 and _contradicts(here, best, numbers, indices, settings):
+            begins[k + 1] = 1
+        if best < 0 or begins[k + 1] == 1 or error[here] < error[best]:
             best = here
-        elif _contradicts(here, best, numbers, indices, settings):
-            begins[k + 1], best = 1, here
-        elif error[here] < error[best]:
-            best = here
-    number = 0
-    for k in range(count):
-        number += begins[k]
-        group[order[k]] = number
-    return number + 1 if count > 0 else 0
 
 
 @borrowing
@@ -303,7 +320,7 @@ def _contradicts(
 ) -> bool:  # fmt: skip
     """Whether two predictions differ by more than both errors.
 
-    The slope across a narrow surface may be that to a pixel of another one, so there the predictions of light count too.
+    The slope across a narrow surface may be that to a pixel of another one, so the predictions of light count there.
     """
     value, error, light, light_error = numbers[_VALUE], numbers[_ERROR], numbers[_LIGHT], numbers[_LIGHT_ERROR]
     apart = settings.apart_sigmas * math.sqrt(error[one] + error[other])
@@ -343,11 +360,11 @@ def _next_largest(groups: int, indices: IntArray, places: int) -> int:
 
 
 @borrowing
-def _collect(count: int, group: int, indices: IntArray) -> int:
-    """List the members of a surface, and return how many they are."""
+def _collect(count: int, number: int, row: int, indices: IntArray) -> int:
+    """List the members of a number in a row of indices, and return how many they are."""
     size = 0
     for k in range(count):
-        if indices[_GROUP, k] == group:
+        if indices[row, k] == number:
             indices[_OWN, size] = k
             size += 1
     return size
