@@ -39,7 +39,7 @@ class MixingLaw:
         if not self.pixels:
             return (
                 "no edge shows whether samples are phasor sums; a lock-in camera sums, and nothing contradicts it, so"
-                " mixed pixels are undecided where no neighbours unmix them (--mixing events: each sample is one surface)"
+                " mixed pixels that no neighbours unmix are undecided (--mixing events: each sample is one surface)"
             )
         percent = round(100.0 * min(max(self.phasor_share, 0.0), 1.0))
         return f"{percent} % of the samples at edges are phasor sums ({self.pixels:,} pixels)"

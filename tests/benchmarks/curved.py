@@ -2,8 +2,8 @@
 
     python tests/benchmarks/curved.py [scenes|noise|light|cost ...] [--seeds 1 2] [--small]
 
-Recordings of a lock-in camera (tests/support/round_things.py, which uses nothing of the package but its containers), 48 x
-64 pixels, estimated with all defaults. Prints Markdown tables; docs/results/mixing.md holds a copy. Asserts nothing.
+Recordings of a lock-in camera (tests/support/round_things.py, which uses nothing of the package but its containers), 48
+x 64 pixels, estimated with all defaults. Prints Markdown tables; docs/results/mixing.md holds a copy. Asserts nothing.
 
 - scenes: each scene, 100 frames, noise of a sample on the wall 20 mm.
 - noise: all scenes at noise 5 to 80 mm, with 30 and 100 frames.
@@ -17,7 +17,7 @@ import argparse
 import sys
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -27,9 +27,14 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from support.round_things import SCENES, Scene, Score, render, score
 
 import tofmix as tm
+from tofmix.arrays import Float32Array
 from tofmix.errors import DoubtWarning
+from tofmix.unmixing.phasors import mean_phasors
+from tofmix.unmixing.settings import CurvedSettings, UnmixSettings
+from tofmix.unmixing.unmix import unmix
 
 FEW = ("sphere and cylinder", "person", "two columns")
+PLANES = UnmixSettings(curved=CurvedSettings(rounds=0))
 HEAD = (
     "| {} | mixed | both found | undecided | ranges within 2 errors | shares within 2 errors | share, rms |"
     " one surface split | flying layers |\n|---|---|---|---|---|---|---|---|---|"
@@ -37,10 +42,8 @@ HEAD = (
 
 
 def estimated(one: Scene) -> tm.Estimate:
-    """Estimate a recording with all defaults; warnings are left out."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoubtWarning)
-        return tm.estimate(one.recording)
+    """Estimate a recording with all defaults."""
+    return tm.estimate(one.recording)
 
 
 def scored(names: Sequence[str], seeds: Sequence[int], **choices: float) -> Score:
@@ -93,23 +96,36 @@ def print_light(names: Sequence[str], seeds: Sequence[int]) -> None:
 
 
 def print_cost(names: Sequence[str], seeds: Sequence[int]) -> None:
-    """CPU time of estimates, the best of three, kernels compiled."""
-    from tofmix.unmixing import unmix as module
+    """CPU time of estimates, and of unmixing by planes alone and with smooth surfaces; the best of three."""
+    print("\n**Cost, s of CPU**\n\n| scene | estimate | unmixing | by planes alone |\n|---|---|---|---|")
+    for name in names:
+        things, reflectivity = SCENES[name]()
+        recording = render(things, reflectivity, noise_mm=20.0, seed=seeds[0]).recording
+        light = recording.amplitude
+        assert light is not None
+        phasors = mean_phasors(recording.range_mm, light, recording.sensor)
+        found = tm.estimate(recording, mixing="events")
 
-    things, reflectivity = SCENES[names[0]]()
-    one = render(things, reflectivity, noise_mm=20.0, seed=seeds[0])
-    whole, curved = [], module.label_curved
-    for replaced in (curved, lambda image, labels: labels):
-        module.label_curved = replaced  # type: ignore[assignment]
-        estimated(one)
-        times = []
-        for _ in range(3):
-            start = time.process_time()
-            estimated(one)
-            times.append(time.process_time() - start)
-        whole.append(min(times))
-    module.label_curved = curved
-    print(f"\n**Cost**\n\n{names[0]}: {whole[0]:.2f} s of CPU, {whole[1]:.2f} s with planes alone")
+        def whole(recording: tm.Recording = recording) -> None:
+            tm.estimate(recording)
+
+        def smooth(found: tm.Estimate = found, phasors: Float32Array = phasors) -> None:
+            unmix(found.window(0), phasors, found.sensor)
+
+        def flat(found: tm.Estimate = found, phasors: Float32Array = phasors) -> None:
+            unmix(found.window(0), phasors, found.sensor, settings=PLANES)
+
+        print(f"| {name} | {' | '.join(f'{least_s(job):.2f}' for job in (whole, smooth, flat))} |", flush=True)
+
+
+def least_s(job: Callable[[], None]) -> float:
+    """Least CPU time of three, s."""
+    times = []
+    for _ in range(3):
+        start = time.process_time()
+        job()
+        times.append(time.process_time() - start)
+    return min(times)
 
 
 PRINTERS = {"scenes": print_scenes, "noise": print_noise, "light": print_light, "cost": print_cost}
@@ -122,6 +138,7 @@ def main() -> None:
     parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2])
     parser.add_argument("--small", action="store_true")
     options = parser.parse_args()
+    warnings.simplefilter("ignore", DoubtWarning)
     for name in options.tables or PRINTERS:
         PRINTERS[name](FEW if options.small else tuple(SCENES), options.seeds)
 

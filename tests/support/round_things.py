@@ -6,7 +6,7 @@ cosine, phasor sums, and noise of each sample's phasor.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,9 +33,7 @@ class Hits(NamedTuple):
 
 def _rays() -> Floats:
     steps = (np.arange(PARTS) + 0.5) / PARTS - 0.5
-    x, y = (
-        ((np.arange(size)[:, np.newaxis] + steps).ravel() - (size - 1) / 2) / FOCAL for size in (COLS, ROWS)
-    )
+    x, y = (((np.arange(size)[:, np.newaxis] + steps).ravel() - (size - 1) / 2) / FOCAL for size in (COLS, ROWS))
     ways = np.stack(np.broadcast_arrays(x[np.newaxis], y[:, np.newaxis], 1.0), axis=-1)
     return np.asarray(ways / np.linalg.norm(ways, axis=-1, keepdims=True))
 
@@ -146,7 +144,11 @@ def render(
         name="round things", modulation_frequency_hz=FREQUENCY_HZ, range_min_mm=300.0, range_max_mm=7000.0,
         projection=lens,
     )  # fmt: skip
-    return Scene(recording=tm.from_array(range_mm, units="mm", sensor=camera, amplitude=np.abs(samples)), share=share, range_mm=truth)
+    return Scene(
+        recording=tm.from_array(range_mm, units="mm", sensor=camera, amplitude=np.abs(samples)),
+        share=share,
+        range_mm=truth,
+    )
 
 
 def _pooled(parts: NDArray[np.number]) -> NDArray[np.complex128]:
@@ -168,7 +170,7 @@ class Score:
     split: int = 0
     flying: int = 0
 
-    def __iadd__(self, other: "Score") -> "Score":
+    def __iadd__(self, other: "Score") -> Self:
         for name in self.__dataclass_fields__:
             setattr(self, name, getattr(self, name) + getattr(other, name))
         return self
@@ -177,8 +179,9 @@ class Score:
 def score(scene: Scene, layers: Layers, *, least_share: float = 0.1, least_mm: float = 30.0) -> Score:
     """Compare layers (row, col) with the truth.
 
-    A mixed pixel has two things of `least_share` and more. Both are found if two layers of probability above 0.5 lie within
-    5 stated errors, or `least_mm`. A layer flies if its probability is above 0.5, and nothing is within that of it.
+    A mixed pixel has two things of `least_share` and more. Both are found if two layers of probability above 0.5 lie
+    within 5 stated errors, or `least_mm`. A layer flies if its probability is above 0.5, and nothing is within twice
+    that of it.
     """
     result = Score()
     order = np.argsort(-scene.share, axis=0)
@@ -186,20 +189,20 @@ def score(scene: Scene, layers: Layers, *, least_share: float = 0.1, least_mm: f
     for row, col in np.ndindex(*layers.shape):
         share, truth = scene.share[:, row, col], scene.range_mm[:, row, col]
         count = int(layers.n_modes[row, col])
-        sure = layers.probability[row, col, :count] > 0.5  # noqa: PLR2004  rather there than not
+        sure = layers.probability[row, col, :count] > 0.5
         place, error = layers.range[row, col, :count], layers.range_stderr[row, col, :count]
         there = truth[share > 0]
         away = np.abs(place[:, np.newaxis] - there).min(axis=1, initial=np.inf)
         result.flying += int((sure & (away > np.maximum(5.0 * error, 2.0 * least_mm))).sum())
-        if share.max() > 0.999:  # noqa: PLR2004  all of the pixel
+        if share.max() > 0.999:
             result.single += 1
             result.split += int(sure.sum() > 1)
         first, second = order[:2, row, col]
-        if share[second] <= least_share or share[first] + share[second] < 0.999:  # noqa: PLR2004  likewise
+        if share[second] <= least_share or share[first] + share[second] < 0.999:
             continue
         result.mixed += 1
-        result.undecided += int(mixing[row, col] == 3)  # noqa: PLR2004  the flag
-        if count != 2 or not sure.all():  # noqa: PLR2004  both
+        result.undecided += int(mixing[row, col] == 3)
+        if count != 2 or not sure.all():
             continue
         pair = sorted((first, second), key=lambda number: truth[number])
         off = place - truth[pair]
@@ -215,17 +218,30 @@ def score(scene: Scene, layers: Layers, *, least_share: float = 0.1, least_mm: f
 
 
 SCENES: dict[str, Callable[[], tuple[list[Hits], list[float]]]] = {
-    "sphere and cylinder": lambda: ([wall(3000), sphere((-350, 0, 1800), 220), cylinder(420, 1900, 130)], [0.5, 0.8, 0.7]),
+    "sphere and cylinder": lambda: (
+        [wall(3000), sphere((-350, 0, 1800), 220), cylinder(420, 1900, 130)],
+        [0.5, 0.8, 0.7],
+    ),
     "sphere of 60 mm at 1 m": lambda: ([wall(2500), sphere((-60, 30, 1000), 60)], [0.5, 0.8]),
     "sphere of 150 mm at 1 m": lambda: ([wall(2500), sphere((-100, 0, 1000), 150)], [0.5, 0.8]),
-    "sphere and cylinder at 2.5 m": lambda: ([wall(4500), sphere((-300, 0, 2500), 300), cylinder(400, 2300, 200)], [0.5, 0.8, 0.7]),
+    "sphere and cylinder at 2.5 m": lambda: (
+        [wall(4500), sphere((-300, 0, 2500), 300), cylinder(400, 2300, 200)],
+        [0.5, 0.8, 0.7],
+    ),
     "sphere of 500 mm at 4 m": lambda: ([wall(6000), sphere((-400, 0, 4000), 500)], [0.5, 0.8]),
-    "person": lambda: ([wall(4000), joined(capsule(100, 2200, 180, -250, 900), sphere((100, -560, 2200), 120))], [0.5, 0.7]),
+    "person": lambda: (
+        [wall(4000), joined(capsule(100, 2200, 180, -250, 900), sphere((100, -560, 2200), 120))],
+        [0.5, 0.7],
+    ),
     "two columns": lambda: ([wall(3500), cylinder(-420, 2000, 160), cylinder(380, 2300, 120)], [0.5, 0.7, 0.6]),
-    "sphere before sphere": lambda: ([wall(4500), sphere((250, 0, 2700), 500), sphere((-150, 0, 1700), 220)], [0.5, 0.6, 0.8]),
+    "sphere before sphere": lambda: (
+        [wall(4500), sphere((250, 0, 2700), 500), sphere((-150, 0, 1700), 220)],
+        [0.5, 0.6, 0.8],
+    ),
     "slanted wall": lambda: ([wall(4000), wall(1800, (0.6, 0.0, 0.8), 206)], [0.5, 0.8]),
     "creased wall and sphere": lambda: (
-        [joined(wall(3600, (0.5, 0.0, 0.87)), wall(3600, (-0.5, 0.0, 0.87))), sphere((100, 0, 1700), 200)], [0.5, 0.8],
+        [joined(wall(3600, (0.5, 0.0, 0.87)), wall(3600, (-0.5, 0.0, 0.87))), sphere((100, 0, 1700), 200)],
+        [0.5, 0.8],
     ),
-}  # fmt: skip
+}
 """Makers of things and their reflectivities, the wall first."""

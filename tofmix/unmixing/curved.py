@@ -48,11 +48,11 @@ _PARTS = 64
 _PLACES = lattice_of_places(_PARTS, 27)
 _COARSE = grid_of_places(3)
 """Parts of a pixel beside one surface alone: the mean over it needs no more."""
-_DRAWS = 64
+_DRAWS = 64  # of each surface
 _ALL = 0.995  # share of the parts that counts as all
 _SOME = 0.01  # and as some
 _LEAST_DRAWS, _LEAST_LIMBS, _LEAST_CUTS = 6, 4, _DRAWS // 4
-_BINS = 50
+_BINS = 50  # of the share
 _ANY = 0.03  # part of a limb's shares that no draw has
 _FEWEST = 0.3  # share of the pixel that the farther surface fills in the mean of its draws
 _FAR, _NEAR = 4.0, 0.25  # of the range in the middle: a patch is not continued farther
@@ -105,7 +105,7 @@ class _Seen:
     @property
     def share(self) -> FloatArray:
         """Share of the parts that are hit."""
-        return self.hit.mean(axis=2)
+        return np.asarray(self.hit.mean(axis=2))
 
 
 def judge_bent(
@@ -127,20 +127,28 @@ def judge_bent(
         Variance of ln A from pixel to pixel.
     """
     owner, number = _items(view, segment, pixels)
+    largest = 1.5 * float(np.quantile(image.amplitude[image.valid], 0.999))
+    best = _Best(len(pixels), math.log(PRIORS[Bent.NEW]) - math.log(math.pi * largest**2))
+    if not owner.size:
+        return best.verdicts()
     at = pixels[owner]
     members = around(view.shape, segment, at, number, REACH)
     patches = fit_patches(view, at, members, scales.bend[number], scales.third[number])
     patches = patches._replace(covariance=patches.covariance * scales.inflation[number][:, np.newaxis, np.newaxis])
     lit = with_light(view, at, patches, texture_variance)
-    largest = 1.5 * float(np.quantile(image.amplitude[image.valid], 0.999))
-    best = _Best(len(pixels), math.log(PRIORS[Bent.NEW]) - math.log(math.pi * largest**2))
     count = np.bincount(owner, minlength=len(pixels))[owner]
     log_prior = math.log(PRIORS[Bent.ONE]) - np.log(count)
     alone, several = np.flatnonzero(count == 1), np.flatnonzero(count > 1)
     seen = _see(view, at[alone], _some(lit, alone), _COARSE)
     log = _one(seen, image.phasor[at[alone]], _matrix(image.mean_covariance[at[alone]]), view)
     best.put_one(owner[alone], number[alone], log_prior[alone] + log)
-    owner, number, at, lit, log_prior = owner[several], number[several], at[several], _some(lit, several), log_prior[several]
+    owner, number, at, lit, log_prior = (
+        owner[several],
+        number[several],
+        at[several],
+        _some(lit, several),
+        log_prior[several],
+    )
     side = _middle(view, at, members[several])
     seen = _see(view, at, lit, _PLACES)
     phasor, noise = image.phasor[at], _matrix(image.mean_covariance[at])
@@ -180,9 +188,8 @@ def _middle(view: View, at: IntArray, members: IntArray) -> FloatArray:
     down = np.where(there, members // cols - (at // cols)[:, np.newaxis], 0)
     right = np.where(there, members % cols - (at % cols)[:, np.newaxis], 0)
     weight = np.where(there, np.exp(-(down**2 + right**2) / 4.0), 0.0)
-    return np.stack([(weight * down).sum(axis=1), (weight * right).sum(axis=1)], axis=1) / np.maximum(
-        weight.sum(axis=1, keepdims=True), 1e-30
-    )
+    sums = np.stack([(weight * down).sum(axis=1), (weight * right).sum(axis=1)], axis=1)
+    return np.asarray(sums / np.maximum(weight.sum(axis=1, keepdims=True), 1e-30))
 
 
 _NORMAL = np.random.default_rng(0).standard_normal((_DRAWS // 2, STATES))
@@ -191,7 +198,7 @@ _NORMAL = np.concatenate([_NORMAL, -_NORMAL])
 
 
 def _some(lit: Lit, which: IntArray) -> Lit:
-    return Lit(lit.patches.some(which), *(part[which] for part in lit[1:]))
+    return Lit(lit.patches.some(which), lit.state[which], lit.covariance[which], lit.fitted[which])
 
 
 def _see(view: View, at: IntArray, lit: Lit, places: FloatArray) -> _Seen:
@@ -209,7 +216,8 @@ def _see(view: View, at: IntArray, lit: Lit, places: FloatArray) -> _Seen:
     range_mm = np.where(hit, range_mm, 0.0)
     phasor = np.where(hit, cosine, 0.0) / np.where(hit, range_mm, 1.0) ** 2 * np.exp(1j * range_mm / view.scale_mm)
     return _Seen(
-        hit=hit, range_mm=range_mm, phasor=phasor, log_cosine=np.where(hit, np.log(np.where(hit, cosine, 1.0) + 1e-6), 0.0),
+        hit=hit, range_mm=range_mm, phasor=phasor,
+        log_cosine=np.where(hit, np.log(np.where(hit, cosine, 1.0) + 1e-6), 0.0),
         level=draws[..., STATE], gamma=draws[..., -1], usable=lit.fitted,
     )  # fmt: skip
 
@@ -273,9 +281,7 @@ def _return(mean: FloatArray, scale_mm: float) -> tuple[ComplexArray, FloatArray
 
 def _log_normal(error: FloatArray, covariance: FloatArray) -> FloatArray:
     """Log density (...,) of errors (..., 2)."""
-    determinant = np.maximum(
-        covariance[..., 0, 0] * covariance[..., 1, 1] - covariance[..., 0, 1] ** 2, 1e-30
-    )
+    determinant = np.maximum(covariance[..., 0, 0] * covariance[..., 1, 1] - covariance[..., 0, 1] ** 2, 1e-30)
     x, y = error[..., 0], error[..., 1]
     form = covariance[..., 1, 1] * x * x - 2.0 * covariance[..., 0, 1] * x * y + covariance[..., 0, 0] * y * y
     return np.asarray(-0.5 * form / determinant - 0.5 * np.log(determinant) - math.log(2.0 * math.pi))
@@ -441,7 +447,7 @@ def _pair(
 def _far(
     seen: _Seen, which: IntArray, order: IntArray, share: FloatArray, view: View
 ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
-    """The farther surface: mean (pair, bin, 2) over the parts that are left, covariance and offset, and if it is there."""
+    """The farther surface: mean (pair, bin, 2) over the parts that are left, covariance, offset, and if it is there."""
     all_hit = seen.share[which] > _ALL
     most_hit = seen.share[which] > 0.5  # noqa: PLR2004  half
     ok = np.where((all_hit.sum(axis=1) >= _LEAST_DRAWS)[:, np.newaxis], all_hit, most_hit)
@@ -485,7 +491,9 @@ class _Best:
             value = float(found.log[i]) + log_prior
             if math.isfinite(value):
                 both = int(pair[i, 0]), int(pair[i, 1])
-                self._two[place].append((value, kind, both, found.mean[i], found.covariance[i], complex(found.chord[i])))
+                self._two[place].append(
+                    (value, kind, both, found.mean[i], found.covariance[i], complex(found.chord[i]))
+                )
 
     def verdicts(self) -> Verdicts:
         """The most probable ones."""

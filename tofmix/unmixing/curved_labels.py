@@ -1,36 +1,33 @@
 """Labels beside surfaces that bend: in rounds, from the pixels that surely see one surface towards the limbs.
 
 Planes label the image first (`tofmix.unmixing.labels`). Here segments of smooth surfaces are found. Where all of them
-are planes, nothing changes. Around a segment that bends, pixels are judged anew: those that a surface fills join it, and
-the next round sees farther. Mixed pixels are what is left.
+are planes, nothing changes. Around a segment that bends, pixels are judged anew: those that a surface fills join it,
+and the next round sees farther. Mixed pixels are what is left.
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from tofmix.arrays import BoolArray, IntArray
+from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.image.masks import near
 from tofmix.image.smooth.scales import Scales, learn_scales, may_bend
 from tofmix.image.smooth.segments import rim_of, segments_of
 from tofmix.image.smooth.view import View
 from tofmix.unmixing.curved import REACH, Bent, Verdicts, judge_bent
-from tofmix.unmixing.functions import near
 from tofmix.unmixing.hypotheses import Kind
-from tofmix.unmixing.image import PhasorImage, polar_covariance, variance_along
+from tofmix.unmixing.image import ComplexArray, PhasorImage, polar_covariance, variance_along
 from tofmix.unmixing.labels import Labels
+from tofmix.unmixing.settings import DEFAULT_SETTINGS, CurvedSettings
 
-_ROUNDS = 8
-_LEAVING, _RELEARNT = 1, 2  # rounds in which members at the rim may leave, and after which scales are learnt again
-_SURE = 0.9
-"""Probability from which on a surface that fills a pixel has it."""
-_DECIDED = 0.5
-"""Probability from which on a mixed pixel is decided."""
-_BESIDE = 2  # pixels from a segment, within which a pixel may join it
-_EDGE = 0.02
-"""Share of the lesser surface below which a pixel is of one surface."""
+_LEAVING = 1
+"""Round in which members at the rim may leave."""
+_RELEARNT = 2
+"""Round after which scales are learnt again."""
 
 
-def label_curved(image: PhasorImage, labels: Labels) -> Labels:
+def label_curved(image: PhasorImage, labels: Labels, settings: CurvedSettings = DEFAULT_SETTINGS.curved) -> Labels:
     """Label the pixels beside surfaces that bend.
 
     Parameters
@@ -39,16 +36,21 @@ def label_curved(image: PhasorImage, labels: Labels) -> Labels:
         The window.
     labels : Labels
         By planes.
+    settings : CurvedSettings
+        Thresholds.
 
     Returns
     -------
     Labels
         The same object where planes explain all pixels, or nothing bends.
     """
+    undecided = _undecided(image, labels, settings)
+    if not settings.rounds or not undecided.any():
+        return labels
     view = view_of(image, labels)
     segment = segments_of(view)
     count = int(segment.max()) + 1
-    beside = segment[near(_undecided(image, labels).reshape(image.shape), REACH).ravel()]
+    beside = segment[near(undecided.reshape(image.shape), REACH).ravel()]
     doubtful = np.unique(beside[beside >= 0])
     if not may_bend(view, segment, doubtful, REACH).any():
         return labels
@@ -57,14 +59,16 @@ def label_curved(image: PhasorImage, labels: Labels) -> Labels:
     if not bent.any():
         return labels
     allowed = image.valid & ~near(image.open_space.reshape(image.shape), REACH).ravel()
-    segment, pixels, verdicts = _grown(image, view, segment, scales, bent, allowed, labels.seeds.texture_variance)
-    return _merged(image, labels, segment, bent, allowed, pixels, verdicts)
+    segment, pixels, verdicts = _grown(
+        image, view, segment, scales, bent, allowed, labels.seeds.texture_variance, settings
+    )
+    return _merged(image, labels, segment, bent, allowed, pixels, verdicts, settings)
 
 
-def _undecided(image: PhasorImage, labels: Labels) -> BoolArray:
+def _undecided(image: PhasorImage, labels: Labels, settings: CurvedSettings) -> BoolArray:
     """Pixels that no planes explain."""
     mixed = np.isin(labels.kind, (Kind.PAIR, Kind.TRIPLE)) & labels.is_known
-    return image.valid & ~labels.is_surface & ~(mixed & (labels.probability > _DECIDED))
+    return image.valid & ~labels.is_surface & ~(mixed & (labels.probability > settings.decided))
 
 
 def _beside(segment: IntArray, bent: BoolArray, shape: tuple[int, int], reach: int) -> BoolArray:
@@ -89,7 +93,7 @@ class _Judged:
     def __init__(self, image: PhasorImage, view: View, texture_variance: float) -> None:
         self._image, self._view, self._texture = image, view, texture_variance
         self._around: dict[int, bytes] = {}
-        self.verdict: dict[int, tuple[np.ndarray, ...]] = {}  # type: ignore[type-arg]
+        self.verdict: dict[int, tuple[Any, ...]] = {}
 
     def judge(self, segment: IntArray, scales: Scales, pixels: IntArray) -> IntArray:
         """Judge what has not been judged in these surroundings; the pixels that were."""
@@ -119,20 +123,20 @@ _CHUNK = 128
 
 def _grown(
     image: PhasorImage, view: View, segment: IntArray, scales: Scales, bent: BoolArray, allowed: BoolArray,
-    texture_variance: float,
+    texture_variance: float, settings: CurvedSettings,
 ) -> tuple[IntArray, IntArray, Verdicts]:  # fmt: skip
     """Segments with the pixels that joined, and the verdicts on those beside bent ones that are in none."""
     judged = _Judged(image, view, texture_variance)
     segment = segment.copy()
-    for number in range(_ROUNDS):
+    for number in range(settings.rounds):
         area = allowed & _beside(segment, bent, view.shape, REACH)
-        candidates = _open_pixels(segment, area, view)
+        candidates = _open_pixels(segment, area, view, settings.beside)
         judged.judge(segment, scales, candidates)
         joined = 0
         changed = segment.copy()
         for pixel in candidates.tolist():
             verdict = judged.verdict[pixel]
-            if verdict[0] == Bent.ONE and verdict[1] > _SURE:
+            if verdict[0] == Bent.ONE and verdict[1] > settings.sure:
                 changed[pixel] = verdict[2]
                 joined += 1
         segment = changed
@@ -151,11 +155,16 @@ def _grown(
     area = allowed & _beside(segment, bent, view.shape, REACH)
     pixels = np.array([pixel for pixel in np.flatnonzero(area & (segment < 0)).tolist() if pixel in judged.verdict])
     parts = zip(*(judged.verdict[pixel] for pixel in pixels.tolist()), strict=True)
-    return segment, pixels.astype(np.int64), Verdicts(*(np.array(part) for part in parts)) if pixels.size else _nothing()
+    return (
+        segment,
+        pixels.astype(np.int64),
+        Verdicts(*(np.array(part) for part in parts)) if pixels.size else _nothing(),
+    )
 
 
-def _open_pixels(segment: IntArray, area: BoolArray, view: View) -> IntArray:
-    return np.flatnonzero(area & (segment < 0) & near((segment >= 0).reshape(view.shape), _BESIDE).ravel())
+def _open_pixels(segment: IntArray, area: BoolArray, view: View, reach: int) -> IntArray:
+    """Pixels of the area that are of no segment, beside one."""
+    return np.flatnonzero(area & (segment < 0) & near((segment >= 0).reshape(view.shape), reach).ravel())
 
 
 def _nothing() -> Verdicts:
@@ -168,6 +177,7 @@ def _nothing() -> Verdicts:
 def _merged(
     image: PhasorImage, labels: Labels, segment: IntArray, bent: BoolArray, area: BoolArray, pixels: IntArray,
     verdicts: Verdicts,
+    settings: CurvedSettings,
 ) -> Labels:  # fmt: skip
     """Labels of planes, in the area replaced by those of smooth surfaces where one of these bends."""
     names = (
@@ -189,7 +199,7 @@ def _merged(
     with_bent = is_pair & bent[np.maximum(verdicts.pair, 0)].any(axis=1)
     share = verdicts.mean[:, 0]
     with np.errstate(invalid="ignore"):
-        lesser = with_bent & (np.minimum(share, 1.0 - share) < _EDGE)
+        lesser = with_bent & (np.minimum(share, 1.0 - share) < settings.least_share)
     one = (verdicts.kind == Bent.ONE) & bent[np.maximum(verdicts.one, 0)]
     single = pixels[lesser | one]
     clear(single)
@@ -206,7 +216,7 @@ def _merged(
     out["range_mm"][mixed, 0], out["range_mm"][mixed, 1] = mean[:, 2], mean[:, 4]
     out["range_variance"][mixed, 0], out["range_variance"][mixed, 1] = covariance[:, 2, 2], covariance[:, 4, 4]
     out["scatter"][mixed] = _scatter(image, segment, mixed, verdicts.pair[two], mean, verdicts.chord[two])
-    vague = pixels[(verdicts.kind == Bent.NEW) & _beside(segment, bent, image.shape, _BESIDE)[pixels]]
+    vague = pixels[(verdicts.kind == Bent.NEW) & _beside(segment, bent, image.shape, settings.beside)[pixels]]
     doubtful = vague[labels.is_surface[vague] | np.isin(labels.kind[vague], (Kind.PAIR, Kind.TRIPLE))]
     clear(doubtful)
     out["kind"][doubtful], out["is_surface"][doubtful], out["probability"][doubtful] = int(Kind.NEW), False, 0.0
@@ -214,8 +224,8 @@ def _merged(
 
 
 def _scatter(
-    image: PhasorImage, segment: IntArray, pixels: IntArray, pair: IntArray, mean: "np.ndarray", chord: "np.ndarray"
-) -> "np.ndarray":  # type: ignore[type-arg]
+    image: PhasorImage, segment: IntArray, pixels: IntArray, pair: IntArray, mean: FloatArray, chord: ComplexArray
+) -> FloatArray:
     """Variance (n,) along the chord of samples of one surface each, by the noise of both segments where seen alone."""
     count = int(segment.max()) + 1
     inside = segment >= 0

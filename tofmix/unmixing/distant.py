@@ -6,7 +6,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.compiled.robust import MAD_TO_SIGMA
-from tofmix.unmixing.functions import components
+from tofmix.image.masks import components
 from tofmix.unmixing.image import PhasorImage
 from tofmix.unmixing.seeds import Seeds
 from tofmix.unmixing.settings import PlaneSettings

@@ -17,8 +17,8 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.compiled.robust import MAD_TO_SIGMA
+from tofmix.image.masks import near
 from tofmix.unmixing.distant import DistantPlane, distant_planes
-from tofmix.unmixing.functions import near
 from tofmix.unmixing.hypotheses import ENDS, Kind, OpenSpace, judge
 from tofmix.unmixing.image import ComplexArray, PhasorImage
 from tofmix.unmixing.lines import Mixtures, agree, find_lines

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.unmixing.functions import count_around
+from tofmix.image.masks import count_around
 from tofmix.unmixing.hypotheses import Kind
 from tofmix.unmixing.image import PhasorImage, places, variance_along, window
 from tofmix.unmixing.labels import Labels

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.unmixing.functions import components, near
+from tofmix.image.masks import components, near
 from tofmix.unmixing.image import ComplexArray, PhasorImage, polar_covariance
 from tofmix.unmixing.seeds import Seeds
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, LabelSettings

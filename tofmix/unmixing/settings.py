@@ -220,6 +220,34 @@ class LabelSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class CurvedSettings:
+    """Pixels beside surfaces that bend.
+
+    Parameters
+    ----------
+    rounds : int
+        Most times that pixels join surfaces; with 0 all surfaces are planes.
+    decided : float
+        Posterior from which on planes explain a mixed pixel, 0 to 1.
+    sure : float
+        Posterior from which on a surface that fills a pixel has it.
+    beside : int
+        Pixels from a surface, within which a pixel may join it.
+    least_share : float
+        Share of the lesser surface below which a pixel is of one surface.
+    """
+
+    rounds: WholeNumber = 8
+    decided: Share = 0.5
+    sure: Share = 0.9
+    beside: Count = 2
+    least_share: NotNegative = 0.02
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LawSettings:
     """Which law of mixing holds at the edges.
 
@@ -302,7 +330,7 @@ class UnmixSettings:
 
     Parameters
     ----------
-    image, seeds, neighbours, planes, hypotheses, labels, law, unfolding
+    image, seeds, neighbours, planes, hypotheses, labels, curved, law, unfolding
         Of these steps.
     least_probability : float
         Posterior from which on a mixed pixel is decided, 0 to 1.
@@ -323,6 +351,7 @@ class UnmixSettings:
     planes: PlaneSettings = field(default_factory=PlaneSettings)
     hypotheses: HypothesisSettings = field(default_factory=HypothesisSettings)
     labels: LabelSettings = field(default_factory=LabelSettings)
+    curved: CurvedSettings = field(default_factory=CurvedSettings)
     law: LawSettings = field(default_factory=LawSettings)
     unfolding: UnfoldingSettings = field(default_factory=UnfoldingSettings)
     least_probability: Share = 0.5

@@ -17,17 +17,17 @@ from tofmix.image.smooth.view import View
 STATES = STATE + 4
 """Numbers of a patch with its light: those of the patch, c, two slopes (a pixel), gamma."""
 
-_GAMMA = 0.15
+_GAMMA = 0.15  # standard deviation: light between cos^0.7 and cos^1.3
 _SLOPE = 0.01  # a pixel
 _FREE = 1e-6  # precision of c
-_ROUNDS = 2
+_ROUNDS = 2  # of Gauss and Newton
 _STEP = 0.3  # of a standard deviation, for derivatives
 _LARGEST_STEP = np.array([10.0, 0.05, 0.05, 1e-3, 1e-3, 1e-3])  # mm, 1, 1, 1 / mm: rays still meet the patch
 _LEAST = 3  # pixels
 _ROUGH = 0.004  # of ln A: what no law of light is exact to
 _GRAZING = 0.002  # the same in units of 1 / cos(theta)^2
 _OWN_PART = 0.1  # of the cubic terms' variance, that each pixel has on its own
-_HUBER = 4.0
+_HUBER = 4.0  # standard errors, beyond which a pixel counts less
 
 
 class Lit(NamedTuple):
@@ -65,7 +65,7 @@ def with_light(view: View, at: IntArray, patches: Patches, texture_variance: flo
     """
     kept = patches.kept
     pixel = np.where(kept, patches.members, 0)
-    n, places = pixel.shape
+    n, _ = pixel.shape
     cols = view.shape[1]
     down = pixel // cols - (at // cols)[:, np.newaxis]
     right = pixel % cols - (at % cols)[:, np.newaxis]
@@ -76,7 +76,9 @@ def with_light(view: View, at: IntArray, patches: Patches, texture_variance: flo
     usable &= kept
     sd = np.sqrt(patches.covariance[:, range(STATE), range(STATE)])
     prior = np.zeros((n, STATES, STATES))
-    prior[:, :STATE, :STATE] = scaled_inverse(patches.covariance + 1e-9 * sd[:, :, np.newaxis] * sd[:, np.newaxis, :] * np.eye(STATE))
+    prior[:, :STATE, :STATE] = scaled_inverse(
+        patches.covariance + 1e-9 * sd[:, :, np.newaxis] * sd[:, np.newaxis, :] * np.eye(STATE)
+    )
     prior[:, range(STATE, STATES), range(STATE, STATES)] = (_FREE, _SLOPE**-2, _SLOPE**-2, _GAMMA**-2)
     first = _light(patches.frame, state[:, np.newaxis, :STATE], ray)[0][:, 0]
     state[:, STATE] = _median(corrected - first, usable & np.isfinite(first))
@@ -120,9 +122,9 @@ def _light(frame: Frame, state: FloatArray, ray: FloatArray) -> tuple[FloatArray
 
 
 def _middle_light(view: View, patches: Patches, pixel: IntArray, ray: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Ln A (n, place) of the pixels' middles, by the patch from those of the pixels, and where all of a pixel is hit."""
+    """Ln A (n, place) of the pixels' middles, by the patch from those of the pixels; where all of a pixel is hit."""
     n, places = pixel.shape
-    inner = view.rays(pixel, PLACES_9).reshape(n, -1, 3)
+    inner = view.rays(pixel, PLACES_9).reshape(n, places * len(PLACES_9), 3)
     t, cosine = (part.reshape(n, places, -1) for part in meet(patches.frame, patches.state[:, np.newaxis], inner))
     middle, facing = (part[:, 0] for part in meet(patches.frame, patches.state[:, np.newaxis], ray))
     usable = np.isfinite(t).all(axis=-1) & np.isfinite(middle)

@@ -80,12 +80,14 @@ class Patches(NamedTuple):
 
     def some(self, which: IntArray) -> "Patches":
         """Some of the patches, perhaps several times."""
-        frame = Frame(*(part[which] for part in self.frame))
-        return Patches(frame, *(part[which] for part in self[1:]))
+        return Patches(
+            Frame(*(part[which] for part in self.frame)), self.state[which], self.covariance[which],
+            self.members[which], self.kept[which], self.third[which], self.log_evidence[which],
+        )  # fmt: skip
 
 
 def bend_term(k11: FloatArray, k12: FloatArray, k22: FloatArray) -> FloatArray:
-    """g of the curvatures."""
+    """G of the curvatures."""
     trace, square = k11 + k22, k11 * k11 + 2.0 * k12 * k12 + k22 * k22
     return np.asarray(square * trace / np.maximum(np.maximum(trace * trace, square), 1e-30))
 
@@ -109,10 +111,8 @@ def meet(frame: Frame, state: FloatArray, rays: FloatArray) -> tuple[FloatArray,
     """
     n, samples = state.shape[:2]
     range_mm, cosine = np.empty((n, samples, rays.shape[1])), np.empty((n, samples, rays.shape[1]))
-    _meet(
-        *(np.ascontiguousarray(part) for part in frame), np.ascontiguousarray(state), np.ascontiguousarray(rays),
-        range_mm, cosine,
-    )  # fmt: skip
+    origin, e1, e2, normal = (np.ascontiguousarray(part) for part in frame)
+    _meet(origin, e1, e2, normal, np.ascontiguousarray(state), np.ascontiguousarray(rays), range_mm, cosine)
     return range_mm, cosine
 
 
@@ -182,7 +182,7 @@ def fit_patches(
     normal, origin = _first_plane(ray * range_mm[..., np.newaxis], there & (rank < _FIRST), there & (rank < _ORIGIN))
     n, places = members.shape
     averaged, keep, state = np.zeros((n, places)), there.copy(), np.zeros((n, STATE))
-    inner = view.rays(pixel, PLACES_9).reshape(n, -1, 3)
+    inner = view.rays(pixel, PLACES_9).reshape(n, places * len(PLACES_9), 3)
     e1 = e2 = normal
     for number in range(_ROUNDS):
         if number:

@@ -25,10 +25,10 @@ _MOST_WORSE = 25.0
 """Most nats that one window speaks against scales: one crease does not outweigh the rest."""
 
 
-_TESTS, _LEAST_TESTS = 18, 5
+_TESTS, _LEAST_TESTS = 18, 5  # pixels at the rim that are predicted, and the fewest that tell
 _ASIDE = 0.7  # pixels beyond the pixel in question, on the side that predicts it
 _LEAST_ASIDE = 9  # pixels on that side
-_UNTESTED, _MOST_INFLATED = 1.5, 4.0
+_UNTESTED, _MOST_INFLATED = 1.5, 4.0  # factors on the variance: without tests, and at most
 _LEFT_OUT = 2  # of the largest errors
 
 
@@ -141,6 +141,7 @@ def _inflation(
 
 
 _SAMPLES, _LEAST_HITS = 40, 10
+"""Draws of a patch, and the fewest of them that a ray must meet."""
 
 
 def _draws(count: int, size: int) -> FloatArray:

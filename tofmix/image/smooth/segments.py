@@ -3,8 +3,8 @@
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.image.masks import components, near
 from tofmix.image.smooth.view import View
-from tofmix.unmixing.functions import components, near
 
 LEAST_PIXELS = 6
 """Fewest pixels of a segment: a patch has six numbers."""
