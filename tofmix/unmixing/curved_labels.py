@@ -52,10 +52,12 @@ def label_curved(image: PhasorImage, labels: Labels, settings: CurvedSettings = 
     count = int(segment.max()) + 1
     beside = segment[near(undecided.reshape(image.shape), REACH).ravel()]
     doubtful = np.unique(beside[beside >= 0])
-    if not may_bend(view, segment, doubtful, REACH).any():
+    unexplained = _much_unexplained(segment, undecided, image.shape, doubtful)
+    if not unexplained.any() and not may_bend(view, segment, doubtful, REACH).any():
         return labels
     scales = learn_scales(view, segment, np.arange(count), REACH)
-    bent = ~scales.is_flat()
+    bent = scales.is_known() & ~scales.is_flat()
+    bent[doubtful[unexplained]] |= ~scales.is_known()[doubtful[unexplained]]
     if not bent.any():
         return labels
     allowed = image.valid & ~near(image.open_space.reshape(image.shape), REACH).ravel()
@@ -69,6 +71,14 @@ def _undecided(image: PhasorImage, labels: Labels, settings: CurvedSettings) -> 
     """Pixels that no planes explain."""
     mixed = np.isin(labels.kind, (Kind.PAIR, Kind.TRIPLE)) & labels.is_known
     return image.valid & ~labels.is_surface & ~(mixed & (labels.probability > settings.decided))
+
+
+def _much_unexplained(segment: IntArray, undecided: BoolArray, shape: tuple[int, int], numbers: IntArray) -> BoolArray:
+    """Segments (m,) beside which planes leave more pixels unexplained than the segment has."""
+    return np.array([
+        (undecided & near((segment == number).reshape(shape), REACH).ravel()).sum() > (segment == number).sum()
+        for number in numbers.tolist()
+    ], dtype=np.bool_)  # fmt: skip
 
 
 def _beside(segment: IntArray, bent: BoolArray, shape: tuple[int, int], reach: int) -> BoolArray:

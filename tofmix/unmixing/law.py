@@ -70,6 +70,10 @@ def measure_law(image: PhasorImage, labels: Labels, settings: LawSettings) -> La
     return Law(phasor_share=share, pixels=int(main.sum()), is_sum=is_sum)
 
 
+_SIDE = 3
+"""Rows and columns of the least window of a plane."""
+
+
 def _assumed(image: PhasorImage, labels: Labels, settings: LawSettings) -> Law:
     """The law where no edge tells it: sums, the physics of a lock-in camera, unless the samples contradict them.
 
@@ -79,8 +83,8 @@ def _assumed(image: PhasorImage, labels: Labels, settings: LawSettings) -> Law:
     nothing = Law(phasor_share=float("nan"), pixels=0, is_sum=np.zeros(image.count, bool))
     edge = image.valid & ~labels.is_surface
     alone = image.valid & labels.is_surface
-    if not edge.any() or not alone.any():
-        return nothing
+    if not edge.any() or min(image.shape) < _SIDE or alone.sum() <= edge.sum():
+        return nothing  # an image too narrow for planes, or one of which little is understood
     x, y, both = image.covariance.T
     largest = 0.5 * (x + y) + np.sqrt(0.25 * (x - y) ** 2 + both**2)
     free = np.maximum(image.samples - 1.0, 1.0)

@@ -43,16 +43,20 @@ class Scales(NamedTuple):
         """Which segments are planes, as far as their pixels tell: radii beyond 10 m."""
         return np.asarray(self.bend <= BENDS[1])
 
+    def is_known(self) -> BoolArray:
+        """Which segments have enough pixels to tell."""
+        return np.asarray(self.bend != UNKNOWN[0])
+
 
 def may_bend(view: View, segment: IntArray, numbers: IntArray, reach: int) -> BoolArray:
-    """Which segments (m,) a bent surface explains better than a plane, or have too few pixels to tell."""
+    """Which segments (m,) a bent surface explains better than a plane; none that has too few pixels to tell."""
     if not len(numbers):
         return np.zeros(0, np.bool_)
     trials = np.array([(BENDS[0], THIRDS[0]), (BENDS[2], THIRDS[0]), UNKNOWN])
     owner, evidence = _evidence(view, segment, numbers, reach, trials)
     sums = np.stack([np.bincount(owner, weights=row, minlength=len(numbers)) for row in evidence])
-    few = np.bincount(owner, minlength=len(numbers)) < _LEAST_WINDOWS
-    return np.asarray(few | (sums[1:].max(axis=0) > sums[0]))
+    enough = np.bincount(owner, minlength=len(numbers)) >= _LEAST_WINDOWS
+    return np.asarray(enough & (sums[1:].max(axis=0) > sums[0]))
 
 
 def _evidence(
