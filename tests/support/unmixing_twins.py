@@ -69,7 +69,7 @@ def _parted_from_behind(group: list[dict[str, Any]]) -> list[list[dict[str, Any]
 
 
 def _contradict(one: dict[str, Any], other: dict[str, Any]) -> bool:
-    """Whether two predictions differ by more than their errors; of narrow surfaces those of light too."""
+    """Whether two predictions differ by more than their errors; beside narrow surfaces those of light, too."""
     apart = max(4.0 * np.sqrt(one["error"] + other["error"]), 0.01 * abs(other["value"]))
     off = abs(one["light"] - other["light"]) > 4.0 * np.sqrt(one["light_error"] + other["light_error"])
     narrow = one["line"] >= 0 or other["line"] >= 0

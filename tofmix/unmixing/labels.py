@@ -106,9 +106,7 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
         line = find_lines(image, seeds, mixtures, settings.labels, settings.neighbours.reach)
         is_last = number + 1 >= settings.labels.rounds and bool(np.all(is_line == (line >= 0)))
         is_line = line >= 0
-        members, square = _next_members(
-            image, seeds, line, arrays["kind"], plane, is_distant, arrays["is_fresh"], settings.labels
-        )
+        members, square = _next_members(image, seeds, line, arrays["kind"], plane, is_distant, settings.labels)
         if number == 0:  # the large planes are tried from the second round on, in all pixels
             planes = distant_planes(image, seeds, line, settings.planes)
         else:
@@ -149,7 +147,6 @@ def _next_members(
     kind: IntArray,
     plane: FloatArray,
     is_distant: BoolArray,
-    is_fresh: BoolArray,
     settings: LabelSettings,
 ) -> tuple[Members, BoolArray]:
     """Settle who is a member in the next round, and which new pixels agree in blocks of 2 x 2."""
@@ -164,7 +161,7 @@ def _next_members(
         is_member=kept | joined | (fresh & agrees) | is_line, has_plane=kept | joined,
         has_light=seeds.certain | (kind == Kind.CONTINUED) | (fresh & agrees),
         is_known=is_known, is_trusted=kept | (joined & is_distant) | (fresh & square) | is_line,
-        is_fresh=(fresh & square) | (joined & is_fresh), plane=np.where(joined[:, np.newaxis], plane, seeds.plane),
+        is_fresh=fresh & square, plane=np.where(joined[:, np.newaxis], plane, seeds.plane),
         middle=np.where(joined, np.arange(image.count), seeds.middle), line=line,
     )  # fmt: skip
     return next_members, square
