@@ -162,3 +162,12 @@ def test_cell_of_a_hundred_thousand_characters_is_refused_in_one_line(tmp_path: 
     path = write(tmp_path / "a.csv", ["[" * 200_000 + ",1", *wide()])
     with pytest.raises(BadInputError, match=r"a\.csv: cannot be read: field larger than field limit"):
         read(path, shape=(2, 3))
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.017])
+def test_clock_that_restarts_with_the_frame_counter_is_marked_as_a_new_start(tmp_path: Path, late_s: float) -> None:
+    stamp = [0.05 * (k % 3) + late_s * (k // 3) for k in range(6)]
+    lines = long(frame=lambda k: k % 3, extra=lambda k, _r, _c: f",{stamp[k]:.3f}")
+    frames, _ = read(write(tmp_path / "a.csv", ["frame,row,col,range,time_s", *lines]))
+    np.testing.assert_array_equal(depths(frames), WALL)
+    assert [frame.new_start for frame in frames] == [False, False, False, True, False, False]

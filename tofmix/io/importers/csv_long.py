@@ -20,7 +20,7 @@ from tofmix.io.importers.base import Frame, FrameSource, Request, foreign, unuse
 from tofmix.io.importers.csv_text import Layout
 from tofmix.io.importers.status import codes_of, is_status_name
 from tofmix.io.importers.streams import stream_of
-from tofmix.io.importers.times import epoch_unit_s
+from tofmix.io.importers.times import unit_of_stamps
 from tofmix.io.importers.units import TIME_UNITS_S, UNITS_MM
 from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE, MOST_TARGETS
 
@@ -37,9 +37,6 @@ TIME_NAMES = frozenset(
     f"{stem}{unit}" for stem in ("time", "timestamp", "stamp", "t") for unit in ("", "_s", "_ms", "_us", "_ns")
 )
 """Names of a column of times; what follows the last _ is its unit."""
-
-_SLOWEST_S = 5.0
-"""Frames farther apart than this are more likely in another unit than s."""
 
 
 def named_columns(names: list[str], request: Request, path: Path) -> list[str]:
@@ -88,18 +85,8 @@ def time_unit_of(name: str, first: list[float], request: Request, path: Path) ->
     unit = name.rpartition("_")[2] if "_" in name else ""
     if unit in TIME_UNITS_S:
         return TIME_UNITS_S[unit], []
-    known = np.array([number for number in first if math.isfinite(number)])
-    steps = np.diff(np.unique(known))
-    epoch_s = epoch_unit_s(float(known[0])) if known.size else None
-    if epoch_s is not None:
-        text = next(unit for unit, unit_s in TIME_UNITS_S.items() if unit_s == epoch_s)
-        return epoch_s, [] if text == "s" else [f"{path}: {name}: numbers of this size are taken as {text} since 1970"]
-    if steps.size and float(np.median(steps)) > _SLOWEST_S:
-        raise BadInputError(
-            f"{path}: {name}: no unit, and frames would be {float(np.median(steps)):g} s apart; give --time-unit ms (or"
-            " s, us, ns)"
-        )
-    return 1.0, []
+    unit_s, notes = unit_of_stamps(np.array(first), f"{path}: {name}")
+    return unit_s, list(notes)
 
 
 def open_long(path: Path, names: list[str], layout: Layout, request: Request) -> FrameSource:
@@ -328,6 +315,7 @@ class _Samples:
     def __init__(self, table: _Table, shape: tuple[int, int] | None) -> None:
         self._table, self._path, self.restarted = table, table.path, ""
         self._time_unit_s = 1.0
+        self._new_starts: frozenset[int] = frozenset()
         self._pieces: Callable[[], Iterable[Piece]] = table.pieces
         ends = _ends(table.pieces())
         if ends is None:
@@ -386,7 +374,9 @@ class _Samples:
         first = np.r_[0, np.cumsum(ends)[:-1]]
         times = "once" if starts.size == 1 else f"{starts.size} times"
         self.restarted = f"{self._path}: its frame counter starts again {times}; the frames are counted on"
-        return whole._replace(frame=whole.frame + first[run])
+        frame = whole.frame + first[run]
+        self._new_starts = frozenset(np.minimum.reduceat(frame, starts).tolist())
+        return whole._replace(frame=frame)
 
     def first_times(self, *, frames: int = 20) -> list[float]:
         """Times of the first frames, in the file's unit."""
@@ -433,7 +423,10 @@ class _Samples:
         time_s = float(lines.values["time"][0]) * self._time_unit_s if "time" in lines.values else None
         status = self._image(place, lines.values["status"]) if "status" in lines.values else None
         amplitude = self._image(place, lines.values["amplitude"]) if "amplitude" in lines.values else None
-        return Frame(depth=self._image(place, lines.values["range"]), amplitude=amplitude, time_s=time_s, status=status)
+        return Frame(
+            depth=self._image(place, lines.values["range"]), amplitude=amplitude, time_s=time_s, status=status,
+            new_start=int(lines.frame[0]) in self._new_starts,
+        )  # fmt: skip
 
     def _refuse_twins(self, lines: Piece, place: IntArray) -> None:
         _, first, count = np.unique(place, return_index=True, return_counts=True)

@@ -16,12 +16,12 @@ from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
 from tofmix.io import hdf5, sensor_group
 from tofmix.io.guard import guard
-from tofmix.io.importers.arrays import arrays_beside, check_shapes, check_time, choose, joined, numbered_images
+from tofmix.io.importers.arrays import arrays_beside, check_shapes, choose, joined, numbered_images
 from tofmix.io.importers.axes import FRAMES_FIRST, WITH_TARGETS, axes_of, axis_name
 from tofmix.io.importers.base import Frame, FrameSource, Request, check_frame
 from tofmix.io.importers.cf import Packing, packing_of
 from tofmix.io.importers.datasets import DatasetFrames
-from tofmix.io.importers.times import time_unit_s
+from tofmix.io.importers.times import time_unit_s, times_of_array
 from tofmix.io.importers.units import unit_in_name, unit_mm_of
 from tofmix.io.layers.layers_file import FORMAT as LAYERS_FORMAT
 
@@ -196,14 +196,15 @@ def _time(
         return None
     dataset = guard.checked_dataset(root, other, path)
     units = hdf5.text_attribute(dataset, "units")
-    unit_s = request.time_unit_s or (1.0 if units is None else time_unit_s(units))
-    if unit_s is None:
+    unit_s = request.time_unit_s or (None if units is None else time_unit_s(units))
+    if unit_s is None and units is not None:
         notes.append(f"{path}: not used: {other} in {units!r}, no known unit of time (--time-unit gives it)")
         return None
     with guard.reading(path, other):
         stored = np.asarray(dataset[...])
-    check_time(stored, frames, path)
-    return np.asarray(_packing(root, dataset, path).unpacked(stored), dtype=np.float64) * unit_s
+    time_s, said = times_of_array(_packing(root, dataset, path).unpacked(stored), frames, f"{path}: {other}", unit_s)
+    notes += said
+    return time_s
 
 
 def _unit(dataset: h5py.Dataset, name: str, path: Path, request: Request) -> float | None:
