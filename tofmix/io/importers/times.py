@@ -36,6 +36,9 @@ _EPOCH_S = 1.0e8, 1.0e10
 _MOST_S = 2**63 / 1e9
 """Clocks count nanoseconds in 64 bits with a sign; a larger stamp is damaged."""
 
+_EXACT = 2.0**62
+"""Whole numbers below this have a difference in 64 bits."""
+
 _SLOWEST_S = 5.0
 """Frames farther apart than this are more likely in another unit than s."""
 
@@ -134,6 +137,8 @@ def times_of_array(
     notes: tuple[str, ...] = ()
     if unit_s is None:
         unit_s, notes = unit_of_stamps(stamps.astype(np.float64), what)
+    if stamps.dtype.kind == "i" and np.abs(stamps.astype(np.float64)).max(initial=0.0) < _EXACT:
+        stamps = stamps.astype(np.int64) - int(stamps[:1].sum())  # float64 has no nanoseconds since 1970
     return stamps.astype(np.float64) * unit_s, notes
 
 
