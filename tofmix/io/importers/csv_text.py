@@ -36,6 +36,7 @@ _LABEL_FACTOR = 20.0
 """Numbers below a line of labels 0, 1 are larger than them by this, or have decimals, where labels have none."""
 
 _PIECE_BYTES = 1 << 20
+"""Bytes that are read together where the encoding is looked for."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
