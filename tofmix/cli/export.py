@@ -207,11 +207,13 @@ def _export_points(
 
 def _optics(file: "LayersFile", fov: str | None, projection: str) -> "Projection":
     """The projection: --fov by --projection, or from the layers file."""
-    from tofmix.cli.import_camera import view_of, viewed
+    from tofmix.cli.import_camera import view_note, view_of, viewed
 
     view = view_of(fov)
     if view is not None:
         sensor = viewed(file.provenance.sensor, view, projection, file.shape[1:])
+        if doubt := view_note(view, projection, file.shape[1:]):
+            click.echo(f"tofmix: {doubt}", err=True)
         assert sensor.optics is not None  # noqa: S101  for the type checker: it has a view
         return sensor.optics
     optics = file.provenance.sensor.optics

@@ -30,10 +30,6 @@ TARGET = "target"
 _HASHED_BYTES = 1 << 20  # bytes that are hashed at once
 
 _MM = ("mm", "millimeter", "millimetre", "millimeters", "millimetres")
-_CONVERTED = dict.fromkeys(("m", "meter", "metre", "meters", "metres"), "m") | dict.fromkeys(
-    ("cm", "centimeter", "centimetre", "centimeters", "centimetres"), "cm"
-)
-"""Units of `range` other than mm, with their names in `tofmix import --units`."""
 
 
 class RecordingFile:
@@ -321,9 +317,20 @@ def _samples(root: h5py.File, name: str, path: Path) -> h5py.Dataset:
         raise BadInputError(f"{path}: {name}: expected integers or floats, got {dataset.dtype}")
     units = hdf5.text_attribute(dataset, "units")
     if name == "range" and units not in (None, *_MM):
-        remedy = import_command(path, "--units", _CONVERTED[units]) if units in _CONVERTED else ""
+        remedy = _conversion(path, units)
         raise BadInputError(f"{path}: range: units {units!r}, expected 'mm'{': ' * bool(remedy)}{remedy}")
     return dataset
+
+
+def _conversion(path: Path, units: str) -> str:
+    """The command that converts from another unit than mm; empty if the unit is not known."""
+    from tofmix.io.importers.units import UNITS_MM, unit_mm_of
+
+    unit_mm = unit_mm_of(units)
+    if unit_mm is None:
+        return ""
+    name = next((name for name, mm in UNITS_MM.items() if mm == unit_mm), None)
+    return import_command(path, *(("--scale", f"{unit_mm:g}") if name is None else ("--units", name)))
 
 
 def _check_targets(dataset: h5py.Dataset, name: str, path: Path) -> None:
