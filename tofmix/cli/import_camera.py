@@ -208,6 +208,7 @@ def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str |
     along_z = (axis or frames.depth_axis) == "z"
     sensor, where = _with_optics(frames, sensor, lens, source, along_z=along_z)
     shape = frames.shape[1:]
+    by_view = lens.intrinsics is None and lens.view_deg is not None
     try:
         optics = sensor.optics
         if optics is not None:
@@ -215,7 +216,8 @@ def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str |
         notes = _lens_doubts(optics, shape, lens, where, along_z=along_z)
         if not along_z:
             otherwise = "" if axis else " (--depth-axis z if they are along z)"
-            text = f"depths along the beam, taken as ranges{otherwise}"
+            seen = f"; {view_words(optics, shape, None)}" if by_view and optics is not None else ""
+            text = f"depths along the beam, taken as ranges{otherwise}{seen}"
             return Geometry(factor=None, sensor=sensor, text=text, notes=notes)
         if optics is None:
             reason = f"; {frames.lens_unknown}" if frames.lens_unknown else ""
@@ -227,7 +229,6 @@ def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str |
     except ValueError as error:
         raise BadInputError(f"{where}: {error}") from error
     otherwise = "" if axis else " (--depth-axis ray if they are along the beam)"
-    by_view = lens.intrinsics is None and lens.view_deg is not None
     how = view_words(optics, shape, lens.view_deg if by_view else None)
     text = f"depths along z converted to ranges by {how}{otherwise}"
     return Geometry(factor=factor, sensor=sensor, text=text, notes=notes)

@@ -65,7 +65,7 @@ def surfaces(
     with locked(output, overwrite=overwrite, inputs=(layers,)), open_layers(layers) as file:
         sensor, view = file.provenance.sensor, view_of(fov)
         if view is None:
-            check_view(file, remedy="give them with --fov HxV")
+            check_view(file, own_remedy="give them with --fov HxV, or ")
         else:
             sensor = viewed(sensor, view, projection, file.shape[1:])
             if doubt := view_note(view, projection, file.shape[1:]):
