@@ -84,6 +84,22 @@ def test_variables_of_no_option_are_named_and_those_of_options_are_not() -> None
     assert unknown_variables(dict.fromkeys(wrong, "1")) == wrong
 
 
+def test_export_takes_options_of_the_environment_where_they_belong(
+    tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert tofmix("estimate", write_recording(tmp_path / "a.h5", boards(20))).code == 0
+    monkeypatch.setenv("TOFMIX_EXPORT_SCALE", "2")
+    monkeypatch.setenv("TOFMIX_EXPORT_FOV", "50x40")
+    done = tofmix("export", tmp_path / "a.layers.h5", "-o", tmp_path / "a.ply")
+    assert (done.code, done.err) == (0, "")
+    assert "50 x 40 degrees, equal angles" in done.out
+    done = tofmix("export", tmp_path / "a.layers.h5", "-o", tmp_path / "a.png")
+    assert (done.code, done.err) == (0, "")
+    assert "2 mm a count" in done.out
+    done = tofmix("export", tmp_path / "a.layers.h5", "-o", tmp_path / "b.png", "--fov", "50x40")
+    assert "--fov does not belong to .png" in done.err
+
+
 @pytest.mark.parametrize("text", ["ten", "-3", "nan", "0"])
 def test_time_limit_that_is_no_number_of_seconds_is_said(text: str) -> None:
     assert unknown_variables({"TOFMIX_READ_TIMEOUT": text}) == {

@@ -129,3 +129,18 @@ def test_quiet_hides_how_a_source_is_read_and_keeps_doubts(tofmix: Tofmix, tmp_p
     for done in (loud, quiet):
         assert done.code == 0, done.err
         assert "no camera sees so near" in done.err
+
+
+def test_columns_are_named_as_the_header_writes_them_and_codes_by_either_name(tofmix: Tofmix, tmp_path: Path) -> None:
+    lines = [f"{k},0,{col},{60 + k},{5 if col else 7}" for k in range(5) for col in range(2)]
+    (tmp_path / "a.csv").write_text("\n".join(["Shot,Y,X [px],Depth [cm],Flag (raw)", *lines]))
+    arguments = (
+        "import", tmp_path / "a.csv", "-o", tmp_path / "a.h5", "--overwrite",
+        "--columns", "Shot=frame,Y=row,X [px]=col,Depth [cm]=range,Flag (raw)=status",
+    )  # fmt: skip
+    for name in ("Flag (raw)", "status", "flag_raw"):
+        done = tofmix(*arguments, "--valid-status", f"{name}=5")
+        assert done.code == 0, done.err
+        values = ranges_of(tmp_path / "a.h5")[:, 0]
+        assert np.isnan(values[:, 0]).all()
+        np.testing.assert_allclose(values[:, 1], 600.0 + 10.0 * np.arange(5))

@@ -105,8 +105,9 @@ def export(
     from tofmix.io.surfaces.fields import FORMAT as SURFACES_FORMAT
     from tofmix.io.surfaces.surfaces_file import open_surfaces
 
+    # Those of the environment are for outputs of any kind: they give way where they do not belong.
     given = {
-        name for name in context.params if context.get_parameter_source(name) is not ParameterSource.DEFAULT
+        name for name in context.params if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
     }  # fmt: skip
     of_surfaces = format_of(file) == SURFACES_FORMAT
     if not of_surfaces:
@@ -151,7 +152,7 @@ def _check_not_of_surfaces(layers: Path, output: Path, what: str | None) -> None
 
 
 def _check_options(given: set[str], what: str, output: Path, *, of_surfaces: bool) -> None:
-    """Refuse options without an effect."""
+    """Refuse typed options without an effect."""
     from tofmix.io.exporters import IMAGE
 
     if of_surfaces:

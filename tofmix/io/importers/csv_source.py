@@ -8,6 +8,7 @@ that a long file leaves out.
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -41,6 +42,7 @@ def open_csv(path: Path, request: Request) -> Iterator[FrameSource]:
     layout = layout_of(path)
     if not layout.head:
         raise BadInputError(f"{path}: empty")
+    request = _as_in_header(request)
     names = named_columns([_name(cell) for cell in layout.head], request, path) if layout.has_header else None
     if names is not None and {"row", "col", "zone"} & set(names):
         yield open_long(path, names, layout, request)
@@ -53,6 +55,16 @@ def open_csv(path: Path, request: Request) -> Iterator[FrameSource]:
         )
     else:
         yield _wide(path, names, layout, request.shape, request)
+
+
+def _as_in_header(request: Request) -> Request:
+    """The request with its names of columns as `_name` has them; a column of codes by its meaning, if it has one."""
+    columns = {_name(theirs): ours for theirs, ours in request.columns.items()}
+    status = request.valid_status
+    if status is not None:
+        name = _name(status[0])
+        status = columns.get(name, name), status[1]
+    return replace(request, columns=columns, valid_status=status)
 
 
 def _name(cell: str) -> str:
