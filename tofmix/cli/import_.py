@@ -166,8 +166,9 @@ def import_(
     from tofmix.io.importers.axes import check_axes
     from tofmix.io.importers.base import Request
     from tofmix.io.importers.conversion import Conversion
-    from tofmix.io.importers.units import TIME_UNITS_S, UNITS_MM
+    from tofmix.io.importers.units import TIME_UNITS_S
     from tofmix.io.importers.writing import write_recording
+    from tofmix.io.length_units import UNITS_MM
     from tofmix.io.samples import guessed
     from tofmix.io.sensor_group import check_background
 

@@ -19,6 +19,7 @@ from tofmix.errors import BadInputError, os_error_text
 from tofmix.io import hdf5, sensor_group
 from tofmix.io.guard import guard
 from tofmix.io.guard.watchdog import watched
+from tofmix.io.length_units import UNITS_MM, unit_mm_of
 from tofmix.io.next_command import import_command
 from tofmix.io.recording.range_check import check_range
 from tofmix.recording import DECODED_SAMPLES, MOST_FRAMES, MOST_PIXELS_A_SIDE, MOST_TARGETS
@@ -324,8 +325,6 @@ def _samples(root: h5py.File, name: str, path: Path) -> h5py.Dataset:
 
 def _conversion(path: Path, units: str) -> str:
     """The command that converts from another unit than mm; empty if the unit is not known."""
-    from tofmix.io.importers.units import UNITS_MM, unit_mm_of
-
     unit_mm = unit_mm_of(units)
     if unit_mm is None:
         return ""
