@@ -423,8 +423,8 @@ def _seen_by(
 
 
 def _seconds(times: ArrayLike) -> FloatArray:
-    """Times as numbers of s: dates count from the earliest one; NaN where one is missing."""
-    from tofmix.io.importers.times import epoch_unit_s
+    """Times as numbers of s: dates count from the first one; NaN where one is missing."""
+    from tofmix.io.importers.times import epoch_unit_s, times_of_array
     from tofmix.io.importers.units import TIME_UNITS_S
 
     stamps = np.asarray(times)
@@ -443,10 +443,7 @@ def _seconds(times: ArrayLike) -> FloatArray:
                 )
                 warnings.warn(f"from_array: {text}", DoubtWarning, stacklevel=3)
             return numbers
-    known = stamps[~np.isnat(stamps)]
-    if not known.size:
-        return np.full(stamps.shape, np.nan)
-    return np.asarray((stamps - known.min()) / np.timedelta64(1, "ns") * 1e-9, dtype=np.float64)
+    return times_of_array(stamps, stamps.size, "time_s")[0].reshape(stamps.shape)
 
 
 def _dates(stamps: NDArray[Any]) -> NDArray[np.datetime64]:

@@ -11,7 +11,7 @@ import xarray
 from numpy.typing import NDArray
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
-from scipy.io import savemat
+from scipy.io import netcdf_file, savemat
 from support.commandline import succeed
 
 from tofmix.errors import BadInputError
@@ -335,3 +335,13 @@ def test_array_of_8_bits_beside_a_wider_one_is_no_depth_where_names_say_nothing(
 def test_names_that_say_nothing_are_taken_where_none_says_depth() -> None:
     assert depths_among(["a", "b", "infrared"]) == ["a", "b"]
     assert depths_among(["a", "my_range"]) == ["my_range"]
+
+
+def test_classic_netcdf_is_refused_with_the_command_that_converts_it(tmp_path: Path) -> None:
+    with netcdf_file(tmp_path / "a b.nc", "w") as root:
+        root.createDimension("time", 2)
+        root.createVariable("depth", "f4", ("time",))[:] = [1.5, 1.6]
+    with pytest.raises(
+        BadInputError, match=r"a b\.nc: classic netCDF, not netCDF-4: nccopy -k nc4 '.*a b\.nc' '.*a b_nc4"
+    ):
+        opened(tmp_path / "a b.nc")

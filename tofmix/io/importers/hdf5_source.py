@@ -5,6 +5,7 @@ values (`tofmix.io.importers.cf`), its dimension scales, and a group `sensor` as
 there.
 """
 
+import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,17 +17,20 @@ from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
 from tofmix.io import hdf5, sensor_group
 from tofmix.io.guard import guard
-from tofmix.io.importers.arrays import arrays_beside, check_shapes, check_time, choose, joined, numbered_images
+from tofmix.io.importers.arrays import arrays_beside, check_shapes, choose, joined, numbered_images
 from tofmix.io.importers.axes import FRAMES_FIRST, WITH_TARGETS, axes_of, axis_name
-from tofmix.io.importers.base import Frame, FrameSource, Request, check_frame
+from tofmix.io.importers.base import Frame, FrameSource, Request, check_frame, foreign
 from tofmix.io.importers.cf import Packing, packing_of
 from tofmix.io.importers.datasets import DatasetFrames
-from tofmix.io.importers.times import time_unit_s
+from tofmix.io.importers.times import time_unit_s, times_of_array
 from tofmix.io.importers.units import unit_in_name
 from tofmix.io.layers.layers_file import FORMAT as LAYERS_FORMAT
 from tofmix.io.length_units import unit_mm_of
+from tofmix.io.next_command import import_command
 
 _RANGE, _AMPLITUDE, _TIME = "range", "amplitude", "time"
+_CLASSIC = (b"CDF\x01", b"CDF\x02", b"CDF\x05")
+"""First bytes of netCDF's classic formats."""
 _OF_OUR_OWN = ("truth/", "sensor/noise_")
 """Groups of a recording whose datasets are no samples."""
 
@@ -40,8 +44,21 @@ def open_hdf5(path: Path, request: Request) -> Iterator[FrameSource]:
     BadInputError
         If it is damaged, holds no fitting dataset or several, or datasets do not go together.
     """
+    _refuse_classic(path)
     with guard.open_for_reading(path) as root:
         yield _source(root, path, request)
+
+
+def _refuse_classic(path: Path) -> None:
+    """Refuse netCDF's formats before netCDF-4, which are not HDF5, with the command that converts them."""
+    with foreign(path), path.open("rb") as file:
+        is_classic = file.read(4) in _CLASSIC
+    if is_classic:
+        new = path.with_name(f"{path.stem}_nc4.nc")
+        raise BadInputError(
+            f"{path}: classic netCDF, not netCDF-4: {shlex.join(['nccopy', '-k', 'nc4', str(path), str(new)])}; then"
+            f" {import_command(new)}"
+        )
 
 
 def _source(root: h5py.File, path: Path, request: Request) -> FrameSource:
@@ -197,14 +214,15 @@ def _time(
         return None
     dataset = guard.checked_dataset(root, other, path)
     units = hdf5.text_attribute(dataset, "units")
-    unit_s = request.time_unit_s or (1.0 if units is None else time_unit_s(units))
-    if unit_s is None:
+    unit_s = request.time_unit_s or (None if units is None else time_unit_s(units))
+    if unit_s is None and units is not None:
         notes.append(f"{path}: not used: {other} in {units!r}, no known unit of time (--time-unit gives it)")
         return None
     with guard.reading(path, other):
         stored = np.asarray(dataset[...])
-    check_time(stored, frames, path)
-    return np.asarray(_packing(root, dataset, path).unpacked(stored), dtype=np.float64) * unit_s
+    time_s, said = times_of_array(_packing(root, dataset, path).unpacked(stored), frames, f"{path}: {other}", unit_s)
+    notes += said
+    return time_s
 
 
 def _unit(dataset: h5py.Dataset, name: str, path: Path, request: Request) -> float | None:
