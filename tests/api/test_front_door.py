@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import warnings
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -182,6 +183,69 @@ def test_from_array_puts_frames_in_order_and_says_so() -> None:
     np.testing.assert_allclose(rec.time_s, stamps - 7.0, atol=1e-12)
     with pytest.raises(ValueError, match="one number a frame, 5, got shape"):
         tm.from_array(frames, units="mm", time_s=stamps[:3])
+
+
+def test_from_array_counts_what_it_drops_by_reason() -> None:
+    ranges = np.ma.array(np.full((6, 2, 2), 900.0), mask=False)
+    ranges[0, 0], ranges[1, 0, 0], ranges[2, 1, 1] = 0.0, np.nan, np.inf
+    ranges[3, 0, 1] = 1e20  # below the mask: not a fill value that nobody names
+    ranges[3] = np.ma.masked
+    status = np.full(ranges.shape, 5)
+    status[5, 1] = status[0, 0] = 4
+    found = tm.from_array(ranges, units="mm", status=status, valid_status=(5,))
+    assert found.dropped == {"zero": 2, "NaN": 1, "masked": 4, "infinite": 1, "status": 2}
+    assert np.isnan(found.range_mm).sum() == sum(found.dropped.values())
+    assert found.with_sensor(name="other").dropped == found.dropped
+    assert tm.from_array(np.ones((2, 1, 1)), units="m").dropped == {}
+
+
+def test_from_array_says_that_no_sample_is_left() -> None:
+    with pytest.warns(DoubtWarning, match=r"^from_array: no valid sample: 24 zero$"):
+        tm.from_array(np.zeros((4, 2, 3)), units="mm")
+
+
+def test_from_array_refuses_a_camera_matrix() -> None:
+    matrix = np.array([[310.5, 0.0, 160.0], [0.0, 311.0, 120.0], [0.0, 0.0, 1.0]])
+    for array in (matrix[np.newaxis], matrix):
+        with pytest.raises(ValueError, match="is a camera matrix, not ranges"):
+            tm.from_array(array, units="mm")
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        np.datetime64("2023-11-05T10:00:00", "ms") + np.arange(4) * np.timedelta64(40, "ms"),
+        np.arange(4) * np.timedelta64(40, "ms"),
+        [datetime(2023, 11, 5, 10, tzinfo=UTC).replace(tzinfo=None) + k * timedelta(milliseconds=40) for k in range(4)],
+        [datetime(2023, 11, 5, 10, tzinfo=UTC) + k * timedelta(milliseconds=40) for k in range(4)],
+        [f"2023-11-05 10:00:00.{40 * k:03d}" for k in range(4)],
+    ],
+)
+def test_from_array_takes_dates_as_times(times: Any) -> None:  # noqa: ANN401  of several types
+    found = tm.from_array(np.full((4, 1, 1), 800.0), units="mm", time_s=times).time_s
+    assert found is not None
+    np.testing.assert_allclose(found, [0.0, 0.04, 0.08, 0.12], atol=1e-9)
+
+
+def test_from_array_says_that_times_count_another_unit_since_1970_and_refuses_words() -> None:
+    frames = np.full((3, 1, 1), 800.0)
+    with pytest.warns(DoubtWarning, match=r"numbers of this size count us since 1970: time_s=times \* 1e-06"):
+        tm.from_array(frames, units="mm", time_s=1.6e15 + 50e3 * np.arange(3))
+    tm.from_array(frames, units="mm", time_s=1.6e9 + 0.05 * np.arange(3))
+    with pytest.raises(ValueError, match="time_s: neither numbers nor dates, such as first"):
+        tm.from_array(frames, units="mm", time_s=["first", "second", "third"])
+
+
+@pytest.mark.parametrize(
+    ("lens", "said"),
+    [
+        ({"fov_deg": (1.2, 0.9)}, r"fov_deg: 1\.2 x 0\.9 degrees is narrow; in radians: fov_deg=\(68\.75, 51\.57\)"),
+        ({"intrinsics": (300.0, 300.0, 160.0, 120.0)}, "the centre, column 160, row 120, is far outside of the image"),
+    ],
+)
+def test_from_array_says_that_a_lens_is_doubtful(lens: dict[str, Any], said: str) -> None:
+    with pytest.warns(DoubtWarning, match=f"^from_array: {said}"):
+        tm.from_array(np.full((3, 10, 12), 800.0), units="mm", depth_axis="z", **lens)
 
 
 def test_from_array_says_that_no_camera_measures_so_far() -> None:

@@ -11,7 +11,7 @@ import pytest
 from tofmix import choices
 from tofmix.estimation.noise_choice import SHAPES, WIDTHS
 from tofmix.estimation.settings import MixingChoice, Refine, SigmaMode
-from tofmix.io.importers.units import UNITS_MM
+from tofmix.io.length_units import UNITS_MM
 
 RIGHT = """\
 import tofmix as tm

@@ -13,6 +13,7 @@ from support.commandline import Tofmix
 from support.files import boards, write_recording
 
 from tofmix.cli.main import unknown_variables
+from tofmix.errors import ExitCode
 
 WALL = np.full((5, 2, 3), 1500, dtype=np.uint16)
 
@@ -73,9 +74,88 @@ def test_typed_option_wins_over_one_of_the_environment_that_belongs_to_another(
 
 def test_variables_of_no_option_are_named_and_those_of_options_are_not() -> None:
     names = ("TOFMIX_ESTIMATE_WORKERS", "TOFMIX_IMPORT_VALID_STATUS", "TOFMIX_READ_TIMEOUT", "PATH", "TOFMIX")
-    assert unknown_variables(dict.fromkeys(names, "1")) == []
-    wrong = ("TOFMIX_WORKERS", "TOFMIX_ESTIMATE_WORKER", "TOFMIX_ESTIMATE_OVERWRITE")
-    assert unknown_variables(dict.fromkeys(wrong, "1")) == sorted(wrong)
+    assert unknown_variables(dict.fromkeys(names, "1")) == {}
+    no_name, typed = "no option has this name", "is for the command line alone"
+    wrong = {
+        "TOFMIX_WORKERS": no_name, "TOFMIX_ESTIMATE_WORKER": no_name,
+        "TOFMIX_ESTIMATE_OVERWRITE": f"--overwrite {typed}", "TOFMIX_SENSORS_TOML": f"--toml {typed}",
+        "TOFMIX_MERGE_QUIET": f"--quiet {typed}",
+    }  # fmt: skip
+    assert unknown_variables(dict.fromkeys(wrong, "1")) == wrong
+
+
+def test_export_takes_options_of_the_environment_where_they_belong(
+    tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert tofmix("estimate", write_recording(tmp_path / "a.h5", boards(20))).code == 0
+    monkeypatch.setenv("TOFMIX_EXPORT_SCALE", "2")
+    monkeypatch.setenv("TOFMIX_EXPORT_FOV", "50x40")
+    done = tofmix("export", tmp_path / "a.layers.h5", "-o", tmp_path / "a.ply")
+    assert (done.code, done.err) == (0, "")
+    assert "50 x 40 degrees, equal angles" in done.out
+    done = tofmix("export", tmp_path / "a.layers.h5", "-o", tmp_path / "a.png")
+    assert (done.code, done.err) == (0, "")
+    assert "2 mm a count" in done.out
+    done = tofmix("export", tmp_path / "a.layers.h5", "-o", tmp_path / "b.png", "--fov", "50x40")
+    assert "--fov does not belong to .png" in done.err
+
+
+@pytest.mark.parametrize("text", ["ten", "-3", "nan", "0"])
+def test_time_limit_that_is_no_number_of_seconds_is_said(text: str) -> None:
+    assert unknown_variables({"TOFMIX_READ_TIMEOUT": text}) == {
+        "TOFMIX_READ_TIMEOUT": f"{text!r} is no number of seconds above 0"
+    }
+
+
+def test_each_long_name_of_an_option_is_a_variable(
+    tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    np.savez(tmp_path / "a.npz", near=WALL, far=2 * WALL)
+    for name in ("DATASET", "TOPIC"):
+        with monkeypatch.context() as environment:
+            environment.setenv(f"TOFMIX_IMPORT_{name}", "far")
+            done = tofmix("import", tmp_path / "a.npz", "-o", tmp_path / f"{name}.h5")
+        assert done.code == 0, done.err
+        with h5py.File(tmp_path / f"{name}.h5") as root:
+            assert (root["range"][()] == 2 * WALL).all()
+
+
+def test_typed_lens_wins_over_one_of_the_environment(
+    tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    np.save(tmp_path / "a.npy", WALL)
+    arguments = ("import", tmp_path / "a.npy", "--depth-axis", "z", "--overwrite", "-o", tmp_path / "a.h5")
+    lenses = {"INTRINSICS": "40,40,1,0.5", "FOV": "30x20"}
+    for variable, other in (("INTRINSICS", "FOV"), ("FOV", "INTRINSICS")):
+        with monkeypatch.context() as environment:
+            environment.setenv(f"TOFMIX_IMPORT_{variable}", lenses[variable])
+            done = tofmix(*arguments, f"--{other.lower()}", lenses[other])
+        assert done.code == 0, done.err
+        assert ("fx 40 fy 40" in done.out) == (other == "INTRINSICS")
+        assert ("30 x 20 degrees" in done.out) == (other == "FOV")
+    done = tofmix(*arguments, "--fov", lenses["FOV"], "--intrinsics", lenses["INTRINSICS"])
+    assert done.code == ExitCode.USAGE
+    assert "--intrinsics and --fov both set the lens; give one of them" in done.err
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "said"),
+    [
+        ("SHAPE", "3x2", "leave the option out (TOFMIX_IMPORT_SHAPE in the environment)"),
+        ("UNITS", "ell", "(TOFMIX_IMPORT_UNITS in the environment) See tofmix import"),
+        ("FOV", "wide", "such as 70x55 (TOFMIX_IMPORT_FOV in the environment)"),
+    ],
+)
+def test_error_names_the_variable_that_sets_the_option(
+    tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, variable: str, value: str, said: str
+) -> None:
+    np.save(tmp_path / "a.npy", WALL)
+    monkeypatch.setenv(f"TOFMIX_IMPORT_{variable}", value)
+    monkeypatch.setenv("TOFMIX_IMPORT_MODULATION_FREQUENCY", "2e7")
+    done = tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5")
+    assert done.code == ExitCode.USAGE
+    assert said in done.err
+    assert "MODULATION" not in done.err
 
 
 def test_unknown_variable_is_said_in_one_line_and_the_command_runs(

@@ -97,3 +97,50 @@ def test_columns_without_a_known_meaning_are_refused(tofmix: Tofmix, tmp_path: P
     done = tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5", "--columns", text)
     assert done.code == ExitCode.USAGE
     assert "--columns" in done.err
+
+
+def test_scale_is_said_to_be_multiplied_by_the_factor_of_the_source_and_quiet_hides_that(
+    tofmix: Tofmix, tmp_path: Path
+) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as root:
+        root["depth"] = np.full((4, 2, 3), 3000, dtype="u2")
+        root["depth"].attrs["scale_factor"] = 0.5
+    arguments = ("import", tmp_path / "a.h5", "-o", tmp_path / "b.h5", "--overwrite", "--scale", "0.2")
+    done = tofmix(*arguments)
+    assert done.code == 0, done.err
+    said = "one stored number is 0.1 mm: --scale 0.2 times the source's scale_factor 0.5"
+    assert done.err == f"tofmix: {tmp_path / 'a.h5'}: {said}\n"
+    done = tofmix(*arguments, "--quiet", "--json")
+    assert done.err == ""
+    assert said in json.loads(done.out)["notes"][0]
+    with h5py.File(tmp_path / "b.h5") as root:
+        np.testing.assert_allclose(root["range"], 300.0)
+
+
+def test_quiet_hides_how_a_source_is_read_and_keeps_doubts(tofmix: Tofmix, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(
+        "frame,row,col,range_mm,amplitude_2,ir\n" + "".join(f"{k},0,0,{4 + k},1,2\n" for k in range(4))
+    )
+    loud = tofmix("import", tmp_path / "a.csv", "-o", tmp_path / "a.h5")
+    quiet = tofmix("import", tmp_path / "a.csv", "-o", tmp_path / "b.h5", "--quiet")
+    assert "ir" in loud.err
+    assert "not used" in loud.err
+    assert "not used" not in quiet.err
+    for done in (loud, quiet):
+        assert done.code == 0, done.err
+        assert "no camera sees so near" in done.err
+
+
+def test_columns_are_named_as_the_header_writes_them_and_codes_by_either_name(tofmix: Tofmix, tmp_path: Path) -> None:
+    lines = [f"{k},0,{col},{60 + k},{5 if col else 7}" for k in range(5) for col in range(2)]
+    (tmp_path / "a.csv").write_text("\n".join(["Shot,Y,X [px],Depth [cm],Flag (raw)", *lines]))
+    arguments = (
+        "import", tmp_path / "a.csv", "-o", tmp_path / "a.h5", "--overwrite",
+        "--columns", "Shot=frame,Y=row,X [px]=col,Depth [cm]=range,Flag (raw)=status",
+    )  # fmt: skip
+    for name in ("Flag (raw)", "status", "flag_raw"):
+        done = tofmix(*arguments, "--valid-status", f"{name}=5")
+        assert done.code == 0, done.err
+        values = ranges_of(tmp_path / "a.h5")[:, 0]
+        assert np.isnan(values[:, 0]).all()
+        np.testing.assert_allclose(values[:, 1], 600.0 + 10.0 * np.arange(5))

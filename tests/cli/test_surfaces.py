@@ -118,8 +118,7 @@ def test_layers_without_pixel_directions_are_refused(tofmix: Tofmix, tmp_path: P
     assert refused.code == ExitCode.BAD_INPUT
     assert refused.err.count("\n") == 1
     for text in (
-        "blind.layers.h5: the directions of its pixels are not known",
-        "import",
+        "blind.layers.h5: the directions of its pixels are not known; give them with --fov HxV, or import",
         "--fov HxV",
         "estimate again",
     ):

@@ -1,7 +1,7 @@
 """Recordings in Python: opened from a file, or made of an array."""
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -50,6 +50,8 @@ class Recording:
         The model file of a simulated recording.
     averaged : bool
         Whether the samples are marked as means that the camera made.
+    dropped : dict
+        Number of values that `from_array` took for no samples, by reason.
     """
 
     def __init__(
@@ -63,10 +65,12 @@ class Recording:
         truth: "Truth | None" = None,
         model_text: str = "",
         averaged: bool = False,
+        dropped: Mapping[str, int] | None = None,
     ) -> None:
         self._source, self._sensor, self._shape, self._targets = source, sensor, shape, targets
         self.averaged = averaged
         self._time_s, self._truth, self._model_text = time_s, truth, model_text
+        self._dropped = dict(dropped or {})
 
     def __repr__(self) -> str:
         frames, rows, cols = self._shape
@@ -91,6 +95,11 @@ class Recording:
     def targets(self) -> int:
         """Targets that a pixel returns in one frame at most; 0 where the recording has no such axis."""
         return self._targets
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """Number of values that `from_array` took for no samples, by reason; empty for a file."""
+        return dict(self._dropped)
 
     @property
     def sensor(self) -> Sensor:
@@ -120,7 +129,7 @@ class Recording:
         changed = replace(sensor or self._sensor, **changes)
         return type(self)(
             self._source, changed, shape=self._shape, targets=self._targets, time_s=self._time_s, truth=self._truth,
-            model_text=self._model_text, averaged=self.averaged,
+            model_text=self._model_text, averaged=self.averaged, dropped=self._dropped,
         )  # fmt: skip
 
     @contextmanager
@@ -234,7 +243,7 @@ def opened_recording(path: Path) -> Recording:
     Warns
     -----
     DoubtWarning
-        If many of its samples are exactly 0 and count as ranges, or no camera measures its median.
+        If samples are exactly 0 and count as ranges, or no camera measures its median.
     """
     from tofmix.io.file_kind import format_of
     from tofmix.io.layers.layers_file import FORMAT
@@ -274,7 +283,8 @@ def from_array(
     ----------
     ranges : (frame, row, col) array_like
         Distances along each pixel's beam. What `tofmix.io.samples.no_sample` names is invalid: NaN, infinities, 0,
-        negative numbers and fill values, such as the ends of an integer type; and masked values.
+        negative numbers and fill values, such as the ends of an integer type; and masked values. `Recording.dropped`
+        counts them.
     units : {"mm", "cm", "m"}
         Unit of `ranges`.
     sensor : Sensor or str, optional
@@ -295,8 +305,8 @@ def from_array(
     amplitude : (frame, row, col) array_like, optional
         Amplitude of each sample.
     time_s : (frame,) array_like, optional
-        Start of each frame, s, by any clock; the recording's begins with 0. Frames whose times do not ascend are put in
-        order as `tofmix import` does it.
+        Start of each frame, s, by any clock, or as a date (`numpy.datetime64`, `datetime.datetime`); the recording's
+        begins with 0. Frames whose times do not ascend are put in order as `tofmix import` does it.
     depth_axis : {"ray", "z"}
         What `ranges` are along: the beam of each pixel, or the axis of the camera, as the depth images of most drivers
         are. Depths along z become ranges by the lens.
@@ -314,45 +324,69 @@ def from_array(
     Raises
     ------
     ValueError
-        If the unit is not known, a shape does not fit, no codes of valid samples are known, or depths along z have no
-        lens.
+        If the unit is not known, a shape does not fit, no codes of valid samples are known, depths along z have no
+        lens, times are neither numbers nor dates, or the array is a camera matrix.
     BadInputError
         If there is no built-in camera of that name.
 
     Warns
     -----
     DoubtWarning
-        If values were dropped that are none of `invalid`, no camera measures the median range, or frames were put in
-        order.
+        If values were dropped that are none of `invalid`, no sample is left, no camera measures the median range,
+        frames were put in order, times count another unit than s since 1970, a field of view may be in radians, or the
+        centre of the lens is far outside of the image.
     """
     if units not in UNITS_MM:
         raise ValueError(f"units: {units!r} is not one of {', '.join(UNITS_MM)}")
-    from tofmix.io.samples import guessed, no_sample
+    from tofmix.io.samples import is_camera_matrix
 
     masked: np.ma.MaskedArray[Any, Any] = np.ma.asarray(ranges)
     raw = np.asarray(masked.data)
     if raw.dtype.kind not in "iuf":
         raise ValueError(f"ranges: expected integers or floats, got {raw.dtype}")
+    if is_camera_matrix(raw[0] if raw.shape[:1] == (1,) else raw):
+        raise ValueError("ranges: one 3 x 3 array that ends in 0 0 1 is a camera matrix, not ranges")
     range_mm = raw.astype(np.float64) * UNITS_MM[units]
-    bad, dropped = no_sample(raw, unit_mm=UNITS_MM[units], invalid=invalid, keep_values=keep_values)
-    bad |= np.ma.getmaskarray(masked)
+    bad, dropped = _no_sample(raw, np.ma.getmaskarray(masked), UNITS_MM[units], invalid, keep_values=keep_values)
     if status is not None:
-        bad |= ~np.isin(_status(status, raw.shape), _valid_codes(valid_status, sensor))
+        unfit = ~bad & ~np.isin(_status(status, raw.shape), _valid_codes(valid_status, sensor))
+        bad, dropped = bad | unfit, _counted(dropped, status=unfit)
     range_mm[bad] = np.nan
     camera = _camera(sensor, integration_time_ms)
     if range_mm.ndim >= _IMAGE_DIMENSIONS:
         camera, along = _seen_by(camera, depth_axis, intrinsics, fov_deg, range_mm.shape[-2:])
         range_mm *= along
-    _say_doubts(range_mm, camera, guessed(dropped), UNITS_MM[units])
+    _say_doubts(range_mm, camera, dropped, UNITS_MM[units])
     if noise is not None:
         camera = replace(camera, noise=noise)
     light = None if amplitude is None else np.asarray(amplitude)
     time = None
     if time_s is not None:
-        order, time = _in_time(np.asarray(time_s, dtype=np.float64), range_mm)
+        order, time = _in_time(_seconds(time_s), range_mm)
         range_mm, light = range_mm[order], None if light is None else light[order]
     samples = ArrayRecording(range_mm, camera, light)
-    return Recording(samples, camera, shape=samples.shape, time_s=time)
+    return Recording(samples, camera, shape=samples.shape, time_s=time, dropped=dropped)
+
+
+def _no_sample(
+    raw: NDArray[Any], masked: NDArray[np.bool_], unit_mm: float, invalid: tuple[float, ...], *, keep_values: bool
+) -> tuple[NDArray[np.bool_], dict[str, int]]:
+    """Values that are no samples, and their number by reason; those below a mask count as masked alone."""
+    from tofmix.io.samples import no_sample
+
+    seen = raw[~masked] if masked.any() else raw
+    found = no_sample(seen, unit_mm=unit_mm, invalid=invalid, keep_values=keep_values)
+    bad = masked.copy()
+    bad[~masked] = found.bad.ravel()
+    none = np.zeros_like(seen, dtype=np.bool_)
+    missing = np.isnan(seen) if seen.dtype.kind == "f" else none
+    dropped = _counted({}, zero=none if keep_values else seen == 0, NaN=missing, masked=masked)
+    return bad, dropped | found.dropped
+
+
+def _counted(dropped: dict[str, int], **masks: NDArray[np.bool_]) -> dict[str, int]:
+    """The numbers with those of further reasons that occur."""
+    return dropped | {reason: count for reason, mask in masks.items() if (count := int(np.count_nonzero(mask)))}
 
 
 def _seen_by(
@@ -364,7 +398,7 @@ def _seen_by(
 ) -> tuple[Sensor, FloatArray | float]:
     """The camera with its lens, and the range of each pixel over its number in the array."""
     from tofmix.optics.pinhole import Pinhole
-    from tofmix.optics.view import projection_of_view, ray_factor
+    from tofmix.optics.view import centre_doubt, projection_of_view, ray_factor, view_doubt
     from tofmix.sensors.view import with_lens, with_view
 
     if depth_axis not in get_args(DepthAxis):
@@ -374,13 +408,56 @@ def _seen_by(
         fx, fy, cx, cy = intrinsics
         camera = with_lens(camera, Pinhole(fx=fx, fy=fy, cx=cx, cy=cy))
     elif fov_deg is not None:
-        camera = with_view(camera, fov_deg, projection_of_view(along_z=along_z), image)
+        projection = projection_of_view(along_z=along_z)
+        camera = with_view(camera, fov_deg, projection, image)
+        if doubt := view_doubt(fov_deg, projection, image, option="fov_deg=({:.4g}, {:.4g})"):
+            warnings.warn(f"from_array: fov_deg: {doubt}", DoubtWarning, stacklevel=3)
+    if doubt := centre_doubt(camera.optics, image):
+        warnings.warn(f"from_array: {doubt}", DoubtWarning, stacklevel=3)
     if not along_z:
         return camera, 1.0
     if camera.optics is None:
         raise ValueError("depth_axis='z': depths along z need a lens to become ranges: give intrinsics or fov_deg")
     camera.optics.check(image)
     return camera, ray_factor(camera.optics, image)
+
+
+def _seconds(times: ArrayLike) -> FloatArray:
+    """Times as numbers of s: dates count from the first one; NaN where one is missing."""
+    from tofmix.io.importers.times import epoch_unit_s, times_of_array
+    from tofmix.io.importers.units import TIME_UNITS_S
+
+    stamps = np.asarray(times)
+    if stamps.dtype.kind not in "mM":
+        try:
+            numbers = stamps.astype(np.float64)
+        except (TypeError, ValueError):
+            stamps = _dates(stamps)
+        else:
+            known = numbers[np.isfinite(numbers)]
+            unit_s = epoch_unit_s(float(known[0])) if known.size else None
+            if unit_s not in (None, 1.0):
+                unit = next(name for name, length_s in TIME_UNITS_S.items() if length_s == unit_s)
+                text = (
+                    f"time_s: {known[0]:.4g}; numbers of this size count {unit} since 1970: time_s=times * {unit_s:g}"
+                )
+                warnings.warn(f"from_array: {text}", DoubtWarning, stacklevel=3)
+            return numbers
+    return times_of_array(stamps, stamps.size, "time_s")[0].reshape(stamps.shape)
+
+
+def _dates(stamps: NDArray[Any]) -> NDArray[np.datetime64]:
+    """Dates of Python, or as text, in microseconds; those with a time zone in UTC."""
+    from datetime import UTC, datetime
+
+    def plain(moment: object) -> object:
+        aware = isinstance(moment, datetime) and moment.tzinfo is not None
+        return moment.astimezone(UTC).replace(tzinfo=None) if aware else moment  # type: ignore[attr-defined]
+
+    try:
+        return np.array([plain(moment) for moment in stamps.ravel().tolist()], "M8[us]").reshape(stamps.shape)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"time_s: neither numbers nor dates, such as {stamps.ravel()[0]}") from error
 
 
 def _in_time(stamps_s: FloatArray, frames: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -416,15 +493,19 @@ def _valid_codes(given: tuple[int, ...] | None, sensor: Sensor | str | None) -> 
     return of_camera
 
 
-def _say_doubts(range_mm: FloatArray, camera: Sensor, dropped: str, unit_mm: float) -> None:
-    """Warn of values that were dropped without being named, and of a median that no camera measures."""
+def _say_doubts(range_mm: FloatArray, camera: Sensor, dropped: dict[str, int], unit_mm: float) -> None:
+    """Warn of values that were dropped without being named, of no sample, and of a median that no camera measures."""
     from tofmix.io.recording.range_check import implausible
+    from tofmix.io.samples import guessed
 
-    if dropped:
-        text = f"from_array: no samples: {dropped}; keep_values=True keeps fill values"
+    if unnamed := guessed(dropped):
+        text = f"from_array: no samples: {unnamed}; keep_values=True keeps fill values"
         warnings.warn(text, DoubtWarning, stacklevel=3)
     seen = range_mm[np.isfinite(range_mm)]
     if not seen.size:
+        reasons = ", ".join(f"{number:,} {reason}" for reason, number in dropped.items())
+        if range_mm.size:
+            warnings.warn(f"from_array: no valid sample: {reasons}", DoubtWarning, stacklevel=3)
         return
     doubt = implausible(float(np.median(seen)), camera, unit_mm=unit_mm, path=None)
     if doubt:

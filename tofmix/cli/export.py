@@ -105,8 +105,9 @@ def export(
     from tofmix.io.surfaces.fields import FORMAT as SURFACES_FORMAT
     from tofmix.io.surfaces.surfaces_file import open_surfaces
 
+    # Those of the environment are for outputs of any kind: they give way where they do not belong.
     given = {
-        name for name in context.params if context.get_parameter_source(name) is not ParameterSource.DEFAULT
+        name for name in context.params if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
     }  # fmt: skip
     of_surfaces = format_of(file) == SURFACES_FORMAT
     if not of_surfaces:
@@ -151,7 +152,7 @@ def _check_not_of_surfaces(layers: Path, output: Path, what: str | None) -> None
 
 
 def _check_options(given: set[str], what: str, output: Path, *, of_surfaces: bool) -> None:
-    """Refuse options without an effect."""
+    """Refuse typed options without an effect."""
     from tofmix.io.exporters import IMAGE
 
     if of_surfaces:
@@ -207,11 +208,13 @@ def _export_points(
 
 def _optics(file: "LayersFile", fov: str | None, projection: str) -> "Projection":
     """The projection: --fov by --projection, or from the layers file."""
-    from tofmix.cli.import_camera import view_of, viewed
+    from tofmix.cli.import_camera import view_note, view_of, viewed
 
     view = view_of(fov)
     if view is not None:
         sensor = viewed(file.provenance.sensor, view, projection, file.shape[1:])
+        if doubt := view_note(view, projection, file.shape[1:]):
+            click.echo(f"tofmix: {doubt}", err=True)
         assert sensor.optics is not None  # noqa: S101  for the type checker: it has a view
         return sensor.optics
     optics = file.provenance.sensor.optics

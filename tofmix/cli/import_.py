@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tofmix.cli.options import HDF5_PATH, PATH, examples, json_option, nearer_of, overwrite_option
+from tofmix.cli.options import HDF5_PATH, PATH, examples, json_option, note, only_one_of, overwrite_option
 from tofmix.cli.progress import Progress
 from tofmix.errors import BadInputError, UsageError
 from tofmix.wording import readable
@@ -71,12 +71,15 @@ tofmix import targets.npy -o targets.h5 --axes frame,row,col,target
 )  # fmt: skip
 @click.option(
     "--fov", metavar="HxV",
-    help="Full field of view, degrees, such as 70x55, of an ideal pinhole camera.",
+    help="Full field of view, degrees, such as 70x55: an ideal pinhole's if depths are along z, else of equal angles.",
 )  # fmt: skip
 @click.option(
     "--units", type=click.Choice(["mm", "cm", "m"]), help="Unit of the depths.  [default: the source's, else mm]"
 )
-@click.option("--scale", type=click.FloatRange(0, min_open=True), help="Millimetres of one count, instead of --units.")
+@click.option(
+    "--scale", type=click.FloatRange(0, min_open=True),
+    help="Millimetres of one unit of the depths, instead of --units. A scale_factor of the source is applied before.",
+)  # fmt: skip
 @click.option(
     "--invalid", type=float, multiple=True,
     help="Value of invalid samples, in the source's units; repeatable. 0, NaN and infinities are always invalid.",
@@ -163,17 +166,17 @@ def import_(
     from tofmix.io.importers.axes import check_axes
     from tofmix.io.importers.base import Request
     from tofmix.io.importers.conversion import Conversion
-    from tofmix.io.importers.units import TIME_UNITS_S, UNITS_MM
+    from tofmix.io.importers.units import TIME_UNITS_S
     from tofmix.io.importers.writing import write_recording
+    from tofmix.io.length_units import UNITS_MM
     from tofmix.io.samples import guessed
     from tofmix.io.sensor_group import check_background
 
     for name, value in (("--scale", scale), ("--frame-rate", frame_rate)):
         if value is not None and not math.isfinite(value):
             raise UsageError(f"{name}: {value} is not finite")
-    units, scale = nearer_of(units=units, scale=scale)
-    if units is not None and scale is not None:
-        raise UsageError("--units and --scale both set the unit; give one of them")
+    units, scale = only_one_of("unit", units=units, scale=scale)
+    intrinsics, fov, camera_info = only_one_of("lens", intrinsics=intrinsics, fov=fov, camera_info=camera_info)
     camera = camera_of(sensor)
     lens = Lens(intrinsics=intrinsics_of(intrinsics), view_deg=view_of(fov))
     unit_mm = scale if units is None else UNITS_MM[units]
@@ -212,10 +215,9 @@ def import_(
                 attributes=attributes, progress=bar.update, overwrite=overwrite,
                 inputs=tuple(inputs),
             )  # fmt: skip
-        notes = [*frames.notes, *imported.remarks, *geometry.notes]
-        notes += _doubts(frames, imported, camera, geometry.sensor, source, used_mm)
-    for note in notes:
-        click.echo(f"tofmix: {note}", err=True)
+        how = [*frames.notes, *imported.remarks, *_scaled(scale, frames, source)]
+        doubts = [*geometry.notes, *_doubts(frames, imported, camera, geometry.sensor, source, used_mm)]
+    _say(how, doubts)
     _, rows, cols = frames.shape
     unknown = not_known(
         geometry.sensor, has_optics=geometry.sensor.optics is not None, has_amplitude=frames.has_amplitude,
@@ -226,7 +228,8 @@ def import_(
         made = {
             "source": str(source), "output": str(output), "frames": imported.frames, "rows": rows, "cols": cols,
             "targets": frames.targets, "kind": frames.kind, "unit_mm": conversion.unit_mm, "geometry": geometry.text,
-            "not_known": unknown, "dropped": imported.dropped, "notes": notes,
+            "not_known": unknown, "dropped": imported.dropped,
+            "notes": [*how, *doubts],
         }  # fmt: skip
         click.echo(json.dumps(made))
         return
@@ -239,6 +242,23 @@ def import_(
         click.echo(f"no samples: {', '.join(declared)}")
     if unknown:
         click.echo(f"not known: {', '.join(unknown)}")
+
+
+def _say(how: list[str], doubts: list[str]) -> None:
+    """Print lines on how the source was read, which --quiet suppresses, and doubts about it, which it does not."""
+    for line in how:
+        note(line)
+    for line in doubts:
+        click.echo(f"tofmix: {line}", err=True)
+
+
+def _scaled(scale: float | None, frames: "FrameSource", source: Path) -> list[str]:
+    """Note on a --scale that is multiplied by a factor of the source."""
+    if scale is None or frames.scale_factor == 1.0:
+        return []
+    factor = frames.scale_factor
+    product = f"--scale {scale:g} times the source's scale_factor {factor:g}"
+    return [f"{source}: one stored number is {scale * factor:g} mm: {product}"]
 
 
 def _refuse_turned(shape: tuple[int, int], camera: "CameraSheet", request: "Request", source: Path) -> None:

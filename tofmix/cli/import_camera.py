@@ -208,14 +208,16 @@ def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str |
     along_z = (axis or frames.depth_axis) == "z"
     sensor, where = _with_optics(frames, sensor, lens, source, along_z=along_z)
     shape = frames.shape[1:]
+    by_view = lens.intrinsics is None and lens.view_deg is not None
     try:
         optics = sensor.optics
         if optics is not None:
             optics.check(shape)
-        notes = _lens_doubts(optics, shape, lens, where)
+        notes = _lens_doubts(optics, shape, lens, where, along_z=along_z)
         if not along_z:
             otherwise = "" if axis else " (--depth-axis z if they are along z)"
-            text = f"depths along the beam, taken as ranges{otherwise}"
+            seen = f"; {view_words(optics, shape, None)}" if by_view and optics is not None else ""
+            text = f"depths along the beam, taken as ranges{otherwise}{seen}"
             return Geometry(factor=None, sensor=sensor, text=text, notes=notes)
         if optics is None:
             reason = f"; {frames.lens_unknown}" if frames.lens_unknown else ""
@@ -227,32 +229,28 @@ def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str |
     except ValueError as error:
         raise BadInputError(f"{where}: {error}") from error
     otherwise = "" if axis else " (--depth-axis ray if they are along the beam)"
-    by_view = lens.intrinsics is None and lens.view_deg is not None
     how = view_words(optics, shape, lens.view_deg if by_view else None)
     text = f"depths along z converted to ranges by {how}{otherwise}"
     return Geometry(factor=factor, sensor=sensor, text=text, notes=notes)
 
 
 def _lens_doubts(
-    optics: "Projection | None", shape: tuple[int, int], lens: Lens, where: str, *, outside: float = 0.5
+    optics: "Projection | None", shape: tuple[int, int], lens: Lens, where: str, *, along_z: bool
 ) -> tuple[str, ...]:
-    """Notes on a field of view that may be in radians, and on a centre farther outside than a share of the image."""
-    import math
+    """Notes on a field of view that may be in radians, and on a centre far outside of the image."""
+    from tofmix.optics.view import centre_doubt, projection_of_view
 
-    from tofmix.optics.pinhole import Pinhole
+    narrow = "" if lens.view_deg is None else view_note(lens.view_deg, projection_of_view(along_z=along_z), shape)
+    centre = centre_doubt(optics, shape)
+    return tuple(filter(None, (narrow, centre and f"{where}: {centre}")))
 
-    notes = []
-    if lens.view_deg is not None and max(lens.view_deg) < math.pi:
-        wide = "x".join(f"{math.degrees(angle):.4g}" for angle in lens.view_deg)
-        notes.append(f"--fov: {lens.view_deg[0]:g} x {lens.view_deg[1]:g} degrees is narrow; in radians: --fov {wide}")
-    if isinstance(optics, Pinhole):
-        places = zip((optics.cx, optics.cy), (shape[1], shape[0]), strict=True)
-        if not all(-outside * size <= centre <= (1 + outside) * size for centre, size in places):
-            notes.append(
-                f"{where}: the centre, column {optics.cx:g}, row {optics.cy:g}, is far outside of the image of"
-                f" {shape[0]} x {shape[1]} pixels; are the intrinsics those of another image size?"
-            )
-    return tuple(notes)
+
+def view_note(view_deg: tuple[float, float], projection: str, shape: tuple[int, int]) -> str:
+    """Note on a ``--fov`` that may be in radians; empty if it may not."""
+    from tofmix.optics.view import view_doubt
+
+    doubt = view_doubt(view_deg, projection, shape)
+    return doubt and f"--fov: {doubt}"
 
 
 def _with_optics(

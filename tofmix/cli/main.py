@@ -19,7 +19,7 @@ from tofmix.cli.info import info
 from tofmix.cli.inspect import inspect
 from tofmix.cli.map import map_
 from tofmix.cli.merge import merge
-from tofmix.cli.options import quiet_option
+from tofmix.cli.options import from_environment, quiet_option, running_command, variables_of
 from tofmix.cli.reconcile import reconcile
 from tofmix.cli.report import report
 from tofmix.cli.sensors import sensors
@@ -29,7 +29,7 @@ from tofmix.cli.verify import verify
 from tofmix.cli.warmup import warmup
 from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode, TofmixError, os_error_text
 from tofmix.io.atomic.partial_output import discard_partial_outputs, is_resumable
-from tofmix.io.guard.watchdog import arm
+from tofmix.io.guard import watchdog
 from tofmix.version import __version__
 
 _EPILOG = """\b
@@ -59,6 +59,15 @@ class _InOrder(click.Group):
 
     def list_commands(self, _: click.Context) -> list[str]:
         return list(self.commands)
+
+    def invoke(self, ctx: click.Context) -> object:
+        try:
+            return super().invoke(ctx)
+        except TofmixError as error:
+            command = running_command(ctx)
+            if command is not None:
+                error.add_note(from_environment(command, str(error)))
+            raise
 
 
 @click.group(
@@ -90,26 +99,38 @@ for _command in (
 ):  # fmt: skip
     main.add_command(_command)
     quiet_option(_command)
+    for _option in _command.params:
+        if isinstance(_option, click.Option) and _option.allow_from_autoenv:
+            _option.envvar = variables_of(_command.name or "", _option)
 
 
-_OTHER_VARIABLES = frozenset({"TOFMIX_READ_TIMEOUT"})
-"""Documented variables of the environment that set no option."""
-
-
-def unknown_variables(environment: Mapping[str, str]) -> list[str]:
-    """Variables that look like an option's, and are none's."""
-    known = {
-        f"TOFMIX_{name}_{parameter.name}".upper().replace("-", "_")
+def unknown_variables(environment: Mapping[str, str]) -> dict[str, str]:
+    """Variables that look like an option's and set none, each with the reason."""
+    options = {
+        variable: option
         for name, command in main.commands.items()
-        for parameter in command.params
-        if isinstance(parameter, click.Option) and parameter.allow_from_autoenv
+        for option in command.params
+        if isinstance(option, click.Option)
+        for variable in variables_of(name, option)
     }
-    return sorted(name for name in environment if name.startswith("TOFMIX_") and name not in known | _OTHER_VARIABLES)
+    unknown = {}
+    for name in sorted(name for name in environment if name.startswith("TOFMIX_")):
+        option = options.get(name)
+        if name == watchdog.VARIABLE:
+            if not watchdog.is_limit(environment[name]):
+                unknown[name] = f"{environment[name]!r} is no number of seconds above 0"
+        elif option is None:
+            unknown[name] = "no option has this name"
+        elif not option.allow_from_autoenv:
+            unknown[name] = f"{option.opts[-1]} is for the command line alone"
+    return unknown
 
 
 def _say_unknown_variables() -> None:
-    if unknown := unknown_variables(os.environ):
-        click.echo(f"tofmix: not used: {', '.join(unknown)}, in the environment: no option has this name", err=True)
+    unknown = unknown_variables(os.environ)
+    for reason in dict.fromkeys(unknown.values()):
+        names = ", ".join(name for name, why in unknown.items() if why == reason)
+        click.echo(f"tofmix: not used: {names}, in the environment: {reason}", err=True)
 
 
 def _take_any_name() -> None:
@@ -122,7 +143,7 @@ def run(arguments: list[str] | None = None) -> NoReturn:
     """Run the command line and leave with its exit code; never a traceback for a fault of the user's or the disk's."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _die)
-    arm()
+    watchdog.arm()
     _take_any_name()
     code = ExitCode.DONE
     try:
@@ -131,11 +152,13 @@ def run(arguments: list[str] | None = None) -> NoReturn:
         sys.stdout.flush()
     except click.UsageError as error:
         command = error.ctx.command_path if error.ctx else "tofmix"
-        _fail(f"{error.format_message()} See {command} --help.", ExitCode.USAGE)
+        text = error.format_message()
+        variables = from_environment(error.ctx, text) if error.ctx else ""
+        _fail(f"{text}{variables} See {command} --help.", ExitCode.USAGE)
     except click.ClickException as error:
         _fail(error.format_message(), ExitCode.USAGE)
     except TofmixError as error:
-        _fail(str(error), error.exit_code)
+        _fail("".join((str(error), *getattr(error, "__notes__", ()))), error.exit_code)
     except SystemExit as leave:
         # click leaves with 1 where the reader of a pipe has ended (`| head`); in our table 1 is a bug.
         sys.exit(ExitCode.CLOSED_PIPE if leave.code == 1 else leave.code)

@@ -8,6 +8,8 @@ from typing import Any, ClassVar
 
 import click
 
+from tofmix.errors import UsageError
+
 
 class _Path(click.Path):
     """A path that the package checks instead of click, for its own exit codes."""
@@ -76,7 +78,7 @@ class _Shard(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generi
 SHARD = _Shard()
 
 _LEAST_MEMORY = 250_000_000  # bytes: the program with its kernels, and one block
-_QUIET = "tofmix.quiet"
+_QUIET, _COMMAND = "tofmix.quiet", "tofmix.command"  # keys of a context's `meta`, which its parents share
 
 MEMORY = _Memory()
 
@@ -121,6 +123,29 @@ def nearer_of(**values: Any) -> tuple[Any, ...]:  # noqa: ANN401  values of any 
     return tuple(value if not typed or name in typed else None for name, value in values.items())
 
 
+def only_one_of(what: str, **values: Any) -> tuple[Any, ...]:  # noqa: ANN401  values of any options
+    """Values of options that set the same, of which one may be given; as `nearer_of` has them.
+
+    Parameters
+    ----------
+    what : str
+        What they set, for the error.
+    **values
+        Values of the running command's parameters, by name; None where one is not given.
+
+    Raises
+    ------
+    UsageError
+        If several remain.
+    """
+    nearer = nearer_of(**values)
+    given = [f"--{name.replace('_', '-')}" for name, value in zip(values, nearer, strict=True) if value is not None]
+    if others := given[1:]:
+        all_of_them = "both" if len(others) == 1 else "all"
+        raise UsageError(f"{' and '.join(given)} {all_of_them} set the {what}; give one of them")
+    return nearer
+
+
 def give_way(values: dict[str, Any], ruling: str, others: Iterable[str]) -> dict[str, Any]:
     """Values in which an option of the environment gives way to one of the command line that excludes it.
 
@@ -151,8 +176,33 @@ def give_way(values: dict[str, Any], ruling: str, others: Iterable[str]) -> dict
     return settled
 
 
+def variables_of(command: str, option: click.Option) -> list[str]:
+    """Variables of the environment with the long names of a command's option: those that set it, if any may."""
+    return [f"TOFMIX_{command}_{name[2:]}".upper().replace("-", "_") for name in option.opts if name.startswith("--")]
+
+
+def from_environment(context: click.Context, text: str) -> str:
+    """Names of the variables whose options a message names and the environment sets, in words; empty without any."""
+    names: list[str] = []
+    for option in context.command.params:
+        of_environment = context.get_parameter_source(option.name or "") is click.core.ParameterSource.ENVIRONMENT
+        if isinstance(option, click.Option) and of_environment and any(_names(text, name) for name in option.opts):
+            names += [name for name in variables_of(context.command.name or "", option) if os.environ.get(name)]
+    return f" ({', '.join(names)} in the environment)" if names else ""
+
+
+def _names(text: str, option: str) -> bool:
+    return re.search(rf"(?<![\w-]){re.escape(option)}(?![\w-])", text) is not None
+
+
+def running_command(context: click.Context) -> click.Context | None:
+    """The context of the command that runs below this one; None before its options are read."""
+    found: click.Context | None = context.meta.get(_COMMAND)
+    return found
+
+
 def _hush(context: click.Context, _: click.Parameter, wanted: bool) -> None:
-    context.meta[_QUIET] = wanted
+    context.meta[_QUIET], context.meta[_COMMAND] = wanted, context
 
 
 quiet_option = click.option(

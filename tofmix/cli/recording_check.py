@@ -58,8 +58,8 @@ def findings_of_samples(
     return sample_findings(scatter_over_curve=scatter, drift_sigmas=seen.drift_sigmas, remedy=remedy)
 
 
-def check_view(file: "LayersFile") -> None:
-    """Refuse a layers file without the directions of its pixels.
+def check_view(file: "LayersFile", *, own_remedy: str = "") -> None:
+    """Refuse a layers file without the directions of its pixels, with the remedies: the command's own comes first.
 
     Raises
     ------
@@ -73,9 +73,9 @@ def check_view(file: "LayersFile") -> None:
         if optics is not None:
             optics.check(file.shape[1:])
     except ValueError as error:
-        raise BadInputError(f"{file.path}: sensor: {error}; {_VIEW_REMEDY}") from error
+        raise BadInputError(f"{file.path}: sensor: {error}; {own_remedy}{_VIEW_REMEDY}") from error
     if optics is None:
-        raise BadInputError(f"{file.path}: the directions of its pixels are not known; {_VIEW_REMEDY}")
+        raise BadInputError(f"{file.path}: the directions of its pixels are not known; {own_remedy}{_VIEW_REMEDY}")
 
 
 def check_recording(file: "LayersFile", source: "RecordingFile") -> None:

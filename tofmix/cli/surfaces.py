@@ -53,7 +53,7 @@ def surfaces(
     camera's field of view. docs/how-to/surfaces.md shows how other programs read
     the file.
     """
-    from tofmix.cli.import_camera import view_of, view_words, viewed
+    from tofmix.cli.import_camera import view_note, view_of, view_words, viewed
     from tofmix.io.atomic.storage import locked
     from tofmix.io.layers.layers_file import open_layers
     from tofmix.io.recording.recording_file import file_sha256
@@ -65,9 +65,11 @@ def surfaces(
     with locked(output, overwrite=overwrite, inputs=(layers,)), open_layers(layers) as file:
         sensor, view = file.provenance.sensor, view_of(fov)
         if view is None:
-            check_view(file)
+            check_view(file, own_remedy="give them with --fov HxV, or ")
         else:
             sensor = viewed(sensor, view, projection, file.shape[1:])
+            if doubt := view_note(view, projection, file.shape[1:]):
+                click.echo(f"tofmix: {doubt}", err=True)
         provenance = SurfacesProvenance(
             source=layers.name,
             source_sha256=file_sha256(layers),

@@ -81,6 +81,11 @@ def no_sample(
     return NoSample(bad, dropped)
 
 
+def is_camera_matrix(image: NDArray[Any]) -> bool:
+    """Whether an array is no image but the matrix of a camera: 3 x 3, with a last row of 0 0 1."""
+    return image.shape == (3, 3) and image[2].tolist() == [0, 0, 1]
+
+
 def guessed(dropped: dict[str, int]) -> str:
     """Numbers and reasons of the values that neither the source nor the user calls invalid; empty without any."""
     return ", ".join(f"{number:,} {reason}" for reason, number in dropped.items() if reason.startswith(GUESSED))

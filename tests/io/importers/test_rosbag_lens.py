@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -107,6 +108,27 @@ def test_a_lens_that_changes_is_refused_with_its_frames_and_the_cut(tmp_path: Pa
     with pytest.raises(BadInputError, match=f"{text}.*{re.escape(command)}"):
         read_source(path)
     assert read_source(path, lens_given=True)[0].pinhole is None
+
+
+@pytest.mark.parametrize(
+    ("changed", "texts"),
+    [
+        ({"distortion": (0.25, 0.0, 0.0, 0.0, 0.0)}, ("distortion 0.1 0 0 0 0 up", "distortion 0.25 0 0 0 0 from")),
+        ({"projection": OTHER}, ("P 5 0 2.5 0 0 5.5 1.5 0 0 0 0 0 up", "P 7 0 2.5 0 0 7.5 1.5 0 0 0 0 0 from")),
+    ],
+)
+def test_a_lens_that_changes_elsewhere_than_in_its_centre_is_refused_with_the_parts_that_differ(
+    tmp_path: Path, changed: dict[str, tuple[float, ...]], texts: tuple[str, str]
+) -> None:
+    settings: dict[str, Any] = {"distortion": (0.1, 0.0, 0.0, 0.0, 0.0), "model": "plumb_bob", "projection": LENS}
+    with new_bag(tmp_path, "mcap") as (bag, path):
+        for number in range(6):
+            stamp = (10 + number) * SECOND
+            given = settings | (changed if number >= 2 else {})
+            bag.info(INFO, (4, 6), LENS, stamp_ns=stamp, bag_ns=stamp, **given)
+        frames(bag)
+    with pytest.raises(BadInputError, match=f"the lens changes: {texts[0]} to frame 1, {texts[1]} frame 2 on"):
+        read_source(path)
 
 
 @pytest.mark.parametrize(("second_ns", "expected"), [(2, 7.0), (99 * SECOND, 5.0)])

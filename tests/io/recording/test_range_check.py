@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.commandline import succeed
 from support.files import boards, write_recording
 
 from tofmix.errors import BadInputError
-from tofmix.io.recording.range_check import implausible, look, unit_doubt, zeros_doubt
+from tofmix.io.recording.range_check import check_whole_numbers, implausible, look, unit_doubt, zeros_doubt
 from tofmix.io.recording.recording_file import RecordingFile, open_recording
 from tofmix.sensor import Sensor
 
@@ -63,8 +64,8 @@ def test_floats_marked_as_mm_are_read_with_a_note_where_no_camera_sees_so_near(t
             "above 140 m; no camera sees so far; check the units; if the numbers are in micr",
         ),
         (7000.0, {"range_max_mm": 4000.0}, ""),
-        (9000.0, {"range_max_mm": 4000.0}, "above 9 m; unknown, whose range ends at 4000 mm, sees so far"),
-        (300.0, {"range_min_mm": 350.0}, "below 300 mm; unknown, whose range begins at 350 mm, sees so near"),
+        (9000.0, {"range_max_mm": 4000.0}, "above 9 m; the range of unknown ends at 4000 mm"),
+        (300.0, {"range_min_mm": 350.0}, "below 300 mm; the range of unknown begins at 350 mm"),
     ],
 )
 def test_a_median_that_the_camera_cannot_measure_is_said(median: float, limits: dict[str, float], said: str) -> None:
@@ -98,19 +99,40 @@ def test_an_unknown_unit_is_refused(tmp_path: Path) -> None:
         pass
 
 
-def test_many_zeros_without_fill_are_counted(tmp_path: Path) -> None:
+def test_zeros_that_count_as_ranges_are_counted(tmp_path: Path) -> None:
     samples = boards(100).astype("f4")
-    samples[:20, 0, 0] = 0
+    samples[:3, 0, 0] = 0
     with open_recording(_floats(tmp_path / "few.h5", samples)) as recording:
-        assert recording.remarks == ()  # 20 of 2400
-    samples[:25, 1, 1] = 0
-    with open_recording(_floats(tmp_path / "many.h5", samples)) as recording:
         (line,) = recording.remarks
-    assert "45 of 2,400 checked samples are exactly 0" in line
+    assert "3 of 2,400 checked samples are exactly 0" in line
     assert "--invalid 0" in line
     assert "_FillValue" in line
     with open_recording(_floats(tmp_path / "filled.h5", samples, fill=0.0)) as recording:
         assert recording.remarks == ()
+
+
+@pytest.mark.parametrize("dtype", ["f4", "u2"])
+def test_zeros_beside_another_fill_value_are_counted(tmp_path: Path, dtype: str) -> None:
+    samples = boards(40).astype(dtype)
+    samples[::4, 2], samples[1::4, 1, 1] = 0, 65535
+    path = write_recording(tmp_path / "a.h5", samples, fill=65535)
+    with open_recording(path) as recording:
+        (line,) = (*recording.remarks, *check_whole_numbers(recording))
+    assert "60 of 960 checked samples are exactly 0 and count as ranges of 0 mm" in line
+    assert "_FillValue" not in line
+    again = tmp_path / "a_mm.h5"
+    succeed("import", path, "-o", again, "--invalid", "0")
+    with open_recording(again) as recording:
+        assert (*recording.remarks, *check_whole_numbers(recording)) == ()
+
+
+@pytest.mark.parametrize(
+    ("unit", "option"), [("um", "--scale 0.001"), ("inch", "--scale 25.4"), ("feet", "--scale 304.8")]
+)
+def test_a_unit_without_an_option_of_its_own_is_refused_with_its_scale(tmp_path: Path, unit: str, option: str) -> None:
+    path = _floats(tmp_path / "a.h5", boards(), units=unit)
+    with pytest.raises(BadInputError, match=f"tofmix import {path} {option} -o"), open_recording(path):
+        pass
 
 
 def test_zeros_are_not_taken_for_metres(tmp_path: Path) -> None:

@@ -21,17 +21,29 @@ READ_LIMIT_S = 120.0
 STRUCTURE_LIMIT_S = 20.0
 """For a look at a file's structure."""
 
-_VARIABLE = "TOFMIX_READ_TIMEOUT"
+VARIABLE = "TOFMIX_READ_TIMEOUT"
+"""Variable of the environment with the time limit of a read, s."""
+
 POLL_S = 0.5  # s between two looks at the clock
 
 
 def limit_s(default: float) -> float:
     """Time limit of a read, s: the default, or the environment variable TOFMIX_READ_TIMEOUT."""
+    chosen = _seconds(os.environ.get(VARIABLE, ""))
+    return default if chosen is None else chosen
+
+
+def is_limit(text: str) -> bool:
+    """Whether a text, the value of TOFMIX_READ_TIMEOUT, is a time limit; nothing is the default."""
+    return not text.strip() or _seconds(text) is not None
+
+
+def _seconds(text: str) -> float | None:
     try:
-        chosen = float(os.environ.get(_VARIABLE, ""))
+        chosen = float(text)
     except ValueError:
-        return default
-    return chosen if 0.0 < chosen < float("inf") else default
+        return None
+    return chosen if 0.0 < chosen < float("inf") else None
 
 
 class Watchdog:

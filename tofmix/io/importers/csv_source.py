@@ -8,6 +8,7 @@ that a long file leaves out.
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from tofmix.errors import BadInputError
 from tofmix.io.importers.base import Frame, FrameSource, Request, foreign
 from tofmix.io.importers.csv_long import TIME_NAMES, named_columns, open_long, time_unit_of
 from tofmix.io.importers.csv_text import Layout, layout_of
-from tofmix.io.importers.units import unit_mm_of
+from tofmix.io.length_units import unit_mm_of
 from tofmix.wording import counted
 
 SUFFIXES = (".csv", ".tsv", ".txt")
@@ -42,6 +43,7 @@ def open_csv(path: Path, request: Request) -> Iterator[FrameSource]:
     layout = layout_of(path)
     if not layout.head:
         raise BadInputError(f"{path}: empty")
+    request = _as_in_header(request)
     names = named_columns([_name(cell) for cell in layout.head], request, path) if layout.has_header else None
     if names is not None and {"row", "col", "zone"} & set(names):
         yield open_long(path, names, layout, request)
@@ -54,6 +56,16 @@ def open_csv(path: Path, request: Request) -> Iterator[FrameSource]:
         )
     else:
         yield _wide(path, names, layout, request.shape, request)
+
+
+def _as_in_header(request: Request) -> Request:
+    """The request with its names of columns as `_name` has them; a column of codes by its meaning, if it has one."""
+    columns = {_name(theirs): ours for theirs, ours in request.columns.items()}
+    status = request.valid_status
+    if status is not None:
+        name = _name(status[0])
+        status = columns.get(name, name), status[1]
+    return replace(request, columns=columns, valid_status=status)
 
 
 def _name(cell: str) -> str:

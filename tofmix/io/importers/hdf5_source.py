@@ -23,8 +23,9 @@ from tofmix.io.importers.base import Frame, FrameSource, Request, check_frame, f
 from tofmix.io.importers.cf import Packing, packing_of
 from tofmix.io.importers.datasets import DatasetFrames
 from tofmix.io.importers.times import time_unit_s, times_of_array
-from tofmix.io.importers.units import unit_in_name, unit_mm_of
+from tofmix.io.importers.units import unit_in_name
 from tofmix.io.layers.layers_file import FORMAT as LAYERS_FORMAT
+from tofmix.io.length_units import unit_mm_of
 from tofmix.io.next_command import import_command
 
 _RANGE, _AMPLITUDE, _TIME = "range", "amplitude", "time"

@@ -14,7 +14,8 @@ from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 from tofmix.io.importers.base import DepthAxis
-from tofmix.io.importers.units import unit_in_name, unit_mm_of
+from tofmix.io.importers.units import unit_in_name
+from tofmix.io.length_units import unit_mm_of
 
 _COUNT = re.compile(r"1 count = ([0-9.eE+-]+) (mm|cm|m)\b")
 _UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}

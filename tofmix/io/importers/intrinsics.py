@@ -4,8 +4,10 @@
 `image_geometry`: values of full resolution are shifted by the region of interest, then divided by the binning.
 """
 
+import configparser
 import json
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -66,15 +68,18 @@ class Calibration:
         """Whether a focal length is known: an uncalibrated camera has zeros."""
         return min(self.matrix[0], self.matrix[4]) > 0 or self._rectified_focal() > 0
 
-    def focal_lengths(self) -> tuple[float, float]:
-        """Fx and fy of images as the lens makes them; those of rectified images where only these are known."""
-        of_lens = (self.matrix[0], self.matrix[4])
-        return of_lens if min(of_lens) > 0 else (self.projection[0], self.projection[5])
-
-    def centre(self) -> tuple[float, float]:
-        """Cx and cy of the same images as `focal_lengths`."""
-        of_lens = min(self.matrix[0], self.matrix[4]) > 0
-        return (self.matrix[2], self.matrix[5]) if of_lens else (self.projection[2], self.projection[6])
+    def words(self) -> tuple[str, ...]:
+        """Its parts in words, `what` apart."""
+        fx, _, cx, _, fy, cy = self.matrix[:6]
+        parts = (
+            ("distortion", self.distortion), ("P", self.projection), ("region of interest", self.region),
+            ("binning", self.binning), ("image", self.image or ()),
+        )  # fmt: skip
+        return (
+            f"fx {fx:.10g} fy {fy:.10g} cx {cx:.10g} cy {cy:.10g}",
+            *(f"{name} {' '.join(f'{number:.10g}' for number in numbers) or 'unknown'}" for name, numbers in parts),
+            f"model {' '.join(self.model.split()) or 'unknown'}",
+        )
 
     def _rectified_focal(self) -> float:
         return min(self.projection[0], self.projection[5]) if self.projection else 0.0
@@ -140,6 +145,12 @@ class Calibration:
         return (*self.distortion[:longest], *(0.0,) * (fits[0] - len(self.distortion[:longest])))
 
 
+def differences(one: Calibration, other: Calibration) -> tuple[str, str]:
+    """Parts of two calibrations that differ, in words of each."""
+    pairs = [pair for pair in zip(one.words(), other.words(), strict=True) if pair[0] != pair[1]]
+    return ", ".join(mine for mine, _ in pairs), ", ".join(theirs for _, theirs in pairs)
+
+
 def from_camera_info(message: Any, what: str) -> Calibration:  # noqa: ANN401  a ROS message
     """Take a `sensor_msgs/CameraInfo` of ROS 1 or 2.
 
@@ -197,14 +208,26 @@ def read_calibration(path: Path) -> Calibration:
     BadInputError
         If it cannot be read, is no YAML, or has no camera matrix.
     """
+    _refuse_arrays(path)
     text = read_text(path)
     if len(text) > _MOST_CHARACTERS:
         raise BadInputError(f"{path}: {len(text):,} characters; a calibration has no more than {_MOST_CHARACTERS:,}")
     with foreign(path):
-        found = _parse(text)
+        kind, unread = _of_other_syntax(text)
+    if kind:
+        _refuse_other_kinds(unread, path, kind)
+        raise BadInputError(f"{path}: not a calibration: {kind}, without a camera matrix")
+    with foreign(path):
+        messages = _parse(text)
+    read = [_calibration_of(found, path) for found in messages or [None]]
+    return next((calibration for calibration in read if calibration.calibrated), read[0])
+
+
+def _calibration_of(found: object, path: Path) -> Calibration:
+    """The calibration that a document of YAML or JSON holds."""
     matrix = _first(found, "camera_matrix", "k", "K") if isinstance(found, Mapping) else None
     if matrix is None or (isinstance(matrix, Mapping) and "data" not in matrix):
-        _refuse_other_kinds(found, path)
+        _refuse_other_kinds(found, path, "of Kalibr's or a camera maker's kind")
     if not isinstance(found, Mapping):
         raise BadInputError(f"{path}: not a calibration: no table of keys")
     if matrix is None:
@@ -223,18 +246,62 @@ def read_calibration(path: Path) -> Calibration:
     )  # fmt: skip
 
 
-def _parse(text: str) -> Any:  # noqa: ANN401  what YAML holds
-    """JSON, or plain YAML without OpenCV's additions: its first line and the tag of its matrices."""
+_XML_MATRIX = re.compile(r"<(\w+)[^<>]*>(?:(?!</\1>).)*?<data>([^<>]*)</data>\s*</\1>", re.DOTALL)
+_INI = re.compile(r"(?:\s*[#;][^\n]*\n|\s*\n)*\s*\[[^\]\n]*\]\s*\n\s*(?:[#;][^\n]*\n\s*)*[\w. ]+=")
+_ONLY_NUMBERS = re.compile(r"[\s\d.,;eE+\-\[\]()]+")
+
+
+def _of_other_syntax(text: str) -> tuple[str, object]:
+    """What a text of another syntax than YAML and JSON holds, and the syntax in words; no words if it is none."""
+    plain = text.lstrip("\ufeff \t\r\n")
+    if plain.startswith("<"):
+        return "in XML", {name: {"k": _split(numbers)} for name, numbers in _XML_MATRIX.findall(plain)}
+    if _INI.match(text):
+        ini = configparser.ConfigParser(strict=False, interpolation=None)
+        ini.read_string(text)
+        return "in INI", {name: {key: _plain(value) for key, value in ini[name].items()} for name in ini.sections()}
+    numbers = _split(plain) if _ONLY_NUMBERS.fullmatch(plain) else []
+    return ("a matrix as text", {"k": numbers}) if len(numbers) == _MATRIX else ("", None)
+
+
+def _split(text: str) -> list[Any]:
+    return [_plain(word) for word in re.split(r"[\s,;\[\]()]+", text) if word]
+
+
+def _plain(text: str) -> Any:  # noqa: ANN401  what a text says
+    """A number; else the text itself."""
+    for of_type in (int, float):
+        try:
+            return of_type(text)
+        except ValueError:
+            continue
+    return text
+
+
+def _refuse_arrays(path: Path) -> None:
+    """Refuse arrays of NumPy, with the numbers of a camera matrix among them."""
+    if path.suffix.lower() not in (".npy", ".npz"):
+        return
+    with foreign(path):
+        found = np.load(path, allow_pickle=False, mmap_mode="r")
+        arrays = {name: found[name] for name in found.files} if hasattr(found, "files") else {"array": found}
+    small = {name: {"k": np.asarray(array).tolist()} for name, array in arrays.items() if array.shape == (3, 3)}
+    _refuse_other_kinds(small, path, "in NumPy's format")
+    raise BadInputError(f"{path}: not a calibration: an array that is no camera matrix")
+
+
+def _parse(text: str) -> list[Any]:
+    """The documents of JSON, or of plain YAML without OpenCV's additions: its first line and its matrices' tag."""
     if text.lstrip().startswith(("{", "[")):
         try:
-            return json.loads(text)  # may be indented with tabs, as YAML may not
+            return [json.loads(text)]  # may be indented with tabs, as YAML may not
         except ValueError:
             pass
     yaml = need("yaml", extra="ros", what="a calibration in YAML")
     first, _, rest = text.partition("\n")
     plain = (rest if first.startswith("%YAML:") else text).replace("!!opencv-matrix", "")
-    # `ros2 topic echo` ends each message in ---: the first one that holds something is the calibration.
-    return next((found for found in yaml.safe_load_all(plain) if found is not None), None)
+    # `ros2 topic echo` ends each message in ---: the first one that is calibrated counts.
+    return [found for found in yaml.safe_load_all(plain) if found is not None]
 
 
 _LENS_KEYS = (("fx", "fy", "cx", "cy"), ("fx", "fy", "ppx", "ppy"))
@@ -250,8 +317,8 @@ _SIZES = (("width", "height"), ("sensorwidth", "sensorheight"))
 """Names of the image's size there."""
 
 
-def _refuse_other_kinds(found: object, path: Path) -> None:
-    """Refuse a calibration of another kind by its name, with the numbers to give instead.
+def _refuse_other_kinds(found: object, path: Path, kind: str) -> None:
+    """Refuse a calibration of another kind, in words, with the numbers to give instead.
 
     Kalibr's camera chains and JSON of camera makers have the focal lengths under names of their own. Where one file
     describes several cameras, those of depth are named; without such a name, all are.
@@ -268,7 +335,7 @@ def _refuse_other_kinds(found: object, path: Path) -> None:
         numbers = ",".join(f"{n:.10g}" for n in lens.numbers)
         named.append(f"--intrinsics {numbers}{f' ({about})' if about else ''}")
     raise BadInputError(
-        f"{path}: a calibration of Kalibr's or a camera maker's kind, which is not read; give its numbers, without"
+        f"{path}: a calibration {kind}, which is not read; give its numbers, without"
         f" distortion: {' or '.join(' '.join(text.split()) for text in named)}"
     )
 

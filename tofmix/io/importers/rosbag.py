@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from tofmix.errors import BadInputError
 from tofmix.io.extras import need
 from tofmix.io.importers.base import Frame, FrameSource, Request, check_frame, foreign, unused
-from tofmix.io.importers.intrinsics import Calibration, from_camera_info
+from tofmix.io.importers.intrinsics import Calibration, differences, from_camera_info
 from tofmix.io.importers.streams import depths_among, stream_of
 from tofmix.optics.pinhole import Pinhole
 
@@ -317,12 +317,6 @@ class _Lens:
     bag_ns: int
     frame: int = 0
 
-    def words(self) -> str:
-        """Its focal lengths and centre."""
-        fx, fy = self.calibration.focal_lengths()
-        cx, cy = self.calibration.centre()
-        return f"fx {fx:g} fy {fy:g} cx {cx:g} cy {cy:g}"
-
 
 def _calibrations(bag: _Bag, name: str) -> tuple[list[_Lens], int]:
     """Calibrations of a topic, each where it begins, and the number of messages that are not calibrated."""
@@ -356,8 +350,9 @@ def _only_lens(bag: _Bag, topic: str, found: list[_Lens], what: str) -> _Lens:
     if len(used) == 1:
         return used[0]
     one, other = used[:2]
+    before, after = differences(one.calibration, other.calibration)
     raise BadInputError(
-        f"{what}: the lens changes: {one.words()} up to frame {other.frame - 1}, {other.words()} from frame"
+        f"{what}: the lens changes: {before} up to frame {other.frame - 1}, {after} from frame"
         f" {other.frame} on; cut the bag there ({_cut(bag.path, other.bag_ns)}) and import each part, or give"
         " --intrinsics FX,FY,CX,CY if one lens holds for all"
     )

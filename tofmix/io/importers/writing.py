@@ -17,6 +17,7 @@ from tofmix.io.importers.conversion import Conversion
 from tofmix.io.importers.times import Settled, Twins, ascends, settled
 from tofmix.io.importers.units import refuse_metres
 from tofmix.io.recording.recording_writer import CHUNK_FRAMES, RecordingWriter
+from tofmix.io.samples import is_camera_matrix
 from tofmix.recording import SAMPLE_BYTES
 from tofmix.sensor import Sensor
 from tofmix.wording import counted
@@ -24,7 +25,7 @@ from tofmix.wording import counted
 BLOCK_BYTES = 64_000_000
 """Most bytes of ranges that are held at once, where a frame is not larger."""
 
-_MATRIX = (1, 3, 3)  # frames, rows and columns of a camera matrix that is taken for an image
+_MATRIX = (1, 3, 3)  # frames, rows and columns that a camera matrix may have
 _MEDIAN_SAMPLES = 1 << 14  # of a block, at most
 
 
@@ -242,7 +243,7 @@ def _in_order(source: FrameSource, order: Settled, folder: Path) -> FrameSource:
 
 def _refuse_matrix(depth: "np.ndarray[Any, Any]", what: Path) -> None:
     """Refuse a camera matrix, which is no image."""
-    if depth.shape == _MATRIX[1:] and depth[2].tolist() == [0, 0, 1]:
+    if is_camera_matrix(depth):
         raise BadInputError(f"{what}: one 3 x 3 array that ends in 0 0 1 is a camera matrix, not depths")
 
 

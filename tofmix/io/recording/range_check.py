@@ -1,8 +1,8 @@
 """Checks on the ranges of a recording: that they are in mm, plausible, and that zeros are ranges.
 
 A float dataset does not show this. Without the attribute `units`, values of a few units are metres more likely than mm;
-without `_FillValue`, exact zeros are ranges by the contract, and lost samples more likely. Both are checked in a few
-blocks, so that a long recording is not read twice; a file always has the same blocks.
+where the fill value is not 0, exact zeros are ranges by the contract, and lost samples more likely. Both are checked in
+a few blocks, so that a long recording is not read twice; a file always has the same blocks.
 """
 
 import math
@@ -151,11 +151,13 @@ def implausible(median_mm: float, sensor: Sensor, *, unit_mm: float, path: Path 
     """
     least, most = sensor.range_min_mm or 0.0, sensor.range_max_mm or math.inf
     if median_mm > min(FARTHEST_MM, far_share * most):
-        limit = "no camera" if median_mm > FARTHEST_MM else f"{sensor.name}, whose range ends at {most:g} mm,"
-        said = f"half of the ranges are above {median_mm / 1000:.4g} m; {limit} sees so far"
+        of_camera = f"the range of {sensor.name} ends at {most:g} mm"
+        said = f"half of the ranges are above {median_mm / 1000:.4g} m; "
+        said += "no camera sees so far" if median_mm > FARTHEST_MM else of_camera
     elif median_mm < max(NEAREST_MM, least):
-        limit = "no camera" if median_mm < NEAREST_MM else f"{sensor.name}, whose range begins at {least:g} mm,"
-        said = f"half of the ranges are below {median_mm:.4g} mm; {limit} sees so near"
+        of_camera = f"the range of {sensor.name} begins at {least:g} mm"
+        said = f"half of the ranges are below {median_mm:.4g} mm; "
+        said += "no camera sees so near" if median_mm < NEAREST_MM else of_camera
     else:
         return ""
     value = median_mm / unit_mm
@@ -187,14 +189,14 @@ def unit_doubt(recording: FloatRecording, found: RangeCheck) -> str | None:
     )
 
 
-def zeros_doubt(recording: FloatRecording, found: RangeCheck, *, most_share: float = 0.01) -> str | None:
-    """Number of samples that are exactly 0 and count as ranges, with the remedy; None up to a share of them."""
-    if recording.fill is not None or found.zeros <= most_share * found.samples:
+def zeros_doubt(recording: FloatRecording, found: RangeCheck) -> str | None:
+    """Number of samples that are exactly 0 and count as ranges, with the remedy; None without any."""
+    if not found.zeros:
         return None
+    other = ", or set the dataset's attribute _FillValue to 0" if recording.fill is None else ""
     return (
         f"{found.zeros:,} of {found.samples:,} checked samples are exactly 0 and count as ranges of 0 mm; if 0"
-        f" means no sample: {import_command(recording.path, '--invalid', '0')}, or set the dataset's attribute"
-        " _FillValue to 0"
+        f" means no sample: {import_command(recording.path, '--invalid', '0')}{other}"
     )
 
 
@@ -206,7 +208,7 @@ def distance_doubt(recording: FloatRecording, found: RangeCheck) -> str | None:
 
 
 def check_whole_numbers(recording: FloatRecording) -> tuple[str, ...]:
-    """Notes on the distances of a recording of whole numbers, as `check_range` has them of floats.
+    """Notes on the distances and zeros of a recording of whole numbers, as `check_range` has them of floats.
 
     Apart from opening, since floats alone must be looked at before they are used.
 
@@ -217,8 +219,12 @@ def check_whole_numbers(recording: FloatRecording) -> tuple[str, ...]:
     """
     if "float" in recording.stored_type:
         return ()
-    doubt = distance_doubt(recording, look(recording))
-    return () if doubt is None else (f"{recording.path}: range: {doubt}",)
+    return _notes(recording, look(recording))
+
+
+def _notes(recording: FloatRecording, found: RangeCheck) -> tuple[str, ...]:
+    doubts = (zeros_doubt(recording, found), distance_doubt(recording, found))
+    return tuple(f"{recording.path}: range: {text}" for text in doubts if text)
 
 
 def check_range(recording: FloatRecording) -> tuple[str, ...]:
@@ -240,5 +246,4 @@ def check_range(recording: FloatRecording) -> tuple[str, ...]:
     doubt = unit_doubt(recording, found)
     if doubt is not None:
         raise BadInputError(f"{recording.path}: range: {doubt}")
-    doubts = (zeros_doubt(recording, found), distance_doubt(recording, found))
-    return tuple(f"{recording.path}: range: {text}" for text in doubts if text)
+    return _notes(recording, found)

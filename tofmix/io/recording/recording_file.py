@@ -19,6 +19,7 @@ from tofmix.errors import BadInputError, os_error_text
 from tofmix.io import hdf5, sensor_group
 from tofmix.io.guard import guard
 from tofmix.io.guard.watchdog import watched
+from tofmix.io.length_units import UNITS_MM, unit_mm_of
 from tofmix.io.next_command import import_command
 from tofmix.io.recording.range_check import check_range
 from tofmix.recording import DECODED_SAMPLES, MOST_FRAMES, MOST_PIXELS_A_SIDE, MOST_TARGETS
@@ -30,10 +31,6 @@ TARGET = "target"
 _HASHED_BYTES = 1 << 20  # bytes that are hashed at once
 
 _MM = ("mm", "millimeter", "millimetre", "millimeters", "millimetres")
-_CONVERTED = dict.fromkeys(("m", "meter", "metre", "meters", "metres"), "m") | dict.fromkeys(
-    ("cm", "centimeter", "centimetre", "centimeters", "centimetres"), "cm"
-)
-"""Units of `range` other than mm, with their names in `tofmix import --units`."""
 
 
 class RecordingFile:
@@ -321,9 +318,18 @@ def _samples(root: h5py.File, name: str, path: Path) -> h5py.Dataset:
         raise BadInputError(f"{path}: {name}: expected integers or floats, got {dataset.dtype}")
     units = hdf5.text_attribute(dataset, "units")
     if name == "range" and units not in (None, *_MM):
-        remedy = import_command(path, "--units", _CONVERTED[units]) if units in _CONVERTED else ""
+        remedy = _conversion(path, units)
         raise BadInputError(f"{path}: range: units {units!r}, expected 'mm'{': ' * bool(remedy)}{remedy}")
     return dataset
+
+
+def _conversion(path: Path, units: str) -> str:
+    """The command that converts from another unit than mm; empty if the unit is not known."""
+    unit_mm = unit_mm_of(units)
+    if unit_mm is None:
+        return ""
+    name = next((name for name, mm in UNITS_MM.items() if mm == unit_mm), None)
+    return import_command(path, *(("--scale", f"{unit_mm:g}") if name is None else ("--units", name)))
 
 
 def _check_targets(dataset: h5py.Dataset, name: str, path: Path) -> None:
