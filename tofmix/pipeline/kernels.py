@@ -59,6 +59,7 @@ def compile_images() -> None:
     """Compile the kernels of unmixing and surfaces, or load them from their cache."""
     _compile_edges(_made_up()[1])
     unmixing.warm_up()
+    unmixing.warm_up_curved()
 
 
 def compile_scenes() -> None:
