@@ -17,6 +17,7 @@ from tofmix.learnt_noise import LearntNoise
 from tofmix.noise_shape import NoiseShape
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import Projection
+from tofmix.range_step import RangeStep
 from tofmix.wording import counted
 
 DEFAULT_OUTLIER_PROBABILITY = 1.0e-4  # p(c_r) where neither file nor option gives one
@@ -39,6 +40,8 @@ _LEAST_FREQUENCY_HZ, _MOST_FREQUENCY_HZ = 1.0, 1e12  # of modulation; anything e
 
 MOST_WIDTH_SPREAD = 2.0
 """Standard deviation of log width: widths that differ by a factor of e^2 from pixel to pixel are no camera's."""
+
+_IMAGE_RANK = 2  # (row, col)
 
 _POSITIVE = (
     "modulation_frequency_hz",
@@ -243,11 +246,14 @@ class Sensor:
     learnt : LearntNoise or None
         Noise of pixels that was learnt from the recording, in addition to the curve. With it, surfaces are counted
         under the learnt noise.
+    range_step_mm : (), (row, col) or (n,) float64, or None
+        Step on which the stored ranges lie, mm, above 0, where it is wider than that of the stored type: common, of
+        each pixel, or at each range of the noise curve.
 
     Raises
     ------
     ValueError
-        If a number is not finite or outside its bounds.
+        If a number is not finite or outside its bounds, or steps by range are not as many as the curve has ranges.
     """
 
     name: str
@@ -264,6 +270,7 @@ class Sensor:
     sample_max_mm: float | None = None
     noise: NoiseCurve | None = None
     learnt: LearntNoise | None = None
+    range_step_mm: FloatArray | None = None
 
     def __post_init__(self) -> None:
         for key in _POSITIVE:
@@ -283,6 +290,28 @@ class Sensor:
                 raise ValueError(f"{key}: {value} is not finite")
         if not 0 <= self.outlier_probability < 1:
             raise ValueError(f"outlier_probability: {self.outlier_probability} is not in [0, 1)")
+        if self.range_step_mm is not None:
+            self._check_step(self.range_step_mm)
+
+    def _check_step(self, range_step_mm: ArrayLike) -> None:
+        step = np.array(range_step_mm, dtype=np.float64, copy=True)
+        points = 0 if self.noise is None else len(self.noise.range_mm)
+        if step.ndim > _IMAGE_RANK or step.size == 0 or not (np.isfinite(step) & (step > 0)).all():
+            raise ValueError("range_step_mm: a number, a map (row, col) or a list of finite numbers above 0 is expected")
+        if step.ndim == 1 and len(step) != points:
+            raise ValueError(f"range_step_mm: {counted(len(step), 'step')}, but {counted(points, 'range')} of the curve")
+        step.setflags(write=False)
+        object.__setattr__(self, "range_step_mm", step)
+
+    @property
+    def step(self) -> RangeStep | None:
+        """The step of the stored ranges; None where it is that of the stored type."""
+        step = self.range_step_mm
+        if step is None:
+            return None
+        if step.ndim == 1 and self.noise is not None:
+            return RangeStep(self.noise.range_mm, step)
+        return RangeStep.common(float(step)) if step.ndim == 0 else RangeStep.of_pixels(step)
 
     @property
     def follows_drift(self) -> bool:

@@ -1,0 +1,60 @@
+"""The step on which the ranges of a recording are stored: common, by range, or of each pixel."""
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tofmix.arrays import FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RangeStep:
+    """A step of stored ranges.
+
+    Parameters
+    ----------
+    range_mm, step_mm : (n,) float64
+        Ranges, mm, ascending, and the step at each, mm: linear in between, constant past the ends. One point is a
+        common step.
+    own_mm : (pixel,) float64, optional
+        Step of each pixel, mm, NaN where it is not known; the points then are one, the median.
+    """
+
+    range_mm: FloatArray
+    step_mm: FloatArray
+    own_mm: FloatArray | None = None
+
+    @classmethod
+    def common(cls, step_mm: float) -> Self:
+        """One step for all."""
+        return cls(np.zeros(1), np.array([step_mm]))
+
+    @classmethod
+    def of_pixels(cls, own_mm: ArrayLike) -> Self:
+        """A step of each pixel, NaN where it is not known."""
+        own = np.asarray(own_mm, dtype=np.float64).ravel()
+        return cls(np.zeros(1), np.array([np.nanmedian(own)]), own)
+
+    @property
+    def is_common(self) -> bool:
+        """Whether it is one number."""
+        return self.own_mm is None and len(self.step_mm) == 1
+
+    def typical(self) -> float:
+        """Median step, mm."""
+        return float(np.median(self.step_mm))
+
+    def at(self, range_mm: ArrayLike, pixel: IntArray | None = None) -> FloatArray:
+        """Step, mm, at ranges, mm, of pixels, both of one shape; the median one where a pixel's is not known."""
+        by_range = np.asarray(np.interp(range_mm, self.range_mm, self.step_mm), dtype=np.float64)
+        if self.own_mm is None or pixel is None:
+            return by_range
+        own = self.own_mm[pixel]
+        return np.where(np.isfinite(own), own, by_range)
+
+    def least_sigma(self, range_mm: ArrayLike) -> FloatArray:
+        """Least standard deviation, mm, that values on the step tell at ranges, mm: that of the rounding."""
+        return np.asarray(self.at(range_mm) / math.sqrt(12.0), dtype=np.float64)
