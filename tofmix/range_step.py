@@ -7,7 +7,13 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tofmix.arrays import FloatArray, IntArray
+from tofmix.arrays import BoolArray, FloatArray, IntArray
+
+WHOLE_MM = 1.0
+"""Step, mm, of ranges that are stored as integers."""
+
+SIGMA_OF_STEP = 1.0 / math.sqrt(12.0)
+"""Standard deviation of a uniform error over a step, in steps."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,13 +49,19 @@ class RangeStep:
         """Whether it is one number."""
         return self.own_mm is None and len(self.step_mm) == 1
 
+    def chosen(self, pixel: IntArray | BoolArray) -> "RangeStep":
+        """The step of some pixels (n,), by their numbers, or by a mask (pixel,)."""
+        if self.own_mm is None:
+            return self
+        return RangeStep(self.range_mm, self.step_mm, self.own_mm[pixel])
+
     def typical(self) -> float:
         """Median step, mm."""
         return float(np.median(self.step_mm))
 
     def at(self, range_mm: ArrayLike, pixel: IntArray | None = None) -> FloatArray:
         """Step, mm, at ranges, mm, of pixels, both of one shape; the median one where a pixel's is not known."""
-        by_range = np.asarray(np.interp(range_mm, self.range_mm, self.step_mm), dtype=np.float64)
+        by_range = np.asarray(np.interp(np.asarray(range_mm), self.range_mm, self.step_mm), dtype=np.float64)
         if self.own_mm is None or pixel is None:
             return by_range
         own = self.own_mm[pixel]
@@ -57,4 +69,4 @@ class RangeStep:
 
     def least_sigma(self, range_mm: ArrayLike) -> FloatArray:
         """Least standard deviation, mm, that values on the step tell at ranges, mm: that of the rounding."""
-        return np.asarray(self.at(range_mm) / math.sqrt(12.0), dtype=np.float64)
+        return np.asarray(SIGMA_OF_STEP * self.at(range_mm), dtype=np.float64)

@@ -190,6 +190,14 @@ class NoiseCurve:
         factor = np.exp(self.law.log_factor(amplitude) - self.law.log_factor(reference))
         return sigma * np.where(np.isnan(factor), 1.0, factor)
 
+    def with_ranges(self, range_mm: ArrayLike) -> Self:
+        """The same curve with further points at some ranges, mm: sigma is the same at every range."""
+        points = np.union1d(self.range_mm, range_mm)
+        law = self.law
+        if law is not None:
+            law = replace(law, reference=np.interp(points, self.range_mm, law.reference))
+        return replace(self, range_mm=points, sigma_mm=self.sigma(points), law=law)
+
     @property
     def has_parts(self) -> bool:
         """Whether it has more than sigma by range and amplitude."""
@@ -297,9 +305,11 @@ class Sensor:
         step = np.array(range_step_mm, dtype=np.float64, copy=True)
         points = 0 if self.noise is None else len(self.noise.range_mm)
         if step.ndim > _IMAGE_RANK or step.size == 0 or not (np.isfinite(step) & (step > 0)).all():
-            raise ValueError("range_step_mm: a number, a map (row, col) or a list of finite numbers above 0 is expected")
+            raise ValueError("range_step_mm: expected a number, a map (row, col) or a list of finite numbers above 0")
         if step.ndim == 1 and len(step) != points:
-            raise ValueError(f"range_step_mm: {counted(len(step), 'step')}, but {counted(points, 'range')} of the curve")
+            raise ValueError(
+                f"range_step_mm: {counted(len(step), 'step')}, but {counted(points, 'range')} in the curve"
+            )
         step.setflags(write=False)
         object.__setattr__(self, "range_step_mm", step)
 
@@ -330,3 +340,9 @@ class Sensor:
         if self.projection is not None or self.fov_horizontal_deg is None or self.fov_vertical_deg is None:
             return self.projection
         return Equiangular(fov_horizontal_deg=self.fov_horizontal_deg, fov_vertical_deg=self.fov_vertical_deg)
+
+
+def sensor_of_part(sensor: Sensor, rows: slice, cols: slice) -> Sensor:
+    """The sensor of a part of its image: steps of single pixels are those of the part."""
+    step = sensor.range_step_mm
+    return sensor if step is None or step.ndim != _IMAGE_RANK else replace(sensor, range_step_mm=step[rows, cols])

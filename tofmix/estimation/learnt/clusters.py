@@ -26,7 +26,7 @@ from tofmix.estimation.learnt.components import (
 )
 from tofmix.estimation.learnt.em import detrend, mix
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.learnt.pixel_samples import Samples, fill_times, take_samples
+from tofmix.estimation.learnt.pixel_samples import Samples, fill_cells, fill_times, take_samples
 from tofmix.estimation.learnt.trials import densest_place, new_workspace, try_one_more
 from tofmix.estimation.noise.isolated_clusters import (
     APART,
@@ -141,9 +141,10 @@ def fit_clusters(samples: Float32Array, clusters: Clusters, law: Law, beam: Beam
         own = Beam(
             common.curve_range, common.curve_sigma, np.inf, 1.0, np.inf, np.inf, np.inf, beam.p_outlier,
             beam.outlier_density,
-            clusters.low[c], clusters.high[c], beam.pixel_curves,
+            clusters.low[c], clusters.high[c], beam.pixel_curves, common.steps,
         )  # fmt: skip
         fill_times(data, scratch)
+        fill_cells(data, own, scratch)
         for row in range(ROWS):
             fit[row, :] = 0.0
         middle = 0.5 * (clusters.low[c] + clusters.high[c])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.beam import Beam, beam_of
+from tofmix.estimation.beam import Beam, beam_of, steps_of
 from tofmix.estimation.learnt.clusters import ClusterFits, find_clusters, fit_clusters
 from tofmix.estimation.learnt.held_out import flat_thresholds, held_out_scores
 from tofmix.estimation.learnt.model import PixelNoise
@@ -48,7 +48,18 @@ class Fold:
         beam = beam_of(replace(self._sensor, noise=noise.curve))
         if noise.curve.law is not None and pixels.amplitude is not None and len(pixels.samples):
             beam = beam._replace(pixel_curves=pixel_curves(pixels.samples.T, pixels.amplitude.T, noise.curve))
-        return beam
+        return beam._replace(steps=steps_of(pixels.step, noise.curve)) if pixels.step is not None else beam
+
+    def smooth_errors(self, fits: ClusterFits, clusters: Clusters) -> FloatArray:
+        """Standardised errors (cluster, frame) of fits, with the rounding of the samples spread over its step."""
+        if self.training.step is None:
+            return fits.error
+        rounding = (self.training.smooth - self.training.samples)[clusters.pixel]
+        return fits.error + rounding / (fits.sigma * np.exp(fits.log_width))[:, None]
+
+    def rounding_variance(self, range_mm: FloatArray, sigma_mm: FloatArray) -> FloatArray:
+        """Variance of the rounding over that of the noise (n,), at ranges (n,), mm, with sigma (n,), mm."""
+        return np.asarray((self.training.least_sigma(range_mm) / sigma_mm) ** 2)
 
     def scores(self, noise: PixelNoise) -> FloatArray:
         """Log likelihood (pixel,) of the held-out pixels, nat, by `held_out_scores`."""

@@ -103,7 +103,7 @@ def learn_pixel_noise(
     barred = {"shape": not shape, "widths": widths is not None, "drift": not drift}
     parts = tuple(part for part in PARTS if not barred.get(part, False))
     folds = folds_of(pixels, sensor)
-    curves = first_curves(pixels.samples, start)
+    curves = first_curves(pixels, start)
     if not curves:
         raise ValueError("noise: no two samples of a pixel differ, or none is valid")
     chosen, plain = _best_curve(folds, curves, sensor)
@@ -121,7 +121,8 @@ def learn_pixel_noise(
     noise = with_sigma(whole, PixelNoise.gaussian(measured, sensor.outlier_probability))
     for part in added:
         noise = with_part(whole, noise, part) or noise
-    fits = whole.fits(noise, whole.clusters(noise))
+    clusters = whole.clusters(noise)
+    fits = whole.fits(noise, clusters)
     noise = replace(noise, memory=memory_of(fits, noise))
     if noise.memory > 0.0:
         noise = with_sigma(whole, noise)
@@ -133,7 +134,7 @@ def learn_pixel_noise(
         pixel_effects=shrunken_effects(whole, noise),
         kept_start=chosen is curves[0] and start is not None,
         given_holds=given_holds,
-        shapes_differ=shapes_differ(fits.error),
+        shapes_differ=shapes_differ(whole.smooth_errors(fits, clusters)),
     )
 
 

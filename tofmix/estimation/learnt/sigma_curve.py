@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from tofmix.arrays import Float32Array, FloatArray
+from tofmix.arrays import FloatArray
 from tofmix.compiled.robust import MAD_TO_SIGMA
 from tofmix.estimation.learnt.folds import Fold
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.noise.isolated_clusters import LEAST_CLUSTERS
 from tofmix.estimation.noise.pair_differences import sigma_from_differences
-from tofmix.estimation.noise.training_pixels import medians
+from tofmix.estimation.noise.training_pixels import Pixels, medians
 from tofmix.sensor import NoiseCurve, Sensor
 
 LEAST_CLUSTERS_A_PIXEL = 0.05
@@ -43,13 +43,13 @@ _LEAST_VARIANCE_LEFT = 0.1
 """Least part of the variance that fits leave, for clusters of few samples."""
 
 
-def first_curves(samples: Float32Array, start: NoiseCurve | None) -> list[NoiseCurve]:
+def first_curves(pixels: Pixels, start: NoiseCurve | None) -> list[NoiseCurve]:
     """Return curves to start from: `start`, that of the differences of samples, and smaller ones.
 
     Parameters
     ----------
-    samples : (pixel, frame) float32
-        Samples, mm, NaN where invalid.
+    pixels : Pixels
+        Pixels of the recording.
     start : NoiseCurve or None
         A curve measured in another way.
 
@@ -58,7 +58,8 @@ def first_curves(samples: Float32Array, start: NoiseCurve | None) -> list[NoiseC
     list of NoiseCurve
         Empty if no two samples of a pixel differ.
     """
-    curves = [] if start is None else [start]
+    curves = [] if start is None else [with_least_sigma(start, pixels)]
+    samples = pixels.smooth
     found = sigma_from_differences(samples)
     if found is not None:
         ranges, sigmas = found
@@ -72,10 +73,17 @@ def first_curves(samples: Float32Array, start: NoiseCurve | None) -> list[NoiseC
             return curves
         ranges, sigmas = np.array([float(np.median(medians(seen)))]), np.array([spread])
     for scale in SCALES:
-        curve = NoiseCurve(ranges, sigmas * scale)
+        curve = with_least_sigma(NoiseCurve(ranges, sigmas * scale), pixels)
         if all(abs(math.log(typical_ratio(curve, other))) > math.log(_DIFFERENT_FACTOR) for other in curves):
             curves.append(curve)
     return curves
+
+
+def with_least_sigma(curve: NoiseCurve, pixels: Pixels) -> NoiseCurve:
+    """The curve with the least sigma that the step of the stored ranges tells, where it is below."""
+    if pixels.step is None:
+        return curve
+    return replace(curve, sigma_mm=np.maximum(curve.sigma_mm, pixels.least_sigma(curve.range_mm)))
 
 
 def different_starts(
@@ -110,13 +118,17 @@ def with_sigma(fold: Fold, noise: PixelNoise) -> PixelNoise:
         clusters = fold.clusters(noise)
         if len(clusters.pixel) >= max(LEAST_CLUSTERS, LEAST_CLUSTERS_A_PIXEL * len(fold.training.samples)):
             fits = fold.fits(free, clusters)
-            place, wide = fits.place, fits.log_width + _log_bias(noise, fits.support, 1.0)
+            place, wide = fits.place, fits.log_width
+            bias = _log_bias(noise, fits.support, 1.0)
         else:
             pixels = fold.widths(noise, free)
             if len(pixels.place) < LEAST_CLUSTERS:
                 return noise
-            place, wide = pixels.place, pixels.log_width + _log_bias(noise, pixels.support, pixels.surfaces)
-        curve = _curve_through(place, wide, noise.curve)
+            place, wide = pixels.place, pixels.log_width
+            bias = _log_bias(noise, pixels.support, pixels.surfaces)
+        # Where rounding is a part of the spread, sigma lacks as much of a smaller whole.
+        bias = bias * (1.0 + fold.rounding_variance(place, noise.curve.sigma(place) * np.exp(wide)))
+        curve = with_least_sigma(_curve_through(place, wide + bias, noise.curve), fold.training)
         change = abs(math.log(typical_ratio(curve, noise.curve)))
         noise = replace(noise, curve=curve)
         if change < _CONVERGED:

@@ -16,8 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from tofmix.estimation.noise.series import read_runs
 from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.range_step import RangeStep
+from tofmix.recording import SampleSource, samples_a_frame
 
 MOST_MULTIPLE = 8
 """Distances of more steps than this are no test: the step is not known so exactly."""
@@ -55,6 +57,9 @@ MOST_REPEATED = 0.8
 FIRST_FRAMES, MOST_VALUES = 100, 60_000
 """Frames of each pixel, and about the most samples, that are looked at first: continuous values are told from them."""
 
+MOST_FRAMES, MOST_LOOKED_AT = 300, 600_000
+"""Most frames of a recording, and about the most samples, that are looked at."""
+
 RANGES = 24
 """Most points of a step by range."""
 
@@ -72,6 +77,31 @@ class _Distances(NamedTuple):
     group: IntArray
     pixel: IntArray
     range_mm: FloatArray
+
+
+def step_of_recording(source: SampleSource) -> RangeStep | None:
+    """Find the step of a recording's ranges: in some of its pixels, and in all where each has its own.
+
+    Of a recording with several targets, a step of each pixel is not looked for.
+    """
+    frames, rows, cols = source.shape
+    length = min(frames, MOST_FRAMES)
+    every = max(1, rows * cols * length // MOST_LOOKED_AT)
+    chosen = np.arange(0, rows, every)
+    series = read_runs(source, [0], length, chosen, None)
+    found = find_step(series.samples)
+    if found is None or found.own_mm is None:
+        return found
+    if samples_a_frame(source) > 1:
+        return None
+    own = np.full(rows * cols, np.nan)
+    band = max(1, source.row_step)
+    for first in range(0, rows, band):
+        some = read_runs(source, [0], length, np.arange(first, min(first + band, rows)), None)
+        part = _find(some.samples)
+        if part is not None:
+            own[some.pixel] = part.at(np.zeros(len(some.pixel)), np.arange(len(some.pixel)))
+    return RangeStep.of_pixels(own) if np.isfinite(own).any() else None
 
 
 def find_step(samples_mm: Float32Array) -> RangeStep | None:
