@@ -12,6 +12,9 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 WHOLE_MM = 1.0
 """Step, mm, of ranges that are stored as integers."""
 
+LEAST_SIGMA = 0.1
+"""Least sigma that a step tells, in steps: a surface in the middle of its step then shows one value in 10^6 samples."""
+
 SIGMA_OF_STEP = 1.0 / math.sqrt(12.0)
 """Standard deviation of a uniform error over a step, in steps."""
 
@@ -68,5 +71,9 @@ class RangeStep:
         return np.where(np.isfinite(own), own, by_range)
 
     def least_sigma(self, range_mm: ArrayLike) -> FloatArray:
-        """Least standard deviation, mm, that values on the step tell at ranges, mm: that of the rounding."""
+        """Least sigma, mm, that values on the step tell at ranges, mm."""
+        return np.asarray(LEAST_SIGMA * self.at(range_mm), dtype=np.float64)
+
+    def rounding(self, range_mm: ArrayLike) -> FloatArray:
+        """Standard deviation, mm, of the rounding to the step at ranges, mm."""
         return np.asarray(SIGMA_OF_STEP * self.at(range_mm), dtype=np.float64)

@@ -3,10 +3,10 @@
     python tests/benchmarks/steps.py [--steps 0.5,2] [--samples 30,100] [--forms common,jitter] [--pixels 1000]
 
 Pixels of one surface, and of two surfaces `--apart` sigmas apart, are drawn with Gaussian noise of 6 mm at ranges of
-1.5 to 4.5 m, and stored on a step of each number of sigmas: ``common`` multiples of one step; ``jitter``, the same after
-a conversion in float32; ``range``, a step that grows with range; ``pixel``, the step of each pixel; ``integer``, whole
-mm, with the noise made as small as the step asks. The noise is learnt, with all its parts. Step 0 is the same samples as
-they were drawn.
+1.5 to 4.5 m, and stored on a step of each number of sigmas: ``common`` multiples of one step; ``jitter``, the same
+after a conversion in float32; ``range``, a step that grows with range; ``pixel``, the step of each pixel;
+``integer``, whole mm, with the noise made as small as the step asks. The noise is learnt, with all its parts. Step 0
+is the same samples as they were drawn.
 """
 
 import argparse
@@ -66,7 +66,9 @@ def recorded(values: NDArray[np.float32], form: str, folder: Path) -> tm.Recordi
         root.create_dataset("range", data=values.astype(np.uint16), chunks=values.shape).attrs["units"] = "mm"
         group = root.create_group("sensor")
         group.attrs.update(name="benchmark", range_min_mm=500.0, range_max_mm=8000.0)
-    return tm.open(path)
+    found = tm.open(path)
+    assert isinstance(found, tm.Recording)
+    return found
 
 
 def row(form: str, step: float, samples: int, pixels: int, apart: float, folder: Path) -> dict[str, float]:

@@ -33,7 +33,7 @@ from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, chance_of
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.estimation.settings import KernelOptions
 from tofmix.flags import Status
-from tofmix.range_step import SIGMA_OF_STEP
+from tofmix.range_step import LEAST_SIGMA
 
 AT_LEAST = 1.001
 """A sigma up to this factor on the least one that a step tells is the least: both are interpolated by range."""
@@ -50,9 +50,9 @@ _DEGENERATE = int(Status.DEGENERATE)
 def _told_by_step(sigma: float, error: float, range_mm: float, beam: Beam) -> tuple[float, float]:
     """Sigma and standard error of a range, mm, where ranges are stored on a step.
 
-    Less spread than that of rounding is not told; nor is then where in its step the surface is.
+    A smaller sigma is not told; nor is then where between two values the surface is.
     """
-    least = SIGMA_OF_STEP * step_at(range_mm, beam)
+    least = LEAST_SIGMA * step_at(range_mm, beam)
     if sigma < AT_LEAST * least:
         return least, math.sqrt(error * error + least * least)
     return sigma, error

@@ -6,11 +6,14 @@ against its width w. Learning, EM, gains and standard errors all take it from he
 of each sample, and 0 without a step.
 """
 
+import math
+
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.law import REACH, STEPS, Law, at_table
 from tofmix.estimation.noise.kernel import sigma_at
+from tofmix.range_step import SIGMA_OF_STEP
 
 _NEGLIGIBLE = 1.0e-12
 """Probability of a cell that has no part in the information."""
@@ -28,6 +31,16 @@ def step_at(range_mm: float, beam: Beam) -> float:
     if len(beam.steps.step_mm) == 0:
         return 0.0
     return sigma_at(range_mm, beam.steps.range_mm, beam.steps.step_mm)
+
+
+@borrowing
+def spread_at(range_mm: float, beam: Beam) -> float:
+    """Standard deviation, mm, of stored samples of a surface at a range, mm: sigma and rounding."""
+    sigma = sigma_at(range_mm, beam.curve_range, beam.curve_sigma)
+    if len(beam.steps.step_mm) == 0:
+        return sigma
+    rounding = SIGMA_OF_STEP * step_at(range_mm, beam)
+    return math.sqrt(sigma * sigma + rounding * rounding)
 
 
 @borrowing
@@ -114,8 +127,13 @@ def cell_information(offset: float, step: float, law: Law) -> tuple[float, float
 
 
 @borrowing
-def information_of(value: FloatArray, mean: float, width: float, law: Law, beam: Beam) -> tuple[float, float, float]:
-    """`cell_information` of a surface, from samples (n,), ascending, mm; that of the law without a step."""
+def information_of(
+    value: FloatArray, support: float, mean: float, width: float, law: Law, beam: Beam
+) -> tuple[float, float, float]:
+    """`cell_information` of a surface of `support` of the samples (n,), ascending, mm; that of the law without a step.
+
+    Samples of one value tell the range to no better than their step, and to no worse.
+    """
     step = step_at(mean, beam)
     if step <= 0.0:
         return law.information, law.width_information, law.cross_information
@@ -126,4 +144,6 @@ def information_of(value: FloatArray, mean: float, width: float, law: Law, beam:
             first = middle + 1
         else:
             stop = middle
-    return cell_information((value[first] - mean) / width, step / width, law)
+    location, own, cross = cell_information((value[first] - mean) / width, step / width, law)
+    rounding = SIGMA_OF_STEP * step / width
+    return max(location, 1.0 / (1.0 + support * rounding * rounding)), own, cross

@@ -61,7 +61,7 @@ def standard_errors(  # noqa: PLR0915  one pass over the samples
     known = np.empty((k, 3))
     for i in range(k):
         support, own_width = max(fit[SUPPORT, i], 1.0), math.exp(fit[OWN, LOG_WIDTH]) * fit[SIGMA, i]
-        known[i, 0], known[i, 1], known[i, 2] = information_of(data.value, fit[MEAN, i], own_width, law, beam)
+        known[i, 0], known[i, 1], known[i, 2] = information_of(data.value, support, fit[MEAN, i], own_width, law, beam)
         by_mean[i] = own_width / math.sqrt(support * known[i, 0])
         by_share[i] = math.sqrt(max(fit[WEIGHT, i] * (1.0 - fit[WEIGHT, i]), 0.0) / len(data.value))
     if k == 0:

@@ -6,7 +6,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.beam import Beam, beam_of, steps_of
-from tofmix.estimation.learnt.clusters import ClusterFits, find_clusters, fit_clusters
+from tofmix.estimation.learnt.clusters import ClusterFits, cluster_likelihoods, find_clusters, fit_clusters
 from tofmix.estimation.learnt.held_out import flat_thresholds, held_out_scores
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.shares import PixelWidths, background_shares, pixel_widths
@@ -59,7 +59,21 @@ class Fold:
 
     def rounding_variance(self, range_mm: FloatArray, sigma_mm: FloatArray) -> FloatArray:
         """Variance of the rounding over that of the noise (n,), at ranges (n,), mm, with sigma (n,), mm."""
-        return np.asarray((self.training.least_sigma(range_mm) / sigma_mm) ** 2)
+        step = self.training.step
+        return np.zeros(len(range_mm)) if step is None else np.asarray((step.rounding(range_mm) / sigma_mm) ** 2)
+
+    def sigma_likelihoods(self, noise: PixelNoise, clusters: Clusters, fits: ClusterFits) -> FloatArray:
+        """Log likelihood (cluster, `SIGMAS`) of each sigma by the step, in which every range in the step is as likely.
+
+        Raises
+        ------
+        ValueError
+            If the samples have no step that matters.
+        """
+        if self.training.step is None:
+            raise ValueError("the samples have no step")
+        step = self.training.step.at(fits.place, clusters.pixel)
+        return cluster_likelihoods(self.training.samples, clusters, fits.place, fits.support, step, noise.laws()[1])
 
     def scores(self, noise: PixelNoise) -> FloatArray:
         """Log likelihood (pixel,) of the held-out pixels, nat, by `held_out_scores`."""

@@ -17,7 +17,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.estimation.learnt.candidates import Candidate, candidate_of, held_out_gain
 from tofmix.estimation.learnt.folds import Fold, folds_of, whole_fold
-from tofmix.estimation.learnt.memory import memory_of
+from tofmix.estimation.learnt.memory import centred, memory_of
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.parts import PARTS, shrunken_effects, with_part
 from tofmix.estimation.learnt.selection import select_parts
@@ -123,7 +123,10 @@ def learn_pixel_noise(
         noise = with_part(whole, noise, part) or noise
     clusters = whole.clusters(noise)
     fits = whole.fits(noise, clusters)
-    noise = replace(noise, memory=memory_of(fits, noise))
+    if pixels.step is None:
+        noise = replace(noise, memory=memory_of(fits, noise))
+    elif not pixels.is_coarse(noise.curve):
+        noise = replace(noise, memory=memory_of(fits._replace(error=centred(fits.error)), noise))
     if noise.memory > 0.0:
         noise = with_sigma(whole, noise)
     ranges = fits.place if len(fits.place) else medians(pixels.samples)

@@ -183,7 +183,7 @@ def is_contradicted(
     sensor = source.sensor
     if step is not None and sensor.noise is not None:
         # Rounding, and its spread over the step, each add a variance of step^2 / 12.
-        wider = np.hypot(sensor.noise.sigma_mm, math.sqrt(2.0) * step.least_sigma(sensor.noise.range_mm))
+        wider = np.hypot(sensor.noise.sigma_mm, math.sqrt(2.0) * step.rounding(sensor.noise.range_mm))
         sensor = replace(sensor, noise=replace(sensor.noise, sigma_mm=wider), range_step_mm=None)
     return scatters(pixels) and bool(doubts(pixels.with_fine_step(), sensor))
 

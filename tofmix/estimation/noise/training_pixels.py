@@ -11,6 +11,10 @@ from tofmix.estimation.noise.series import quantisation_step, read_runs
 from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.range_step import RangeStep
 from tofmix.recording import AmplitudeSource, SampleSource, amplitude_source
+from tofmix.sensor import NoiseCurve
+
+COARSE = 2.0
+"""Step, in sigmas, above which most samples of a pixel have one or two values."""
 
 MANY_PIXELS = 900
 """From so many pixels on, one third of them judges all models: its standard error is small enough."""
@@ -69,6 +73,10 @@ class Pixels:
     def smooth(self) -> Float32Array:
         """Samples (pixel, frame), mm, with their rounding spread over its step."""
         return self.samples if self.spread is None else self.spread
+
+    def is_coarse(self, curve: NoiseCurve) -> bool:
+        """Whether the step is above `COARSE` sigmas at some range of a curve: order of samples then tells nothing."""
+        return self.step is not None and bool((self.step.at(curve.range_mm) > COARSE * curve.sigma_mm).any())
 
     def with_fine_step(self) -> "Pixels":
         """Return the pixels with their rounding spread over its step, for fits that do not integrate over it."""
