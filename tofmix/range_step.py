@@ -58,6 +58,10 @@ class RangeStep:
             return self
         return RangeStep(self.range_mm, self.step_mm, self.own_mm[pixel])
 
+    def without_pixels(self) -> "RangeStep":
+        """The step by range alone: the median one where each pixel has its own."""
+        return RangeStep(self.range_mm, self.step_mm)
+
     def typical(self) -> float:
         """Median step, mm."""
         return float(np.median(self.step_mm))

@@ -19,7 +19,7 @@ from tofmix.estimation.noise.steps import step_of_recording
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.estimation.unrolling import UnrolledSource
 from tofmix.range_step import WHOLE_MM, RangeStep
-from tofmix.recording import SampleSource, TypedSource, amplitude_source, by_target
+from tofmix.recording import SampleSource, TypedSource, amplitude_source, by_target, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
 
 T = TypeVar("T")
@@ -239,6 +239,8 @@ class _Chooser:
             self.step = step_of_recording(source)
             whole = self.step is not None and self.step.is_common and self.step.typical() == WHOLE_MM
             self.of_type = whole and isinstance(source, TypedSource) and not source.stored_type.startswith("float")
+        if self.step is not None and samples_a_frame(self.use(sensor)) > 1:
+            self.step = self.step.without_pixels()
         return replace(sensor, range_step_mm=None)
 
     def _step_for(self, curve: NoiseCurve | None) -> RangeStep | None:

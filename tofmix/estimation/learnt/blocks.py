@@ -59,7 +59,7 @@ def _told_by_step(sigma: float, error: float, range_mm: float, beam: Beam) -> tu
 
 
 @jit
-def fill_layers(
+def fill_layers(  # noqa: PLR0915  one pass over the pixels
     block: Float32Array,
     out: tuple[NDArray[Any], ...],
     width: FloatArray,

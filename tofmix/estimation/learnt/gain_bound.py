@@ -146,7 +146,7 @@ def _nearest(theta: float, k: int, fit: FloatArray) -> int:
 
 
 @borrowing
-def steepest_place(
+def steepest_place(  # noqa: PLR0915  one pass over the places
     data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratch: FloatArray, least: float
 ) -> tuple[float, float, float]:
     """Return the largest slope D(theta), nat, its place, mm, and the largest gain bound of all places, nat.

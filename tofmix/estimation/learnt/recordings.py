@@ -15,7 +15,6 @@ from tofmix.estimation.learnt.learning import LearntModel, learn_pixel_noise
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.parts import beta_prior
 from tofmix.estimation.learnt.shares import background_shares
-from tofmix.estimation.learnt.sigma_curve import with_least_sigma
 from tofmix.estimation.learnt.words import noise_words
 from tofmix.estimation.noise.measurement import MeasuredNoise, measure_noise
 from tofmix.estimation.noise.pair_differences import sigma_from_differences
@@ -157,35 +156,29 @@ def learn_noise(
             f"noise: {counted(int(filled.sum()), 'valid sample')}, {int(filled.max(initial=0))} in a pixel at most; at"
             f" least {LEAST_IN_ALL} and {LEAST_IN_PIXEL} are needed to tell one sigma"
         )
-    model = None
-    if scatters(pixels):
-        model = learn_pixel_noise(
-            pixels, sensor, None if measured is None else measured.curve, shape=shape, widths=widths,
-            drift=drift, instead_of=instead_of,
-            workers=workers,
-        )  # fmt: skip
-        noise = model.noise
-        if model.given_holds:
-            return FoundNoise(sensor=source.sensor, measured=measured, model=model)
-    elif pixels.step is not None:
-        noise = _least_noise(pixels, sensor, measured)
-    elif measured is None:
-        raise ValueError("noise: the samples of most pixels are all equal, and tell no sigma")
-    else:
+    if pixels.step is None and not scatters(pixels):
+        if measured is None:
+            raise ValueError("noise: the samples of most pixels are all equal, and tell no sigma")
         kept = source.sensor if instead_of is not None else replace(sensor, noise=measured.curve)
         return FoundNoise(sensor=kept, measured=measured, model=None)
-    if noise.is_gaussian and pixels.step is None and model is not None:
+    model = learn_pixel_noise(
+        pixels, sensor, None if measured is None else measured.curve, shape=shape, widths=widths,
+        drift=drift, instead_of=instead_of,
+        workers=workers,
+    )  # fmt: skip
+    noise = model.noise
+    if model.given_holds:
+        return FoundNoise(sensor=source.sensor, measured=measured, model=model)
+    if noise.is_gaussian and pixels.step is None:
         curve = _without_spread(noise.curve, pixels.rounding_mm)
         if measured is not None and model.kept_start and pixels.rounding_mm < COARSE * curve.sigma_mm.min():
             curve = measured.curve
         return FoundNoise(sensor=replace(sensor, noise=curve), measured=measured, model=model)
-    steps = None if pixels.step is None else RangeStep(pixels.step.range_mm, pixels.step.step_mm)
+    steps = None if pixels.step is None else pixels.step.without_pixels()
     beam = beam_of(replace(sensor, noise=noise.curve))._replace(steps=steps_of(steps, noise.curve))
     thresholds = known_thresholds(
-        noise, beam, medians(pixels.samples) if model is None else model.ranges_mm,
-        samples=sample_numbers(pixels, min_samples, window),
-        pixel_effects=None if model is None else model.pixel_effects, rounding_mm=pixels.rounding_mm, workers=workers,
-        progress=progress,
+        noise, beam, model.ranges_mm, samples=sample_numbers(pixels, min_samples, window),
+        pixel_effects=model.pixel_effects, rounding_mm=pixels.rounding_mm, workers=workers, progress=progress,
     )  # fmt: skip
     curve = noise.curve
     if noise.background is not None:
@@ -217,16 +210,6 @@ def _measured(source: SampleSource, step: RangeStep | None) -> MeasuredNoise | N
         return measure_noise(source, step=step)
     except ValueError:
         return None
-
-
-def _least_noise(pixels: Pixels, sensor: Sensor, measured: MeasuredNoise | None) -> PixelNoise:
-    """Gaussian noise of the measured sigma, or of the least that the step tells, where most pixels show one value."""
-    if measured is not None:
-        curve = with_least_sigma(measured.curve, pixels)
-    else:
-        step = pixels.step or RangeStep.common(pixels.rounding_mm)
-        curve = NoiseCurve(step.range_mm, step.least_sigma(step.range_mm))
-    return PixelNoise.gaussian(curve, sensor.outlier_probability)
 
 
 def learn_instead(source: SampleSource, *, window_frames: int, **choices: Any) -> FoundNoise | None:  # noqa: ANN401  those of `learn_noise`
@@ -291,7 +274,7 @@ def calibrated(
     pixels = pixels_of(source, window, window, step=step)
     beam = beam_of(replace(sensor, range_step_mm=None))
     if step is not None:
-        beam = beam._replace(steps=steps_of(RangeStep(step.range_mm, step.step_mm), sensor.noise))
+        beam = beam._replace(steps=steps_of(step.without_pixels(), sensor.noise))
     ranges = np.sort(medians(pixels.samples))
     thresholds = known_thresholds(
         noise,

@@ -98,10 +98,21 @@ def step_of_recording(source: SampleSource) -> RangeStep | None:
     band = max(1, source.row_step)
     for first in range(0, rows, band):
         some = read_runs(source, [0], length, np.arange(first, min(first + band, rows)), None)
-        part = _find(some.samples)
-        if part is not None:
-            own[some.pixel] = part.at(np.zeros(len(some.pixel)), np.arange(len(some.pixel)))
-    return RangeStep.of_pixels(own) if np.isfinite(own).any() else None
+        own[some.pixel] = _own_steps(some.samples, found.typical())
+    return RangeStep.of_pixels(own)
+
+
+def _own_steps(samples: Float32Array, typical_mm: float) -> FloatArray:
+    """Step of each pixel (pixel,), mm, where all are about `typical_mm`; NaN where a pixel shows none."""
+    pixel, value, resolution = _sorted(samples)
+    fine = [tolerance for tolerance in TOLERANCES if tolerance * resolution.max() <= LARGEST_TOLERANCE * typical_mm]
+    out = np.full(len(samples), np.nan)
+    first = _first_of_levels(pixel, value, (fine or TOLERANCES)[-1] * resolution)
+    found = _distances(pixel[first], _levels(value, first))
+    if found is not None:
+        step = _refined(found, _smallest(found))
+        _fill_pixels(found, step, _of_one_size(step, typical_mm), out)
+    return out
 
 
 def find_step(samples_mm: Float32Array) -> RangeStep | None:
@@ -145,13 +156,10 @@ def _sorted(samples: Float32Array) -> tuple[IntArray, FloatArray, FloatArray]:
 
 def _step_at(pixel: IntArray, value: FloatArray, tolerance: FloatArray, pixels: int) -> RangeStep | None:
     """Step if samples within `tolerance` (n,), mm, of their neighbour are one level."""
-    apart = np.ones(len(value), dtype=np.bool_)
-    apart[1:] = (pixel[1:] != pixel[:-1]) | (value[1:] - value[:-1] > tolerance[1:])
-    first = np.flatnonzero(apart)
+    first = _first_of_levels(pixel, value, tolerance)
     if len(first) > (1.0 - LEAST_REPEATED) * len(value):
         return None
-    level = np.add.reduceat(value, first) / np.diff(first, append=len(value))
-    found = _distances(pixel[first], level)
+    found = _distances(pixel[first], _levels(value, first))
     if found is None:
         return None
     smallest = _smallest(found)
@@ -160,6 +168,30 @@ def _step_at(pixel: IntArray, value: FloatArray, tolerance: FloatArray, pixels: 
     if np.median(refined) * LARGEST_TOLERANCE < np.median(widest):
         return None
     return _chosen(found, refined, pixels, repeated=1.0 - len(first) / len(value))
+
+
+def _first_of_levels(pixel: IntArray, value: FloatArray, tolerance: FloatArray) -> IntArray:
+    """Index of the first sample of each level of ascending values (n,), mm."""
+    apart = np.ones(len(value), dtype=np.bool_)
+    apart[1:] = (pixel[1:] != pixel[:-1]) | (value[1:] - value[:-1] > tolerance[1:])
+    return np.flatnonzero(apart)
+
+
+def _levels(value: FloatArray, first: IntArray) -> FloatArray:
+    """Mean of the samples of each level, mm."""
+    return np.asarray(np.add.reduceat(value, first) / np.diff(first, append=len(value)))
+
+
+def _of_one_size(step: FloatArray, typical_mm: float) -> BoolArray:
+    """Whether steps (n,), mm, are within the factor `OF_ONE_SIZE` of the typical one."""
+    return np.asarray(np.abs(np.log(step / typical_mm)) <= math.log(OF_ONE_SIZE))
+
+
+def _fill_pixels(found: _Distances, step: FloatArray, good: BoolArray, out: FloatArray) -> None:
+    """Fill `out` (pixel,) with the good ones of the steps (group,); a pixel has that of the most distances."""
+    order = np.argsort(np.bincount(found.group), kind="stable")
+    order = order[good[order]]
+    out[found.pixel[order]] = step[order]
 
 
 def _limits(value: FloatArray, tolerance: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -219,13 +251,12 @@ def _chosen(found: _Distances, step: FloatArray, pixels: int, *, repeated: float
         alike = np.abs(ratio / multiple - 1.0) <= ALIKE
         if alike.mean() >= LEAST_ALIKE and _agrees(found, predicted, other=False):
             return RangeStep(range_mm, by_range)
-    alike = np.abs(np.log(step / np.median(step))) <= math.log(OF_ONE_SIZE)
+    alike = _of_one_size(step, float(np.median(step)))
     two_levels = repeated >= MOST_REPEATED and len(step) >= LEAST_DISTANCES
     if alike.mean() < LEAST_ALIKE or not (two_levels or _agrees(found, step, other=True)):
         return None
     out = np.full(pixels, np.nan)
-    order = np.argsort(np.bincount(found.group), kind="stable")  # the group of most distances comes last
-    out[found.pixel[order]] = np.where(alike, step, np.nan)[order]
+    _fill_pixels(found, step, alike, out)
     return RangeStep.of_pixels(out)
 
 
