@@ -175,7 +175,7 @@ def choose_sensor(
     chosen = chooser.choose(sensor)
     return NoiseChoice(
         sensor=chosen, notes=tuple(chooser.notes),
-        from_samples=request.noise == AUTO or (request.noise == FILE and chosen.noise is not sensor.noise),
+        from_samples=request.noise == AUTO or (request.noise == FILE and chooser.replaced),
     )  # fmt: skip
 
 
@@ -197,6 +197,7 @@ class _Chooser:
         self.before_learning = before_learning
         self.notes: list[Note] = []
         self.step: RangeStep | None = None
+        self.replaced = False  # the curve is no longer that of the file
         self.of_type = False  # the step is that of whole mm, which integers have
 
     def choose(self, given: Sensor) -> Sensor:
@@ -212,7 +213,7 @@ class _Chooser:
         if not isinstance(outliers, str):
             sensor = replace(sensor, outlier_probability=outliers)
         if isinstance(noise, NoiseCurve):
-            sensor = replace(sensor, noise=noise, learnt=None)
+            sensor = self._with_least_sigma(replace(sensor, noise=noise, learnt=None), noise)
         if gaussian_option(self.options, self.spell) is not None:
             sensor = self._with_measured(sensor)
         elif noise == AUTO:
@@ -222,7 +223,7 @@ class _Chooser:
                 sensor = replace(sensor, outlier_probability=self._measured(sensor).outlier_probability)
             sensor = self._as_given(sensor)
         if self.circle_mm is not None and sensor.noise is not None and sensor.noise.law is not None:
-            sensor = replace(sensor, noise=replace(sensor.noise, law=None))
+            sensor, self.replaced = replace(sensor, noise=replace(sensor.noise, law=None)), True
             self._warn("noise: on a wrapped range axis sigma depends on range only")
         try:
             beam_of(sensor, self.circle_mm)
@@ -241,7 +242,15 @@ class _Chooser:
             self.of_type = whole and isinstance(source, TypedSource) and not source.stored_type.startswith("float")
         if self.step is not None and samples_a_frame(self.use(sensor)) > 1:
             self.step = self.step.without_pixels()
-        return replace(sensor, range_step_mm=None)
+        sensor = replace(sensor, range_step_mm=None)
+        return sensor if self.step is None or sensor.noise is None else self._with_least_sigma(sensor, sensor.noise)
+
+    def _with_least_sigma(self, sensor: Sensor, curve: NoiseCurve) -> Sensor:
+        """The sensor with at least the sigma that the step tells."""
+        least = np.zeros(1) if self.step is None else self.step.least_sigma(curve.range_mm)
+        if (curve.sigma_mm >= least).all():
+            return sensor
+        return replace(sensor, noise=replace(curve, sigma_mm=np.maximum(curve.sigma_mm, least)))
 
     def _step_for(self, curve: NoiseCurve | None) -> RangeStep | None:
         """The step for work with a curve; None where it is that of whole mm in integers, and a small part of sigma."""
@@ -322,6 +331,7 @@ class _Chooser:
         found = self._learnt(sensor, learn_instead)
         if found is None:
             return sensor
+        self.replaced = True
         self._note(
             f"noise: the samples contradict the file's curve; learnt instead: {found.line()}"
             f" ({self.spell('noise', FILE)} keeps the file's curve)"
