@@ -60,6 +60,9 @@ FIRST_FRAMES, MOST_VALUES = 100, 60_000
 MOST_FRAMES, MOST_LOOKED_AT = 300, 600_000
 """Most frames of a recording, and about the most samples, that are looked at."""
 
+LOW = 0.1
+"""Part of the groups whose smallest distance is the step, at least, where one step is common."""
+
 RANGES = 24
 """Most points of a step by range."""
 
@@ -261,15 +264,19 @@ def _chosen(found: _Distances, step: FloatArray, pixels: int, *, repeated: float
 
 
 def _by_range(found: _Distances, step: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Steps by range to try, ranges and steps, mm: one number; then medians of pixels of about one range."""
-    yield np.array([np.median(found.range_mm)]), np.array([np.median(step)])
+    """Steps by range to try, ranges and steps, mm: one number; then those of pixels of about one range.
+
+    In sparse samples, most groups show multiples of the step only; so a low quantile is tried after the median.
+    """
+    for part in (0.5, LOW):
+        yield np.array([np.median(found.range_mm)]), np.array([np.quantile(step, part, method="lower")])
     points = min(RANGES, len(step) // LEAST_AT_RANGE)
     if points > 1:
         order = np.argsort(found.range_mm, kind="stable")
         parts = np.array_split(order, points)
-        at = np.array([np.median(found.range_mm[part]) for part in parts])
+        at = np.array([np.median(found.range_mm[some]) for some in parts])
         at, where = np.unique(at, return_index=True)
-        yield at, np.array([np.median(step[part]) for part in parts])[where]
+        yield at, np.array([np.median(step[some]) for some in parts])[where]
 
 
 def _agrees(found: _Distances, step: FloatArray, *, other: bool) -> bool:
