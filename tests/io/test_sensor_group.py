@@ -14,7 +14,7 @@ from tofmix.io import hdf5, sensor_group
 from tofmix.io.recording.recording_file import open_recording
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.pinhole import Pinhole
-from tofmix.sensor import Sensor
+from tofmix.sensor import NoiseCurve, Sensor
 
 PINHOLE: dict[str, Any] = {"projection": "pinhole", "fx": 5.0, "fy": 6.0, "cx": 2.5, "cy": 1.5}
 
@@ -75,3 +75,28 @@ def test_a_missing_number_is_named(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "x.h5", boards(), attributes={"projection": "pinhole", "fx": 1.0, "cx": 1.0})
     with pytest.raises(BadInputError, match="sensor: projection: pinhole needs fy, cy"):
         read(path)
+
+
+@pytest.mark.parametrize("step", [2.0, [1.0, 2.5], np.full((4, 6), 1.5)])
+def test_step_of_the_ranges_round_trips(step: Any) -> None:  # noqa: ANN401  number, list or map
+    curve = NoiseCurve(np.array([1000.0, 2000.0]), np.array([3.0, 4.0]))
+    camera = Sensor(name="camera", noise=curve, range_step_mm=np.array(step))
+    image = hdf5.image_of(lambda root: sensor_group.write_sensor(root, camera, image=(4, 6)))
+    with h5py.File(io.BytesIO(image), "r") as root:
+        found = sensor_group.read_sensor(root, Path("x.h5"))
+    assert found.range_step_mm is not None
+    np.testing.assert_array_equal(found.range_step_mm, step)
+    sensor_group.check_maps(found, (4, 6), Path("x.h5"))
+
+
+@pytest.mark.parametrize("step", [0.0, -1.0, np.nan, [1.0, 2.0, 3.0], np.ones((2, 2, 2))])
+def test_a_step_that_cannot_be_is_refused(step: Any) -> None:  # noqa: ANN401  number, list or map
+    curve = NoiseCurve(np.array([1000.0, 2000.0]), np.array([3.0, 4.0]))
+    with pytest.raises(ValueError, match="range_step_mm"):
+        Sensor(name="camera", noise=curve, range_step_mm=np.array(step))
+
+
+def test_a_map_of_steps_of_another_image_is_refused() -> None:
+    camera = Sensor(name="camera", range_step_mm=np.ones((3, 5)))
+    with pytest.raises(BadInputError, match="range_step_mm: shape"):
+        sensor_group.check_maps(camera, (4, 6), Path("x.h5"))

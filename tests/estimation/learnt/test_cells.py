@@ -14,7 +14,8 @@ OFFSETS = (-0.4, 0.0, 0.3, 0.5)
 
 def skewed() -> NoiseShape:
     z = np.linspace(-4.0, 10.0, 400)
-    return NoiseShape.standardised(z, np.where(z > -2.0, (z + 2.0) * np.exp(-(z + 2.0)), 0.0))
+    y = np.maximum(z + 3.0, 0.0)
+    return NoiseShape.standardised(z, y**3 * np.exp(-1.5 * y))
 
 
 @pytest.fixture(params=["gaussian", "skewed"], scope="module")
