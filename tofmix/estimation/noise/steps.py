@@ -21,8 +21,8 @@ from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.range_step import RangeStep
 from tofmix.recording import SampleSource, samples_a_frame
 
-MOST_MULTIPLE = 8
-"""Distances of more steps than this are no test: the step is not known so exactly."""
+MOST_MULTIPLE = 4
+"""Distances of more steps than this are no test: the step may differ between values, as after a correction."""
 
 NEAR = 0.1
 """A distance within this part of the step of a whole multiple agrees with the step."""
@@ -212,7 +212,7 @@ def _distances(pixel: IntArray, level: FloatArray) -> _Distances | None:
         return None
     least = np.full(int(owner[-1]) + 1, np.inf)
     np.minimum.at(least, owner, distance)
-    kept = distance <= 2.0 * MOST_MULTIPLE * least[owner]
+    kept = distance <= 4.0 * MOST_MULTIPLE * least[owner]
     # Levels on both sides of a long distance are of two surfaces, whose steps may differ.
     group = np.cumsum(np.concatenate([[0], (owner[1:] != owner[:-1]) | ~kept[1:]]))
     _, number = np.unique(group[kept], return_inverse=True)
