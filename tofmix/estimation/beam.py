@@ -23,6 +23,9 @@ SPAN_SIGMAS = 6.0
 FINE = 0.5
 """A step of fewer sigmas is neglected: it widens sigma by 1 % at most."""
 
+COARSE = 1.0
+"""A step of whole mm in integers is neglected up to this many sigmas: spread over the step, it widens sigma by 4 %."""
+
 _SMALLEST_OUTLIER_PROBABILITY = 1.0e-12  # in the density: a sample far from all surfaces has a finite log likelihood
 
 
@@ -94,9 +97,9 @@ def steps_of(step: RangeStep | None, curve: NoiseCurve) -> Steps:
     return Steps(np.array(step.range_mm), np.array(step.step_mm), own)
 
 
-def step_matters(step: RangeStep, curve: NoiseCurve) -> bool:
-    """Whether a step is `FINE` sigmas or more at some range of the curve."""
-    return bool((step.at(curve.range_mm) >= FINE * curve.sigma_mm).any())
+def step_matters(step: RangeStep, curve: NoiseCurve, *, of_type: bool = False) -> bool:
+    """Whether a step is `FINE` sigmas or more at some range of the curve; `COARSE` if it is that of the stored type."""
+    return bool((step.at(curve.range_mm) >= (COARSE if of_type else FINE) * curve.sigma_mm).any())
 
 
 @borrowing

@@ -254,7 +254,7 @@ class _Chooser:
 
     def _step_for(self, curve: NoiseCurve | None) -> RangeStep | None:
         """The step for work with a curve; None where it is that of whole mm in integers, and a small part of sigma."""
-        fine = self.step is None or curve is None or not step_matters(self.step, curve)
+        fine = self.step is None or curve is None or not step_matters(self.step, curve, of_type=self.of_type)
         return None if self.of_type and fine else self.step
 
     def _with_step(self, sensor: Sensor) -> Sensor:
@@ -262,7 +262,7 @@ class _Chooser:
         step, curve = self.step, sensor.noise
         if step is None or curve is None:
             return sensor
-        matters = step_matters(step, curve)
+        matters = step_matters(step, curve, of_type=self.of_type)
         if matters and sensor.learnt is None and gaussian_option(self.options, self.spell) is None:
             sensor = self._calibrated(sensor)
         if self.of_type and not matters:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.beam import Beam, beam_of, step_matters, steps_of
+from tofmix.estimation.beam import COARSE, Beam, beam_of, step_matters, steps_of
 from tofmix.estimation.learnt.folds import MAX_LAYERS
 from tofmix.estimation.learnt.held_out import flat_thresholds
 from tofmix.estimation.learnt.known_thresholds import known_thresholds
@@ -34,9 +34,6 @@ from tofmix.wording import counted
 
 LEAST_IN_PIXEL, LEAST_IN_ALL = 5, 100
 """Least valid samples for one sigma: in some pixel, and in all pixels. Its standard error is then 7 %."""
-
-COARSE = 1.0
-"""Step of the stored ranges, in sigmas, from which on rounding is a part of the learnt noise."""
 
 DISAGREE = 1.25
 """Ratio of two measurements of sigma from which on both are reported: drifts and shapes change it by less."""
@@ -147,7 +144,7 @@ def learn_noise(
     window, stride = window_frames * targets, (stride_frames or window_frames) * targets
     sensor = replace(source.sensor, noise=None, learnt=None, range_step_mm=None)
     pixels = _pixels(source, window, stride, None if step_of_type else step, measured)
-    if step is not None and step_of_type and _matters(step, pixels, measured):
+    if step is not None and step_of_type and _matters(step, pixels, measured, of_type=True):
         measured = _measured(source, step)
         pixels = pixels_of(source, window, stride, step=step)
     filled = np.isfinite(pixels.samples).sum(axis=1)
@@ -196,12 +193,12 @@ def _pixels(
     return pixels if step is None or _matters(step, pixels, measured) else pixels.with_fine_step()
 
 
-def _matters(step: RangeStep, pixels: Pixels, measured: MeasuredNoise | None) -> bool:
+def _matters(step: RangeStep, pixels: Pixels, measured: MeasuredNoise | None, *, of_type: bool = False) -> bool:
     """Whether the step is no small part of the sigma of pixels, as measured or by differences of samples."""
     if measured is not None:
-        return step_matters(step, measured.curve)
+        return step_matters(step, measured.curve, of_type=of_type)
     found = sigma_from_differences(pixels.smooth)
-    return found is None or step_matters(step, NoiseCurve(*found))
+    return found is None or step_matters(step, NoiseCurve(*found), of_type=of_type)
 
 
 def _measured(source: SampleSource, step: RangeStep | None) -> MeasuredNoise | None:
