@@ -66,6 +66,15 @@ class TargetSource(Protocol):
         """Targets that a pixel returns in one frame at most; 0 for a recording without such an axis."""
 
 
+@runtime_checkable
+class TypedSource(Protocol):
+    """A recording that knows the type of its stored ranges."""
+
+    @property
+    def stored_type(self) -> str:
+        """Type of the stored ranges, such as ``uint16``."""
+
+
 def samples_a_frame(source: SampleSource) -> int:
     """Samples that a recording holds of each pixel and frame: its targets, or 1."""
     return max(1, source.targets) if isinstance(source, TargetSource) else 1

@@ -18,6 +18,7 @@ from tofmix.measurement import Measurement, measurement_of
 from tofmix.noise_shape import NoiseShape
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import Projection
+from tofmix.range_step import RangeStep
 from tofmix.wording import counted
 
 DEFAULT_OUTLIER_PROBABILITY = 1.0e-4  # p(c_r) where neither file nor option gives one
@@ -40,6 +41,8 @@ _LEAST_FREQUENCY_HZ, _MOST_FREQUENCY_HZ = 1.0, 1e12  # of modulation; anything e
 
 MOST_WIDTH_SPREAD = 2.0
 """Standard deviation of log width: widths that differ by a factor of e^2 from pixel to pixel are no camera's."""
+
+_IMAGE_RANK = 2  # (row, col)
 
 _POSITIVE = (
     "modulation_frequency_hz",
@@ -188,6 +191,14 @@ class NoiseCurve:
         factor = np.exp(self.law.log_factor(amplitude) - self.law.log_factor(reference))
         return sigma * np.where(np.isnan(factor), 1.0, factor)
 
+    def with_ranges(self, range_mm: ArrayLike) -> Self:
+        """The same curve with further points at some ranges, mm: sigma is the same at every range."""
+        points = np.union1d(self.range_mm, range_mm)
+        law = self.law
+        if law is not None:
+            law = replace(law, reference=np.interp(points, self.range_mm, law.reference))
+        return replace(self, range_mm=points, sigma_mm=self.sigma(points), law=law)
+
     @property
     def has_parts(self) -> bool:
         """Whether it has more than sigma by range and amplitude."""
@@ -246,11 +257,14 @@ class Sensor:
     learnt : LearntNoise or None
         Noise of pixels that was learnt from the recording, in addition to the curve. With it, surfaces are counted
         under the learnt noise.
+    range_step_mm : (), (row, col) or (n,) float64, or None
+        Step on which the stored ranges lie, mm, above 0, where it is wider than that of the stored type: common, of
+        each pixel, or at each range of the noise curve.
 
     Raises
     ------
     ValueError
-        If a number is not finite or outside its bounds.
+        If a number is not finite or outside its bounds, or steps by range are not as many as the curve has ranges.
     """
 
     name: str
@@ -268,6 +282,7 @@ class Sensor:
     sample_max_mm: float | None = None
     noise: NoiseCurve | None = None
     learnt: LearntNoise | None = None
+    range_step_mm: FloatArray | None = None
 
     def __post_init__(self) -> None:
         for key in _POSITIVE:
@@ -289,6 +304,30 @@ class Sensor:
                 raise ValueError(f"{key}: {value} is not finite")
         if not 0 <= self.outlier_probability < 1:
             raise ValueError(f"outlier_probability: {self.outlier_probability} is not in [0, 1)")
+        if self.range_step_mm is not None:
+            self._check_step(self.range_step_mm)
+
+    def _check_step(self, range_step_mm: ArrayLike) -> None:
+        step = np.array(range_step_mm, dtype=np.float64, copy=True)
+        points = 0 if self.noise is None else len(self.noise.range_mm)
+        if step.ndim > _IMAGE_RANK or step.size == 0 or not (np.isfinite(step) & (step > 0)).all():
+            raise ValueError("range_step_mm: expected a number, a map (row, col) or a list of finite numbers above 0")
+        if step.ndim == 1 and len(step) != points:
+            raise ValueError(
+                f"range_step_mm: {counted(len(step), 'step')}, but {counted(points, 'range')} in the curve"
+            )
+        step.setflags(write=False)
+        object.__setattr__(self, "range_step_mm", step)
+
+    @property
+    def step(self) -> RangeStep | None:
+        """The step of the stored ranges; None where it is that of the stored type."""
+        step = self.range_step_mm
+        if step is None:
+            return None
+        if step.ndim == 1 and self.noise is not None:
+            return RangeStep(self.noise.range_mm, step)
+        return RangeStep.common(float(step)) if step.ndim == 0 else RangeStep.of_pixels(step)
 
     @property
     def is_lock_in(self) -> bool | None:
@@ -317,3 +356,9 @@ class Sensor:
         if self.projection is not None or self.fov_horizontal_deg is None or self.fov_vertical_deg is None:
             return self.projection
         return Equiangular(fov_horizontal_deg=self.fov_horizontal_deg, fov_vertical_deg=self.fov_vertical_deg)
+
+
+def sensor_of_part(sensor: Sensor, rows: slice, cols: slice) -> Sensor:
+    """The sensor of a part of its image: steps of single pixels are those of the part."""
+    step = sensor.range_step_mm
+    return sensor if step is None or step.ndim != _IMAGE_RANK else replace(sensor, range_step_mm=step[rows, cols])

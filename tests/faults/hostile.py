@@ -350,6 +350,7 @@ def dataset_added(root: h5py.File, chance: Chance) -> str:
         "sensor/noise_amplitude",
         "sensor/noise_shape_z",
         "sensor/noise_background",
+        "sensor/range_step_mm",
         "frame",
         "status",
     )

@@ -15,7 +15,7 @@ from tofmix.io.recording.recording_file import open_recording
 from tofmix.measurement import Measurement
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.pinhole import Pinhole
-from tofmix.sensor import Sensor
+from tofmix.sensor import NoiseCurve, Sensor
 
 PINHOLE: dict[str, Any] = {"projection": "pinhole", "fx": 5.0, "fy": 6.0, "cx": 2.5, "cy": 1.5}
 
@@ -93,3 +93,28 @@ def test_a_foreign_measurement_is_refused_by_name(tmp_path: Path) -> None:
         root["sensor"].attrs["measurement"] = "structured light"
     with pytest.raises(BadInputError, match=r'a\.h5: sensor: measurement: "structured light" is not one of lock-in, '):
         read(path)
+
+
+@pytest.mark.parametrize("step", [2.0, [1.0, 2.5], np.full((4, 6), 1.5)])
+def test_step_of_the_ranges_round_trips(step: Any) -> None:  # noqa: ANN401  number, list or map
+    curve = NoiseCurve(np.array([1000.0, 2000.0]), np.array([3.0, 4.0]))
+    camera = Sensor(name="camera", noise=curve, range_step_mm=np.array(step))
+    image = hdf5.image_of(lambda root: sensor_group.write_sensor(root, camera, image=(4, 6)))
+    with h5py.File(io.BytesIO(image), "r") as root:
+        found = sensor_group.read_sensor(root, Path("x.h5"))
+    assert found.range_step_mm is not None
+    np.testing.assert_array_equal(found.range_step_mm, step)
+    sensor_group.check_maps(found, (4, 6), Path("x.h5"))
+
+
+@pytest.mark.parametrize("step", [0.0, -1.0, np.nan, [1.0, 2.0, 3.0], np.ones((2, 2, 2))])
+def test_a_step_that_cannot_be_is_refused(step: Any) -> None:  # noqa: ANN401  number, list or map
+    curve = NoiseCurve(np.array([1000.0, 2000.0]), np.array([3.0, 4.0]))
+    with pytest.raises(ValueError, match="range_step_mm"):
+        Sensor(name="camera", noise=curve, range_step_mm=np.array(step))
+
+
+def test_a_map_of_steps_of_another_image_is_refused() -> None:
+    camera = Sensor(name="camera", range_step_mm=np.ones((3, 5)))
+    with pytest.raises(BadInputError, match="range_step_mm: shape"):
+        sensor_group.check_maps(camera, (4, 6), Path("x.h5"))

@@ -170,7 +170,7 @@ def import_(
     from tofmix.io.importers.writing import write_recording
     from tofmix.io.length_units import UNITS_MM
     from tofmix.io.samples import guessed
-    from tofmix.io.sensor_group import check_background
+    from tofmix.io.sensor_group import check_maps
 
     for name, value in (("--scale", scale), ("--frame-rate", frame_rate)):
         if value is not None and not math.isfinite(value):
@@ -192,7 +192,7 @@ def import_(
     with locked(output, overwrite=overwrite, inputs=tuple(inputs)), open_source(source, request) as frames:
         known = frames.sensor if sensor is None and frames.sensor is not None else sensor_of(camera, frames.shape[1:])
         known = with_frequency(known, modulation_frequency)
-        check_background(known, frames.shape[1:], source if sensor is None else Path(sensor))
+        check_maps(known, frames.shape[1:], source if sensor is None else Path(sensor))
         if frames.unit_unknown and unit_mm is None:
             raise BadInputError(f"{source}: {frames.unit_unknown}; give --scale, mm of one count, or --units")
         _refuse_turned(frames.shape[1:], camera, request, source)

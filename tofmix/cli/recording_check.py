@@ -50,7 +50,7 @@ def findings_of_samples(
     from tofmix.report.summary.findings import sample_findings
 
     seen = check_consistency(
-        source, sensor.noise, window_frames=remedy.window_frames, unambiguous_range_mm=circle_mm,
+        source, sensor.noise, step=sensor.step, window_frames=remedy.window_frames, unambiguous_range_mm=circle_mm,
         follows_drift=sensor.follows_drift,
     )  # fmt: skip
     # A curve that the samples gave is theirs.

@@ -8,6 +8,7 @@ import numpy as np
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.circle import NO_RETURN_SIGMAS, circular_noise, has_no_return
 from tofmix.compiled.jit import borrowing
+from tofmix.range_step import RangeStep
 from tofmix.sensor import NoiseCurve, Sensor
 
 NO_RETURN_REACH = 6.0
@@ -18,6 +19,12 @@ CONSTANT_SIGMA_MM = 0.5
 
 SPAN_SIGMAS = 6.0
 """Random values between extreme samples spread over this many sigma at least: as far as those of one surface do."""
+
+FINE = 0.5
+"""A step of fewer sigmas is neglected: it widens sigma by 1 % at most."""
+
+COARSE = 1.0
+"""A step of whole mm in integers is neglected up to this many sigmas: spread over the step, it widens sigma by 4 %."""
 
 _SMALLEST_OUTLIER_PROBABILITY = 1.0e-12  # in the density: a sample far from all surfaces has a finite log likelihood
 
@@ -33,6 +40,18 @@ class PixelCurves(NamedTuple):
     size: IntArray
 
 
+class Steps(NamedTuple):
+    """Steps of the stored ranges, where they matter: `step_mm` (n,) at `range_mm` (n,), mm; empty where they do not.
+
+    `of_pixel` (pixel,), mm, are steps of single pixels, which `pixel_noise.beam_of_pixel` puts in the place of the
+    common ones; empty where there is none.
+    """
+
+    range_mm: FloatArray
+    step_mm: FloatArray
+    of_pixel: FloatArray
+
+
 class Beam(NamedTuple):
     """The fixed part of equation (1), in mm, as the kernels read it.
 
@@ -42,7 +61,7 @@ class Beam(NamedTuple):
     `surface_end`, the sensor's r_max, up to there. `outlier_density` is p(c_r) / (range_max - range_min), 1/mm.
     `range_min` and `range_top`, always finite, are the ends of that interval: the working range, or its substitute
     (`outlier_interval`). `pixel_curves` are the curves of single pixels, which `pixel_noise.beam_of_pixel` puts in the
-    place of the common one.
+    place of the common one. `steps` are those of the stored ranges; only the learnt engine reads them.
     """
 
     curve_range: FloatArray
@@ -57,11 +76,30 @@ class Beam(NamedTuple):
     range_min: float
     range_top: float
     pixel_curves: PixelCurves
+    steps: Steps
 
 
 def no_pixel_curves() -> PixelCurves:
     """Make the curves of no pixel: the beam's curve holds for all."""
     return PixelCurves(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0, dtype=np.int64))
+
+
+def no_steps() -> Steps:
+    """Make the steps of samples whose step does not matter."""
+    return Steps(np.zeros(0), np.zeros(0), np.zeros(0))
+
+
+def steps_of(step: RangeStep | None, curve: NoiseCurve) -> Steps:
+    """Steps as kernels read them; none where no step is `FINE` sigmas or more."""
+    if step is None or not step_matters(step, curve):
+        return no_steps()
+    own = np.zeros(0) if step.own_mm is None else np.where(np.isfinite(step.own_mm), step.own_mm, step.typical())
+    return Steps(np.array(step.range_mm), np.array(step.step_mm), own)
+
+
+def step_matters(step: RangeStep, curve: NoiseCurve, *, of_type: bool = False) -> bool:
+    """Whether a step is `FINE` sigmas or more at some range of the curve; `COARSE` if it is that of the stored type."""
+    return bool((step.at(curve.range_mm) >= (COARSE if of_type else FINE) * curve.sigma_mm).any())
 
 
 @borrowing
@@ -169,6 +207,7 @@ def beam_of(sensor: Sensor, unambiguous_range_mm: float | None = None, *, at_fol
         range_min=float(low),
         range_top=float(high),
         pixel_curves=no_pixel_curves(),
+        steps=steps_of(sensor.step, sensor.noise),
     )
 
 
@@ -195,4 +234,5 @@ def _circular_beam(sensor: Sensor, length: float, *, at_fold: bool) -> Beam:
         range_min=low,
         range_top=low + length,
         pixel_curves=no_pixel_curves(),
+        steps=steps_of(sensor.step, curve),
     )

@@ -279,14 +279,16 @@ def layer_pixels(
     Raises
     ------
     ValueError
-        If the samples have another number of dimensions or no frame, the amplitudes another shape, the sensor has no
-        noise curve, or the circle of `unambiguous_range_mm` is too short for it.
+        If the samples have another number of dimensions or no frame, the amplitudes another shape, the sensor steps of
+        other pixels or no noise curve, or the circle of `unambiguous_range_mm` is too short for it.
     """
     samples = np.asarray(range_mm, dtype=np.float32)
     if samples.ndim not in (2, 3) or samples.shape[0] == 0:
         raise ValueError(f"range: expected (frame, pixel) or (frame, row, col), got shape {samples.shape}")
     options = options or EstimateOptions()
     block = np.ascontiguousarray(samples).reshape(samples.shape[0], math.prod(samples.shape[1:]))
+    if sensor.step is not None and sensor.step.own_mm is not None and len(sensor.step.own_mm) != block.shape[1]:
+        raise ValueError(f"range: {block.shape[1]} pixels, but {len(sensor.step.own_mm)} of the sensor's range_step_mm")
     out = Layers.empty((block.shape[1],), options.max_layers, layer_fields(sensor))
     ordered = sort_samples(block)
     if options.paper and isinstance(options.counter, Kde):
@@ -324,7 +326,10 @@ def _layers_on_circle(
         if counts_with_learnt(sensor, options):
             from tofmix.estimation.learnt.block_layers import layers_with_learnt
 
-            layers_with_learnt(part.samples.values.astype(np.float32), part.beam, sensor, options, found)
+            steps, beam = part.beam.steps, part.beam
+            if len(steps.of_pixel):
+                beam = beam._replace(steps=steps._replace(of_pixel=steps.of_pixel[part.pixels]))
+            layers_with_learnt(part.samples.values.astype(np.float32), beam, sensor, options, found)
         else:
             _layers_on_line(part.samples, part.beam, options, found)
         for spec in out.fields:

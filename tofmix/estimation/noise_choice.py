@@ -8,14 +8,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
+import numpy as np
+
 from tofmix.circle import has_no_return
 from tofmix.errors import BadInputError
-from tofmix.estimation.beam import beam_of, outlier_interval
+from tofmix.estimation.beam import beam_of, outlier_interval, step_matters
 from tofmix.estimation.noise.curve_check import is_contradicted
 from tofmix.estimation.noise.measurement import MeasuredNoise, disagreement, measure_noise
+from tofmix.estimation.noise.steps import step_of_recording
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.estimation.unrolling import UnrolledSource
-from tofmix.recording import SampleSource, amplitude_source, by_target
+from tofmix.range_step import WHOLE_MM, RangeStep
+from tofmix.recording import SampleSource, TypedSource, amplitude_source, by_target, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
 
 T = TypeVar("T")
@@ -171,7 +175,7 @@ def choose_sensor(
     chosen = chooser.choose(sensor)
     return NoiseChoice(
         sensor=chosen, notes=tuple(chooser.notes),
-        from_samples=request.noise == AUTO or (request.noise == FILE and chosen.noise is not sensor.noise),
+        from_samples=request.noise == AUTO or (request.noise == FILE and chooser.replaced),
     )  # fmt: skip
 
 
@@ -192,9 +196,15 @@ class _Chooser:
         self.circle_mm, self.progress = options.unambiguous_range_mm, progress
         self.before_learning = before_learning
         self.notes: list[Note] = []
+        self.step: RangeStep | None = None
+        self.replaced = False  # the curve is no longer that of the file
+        self.of_type = False  # the step is that of whole mm, which integers have
 
-    def choose(self, sensor: Sensor) -> Sensor:
+    def choose(self, given: Sensor) -> Sensor:
         noise, outliers = self.request.noise, self.request.outliers
+        if given.learnt is not None and FILE == noise == outliers:
+            return given  # of an earlier estimate: drift, memory and thresholds are not in the curve
+        sensor = self._without_step(given)
         if noise == FILE and sensor.noise is None:
             raise BadInputError(
                 f"{self.name}: sensor/noise_sigma: no noise curve; measure it with {self.spell('noise', AUTO)}, or"
@@ -203,7 +213,7 @@ class _Chooser:
         if not isinstance(outliers, str):
             sensor = replace(sensor, outlier_probability=outliers)
         if isinstance(noise, NoiseCurve):
-            sensor = replace(sensor, noise=noise, learnt=None)
+            sensor = self._with_least_sigma(replace(sensor, noise=noise, learnt=None), noise)
         if gaussian_option(self.options, self.spell) is not None:
             sensor = self._with_measured(sensor)
         elif noise == AUTO:
@@ -213,14 +223,58 @@ class _Chooser:
                 sensor = replace(sensor, outlier_probability=self._measured(sensor).outlier_probability)
             sensor = self._as_given(sensor)
         if self.circle_mm is not None and sensor.noise is not None and sensor.noise.law is not None:
-            sensor = replace(sensor, noise=replace(sensor.noise, law=None))
+            sensor, self.replaced = replace(sensor, noise=replace(sensor.noise, law=None)), True
             self._warn("noise: on a wrapped range axis sigma depends on range only")
         try:
             beam_of(sensor, self.circle_mm)
         except ValueError as error:
             raise BadInputError(f"{self.name}: sensor: {error}") from error
         self._note_missing_no_return(sensor)
-        return sensor
+        return self._with_step(sensor)
+
+    def _without_step(self, sensor: Sensor) -> Sensor:
+        """Take the step of the stored ranges from the sensor, or from the samples; return the sensor without it."""
+        self.step = sensor.step
+        if self.step is None:
+            source = self.use(sensor)
+            self.step = step_of_recording(source)
+            whole = self.step is not None and self.step.is_common and self.step.typical() == WHOLE_MM
+            self.of_type = whole and isinstance(source, TypedSource) and not source.stored_type.startswith("float")
+        if self.step is not None and samples_a_frame(self.use(sensor)) > 1:
+            self.step = self.step.without_pixels()
+        sensor = replace(sensor, range_step_mm=None)
+        return sensor if self.step is None or sensor.noise is None else self._with_least_sigma(sensor, sensor.noise)
+
+    def _with_least_sigma(self, sensor: Sensor, curve: NoiseCurve) -> Sensor:
+        """The sensor with at least the sigma that the step tells."""
+        least = np.zeros(1) if self.step is None else self.step.least_sigma(curve.range_mm)
+        if (curve.sigma_mm >= least).all():
+            return sensor
+        return replace(sensor, noise=replace(curve, sigma_mm=np.maximum(curve.sigma_mm, least)))
+
+    def _step_for(self, curve: NoiseCurve | None) -> RangeStep | None:
+        """The step for work with a curve; None where it is that of whole mm in integers, and a small part of sigma."""
+        fine = self.step is None or curve is None or not step_matters(self.step, curve, of_type=self.of_type)
+        return None if self.of_type and fine else self.step
+
+    def _with_step(self, sensor: Sensor) -> Sensor:
+        """The sensor with the step of the stored ranges, at the ranges of its curve where it differs by range."""
+        step, curve = self.step, sensor.noise
+        if step is None or curve is None:
+            return sensor
+        matters = step_matters(step, curve, of_type=self.of_type)
+        if matters and sensor.learnt is None and gaussian_option(self.options, self.spell) is None:
+            sensor = self._calibrated(sensor)
+        if self.of_type and not matters:
+            return sensor
+        if step.own_mm is not None:
+            _, rows, cols = self.use(sensor).shape
+            own = step.at(np.zeros(rows * cols), np.arange(rows * cols))
+            return replace(sensor, range_step_mm=own.reshape(rows, cols))
+        if step.is_common:
+            return replace(sensor, range_step_mm=np.array(step.typical()))
+        curve = curve.with_ranges(step.range_mm)
+        return replace(sensor, noise=curve, range_step_mm=step.at(curve.range_mm))
 
     def _note(self, text: str) -> None:
         self.notes.append(Note(text=f"{self.name}: {text}"))
@@ -269,12 +323,7 @@ class _Chooser:
         if sensor.learnt is not None and self.request.outliers == FILE:
             return sensor  # of an earlier estimate: drift, memory and thresholds are not in the curve
         if sensor.noise.has_parts:
-            from tofmix.estimation.learnt.recordings import calibrated
-
-            return calibrated(
-                self._ranges(sensor), window_frames=self.request.window_frames, min_samples=self.options.min_samples,
-                workers=self.request.workers, progress=self.progress,
-            )  # fmt: skip
+            return self._calibrated(sensor)
         if self.request.noise != FILE or self.request.asked or not self._is_contradicted(sensor):
             return sensor
         from tofmix.estimation.learnt.recordings import learn_instead
@@ -282,18 +331,29 @@ class _Chooser:
         found = self._learnt(sensor, learn_instead)
         if found is None:
             return sensor
+        self.replaced = True
         self._note(
             f"noise: the samples contradict the file's curve; learnt instead: {found.line()}"
             f" ({self.spell('noise', FILE)} keeps the file's curve)"
         )
         return found.sensor
 
+    def _calibrated(self, sensor: Sensor) -> Sensor:
+        """The sensor with the gains that its own noise alone reaches, rounding included."""
+        from tofmix.estimation.learnt.recordings import calibrated
+
+        return calibrated(
+            self._ranges(sensor), window_frames=self.request.window_frames, step=self._step_for(sensor.noise),
+            min_samples=self.options.min_samples, workers=self.request.workers, progress=self.progress,
+        )  # fmt: skip
+
     def _is_contradicted(self, sensor: Sensor) -> bool:
         request = self.request
         try:
             return is_contradicted(
-                self._ranges(sensor), window_frames=request.window_frames, stride_frames=request.stride_frames
-            )
+                self._ranges(sensor), window_frames=request.window_frames, stride_frames=request.stride_frames,
+                step=self._step_for(sensor.noise),
+            )  # fmt: skip
         except ValueError as error:
             raise self._unmeasured(error) from error
 
@@ -309,8 +369,8 @@ class _Chooser:
             return learn(
                 self._ranges(sensor), window_frames=request.window_frames, stride_frames=request.stride_frames,
                 shape=request.shape == AUTO, widths=None if request.widths == AUTO else request.widths == "own",
-                drift=self.circle_mm is None, min_samples=self.options.min_samples, workers=request.workers,
-                progress=self.progress,
+                drift=self.circle_mm is None, step=self.step, step_of_type=self.of_type,
+                min_samples=self.options.min_samples, workers=request.workers, progress=self.progress,
             )  # fmt: skip
         except ValueError as error:
             raise self._unmeasured(error) from error
@@ -319,7 +379,8 @@ class _Chooser:
         source = self.use(sensor)
         try:
             return measure_noise(
-                source if self.circle_mm is None else UnrolledSource(by_target(source), self.circle_mm)
+                source if self.circle_mm is None else UnrolledSource(by_target(source), self.circle_mm),
+                step=self._step_for(None),
             )
         except ValueError as error:
             raise self._unmeasured(error) from error

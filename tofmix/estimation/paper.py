@@ -170,6 +170,7 @@ def _with_sigma_0(beam: Beam, sigma_0: float) -> Beam:
     return Beam(
         beam.curve_range, beam.curve_sigma, beam.range_max, sigma_0, beam.no_return_from, beam.no_return_to,
         beam.surface_end, beam.p_outlier, beam.outlier_density, beam.range_min, beam.range_top, beam.pixel_curves,
+        beam.steps,
     )  # fmt: skip
 
 

@@ -56,7 +56,7 @@ _LEARNT = {
 
 _PRIOR, _MEMORY = "noise_background_prior", "noise_memory"
 
-_WIDTH_SPREAD, _BACKGROUND = "noise_width_spread", "noise_background"
+_WIDTH_SPREAD, _BACKGROUND, _STEP = "noise_width_spread", "noise_background", "range_step_mm"
 _IMAGE_RANK = 2  # (row, col)
 
 
@@ -81,6 +81,30 @@ def write_sensor(root: h5py.File, sensor: Sensor, *, image: tuple[int, int]) -> 
         _write_noise(group, sensor.noise, image)
     if sensor.learnt is not None:
         _write_learnt(group, sensor.learnt)
+    if sensor.range_step_mm is not None:
+        _write_step(group, sensor.range_step_mm)
+
+
+def _write_step(group: h5py.Group, step: NDArray[np.float64]) -> None:
+    """Write the step of the stored ranges: a number as an attribute, else a dataset."""
+    if step.ndim == 0:
+        group.attrs[_STEP] = float(step)
+        return
+    dataset = group.create_dataset(_STEP, data=step, chunks=step.shape, fletcher32=True)
+    dataset.attrs["units"] = "mm"
+    if step.ndim == 1:
+        dataset.dims[0].attach_scale(group["noise_range"])
+        return
+    for axis, name in enumerate(("row", "col")):
+        if name in group.file:
+            dataset.dims[axis].attach_scale(group.file[name])
+
+
+def _read_step(group: h5py.Group, path: Path) -> NDArray[np.float64] | None:
+    if _STEP in group:
+        return _numbers(group, _STEP, path, most=MOST_PIXELS_A_SIDE**2)
+    number = _number(group, _STEP, path)
+    return None if number is None else np.array(number)
 
 
 def _write_noise(group: h5py.Group, noise: NoiseCurve, image: tuple[int, int]) -> None:
@@ -178,7 +202,7 @@ def read_sensor(root: h5py.File, path: Path) -> Sensor:
         learnt = _read_learnt(group, path)
         return Sensor(
             name=text_attribute(group, "name") or "unknown", measurement=_read_measurement(group), noise=noise,
-            projection=projection, learnt=learnt, **known,
+            projection=projection, learnt=learnt, range_step_mm=_read_step(group, path), **known,
         )  # fmt: skip
     except ValueError as error:
         raise BadInputError(f"{path}: sensor: {error}") from error
@@ -257,8 +281,8 @@ def _read_background(group: h5py.Group, path: Path) -> NDArray[np.float64] | Non
     return _numbers(group, _BACKGROUND, path, most=MOST_PIXELS_A_SIDE**2) if _BACKGROUND in group else None
 
 
-def check_background(sensor: Sensor, image: tuple[int, int], path: Path) -> None:
-    """Refuse a map of background shares that is of another image.
+def check_maps(sensor: Sensor, image: tuple[int, int], path: Path) -> None:
+    """Refuse a map of background shares, or of steps of the ranges, that is of another image.
 
     Parameters
     ----------
@@ -275,10 +299,9 @@ def check_background(sensor: Sensor, image: tuple[int, int], path: Path) -> None
         If it is.
     """
     background = None if sensor.noise is None else sensor.noise.background
-    if background is not None and background.ndim == _IMAGE_RANK and background.shape != tuple(image):
-        raise BadInputError(
-            f"{path}: sensor/{_BACKGROUND}: shape {background.shape} differs from the image {tuple(image)}"
-        )
+    for name, values in ((_BACKGROUND, background), (_STEP, sensor.range_step_mm)):
+        if values is not None and values.ndim == _IMAGE_RANK and values.shape != tuple(image):
+            raise BadInputError(f"{path}: sensor/{name}: shape {values.shape} differs from the image {tuple(image)}")
 
 
 def _numbers(group: h5py.Group, name: str, path: Path, *, most: int = _MOST_POINTS) -> NDArray[np.float64]:

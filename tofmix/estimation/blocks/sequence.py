@@ -24,7 +24,7 @@ from tofmix.estimation.settings import EstimateOptions, MixingChoice
 from tofmix.grid import Cell, Grid, plan_grid
 from tofmix.layers import Layers, layer_fields
 from tofmix.recording import SampleSource, has_phasors
-from tofmix.sensor import Sensor
+from tofmix.sensor import Sensor, sensor_of_part
 from tofmix.unmixing.phasors import FIELD_COUNT, mean_phasors
 from tofmix.unmixing.unmix import unmix
 from tofmix.windows import Windows
@@ -131,7 +131,8 @@ class _Work(Generic[T]):
             for piece_rows, piece_cols in self._pieces(cell.rows):
                 samples = group.samples(frames, piece_rows, piece_cols)
                 light = group.amplitudes(frames, piece_rows, piece_cols)
-                layers = layer_pixels(samples, self._sensor, self._options, amplitude=light)
+                sensor = sensor_of_part(self._sensor, piece_rows, piece_cols)
+                layers = layer_pixels(samples, sensor, self._options, amplitude=light)
                 place = slice(piece_rows.start - cell.rows.start, piece_rows.stop - cell.rows.start)
                 for spec in out.fields:
                     getattr(out, spec.name)[window, place, piece_cols] = getattr(layers, spec.name)

@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array, FloatArray
-from tofmix.compiled.jit import jit
+from tofmix.compiled.jit import borrowing, jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.acceleration import maximise, value_of
+from tofmix.estimation.learnt.cells import step_at
 from tofmix.estimation.learnt.components import (
     BACKGROUND,
     GAIN,
@@ -24,7 +25,7 @@ from tofmix.estimation.learnt.components import (
 from tofmix.estimation.learnt.counting import Rules, count_surfaces
 from tofmix.estimation.learnt.errors import standard_errors
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.learnt.pixel_samples import Samples, fill_times, take_samples
+from tofmix.estimation.learnt.pixel_samples import Samples, fill_cells, fill_times, take_samples
 from tofmix.estimation.learnt.thresholds import Thresholds, read_gains
 from tofmix.estimation.learnt.trials import new_workspace
 from tofmix.estimation.mixture.components import sort_surfaces
@@ -32,6 +33,10 @@ from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, chance_of
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.estimation.settings import KernelOptions
 from tofmix.flags import Status
+from tofmix.range_step import LEAST_SIGMA
+
+AT_LEAST = 1.001
+"""A sigma up to this factor on the least one that a step tells is the least: both are interpolated by range."""
 
 _CHANCES = len(FALSE_ALARMS)
 _OK = int(Status.OK)
@@ -41,8 +46,20 @@ _NO_SURFACE = int(Status.NO_SURFACE)
 _DEGENERATE = int(Status.DEGENERATE)
 
 
+@borrowing
+def _told_by_step(sigma: float, error: float, range_mm: float, beam: Beam) -> tuple[float, float]:
+    """Sigma and standard error of a range, mm, where ranges are stored on a step.
+
+    A smaller sigma is not told; nor is then where between two values the surface is.
+    """
+    least = LEAST_SIGMA * step_at(range_mm, beam)
+    if sigma < AT_LEAST * least:
+        return least, math.sqrt(error * error + least * least)
+    return sigma, error
+
+
 @jit
-def fill_layers(
+def fill_layers(  # noqa: PLR0915  one pass over the pixels
     block: Float32Array,
     out: tuple[NDArray[Any], ...],
     width: FloatArray,
@@ -75,6 +92,7 @@ def fill_layers(
         beam = beam_of_pixel(common, pixel)
         data = Samples(value[:n], time[:n])
         fill_times(data, scratch)
+        fill_cells(data, beam, scratch)
         k, law = count_surfaces(data, work, laws, beam, thresholds, rules)
         found = k
         iterations = maximise(data, k, fit, law, beam, options.max_iter, options.tol, scratch)
@@ -95,8 +113,9 @@ def fill_layers(
         read_gains(float(n), fit[OWN, BACKGROUND], k == 1, thresholds, work.gains)
         for i in range(k):
             mean[pixel, i], weight[pixel, i] = fit[MEAN, i], fit[WEIGHT, i]
-            sigma[pixel, i] = width[pixel] * fit[SIGMA, i]
-            range_stderr[pixel, i], weight_stderr[pixel, i] = range_errors[i], weight_errors[i]
+            own = width[pixel] * fit[SIGMA, i]
+            sigma[pixel, i], range_stderr[pixel, i] = _told_by_step(own, range_errors[i], fit[MEAN, i], beam)
+            weight_stderr[pixel, i] = weight_errors[i]
             gain = fit[GAIN, i]
             probability[pixel, i] = 1.0 if math.isinf(gain) else 1.0 - chance_of(gain, work.gains)
         no_return[pixel] = fit[WEIGHT, -1]

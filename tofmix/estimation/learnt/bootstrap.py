@@ -26,7 +26,7 @@ from tofmix.estimation.learnt.components import copy_fit, start_without_surface
 from tofmix.estimation.learnt.jumps import gain_of_jump
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, Law
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.pixel_samples import Samples, fill_times, take_samples
+from tofmix.estimation.learnt.pixel_samples import Samples, fill_cells, fill_times, take_samples
 from tofmix.estimation.learnt.thresholds import Thresholds
 from tofmix.estimation.learnt.trials import first_surface, new_workspace, try_one_more
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
@@ -93,7 +93,7 @@ def calibrate(
     pixel_effects : (n, 1 + DRIFTS) float64, optional
         Log width and drift, mm, of pixels of the recording: draws take them at random. Default: draws of the priors.
     rounding_mm : float
-        Step of the stored ranges, mm: draws are rounded to it.
+        Step of the stored ranges, mm: draws are rounded to it, or to the beam's steps, where it has some.
     draws : int, optional
         Pixels of each number of samples and share; default: by `DRAWS` and `DRAWS_IN_ALL`.
     workers : int
@@ -197,7 +197,10 @@ class _Drawing:
         out += effects[:, 1:] @ np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n), DRIFTS)[:, 1:].T
         random = rng.random((count, n)) < cell.background
         out[random] = rng.uniform(beam.range_min, beam.range_top, int(random.sum()))
-        if self._rounding_mm > 0.0:
+        if len(beam.steps.step_mm):
+            step = np.interp(place, beam.steps.range_mm, beam.steps.step_mm)[:, None]
+            out = step * np.rint(out / step)
+        elif self._rounding_mm > 0.0:
             out = np.clip(self._rounding_mm * np.rint(out / self._rounding_mm), beam.range_min, beam.range_top)
         return np.asarray(out, dtype=np.float64)
 
@@ -235,6 +238,7 @@ def _gains(block: FloatArray, empty: bool, laws: tuple[Law, Law], beam: Beam, ou
         n = take_samples(block[pixel].astype(np.float32), value, time)
         data = Samples(value[:n], time[:n])
         fill_times(data, work.scratch)
+        fill_cells(data, beam, work.scratch)
         start_without_surface(data.value, work.fit, beam)
         gain, _ = first_surface(data, work, laws[0], beam)
         if empty:

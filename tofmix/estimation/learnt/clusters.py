@@ -4,6 +4,7 @@ The noise is learnt from clusters: a pixel of one surface has one, and a pixel o
 around a cluster are its background.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.acceleration import LEARNING_ITER, LEARNING_TOL, maximise
+from tofmix.estimation.learnt.cells import density_at, spread_at
 from tofmix.estimation.learnt.components import (
     BACKGROUND,
     DRIFT,
@@ -26,7 +28,7 @@ from tofmix.estimation.learnt.components import (
 )
 from tofmix.estimation.learnt.em import detrend, mix
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.learnt.pixel_samples import Samples, fill_times, take_samples
+from tofmix.estimation.learnt.pixel_samples import Samples, fill_cells, fill_times, take_samples
 from tofmix.estimation.learnt.trials import densest_place, new_workspace, try_one_more
 from tofmix.estimation.noise.isolated_clusters import (
     APART,
@@ -41,6 +43,16 @@ from tofmix.estimation.noise.isolated_clusters import (
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.learnt_noise import DRIFTS
+from tofmix.range_step import LEAST_SIGMA
+
+SIGMAS = LEAST_SIGMA * np.exp(0.1 * np.arange(38))
+"""Sigmas, in steps, whose likelihood is computed: from the least that a step tells to 4 steps."""
+
+RANGES = 96
+"""Ranges of a surface over which a likelihood is averaged."""
+
+SAME_VALUE = 0.25
+"""Samples closer than this part of a step have one value."""
 
 
 class ClusterFits(NamedTuple):
@@ -70,16 +82,15 @@ def find_clusters(samples: Float32Array, beam: Beam) -> Clusters:
     for pixel in range(pixels):
         n = take_samples(samples[pixel], value, time)
         own = beam_of_pixel(beam, pixel)
-        curve_range, curve_sigma = own.curve_range, own.curve_sigma
         rest = n
         left[:n] = value[:n]
         for _ in range(MOST_IN_PIXEL):
             place, most_together = densest_place(left, rest, own, True)  # noqa: FBT003  a kernel's flag
             if most_together < max(LEAST_IN_CLUSTER, LEAST_SHARE * n):
                 break
-            sigma = sigma_at(place, curve_range, curve_sigma)
+            sigma = spread_at(place, own)
             a, b = place - WINDOW * sigma, place + WINDOW * sigma
-            if _isolated(value, n, place, a, b, most_together, curve_range, curve_sigma):
+            if _isolated(value, n, place, a, b, most_together, sigma):
                 owner[count], low[count], high[count] = pixel, a, b
                 count += 1
             kept = 0
@@ -99,11 +110,9 @@ def _isolated(
     a: float,
     b: float,
     most_together: float,
-    curve_range: FloatArray,
-    curve_sigma: FloatArray,
+    sigma: float,
 ) -> bool:
     """Whether no other place of the window [a, b] has so many of the samples that it may be a surface."""
-    sigma = sigma_at(place, curve_range, curve_sigma)
     stop = 0
     for first in range(n):
         stop = max(stop, first)
@@ -114,6 +123,70 @@ def _isolated(
         if apart and stop - first > max(MOST_BESIDE * most_together, 1.0):
             return False
     return True
+
+
+@jit
+def cluster_likelihoods(
+    samples: Float32Array,
+    clusters: Clusters,
+    place: FloatArray,
+    support: FloatArray,
+    step: FloatArray,
+    law: Law,
+) -> FloatArray:
+    """Log likelihood (cluster, `SIGMAS`) of sigmas of clusters of one surface, whose range is not known.
+
+    The likelihood is the mean over ranges, equally spaced: a mean that is fitted instead makes sigma too small, by far
+    if most samples of a cluster have one value.
+
+    Parameters
+    ----------
+    samples : (pixel, frame) float32
+        Samples as they were stored, mm, NaN where invalid.
+    clusters : Clusters
+        Isolated clusters.
+    place, support, step : (cluster,) float64
+        Fitted range, mm, of each, number of its samples that are of the surface, and the step there, mm.
+    law : Law
+        The noise; drift and widths are not used.
+    """
+    count, frames = len(clusters.pixel), samples.shape[1]
+    out = np.zeros((count, len(SIGMAS)))
+    value, time = np.empty(frames), np.empty(frames)
+    times, logs = np.empty(frames), np.empty(RANGES)
+    for c in range(count):
+        n_all = take_samples(samples[clusters.pixel[c]], value, time)
+        n, levels = 0.0, 0
+        for j in range(n_all):
+            if not clusters.low[c] <= value[j] <= clusters.high[c]:
+                continue
+            n += 1.0
+            if levels > 0 and value[j] - value[levels - 1] < SAME_VALUE * step[c]:
+                times[levels - 1] += 1.0
+            else:
+                value[levels], times[levels] = value[j], 1.0
+                levels += 1
+        rest = max(n - support[c], 0.5) / max(n, 1.0)
+        uniform = rest * step[c] / (clusters.high[c] - clusters.low[c])
+        for s in range(len(SIGMAS)):
+            sigma = SIGMAS[s] * step[c]
+            half = 0.5 / SIGMAS[s]
+            spread = math.sqrt(sigma * sigma + step[c] * step[c] / 12.0)
+            reach = 0.5 * step[c] + 5.0 * spread / math.sqrt(max(support[c], 1.0))
+            best = -math.inf
+            for m in range(RANGES):
+                mean = place[c] + reach * (2.0 * (m + 0.5) / RANGES - 1.0)
+                total = 0.0
+                for j in range(levels):
+                    inside = 2.0 * half * density_at((value[j] - mean) / sigma, half, law)
+                    total += times[j] * math.log((1.0 - rest) * inside + uniform)
+                logs[m] = total
+                best = max(best, total)
+            mean_likelihood = 0.0
+            for m in range(RANGES):
+                mean_likelihood += math.exp(logs[m] - best)
+            out[c, s] = best + math.log(mean_likelihood * reach)
+    return out
 
 
 @jit
@@ -141,9 +214,10 @@ def fit_clusters(samples: Float32Array, clusters: Clusters, law: Law, beam: Beam
         own = Beam(
             common.curve_range, common.curve_sigma, np.inf, 1.0, np.inf, np.inf, np.inf, beam.p_outlier,
             beam.outlier_density,
-            clusters.low[c], clusters.high[c], beam.pixel_curves,
+            clusters.low[c], clusters.high[c], beam.pixel_curves, common.steps,
         )  # fmt: skip
         fill_times(data, scratch)
+        fill_cells(data, own, scratch)
         for row in range(ROWS):
             fit[row, :] = 0.0
         middle = 0.5 * (clusters.low[c] + clusters.high[c])

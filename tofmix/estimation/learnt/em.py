@@ -19,12 +19,15 @@ from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
 from tofmix.compiled.vector import log_of, product_of, total_of
 from tofmix.estimation.beam import Beam
+from tofmix.estimation.learnt.cells import fill_edges, has_steps, lend_cells
 from tofmix.estimation.learnt.components import (
     BACKGROUND,
+    CELL,
     DENSITY,
     DRIFT,
     LOG_WIDTH,
     MEAN,
+    NEW,
     OWN,
     PLACE,
     SHARE,
@@ -112,7 +115,11 @@ def mix(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratch: F
         if moving:
             detrend(data, i, fit, scratch)
         y = scratch[still_row(fit) + i, :n] if moving else data.value
-        lend(y, n, fit[MEAN, i], width * fit[SIGMA, i], law, density, scratch[slope_row(fit) + i])
+        if has_steps(beam):
+            slope = scratch[slope_row(fit) + i]
+            lend_cells(y, scratch[CELL], n, fit[MEAN, i], width * fit[SIGMA, i], law, density, slope)
+        else:
+            lend(y, n, fit[MEAN, i], width * fit[SIGMA, i], law, density, scratch[slope_row(fit) + i])
         for j in range(n):
             total[j] += weight * density[j]
 
@@ -181,7 +188,12 @@ def step_up(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratc
             term = scratch[TERM, :n]
             for j in range(n):
                 term[j] = (y[j] - fit[MEAN, i]) * slope[j]
-            wide += fit[WEIGHT, i] * product_of(term, share) / own_width - support
+            narrow = support
+            if has_steps(beam):
+                edge = scratch[NEW, :n]
+                fill_edges(y, scratch[CELL], fit[MEAN, i], own_width, law, edge)
+                narrow = fit[WEIGHT, i] * product_of(edge, share)
+            wide += fit[WEIGHT, i] * product_of(term, share) / own_width - narrow
         if moving:
             _move_drift(n, i, push, fit, law, scratch, own_width)
     for i in range(k):

@@ -16,8 +16,10 @@ from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.cholesky import scaled_cholesky
+from tofmix.estimation.learnt.cells import edges_at, has_steps, information_of
 from tofmix.estimation.learnt.components import (
     BACKGROUND,
+    CELL,
     DENSITY,
     DRIFT,
     LOG_WIDTH,
@@ -56,9 +58,11 @@ def standard_errors(  # noqa: PLR0915  one pass over the samples
 
     Where it has none, they are those of isolated surfaces.
     """
+    known = np.empty((k, 3))
     for i in range(k):
-        support = max(fit[SUPPORT, i], 1.0)
-        by_mean[i] = math.exp(fit[OWN, LOG_WIDTH]) * fit[SIGMA, i] / math.sqrt(support * law.information)
+        support, own_width = max(fit[SUPPORT, i], 1.0), math.exp(fit[OWN, LOG_WIDTH]) * fit[SIGMA, i]
+        known[i, 0], known[i, 1], known[i, 2] = information_of(data.value, support, fit[MEAN, i], own_width, law, beam)
+        by_mean[i] = own_width / math.sqrt(support * known[i, 0])
         by_share[i] = math.sqrt(max(fit[WEIGHT, i] * (1.0 - fit[WEIGHT, i]), 0.0) / len(data.value))
     if k == 0:
         return True
@@ -102,11 +106,14 @@ def standard_errors(  # noqa: PLR0915  one pass over the samples
             z = ((scratch[still_row(fit) + i, j] if moving > 0 else data.value[j]) - fit[MEAN, i]) * scale
             score[:at_share] = 0.0
             score[i] = psi * scale
-            information[i, i] += part * law.information * scale * scale
+            information[i, i] += part * known[i, 0] * scale * scale
             if with_width:
-                score[at_width] = z * psi - 1.0
-                information[at_width, at_width] += part * law.width_information
-                cross = part * law.cross_information * scale
+                narrow = 1.0
+                if has_steps(beam):
+                    narrow = edges_at(z, scratch[CELL, j] * scale, law) * scale / scratch[DENSITY + i, j]
+                score[at_width] = z * psi - narrow
+                information[at_width, at_width] += part * known[i, 1]
+                cross = part * known[i, 2] * scale
                 information[i, at_width] += cross
                 information[at_width, i] += cross
             first = at_drift + i * moving
@@ -116,11 +123,11 @@ def standard_errors(  # noqa: PLR0915  one pass over the samples
                     continue
                 basis = scratch[TIME + d, j]
                 score[first + place] = basis * psi * scale
-                shared = part * law.information * scale * scale * basis
+                shared = part * known[i, 0] * scale * scale * basis
                 information[i, first + place] += shared
                 information[first + place, i] += shared
                 if with_width:
-                    cross = part * law.cross_information * scale * basis
+                    cross = part * known[i, 2] * scale * basis
                     information[at_width, first + place] += cross
                     information[first + place, at_width] += cross
                 other = 0

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.beam import Beam, beam_of
-from tofmix.estimation.learnt.clusters import ClusterFits, find_clusters, fit_clusters
+from tofmix.estimation.beam import Beam, beam_of, steps_of
+from tofmix.estimation.learnt.clusters import ClusterFits, cluster_likelihoods, find_clusters, fit_clusters
 from tofmix.estimation.learnt.held_out import flat_thresholds, held_out_scores
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.shares import PixelWidths, background_shares, pixel_widths
@@ -48,7 +48,32 @@ class Fold:
         beam = beam_of(replace(self._sensor, noise=noise.curve))
         if noise.curve.law is not None and pixels.amplitude is not None and len(pixels.samples):
             beam = beam._replace(pixel_curves=pixel_curves(pixels.samples.T, pixels.amplitude.T, noise.curve))
-        return beam
+        return beam._replace(steps=steps_of(pixels.step, noise.curve)) if pixels.step is not None else beam
+
+    def smooth_errors(self, fits: ClusterFits, clusters: Clusters) -> FloatArray:
+        """Standardised errors (cluster, frame) of fits, with the rounding of the samples spread over its step."""
+        if self.training.step is None:
+            return fits.error
+        rounding = (self.training.smooth - self.training.samples)[clusters.pixel]
+        return fits.error + rounding / (fits.sigma * np.exp(fits.log_width))[:, None]
+
+    def rounding_variance(self, range_mm: FloatArray, sigma_mm: FloatArray) -> FloatArray:
+        """Variance of the rounding over that of the noise (n,), at ranges (n,), mm, with sigma (n,), mm."""
+        step = self.training.step
+        return np.zeros(len(range_mm)) if step is None else np.asarray((step.rounding(range_mm) / sigma_mm) ** 2)
+
+    def sigma_likelihoods(self, noise: PixelNoise, clusters: Clusters, fits: ClusterFits) -> FloatArray:
+        """Log likelihood (cluster, `SIGMAS`) of each sigma by the step, in which every range in the step is as likely.
+
+        Raises
+        ------
+        ValueError
+            If the samples have no step that matters.
+        """
+        if self.training.step is None:
+            raise ValueError("the samples have no step")
+        step = self.training.step.at(fits.place, clusters.pixel)
+        return cluster_likelihoods(self.training.samples, clusters, fits.place, fits.support, step, noise.laws()[1])
 
     def scores(self, noise: PixelNoise) -> FloatArray:
         """Log likelihood (pixel,) of the held-out pixels, nat, by `held_out_scores`."""

@@ -20,7 +20,9 @@ from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
 from tofmix.compiled.vector import log_of, product_of, total_of
 from tofmix.estimation.beam import Beam, is_beyond
+from tofmix.estimation.learnt.cells import density_at, fill_edges, has_steps, step_at
 from tofmix.estimation.learnt.components import (
+    CELL,
     DENSITY,
     LOG_WIDTH,
     MEAN,
@@ -35,7 +37,7 @@ from tofmix.estimation.learnt.components import (
     still_row,
 )
 from tofmix.estimation.learnt.em import drifts
-from tofmix.estimation.learnt.law import Law, at_table, precision_of_t
+from tofmix.estimation.learnt.law import Law, precision_of_t
 from tofmix.estimation.learnt.pixel_samples import Samples
 from tofmix.estimation.mixture.share_step import LEAST_BEND, next_share
 from tofmix.estimation.noise.kernel import sigma_at
@@ -86,7 +88,7 @@ def _gain_of_share(ratio: FloatArray, n: float) -> float:
 
 @borrowing
 def _fill_scores(
-    data: Samples, own: int, fit: FloatArray, law: Law, scratch: FloatArray
+    data: Samples, own: int, fit: FloatArray, law: Law, beam: Beam, scratch: FloatArray
 ) -> tuple[float, float, float, float, float, float]:
     """Fill three rows from SCORES on with each sample's score for the mean, share and width of surface `own`.
 
@@ -106,7 +108,11 @@ def _fill_scores(
     if law.width_spread > 0.0:
         scale = 1.0 / own_width
         for j in range(n):
-            c[j] = weight * ((y[j] - fit[MEAN, own]) * scale * slope[j] - density[j]) * share[j]
+            c[j] = density[j]
+        if has_steps(beam):
+            fill_edges(y, scratch[CELL], fit[MEAN, own], own_width, law, c)
+        for j in range(n):
+            c[j] = weight * ((y[j] - fit[MEAN, own]) * scale * slope[j] - c[j]) * share[j]
         s02, s12, s22 = product_of(a, c), product_of(b, c), product_of(c, c)
         s22 += precision_of_t(0.0, law.width_spread)
     else:
@@ -140,7 +146,7 @@ def _nearest(theta: float, k: int, fit: FloatArray) -> int:
 
 
 @borrowing
-def steepest_place(
+def steepest_place(  # noqa: PLR0915  one pass over the places
     data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratch: FloatArray, least: float
 ) -> tuple[float, float, float]:
     """Return the largest slope D(theta), nat, its place, mm, and the largest gain bound of all places, nat.
@@ -161,10 +167,11 @@ def steepest_place(
         end = min(end, beam.surface_end)
     while theta <= end:
         sigma = width * sigma_at(theta, beam.curve_range, beam.curve_sigma)
-        while near < n and y[near] < theta + law.low * sigma:
+        half = 0.5 * step_at(theta, beam)
+        while near < n and y[near] < theta + law.low * sigma - half:
             near += 1
         past = max(past, near)
-        while past < n and y[past] <= theta + law.high * sigma:
+        while past < n and y[past] <= theta + law.high * sigma + half:
             past += 1
         here, theta = theta, theta + _STEP_SIGMAS * sigma
         if near == past and near < n:
@@ -175,7 +182,7 @@ def steepest_place(
         inside, scale = past - near, 1.0 / sigma
         seen, fresh = share[near:past], new[:inside]
         for j in range(inside):
-            fresh[j] = at_table((y[near + j] - here) * scale, law.density) * scale * seen[j]
+            fresh[j] = density_at((y[near + j] - here) * scale, half * scale, law) * scale * seen[j]
         overlap = total_of(fresh)
         slope = overlap - n
         if slope > most:
@@ -188,7 +195,7 @@ def steepest_place(
             own = _nearest(here, k, fit)
             if own != nearest:
                 nearest = own
-                l00, l10, l20, l11, l21, l22 = _fill_scores(data, own, fit, law, scratch)
+                l00, l10, l20, l11, l21, l22 = _fill_scores(data, own, fit, law, beam, scratch)
             p0 = product_of(fresh, scratch[SCORES, near:past])
             p1 = product_of(fresh, scratch[SCORES + 1, near:past])
             p2 = product_of(fresh, scratch[SCORES + 2, near:past]) if law.width_spread > 0.0 else 0.0
@@ -205,7 +212,8 @@ def steepest_place(
 def best_share_at(data: Samples, place: float, fit: FloatArray, law: Law, beam: Beam, scratch: FloatArray) -> float:
     """Best share of a new surface at a place, mm, all else held. `mix` has been called."""
     sigma = math.exp(fit[OWN, LOG_WIDTH]) * sigma_at(place, beam.curve_range, beam.curve_sigma)
+    half = 0.5 * step_at(place, beam) / sigma
     y, ratio = data.value, scratch[NEW, : len(data.value)]
     for j in range(len(ratio)):
-        ratio[j] = at_table((y[j] - place) / sigma, law.density) / sigma / scratch[TOTAL, j]
+        ratio[j] = density_at((y[j] - place) / sigma, half, law) / sigma / scratch[TOTAL, j]
     return _best_share(ratio, 0.0, _FINAL_STEPS)

@@ -10,7 +10,7 @@ from tofmix.estimation.learnt.components import TOTAL
 from tofmix.estimation.learnt.counting import LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, Rules, count_surfaces
 from tofmix.estimation.learnt.em import background_density, mix
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.learnt.pixel_samples import LEAST_SAMPLES, Samples, fill_times, take_samples
+from tofmix.estimation.learnt.pixel_samples import LEAST_SAMPLES, Samples, fill_cells, fill_times, take_samples
 from tofmix.estimation.learnt.thresholds import Thresholds
 from tofmix.estimation.learnt.trials import new_workspace
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
@@ -104,6 +104,7 @@ def held_out_scores(
                 continue
             data = Samples(value[:n], time[:n])
             fill_times(data, work.scratch)
+            fill_cells(data, own, work.scratch)
             k, law = count_surfaces(data, work, laws, own, thresholds, rules)
             maximise(data, k, work.fit, law, own, LEARNING_ITER, LEARNING_TOL, work.scratch)
             found[pixel] += k / PARTS
@@ -114,6 +115,7 @@ def held_out_scores(
                 continue
             seen = Samples(value[:m], time[:m])
             fill_times(seen, work.scratch)
+            fill_cells(seen, own, work.scratch)
             mix(seen, k, work.fit, law, own, work.scratch)
             floor = SURPRISES * background_density(own)
             for j in range(m):

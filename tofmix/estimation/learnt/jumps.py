@@ -13,6 +13,7 @@ from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.acceleration import value_of
+from tofmix.estimation.learnt.cells import density_at, slope_at, step_at
 from tofmix.estimation.learnt.components import (
     BACKGROUND,
     DRIFT,
@@ -24,7 +25,7 @@ from tofmix.estimation.learnt.components import (
     WEIGHT,
 )
 from tofmix.estimation.learnt.em import background_density, log_priors
-from tofmix.estimation.learnt.law import Law, at_table
+from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.learnt.pixel_samples import Samples
 from tofmix.learnt_noise import DRIFTS
 
@@ -42,16 +43,21 @@ _ROUNDS = 8
 
 
 @borrowing
-def _side(value: FloatArray, start: float, weight: float, background: float, width: float, law: Law) -> float:
-    """Log likelihood, nat, of the samples on one side of the jump, at the best range there, from `start`, mm, on."""
+def _side(
+    value: FloatArray, start: float, weight: float, background: float, width: float, half: float, law: Law
+) -> float:
+    """Log likelihood, nat, of the samples on one side of the jump, at the best range there, from `start`, mm, on.
+
+    `half` is the half of the step of stored ranges, in widths.
+    """
     place, total = start, 0.0
     for _ in range(_ROUNDS):
         push, held, total = 0.0, 0.0, 0.0
         for j in range(len(value)):
             z = (value[j] - place) / width
-            density = at_table(z, law.density) / width
+            density = density_at(z, half, law) / width
             p = weight * density + background
-            push += weight * at_table(z, law.slope) / (width * p)
+            push += weight * slope_at(z, half, law) / (width * p)
             held += weight * density / p
             total += math.log(p)
         if held < 1.0:
@@ -99,8 +105,9 @@ def value_of_jump(data: Samples, fit: FloatArray, law: Law, beam: Beam) -> float
         return -math.inf
     background = fit[OWN, BACKGROUND] * background_density(beam) + 1.0e-30
     weight = fit[WEIGHT, 0]
-    jump = _side(value[: at + 1], first_mean, weight, background, width, law)
-    jump += _side(value[at + 1 :], second_mean, weight, background, width, law)
+    half = 0.5 * step_at(fit[MEAN, 0], beam) / width
+    jump = _side(value[: at + 1], first_mean, weight, background, width, half, law)
+    jump += _side(value[at + 1 :], second_mean, weight, background, width, half, law)
     return jump
 
 

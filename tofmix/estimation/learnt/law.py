@@ -27,7 +27,8 @@ three decimals: the mean of (n + 1) x^2 / (n s^2 + x^2) is 1."""
 class Law(NamedTuple):
     """The learnt noise of all pixels.
 
-    `density` and `slope` (point,) are f(z) and -f'(z) at z from -`REACH` to `REACH`, in sigmas. `information` is the
+    `density`, `slope` and `distribution` (point,) are f(z), -f'(z) and the integral of f at z from -`REACH` to `REACH`,
+    in sigmas. `information` is the
     mean of (f' / f)^2 and `width_information` that of (z f' / f + 1)^2: Fisher's information of location and log scale;
     `cross_information` is that of both together. Beyond `low` and `high`, in sigmas, the density is `NEGLIGIBLE`.
     `width_spread` is the scale of log width, 0 where all widths are equal; `drift_mm` (DRIFTS,) has the scale of each
@@ -37,6 +38,7 @@ class Law(NamedTuple):
 
     density: FloatArray
     slope: FloatArray
+    distribution: FloatArray
     information: float
     width_information: float
     cross_information: float
@@ -71,6 +73,12 @@ def log_prior_t(value: float, scale: float) -> float:
 def precision_of_t(value: float, scale: float) -> float:
     """Precision of the Gaussian whose log density has the slope of the log prior at `value`, for a step of EM."""
     return (TAIL_DEGREES + 1.0) / (TAIL_DEGREES * scale * scale + value * value)
+
+
+def _distribution(density: FloatArray) -> FloatArray:
+    """Integral of a density (point,), linear between its points, from the first point on; 1 at the last."""
+    total = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]))])
+    return np.ascontiguousarray(total / total[-1])
 
 
 def law_of(
@@ -110,6 +118,7 @@ def law_of(
     return Law(
         density=np.ascontiguousarray(density),
         slope=np.ascontiguousarray(slope),
+        distribution=_distribution(density),
         information=float(4.0 * (steep @ steep) / STEPS),
         width_information=float(wide @ wide / STEPS),
         cross_information=float(2.0 * (steep @ wide) / STEPS),

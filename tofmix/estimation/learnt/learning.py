@@ -17,7 +17,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.estimation.learnt.candidates import Candidate, candidate_of, held_out_gain
 from tofmix.estimation.learnt.folds import Fold, folds_of, whole_fold
-from tofmix.estimation.learnt.memory import memory_of
+from tofmix.estimation.learnt.memory import centred, memory_of
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.parts import PARTS, shrunken_effects, with_part
 from tofmix.estimation.learnt.selection import select_parts
@@ -103,7 +103,7 @@ def learn_pixel_noise(
     barred = {"shape": not shape, "widths": widths is not None, "drift": not drift}
     parts = tuple(part for part in PARTS if not barred.get(part, False))
     folds = folds_of(pixels, sensor)
-    curves = first_curves(pixels.samples, start)
+    curves = first_curves(pixels, start)
     if not curves:
         raise ValueError("noise: no two samples of a pixel differ, or none is valid")
     chosen, plain = _best_curve(folds, curves, sensor)
@@ -121,8 +121,12 @@ def learn_pixel_noise(
     noise = with_sigma(whole, PixelNoise.gaussian(measured, sensor.outlier_probability))
     for part in added:
         noise = with_part(whole, noise, part) or noise
-    fits = whole.fits(noise, whole.clusters(noise))
-    noise = replace(noise, memory=memory_of(fits, noise))
+    clusters = whole.clusters(noise)
+    fits = whole.fits(noise, clusters)
+    if pixels.step is None:
+        noise = replace(noise, memory=memory_of(fits, noise))
+    elif not pixels.is_coarse(noise.curve):
+        noise = replace(noise, memory=memory_of(fits._replace(error=centred(fits.error)), noise))
     if noise.memory > 0.0:
         noise = with_sigma(whole, noise)
     ranges = fits.place if len(fits.place) else medians(pixels.samples)
@@ -133,7 +137,7 @@ def learn_pixel_noise(
         pixel_effects=shrunken_effects(whole, noise),
         kept_start=chosen is curves[0] and start is not None,
         given_holds=given_holds,
-        shapes_differ=shapes_differ(fits.error),
+        shapes_differ=shapes_differ(whole.smooth_errors(fits, clusters)),
     )
 
 

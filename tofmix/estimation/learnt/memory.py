@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from tofmix.arrays import FloatArray
 from tofmix.estimation.learnt.clusters import ClusterFits
 from tofmix.estimation.learnt.law import precision_of_t
 from tofmix.estimation.learnt.model import PixelNoise
@@ -25,6 +26,13 @@ _SIGNIFICANT = 3.0
 
 _ROUNDS = 30
 """Iterations for the part of the memory that fitted means and drifts hide."""
+
+
+def centred(error: FloatArray) -> FloatArray:
+    """Errors (cluster, frame) less the mean of each cluster: that of rounded samples is not 0, and is no memory."""
+    known = np.isfinite(error) & (np.abs(error) < _CENTRAL)
+    mean = np.where(known, error, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    return np.asarray(error - mean[:, None])
 
 
 def memory_of(fits: ClusterFits, noise: PixelNoise) -> float:

@@ -124,6 +124,7 @@ def _with_widths(fold: Fold, noise: PixelNoise, clusters: Clusters) -> PixelNois
     """Measure the spread of log width, beyond the variance that samples give to fitted widths."""
     fits = fold.fits(replace(noise, curve=replace(noise.curve, width_spread=FREE_WIDTH)), clusters)
     variance = 1.0 / (noise.laws()[0].width_information * np.maximum(fits.support, 1.0))
+    variance *= (1.0 + fold.rounding_variance(fits.place, fits.sigma)) ** 2
     scale = width_scale(fits.log_width - float(np.median(fits.log_width)), np.asarray(variance))
     if scale is None:
         return None
@@ -179,6 +180,7 @@ def shrunken_effects(fold: Fold, noise: PixelNoise) -> FloatArray:
     slow = (1.0 + noise.memory) / (1.0 - noise.memory)
     if wide:
         variance = (1.0 + noise.memory**2) / (1.0 - noise.memory**2) / (law.width_information * support)
+        variance *= (1.0 + fold.rounding_variance(fits.place, fits.sigma)) ** 2
         out[:, 0] = shrunken(fits.log_width - float(np.median(fits.log_width)), variance)
     width = np.exp(fits.log_width) * fits.sigma
     for d in np.flatnonzero(moves):
@@ -219,7 +221,7 @@ def _with_shape(fold: Fold, noise: PixelNoise, clusters: Clusters) -> PixelNoise
     fits = fold.fits(noise, clusters)
     taken = 1.0 + np.count_nonzero(noise.drift_mm)
     stretch = 1.0 / np.sqrt(variance_left(taken, fits.support))
-    error = fits.error * stretch[:, None]
+    error = fold.smooth_errors(fits, clusters) * stretch[:, None]
     even = clusters.pixel % 2 == 0
     shape = fit_shape((histogram(error[even]), histogram(error[~even])))
     return None if shape is None else replace(noise, curve=replace(noise.curve, shape=shape))

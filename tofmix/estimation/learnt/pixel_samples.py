@@ -6,7 +6,9 @@ import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import borrowing, jit
-from tofmix.estimation.learnt.components import TIME
+from tofmix.estimation.beam import Beam
+from tofmix.estimation.learnt.cells import has_steps, step_at
+from tofmix.estimation.learnt.components import CELL, TIME
 from tofmix.estimation.samples import FARTHEST_MM
 
 LEAST_SAMPLES = 4
@@ -35,6 +37,14 @@ def take_samples(samples: Float32Array, value: FloatArray, time: FloatArray) -> 
             value[n], time[n] = x, frame / half - 1.0
             n += 1
     return n
+
+
+@borrowing
+def fill_cells(data: Samples, beam: Beam, scratch: FloatArray) -> None:
+    """Fill row CELL with half the step, mm, of each sample; `cells` reads it where the beam has steps."""
+    if has_steps(beam):
+        for j in range(len(data.value)):
+            scratch[CELL, j] = 0.5 * step_at(data.value[j], beam)
 
 
 @borrowing

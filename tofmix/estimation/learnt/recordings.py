@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.beam import beam_of
+from tofmix.estimation.beam import COARSE, Beam, beam_of, step_matters, steps_of
 from tofmix.estimation.learnt.folds import MAX_LAYERS
 from tofmix.estimation.learnt.held_out import flat_thresholds
 from tofmix.estimation.learnt.known_thresholds import known_thresholds
@@ -17,17 +17,23 @@ from tofmix.estimation.learnt.parts import beta_prior
 from tofmix.estimation.learnt.shares import background_shares
 from tofmix.estimation.learnt.words import noise_words
 from tofmix.estimation.noise.measurement import MeasuredNoise, measure_noise
-from tofmix.estimation.noise.training_pixels import MOST_FRAMES, medians, pixels_of, sample_numbers, scatters
+from tofmix.estimation.noise.pair_differences import sigma_from_differences
+from tofmix.estimation.noise.training_pixels import (
+    MOST_FRAMES,
+    Pixels,
+    medians,
+    pixels_of,
+    sample_numbers,
+    scatters,
+)
 from tofmix.learnt_noise import DRIFTS
+from tofmix.range_step import RangeStep
 from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.wording import counted
 
 LEAST_IN_PIXEL, LEAST_IN_ALL = 5, 100
 """Least valid samples for one sigma: in some pixel, and in all pixels. Its standard error is then 7 %."""
-
-COARSE = 1.0
-"""Step of the stored ranges, in sigmas, from which on rounding is a part of the learnt noise."""
 
 DISAGREE = 1.25
 """Ratio of two measurements of sigma from which on both are reported: drifts and shapes change it by less."""
@@ -89,6 +95,8 @@ def learn_noise(
     widths: bool | None = None,
     drift: bool = True,
     instead_of: NoiseCurve | None = None,
+    step: RangeStep | None = None,
+    step_of_type: bool = False,
     min_samples: int = 3,
     workers: int = 1,
     progress: Callable[[int, int], None] | None = None,
@@ -109,6 +117,11 @@ def learn_noise(
         Whether a pixel's ranges may drift within a window.
     instead_of : NoiseCurve, optional
         A Gaussian curve that is kept if it predicts held-out pixels as well.
+    step : RangeStep, optional
+        Step of the stored ranges. Where it is no small part of sigma, the noise is integrated over it, and surfaces are
+        counted with `learnt` even if the noise is a curve alone. Default: a common one, from the samples.
+    step_of_type : bool
+        Whether it is the step of the stored type: then it is used only where it is no small part of sigma.
     min_samples : int
         Fewest samples of a fitted pixel.
     workers : int
@@ -126,21 +139,21 @@ def learn_noise(
     ValueError
         If the samples are too few, or all equal.
     """
-    try:
-        measured = measure_noise(source)
-    except ValueError:
-        measured = None
+    measured = _measured(source, None if step_of_type else step)
     targets = samples_a_frame(source)
     window, stride = window_frames * targets, (stride_frames or window_frames) * targets
-    pixels = pixels_of(source, window, stride)
-    sensor = replace(source.sensor, noise=None, learnt=None)
+    sensor = replace(source.sensor, noise=None, learnt=None, range_step_mm=None)
+    pixels = _pixels(source, window, stride, None if step_of_type else step, measured)
+    if step is not None and step_of_type and _matters(step, pixels, measured, of_type=True):
+        measured = _measured(source, step)
+        pixels = pixels_of(source, window, stride, step=step)
     filled = np.isfinite(pixels.samples).sum(axis=1)
     if filled.max(initial=0) < LEAST_IN_PIXEL or filled.sum() < LEAST_IN_ALL:
         raise ValueError(
             f"noise: {counted(int(filled.sum()), 'valid sample')}, {int(filled.max(initial=0))} in a pixel at most; at"
             f" least {LEAST_IN_ALL} and {LEAST_IN_PIXEL} are needed to tell one sigma"
         )
-    if not scatters(pixels):
+    if pixels.step is None and not scatters(pixels):
         if measured is None:
             raise ValueError("noise: the samples of most pixels are all equal, and tell no sigma")
         kept = source.sensor if instead_of is not None else replace(sensor, noise=measured.curve)
@@ -153,22 +166,47 @@ def learn_noise(
     noise = model.noise
     if model.given_holds:
         return FoundNoise(sensor=source.sensor, measured=measured, model=model)
-    if noise.is_gaussian:
+    if noise.is_gaussian and pixels.step is None:
         curve = _without_spread(noise.curve, pixels.rounding_mm)
         if measured is not None and model.kept_start and pixels.rounding_mm < COARSE * curve.sigma_mm.min():
             curve = measured.curve
         return FoundNoise(sensor=replace(sensor, noise=curve), measured=measured, model=model)
-    beam = beam_of(replace(sensor, noise=noise.curve))
+    steps = None if pixels.step is None else pixels.step.without_pixels()
+    beam = beam_of(replace(sensor, noise=noise.curve))._replace(steps=steps_of(steps, noise.curve))
     thresholds = known_thresholds(
         noise, beam, model.ranges_mm, samples=sample_numbers(pixels, min_samples, window),
         pixel_effects=model.pixel_effects, rounding_mm=pixels.rounding_mm, workers=workers, progress=progress,
     )  # fmt: skip
     curve = noise.curve
     if noise.background is not None:
-        curve = replace(curve, background=background_map(source, noise, sensor, window))
+        curve = replace(curve, background=background_map(source, noise, beam, window))
     return FoundNoise(
         sensor=replace(sensor, noise=curve, learnt=noise.learnt_with(thresholds)), measured=measured, model=model
     )
+
+
+def _pixels(
+    source: SampleSource, window: int, stride: int, step: RangeStep | None, measured: MeasuredNoise | None
+) -> Pixels:
+    """Pixels that teach; their samples are as stored where the step is no small part of sigma."""
+    pixels = pixels_of(source, window, stride, step=step)
+    return pixels if step is None or _matters(step, pixels, measured) else pixels.with_fine_step()
+
+
+def _matters(step: RangeStep, pixels: Pixels, measured: MeasuredNoise | None, *, of_type: bool = False) -> bool:
+    """Whether the step is no small part of the sigma of pixels, as measured or by differences of samples."""
+    if measured is not None:
+        return step_matters(step, measured.curve, of_type=of_type)
+    found = sigma_from_differences(pixels.smooth)
+    return found is None or step_matters(step, NoiseCurve(*found), of_type=of_type)
+
+
+def _measured(source: SampleSource, step: RangeStep | None) -> MeasuredNoise | None:
+    """Noise by pixels of one surface; None where they are too few."""
+    try:
+        return measure_noise(source, step=step)
+    except ValueError:
+        return None
 
 
 def learn_instead(source: SampleSource, *, window_frames: int, **choices: Any) -> FoundNoise | None:  # noqa: ANN401  those of `learn_noise`
@@ -200,6 +238,7 @@ def calibrated(
     source: SampleSource,
     *,
     window_frames: int,
+    step: RangeStep | None = None,
     min_samples: int = 3,
     workers: int = 1,
     progress: Callable[[int, int], None] | None = None,
@@ -209,8 +248,8 @@ def calibrated(
     Parameters
     ----------
     source : SampleSource
-        The recording; its curve has a shape, widths or a background.
-    window_frames, min_samples, workers, progress
+        The recording; its curve has a shape, widths or a background, or its step is no small part of sigma.
+    window_frames, step, min_samples, workers, progress
         As for `learn_noise`.
 
     Raises
@@ -228,13 +267,17 @@ def calibrated(
     noise = PixelNoise(
         curve=sensor.noise, p_outlier=sensor.outlier_probability, background=background, drift_mm=np.zeros(DRIFTS)
     )
-    pixels = pixels_of(source, window_frames * samples_a_frame(source), window_frames * samples_a_frame(source))
+    window = window_frames * samples_a_frame(source)
+    pixels = pixels_of(source, window, window, step=step)
+    beam = beam_of(replace(sensor, range_step_mm=None))
+    if step is not None:
+        beam = beam._replace(steps=steps_of(step.without_pixels(), sensor.noise))
     ranges = np.sort(medians(pixels.samples))
     thresholds = known_thresholds(
         noise,
-        beam_of(sensor),
+        beam,
         ranges if ranges.size else np.array(sensor.noise.range_mm),
-        samples=sample_numbers(pixels, min_samples, window_frames * samples_a_frame(source)),
+        samples=sample_numbers(pixels, min_samples, window),
         rounding_mm=pixels.rounding_mm,
         workers=workers,
         progress=progress,
@@ -242,11 +285,10 @@ def calibrated(
     return replace(sensor, learnt=noise.learnt_with(thresholds))
 
 
-def background_map(source: SampleSource, noise: PixelNoise, sensor: Sensor, window_frames: int) -> FloatArray:
+def background_map(source: SampleSource, noise: PixelNoise, beam: Beam, window_frames: int) -> FloatArray:
     """Share of background (row, col) in the first window; the mean of the prior in pixels without a surface."""
     frames, rows, cols = source.shape
     length = min(window_frames, MOST_FRAMES, frames)
-    beam = beam_of(replace(sensor, noise=noise.curve))
     near, far = noise.background or (0.0, 1.0)
     out = np.full((rows, cols), near / (near + far))
     band = max(1, source.row_step)

@@ -12,7 +12,7 @@ from tofmix.estimation.learnt.components import BACKGROUND, LOG_WIDTH, MEAN, OWN
 from tofmix.estimation.learnt.counting import LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, Rules, count_surfaces
 from tofmix.estimation.learnt.em import background_density, mix
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.learnt.pixel_samples import LEAST_SAMPLES, Samples, fill_times, take_samples
+from tofmix.estimation.learnt.pixel_samples import LEAST_SAMPLES, Samples, fill_cells, fill_times, take_samples
 from tofmix.estimation.learnt.thresholds import Thresholds
 from tofmix.estimation.learnt.trials import new_workspace
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
@@ -50,6 +50,7 @@ def background_shares(
             continue
         data = Samples(value[:n], time[:n])
         fill_times(data, work.scratch)
+        fill_cells(data, own, work.scratch)
         k, law = count_surfaces(data, work, laws, own, thresholds, rules)
         if k == 0:
             continue
@@ -106,6 +107,7 @@ def pixel_widths(
             continue
         data = Samples(value[:n], time[:n])
         fill_times(data, work.scratch)
+        fill_cells(data, own, work.scratch)
         k, _ = count_surfaces(data, work, laws, own, thresholds, rules)
         if k == 0:
             continue

@@ -3,16 +3,18 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from tofmix.arrays import Float32Array, FloatArray
+from tofmix.arrays import FloatArray
 from tofmix.compiled.robust import MAD_TO_SIGMA
+from tofmix.estimation.learnt.clusters import SIGMAS, ClusterFits
 from tofmix.estimation.learnt.folds import Fold
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.noise.isolated_clusters import LEAST_CLUSTERS
+from tofmix.estimation.noise.isolated_clusters import LEAST_CLUSTERS, Clusters
 from tofmix.estimation.noise.pair_differences import sigma_from_differences
-from tofmix.estimation.noise.training_pixels import medians
+from tofmix.estimation.noise.training_pixels import Pixels, medians
 from tofmix.sensor import NoiseCurve, Sensor
 
 LEAST_CLUSTERS_A_PIXEL = 0.05
@@ -36,6 +38,9 @@ _DIFFERENT_FACTOR = 1.1
 _CONVERGED = 0.01
 """Change of log sigma that ends the rounds: samples determine sigma less exactly."""
 
+SEVERAL = 0.1
+"""Part of the clusters that may be of several surfaces, where sigma is the most likely one."""
+
 _LEAST_IN_BIN, _WIDEST_BIN = 20, 0.12
 """Least clusters in a bin of range, and greatest width of the bin by its range."""
 
@@ -43,13 +48,13 @@ _LEAST_VARIANCE_LEFT = 0.1
 """Least part of the variance that fits leave, for clusters of few samples."""
 
 
-def first_curves(samples: Float32Array, start: NoiseCurve | None) -> list[NoiseCurve]:
+def first_curves(pixels: Pixels, start: NoiseCurve | None) -> list[NoiseCurve]:
     """Return curves to start from: `start`, that of the differences of samples, and smaller ones.
 
     Parameters
     ----------
-    samples : (pixel, frame) float32
-        Samples, mm, NaN where invalid.
+    pixels : Pixels
+        Pixels of the recording.
     start : NoiseCurve or None
         A curve measured in another way.
 
@@ -58,7 +63,8 @@ def first_curves(samples: Float32Array, start: NoiseCurve | None) -> list[NoiseC
     list of NoiseCurve
         Empty if no two samples of a pixel differ.
     """
-    curves = [] if start is None else [start]
+    curves = [] if start is None else [with_least_sigma(start, pixels)]
+    samples = pixels.smooth
     found = sigma_from_differences(samples)
     if found is not None:
         ranges, sigmas = found
@@ -72,10 +78,17 @@ def first_curves(samples: Float32Array, start: NoiseCurve | None) -> list[NoiseC
             return curves
         ranges, sigmas = np.array([float(np.median(medians(seen)))]), np.array([spread])
     for scale in SCALES:
-        curve = NoiseCurve(ranges, sigmas * scale)
+        curve = with_least_sigma(NoiseCurve(ranges, sigmas * scale), pixels)
         if all(abs(math.log(typical_ratio(curve, other))) > math.log(_DIFFERENT_FACTOR) for other in curves):
             curves.append(curve)
     return curves
+
+
+def with_least_sigma(curve: NoiseCurve, pixels: Pixels) -> NoiseCurve:
+    """The curve with the least sigma that the step of the stored ranges tells, where it is below."""
+    if pixels.step is None:
+        return curve
+    return replace(curve, sigma_mm=np.maximum(curve.sigma_mm, pixels.least_sigma(curve.range_mm)))
 
 
 def different_starts(
@@ -106,17 +119,23 @@ def typical_ratio(one: NoiseCurve, other: NoiseCurve) -> float:
 def with_sigma(fold: Fold, noise: PixelNoise) -> PixelNoise:
     """Measure sigma(r) anew: the median width of the clusters near each range, or of pixels where clusters are rare."""
     for _ in range(ROUNDS):
+        coarse = None
         free = replace(noise, curve=replace(noise.curve, width_spread=FREE_WIDTH))
         clusters = fold.clusters(noise)
         if len(clusters.pixel) >= max(LEAST_CLUSTERS, LEAST_CLUSTERS_A_PIXEL * len(fold.training.samples)):
             fits = fold.fits(free, clusters)
-            place, wide = fits.place, fits.log_width + _log_bias(noise, fits.support, 1.0)
+            place, wide = fits.place, fits.log_width
+            bias = _log_bias(noise, fits.support, 1.0)
+            coarse = _coarse(fold, noise, clusters, fits)
         else:
             pixels = fold.widths(noise, free)
             if len(pixels.place) < LEAST_CLUSTERS:
                 return noise
-            place, wide = pixels.place, pixels.log_width + _log_bias(noise, pixels.support, pixels.surfaces)
-        curve = _curve_through(place, wide, noise.curve)
+            place, wide = pixels.place, pixels.log_width
+            bias = _log_bias(noise, pixels.support, pixels.surfaces)
+        # Where rounding is a part of the spread, sigma lacks as much of a smaller whole.
+        bias = bias * (1.0 + fold.rounding_variance(place, noise.curve.sigma(place) * np.exp(wide)))
+        curve = with_least_sigma(_curve_through(place, wide + bias, noise.curve, coarse), fold.training)
         change = abs(math.log(typical_ratio(curve, noise.curve)))
         noise = replace(noise, curve=curve)
         if change < _CONVERGED:
@@ -138,8 +157,55 @@ def variance_left(taken: FloatArray | float, support: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(1.0 - taken / np.maximum(support, taken + 2.0), _LEAST_VARIANCE_LEFT))
 
 
-def _curve_through(at_mm: FloatArray, log_width: FloatArray, curve: NoiseCurve) -> NoiseCurve:
-    """Curve through the median widths of bins of range; log widths (n,) are relative to `curve` at `at_mm` (n,)."""
+class _Coarse(NamedTuple):
+    """Clusters on a step: the log of each step (cluster,), mm, and the log likelihood of each sigma of `SIGMAS`."""
+
+    log_step: FloatArray
+    likelihood: FloatArray
+
+
+def _coarse(fold: Fold, noise: PixelNoise, clusters: Clusters, fits: ClusterFits) -> _Coarse | None:
+    """What clusters on a step tell of sigma; None without a step."""
+    step = fold.training.step
+    if step is None:
+        return None
+    likelihood = fold.sigma_likelihoods(noise, clusters, fits)
+    if noise.curve.width_spread > 0.0:
+        likelihood = _over_widths(likelihood, noise.curve.width_spread)
+    return _Coarse(np.log(step.at(fits.place, clusters.pixel)), likelihood)
+
+
+def _over_widths(likelihood: FloatArray, spread: float) -> FloatArray:
+    """Log of the mean likelihood (cluster, `SIGMAS`) over the widths of pixels."""
+    log_sigma = np.log(SIGMAS)
+    node, weight = np.polynomial.hermite_e.hermegauss(7)
+    shifted = np.array([[np.interp(log_sigma + spread * x, log_sigma, row) for row in likelihood] for x in node])
+    most = shifted.max(axis=0)
+    mean = np.tensordot(weight / weight.sum(), np.exp(shifted - most), axes=1)
+    return np.asarray(most + np.log(mean))
+
+
+def _sigma_in_steps(likelihood: FloatArray) -> float:
+    """Most likely sigma, in steps, of clusters (cluster, `SIGMAS`), of which some are of several surfaces."""
+    most = likelihood.max(axis=1, keepdims=True)
+    relative = np.exp(likelihood - most)
+    # A cluster of several surfaces tells nothing of sigma: any sigma is as likely.
+    total = np.log((1.0 - SEVERAL) * relative + SEVERAL * relative.mean(axis=1, keepdims=True)).sum(axis=0)
+    at = int(np.argmax(total))
+    if not 0 < at < len(SIGMAS) - 1:
+        return float(SIGMAS[at])
+    below, here, above = total[at - 1 : at + 2]
+    part = 0.5 * (below - above) / (below - 2.0 * here + above)
+    return float(SIGMAS[at] * math.exp(part * math.log(SIGMAS[1] / SIGMAS[0])))
+
+
+def _curve_through(
+    at_mm: FloatArray, log_width: FloatArray, curve: NoiseCurve, coarse: _Coarse | None = None
+) -> NoiseCurve:
+    """Curve through the median widths of bins of range; log widths (n,) are relative to `curve` at `at_mm` (n,).
+
+    Where the step is a sigma or more, sigma is the most likely one of the bin: widths of single clusters scatter far.
+    """
     order = np.argsort(at_mm, kind="stable")
     place = at_mm[order]
     wide = log_width[order] + np.log(curve.sigma(place))
@@ -151,7 +217,13 @@ def _curve_through(at_mm: FloatArray, log_width: FloatArray, curve: NoiseCurve) 
         if len(place) - stop < _LEAST_IN_BIN // 2:
             stop = len(place)
         ranges.append(float(np.median(place[first:stop])))
-        sigmas.append(float(np.exp(np.median(wide[first:stop]))))
+        log_sigma = float(np.median(wide[first:stop]))
+        if coarse is not None:
+            some = order[first:stop]
+            log_step = float(np.median(coarse.log_step[some]))
+            if log_step >= log_sigma:
+                log_sigma = log_step + math.log(_sigma_in_steps(coarse.likelihood[some]))
+        sigmas.append(float(np.exp(log_sigma)))
         first = stop
     at, where = np.unique(np.round(np.array(ranges), 3), return_index=True)
     law = curve.law

@@ -13,6 +13,7 @@ from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.estimation.beam import NO_RETURN_REACH, Beam, is_beyond, near_no_return
 from tofmix.estimation.learnt.acceleration import maximise, value_of
+from tofmix.estimation.learnt.cells import has_steps, spread_at
 from tofmix.estimation.learnt.components import (
     DENSITY,
     LOG_WIDTH,
@@ -41,7 +42,6 @@ from tofmix.estimation.learnt.pixel_samples import Samples
 from tofmix.estimation.mixture.counting import COUNT_ITER, COUNT_TOL, LEAST_BOUND, MIN_SUPPORT, SPLIT_SIGMAS
 from tofmix.estimation.mixture.share_step import LARGEST_SHARE
 from tofmix.estimation.noise.isolated_clusters import CLOSE
-from tofmix.estimation.noise.kernel import sigma_at
 
 CERTAIN_SUPPORT, CERTAIN_GAIN = 5.0, 40.0
 """Least samples of a surface that is kept without a trial, and least loss, nat, without it."""
@@ -89,7 +89,7 @@ def densest_place(y: FloatArray, n: int, beam: Beam, everywhere: bool) -> tuple[
     """
     most, place, stop, sum_inside = 0.0, y[0], 0, 0.0
     for first in range(n):
-        end = y[first] + 2.0 * CLOSE * sigma_at(y[first], beam.curve_range, beam.curve_sigma)
+        end = y[first] + 2.0 * CLOSE * spread_at(y[first], beam)
         while stop < n and y[stop] <= end:
             sum_inside += y[stop]
             stop += 1
@@ -236,6 +236,8 @@ def surely_needed(data: Samples, k: int, index: int, fit: FloatArray, beam: Beam
     width = math.exp(fit[OWN, LOG_WIDTH])
     for i in range(k):
         wider = max(fit[SIGMA, i], fit[SIGMA, index])
+        if has_steps(beam):
+            wider = max(wider, spread_at(fit[MEAN, index], beam))
         if i != index and abs(fit[MEAN, i] - fit[MEAN, index]) < CERTAIN_SIGMAS * width * wider:
             return False
     if k == 1 and fit[SUPPORT, index] < 0.5 * len(data.value):

@@ -23,6 +23,7 @@ from tofmix.estimation.noise.series import (
     series_statistics,
 )
 from tofmix.estimation.unrolling import UnrolledSource
+from tofmix.range_step import SIGMA_OF_STEP, RangeStep
 from tofmix.recording import SampleSource, amplitude_source, by_target
 from tofmix.sensor import NoiseCurve
 
@@ -64,6 +65,7 @@ def check_consistency(
     source: SampleSource,
     curve: NoiseCurve | None,
     *,
+    step: RangeStep | None = None,
     window_frames: int,
     unambiguous_range_mm: float | None = None,
     follows_drift: bool = False,
@@ -80,6 +82,8 @@ def check_consistency(
         to `most_judged` of these pixels are judged.
     curve : NoiseCurve or None
         The curve that the estimate uses.
+    step : RangeStep, optional
+        Step of the stored ranges; default: a common one, from the samples.
     window_frames : int
         Frames of a window, at least 1.
     unambiguous_range_mm : float, optional
@@ -109,16 +113,19 @@ def check_consistency(
     amplitudes = None if curve.law is None else amplitude_source(source)
     series = read_runs(ranges, starts, length, _rows(source, most_pixels), amplitudes)
     series = _thinned(series, len(starts), most_judged)
-    step = quantisation_step(series.samples)
-    found = series_statistics(series, step)
+    step_mm = quantisation_step(series.samples) if step is None else step.typical()
+    found = series_statistics(series, step_mm)
     place = found.range_mm if unambiguous_range_mm is None else fold(found.range_mm, unambiguous_range_mm)
     sigma = np.asarray(curve.sigma(place, series.amplitude), dtype=np.float64)
     chosen = single_surface(found)
     chosen = chosen[_returns(source, curve, place[chosen])]
     if chosen.size < least_pixels:
         return nothing
-    scatter = _scatter(found, sigma, chosen, step, least_pixels)
+    rounding = np.full(sigma.shape, step_mm) if step is None else step.at(place, series.pixel)
+    scatter = _scatter(found, sigma, chosen, rounding, least_pixels)
     seen = sigma * max(1.0, scatter or 0.0)
+    if step is not None:
+        seen = np.hypot(seen, SIGMA_OF_STEP * rounding)
     drift = None
     if not follows_drift:
         drift = _drift(series, seen, chosen, window_frames, unambiguous_range_mm, least_pixels)
@@ -160,14 +167,14 @@ def _returns(source: SampleSource, curve: NoiseCurve, range_mm: FloatArray) -> B
 
 
 def _scatter(
-    found: SeriesStatistics, sigma: FloatArray, chosen: IntArray, step: float, least_pixels: int
+    found: SeriesStatistics, sigma: FloatArray, chosen: IntArray, step: FloatArray, least_pixels: int
 ) -> float | None:
     """Median ratio of standard deviations; rounding adds step^2 / 12 to a variance (Sheppard)."""
     # Where sigma is below half a step, samples may well show no scatter at all.
-    chosen = chosen[sigma[chosen] >= 0.5 * step]
+    chosen = chosen[sigma[chosen] >= 0.5 * step[chosen]]
     if chosen.size < least_pixels:
         return None
-    ratio = np.sqrt(np.maximum(found.variance[chosen], 0.0)) / np.hypot(sigma[chosen], step / math.sqrt(12.0))
+    ratio = np.sqrt(np.maximum(found.variance[chosen], 0.0)) / np.hypot(sigma[chosen], step[chosen] / math.sqrt(12.0))
     return float(np.median(ratio))
 
 

@@ -6,7 +6,7 @@ held-out pixels decide whether the learnt noise is better.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import NormalDist
 
 import numpy as np
@@ -30,6 +30,7 @@ from tofmix.estimation.noise.pair_differences import sigma_from_differences
 from tofmix.estimation.noise.pixel_noise import pixel_curves
 from tofmix.estimation.noise.training_pixels import Pixels, pixels_of, scatters
 from tofmix.learnt_noise import DRIFTS
+from tofmix.range_step import RangeStep
 from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
 
@@ -157,7 +158,9 @@ def doubts(pixels: Pixels, sensor: Sensor, *, tolerances: CurveTolerances = DEFA
     return found
 
 
-def is_contradicted(source: SampleSource, *, window_frames: int, stride_frames: int | None = None) -> bool:
+def is_contradicted(
+    source: SampleSource, *, window_frames: int, stride_frames: int | None = None, step: RangeStep | None = None
+) -> bool:
     """Whether the samples of a recording contradict the Gaussian curve of its sensor, by `doubts`.
 
     Parameters
@@ -166,6 +169,8 @@ def is_contradicted(source: SampleSource, *, window_frames: int, stride_frames: 
         The recording, with a curve. Up to `QUESTIONED_PIXELS` pixels are read.
     window_frames, stride_frames : int
         Frames of a window, and from one window to the next.
+    step : RangeStep, optional
+        Step of the stored ranges; default: a common one, from the samples.
 
     Raises
     ------
@@ -174,8 +179,13 @@ def is_contradicted(source: SampleSource, *, window_frames: int, stride_frames: 
     """
     targets = samples_a_frame(source)
     stride = (stride_frames or window_frames) * targets
-    pixels = pixels_of(source, window_frames * targets, stride, most=QUESTIONED_PIXELS)
-    return scatters(pixels) and bool(doubts(pixels, source.sensor))
+    pixels = pixels_of(source, window_frames * targets, stride, most=QUESTIONED_PIXELS, step=step)
+    sensor = source.sensor
+    if step is not None and sensor.noise is not None:
+        # Rounding, and its spread over the step, each add a variance of step^2 / 12.
+        wider = np.hypot(sensor.noise.sigma_mm, math.sqrt(2.0) * step.rounding(sensor.noise.range_mm))
+        sensor = replace(sensor, noise=replace(sensor.noise, sigma_mm=wider), range_step_mm=None)
+    return scatters(pixels) and bool(doubts(pixels.with_fine_step(), sensor))
 
 
 def _by_differences(pixels: Pixels, curve: NoiseCurve, tolerances: CurveTolerances) -> list[str]:

@@ -46,6 +46,7 @@ from tofmix.estimation.noise.series import (
     trend_degree,
 )
 from tofmix.estimation.noise.settings import DEFAULT_SETTINGS, CurveSettings, NoiseSettings
+from tofmix.range_step import RangeStep
 from tofmix.recording import SampleSource, by_target
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.wording import counted
@@ -79,7 +80,9 @@ class MeasuredNoise:
     law_gain: float | None = None
 
 
-def measure_noise(source: SampleSource, *, settings: NoiseSettings = DEFAULT_SETTINGS) -> MeasuredNoise:
+def measure_noise(
+    source: SampleSource, *, step: RangeStep | None = None, settings: NoiseSettings = DEFAULT_SETTINGS
+) -> MeasuredNoise:
     """Measure sigma(r), or sigma by range and amplitude, and p(c_r) from a recording.
 
     The sensor's own curve is not looked at. The result depends on the samples and their amplitudes alone.
@@ -89,6 +92,8 @@ def measure_noise(source: SampleSource, *, settings: NoiseSettings = DEFAULT_SET
     source : SampleSource
         The recording; at least 10 frames, and 20 pixels that see one surface at about one range. Amplitudes are used
         if it is a `tofmix.recording.AmplitudeSource`.
+    step : RangeStep, optional
+        Step of the stored ranges; default: a common one, from the samples.
     settings : NoiseSettings
         Thresholds.
 
@@ -108,13 +113,14 @@ def measure_noise(source: SampleSource, *, settings: NoiseSettings = DEFAULT_SET
     """
     source = by_target(source)
     series = read_series(source)
-    step = quantisation_step(series.samples)
-    found = series_statistics(series, step)
+    step_mm = quantisation_step(series.samples) if step is None else step.typical()
+    found = series_statistics(series, step_mm)
     chosen = single_surface(found, settings)
+    at_each = np.array(step_mm) if step is None else step.at(found.range_mm[chosen], series.pixel[chosen])
     bins = cut_into_bins(found.range_mm[chosen], settings.curve)
     if not bins:
         raise ValueError(_what_is_missing(source, found, chosen, settings.curve))
-    spread = _Spread(series, found, chosen, bins, step, settings)
+    spread = _Spread(series, found, chosen, bins, at_each, settings)
     law = spread.law()
     points = _without_constant_pile(spread.points(law), source.sensor, settings.pile_sigma)
     curve = join(points, settings.curve)
@@ -128,7 +134,7 @@ def measure_noise(source: SampleSource, *, settings: NoiseSettings = DEFAULT_SET
         pixels=_pixels(curve, points, series.pixel[chosen]),
         outlier_probability=p_outlier,
         outlier_samples=n_outliers,
-        step_mm=step,
+        step_mm=step_mm,
         law_gain=None if law is None else law.gain,
     )
 
@@ -167,7 +173,7 @@ class _Spread:
     """The series that measure the noise, by range, in bins."""
 
     def __init__(
-        self, series: Series, found: SeriesStatistics, chosen: IntArray, bins: Sequence[slice], step: float,
+        self, series: Series, found: SeriesStatistics, chosen: IntArray, bins: Sequence[slice], step: FloatArray,
         settings: NoiseSettings,
     ) -> None:  # fmt: skip
         self._settings = settings

@@ -14,7 +14,7 @@ import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import jit
-from tofmix.estimation.beam import Beam, PixelCurves
+from tofmix.estimation.beam import Beam, PixelCurves, Steps
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.sensor import NoiseCurve
@@ -160,13 +160,16 @@ def pixel_curves(block: Float32Array, amplitude: Float32Array, curve: NoiseCurve
 
 @jit
 def beam_of_pixel(beam: Beam, pixel: int) -> Beam:
-    """The beam with the pixel's own curve, where there is one."""
+    """The beam with the pixel's own curve, and its own step, where there are."""
     size = beam.pixel_curves.size[pixel] if pixel < len(beam.pixel_curves.size) else 0
-    if size == 0:
+    steps = beam.steps
+    if pixel < len(steps.of_pixel):
+        steps = Steps(steps.range_mm[:1], steps.of_pixel[pixel : pixel + 1], steps.of_pixel)
+    elif size == 0:
         return beam
     return Beam(
-        beam.pixel_curves.range_mm[pixel, :size],
-        beam.pixel_curves.sigma_mm[pixel, :size],
+        beam.pixel_curves.range_mm[pixel, :size] if size > 0 else beam.curve_range,
+        beam.pixel_curves.sigma_mm[pixel, :size] if size > 0 else beam.curve_sigma,
         beam.range_max,
         beam.sigma_max,
         beam.no_return_from,
@@ -177,4 +180,5 @@ def beam_of_pixel(beam: Beam, pixel: int) -> Beam:
         beam.range_min,
         beam.range_top,
         beam.pixel_curves,
+        steps,
     )

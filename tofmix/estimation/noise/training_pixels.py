@@ -1,14 +1,20 @@
 """Pixels that the noise is learnt from, read from a recording."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.estimation.noise.series import quantisation_step, read_runs
 from tofmix.estimation.samples import FARTHEST_MM
+from tofmix.range_step import RangeStep
 from tofmix.recording import AmplitudeSource, SampleSource, amplitude_source
+from tofmix.sensor import NoiseCurve
+
+COARSE = 2.0
+"""Step, in sigmas, above which most samples of a pixel have one or two values."""
 
 MANY_PIXELS = 900
 """From so many pixels on, one third of them judges all models: its standard error is small enough."""
@@ -40,17 +46,45 @@ class Pixels:
     amplitude : (pixel, frame) float32, optional
         Their amplitudes, in the unit of the recording.
     rounding_mm : float
-        Step of the stored ranges, mm.
+        Step of the stored ranges, mm; the median one where there are several.
+    step : RangeStep, optional
+        The step, if fits integrate the noise over it: `samples` are then as they were stored.
+    spread : (pixel, frame) float32, optional
+        Then the samples with their rounding spread over its step.
     """
 
     samples: Float32Array
     amplitude: Float32Array | None = None
     rounding_mm: float = 0.0
+    step: RangeStep | None = None
+    spread: Float32Array | None = None
 
     def chosen(self, which: BoolArray) -> "Pixels":
         """Return the pixels for which `which` (pixel,) is true."""
-        light = None if self.amplitude is None else np.ascontiguousarray(self.amplitude[which])
-        return Pixels(samples=np.ascontiguousarray(self.samples[which]), amplitude=light, rounding_mm=self.rounding_mm)
+        light, spread = (
+            None if values is None else np.ascontiguousarray(values[which]) for values in (self.amplitude, self.spread)
+        )
+        return Pixels(
+            samples=np.ascontiguousarray(self.samples[which]), amplitude=light, rounding_mm=self.rounding_mm,
+            step=None if self.step is None else self.step.chosen(which), spread=spread,
+        )  # fmt: skip
+
+    @property
+    def smooth(self) -> Float32Array:
+        """Samples (pixel, frame), mm, with their rounding spread over its step."""
+        return self.samples if self.spread is None else self.spread
+
+    def is_coarse(self, curve: NoiseCurve) -> bool:
+        """Whether the step is above `COARSE` sigmas at some range of a curve: order of samples then tells nothing."""
+        return self.step is not None and bool((self.step.at(curve.range_mm) > COARSE * curve.sigma_mm).any())
+
+    def with_fine_step(self) -> "Pixels":
+        """Return the pixels with their rounding spread over its step, for fits that do not integrate over it."""
+        return replace(self, samples=self.smooth, step=None, spread=None)
+
+    def least_sigma(self, range_mm: ArrayLike) -> FloatArray:
+        """Least sigma, mm, that the step tells at ranges, mm; 0 where fits do not integrate over it."""
+        return np.zeros(np.shape(range_mm)) if self.step is None else self.step.least_sigma(range_mm)
 
     def some(self, most: int) -> "Pixels":
         """Return at most `most` pixels, evenly spread."""
@@ -67,7 +101,14 @@ def medians(samples: Float32Array) -> FloatArray:
     return np.array([float(np.median(row[np.isfinite(row)])) for row in samples if np.isfinite(row).any()])
 
 
-def pixels_of(source: SampleSource, window_frames: int, stride_frames: int, *, most: int = MOST_PIXELS) -> Pixels:
+def pixels_of(
+    source: SampleSource,
+    window_frames: int,
+    stride_frames: int,
+    *,
+    most: int = MOST_PIXELS,
+    step: RangeStep | None = None,
+) -> Pixels:
     """Read up to `most` pixels, evenly spread over the image and the windows; fewer where `MOST_SAMPLES` are more.
 
     Uniform noise is added over the step of the stored ranges, because equal samples determine no width.
@@ -80,6 +121,9 @@ def pixels_of(source: SampleSource, window_frames: int, stride_frames: int, *, m
         Samples of a pixel in a window, and from one window to the next.
     most : int
         Most pixels.
+    step : RangeStep, optional
+        Step of the stored ranges; the result then has the samples as they were stored, too. Default: a common one, from
+        the samples.
     """
     frames, rows, cols = source.shape
     length = min(window_frames, MOST_FRAMES, frames)
@@ -87,8 +131,8 @@ def pixels_of(source: SampleSource, window_frames: int, stride_frames: int, *, m
     count = max(1, 1 + (frames - window_frames) // stride_frames) if frames >= window_frames else 1
     some = min(count, max(1, most // (rows * cols)))
     starts = np.unique(np.linspace(0, count - 1, some).astype(int)) * stride_frames
-    step = max(1, math.floor(math.sqrt(rows * cols / most)))
-    chosen = np.arange(min(step // 2, (rows - 1) // 2), rows, step)  # an image of few rows keeps its middle one
+    every = max(1, math.floor(math.sqrt(rows * cols / most)))
+    chosen = np.arange(min(every // 2, (rows - 1) // 2), rows, every)  # an image of few rows keeps its middle one
     series = read_runs(source, starts.tolist(), length, chosen, None)
     keep = np.unique(np.linspace(0, len(series.samples) - 1, min(len(series.samples), most)).astype(int))
     samples = series.samples[keep]
@@ -97,10 +141,19 @@ def pixels_of(source: SampleSource, window_frames: int, stride_frames: int, *, m
     light = None
     if (amplitudes := amplitude_source(source)) is not None:
         light = read_runs(_AmplitudesAsRanges(amplitudes, source), starts.tolist(), length, chosen, None).samples[keep]
-    rounding = quantisation_step(samples)
     rng = np.random.default_rng(_SEED)
-    smooth = samples + rng.uniform(-0.5 * rounding, 0.5 * rounding, samples.shape)
-    return Pixels(samples=np.ascontiguousarray(smooth, dtype=np.float32), amplitude=light, rounding_mm=float(rounding))
+    if step is None:
+        rounding = quantisation_step(samples)
+        smooth = samples + rng.uniform(-0.5 * rounding, 0.5 * rounding, samples.shape)
+        spread = np.ascontiguousarray(smooth, dtype=np.float32)
+        return Pixels(samples=spread, amplitude=light, rounding_mm=float(rounding))
+    own = step.chosen(series.pixel[keep])
+    pixel = np.broadcast_to(np.arange(len(samples))[:, None], samples.shape)
+    smooth = samples + own.at(samples, pixel) * rng.uniform(-0.5, 0.5, samples.shape)
+    return Pixels(
+        samples=np.ascontiguousarray(samples, dtype=np.float32), amplitude=light, rounding_mm=step.typical(), step=own,
+        spread=np.ascontiguousarray(smooth, dtype=np.float32),
+    )  # fmt: skip
 
 
 class _AmplitudesAsRanges:
@@ -119,9 +172,9 @@ class _AmplitudesAsRanges:
 
 def scatters(pixels: Pixels) -> bool:
     """Whether the samples of most pixels differ by more than their rounding."""
-    known = np.isfinite(pixels.samples)
-    high = np.where(known, pixels.samples, -np.inf).max(axis=1)
-    low = np.where(known, pixels.samples, np.inf).min(axis=1)
+    known = np.isfinite(pixels.smooth)
+    high = np.where(known, pixels.smooth, -np.inf).max(axis=1)
+    low = np.where(known, pixels.smooth, np.inf).min(axis=1)
     seen = known.sum(axis=1) > 1
     return not seen.any() or bool(np.median((high - low)[seen]) > pixels.rounding_mm)
 

@@ -209,7 +209,7 @@ class LayersFile:
         self.provenance = read_provenance(root, path)
         self.phasor_share = _law(root, "phasor_share", shape[0], path)
         self.phasor_pixels = _law(root, "phasor_pixels", shape[0], path)
-        sensor_group.check_background(self.provenance.sensor, self.shape[1:], path)
+        sensor_group.check_maps(self.provenance.sensor, self.shape[1:], path)
 
     def read_window(self, window: int) -> Layers:
         """Read the layers of one window, of the leading shape (row, col).

@@ -52,7 +52,7 @@ class RecordingFile:
         self.frames = int(self._range.shape[0])
         self.targets = int(self._range.shape[1]) if self._range.ndim > len(DIMS) else 0
         rows, cols = self._range.shape[-2:]
-        sensor_group.check_background(self.sensor, (rows, cols), path)
+        sensor_group.check_maps(self.sensor, (rows, cols), path)
         self.shape: tuple[int, int, int] = (self.frames * max(1, self.targets), rows, cols)
         self._amplitude = _samples(root, "amplitude", path) if "amplitude" in root else None
         try:

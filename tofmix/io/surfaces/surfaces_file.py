@@ -47,7 +47,7 @@ class SurfacesFile:
         self.factor = _factor(self._datasets["range_fine"], path)
         self._check_lengths(specs)
         self.provenance = read_surfaces_provenance(root, path)
-        sensor_group.check_background(self.provenance.sensor, self.shape[1:], path)
+        sensor_group.check_maps(self.provenance.sensor, self.shape[1:], path)
 
     def _check_lengths(self, specs: list[SurfaceField]) -> None:
         windows, rows, cols = self.shape

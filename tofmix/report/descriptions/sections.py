@@ -28,6 +28,8 @@ def sensor_section(sensor: Sensor) -> Section:
         section["noise_amplitude_factor"] = noise.law.factor.tolist()
     if noise is not None:
         section |= _noise_parts(noise)
+    if sensor.range_step_mm is not None:
+        section["range_step_mm"] = float(np.median(sensor.range_step_mm))
     return section
 
 

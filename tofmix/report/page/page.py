@@ -88,7 +88,7 @@ def render_page(
     summary = summary or summarise(layers_file)
     pictures = import_module("tofmix.report.figures.pictures")
     rasters = import_module("tofmix.report.figures.rasters")
-    sensor = replace(provenance.sensor, noise=noise_of(provenance))
+    sensor = replace(provenance.sensor, noise=noise_of(provenance), range_step_mm=None)
     scale: tuple[float, float] = pictures.range_scale(layers, averaged, sensor)
     explorer = import_module("tofmix.report.explorer.explorer").make_explorer(
         layers_file, recording=recording, window=window, layers=layers, averaged=averaged, scale=scale

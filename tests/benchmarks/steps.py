@@ -1,0 +1,133 @@
+"""Ranges that are stored on a step: sigma, false alarms and power beside the same samples without a step.
+
+    python tests/benchmarks/steps.py [--steps 0.5,2] [--samples 30,100] [--forms common,jitter] [--pixels 1000]
+
+Pixels of one surface, and of two surfaces `--apart` sigmas apart, are drawn with Gaussian noise of 6 mm at ranges of
+1.5 to 4.5 m, and stored on a step of each number of sigmas: ``common`` multiples of one step; ``jitter``, the same
+after a conversion in float32; ``range``, a step that grows with range; ``pixel``, the step of each pixel;
+``integer``, whole mm, with the noise made as small as the step asks. The noise is learnt, with all its parts. Step 0
+is the same samples as they were drawn.
+"""
+
+import argparse
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+import tofmix as tm
+from tofmix.arrays import FloatArray
+
+SIGMA_MM = 6.0
+LOW_MM, HIGH_MM = 1500.0, 4500.0
+FORMS = ("common", "jitter", "range", "pixel", "integer")
+
+
+def stored(range_mm: FloatArray, step_mm: float, form: str, rng: np.random.Generator) -> NDArray[np.float32]:
+    """Ranges (frame, row, col), mm, as a camera stores them on a step that is `step_mm` in the middle of all ranges."""
+    if step_mm == 0.0:
+        return range_mm.astype(np.float32)
+    if form == "range":  # multiples of a step in the logarithm
+        part = step_mm / (0.5 * (LOW_MM + HIGH_MM))
+        return np.exp(part * np.rint(np.log(range_mm) / part)).astype(np.float32)
+    if form == "pixel":
+        factor = 1.0 + 0.2 * rng.random(range_mm.shape[1:])
+        return (factor * step_mm * np.rint(range_mm / (factor * step_mm))).astype(np.float32)
+    values = (step_mm * np.rint(range_mm / step_mm)).astype(np.float32)
+    if form == "jitter":
+        turn = rng.uniform(0.5, 1.0, range_mm.shape).astype(np.float32)
+        return values * turn / turn
+    return values
+
+
+def drawn(
+    samples: int, pixels: int, sigma_mm: float, apart: float, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Ranges (frame, row, col), mm, of one surface, or of two `apart` sigmas apart in every fourth pixel; the truth."""
+    rows = max(1, pixels // 40)
+    place = rng.uniform(LOW_MM, HIGH_MM, (rows, 40))
+    ranges = place + sigma_mm * rng.standard_normal((samples, rows, 40))
+    if apart:
+        ranges[:, :, ::4] += apart * sigma_mm * (rng.random((samples, rows, 10)) < 0.5)
+    return ranges, place
+
+
+def recorded(values: NDArray[np.float32], form: str, folder: Path) -> tm.Recording:
+    """A recording of values (frame, row, col), mm; ``integer`` in a file of uint16."""
+    camera = tm.Sensor(name="benchmark", range_min_mm=500.0, range_max_mm=8000.0)
+    if form != "integer":
+        return tm.from_array(values, units="mm", sensor=camera)
+    path = folder / "whole.h5"
+    with h5py.File(path, "w") as root:
+        root.create_dataset("range", data=values.astype(np.uint16), chunks=values.shape).attrs["units"] = "mm"
+        group = root.create_group("sensor")
+        group.attrs.update(name="benchmark", range_min_mm=500.0, range_max_mm=8000.0)
+    found = tm.open(path)
+    assert isinstance(found, tm.Recording)
+    return found
+
+
+def row(form: str, step: float, samples: int, pixels: int, apart: float, folder: Path) -> dict[str, float]:
+    """Numbers of one line."""
+    rng = np.random.default_rng([20080922, samples])
+    whole = form == "integer" and step > 0.0
+    sigma_mm, step_mm = (1.0 / step, 1.0) if whole else (SIGMA_MM, step * SIGMA_MM)
+    ranges, place = drawn(samples, pixels, sigma_mm, apart, rng)
+    start = time.process_time()
+    found = tm.estimate(recorded(stored(ranges, step_mm, form, rng), form, folder), noise="auto", workers=1)
+    seconds = time.process_time() - start
+    layers = found
+    n, sigma = layers.n_modes[0], layers.sigma[0, ..., 0]
+    two = np.zeros(n.shape, dtype=bool)
+    if apart:
+        two[:, ::4] = True
+    error = (layers.range[0, ..., 0] - place)[~two & (n == 1)]
+    stderr = layers.range_stderr[0, ..., 0][~two & (n == 1)]
+    step_found = found.sensor.range_step_mm
+    return {
+        "sigma": float(np.nanmedian(sigma[~two]) / sigma_mm),
+        "more": float((n[~two] > 1).mean()),
+        "none": float((n[~two] == 0).mean()),
+        "power": float((n[two] == 2).mean()) if apart else np.nan,
+        "rms": float(np.sqrt(np.mean((error / stderr) ** 2))),
+        "least": float(stderr.min() / sigma_mm),
+        "found": 0.0 if step_found is None else float(np.median(step_found)) / sigma_mm,
+        "seconds": seconds,
+    }
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--steps", default="0,0.1,0.3,1,2,5,10", help="steps, in sigmas")
+    parser.add_argument("--samples", default="30,100,1000", help="samples of a pixel")
+    parser.add_argument("--forms", default="common,jitter,range,pixel,integer", help=f"some of {', '.join(FORMS)}")
+    parser.add_argument("--pixels", type=int, default=1000, help="pixels")
+    parser.add_argument(
+        "--apart", type=float, default=0.0, help="distance of two surfaces in every fourth pixel, sigmas"
+    )
+    chosen = parser.parse_args()
+    print(
+        "| samples | form | step, sigma | found | sigma / true | more than one, % | none, % | power | error / stderr |"
+        " least stderr, sigma | s |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|---|---|")
+    with tempfile.TemporaryDirectory() as folder:
+        for samples in map(int, chosen.samples.split(",")):
+            for step in map(float, chosen.steps.split(",")):
+                for form in ("common",) if step == 0.0 else chosen.forms.split(","):
+                    r = row(form, step, samples, chosen.pixels, chosen.apart, Path(folder))
+                    print(
+                        f"| {samples} | {form if step else '-'} | {step:g} | {r['found']:.3g} | {r['sigma']:.3f} |"
+                        f" {100 * r['more']:.2f} | {100 * r['none']:.2f} | {r['power']:.3f} | {r['rms']:.2f} |"
+                        f" {r['least']:.3f} | {r['seconds']:.0f} |"
+                    )
+                    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()
