@@ -124,6 +124,7 @@ def _wide(path: Path, names: list[str] | None, layout: Layout, shape: tuple[int,
         dtype=_FLOAT,
         frames=images(),
         has_time=time_at is not None,
+        stream="",
         notes=tuple(notes),
     )
 
