@@ -66,19 +66,18 @@ def test_the_only_stream_is_refused_if_its_name_says_other_and_read_if_it_is_ask
     tmp_path: Path, kind: str, name: str
 ) -> None:
     path, asked = source_of(tmp_path, kind, name)
-    options: dict[str, Any] = {"mat": {"axes": "frame,row,col"}, "csv": {"shape": (3, 4)}}.get(kind, {})
+    options: dict[str, Any] = {"axes": "frame,row,col"} if kind == "mat" else {}
+    options |= {"shape": (3, 4)} if kind == "csv" else {}
     with pytest.raises(BadInputError, match=rf"{name}\S* holds no depths, .* --dataset '?{asked}'? -o"):
         read_source(path, **options)
     _, frames = read_source(path, topic=asked, **options)
     np.testing.assert_array_equal([frame.depth for frame in frames], STACK)
 
 
-@pytest.mark.parametrize("kind", ONE_STREAM)
+@pytest.mark.parametrize("kind", [kind for kind in ONE_STREAM if kind not in ("mat", "csv")])  # these need options
 @pytest.mark.parametrize("name", ["depth_ir", "wall"])
 def test_amplitudes_may_be_named_so(tmp_path: Path, kind: str, name: str) -> None:
     np.save(tmp_path / "plain.npy", STACK + 7)
-    if kind in ("mat", "csv"):
-        pytest.skip("takes options of its own")
     path, _ = source_of(tmp_path, kind, name)
     _, frames = read_source(tmp_path / "plain.npy", amplitude=str(path))
     np.testing.assert_array_equal([frame.amplitude for frame in frames], STACK)
@@ -208,7 +207,32 @@ def test_times_and_codes_that_are_not_used_are_named(tmp_path: Path, suffix: str
     path = write(tmp_path / f"a{suffix}", depth=STACK, timestamps=np.arange(5.0), flags=np.ones(7))
     notes = " ".join(read_source(path, axes="frame,row,col")[0].notes)
     assert "not used: array timestamps" in notes
-    assert "not used: array flags (--valid-status" in notes
+    assert "not used: array flags" in notes
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".mat", ".h5"])
+def test_amplitudes_beside_depths_are_named_with_the_option_that_uses_them(tmp_path: Path, suffix: str) -> None:
+    path = write(tmp_path / f"a{suffix}", depth=STACK, amplitude=STACK + 3)
+    source, _ = read_source(path, axes="frame,row,col")
+    assert source.notes == (f"{path}: not used: array amplitude (--amplitude amplitude uses it)",)
+    assert read_source(path, axes="frame,row,col", amplitude="amplitude")[0].notes == ()
+
+
+def test_codes_of_the_camera_are_used_for_a_status_of_the_same_shape_alone(tmp_path: Path) -> None:
+    codes: dict[str, Any] = {"status_codes": (5, 9)}
+    used = read_source(write(tmp_path / "a.npz", depth=STACK, status=np.full(STACK.shape, 5)), **codes)[0]
+    assert (used.status_valid, used.notes) == ((5, 9), ())
+    path = write(tmp_path / "b.npz", depth=STACK, status=np.full(5, 1))
+    other = read_source(path, **codes)[0]
+    assert (other.status_valid, other.notes) == ((), (f"{path}: not used: array status",))
+
+
+def test_columns_of_numbers_that_are_not_used_are_named(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(
+        ",frame,row,col,range_mm,gain,remark,exposure\n0,0,0,0,812,1.5,fine,20\n1,1,0,0,813,1.5,dark,20\n"
+    )
+    notes = read_source(tmp_path / "a.csv")[0].notes
+    assert notes == (f"{tmp_path / 'a.csv'}: not used: column gain, exposure",)
 
 
 def test_mat_of_a_struct_names_it_and_the_commands_that_save_its_part(tmp_path: Path) -> None:

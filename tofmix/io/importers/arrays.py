@@ -211,10 +211,12 @@ class Beside(NamedTuple):
     notes: tuple[str, ...]
 
 
-def arrays_beside(shapes: dict[str, tuple[int, ...]], name: str, request: Request, path: Path) -> Beside:
+def arrays_beside(
+    shapes: dict[str, tuple[int, ...]], name: str, request: Request, path: Path, used: Container[str] = ()
+) -> Beside:
     """Find the status codes of the depths `name`, and name the arrays that are not used.
 
-    These are arrays of the same shape, and times and status codes beside the depths.
+    These are arrays of the same shape, and times and status codes beside the depths; `used` are others that are used.
 
     Raises
     ------
@@ -224,23 +226,31 @@ def arrays_beside(shapes: dict[str, tuple[int, ...]], name: str, request: Reques
     group = name.rpartition("/")[0]
     others = [one for one in shapes if one != name and one != (request.amplitude or "").strip("/")]
     near = [one for one in others if request.valid_status is not None or one.rpartition("/")[0] == group]
+    if request.valid_status is None:
+        near = [one for one in near if shapes[one] == shapes[name]]
     status = next((one for one in near if codes_of(one, request)), None)
     if status is not None:
         check_shapes(shapes[name], shapes[status], f"{path}: {status}")
     elif request.valid_status is not None:
         raise BadInputError(f"{path}: --valid-status: no array {request.valid_status[0]!r} beside {name}")
-    light, time = (f"{group}/{last}" if group else last for last in ("amplitude", TIME))
+    time = f"{group}/{TIME}" if group else TIME
     left = [
-        one for one in others if one not in (status, light, time) and (
+        one for one in others if one not in (status, time) and one not in used and (
             shapes[one] == shapes[name]
             or (one.rpartition("/")[0] == group and (is_status_name(one) or is_time_name(one)))
         )
     ]  # fmt: skip
-    codes = [one for one in left if is_status_name(one)]
+    codes = [one for one in left if is_status_name(one) and shapes[one] == shapes[name]]
+    times = [one for one in left if is_time_name(one) and shapes[one] != shapes[name]]
+    lights = [one for one in left if one.rpartition("/")[2] == "amplitude" and shapes[one] == shapes[name]]
     notes = []
     if codes:
         notes.append(unused(path, "array", codes, f"--valid-status {codes[0]}=5,9 says which codes are valid"))
-    if plain := [one for one in left if one not in codes]:
+    if lights:
+        notes.append(unused(path, "array", lights, f"--amplitude {lights[0]} uses it"))
+    if times:
+        notes.append(unused(path, "array", times, f"times are read from an array {TIME}"))
+    if plain := [one for one in left if one not in (*codes, *lights, *times)]:
         notes.append(unused(path, "array", plain))
     return Beside(status, () if status is None else codes_of(status, request) or (), tuple(notes))
 

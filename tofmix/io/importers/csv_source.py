@@ -15,16 +15,13 @@ import numpy as np
 
 from tofmix.errors import BadInputError
 from tofmix.io.importers.base import Frame, FrameSource, Request, foreign
-from tofmix.io.importers.csv_long import TIME_NAMES, named_columns, open_long, time_unit_of
+from tofmix.io.importers.csv_long import INDEX_NAMES, TIME_NAMES, named_columns, open_long, time_unit_of
 from tofmix.io.importers.csv_text import Layout, layout_of
 from tofmix.wording import counted
 
 SUFFIXES = (".csv", ".tsv", ".txt")
 
 _ALSO = {"column": "col", "distance": "range", "zone_id": "zone", "pixel": "zone"}
-_INDEX_NAMES = ("", "index", "unnamed: 0")
-"""Names of a column that numbers the lines, as tables of pandas have it."""
-
 _UNIT_BESIDE = re.compile(r"(.+?)[ _]*[\[(]\s*(\w+)\s*[\])]")
 _FLOAT = np.dtype(np.float64)
 
@@ -80,7 +77,7 @@ def _lines(path: Path, layout: Layout) -> Iterator[tuple[int, str]]:
 def _wide(path: Path, names: list[str] | None, layout: Layout, shape: tuple[int, int], request: Request) -> FrameSource:
     names, width, notes = names or [], len(layout.head), list(layout.notes)
     labels = [k for k, name in enumerate(names) if name == "frame" or name in TIME_NAMES]
-    labels += [k for k, name in enumerate(names[:1]) if name in _INDEX_NAMES]
+    labels += [k for k, name in enumerate(names[:1]) if name in INDEX_NAMES]
     time_at = next((k for k, name in enumerate(names) if name in TIME_NAMES), None)
     pixels = shape[0] * shape[1]
     if width == pixels + 1 and not labels and _first_counts(path, layout):

@@ -78,7 +78,8 @@ def _source(root: h5py.File, path: Path, request: Request) -> FrameSource:
         shapes, wanted, path, _axes_asked(root, shapes, request),
         {name for name in shapes if root[name].dtype.itemsize == 1},
     )  # fmt: skip
-    beside = arrays_beside(shapes, name, request, path)
+    of_range = name.rpartition("/")[2] == _RANGE and request.amplitude is None
+    beside = arrays_beside(shapes, name, request, path, (_companion(name, _AMPLITUDE),) if of_range else ())
     notes = [*_axes_guessed(root, name, request, path), *beside.notes]
     depth = _frames(root, name, shapes, path, request)
     dataset = guard.checked_dataset(root, name, path)
