@@ -68,7 +68,7 @@ def test_the_only_stream_is_refused_if_its_name_says_other_and_read_if_it_is_ask
     path, asked = source_of(tmp_path, kind, name)
     options: dict[str, Any] = {"axes": "frame,row,col"} if kind == "mat" else {}
     options |= {"shape": (3, 4)} if kind == "csv" else {}
-    with pytest.raises(BadInputError, match=rf"{name}\S* holds no depths, .* --dataset '?{asked}'? -o"):
+    with pytest.raises(BadInputError, match=rf"{name}\S* holds no depths by its name, .* --dataset '?{asked}'? -o"):
         read_source(path, **options)
     _, frames = read_source(path, topic=asked, **options)
     np.testing.assert_array_equal([frame.depth for frame in frames], STACK)

@@ -137,7 +137,7 @@ def _refuse_other_stream(stream: str, path: Path) -> None:
         told = stream_of_file(stream)
     if told == "other":
         raise BadInputError(
-            f"{path}: by its name, {stream} holds no depths, and nothing else here does; if it does hold them:"
+            f"{path}: {stream} holds no depths by its name, and no other frames were found; if it does hold them:"
             f" {import_command(path, '--dataset', stream)}"
         )
 

@@ -123,7 +123,7 @@ def _refuse_structs(shapes: dict[str, tuple[int, ...]], holders: list[str], path
     if holders and not any(len(shape) > 1 and min(shape) > 1 for shape in shapes.values()):
         name = holders[0].split(" ")[0]
         raise BadInputError(
-            f"{path}: no array of numbers, but {', '.join(holders)}, whose parts are not read; in MATLAB: depth ="
+            f"{path}: no array of frames, but {', '.join(holders)}, whose parts are not read; in MATLAB: depth ="
             f" {name}.depth; save('{path.stem}_depth.mat', 'depth')"
         )
 
