@@ -15,7 +15,8 @@ class MixingLaw:
     Parameters
     ----------
     phasor_share : float
-        q, the share of the samples at edges that are phasor sums; NaN if no pixel determines it.
+        q, the share of the samples at edges that are phasor sums. Where no pixel determines it: 1 if sums are assumed,
+        else NaN.
     pixels : int
         Pixels that determine it.
     """
@@ -25,20 +26,26 @@ class MixingLaw:
 
     @classmethod
     def of_windows(cls, shares: NDArray[np.floating], pixels: NDArray[np.integer]) -> Self:
-        """Mean over windows (window,), weighted by the pixels that determine each."""
+        """Mean over windows (window,), weighted by the pixels that determine each; without any, what is assumed."""
         told = int(pixels.sum())
-        mean = float(np.nansum(np.asarray(shares, np.float64) * pixels) / told) if told else math.nan
+        assumed = float(np.nanmax(shares)) if np.isfinite(shares).any() else math.nan
+        mean = float(np.nansum(np.asarray(shares, np.float64) * pixels) / told) if told else assumed
         return cls(phasor_share=mean, pixels=told)
 
     def words(self) -> str:
         """Say it: ``100 % of the samples at edges are phasor sums (2,016 pixels)``."""
-        if not self.pixels or math.isnan(self.phasor_share):
+        if math.isnan(self.phasor_share):
             return "no edge shows whether samples are phasor sums; each sample counts as one surface"
+        if not self.pixels:
+            return (
+                "no edge shows whether samples are phasor sums; a lock-in camera sums, and nothing contradicts it, so"
+                " mixed pixels that no neighbours unmix are undecided (--mixing events: each sample is one surface)"
+            )
         percent = round(100.0 * min(max(self.phasor_share, 0.0), 1.0))
         return f"{percent} % of the samples at edges are phasor sums ({self.pixels:,} pixels)"
 
     def as_dict(self) -> dict[str, Any]:
-        """The same for JSON; None if no pixel determines it."""
+        """The same for JSON; None where nothing is known."""
         share = None if math.isnan(self.phasor_share) else self.phasor_share
         return {"phasor_share": share, "pixels": self.pixels}
 

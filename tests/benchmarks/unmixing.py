@@ -1,6 +1,6 @@
 """Mixed pixels of a lock-in camera: how often both surfaces are found, and what is invented.
 
-    python tests/benchmarks/unmixing.py [phasor|few|frames|texture|laws|open|wrapped|events|speed ...]
+    python tests/benchmarks/unmixing.py [phasor|few|frames|texture|laws|open|wrapped|events|pickets|speed ...]
         [--seeds 1 2] [--small]
 
 Raw-tap recordings (tests/blind, which knows nothing of the package) of ten kinds of scenes, 144 x 176 pixels, 50
@@ -13,6 +13,8 @@ Asserts nothing.
 - open: boards without the wall behind them: a surface beside open space, its share in every frame.
 - wrapped: 30 MHz, the ranges folded at 5 m.
 - events: samples of one surface each; how many layers files differ from those of `--mixing events`.
+- pickets: slats of 1.5 to 4 pixels before a wall, 48 x 64 pixels, 40 frames, every slat at its own range; and the
+  parts (8 x 8) of mixed pixels that get the wrong surface in `surfaces`, for slats that end in the image at their ends.
 - speed: what unmixing adds to an estimate.
 """
 
@@ -25,11 +27,15 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from support.lock_in import FAMILIES, FULL, SMALL, Judged, Scene, judge, made
+from blind.geometry import View
+from support import plates
+from support.edges import camera, wrong_parts
+from support.lock_in import FAMILIES, FULL, SLATS, SMALL, Direction, Judged, Scene, judge, made, slats
 
 from tofmix.estimation.blocks.sequence import EstimatedWindows, estimate_windows
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.layers import Layers
+from tofmix.surfaces.reconstruct import reconstruct
 
 FRAMES = (3, 5, 7, 10, 25)
 SHARES = (0.0, 0.1, 0.35, 0.5, 0.7, 1.0)
@@ -153,6 +159,58 @@ def print_events(options: argparse.Namespace) -> None:
     print(f"{recordings} recordings; layers that differ from those of --mixing events: {differ}")
 
 
+WIDTHS = ((1.5, 1.5), (2.0, 2.0), (2.0, 3.0), (3.0, 3.0), (4.0, 4.0))
+"""Widths of slats, pixels, least and most."""
+
+DIRECTIONS: tuple[Direction, ...] = ("vertical", "horizontal", "tilted")
+
+SLAT_FRAMES = 40
+
+
+def print_pickets(options: argparse.Namespace) -> None:
+    """A row for each direction and width of slats."""
+    print(f"\n**Slats, {SLAT_FRAMES} frames**\n")
+    print("| slats | pixels wide | asked for | exactly both | false layers a mixed pixel | undecided of mixed |"
+          " share, rms | split of single | sure and false | wrong parts | at the ends |\n"
+          + "|---" * 11 + "|")  # fmt: skip
+    for direction in DIRECTIONS:
+        for width in WIDTHS:
+            total, wrong, at_ends = Judged(), [], []
+            for seed in options.seeds:
+                one, layers, parts = judged_slats(seed, width, direction, ends=False)
+                total += judge(one, layers)
+                wrong.append(parts)
+                at_ends.append(judged_slats(seed, width, direction, ends=True)[2])
+            r, span = total, f"{width[0]:g}" if width[0] == width[1] else f"{width[0]:g} to {width[1]:g}"
+            print(
+                f"| {direction} | {span} | {r.asked} | {r.found / max(r.asked, 1):.3f} |"
+                f" {r.false / max(r.mixed, 1):.3f} | {r.undecided / max(r.mixed, 1):.3f} | {r.share_rms:.4f} |"
+                f" {r.split} of {r.single} | {r.sure_false} of {r.sure} | {np.concatenate(wrong).mean():.3f} |"
+                f" {np.concatenate(at_ends).mean():.3f} |",
+                flush=True,
+            )
+
+
+def judged_slats(
+    seed: int, width: tuple[float, float], direction: Direction, *, ends: bool
+) -> tuple[Scene, Layers, np.ndarray]:
+    """A recording of slats, its layers, and the shares of wrong parts of its mixed pixels, or of those at ends."""
+    surfaces = slats(np.random.default_rng([seed, 5]), width, direction, ends=ends)
+    one = made(surfaces, seed, view=SLATS, frames=SLAT_FRAMES)
+    layers = first(estimated(one))
+    view = View(rows=SLATS[0], cols=SLATS[1], fov_horizontal_deg=SLATS[2], fov_vertical_deg=SLATS[3],
+                range_max_mm=one.device.range_max_mm)  # fmt: skip
+    cast = plates.scene([plates.Plate.of(surface) for surface in surfaces], view)
+    wrong = wrong_parts(cast, reconstruct(layers, camera(view)).range_fine, SLAT_FRAMES)
+    if ends:
+        # At an end, the pixel beyond along the slat sees the wall alone.
+        is_wall = cast.truth.share[-1] > 1.0 - 1.0e-6
+        along = 1 if direction == "horizontal" else 0
+        beyond = np.stack([np.roll(is_wall, step, axis=along) for step in (-1, 1)])
+        wrong = np.where(beyond.any(axis=0), wrong, np.nan)
+    return one, layers, wrong[np.isfinite(wrong)]
+
+
 def print_speed(options: argparse.Namespace) -> None:
     """What unmixing adds to an estimate, best of three runs side by side."""
     print("\n**Speed**\n\n| scene | estimate, s | with unmixing, s |\n|---|---|---|")
@@ -176,6 +234,7 @@ TABLES = {
     "open": print_open,
     "wrapped": lambda o: print_judged(o, "30 MHz, folded at 5 m", frequency_hz=30.0e6, wraps=True),
     "events": print_events,
+    "pickets": print_pickets,
     "speed": print_speed,
 }
 

@@ -60,3 +60,46 @@ def test_source_without_times_says_so(tofmix: Tofmix, tmp_path: Path) -> None:
     assert "times of the frames (reconcile needs them for effects in time: import --frame-rate)" in done.out
     done = tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "b.h5", "--frame-rate", "25")
     assert "times of the frames" not in done.out
+
+
+def test_frame_counter_and_clock_that_restart_together_keep_the_order_of_the_lines(
+    tofmix: Tofmix, tmp_path: Path
+) -> None:
+    lines = [
+        f"{k % 4},{k % 4 * 0.05:.2f},{r},{c},{IMAGES[k % 4, r, c]}" for k in range(8) for r in (0, 1) for c in (0, 1)
+    ]
+    (tmp_path / "a.csv").write_text("\n".join(["frame,time_s,row,col,range_mm", *lines]))
+    ranges, times, notes = imported(tofmix, tmp_path / "a.csv")  # the second run equals the first, times included
+    np.testing.assert_array_equal(ranges, np.tile(IMAGES[:4, :2, :2], (2, 1, 1)))
+    np.testing.assert_allclose(times, np.arange(8) * 0.05, atol=1e-9)
+    assert any("starts again with the count of frames at frame 4" in note for note in notes)
+
+
+def test_damaged_stamp_leaves_its_frame_in_place(tofmix: Tofmix, tmp_path: Path) -> None:
+    stamps = np.arange(12) / 8
+    stamps[5] = 2.1e18
+    np.savez(tmp_path / "a.npz", range=IMAGES, time=stamps)
+    ranges, times, notes = imported(tofmix, tmp_path / "a.npz")
+    np.testing.assert_array_equal(ranges, IMAGES)
+    np.testing.assert_allclose(times, np.arange(12) / 8)
+    assert "that no clock shows (2.1e+18 s)" in notes[0]
+
+
+def test_unit_of_times_is_asked_for_in_arrays_as_in_tables(tofmix: Tofmix, tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", range=IMAGES, time=20 * np.arange(12))
+    with h5py.File(tmp_path / "a.h5", "w") as root:
+        root["range"], root["time"] = IMAGES, 20 * np.arange(12)
+    for path in (tmp_path / "a.npz", tmp_path / "a.h5"):
+        done = tofmix("import", path, "-o", tmp_path / "b.h5")
+        assert done.code == 3
+        assert "time: no unit, and frames would be 20 s apart; give --time-unit ms" in done.err
+        _, times, _ = imported(tofmix, path, "--time-unit", "ms", "--overwrite")
+        np.testing.assert_allclose(times, 0.02 * np.arange(12))
+
+
+def test_dates_of_numpy_are_times(tofmix: Tofmix, tmp_path: Path) -> None:
+    stamps = np.datetime64("2025-02-28T23:59:59", "ms") + 50 * np.arange(12)
+    np.savez(tmp_path / "a.npz", range=IMAGES, time=stamps)
+    _, times, notes = imported(tofmix, tmp_path / "a.npz")
+    np.testing.assert_allclose(times, 0.05 * np.arange(12))
+    assert notes == []

@@ -4,8 +4,10 @@ Scenes of flat boards before walls. Each sample of a pixel that sees several sur
 their phasor sum with the probability q; q = 0 is equation (1) of the paper.
 """
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import h5py
 import numpy as np
@@ -26,6 +28,9 @@ FULL = (144, 176, 47.0, 39.0)
 SMALL = (48, 60, 16.0, 13.0)
 """The middle of it: quick, with pixels of the same size."""
 
+SLATS = (48, 64, 47.0 * 64 / 176, 13.0)
+"""The image of `slats`, with pixels of the same size."""
+
 RANGES_MM = (300.0, 600.0, 1000.0, 1500.0, 2000.0, 3000.0, 4000.0, 5000.0, 6000.0, 7000.0, 9000.0)
 
 
@@ -44,6 +49,41 @@ def pickets(rng: np.random.Generator) -> list[Surface]:
         for k in range(count)
     ]
     return [*out, _wall(rng, 4500.0)]
+
+
+Direction = Literal["vertical", "horizontal", "tilted"]
+"""How slats stand: along columns or rows of pixels, or leaning away from the camera, so that they cross columns."""
+
+
+def slats(
+    rng: np.random.Generator, width_pixels: tuple[float, float], direction: Direction, *, ends: bool = False
+) -> list[Surface]:
+    """Slats a few pixels wide, each at its own range from 2.3 to 3.2 m, before a wall at 4.3 m, for the image `SLATS`.
+
+    There are eleven of them, or eight horizontal ones. They go on beyond the image, or with `ends` end in it.
+    """
+    rows, cols, wide_deg, high_deg = SLATS
+    is_horizontal = direction == "horizontal"
+    count, pixels = (8, rows) if is_horizontal else (11, cols)
+    pixel = math.radians((high_deg if is_horizontal else wide_deg) / pixels)
+    out = []
+    for k in range(count):
+        depth = float(rng.uniform(2300, 3200))
+        middle = ((k + 0.5) * pixels / count - pixels / 2 + float(rng.uniform(-0.5, 0.5))) * pixel
+        width = float(rng.uniform(*width_pixels)) * pixel * depth
+        length = float(rng.uniform(24, 36)) * pixel * depth if ends else 9000.0
+        off, slant = math.tan(middle) * depth, float(rng.uniform(-3, 3))
+        lean = float(rng.uniform(20, 40)) if direction == "tilted" else slant
+        slat = Surface(
+            name=f"slat {k}",
+            center_mm=(0.0, off, depth) if is_horizontal else (off, 0.0, depth),
+            size_mm=(length, width) if is_horizontal else (width, length),
+            yaw_deg=slant if is_horizontal else 0.0,
+            pitch_deg=0.0 if is_horizontal else lean,
+            reflectivity=float(rng.uniform(0.3, 0.9)),
+        )
+        out.append(slat)
+    return [*out, Surface(name="back wall", center_mm=(0.0, 0.0, 4300.0), size_mm=(40000.0, 40000.0))]
 
 
 def random_boards(rng: np.random.Generator) -> list[Surface]:

@@ -38,12 +38,16 @@ def surfaces_beside(image: PhasorImage, pixel: int, members: Members, seeds: See
         down, right = int(other) // image.shape[1] - row, int(other) % image.shape[1] - col
         if other != pixel and max(abs(down), abs(right)) <= 4:
             places.append(_place(image, pixel, int(other), down, right, members, seeds))
+    for line in {place["line"] for place in places} - {-1}:
+        _predict_together(image, pixel, [place for place in places if place["line"] == line], seeds)
     places.sort(key=lambda place: place["value"])
     groups = [places[:1]] if places else []
     for before, place in pairwise(places):
         apart = 4.0 * np.sqrt(2.0 * min(place["error"], before["error"]))
         begins = place["value"] - before["value"] > max(apart, 0.01 * abs(before["value"]))
+        begins |= _contradict(place, min(groups[-1], key=lambda one: one["error"]))
         groups = [*groups, [place]] if begins else [*groups[:-1], [*groups[-1], place]]
+    groups = [part for group in groups for part in _parted_from_behind(group)]
 
     def close(group: list[dict[str, Any]]) -> int:
         return sum(max(abs(place["down"]), abs(place["right"])) <= 3 for place in group)
@@ -51,6 +55,45 @@ def surfaces_beside(image: PhasorImage, pixel: int, members: Members, seeds: See
     large = [group for group in groups if close(group) > 0 and len(group) > 1]
     large.sort(key=lambda group: (-close(group), -len(group)))
     return [_surface(image, pixel, group, members, seeds) for group in large[:4]]
+
+
+def _parted_from_behind(group: list[dict[str, Any]]) -> list[list[dict[str, Any]]]:
+    """Parts of a group such that none contradicts the most certain one of those behind it, of its part."""
+    parts = [[group[-1]]]
+    for place in reversed(group[:-1]):
+        if _contradict(place, min(parts[0], key=lambda one: one["error"])):
+            parts = [[place], *parts]
+        else:
+            parts[0] = [place, *parts[0]]
+    return parts
+
+
+def _contradict(one: dict[str, Any], other: dict[str, Any]) -> bool:
+    """Whether two predictions differ by more than their errors; beside narrow surfaces those of light, too."""
+    apart = max(4.0 * np.sqrt(one["error"] + other["error"]), 0.01 * abs(other["value"]))
+    off = abs(one["light"] - other["light"]) > 4.0 * np.sqrt(one["light_error"] + other["light_error"])
+    narrow = one["line"] >= 0 or other["line"] >= 0
+    return bool(abs(one["value"] - other["value"]) > apart or (narrow and off))
+
+
+def _predict_together(image: PhasorImage, pixel: int, line: list[dict[str, Any]], seeds: Seeds) -> None:
+    """1 / r and u at the pixel of a narrow surface, for all of its members."""
+    other = np.array([place["other"] for place in line])
+    x, y, near, cosine, variance = (
+        np.array([place[name] for place in line]) for name in ("x", "y", "near", "cosine", "variance")
+    )
+    noise = image.light_variance[other] + 9.0 * image.range_variance[other] * near**2 + seeds.texture_variance
+    slope = 0.25 * image.pitch[pixel] * (near / cosine).mean()
+    light_slope = 2.0 * image.pitch[pixel] + 0.005
+    for name, values, spread, steepest in (
+        ("value", near / cosine, variance, slope), ("light", image.log_light[other], noise, light_slope),
+    ):  # fmt: skip
+        level = values.mean()
+        fit, covariance, residuals = least_squares(x, y, values - level, 1.0 / spread, steepest**-2)
+        error = widened(covariance, residuals, 1.0 / spread, spread)[0, 0]
+        for place in line:
+            place[name] = level + fit[0]
+            place["error" if name == "value" else "light_error"] = error
 
 
 def _place(
@@ -68,7 +111,11 @@ def _place(
     else:
         value = near / cosine
         error = variance + (down**2 + right**2) * (2.0 * image.pitch[pixel] * near) ** 2
-    return {"other": other, "down": down, "right": right, "cosine": cosine, "x": x, "y": y, "near": near,
+    light_error = image.light_variance[other] + 9.0 * image.range_variance[other] * near**2 + seeds.texture_variance
+    light_error += (down**2 + right**2) * (2.0 * image.pitch[pixel] + 0.005) ** 2
+    line = int(members.line[other])
+    lit = {"light": image.log_light[other], "light_error": light_error, "line": line}
+    return lit | {"other": other, "down": down, "right": right, "cosine": cosine, "x": x, "y": y, "near": near,
             "variance": variance, "value": value, "error": error}  # fmt: skip
 
 

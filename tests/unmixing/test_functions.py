@@ -2,19 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy import ndimage, special, stats
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from scipy import special, stats
 
-from tofmix.unmixing.functions import (
-    binomial_most,
-    chi_square_6,
-    components,
-    count_around,
-    logsumexp,
-    ndtr,
-    near,
-)
+from tofmix.unmixing.functions import binomial_most, chi_square_6, logsumexp, ndtr
 
 
 def test_probabilities_of_a_gaussian_are_scipys_to_the_last_digits() -> None:
@@ -43,22 +33,3 @@ def test_most_successes_are_scipys(share: float, probability: float) -> None:
     trials = np.append(np.arange(1, 1200, 7), [3000, 7000, 30_000]).reshape(5, -1)
     expected = stats.binom.ppf(probability, trials, share)
     np.testing.assert_array_equal(binomial_most(probability, trials, share), expected)
-
-
-def test_components_are_scipys_in_their_order(rng: np.random.Generator) -> None:
-    for edges in (0, 30, 200, 2000):
-        one, other = rng.integers(0, 300, (2, edges))
-        graph = coo_array((np.ones(edges, np.int8), (one, other)), shape=(300, 300))
-        np.testing.assert_array_equal(components(one, other, 300), connected_components(graph, directed=False)[1])
-    chain = rng.permutation(3000)
-    assert not components(chain[:-1], chain[1:], 3000).any()
-
-
-@pytest.mark.parametrize("reach", [0, 1, 3, 20])
-def test_counts_and_neighbourhoods_are_scipys_also_at_the_border(reach: int, rng: np.random.Generator) -> None:
-    square = np.ones((2 * reach + 1, 2 * reach + 1))
-    for shape in ((12, 17), (1, 5), (3, 1)):
-        mask = rng.random(shape) < 0.1
-        counted = ndimage.convolve(mask.astype(np.int64), square.astype(np.int64), mode="constant")
-        np.testing.assert_array_equal(count_around(mask, reach), counted)
-        np.testing.assert_array_equal(near(mask, reach), ndimage.binary_dilation(mask, square.astype(bool)))

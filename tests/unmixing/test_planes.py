@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from blind.geometry import Surface
-from support.lock_in import FAMILIES, SMALL, Scene, crease, made, one_wall
+from support.lock_in import FAMILIES, SLATS, SMALL, Scene, crease, made, one_wall, slats
 from support.unmixing_twins import least_squares, local, surfaces_beside
 
 from tofmix.optics.equiangular import Equiangular
@@ -13,6 +13,7 @@ from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import Projection, beam_directions_of
 from tofmix.unmixing.image import PhasorImage, make_image
 from tofmix.unmixing.labels import label
+from tofmix.unmixing.lines import find_lines
 from tofmix.unmixing.neighbours import find_neighbours
 from tofmix.unmixing.phasors import mean_phasors, phase_scale_mm
 from tofmix.unmixing.plane_fit import fit_plane
@@ -92,15 +93,19 @@ def test_seeds_have_the_planes_of_least_squares(rng: np.random.Generator) -> Non
         np.testing.assert_allclose(seeds.plane[pixel], expected, rtol=1e-6, atol=1e-10)
 
 
-@pytest.mark.parametrize("family", ["boards", "pickets", "random boards"])
+@pytest.mark.parametrize("family", ["boards", "pickets", "random boards", "slats"])
 def test_neighbouring_surfaces_equal_those_of_the_twin(family: str, rng: np.random.Generator) -> None:
-    image = _scene_image(made(FAMILIES[family](rng), 5, view=SMALL))
+    if family == "slats":
+        image = _scene_image(made(slats(rng, (1.5, 3.0), "vertical"), 5, view=SLATS))
+        assert (find_lines(image, find_seeds(image)) >= 0).sum() > 500
+    else:
+        image = _scene_image(made(FAMILIES[family](rng), 5, view=SMALL))
     seeds = find_seeds(image)
     drawn = rng.random((4, image.count)) < 0.9
     members = Members(
         is_member=image.valid & drawn[0], has_plane=seeds.has_plane & drawn[1], has_light=drawn[2],
         is_known=drawn[3], is_trusted=rng.random(image.count) < 0.5, is_fresh=rng.random(image.count) < 0.3,
-        plane=seeds.plane, middle=seeds.middle,
+        plane=seeds.plane, middle=seeds.middle, line=find_lines(image, seeds),
     )  # fmt: skip
     doubtful = np.flatnonzero(image.valid & ~seeds.certain)
     pixels = np.concatenate([rng.choice(doubtful, 30), [0, image.count - 1]])

@@ -5,8 +5,8 @@ samples have one mode, at a range without a surface. The surfaces are found in t
 neighbours.
 
 The data's path: samples -> `phasors` (mean and covariance of each pixel) -> `image` (the measurements of one window) ->
-`unfolding` (surfaces beyond the fold of a folded axis) -> `seeds` (pixels that certainly see one surface) and `distant`
-(planes of large surfaces) -> `neighbours` (the surfaces beside a pixel, continued to it) -> `hypotheses` (one surface,
-two, three?) -> `labels` (three rounds over all pixels) -> `law` (are the samples phasor sums at all?) -> `rewriting`
-(layers).
+`unfolding` (surfaces beyond the fold of a folded axis) -> `seeds` (pixels that certainly see one surface), `lines`
+(narrow surfaces, of one column or row of pixels) and `distant` (planes of large surfaces) -> `neighbours` (the surfaces
+beside a pixel, continued to it) -> `hypotheses` (one surface, two, three?) -> `labels` (rounds over all pixels) ->
+`law` (are the samples phasor sums at all?) -> `rewriting` (layers).
 """

@@ -6,7 +6,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.compiled.robust import MAD_TO_SIGMA
-from tofmix.unmixing.functions import components
+from tofmix.image.masks import components
 from tofmix.unmixing.image import PhasorImage
 from tofmix.unmixing.seeds import Seeds
 from tofmix.unmixing.settings import PlaneSettings
@@ -34,9 +34,13 @@ class DistantPlane:
     light_variance: float
 
 
-def distant_planes(image: PhasorImage, seeds: Seeds, settings: PlaneSettings) -> tuple[DistantPlane, ...]:
+def distant_planes(
+    image: PhasorImage, seeds: Seeds, line: IntArray, settings: PlaneSettings
+) -> tuple[DistantPlane, ...]:
     """Find the planes of large surfaces: random sample consensus within connected regions of one-surface pixels.
 
+    The pixels of narrow surfaces, of numbers `line` (pixel,) from 0 on, are one region: a wall behind slats shows in
+    the gaps alone. Any two lines may lie on one plane, so a plane is taken from three and more.
     Triples are drawn with a fixed seed: the same image gives the same planes.
 
     References
@@ -45,20 +49,48 @@ def distant_planes(image: PhasorImage, seeds: Seeds, settings: PlaneSettings) ->
     """
     region = _regions(image, seeds, settings.inlier_sigmas)
     certain = np.flatnonzero(seeds.certain)
-    if certain.size == 0:
-        return ()
-    sizes = np.bincount(region[certain], minlength=int(region.max()) + 1)
     rng = np.random.default_rng(0)
+    sizes = np.bincount(region[certain], minlength=int(region.max()) + 1)
+    regions = [certain[region[certain] == number]
+               for number in np.argsort(-sizes, kind="stable")[: settings.most_regions]]  # fmt: skip
     found = []
-    for number in np.argsort(-sizes, kind="stable")[: settings.most_regions]:
-        left = certain[region[certain] == number]
+    lines = np.flatnonzero(line >= 0)
+    for tries, pixels in (*((settings.tries, one) for one in regions), (settings.line_tries, lines)):
+        is_narrow, left = pixels is lines, pixels
         for _ in range(settings.most_planes):
-            inliers = _consensus(image, seeds, left, rng, settings)
-            if inliers is None:
+            inliers = _consensus(image, seeds, left, line if is_narrow else None, rng, tries, settings)
+            if inliers is None or (
+                is_narrow and not _is_tested(line, left[inliers], image.shape, settings.least_width)
+            ):
                 break
             found.append(_fitted(image, seeds, left[inliers], settings.extrapolated))
             left = left[~inliers]
     return tuple(found)
+
+
+def _lines_on(
+    image: PhasorImage, seeds: Seeds, pixels: IntArray, inliers: BoolArray, line: IntArray, settings: PlaneSettings
+) -> tuple[BoolArray, int]:
+    """Inliers (n,) whose narrow surfaces lie on a plane for the most part, with one light; and how many those are.
+
+    Slats of several surfaces may lie on a plane, too.
+    """
+    step = settings.light_slope * image.pitch[pixels] + settings.light_step
+    sigma = np.sqrt(image.light_variance[pixels] + seeds.texture_variance + step**2)
+    off = image.log_light[pixels] - np.median(image.log_light[pixels[inliers]])
+    fits = inliers & (np.abs(off) < settings.inlier_sigmas * sigma)
+    most = 2 * np.bincount(line[pixels[fits]], minlength=image.count) > np.bincount(line[pixels], minlength=image.count)
+    return fits & most[line[pixels]], int(most.sum())
+
+
+def _is_tested(line: IntArray, pixels: IntArray, shape: tuple[int, int], least_width: float) -> bool:
+    """Whether the pixels of a plane are of several narrow surfaces, as wide together as tests a plane."""
+    row, col = np.divmod(pixels, shape[1])
+    numbers, width = np.unique(line[pixels]), 0.0
+    for number in numbers:
+        own = line[pixels] == number
+        width += np.count_nonzero(own) / max(np.ptp(row[own]) + 1, np.ptp(col[own]) + 1)
+    return bool(len(numbers) > 1 and width >= least_width)
 
 
 def _regions(image: PhasorImage, seeds: Seeds, most_sigmas: float) -> IntArray:
@@ -86,26 +118,33 @@ def _sigmas(image: PhasorImage, seeds: Seeds, pixels: IntArray) -> FloatArray:
 
 
 def _consensus(
-    image: PhasorImage, seeds: Seeds, pixels: IntArray, rng: np.random.Generator, settings: PlaneSettings
-) -> BoolArray | None:
-    """Pixels of the plane that most of them lie on; None if they are too few."""
+    image: PhasorImage, seeds: Seeds, pixels: IntArray, line: IntArray | None, rng: np.random.Generator, tries: int,
+    settings: PlaneSettings,
+) -> BoolArray | None:  # fmt: skip
+    """Pixels of the plane that most of them lie on, or with `line` most narrow surfaces; None if they are too few."""
     if len(pixels) < settings.least_pixels:
         return None
     beams, near = image.directions[pixels], 1.0 / image.range_mm[pixels]
     reach = settings.inlier_sigmas * _sigmas(image, seeds, pixels)
-    best = np.zeros(len(pixels), bool)
-    for _ in range(settings.tries):
+    best, most = np.zeros(len(pixels), bool), 0
+    for _ in range(tries):
         triple = rng.choice(len(pixels), 3, replace=False)
         # Three beams that lie in a plane with each other tell no plane.
         if abs(np.linalg.det(beams[triple])) < np.finfo(float).eps:
             continue
         inliers = np.abs(beams @ np.linalg.solve(beams[triple], near[triple]) - near) < reach
-        best = inliers if inliers.sum() > best.sum() else best
+        lines = 0
+        if line is not None and inliers.any():
+            inliers, lines = _lines_on(image, seeds, pixels, inliers, line, settings)
+        if (lines, inliers.sum()) > (most, best.sum()):
+            best, most = inliers, lines
     for _ in range(3):
         if best.sum() < settings.least_pixels:
             return None
         plane, _ = _least_squares(image, seeds, pixels[best])
         best = np.abs(beams @ plane - near) < reach
+        if line is not None:
+            best, _ = _lines_on(image, seeds, pixels, best, line, settings)
     return best if best.sum() >= settings.least_pixels else None
 
 

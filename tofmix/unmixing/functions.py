@@ -1,4 +1,4 @@
-"""Functions of statistics and of images that unmixing needs, in NumPy.
+"""Functions of statistics that unmixing needs, in NumPy.
 
 SciPy has them all. But its modules take longer to import than a usual recording takes to estimate, and nothing else in
 an estimate needs them. `tests/unmixing/test_functions.py` holds each against SciPy.
@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.arrays import FloatArray, IntArray
 
 _ERF = (  # Cephes' erf below 1: coefficients of numerator and denominator, largest power first
     (9.60497373987051638749e0, 9.00260197203842689217e1, 2.23200534594684319226e3, 7.00332514112805075473e3,
@@ -95,38 +95,3 @@ def binomial_most(probability: float, trials: IntArray, share: float) -> IntArra
             k, total = k + 1, total + math.exp(log_chance)
         least[i] = k
     return least[place].reshape(np.shape(trials))
-
-
-def components(one: IntArray, other: IntArray, count: int) -> IntArray:
-    """Number (count,) of the connected component of each of `count` nodes, in the order of their first nodes.
-
-    `one` and `other` (edge,) are the nodes that an edge connects.
-    """
-    least = np.arange(count)
-    while True:
-        before = least
-        low = np.minimum(least[one], least[other])
-        least = before.copy()
-        np.minimum.at(least, before[one], low)
-        np.minimum.at(least, before[other], low)
-        while not np.array_equal(least, least[least]):
-            least = least[least]
-        if np.array_equal(least, before):
-            return np.unique(least, return_inverse=True)[1].astype(np.int64).reshape(count)
-
-
-def count_around(mask: BoolArray, reach: int) -> IntArray:
-    """How many pixels of a mask (row, col) are true within `reach` rows and columns of each."""
-    total = mask.astype(np.int64)
-    for axis in (0, 1):
-        pads = [(0, 0), (0, 0)]
-        pads[axis] = reach + 1, reach
-        sums = np.cumsum(np.pad(total, pads), axis=axis)
-        first, last = np.arange(mask.shape[axis]), np.arange(mask.shape[axis]) + 2 * reach + 1
-        total = np.take(sums, last, axis=axis) - np.take(sums, first, axis=axis)
-    return total
-
-
-def near(mask: BoolArray, reach: int) -> BoolArray:
-    """Which pixels (row, col) have a true pixel of the mask within `reach` rows and columns."""
-    return count_around(mask, reach) > 0

@@ -103,7 +103,7 @@ class Findings:
     is_known : (n,) bool
         PAIR and TRIPLE: whether all ends are (`tofmix.unmixing.neighbours.Members`).
     is_fresh : (n,) bool
-        PAIR and TRIPLE: whether one of the ends is.
+        CONTINUED, PAIR and TRIPLE: whether the surface, or one of the ends, is.
     chord : (n,) complex128
         PAIR: difference of both phasors.
     scatter : (n,) float64
@@ -262,6 +262,7 @@ def _put_continued(
         best.put(
             Kind.CONTINUED, _log_share(PRIORS[Kind.CONTINUED], possible, count),
             _log_normal(phasor - seen.phasor, polar_covariance(seen.phasor, tangential, radial)), plane=plane,
+            is_fresh=neighbours.is_fresh[:, k],
         )  # fmt: skip
         along = seen.phasor / np.maximum(np.abs(seen.phasor), _TINY)
         turned = phasor * np.conj(along)
@@ -272,6 +273,7 @@ def _put_continued(
         best.put(
             Kind.OTHER_REFLECTANCE,
             _log_share(PRIORS[Kind.OTHER_REFLECTANCE], possible & (turned.real > 0), count), log_density, plane=plane,
+            is_fresh=neighbours.is_fresh[:, k],
         )  # fmt: skip
 
 

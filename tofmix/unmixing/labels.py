@@ -3,7 +3,8 @@
 1. Pixels that are not certain are judged by the certain ones around them.
 2. Pixels that no nearby surface explains may see a large surface from elsewhere, or a thin one: pixels that agree with
    their neighbours. Those join, and all is judged again.
-3. Once more where pixels joined or left surfaces, as the ends of chords are better known there.
+3. Once more where pixels joined or left surfaces, as the ends of chords are better known there; and again as long as
+   narrow surfaces are found by the mixtures beside them, at most as often.
 
 A pair of equal mixed pixels along a straight edge looks like a thin surface. So a surface one pixel wide may be an end
 of a chord, but never continues itself.
@@ -16,10 +17,11 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.compiled.robust import MAD_TO_SIGMA
-from tofmix.unmixing.distant import distant_planes
-from tofmix.unmixing.functions import near
+from tofmix.image.masks import near
+from tofmix.unmixing.distant import DistantPlane, distant_planes
 from tofmix.unmixing.hypotheses import ENDS, Kind, OpenSpace, judge
 from tofmix.unmixing.image import ComplexArray, PhasorImage
+from tofmix.unmixing.lines import Mixtures, agree, find_lines
 from tofmix.unmixing.seeds import Seeds, find_seeds
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, LabelSettings, UnmixSettings
 from tofmix.unmixing.surface_fit import Members
@@ -69,40 +71,54 @@ _FIELDS = (*_ENDS, "kind", "probability", "is_known", "is_fresh", "chord", "scat
 def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Labels:
     """Label the pixels of an image."""
     seeds, spaces = find_seeds(image, settings.seeds), _open_space(image, settings.labels)
-    doubtful = np.flatnonzero(image.valid & ~seeds.certain)
+    line = find_lines(image, seeds, None, settings.labels, settings.neighbours.reach)
+    is_line = line >= 0
+    alone = seeds.certain | is_line
+    doubtful = np.flatnonzero(image.valid & ~alone)
+    member = seeds.has_plane | is_line
     members = Members(
-        is_member=seeds.has_plane, has_plane=seeds.has_plane, has_light=seeds.certain,
-        is_known=seeds.has_plane, is_trusted=seeds.has_plane, is_fresh=np.zeros(image.count, bool),
-        plane=seeds.plane, middle=seeds.middle,
+        is_member=member, has_plane=seeds.has_plane, has_light=alone, is_known=member, is_trusted=member,
+        is_fresh=np.zeros(image.count, bool), plane=seeds.plane, middle=seeds.middle, line=line,
     )  # fmt: skip
-    planes = distant_planes(image, seeds, settings.planes) if doubtful.size else ()
-    kind = np.where(seeds.certain, int(Kind.CONTINUED), int(Kind.UNKNOWN))
+    planes: tuple[DistantPlane, ...] = ()
+    kind = np.where(alone, int(Kind.CONTINUED), int(Kind.UNKNOWN))
     count = image.count
     arrays: dict[str, NDArray[Any]] = {
-        "kind": kind, "probability": np.where(seeds.certain, 1.0, 0.0), "is_known": np.ones(count, bool),
+        "kind": kind, "probability": np.where(alone, 1.0, 0.0), "is_known": np.ones(count, bool),
         "is_fresh": np.zeros(count, bool), "chord": np.zeros(count, np.complex128), "scatter": np.zeros(count),
         "log_density": np.full(count, np.nan), **{name: np.full((count, ENDS), np.nan) for name in _ENDS},
     }  # fmt: skip
     plane, is_distant = np.zeros((count, 3)), np.zeros(count, bool)
     square = np.zeros(count, bool)
-    pixels = doubtful if seeds.certain.any() else doubtful[:0]
-    for number in range(settings.labels.rounds):
+    pixels = doubtful if alone.any() else doubtful[:0]
+    for number in range(2 * settings.labels.rounds):
         for start in range(0, pixels.size, _BLOCK):
             block = pixels[start : start + _BLOCK]
-            found = judge(
-                image, block, members, seeds, planes if number else (), spaces, settings.hypotheses, settings.neighbours
-            )
+            found = judge(image, block, members, seeds, planes, spaces, settings.hypotheses, settings.neighbours)
             plane[block], is_distant[block] = found.plane, found.is_distant
             for name in _FIELDS:
                 arrays[name][block] = getattr(found, name)
         if not pixels.size:
             break
         before = members
-        members, square = _next_members(image, seeds, arrays["kind"], plane, is_distant, settings.labels)
-        if number > 0:  # the large planes are tried from the second round on, in all pixels
+        is_mixed = np.isin(arrays["kind"], (Kind.PAIR, Kind.TRIPLE))
+        mixtures = Mixtures(is_mixed=is_mixed, **{name: arrays[name] for name in _ENDS})
+        line = find_lines(image, seeds, mixtures, settings.labels, settings.neighbours.reach)
+        is_last = number + 1 >= settings.labels.rounds and bool(np.all(is_line == (line >= 0)))
+        is_line = line >= 0
+        members, square = _next_members(image, seeds, line, arrays["kind"], plane, is_distant, settings.labels)
+        if number == 0:  # the large planes are tried from the second round on, in all pixels
+            planes = distant_planes(image, seeds, line, settings.planes)
+        else:
             pixels = doubtful[_near_changes(before, members, image.shape, settings.neighbours.reach)[doubtful]]
+        if is_last:
+            break
     kind = arrays["kind"]
-    is_surface = seeds.certain | np.isin(kind, (Kind.CONTINUED, Kind.OTHER_REFLECTANCE)) | ((kind == Kind.NEW) & square)
+    kind[(line >= 0) & (kind == Kind.NEW)] = Kind.CONTINUED
+    is_surface = (
+        seeds.certain | (line >= 0) | np.isin(kind, (Kind.CONTINUED, Kind.OTHER_REFLECTANCE))
+        | ((kind == Kind.NEW) & square)
+    )  # fmt: skip
     return Labels(**arrays, is_surface=is_surface, seeds=seeds)
 
 
@@ -127,6 +143,7 @@ def _open_space(image: PhasorImage, settings: LabelSettings) -> tuple[OpenSpace,
 def _next_members(
     image: PhasorImage,
     seeds: Seeds,
+    line: IntArray,
     kind: IntArray,
     plane: FloatArray,
     is_distant: BoolArray,
@@ -135,15 +152,17 @@ def _next_members(
     """Settle who is a member in the next round, and which new pixels agree in blocks of 2 x 2."""
     continued = np.isin(kind, (Kind.CONTINUED, Kind.OTHER_REFLECTANCE))
     kept = seeds.has_plane & continued
-    joined = (kind == Kind.CONTINUED) & ~kept
+    joined = (kind == Kind.CONTINUED) & ~kept & (line < 0)
     fresh = kind == Kind.NEW
     agrees, square = _agreeing(image, seeds, fresh, settings)
+    is_line = line >= 0
+    is_known = kept | joined | (fresh & square) | is_line
     next_members = Members(
-        is_member=kept | joined | (fresh & agrees), has_plane=kept | joined,
+        is_member=kept | joined | (fresh & agrees) | is_line, has_plane=kept | joined,
         has_light=seeds.certain | (kind == Kind.CONTINUED) | (fresh & agrees),
-        is_known=kept | joined | (fresh & square), is_trusted=kept | (joined & is_distant) | (fresh & square),
+        is_known=is_known, is_trusted=kept | (joined & is_distant) | (fresh & square) | is_line,
         is_fresh=fresh & square, plane=np.where(joined[:, np.newaxis], plane, seeds.plane),
-        middle=np.where(joined, np.arange(image.count), seeds.middle),
+        middle=np.where(joined, np.arange(image.count), seeds.middle), line=line,
     )  # fmt: skip
     return next_members, square
 
@@ -163,24 +182,11 @@ def _agreeing(
 ) -> tuple[BoolArray, BoolArray]:
     """Which pixels of a mask agree with a neighbour in it, and which do so in blocks of 2 x 2."""
     index = np.arange(image.count).reshape(image.shape)
-    range_variance, light_variance = image.range_variance, image.light_variance
 
-    def agree(one: IntArray, other: IntArray) -> BoolArray:
-        step = (settings.slope * image.pitch[one] * image.range_mm[one]) ** 2
-        error = range_variance[one] + range_variance[other] + 2.0 * seeds.pattern_variance + step
-        light = light_variance[one] + light_variance[other] + 2.0 * seeds.texture_variance
-        light = (
-            light
-            + (settings.light_slope * image.pitch[one] + settings.light_step) ** 2
-            + 9.0 * error / image.range_mm[one] ** 2
-        )
-        ranges = (image.range_mm[one] - image.range_mm[other]) ** 2
-        lights = (image.log_light[one] - image.log_light[other]) ** 2
-        both = mask[one] & mask[other]
-        most = settings.agree_sigmas**2
-        return both & (ranges < most * error) & (lights < most * light)
+    def agreeing(one: IntArray, other: IntArray) -> BoolArray:
+        return mask[one] & mask[other] & agree(image, seeds, one, other, settings)
 
-    across, below = agree(index[:, :-1], index[:, 1:]), agree(index[:-1], index[1:])
+    across, below = agreeing(index[:, :-1], index[:, 1:]), agreeing(index[:-1], index[1:])
     any_, square = np.zeros(image.shape, bool), np.zeros(image.shape, bool)
     any_[:, :-1] |= across
     any_[:, 1:] |= across

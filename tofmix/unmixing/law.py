@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.unmixing.functions import count_around
+from tofmix.image.masks import count_around
 from tofmix.unmixing.hypotheses import Kind
 from tofmix.unmixing.image import PhasorImage, places, variance_along, window
 from tofmix.unmixing.labels import Labels
@@ -25,8 +25,8 @@ class Law:
     Parameters
     ----------
     phasor_share : float
-        q, the share of the samples at edges that are phasor sums: of edges between surfaces, where there are some; NaN
-        if no pixel determines it.
+        q, the share of the samples at edges that are phasor sums: of edges between surfaces, where there are some.
+        Where no pixel determines it: 1 if sums are assumed, NaN if the samples contradict them or there are no edges.
     pixels : int
         Pixels that determine it.
     is_sum : (pixel,) bool
@@ -51,7 +51,7 @@ def measure_law(image: PhasorImage, labels: Labels, settings: LawSettings) -> La
     between = informative & ~beside_open
     main = between if between.any() else informative
     if not main.any():
-        return Law(phasor_share=float("nan"), pixels=0, is_sum=np.zeros(image.count, bool))
+        return _assumed(image, labels, settings)
     share, share_error = _median(value[main], error[main])
     at, at_error = np.full(image.count, share), np.full(image.count, share_error)
     at_open = informative & beside_open
@@ -68,6 +68,31 @@ def measure_law(image: PhasorImage, labels: Labels, settings: LawSettings) -> La
             at[pixels[differs]], at_error[pixels[differs]] = own[differs], own_error[differs]
     is_sum = (at > settings.least_phasor_share) & (at > settings.chance_sigmas * at_error)
     return Law(phasor_share=share, pixels=int(main.sum()), is_sum=is_sum)
+
+
+_SIDE = 3
+"""Rows and columns of the least window of a plane."""
+
+
+def _assumed(image: PhasorImage, labels: Labels, settings: LawSettings) -> Law:
+    """The law where no edge tells it: sums, the physics of a lock-in camera, unless the samples contradict them.
+
+    Samples of one surface each jump between the surfaces of a pixel, so they scatter more than the noise of pixels that
+    see one surface. Those of a sum do not, whatever the surfaces are.
+    """
+    nothing = Law(phasor_share=float("nan"), pixels=0, is_sum=np.zeros(image.count, bool))
+    edge = image.valid & ~labels.is_surface
+    alone = image.valid & labels.is_surface
+    if not edge.any() or min(image.shape) < _SIDE or alone.sum() <= edge.sum():
+        return nothing  # an image too narrow for planes, or one of which little is understood
+    x, y, both = image.covariance.T
+    largest = 0.5 * (x + y) + np.sqrt(0.25 * (x - y) ** 2 + both**2)
+    free = np.maximum(image.samples - 1.0, 1.0)
+    chance = 1.0 + settings.different_sigmas * np.sqrt(2.0 / free)
+    jumps = largest > chance * float(np.quantile(largest[alone], settings.noisiest))
+    if jumps[edge].mean() > 0.5:  # noqa: PLR2004  most of them
+        return nothing
+    return Law(phasor_share=1.0, pixels=0, is_sum=np.ones(image.count, bool))
 
 
 def _median(value: FloatArray, error: FloatArray) -> tuple[float, float]:

@@ -80,7 +80,7 @@ def rewrite(
         # One surface, says the mean; several, say the samples, as surfaces that move do, or chance.
         contradicted = labels.is_surface & several & (count > 1)
         _doubt(flat, image.valid & ~decided & sums & (count > 0) & (~labels.is_surface | contradicted))
-        fresh = labels.is_surface & (labels.kind == Kind.NEW) & sums
+        fresh = labels.is_surface & ((labels.kind == Kind.NEW) | labels.is_fresh) & sums
         flat.probability[fresh] = np.minimum(flat.probability[fresh], settings.most_fresh_probability)
     return Rewritten(layers=out, phasor_share=law.phasor_share, informative_pixels=law.pixels)
 

@@ -18,6 +18,9 @@ from tofmix.unmixing.settings import DEFAULT_SETTINGS, SeedSettings
 _FREE = 6
 """Degrees of freedom of a plane through 3 x 3 pixels."""
 
+_LINE = 8
+"""Pixels of a line that is as free as a window: a straight line through them leaves six degrees of freedom."""
+
 _HALVINGS = 24
 """Halvings of the interval in which a scatter is looked for: to a ten millionth of it."""
 
@@ -62,9 +65,10 @@ def find_seeds(image: PhasorImage, settings: SeedSettings = DEFAULT_SETTINGS.see
     planes, scatters = np.zeros((image.count, 3)), np.zeros((image.count, 4))
     pixels = _fit_windows(*image.shape, image.valid, image.beams, image.measured, planes, scatters)
     range_scatter, range_noise, light_scatter, light_noise = scatters[pixels].T
-    pattern = _excess(range_scatter, range_noise, settings)
-    texture = _excess(light_scatter, light_noise, settings)
     limit = chi_square_6(settings.rare) / _FREE
+    along = [_line_scatters(image, axis) for axis in (0, 1)]
+    pattern = _beyond_noise([(range_scatter, range_noise), *(line[:2] for line in along)], limit, settings)
+    texture = _beyond_noise([(light_scatter, light_noise), *(line[2:] for line in along)], limit, settings)
     excess = range_scatter / np.maximum(range_noise + pattern, np.finfo(float).tiny)
     of_plane = excess < limit
     of_surface = of_plane & (light_scatter < limit * (light_noise + texture))
@@ -213,6 +217,47 @@ def _excess_at(scatter: FloatArray, noise: FloatArray, part: float) -> float:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if too_small(middle) else (low, middle)
     return high
+
+
+def _beyond_noise(scatters: list[tuple[FloatArray, FloatArray]], limit: float, settings: SeedSettings) -> float:
+    """Variance beyond noise, from scatter and noise (n,) of windows: the first ones of 3 x 3 pixels, then lines.
+
+    Among surfaces narrower than a window no window is of one surface, but the lines along them are. So the lines count
+    if a window of one surface would not scatter as much as most windows do, by what the lines show.
+    """
+    (scatter, noise), *lines = scatters
+    excess = _excess(scatter, noise, settings)
+    level = float(np.median(noise)) if noise.size else 0.0
+    along = min((_excess(*line, settings) for line in lines if len(line[0]) >= settings.least_windows), default=excess)
+    return along if level + excess > limit * (level + along) else excess
+
+
+def _line_scatters(image: PhasorImage, axis: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Scatter and noise (n,) of ranges (mm^2) and of light about straight lines, along eight pixels each."""
+    index = np.arange(image.count).reshape(image.shape)
+    index = index if axis == 1 else index.T
+    if index.shape[1] < _LINE:
+        return (np.zeros(0),) * 4
+    pixels = np.lib.stride_tricks.sliding_window_view(index, _LINE, axis=1).reshape(-1, _LINE)
+    pixels = pixels[image.valid[pixels].all(axis=1)]
+    middle = pixels[:, _LINE // 2]
+    own, unit = image.directions[middle], (image.down if axis == 0 else image.across)[middle]
+    ways, near = image.directions[pixels], 1.0 / image.range_mm[pixels]
+    cosine = np.einsum("nki,ni->nk", ways, own)
+    x = np.einsum("nki,ni->nk", ways, unit) / cosine
+    noise = image.range_variance[pixels]
+    light = image.light_variance[pixels] + 9.0 * noise * near**2
+    return (
+        _about_line(x, near / cosine) * image.range_mm[middle] ** 4, noise.mean(axis=1),
+        _about_line(x, image.log_light[pixels]), light.mean(axis=1),
+    )  # fmt: skip
+
+
+def _about_line(x: FloatArray, values: FloatArray) -> FloatArray:
+    """Mean square (n,) of the residuals of straight lines through values (n, place) at places x."""
+    x, values = x - x.mean(axis=1, keepdims=True), values - values.mean(axis=1, keepdims=True)
+    slope = (x * values).sum(axis=1) / (x * x).sum(axis=1)
+    return np.asarray(((values - slope[:, np.newaxis] * x) ** 2).sum(axis=1) / _FREE)
 
 
 def _in_square(mask: BoolArray, shape: tuple[int, int]) -> BoolArray:

@@ -123,6 +123,14 @@ class PlaneSettings:
         Connected regions that are looked at, the largest first, and planes that are looked for in each.
     tries : int
         Random triples of pixels: with half of them on one plane, 25 triples miss it once in 30 regions.
+    line_tries : int
+        Likewise among the pixels of narrow surfaces, with a third of them on one plane.
+    least_width : float
+        Pixels across all narrow surfaces on such a plane: two lines that are parallel always lie on one, a third tests
+        it. Lines have gaps.
+    light_slope, light_step : float
+        Standard deviation of u = ln A + 3 ln r over such a plane, in pitches, and what is added: that of one step to
+        the next pixel of a surface.
     inlier_sigmas : float
         Distance from a plane, standard deviations, up to which a pixel belongs to it.
     extrapolated : float
@@ -133,6 +141,10 @@ class PlaneSettings:
     most_regions: WholeNumber = 20
     most_planes: WholeNumber = 3
     tries: WholeNumber = 25
+    line_tries: WholeNumber = 100
+    least_width: PositiveThreshold = 2.5
+    light_slope: NotNegative = 2.0
+    light_step: Positive = 0.005
     inlier_sigmas: PositiveThreshold = 4.0
     extrapolated: Positive = 4.0
 
@@ -208,6 +220,34 @@ class LabelSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class CurvedSettings:
+    """Pixels beside surfaces that bend.
+
+    Parameters
+    ----------
+    rounds : int
+        Most times that pixels join surfaces; with 0 all surfaces are planes.
+    decided : float
+        Posterior from which on planes explain a mixed pixel, 0 to 1.
+    sure : float
+        Posterior from which on a surface that fills a pixel has it.
+    beside : int
+        Pixels from a surface, within which a pixel may join it.
+    least_share : float
+        Share of the lesser surface below which a pixel is of one surface.
+    """
+
+    rounds: WholeNumber = 8
+    decided: Share = 0.5
+    sure: Share = 0.9
+    beside: Count = 2
+    least_share: NotNegative = 0.02
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LawSettings:
     """Which law of mixing holds at the edges.
 
@@ -229,6 +269,9 @@ class LawSettings:
         Reach of the window, pixels, in which the q of an edge is measured, and the fewest pixels in it.
     different_sigmas : float
         Standard errors by which an edge differs from the others of the image before its own law is taken.
+    noisiest : float
+        Quantile of the scatter of pixels that see one surface, 0 to 1, which counts as their noise: dark surfaces
+        scatter more than bright ones.
     least_differing : float
         Part of the pixels that measure q, which the pixels at edges of another q must exceed. By their probability, one
         in 100 of the certain pairs may have a wrong surface. These lie together, at a corner, or next to a surface that
@@ -244,6 +287,7 @@ class LawSettings:
     reach: Count = 3
     least_along: Count = 5
     different_sigmas: Threshold = 4.0
+    noisiest: Share = 0.9
     least_differing: Share = 0.05
 
     def __post_init__(self) -> None:
@@ -286,7 +330,7 @@ class UnmixSettings:
 
     Parameters
     ----------
-    image, seeds, neighbours, planes, hypotheses, labels, law, unfolding
+    image, seeds, neighbours, planes, hypotheses, labels, curved, law, unfolding
         Of these steps.
     least_probability : float
         Posterior from which on a mixed pixel is decided, 0 to 1.
@@ -307,6 +351,7 @@ class UnmixSettings:
     planes: PlaneSettings = field(default_factory=PlaneSettings)
     hypotheses: HypothesisSettings = field(default_factory=HypothesisSettings)
     labels: LabelSettings = field(default_factory=LabelSettings)
+    curved: CurvedSettings = field(default_factory=CurvedSettings)
     law: LawSettings = field(default_factory=LawSettings)
     unfolding: UnfoldingSettings = field(default_factory=UnfoldingSettings)
     least_probability: Share = 0.5

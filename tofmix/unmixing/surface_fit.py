@@ -23,12 +23,12 @@ MOST_SURFACES = 4
 _TINY = 1.0e-30
 """Least divisor."""
 
-_NUMBERS, _INDICES = 13, 8
+_NUMBERS, _INDICES = 15, 9
 """Rows of the scratch, of numbers and of indices. The columns are the members in a window, in the order of places."""
 
 _COSINE, _X, _Y, _INVERSE, _VARIANCE, _VALUE, _ERROR = range(7)
-_OWN_X, _OWN_Y, _OWN_VALUE, _OWN_WEIGHT, _OWN_VARIANCE, _RESIDUAL = range(7, _NUMBERS)
-_OTHER, _DOWN, _RIGHT, _ORDER, _GROUP, _SIZE, _CLOSE, _OWN = range(_INDICES)
+_OWN_X, _OWN_Y, _OWN_VALUE, _OWN_WEIGHT, _OWN_VARIANCE, _RESIDUAL, _LIGHT, _LIGHT_ERROR = range(7, _NUMBERS)
+_OTHER, _DOWN, _RIGHT, _ORDER, _GROUP, _SIZE, _CLOSE, _OWN, _LINE = range(_INDICES)
 
 
 class Members(NamedTuple):
@@ -53,6 +53,9 @@ class Members(NamedTuple):
         m of 1 / r = m . d, 1 / mm.
     middle : int64
         Pixel in the middle of the plane's window.
+    line : int64
+        Number of the narrow surface that the pixel sees (`tofmix.unmixing.lines`): its pixels predict together, by
+        their line. -1: none.
     """
 
     is_member: BoolArray
@@ -63,6 +66,7 @@ class Members(NamedTuple):
     is_fresh: BoolArray
     plane: FloatArray
     middle: IntArray
+    line: IntArray
 
 
 class NeighbourSurfaces(NamedTuple):
@@ -115,10 +119,12 @@ def fill_surfaces(
     """
     places = (2 * settings.reach + 1) ** 2 - 1  # the middle left out
     numbers, indices = np.empty((_NUMBERS, places)), np.empty((_INDICES, places), np.int64)
-    normal = np.empty((4, 3))
+    normal, fit = np.empty((4, 3)), np.empty((4, 3))
     for at in range(len(pixels)):
         pixel = pixels[at]
-        count = _gather(pixel, rows, cols, beams, measured, members, pattern_variance, numbers, indices, settings)
+        count = _gather(pixel, rows, cols, beams, measured, members, pattern_variance, texture_variance, numbers,
+                        indices, settings)  # fmt: skip
+        _predict_lines(pixel, count, texture_variance, beams, measured, numbers, indices, normal, fit, settings)
         groups = _sort(count, numbers, indices, settings)
         _measure(count, groups, indices, settings.near)
         for number in range(MOST_SURFACES):
@@ -126,7 +132,7 @@ def fill_surfaces(
             if group < 0:
                 break
             out.found[at, number] = True
-            size = _collect(count, group, indices)
+            size = _collect(count, group, _GROUP, indices)
             _fit_ranges(pixel, at, number, size, beams, members, numbers, indices, normal, out, settings)
             _fit_light(pixel, at, number, size, texture_variance, beams, measured, members, numbers, indices, normal,
                        out, settings)  # fmt: skip
@@ -142,12 +148,13 @@ def _pitch(pixel: int, beams: Beams) -> float:
 @borrowing
 def _gather(
     pixel: int, rows: int, cols: int, beams: Beams, measured: Measured, members: Members, pattern_variance: float,
-    numbers: FloatArray, indices: IntArray, settings: NeighbourSettings,
+    texture_variance: float, numbers: FloatArray, indices: IntArray, settings: NeighbourSettings,
 ) -> int:  # fmt: skip
     """Collect the members around a pixel: where they are, and their prediction of 1 / r there with its variance."""
     row, col = pixel // cols, pixel % cols
     own = beams.direction[pixel]
     free = (settings.free_slope * _pitch(pixel, beams)) ** 2
+    light_free = (settings.light_slope * _pitch(pixel, beams) + settings.least_light_slope) ** 2
     count = 0
     for r in range(max(row - settings.reach, 0), min(row + settings.reach + 1, rows)):
         for c in range(max(col - settings.reach, 0), min(col + settings.reach + 1, cols)):
@@ -159,9 +166,15 @@ def _gather(
             square = inverse * inverse
             variance = (measured.range_variance[other] + pattern_variance) * square * square
             indices[_OTHER, count], indices[_DOWN, count], indices[_RIGHT, count] = other, r - row, c - col
+            indices[_LINE, count] = members.line[other]
             numbers[_COSINE, count], numbers[_INVERSE, count], numbers[_VARIANCE, count] = cosine, inverse, variance
             numbers[_X, count] = dot(way, beams.across[pixel]) / cosine / beams.pitch_across[pixel]
             numbers[_Y, count] = dot(way, beams.down[pixel]) / cosine / beams.pitch_down[pixel]
+            away = (r - row) ** 2 + (c - col) ** 2
+            numbers[_LIGHT, count] = measured.log_light[other]
+            numbers[_LIGHT_ERROR, count] = (
+                _light_variance(other, inverse, texture_variance, measured) + away * light_free
+            )
             if members.has_plane[other]:
                 middle = members.middle[other]
                 down, right = middle // cols - row, middle % cols - col
@@ -169,7 +182,6 @@ def _gather(
                 # A plane through 3 x 3 points has the variance 1 / 9 in its middle, and a slope the variance 1 / 6.
                 numbers[_ERROR, count] = variance * (1.0 / 9.0 + (down * down + right * right) / 6.0)
             else:
-                away = (r - row) ** 2 + (c - col) ** 2
                 numbers[_VALUE, count] = inverse / cosine
                 numbers[_ERROR, count] = variance + away * free * square
             count += 1
@@ -177,28 +189,146 @@ def _gather(
 
 
 @borrowing
+def _predict_lines(
+    pixel: int, count: int, texture_variance: float, beams: Beams, measured: Measured, numbers: FloatArray,
+    indices: IntArray, normal: FloatArray, fit: FloatArray, settings: NeighbourSettings,
+) -> None:  # fmt: skip
+    """Let the members of each narrow surface predict together: 1 / r and u at the pixel, with their variances.
+
+    A line of pixels determines the slope along itself. Across it a small slope is expected: any two lines lie on a
+    plane, so lines that need a steep one to agree may be of two surfaces.
+    """
+    for first in range(count):
+        line, is_first = indices[_LINE, first], True
+        for k in range(first):
+            is_first = is_first and indices[_LINE, k] != line
+        if line >= 0 and is_first:
+            size = _collect(count, line, _LINE, indices)
+            _predict_ranges(size, _pitch(pixel, beams), numbers, indices, normal, fit, settings)
+            _predict_light(size, _pitch(pixel, beams), texture_variance, measured, numbers, indices, normal, fit,
+                           settings)  # fmt: skip
+
+
+@borrowing
+def _predict_ranges(
+    size: int, pitch: float, numbers: FloatArray, indices: IntArray, normal: FloatArray, fit: FloatArray,
+    settings: NeighbourSettings,
+) -> None:  # fmt: skip
+    """Predict 1 / r at the pixel from the members of a narrow surface."""
+    x, y, value, weight = numbers[_OWN_X, :size], numbers[_OWN_Y, :size], numbers[_OWN_VALUE, :size], \
+        numbers[_OWN_WEIGHT, :size]  # fmt: skip
+    variance, residual = numbers[_OWN_VARIANCE, :size], numbers[_RESIDUAL, :size]
+    coefficients, covariance, level = fit[0], fit[1:], 0.0
+    for k in range(size):
+        place = indices[_OWN, k]
+        x[k], y[k], variance[k] = numbers[_X, place], numbers[_Y, place], numbers[_VARIANCE, place]
+        value[k], weight[k] = numbers[_INVERSE, place] / numbers[_COSINE, place], 1.0 / variance[k]
+        level += value[k] / size
+    for k in range(size):
+        value[k] -= level
+    slope = settings.known_slope * pitch * level
+    fit_plane(x, y, value, weight, 1.0 / (slope * slope), normal, coefficients, covariance, residual)
+    _widen(size, residual, weight, variance, covariance, settings.chance_sigmas)
+    for k in range(size):
+        place = indices[_OWN, k]
+        numbers[_VALUE, place], numbers[_ERROR, place] = level + coefficients[0], covariance[0, 0]
+
+
+@borrowing
+def _predict_light(
+    size: int, pitch: float, texture_variance: float, measured: Measured, numbers: FloatArray, indices: IntArray,
+    normal: FloatArray, fit: FloatArray, settings: NeighbourSettings,
+) -> None:  # fmt: skip
+    """Predict u at the pixel from the members of a narrow surface, at the places of `_predict_ranges`."""
+    x, y, value, weight = numbers[_OWN_X, :size], numbers[_OWN_Y, :size], numbers[_OWN_VALUE, :size], \
+        numbers[_OWN_WEIGHT, :size]  # fmt: skip
+    variance, residual = numbers[_OWN_VARIANCE, :size], numbers[_RESIDUAL, :size]
+    coefficients, covariance, level = fit[0], fit[1:], 0.0
+    for k in range(size):
+        place = indices[_OWN, k]
+        other = indices[_OTHER, place]
+        variance[k] = _light_variance(other, numbers[_INVERSE, place], texture_variance, measured)
+        value[k], weight[k] = measured.log_light[other], 1.0 / variance[k]
+        level += value[k] / size
+    for k in range(size):
+        value[k] -= level
+    slope = settings.light_slope * pitch + settings.least_light_slope
+    fit_plane(x, y, value, weight, 1.0 / (slope * slope), normal, coefficients, covariance, residual)
+    _widen(size, residual, weight, variance, covariance, settings.chance_sigmas)
+    for k in range(size):
+        place = indices[_OWN, k]
+        numbers[_LIGHT, place], numbers[_LIGHT_ERROR, place] = level + coefficients[0], covariance[0, 0]
+
+
+@borrowing
+def _light_variance(other: int, inverse: float, texture_variance: float, measured: Measured) -> float:
+    """Variance of a pixel's u."""
+    return float(
+        measured.light_variance[other] + 9.0 * measured.range_variance[other] * inverse * inverse + texture_variance
+    )
+
+
+@borrowing
 def _sort(count: int, numbers: FloatArray, indices: IntArray, settings: NeighbourSettings) -> int:
     """Number the surfaces that members belong to, from far to near, and return how many there are.
 
-    Predictions are put in order; where the step to the next is larger than their errors, a new surface begins.
+    Predictions are put in order; where the step to the next is larger than their errors, a new surface begins. So it
+    does where a prediction contradicts the most certain one of the surface, which vague ones between would connect.
     """
-    value, error, order, group = numbers[_VALUE], numbers[_ERROR], indices[_ORDER], indices[_GROUP]
+    value, order = numbers[_VALUE], indices[_ORDER]
     for k in range(count):
         at = k
         while at > 0 and value[order[at - 1]] > value[k]:
             order[at] = order[at - 1]
             at -= 1
         order[at] = k
+    _find_steps(count, numbers, indices, settings)
     number = 0
     for k in range(count):
+        number += indices[_SIZE, k]
+        indices[_GROUP, order[k]] = number
+    return number + 1 if count > 0 else 0
+
+
+@borrowing
+def _find_steps(count: int, numbers: FloatArray, indices: IntArray, settings: NeighbourSettings) -> None:
+    """Mark, in the row of sizes, the predictions in order at which a new surface begins."""
+    value, error, order, begins = numbers[_VALUE], numbers[_ERROR], indices[_ORDER], indices[_SIZE]
+    best = -1
+    for k in range(count):
         here = order[k]
+        begins[k] = 0
         if k > 0:
             before = order[k - 1]
             apart = settings.apart_sigmas * math.sqrt(2.0 * min(error[here], error[before]))
-            if value[here] - value[before] > max(apart, settings.apart * abs(value[before])):
-                number += 1
-        group[here] = number
-    return number + 1 if count > 0 else 0
+            is_apart = value[here] - value[before] > max(apart, settings.apart * abs(value[before]))
+            begins[k] = is_apart or _contradicts(here, best, numbers, indices, settings)
+        if begins[k] == 1 or best < 0 or error[here] < error[best]:
+            best = here
+    best = -1
+    for k in range(count - 1, -1, -1):
+        here = order[k]
+        if best >= 0 and begins[k + 1] == 0 and _contradicts(here, best, numbers, indices, settings):
+            begins[k + 1] = 1
+        if best < 0 or begins[k + 1] == 1 or error[here] < error[best]:
+            best = here
+
+
+@borrowing
+def _contradicts(
+    one: int, other: int, numbers: FloatArray, indices: IntArray, settings: NeighbourSettings
+) -> bool:  # fmt: skip
+    """Whether two predictions differ by more than both errors.
+
+    The slope across a narrow surface may be that to a pixel of another one, so the predictions of light count there.
+    """
+    value, error, light, light_error = numbers[_VALUE], numbers[_ERROR], numbers[_LIGHT], numbers[_LIGHT_ERROR]
+    apart = settings.apart_sigmas * math.sqrt(error[one] + error[other])
+    if abs(value[one] - value[other]) > max(apart, settings.apart * abs(value[other])):
+        return True
+    apart = settings.apart_sigmas * math.sqrt(light_error[one] + light_error[other])
+    is_narrow = indices[_LINE, one] >= 0 or indices[_LINE, other] >= 0
+    return bool(is_narrow and abs(light[one] - light[other]) > apart)
 
 
 @borrowing
@@ -230,11 +360,11 @@ def _next_largest(groups: int, indices: IntArray, places: int) -> int:
 
 
 @borrowing
-def _collect(count: int, group: int, indices: IntArray) -> int:
-    """List the members of a surface, and return how many they are."""
+def _collect(count: int, number: int, row: int, indices: IntArray) -> int:
+    """List the members of a number in a row of indices, and return how many they are."""
     size = 0
     for k in range(count):
-        if indices[_GROUP, k] == group:
+        if indices[row, k] == number:
             indices[_OWN, size] = k
             size += 1
     return size
@@ -305,10 +435,7 @@ def _fit_light(
     for k in range(size):
         place = indices[_OWN, k]
         other, inverse = indices[_OTHER, place], numbers[_INVERSE, place]
-        variance[k] = (
-            measured.light_variance[other] + 9.0 * measured.range_variance[other] * inverse * inverse
-            + texture_variance
-        )  # fmt: skip
+        variance[k] = _light_variance(other, inverse, texture_variance, measured)
         used = weight[k] > 0.0 and (members.has_light[other] or not lit)
         away = indices[_DOWN, place] ** 2 + indices[_RIGHT, place] ** 2
         weight[k] = math.exp(-away / (2.0 * settings.light_reach**2)) / variance[k] if used else 0.0

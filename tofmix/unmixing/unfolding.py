@@ -8,7 +8,7 @@ ranges in the farther half of a turn stay as they are.
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.unmixing.functions import components
+from tofmix.image.masks import components
 from tofmix.unmixing.image import PhasorImage
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, UnfoldingSettings
 

@@ -10,6 +10,7 @@ from tofmix.layers import Layers
 from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import beam_directions_of
 from tofmix.sensor import Sensor
+from tofmix.unmixing.curved_labels import label_curved
 from tofmix.unmixing.image import make_image
 from tofmix.unmixing.labels import label
 from tofmix.unmixing.law import measure_law
@@ -64,7 +65,7 @@ def unmix(
     image = make_image(phasors, directions, scale_mm=scale_mm, open_space=open_space, settings=settings.image)
     if circle_mm is not None:
         image = replace(image, range_mm=unfolded(image, circle_mm, settings.unfolding))
-    labels = label(image, settings)
+    labels = label_curved(image, label(image, settings), settings.curved)
     law = measure_law(image, labels, settings.law)
     return rewrite(layers, image, labels, law, sensor, insist=insist, circle_mm=circle_mm, settings=settings)
 

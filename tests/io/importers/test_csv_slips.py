@@ -88,6 +88,25 @@ def test_columns_are_named_by_the_option(tmp_path: Path) -> None:
         read(tmp_path / "a.csv", columns={"z": "range"})
 
 
+@pytest.mark.parametrize("theirs", ["range_mm", "distance_m", "range"])
+def test_named_column_of_ranges_is_used_where_another_has_their_name(tmp_path: Path, theirs: str) -> None:
+    lines = [f"{line},{4000 + k}" for k, line in enumerate(long())]
+    path = write(tmp_path / "a.csv", [f"frame,row,col,{theirs},z_cm", *lines])
+    with open_source(path, Request(columns={"z_cm": "range"})) as source:
+        assert (source.unit_mm, source.notes) == (10.0, (f"{path}: not used: column {theirs}",))
+        np.testing.assert_array_equal(depths(list(source.frames)).ravel(), 4000.0 + np.arange(36))
+
+
+def test_named_columns_of_times_and_codes_are_used_where_others_have_their_names(tmp_path: Path) -> None:
+    lines = long(extra=lambda k, r, _: f",{33 * k},{k / 8},255,{5 if r else 4}")
+    path = write(tmp_path / "a.csv", ["frame,row,col,range,time_ms,clock_s,status,state", *lines])
+    frames, notes = read(path, columns={"clock_s": "time", "state": "status"}, status_codes=(5, 9))
+    assert [frame.time_s for frame in frames] == [k / 8 for k in range(6)]
+    assert frames[0].status is not None
+    assert frames[0].status.tolist() == [[4, 4, 4], [5, 5, 5]]
+    assert notes == (f"{path}: not used: column time_ms, status",)
+
+
 @pytest.mark.parametrize("name", ["range [m]", "distance (m)", "Range_m"])
 def test_unit_beside_the_name_of_a_column_is_used(tmp_path: Path, name: str) -> None:
     with open_source(write(tmp_path / "a.csv", [f"frame,row,col,{name}", *long()]), Request()) as source:
@@ -162,3 +181,137 @@ def test_cell_of_a_hundred_thousand_characters_is_refused_in_one_line(tmp_path: 
     path = write(tmp_path / "a.csv", ["[" * 200_000 + ",1", *wide()])
     with pytest.raises(BadInputError, match=r"a\.csv: cannot be read: field larger than field limit"):
         read(path, shape=(2, 3))
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.017])
+def test_clock_that_restarts_with_the_frame_counter_is_marked_as_a_new_start(tmp_path: Path, late_s: float) -> None:
+    stamp = [0.05 * (k % 3) + late_s * (k // 3) for k in range(6)]
+    lines = long(frame=lambda k: k % 3, extra=lambda k, _r, _c: f",{stamp[k]:.3f}")
+    frames, _ = read(write(tmp_path / "a.csv", ["frame,row,col,range,time_s", *lines]))
+    np.testing.assert_array_equal(depths(frames), WALL)
+    assert [frame.new_start for frame in frames] == [False, False, False, True, False, False]
+
+
+@pytest.mark.parametrize("first", ["901,N/A,903,-,905,906", "N/A,--,null,904,905,906", "nan,,?,904,905,906"])
+def test_first_frame_with_lost_samples_is_no_header(tmp_path: Path, first: str) -> None:
+    frames, notes = read(write(tmp_path / "a.csv", [first, *wide(), first]), shape=(2, 3))
+    assert len(frames) == 8
+    np.testing.assert_array_equal(frames[0].depth, frames[-1].depth)
+    assert np.isnan(frames[0].depth).sum() in (2, 3)
+    assert notes == ()
+
+
+def test_line_of_names_and_numbers_is_a_header_and_a_note(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", ["a,b,c,17,18,19", *wide()])
+    frames, notes = read(path, shape=(2, 3))
+    np.testing.assert_array_equal(depths(frames), WALL)
+    assert notes == (f"{path}: its first line, a to 19, is taken as a header",)
+
+
+def test_word_among_numbers_of_the_first_line_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match=r"line 1: cannot be read: could not convert string to float: '9O3'"):
+        read(write(tmp_path / "a.csv", ["901,902,9O3,904,905,906", *wide()]), shape=(2, 3))
+
+
+@pytest.mark.parametrize(
+    ("lines", "shape", "wanted"),
+    [
+        (["0,1", "850,851", "852,853"], (1, 2), [850, 851, 852, 853]),
+        (["1,2", "0.85,0.86", "1.5,2.0"], (1, 2), [0.85, 0.86, 1.5, 2]),
+        ([",0,1", "0,850,851", "1,852,853"], (1, 2), [850, 851, 852, 853]),
+        (["0", "850", "852"], (1, 1), [850, 852]),
+        (["0", "0", "852"], (1, 1), [0, 0, 852]),  # a sample that is missing in two frames
+        (["1,2", "3,2", "2,2"], (1, 2), [1, 2, 3, 2, 2, 2]),  # metres
+    ],
+)
+def test_header_of_one_or_two_columns_is_told_by_the_lines_below(
+    tmp_path: Path, lines: list[str], shape: tuple[int, int], wanted: list[float]
+) -> None:
+    frames, notes = read(write(tmp_path / "a.csv", lines), shape=shape)
+    assert depths(frames).ravel().tolist() == wanted
+    assert any("taken as a header" in note for note in notes) == (len(wanted) < len(lines) * shape[1])
+
+
+@pytest.mark.parametrize(
+    ("names", "unit_mm"),
+    [
+        ("d_cm_{}", 10.0),
+        ("r{} [m]", 1000.0),
+        ("zone {} (mm)", 1.0),
+        ("depth_um_{}", 1e-3),
+        ("m_{}", None),
+        ("z{}", None),
+    ],
+)
+def test_unit_in_the_names_of_all_pixels_is_used(tmp_path: Path, names: str, unit_mm: float | None) -> None:
+    head = ",".join(["frame", *(names.format(k) for k in range(6))])
+    path = write(tmp_path / "a.csv", [head, *(f"{k},{line}" for k, line in enumerate(wide()))])
+    with open_source(path, Request(shape=(2, 3))) as source:
+        assert source.unit_mm == unit_mm
+        np.testing.assert_array_equal(depths(list(source.frames)), WALL)
+
+
+def test_different_units_in_the_names_of_pixels_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match=r"different units of its columns; give --units or --scale"):
+        read(write(tmp_path / "a.csv", ["a_m,b_m,c_m,d_cm,e_m,f_m", *wide()]), shape=(2, 3))
+
+
+@pytest.mark.parametrize("mark", [";", "\t"])
+def test_decimal_comma_may_come_in_any_line(tmp_path: Path, mark: str) -> None:
+    lines = [line.replace(",", mark) for line in long()]
+    lines[-1] += ",5"
+    path = write(tmp_path / "a.csv", [mark.join(["frame", "row", "col", "range"]), *lines])
+    frames, notes = read(path)
+    assert frames[-1].depth[-1, -1] == WALL[-1, -1, -1] + 0.5
+    assert notes == (f"{path}: commas in its numbers are decimal commas",)
+
+
+def test_decimal_commas_in_quotes_are_read(tmp_path: Path) -> None:
+    lines = [",".join(f'"{value:g},5"' for value in image.ravel()) for image in WALL]
+    frames, notes = read(write(tmp_path / "a.csv", lines), shape=(2, 3))
+    np.testing.assert_array_equal(depths(frames), WALL + 0.5)
+    assert len(notes) == 1
+    cells = [f'{line.rsplit(",", 1)[0]},"{line.rsplit(",", 1)[1]},5"' for line in long()]
+    frames, _ = read(write(tmp_path / "b.csv", ["frame,row,col,range", *cells]))
+    np.testing.assert_array_equal(depths(frames), WALL + 0.5)
+
+
+@pytest.mark.parametrize(
+    "stamp",
+    ["31.12.2024 23:59:5{}", "2024/12/31 23:59:5{}.0", "2024-12-31T23:59:5{}Z", "9:59:5{},0", "0 days 01:02:0{}.00"],
+)
+@pytest.mark.parametrize("name", ["timestamp", "datetime"])
+def test_dates_and_times_of_day_are_times(tmp_path: Path, name: str, stamp: str) -> None:
+    lines = [f"{stamp.format(k // 6)};{line.split(',', 1)[1].replace(',', ';')}" for k, line in enumerate(long())]
+    frames, notes = read(write(tmp_path / "a.csv", [f"{name};row;col;range", *lines]))
+    np.testing.assert_array_equal(depths(frames), WALL)
+    times = np.array([frame.time_s for frame in frames], dtype=np.float64)
+    np.testing.assert_allclose(times - times[0], np.arange(6))
+    assert notes == ()
+
+
+def test_refusals_name_a_column_of_dates_as_the_time(tmp_path: Path) -> None:
+    lines = [f"2024-12-31 10:00:0{line}" for line in long()]
+    path = write(tmp_path / "a.csv", ["Zeit,row,col,range", *lines])
+    with pytest.raises(BadInputError, match=r"names no frame; .*; --columns zeit=time has the frames told"):
+        read(path)
+    with pytest.raises(BadInputError, match=r"10:00:00 is a time, no frame; --columns zeit=time says so"):
+        read(path, columns={"zeit": "frame"})
+    np.testing.assert_array_equal(depths(read(path, columns={"zeit": "time"})[0]), WALL)
+
+
+def test_date_that_can_be_read_in_two_ways_is_refused(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", ["time,row,col,range", "05/01/2024 10:00:00,0,0,900"])
+    with pytest.raises(BadInputError, match=r"05/01/2024"):
+        read(path)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "named"), [("utf-16-le", "UTF-16"), ("utf-16-be", "UTF-16"), ("cp1252", "Windows-1252")]
+)
+def test_other_encodings_are_read_with_a_note(tmp_path: Path, encoding: str, named: str) -> None:
+    path = write(tmp_path / "a.csv", ["frame,row,col,range,t_\u00b5s", *long(extra=lambda *_: ",7")], encoding)
+    frames, notes = read(path)
+    np.testing.assert_array_equal(depths(frames), WALL)
+    assert notes[1:] == (f"{path}: not used: column t_\u00b5s",)
+    assert f"read as {named}" in notes[0]

@@ -28,10 +28,11 @@ from tofmix.io.importers.base import (
 )
 from tofmix.io.importers.status import codes_of, is_status_name
 from tofmix.io.importers.streams import depths_among
+from tofmix.io.importers.times import times_of_array
 from tofmix.io.importers.units import unit_in_name
 
 TIME = "time"
-"""Name of an array of one number a frame, s."""
+"""Name of an array of one time a frame."""
 
 _WITH_TARGETS = STACK_DIMENSIONS + 1  # frames, rows, columns and targets
 _PREFERRED = "range"
@@ -92,12 +93,12 @@ def open_npz(path: Path, request: Request) -> Iterator[FrameSource]:
             other = choose(shapes, request.amplitude, path, request.axes)
             amplitude = _Member(archive, members[other], request, f"{path}: {other}", stack)
             check_shapes(depth.sizes, amplitude.sizes, f"{path}: {other}")
-        time_s = None
+        time_s: NDArray[Any] | None = None
+        said: tuple[str, ...] = ()
         if TIME in members:
             with foreign(f"{path}: {TIME}"), archive.open(members[TIME]) as file:
                 time_s = npy_format.read_array(file, allow_pickle=False)
-            check_time(time_s, depth.shape[0], path)
-            time_s = time_s * (request.time_unit_s or 1.0)
+            time_s, said = times_of_array(time_s, depth.shape[0], f"{path}: {TIME}", request.time_unit_s)
         beside = arrays_beside(shapes, name, request, path)
         status = None
         if beside.status is not None:
@@ -113,7 +114,7 @@ def open_npz(path: Path, request: Request) -> Iterator[FrameSource]:
             has_amplitude=amplitude is not None,
             has_time=time_s is not None,
             stream=name,
-            notes=beside.notes,
+            notes=(*beside.notes, *said),
         )
 
 
@@ -331,12 +332,6 @@ def check_shapes(depth: tuple[int, ...], amplitude: tuple[int, ...], what: objec
     """Refuse amplitudes of another shape."""
     if depth != amplitude:
         raise BadInputError(f"{what}: shape {amplitude} differs from the depths' {depth}")
-
-
-def check_time(time_s: NDArray[Any], frames: int, path: Path) -> None:
-    """Refuse a time that is not one number a frame."""
-    if time_s.size != frames or time_s.dtype.kind not in "iuf":
-        raise BadInputError(f"{path}: {TIME}: expected {frames} numbers, got {time_s.dtype} of shape {time_s.shape}")
 
 
 def joined(

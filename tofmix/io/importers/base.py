@@ -83,12 +83,14 @@ class Frame:
     """One frame: depths in the source's own numbers, amplitude, time in s from any origin.
 
     Depths, amplitudes and status codes are (row, col), or (target, row, col) where a pixel returns several targets.
+    `new_start` says that the source counts its frames anew here, so that its clock may start again too.
     """
 
     depth: NDArray[Any]
     amplitude: NDArray[Any] | None = None
     time_s: float | None = None
     status: NDArray[Any] | None = None
+    new_start: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

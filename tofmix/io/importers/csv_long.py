@@ -19,7 +19,7 @@ from tofmix.errors import BadInputError
 from tofmix.io.importers.base import Frame, FrameSource, Request, foreign, unused
 from tofmix.io.importers.csv_text import Layout
 from tofmix.io.importers.status import codes_of, is_status_name
-from tofmix.io.importers.times import epoch_unit_s
+from tofmix.io.importers.times import unit_of_stamps
 from tofmix.io.importers.units import TIME_UNITS_S, UNITS_MM
 from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE, MOST_TARGETS
 
@@ -33,15 +33,17 @@ _PLACE = ("row", "col")
 _WHOLE = ("frame", *_PLACE, "target", "zone")
 _FLOAT = np.dtype(np.float64)
 TIME_NAMES = frozenset(
-    f"{stem}{unit}" for stem in ("time", "timestamp", "stamp", "t") for unit in ("", "_s", "_ms", "_us", "_ns")
+    f"{stem}{unit}"
+    for stem in ("time", "timestamp", "stamp", "datetime", "t")
+    for unit in ("", "_s", "_ms", "_us", "_ns")
 )
 """Names of a column of times; what follows the last _ is its unit."""
 
 INDEX_NAMES = ("", "index", "unnamed: 0")
 """Names of a column that numbers the lines, as tables of pandas have it."""
 
-_SLOWEST_S = 5.0
-"""Frames farther apart than this are more likely in another unit than s."""
+_OTHER = "other "
+"""Before the name of a column whose meaning another one has by ``--columns``."""
 
 
 def named_columns(names: list[str], request: Request, path: Path) -> list[str]:
@@ -55,15 +57,30 @@ def named_columns(names: list[str], request: Request, path: Path) -> list[str]:
     if lacking := [name for name in request.columns if name not in names]:
         raise BadInputError(f"{path}: --columns: no column {', '.join(lacking)}; its header names: {', '.join(names)}")
 
+    taken = set(request.columns.values())
+
     def meaning(name: str) -> str:
         if name not in request.columns:
-            return name
+            return f"{_OTHER}{name}" if _plain_meaning(name) in taken else name
         ours, unit = request.columns[name], name.rpartition("_")[2]
         known = (ours == "range" and unit in UNITS_MM) or (ours == "time" and unit in TIME_UNITS_S)
         return f"{ours}_{unit}" if known and "_" in name else ours
 
-    taken = set(request.columns.values())
-    return [meaning(name) if name in request.columns or name not in taken else f"other {name}" for name in names]
+    return [meaning(name) for name in names]
+
+
+def _plain_meaning(name: str) -> str:
+    """Meaning that a column has by its own name; the name itself where it has none of ours."""
+    if _is_range(name):
+        return "range"
+    if name in TIME_NAMES:
+        return "time"
+    return "status" if is_status_name(name) else name
+
+
+def _is_range(name: str) -> bool:
+    stem, _, unit = name.rpartition("_")
+    return name == "range" or (stem in ("range", "distance") and unit in UNITS_MM)
 
 
 def time_unit_of(name: str, first: list[float], request: Request, path: Path) -> tuple[float, list[str]]:
@@ -90,18 +107,8 @@ def time_unit_of(name: str, first: list[float], request: Request, path: Path) ->
     unit = name.rpartition("_")[2] if "_" in name else ""
     if unit in TIME_UNITS_S:
         return TIME_UNITS_S[unit], []
-    known = np.array([number for number in first if math.isfinite(number)])
-    steps = np.diff(np.unique(known))
-    epoch_s = epoch_unit_s(float(known[0])) if known.size else None
-    if epoch_s is not None:
-        text = next(unit for unit, unit_s in TIME_UNITS_S.items() if unit_s == epoch_s)
-        return epoch_s, [] if text == "s" else [f"{path}: {name}: numbers of this size are taken as {text} since 1970"]
-    if steps.size and float(np.median(steps)) > _SLOWEST_S:
-        raise BadInputError(
-            f"{path}: {name}: no unit, and frames would be {float(np.median(steps)):g} s apart; give --time-unit ms (or"
-            " s, us, ns)"
-        )
-    return 1.0, []
+    unit_s, notes = unit_of_stamps(np.array(first), f"{path}: {name}")
+    return unit_s, list(notes)
 
 
 def open_long(path: Path, names: list[str], layout: Layout, request: Request) -> FrameSource:
@@ -136,7 +143,7 @@ def open_long(path: Path, names: list[str], layout: Layout, request: Request) ->
     if lacking := [name for name in needed if name not in names]:
         raise BadInputError(
             f"{path}: its header names no {', '.join(lacking)}; it names: {', '.join(names)};"
-            f" --columns THEIRS={lacking[0]} says which column it is"
+            f" {_remedy(names, lacking[0], layout)}"
         )
     if place == ("zone",) and request.shape is None:
         raise BadInputError(f"{path}: a column zone without row and col: give their image: --shape ROWSxCOLS")
@@ -145,17 +152,41 @@ def open_long(path: Path, names: list[str], layout: Layout, request: Request) ->
     wanted |= {"range": column} | ({} if time is None else {"time": names.index(time)})
     wanted |= {} if status is None else {"status": status}
     notes += _not_used(path, names, wanted, layout)
+    _refuse_dates(path, wanted, layout)
     samples = _Samples(_Table(path, wanted, layout, request.shape), request.shape)
     unit_s, said = (1.0, []) if time is None else time_unit_of(time, samples.first_times(), request, path)
     return samples.source(named_mm, unit_s, codes, (*layout.notes, *notes, *said))
 
 
+def _remedy(names: list[str], lacking: str, layout: Layout) -> str:
+    """Option that names a column; where frames have no number, a column of dates tells them."""
+    dates = [name for name, cell in zip(names, _first_below(layout), strict=False) if layout.is_moment(cell)]
+    if lacking == "frame" and dates:
+        return f"--columns {dates[0]}=time has the frames told by their times"
+    or_time = ", or THEIRS=time," if lacking == "frame" else ""
+    return f"--columns THEIRS={lacking}{or_time} says which column it is"
+
+
+def _first_below(layout: Layout) -> list[str]:
+    return layout.below[0] if layout.below else []
+
+
+def _refuse_dates(path: Path, wanted: dict[str, int], layout: Layout) -> None:
+    """Refuse dates where whole or real numbers are expected."""
+    cells = _first_below(layout)
+    for name, column in wanted.items():
+        if name != "time" and column < len(cells) and layout.is_moment(cells[column]):
+            theirs = layout.head[column]
+            raise BadInputError(
+                f"{path}: {theirs}: {cells[column]} is a time, no {name}; --columns {theirs.lower()}=time says so"
+            )
+
+
 def _range_column(path: Path, names: list[str]) -> tuple[int, float | None]:
     """Column of the ranges, and mm of their unit if the header names it, as in ``range_mm``."""
     for k, name in enumerate(names):
-        stem, _, unit = name.rpartition("_")
-        if name == "range" or (stem in ("range", "distance") and unit in UNITS_MM):
-            return k, UNITS_MM.get(unit) if name != "range" else None
+        if _is_range(name):
+            return k, UNITS_MM.get(name.rpartition("_")[2])
     raise BadInputError(
         f"{path}: its header names no range; it names: {', '.join(names)}; --columns THEIRS=range says which it is"
     )
@@ -164,13 +195,13 @@ def _range_column(path: Path, names: list[str]) -> tuple[int, float | None]:
 def _status(path: Path, names: list[str], request: Request) -> tuple[int | None, tuple[int, ...], list[str]]:
     """Column of the status codes, the valid ones, and a note on a column of codes that is not used."""
     for k, name in enumerate(names):
-        if codes := codes_of(name, request):
+        if not name.startswith(_OTHER) and (codes := codes_of(name, request)):
             return k, codes, []
     if request.valid_status is not None:
         raise BadInputError(
             f"{path}: --valid-status: no column {request.valid_status[0]!r}; its header names: {', '.join(names)}"
         )
-    left = [name for name in names if is_status_name(name)]
+    left = [name for name in names if is_status_name(name) and not name.startswith(_OTHER)]
     remedy = f"--valid-status {left[0]}=5,9 says which codes are valid" if left else ""
     return None, (), [unused(path, "column", left, remedy)] if left else []
 
@@ -179,9 +210,15 @@ def _not_used(path: Path, names: list[str], wanted: dict[str, int], layout: Layo
     """Note on columns of numbers that are not used; remarks in words may stand beside them."""
     first = _first_cells(path, layout)
     left = [
-        name for k, name in enumerate(names)
-        if k not in wanted.values() and not is_status_name(name) and name not in INDEX_NAMES
-        and (len(first) <= k or _is_number(first[k], layout))
+        name.removeprefix(_OTHER) for k, name in enumerate(names)
+        if k not in wanted.values()
+        and (
+            name.startswith(_OTHER)
+            or (
+                not is_status_name(name) and name not in INDEX_NAMES
+                and (len(first) <= k or _is_number(first[k], layout))
+            )
+        )
     ]  # fmt: skip
     return [unused(path, "column", left)] if left else []
 
@@ -265,7 +302,7 @@ class _Table:
                 with foreign(f"{self.path}: after {before} samples" if before else self.path):
                     found = np.loadtxt(
                         text, delimiter=self._layout.delimiter, usecols=list(self._columns.values()),
-                        converters=converters, ndmin=2, comments="#",
+                        converters=converters, ndmin=2, comments="#", quotechar='"',
                     )  # fmt: skip
                 before += len(found)
                 yield self._piece(dict(zip(self._columns, np.asarray(found, dtype=np.float64).T, strict=True)), last)
@@ -350,6 +387,7 @@ class _Samples:
     def __init__(self, table: _Table, shape: tuple[int, int] | None) -> None:
         self._table, self._path, self.restarted = table, table.path, ""
         self._time_unit_s = 1.0
+        self._new_starts: frozenset[int] = frozenset()
         self._pieces: Callable[[], Iterable[Piece]] = table.pieces
         ends = _ends(table.pieces())
         if ends is None:
@@ -408,7 +446,9 @@ class _Samples:
         first = np.r_[0, np.cumsum(ends)[:-1]]
         times = "once" if starts.size == 1 else f"{starts.size} times"
         self.restarted = f"{self._path}: its frame counter starts again {times}; the frames are counted on"
-        return whole._replace(frame=whole.frame + first[run])
+        frame = whole.frame + first[run]
+        self._new_starts = frozenset(np.minimum.reduceat(frame, starts).tolist())
+        return whole._replace(frame=frame)
 
     def first_times(self, *, frames: int = 20) -> list[float]:
         """Times of the first frames, in the file's unit."""
@@ -455,7 +495,10 @@ class _Samples:
         time_s = float(lines.values["time"][0]) * self._time_unit_s if "time" in lines.values else None
         status = self._image(place, lines.values["status"]) if "status" in lines.values else None
         amplitude = self._image(place, lines.values["amplitude"]) if "amplitude" in lines.values else None
-        return Frame(depth=self._image(place, lines.values["range"]), amplitude=amplitude, time_s=time_s, status=status)
+        return Frame(
+            depth=self._image(place, lines.values["range"]), amplitude=amplitude, time_s=time_s, status=status,
+            new_start=int(lines.frame[0]) in self._new_starts,
+        )  # fmt: skip
 
     def _refuse_twins(self, lines: Piece, place: IntArray) -> None:
         _, first, count = np.unique(place, return_index=True, return_counts=True)

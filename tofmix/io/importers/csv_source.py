@@ -17,6 +17,7 @@ from tofmix.errors import BadInputError
 from tofmix.io.importers.base import Frame, FrameSource, Request, foreign
 from tofmix.io.importers.csv_long import INDEX_NAMES, TIME_NAMES, named_columns, open_long, time_unit_of
 from tofmix.io.importers.csv_text import Layout, layout_of
+from tofmix.io.importers.units import unit_mm_of
 from tofmix.wording import counted
 
 SUFFIXES = (".csv", ".tsv", ".txt")
@@ -93,6 +94,7 @@ def _wide(path: Path, names: list[str] | None, layout: Layout, shape: tuple[int,
     if not frames:
         raise BadInputError(f"{path}: no frame below its header")
     keep = [k for k in range(width) if k not in labels]
+    unit_mm = _unit_of_header(path, layout.head, keep, request) if layout.has_header else None
     unit_s = 1.0
     if time_at is not None:
         unit_s, said = time_unit_of(names[time_at], _first_times(path, layout, time_at), request, path)
@@ -120,10 +122,25 @@ def _wide(path: Path, names: list[str] | None, layout: Layout, shape: tuple[int,
         shape=(frames, *shape),
         dtype=_FLOAT,
         frames=images(),
+        unit_mm=unit_mm,
         has_time=time_at is not None,
         stream="",
         notes=tuple(notes),
     )
+
+
+def _unit_of_header(path: Path, head: list[str], keep: list[int], request: Request) -> float | None:
+    """Length of the unit that the names of all pixels state, mm, as in ``range_cm_0`` or ``z0 [cm]``."""
+    units = {_unit_in_name(head[k]) for k in keep}
+    if len(units) > 1 and request.unit_mm is None:
+        raise BadInputError(f"{path}: its header names different units of its columns; give --units or --scale")
+    return units.pop() if len(units) == 1 else None
+
+
+def _unit_in_name(name: str) -> float | None:
+    """Unit at the end of a name, before the number of the pixel."""
+    words = [word for word in re.split(r"[\W_]+", name.strip()) if word and not word.isdecimal()]
+    return unit_mm_of(words[-1].lower()) if len(words) > 1 else None
 
 
 def _first_cells(path: Path, layout: Layout, column: int, count: int) -> list[str]:

@@ -5,10 +5,10 @@ and fill values (`tofmix.io.importers.cf`), its dimension scales, and a group `s
 they are there.
 """
 
+import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from shlex import quote
 
 import h5py
 import numpy as np
@@ -17,24 +17,19 @@ from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError, UsageError
 from tofmix.io import hdf5, sensor_group
 from tofmix.io.guard import guard
-from tofmix.io.importers.arrays import (
-    arrays_beside,
-    check_shapes,
-    check_time,
-    choose,
-    joined,
-    kind_of_names,
-    numbered_images,
-)
+from tofmix.io.importers.arrays import arrays_beside, check_shapes, choose, joined, kind_of_names, numbered_images
 from tofmix.io.importers.axes import FRAMES_FIRST, WITH_TARGETS, axes_of, axis_name
 from tofmix.io.importers.base import Frame, FrameSource, Request, check_frame, foreign, unused
 from tofmix.io.importers.cf import Packing, packing_of
 from tofmix.io.importers.datasets import DatasetFrames
-from tofmix.io.importers.times import time_unit_s
+from tofmix.io.importers.times import time_unit_s, times_of_array
 from tofmix.io.importers.units import unit_in_name, unit_mm_of
 from tofmix.io.layers.layers_file import FORMAT as LAYERS_FORMAT
+from tofmix.io.next_command import import_command
 
 _RANGE, _AMPLITUDE, _TIME = "range", "amplitude", "time"
+_CLASSIC = (b"CDF\x01", b"CDF\x02", b"CDF\x05")
+"""First bytes of netCDF's classic formats."""
 _OF_OUR_OWN = ("truth/", "sensor/noise_")
 """Groups of a recording whose datasets are no samples."""
 
@@ -54,14 +49,14 @@ def open_hdf5(path: Path, request: Request) -> Iterator[FrameSource]:
 
 
 def _refuse_classic(path: Path) -> None:
-    """Raise `BadInputError` for a netCDF file of before version 4, which is no HDF5."""
+    """Refuse netCDF's formats before netCDF-4, which are not HDF5, with the command that converts them."""
     with foreign(path), path.open("rb") as file:
-        begin = file.read(4)
-    if begin[:3] == b"CDF" and begin[3:] in (b"\x01", b"\x02", b"\x05"):
-        other = path.with_name(f"{path.stem}_4.nc")
+        is_classic = file.read(4) in _CLASSIC
+    if is_classic:
+        new = path.with_name(f"{path.stem}_nc4.nc")
         raise BadInputError(
-            f"{path}: netCDF classic, not netCDF-4, which is HDF5; convert it: nccopy -k nc4 {quote(str(path))}"
-            f" {quote(str(other))}"
+            f"{path}: classic netCDF, not netCDF-4: {shlex.join(['nccopy', '-k', 'nc4', str(path), str(new)])}; then"
+            f" {import_command(new)}"
         )
 
 
@@ -256,14 +251,15 @@ def _time(
         return None
     dataset = guard.checked_dataset(root, other, path)
     units = _unit_text(dataset)
-    unit_s = request.time_unit_s or (1.0 if units is None else time_unit_s(units))
-    if unit_s is None:
+    unit_s = request.time_unit_s or (None if units is None else time_unit_s(units))
+    if unit_s is None and units is not None:
         notes.append(f"{path}: not used: {other} in {units!r}, no known unit of time (--time-unit gives it)")
         return None
     with guard.reading(path, other):
         stored = np.asarray(dataset[...])
-    check_time(stored, frames, path)
-    return np.asarray(_packing(root, dataset, path).unpacked(stored), dtype=np.float64) * unit_s
+    time_s, said = times_of_array(_packing(root, dataset, path).unpacked(stored), frames, f"{path}: {other}", unit_s)
+    notes += said
+    return time_s
 
 
 def _unit_text(dataset: h5py.Dataset) -> str | None:

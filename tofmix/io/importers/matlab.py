@@ -27,7 +27,6 @@ from tofmix.io.importers.arrays import (
     Beside,
     arrays_beside,
     check_shapes,
-    check_time,
     choose,
     joined,
     sizes_of,
@@ -36,6 +35,7 @@ from tofmix.io.importers.arrays import (
 from tofmix.io.importers.axes import FRAMES_FIRST, FRAMES_LAST, STACK_DIMENSIONS, axes_of
 from tofmix.io.importers.base import FrameSource, Request, foreign
 from tofmix.io.importers.datasets import DatasetFrames
+from tofmix.io.importers.times import times_of_array
 from tofmix.io.importers.units import unit_in_name
 
 _BYTES = ("int8", "uint8", "logical", "char")
@@ -112,10 +112,10 @@ def _of_scipy(path: Path, request: Request, folder: Path) -> FrameSource:
     with foreign(path):
         held = [np.load(folder / f"{k}.npy", mmap_mode="r", allow_pickle=False) for k in range(len(wanted))]
     arrays = [stack_of(held[k], request, f"{path}: {one}") for k, one in enumerate(names)]
-    time_s = np.asarray(held[-1]) * (request.time_unit_s or 1.0) if TIME in shapes else None
+    stored = np.asarray(held[-1]) if TIME in shapes else None
     status = arrays.pop() if beside.status is not None else None
     amplitude = arrays[1] if request.amplitude is not None else None
-    return _source(path, name, arrays[0], amplitude, status, time_s, beside)
+    return _source(path, name, arrays[0], amplitude, status, stored, beside, request.time_unit_s)
 
 
 def _refuse_structs(shapes: dict[str, tuple[int, ...]], holders: list[str], path: Path) -> None:
@@ -144,13 +144,16 @@ def _source(
     depth: NDArray[Any],
     amplitude: NDArray[Any] | None,
     status: NDArray[Any] | None,
-    time_s: NDArray[Any] | None,
+    stored_time: NDArray[Any] | None,
     beside: Beside,
+    time_unit_s: float | None,
 ) -> FrameSource:
     if amplitude is not None:
         check_shapes(depth.shape, amplitude.shape, f"{path}: amplitudes beside {name}")
-    if time_s is not None:
-        check_time(time_s, depth.shape[0], path)
+    time_s: NDArray[Any] | None = None
+    said: tuple[str, ...] = ()
+    if stored_time is not None:
+        time_s, said = times_of_array(stored_time, depth.shape[0], f"{path}: {TIME}", time_unit_s)
     return FrameSource(
         kind=f"array {name} of a .mat",
         shape=sizes_of(depth)[0],
@@ -162,7 +165,7 @@ def _source(
         has_amplitude=amplitude is not None,
         has_time=time_s is not None,
         stream=name,
-        notes=beside.notes,
+        notes=(*beside.notes, *said),
     )
 
 
@@ -184,12 +187,12 @@ def _of_hdf5(root: h5py.File, path: Path, request: Request) -> FrameSource:
         other = choose(shapes, request.amplitude, path, request.axes)
         check_shapes(shapes[name], shapes[other], f"{path}: {other}")
         amplitude = _variable(root, other, shapes[other], request, path)
-    time_s = None
+    time_s: NDArray[Any] | None = None
+    said: tuple[str, ...] = ()
     if TIME in shapes:
         with guard.reading(path, TIME):
             time_s = np.asarray(guard.checked_dataset(root, TIME, path)[...])
-        check_time(time_s, depth.shape[0], path)
-        time_s = time_s * (request.time_unit_s or 1.0)
+        time_s, said = times_of_array(time_s, depth.shape[0], f"{path}: {TIME}", request.time_unit_s)
     return FrameSource(
         kind=f"array {name} of a .mat of version 7.3",
         shape=depth.shape,
@@ -201,7 +204,7 @@ def _of_hdf5(root: h5py.File, path: Path, request: Request) -> FrameSource:
         has_amplitude=amplitude is not None,
         has_time=time_s is not None,
         stream=name,
-        notes=beside.notes,
+        notes=(*beside.notes, *said),
     )
 
 

@@ -192,11 +192,15 @@ class _Clock:
         self._stamps_s: list[float] = []
         self._earlier = Twins()
         self._twins: list[bool] = []
+        self._starts: list[int] = []
 
     def times_of(self, block: list[Frame]) -> "np.ndarray[Any, np.dtype[np.float64]]":
         """Times of some frames, s, from the first frame on."""
         for frame in block:
             stamp = math.nan if frame.time_s is None else frame.time_s
+            if frame.new_start:
+                self._starts.append(len(self._stamps_s))
+                self._earlier = Twins()
             self._twins.append(self._earlier.is_twin(stamp, frame.depth))
             self._stamps_s.append(stamp)
         return np.array(self._stamps_s[-len(block) :]) - self._stamps_s[0]
@@ -208,7 +212,8 @@ class _Clock:
 
     def settled(self) -> Settled:
         """The frames to keep, their order and their times."""
-        return settled(np.array(self._stamps_s), np.array(self._twins, dtype=np.bool_))
+        starts = np.array(self._starts, dtype=np.int64)
+        return settled(np.array(self._stamps_s), np.array(self._twins, dtype=np.bool_), starts)
 
 
 def _in_order(source: FrameSource, order: Settled, folder: Path) -> FrameSource:

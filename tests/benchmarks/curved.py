@@ -1,0 +1,147 @@
+"""Mixed pixels beside round things: how often both surfaces are found, how well, and what is invented.
+
+    python tests/benchmarks/curved.py [scenes|noise|light|cost ...] [--seeds 1 2] [--small]
+
+Recordings of a lock-in camera (tests/support/round_things.py, which uses nothing of the package but its containers), 48
+x 64 pixels, estimated with all defaults. Prints Markdown tables; docs/results/mixing.md holds a copy. Asserts nothing.
+
+- scenes: each scene, 100 frames, noise of a sample on the wall 20 mm.
+- noise: all scenes at noise 5 to 80 mm, with 30 and 100 frames.
+- light: all scenes with light by cos^0.7 and cos^1.3, and 3 % of texture.
+- cost: CPU time of an estimate with and without surfaces that bend.
+
+`--small` takes three scenes.
+"""
+
+import argparse
+import sys
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from support.round_things import SCENES, Scene, Score, render, score
+
+import tofmix as tm
+from tofmix.arrays import Float32Array
+from tofmix.errors import DoubtWarning
+from tofmix.unmixing.phasors import mean_phasors
+from tofmix.unmixing.settings import CurvedSettings, UnmixSettings
+from tofmix.unmixing.unmix import unmix
+
+FEW = ("sphere and cylinder", "person", "two columns")
+PLANES = UnmixSettings(curved=CurvedSettings(rounds=0))
+HEAD = (
+    "| {} | mixed | both found | undecided | ranges within 2 errors | shares within 2 errors | share, rms |"
+    " one surface split | flying layers |\n|---|---|---|---|---|---|---|---|---|"
+)
+
+
+def estimated(one: Scene) -> tm.Estimate:
+    """Estimate a recording with all defaults."""
+    return tm.estimate(one.recording)
+
+
+def scored(names: Sequence[str], seeds: Sequence[int], **choices: float) -> Score:
+    """Estimate scenes and compare them with their truth."""
+    total = Score()
+    for name in names:
+        things, reflectivity = SCENES[name]()
+        for seed in seeds:
+            one = render(things, reflectivity, seed=seed, **choices)  # type: ignore[arg-type]
+            total += score(one, estimated(one).window(0))
+    return total
+
+
+def print_row(name: str, r: Score) -> None:
+    """One row of a table."""
+    found = max(r.both, 1)
+    print(
+        f"| {name} | {r.mixed} | {r.both / max(r.mixed, 1):.2f} | {r.undecided / max(r.mixed, 1):.2f} |"
+        f" {r.ranges_within / max(r.ranges, 1):.2f} | {r.shares_within / found:.2f} |"
+        f" {np.sqrt(r.share_square / found):.3f} | {r.split} of {r.single} | {r.flying} |",
+        flush=True,
+    )
+
+
+def print_scenes(names: Sequence[str], seeds: Sequence[int]) -> None:
+    """A row for each scene."""
+    print(f"\n**Round things**\n\n{HEAD.format('scene')}")
+    total = Score()
+    for name in names:
+        result = scored([name], seeds, noise_mm=20.0)
+        print_row(name, result)
+        total += result
+    print_row("all", total)
+
+
+def print_noise(names: Sequence[str], seeds: Sequence[int]) -> None:
+    """A row for each noise and number of frames."""
+    print(f"\n**By noise**\n\n{HEAD.format('noise, frames')}")
+    for noise_mm in (5.0, 20.0, 40.0, 80.0):
+        for frames in (30, 100):
+            print_row(f"{noise_mm:g} mm, {frames}", scored(names, seeds, noise_mm=noise_mm, frames=frames))
+
+
+def print_light(names: Sequence[str], seeds: Sequence[int]) -> None:
+    """A row for each law of light."""
+    print(f"\n**By light**\n\n{HEAD.format('light')}")
+    for power in (0.7, 1.3):
+        print_row(f"cos^{power:g}", scored(names, seeds, noise_mm=20.0, power=power))
+    print_row("texture of 3 %", scored(names, seeds, noise_mm=20.0, texture=0.03))
+
+
+def print_cost(names: Sequence[str], seeds: Sequence[int]) -> None:
+    """CPU time of estimates, and of unmixing by planes alone and with smooth surfaces; the best of three."""
+    print("\n**Cost, s of CPU**\n\n| scene | estimate | unmixing | by planes alone |\n|---|---|---|---|")
+    for name in names:
+        things, reflectivity = SCENES[name]()
+        recording = render(things, reflectivity, noise_mm=20.0, seed=seeds[0]).recording
+        light = recording.amplitude
+        assert light is not None
+        phasors = mean_phasors(recording.range_mm, light, recording.sensor)
+        found = tm.estimate(recording, mixing="events")
+
+        def whole(recording: tm.Recording = recording) -> None:
+            tm.estimate(recording)
+
+        def smooth(found: tm.Estimate = found, phasors: Float32Array = phasors) -> None:
+            unmix(found.window(0), phasors, found.sensor)
+
+        def flat(found: tm.Estimate = found, phasors: Float32Array = phasors) -> None:
+            unmix(found.window(0), phasors, found.sensor, settings=PLANES)
+
+        print(f"| {name} | {' | '.join(f'{least_s(job):.2f}' for job in (whole, smooth, flat))} |", flush=True)
+
+
+def least_s(job: Callable[[], None]) -> float:
+    """Least CPU time of three, s."""
+    times = []
+    for _ in range(3):
+        start = time.process_time()
+        job()
+        times.append(time.process_time() - start)
+    return min(times)
+
+
+PRINTERS = {"scenes": print_scenes, "noise": print_noise, "light": print_light, "cost": print_cost}
+
+
+def main() -> None:
+    """Print the tables that the command line names."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("tables", nargs="*", choices=[[], *PRINTERS], default=[])
+    parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2])
+    parser.add_argument("--small", action="store_true")
+    options = parser.parse_args()
+    warnings.simplefilter("ignore", DoubtWarning)
+    for name in options.tables or PRINTERS:
+        PRINTERS[name](FEW if options.small else tuple(SCENES), options.seeds)
+
+
+if __name__ == "__main__":
+    main()

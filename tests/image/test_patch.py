@@ -1,0 +1,123 @@
+"""Patches of smooth surfaces: exact on planes, spheres and cylinders, and as sure as they are right elsewhere."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support import round_things
+from support.round_things import Hits, cylinder, sphere, wall
+
+from tofmix.image.smooth.patch import STATE, Frame, fit_patches, meet
+from tofmix.image.smooth.scales import learn_scales, may_bend
+from tofmix.image.smooth.segments import around, segments_of
+from tofmix.image.smooth.view import View, grid_of_places, lattice_of_places
+
+SIZE, FOCAL = 24, 75.0
+
+pytestmark = pytest.mark.compiled("rays meet patches in a kernel")
+
+
+def seen(thing: Hits, noise_mm: float, seed: int = 1) -> View:
+    """The middle of the image, each pixel seen along its middle ray."""
+    middle = round_things.PARTS // 2
+    rows, cols = (slice(middle + first * round_things.PARTS, None, round_things.PARTS) for first in (12, 20))
+    t, cosine = (part[rows, cols][:SIZE, :SIZE] for part in thing)
+    ways = round_things.RAYS[rows, cols][:SIZE, :SIZE]
+    right, below = np.gradient(ways, axis=1), np.gradient(ways, axis=0)
+    hit = np.isfinite(t)
+    draw = np.random.default_rng(seed)
+    range_mm = np.where(hit, t + noise_mm * draw.standard_normal(t.shape), 1.0)
+    light = np.where(hit, np.log(np.maximum(cosine, 1e-9)) - 2.0 * np.log(range_mm), 0.0)
+    flat = [part.reshape(-1, 3) for part in (ways, right, below)]
+    return View(
+        shape=(SIZE, SIZE), scale_mm=1192.8, valid=hit.ravel(), range_mm=range_mm.ravel(),
+        range_variance=np.full(SIZE * SIZE, noise_mm**2), log_amplitude=light.ravel(),
+        amplitude_variance=np.full(SIZE * SIZE, (noise_mm / 1192.8) ** 2), direction=flat[0], right=flat[1],
+        below=flat[2], pitch=np.full(SIZE * SIZE, 1.0 / FOCAL),
+    )  # fmt: skip
+
+
+def one_state(*numbers: float) -> tuple[Frame, NDArray[np.float64]]:
+    frame = Frame(*(np.array([part]) for part in ((0.0, 0.0, 2000.0), (1.0, 0, 0), (0, -1.0, 0), (0, 0, -1.0))))
+    return frame, np.array([[numbers]])
+
+
+@pytest.mark.parametrize("radius", [150.0, 400.0])
+def test_rays_meet_a_patch_of_equal_curvatures_where_they_meet_the_sphere(radius: float) -> None:
+    frame, state = one_state(0, 0, 0, -1 / radius, 0, -1 / radius)
+    centre = np.array([0.0, 0.0, 2000.0 + radius])
+    rays = np.random.default_rng(2).normal([0, 0, 1], [0.04, 0.04, 0], (200, 3))
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    along = rays @ centre
+    inside = along**2 - (centre @ centre - radius**2)
+    expected = np.where(inside > 0, along - np.sqrt(np.maximum(inside, 0)), np.nan)
+    normal = (rays * expected[:, np.newaxis] - centre) / radius
+    range_mm, cosine = (part[0, 0] for part in meet(frame, state, rays[np.newaxis]))
+    assert 0 < np.isnan(expected).sum() < 200 or radius > 300
+    np.testing.assert_allclose(range_mm, expected, rtol=1e-9)
+    np.testing.assert_allclose(cosine, np.abs((normal * rays).sum(axis=1)), rtol=1e-6)
+
+
+def test_rays_meet_a_flat_patch_where_they_meet_the_plane() -> None:
+    frame, state = one_state(10.0, 0.2, -0.1, 0, 0, 0)
+    rays = np.array([[[0.0, 0.0, 1.0], [0.1, 0.05, 0.99]]])
+    rays /= np.linalg.norm(rays, axis=2, keepdims=True)
+    point = meet(frame, state, rays)[0][0, 0][:, np.newaxis] * rays[0] - frame.origin
+    u, v, h = (point @ part[0] for part in frame[1:])
+    np.testing.assert_allclose(h, 10.0 + 0.2 * u - 0.1 * v, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "thing",
+    [wall(2000, (0.4, 0.1, 0.9)), sphere((20, 10, 1800), 260), cylinder(30, 1800, 220)],
+    ids=("plane", "sphere", "cylinder"),
+)
+def test_prediction_of_a_pixel_at_the_rim_is_as_far_off_as_it_says(thing: Hits) -> None:
+    exact, noisy = seen(thing, 0.0), seen(thing, 2.0)
+    segment = np.where(exact.valid, 0, -1)
+    scales = learn_scales(noisy, segment, np.array([0]), 4)
+    rows, cols = np.divmod(np.flatnonzero(exact.valid), SIZE)
+    middle = (np.hypot(rows - 12, cols - 12) < 6) & ((rows + cols) % 3 == 0)
+    at = np.flatnonzero(exact.valid)[middle]
+    members = around(noisy.shape, segment, at, np.zeros(at.size, np.int64), 4)
+    members = np.where(members % SIZE < (at % SIZE)[:, np.newaxis], members, -1)  # those on one side
+    fitted = fit_patches(noisy, at, members, scales.bend[[0] * at.size], scales.third[[0] * at.size])
+    spread = np.linalg.cholesky(fitted.covariance)
+    draws = fitted.state[:, np.newaxis] + np.einsum(
+        "nij,sj->nsi", spread, np.random.default_rng(1).normal(size=(200, STATE))
+    )
+    range_mm = meet(fitted.frame, draws, exact.direction[at][:, np.newaxis])[0][..., 0]
+    off = (np.nanmean(range_mm, axis=1) - exact.range_mm[at]) / np.nanstd(range_mm, axis=1)
+    assert (np.abs(off) < 2.5).mean() > 0.85
+    assert np.median(np.nanstd(range_mm, axis=1)) < 15.0
+
+
+@pytest.mark.parametrize(
+    ("thing", "bends"), [(wall(2000, (0.3, 0.2, 0.9)), False), (sphere((20, 10, 1800), 260), True)]
+)
+def test_a_surface_bends_only_where_its_pixels_say_so(thing: Hits, bends: bool) -> None:
+    view = seen(thing, 2.0)
+    segment = segments_of(view)
+    largest = np.array([0])
+    assert may_bend(view, segment, largest, 4).tolist() == [bends]
+    assert learn_scales(view, segment, largest, 4).is_flat().tolist() == [not bends]
+
+
+def test_a_step_of_range_or_light_parts_segments() -> None:
+    view = seen(wall(2000), 1.0)
+    right = np.arange(SIZE * SIZE) % SIZE >= SIZE // 2
+    nearer = view._replace(range_mm=np.where(right, view.range_mm - 200.0, view.range_mm))
+    darker = view._replace(log_amplitude=np.where(right, view.log_amplitude - 1.0, view.log_amplitude))
+    assert segments_of(view).max() == 0
+    for parted in (nearer, darker):
+        segment = segments_of(parted)
+        assert len({*segment[right].tolist()} - {-1}) == 1
+        assert not ({*segment[right].tolist()} & {*segment[~right].tolist()}) - {-1}
+
+
+def test_places_of_a_lattice_share_no_row_or_column_and_fill_the_pixel() -> None:
+    places = lattice_of_places(64, 27)
+    for axis in (0, 1):
+        np.testing.assert_allclose(np.sort(places[:, axis]), (np.arange(64) + 0.5) / 64 - 0.5)
+    coarse = {tuple(part) for part in np.floor(places * 4).astype(int).tolist()}
+    assert len(coarse) == 16
+    np.testing.assert_allclose(grid_of_places(2), [[-0.25, -0.25], [-0.25, 0.25], [0.25, -0.25], [0.25, 0.25]])

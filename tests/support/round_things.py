@@ -1,0 +1,247 @@
+"""Recordings of a lock-in camera before round things: spheres, cylinders and capsules before walls, and their truth.
+
+Independent of the package: rays through 36 x 36 parts of each pixel, the light of Lambert's law or another power of the
+cosine, phasor sums, and noise of each sample's phasor.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+import tofmix as tm
+from tofmix.layers import Layers
+from tofmix.optics.pinhole import Pinhole
+from tofmix.sensor import Sensor
+
+FREQUENCY_HZ = 20e6
+CIRCLE_MM = 299_792_458e3 / (2 * FREQUENCY_HZ)
+SCALE_MM = CIRCLE_MM / (2 * np.pi)
+ROWS, COLS, PARTS, FOCAL = 48, 64, 36, 75.0
+
+Floats = NDArray[np.float64]
+
+
+class Hits(NamedTuple):
+    """Range of each ray, mm, infinite where it misses, and the cosine of incidence."""
+
+    range_mm: Floats
+    cosine: Floats
+
+
+def _rays() -> Floats:
+    steps = (np.arange(PARTS) + 0.5) / PARTS - 0.5
+    x, y = (((np.arange(size)[:, np.newaxis] + steps).ravel() - (size - 1) / 2) / FOCAL for size in (COLS, ROWS))
+    ways = np.stack(np.broadcast_arrays(x[np.newaxis], y[:, np.newaxis], 1.0), axis=-1)
+    return np.asarray(ways / np.linalg.norm(ways, axis=-1, keepdims=True))
+
+
+RAYS = _rays()
+
+
+def wall(distance_mm: float, normal: tuple[float, float, float] = (0.0, 0.0, 1.0), left_of_mm: float = np.inf) -> Hits:
+    """A plane through (0, 0, distance), as far as x is less than a limit."""
+    unit = np.array(normal) / np.linalg.norm(normal)
+    facing = RAYS @ unit
+    t = unit[2] * distance_mm / facing
+    seen = (t > 0) & (t * RAYS[..., 0] < left_of_mm)
+    return Hits(np.where(seen, t, np.inf), np.abs(facing))
+
+
+def sphere(centre_mm: tuple[float, float, float], radius_mm: float) -> Hits:
+    """A sphere."""
+    centre = np.array(centre_mm)
+    along = RAYS @ centre
+    inside = along**2 - (centre @ centre - radius_mm**2)
+    t = np.where(inside > 0, along - np.sqrt(np.maximum(inside, 0)), np.inf)
+    normal = (RAYS * np.where(np.isfinite(t), t, 0)[..., np.newaxis] - centre) / radius_mm
+    return Hits(t, np.abs((normal * RAYS).sum(axis=-1)))
+
+
+def cylinder(x_mm: float, z_mm: float, radius_mm: float, top_mm: float = -np.inf, bottom_mm: float = np.inf) -> Hits:
+    """An upright cylinder; y points down."""
+    a = RAYS[..., 0] ** 2 + RAYS[..., 2] ** 2
+    along = RAYS[..., 0] * x_mm + RAYS[..., 2] * z_mm
+    inside = along**2 - a * (x_mm**2 + z_mm**2 - radius_mm**2)
+    t = np.where(inside > 0, (along - np.sqrt(np.maximum(inside, 0))) / a, np.inf)
+    point = RAYS * np.where(np.isfinite(t), t, 0)[..., np.newaxis]
+    t = np.where((point[..., 1] > top_mm) & (point[..., 1] < bottom_mm), t, np.inf)
+    normal = np.stack([point[..., 0] - x_mm, 0 * a, point[..., 2] - z_mm], axis=-1) / radius_mm
+    return Hits(t, np.abs((normal * RAYS).sum(axis=-1)))
+
+
+def joined(*parts: Hits) -> Hits:
+    """One thing of several parts."""
+    t = np.stack([part.range_mm for part in parts])
+    first = t.argmin(axis=0)[np.newaxis]
+    return Hits(t.min(axis=0), np.take_along_axis(np.stack([part.cosine for part in parts]), first, axis=0)[0])
+
+
+def capsule(x_mm: float, z_mm: float, radius_mm: float, top_mm: float, bottom_mm: float) -> Hits:
+    """A cylinder with round ends."""
+    ends = (sphere((x_mm, y, z_mm), radius_mm) for y in (top_mm, bottom_mm))
+    return joined(cylinder(x_mm, z_mm, radius_mm, top_mm, bottom_mm), *ends)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scene:
+    """A recording and its truth.
+
+    Parameters
+    ----------
+    recording : Recording
+        Samples.
+    share, range_mm : (thing, row, col) float64
+        Share of the parts of a pixel that see each thing, and their mean range; NaN without any.
+    """
+
+    recording: tm.Recording
+    share: Floats
+    range_mm: Floats
+
+
+def render(
+    things: Sequence[Hits], reflectivity: Sequence[float], *, noise_mm: float, frames: int = 100, seed: int = 1,
+    power: float = 1.0, texture: float = 0.0,
+) -> Scene:  # fmt: skip
+    """Record things, the wall first.
+
+    Parameters
+    ----------
+    things : sequence of Hits
+        The first one fills the image.
+    reflectivity : sequence of float
+        Of each.
+    noise_mm : float
+        Standard deviation of a sample's range in the wall's middle.
+    frames, seed : int
+        Number of samples, and seed of the noise.
+    power : float
+        Light goes with this power of the cosine of incidence.
+    texture : float
+        Standard deviation of the logarithm of light from pixel to pixel.
+    """
+    draw = np.random.default_rng(seed)
+    t, cosine = (np.stack([getattr(one, name) for one in things]) for name in Hits._fields)
+    near = t.argmin(axis=0)
+    seen_mm = np.take_along_axis(t, near[np.newaxis], axis=0)[0]
+    facing = np.take_along_axis(cosine, near[np.newaxis], axis=0)[0]
+    light = 1000.0 * np.array(reflectivity)[near] * facing**power * (1000.0 / seen_mm) ** 2
+    phasor = _pooled(light * np.exp(1j * seen_mm / SCALE_MM))
+    phasor = phasor * np.exp(texture * draw.standard_normal(phasor.shape))
+    share = np.stack([_pooled((near == number) * 1.0).real for number in range(len(things))])
+    total = np.stack([_pooled(np.where(near == number, seen_mm, 0.0)).real for number in range(len(things))])
+    truth = np.where(share > 0, total / np.maximum(share, 1e-9), np.nan)
+    middle = 1000.0 * reflectivity[0] * (1000.0 / things[0].range_mm.min()) ** 2
+    size = noise_mm / SCALE_MM * middle
+    noise = draw.standard_normal((2, frames, ROWS, COLS)) * size
+    samples = phasor + noise[0] + 1j * noise[1]
+    range_mm = (SCALE_MM * np.angle(samples)) % CIRCLE_MM
+    lens = Pinhole(fx=FOCAL, fy=FOCAL, cx=(COLS - 1) / 2, cy=(ROWS - 1) / 2)
+    camera = Sensor(
+        name="round things", modulation_frequency_hz=FREQUENCY_HZ, range_min_mm=300.0, range_max_mm=7000.0,
+        projection=lens,
+    )  # fmt: skip
+    return Scene(
+        recording=tm.from_array(range_mm, units="mm", sensor=camera, amplitude=np.abs(samples)),
+        share=share,
+        range_mm=truth,
+    )
+
+
+def _pooled(parts: NDArray[np.number]) -> NDArray[np.complex128]:
+    return np.asarray(parts.reshape(ROWS, PARTS, COLS, PARTS).mean(axis=(1, 3)), dtype=np.complex128)
+
+
+@dataclass(slots=True, kw_only=True)
+class Score:
+    """Counts of pixels, and the squares of errors over stated ones."""
+
+    mixed: int = 0
+    both: int = 0
+    undecided: int = 0
+    ranges: int = 0
+    ranges_within: int = 0
+    shares_within: int = 0
+    share_square: float = 0.0
+    single: int = 0
+    split: int = 0
+    flying: int = 0
+
+    def __iadd__(self, other: "Score") -> Self:
+        for name in self.__dataclass_fields__:
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+        return self
+
+
+def score(scene: Scene, layers: Layers, *, least_share: float = 0.1, least_mm: float = 30.0) -> Score:
+    """Compare layers (row, col) with the truth.
+
+    A mixed pixel has two things of `least_share` and more. Both are found if two layers of probability above 0.5 lie
+    within 5 stated errors, or `least_mm`. A layer flies if its probability is above 0.5, and nothing is within twice
+    that of it.
+    """
+    result = Score()
+    order = np.argsort(-scene.share, axis=0)
+    mixing = np.zeros(layers.shape) if layers.mixing is None else layers.mixing
+    for row, col in np.ndindex(*layers.shape):
+        share, truth = scene.share[:, row, col], scene.range_mm[:, row, col]
+        count = int(layers.n_modes[row, col])
+        sure = layers.probability[row, col, :count] > 0.5
+        place, error = layers.range[row, col, :count], layers.range_stderr[row, col, :count]
+        there = truth[share > 0]
+        away = np.abs(place[:, np.newaxis] - there).min(axis=1, initial=np.inf)
+        result.flying += int((sure & (away > np.maximum(5.0 * error, 2.0 * least_mm))).sum())
+        if share.max() > 0.999:
+            result.single += 1
+            result.split += int(sure.sum() > 1)
+        first, second = order[:2, row, col]
+        if share[second] <= least_share or share[first] + share[second] < 0.999:
+            continue
+        result.mixed += 1
+        result.undecided += int(mixing[row, col] == 3)
+        if count != 2 or not sure.all():
+            continue
+        pair = sorted((first, second), key=lambda number: truth[number])
+        off = place - truth[pair]
+        if (np.abs(off) > np.maximum(5.0 * error, least_mm)).any():
+            continue
+        result.both += 1
+        result.ranges += 2
+        result.ranges_within += int((np.abs(off) < 2.0 * error).sum())
+        share_off = layers.weight[row, col, 0] - share[pair[0]]
+        result.shares_within += int(abs(share_off) < 2.0 * layers.weight_stderr[row, col, 0])
+        result.share_square += float(share_off**2)
+    return result
+
+
+SCENES: dict[str, Callable[[], tuple[list[Hits], list[float]]]] = {
+    "sphere and cylinder": lambda: (
+        [wall(3000), sphere((-350, 0, 1800), 220), cylinder(420, 1900, 130)],
+        [0.5, 0.8, 0.7],
+    ),
+    "sphere of 60 mm at 1 m": lambda: ([wall(2500), sphere((-60, 30, 1000), 60)], [0.5, 0.8]),
+    "sphere of 150 mm at 1 m": lambda: ([wall(2500), sphere((-100, 0, 1000), 150)], [0.5, 0.8]),
+    "sphere and cylinder at 2.5 m": lambda: (
+        [wall(4500), sphere((-300, 0, 2500), 300), cylinder(400, 2300, 200)],
+        [0.5, 0.8, 0.7],
+    ),
+    "sphere of 500 mm at 4 m": lambda: ([wall(6000), sphere((-400, 0, 4000), 500)], [0.5, 0.8]),
+    "person": lambda: (
+        [wall(4000), joined(capsule(100, 2200, 180, -250, 900), sphere((100, -560, 2200), 120))],
+        [0.5, 0.7],
+    ),
+    "two columns": lambda: ([wall(3500), cylinder(-420, 2000, 160), cylinder(380, 2300, 120)], [0.5, 0.7, 0.6]),
+    "sphere before sphere": lambda: (
+        [wall(4500), sphere((250, 0, 2700), 500), sphere((-150, 0, 1700), 220)],
+        [0.5, 0.6, 0.8],
+    ),
+    "slanted wall": lambda: ([wall(4000), wall(1800, (0.6, 0.0, 0.8), 206)], [0.5, 0.8]),
+    "creased wall and sphere": lambda: (
+        [joined(wall(3600, (0.5, 0.0, 0.87)), wall(3600, (-0.5, 0.0, 0.87))), sphere((100, 0, 1700), 200)],
+        [0.5, 0.8],
+    ),
+}
+"""Makers of things and their reflectivities, the wall first."""

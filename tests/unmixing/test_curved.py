@@ -1,0 +1,82 @@
+"""Mixed pixels beside round things: both surfaces are found, nothing flies, and planes stay as they were."""
+
+import numpy as np
+import pytest
+from support.round_things import SCENES, cylinder, render, score, sphere, wall
+
+import tofmix as tm
+from tofmix.flags import Mixing
+from tofmix.unmixing.phasors import mean_phasors
+from tofmix.unmixing.settings import CurvedSettings, UnmixSettings
+from tofmix.unmixing.unmix import unmix
+
+pytestmark = [
+    pytest.mark.compiled("it estimates 3,072 pixels"),
+    pytest.mark.filterwarnings("ignore::tofmix.errors.DoubtWarning"),
+]
+
+
+def test_both_surfaces_are_found_at_the_limbs_of_a_sphere_and_nothing_flies() -> None:
+    one = render([wall(2800), sphere((40, -30, 1500), 180)], [0.5, 0.8], noise_mm=15.0, frames=60, seed=4)
+    found = tm.estimate(one.recording)
+    result = score(one, found.window(0))
+    assert result.mixed > 40
+    assert result.both >= 0.9 * result.mixed
+    assert result.ranges_within >= 0.85 * result.ranges
+    assert result.shares_within >= 0.85 * result.both
+    assert (result.split, result.flying) == (0, 0)
+    assert found.mixing_law is not None
+    assert found.mixing_law.phasor_share == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["two columns", "person"])
+def test_scenes_of_curved_edges_alone_are_unmixed(name: str) -> None:
+    things, reflectivity = SCENES[name]()
+    one = render(things, reflectivity, noise_mm=20.0, frames=60, seed=2)
+    result = score(one, tm.estimate(one.recording).window(0))
+    assert result.both >= 0.85 * result.mixed
+    assert result.flying == 0
+    assert result.split <= 0.002 * result.single
+
+
+def test_planes_are_unmixed_as_if_there_were_no_smooth_surfaces() -> None:
+    one = render([wall(3000), wall(1800, (0.3, 0.0, 0.95), 150.0)], [0.5, 0.8], noise_mm=15.0, frames=40)
+    estimate = tm.estimate(one.recording, mixing="events")
+    assert one.recording.amplitude is not None
+    phasors = mean_phasors(one.recording.range_mm, one.recording.amplitude, one.recording.sensor)
+    whole, planes = (
+        unmix(
+            estimate.window(0), phasors, estimate.sensor, settings=UnmixSettings(curved=CurvedSettings(rounds=rounds))
+        )
+        for rounds in (8, 0)
+    )
+    assert np.any(whole.layers.mixing == int(Mixing.PHASOR))
+    for spec in whole.layers.fields:
+        np.testing.assert_array_equal(getattr(whole.layers, spec.name), getattr(planes.layers, spec.name))
+
+
+def test_pixels_of_a_wire_are_undecided_where_no_pixel_sees_it_alone() -> None:
+    one = render([wall(3500), cylinder(-200, 2000, 6)], [0.5, 0.5], noise_mm=15.0, frames=60)
+    found = tm.estimate(one.recording).window(0)
+    assert score(one, found).flying == 0
+    assert found.mixing is not None
+    wire = one.share[1] > 0.1
+    assert (found.mixing[wire] == int(Mixing.UNDECIDED)).mean() > 0.9
+    law = tm.estimate(one.recording).mixing_law
+    assert law is not None
+    assert law.pixels == 0
+    assert "a lock-in camera sums" in law.words()
+
+
+def test_samples_of_one_surface_each_contradict_sums_where_no_edge_tells() -> None:
+    one = render([wall(3500), cylinder(-200, 2000, 6)], [0.5, 0.5], noise_mm=15.0, frames=60)
+    draw = np.random.default_rng(3)
+    far = render([wall(3500)], [0.5], noise_mm=15.0, frames=60).recording
+    assert far.amplitude is not None
+    near = draw.random(far.range_mm.shape) < one.share[1]
+    ranges = np.where(near, draw.normal(2000.0, 15.0, near.shape), far.range_mm)
+    events = tm.from_array(ranges, units="mm", sensor=far.sensor, amplitude=np.where(near, 200.0, far.amplitude))
+    law = tm.estimate(events).mixing_law
+    assert law is not None
+    assert not law.phasor_share > 0.05

@@ -1,0 +1,319 @@
+"""A patch of a smooth surface around a place: least squares through the ranges of the pixels there.
+
+In a frame with the normal n and the tangents e1 and e2, the height h over (u, v) obeys
+
+    2 h = 2 (a + b u + c v) + k11 u^2 + 2 k12 u v + k22 v^2 + g h^2,   g = tr(K^2) tr(K) / max(tr(K)^2, tr(K^2)),
+
+which is exact for planes, spheres and cylinders. Rays meet it in closed form. The curvatures have the prior
+N(0, bend^2); four cubic terms of standard deviation `third` are integrated out: they are errors that neighbours share.
+A polynomial of 1 / r is no such model: at the limb of a round thing 1 / r has the singularity of a square root.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.compiled.jit import jit
+from tofmix.compiled.plane import dot
+from tofmix.image.smooth.view import View
+
+STATE = 6
+"""Numbers of a patch: a, b, c, k11, k12, k22."""
+
+_ROUNDS = 3  # of least squares: the frame is tilted to the patch between two
+_FIRST = 10  # nearest members, through which the first plane goes
+_ORIGIN = 3  # nearest members, in whose middle the origin lies
+_OUTLIER = 4.5  # standard errors
+_RIDGE = 1.0e-12
+_HEIGHT_MM, _SLOPE = 1e4, 2.0  # standard deviations of a, and of b and c, which pixels in one line leave open
+_STEEPEST = 1.0e-4  # least square of the cosine of incidence by which noise counts
+_REMAINDER = 0.3
+"""Part of the cubic terms' error that each pixel has on its own."""
+_THIRD_OF_BEND = 2.0
+"""Least third derivative in units of the square of the curvatures: what a bent thing bends otherwise."""
+_MOST_AVERAGED = 0.02
+"""Largest difference, as a part of the range, between a pixel's mean and its middle."""
+
+_GAUSS = np.array([-np.sqrt(0.15), 0.0, np.sqrt(0.15)])
+PLACES_9 = np.array([(y, x) for y in _GAUSS for x in _GAUSS])
+"""Places of Gauss-Legendre's rule over a pixel (9, 2), and their weights."""
+WEIGHTS_9 = np.outer(np.array([5.0, 8.0, 5.0]) / 18.0, np.array([5.0, 8.0, 5.0]) / 18.0).ravel()
+
+
+class Frame(NamedTuple):
+    """Frames (n, 3) of patches, mm: origin, tangents, normal."""
+
+    origin: FloatArray
+    e1: FloatArray
+    e2: FloatArray
+    normal: FloatArray
+
+
+class Patches(NamedTuple):
+    """Fitted patches.
+
+    Parameters
+    ----------
+    frame : Frame
+        Their frames.
+    state : (n, 6) float64
+        a (mm), b, c, k11, k12, k22 (1 / mm).
+    covariance : (n, 6, 6) float64
+        Its covariance, by the scatter of the members.
+    members, kept : (n, place) int64, bool
+        The pixels, and which of them are no outliers and there.
+    third : (n,) float64
+        Standard deviation of the cubic terms, 1 / mm^2.
+    log_evidence : (n,) float64
+        Log density of the members' ranges, nat; all members count.
+    """
+
+    frame: Frame
+    state: FloatArray
+    covariance: FloatArray
+    members: IntArray
+    kept: BoolArray
+    third: FloatArray
+    log_evidence: FloatArray
+
+    def some(self, which: IntArray) -> "Patches":
+        """Some of the patches, perhaps several times."""
+        return Patches(
+            Frame(*(part[which] for part in self.frame)), self.state[which], self.covariance[which],
+            self.members[which], self.kept[which], self.third[which], self.log_evidence[which],
+        )  # fmt: skip
+
+
+def bend_term(k11: FloatArray, k12: FloatArray, k22: FloatArray) -> FloatArray:
+    """G of the curvatures."""
+    trace, square = k11 + k22, k11 * k11 + 2.0 * k12 * k12 + k22 * k22
+    return np.asarray(square * trace / np.maximum(np.maximum(trace * trace, square), 1e-30))
+
+
+def meet(frame: Frame, state: FloatArray, rays: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Where rays meet patches.
+
+    Parameters
+    ----------
+    frame : Frame
+        Of n patches.
+    state : (n, sample, 6) float64
+        States of each patch.
+    rays : (n, ray, 3) float64
+        Unit vectors from the camera.
+
+    Returns
+    -------
+    range_mm, cosine : (n, sample, ray) float64
+        Range along the ray, and the cosine of incidence; NaN where the ray misses.
+    """
+    n, samples = state.shape[:2]
+    range_mm, cosine = np.empty((n, samples, rays.shape[1])), np.empty((n, samples, rays.shape[1]))
+    origin, e1, e2, normal = (np.ascontiguousarray(part) for part in frame)
+    _meet(origin, e1, e2, normal, np.ascontiguousarray(state), np.ascontiguousarray(rays), range_mm, cosine)
+    return range_mm, cosine
+
+
+@jit
+def _meet(
+    origin: FloatArray, e1: FloatArray, e2: FloatArray, normal: FloatArray, state: FloatArray, rays: FloatArray,
+    range_mm: FloatArray, cosine: FloatArray,
+) -> None:  # fmt: skip
+    """Fill ranges and cosines (n, sample, ray), as `meet` gives them."""
+    for i in range(len(origin)):
+        u0, v0, h0 = dot(origin[i], e1[i]), dot(origin[i], e2[i]), dot(origin[i], normal[i])
+        for j in range(rays.shape[1]):
+            du, dv, dh = dot(rays[i, j], e1[i]), dot(rays[i, j], e2[i]), dot(rays[i, j], normal[i])
+            for s in range(state.shape[1]):
+                a, b, c = state[i, s, 0], state[i, s, 1], state[i, s, 2]
+                k11, k12, k22 = state[i, s, 3], state[i, s, 4], state[i, s, 5]
+                trace, square = k11 + k22, k11 * k11 + 2.0 * k12 * k12 + k22 * k22
+                g = square * trace / max(trace * trace, square, 1e-30)
+                alpha = -0.5 * (g * dh * dh + k11 * du * du + 2.0 * k12 * du * dv + k22 * dv * dv)
+                beta = dh + g * dh * h0 - b * du - c * dv + k11 * du * u0 + k12 * (du * v0 + dv * u0) + k22 * dv * v0
+                gamma = (
+                    -h0 - 0.5 * g * h0 * h0 - a + b * u0 + c * v0
+                    - 0.5 * (k11 * u0 * u0 + 2.0 * k12 * u0 * v0 + k22 * v0 * v0)
+                )  # fmt: skip
+                below = beta * beta - 4.0 * alpha * gamma
+                root = math.sqrt(below) if below >= 0.0 else math.nan
+                t = 2.0 * gamma / (root - beta) if root != beta else math.nan
+                if not (t > 0.0 and gamma > 0.0):
+                    range_mm[i, s, j], cosine[i, s, j] = math.nan, math.nan
+                    continue
+                u, v, h = t * du - u0, t * dv - v0, t * dh - h0
+                across, down = b + k11 * u + k12 * v, c + k12 * u + k22 * v
+                range_mm[i, s, j] = t
+                cosine[i, s, j] = root / math.sqrt((1.0 - g * h) ** 2 + across * across + down * down)
+
+
+def fit_patches(
+    view: View, at: IntArray, members: IntArray, bend: FloatArray, third: FloatArray, *, robust: bool = True
+) -> Patches:
+    """Fit a patch through members of one surface each.
+
+    Parameters
+    ----------
+    view : View
+        The image.
+    at : (n,) int64
+        Pixels in question: the patch is expanded at the members nearest to them.
+    members : (n, place) int64
+        Pixels of the surface; -1 for none. At least six each.
+    bend, third : (n,) float64
+        Standard deviations of curvatures (1 / mm) and of cubic terms (1 / mm^2).
+    robust : bool
+        Whether members far from the patch are left out.
+
+    Returns
+    -------
+    Patches
+        The patches.
+    """
+    there = members >= 0
+    pixel = np.where(there, members, 0)
+    cols = view.shape[1]
+    away = np.hypot(pixel // cols - (at // cols)[:, np.newaxis], pixel % cols - (at % cols)[:, np.newaxis])
+    rank = np.argsort(np.argsort(np.where(there, away, np.inf), axis=1, kind="stable"), axis=1, kind="stable")
+    ray, range_mm = view.direction[pixel], view.range_mm[pixel]
+    noise = view.range_variance[pixel]
+    normal, origin = _first_plane(ray * range_mm[..., np.newaxis], there & (rank < _FIRST), there & (rank < _ORIGIN))
+    n, places = members.shape
+    averaged, keep, state = np.zeros((n, places)), there.copy(), np.zeros((n, STATE))
+    inner = view.rays(pixel, PLACES_9).reshape(n, places * len(PLACES_9), 3)
+    e1 = e2 = normal
+    for number in range(_ROUNDS):
+        if number:
+            tilted = normal - state[:, 1:2] * e1 - state[:, 2:3] * e2
+            origin = origin + state[:, :1] * normal
+            normal = tilted / np.linalg.norm(tilted, axis=1, keepdims=True)
+        e1, e2 = _tangents(normal)
+        frame = Frame(origin, e1, e2, normal)
+        bent = state[:, 3:] if number else np.zeros((n, 3))
+        design, cubic, value, variance, cubed = _equations(
+            frame, ray, range_mm - averaged, noise, bent, np.maximum(third, 0.0)
+        )
+        prior = np.full((n, STATE), [0.0, _SLOPE**-2, _SLOPE**-2, 0.0, 0.0, 0.0])
+        prior[:, 3:] = (1.0 / bend**2)[:, np.newaxis]
+        state, covariance, residual = _solved(design, cubic, value, keep / variance, prior)
+        residual = residual / np.sqrt(variance)
+        if robust and number:
+            keep = _without_outliers(residual, there)
+        if number == _ROUNDS - 1:
+            break
+        averaged = _averaged(frame, state, inner, ray, range_mm)
+    chi = np.where(keep, residual**2, 0.0).sum(axis=1) / np.maximum(keep.sum(axis=1) - 4, 1)
+    return Patches(
+        frame, state, covariance * np.maximum(1.0, chi)[:, np.newaxis, np.newaxis], members, keep, cubed,
+        _log_evidence(design, cubic, value, variance, there, bend),
+    )  # fmt: skip
+
+
+def _first_plane(points: FloatArray, few: BoolArray, fewest: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Normals (n, 3) towards the camera of planes through few of the points (n, place, 3), and the origins (n, 3)."""
+    some = np.where(few[..., np.newaxis], points, 0.0)
+    square = np.einsum("nki,nkj->nij", some, some)
+    # Points in one line leave the plane's tilt about it open: the ridge chooses the one nearest to facing the camera.
+    square += np.einsum("nii->n", square)[:, np.newaxis, np.newaxis] * 1e-9 * np.eye(3)
+    m = np.linalg.solve(square, some.sum(axis=1)[..., np.newaxis])[..., 0]
+    normal = -m / np.linalg.norm(m, axis=1, keepdims=True)
+    part = fewest / np.maximum(fewest.sum(axis=1, keepdims=True), 1)
+    origin = (points * part[..., np.newaxis]).sum(axis=1)
+    facing = np.where((normal * origin).sum(axis=1) > 0, -1.0, 1.0)
+    return normal * facing[:, np.newaxis], origin
+
+
+def _tangents(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Two unit vectors (n, 3) across each normal and each other."""
+    e1 = np.cross(normal, [0.0, 1.0, 0.0])
+    length = np.linalg.norm(e1, axis=1, keepdims=True)
+    e1 = np.where(length > 0.1, e1 / np.maximum(length, 0.1), np.array([1.0, 0.0, 0.0]))  # noqa: PLR2004  any other axis
+    e1 = e1 - normal * (e1 * normal).sum(axis=1, keepdims=True)
+    e1 /= np.linalg.norm(e1, axis=1, keepdims=True)
+    return e1, np.cross(normal, e1)
+
+
+def _equations(
+    frame: Frame, ray: FloatArray, range_mm: FloatArray, noise: FloatArray, bent: FloatArray, third: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Design (n, place, 6), cubic terms (n, place, 4), values and variances (n, place), and size of the terms (n,)."""
+    x = range_mm[..., np.newaxis] * ray - frame.origin[:, np.newaxis]
+    u, v, h = (np.matmul(x, part[:, :, np.newaxis])[..., 0] for part in frame[1:])
+    du, dv, dh = (np.matmul(ray, part[:, :, np.newaxis])[..., 0] for part in frame[1:])
+    k11, k12, k22 = (bent[:, i, np.newaxis] for i in range(3))
+    g = bend_term(k11, k12, k22)
+    slope = dh * (1.0 - g * h) - du * (k11 * u + k12 * v) - dv * (k12 * u + k22 * v)
+    size = np.maximum(third, _THIRD_OF_BEND * (k11**2 + 2.0 * k12**2 + k22**2)[:, 0])
+    away = u * u + v * v + h * h
+    own = _REMAINDER * size[:, np.newaxis] * away**1.5 / 6.0
+    variance = np.maximum(slope**2, _STEEPEST) * noise + own**2
+    cubic = np.stack([u**3 / 6.0, u * u * v / 2.0, u * v * v / 2.0, v**3 / 6.0], axis=-1)
+    design = np.stack([np.ones_like(u), u, v, 0.5 * u * u, u * v, 0.5 * v * v], axis=-1)
+    return design, cubic * size[:, np.newaxis, np.newaxis], h - 0.5 * g * h * h, variance, size
+
+
+def _solved(
+    design: FloatArray, cubic: FloatArray, value: FloatArray, weight: FloatArray, prior: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """States (n, 6), their covariances, and residuals (n, place) less the cubic terms' part."""
+    weighed = cubic * weight[..., np.newaxis]
+    turned = np.swapaxes(weighed, 1, 2)
+    inner = np.linalg.inv(np.eye(cubic.shape[-1]) + turned @ cubic)
+    through = design * weight[..., np.newaxis] - weighed @ (inner @ (turned @ design))
+    normal = np.swapaxes(design, 1, 2) @ through
+    normal[:, range(STATE), range(STATE)] += prior
+    covariance = scaled_inverse(normal)
+    state = (covariance @ (np.swapaxes(through, 1, 2) @ value[..., np.newaxis]))[..., 0]
+    residual = value - (design @ state[..., np.newaxis])[..., 0]
+    residual = residual - (cubic @ (inner @ (turned @ residual[..., np.newaxis])))[..., 0]
+    return state, covariance, residual
+
+
+def scaled_inverse(matrix: FloatArray) -> FloatArray:
+    """Inverses of positive matrices (n, k, k) whose numbers have different units."""
+    size = matrix.shape[-1]
+    scale = 1.0 / np.sqrt(np.maximum(matrix[:, range(size), range(size)], np.finfo(float).tiny))
+    scale = scale[:, :, np.newaxis] * scale[:, np.newaxis, :]
+    return np.asarray(np.linalg.inv(matrix * scale + _RIDGE * np.eye(size)) * scale)
+
+
+def _without_outliers(residual: FloatArray, there: BoolArray) -> BoolArray:
+    """Members within `_OUTLIER` standard errors; where too few are, the better two thirds."""
+    size = np.where(there, np.abs(residual), np.inf)
+    keep = size < _OUTLIER
+    count = there.sum(axis=1)
+    least = np.maximum(STATE, 2 * count // 3)[:, np.newaxis]
+    rank = np.argsort(np.argsort(size, axis=1, kind="stable"), axis=1, kind="stable")
+    few = (keep.sum(axis=1) < np.maximum(STATE, count // 2))[:, np.newaxis]
+    return np.where(few, (rank < least) & there, keep)
+
+
+def _averaged(frame: Frame, state: FloatArray, inner: FloatArray, ray: FloatArray, range_mm: FloatArray) -> FloatArray:
+    """Difference (n, place) between the mean range over a pixel and that in its middle, as light weighs it."""
+    n, places = range_mm.shape
+    t, cosine = (part.reshape(n, places, -1) for part in meet(frame, state[:, np.newaxis], inner))
+    seen = np.isfinite(t)
+    light = np.where(seen, WEIGHTS_9 * cosine / np.where(seen, t, 1.0) ** 2, 0.0)
+    middle = meet(frame, state[:, np.newaxis], ray)[0][:, 0]
+    total = light.sum(axis=-1)
+    mean = (light * np.where(seen, t, 0.0)).sum(axis=-1) / np.maximum(total, 1e-30)
+    difference = np.where(np.isfinite(middle) & (total > 0), mean - middle, 0.0)
+    return np.clip(difference, -_MOST_AVERAGED * range_mm, _MOST_AVERAGED * range_mm)
+
+
+def _log_evidence(
+    design: FloatArray, cubic: FloatArray, value: FloatArray, variance: FloatArray, there: BoolArray, bend: FloatArray
+) -> FloatArray:
+    """Log density (n,) of values with the prior of the state, and the cubic terms, integrated out."""
+    spread = np.ones((len(bend), STATE))
+    spread[:, 0], spread[:, 1:3], spread[:, 3:] = _HEIGHT_MM, _SLOPE, bend[:, np.newaxis]
+    shared = np.concatenate([cubic, design * spread[:, np.newaxis]], axis=-1)
+    weight = there / variance
+    weighed = shared * weight[..., np.newaxis]
+    inside = np.eye(shared.shape[-1]) + np.swapaxes(shared, 1, 2) @ weighed
+    seen = np.swapaxes(weighed, 1, 2) @ value[..., np.newaxis]
+    explained = (seen * np.linalg.solve(inside, seen))[..., 0].sum(axis=1)
+    determinant = np.linalg.slogdet(inside)[1] + np.where(there, np.log(variance), 0.0).sum(axis=1)
+    return np.asarray(-0.5 * (determinant + (weight * value**2).sum(axis=1) - explained))

@@ -1,0 +1,101 @@
+"""Segments of an image: pixels of one smooth surface each, by second differences of range and light."""
+
+import numpy as np
+
+from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.image.masks import components, near
+from tofmix.image.smooth.view import View
+
+LEAST_PIXELS = 6
+"""Fewest pixels of a segment: a patch has six numbers."""
+
+_NOISE = 4.0  # standard errors of a second difference of range
+_LIGHT_NOISE = 6.0  # and of the logarithm of light
+_PITCHES, _LOOSE_PITCHES = 0.3, 0.8
+_LIGHT, _LOOSE_LIGHT = 0.06, 0.2
+"""Second differences that a bent surface has by itself: of range in widths of a pixel, of the logarithm of light."""
+_STEP, _LIGHT_STEP = 0.04, 0.35
+"""Largest difference between neighbours of one surface: part of the range, and of the logarithm of light."""
+_SEED_REACH = 2  # pixels
+
+
+def segments_of(view: View) -> IntArray:
+    """Number (pixel,) of the segment of each pixel; -1 where it is of none.
+
+    Pixels whose range and light go on evenly in four directions are seeds; where none is near, less even ones. Seeds
+    beside each other are of one surface unless range or light steps between them.
+    """
+    rows, cols = view.shape
+    bent, faded, error = _second_differences(view)
+    width = view.range_mm * view.pitch
+    light_error = _LIGHT_NOISE * error / view.scale_mm
+    even = (bent < _NOISE * error + _PITCHES * width) & (faded < light_error + _LIGHT) & view.valid
+    loose = (bent < _NOISE * error + _LOOSE_PITCHES * width) & (faded < light_error + _LOOSE_LIGHT) & view.valid
+    seed = even | (loose & ~near(even.reshape(rows, cols), _SEED_REACH).ravel())
+    index = np.arange(rows * cols).reshape(rows, cols)
+    ones, others = [], []
+    for one, other in ((index[:, :-1], index[:, 1:]), (index[:-1], index[1:])):
+        a, b = one.ravel(), other.ravel()
+        joined = seed[a] & seed[b]
+        joined &= np.abs(view.range_mm[a] - view.range_mm[b]) < _STEP * view.range_mm[a] + _NOISE * error[a]
+        joined &= np.abs(view.log_amplitude[a] - view.log_amplitude[b]) < _LIGHT_STEP
+        ones.append(a[joined])
+        others.append(b[joined])
+    number = components(np.concatenate(ones), np.concatenate(others), rows * cols)
+    size = np.bincount(number[seed], minlength=int(number.max()) + 1)
+    order = np.argsort(-size, kind="stable")
+    renamed = np.full(len(size), -1)
+    large = order[size[order] >= LEAST_PIXELS]
+    renamed[large] = np.arange(large.size)
+    return np.where(seed, renamed[number], -1).astype(np.int64)
+
+
+def _second_differences(view: View) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Largest second difference (pixel,) of range and of the logarithm of light in four directions, and its error."""
+    rows, cols = view.shape
+    range_mm, light = view.range_mm.reshape(rows, cols), view.log_amplitude.reshape(rows, cols)
+    sigma = np.sqrt(view.range_variance).reshape(rows, cols)
+    padded = [np.pad(part, 1, mode="reflect", reflect_type="odd") for part in (range_mm, light)]
+    around_ = np.pad(sigma, 1, mode="edge")
+    bent, faded, error = (np.zeros((rows, cols)) for _ in range(3))
+    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        ahead = np.s_[1 + down : 1 + down + rows, 1 + right : 1 + right + cols]
+        back = np.s_[1 - down : 1 - down + rows, 1 - right : 1 - right + cols]
+        bent = np.maximum(bent, np.abs(padded[0][ahead] - 2.0 * range_mm + padded[0][back]))
+        faded = np.maximum(faded, np.abs(padded[1][ahead] - 2.0 * light + padded[1][back]))
+        error = np.maximum(error, np.sqrt(around_[ahead] ** 2 + 4.0 * sigma**2 + around_[back] ** 2))
+    return bent.ravel(), faded.ravel(), error.ravel()
+
+
+def around(
+    shape: tuple[int, int], segment: IntArray, at: IntArray, number: IntArray, reach: int, *, own: bool = False
+) -> IntArray:
+    """Pixels (n, place) of a segment within `reach` of each pixel; -1 for none.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows, columns.
+    segment : (pixel,) int64
+        Segment of each pixel.
+    at, number : (n,) int64
+        The pixels, and the segment in question of each.
+    reach : int
+        Pixels.
+    own : bool
+        Whether the pixel itself may be among them.
+    """
+    steps = np.arange(-reach, reach + 1)
+    down, right = (part.ravel() for part in np.meshgrid(steps, steps, indexing="ij"))
+    row, col = (at // shape[1])[:, np.newaxis] + down, (at % shape[1])[:, np.newaxis] + right
+    inside = (row >= 0) & (row < shape[0]) & (col >= 0) & (col < shape[1])
+    pixel = np.where(inside, row * shape[1] + col, 0)
+    inside &= segment[pixel] == number[:, np.newaxis]
+    if not own:
+        inside[:, (down == 0) & (right == 0)] = False
+    return np.where(inside, pixel, -1)
+
+
+def rim_of(mask: BoolArray, shape: tuple[int, int]) -> BoolArray:
+    """Pixels (pixel,) of a mask beside pixels that are not in it."""
+    return mask & near(~mask.reshape(shape), 1).ravel()

@@ -1,0 +1,254 @@
+"""Labels beside surfaces that bend: in rounds, from the pixels that surely see one surface towards the limbs.
+
+Planes label the image first (`tofmix.unmixing.labels`). Here segments of smooth surfaces are found. Where all of them
+are planes, nothing changes. Around a segment that bends, pixels are judged anew: those that a surface fills join it,
+and the next round sees farther. Mixed pixels are what is left.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.image.masks import near
+from tofmix.image.smooth.scales import Scales, learn_scales, may_bend
+from tofmix.image.smooth.segments import rim_of, segments_of
+from tofmix.image.smooth.view import View
+from tofmix.unmixing.curved import REACH, Bent, Verdicts, judge_bent
+from tofmix.unmixing.hypotheses import Kind
+from tofmix.unmixing.image import ComplexArray, PhasorImage, polar_covariance, variance_along
+from tofmix.unmixing.labels import Labels
+from tofmix.unmixing.settings import DEFAULT_SETTINGS, CurvedSettings
+
+_LEAVING = 1
+"""Round in which members at the rim may leave."""
+_RELEARNT = 2
+"""Round after which scales are learnt again."""
+
+
+def label_curved(image: PhasorImage, labels: Labels, settings: CurvedSettings = DEFAULT_SETTINGS.curved) -> Labels:
+    """Label the pixels beside surfaces that bend.
+
+    Parameters
+    ----------
+    image : PhasorImage
+        The window.
+    labels : Labels
+        By planes.
+    settings : CurvedSettings
+        Thresholds.
+
+    Returns
+    -------
+    Labels
+        The same object where planes explain all pixels, or nothing bends.
+    """
+    undecided = _undecided(image, labels, settings)
+    if not settings.rounds or not undecided.any():
+        return labels
+    view = view_of(image, labels)
+    segment = segments_of(view)
+    count = int(segment.max()) + 1
+    beside = segment[near(undecided.reshape(image.shape), REACH).ravel()]
+    doubtful = np.unique(beside[beside >= 0])
+    unexplained = _much_unexplained(segment, undecided, image.shape, doubtful)
+    if not unexplained.any() and not may_bend(view, segment, doubtful, REACH).any():
+        return labels
+    scales = learn_scales(view, segment, np.arange(count), REACH)
+    bent = scales.is_known() & ~scales.is_flat()
+    bent[doubtful[unexplained]] |= ~scales.is_known()[doubtful[unexplained]]
+    if not bent.any():
+        return labels
+    allowed = image.valid & ~near(image.open_space.reshape(image.shape), REACH).ravel()
+    segment, pixels, verdicts = _grown(
+        image, view, segment, scales, bent, allowed, labels.seeds.texture_variance, settings
+    )
+    return _merged(image, labels, segment, bent, allowed, pixels, verdicts, settings)
+
+
+def _undecided(image: PhasorImage, labels: Labels, settings: CurvedSettings) -> BoolArray:
+    """Pixels that no planes explain."""
+    mixed = np.isin(labels.kind, (Kind.PAIR, Kind.TRIPLE)) & labels.is_known
+    return image.valid & ~labels.is_surface & ~(mixed & (labels.probability > settings.decided))
+
+
+def _much_unexplained(segment: IntArray, undecided: BoolArray, shape: tuple[int, int], numbers: IntArray) -> BoolArray:
+    """Segments (m,) beside which planes leave more pixels unexplained than the segment has."""
+    return np.array([
+        (undecided & near((segment == number).reshape(shape), REACH).ravel()).sum() > (segment == number).sum()
+        for number in numbers.tolist()
+    ], dtype=np.bool_)  # fmt: skip
+
+
+def _beside(segment: IntArray, bent: BoolArray, shape: tuple[int, int], reach: int) -> BoolArray:
+    """Which pixels (pixel,) have one of a segment that bends within `reach`."""
+    return near(((segment >= 0) & bent[segment]).reshape(shape), reach).ravel()
+
+
+def view_of(image: PhasorImage, labels: Labels) -> View:
+    """The image as smooth surfaces take it."""
+    return View(
+        shape=image.shape, scale_mm=image.scale_mm, valid=image.valid, range_mm=image.range_mm,
+        range_variance=image.range_variance + labels.seeds.pattern_variance,
+        log_amplitude=np.log(np.where(image.valid, image.amplitude, 1.0)), amplitude_variance=image.light_variance,
+        direction=image.directions, right=image.across * image.pitch_across[:, np.newaxis],
+        below=image.down * image.pitch_down[:, np.newaxis], pitch=image.pitch,
+    )  # fmt: skip
+
+
+class _Judged:
+    """Verdicts on pixels, and the surroundings that each was judged in: a pixel is judged again when these change."""
+
+    def __init__(self, image: PhasorImage, view: View, texture_variance: float) -> None:
+        self._image, self._view, self._texture = image, view, texture_variance
+        self._around: dict[int, bytes] = {}
+        self.verdict: dict[int, tuple[Any, ...]] = {}
+
+    def judge(self, segment: IntArray, scales: Scales, pixels: IntArray) -> IntArray:
+        """Judge what has not been judged in these surroundings; the pixels that were."""
+        grid = segment.reshape(self._view.shape)
+        fresh = []
+        for pixel in pixels.tolist():
+            row, col = divmod(pixel, self._view.shape[1])
+            window = grid[max(row - REACH, 0) : row + REACH + 1, max(col - REACH, 0) : col + REACH + 1].copy()
+            mark = window.tobytes()
+            if self._around.get(pixel) != mark:
+                self._around[pixel] = mark
+                fresh.append(pixel)
+        if not fresh:
+            return np.zeros(0, np.int64)
+        chosen = np.array(fresh, dtype=np.int64)
+        for start in range(0, chosen.size, _CHUNK):
+            block = chosen[start : start + _CHUNK]
+            found = judge_bent(self._image, self._view, segment, block, scales, self._texture)
+            for place, pixel in enumerate(block.tolist()):
+                self.verdict[pixel] = tuple(part[place] for part in found)
+        return chosen
+
+
+_CHUNK = 128
+"""Pixels that are judged at once: the draws of their surfaces take some 100 MB."""
+
+
+def _grown(
+    image: PhasorImage, view: View, segment: IntArray, scales: Scales, bent: BoolArray, allowed: BoolArray,
+    texture_variance: float, settings: CurvedSettings,
+) -> tuple[IntArray, IntArray, Verdicts]:  # fmt: skip
+    """Segments with the pixels that joined, and the verdicts on those beside bent ones that are in none."""
+    judged = _Judged(image, view, texture_variance)
+    segment = segment.copy()
+    for number in range(settings.rounds):
+        area = allowed & _beside(segment, bent, view.shape, REACH)
+        candidates = _open_pixels(segment, area, view, settings.beside)
+        judged.judge(segment, scales, candidates)
+        joined = 0
+        changed = segment.copy()
+        for pixel in candidates.tolist():
+            verdict = judged.verdict[pixel]
+            if verdict[0] == Bent.ONE and verdict[1] > settings.sure:
+                changed[pixel] = verdict[2]
+                joined += 1
+        segment = changed
+        if not joined and number >= _RELEARNT:
+            break
+        if number == _LEAVING:
+            rim = np.flatnonzero(rim_of(segment >= 0, view.shape) & area)
+            for pixel in judged.judge(segment, scales, rim).tolist():
+                if judged.verdict[pixel][0] != Bent.ONE:
+                    segment[pixel] = -1
+        if number == _RELEARNT:
+            curved = np.flatnonzero(bent)
+            again = learn_scales(view, segment, curved, REACH)
+            for old, new in zip(scales, again, strict=True):
+                old[curved] = new
+    area = allowed & _beside(segment, bent, view.shape, REACH)
+    pixels = np.array([pixel for pixel in np.flatnonzero(area & (segment < 0)).tolist() if pixel in judged.verdict])
+    parts = zip(*(judged.verdict[pixel] for pixel in pixels.tolist()), strict=True)
+    return (
+        segment,
+        pixels.astype(np.int64),
+        Verdicts(*(np.array(part) for part in parts)) if pixels.size else _nothing(),
+    )
+
+
+def _open_pixels(segment: IntArray, area: BoolArray, view: View, reach: int) -> IntArray:
+    """Pixels of the area that are of no segment, beside one."""
+    return np.flatnonzero(area & (segment < 0) & near((segment >= 0).reshape(view.shape), reach).ravel())
+
+
+def _nothing() -> Verdicts:
+    return Verdicts(
+        np.zeros(0, np.int64), np.zeros(0), np.zeros(0, np.int64), np.zeros((0, 2), np.int64), np.zeros((0, 5)),
+        np.zeros((0, 5, 5)), np.zeros(0, np.complex128), np.zeros(0),
+    )  # fmt: skip
+
+
+def _merged(
+    image: PhasorImage, labels: Labels, segment: IntArray, bent: BoolArray, area: BoolArray, pixels: IntArray,
+    verdicts: Verdicts,
+    settings: CurvedSettings,
+) -> Labels:  # fmt: skip
+    """Labels of planes, in the area replaced by those of smooth surfaces where one of these bends."""
+    names = (
+        "kind", "probability", "range_mm", "range_variance", "share", "share_variance", "is_known", "is_fresh", "chord",
+        "scatter", "log_density", "is_surface",
+    )  # fmt: skip
+    out = {name: getattr(labels, name).copy() for name in names}
+
+    def clear(which: IntArray) -> None:
+        for name in ("range_mm", "range_variance", "share", "share_variance"):
+            out[name][which] = np.nan
+        out["is_known"][which], out["is_fresh"][which] = True, False
+        out["chord"][which], out["scatter"][which] = 0.0, 0.0
+
+    inside = np.flatnonzero(area & (segment >= 0) & bent[np.maximum(segment, 0)])
+    clear(inside)
+    out["kind"][inside], out["probability"][inside], out["is_surface"][inside] = int(Kind.CONTINUED), 1.0, True
+    is_pair = np.isin(verdicts.kind, (Bent.LIMB, Bent.CUT))
+    with_bent = is_pair & bent[np.maximum(verdicts.pair, 0)].any(axis=1)
+    share = verdicts.mean[:, 0]
+    with np.errstate(invalid="ignore"):
+        lesser = with_bent & (np.minimum(share, 1.0 - share) < settings.least_share)
+    one = (verdicts.kind == Bent.ONE) & bent[np.maximum(verdicts.one, 0)]
+    single = pixels[lesser | one]
+    clear(single)
+    out["kind"][single], out["is_surface"][single] = int(Kind.CONTINUED), True
+    out["probability"][single] = verdicts.probability[lesser | one]
+    two = np.flatnonzero(with_bent & ~lesser)
+    mixed, mean, covariance = pixels[two], verdicts.mean[two], verdicts.covariance[two]
+    clear(mixed)
+    out["kind"][mixed], out["is_surface"][mixed] = int(Kind.PAIR), False
+    out["probability"][mixed], out["log_density"][mixed] = verdicts.probability[two], verdicts.log_density[two]
+    out["chord"][mixed] = verdicts.chord[two]
+    out["share"][mixed, 0], out["share"][mixed, 1] = mean[:, 0], 1.0 - mean[:, 0]
+    out["share_variance"][mixed, :2] = covariance[:, :1, 0]
+    out["range_mm"][mixed, 0], out["range_mm"][mixed, 1] = mean[:, 2], mean[:, 4]
+    out["range_variance"][mixed, 0], out["range_variance"][mixed, 1] = covariance[:, 2, 2], covariance[:, 4, 4]
+    out["scatter"][mixed] = _scatter(image, segment, mixed, verdicts.pair[two], mean, verdicts.chord[two])
+    vague = pixels[(verdicts.kind == Bent.NEW) & _beside(segment, bent, image.shape, settings.beside)[pixels]]
+    doubtful = vague[labels.is_surface[vague] | np.isin(labels.kind[vague], (Kind.PAIR, Kind.TRIPLE))]
+    clear(doubtful)
+    out["kind"][doubtful], out["is_surface"][doubtful], out["probability"][doubtful] = int(Kind.NEW), False, 0.0
+    return replace(labels, **out)
+
+
+def _scatter(
+    image: PhasorImage, segment: IntArray, pixels: IntArray, pair: IntArray, mean: FloatArray, chord: ComplexArray
+) -> FloatArray:
+    """Variance (n,) along the chord of samples of one surface each, by the noise of both segments where seen alone."""
+    count = int(segment.max()) + 1
+    inside = segment >= 0
+    size = np.maximum(np.bincount(segment[inside], minlength=count), 1)
+    tangential, radial = (
+        np.bincount(segment[inside], weights=part[inside], minlength=count) / size
+        for part in (image.scatter_tangential, image.scatter_radial)
+    )
+    along = chord / np.maximum(np.abs(chord), 1e-30)
+    total = np.zeros(len(pixels))
+    for end in (0, 1):
+        phasor = np.exp(mean[:, 1 + 2 * end] + 1j * mean[:, 2 + 2 * end] / image.scale_mm)
+        number = pair[:, end]
+        part = mean[:, 0] if end == 0 else 1.0 - mean[:, 0]
+        total += part * variance_along(polar_covariance(phasor, tangential[number], radial[number]), along)
+    return total
