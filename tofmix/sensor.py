@@ -294,10 +294,7 @@ class Sensor:
         frequency = self.modulation_frequency_hz
         if frequency is not None and not _LEAST_FREQUENCY_HZ <= frequency <= _MOST_FREQUENCY_HZ:
             raise ValueError(f"modulation_frequency_hz: {frequency:g} is not between 1 Hz and 1 THz")
-        if self.range_min_mm is not None and not math.isfinite(self.range_min_mm):
-            raise ValueError(f"range_min_mm: {self.range_min_mm} is not finite")
-        if self.range_max_mm is not None and (self.range_min_mm or 0.0) >= self.range_max_mm:
-            raise ValueError(f"range_min_mm: {self.range_min_mm} is not below range_max_mm {self.range_max_mm}")
+        self._check_limits()
         for key in ("no_return_mm", "sample_min_mm", "sample_max_mm"):
             value = getattr(self, key)
             if value is not None and not math.isfinite(value):
@@ -306,6 +303,12 @@ class Sensor:
             raise ValueError(f"outlier_probability: {self.outlier_probability} is not in [0, 1)")
         if self.range_step_mm is not None:
             self._check_step(self.range_step_mm)
+
+    def _check_limits(self) -> None:
+        if self.range_min_mm is not None and not math.isfinite(self.range_min_mm):
+            raise ValueError(f"range_min_mm: {self.range_min_mm} is not finite")
+        if self.range_max_mm is not None and (self.range_min_mm or 0.0) >= self.range_max_mm:
+            raise ValueError(f"range_min_mm: {self.range_min_mm} is not below range_max_mm {self.range_max_mm}")
 
     def _check_step(self, range_step_mm: ArrayLike) -> None:
         step = np.array(range_step_mm, dtype=np.float64, copy=True)

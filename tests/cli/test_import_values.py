@@ -144,3 +144,23 @@ def test_columns_are_named_as_the_header_writes_them_and_codes_by_either_name(to
         values = ranges_of(tmp_path / "a.h5")[:, 0]
         assert np.isnan(values[:, 0]).all()
         np.testing.assert_allclose(values[:, 1], 600.0 + 10.0 * np.arange(5))
+
+
+def test_zeros_and_nan_are_counted_without_a_note(tofmix: Tofmix, tmp_path: Path) -> None:
+    values = wall_mm()
+    values[:2, 0, 0], values[:, 3, 4] = 0.0, np.nan
+    np.save(tmp_path / "a.npy", values)
+    done = tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5", "--units", "mm")
+    assert (done.code, done.err) == (0, "")
+    assert "no samples: 12 NaN, 2 zero\n" in done.out
+    done = tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "b.h5", "--units", "mm", "--json")
+    assert json.loads(done.out)["dropped"] == {"NaN": 12, "zero": 2}
+
+
+def test_frame_rate_of_a_source_with_times_is_said_to_be_unused(tofmix: Tofmix, tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", depth=wall_mm(), time=np.arange(12) * 0.25)
+    done = tofmix("import", tmp_path / "a.npz", "-o", tmp_path / "a.h5", "--frame-rate", "30")
+    assert done.code == 0
+    assert "--frame-rate is not used: the frames have times" in done.err
+    with h5py.File(tmp_path / "a.h5") as root:
+        assert root["time"][1] == 0.25

@@ -23,7 +23,8 @@ def test_integers_are_samples_unless_zero_negative_at_an_end_of_their_type_or_a_
     expected = [value <= 0 or value in fills or value > 10**9 for value in fitting]
     found = no_sample(np.array(fitting, dtype=dtype), unit_mm=1.0)
     assert found.bad.tolist() == expected
-    assert sum(found.dropped.values()) == sum(expected) - fitting.count(0)
+    assert sum(found.dropped.values()) == sum(expected)
+    assert found.dropped.get("zero", 0) == fitting.count(0)
 
 
 @pytest.mark.parametrize(("dtype", "unit_mm"), [("f4", 1000.0), ("f8", 1000.0), ("f4", 1.0), ("f8", 10.0)])
@@ -31,21 +32,21 @@ def test_floats_that_were_16_bit_fills_are_dropped_in_any_unit(dtype: str, unit_
     values = np.array([65535.0, 65534.0, 32768.0, 0.0, 2e9, -1.0, np.nan, np.inf]) / unit_mm
     found = no_sample(values.astype(dtype), unit_mm=unit_mm)
     assert found.bad.tolist() == [True, False, True, True, True, True, True, True]
-    assert list(found.dropped.values()) == [1, 1, 1, 1, 1]
+    assert list(found.dropped.values()) == [1] * 7
 
 
 def test_kept_values_are_all_that_a_recording_can_hold() -> None:
     values = np.array([0.0, 65535.0, 2e9, -1.0, np.nan, -math.inf])
     found = no_sample(values, unit_mm=1.0, keep_values=True)
     assert found.bad.tolist() == [False, False, False, True, True, True]
-    assert found.dropped == {"infinite": 1, "negative": 1}
+    assert found.dropped == {"NaN": 1, "infinite": 1, "negative": 1}
 
 
 def test_an_offset_moves_zero_and_the_sign() -> None:
     packed = np.array([-3000, -2001, -2000, -1999, 0, 100], dtype="i2")  # range = 0.5 * packed + 1000 mm
     found = no_sample(packed, unit_mm=0.5, offset_mm=1000.0)
     assert found.bad.tolist() == [True, True, True, False, False, False]
-    assert found.dropped == {"negative": 2}
+    assert found.dropped == {"zero": 1, "negative": 2}
 
 
 def test_values_outside_of_the_stated_range_and_given_ones_are_counted_apart() -> None:
@@ -53,3 +54,24 @@ def test_values_outside_of_the_stated_range_and_given_ones_are_counted_apart() -
     found = no_sample(values, unit_mm=1.0, invalid=(9999.0,), valid_span=(150.0, 4500.0))
     assert found.bad.tolist() == [True, False, False, True, True]
     assert found.dropped == {"value 9999": 1, "outside of the stated valid range": 2}
+
+
+@pytest.mark.parametrize("dtype", ["u2", "i4", "u8", "f4", "f8"])
+@pytest.mark.parametrize("unit_mm", [0.25, 0.5, 1.0])
+def test_16_bit_counts_have_the_same_fills_in_any_type_and_unit(dtype: str, unit_mm: float) -> None:
+    counts = np.array([4321, 65535, 65534, 32768, 32767, 0]).astype(dtype)
+    found = no_sample(counts, unit_mm=unit_mm)
+    assert found.bad.tolist() == [False, True, False, True, False, True]
+    assert sum(found.dropped.values()) == 3
+
+
+@pytest.mark.parametrize("dtype", ["i4", "f8"])
+def test_numbers_of_more_than_16_bits_are_no_16_bit_counts(dtype: str) -> None:
+    micrometres = np.array([812_345, 65535, 32768]).astype(dtype)
+    assert not no_sample(micrometres, unit_mm=0.001).bad.any()
+
+
+@pytest.mark.parametrize("dtype", ["f2", "f4", "f8"])
+def test_fill_value_in_metres_is_known_in_the_precision_of_its_type(dtype: str) -> None:
+    metres = (np.array([1234, 65535, 32768]) / 1000).astype(dtype)
+    assert no_sample(metres, unit_mm=1000.0).bad.tolist() == [False, True, True]

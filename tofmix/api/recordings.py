@@ -378,9 +378,7 @@ def _no_sample(
     found = no_sample(seen, unit_mm=unit_mm, invalid=invalid, keep_values=keep_values)
     bad = masked.copy()
     bad[~masked] = found.bad.ravel()
-    none = np.zeros_like(seen, dtype=np.bool_)
-    missing = np.isnan(seen) if seen.dtype.kind == "f" else none
-    dropped = _counted({}, zero=none if keep_values else seen == 0, NaN=missing, masked=masked)
+    dropped = _counted({}, masked=masked)
     return bad, dropped | found.dropped
 
 

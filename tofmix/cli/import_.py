@@ -46,7 +46,8 @@ tofmix import targets.npy -o targets.h5 --axes frame,row,col,target
 )  # fmt: skip
 @click.option(
     "--dataset", "--topic", "topic", metavar="NAME",
-    help="HDF5, .npz, .mat, bags: dataset, array or topic of the depths.  [default: the only one that fits]",
+    help="Dataset, array, topic, channel or sequence of images with the depths; of a file of one stream its name, if"
+    " that says something else.  [default: the only one that fits]",
 )  # fmt: skip
 @click.option(
     "--amplitude", metavar="NAME|PATH",
@@ -215,7 +216,12 @@ def import_(
                 attributes=attributes, progress=bar.update, overwrite=overwrite,
                 inputs=tuple(inputs),
             )  # fmt: skip
-        how = [*frames.notes, *imported.remarks, *_scaled(scale, frames, source)]
+        how = [
+            *frames.notes,
+            *imported.remarks,
+            *_scaled(scale, frames, source),
+            *_unused_rate(frames, frame_rate, source),
+        ]
         doubts = [*geometry.notes, *_doubts(frames, imported, camera, geometry.sensor, source, used_mm)]
     _say(how, doubts)
     _, rows, cols = frames.shape
@@ -259,6 +265,12 @@ def _scaled(scale: float | None, frames: "FrameSource", source: Path) -> list[st
     factor = frames.scale_factor
     product = f"--scale {scale:g} times the source's scale_factor {factor:g}"
     return [f"{source}: one stored number is {scale * factor:g} mm: {product}"]
+
+
+def _unused_rate(frames: "FrameSource", frame_rate: float | None, source: Path) -> list[str]:
+    """Note on ``--frame-rate`` of a source that has times."""
+    unused = frame_rate is not None and frames.has_time
+    return [f"{source}: --frame-rate is not used: the frames have times"] if unused else []
 
 
 def _refuse_turned(shape: tuple[int, int], camera: "CameraSheet", request: "Request", source: Path) -> None:

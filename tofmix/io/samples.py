@@ -16,20 +16,19 @@ MOST_MM = 1.0e9
 """A range above this many mm, 1,000 km, is a fill value; netCDF's is 9.97e36."""
 
 FILLS_16_BIT = (32768.0, 65535.0)
-"""Fill values of 16-bit counts; as mm they also occur in wider types, to which such counts were converted."""
+"""Fill values of 16-bit counts. Wider types hold them too, to which counts were converted, as they are or in mm."""
 
 _EQUAL_MM = 0.01
 """65.535 as a float32, and in mm, is within this of 65535 mm."""
 
 _BITS_16 = 2  # bytes
 
-
 GUESSED = ("fill value", "negative", "above")
 """Beginnings of the reasons that neither the source nor the user names."""
 
 
 class NoSample(NamedTuple):
-    """Samples that are none: `bad` of the shape of the values, and their number by reason, in order, without zeros."""
+    """Samples that are none: `bad` of the shape of the values, and their numbers above 0 by reason, in order."""
 
     bad: BoolArray
     dropped: dict[str, int]
@@ -44,7 +43,7 @@ def no_sample(
     valid_span: tuple[float, float] = (-math.inf, math.inf),
     keep_values: bool = False,
 ) -> NoSample:
-    """Find the values that are no samples: zeros, NaN, and what the reasons name.
+    """Find the values that are no samples: zeros, NaN, infinities, and what the reasons name.
 
     Parameters
     ----------
@@ -65,13 +64,8 @@ def no_sample(
     NoSample
         A value counts for the first reason that applies.
     """
-    is_float = values.dtype.kind == "f"
-    bad = ~np.isfinite(values) if is_float else np.zeros(values.shape, dtype=np.bool_)
+    bad = np.zeros(values.shape, dtype=np.bool_)
     dropped: dict[str, int] = {}
-    if is_float and (infinite := int(np.count_nonzero(bad & ~np.isnan(values)))):
-        dropped["infinite"] = infinite
-    if not keep_values:
-        bad |= (values == 0) if not offset_mm else values * float(unit_mm) == -offset_mm
     reasons = _reasons(values, unit_mm, offset_mm, invalid, valid_span, keep_values=keep_values)
     for reason, mask in reasons:
         mask &= ~bad  # noqa: PLW2901  an array of this loop alone
@@ -101,6 +95,12 @@ def _reasons(
     keep_values: bool,
 ) -> Iterator[tuple[str, BoolArray]]:
     is_float = values.dtype.kind == "f"
+    if is_float:
+        yield "NaN", np.isnan(values)
+        yield "infinite", np.isinf(values)
+    if not keep_values:
+        with np.errstate(invalid="ignore", over="ignore"):
+            yield "zero", (values == 0) if not offset_mm else _wide(values) * float(unit_mm) == -offset_mm
     for value in invalid:
         # In the source's own precision: 0.1 as a float32 is not 0.1.
         with np.errstate(over="ignore"):
@@ -115,20 +115,47 @@ def _reasons(
         yield from _fills(values, unit_mm, offset_mm)
     if values.dtype.kind != "u" or offset_mm:
         with np.errstate(invalid="ignore", over="ignore"):
-            yield "negative", values * float(unit_mm) < -offset_mm
+            yield "negative", _wide(values) * float(unit_mm) < -offset_mm
 
 
 def _fills(values: NDArray[Any], unit_mm: float, offset_mm: float) -> Iterator[tuple[str, BoolArray]]:
-    if values.dtype.kind in "iu":
+    is_float = values.dtype.kind == "f"
+    if not is_float:
         ends = np.iinfo(values.dtype)
-        fills = [int(ends.max), *([int(ends.min)] if ends.min else [])]
-        if values.dtype.itemsize == _BITS_16 and values.dtype.kind == "u":
-            fills.append(int(FILLS_16_BIT[0]))
-        for end in fills:
+        for end in (int(ends.max), *([int(ends.min)] if ends.min else [])):
             yield f"fill value {end}", values == np.array(end, dtype=values.dtype)
-    if values.dtype.itemsize > _BITS_16:
+    if is_float or values.dtype.itemsize > _BITS_16:
         with np.errstate(invalid="ignore", over="ignore"):
-            range_mm = values * float(unit_mm) + offset_mm
+            range_mm = _wide(values) * float(unit_mm) + offset_mm
             for value in FILLS_16_BIT:
-                yield f"fill value {value:g} mm", np.abs(range_mm - value) < _EQUAL_MM
+                yield (
+                    f"fill value {value:g} mm",
+                    np.abs(range_mm - value) < _equal_mm(values, value, unit_mm, offset_mm),
+                )
             yield f"above {MOST_MM:g} mm", range_mm > MOST_MM
+    if values.dtype.itemsize >= _BITS_16 and _are_16_bit_counts(values):
+        with np.errstate(over="ignore"):
+            for value in FILLS_16_BIT:
+                yield f"fill value {value:g}", values == value
+
+
+def _wide(values: NDArray[Any]) -> NDArray[Any]:
+    """Numbers of 16-bit floats in 32 bits, which hold them in mm."""
+    return values.astype(np.float32) if values.dtype == np.float16 else values
+
+
+def _equal_mm(values: NDArray[Any], fill_mm: float, unit_mm: float, offset_mm: float) -> float:
+    """Most that a value in mm may differ from a fill value and still be the nearest number of its type."""
+    if values.dtype.kind != "f":
+        return _EQUAL_MM
+    with np.errstate(over="ignore", invalid="ignore"):
+        spacing = float(np.spacing(values.dtype.type((fill_mm - offset_mm) / unit_mm)))
+    return max(_EQUAL_MM, spacing * unit_mm / 2) if math.isfinite(spacing) else _EQUAL_MM
+
+
+def _are_16_bit_counts(values: NDArray[Any]) -> bool:
+    """Whether no value is above those of 16 bits: wider types hold such counts too, in any unit."""
+    if values.dtype.kind != "f" and values.dtype.itemsize == _BITS_16:
+        return True
+    most = float(np.fmax.reduce(values, axis=None, initial=0, where=np.isfinite(values)))
+    return most <= FILLS_16_BIT[-1]

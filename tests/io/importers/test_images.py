@@ -167,3 +167,15 @@ def test_a_missing_library_is_named(tmp_path: Path, suffix: str, module: str, mo
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(UsageError, match=r"pip install 'tofmix\[images\]'"):
         read_source(folder)
+
+
+@pytest.mark.parametrize("side", ["rows", "cols"])
+def test_size_that_a_page_declares_is_checked_before_it_is_read(tmp_path: Path, side: str) -> None:
+    # A strip of 12 bytes that declares an image of 4 GB; reading it would take that much memory.
+    tifffile.imwrite(tmp_path / "a.tif", np.zeros((4, 3), "u1"), photometric="minisblack", metadata=None)
+    with tifffile.TiffFile(tmp_path / "a.tif", mode="r+") as file:
+        tags: Any = file.pages.first.tags
+        for name in ("ImageLength" if side == "rows" else "ImageWidth", "RowsPerStrip"):
+            tags[name].overwrite(2**30)
+    with pytest.raises(BadInputError, match=r"1073741824.* pixels; no more than 4096 a side"):
+        read_source(tmp_path / "a.tif")

@@ -337,6 +337,69 @@ def test_names_that_say_nothing_are_taken_where_none_says_depth() -> None:
     assert depths_among(["a", "my_range"]) == ["my_range"]
 
 
+@pytest.mark.parametrize("texts", [
+    ("radial range, 1 count = 0.25 mm", "radial range, 1 count = 0.125 mm"),
+    ("radial range, 1 count = 0.25 mm", "1 count = 0.25 mm"),
+    ("1 count = 2 mm", ""),
+])  # fmt: skip
+@pytest.mark.parametrize("kind", ["png", "tif"])
+def test_images_of_different_scales_are_no_sequence(tmp_path: Path, kind: str, texts: tuple[str, str]) -> None:
+    for k, text in enumerate(texts):
+        if kind == "png":
+            write_png(tmp_path / f"{k}.png", WALL[0], text)
+        else:
+            tifffile.imwrite(tmp_path / f"{k}.tif", WALL[0].astype("u2"), description=text, metadata=None)
+    with pytest.raises(BadInputError, match=r"1\.\w+: its text states .*, that of .*0\.\w+"):
+        opened(tmp_path)
+
+
+def test_given_unit_takes_the_place_of_different_scales(tmp_path: Path) -> None:
+    for k, scale in enumerate((0.25, 0.5)):
+        write_png(tmp_path / f"{k}.png", WALL[0], f"radial range, 1 count = {scale} mm")
+    np.testing.assert_array_equal(depths(tmp_path, unit_mm=1.0), WALL[[0, 0]])
+
+
+@pytest.mark.parametrize("attributes", [{"scale_factor": 0.25}, {"units": "cm"}, {"_FillValue": 17}, {"units": None}])
+def test_datasets_of_frames_that_state_different_numbers_are_refused(
+    tmp_path: Path, attributes: dict[str, object]
+) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as root:
+        for k in range(3):
+            dataset = root.create_dataset(f"f{k}/depth", data=WALL[k].astype("u2"))
+            stated = {"units": "mm", **(attributes if k == 2 else {})}
+            dataset.attrs.update({key: value for key, value in stated.items() if value is not None})
+    with pytest.raises(BadInputError, match=r"f2/depth: scale_factor .*, f0/depth has scale_factor 1"):
+        opened(tmp_path / "a.h5")
+
+
+def test_datasets_beside_those_of_frames_are_named(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as root:
+        for k in range(3):
+            root[f"f{k}/depth"], root[f"f{k}/ir"], root[f"f{k}/stamp"] = WALL[k], WALL[k], 0.5 * k
+    notes = opened(tmp_path / "a.h5")[0].notes
+    assert f"{tmp_path / 'a.h5'}: not used: datasets f#/ir (3), f#/stamp (3)" in notes
+    np.testing.assert_array_equal(depths(tmp_path / "a.h5", topic="f#/ir"), WALL[:3])
+
+
+@pytest.mark.parametrize("key", ["unit", "Units", "UNIT", "units"])
+def test_attribute_of_the_unit_is_read_in_any_case(tmp_path: Path, key: str) -> None:
+    np.testing.assert_allclose(imported_mm(write_hdf5(tmp_path / "a.h5", WALL / 10, **{key: "cm"})), WALL, rtol=1e-6)
+
+
+@pytest.mark.parametrize("limits", [
+    {"valid_range": np.array([1.95, 2.2])},
+    {"valid_min": np.float64(1.95), "valid_max": np.float64(2.2)},
+    {"valid_range": np.array([1.95, 2.2], "f4")},
+    {"valid_range": np.array([150, 400], "i2")},
+])  # fmt: skip
+def test_limits_of_the_unpacked_type_are_values(tmp_path: Path, limits: dict[str, object]) -> None:
+    # Stored numbers count mm above 1.8 m: 1.95 m is 150.
+    stored = WALL.astype("i2") - 1800
+    stored[0, 0, :4] = 149, 150, 400, 401
+    path = write_hdf5(tmp_path / "a.nc", stored, units="m", scale_factor=0.001, add_offset=1.8, **limits)
+    assert np.isnan(imported_mm(path)[0, 0, :4]).tolist() == [True, False, False, True]
+
+
 def test_classic_netcdf_is_refused_with_the_command_that_converts_it(tmp_path: Path) -> None:
     with netcdf_file(tmp_path / "a b.nc", "w") as root:
         root.createDimension("time", 2)

@@ -13,6 +13,7 @@ from tofmix.errors import BadInputError, UsageError, os_error_text
 from tofmix.io.atomic.storage import check_input
 from tofmix.io.importers import arrays, csv_source, folder, hdf5_source, matlab, rosbag, tiff
 from tofmix.io.importers.base import FrameSource, Request, with_amplitude
+from tofmix.io.importers.streams import stream_of, stream_of_file
 from tofmix.io.next_command import import_command
 
 
@@ -29,19 +30,26 @@ class Importer:
     names: frozenset[str] = frozenset()
 
 
-_OF_ARRAYS = frozenset({"topic", "amplitude", "axes", "shape"})
+_OF_ARRAYS = frozenset({"topic", "amplitude", "axes", "shape", "time_unit_s"})
 
 IMPORTERS: tuple[Importer, ...] = (
     Importer(suffixes=rosbag.SUFFIXES, open=rosbag.open_bag, names=frozenset({"topic", "amplitude", "camera_info"})),
-    Importer(suffixes=(".tif", ".tiff"), open=tiff.open_pages),
+    Importer(suffixes=(".tif", ".tiff"), open=tiff.open_pages, names=frozenset({"topic"})),
     Importer(suffixes=(".npy",), open=arrays.open_npy, names=frozenset({"axes", "shape"})),
     Importer(suffixes=(".npz",), open=arrays.open_npz, names=_OF_ARRAYS),
     Importer(suffixes=(".mat",), open=matlab.open_mat, names=_OF_ARRAYS),
     Importer(suffixes=(".h5", ".hdf5", ".hdf", ".he5", ".nxs", ".nc"), open=hdf5_source.open_hdf5, names=_OF_ARRAYS),
-    Importer(suffixes=csv_source.SUFFIXES, open=csv_source.open_csv, names=frozenset({"shape"})),
+    Importer(
+        suffixes=csv_source.SUFFIXES, open=csv_source.open_csv, names=frozenset({"shape", "columns", "time_unit_s"})
+    ),
 )
-_OPTIONS = {"topic": "dataset", "camera_info": "camera-info"}
-_FOLDER = Importer(suffixes=(), open=folder.open_folder)
+_OPTIONS = {
+    "topic": "dataset", "camera_info": "camera-info", "axes": "axes", "shape": "shape", "columns": "columns",
+    "time_unit_s": "time-unit",
+}  # fmt: skip
+"""Options that some kinds of source alone understand, by their field of `Request`."""
+
+_FOLDER = Importer(suffixes=(), open=folder.open_folder, names=frozenset({"topic"}))
 
 
 def importer_for(path: Path) -> Importer:
@@ -89,22 +97,49 @@ def open_source(path: Path, request: Request) -> Iterator[FrameSource]:
     Raises
     ------
     BadInputError
-        If it is missing, damaged, or holds nothing that fits.
+        If it is missing, damaged, or holds nothing that fits, or its name says that it holds no depths.
     UsageError
-        If it is of no known kind, an option does not apply to its kind, or a library is missing.
+        If it is of no known kind, an option does not apply to it, or a library is missing.
     """
     importer = importer_for(path)
-    for name in ("topic", "camera_info", "axes", "shape"):
-        if getattr(request, name) is not None and name not in importer.names:
-            raise UsageError(f"--{_OPTIONS.get(name, name)} does not apply to {path}")
+    for name, option in _OPTIONS.items():
+        of_file = name == "topic" and request.topic in (path.name, path.stem)
+        if getattr(request, name) and name not in importer.names and not of_file:
+            raise UsageError(f"--{option} does not apply to {path}")
     if request.amplitude is None or "amplitude" in importer.names:
         with importer.open(path, request) as source:
-            yield _of_shape(source.check(path), request, path)
+            yield _checked(source, request, path)
         return
     other = Path(request.amplitude)
     alone = replace(request, amplitude=None)
-    with importer.open(path, alone) as source, importer_for(other).open(other, alone) as amplitude:
-        yield with_amplitude(_of_shape(source.check(path), request, path), amplitude.check(other), other)
+    light = replace(alone, topic=None, valid_status=None, columns={}, as_amplitude=True)
+    with importer.open(path, alone) as source, importer_for(other).open(other, light) as amplitude:
+        yield with_amplitude(_checked(source, request, path), amplitude.check(other), other)
+
+
+def _checked(source: FrameSource, request: Request, path: Path) -> FrameSource:
+    """Return the source; refuse one whose name says that it holds no depths, and options that it has no use for."""
+    source.check(path)
+    if request.topic is None and source.stream is not None:
+        _refuse_other_stream(source.stream, path)
+    if request.valid_status is not None and not source.status_valid:
+        raise UsageError(f"--valid-status does not apply to {path}: {source.kind}, without status codes")
+    if request.time_unit_s is not None and not source.has_time:
+        raise UsageError(f"--time-unit does not apply to {path}: {source.kind}, without times")
+    return _of_shape(source, request, path)
+
+
+def _refuse_other_stream(stream: str, path: Path) -> None:
+    """Raise `BadInputError` if the name of a stream, or where it says nothing that of its file, is of no depths."""
+    told = stream_of(stream)
+    if told == "unknown":
+        stream = path.resolve().name if path.is_dir() else path.stem
+        told = stream_of_file(stream)
+    if told == "other":
+        raise BadInputError(
+            f"{path}: {stream} holds no depths by its name, and no other frames were found; if it does hold them:"
+            f" {import_command(path, '--dataset', stream)}"
+        )
 
 
 def _of_shape(source: FrameSource, request: Request, path: Path) -> FrameSource:

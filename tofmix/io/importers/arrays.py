@@ -63,7 +63,7 @@ def open_npy(path: Path, request: Request) -> Iterator[FrameSource]:
             found, targets = sizes_of(frames)
             images = iter(frames)
         yield FrameSource(
-            kind="NumPy array", shape=found, targets=targets, dtype=dtype, frames=joined(images, None, None)
+            kind="NumPy array", shape=found, targets=targets, dtype=dtype, frames=joined(images, None, None), stream=""
         )
 
 
@@ -113,6 +113,7 @@ def open_npz(path: Path, request: Request) -> Iterator[FrameSource]:
             status_valid=beside.codes,
             has_amplitude=amplitude is not None,
             has_time=time_s is not None,
+            stream=name,
             notes=(*beside.notes, *said),
         )
 
@@ -188,6 +189,8 @@ def choose(
     # A single array of four axes is accepted too; the next step asks the user for its axes.
     images = images or [name for name, shape in shapes.items() if len(shape) == _WITH_TARGETS]
     listed = ", ".join(f"{name} {shape}" for name, shape in sorted(shapes.items())) or "none"
+    if not images and wanted is None:
+        raise BadInputError(f"{path}: no array of frames (frame, row, col); it holds: {listed}")
     if wanted is not None:
         if wanted not in shapes:
             raise BadInputError(f"{path}: no array {wanted!r}; it holds: {listed}")
@@ -209,8 +212,12 @@ class Beside(NamedTuple):
     notes: tuple[str, ...]
 
 
-def arrays_beside(shapes: dict[str, tuple[int, ...]], name: str, request: Request, path: Path) -> Beside:
-    """Find the status codes of the depths `name`, and name the arrays of the same shape that are not used.
+def arrays_beside(
+    shapes: dict[str, tuple[int, ...]], name: str, request: Request, path: Path, used: Container[str] = ()
+) -> Beside:
+    """Find the status codes of the depths `name`, and name the arrays that are not used.
+
+    These are arrays of the same shape, and times and status codes beside the depths; `used` are others that are used.
 
     Raises
     ------
@@ -220,36 +227,66 @@ def arrays_beside(shapes: dict[str, tuple[int, ...]], name: str, request: Reques
     group = name.rpartition("/")[0]
     others = [one for one in shapes if one != name and one != (request.amplitude or "").strip("/")]
     near = [one for one in others if request.valid_status is not None or one.rpartition("/")[0] == group]
+    if request.valid_status is None:
+        near = [one for one in near if shapes[one] == shapes[name]]
     status = next((one for one in near if codes_of(one, request)), None)
     if status is not None:
         check_shapes(shapes[name], shapes[status], f"{path}: {status}")
     elif request.valid_status is not None:
         raise BadInputError(f"{path}: --valid-status: no array {request.valid_status[0]!r} beside {name}")
-    light = f"{group}/amplitude" if group else "amplitude"
-    left = [one for one in others if shapes[one] == shapes[name] and one not in (status, light)]
-    codes = [one for one in left if is_status_name(one)]
+    time = f"{group}/{TIME}" if group else TIME
+    left = [
+        one for one in others if one not in (status, time) and one not in used and (
+            shapes[one] == shapes[name]
+            or (one.rpartition("/")[0] == group and (is_status_name(one) or is_time_name(one)))
+        )
+    ]  # fmt: skip
+    codes = [one for one in left if is_status_name(one) and shapes[one] == shapes[name]]
+    times = [one for one in left if is_time_name(one) and shapes[one] != shapes[name]]
+    lights = [one for one in left if one.rpartition("/")[2] == "amplitude" and shapes[one] == shapes[name]]
     notes = []
     if codes:
         notes.append(unused(path, "array", codes, f"--valid-status {codes[0]}=5,9 says which codes are valid"))
-    if plain := [one for one in left if one not in codes]:
+    if lights:
+        notes.append(unused(path, "array", lights, f"--amplitude {lights[0]} uses it"))
+    if times:
+        notes.append(unused(path, "array", times, f"times are read from an array {TIME}"))
+    if plain := [one for one in left if one not in (*codes, *lights, *times)]:
         notes.append(unused(path, "array", plain))
     return Beside(status, () if status is None else codes_of(status, request) or (), tuple(notes))
 
 
-def numbered_images(shapes: dict[str, tuple[int, ...]]) -> list[str] | None:
+def is_time_name(name: str) -> bool:
+    """Whether an array holds times by its name, such as ``timestamps`` or ``t_ms``."""
+    last = name.rpartition("/")[2].lower()
+    return (
+        re.fullmatch(r"(?:.*_)?(?:times?|(?:time[_ ]?)?stamps?)(?:_(?:s|ms|us|ns))?|t(?:_(?:s|ms|us|ns))?", last)
+        is not None
+    )
+
+
+def kind_of_names(name: str) -> str:
+    """A name with its numbers as ``#``: those of one sequence are of one kind."""
+    return re.sub(r"\d+", "#", name)
+
+
+def numbered_images(shapes: dict[str, tuple[int, ...]], wanted: str | None = None) -> list[str] | None:
     """Names of images of one shape that differ in numbers alone, such as ``frame_0/depth``, in their order.
 
-    None where there are no such images, there are several kinds of them of which none is of depths, or something else
-    holds frames.
+    `wanted` is the requested kind, such as ``frame_#/depth``. None where there are no such images, there are several
+    kinds of them of which none is of depths, or something else holds frames.
     """
     if any(len(shape) >= STACK_DIMENSIONS for shape in shapes.values()):
         return None
     kinds: dict[str, list[str]] = {}
     for name, shape in shapes.items():
         if len(shape) == IMAGE_DIMENSIONS and min(shape) > 1:
-            kinds.setdefault(re.sub(r"\d+", "#", name), []).append(name)
+            kinds.setdefault(kind_of_names(name), []).append(name)
     several = {kind: names for kind, names in kinds.items() if len(names) > 1 and "#" in kind}
-    chosen = list(several) if len(several) == 1 else depths_among(several)
+    if wanted is not None:
+        chosen = [wanted] if wanted in several else []
+    else:
+        chosen = list(several) if len(several) == 1 else depths_among(several)
     if len(chosen) != 1 or len({shapes[name] for name in several[chosen[0]]}) > 1:
         return None
     return sorted(several[chosen[0]], key=natural)

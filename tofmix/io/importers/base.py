@@ -32,7 +32,8 @@ class Request:
     Parameters
     ----------
     topic : str, optional
-        Topic of a bag, or array of an .npz or .mat, with the depths; without it, the only fitting one.
+        Topic, array, channel, sequence of images, or name of a file of one stream, with the depths, whatever its name
+        says; without it, the only fitting one.
     amplitude : str, optional
         Topic or array with the amplitudes; for sources with one array, the path of another source.
     camera_info : str, optional
@@ -57,6 +58,8 @@ class Request:
         Given unit of the times, s; it overrides that of the source.
     keep_values : bool
         Whether zeros of real numbers and fill values are kept as ranges.
+    as_amplitude : bool
+        Whether the frames are amplitudes, whose names need not say depth.
     """
 
     topic: str | None = None
@@ -72,6 +75,7 @@ class Request:
     status_codes: tuple[int, ...] = ()
     time_unit_s: float | None = None
     keep_values: bool = False
+    as_amplitude: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -129,6 +133,9 @@ class FrameSource:
         Reason why the source has no lens where one may be expected; empty otherwise.
     sensor : Sensor, optional
         Data of the camera in the source.
+    stream : str, optional
+        Name of the array, channel or sequence of the depths, which may say that it holds none; empty where the name of
+        the file is all there is, None where the depths have been told otherwise.
     notes : tuple of str
         Notes for the user.
     """
@@ -152,14 +159,14 @@ class FrameSource:
     rectified: bool = False
     lens_unknown: str = ""
     sensor: Sensor | None = None
+    stream: str | None = None
     notes: tuple[str, ...] = ()
 
     def check(self, what: object) -> "FrameSource":
         """Return the source itself; `BadInputError` if its images, or its number of frames, are too large."""
         if self.shape[0] > MOST_FRAMES:
             raise BadInputError(f"{what}: {self.shape[0]} frames; no more than {MOST_FRAMES}")
-        if max(self.shape[1:]) > MOST_PIXELS_A_SIDE:
-            raise BadInputError(f"{what}: {_size(self.shape[1:])} pixels; no more than {MOST_PIXELS_A_SIDE} a side")
+        check_size(self.shape[1:], what)
         if self.targets * self.shape[1] * self.shape[2] > _MOST_SAMPLES_A_FRAME:
             size = f"{self.targets} targets of {_size(self.shape[1:])} pixels"
             raise BadInputError(f"{what}: {size}; no more than {_MOST_SAMPLES_A_FRAME} samples a frame")
@@ -226,6 +233,12 @@ def check_frame(depth: NDArray[Any], shape: tuple[int, int], dtype: np.dtype[Any
     if depth.dtype != dtype:
         raise BadInputError(f"{what}: type {depth.dtype}, the first frame has {dtype}")
     return depth
+
+
+def check_size(shape: tuple[int, ...], what: object) -> None:
+    """Refuse an image larger than any camera's, before it is read."""
+    if max(shape) > MOST_PIXELS_A_SIDE:
+        raise BadInputError(f"{what}: {_size(shape)} pixels; no more than {MOST_PIXELS_A_SIDE} a side")
 
 
 def check_numbers(dtype: np.dtype[Any], what: object) -> None:

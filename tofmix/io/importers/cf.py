@@ -2,7 +2,8 @@
 
 References
 ----------
-CF Conventions 1.11, sections 2.5.1 and 8.1; NetCDF Users Guide, attribute ``_Unsigned``. The default fill values
+CF Conventions 1.11, sections 2.5.1 and 8.1; NetCDF Users Guide, attributes ``_Unsigned`` and
+``valid_range``. The default fill values
 are those of netCDF's ``netcdf.h``.
 """
 
@@ -22,6 +23,9 @@ _DEFAULT_FILLS = {
     "i8": -9223372036854775806, "u8": 18446744073709551614,
 }  # fmt: skip
 """netCDF's fill values of whole numbers; that of real ones is above any range."""
+
+_DIGITS = 6
+"""A limit in stored numbers, from its value: 8.0 / 0.001 is 8000.000000000001 or less than 8000 in other numbers."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,7 +104,7 @@ def packing_of(dataset: h5py.Dataset, path: Path, *, netcdf: bool) -> Packing:
         fills = tuple(_as_marked(fill, dtype) for fill in fills)
     return Packing(
         scale_factor=scale[0], add_offset=offset[0], invalid=tuple(fill for fill in fills if not math.isnan(fill)),
-        valid_span=_span(dataset, path, dtype), dtype=dtype,
+        valid_span=_span(dataset, path, dtype, scale[0], offset[0]), dtype=dtype,
     )  # fmt: skip
 
 
@@ -123,12 +127,46 @@ def _as_marked(number: float, dtype: np.dtype[Any]) -> float:
     return float(whole - size if dtype.kind == "i" and whole >= size // 2 else whole)
 
 
-def _span(dataset: h5py.Dataset, path: Path, dtype: np.dtype[Any] | None) -> tuple[float, float]:
-    both = _numbers(dataset, "valid_range", path, count=2)
-    least = _numbers(dataset, "valid_min", path, count=1) or both[:1] or (-math.inf,)
-    most = _numbers(dataset, "valid_max", path, count=1) or both[1:] or (math.inf,)
-    span = least[0], most[0]
-    return span if dtype is None else (_as_marked(span[0], dtype), _as_marked(span[1], dtype))
+def _span(
+    dataset: h5py.Dataset, path: Path, dtype: np.dtype[Any] | None, scale: float, offset: float
+) -> tuple[float, float]:
+    """Least and largest valid stored number."""
+
+    def stored(key: str, count: int) -> tuple[float, ...]:
+        limits = _numbers(dataset, key, path, count=count)
+        if _is_unpacked(dataset, key, limits):
+            # The shortest text of a float32 is the number that was meant: 1.95, not 1.9500000477.
+            short = np.asarray(dataset.attrs[key]).dtype.itemsize <= np.dtype(np.float32).itemsize
+            meant = [float(str(np.float32(limit))) if short else limit for limit in limits]
+            return tuple(round((limit - offset) / scale, _DIGITS) for limit in meant)
+        return limits if dtype is None else tuple(_as_marked(limit, dtype) for limit in limits)
+
+    both = stored("valid_range", 2)
+    least = stored("valid_min", 1) or both[:1] or (-math.inf,)
+    most = stored("valid_max", 1) or both[1:] or (math.inf,)
+    return least[0], most[0]
+
+
+def _is_unpacked(dataset: h5py.Dataset, key: str, limits: tuple[float, ...]) -> bool:
+    """Whether limits are values rather than stored numbers.
+
+    By the NetCDF Users Guide they are where they have the wider type of ``scale_factor`` and ``add_offset``, and it is
+    wider than that of the stored numbers. A limit with a fraction is no stored whole number either.
+    """
+    packing = [
+        np.asarray(dataset.attrs[name]).dtype for name in ("scale_factor", "add_offset") if name in dataset.attrs
+    ]
+    if not limits or not packing:
+        return False
+    if dataset.dtype.kind in "iu" and not all(limit.is_integer() or math.isinf(limit) for limit in limits):
+        return True
+    wide = np.result_type(*packing)
+    return bool(
+        wide.kind == "f"
+        and np.asarray(dataset.attrs[key]).dtype.newbyteorder("=") == wide.newbyteorder("=")
+        and np.result_type(wide, dataset.dtype) == wide.newbyteorder("=")
+        and wide.newbyteorder("=") != dataset.dtype.newbyteorder("=")
+    )
 
 
 def _own_fill(dataset: h5py.Dataset) -> float | None:

@@ -19,7 +19,6 @@ from tofmix.errors import BadInputError
 from tofmix.io.importers.base import Frame, FrameSource, Request, foreign, unused
 from tofmix.io.importers.csv_text import Layout
 from tofmix.io.importers.status import codes_of, is_status_name
-from tofmix.io.importers.streams import stream_of
 from tofmix.io.importers.times import unit_of_stamps
 from tofmix.io.importers.units import TIME_UNITS_S
 from tofmix.io.length_units import UNITS_MM
@@ -40,6 +39,9 @@ TIME_NAMES = frozenset(
     for unit in ("", "_s", "_ms", "_us", "_ns")
 )
 """Names of a column of times; what follows the last _ is its unit."""
+
+INDEX_NAMES = ("", "index", "unnamed: 0")
+"""Names of a column that numbers the lines, as tables of pandas have it."""
 
 _OTHER = "other "
 """Before the name of a column whose meaning another one has by ``--columns``."""
@@ -150,7 +152,7 @@ def open_long(path: Path, names: list[str], layout: Layout, request: Request) ->
     wanted = {name: names.index(name) for name in ("frame", *place, "target", "amplitude") if name in names}
     wanted |= {"range": column} | ({} if time is None else {"time": names.index(time)})
     wanted |= {} if status is None else {"status": status}
-    notes += _not_used(path, names, wanted)
+    notes += _not_used(path, names, wanted, layout)
     _refuse_dates(path, wanted, layout)
     samples = _Samples(_Table(path, wanted, layout, request.shape), request.shape)
     unit_s, said = (1.0, []) if time is None else time_unit_of(time, samples.first_times(), request, path)
@@ -205,14 +207,39 @@ def _status(path: Path, names: list[str], request: Request) -> tuple[int | None,
     return None, (), [unused(path, "column", left, remedy)] if left else []
 
 
-def _not_used(path: Path, names: list[str], wanted: dict[str, int]) -> list[str]:
-    """Note on columns that look like samples, and are not used."""
+def _not_used(path: Path, names: list[str], wanted: dict[str, int], layout: Layout) -> list[str]:
+    """Note on columns of numbers that are not used; remarks in words may stand beside them."""
+    first = _first_cells(path, layout)
     left = [
         name.removeprefix(_OTHER) for k, name in enumerate(names)
         if k not in wanted.values()
-        and (name.startswith(_OTHER) or (not is_status_name(name) and stream_of(name) != "unknown"))
+        and (
+            name.startswith(_OTHER)
+            or (
+                not is_status_name(name) and name not in INDEX_NAMES
+                and (len(first) <= k or _is_number(first[k], layout))
+            )
+        )
     ]  # fmt: skip
     return [unused(path, "column", left)] if left else []
+
+
+def _first_cells(path: Path, layout: Layout) -> list[str]:
+    """Cells of the first sample."""
+    with foreign(path), layout.open(path) as file:
+        lines = (line for line in file if line.strip())
+        next(lines, None)
+        first = next((line for line in lines if not line.lstrip().startswith("#")), "")
+        return layout.cells(first.strip(" \r\n"))
+
+
+def _is_number(cell: str, layout: Layout) -> bool:
+    """Whether a cell holds a number or a date, or nothing."""
+    try:
+        layout.moment(cell)
+    except ValueError:
+        return False
+    return True
 
 
 class Piece(NamedTuple):

@@ -16,7 +16,7 @@ import numpy as np
 
 from tofmix.errors import BadInputError
 from tofmix.io.importers.base import Frame, FrameSource, Request, foreign
-from tofmix.io.importers.csv_long import TIME_NAMES, named_columns, open_long, time_unit_of
+from tofmix.io.importers.csv_long import INDEX_NAMES, TIME_NAMES, named_columns, open_long, time_unit_of
 from tofmix.io.importers.csv_text import Layout, layout_of
 from tofmix.io.length_units import unit_mm_of
 from tofmix.wording import counted
@@ -24,9 +24,6 @@ from tofmix.wording import counted
 SUFFIXES = (".csv", ".tsv", ".txt")
 
 _ALSO = {"column": "col", "distance": "range", "zone_id": "zone", "pixel": "zone"}
-_INDEX_NAMES = ("", "index", "unnamed: 0")
-"""Names of a column that numbers the lines, as tables of pandas have it."""
-
 _UNIT_BESIDE = re.compile(r"(.+?)[ _]*[\[(]\s*(\w+)\s*[\])]")
 _FLOAT = np.dtype(np.float64)
 
@@ -93,7 +90,7 @@ def _lines(path: Path, layout: Layout) -> Iterator[tuple[int, str]]:
 def _wide(path: Path, names: list[str] | None, layout: Layout, shape: tuple[int, int], request: Request) -> FrameSource:
     names, width, notes = names or [], len(layout.head), list(layout.notes)
     labels = [k for k, name in enumerate(names) if name == "frame" or name in TIME_NAMES]
-    labels += [k for k, name in enumerate(names[:1]) if name in _INDEX_NAMES]
+    labels += [k for k, name in enumerate(names[:1]) if name in INDEX_NAMES]
     time_at = next((k for k, name in enumerate(names) if name in TIME_NAMES), None)
     pixels = shape[0] * shape[1]
     if width == pixels + 1 and not labels and _first_counts(path, layout):
@@ -139,6 +136,7 @@ def _wide(path: Path, names: list[str] | None, layout: Layout, shape: tuple[int,
         frames=images(),
         unit_mm=unit_mm,
         has_time=time_at is not None,
+        stream="",
         notes=tuple(notes),
     )
 

@@ -3,40 +3,58 @@
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.errors import BadInputError
+from tofmix.errors import BadInputError, UsageError
 from tofmix.io.extras import need
-from tofmix.io.importers.base import Frame, FrameSource, Request, check_frame, check_numbers, foreign, unused
-from tofmix.io.importers.image_text import stated_in
+from tofmix.io.importers.base import (
+    Frame,
+    FrameSource,
+    Request,
+    check_frame,
+    check_numbers,
+    check_size,
+    foreign,
+    unused,
+)
+from tofmix.io.importers.image_text import Stated, check_stated, stated_in
 from tofmix.io.importers.streams import depths_among, stream_of
 from tofmix.io.importers.tiff import read_single, single_text
+from tofmix.io.next_command import import_command
 
 _GREY_16 = ("I;16", "I;16B", "I")
 """Modes in which Pillow, by its version, reads 16-bit grey."""
 
+_NUMBERS = re.compile(r"[\d.]*\d[\d.]*")
+_WHOLE, _DECIMAL = re.compile(r"(\d+)", re.ASCII), re.compile(r"(\d+(?:\.\d+)?)", re.ASCII)
+_STAMP = re.compile(r"(\d+(?:\.\d+)?)|\D*(\d{9,}(?:\.\d+)?)\D*", re.ASCII)
+
 
 @contextmanager
-def open_folder(path: Path, _: Request) -> Iterator[FrameSource]:
+def open_folder(path: Path, request: Request) -> Iterator[FrameSource]:
     """Open a folder; its images are read one by one.
 
     Raises
     ------
     BadInputError
         If it holds no image or two kinds, or an image is damaged or differs from the first one.
+    UsageError
+        If the requested sequence is not there.
     """
     with foreign(path):
-        files = sorted((p for p in path.iterdir() if p.suffix.lower() in IMAGE_KINDS), key=_natural)
+        files = [p for p in path.iterdir() if p.suffix.lower() in IMAGE_KINDS]
     kinds = sorted({_kind(file)[0] for file in files})
     if not files:
         raise BadInputError(f"{path}: no {', '.join(IMAGE_KINDS)} in this folder")
     if len(kinds) > 1:
         raise BadInputError(f"{path}: {' and '.join(kinds)} images in this folder; keep one kind")
-    files, left = _one_sequence(files, path)
+    stream, files, left = _one_sequence(files, path, request)
+    files = in_order(files)
     first = _read(files[0])
     stated = stated_in(_text(files[0]))
     yield FrameSource(
@@ -47,44 +65,70 @@ def open_folder(path: Path, _: Request) -> Iterator[FrameSource]:
         scale_factor=stated.scale_factor,
         add_offset=stated.add_offset,
         depth_axis=stated.depth_axis,
-        frames=_frames(files, first),
+        frames=_frames(files, first, stated, request),
+        stream=stream,
         notes=(unused(path, "images", left),) if left else (),
     )
 
 
-def _one_sequence(files: list[Path], folder: Path) -> tuple[list[Path], list[str]]:
-    """The images of depths, and the names of the other sequences in the folder.
+def _one_sequence(files: list[Path], folder: Path, request: Request) -> tuple[str, list[Path], list[str]]:
+    """Name of the sequence of depths, its images, and the names of the other sequences in the folder.
 
-    Names that differ in numbers alone are one sequence.
+    Names that differ in numbers alone are one sequence; those without any number are one together.
 
     Raises
     ------
     BadInputError
         If there are several sequences, and names do not tell which is of depths.
+    UsageError
+        If the requested one is not there.
     """
     sequences: dict[str, list[Path]] = {}
     for file in files:
-        sequences.setdefault(re.sub(r"[\d.]+", "#", file.stem), []).append(file)
-    told = {name: stream_of(name) for name in sequences}
-    if len(sequences) == 1 or not any(told.values()) or set(told.values()) == {"unknown"}:
-        return files, []
-    chosen = depths_among(sequences)
+        sequences.setdefault(_NUMBERS.sub("#", file.stem), []).append(file)
+    listed = ", ".join(f"{len(members)} of {name}" for name, members in sorted(sequences.items()))
+    if request.topic in sequences:
+        chosen = [request.topic]
+    elif request.topic is not None and (len(sequences) > 1 or request.topic != folder.resolve().name):
+        raise UsageError(f"--dataset does not apply to {folder} unless it names a sequence of images there: {listed}")
+    elif not any("#" in name for name in sequences) and {stream_of(name) for name in sequences} == {"unknown"}:
+        return "", files, []
+    elif len(sequences) == 1:
+        chosen = list(sequences)
+    elif request.as_amplitude:
+        chosen = [name for name in sequences if stream_of(name) == "other"]
+    else:
+        chosen = depths_among(sequences)
     if len(chosen) != 1:
-        listed = ", ".join(f"{len(members)} of {name}" for name, members in sequences.items())
         raise BadInputError(
-            f"{folder}: several sequences of images: {listed}; put the depths into a folder of their own"
+            f"{folder}: several sequences of images: {listed}; choose one:"
+            f" {import_command(folder, '--dataset', min(chosen or sequences))}"
         )
-    return sequences[chosen[0]], [f"{name} ({len(sequences[name])})" for name in sequences if name != chosen[0]]
+    left = [f"{name} ({len(sequences[name])})" for name in sorted(sequences) if name != chosen[0]]
+    return chosen[0], sequences[chosen[0]], left
 
 
-def _natural(path: Path) -> list[tuple[int, float, str]]:
-    """Sort key in which 2 comes before 10, and time stamps such as 1700000000.5 are decimal numbers."""
-    parts = re.split(r"(\d+(?:\.\d+)?)", path.stem)
-    return [(0, float(part), "") if part[:1].isdecimal() else (1, 0.0, part) for part in parts]
+def in_order(files: list[Path]) -> list[Path]:
+    """Images in the order of the numbers in their names, in which 2 comes before 10.
+
+    Points separate numbers, as in ``run2.10``. They are decimal points where each name is one time stamp, such as
+    ``1700000000.5``, alone or with words beside a number since 1970, and no two of them are equal.
+    """
+    stems = [file.stem for file in files]
+    stamps = [found for stem in stems if (found := _STAMP.fullmatch(stem))]
+    decimal = len(stamps) == len(stems) == len({Decimal(found[1] or found[2]) for found in stamps})
+    number = _DECIMAL if decimal else _WHOLE
+    return [file for _, file in sorted(zip((_natural(stem, number) for stem in stems), files, strict=True))]
 
 
-def _frames(files: list[Path], first: NDArray[Any]) -> Iterator[Frame]:
+def _natural(stem: str, number: re.Pattern[str]) -> list[tuple[int, Decimal, str]]:
+    parts = number.split(stem)
+    return [(0, Decimal(part), "") if number.fullmatch(part) else (1, Decimal(0), part) for part in parts]
+
+
+def _frames(files: list[Path], first: NDArray[Any], stated: Stated, request: Request) -> Iterator[Frame]:
     for file in files:
+        check_stated(stated_in(_text(file)), stated, file, files[0], unit_given=request.unit_mm is not None)
         yield Frame(depth=check_frame(_read(file), first.shape, first.dtype, file))
 
 
@@ -115,6 +159,7 @@ def _read_png(file: Path) -> NDArray[np.uint16]:
     pillow = need("PIL.Image", extra="images", what="PNG")
     with foreign(file), pillow.open(file, formats=["PNG"]) as image:
         mode = image.mode
+        check_size((image.height, image.width), file)
         values = np.asarray(image) if mode in _GREY_16 else None
     if values is None:
         raise BadInputError(f"{file}: expected 16-bit grey, got {mode}")

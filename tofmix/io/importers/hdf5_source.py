@@ -1,8 +1,8 @@
 """HDF5: one dataset of any file, with its amplitudes, times and camera.
 
-`--dataset` names it; without, it is the only one of frames, or `range`. Its attribute `units`, its packing and fill
-values (`tofmix.io.importers.cf`), its dimension scales, and a group `sensor` as in a recording are used where they are
-there.
+`--dataset` names it; without, it is the only one of frames, or `range`. Its attribute `units` or `unit`, its packing
+and fill values (`tofmix.io.importers.cf`), its dimension scales, and a group `sensor` as in a recording are used where
+they are there.
 """
 
 import shlex
@@ -14,12 +14,12 @@ import h5py
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.errors import BadInputError
+from tofmix.errors import BadInputError, UsageError
 from tofmix.io import hdf5, sensor_group
 from tofmix.io.guard import guard
-from tofmix.io.importers.arrays import arrays_beside, check_shapes, choose, joined, numbered_images
+from tofmix.io.importers.arrays import arrays_beside, check_shapes, choose, joined, kind_of_names, numbered_images
 from tofmix.io.importers.axes import FRAMES_FIRST, WITH_TARGETS, axes_of, axis_name
-from tofmix.io.importers.base import Frame, FrameSource, Request, check_frame, foreign
+from tofmix.io.importers.base import Frame, FrameSource, Request, check_frame, foreign, unused
 from tofmix.io.importers.cf import Packing, packing_of
 from tofmix.io.importers.datasets import DatasetFrames
 from tofmix.io.importers.times import time_unit_s, times_of_array
@@ -66,14 +66,16 @@ def _source(root: h5py.File, path: Path, request: Request) -> FrameSource:
         raise BadInputError(f"{path}: a layers file, not a recording: tofmix report {path}")
     with guard.reading(path, "datasets"):
         shapes = _datasets(root)
-    of_frames = None if request.topic is not None or request.axes is not None else numbered_images(shapes)
+    wanted = None if request.topic is None else request.topic.strip("/")
+    of_frames = None if request.axes is not None else numbered_images(shapes, wanted)
     if of_frames is not None:
         return _one_dataset_a_frame(root, of_frames, path, request)
     name = choose(
-        shapes, None if request.topic is None else request.topic.strip("/"), path, _axes_asked(root, shapes, request),
+        shapes, wanted, path, _axes_asked(root, shapes, request),
         {name for name in shapes if root[name].dtype.itemsize == 1},
     )  # fmt: skip
-    beside = arrays_beside(shapes, name, request, path)
+    of_range = name.rpartition("/")[2] == _RANGE and request.amplitude is None
+    beside = arrays_beside(shapes, name, request, path, (_companion(name, _AMPLITUDE),) if of_range else ())
     notes = [*_axes_guessed(root, name, request, path), *beside.notes]
     depth = _frames(root, name, shapes, path, request)
     dataset = guard.checked_dataset(root, name, path)
@@ -97,20 +99,29 @@ def _source(root: h5py.File, path: Path, request: Request) -> FrameSource:
         has_amplitude=amplitude is not None,
         has_time=time_s is not None,
         sensor=sensor_group.read_sensor(root, path) if isinstance(root.get("sensor"), h5py.Group) else None,
+        stream=name,
         notes=tuple(notes),
     )
 
 
 def _one_dataset_a_frame(root: h5py.File, names: list[str], path: Path, request: Request) -> FrameSource:
     """Images of one frame each, in the order of the numbers in their names."""
+    if request.amplitude is not None:
+        raise UsageError(f"--amplitude does not apply to {path}: {names[0]} and others are one dataset a frame")
     first = guard.checked_dataset(root, names[0], path)
-    packing = _packing(root, first, path)
+    packing, unit_mm = _packing(root, first, path), _unit(first, names[0], path, request)
 
     def images() -> Iterator[Frame]:
         for name in names:
             dataset = guard.checked_dataset(root, name, path)
             with guard.reading(path, name):
                 image = np.asarray(dataset[...])
+            stated = _packing(root, dataset, path), _unit(dataset, name, path, request)
+            if stated != (packing, unit_mm):
+                raise BadInputError(
+                    f"{path}: {name}: {_stated(*stated)}, {names[0]} has {_stated(packing, unit_mm)}; store all frames"
+                    " alike"
+                )
             same = check_frame(image, first.shape, first.dtype, f"{path}: {name}")
             yield Frame(depth=packing.as_marked(same))
 
@@ -119,13 +130,40 @@ def _one_dataset_a_frame(root: h5py.File, names: list[str], path: Path, request:
         shape=(len(names), *first.shape),
         dtype=packing.dtype or first.dtype,
         frames=images(),
-        unit_mm=_unit(first, names[0], path, request),
+        unit_mm=unit_mm,
         scale_factor=packing.scale_factor,
         add_offset=packing.add_offset,
         invalid=packing.invalid,
         valid_span=packing.valid_span,
-        notes=(f"{path}: {names[0]} to {names[-1]} are taken as {len(names)} frames, in this order",),
+        stream=kind_of_names(names[0]),
+        notes=(
+            f"{path}: {names[0]} to {names[-1]} are taken as {len(names)} frames, in this order",
+            *_not_frames(root, names, path),
+        ),
     )
+
+
+def _stated(packing: Packing, unit_mm: float | None) -> str:
+    """The packing and the unit of a dataset in words."""
+    parts = [f"scale_factor {packing.scale_factor:g}", f"add_offset {packing.add_offset:g}"]
+    parts += ["no unit" if unit_mm is None else f"units of {unit_mm:g} mm"]
+    parts += [f"fill values {', '.join(f'{value:g}' for value in packing.invalid) or 'none'}"]
+    return ", ".join([*parts, f"valid from {packing.valid_span[0]:g} to {packing.valid_span[1]:g}"])
+
+
+def _not_frames(root: h5py.File, names: list[str], path: Path) -> list[str]:
+    """Note on the datasets beside the frames, by their kinds."""
+    kinds: dict[str, int] = {}
+    taken = kind_of_names(names[0])
+
+    def add(name: str, item: h5py.HLObject) -> None:
+        kind = kind_of_names(name)
+        if isinstance(item, h5py.Dataset) and item.dtype.kind in "iuf" and kind != taken:
+            kinds[kind] = kinds.get(kind, 0) + 1
+
+    with guard.reading(path, "datasets"):
+        root.visititems(add)
+    return [unused(path, "datasets", [f"{kind} ({count})" for kind, count in kinds.items()])] if kinds else []
 
 
 def _packing(root: h5py.File, dataset: h5py.Dataset, path: Path) -> Packing:
@@ -213,7 +251,7 @@ def _time(
     if other not in shapes:
         return None
     dataset = guard.checked_dataset(root, other, path)
-    units = hdf5.text_attribute(dataset, "units")
+    units = _unit_text(dataset)
     unit_s = request.time_unit_s or (None if units is None else time_unit_s(units))
     if unit_s is None and units is not None:
         notes.append(f"{path}: not used: {other} in {units!r}, no known unit of time (--time-unit gives it)")
@@ -225,8 +263,17 @@ def _time(
     return time_s
 
 
+def _unit_text(dataset: h5py.Dataset) -> str | None:
+    """The attribute ``units``, or ``unit``, in any case; None without text there."""
+    keys = sorted(
+        (key for key in dataset.attrs if key.lower() in ("units", "unit")), key=lambda key: (key != "units", key)
+    )
+    texts = (hdf5.text_attribute(dataset, key) for key in keys)
+    return next((text for text in texts if text and text.strip()), None)
+
+
 def _unit(dataset: h5py.Dataset, name: str, path: Path, request: Request) -> float | None:
-    text = hdf5.text_attribute(dataset, "units")
+    text = _unit_text(dataset)
     if request.unit_mm is not None:
         return None
     if text is None:

@@ -13,6 +13,7 @@ import re
 from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
+from tofmix.errors import BadInputError
 from tofmix.io.importers.base import DepthAxis
 from tofmix.io.importers.units import unit_in_name
 from tofmix.io.length_units import unit_mm_of
@@ -29,6 +30,14 @@ class Stated(NamedTuple):
     depth_axis: DepthAxis
     scale_factor: float = 1.0
     add_offset: float = 0.0
+
+    def words(self) -> str:
+        """A count in words."""
+        if self.unit_mm is None and (self.scale_factor, self.add_offset) == (1.0, 0.0):
+            return f"no unit, along {self.depth_axis}"
+        offset = f" + {self.add_offset:g}" if self.add_offset else ""
+        unit = "units" if self.unit_mm is None else f"x {self.unit_mm:g} mm"
+        return f"{self.scale_factor:g}{offset} {unit}, along {self.depth_axis}"
 
 
 def stated_in(text: str | None, channel: str = "") -> Stated:
@@ -47,6 +56,25 @@ def stated_in(text: str | None, channel: str = "") -> Stated:
     if root is not None:
         return Stated(unit_in_name(channel) or _annotated_unit_mm(root), "z")
     return Stated(None, "z")
+
+
+def check_stated(stated: Stated, first: Stated, what: object, of_first: object, *, unit_given: bool) -> None:
+    """Refuse an image whose text states other numbers than that of the first one.
+
+    A given unit takes the place of the stated ones.
+
+    Raises
+    ------
+    BadInputError
+        If it does.
+    """
+    if unit_given:
+        stated, first = stated._replace(unit_mm=None), first._replace(unit_mm=None)
+    if stated != first:
+        raise BadInputError(
+            f"{what}: its text states {stated.words()}, that of {of_first} {first.words()}; import images of one scale"
+            " at a time"
+        )
 
 
 def imagej_keys(text: str) -> dict[str, str]:

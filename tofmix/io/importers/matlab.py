@@ -41,6 +41,12 @@ from tofmix.io.importers.units import unit_in_name
 _BYTES = ("int8", "uint8", "logical", "char")
 """MATLAB's classes of 8 bits."""
 
+_NUMBERS = (
+    *_BYTES, "int16", "uint16", "int32", "uint32", "int64", "uint64", "single", "double", "sparse",
+)  # fmt: skip
+_STRUCTS = ("struct", "object", "cell", "opaque", "unknown")
+"""MATLAB's classes of variables that hold others."""
+
 _UNPACKING_TIMES = 6.0
 """Factor on the time limit of a read: a whole file is unpacked at once."""
 
@@ -90,7 +96,8 @@ def _of_scipy(path: Path, request: Request, folder: Path) -> FrameSource:
         if not listed:
             raise _refusal(child, child.communicate()[1], path)
         found = json.loads(listed)
-        shapes = {name: tuple(shape) for name, (shape, _) in found.items()}
+        shapes = {name: tuple(shape) for name, (shape, kind) in found.items() if kind in _NUMBERS}
+        _refuse_structs(shapes, [f"{name} ({kind})" for name, (_, kind) in found.items() if kind in _STRUCTS], path)
         name = choose(
             shapes, request.topic, path, request.axes, {n for n, (_, kind) in found.items() if kind in _BYTES}
         )
@@ -109,6 +116,16 @@ def _of_scipy(path: Path, request: Request, folder: Path) -> FrameSource:
     status = arrays.pop() if beside.status is not None else None
     amplitude = arrays[1] if request.amplitude is not None else None
     return _source(path, name, arrays[0], amplitude, status, stored, beside, request.time_unit_s)
+
+
+def _refuse_structs(shapes: dict[str, tuple[int, ...]], holders: list[str], path: Path) -> None:
+    """Raise `BadInputError` if all images may be within variables that hold others, which are not read."""
+    if holders and not any(len(shape) > 1 and min(shape) > 1 for shape in shapes.values()):
+        name = holders[0].split(" ")[0]
+        raise BadInputError(
+            f"{path}: no array of frames, but {', '.join(holders)}, whose parts are not read; in MATLAB: depth ="
+            f" {name}.depth; save('{path.stem}_depth.mat', 'depth')"
+        )
 
 
 def _refusal(child: "subprocess.Popen[str]", complaint: str, path: Path) -> TofmixError:
@@ -147,6 +164,7 @@ def _source(
         status_valid=beside.codes,
         has_amplitude=amplitude is not None,
         has_time=time_s is not None,
+        stream=name,
         notes=(*beside.notes, *said),
     )
 
@@ -157,6 +175,8 @@ def _of_hdf5(root: h5py.File, path: Path, request: Request) -> FrameSource:
         datasets = {name: item for name, item in root.items() if isinstance(item, h5py.Dataset)}
         shapes = {name: tuple(reversed(item.shape)) for name, item in datasets.items()}
         bytewise = {name for name, item in datasets.items() if item.dtype.itemsize == 1}
+        holders = [name for name, item in root.items() if isinstance(item, h5py.Group) and not name.startswith("#")]
+    _refuse_structs(shapes, [f"{name} (struct)" for name in holders], path)
     name = choose(shapes, request.topic, path, request.axes, bytewise)
     beside = arrays_beside(shapes, name, request, path)
     request = _with_axes(shapes[name], request, f"{path}: {name}")
@@ -183,6 +203,7 @@ def _of_hdf5(root: h5py.File, path: Path, request: Request) -> FrameSource:
         status_valid=beside.codes,
         has_amplitude=amplitude is not None,
         has_time=time_s is not None,
+        stream=name,
         notes=(*beside.notes, *said),
     )
 

@@ -1,5 +1,6 @@
 """TIFF by tifffile: a stack of pages, one a frame, read page by page."""
 
+import json
 import math
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -9,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.errors import BadInputError
+from tofmix.errors import BadInputError, UsageError
 from tofmix.io.extras import need
 from tofmix.io.importers.axes import IMAGE_DIMENSIONS
 from tofmix.io.importers.base import (
@@ -18,24 +19,29 @@ from tofmix.io.importers.base import (
     Request,
     check_frame,
     check_numbers,
+    check_size,
     complaints_are_errors,
     foreign,
     unused,
 )
-from tofmix.io.importers.image_text import imagej_keys, ome_root, stated_in, tag
-from tofmix.io.importers.streams import depths_among
+from tofmix.io.importers.image_text import Stated, check_stated, imagej_keys, ome_root, stated_in, tag
+from tofmix.io.importers.streams import depths_among, stream_of
+from tofmix.io.next_command import import_command
 
 _LOGGER = "tifffile"
 
 
 @contextmanager
-def open_pages(path: Path, _: Request) -> Iterator[FrameSource]:
+def open_pages(path: Path, request: Request) -> Iterator[FrameSource]:
     """Open a TIFF of one page a frame.
 
     Raises
     ------
     BadInputError
-        If it is damaged or cut short, or a page is not grey or differs from the first one.
+        If it is damaged or cut short, a page is not grey or differs from the first one, or its pages are no one
+        sequence.
+    UsageError
+        If the requested channel is not there.
     """
     with _opened(path) as pages:
         first = _page(pages, 0, path)
@@ -45,8 +51,9 @@ def open_pages(path: Path, _: Request) -> Iterator[FrameSource]:
         with complaints_are_errors(_LOGGER, path), foreign(path):
             text = str(pages[0].description or "")
         channels = _channels(text)
-        chosen, notes = _depth_pages(channels, count, path)
-        stated = stated_in(text, channels.names[chosen[0] // channels.stride % len(channels.names)])
+        channel, notes = _depth_channel(channels, count, path, request)
+        chosen = [page for page in range(count) if page // channels.stride % len(channels.names) == channel]
+        stated = stated_in(text, channels.names[channel])
         yield FrameSource(
             kind="multi-page TIFF",
             shape=(len(chosen), first.shape[0], first.shape[1]),
@@ -55,7 +62,8 @@ def open_pages(path: Path, _: Request) -> Iterator[FrameSource]:
             scale_factor=stated.scale_factor,
             add_offset=stated.add_offset,
             depth_axis=stated.depth_axis,
-            frames=_frames(pages, chosen, first, path),
+            frames=_frames(pages, chosen, first, stated, path, request),
+            stream=channels.names[channel],
             notes=notes,
         )
 
@@ -68,8 +76,10 @@ class _Channels(NamedTuple):
 
 
 def _channels(text: str) -> _Channels:
-    """Channels of an OME-TIFF or of ImageJ's, which has no names; one without a name where the text has none."""
+    """Channels of an OME-TIFF, of tifffile's own or of ImageJ's; one without a name where the text has none."""
     one = _Channels([""], 1)
+    if text.startswith("{"):
+        return _of_tifffile(text)
     if text.startswith("ImageJ="):
         count = imagej_keys(text).get("channels", "1")
         return _Channels([""] * int(count), 1) if count.isdecimal() and int(count) > 1 else one
@@ -85,27 +95,59 @@ def _channels(text: str) -> _Channels:
     return _Channels(names, max(1, math.prod(sizes.get(axis, 1) for axis in before)))
 
 
-def _depth_pages(channels: _Channels, count: int, path: Path) -> tuple[list[int], tuple[str, ...]]:
-    """Pages of the depths, and a note on other channels.
+def _of_tifffile(text: str) -> _Channels:
+    """Channels of the JSON that tifffile writes: the axis ``C``, or else all axes of pages but the first."""
+    one = _Channels([""], 1)
+    try:
+        keys = json.loads(text)
+        shape = [int(size) for size in keys["shape"]]
+        axes = str(keys.get("axes", ""))
+        named = keys.get("Channel", {}).get("Name", [])
+    except (ValueError, TypeError, KeyError, AttributeError):
+        return one
+    if len(axes) != len(shape):
+        axes = "Q" * len(shape)
+    pages = [(axis, size) for axis, size in zip(axes, shape, strict=True) if axis not in "YXS"]
+    pages = pages if set("YX") <= set(axes) else pages[:-IMAGE_DIMENSIONS]
+    pages = [(axis, size) for axis, size in pages if size > 1]
+    place = next((k for k, (axis, _) in enumerate(pages) if axis == "C"), None)
+    if place is None:
+        return _Channels([""] * math.prod(size for _, size in pages[1:]), 1)
+    names = [str(name) for name in named] if isinstance(named, list) else []
+    count = pages[place][1]
+    return _Channels([*names, *[""] * count][:count], math.prod(size for _, size in pages[place + 1 :]))
+
+
+def _depth_channel(channels: _Channels, count: int, path: Path, request: Request) -> tuple[int, tuple[str, ...]]:
+    """Number of the channel of the depths, and a note on other channels.
 
     Raises
     ------
     BadInputError
         If there are several channels, and their names do not tell which is of depths.
+    UsageError
+        If the requested one is not there.
     """
-    names = channels.names
-    if len(names) <= 1:
-        return list(range(count)), ()
-    shown = [name or f"channel {k}" for k, name in enumerate(names)]
-    depths = depths_among([name for name in names if name])
-    if len(depths) != 1 or count % len(names):
+    shown = [name or f"channel {k}" for k, name in enumerate(channels.names)]
+    if len(shown) > 1 and count % (len(shown) * channels.stride):
+        raise BadInputError(f"{path}: {count} pages, not a multiple of its {len(shown)} channels")
+    if request.topic in shown:
+        chosen = [shown.index(request.topic)]
+    elif request.topic is not None and (len(shown) > 1 or request.topic not in (path.name, path.stem)):
+        raise UsageError(f"--dataset does not apply to {path} unless it names a channel there: {', '.join(shown)}")
+    elif len(shown) == 1:
+        chosen = [0]
+    elif request.as_amplitude:
+        chosen = [k for k, name in enumerate(shown) if stream_of(name) == "other"]
+    else:
+        chosen = [channels.names.index(name) for name in depths_among([name for name in channels.names if name])]
+    if len(chosen) != 1:
         raise BadInputError(
-            f"{path}: {len(names)} channels ({', '.join(shown)}), not one sequence of depths;"
-            " write the depths to a TIFF of their own"
+            f"{path}: {len(shown)} channels ({', '.join(shown)}), not one sequence of depths; choose one:"
+            f" {import_command(path, '--dataset', shown[chosen[0] if chosen else 0])}"
         )
-    channel = names.index(depths[0])
-    pages = [page for page in range(count) if page // channels.stride % len(names) == channel]
-    return pages, (unused(path, "channels", [name for k, name in enumerate(shown) if k != channel]),)
+    left = [name for k, name in enumerate(shown) if k != chosen[0]]
+    return chosen[0], (unused(path, "channels", left),) if left else ()
 
 
 def single_text(path: Path) -> str | None:
@@ -148,13 +190,30 @@ def _opened(path: Path) -> Iterator[Any]:
 def _page(pages: Any, number: int, path: Path) -> NDArray[Any]:  # noqa: ANN401  tifffile's own
     what = f"{path}: page {number}"
     with complaints_are_errors(_LOGGER, what), foreign(what):
-        page = np.asarray(pages[number].asarray())
+        declared = pages[number]
+        shape = tuple(int(length) for length in declared.shape)
+    check_size(shape or (0,), what)
+    with complaints_are_errors(_LOGGER, what), foreign(what):
+        page = np.asarray(declared.asarray())
     if page.ndim != IMAGE_DIMENSIONS:
         raise BadInputError(f"{what}: expected grey (row, col), got shape {page.shape}")
     return page
 
 
-def _frames(pages: Any, numbers: list[int], first: NDArray[Any], path: Path) -> Iterator[Frame]:  # noqa: ANN401  tifffile's own
+def _frames(
+    pages: Any,  # noqa: ANN401  tifffile's own
+    numbers: list[int],
+    first: NDArray[Any],
+    stated: Stated,
+    path: Path,
+    request: Request,
+) -> Iterator[Frame]:
     for number in numbers:
-        page = _page(pages, number, path)
-        yield Frame(depth=check_frame(page, first.shape, first.dtype, f"{path}: page {number}"))
+        what = f"{path}: page {number}"
+        image = check_frame(_page(pages, number, path), first.shape, first.dtype, what)
+        with complaints_are_errors(_LOGGER, what), foreign(what):
+            text = str(pages[number].description or "") if number != numbers[0] else ""
+        own = stated_in(text)
+        if own != stated_in(""):  # a format's text of all pages stands in the first one alone
+            check_stated(own, stated, what, f"page {numbers[0]}", unit_given=request.unit_mm is not None)
+        yield Frame(depth=image)
