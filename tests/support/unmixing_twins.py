@@ -69,11 +69,11 @@ def _parted_from_behind(group: list[dict[str, Any]]) -> list[list[dict[str, Any]
 
 
 def _contradict(one: dict[str, Any], other: dict[str, Any]) -> bool:
-    """Whether two predictions differ by more than their errors; beside narrow surfaces those of light, too."""
+    """Whether two predictions, one of a narrow surface, differ by more than their errors, in range or in light."""
     apart = max(4.0 * np.sqrt(one["error"] + other["error"]), 0.01 * abs(other["value"]))
     off = abs(one["light"] - other["light"]) > 4.0 * np.sqrt(one["light_error"] + other["light_error"])
     narrow = one["line"] >= 0 or other["line"] >= 0
-    return bool(abs(one["value"] - other["value"]) > apart or (narrow and off))
+    return bool(narrow and (abs(one["value"] - other["value"]) > apart or off))
 
 
 def _predict_together(image: PhasorImage, pixel: int, line: list[dict[str, Any]], seeds: Seeds) -> None:

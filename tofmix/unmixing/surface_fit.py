@@ -273,7 +273,7 @@ def _sort(count: int, numbers: FloatArray, indices: IntArray, settings: Neighbou
     """Number the surfaces that members belong to, from far to near, and return how many there are.
 
     Predictions are put in order; where the step to the next is larger than their errors, a new surface begins. So it
-    does where a prediction contradicts the most certain one of the surface, which vague ones between would connect.
+    does beside a narrow surface where a prediction contradicts the most certain one, which vague ones would connect.
     """
     value, order = numbers[_VALUE], indices[_ORDER]
     for k in range(count):
@@ -318,17 +318,17 @@ def _find_steps(count: int, numbers: FloatArray, indices: IntArray, settings: Ne
 def _contradicts(
     one: int, other: int, numbers: FloatArray, indices: IntArray, settings: NeighbourSettings
 ) -> bool:  # fmt: skip
-    """Whether two predictions differ by more than both errors.
+    """Whether two predictions, one of them of a narrow surface, differ by more than both errors.
 
     The slope across a narrow surface may be that to a pixel of another one, so the predictions of light count there.
     """
+    if indices[_LINE, one] < 0 and indices[_LINE, other] < 0:
+        return False
     value, error, light, light_error = numbers[_VALUE], numbers[_ERROR], numbers[_LIGHT], numbers[_LIGHT_ERROR]
     apart = settings.apart_sigmas * math.sqrt(error[one] + error[other])
-    if abs(value[one] - value[other]) > max(apart, settings.apart * abs(value[other])):
-        return True
-    apart = settings.apart_sigmas * math.sqrt(light_error[one] + light_error[other])
-    is_narrow = indices[_LINE, one] >= 0 or indices[_LINE, other] >= 0
-    return bool(is_narrow and abs(light[one] - light[other]) > apart)
+    light_apart = settings.apart_sigmas * math.sqrt(light_error[one] + light_error[other])
+    is_apart = abs(value[one] - value[other]) > max(apart, settings.apart * abs(value[other]))
+    return bool(is_apart or abs(light[one] - light[other]) > light_apart)
 
 
 @borrowing
