@@ -33,6 +33,7 @@ from tofmix.report.explorer.limits import PageLimits
 from tofmix.report.summary.thresholds import Thresholds
 from tofmix.surfaces.settings import EdgeSettings, LinkSettings, ShareSettings, SurfaceSettings
 from tofmix.unmixing.settings import (
+    CurvedSettings,
     HypothesisSettings,
     ImageSettings,
     LabelSettings,
@@ -46,7 +47,7 @@ from tofmix.unmixing.settings import (
 
 CLASSES: tuple[type, ...] = (
     AmplitudeSettings, CurveSettings, CurveTolerances, NoiseSettings, OutlierSettings, Limits, Settings, PageLimits,
-    Thresholds, EdgeSettings, LinkSettings, ShareSettings, SurfaceSettings, HypothesisSettings, ImageSettings,
+    CurvedSettings, Thresholds, EdgeSettings, LinkSettings, ShareSettings, SurfaceSettings, HypothesisSettings, ImageSettings,
     LabelSettings, LawSettings, NeighbourSettings, PlaneSettings, SeedSettings, UnfoldingSettings, UnmixSettings,
 )  # fmt: skip
 WITH_A_CHECK_OF_THEIR_OWN = {"RecordingSettings"}

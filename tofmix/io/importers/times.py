@@ -221,7 +221,7 @@ def _possible(time_s: FloatArray, remarks: list[str]) -> FloatArray:
 def _listed(frames: list[int], *, most: int = 3) -> str:
     """Some frames, as in "frame 7" or "frames 7, 9, 12 and 4 more"."""
     more = f" and {len(frames) - most} more" if len(frames) > most else ""
-    return f"frame{'s' if len(frames) > 1 else ''} {', '.join(map(str, frames[:most]))}{more}"
+    return f"{'frame' if len(frames) == 1 else 'frames'} {', '.join(map(str, frames[:most]))}{more}"
 
 
 def _filled(time_s: FloatArray, remarks: list[str]) -> FloatArray:
