@@ -46,10 +46,30 @@ from tofmix.unmixing.settings import (
 )
 
 CLASSES: tuple[type, ...] = (
-    AmplitudeSettings, CurveSettings, CurveTolerances, NoiseSettings, OutlierSettings, Limits, Settings, PageLimits,
-    CurvedSettings, Thresholds, EdgeSettings, LinkSettings, ShareSettings, SurfaceSettings, HypothesisSettings,
-    ImageSettings, LabelSettings, LawSettings, NeighbourSettings, PlaneSettings, SeedSettings, UnfoldingSettings, UnmixSettings,
-)  # fmt: skip
+    AmplitudeSettings,
+    CurveSettings,
+    CurveTolerances,
+    NoiseSettings,
+    OutlierSettings,
+    Limits,
+    Settings,
+    PageLimits,
+    CurvedSettings,
+    Thresholds,
+    EdgeSettings,
+    LinkSettings,
+    ShareSettings,
+    SurfaceSettings,
+    HypothesisSettings,
+    ImageSettings,
+    LabelSettings,
+    LawSettings,
+    NeighbourSettings,
+    PlaneSettings,
+    SeedSettings,
+    UnfoldingSettings,
+    UnmixSettings,
+)
 WITH_A_CHECK_OF_THEIR_OWN = {"RecordingSettings"}
 """Settings of a model file, whose refusals name its keys."""
 
