@@ -50,7 +50,7 @@ def scored(names: Sequence[str], seeds: Sequence[int], **choices: float) -> Scor
     """Estimate scenes and compare them with their truth."""
     total = Score()
     for name in names:
-        things, reflectivity = SCENES[name]()
+        things, reflectivity = SCENES[name]
         for seed in seeds:
             one = render(things, reflectivity, seed=seed, **choices)  # type: ignore[arg-type]
             total += score(one, estimated(one).window(0))
@@ -99,7 +99,7 @@ def print_cost(names: Sequence[str], seeds: Sequence[int]) -> None:
     """CPU time of estimates, and of unmixing by planes alone and with smooth surfaces; the best of three."""
     print("\n**Cost, s of CPU**\n\n| scene | estimate | unmixing | by planes alone |\n|---|---|---|---|")
     for name in names:
-        things, reflectivity = SCENES[name]()
+        things, reflectivity = SCENES[name]
         recording = render(things, reflectivity, noise_mm=20.0, seed=seeds[0]).recording
         light = recording.amplitude
         assert light is not None

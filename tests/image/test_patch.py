@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import round_things
-from support.round_things import Hits, cylinder, sphere, wall
+from support.round_things import Thing, cylinder, rays_of, sphere, wall
 
 from tofmix.image.smooth.patch import STATE, Frame, fit_patches, meet
 from tofmix.image.smooth.scales import learn_scales, may_bend
@@ -16,12 +15,10 @@ SIZE, FOCAL = 24, 75.0
 pytestmark = pytest.mark.compiled("rays meet patches in a kernel")
 
 
-def seen(thing: Hits, noise_mm: float, seed: int = 1) -> View:
+def seen(thing: Thing, noise_mm: float, seed: int = 1) -> View:
     """The middle of the image, each pixel seen along its middle ray."""
-    middle = round_things.PARTS // 2
-    rows, cols = (slice(middle + first * round_things.PARTS, None, round_things.PARTS) for first in (12, 20))
-    t, cosine = (part[rows, cols][:SIZE, :SIZE] for part in thing)
-    ways = round_things.RAYS[rows, cols][:SIZE, :SIZE]
+    ways = rays_of(1)[12 : 12 + SIZE, 20 : 20 + SIZE]
+    t, cosine = thing(ways)
     right, below = np.gradient(ways, axis=1), np.gradient(ways, axis=0)
     hit = np.isfinite(t)
     draw = np.random.default_rng(seed)
@@ -71,7 +68,7 @@ def test_rays_meet_a_flat_patch_where_they_meet_the_plane() -> None:
     [wall(2000, (0.4, 0.1, 0.9)), sphere((20, 10, 1800), 260), cylinder(30, 1800, 220)],
     ids=("plane", "sphere", "cylinder"),
 )
-def test_prediction_of_a_pixel_at_the_rim_is_as_far_off_as_it_says(thing: Hits) -> None:
+def test_prediction_of_a_pixel_at_the_rim_is_as_far_off_as_it_says(thing: Thing) -> None:
     exact, noisy = seen(thing, 0.0), seen(thing, 2.0)
     segment = np.where(exact.valid, 0, -1)
     scales = learn_scales(noisy, segment, np.array([0]), 4)
@@ -94,7 +91,7 @@ def test_prediction_of_a_pixel_at_the_rim_is_as_far_off_as_it_says(thing: Hits) 
 @pytest.mark.parametrize(
     ("thing", "bends"), [(wall(2000, (0.3, 0.2, 0.9)), False), (sphere((20, 10, 1800), 260), True)]
 )
-def test_a_surface_bends_only_where_its_pixels_say_so(thing: Hits, bends: bool) -> None:
+def test_a_surface_bends_only_where_its_pixels_say_so(thing: Thing, bends: bool) -> None:
     view = seen(thing, 2.0)
     segment = segments_of(view)
     largest = np.array([0])

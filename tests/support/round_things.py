@@ -19,7 +19,9 @@ from tofmix.sensor import Sensor
 FREQUENCY_HZ = 20e6
 CIRCLE_MM = 299_792_458e3 / (2 * FREQUENCY_HZ)
 SCALE_MM = CIRCLE_MM / (2 * np.pi)
-ROWS, COLS, PARTS, FOCAL = 48, 64, 36, 75.0
+ROWS, COLS, FOCAL = 48, 64, 75.0
+PARTS = 36
+"""Parts of a pixel along each side: at a limb the range goes as a square root, so a coarse sum errs by millimetres."""
 
 Floats = NDArray[np.float64]
 
@@ -31,55 +33,74 @@ class Hits(NamedTuple):
     cosine: Floats
 
 
-def _rays() -> Floats:
-    steps = (np.arange(PARTS) + 0.5) / PARTS - 0.5
+Thing = Callable[[Floats], Hits]
+"""A thing gives the hits of rays (..., 3)."""
+
+
+def rays_of(parts: int) -> Floats:
+    """Unit vectors (row x parts, col x parts, 3) through the parts of all pixels."""
+    steps = (np.arange(parts) + 0.5) / parts - 0.5
     x, y = (((np.arange(size)[:, np.newaxis] + steps).ravel() - (size - 1) / 2) / FOCAL for size in (COLS, ROWS))
     ways = np.stack(np.broadcast_arrays(x[np.newaxis], y[:, np.newaxis], 1.0), axis=-1)
     return np.asarray(ways / np.linalg.norm(ways, axis=-1, keepdims=True))
 
 
-RAYS = _rays()
-
-
-def wall(distance_mm: float, normal: tuple[float, float, float] = (0.0, 0.0, 1.0), left_of_mm: float = np.inf) -> Hits:
+def wall(distance_mm: float, normal: tuple[float, float, float] = (0.0, 0.0, 1.0), left_of_mm: float = np.inf) -> Thing:
     """A plane through (0, 0, distance), as far as x is less than a limit."""
     unit = np.array(normal) / np.linalg.norm(normal)
-    facing = RAYS @ unit
-    t = unit[2] * distance_mm / facing
-    seen = (t > 0) & (t * RAYS[..., 0] < left_of_mm)
-    return Hits(np.where(seen, t, np.inf), np.abs(facing))
+
+    def hits(rays: Floats) -> Hits:
+        facing = rays @ unit
+        t = unit[2] * distance_mm / facing
+        seen = (t > 0) & (t * rays[..., 0] < left_of_mm)
+        return Hits(np.where(seen, t, np.inf), np.abs(facing))
+
+    return hits
 
 
-def sphere(centre_mm: tuple[float, float, float], radius_mm: float) -> Hits:
+def sphere(centre_mm: tuple[float, float, float], radius_mm: float) -> Thing:
     """A sphere."""
     centre = np.array(centre_mm)
-    along = RAYS @ centre
-    inside = along**2 - (centre @ centre - radius_mm**2)
-    t = np.where(inside > 0, along - np.sqrt(np.maximum(inside, 0)), np.inf)
-    normal = (RAYS * np.where(np.isfinite(t), t, 0)[..., np.newaxis] - centre) / radius_mm
-    return Hits(t, np.abs((normal * RAYS).sum(axis=-1)))
+
+    def hits(rays: Floats) -> Hits:
+        along = rays @ centre
+        inside = along**2 - (centre @ centre - radius_mm**2)
+        t = np.where(inside > 0, along - np.sqrt(np.maximum(inside, 0)), np.inf)
+        normal = (rays * np.where(np.isfinite(t), t, 0)[..., np.newaxis] - centre) / radius_mm
+        return Hits(t, np.abs((normal * rays).sum(axis=-1)))
+
+    return hits
 
 
-def cylinder(x_mm: float, z_mm: float, radius_mm: float, top_mm: float = -np.inf, bottom_mm: float = np.inf) -> Hits:
+def cylinder(x_mm: float, z_mm: float, radius_mm: float, top_mm: float = -np.inf, bottom_mm: float = np.inf) -> Thing:
     """An upright cylinder; y points down."""
-    a = RAYS[..., 0] ** 2 + RAYS[..., 2] ** 2
-    along = RAYS[..., 0] * x_mm + RAYS[..., 2] * z_mm
-    inside = along**2 - a * (x_mm**2 + z_mm**2 - radius_mm**2)
-    t = np.where(inside > 0, (along - np.sqrt(np.maximum(inside, 0))) / a, np.inf)
-    point = RAYS * np.where(np.isfinite(t), t, 0)[..., np.newaxis]
-    t = np.where((point[..., 1] > top_mm) & (point[..., 1] < bottom_mm), t, np.inf)
-    normal = np.stack([point[..., 0] - x_mm, 0 * a, point[..., 2] - z_mm], axis=-1) / radius_mm
-    return Hits(t, np.abs((normal * RAYS).sum(axis=-1)))
+
+    def hits(rays: Floats) -> Hits:
+        a = rays[..., 0] ** 2 + rays[..., 2] ** 2
+        along = rays[..., 0] * x_mm + rays[..., 2] * z_mm
+        inside = along**2 - a * (x_mm**2 + z_mm**2 - radius_mm**2)
+        t = np.where(inside > 0, (along - np.sqrt(np.maximum(inside, 0))) / a, np.inf)
+        point = rays * np.where(np.isfinite(t), t, 0)[..., np.newaxis]
+        t = np.where((point[..., 1] > top_mm) & (point[..., 1] < bottom_mm), t, np.inf)
+        normal = np.stack([point[..., 0] - x_mm, 0 * a, point[..., 2] - z_mm], axis=-1) / radius_mm
+        return Hits(t, np.abs((normal * rays).sum(axis=-1)))
+
+    return hits
 
 
-def joined(*parts: Hits) -> Hits:
+def joined(*parts: Thing) -> Thing:
     """One thing of several parts."""
-    t = np.stack([part.range_mm for part in parts])
-    first = t.argmin(axis=0)[np.newaxis]
-    return Hits(t.min(axis=0), np.take_along_axis(np.stack([part.cosine for part in parts]), first, axis=0)[0])
+
+    def hits(rays: Floats) -> Hits:
+        found = [part(rays) for part in parts]
+        t = np.stack([one.range_mm for one in found])
+        first = t.argmin(axis=0)[np.newaxis]
+        return Hits(t.min(axis=0), np.take_along_axis(np.stack([one.cosine for one in found]), first, axis=0)[0])
+
+    return hits
 
 
-def capsule(x_mm: float, z_mm: float, radius_mm: float, top_mm: float, bottom_mm: float) -> Hits:
+def capsule(x_mm: float, z_mm: float, radius_mm: float, top_mm: float, bottom_mm: float) -> Thing:
     """A cylinder with round ends."""
     ends = (sphere((x_mm, y, z_mm), radius_mm) for y in (top_mm, bottom_mm))
     return joined(cylinder(x_mm, z_mm, radius_mm, top_mm, bottom_mm), *ends)
@@ -103,14 +124,14 @@ class Scene:
 
 
 def render(
-    things: Sequence[Hits], reflectivity: Sequence[float], *, noise_mm: float, frames: int = 100, seed: int = 1,
+    things: Sequence[Thing], reflectivity: Sequence[float], *, noise_mm: float, frames: int = 100, seed: int = 1,
     power: float = 1.0, texture: float = 0.0,
 ) -> Scene:  # fmt: skip
     """Record things, the wall first.
 
     Parameters
     ----------
-    things : sequence of Hits
+    things : sequence of Thing
         The first one fills the image.
     reflectivity : sequence of float
         Of each.
@@ -124,7 +145,8 @@ def render(
         Standard deviation of the logarithm of light from pixel to pixel.
     """
     draw = np.random.default_rng(seed)
-    t, cosine = (np.stack([getattr(one, name) for one in things]) for name in Hits._fields)
+    rays = rays_of(PARTS)
+    t, cosine = (np.stack(part) for part in zip(*(thing(rays) for thing in things), strict=True))
     near = t.argmin(axis=0)
     seen_mm = np.take_along_axis(t, near[np.newaxis], axis=0)[0]
     facing = np.take_along_axis(cosine, near[np.newaxis], axis=0)[0]
@@ -134,7 +156,7 @@ def render(
     share = np.stack([_pooled((near == number) * 1.0).real for number in range(len(things))])
     total = np.stack([_pooled(np.where(near == number, seen_mm, 0.0)).real for number in range(len(things))])
     truth = np.where(share > 0, total / np.maximum(share, 1e-9), np.nan)
-    middle = 1000.0 * reflectivity[0] * (1000.0 / things[0].range_mm.min()) ** 2
+    middle = 1000.0 * reflectivity[0] * (1000.0 / t[0].min()) ** 2
     size = noise_mm / SCALE_MM * middle
     noise = draw.standard_normal((2, frames, ROWS, COLS)) * size
     samples = phasor + noise[0] + 1j * noise[1]
@@ -217,31 +239,31 @@ def score(scene: Scene, layers: Layers, *, least_share: float = 0.1, least_mm: f
     return result
 
 
-SCENES: dict[str, Callable[[], tuple[list[Hits], list[float]]]] = {
-    "sphere and cylinder": lambda: (
+SCENES: dict[str, tuple[list[Thing], list[float]]] = {
+    "sphere and cylinder": (
         [wall(3000), sphere((-350, 0, 1800), 220), cylinder(420, 1900, 130)],
         [0.5, 0.8, 0.7],
     ),
-    "sphere of 60 mm at 1 m": lambda: ([wall(2500), sphere((-60, 30, 1000), 60)], [0.5, 0.8]),
-    "sphere of 150 mm at 1 m": lambda: ([wall(2500), sphere((-100, 0, 1000), 150)], [0.5, 0.8]),
-    "sphere and cylinder at 2.5 m": lambda: (
+    "sphere of 60 mm at 1 m": ([wall(2500), sphere((-60, 30, 1000), 60)], [0.5, 0.8]),
+    "sphere of 150 mm at 1 m": ([wall(2500), sphere((-100, 0, 1000), 150)], [0.5, 0.8]),
+    "sphere and cylinder at 2.5 m": (
         [wall(4500), sphere((-300, 0, 2500), 300), cylinder(400, 2300, 200)],
         [0.5, 0.8, 0.7],
     ),
-    "sphere of 500 mm at 4 m": lambda: ([wall(6000), sphere((-400, 0, 4000), 500)], [0.5, 0.8]),
-    "person": lambda: (
+    "sphere of 500 mm at 4 m": ([wall(6000), sphere((-400, 0, 4000), 500)], [0.5, 0.8]),
+    "person": (
         [wall(4000), joined(capsule(100, 2200, 180, -250, 900), sphere((100, -560, 2200), 120))],
         [0.5, 0.7],
     ),
-    "two columns": lambda: ([wall(3500), cylinder(-420, 2000, 160), cylinder(380, 2300, 120)], [0.5, 0.7, 0.6]),
-    "sphere before sphere": lambda: (
+    "two columns": ([wall(3500), cylinder(-420, 2000, 160), cylinder(380, 2300, 120)], [0.5, 0.7, 0.6]),
+    "sphere before sphere": (
         [wall(4500), sphere((250, 0, 2700), 500), sphere((-150, 0, 1700), 220)],
         [0.5, 0.6, 0.8],
     ),
-    "slanted wall": lambda: ([wall(4000), wall(1800, (0.6, 0.0, 0.8), 206)], [0.5, 0.8]),
-    "creased wall and sphere": lambda: (
+    "slanted wall": ([wall(4000), wall(1800, (0.6, 0.0, 0.8), 206)], [0.5, 0.8]),
+    "creased wall and sphere": (
         [joined(wall(3600, (0.5, 0.0, 0.87)), wall(3600, (-0.5, 0.0, 0.87))), sphere((100, 0, 1700), 200)],
         [0.5, 0.8],
     ),
 }
-"""Makers of things and their reflectivities, the wall first."""
+"""Things and their reflectivities, the wall first."""

@@ -32,7 +32,7 @@ def test_both_surfaces_are_found_at_the_limbs_of_a_sphere_and_nothing_flies() ->
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["two columns", "person"])
 def test_scenes_of_curved_edges_alone_are_unmixed(name: str) -> None:
-    things, reflectivity = SCENES[name]()
+    things, reflectivity = SCENES[name]
     one = render(things, reflectivity, noise_mm=20.0, frames=60, seed=2)
     result = score(one, tm.estimate(one.recording).window(0))
     assert result.both >= 0.85 * result.mixed
@@ -40,6 +40,7 @@ def test_scenes_of_curved_edges_alone_are_unmixed(name: str) -> None:
     assert result.split <= 0.002 * result.single
 
 
+@pytest.mark.slow
 def test_planes_are_unmixed_as_if_there_were_no_smooth_surfaces() -> None:
     one = render([wall(3000), wall(1800, (0.3, 0.0, 0.95), 150.0)], [0.5, 0.8], noise_mm=15.0, frames=40)
     estimate = tm.estimate(one.recording, mixing="events")
@@ -56,6 +57,7 @@ def test_planes_are_unmixed_as_if_there_were_no_smooth_surfaces() -> None:
         np.testing.assert_array_equal(getattr(whole.layers, spec.name), getattr(planes.layers, spec.name))
 
 
+@pytest.mark.slow
 def test_pixels_of_a_wire_are_undecided_where_no_pixel_sees_it_alone() -> None:
     one = render([wall(3500), cylinder(-200, 2000, 6)], [0.5, 0.5], noise_mm=15.0, frames=60)
     found = tm.estimate(one.recording).window(0)
@@ -69,6 +71,7 @@ def test_pixels_of_a_wire_are_undecided_where_no_pixel_sees_it_alone() -> None:
     assert "a lock-in camera sums" in law.words()
 
 
+@pytest.mark.slow
 def test_samples_of_one_surface_each_contradict_sums_where_no_edge_tells() -> None:
     one = render([wall(3500), cylinder(-200, 2000, 6)], [0.5, 0.5], noise_mm=15.0, frames=60)
     draw = np.random.default_rng(3)
