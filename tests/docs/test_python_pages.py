@@ -1,5 +1,6 @@
 """The Python pages and docs/reference/formats.md do what they say: their blocks run, in order, as one program each."""
 
+import os
 import re
 import subprocess
 import sys
@@ -58,7 +59,10 @@ def test_every_block_runs_without_a_warning(folder: Path, clone: Path, name: str
     assert "import" in code
     (folder / "page.py").write_text(code, encoding="utf-8")
     command = [sys.executable, "-W", "error", "page.py"]
-    ran = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    environment = os.environ | {
+        "PYTHONPATH": str(DOCS.parent)
+    }  # the package that this process tests, not an installed one
+    ran = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env=environment)
     assert ran.returncode == 0, f"docs/{name} (line numbers are the page's):\n{ran.stderr}"
     assert ran.stderr == ""
     if name == "reference/formats.md":

@@ -28,7 +28,8 @@ def seen(thing: Thing, noise_mm: float, seed: int = 1) -> View:
     return View(
         shape=(SIZE, SIZE), scale_mm=1192.8, valid=hit.ravel(), range_mm=range_mm.ravel(),
         range_variance=np.full(SIZE * SIZE, noise_mm**2), log_amplitude=light.ravel(),
-        amplitude_variance=np.full(SIZE * SIZE, (noise_mm / 1192.8) ** 2), direction=flat[0], right=flat[1],
+        amplitude_variance=np.full(SIZE * SIZE, (noise_mm / 1192.8) ** 2), pattern_variance=0.0, texture_variance=0.0,
+        direction=flat[0], right=flat[1],
         below=flat[2], pitch=np.full(SIZE * SIZE, 1.0 / FOCAL),
     )  # fmt: skip
 

@@ -212,6 +212,8 @@ class _Chooser:
             )
         if not isinstance(outliers, str):
             sensor = replace(sensor, outlier_probability=outliers)
+        if noise == FILE and self.circle_mm is not None:
+            self._check_circle(sensor)  # on a circle too short for its curve, samples contradict any
         if isinstance(noise, NoiseCurve):
             sensor = self._with_least_sigma(replace(sensor, noise=noise, learnt=None), noise)
         if gaussian_option(self.options, self.spell) is not None:
@@ -225,12 +227,16 @@ class _Chooser:
         if self.circle_mm is not None and sensor.noise is not None and sensor.noise.law is not None:
             sensor, self.replaced = replace(sensor, noise=replace(sensor.noise, law=None)), True
             self._warn("noise: on a wrapped range axis sigma depends on range only")
+        self._check_circle(sensor)
+        self._note_missing_no_return(sensor)
+        return self._with_step(sensor)
+
+    def _check_circle(self, sensor: Sensor) -> None:
+        """Refuse a circle that is too short for the noise."""
         try:
             beam_of(sensor, self.circle_mm)
         except ValueError as error:
             raise BadInputError(f"{self.name}: sensor: {error}") from error
-        self._note_missing_no_return(sensor)
-        return self._with_step(sensor)
 
     def _without_step(self, sensor: Sensor) -> Sensor:
         """Take the step of the stored ranges from the sensor, or from the samples; return the sensor without it."""

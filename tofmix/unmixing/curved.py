@@ -108,9 +108,7 @@ class _Seen:
         return np.asarray(self.hit.mean(axis=2))
 
 
-def judge_bent(
-    image: PhasorImage, view: View, segment: IntArray, pixels: IntArray, scales: Scales, texture_variance: float
-) -> Verdicts:
+def judge_bent(image: PhasorImage, view: View, segment: IntArray, pixels: IntArray, scales: Scales) -> Verdicts:
     """Find the most probable hypothesis of each pixel.
 
     Parameters
@@ -123,8 +121,6 @@ def judge_bent(
         The pixels in question; they count for no segment here.
     scales : Scales
         Of the segments.
-    texture_variance : float
-        Variance of ln A from pixel to pixel.
     """
     owner, number = _items(view, segment, pixels)
     largest = 1.5 * float(np.quantile(image.amplitude[image.valid], 0.999))
@@ -135,7 +131,7 @@ def judge_bent(
     members = around(view.shape, segment, at, number, REACH)
     patches = fit_patches(view, at, members, scales.bend[number], scales.third[number])
     patches = patches._replace(covariance=patches.covariance * scales.inflation[number][:, np.newaxis, np.newaxis])
-    lit = with_light(view, at, patches, texture_variance)
+    lit = with_light(view, at, patches)
     count = np.bincount(owner, minlength=len(pixels))[owner]
     log_prior = math.log(PRIORS[Bent.ONE]) - np.log(count)
     alone, several = np.flatnonzero(count == 1), np.flatnonzero(count > 1)
@@ -263,6 +259,11 @@ def _moments(sums: _Sums, ok: BoolArray) -> tuple[FloatArray, FloatArray, FloatA
     return mean, covariance, offset
 
 
+def _own(view: View) -> FloatArray:
+    """Covariance (2, 2) of light and range that a pixel of a surface has on its own: texture and fixed pattern."""
+    return np.diag([view.texture_variance, view.pattern_variance])
+
+
 def _matrix(covariance: FloatArray) -> FloatArray:
     """Covariances (n, 2, 2) of (n, 3): both variances, then the covariance."""
     x, y, both = covariance[:, 0], covariance[:, 1], covariance[:, 2]
@@ -292,6 +293,7 @@ def _one(seen: _Seen, phasor: ComplexArray, noise: FloatArray, view: View) -> Fl
     everything = np.arange(len(phasor))
     ok = seen.share > _ALL
     mean, covariance, _ = _moments(_totals(seen, everything, view), ok)
+    covariance = covariance + _own(view)
     z, slope = _return(mean, view.scale_mm)
     log = _log_normal(_plane(phasor - z), slope @ covariance @ np.swapaxes(slope, 1, 2) + noise)
     possible = (ok.sum(axis=1) >= _LEAST_DRAWS) & seen.usable
@@ -417,8 +419,8 @@ def _pair(
     n, bins = ends.share.shape
     prior = np.zeros((n, bins, 5, 5))
     prior[..., 0, 0] = (0.7 * ends.width) ** 2
-    prior[..., 1:3, 1:3] = ends.covariance
-    prior[..., 3:, 3:] = far_covariance[:, np.newaxis]
+    prior[..., 1:3, 1:3] = ends.covariance + _own(view)
+    prior[..., 3:, 3:] = far_covariance[:, np.newaxis] + _own(view)
     through = prior @ np.swapaxes(slope, -1, -2)
     total = slope @ through + noise[:, np.newaxis]
     error = _plane(phasor[:, np.newaxis] - (ends.share * one + (1.0 - ends.share) * other))

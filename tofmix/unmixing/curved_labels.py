@@ -61,9 +61,7 @@ def label_curved(image: PhasorImage, labels: Labels, settings: CurvedSettings = 
     if not bent.any():
         return labels
     allowed = image.valid & ~near(image.open_space.reshape(image.shape), REACH).ravel()
-    segment, pixels, verdicts = _grown(
-        image, view, segment, scales, bent, allowed, labels.seeds.texture_variance, settings
-    )
+    segment, pixels, verdicts = _grown(image, view, segment, scales, bent, allowed, settings)
     return _merged(image, labels, segment, bent, allowed, pixels, verdicts, settings)
 
 
@@ -91,7 +89,9 @@ def view_of(image: PhasorImage, labels: Labels) -> View:
     return View(
         shape=image.shape, scale_mm=image.scale_mm, valid=image.valid, range_mm=image.range_mm,
         range_variance=image.range_variance + labels.seeds.pattern_variance,
-        log_amplitude=np.log(np.where(image.valid, image.amplitude, 1.0)), amplitude_variance=image.light_variance,
+        log_amplitude=np.log(np.where(image.valid, image.amplitude, 1.0)),
+        amplitude_variance=image.light_variance + labels.seeds.texture_variance,
+        pattern_variance=labels.seeds.pattern_variance, texture_variance=labels.seeds.texture_variance,
         direction=image.directions, right=image.across * image.pitch_across[:, np.newaxis],
         below=image.down * image.pitch_down[:, np.newaxis], pitch=image.pitch,
     )  # fmt: skip
@@ -100,8 +100,8 @@ def view_of(image: PhasorImage, labels: Labels) -> View:
 class _Judged:
     """Verdicts on pixels, and the surroundings that each was judged in: a pixel is judged again when these change."""
 
-    def __init__(self, image: PhasorImage, view: View, texture_variance: float) -> None:
-        self._image, self._view, self._texture = image, view, texture_variance
+    def __init__(self, image: PhasorImage, view: View) -> None:
+        self._image, self._view = image, view
         self._around: dict[int, bytes] = {}
         self.verdict: dict[int, tuple[Any, ...]] = {}
 
@@ -121,7 +121,7 @@ class _Judged:
         chosen = np.array(fresh, dtype=np.int64)
         for start in range(0, chosen.size, _CHUNK):
             block = chosen[start : start + _CHUNK]
-            found = judge_bent(self._image, self._view, segment, block, scales, self._texture)
+            found = judge_bent(self._image, self._view, segment, block, scales)
             for place, pixel in enumerate(block.tolist()):
                 self.verdict[pixel] = tuple(part[place] for part in found)
         return chosen
@@ -133,10 +133,10 @@ _CHUNK = 128
 
 def _grown(
     image: PhasorImage, view: View, segment: IntArray, scales: Scales, bent: BoolArray, allowed: BoolArray,
-    texture_variance: float, settings: CurvedSettings,
+    settings: CurvedSettings,
 ) -> tuple[IntArray, IntArray, Verdicts]:  # fmt: skip
     """Segments with the pixels that joined, and the verdicts on those beside bent ones that are in none."""
-    judged = _Judged(image, view, texture_variance)
+    judged = _Judged(image, view)
     segment = segment.copy()
     for number in range(settings.rounds):
         area = allowed & _beside(segment, bent, view.shape, REACH)

@@ -49,7 +49,7 @@ class Lit(NamedTuple):
     fitted: BoolArray
 
 
-def with_light(view: View, at: IntArray, patches: Patches, texture_variance: float) -> Lit:
+def with_light(view: View, at: IntArray, patches: Patches) -> Lit:
     """Fit patches and light to the amplitudes of the patches' members.
 
     Parameters
@@ -60,8 +60,6 @@ def with_light(view: View, at: IntArray, patches: Patches, texture_variance: flo
         Pixels in question.
     patches : Patches
         From `fit_patches`: prior of the first six numbers.
-    texture_variance : float
-        Variance of ln A from pixel to pixel.
     """
     kept = patches.kept
     pixel = np.where(kept, patches.members, 0)
@@ -85,7 +83,7 @@ def with_light(view: View, at: IntArray, patches: Patches, texture_variance: flo
     start = state.copy()
     inflation, covariance = np.ones(n), scaled_inverse(prior)
     fitted = usable.sum(axis=1) >= _LEAST
-    noise = view.amplitude_variance[pixel] + texture_variance + _ROUGH**2
+    noise = view.amplitude_variance[pixel] + _ROUGH**2
     for number in range(_ROUNDS):
         design, light, log_cosine, good = _linear(patches.frame, state, sd, ray, down, right, usable)
         fitted &= good.sum(axis=1) >= _LEAST

@@ -26,11 +26,12 @@ def segments_of(view: View) -> IntArray:
     beside each other are of one surface unless range or light steps between them.
     """
     rows, cols = view.shape
-    bent, faded, error = _second_differences(view)
+    bent, error = _second_difference(view, view.range_mm, view.range_variance)
+    faded, light_error = _second_difference(view, view.log_amplitude, view.amplitude_variance)
     width = view.range_mm * view.pitch
-    light_error = _LIGHT_NOISE * error / view.scale_mm
-    even = (bent < _NOISE * error + _PITCHES * width) & (faded < light_error + _LIGHT) & view.valid
-    loose = (bent < _NOISE * error + _LOOSE_PITCHES * width) & (faded < light_error + _LOOSE_LIGHT) & view.valid
+    even = (bent < _NOISE * error + _PITCHES * width) & (faded < _LIGHT_NOISE * light_error + _LIGHT)
+    loose = (bent < _NOISE * error + _LOOSE_PITCHES * width) & (faded < _LIGHT_NOISE * light_error + _LOOSE_LIGHT)
+    even, loose = even & view.valid, loose & view.valid
     seed = even | (loose & ~near(even.reshape(rows, cols), _SEED_REACH).ravel())
     index = np.arange(rows * cols).reshape(rows, cols)
     ones, others = [], []
@@ -50,21 +51,19 @@ def segments_of(view: View) -> IntArray:
     return np.where(seed, renamed[number], -1).astype(np.int64)
 
 
-def _second_differences(view: View) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Largest second difference (pixel,) of range and of the logarithm of light in four directions, and its error."""
+def _second_difference(view: View, values: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Largest second difference (pixel,) of values in four directions, and its largest error."""
     rows, cols = view.shape
-    range_mm, light = view.range_mm.reshape(rows, cols), view.log_amplitude.reshape(rows, cols)
-    sigma = np.sqrt(view.range_variance).reshape(rows, cols)
-    padded = [np.pad(part, 1, mode="reflect", reflect_type="odd") for part in (range_mm, light)]
-    around_ = np.pad(sigma, 1, mode="edge")
-    bent, faded, error = (np.zeros((rows, cols)) for _ in range(3))
+    middle, sigma = values.reshape(rows, cols), np.sqrt(variance).reshape(rows, cols)
+    padded = np.pad(middle, 1, mode="reflect", reflect_type="odd")
+    beside = np.pad(sigma, 1, mode="edge")
+    largest, error = np.zeros((rows, cols)), np.zeros((rows, cols))
     for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
         ahead = np.s_[1 + down : 1 + down + rows, 1 + right : 1 + right + cols]
         back = np.s_[1 - down : 1 - down + rows, 1 - right : 1 - right + cols]
-        bent = np.maximum(bent, np.abs(padded[0][ahead] - 2.0 * range_mm + padded[0][back]))
-        faded = np.maximum(faded, np.abs(padded[1][ahead] - 2.0 * light + padded[1][back]))
-        error = np.maximum(error, np.sqrt(around_[ahead] ** 2 + 4.0 * sigma**2 + around_[back] ** 2))
-    return bent.ravel(), faded.ravel(), error.ravel()
+        largest = np.maximum(largest, np.abs(padded[ahead] - 2.0 * middle + padded[back]))
+        error = np.maximum(error, np.sqrt(beside[ahead] ** 2 + 4.0 * sigma**2 + beside[back] ** 2))
+    return largest.ravel(), error.ravel()
 
 
 def around(

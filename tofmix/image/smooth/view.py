@@ -19,9 +19,11 @@ class View(NamedTuple):
     valid : bool
         Whether the pixel has a range.
     range_mm, range_variance : float64
-        Range of the mean sample, mm, and its variance, mm^2.
+        Range of the mean sample, mm, and its variance by noise and fixed pattern, mm^2.
     log_amplitude, amplitude_variance : float64
-        Logarithm of its amplitude, and its variance.
+        Logarithm of its amplitude, and its variance by noise and by texture from pixel to pixel.
+    pattern_variance, texture_variance : float
+        Parts of both variances that are no noise: they are the same in each frame.
     direction, right, below : (pixel, 3) float64
         Unit vector of the beam, and the vectors from it to those of the next pixels.
     pitch : float64
@@ -35,6 +37,8 @@ class View(NamedTuple):
     range_variance: FloatArray
     log_amplitude: FloatArray
     amplitude_variance: FloatArray
+    pattern_variance: float
+    texture_variance: float
     direction: FloatArray
     right: FloatArray
     below: FloatArray

@@ -57,7 +57,8 @@ class RangeCheck:
     Parameters
     ----------
     samples, zeros : int
-        Samples that were looked at, and those of them that are exactly 0.
+        Samples that were looked at, and those of them that are exactly 0; none where as many lie within `NEAREST_MM` of
+        0, as the ranges of a surface at the fold do.
     median : float or None
         Of the valid samples other than 0, as they are stored; None without any.
     """
@@ -77,9 +78,11 @@ def look(recording: FloatRecording) -> RangeCheck:
     """
     values = np.concatenate([recording.read_range(*block).ravel() for block in _blocks(recording)])
     some = values[np.isfinite(values) & (values != 0)]
+    zeros = int((values == 0).sum())
+    is_at_fold = zeros <= np.count_nonzero(np.abs(some) <= NEAREST_MM)
     return RangeCheck(
         samples=values.size,
-        zeros=int((values == 0).sum()),
+        zeros=0 if is_at_fold else zeros,
         median=float(np.median(some)) if some.size else None,
     )
 
