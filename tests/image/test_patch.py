@@ -119,3 +119,11 @@ def test_places_of_a_lattice_share_no_row_or_column_and_fill_the_pixel() -> None
     coarse = {tuple(part) for part in np.floor(places * 4).astype(int).tolist()}
     assert len(coarse) == 16
     np.testing.assert_allclose(grid_of_places(2), [[-0.25, -0.25], [-0.25, 0.25], [0.25, -0.25], [0.25, 0.25]])
+
+
+def test_two_columns_of_pixels_tell_no_curvature() -> None:
+    view = seen(cylinder(30, 1800, 220), 1.0)
+    segment = np.where(view.valid & (np.abs(np.arange(SIZE * SIZE) % SIZE - 12.5) < 1), 0, -1)
+    scales = learn_scales(view, segment, np.array([0]), 4)
+    assert not scales.is_known().any()
+    assert not may_bend(view, segment, np.array([0]), 4).any()

@@ -21,6 +21,8 @@ UNKNOWN = 3e-3, 1e-6
 _WINDOWS = 10
 _LEAST_WINDOWS = 3
 _LEAST_MEMBERS = 10
+_LEAST_VARIANCE = 0.5
+"""Least variance of the members' places across, square pixels: two columns (0.25) tell no curvature, three do."""
 _MOST_WORSE = 25.0
 """Most nats that one window speaks against scales: one crease does not outweigh the rest."""
 
@@ -65,7 +67,7 @@ def _evidence(
     """Place of the segment (window,) of some windows, and log evidence (trial, window) of scales (trial, 2), nat."""
     at, owner = _windows(segment, numbers)
     members = around(view.shape, segment, at, segment[at], reach, own=True)
-    usable = (members >= 0).sum(axis=1) >= _LEAST_MEMBERS
+    usable = ((members >= 0).sum(axis=1) >= _LEAST_MEMBERS) & (_narrowest(members, view.shape[1]) >= _LEAST_VARIANCE)
     at, owner, members = at[usable], owner[usable], members[usable]
     evidence = np.zeros((len(trials), at.size))
     if not at.size:
@@ -74,6 +76,16 @@ def _evidence(
         same = np.ones(at.size)
         evidence[number] = fit_patches(view, at, members, bend * same, third * same, robust=False).log_evidence
     return owner, np.maximum(evidence, evidence.max(axis=0, initial=-np.inf) - _MOST_WORSE)
+
+
+def _narrowest(members: IntArray, cols: int) -> FloatArray:
+    """Variance (n,) of the places of members (n, place) in the direction in which they spread least, square pixels."""
+    there = members >= 0
+    count = np.maximum(there.sum(axis=1), 1)
+    places = np.stack([members // cols, members % cols], axis=-1) * there[..., np.newaxis]
+    off = (places - places.sum(axis=1, keepdims=True) / count[:, np.newaxis, np.newaxis]) * there[..., np.newaxis]
+    spread = np.swapaxes(off, 1, 2) @ off / count[:, np.newaxis, np.newaxis]
+    return np.asarray(np.linalg.eigvalsh(spread)[:, 0])
 
 
 def learn_scales(view: View, segment: IntArray, numbers: IntArray, reach: int) -> Scales:
