@@ -19,6 +19,7 @@ from tofmix.noise_shape import NoiseShape
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import Projection
 from tofmix.range_step import RangeStep
+from tofmix.share_law import ShareLaw, share_law_of
 from tofmix.wording import counted
 
 DEFAULT_OUTLIER_PROBABILITY = 1.0e-4  # p(c_r) where neither file nor option gives one
@@ -244,6 +245,9 @@ class Sensor:
         Where the pixels look, if not by the field of view.
     measurement : Measurement or None
         What the camera measures; a text such as ``"pulses"`` becomes it.
+    share_law : ShareLaw or None
+        How samples share out among the surfaces of a pixel; a text such as ``"detections"`` becomes it. None counts as
+        ``area``.
     outlier_probability : float
         p(c_r) of equation (1), in [0, 1).
     no_return_mm : float or None
@@ -276,6 +280,7 @@ class Sensor:
     fov_vertical_deg: float | None = None
     projection: Projection | None = None
     measurement: Measurement | None = None
+    share_law: ShareLaw | None = None
     outlier_probability: float = DEFAULT_OUTLIER_PROBABILITY
     no_return_mm: float | None = None
     sample_min_mm: float | None = None
@@ -291,6 +296,8 @@ class Sensor:
                 raise ValueError(f"{key}: {value} is not a finite number above 0")
         if self.measurement is not None:
             object.__setattr__(self, "measurement", measurement_of(self.measurement))
+        if self.share_law is not None:
+            object.__setattr__(self, "share_law", share_law_of(self.share_law))
         frequency = self.modulation_frequency_hz
         if frequency is not None and not _LEAST_FREQUENCY_HZ <= frequency <= _MOST_FREQUENCY_HZ:
             raise ValueError(f"modulation_frequency_hz: {frequency:g} is not between 1 Hz and 1 THz")

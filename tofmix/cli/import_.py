@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tofmix.cli.options import HDF5_PATH, PATH, examples, json_option, note, only_one_of, overwrite_option
+from tofmix.cli.options import (
+    HDF5_PATH,
+    PATH,
+    examples,
+    json_option,
+    note,
+    only_one_of,
+    overwrite_option,
+    shares_option,
+)
 from tofmix.cli.progress import Progress
 from tofmix.errors import BadInputError, UsageError
 from tofmix.wording import readable
@@ -58,6 +67,7 @@ tofmix import targets.npy -o targets.h5 --axes frame,row,col,target
     help="The one modulation frequency of a lock-in camera's ranges and amplitudes.  [default: the source's, else the"
     " sensor's]",
 )  # fmt: skip
+@shares_option
 @click.option(
     "--camera-info", metavar="TOPIC", help="Bags: topic of the intrinsics.  [default: camera_info beside the depths]"
 )
@@ -124,6 +134,7 @@ def import_(
     topic: str | None,
     amplitude: str | None,
     modulation_frequency: float | None,
+    shares: str | None,
     camera_info: str | None,
     depth_axis: str | None,
     intrinsics: str | None,
@@ -160,6 +171,7 @@ def import_(
         shape_of,
         view_of,
         with_frequency,
+        with_share_law,
     )
     from tofmix.cli.import_columns import columns_of, status_of
     from tofmix.io.atomic.storage import locked
@@ -192,7 +204,7 @@ def import_(
     inputs += [file for folder in inputs if folder.is_dir() for file in folder.iterdir()]
     with locked(output, overwrite=overwrite, inputs=tuple(inputs)), open_source(source, request) as frames:
         known = frames.sensor if sensor is None and frames.sensor is not None else sensor_of(camera, frames.shape[1:])
-        known = with_frequency(known, modulation_frequency)
+        known = with_share_law(with_frequency(known, modulation_frequency), shares)
         check_maps(known, frames.shape[1:], source if sensor is None else Path(sensor))
         if frames.unit_unknown and unit_mm is None:
             raise BadInputError(f"{source}: {frames.unit_unknown}; give --scale, mm of one count, or --units")

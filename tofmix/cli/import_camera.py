@@ -81,6 +81,13 @@ def with_frequency(sensor: "Sensor", frequency_hz: float | None) -> "Sensor":
         raise UsageError(f"--modulation-frequency: {error}") from error
 
 
+def with_share_law(sensor: "Sensor", law: str | None) -> "Sensor":
+    """The camera with the law of ``--shares``; the same without the option."""
+    from tofmix.share_law import share_law_of
+
+    return sensor if law is None else replace(sensor, share_law=share_law_of(law))
+
+
 def view_of(text: str | None) -> tuple[float, float] | None:
     """Field of view (horizontal, vertical), degrees, from a text such as 70x55.
 

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import click
 
 from tofmix.errors import UsageError
+from tofmix.share_law import ShareLaw
 
 
 class _Path(click.Path):
@@ -229,6 +230,16 @@ def say_written(what: str, path: Path, *, beside_json: bool) -> None:
         click.echo(f"{what}: {path}")
     elif not is_quiet():
         click.echo(f"{what}: {path}", err=True)
+
+
+def shares_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add ``--shares``, the law by which samples share out among the surfaces of a pixel."""
+    return click.option(
+        "--shares", type=click.Choice([law.value for law in ShareLaw]),
+        help="What a share of the samples measures. area: the part of the pixel that the surface covers. detections:"
+        " that part times the brightness (single photons). strongest: the camera keeps the brightest return.  [default:"
+        " the file's or the sensor's; else area]",
+    )(command)  # fmt: skip
 
 
 def examples(text: str) -> Callable[[click.Command], click.Command]:

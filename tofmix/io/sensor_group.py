@@ -12,6 +12,7 @@ from tofmix.io.guard import guard
 from tofmix.io.hdf5 import add_group, text_attribute
 from tofmix.learnt_noise import LearntNoise
 from tofmix.measurement import Measurement, measurement_of
+from tofmix.share_law import ShareLaw, share_law_of
 from tofmix.noise_shape import NoiseShape
 from tofmix.optics.projection import (
     DEFAULT_PROJECTION,
@@ -66,6 +67,8 @@ def write_sensor(root: h5py.File, sensor: Sensor, *, image: tuple[int, int]) -> 
     group.attrs["name"] = sensor.name
     if sensor.measurement is not None:
         group.attrs["measurement"] = sensor.measurement.value
+    if sensor.share_law is not None:
+        group.attrs["share_law"] = sensor.share_law.value
     for key in SENSOR_NUMBERS:
         value = getattr(sensor, key)
         group.attrs[key] = np.nan if value is None else float(value)
@@ -201,8 +204,8 @@ def read_sensor(root: h5py.File, path: Path) -> Sensor:
         noise, projection = _read_noise(group, path), _read_projection(group, path)
         learnt = _read_learnt(group, path)
         return Sensor(
-            name=text_attribute(group, "name") or "unknown", measurement=_read_measurement(group), noise=noise,
-            projection=projection, learnt=learnt, range_step_mm=_read_step(group, path), **known,
+            name=text_attribute(group, "name") or "unknown", measurement=_read_measurement(group),
+            share_law=_read_share_law(group), noise=noise, projection=projection, learnt=learnt, range_step_mm=_read_step(group, path), **known,
         )  # fmt: skip
     except ValueError as error:
         raise BadInputError(f"{path}: sensor: {error}") from error
@@ -211,6 +214,11 @@ def read_sensor(root: h5py.File, path: Path) -> Sensor:
 def _read_measurement(group: h5py.Group) -> Measurement | None:
     text = text_attribute(group, "measurement")
     return measurement_of(text) if text else None
+
+
+def _read_share_law(group: h5py.Group) -> ShareLaw | None:
+    text = text_attribute(group, "share_law")
+    return share_law_of(text) if text else None
 
 
 def _read_projection(group: h5py.Group, path: Path) -> Projection | None:

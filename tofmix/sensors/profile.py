@@ -18,6 +18,7 @@ from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import Projection
 from tofmix.optics.ranging import unambiguous_range_mm
 from tofmix.recording import MOST_PIXELS_A_SIDE
+from tofmix.share_law import ShareLaw
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
 
 if TYPE_CHECKING:
@@ -217,8 +218,9 @@ class SensorProfile:
 
 
 def recorded_sensor(
-    camera: "SensorProfile | CameraSheet", *, outlier_probability: float, noise: NoiseCurve | None
-) -> Sensor:
+    camera: "SensorProfile | CameraSheet", *, outlier_probability: float, noise: NoiseCurve | None,
+    share_law: ShareLaw | None = None,
+) -> Sensor:  # fmt: skip
     """Make the sensor of a recording by a camera, with the numbers that a recording has.
 
     Parameters
@@ -229,6 +231,8 @@ def recorded_sensor(
         p(c_r).
     noise : NoiseCurve or None
         The noise curve at the camera's integration time.
+    share_law : ShareLaw or None
+        How samples share out among the surfaces of a pixel.
 
     Raises
     ------
@@ -245,6 +249,7 @@ def recorded_sensor(
         fov_vertical_deg=camera.fov_vertical_deg,
         projection=camera.projection,
         measurement=camera.measurement,
+        share_law=share_law,
         outlier_probability=outlier_probability,
         noise=noise,
     )

@@ -23,6 +23,7 @@ from tofmix.optics.projection import (
 from tofmix.sensor import AmplitudeLaw, NoiseCurve
 from tofmix.sensors.profile import SensorProfile
 from tofmix.sensors.sheet import VIEW_KEYS, CameraSheet
+from tofmix.share_law import ShareLaw, share_law_of
 from tofmix.toml_table import MapReader, TomlTable, nearest, parse_toml
 
 _WHOLE = ("rows", "cols")
@@ -75,7 +76,10 @@ def read_sheet(
     noise = table.table("noise")
     optics = {"projection", *_optics_keys()}
     table.refuse_unknown(
-        {*_WHOLE, *_NUMBERS, *_MAY_BE_LEFT_OUT, "name", "measurement", "noise", "valid_status", *optics, *more_keys}
+        {
+            *_WHOLE, *_NUMBERS, *_MAY_BE_LEFT_OUT, "name", "measurement", "share_law", "noise", "valid_status", *optics,
+            *more_keys,
+        }  # fmt: skip
     )
     noise.refuse_unknown({*_NOISE_LISTS, *_LAW, *_NOISE_PARTS, *_NOISE_NUMBERS})
     settings: dict[str, Any] = {"name": _UNNAMED} if base is None else base.known()
@@ -83,6 +87,8 @@ def read_sheet(
         settings["name"] = table.text("name")
     if "measurement" in table:
         settings["measurement"] = _measurement(table)
+    if "share_law" in table:
+        settings["share_law"] = _share_law(table)
     settings |= {key: table.integer(key) for key in _WHOLE if key in table}
     settings |= {key: table.number(key) for key in (*_NUMBERS, *_MAY_BE_LEFT_OUT) if key in table}
     settings |= {key: noise.number(key) for key in _NOISE_NUMBERS if key in noise}
@@ -105,6 +111,13 @@ def read_sheet(
 def _measurement(table: TomlTable) -> Measurement:
     try:
         return measurement_of(table.text("measurement"))
+    except ValueError as error:
+        raise table.error(str(error)) from None
+
+
+def _share_law(table: TomlTable) -> ShareLaw:
+    try:
+        return share_law_of(table.text("share_law"))
     except ValueError as error:
         raise table.error(str(error)) from None
 
@@ -134,6 +147,8 @@ def read_sensor(
     noise = table.table("noise")
     if base is None:
         _refuse_missing(table, noise, seen=_projection(table, None) is not None)
+    if "share_law" in table and _share_law(table) is not ShareLaw.AREA:
+        raise table.error("samples are simulated by area alone; leave the key out", "share_law")
     sheet = read_sheet(table, base, more_keys=more_keys, read_map=read_map)
     if lacking := sheet.missing():
         keys = ", ".join("noise.range_mm, noise.sigma_mm" if key == "noise" else key for key in lacking)

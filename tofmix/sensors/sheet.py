@@ -4,7 +4,7 @@ Use a sheet where a camera is only described: `tofmix sensors`, `tofmix import`.
 `CameraSheet.profile` gives the whole `SensorProfile`, or names the missing data.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from tofmix.measurement import Measurement
@@ -12,6 +12,7 @@ from tofmix.optics.projection import Projection
 from tofmix.recording import MOST_PIXELS_A_SIDE
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
 from tofmix.sensors.profile import SensorProfile, recorded_sensor
+from tofmix.share_law import ShareLaw
 
 NOISE_KEYS = ("noise", "reference_integration_time_ms", "exponent")
 """Keys of a noise curve at any integration time; each needs the others."""
@@ -21,6 +22,7 @@ _MAY_BE_LEFT_OUT = (
     "default_integration_time_ms",
     "projection",
     "measurement",
+    "share_law",
     "valid_status",
 )
 VIEW_KEYS = ("fov_horizontal_deg", "fov_vertical_deg")
@@ -41,6 +43,8 @@ class CameraSheet:
         Where the figures come from.
     valid_status : tuple of int, optional
         Status codes with which the camera marks valid samples.
+    share_law : ShareLaw, optional
+        How the camera's samples share out among the surfaces of a pixel.
 
     The other fields are those of `SensorProfile`.
 
@@ -69,6 +73,7 @@ class CameraSheet:
     confirmed: bool = False
     sources: tuple[str, ...] = ()
     valid_status: tuple[int, ...] | None = None
+    share_law: ShareLaw | None = None
 
     def __post_init__(self) -> None:
         for key in ("rows", "cols"):
@@ -109,7 +114,8 @@ class CameraSheet:
         if lacking := self.missing():
             raise ValueError(f"{self.name}: not known: {', '.join(lacking)}")
         settings = self.known()
-        settings.pop("valid_status", None)  # of files, not of a simulated camera
+        for of_files in ("valid_status", "share_law"):  # not of a simulated camera
+            settings.pop(of_files, None)
         # Without a profile nobody has said what the camera integrates by default; the curve's own time is the guess.
         settings.setdefault("default_integration_time_ms", settings["reference_integration_time_ms"])
         profile = SensorProfile(**settings)
@@ -125,12 +131,13 @@ class CameraSheet:
             If a number is outside its bounds.
         """
         if not self.missing():
-            return self.profile().sensor()
+            return replace(self.profile().sensor(), share_law=self.share_law)
         known = self.outlier_probability
         return recorded_sensor(
             self,
             outlier_probability=DEFAULT_OUTLIER_PROBABILITY if known is None else known,
             noise=self._noise_at_own_time(),
+            share_law=self.share_law,
         )
 
     def _noise_at_own_time(self) -> NoiseCurve | None:

@@ -10,6 +10,7 @@ from tofmix.arrays import BoolArray, FloatArray
 from tofmix.layers import Layers
 from tofmix.optics.projection import Projection, beam_directions_of, unit
 from tofmix.sensor import Sensor
+from tofmix.surfaces.areas import to_areas
 from tofmix.surfaces.cuts import Cuts, make_cuts
 from tofmix.surfaces.edge_fit import fit_edges
 from tofmix.surfaces.edge_lines import trace
@@ -56,7 +57,10 @@ def reconstruct(
     directions = beam_directions_of(optics, (rows, cols))
     nodes = make_nodes(layers, directions, settings.link)
     linked = link(nodes, settings.link)
-    shares = make_shares(layers, nodes, linked, settings.share)
+    areas = to_areas(
+        make_shares(layers, nodes, linked, settings.share), sensor.share_law, layers, nodes, linked, settings.brightness
+    )
+    shares = areas.shares
     cuts = make_cuts(shares, linked.planes, directions, settings.share)
     rays = pixel_rays(optics, (rows, cols))
     seen = (shares.count, shares.label, shares.inverse, shares.up_to, shares.samples, shares.floor)
@@ -88,6 +92,7 @@ def reconstruct(
     return WindowSurfaces(
         surface=np.where(surface < kept, surface, NO_SURFACE).astype(np.int32),
         planes=_planes(nodes, linked, kept), edges=edges, range_fine=range_fine, surface_fine=surface_fine,
+        assumed=areas.assumed,
     )  # fmt: skip
 
 

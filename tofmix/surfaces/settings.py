@@ -83,6 +83,38 @@ class ShareSettings(NamedTuple):
 
 
 @checked
+class BrightnessSettings(NamedTuple):
+    """How bright a surface is, where shares of samples are not shares of the area.
+
+    Parameters
+    ----------
+    reach : int
+        Pixels around, whose light tells the brightness.
+    least_pixels : int
+        Pixels inside a surface from which on its outermost ones do not count: a second surface may dim these.
+    slope : float
+        Standard deviation of the change of the logarithm of light from pixel to pixel, before it is seen.
+    least_scatter_pixels : int
+        Pixels from which on the scatter of a surface's light is measured.
+    usual_scatter, least_scatter : float
+        Scatter of the logarithm of light where it is not measured, and at least.
+    least_samples : float
+        Samples that tell the odds of two surfaces at least.
+    missing_sigmas : float
+        Standard deviations of missing light from which on another surface has the rest of the pixel.
+    """
+
+    reach: Count = 4
+    least_pixels: Count = 3
+    slope: Positive = 0.02
+    least_scatter_pixels: Count = 8
+    usual_scatter: Positive = 0.05
+    least_scatter: Positive = 1e-3
+    least_samples: Positive = 0.5
+    missing_sigmas: Threshold = 2.0
+
+
+@checked
 class EdgeSettings(NamedTuple):
     """Edges through runs of pixels, and what they cover.
 
@@ -158,12 +190,13 @@ class SurfaceSettings(NamedTuple):
 
     Parameters
     ----------
-    link, share, edge
+    link, share, brightness, edge
         Of these steps.
     """
 
     link: LinkSettings = LinkSettings()
     share: ShareSettings = ShareSettings()
+    brightness: BrightnessSettings = BrightnessSettings()
     edge: EdgeSettings = EdgeSettings()
 
 

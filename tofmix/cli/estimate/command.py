@@ -19,6 +19,7 @@ from tofmix.cli.options import (
     json_option,
     nearer_of,
     overwrite_option,
+    shares_option,
 )
 from tofmix.errors import UsageError
 
@@ -131,6 +132,7 @@ tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
     help="How surfaces mix in a sample. events: each sample shows one surface. phasor: light adds up, and neighbours"
     " help to unmix it. auto: measure.",
 )  # fmt: skip
+@shares_option
 @click.option(
     "--paper", is_flag=True,
     help="Use the paper's own algorithm, for comparison; --gamma is its threshold.",
@@ -184,6 +186,7 @@ def estimate(
     outliers: str,
     noise_shape: str,
     noise_widths: str,
+    shares: str | None,
     unambiguous_range: float | None,
     wrap: bool,
     workers: int | None,
@@ -243,6 +246,7 @@ def estimate(
         outliers=outlier_choice(outliers),
         noise_shape=noise_shape,
         noise_widths=noise_widths,
+        shares=shares,
         workers=workers or default_workers(),
         memory_bytes=memory,
         shard=shard,

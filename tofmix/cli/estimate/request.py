@@ -19,6 +19,7 @@ class Request:
     outliers: str | float
     noise_shape: str
     noise_widths: str
+    shares: str | None
     workers: int
     memory_bytes: int
     shard: tuple[int, int] | None

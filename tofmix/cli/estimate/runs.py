@@ -14,6 +14,7 @@ from tofmix.cli.estimate.frames import check_frames
 from tofmix.cli.estimate.noise import circle_of, noise_choice, noise_of, sensor_for
 from tofmix.cli.estimate.outputs import count_pixels, listed, paired_outputs, windows_of
 from tofmix.cli.estimate.request import Request
+from tofmix.cli.import_camera import with_share_law
 from tofmix.cli.estimate.results import describe, findings_of, say_findings
 from tofmix.cli.options import AUTO, is_quiet, note
 from tofmix.cli.progress import Progress
@@ -136,7 +137,7 @@ def _with_sensor(
     options = request.options
     if request.wrap:
         options = replace(options, unambiguous_range_mm=circle_of(source))
-    source.sensor = sensor_with_span(source, options.unambiguous_range_mm)
+    source.sensor = with_share_law(sensor_with_span(source, options.unambiguous_range_mm), request.shares)
     with bar.aside():
         wanted = NoiseRequest(
             noise=noise_of(source, noise), outliers=request.outliers, asked=request.noise is not None,

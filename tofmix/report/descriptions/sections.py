@@ -13,6 +13,7 @@ def sensor_section(sensor: Sensor) -> Section:
     """The section of a camera; None means unknown numbers."""
     section: Section = {"name": sensor.name}
     section |= {} if sensor.measurement is None else {"measurement": sensor.measurement.value}
+    section |= {} if sensor.share_law is None else {"share_law": sensor.share_law.value}
     section |= {key: getattr(sensor, key) for key in SENSOR_NUMBERS}
     section |= {key: getattr(sensor, key) for key in RARE_SENSOR_NUMBERS if getattr(sensor, key) is not None}
     if sensor.projection is not None:

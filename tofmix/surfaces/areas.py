@@ -1,0 +1,187 @@
+"""From shares of samples to shares of the pixel's area, where samples do not share out by area.
+
+A detector of single photons has a surface's samples in proportion to area times brightness; a camera that keeps the
+strongest return has the samples of one surface alone, and its amplitude tells the area. Both need the brightness of
+each surface, which amplitudes of the pixels around tell (`tofmix.surfaces.brightness`).
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from tofmix.arrays import BoolArray, Float32Array, FloatArray
+from tofmix.flags import Mixing
+from tofmix.layers import Layers
+from tofmix.share_law import ShareLaw
+from tofmix.surfaces.brightness import Brightness, brightness_at, measure_brightness
+from tofmix.surfaces.found import NO_SURFACE
+from tofmix.surfaces.linking import Linked
+from tofmix.surfaces.nodes import Nodes
+from tofmix.surfaces.settings import DEFAULT_SETTINGS, BrightnessSettings
+from tofmix.surfaces.shares import Shares
+
+ASSUMED = "edges assume that shares are areas"
+"""The remark of `tofmix surfaces` where nothing tells the law, or the brightness that it needs."""
+
+_PAIR = 2
+
+
+class Areas(NamedTuple):
+    """Shares of the area, and the number of mixed pixels whose shares of samples stand for areas untold."""
+
+    shares: Shares
+    assumed: int
+
+
+def to_areas(
+    shares: Shares, law: ShareLaw | None, layers: Layers, nodes: Nodes, linked: Linked,
+    settings: BrightnessSettings = DEFAULT_SETTINGS.brightness,
+) -> Areas:  # fmt: skip
+    """Turn the shares of a window into areas.
+
+    Parameters
+    ----------
+    shares : Shares
+        Of the samples.
+    law : ShareLaw or None
+        The camera's; None is not known, and counts as area.
+    layers : Layers
+        Of the leading shape (row, col).
+    nodes, linked : Nodes, Linked
+        Their nodes, and the surfaces of these.
+    settings : BrightnessSettings
+        Thresholds.
+    """
+    unmixed = np.zeros(layers.shape, bool) if layers.mixing is None else layers.mixing == int(Mixing.PHASOR)
+    mixed = (shares.count > 1) & ~unmixed
+    if law is ShareLaw.AREA:
+        return Areas(shares, 0)
+    if law is None or layers.amplitude is None:
+        return Areas(shares, int(mixed.sum()))
+    bright = measure_brightness(layers.amplitude, nodes, linked.label, settings)
+    turned = _Turned(shares, bright, _light_of_entries(shares, layers, nodes, linked), settings)
+    at_edge = (shares.count > 0) & ~bright.inside & ~unmixed
+    turn = turned.by_detections if law is ShareLaw.DETECTIONS else turned.by_strongest
+    told = np.zeros(layers.shape, bool)
+    for row, col in np.argwhere(at_edge).tolist():
+        told[row, col] = turn(row, col)
+    return Areas(turned.shares, int((mixed & ~told).sum()))
+
+
+def _light_of_entries(shares: Shares, layers: Layers, nodes: Nodes, linked: Linked) -> FloatArray:
+    """Mean amplitude (row, col, entry) of the samples of each entry; NaN where it is not known."""
+    amplitude: Float32Array | None = layers.amplitude
+    if amplitude is None:
+        raise ValueError("the layers have no amplitudes")
+    used = nodes.index >= 0
+    label = np.where(used, linked.label[nodes.index], NO_SURFACE)
+    weight = np.where(used, layers.weight, 0.0).astype(np.float64)
+    light = np.full(shares.label.shape, np.nan)
+    for entry in range(light.shape[-1]):
+        ours = used & (label == shares.label[..., entry, np.newaxis]) & (entry < shares.count)[..., np.newaxis]
+        whole = np.where(ours, weight, 0.0).sum(axis=-1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            light[..., entry] = np.where(ours, weight * amplitude, 0.0).sum(axis=-1) / whole
+    return light
+
+
+class _Turned:
+    """Shares while they become areas, pixel by pixel."""
+
+    def __init__(self, shares: Shares, bright: Brightness, light: FloatArray, settings: BrightnessSettings) -> None:
+        arrays = {name: getattr(shares, name).copy() for name in ("count", "label", "inverse", "up_to", "samples", "floor")}
+        self._before, self.shares = shares, replace(shares, **arrays)
+        self._bright, self._light, self._settings = bright, light, settings
+
+    def by_detections(self, row: int, col: int) -> bool:
+        """Divide the shares of a pixel by brightness; whether it could be told."""
+        before, out = self._before, self.shares
+        count = int(before.count[row, col])
+        label = before.label[row, col, :count]
+        if count == 1:
+            return self._weigh_single(row, col)
+        if (label == NO_SURFACE).any():  # the light that open space returns is no number
+            return False
+        part = np.diff(before.up_to[row, col, :count], prepend=0.0)
+        log_light, variance = self._lights(row, col, label, before.inverse[row, col, :count])
+        if not np.isfinite(log_light).all():
+            return False
+        area = part * np.exp(log_light.min() - log_light)
+        area /= area.sum()
+        # Of the logarithm of an area's odds: the samples', and the brightness of it and of the others.
+        samples = part * (1.0 - part) * before.samples[row, col]
+        of_samples = 1.0 / np.maximum(samples, self._settings.least_samples)
+        others = np.array([np.average(np.delete(variance, k), weights=np.delete(area, k)) for k in range(count)])
+        of_area = (area * (1.0 - area)) ** 2 * (of_samples + variance + others)
+        out.up_to[row, col, :count] = np.append(np.cumsum(area)[:-1], 1.0)
+        out.samples[row, col] = float(np.mean(area * (1.0 - area) / np.maximum(of_area, np.finfo(float).tiny)))
+        return True
+
+    def _weigh_single(self, row: int, col: int) -> bool:
+        """Samples that the share of a pixel with one surface is worth, beside another one.
+
+        q = k a / (k a + 1 - a) for the ratio k of their brightness: at a = 1 each sample tells 1 / k as much.
+        """
+        label, inverse = self._behind(row, col)
+        if label == NO_SURFACE:
+            return False
+        before = self._before
+        own = int(before.label[row, col, 0])
+        log_light, _ = self._lights(row, col, np.array([own, label]), np.array([before.inverse[row, col, 0], inverse]))
+        if not np.isfinite(log_light).all():
+            return False
+        self.shares.samples[row, col] = before.samples[row, col] / np.exp(log_light[0] - log_light[1])
+        return True
+
+    def by_strongest(self, row: int, col: int) -> bool:
+        """Tell the area of the returned surface by its amplitude; whether it could be told."""
+        before, out = self._before, self.shares
+        count = int(before.count[row, col])
+        label, inverse = before.label[row, col, :count].copy(), before.inverse[row, col, :count].copy()
+        light, known = self._light[row, col, :count], label != NO_SURFACE
+        if count > _PAIR or not known[0]:
+            return False
+        log_light, variance = self._lights(row, col, label[known], inverse[known])
+        with np.errstate(invalid="ignore", divide="ignore"):
+            area = np.exp(np.log(light[known]) - log_light)
+        if not np.isfinite(area).all():
+            return False
+        spread = area**2 * variance
+        if known.sum() == _PAIR:  # two estimates; a return that is kept is brighter than in the mean
+            near = np.average([area[0], 1.0 - area[1]], weights=1.0 / spread)
+            error = 1.0 / (1.0 / spread).sum() + ((1.0 - area.sum()) / 2.0) ** 2
+        else:
+            near, error = area[0], spread[0]
+            if count == 1:
+                behind, inverse_behind = self._behind(row, col)
+                missing = 1.0 - near
+                if missing < self._settings.missing_sigmas * np.sqrt(error):
+                    out.floor[row, col] = error
+                    return True
+                label, inverse = np.append(label, behind), np.append(inverse, inverse_behind)
+                if inverse_behind > inverse[0]:
+                    label, inverse, near = label[::-1], inverse[::-1], missing
+        out.count[row, col] = _PAIR
+        out.label[row, col, :_PAIR], out.inverse[row, col, :_PAIR] = label, inverse
+        out.up_to[row, col, 0], out.up_to[row, col, 1:] = np.clip(near, 0.0, 1.0), 1.0
+        out.floor[row, col] = error
+        return True
+
+    def _lights(self, row: int, col: int, label: np.ndarray, inverse: FloatArray) -> tuple[FloatArray, FloatArray]:  # type: ignore[type-arg]
+        """Logarithm of the amplitude of surfaces that fill the pixel, and its variance."""
+        found = np.array([brightness_at(self._bright, int(one), row, col, self._settings) for one in label])
+        return found[:, 0] + 2.0 * np.log(inverse), found[:, 1]
+
+    def _behind(self, row: int, col: int) -> tuple[int, float]:
+        """The other surface that most of the pixels around see, and its 1 / r there; open space without one."""
+        before = self._before
+        own = int(before.label[row, col, 0])
+        part = (slice(max(0, row - 1), row + 2), slice(max(0, col - 1), col + 2))
+        label, inverse = before.label[part], before.inverse[part]
+        seen = (np.arange(label.shape[-1]) < before.count[part][..., np.newaxis]) & (label != own)
+        if not seen.any():
+            return NO_SURFACE, 0.0
+        values, often = np.unique(label[seen], return_counts=True)
+        most = int(values[often.argmax()])
+        return most, float(np.mean(inverse[seen & (label == most)]))
