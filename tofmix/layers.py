@@ -70,7 +70,12 @@ LAW_TEXTS = {
 }
 """Datasets of each window that describe `mixing`."""
 
-OPTIONAL_FIELDS = (NOISE_WIDTH, MIXING)
+AMPLITUDE = LayerField(
+    name="amplitude", dtype="f4", units="1", long_name="mean amplitude of the layer's samples", per_layer=True
+)
+"""Where the recording has amplitudes."""
+
+OPTIONAL_FIELDS = (NOISE_WIDTH, MIXING, AMPLITUDE)
 """Datasets that some layers files have, after the others."""
 
 
@@ -105,6 +110,7 @@ class Layers:
     status: NDArray[np.uint8]
     noise_width: NDArray[np.float32] | None = None
     mixing: NDArray[np.uint8] | None = None
+    amplitude: NDArray[np.float32] | None = None
 
     @classmethod
     def empty(cls, shape: tuple[int, ...], max_layers: int, fields: tuple[LayerField, ...] = LAYER_FIELDS) -> Self:

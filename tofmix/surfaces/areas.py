@@ -9,8 +9,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tofmix.arrays import BoolArray, Float32Array, FloatArray
+from tofmix.arrays import Float32Array, FloatArray
 from tofmix.flags import Mixing
 from tofmix.layers import Layers
 from tofmix.share_law import ShareLaw
@@ -25,6 +26,8 @@ ASSUMED = "edges assume that shares are areas"
 """The remark of `tofmix surfaces` where nothing tells the law, or the brightness that it needs."""
 
 _PAIR = 2
+_MANY_SAMPLES = 1e6
+"""Samples of a share that is no count: the error of its amplitude is all of its variance."""
 
 
 class Areas(NamedTuple):
@@ -66,7 +69,7 @@ def to_areas(
     told = np.zeros(layers.shape, bool)
     for row, col in np.argwhere(at_edge).tolist():
         told[row, col] = turn(row, col)
-    return Areas(turned.shares, int((mixed & ~told).sum()))
+    return Areas(turned.areas(), int((mixed & ~told).sum()))
 
 
 def _light_of_entries(shares: Shares, layers: Layers, nodes: Nodes, linked: Linked) -> FloatArray:
@@ -86,6 +89,11 @@ def _light_of_entries(shares: Shares, layers: Layers, nodes: Nodes, linked: Link
     return light
 
 
+def _of_others(values: FloatArray, area: FloatArray) -> FloatArray:
+    """Mean (entry,) of the values of the other entries, by their areas."""
+    return np.array([np.average(np.delete(values, k), weights=np.delete(area, k)) for k in range(len(values))])
+
+
 class _Turned:
     """Shares while they become areas, pixel by pixel."""
 
@@ -93,6 +101,7 @@ class _Turned:
         arrays = {name: getattr(shares, name).copy() for name in ("count", "label", "inverse", "up_to", "samples", "floor")}
         self._before, self.shares = shares, replace(shares, **arrays)
         self._bright, self._light, self._settings = bright, light, settings
+        self._common: list[float] = []
 
     def by_detections(self, row: int, col: int) -> bool:
         """Divide the shares of a pixel by brightness; whether it could be told."""
@@ -104,7 +113,7 @@ class _Turned:
         if (label == NO_SURFACE).any():  # the light that open space returns is no number
             return False
         part = np.diff(before.up_to[row, col, :count], prepend=0.0)
-        log_light, variance = self._lights(row, col, label, before.inverse[row, col, :count])
+        log_light, of_mean, own = self._lights(row, col, label, before.inverse[row, col, :count])
         if not np.isfinite(log_light).all():
             return False
         area = part * np.exp(log_light.min() - log_light)
@@ -112,26 +121,30 @@ class _Turned:
         # Of the logarithm of an area's odds: the samples', and the brightness of it and of the others.
         samples = part * (1.0 - part) * before.samples[row, col]
         of_samples = 1.0 / np.maximum(samples, self._settings.least_samples)
-        others = np.array([np.average(np.delete(variance, k), weights=np.delete(area, k)) for k in range(count)])
-        of_area = (area * (1.0 - area)) ** 2 * (of_samples + variance + others)
+        of_light, of_means = (values + _of_others(values, area) for values in (of_mean + own, of_mean))
+        of_area = (area * (1.0 - area)) ** 2 * (of_samples + of_light)
+        self._common.append(float(np.mean(of_means / (of_samples + of_light))))
         out.up_to[row, col, :count] = np.append(np.cumsum(area)[:-1], 1.0)
         out.samples[row, col] = float(np.mean(area * (1.0 - area) / np.maximum(of_area, np.finfo(float).tiny)))
         return True
 
     def _weigh_single(self, row: int, col: int) -> bool:
-        """Samples that the share of a pixel with one surface is worth, beside another one.
+        """Tell what a pixel with one surface may see of another one beside it without its being found.
 
-        q = k a / (k a + 1 - a) for the ratio k of their brightness: at a = 1 each sample tells 1 / k as much.
+        A share q = k a / (k a + 1 - a) of the samples for the ratio k of their brightness: the darker the other one is,
+        the more of the pixel it may cover.
         """
         label, inverse = self._behind(row, col)
         if label == NO_SURFACE:
             return False
         before = self._before
         own = int(before.label[row, col, 0])
-        log_light, _ = self._lights(row, col, np.array([own, label]), np.array([before.inverse[row, col, 0], inverse]))
+        log_light, *_ = self._lights(row, col, np.array([own, label]), np.array([before.inverse[row, col, 0], inverse]))
         if not np.isfinite(log_light).all():
             return False
-        self.shares.samples[row, col] = before.samples[row, col] / np.exp(log_light[0] - log_light[1])
+        ratio, unseen = np.exp(log_light[0] - log_light[1]), self._settings.unseen_samples
+        area = unseen * ratio / (before.samples[row, col] + unseen * (ratio - 1.0))
+        self.shares.floor[row, col] = (min(area, 1.0) / 2.0) ** 2
         return True
 
     def by_strongest(self, row: int, col: int) -> bool:
@@ -142,12 +155,14 @@ class _Turned:
         light, known = self._light[row, col, :count], label != NO_SURFACE
         if count > _PAIR or not known[0]:
             return False
-        log_light, variance = self._lights(row, col, label[known], inverse[known])
+        log_light, of_mean, own = self._lights(row, col, label[known], inverse[known])
         with np.errstate(invalid="ignore", divide="ignore"):
             area = np.exp(np.log(light[known]) - log_light)
         if not np.isfinite(area).all():
             return False
-        spread = area**2 * variance
+        out.samples[row, col] = _MANY_SAMPLES
+        spread = area**2 * (of_mean + own)
+        self._common.append(float(np.mean(of_mean / (of_mean + own))))
         if known.sum() == _PAIR:  # two estimates; a return that is kept is brighter than in the mean
             near = np.average([area[0], 1.0 - area[1]], weights=1.0 / spread)
             error = 1.0 / (1.0 / spread).sum() + ((1.0 - area.sum()) / 2.0) ** 2
@@ -168,10 +183,17 @@ class _Turned:
         out.floor[row, col] = error
         return True
 
-    def _lights(self, row: int, col: int, label: np.ndarray, inverse: FloatArray) -> tuple[FloatArray, FloatArray]:  # type: ignore[type-arg]
-        """Logarithm of the amplitude of surfaces that fill the pixel, and its variance."""
-        found = np.array([brightness_at(self._bright, int(one), row, col, self._settings) for one in label])
-        return found[:, 0] + 2.0 * np.log(inverse), found[:, 1]
+    def areas(self) -> Shares:
+        """The shares, with the part of their variance that pixels near by have in common."""
+        return replace(self.shares, common=float(np.mean(self._common))) if self._common else self.shares
+
+    def _lights(
+        self, row: int, col: int, label: NDArray[np.int32], inverse: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Logarithm of the amplitude of surfaces that fill the pixel; variance of the mean there, and of its own."""
+        found = [brightness_at(self._bright, int(one), row, col, self._settings) for one in label]
+        log_light, of_mean, own = np.array(found).T
+        return log_light + 2.0 * np.log(inverse), of_mean, own
 
     def _behind(self, row: int, col: int) -> tuple[int, float]:
         """The other surface that most of the pixels around see, and its 1 / r there; open space without one."""

@@ -69,10 +69,16 @@ def measure_brightness(
     return Brightness(log_light, whose, inside, scatter)
 
 
-def brightness_at(
-    bright: Brightness, surface: int, row: int, col: int, settings: BrightnessSettings
-) -> tuple[float, float]:  # fmt: skip
-    """Logarithm of A r^2 of a surface at a pixel, and its variance; NaN and infinite if no pixel near by tells it.
+class Light(NamedTuple):
+    """Logarithm of A r^2 of a surface at a pixel; the variance of its mean there, and of the pixel's own about that."""
+
+    log_light: float
+    of_mean: float
+    own: float
+
+
+def brightness_at(bright: Brightness, surface: int, row: int, col: int, settings: BrightnessSettings) -> Light:
+    """Light of a surface at a pixel; NaN and of infinite variance if no pixel near by tells it.
 
     Pixels inside the surface tell it; where it is too thin to have any, those at its ends do.
     """
@@ -82,14 +88,14 @@ def brightness_at(
     inside = ours & bright.inside[part]
     chosen = inside if inside.sum() >= settings.least_pixels else ours
     if not chosen.any():
-        return np.nan, np.inf
+        return Light(np.nan, np.inf, np.inf)
     at_row, at_col = np.nonzero(chosen)
     light = bright.log_light[part][chosen]
     variance = bright.scatter[surface] ** 2
     columns = np.stack([np.ones(len(light)), at_row + part[0].start - row, at_col + part[1].start - col])
     prior = np.diag([0.0, settings.slope**-2, settings.slope**-2])
     covariance = np.linalg.inv(columns @ columns.T / variance + prior)
-    return float(covariance[0] @ (columns @ light) / variance), float(covariance[0, 0]) + variance
+    return Light(float(covariance[0] @ (columns @ light) / variance), float(covariance[0, 0]), variance)
 
 
 def _moved(values: NDArray[np.int32], down: int, right: int) -> NDArray[np.int32]:

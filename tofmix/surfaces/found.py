@@ -91,6 +91,8 @@ class WindowSurfaces:
         Range of the nearest surface at the centre of each part of a pixel, mm; NaN: no return, or not known.
     surface_fine : (rows x factor, cols x factor) int32
         Its surface.
+    assumed : int
+        Mixed pixels whose shares of samples stand for areas, though nothing tells it.
     """
 
     surface: NDArray[np.int32]
@@ -98,6 +100,7 @@ class WindowSurfaces:
     edges: Edges
     range_fine: NDArray[np.float32]
     surface_fine: NDArray[np.int32]
+    assumed: int = 0
 
     @property
     def factor(self) -> int:

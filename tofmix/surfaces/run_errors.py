@@ -30,15 +30,14 @@ def widened(fits: FloatArray, cuts: Cuts, shares: Shares, settings: EdgeSettings
     settings : EdgeSettings
         Thresholds.
     """
-    if not shares.floor.any() or not len(cuts):
+    if not shares.common or not len(cuts):
         return fits
     length = fits[:, BACK] + fits[:, AHEAD] + 1.0
     # A line of this direction crosses so many pixels on a length of 1.
     crossed = np.abs(np.cos(fits[:, ANGLE])) + np.abs(np.sin(fits[:, ANGLE]))
     # Variance of a mean over the run, of errors that are in common, in units of that of independent ones.
-    common = np.maximum(1.0, crossed * length * _alike(length, settings.alike_distance))
-    shared = settings.shared_variance
-    factor = 1.0 - shared + (shared + _excess(fits, cuts, shares, settings.longest_run)) * common
+    alike = np.maximum(1.0, crossed * length * _alike(length, settings.alike_distance))
+    factor = 1.0 - shares.common + (shares.common + _excess(fits, cuts, shares, settings.longest_run)) * alike
     out = fits.copy()
     out[:, VAR_ANGLE : VAR_THIRD + 1] *= factor[:, np.newaxis]
     return out

@@ -66,6 +66,11 @@ class ShareSettings(NamedTuple):
     unseen_share : float
         Error of the share of a pixel with one surface, where shares are unmixed: half the share below which unmixing
         finds no second surface.
+    common_variance : float
+        Part of an unmixed share's variance from the phasors of the neighbouring surfaces. A surface is fitted in half
+        a window of 9 x 9 pixels, its light with a weight that falls with a standard deviation of 2
+        pixels. That is some 12 to 25 pixels, and the fit is continued from their middle to the pixel: its variance is
+        0.1 to 0.3 of a pixel's own, for each of both surfaces.
     crease : float
         Relative gap between two surfaces at the border of two pixels, from which on one ends there: less may be a
         crease.
@@ -77,6 +82,7 @@ class ShareSettings(NamedTuple):
 
     least_open_samples: Threshold = 3.0
     unseen_share: Share = 0.03
+    common_variance: Share = 0.25
     crease: NotNegative = 0.03
     border_margin: NotNegative = 0.003
     most_off: Threshold = 0.1
@@ -100,6 +106,8 @@ class BrightnessSettings(NamedTuple):
         Scatter of the logarithm of light where it is not measured, and at least.
     least_samples : float
         Samples that tell the odds of two surfaces at least.
+    unseen_samples : float
+        Samples of a second surface up to which it may not be found.
     missing_sigmas : float
         Standard deviations of missing light from which on another surface has the rest of the pixel.
     """
@@ -111,6 +119,7 @@ class BrightnessSettings(NamedTuple):
     usual_scatter: Positive = 0.05
     least_scatter: Positive = 1e-3
     least_samples: Positive = 0.5
+    unseen_samples: Threshold = 3.0
     missing_sigmas: Threshold = 2.0
 
 
@@ -152,11 +161,6 @@ class EdgeSettings(NamedTuple):
         Area of a pixel below which an edge that grazes it changes nothing: less than half a part of 16 x 16.
     graze_sigmas : float
         A pixel of one surface may see another one up to this many standard errors of its share.
-    shared_variance : float
-        Part of an unmixed share's variance from the phasors of the neighbouring surfaces. A surface is fitted in half
-        a window of 9 x 9 pixels, its light with a weight that falls with a standard deviation of 2
-        pixels. That is some 12 to 25 pixels, and the fit is continued from their middle to the pixel: its variance is
-        0.1 to 0.3 of a pixel's own, for each of both surfaces.
     alike_distance : float
         Distance h, pixels: two pixels that are d apart have a part exp(-(d / h)^2) of that in common, as it is for
         weights of a standard deviation of 2 pixels.
@@ -180,7 +184,6 @@ class EdgeSettings(NamedTuple):
     least_bar: Positive = 0.1
     graze_area: NotNegative = 0.002
     graze_sigmas: Threshold = 3.0
-    shared_variance: Share = 0.25
     alike_distance: Positive = 4.0
 
 

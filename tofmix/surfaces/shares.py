@@ -32,6 +32,8 @@ class Shares:
         Samples that a share is worth: its variance is share (1 - share) / samples.
     floor : (row, col) float64
         Further variance of a share, of what a pixel may see without its being noticed.
+    common : float
+        Part of a share's variance that it has in common with the pixels near by; 0 where shares are counts.
     """
 
     count: NDArray[np.int32]
@@ -40,6 +42,7 @@ class Shares:
     up_to: FloatArray
     samples: FloatArray
     floor: FloatArray
+    common: float = 0.0
 
 
 def make_shares(layers: Layers, nodes: Nodes, linked: Linked, settings: ShareSettings) -> Shares:
@@ -85,7 +88,8 @@ def make_shares(layers: Layers, nodes: Nodes, linked: Linked, settings: ShareSet
     closed = known & ~is_open
     up_to[closed, last[closed] - 1] = 1.0
     errors = _errors(layers, share, count, total_samples, settings.unseen_share)
-    return Shares(count=count, label=label, inverse=inverse, up_to=up_to, **errors)
+    common = settings.common_variance if errors["floor"].any() else 0.0
+    return Shares(count=count, label=label, inverse=inverse, up_to=up_to, common=common, **errors)
 
 
 def _errors(
