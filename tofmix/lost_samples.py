@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import betainc
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import BoolArray, FloatArray
 
 COMMON_QUANTILE = 0.25
 """Quantile of the pixels' losses that is the loss of all. Three quarters of an image may lose more than it for a reason
@@ -63,6 +63,24 @@ def returned_share(invalid_share: ArrayLike, common: float) -> FloatArray:
     """
     lost = np.nan_to_num(np.asarray(invalid_share, dtype=np.float64))
     return np.asarray(np.minimum((1.0 - lost) / (1.0 - common), 1.0))
+
+
+def is_at_limit(invalid_share: ArrayLike, common: float) -> BoolArray:
+    """Whether pixels lose so much that their light is at the limit of the camera rather than enough.
+
+    Parameters
+    ----------
+    invalid_share : (...) array_like
+        Share of the frames without a valid sample; NaN counts as 0.
+    common : float
+        From `common_loss`.
+
+    Returns
+    -------
+    (...) bool
+        Whether q, at its most probable value, is that of the second state.
+    """
+    return np.asarray(returned_share(invalid_share, common) <= 0.5)  # noqa: PLR2004  half, as in the two states
 
 
 def certainty(invalid_share: ArrayLike, frames: int, common: float) -> FloatArray:
