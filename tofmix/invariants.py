@@ -31,7 +31,7 @@ def _any(broken: BoolArray) -> BoolArray:
 
 
 def layer_rules(
-    layers: Layers, window_frames: NDArray[np.integer], *, circle_mm: float | None = None
+    layers: Layers, window_frames: NDArray[np.integer], *, circle_mm: float | None = None, samples_a_frame: int = 1
 ) -> Iterator[Rule]:
     """Apply every rule to layers.
 
@@ -43,6 +43,8 @@ def layer_rules(
         Frames of each window.
     circle_mm : float, optional
         Length of the circle that ranges are on, mm.
+    samples_a_frame : int
+        Samples that a frame has of each pixel, at most.
 
     Yields
     ------
@@ -67,7 +69,9 @@ def layer_rules(
     if layers.mixing is not None:
         yield from _mixing(layers, layers.mixing)
     frames = np.asarray(window_frames).reshape(-1, 1, 1)
-    yield Rule("n_samples", "at most the frames of the window", layers.n_samples > frames)
+    yield Rule("n_samples", "at most the frames of the window", layers.n_samples > frames * samples_a_frame)
+    if layers.invalid_share is not None:
+        yield from _lost(layers, layers.invalid_share, frames, samples_a_frame)
     yield Rule(
         "log_likelihood", "finite where a pixel was fitted, else NaN", np.isfinite(layers.log_likelihood) != fitted
     )
@@ -122,6 +126,14 @@ def _statuses(layers: Layers, present: BoolArray, fitted: BoolArray) -> Iterator
     unknown = _any(np.isnan(layers.range_stderr) & present)
     yield Rule("status", "ok has a standard error for each range", unknown & (status == int(Status.OK)))
     yield Rule("n_peaks", "0 where nothing was fitted", ~fitted & (layers.n_peaks > 0))
+
+
+def _lost(layers: Layers, lost: NDArray[np.float32], frames: NDArray[np.integer], each: int) -> Iterator[Rule]:
+    """The share of lost samples agrees with the number of valid ones."""
+    yield Rule("invalid_share", "between 0 and 1 in every pixel", ~((lost >= 0) & (lost <= 1)))
+    seen = np.rint((1.0 - lost.astype(np.float64)) * frames)  # frames with a valid sample
+    wrong = (layers.n_samples < seen) | (layers.n_samples > seen * each)
+    yield Rule("invalid_share", "the share of the frames without one of the n_samples", wrong)
 
 
 def _mixing(layers: Layers, mixing: NDArray[np.uint8]) -> Iterator[Rule]:

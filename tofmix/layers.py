@@ -61,6 +61,11 @@ NOISE_WIDTH = LayerField(
 )
 """Where pixels have widths of their own."""
 
+INVALID_SHARE = LayerField(
+    name="invalid_share", dtype="f4", units="1", long_name="share of the window's frames without a valid sample"
+)
+"""Lost samples: dark, saturated, out of range, or dropped by the camera. In all files but those of old versions."""
+
 MIXING = LayerField(name="mixing", dtype="u1", units="1", long_name="what the samples of the pixel are of")
 """Where the phasors of samples are known: amplitudes, and one modulation frequency."""
 
@@ -75,14 +80,14 @@ AMPLITUDE = LayerField(
 )
 """Where the recording has amplitudes."""
 
-OPTIONAL_FIELDS = (NOISE_WIDTH, MIXING, AMPLITUDE)
+OPTIONAL_FIELDS = (NOISE_WIDTH, INVALID_SHARE, MIXING, AMPLITUDE)
 """Datasets that some layers files have, after the others."""
 
 
 def layer_fields(sensor: Sensor, *, mixing: bool = False) -> tuple[LayerField, ...]:
     """Datasets of the layers that are estimated with a sensor; with `mixing`, of those that are unmixed."""
     own = sensor.learnt is not None and sensor.noise is not None and sensor.noise.width_spread > 0
-    return (*LAYER_FIELDS, *((NOISE_WIDTH,) if own else ()), *((MIXING,) if mixing else ()))
+    return (*LAYER_FIELDS, *((NOISE_WIDTH,) if own else ()), INVALID_SHARE, *((MIXING,) if mixing else ()))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -109,6 +114,7 @@ class Layers:
     n_iter: NDArray[np.uint16]
     status: NDArray[np.uint8]
     noise_width: NDArray[np.float32] | None = None
+    invalid_share: NDArray[np.float32] | None = None
     mixing: NDArray[np.uint8] | None = None
     amplitude: NDArray[np.float32] | None = None
 

@@ -1,7 +1,8 @@
 """Layers as points in space: one point a layer, in the sensor's frame.
 
 Use `LayerPoints` to pass the layers of a file on to programs that take point clouds. `POINT_FIELDS` is the one list of
-the fields of a point; every format writes all of them.
+the fields that every point has, `FURTHER_FIELDS` that of those which a layers file may add; every format writes all
+that the points have.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.flags import Mixing
-from tofmix.layers import LAYER_FIELDS, Layers
+from tofmix.layers import LAYER_DIMS, LAYER_FIELDS, OPTIONAL_FIELDS, LayerField, Layers
 from tofmix.optics.projection import Projection, beam_directions_of
 
 MM_A_METRE = 1000.0  # mm in a metre
@@ -47,6 +48,18 @@ POINT_FIELDS: tuple[PointField, ...] = (
 )
 """Properties of a point. Those of a layers file have their name and unit there."""
 
+FURTHER_FIELDS: tuple[LayerField, ...] = tuple(
+    spec
+    for spec in (*LAYER_FIELDS, *OPTIONAL_FIELDS)
+    if len(spec.dims) <= len(LAYER_DIMS) and spec.name not in {known.name for known in POINT_FIELDS}
+)
+"""What else a layers file may know of a layer or its pixel, under the names and units there: one number each."""
+
+AMPLITUDE = "amplitude"
+
+INTENSITY = PointField(name="intensity", dtype="<f4", units="1", long_name="amplitude")
+"""The name that viewers of point clouds know for an amplitude."""
+
 PointArray = NDArray[np.void]
 
 
@@ -57,6 +70,46 @@ def packed(fields: Sequence[PointField]) -> np.dtype[np.void]:
 
 POINT_DTYPE = packed(POINT_FIELDS)
 """A packed record of `POINT_FIELDS`."""
+
+
+def point_field(spec: LayerField) -> PointField:
+    """A dataset of a layers file as an attribute of its points."""
+    return PointField(
+        name=spec.name,
+        dtype=np.dtype(spec.dtype).newbyteorder("<").str,
+        units=spec.units,
+        long_name=spec.long_name,
+    )
+
+
+def fields_of_names(names: Sequence[str], present: Sequence[str]) -> tuple[LayerField, ...]:
+    """The further fields of some names, in the order of `FURTHER_FIELDS`; fields that every point has are left out.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of fields; ``all`` means all that the file has.
+    present : sequence of str
+        Datasets of the layers file.
+
+    Raises
+    ------
+    ValueError
+        If there is no such field, or the file does not have it.
+    """
+    known = [spec.name for spec in FURTHER_FIELDS]
+    here = [name for name in known if name in present]
+    for name in names:
+        if name not in (*known, *(spec.name for spec in POINT_FIELDS), ALL_FIELDS):
+            raise ValueError(f"unknown field {name!r}; choose from {', '.join(here)} or {ALL_FIELDS}")
+        if name in known and name not in present:
+            raise ValueError(f"the layers have no {name}; they have {', '.join(here)}")
+    wanted = here if ALL_FIELDS in names else names
+    return tuple(spec for spec in FURTHER_FIELDS if spec.name in wanted)
+
+
+ALL_FIELDS = "all"
+"""Name for all fields that a file has."""
 
 
 class PointSource(Protocol):
@@ -124,6 +177,10 @@ class LayerPoints:
         Which windows; all without it.
     chosen : PointFilter
         Which layers.
+    further : sequence of LayerField
+        Fields beyond `POINT_FIELDS`, from `fields_of_names`.
+    intensity : bool
+        Whether amplitudes among them are written as `INTENSITY` too.
 
     Raises
     ------
@@ -138,22 +195,30 @@ class LayerPoints:
         optics: Projection,
         windows: Sequence[int] | None = None,
         chosen: PointFilter | None = None,
+        further: Sequence[LayerField] = (),
+        intensity: bool = False,
     ) -> None:
         count, rows, cols = source.shape
         self._source = source
         self._windows = range(count) if windows is None else windows
         self._chosen = chosen or PointFilter()
         self._directions = beam_directions_of(optics, (rows, cols))
+        self._further = tuple(further)
+        self._intensity = intensity and any(spec.name == AMPLITUDE for spec in further)
 
     @property
     def fields(self) -> tuple[PointField, ...]:
         """Properties of a point."""
-        return POINT_FIELDS
+        further = tuple(point_field(spec) for spec in self._further)
+        return (*POINT_FIELDS, *further, *((INTENSITY,) if self._intensity else ()))
 
     def __iter__(self) -> Iterator[PointArray]:
-        """Points of one window after the other, (point,) of `POINT_DTYPE`; by row, column and layer within each."""
+        """Points of one window after the other, (point,) records of `fields`; by row, column and layer within each."""
         for window in self._windows:
-            yield window_points(self._source.read_window(window), self._directions, window=window, chosen=self._chosen)
+            yield window_points(
+                self._source.read_window(window), self._directions, window=window, chosen=self._chosen,
+                fields=self.fields,
+            )  # fmt: skip
 
     def count(self) -> int:
         """Count the points, for a header that precedes them; reads every window."""
@@ -164,7 +229,10 @@ class LayerPoints:
         return len(self._windows)
 
 
-def window_points(layers: Layers, directions: FloatArray, *, window: int, chosen: PointFilter) -> PointArray:
+def window_points(
+    layers: Layers, directions: FloatArray, *, window: int, chosen: PointFilter,
+    fields: Sequence[PointField] = POINT_FIELDS,
+) -> PointArray:  # fmt: skip
     """Points of one window.
 
     Parameters
@@ -177,14 +245,16 @@ def window_points(layers: Layers, directions: FloatArray, *, window: int, chosen
         Number of the window.
     chosen : PointFilter
         Which layers. `return_number` and `number_of_returns` count all layers of the pixel, also those left out.
+    fields : sequence of PointField
+        `POINT_FIELDS`, and any of `FURTHER_FIELDS` that the layers have.
 
     Returns
     -------
-    (point,) of POINT_DTYPE
+    (point,) records of fields
         By row, column and layer.
     """
     row, col, layer = np.nonzero(chosen.passes(layers))
-    points: Any = np.zeros(len(row), dtype=POINT_DTYPE)
+    points: Any = np.zeros(len(row), dtype=packed(fields))
     place = directions[row, col] * (layers.range[row, col, layer].astype(np.float64) / MM_A_METRE)[:, np.newaxis]
     points["x"], points["y"], points["z"] = place.T
     for spec in LAYER_FIELDS:
@@ -194,4 +264,11 @@ def window_points(layers: Layers, directions: FloatArray, *, window: int, chosen
     points["number_of_returns"] = layers.n_modes[row, col]
     points["status"] = layers.status[row, col]
     points["row"], points["col"], points["window"] = row, col, window
+    names = {spec.name for spec in fields}
+    for spec in FURTHER_FIELDS:
+        if spec.name in names:
+            values = getattr(layers, spec.name)
+            points[spec.name] = values[row, col, layer] if spec.per_layer else values[row, col]
+    if INTENSITY.name in names:
+        points[INTENSITY.name] = points[AMPLITUDE]
     return np.asarray(points)

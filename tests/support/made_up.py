@@ -3,13 +3,13 @@
 import numpy as np
 
 from tofmix.flags import Status
-from tofmix.layers import Layers
+from tofmix.layers import INVALID_SHARE, LAYER_FIELDS, Layers
 
 
 def made_up_layers(shape: tuple[int, ...], max_layers: int, seed: int = 3) -> Layers:
     """Layers of a leading shape; every seventh pixel has an unknown standard error."""
     rng = np.random.default_rng(seed)
-    layers = Layers.empty(shape, max_layers)
+    layers = Layers.empty(shape, max_layers, (*LAYER_FIELDS, INVALID_SHARE))
     layers.n_modes[...] = rng.integers(0, max_layers + 1, shape)
     layers.n_peaks[...] = layers.n_modes
     present = np.arange(max_layers) < layers.n_modes[..., None]
@@ -26,6 +26,8 @@ def made_up_layers(shape: tuple[int, ...], max_layers: int, seed: int = 3) -> La
     layers.weight_no_return[...] = 1 - 1e-4 - np.nansum(layers.weight, -1)
     layers.log_likelihood[...] = -7.5
     layers.n_samples[...] = 20
+    assert layers.invalid_share is not None
+    layers.invalid_share[...] = 0
     layers.status[layers.n_modes == 0] = Status.NO_SURFACE
     layers.status[unknown & (layers.n_modes > 0)] = Status.DEGENERATE
     return layers

@@ -4,6 +4,7 @@ import hashlib
 import os
 import warnings
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
@@ -401,10 +402,13 @@ _IN_PYTHON = {
 def _say_findings(layers: Estimate, *, unmix: bool, has_amplitude: bool) -> None:
     """Warn of the findings that `tofmix estimate` prints about its layers; its notes are no warnings."""
     from tofmix.report.summary.findings import split_notes
+    from tofmix.report.summary.lost import cause_of_loss
     from tofmix.report.summary.summary import find, remedy_for
 
-    remedy = remedy_for(layers.provenance, layers.shape[0])
-    warned, _ = split_notes(find(layers, replace(remedy, unmix=unmix, has_amplitude=has_amplitude)))
+    remedy = replace(remedy_for(layers.provenance, layers.shape[0]), unmix=unmix, has_amplitude=has_amplitude)
+    assert layers.recording is not None  # noqa: S101  it was just estimated
+    with layers.recording.opened() as samples:
+        warned, _ = split_notes(find(layers, remedy, cause=partial(cause_of_loss, samples)))
     for finding in warned:
         text = f"{finding.text} {_IN_PYTHON.get(finding.code, '')}".strip()
         warnings.warn(text, DoubtWarning, stacklevel=3)

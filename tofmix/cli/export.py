@@ -18,10 +18,12 @@ if TYPE_CHECKING:
     from tofmix.io.exporters.image import RangeImage
     from tofmix.io.layers.layers_file import LayersFile
     from tofmix.io.surfaces.surfaces_file import SurfacesFile
+    from tofmix.layers import LayerField
     from tofmix.optics.projection import Projection
     from tofmix.points import PointFilter
 
-_POINTS_ONLY = ("min_weight", "min_probability", "fov", "projection")
+_POINTS_ONLY = ("min_weight", "min_probability", "fields", "fov", "projection")
+_WITH_INTENSITY = (".ply", ".pcd")
 _IMAGES_ONLY = ("layer", "scale")
 _LAYERS_ONLY = (*_POINTS_ONLY, "undecided", "layer")
 _WHAT = ("edges", "points", "image", "planes")
@@ -31,6 +33,7 @@ _WHAT = ("edges", "points", "image", "planes")
     """
 tofmix export boards.layers.h5 -o boards.las
 tofmix export boards.layers.h5 -o boards.ply --min-weight 0.1 --min-probability 0.99
+tofmix export boards.layers.h5 -o boards.pcd --fields amplitude,n_samples,invalid_share
 tofmix export foreign.layers.h5 -o foreign.csv --fov 47x39
 tofmix export boards.layers.h5 -o second.png --layer 2 --scale 0.25
 tofmix export boards.surfaces.h5 -o edges.geojson
@@ -56,6 +59,11 @@ tofmix export boards.surfaces.h5 -o boards.obj --what planes
 )
 @click.option("--min-weight", type=click.FloatRange(0, 1), help="Points: smallest share of a layer.")
 @click.option("--min-probability", type=click.FloatRange(0, 1), help="Points: smallest probability of a layer.")
+@click.option(
+    "--fields", metavar="NAMES",
+    help="Points: further datasets of the layers file, with commas between them: amplitude, n_samples, invalid_share,"
+    " mixing, suspect, ..., or all that it has.",
+)  # fmt: skip
 @click.option("--undecided", is_flag=True, help="Write undecided pixels too.")
 @click.option(
     "--fov", metavar="HxV", help="Points: full field of view in degrees, by --projection.  [default: the layers file's]"
@@ -79,6 +87,7 @@ def export(
     window: int | None,
     min_weight: float | None,
     min_probability: float | None,
+    fields: str | None,
     undecided: bool,
     fov: str | None,
     projection: str,
@@ -91,7 +100,8 @@ def export(
 
     From a layers file: points (.las, .laz, .ply, .pcd, .csv): one for each layer, in the sensor's frame in metres (x
     right, y down, z forward), with the layer's number, the pixel's number of layers, share, sigma, standard errors,
-    probability, row, column and window; or an image (.png, .tif): the ranges of one layer in 16 bits, 0 for none.
+    probability, row, column and window, and --fields; or an image (.png, .tif): the ranges of one layer in 16 bits, 0
+    for none.
 
     From a surfaces file: edges (.geojson, .json: lines in the image; .obj, .ply: lines in space), planes (.json: planes
     and outlines; .obj: triangles), an image (.png, .tif) or points (.pcd, .csv, .ply) of the fine range image.
@@ -130,7 +140,8 @@ def export(
                     from tofmix.points import PointFilter
 
                     chosen = PointFilter(min_weight=min_weight, min_probability=min_probability, undecided=undecided)
-                    line, made = _export_points(layers, output, window, (fov, projection), chosen, overwrite)
+                    further = _further_fields(layers, fields)
+                    line, made = _export_points(layers, output, window, (fov, projection), chosen, further, overwrite)
     click.echo(json.dumps({"output": str(output), **made}) if as_json else line)
 
 
@@ -174,12 +185,23 @@ def _check_window(file: "LayersFile | SurfacesFile", window: int | None, *, as_i
         raise UsageError(f"{file.path} has {count} windows; choose one with --window")
 
 
+def _further_fields(file: "LayersFile", names: str | None) -> "tuple[LayerField, ...]":
+    """The fields of --fields, which the file must have."""
+    from tofmix.points import fields_of_names
+
+    try:
+        return fields_of_names([part.strip() for part in names.split(",")] if names else (), file.names)
+    except ValueError as error:
+        raise UsageError(f"--fields {names}: {file.path}: {error}") from error
+
+
 def _export_points(
     file: "LayersFile",
     output: Path,
     window: int | None,
     view: tuple[str | None, str],
     chosen: "PointFilter",
+    further: "tuple[LayerField, ...]",
     overwrite: bool,
 ) -> tuple[str, dict[str, Any]]:
     from tofmix.cli.import_camera import view_of, view_words
@@ -189,7 +211,10 @@ def _export_points(
     windows = range(file.shape[0]) if window is None else [window]
     try:
         optics = _optics(file, *view)
-        points = LayerPoints(file, optics=optics, windows=windows, chosen=chosen)
+        points = LayerPoints(
+            file, optics=optics, windows=windows, chosen=chosen, further=further,
+            intensity=output.suffix.lower() in _WITH_INTENSITY,
+        )  # fmt: skip
     except ValueError as error:
         fov = view[0]
         raise (UsageError if fov else BadInputError)(f"{'--fov' if fov else file.path}: {error}") from error
@@ -203,7 +228,8 @@ def _export_points(
     line = f"{output}: {counted(count, 'point', ',')} of {counted(len(windows), 'window')}"
     if view[0] is not None:
         line += f"; placed by {view_words(optics, file.shape[1:], view_of(view[0]))}"
-    return line, {"points": count, "windows": len(windows)}
+    made: dict[str, Any] = {"points": count, "windows": len(windows)}
+    return line, made | ({"fields": [spec.name for spec in points.fields]} if further else {})
 
 
 def _optics(file: "LayersFile", fov: str | None, projection: str) -> "Projection":

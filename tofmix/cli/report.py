@@ -3,6 +3,7 @@
 import json
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,6 +48,7 @@ def report(
     from tofmix.errors import UsageError
     from tofmix.io.atomic.storage import locked, write_text
     from tofmix.io.layers.layers_file import open_layers
+    from tofmix.report.summary.lost import cause_of_loss
     from tofmix.report.summary.summary import find, remedy_for, summarise
     from tofmix.report.summary.tables import format_table
 
@@ -67,7 +69,7 @@ def report(
             made = file.provenance
             remedy = remedy_for(made, file.shape[0], str(recording), has_amplitude=source.has_amplitude)
             of_samples = findings_of_samples(source, made.sensor, made.unambiguous_range_mm, remedy)
-            summary = summary.with_findings((*of_samples, *find(file, remedy)))
+            summary = summary.with_findings((*of_samples, *find(file, remedy, cause=partial(cause_of_loss, source))))
         singles = None
         if source is not None and summary.noise is not None:
             singles = _singles(file, window, source)

@@ -6,6 +6,7 @@ of the frames changes a result.
 """
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -58,7 +59,7 @@ from tofmix.estimation.noise.pixel_noise import beam_of_pixel, pixel_curves
 from tofmix.estimation.paper import paper_pixels
 from tofmix.estimation.peaks.counters import Kde
 from tofmix.estimation.peaks.counters.base import MAX_PEAKS, Peaks, no_peaks
-from tofmix.estimation.samples import Readings, SortedSamples, gather, padded, sort_samples
+from tofmix.estimation.samples import Readings, SortedSamples, gather, invalid_share, padded, sort_samples
 from tofmix.estimation.settings import (
     MODE_PRIOR,
     MODE_TIED,
@@ -256,6 +257,7 @@ def layer_pixels(
     options: EstimateOptions | None = None,
     *,
     amplitude: NDArray[np.floating] | None = None,
+    samples_a_frame: int = 1,
 ) -> Layers:
     """Layers of each pixel of a block.
 
@@ -270,11 +272,14 @@ def layer_pixels(
     amplitude : array of float, optional
         Amplitudes of the samples, of the same shape; used where the noise curve has a law of amplitude, but not on a
         circle.
+    samples_a_frame : int
+        Targets of a frame, which follow each other, at least 1; for `invalid_share`.
 
     Returns
     -------
     Layers
-        Of the leading shape (pixel,) or (row, col).
+        Of the leading shape (pixel,) or (row, col). `probability` is that of the valid samples;
+        `tofmix.lost_samples.weighed` lets the lost ones of an image count.
 
     Raises
     ------
@@ -310,7 +315,8 @@ def layer_pixels(
             _layers_on_line(ordered, beam, options, out)
     else:
         _layers_on_circle(ordered, sensor, options, options.unambiguous_range_mm, out)
-    return out.reshaped(samples.shape[1:])
+    lost = invalid_share(block, samples_a_frame=samples_a_frame)
+    return replace(out, invalid_share=lost).reshaped(samples.shape[1:])
 
 
 def _layers_on_line(samples: SortedSamples, beam: Beam, options: EstimateOptions, out: Layers) -> None:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tofmix.arrays import FloatArray, IntArray
+from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.compiled.vector import LANES
 from tofmix.estimation.noise.kernel import sigma_at
@@ -57,6 +57,29 @@ def sort_samples(block: NDArray[np.floating]) -> SortedSamples:
     values.sort(axis=1)  # NaN last
     valid = np.count_nonzero(~np.isnan(values), axis=1).astype(np.int64)
     return SortedSamples(values.astype(np.float64), valid)
+
+
+def invalid_share(block: NDArray[np.floating], *, samples_a_frame: int = 1) -> Float32Array:
+    """Share of the frames in which each pixel has no valid sample.
+
+    Parameters
+    ----------
+    block : (frame, ...) array of float
+        Samples, mm; where a frame has several targets, they follow each other. A missing target is no lost sample, so
+        a frame is lost if none of its targets is valid.
+    samples_a_frame : int
+        Targets of a frame, at least 1.
+
+    Returns
+    -------
+    (...) float32
+        In [0, 1].
+    """
+    with np.errstate(invalid="ignore"):
+        valid = np.abs(block) <= FARTHEST_MM  # false for NaN
+    if samples_a_frame > 1:
+        valid = valid.reshape(-1, samples_a_frame, *block.shape[1:]).any(axis=1)
+    return np.asarray(1.0 - np.count_nonzero(valid, axis=0) / len(valid), dtype=np.float32)
 
 
 @borrowing

@@ -14,6 +14,7 @@ from scipy.special import erf
 from tofmix.arrays import FloatArray
 from tofmix.circle import NO_RETURN_SIGMAS
 from tofmix.layers import Layers
+from tofmix.lost_samples import common_loss, returned_share
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import Projection, pixel_extent_rad
 from tofmix.sensor import Sensor
@@ -29,6 +30,8 @@ CLEAR_STDERRS = 2.0
 class Beams:
     """The pixels of one image. A beam's samples belong to surfaces, to no return, or to outliers without information.
 
+    Lost samples may have stopped anywhere.
+
     Parameters
     ----------
     near_mm, far_mm : (row, col, layer) float64
@@ -42,6 +45,8 @@ class Beams:
         How surely the surface exists, in [0, 1].
     samples_no_return : (row, col) float64
         Samples that met nothing.
+    samples_lost : (row, col) float64
+        Samples that were lost, beyond those that all pixels lose by chance (`tofmix.lost_samples`).
     free_to_mm : float
         Up to where a sample without a return says that space is free, mm; 0 where the camera knows no such samples.
     optics : Projection
@@ -54,6 +59,7 @@ class Beams:
     samples: FloatArray
     probability: FloatArray
     samples_no_return: FloatArray
+    samples_lost: FloatArray
     free_to_mm: float
     optics: Projection
 
@@ -102,7 +108,7 @@ class Beams:
 
 
 def beams_from_layers(layers: Layers, sensor: Sensor, *, min_probability: float = 0.9999) -> Beams:
-    """Every layer is a hit with its share of the samples; no return counts as such.
+    """Every layer is a hit with its share of the samples; no return counts as such, and so do lost samples.
 
     A hit lies at its range, half as deep as ``r b tan(60 deg) / 2``, b being a pixel's larger extent in rad. In the two
     standard errors before it, nothing is known.
@@ -140,6 +146,7 @@ def beams_from_layers(layers: Layers, sensor: Sensor, *, min_probability: float 
         samples=np.where(known, np.nan_to_num(layers.weight), 0.0) * n_samples[..., np.newaxis],
         probability=probability,
         samples_no_return=np.nan_to_num(layers.weight_no_return) * n_samples,
+        samples_lost=_lost_samples(layers),
         sensor=sensor,
     )
 
@@ -181,8 +188,20 @@ def beams_from_ranges(range_mm: ArrayLike, n_samples: ArrayLike, sensor: Sensor)
         samples=np.where(surface, count, 0.0)[..., np.newaxis],
         probability=np.ones((*mean.shape, 1)),
         samples_no_return=np.where(open_space, count, 0.0),
+        samples_lost=np.zeros(mean.shape),
         sensor=sensor,
     )
+
+
+def _lost_samples(layers: Layers) -> FloatArray:
+    """Samples (row, col) that pixels lost, beyond the loss of all; none in layers that do not say."""
+    if layers.invalid_share is None or layers.invalid_share.ndim != 2:  # noqa: PLR2004  rows and columns
+        return np.zeros(layers.shape)
+    lost = layers.invalid_share.astype(np.float64)
+    seen = lost < 1.0  # false for NaN
+    samples = layers.n_samples[seen] / (1.0 - lost[seen])
+    of_window = float(np.rint(samples.max())) if samples.size else 0.0
+    return np.asarray(of_window * (1.0 - returned_share(lost, common_loss(lost))))
 
 
 def _free_to_mm(sensor: Sensor) -> float:
@@ -199,6 +218,7 @@ def _beams(
     samples: FloatArray,
     probability: FloatArray,
     samples_no_return: FloatArray,
+    samples_lost: FloatArray,
     sensor: Sensor,
 ) -> Beams:
     if samples_no_return.ndim != 2 or samples_no_return.size == 0:  # noqa: PLR2004  rows and columns
@@ -223,6 +243,7 @@ def _beams(
         samples=samples,
         probability=probability,
         samples_no_return=samples_no_return if has_limit else np.zeros_like(samples_no_return),
+        samples_lost=samples_lost,
         free_to_mm=_free_to_mm(sensor) if has_limit else 0.0,
         optics=optics,
     )

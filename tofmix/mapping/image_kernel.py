@@ -15,7 +15,7 @@ from tofmix.optics.cells import fill_patch, patch_direction
 def _look_at_cell(
     outline: FloatArray, nodes: FloatArray, low: FloatArray, high: FloatArray, rotation: FloatArray,
     near: FloatArray, far: FloatArray, clear: FloatArray, samples: FloatArray, probability: FloatArray,
-    no_return: FloatArray, free_to: float, patch: FloatArray, work: FloatArray, light: FloatArray,
+    no_return: FloatArray, lost: FloatArray, free_to: float, patch: FloatArray, work: FloatArray, light: FloatArray,
 ) -> None:  # fmt: skip
     """Sum the light of all pixels that see the cell, weighted by the part of the pixel's image area in the cell."""
     rows, cols = no_return.shape
@@ -44,14 +44,17 @@ def _look_at_cell(
                             rotation[axis, 0] * ray[0] + rotation[axis, 1] * ray[1] + rotation[axis, 2] * ray[2]
                         )
                     if meets(direction, low, high, span):
-                        look(row, col, dx * dy, span, near, far, clear, samples, probability, no_return, free_to, light)
+                        look(
+                            row, col, dx * dy, span, near, far, clear, samples, probability, no_return, lost, free_to,
+                            light,
+                        )  # fmt: skip
 
 
 @jit
 def count_cells(
     lows: FloatArray, outlines: FloatArray, nodes: FloatArray, cell: float, reach: float, rotation: FloatArray,
     near: FloatArray, far: FloatArray, clear: FloatArray, samples: FloatArray, probability: FloatArray,
-    no_return: FloatArray, free_to: float, out: FloatArray,
+    no_return: FloatArray, lost: FloatArray, free_to: float, out: FloatArray,
 ) -> None:  # fmt: skip
     """Count the light in some cells of a grid.
 
@@ -63,10 +66,10 @@ def count_cells(
         From `tofmix.mapping.outline.cell_outlines`.
     nodes : (2 rows + 1, 2 cols + 1, 3) float64
         From `tofmix.mapping.outline.image_nodes`.
-    cell, reach, rotation, near, far, clear, samples, probability, no_return, free_to
+    cell, reach, rotation, near, far, clear, samples, probability, no_return, lost, free_to
         As for `tofmix.mapping.kernel.count_levels`.
-    out : (n, 3) float64
-        Zeros; receives samples that stopped, samples that passed, and the probability of the surest stop.
+    out : (n, 4) float64
+        Zeros; receives samples that stopped, samples that passed, the probability of the surest stop, and lost samples.
     """
     high = np.empty(3)
     patch = np.empty((3, 3, 3))
@@ -79,5 +82,5 @@ def count_cells(
         if nearest <= reach * reach and outlines[k, 0] < outlines[k, 1]:
             _look_at_cell(
                 outlines[k], nodes, lows[k], high, rotation, near, far, clear, samples, probability, no_return,
-                free_to, patch, work, out[k],
+                lost, free_to, patch, work, out[k],
             )  # fmt: skip

@@ -42,9 +42,10 @@ def meets(direction: FloatArray, low: FloatArray, high: FloatArray, span: FloatA
 @jit
 def look(
     row: int, col: int, part: float, span: FloatArray, near: FloatArray, far: FloatArray, clear: FloatArray,
-    samples: FloatArray, probability: FloatArray, no_return: FloatArray, free_to: float, light: FloatArray,
+    samples: FloatArray, probability: FloatArray, no_return: FloatArray, lost: FloatArray, free_to: float,
+    light: FloatArray,
 ) -> None:  # fmt: skip
-    """Add a part of one pixel's samples to a cell's `light`: stopped, passed, and how sure the surest stop is."""
+    """Add a part of one pixel's samples to a cell's `light`: stopped, passed, surest stop, and lost anywhere."""
     for layer in range(near.shape[2]):
         if clear[row, col, layer] > span[1]:
             light[1] += part * samples[row, col, layer]
@@ -55,6 +56,7 @@ def look(
                 light[2] = max(light[2], probability[row, col, layer])
     if span[1] <= free_to:
         light[1] += part * no_return[row, col]
+    light[3] += part * lost[row, col]
 
 
 @jit
@@ -102,7 +104,7 @@ def sampled(start: float, end: float, n: int) -> tuple[int, int, int]:
 def _look_at_cell(
     angles: FloatArray, low: FloatArray, high: FloatArray, rotation: FloatArray, width: float, height: float,
     near: FloatArray, far: FloatArray, clear: FloatArray, samples: FloatArray, probability: FloatArray,
-    no_return: FloatArray, free_to: float, work: FloatArray, light: FloatArray,
+    no_return: FloatArray, lost: FloatArray, free_to: float, work: FloatArray, light: FloatArray,
 ) -> None:  # fmt: skip
     """Sum the light of all pixels that see the cell, weighted by the area of the pixel in the cell."""
     rows, cols = no_return.shape
@@ -131,14 +133,17 @@ def _look_at_cell(
                             + rotation[axis, 2] * math.cos(az) * math.cos(el)
                         )
                     if meets(direction, low, high, span):
-                        look(row, col, dx * dy, span, near, far, clear, samples, probability, no_return, free_to, light)
+                        look(
+                            row, col, dx * dy, span, near, far, clear, samples, probability, no_return, lost, free_to,
+                            light,
+                        )  # fmt: skip
 
 
 @jit
 def count_levels(
     levels: FloatArray, xs: FloatArray, ys: FloatArray, cell: float, reach: float, rotation: FloatArray,
     width: float, height: float, near: FloatArray, far: FloatArray, clear: FloatArray, samples: FloatArray,
-    probability: FloatArray, no_return: FloatArray, free_to: float, out: FloatArray,
+    probability: FloatArray, no_return: FloatArray, lost: FloatArray, free_to: float, out: FloatArray,
 ) -> None:  # fmt: skip
     """Count the light in some levels of a grid.
 
@@ -154,12 +159,12 @@ def count_levels(
         A pixel's extent in azimuth and elevation, rad.
     near, far, clear, samples, probability : (row, col, layer) float64
         As in `Beams`.
-    no_return : (row, col) float64
-        As `Beams.samples_no_return`.
+    no_return, lost : (row, col) float64
+        As `Beams.samples_no_return` and `Beams.samples_lost`.
     free_to : float
         As `Beams.free_to_mm`.
-    out : (z, x, y, 3) float64
-        Zeros; receives samples that stopped, samples that passed, and the probability of the surest stop.
+    out : (z, x, y, 4) float64
+        Zeros; receives samples that stopped, samples that passed, the probability of the surest stop, and lost samples.
     """
     low = np.empty(3)
     high = np.empty(3)
@@ -180,5 +185,5 @@ def count_levels(
                 if nearest <= reach * reach and _outline(low, high, rotation, angles):
                     _look_at_cell(
                         angles, low, high, rotation, width, height, near, far, clear, samples, probability,
-                        no_return, free_to, work, out[k, i, j],
+                        no_return, lost, free_to, work, out[k, i, j],
                     )  # fmt: skip

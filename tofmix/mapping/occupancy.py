@@ -8,6 +8,10 @@ before,
     log-odds = log (1 - I) / (1 - min_share) - log I / min_share,    I = I_min_share(k + 1, f + 1)
 
 with the regularised incomplete beta function I. Light that stops in front of a cell carries no information about it.
+
+A lost sample may have stopped anywhere along its beam. So a cell is free only in proportion to the light that came
+back: of l lost samples, the share l / (k + f + l) of the light through the cell leaves it at even odds. An obstacle is
+no less an obstacle for lost light.
 """
 
 import math
@@ -58,12 +62,13 @@ class Light:
 
     stopped, passed (x, y, z) float64: samples that stopped in the cell, and that passed through it; probability (x, y,
     z) float64: the largest probability of a surface that stopped samples there: that it exists and lies within a cell's
-    width; 0 without any.
+    width; 0 without any; lost (x, y, z) float64: samples of the beams through it that were lost, anywhere.
     """
 
     stopped: FloatArray
     passed: FloatArray
     probability: FloatArray
+    lost: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -122,7 +127,7 @@ def count_light(
     Light
         Float64, in samples.
     """
-    out = np.zeros((grid.shape[2], grid.shape[0], grid.shape[1], 3))
+    out = np.zeros((grid.shape[2], grid.shape[0], grid.shape[1], 4))
     count = _level_counter(beams, pose, grid)
 
     def level(k: int) -> None:
@@ -133,17 +138,17 @@ def count_light(
     level(0)  # compiles or loads the kernel before there are threads
     with ThreadPoolExecutor(workers) as pool:
         list(pool.map(level, range(1, grid.shape[2])))
-    stopped, passed, probability = np.moveaxis(out, 0, 2).transpose(3, 0, 1, 2)
-    return Light(stopped=stopped, passed=passed, probability=probability)
+    stopped, passed, probability, lost = np.moveaxis(out, 0, 2).transpose(3, 0, 1, 2)
+    return Light(stopped=stopped, passed=passed, probability=probability, lost=lost)
 
 
 def _level_counter(beams: Beams, pose: Pose, grid: Grid) -> Callable[[int, FloatArray], None]:
-    """Function that counts the light of one level, from its number into zeros (x, y, 3)."""
+    """Function that counts the light of one level, from its number into zeros (x, y, 4)."""
     low = [grid.centres_mm(axis) - grid.cell_mm / 2 - pose.position()[axis] for axis in range(3)]
     rotation, cell, optics = pose.rotation(), grid.cell_mm, beams.optics
     light = (
         beams.near_mm, beams.far_mm, beams.clear_to_mm, beams.samples, beams.probability_within(cell),
-        beams.samples_no_return, beams.free_to_mm,
+        beams.samples_no_return, beams.samples_lost, beams.free_to_mm,
     )  # fmt: skip
 
     if isinstance(optics, Equiangular):
@@ -168,7 +173,9 @@ def _level_counter(beams: Beams, pose: Pose, grid: Grid) -> Callable[[int, Float
     return count_image
 
 
-def log_odds(stopped: ArrayLike, passed: ArrayLike, probability: ArrayLike, *, min_share: float = 0.05) -> FloatArray:
+def log_odds(
+    stopped: ArrayLike, passed: ArrayLike, probability: ArrayLike, lost: ArrayLike = 0.0, *, min_share: float = 0.05
+) -> FloatArray:
     """Log-odds that cells are occupied, given the light counted in them.
 
     Parameters
@@ -177,6 +184,8 @@ def log_odds(stopped: ArrayLike, passed: ArrayLike, probability: ArrayLike, *, m
         Samples, of one shape, at least 0.
     probability : array_like
         How surely the surest surface that stopped any exists and is there: no cell is more surely occupied than that.
+    lost : array_like
+        Samples of the beams through the cells that were lost, at least 0.
     min_share : float
         Share of the light through a cell that an obstacle stops at least, in (0, 1).
 
@@ -204,7 +213,21 @@ def log_odds(stopped: ArrayLike, passed: ArrayLike, probability: ArrayLike, *, m
     with np.errstate(divide="ignore"):
         most = np.maximum(np.log(sure / (1.0 - sure)), 0.0)
     odds = np.clip(occupied - free, -MAX_LOG_ODDS, MAX_LOG_ODDS)
-    return np.asarray(np.minimum(odds, np.where(np.asarray(stopped) > 0, most, MAX_LOG_ODDS)))
+    odds = np.minimum(odds, np.where(np.asarray(stopped) > 0, most, MAX_LOG_ODDS))
+    return _with_lost_light(odds, k + f - 2.0, np.asarray(lost, dtype=np.float64))
+
+
+def _with_lost_light(odds: FloatArray, known: FloatArray, lost: FloatArray) -> FloatArray:
+    """Log-odds of cells that are free only in proportion to the light that came back; the same bits without loss."""
+    less_free = (odds < 0) & (lost > 0)
+    if not less_free.any():
+        return odds
+    odds_free, known, lost = (np.broadcast_to(values, odds.shape)[less_free] for values in (odds, known, lost))
+    back = known / (known + lost)
+    occupied = back / (1.0 + np.exp(-odds_free)) + 0.5 * (1.0 - back)
+    out = odds.copy()
+    out[less_free] = np.log(occupied / (1.0 - occupied))
+    return out
 
 
 def map_beams(
@@ -220,7 +243,9 @@ def map_beams(
     light = count_light(beams, pose, grid, workers=workers, progress=progress)
     seen = (light.stopped > 0) | (light.passed > 0)
     odds = np.zeros(grid.shape, dtype=np.float32)
-    odds[seen] = log_odds(light.stopped[seen], light.passed[seen], light.probability[seen], min_share=min_share)
+    odds[seen] = log_odds(
+        light.stopped[seen], light.passed[seen], light.probability[seen], light.lost[seen], min_share=min_share
+    )
     return VoxelMap(grid=grid, log_odds=odds)
 
 

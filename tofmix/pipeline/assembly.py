@@ -4,24 +4,30 @@ Unmixing needs all rows of a window, so it is done here, when all cells are read
 engine. A few windows are unmixed at the same time.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from itertools import groupby, zip_longest
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array
 from tofmix.estimation.settings import MixingChoice
 from tofmix.grid import Cell, Grid
-from tofmix.io.layers.chunks import EncodedCell, decode_cell, encode_cell
+from tofmix.io.layers.chunks import EncodedCell, decode_cell, decode_chunk, encode_cell, replace_chunk
 from tofmix.io.layers.layers_file import LayersWriter
 from tofmix.io.layers.provenance import read_header_image
 from tofmix.layers import Layers, Provenance, layer_fields
+from tofmix.lost_samples import common_loss, weighed
 from tofmix.mixing import MixingLaw
 from tofmix.unmixing.rewriting import Rewritten
 from tofmix.unmixing.unmix import unmix
+
+Read = Callable[[Cell], EncodedCell]
+"""Reads a cell."""
 
 _WINDOWS_AT_ONCE = 2
 """Windows that are unmixed at the same time: each needs some 100 bytes a pixel, and some 100 MB of working memory."""
@@ -33,7 +39,8 @@ def total(tallies: Iterable[tuple[int, ...]]) -> tuple[int, ...]:
 
 
 def assemble(
-    cells: Iterable[tuple[Cell, EncodedCell]],
+    cells: Sequence[Cell],
+    read: Read,
     header_file: Path,
     header: bytes,
     target: Path,
@@ -43,6 +50,19 @@ def assemble(
     temporary: Path | None = None,
 ) -> tuple[tuple[int, ...], MixingLaw | None]:
     """Write the layers file from all cells in their order.
+
+    Parameters
+    ----------
+    cells : sequence of Cell
+        All cells of the grid.
+    read : callable
+        Gives a cell as it was encoded; a cell may be read twice.
+    header_file, header
+        From `tofmix.io.layers.provenance.header_image`, and the file that holds it.
+    target : Path
+        The layers file.
+    overwrite, inputs, temporary
+        As for `tofmix.io.layers.layers_file.LayersWriter`.
 
     Returns
     -------
@@ -63,25 +83,61 @@ def assemble(
     )
     with writer:
         if provenance.is_unmixed:
-            return _unmixed(cells, grid, provenance, writer)
-        tallies = []
-        for cell, encoded in cells:
+            return _unmixed(cells, read, grid, provenance, writer)
+        return _written(cells, read, grid, provenance, writer), None
+
+
+def _written(
+    cells: Sequence[Cell], read: Read, grid: Grid, provenance: Provenance, writer: LayersWriter
+) -> tuple[int, ...]:
+    """Write cells as they are, but for the probabilities of pixels with lost samples; return the tally.
+
+    Each cell is read twice, so that no more than one is in memory: what all pixels of a window lose is learnt first.
+    """
+    number = {spec.name: place for place, spec in enumerate(provenance.fields)}
+    frames, tallies = grid.windows.length // provenance.samples_a_frame, []
+    for group in _windows_together(cells, grid):
+        lost = np.concatenate([_decoded(cell, read(cell), grid, provenance, number["invalid_share"])
+                               for cell in group], axis=1)  # fmt: skip
+        common = [common_loss(image) for image in lost]
+        for cell in group:
+            encoded, own = read(cell), lost[:, cell.rows]
+            if own.any():
+                probability = _decoded(cell, encoded, grid, provenance, number["probability"])
+                for values, shares, of_all in zip(probability, own, common, strict=True):
+                    values[:] = weighed(values, shares, frames=frames, common=of_all)
+                encoded = replace_chunk(encoded, number["probability"], probability, shape=_chunk_of(grid))
             writer.write_chunks(cell.windows, cell.rows, encoded.chunks)
             tallies.append(encoded.tally)
-        return total(tallies), None
+    return total(tallies)
+
+
+def _decoded(cell: Cell, encoded: EncodedCell, grid: Grid, provenance: Provenance, number: int) -> NDArray[np.float32]:
+    """One dataset of a cell, (window, row, col) or (window, row, col, layer)."""
+    spec, most = provenance.fields[number], int(provenance.options["max_layers"])
+    return decode_chunk(encoded, number, spec, shape=_chunk_of(grid), max_layers=most, cell=_size_of(cell, grid))
+
+
+def _chunk_of(grid: Grid) -> tuple[int, int, int]:
+    """Windows, rows and columns of a stored chunk."""
+    return (*grid.step, grid.image[1])
+
+
+def _size_of(cell: Cell, grid: Grid) -> tuple[int, int, int]:
+    """Windows, rows and columns of a cell."""
+    return cell.windows.stop - cell.windows.start, cell.rows.stop - cell.rows.start, grid.image[1]
 
 
 def _unmixed(
-    cells: Iterable[tuple[Cell, EncodedCell]], grid: Grid, provenance: Provenance, writer: LayersWriter
+    cells: Sequence[Cell], read: Read, grid: Grid, provenance: Provenance, writer: LayersWriter
 ) -> tuple[tuple[int, ...], MixingLaw]:
     """Unmix the windows of each group of cells, and write them."""
-    shape = (*grid.step, grid.image[1])
+    shape, frames = _chunk_of(grid), grid.windows.length // provenance.samples_a_frame
     tallies, shares, pixels = [], [], []
     with ThreadPoolExecutor(_WINDOWS_AT_ONCE, thread_name_prefix="tofmix-unmix") as pool:
-        for group in _groups(cells, grid):
-            places = [cell for cell, _ in group]
-            layers, phasors = _whole(group, grid, provenance)
-            results = list(pool.map(partial(_unmix, layers, phasors, provenance), range(len(phasors))))
+        for places in _windows_together(cells, grid):
+            layers, phasors = _whole([(cell, read(cell)) for cell in places], grid, provenance)
+            results = list(pool.map(partial(_unmix, layers, phasors, provenance, frames), range(len(phasors))))
             first = places[0].windows.start
             for number, result in enumerate(results):
                 writer.write_law(first + number, result.phasor_share, result.informative_pixels)
@@ -98,9 +154,9 @@ def _unmixed(
     return total(tallies), MixingLaw.of_windows(np.array(shares), np.array(pixels))
 
 
-def _groups(cells: Iterable[tuple[Cell, EncodedCell]], grid: Grid) -> Iterator[list[tuple[Cell, EncodedCell]]]:
+def _windows_together(cells: Iterable[Cell], grid: Grid) -> Iterator[list[Cell]]:
     """Groups of cells of the same windows, which form whole images."""
-    for _, members in groupby(cells, key=lambda item: item[0].index // grid.bands):
+    for _, members in groupby(cells, key=lambda cell: cell.index // grid.bands):
         yield list(members)
 
 
@@ -109,18 +165,22 @@ def _whole(group: list[tuple[Cell, EncodedCell]], grid: Grid, provenance: Proven
     fields = layer_fields(provenance.sensor)
     parts = []
     for cell, encoded in group:
-        size = (cell.windows.stop - cell.windows.start, cell.rows.stop - cell.rows.start, grid.image[1])
-        most = int(provenance.options["max_layers"])
-        parts.append(decode_cell(encoded, fields, shape=(*grid.step, grid.image[1]), max_layers=most, cell=size))
+        size, most = _size_of(cell, grid), int(provenance.options["max_layers"])
+        parts.append(decode_cell(encoded, fields, shape=_chunk_of(grid), max_layers=most, cell=size))
     layers = Layers(**{spec.name: np.concatenate([getattr(part, spec.name) for part, _ in parts], axis=1)
                        for spec in fields})  # fmt: skip
     return layers, np.concatenate([phasors for _, phasors in parts], axis=1)
 
 
-def _unmix(layers: Layers, phasors: Float32Array, provenance: Provenance, window: int) -> Rewritten:
-    """Unmix one window of layers (window, row, col) and their mean phasors."""
+def _unmix(layers: Layers, phasors: Float32Array, provenance: Provenance, frames: int, window: int) -> Rewritten:
+    """Unmix one window of layers (window, row, col) and their mean phasors; then let its lost samples count."""
     part = Layers(**{spec.name: getattr(layers, spec.name)[window] for spec in layers.fields})
-    return unmix(
+    result = unmix(
         part, phasors[window], provenance.sensor, insist=provenance.options["mixing"] == MixingChoice.PHASOR,
         circle_mm=provenance.unambiguous_range_mm,
     )  # fmt: skip
+    found = result.layers
+    assert found.invalid_share is not None  # noqa: S101  every estimate has it
+    common = common_loss(found.invalid_share)
+    probability = weighed(found.probability, found.invalid_share, frames=frames, common=common)
+    return replace(result, layers=replace(found, probability=probability))

@@ -74,6 +74,7 @@ class LocalEngine:
                 buffer_bytes=buffer_bytes,
                 wanted=wanted,
                 phasors=phasors,
+                each=job.provenance.samples_a_frame,
             )
 
 

@@ -121,11 +121,12 @@ def run_job(
         verify_source()
         tally, mixture = total(journal.done().values()), None
         if shard == WHOLE:
-            parts = ((job.grid.cell(index), journal.cell(index)) for index in cells)
+            whole = [job.grid.cell(index) for index in cells]
             temporary = partial_path(journal.path)  # the lock of the journal protects it
             tally, mixture = assemble(
-                parts, journal.path, header, target, overwrite=overwrite, inputs=(job.recording,), temporary=temporary
-            )
+                whole, lambda cell: journal.cell(cell.index), journal.path, header, target, overwrite=overwrite,
+                inputs=(job.recording,), temporary=temporary,
+            )  # fmt: skip
             journal.remove()
         else:
             check_output(target, overwrite=overwrite)
@@ -253,8 +254,11 @@ def merge_parts(parts: Sequence[Path], target: Path, *, overwrite: bool = False)
             raise BadInputError(
                 f"{first}: {missing} of {counted(grid.count, 'block')} are in no part; a part is damaged"
             )
-        cells = ((grid.cell(index), owner[index].cell(index)) for index in range(grid.count))
-        tally, mixture = assemble(cells, first, header, target, overwrite=overwrite, inputs=tuple(parts))
+        whole = [grid.cell(index) for index in range(grid.count)]
+        tally, mixture = assemble(
+            whole, lambda cell: owner[cell.index].cell(cell.index), first, header, target, overwrite=overwrite,
+            inputs=tuple(parts),
+        )  # fmt: skip
     targets = read_header_image(header, first)[0].targets
     return Outcome(target=target, grid=grid, tally=tally, cells=grid.count, targets=targets, mixture=mixture)
 

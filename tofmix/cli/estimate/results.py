@@ -1,6 +1,7 @@
 """The results of ``tofmix estimate``: doubts about a file on stderr, and an outcome as a line and for JSON."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ from tofmix.wording import counted
 
 if TYPE_CHECKING:
     from tofmix.pipeline.run import Outcome
+    from tofmix.recording import SampleSource
     from tofmix.report.summary.findings import Finding, Remedy
 
 
@@ -22,13 +24,14 @@ def say_findings(path: Path, findings: list["Finding"], say: Callable[[str], obj
     return findings
 
 
-def findings_of(layers: Path, remedy: "Remedy | None" = None) -> list["Finding"]:
-    """The doubts about a layers file, in the words of `tofmix report`."""
+def findings_of(layers: Path, remedy: "Remedy | None" = None, source: "SampleSource | None" = None) -> list["Finding"]:
+    """The doubts about a layers file, in the words of `tofmix report`; `source` is its recording, if at hand."""
     from tofmix.io.layers.layers_file import open_layers
+    from tofmix.report.summary.lost import cause_of_loss
     from tofmix.report.summary.summary import find
 
     with open_layers(layers) as file:
-        return list(find(file, remedy))
+        return list(find(file, remedy, cause=None if source is None else partial(cause_of_loss, source)))
 
 
 def describe(

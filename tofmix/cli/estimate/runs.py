@@ -116,14 +116,14 @@ def _estimate(
             job, engine, target, shard=shard, overwrite=request.overwrite, resume=request.resume,
             progress=bar.update, say=say, verify_source=source.verify_unchanged,
         )  # fmt: skip
+        of_layers = findings_of(target, remedy, source) if request.shard is None else []
     if outcome.mixture is not None and not is_quiet():
         say(f"{recording}: mixing: {outcome.mixture.words()}")
     if outcome.continued and not is_quiet():
         say(f"{target}: blocks from the interrupted run: {outcome.continued} of {outcome.cells}")
     if windows.frames_left_out:
         say(f"{recording}: {counted(windows.frames_left_out, 'frame')} after the last whole window left out")
-    if request.shard is None:
-        findings += say_findings(target, findings_of(target, remedy), say)
+    findings += say_findings(target, of_layers, say)
     return describe(outcome, findings, request.shard)
 
 

@@ -23,7 +23,8 @@ from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
 from tofmix.grid import Cell, Grid, plan_grid
 from tofmix.layers import Layers, layer_fields
-from tofmix.recording import SampleSource, has_phasors
+from tofmix.lost_samples import common_loss, weighed
+from tofmix.recording import SampleSource, has_phasors, samples_a_frame
 from tofmix.sensor import Sensor, sensor_of_part
 from tofmix.unmixing.phasors import FIELD_COUNT, mean_phasors
 from tofmix.unmixing.unmix import unmix
@@ -60,6 +61,7 @@ def estimate_cells(
     buffer_bytes: int = DEFAULT_BUFFER_BYTES,
     wanted: Iterable[Cell] | None = None,
     phasors: bool = False,
+    each: int | None = None,
 ) -> Generator[tuple[Cell, T], None, None]:
     """Estimate the layers of some cells of a recording.
 
@@ -84,6 +86,8 @@ def estimate_cells(
         The cells to estimate; all without it.
     phasors : bool
         Whether mean phasors are wanted; the recording must have them (`tofmix.recording.has_phasors`).
+    each : int, optional
+        Samples of a frame, its targets; by default those of the recording.
 
     Yields
     ------
@@ -106,7 +110,8 @@ def estimate_cells(
     # Compile or load the kernels before there are threads: several at once would wait for each other.
     warm_up(options, sensor)
     groups = read_groups(source, grid, plan, grid.cells() if wanted is None else wanted, phasors=phasors)
-    run = _Run(groups, plan, _Work(sensor, grid, options, finish, phasors=phasors), workers)
+    each = samples_a_frame(source) if each is None else each
+    run = _Run(groups, plan, _Work(sensor, grid, options, finish, phasors=phasors, each=each), workers)
     with closing(run.results()) as results:
         yield from results
 
@@ -115,10 +120,11 @@ class _Work(Generic[T]):
     """Work on one cell."""
 
     def __init__(
-        self, sensor: Sensor, grid: Grid, options: EstimateOptions, finish: Callable[..., T], *, phasors: bool
-    ) -> None:
+        self, sensor: Sensor, grid: Grid, options: EstimateOptions, finish: Callable[..., T], *, phasors: bool,
+        each: int,
+    ) -> None:  # fmt: skip
         self._sensor, self._grid, self._options, self._finish = sensor, grid, options, finish
-        self._phasors = phasors
+        self._phasors, self._each = phasors, each
 
     def __call__(self, group: Group, cell: Cell) -> T:
         """Estimate a cell of a group."""
@@ -132,7 +138,7 @@ class _Work(Generic[T]):
                 samples = group.samples(frames, piece_rows, piece_cols)
                 light = group.amplitudes(frames, piece_rows, piece_cols)
                 sensor = sensor_of_part(self._sensor, piece_rows, piece_cols)
-                layers = layer_pixels(samples, sensor, self._options, amplitude=light)
+                layers = layer_pixels(samples, sensor, self._options, amplitude=light, samples_a_frame=self._each)
                 place = slice(piece_rows.start - cell.rows.start, piece_rows.stop - cell.rows.start)
                 for spec in out.fields:
                     getattr(out, spec.name)[window, place, piece_cols] = getattr(layers, spec.name)
@@ -253,7 +259,7 @@ def estimate_windows(
         if phasors is not None:
             phasors[cell.windows, cell.rows] = found[0]
     if phasors is None:
-        return EstimatedWindows(layers=out)
+        return EstimatedWindows(layers=_weighed(out, source, windows))
     shares, pixels = np.empty(windows.count, np.float32), np.empty(windows.count, np.uint32)
     for window, means in enumerate(phasors):
         part = Layers(**{spec.name: getattr(out, spec.name)[window] for spec in layer_fields(source.sensor)})
@@ -262,7 +268,20 @@ def estimate_windows(
         shares[window], pixels[window] = unmixed.phasor_share, unmixed.informative_pixels
         for spec in out.fields:
             getattr(out, spec.name)[window] = getattr(unmixed.layers, spec.name)
-    return EstimatedWindows(layers=out, phasor_share=shares, phasor_pixels=pixels)
+    return EstimatedWindows(layers=_weighed(out, source, windows), phasor_share=shares, phasor_pixels=pixels)
+
+
+def _weighed(layers: Layers, source: SampleSource, windows: Windows) -> Layers:
+    """Let the lost samples of each window count (`tofmix.lost_samples`)."""
+    assert layers.invalid_share is not None  # noqa: S101  every estimate has it
+    frames = windows.length // samples_a_frame(source)
+    probability = np.stack(
+        [
+            weighed(values, lost, frames=frames, common=common_loss(lost))
+            for values, lost in zip(layers.probability, layers.invalid_share, strict=True)
+        ]
+    )
+    return replace(layers, probability=probability)
 
 
 def estimate_layers(

@@ -4,7 +4,7 @@ Coordinates are whole micrometres from the sensor; everything else that a point
 carries is in extra dimensions, bit for bit. The format has room for 15 returns.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import date
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 from tofmix.errors import BadInputError, StorageError, UsageError
 from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.extras import need
-from tofmix.points import POINT_FIELDS, PointArray, PointSource
+from tofmix.points import AMPLITUDE, POINT_FIELDS, PointArray, PointField, PointSource
 from tofmix.version import __version__
 
 SCALE_M = 1e-6
@@ -25,7 +25,7 @@ _COORDINATES = ("x", "y", "z")
 _OWN = (*_COORDINATES, "return_number", "number_of_returns")
 _FARTHEST_M = SCALE_M * np.iinfo(np.int32).max
 _DESCRIPTION_BYTES = 31  # of a text field of 32 bytes that ends with a zero
-_INTENSITY_OF_ONE = np.iinfo(np.uint16).max  # a share of 1
+_LARGEST_INTENSITY = float(np.iinfo(np.uint16).max)
 _NO_DATE = date(1970, 1, 1)  # the format needs a date; the same points give the same bytes
 
 
@@ -42,15 +42,16 @@ def write_laz(file: AtomicFile, points: PointSource, title: str, written: Callab
 
 def _write(file: AtomicFile, points: PointSource, title: str, written: Callable[[], None], *, compress: bool) -> int:
     laspy = need("laspy", extra="export", what="LAZ" if compress else "LAS")
-    if points.fields != POINT_FIELDS:
+    fields = points.fields
+    if fields[: len(POINT_FIELDS)] != POINT_FIELDS:
         raise UsageError(f"{file.path}: LAS stores points of layers only; choose .ply, .pcd or .csv")
     count = 0
     try:
-        header = _header(laspy, title)
+        header, intensity = _header(laspy, title, fields), _intensity_of(points)
         with laspy.LasWriter(file.sink, header, do_compress=compress, closefd=False) as writer:
             for block in points:
                 if len(block):
-                    writer.write_points(_record(laspy, writer.header, block, file))
+                    writer.write_points(_record(laspy, writer.header, block, file, intensity))
                 written()
                 count += len(block)
     except laspy.errors.LaspyException as error:
@@ -58,7 +59,7 @@ def _write(file: AtomicFile, points: PointSource, title: str, written: Callable[
     return count
 
 
-def _header(laspy: Any, title: str) -> Any:  # noqa: ANN401  laspy has no types
+def _header(laspy: Any, title: str, fields: Sequence[PointField]) -> Any:  # noqa: ANN401  laspy has no types
     header = laspy.LasHeader(point_format=6, version="1.4")
     header.scales, header.offsets = np.full(3, SCALE_M), np.zeros(3)
     header.creation_date = _NO_DATE
@@ -69,14 +70,33 @@ def _header(laspy: Any, title: str) -> Any:  # noqa: ANN401  laspy has no types
             laspy.ExtraBytesParams(
                 name=spec.name, type=spec.dtype[1:], description=f"{spec.units}: {spec.long_name}"[:_DESCRIPTION_BYTES]
             )
-            for spec in POINT_FIELDS
+            for spec in fields
             if spec.name not in _OWN
         ]
     )
     return header
 
 
-def _record(laspy: Any, header: Any, block: PointArray, file: AtomicFile) -> Any:  # noqa: ANN401  laspy has no types
+def _intensity_of(points: PointSource) -> tuple[str, float]:
+    """The field that becomes the intensity, and the intensity of one unit of it.
+
+    An amplitude that 16 bits hold stays as it is; others are scaled so that the largest is 65,535. Without amplitudes
+    it is the share.
+    """
+    if AMPLITUDE not in {spec.name for spec in points.fields}:
+        return "weight", _LARGEST_INTENSITY
+    largest = max((float(np.nan_to_num(block[AMPLITUDE]).max()) for block in points if len(block)), default=0.0)
+    as_it_is = largest <= 0.0 or 1.0 < largest <= _LARGEST_INTENSITY
+    return AMPLITUDE, 1.0 if as_it_is else _LARGEST_INTENSITY / largest
+
+
+def _record(
+    laspy: Any,  # noqa: ANN401  it has no types
+    header: Any,  # noqa: ANN401
+    block: PointArray,
+    file: AtomicFile,
+    intensity: tuple[str, float],
+) -> Any:  # noqa: ANN401
     most = int(block["number_of_returns"].max())
     if most > MOST_RETURNS:
         raise BadInputError(
@@ -92,9 +112,10 @@ def _record(laspy: Any, header: Any, block: PointArray, file: AtomicFile) -> Any
     record = laspy.ScaleAwarePointRecord.zeros(len(block), header=header)
     for axis in _COORDINATES:
         record[axis.upper()] = np.rint(block[axis].astype(np.float64) / SCALE_M).astype(np.int32)
-    for spec in POINT_FIELDS:
-        if spec.name not in _COORDINATES:
-            record[spec.name] = block[spec.name]
-    weight = np.clip(np.nan_to_num(block["weight"].astype(np.float64)), 0.0, 1.0)
-    record["intensity"] = np.rint(weight * _INTENSITY_OF_ONE).astype(np.uint16)
+    for name in block.dtype.names or ():
+        if name not in _COORDINATES:
+            record[name] = block[name]
+    name, of_one = intensity
+    values = np.nan_to_num(block[name].astype(np.float64)) * of_one
+    record["intensity"] = np.rint(np.clip(values, 0.0, _LARGEST_INTENSITY)).astype(np.uint16)
     return record

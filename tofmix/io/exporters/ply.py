@@ -6,7 +6,7 @@ from tofmix.io.atomic.storage import AtomicFile
 from tofmix.points import PointSource
 from tofmix.version import __version__
 
-TYPES = {"<f4": "float", "|u1": "uchar", "<u4": "uint", "<i4": "int"}
+TYPES = {"<f4": "float", "|u1": "uchar", "<u2": "ushort", "<u4": "uint", "<i4": "int"}
 """Names of types in the format."""
 
 

@@ -78,12 +78,35 @@ def decode_cell(
         Of the leading shape `cell`.
     """
     arrays: dict[str, Any] = {}
-    for spec, chunk in zip(fields, encoded.chunks, strict=False):
-        whole = (*shape, max_layers) if spec.per_layer else shape
-        values = _unpacked(chunk, np.dtype(spec.dtype).newbyteorder("<")).reshape(whole)
-        arrays[spec.name] = values[: cell[0], : cell[1], : cell[2]].astype(spec.dtype)
+    for number, spec in enumerate(fields):
+        arrays[spec.name] = decode_chunk(encoded, number, spec, shape=shape, max_layers=max_layers, cell=cell)
     phasors = _unpacked(encoded.chunks[len(fields)], np.dtype("<f4")).reshape(*cell, -1)
     return Layers(**arrays), phasors.astype(np.float32)
+
+
+def decode_chunk(
+    encoded: EncodedCell, number: int, spec: LayerField, *, shape: tuple[int, int, int], max_layers: int,
+    cell: tuple[int, int, int],
+) -> NDArray[Any]:  # fmt: skip
+    """Decode one dataset of a cell: its number among the chunks, and its description; the others as `decode_cell`.
+
+    Returns
+    -------
+    (window, row, col) or (window, row, col, layer) array
+        Of the leading shape `cell`.
+    """
+    whole = (*shape, max_layers) if spec.per_layer else shape
+    values = _unpacked(encoded.chunks[number], np.dtype(spec.dtype).newbyteorder("<")).reshape(whole)
+    return np.asarray(values[: cell[0], : cell[1], : cell[2]].astype(spec.dtype))
+
+
+def replace_chunk(
+    encoded: EncodedCell, number: int, values: NDArray[np.float32], *, shape: tuple[int, int, int]
+) -> EncodedCell:
+    """The same cell with other values of one dataset of floats, (window, row, col, ...), by its number."""
+    chunks = list(encoded.chunks)
+    chunks[number] = _chunk(values, np.dtype(values.dtype).newbyteorder("<"), np.nan, shape)
+    return encoded._replace(chunks=tuple(chunks))
 
 
 def fill_of(spec: LayerField) -> float:
@@ -93,13 +116,18 @@ def fill_of(spec: LayerField) -> float:
 
 def _chunks(layers: Layers, shape: tuple[int, int, int]) -> Iterator[bytes]:
     for spec in layers.fields:
-        values = np.ascontiguousarray(getattr(layers, spec.name), dtype=np.dtype(spec.dtype).newbyteorder("<"))
-        if values.shape[:3] != shape:
-            whole = np.full((*shape, *values.shape[3:]), fill_of(spec), dtype=values.dtype)
-            windows, rows, cols = values.shape[:3]
-            whole[:windows, :rows, :cols] = values
-            values = whole
-        yield _packed(values)
+        yield _chunk(getattr(layers, spec.name), np.dtype(spec.dtype).newbyteorder("<"), fill_of(spec), shape)
+
+
+def _chunk(values: NDArray[Any], dtype: np.dtype[Any], fill: float, shape: tuple[int, int, int]) -> bytes:
+    """Values of a cell as a stored chunk; a cell at the far edge is filled up."""
+    values = np.ascontiguousarray(values, dtype=dtype)
+    if values.shape[:3] != shape:
+        whole = np.full((*shape, *values.shape[3:]), fill, dtype=values.dtype)
+        windows, rows, cols = values.shape[:3]
+        whole[:windows, :rows, :cols] = values
+        values = whole
+    return _packed(values)
 
 
 def _packed(values: NDArray[Any]) -> bytes:

@@ -135,9 +135,12 @@ def _check_block(layers: LayersFile, windows: slice, rows: slice, findings: Find
             findings.add_error(error, layers.path, first=where)
         return
     frames = layers.window_stop[windows].astype(np.int64) - layers.window_start[windows].astype(np.int64)
-    frames *= layers.provenance.samples_a_frame
     offset = (windows.start, rows.start, 0)
-    for rule in layer_rules(block, frames, circle_mm=layers.provenance.unambiguous_range_mm):
+    made = layers.provenance
+    rules = layer_rules(
+        block, frames, circle_mm=made.unambiguous_range_mm, samples_a_frame=made.samples_a_frame
+    )  # fmt: skip
+    for rule in rules:
         findings.add_broken(rule.name, rule.text, rule.broken, _PLACE, offset)
 
 

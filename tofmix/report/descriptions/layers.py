@@ -10,11 +10,16 @@ from tofmix.report.descriptions.description import Description, Section
 from tofmix.report.descriptions.sections import noise_section, sensor_section, view_findings
 from tofmix.report.sources import LayersSource
 from tofmix.report.summary.findings import count_findings, target_findings
+from tofmix.report.summary.lost import LostTally
 from tofmix.report.summary.summary import remedy_for
 
 
 class LayersHeader(LayersSource, Protocol):
     """Interface of a layers file, as `tofmix.io.layers.layers_file.LayersFile` has it."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of its datasets."""
 
     def read_field(self, name: str, window: int) -> NDArray[Any]:
         """One dataset of one window."""
@@ -25,11 +30,14 @@ def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Descri
     windows, rows, cols = file.shape
     provenance = file.provenance
     surfaces = np.zeros(file.max_layers + 1, dtype=np.int64)
+    lost = LostTally()
     by_status: dict[str, int] = dict.fromkeys((status_name(s) for s in Status), 0)
     for window in range(windows):
         counts = np.bincount(file.read_field("n_modes", window).ravel(), minlength=file.max_layers + 1)
         surfaces += counts[: file.max_layers + 1]
         status = file.read_field("status", window)
+        if "invalid_share" in file.names:
+            lost.add(file.read_field("invalid_share", window), status)
         for known in Status:
             by_status[status_name(known)] += int((status == known).sum())
     sections: dict[str, Section] = {
@@ -45,17 +53,28 @@ def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Descri
         "options": dict(sorted(provenance.options.items())),
         "sensor": sensor_section(provenance.sensor),
     }  # fmt: skip
+    if (losses := lost.numbers()) is not None:
+        sections["lost_samples"] = {
+            "mean_share": losses.mean_share, "median_share": losses.share.q50,
+            "pixels_without_sample": losses.pixels_without_sample, "pixels_at_limit": losses.pixels_at_limit,
+        }  # fmt: skip
     noise = noise_section(provenance.sensor)
     sections |= {"noise": noise} if noise else {}
     law = file.mixing_law
     sections |= {"mixing": {"law": law.words(), **law.as_dict()}} if law is not None else {}
     warnings = count_findings(
         pixels=windows * rows * cols, by_status=by_status, by_surfaces=surfaces.tolist(), max_layers=file.max_layers,
-        remedy=remedy_for(provenance, windows),
+        remedy=remedy_for(provenance, windows), lost=lost.too_few,
     )  # fmt: skip
+    of_losses = [finding for finding in lost.findings() if not finding.is_note]
     return Description(
         kind="layers",
         name=name,
         sections=sections,
-        warnings=(*warnings, *target_findings(provenance.targets), *view_findings(provenance.sensor, (rows, cols))),
+        warnings=(
+            *of_losses,
+            *warnings,
+            *target_findings(provenance.targets),
+            *view_findings(provenance.sensor, (rows, cols)),
+        ),
     )

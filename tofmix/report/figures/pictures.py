@@ -10,6 +10,7 @@ from tofmix.layers import Layers
 from tofmix.report.averaging import AveragedImage
 from tofmix.report.figures.curves import SHOWN_LAYERS, range_histogram, sigma_figure, weight_histogram
 from tofmix.report.figures.images import colour_scale
+from tofmix.report.figures.lost_pictures import lost_picture
 from tofmix.report.figures.picture import Picture, make_picture
 from tofmix.report.figures.rasters import (
     ABOVE,
@@ -56,10 +57,12 @@ def draw_gallery(layers: Layers, averaged: AveragedImage, sensor: Sensor, *, sca
     Returns
     -------
     Gallery
-        All pictures; every first to third layer that the file can hold has one.
+        All pictures; every first to third layer that the file can hold has one, and lost samples have one if there
+        are any.
     """
+    lost = lost_picture(layers.invalid_share)
     return Gallery(
-        images=(*_range_pictures(layers, averaged, scale), _count_picture(layers)),
+        images=(*_range_pictures(layers, averaged, scale), _count_picture(layers), *(() if lost is None else (lost,))),
         histograms=_histogram_pictures(layers, sensor.noise),
     )
 

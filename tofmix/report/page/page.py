@@ -210,6 +210,7 @@ def _provenance_rows(summary: Summary, sensor: str) -> list[Row]:
         ("image", f"{counted(summary.rows, 'row')} x {counted(summary.cols, 'column')}"),
         ("windows", f"{summary.windows} of {counted(summary.window_frames, 'frame')}"),
         ("frames left out at the end", f"{summary.frames_left_out}"),
+        *(() if summary.lost is None else (("lost samples", summary.lost.line),)),
         ("options of estimate", ", ".join(f"{name} {value}" for name, value in summary.options.items()) or "none"),
         ("sensor", sensor),
     ]

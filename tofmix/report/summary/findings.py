@@ -152,6 +152,7 @@ def count_findings(
     max_layers: int,
     remedy: Remedy,
     close: int = 0,
+    lost: int = 0,
     thresholds: Thresholds = DEFAULT_THRESHOLDS,
 ) -> list[Finding]:
     """List findings from the counts of pixels.
@@ -170,6 +171,8 @@ def count_findings(
         The estimate.
     close : int
         Pixels with two layers within `close_sigmas` of each other.
+    lost : int
+        Pixels with too few samples for which more frames would not help: their light is not enough.
     thresholds : Thresholds
         From where on a finding is made.
 
@@ -180,7 +183,8 @@ def count_findings(
     """
     found = []
     for status, (said, commands) in _status_texts(remedy, thresholds.more_iterations).items():
-        share = by_status.get(status_name(status), 0) / max(1, pixels)
+        count = by_status.get(status_name(status), 0) - (lost if status is Status.TOO_FEW_SAMPLES else 0)
+        share = count / max(1, pixels)
         if share > thresholds.status_share:
             text = f"{100 * share:.1f} % of the pixels {said}"
             found.append(Finding(code=status_name(status), text=text, commands=commands))

@@ -26,6 +26,7 @@ from tofmix.report.summary.findings import (
 )
 from tofmix.report.summary.frames import frame_findings
 from tofmix.report.summary.light import light_findings
+from tofmix.report.summary.lost import Cause, LostNumbers, LostTally
 from tofmix.report.summary.noise_numbers import NoiseNumbers, noise_numbers
 from tofmix.report.summary.quantiles import Quantiles, ValueCounts, spread_of
 from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
@@ -102,6 +103,8 @@ class Summary:
         sigma / sigma(r) over components with a share above 0.5.
     samples : Quantiles
         Valid samples a pixel.
+    lost : LostNumbers or None
+        Lost samples; None where none was lost, and for layers of versions that did not count them.
     noise : NoiseNumbers or None
         The noise, where it has learnt parts, or parts of a file, beyond sigma by range and amplitude.
     mixing : MixingNumbers or None
@@ -134,6 +137,7 @@ class Summary:
     weight_no_return: Quantiles
     sigma_over_curve: Quantiles
     samples: Quantiles
+    lost: LostNumbers | None
     noise: NoiseNumbers | None
     mixing: MixingNumbers | None
     warnings: tuple[Finding, ...]
@@ -205,6 +209,7 @@ def summarise(layers_file: LayersSource, *, thresholds: Thresholds = DEFAULT_THR
         weight_no_return=spread_of(tally.no_return),
         sigma_over_curve=spread_of(tally.dominant_ratio),
         samples=spread_of(tally.samples),
+        lost=tally.lost.numbers(),
         noise=noise_numbers(provenance.sensor, tally.widths),
         mixing=_mixing(layers_file, tally),
         warnings=warnings,
@@ -223,7 +228,11 @@ def _mixing(layers_file: LayersSource, tally: "_Tally") -> MixingNumbers | None:
 
 
 def find(
-    layers_file: LayersSource, remedy: Remedy | None = None, *, thresholds: Thresholds = DEFAULT_THRESHOLDS
+    layers_file: LayersSource,
+    remedy: Remedy | None = None,
+    *,
+    cause: Cause | None = None,
+    thresholds: Thresholds = DEFAULT_THRESHOLDS,
 ) -> tuple[Finding, ...]:
     """List the findings of a layers file, the same as in its summary, with less work.
 
@@ -233,6 +242,8 @@ def find(
         The file; read window by window.
     remedy : Remedy, optional
         Names in the commands; by default the name of the recording in the file.
+    cause : callable, optional
+        Tells why samples of some pixels were lost, where the recording is at hand.
     thresholds : Thresholds
         From where on a finding is made.
     """
@@ -241,7 +252,7 @@ def find(
     tally = _FindingTally(layers_file, thresholds)
     for k in range(windows):
         tally.add(layers_file.read_window(k))
-    return tally.findings(layers_file, windows * rows * cols, remedy or remedy_for(provenance, windows))
+    return tally.findings(layers_file, windows * rows * cols, remedy or remedy_for(provenance, windows), cause)
 
 
 def remedy_for(
@@ -283,10 +294,12 @@ class _FindingTally:
         self.close = 0
         self._status: dict[int, int] = {}
         self.dominant_ratio = ValueCounts()
+        self.lost = LostTally()
 
     def add(self, window: Layers) -> None:
         self.surfaces = _added(self.surfaces, window.n_modes)
         self.close += _close(window, self._length, self._thresholds.close_sigmas)
+        self.lost.add(window.invalid_share, window.status)
         values, counts = np.unique(window.status, return_counts=True)
         for value, count in zip(values.tolist(), counts.tolist(), strict=True):
             self._status[value] = self._status.get(value, 0) + count
@@ -301,7 +314,9 @@ class _FindingTally:
             ratio[known] = window.sigma[known] / self._curve.sigma(range_mm[known])
         return ratio
 
-    def findings(self, layers_file: LayersSource, pixels: int, remedy: Remedy) -> tuple[Finding, ...]:
+    def findings(
+        self, layers_file: LayersSource, pixels: int, remedy: Remedy, cause: Cause | None = None
+    ) -> tuple[Finding, ...]:
         curve = layers_file.provenance.sensor.noise
         # With a law of amplitude, sigma is that of each pixel's own amplitude, which a layers file does not hold.
         by_range = curve is None or curve.law is None
@@ -318,9 +333,11 @@ class _FindingTally:
             by_surfaces=self.surfaces,
             max_layers=layers_file.max_layers,
             close=self.close,
+            lost=self.lost.too_few,
             remedy=remedy,
             thresholds=self._thresholds,
         )
+        of_losses = self.lost.findings(cause, thresholds=self._thresholds)
         provenance = layers_file.provenance
         of_light = light_findings(provenance.sensor, targets=provenance.targets, remedy=remedy)
         law, insisted = layers_file.mixing_law, provenance.options.get("mixing") == "phasor"
@@ -330,7 +347,7 @@ class _FindingTally:
             total=int(layers_file.window_stop[-1]) + provenance.frames_left_out,
             remedy=remedy,
         )
-        return *of_sigma, *of_counts, *of_light, *of_frames, *target_findings(provenance.targets)
+        return *of_sigma, *of_losses, *of_counts, *of_light, *of_frames, *target_findings(provenance.targets)
 
     def by_status(self) -> dict[str, int]:
         named = {status_name(s): self._status.get(int(s), 0) for s in Status}

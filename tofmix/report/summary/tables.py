@@ -61,6 +61,8 @@ def _head(summary: Summary) -> list[str]:
         f"pixels     {summary.pixels} ({counted(summary.rows, 'row')} x {counted(summary.cols, 'column')} a window)",
         f"samples    {_number(summary.samples.q50, '.0f')} valid a pixel (median)",
     ]
+    if summary.lost is not None:
+        head.append(f"lost       {summary.lost.line}")
     if summary.noise is not None:
         indent = " " * len("samples    ")
         head += textwrap.wrap(f"noise      {summary.noise.line}", COLUMNS, subsequent_indent=indent)
