@@ -20,6 +20,7 @@ from tofmix.io.layers.layers_file import LayersWriter
 from tofmix.io.layers.provenance import read_header_image
 from tofmix.layers import Layers, Provenance, layer_fields
 from tofmix.mixing import MixingLaw
+from tofmix.pipeline.suspects import Marks
 from tofmix.unmixing.rewriting import Rewritten
 from tofmix.unmixing.unmix import unmix
 
@@ -62,17 +63,29 @@ def assemble(
         temporary=temporary,
     )
     with writer:
-        if provenance.is_unmixed:
-            return _unmixed(cells, grid, provenance, writer)
-        tallies = []
-        for cell, encoded in cells:
+        marks = Marks(grid, provenance)
+        put = _unmixed if provenance.is_unmixed else _as_they_are
+        made = put(cells, grid, provenance, writer, marks)
+        marks.write(writer)
+        return made
+
+
+def _as_they_are(
+    cells: Iterable[tuple[Cell, EncodedCell]], grid: Grid, provenance: Provenance, writer: LayersWriter, marks: Marks
+) -> tuple[tuple[int, ...], None]:
+    """Write cells whose layers are final."""
+    tallies = []
+    for group in _groups(cells, grid):
+        layers, _ = _whole(group, grid, provenance)
+        marks.add(group, _windows(layers))
+        for cell, encoded in group:
             writer.write_chunks(cell.windows, cell.rows, encoded.chunks)
             tallies.append(encoded.tally)
-        return total(tallies), None
+    return total(tallies), None
 
 
 def _unmixed(
-    cells: Iterable[tuple[Cell, EncodedCell]], grid: Grid, provenance: Provenance, writer: LayersWriter
+    cells: Iterable[tuple[Cell, EncodedCell]], grid: Grid, provenance: Provenance, writer: LayersWriter, marks: Marks
 ) -> tuple[tuple[int, ...], MixingLaw]:
     """Unmix the windows of each group of cells, and write them."""
     shape = (*grid.step, grid.image[1])
@@ -81,7 +94,9 @@ def _unmixed(
         for group in _groups(cells, grid):
             places = [cell for cell, _ in group]
             layers, phasors = _whole(group, grid, provenance)
+            assert phasors is not None  # noqa: S101  cells of a recording that is unmixed have them
             results = list(pool.map(partial(_unmix, layers, phasors, provenance), range(len(phasors))))
+            marks.add(group, [result.layers for result in results])
             first = places[0].windows.start
             for number, result in enumerate(results):
                 writer.write_law(first + number, result.phasor_share, result.informative_pixels)
@@ -104,8 +119,18 @@ def _groups(cells: Iterable[tuple[Cell, EncodedCell]], grid: Grid) -> Iterator[l
         yield list(members)
 
 
-def _whole(group: list[tuple[Cell, EncodedCell]], grid: Grid, provenance: Provenance) -> tuple[Layers, Float32Array]:
-    """Layers and mean phasors of the leading shape (window, row, col)."""
+def _windows(layers: Layers) -> list[Layers]:
+    """Layers (row, col) of each window of layers (window, row, col)."""
+    return [
+        Layers(**{spec.name: getattr(layers, spec.name)[window] for spec in layers.fields})
+        for window in range(layers.shape[0])
+    ]
+
+
+def _whole(
+    group: list[tuple[Cell, EncodedCell]], grid: Grid, provenance: Provenance
+) -> tuple[Layers, Float32Array | None]:
+    """Layers, and mean phasors if there are any, of the leading shape (window, row, col)."""
     fields = layer_fields(provenance.sensor)
     parts = []
     for cell, encoded in group:
@@ -114,7 +139,8 @@ def _whole(group: list[tuple[Cell, EncodedCell]], grid: Grid, provenance: Proven
         parts.append(decode_cell(encoded, fields, shape=(*grid.step, grid.image[1]), max_layers=most, cell=size))
     layers = Layers(**{spec.name: np.concatenate([getattr(part, spec.name) for part, _ in parts], axis=1)
                        for spec in fields})  # fmt: skip
-    return layers, np.concatenate([phasors for _, phasors in parts], axis=1)
+    known = [phasors for _, phasors in parts if phasors is not None]
+    return layers, np.concatenate(known, axis=1) if known else None
 
 
 def _unmix(layers: Layers, phasors: Float32Array, provenance: Provenance, window: int) -> Rewritten:

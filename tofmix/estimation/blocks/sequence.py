@@ -23,8 +23,12 @@ from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
 from tofmix.grid import Cell, Grid, plan_grid
 from tofmix.layers import Layers, layer_fields
-from tofmix.recording import SampleSource, has_phasors
+from tofmix.recording import SampleSource, has_phasors, samples_a_frame
 from tofmix.sensor import Sensor, sensor_of_part
+from tofmix.suspicion.evidence import gather_evidence
+from tofmix.suspicion.evidence import warm_up as warm_up_evidence
+from tofmix.suspicion.judge import judge_windows
+from tofmix.suspicion.scene import Evidence, joined
 from tofmix.unmixing.phasors import FIELD_COUNT, mean_phasors
 from tofmix.unmixing.unmix import unmix
 from tofmix.windows import Windows
@@ -60,6 +64,7 @@ def estimate_cells(
     buffer_bytes: int = DEFAULT_BUFFER_BYTES,
     wanted: Iterable[Cell] | None = None,
     phasors: bool = False,
+    evidence: bool = False,
 ) -> Generator[tuple[Cell, T], None, None]:
     """Estimate the layers of some cells of a recording.
 
@@ -84,6 +89,9 @@ def estimate_cells(
         The cells to estimate; all without it.
     phasors : bool
         Whether mean phasors are wanted; the recording must have them (`tofmix.recording.has_phasors`).
+    evidence : bool
+        Whether evidence of suspicions is wanted. Then `finish` is called with the layers, the mean phasors or None, and
+        a list of `tofmix.suspicion.scene.Evidence`, one of each window.
 
     Yields
     ------
@@ -102,23 +110,28 @@ def estimate_cells(
     sensor = source.sensor
     if sensor.sample_max_mm is None:
         sensor = sensor_with_span(source, options.unambiguous_range_mm)
-    plan = plan_reading(source, grid, buffer_bytes=buffer_bytes, workers=workers, phasors=phasors)
+    light = phasors or evidence
+    plan = plan_reading(source, grid, buffer_bytes=buffer_bytes, workers=workers, phasors=light)
     # Compile or load the kernels before there are threads: several at once would wait for each other.
     warm_up(options, sensor)
-    groups = read_groups(source, grid, plan, grid.cells() if wanted is None else wanted, phasors=phasors)
-    run = _Run(groups, plan, _Work(sensor, grid, options, finish, phasors=phasors), workers)
+    if evidence:
+        warm_up_evidence(options.max_layers)
+    groups = read_groups(source, grid, plan, grid.cells() if wanted is None else wanted, phasors=light)
+    targets = samples_a_frame(source) if evidence else None
+    run = _Run(groups, plan, _Work(sensor, grid, options, finish, phasors=phasors, targets=targets), workers)
     with closing(run.results()) as results:
         yield from results
 
 
 class _Work(Generic[T]):
-    """Work on one cell."""
+    """Work on one cell; with `targets`, the samples of a frame, it gathers evidence too."""
 
     def __init__(
-        self, sensor: Sensor, grid: Grid, options: EstimateOptions, finish: Callable[..., T], *, phasors: bool
-    ) -> None:
+        self, sensor: Sensor, grid: Grid, options: EstimateOptions, finish: Callable[..., T], *, phasors: bool,
+        targets: int | None,
+    ) -> None:  # fmt: skip
         self._sensor, self._grid, self._options, self._finish = sensor, grid, options, finish
-        self._phasors = phasors
+        self._phasors, self._targets = phasors, targets
 
     def __call__(self, group: Group, cell: Cell) -> T:
         """Estimate a cell of a group."""
@@ -126,7 +139,9 @@ class _Work(Generic[T]):
         count = cell.windows.stop - cell.windows.start
         out = Layers.empty((count, rows, cols), self._options.max_layers, layer_fields(self._sensor))
         phasors = np.empty((count, rows, cols, FIELD_COUNT), np.float32) if self._phasors else None
+        evidence = []
         for window in range(count):
+            pieces = []
             frames = self._grid.frames(slice(cell.windows.start + window, cell.windows.start + window + 1))
             for piece_rows, piece_cols in self._pieces(cell.rows):
                 samples = group.samples(frames, piece_rows, piece_cols)
@@ -138,6 +153,13 @@ class _Work(Generic[T]):
                     getattr(out, spec.name)[window, place, piece_cols] = getattr(layers, spec.name)
                 if phasors is not None and light is not None:
                     phasors[window, place, piece_cols] = mean_phasors(samples, light, self._sensor)
+                if self._targets is not None:
+                    circle_mm = self._options.unambiguous_range_mm
+                    found = gather_evidence(samples, light, layers, targets=self._targets, circle_mm=circle_mm)
+                    pieces.append((place.start, piece_cols.start, found))
+            evidence.append(joined(pieces, (rows, cols), self._options.max_layers))
+        if self._targets is not None:
+            return self._finish(out, phasors, evidence)
         return self._finish(out) if phasors is None else self._finish(out, phasors)
 
     def _pieces(self, rows: slice) -> Iterator[tuple[slice, slice]]:
@@ -245,15 +267,27 @@ def estimate_windows(
     out = Layers.empty(shape, options.max_layers, layer_fields(source.sensor, mixing=measured))
     phasors = np.empty((*shape, FIELD_COUNT), np.float32) if measured else None
     cells = estimate_cells(
-        source, grid, options, lambda *parts: parts, workers=workers, buffer_bytes=buffer_bytes, phasors=measured
-    )
+        source, grid, options, lambda *parts: parts, workers=workers, buffer_bytes=buffer_bytes, phasors=measured,
+        evidence=True,
+    )  # fmt: skip
+    pieces: list[list[tuple[int, int, Evidence]]] = [[] for _ in range(windows.count)]
     for cell, (layers, *found) in cells:
+        for window, part in enumerate(found[1], start=cell.windows.start):
+            pieces[window].append((cell.rows.start, 0, part))
         for spec in layers.fields:
             getattr(out, spec.name)[cell.windows, cell.rows] = getattr(layers, spec.name)
         if phasors is not None:
             phasors[cell.windows, cell.rows] = found[0]
+    evidence = [joined(parts, (rows, cols), options.max_layers) for parts in pieces]
+    first_frames = [window * windows.stride // samples_a_frame(source) for window in range(windows.count)]
+
+    def judged() -> Layers:
+        return judge_windows(
+            out, evidence, source.sensor, first_frames=first_frames, circle_mm=options.unambiguous_range_mm
+        )
+
     if phasors is None:
-        return EstimatedWindows(layers=out)
+        return EstimatedWindows(layers=judged())
     shares, pixels = np.empty(windows.count, np.float32), np.empty(windows.count, np.uint32)
     for window, means in enumerate(phasors):
         part = Layers(**{spec.name: getattr(out, spec.name)[window] for spec in layer_fields(source.sensor)})
@@ -262,7 +296,7 @@ def estimate_windows(
         shares[window], pixels[window] = unmixed.phasor_share, unmixed.informative_pixels
         for spec in out.fields:
             getattr(out, spec.name)[window] = getattr(unmixed.layers, spec.name)
-    return EstimatedWindows(layers=out, phasor_share=shares, phasor_pixels=pixels)
+    return EstimatedWindows(layers=judged(), phasor_share=shares, phasor_pixels=pixels)
 
 
 def estimate_layers(

@@ -6,7 +6,7 @@ The same layers give the same bytes wherever they are made.
 """
 
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,22 +14,30 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array
 from tofmix.layers import LayerField, Layers
+from tofmix.suspicion.scene import CLUSTER_FIELDS, Evidence
 
 COMPRESSION_LEVEL = 1
 """The fastest level of gzip: packing must not slow down the kernels."""
 
 
+_EVIDENCE_CHUNKS = 2  # amplitudes of layers, and clusters in time
+
+
 class EncodedCell(NamedTuple):
     """One chunk for each dataset of the layers, and how many pixels have 0, 1, 2, ... surfaces.
 
-    Where layers are still to be unmixed, the last chunk holds the mean phasors.
+    Where layers are still to be unmixed, another chunk holds the mean phasors. In journals, the last two hold the
+    evidence of suspicions: amplitudes of layers, if they are known, and clusters in time.
     """
 
     tally: tuple[int, ...]
     chunks: tuple[bytes, ...]
 
 
-def encode_cell(layers: Layers, phasors: Float32Array | None = None, *, shape: tuple[int, int, int]) -> EncodedCell:
+def encode_cell(
+    layers: Layers, phasors: Float32Array | None = None, evidence: Sequence[Evidence] = (), *,
+    shape: tuple[int, int, int],
+) -> EncodedCell:  # fmt: skip
     """Encode the layers of a cell.
 
     Parameters
@@ -38,6 +46,8 @@ def encode_cell(layers: Layers, phasors: Float32Array | None = None, *, shape: t
         Of the leading shape (window, row, col).
     phasors : (window, row, col, 7) float32, optional
         Mean phasors of the same pixels (`tofmix.unmixing.phasors`).
+    evidence : sequence of Evidence, optional
+        Evidence of each window of the cell.
     shape : (int, int, int)
         The leading shape of a stored chunk; a cell at the far edge is filled up to it.
 
@@ -50,14 +60,16 @@ def encode_cell(layers: Layers, phasors: Float32Array | None = None, *, shape: t
     chunks = tuple(_chunks(layers, shape))
     if phasors is not None:
         chunks = (*chunks, _packed(np.ascontiguousarray(phasors, dtype="<f4")))
+    if evidence:
+        chunks = (*chunks, *_evidence_chunks(evidence))
     return EncodedCell(tuple(tally.tolist()), chunks)
 
 
 def decode_cell(
     encoded: EncodedCell, fields: tuple[LayerField, ...], *, shape: tuple[int, int, int], max_layers: int,
     cell: tuple[int, int, int],
-) -> tuple[Layers, Float32Array]:  # fmt: skip
-    """Decode a cell that `encode_cell` made, with its mean phasors.
+) -> tuple[Layers, Float32Array | None]:  # fmt: skip
+    """Decode a cell that `encode_cell` made with evidence, with its mean phasors if it has any.
 
     Parameters
     ----------
@@ -74,21 +86,44 @@ def decode_cell(
 
     Returns
     -------
-    (Layers, (window, row, col, 7) float32)
+    (Layers, (window, row, col, 7) float32 or None)
         Of the leading shape `cell`.
     """
     arrays: dict[str, Any] = {}
     for spec, chunk in zip(fields, encoded.chunks, strict=False):
-        whole = (*shape, max_layers) if spec.per_layer else shape
+        whole = spec.full_shape(shape, max_layers)
         values = _unpacked(chunk, np.dtype(spec.dtype).newbyteorder("<")).reshape(whole)
         arrays[spec.name] = values[: cell[0], : cell[1], : cell[2]].astype(spec.dtype)
+    if len(encoded.chunks) == len(fields) + _EVIDENCE_CHUNKS:
+        return Layers(**arrays), None
     phasors = _unpacked(encoded.chunks[len(fields)], np.dtype("<f4")).reshape(*cell, -1)
     return Layers(**arrays), phasors.astype(np.float32)
+
+
+def decode_evidence(encoded: EncodedCell, *, max_layers: int, cell: tuple[int, int, int]) -> list[Evidence]:
+    """Decode the evidence of each window of a cell of `cell` windows, rows and columns."""
+    light, times = encoded.chunks[-_EVIDENCE_CHUNKS:]
+    amplitude = _unpacked(light, np.dtype("<f4")).astype(np.float32)
+    clusters = _unpacked(times, np.dtype("<f8")).astype(np.float64).reshape(-1, 1 + len(CLUSTER_FIELDS))
+    images = amplitude.reshape(*cell, max_layers) if amplitude.size else [None] * cell[0]
+    return [
+        Evidence(image, clusters[clusters[:, 0] == window, 1:]) for window, image in zip(range(cell[0]), images, strict=True)
+    ]
 
 
 def fill_of(spec: LayerField) -> float:
     """Value of pixels that were not estimated: NaN, 0 for integers."""
     return np.nan if spec.dtype.startswith("f") else 0
+
+
+def _evidence_chunks(evidence: Sequence[Evidence]) -> tuple[bytes, bytes]:
+    light = [part.amplitude for part in evidence if part.amplitude is not None]
+    amplitude = np.stack(light) if light else np.zeros(0, np.float32)
+    clusters = [
+        np.column_stack([np.full(len(part.clusters), float(window)), part.clusters])
+        for window, part in enumerate(evidence)
+    ]
+    return _packed(amplitude.astype("<f4")), _packed(np.concatenate(clusters).astype("<f8"))
 
 
 def _chunks(layers: Layers, shape: tuple[int, int, int]) -> Iterator[bytes]:
