@@ -14,7 +14,7 @@ from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.layers import Layers
 from tofmix.suspicion.passing import BESIDE_PASSING
-from tofmix.suspicion.scene import CLUSTER_FIELDS, Evidence
+from tofmix.suspicion.scene import Evidence
 from tofmix.suspicion.time_clusters import LONGEST, MOST_OUTSIDE, log_chance
 
 WORTH_KEEPING = math.log(BESIDE_PASSING)
@@ -56,9 +56,9 @@ def gather_evidence(
         light = light.reshape(*shape, layers.max_layers)
     frames = len(samples) // targets
     found = np.flatnonzero(_may_pass(flat, frames))
-    clusters = _clusters(samples, found, targets, *of_layers, circle)
+    clusters, memory = _clusters(samples, found, targets, *of_layers, circle)
     row, col = np.divmod(clusters[:, 0], shape[1])
-    return Evidence(light, np.column_stack([row, col, clusters[:, 1:]]))
+    return Evidence(light, np.column_stack([row, col, clusters[:, 1:]]), memory)
 
 
 def _may_pass(flat: Layers, frames: int) -> NDArray[np.bool_]:
@@ -116,13 +116,13 @@ def _mean_amplitudes(
 def _clusters(
     samples: Float32Array, pixels: NDArray[np.int64], targets: int, n_modes: NDArray[np.uint8], mean: Float32Array,
     sigma: Float32Array, weight: Float32Array, circle: float,
-) -> FloatArray:  # fmt: skip
-    """Layers of some pixels whose samples come close in time: pixel, and `CLUSTER_FIELDS` from the layer on."""
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    """Layers of some pixels whose samples come close in time: pixel, `CLUSTER_FIELDS` from the layer on, and the memory."""
     frames, most = samples.shape[0] // targets, mean.shape[1]
     rank = _ranks(samples, targets)
     used = rank[-1]
     where, count = np.empty((most, frames), np.int64), np.zeros(most, np.int64)
-    found = np.empty((len(pixels) * most, 10))
+    found, memory = np.empty((len(pixels) * most, 8)), np.zeros(4)
     kept = 0
     for pixel in pixels:
         k = np.int64(n_modes[pixel])
@@ -131,7 +131,7 @@ def _clusters(
             count[i] = 0
             if weight[pixel, i] > weight[pixel, main]:
                 main = i
-        memory, power, before, at = 0.0, 0.0, 0.0, -2
+        before, at = 0.0, -2
         for t in range(frames * targets):
             value = samples[t, pixel]
             if not math.isfinite(value):
@@ -145,13 +145,15 @@ def _clusters(
                 away = value - mean[pixel, i]
                 if circle > 0.0:
                     away -= circle * round(away / circle)
-                power += away * away
+                memory[1] += (away / sigma[pixel, i]) ** 2
                 if rank[frame] == at + 1:
-                    memory += before * away
+                    memory[0] += before * away / sigma[pixel, i] ** 2
                 before, at = away, rank[frame]
         for i in range(k):
             m = count[i]
-            best = WORTH_KEEPING
+            if m < 2 or m > LONGEST * used:  # noqa: PLR2004  one sample is no group
+                continue
+            best, chosen_first, chosen_count = WORTH_KEEPING, 0, m
             for outside in range(min(int(MOST_OUTSIDE * m), m - 2) + 1):
                 inside = m - outside
                 for start in range(outside + 1):
@@ -164,10 +166,27 @@ def _clusters(
                         best = chance
                         line = found[kept]
                         line[0], line[1], line[2], line[3], line[4] = pixel, i, used, m, outside
-                        line[5], line[6], line[7], line[8], line[9] = length, first, last, memory, power
+                        line[5], line[6], line[7] = length, first, last
+                        chosen_first, chosen_count = start, inside
             if best < WORTH_KEEPING:
                 kept += 1
-    return found[:kept].copy()
+            _add_pairs(rank, where[i], chosen_first, chosen_count, memory)
+    return found[:kept].copy(), memory
+
+
+@borrowing
+def _add_pairs(
+    rank: NDArray[np.int64], where: NDArray[np.int64], first: int, count: int, memory: FloatArray
+) -> None:
+    """Add the pairs of consecutive frames among `count` frames from `first` on, beyond those of chance."""
+    pairs = 0
+    for at in range(first, first + count - 1):
+        if rank[where[at + 1]] == rank[where[at]] + 1:
+            pairs += 1
+    length = rank[where[first + count - 1]] - rank[where[first]] + 1
+    expected = count * (count - 1.0) / length
+    memory[2] += pairs - expected
+    memory[3] += count - 1.0 - expected
 
 
 @jit
@@ -197,4 +216,3 @@ def warm_up(max_layers: int) -> None:
     layers = Layers.empty((1, 1), max_layers)
     samples: Any = np.full((3, 1, 1), 1000.0, np.float32)
     gather_evidence(samples, samples, layers)
-    assert len(CLUSTER_FIELDS) == 11  # noqa: S101, PLR2004  as the kernel fills them, with row and column for the pixel

@@ -14,7 +14,7 @@ from tofmix.image.masks import count_around
 from tofmix.suspicion.albedo import AlbedoLaw, Surfaces, chosen, find_surfaces, log_brightness, log_evidence
 from tofmix.suspicion.declaration import FALSE_MARKS, Suspicion
 from tofmix.suspicion.scene import Scene
-from tofmix.suspicion.shapes import PLANE_NUMBERS, evidence_nats, plane_misfit_mm
+from tofmix.suspicion.shapes import PLANE_NUMBERS, evidence_nats, plane_misfit_mm, rms
 
 MOST_SURFACES = 24  # the largest surfaces that are compared: more cost time, and are small
 
@@ -91,8 +91,12 @@ def _gain_and_shape(scene: Scene, surfaces: Surfaces, number: int, turn_mm: floa
     if scene.directions is None:
         return gain, 0.0
     beams = scene.directions[place[:2]]
-    near, far = (plane_misfit_mm(values, beams) for values in (range_mm, range_mm + turn_mm))
-    return gain, evidence_nats(far, near, scene.stderr_mm[place], PLANE_NUMBERS)
+    middle = float(np.median(range_mm))
+    near, far = (
+        plane_misfit_mm(range_mm + turn, beams) / (middle + turn) for turn in (0.0, turn_mm)
+    )
+    error = rms(scene.stderr_mm[place]) / middle
+    return gain, evidence_nats(far, near, error, len(range_mm) - PLANE_NUMBERS)
 
 
 def _beside(scene: Scene, marked: BoolArray, bright: FloatArray, law: AlbedoLaw) -> BoolArray:

@@ -1,7 +1,7 @@
 """Near return: a nearest layer at nearly one range in nearly every pixel, with other things behind it.
 
-A cover glass or the housing sends light back on the same short way to all pixels. A surface of the scene that all
-pixels see through, such as a net, has ranges that grow away from the axis.
+A cover glass or the housing sends light back on the same short way to all pixels. Farther away, one range in every pixel
+is a surface that all see through, such as a net.
 """
 
 import math
@@ -11,6 +11,9 @@ import numpy as np
 from tofmix.arrays import BoolArray
 from tofmix.suspicion.declaration import FALSE_MARKS, Suspicion
 from tofmix.suspicion.scene import Scene
+
+MOST_MM = 300.0
+"""Farthest near return, mm: cover glass and housing are parts of the device."""
 
 LEAST_SHARE = 0.8
 """Nearly every pixel: of those with a layer, this share has the near one. Few samples of a window may miss it."""
@@ -36,6 +39,8 @@ def mark_near_return(scene: Scene) -> BoolArray:
     width = ordered[held - 1 :] - ordered[: seen - held + 1]
     start = int(width.argmin())
     common = float(np.median(ordered[start : start + held]))
+    if common > MOST_MM:
+        return marked
     with np.errstate(invalid="ignore"):
         near = np.abs(first - common) <= np.maximum(_AT_RANGE * error, scene.sigma_mm[..., 0])
         behind = (count > 1) | (scene.weight[..., 0] < 0.5)  # noqa: PLR2004  most of the samples are of other things

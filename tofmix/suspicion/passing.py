@@ -6,19 +6,24 @@ frames, and is no passing layer.
 """
 
 import math
+from itertools import product
 
 import numpy as np
 
-from tofmix.arrays import BoolArray, FloatArray
+from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.masks import count_around
 from tofmix.suspicion.declaration import FALSE_MARKS, Suspicion
 from tofmix.suspicion.scene import CLUSTER_FIELDS, Scene
-from tofmix.suspicion.time_clusters import log_chance
+from tofmix.suspicion.time_clusters import LONGEST, log_chance
 
-_ROW, _COL, _LAYER, _FRAMES, _SAMPLES, _OUTSIDE, _LENGTH, _FIRST, _LAST, _MEMORY, _POWER = range(len(CLUSTER_FIELDS))
+_ROW, _COL, _LAYER, _FRAMES, _SAMPLES, _OUTSIDE, _LENGTH, _FIRST, _LAST = range(len(CLUSTER_FIELDS))
 
 BESIDE_PASSING = 0.05
 """Chance below which a layer beside a passing one, at about the same time, is of it too: there the odds are even."""
+
+_SLOPE, _NOISE_SIGMAS = 0.05, 3.0  # how much ranges of one surface differ from pixel to pixel: of the range, and by noise
+
+_MOST_CORRELATION = 0.99  # from frame to frame: a recording with more has no independent frames to speak of
 
 
 def mark_passing(scene: Scene) -> BoolArray:
@@ -30,8 +35,9 @@ def mark_passing(scene: Scene) -> BoolArray:
     found = scene.clusters
     if not len(found):
         return marked
-    chances = np.array(_log_chances(found, _memory_frames(found)))
+    chances = np.array(_log_chances(found, _memory_frames(scene.memory)))
     place = tuple(found[:, [_ROW, _COL, _LAYER]].astype(int).T)
+    chances[_continues(scene, *place)] = 0.0
     sure = chances <= math.log(FALSE_MARKS)
     while True:  # each round reaches one pixel farther
         marked[tuple(part[sure] for part in place)] = True
@@ -40,6 +46,26 @@ def mark_passing(scene: Scene) -> BoolArray:
         if not more.any():
             return marked
         sure |= more
+
+
+def _continues(scene: Scene, row: IntArray, col: IntArray, layer: IntArray) -> BoolArray:
+    """Which layers (n,) belong to a surface that a pixel beside them sees for most of the time.
+
+    At the edge of a standing surface a shift by a part of a pixel changes shares, so that its samples come in groups.
+    """
+    pad = ((1, 1), (1, 1), (0, 0))
+    stands = np.where(scene.weight > LONGEST, scene.range_mm, np.nan)
+    around, sigma = (np.pad(values, pad, constant_values=np.nan) for values in (stands, scene.sigma_mm))
+    own, width = scene.range_mm[row, col, layer], scene.sigma_mm[row, col, layer]
+    out = np.zeros(len(row), bool)
+    for down, right in product(range(3), range(3)):
+        if (down, right) != (1, 1):
+            there = around[row + down, col + right]
+            noise = _NOISE_SIGMAS * np.hypot(sigma[row + down, col + right], width[:, np.newaxis])
+            with np.errstate(invalid="ignore"):
+                near = np.abs(there - own[:, np.newaxis]) <= _SLOPE * own[:, np.newaxis] + noise
+            out |= near.any(-1)
+    return out
 
 
 def _beside(found: FloatArray, sure: BoolArray, shape: tuple[int, int]) -> BoolArray:
@@ -59,11 +85,16 @@ def _beside(found: FloatArray, sure: BoolArray, shape: tuple[int, int]) -> BoolA
     return out
 
 
-def _memory_frames(found: FloatArray) -> float:
-    """How many frames tell as much as one without memory: (1 + q) / (1 - q) with the correlation q of neighbours."""
-    power = found[:, _POWER].sum()
-    correlation = found[:, _MEMORY].sum() / power if power > 0 else 0.0
-    correlation = min(max(correlation, 0.0), 0.99)
+def _memory_frames(memory: FloatArray) -> float:
+    """How many frames tell as much as one without memory: (1 + q) / (1 - q) with the correlation q of neighbours.
+
+    q is the larger of two: that of the noise of the pixels' main layers, and that of whether a frame shows a rare layer,
+    within its interval. The latter is 0 where the samples in the interval follow each other by chance, and 1 where they
+    come in one group; an interval that they fill tells nothing. `memory` has `MEMORY_FIELDS`.
+    """
+    products, squares, pairs, most = memory
+    correlation = max(products / squares if squares > 0 else 0.0, pairs / most if most > 0 else 0.0)
+    correlation = min(max(correlation, 0.0), _MOST_CORRELATION)
     return float((1.0 + correlation) / (1.0 - correlation))
 
 

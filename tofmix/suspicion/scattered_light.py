@@ -8,10 +8,11 @@ be flat, where scattered light has one range.
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray
+from tofmix.image.masks import count_around
 from tofmix.suspicion.albedo import AlbedoLaw, find_surfaces, log_brightness
 from tofmix.suspicion.declaration import FALSE_MARKS, Suspicion
 from tofmix.suspicion.scene import Scene
-from tofmix.suspicion.shapes import PLANE_NUMBERS, evidence_nats, plane_misfit_mm
+from tofmix.suspicion.shapes import PLANE_NUMBERS, evidence_nats, plane_misfit_mm, rms
 
 MOST_SCATTERED = 0.05
 """Most of a bright thing's light that a pixel elsewhere gets of it."""
@@ -19,6 +20,8 @@ MOST_SCATTERED = 0.05
 MOST_SOURCES = 4  # bright things that are looked at, from the brightest on
 
 _AT_RANGE = 3.0  # standard errors
+
+_BRIGHTER_BESIDE = 2.0  # times, that scattered light may be brighter beside the bright thing than elsewhere
 
 
 def mark_scattered(scene: Scene) -> BoolArray:
@@ -46,7 +49,8 @@ def mark_scattered(scene: Scene) -> BoolArray:
         if len(others):
             law = AlbedoLaw.of(surfaces.log_brightness[others])
             candidates = at_range & (scene.amplitude <= MOST_SCATTERED * scene.amplitude[source])
-            marked |= _improbable(scene, candidates, bright, law, source)
+            improbable = _improbable(scene, candidates, bright, law, source)
+            marked |= _without_rims(scene.amplitude, at_range, improbable)
         light = np.where(at_range, 0.0, light)
     return marked
 
@@ -69,9 +73,21 @@ def _improbable(
         row, col, layer = np.nonzero(candidates)
         range_mm, stderr = scene.range_mm[row, col, layer], scene.stderr_mm[row, col, layer]
         flat = plane_misfit_mm(range_mm, scene.directions[row, col])
-        even = float(np.sqrt(np.mean((range_mm - scene.range_mm[source]) ** 2)))
-        shape = evidence_nats(even, flat, stderr, PLANE_NUMBERS)
+        common = scene.range_mm[source]
+        even = rms(range_mm - common)
+        shape = evidence_nats(even / common, flat / common, rms(stderr) / common, len(row) - PLANE_NUMBERS)
     return candidates & (law.darker(bright) * np.exp(-shape) <= FALSE_MARKS)
+
+
+def _without_rims(amplitude: FloatArray, at_range: BoolArray, improbable: BoolArray) -> BoolArray:
+    """The improbable layers without those that may be the rim of a surface, which fills a part of their pixel.
+
+    Beside a surface at that range, a layer is scattered light only if it is no brighter than that is elsewhere.
+    """
+    beside = count_around((at_range & ~improbable).any(-1), 1) > 0
+    apart = improbable & ~beside[..., np.newaxis]
+    most = _BRIGHTER_BESIDE * np.where(apart, amplitude, -np.inf).max(initial=-np.inf)
+    return improbable & (apart | (amplitude <= most))
 
 
 SCATTERED_LIGHT = Suspicion(

@@ -14,13 +14,12 @@ from tofmix.optics.ranging import unambiguous_range_mm
 from tofmix.sensor import Sensor
 
 CLUSTER_FIELDS = (
-    "row", "col", "layer", "frames", "samples", "outside", "length", "first", "last", "memory", "power",
+    "row", "col", "layer", "frames", "samples", "outside", "length", "first", "last",
 )  # fmt: skip
 """Values of a layer whose samples come close in time.
 
 Its place; frames that could show it; frames that do; how many of these lie outside the shortest interval; its length,
-first and last frame, from the window's first; and of the residuals of the pixel's main layer, the sum of products from
-frame to frame, and of squares.
+and its first and last frame, from the window's first.
 """
 
 
@@ -31,13 +30,23 @@ class Evidence(NamedTuple):
     ----------
     amplitude : (row, col, layer) float32 or None
         Mean amplitude of each layer's samples, NaN where it is not known; None: the recording has none.
-    clusters : (n, 11) float64
+    clusters : (n, 9) float64
         `CLUSTER_FIELDS` of layers whose samples come close in time.
+    memory : (4,) float64
+        `MEMORY_FIELDS`.
     """
 
     amplitude: Float32Array | None
     clusters: FloatArray
+    memory: FloatArray
 
+
+MEMORY_FIELDS = ("products", "squares", "pairs", "most_pairs")
+"""Sums over the pixels with a rare layer, of what tells the memory of samples from frame to frame.
+
+Products of consecutive residuals of the pixel's main layer, and their squares; pairs of consecutive frames that both
+show a rare layer, less those expected by chance within its interval; and the most of these.
+"""
 
 NO_CLUSTERS = np.zeros((0, len(CLUSTER_FIELDS)))
 """No layer comes close in time."""
@@ -52,12 +61,13 @@ def joined(pieces: Sequence[tuple[int, int, Evidence]], image: tuple[int, int], 
             if part.amplitude is not None:
                 rows, cols = part.amplitude.shape[:2]
                 amplitude[row : row + rows, col : col + cols] = part.amplitude
-    clusters = [NO_CLUSTERS]
+    clusters, memory = [NO_CLUSTERS], np.zeros(len(MEMORY_FIELDS))
     for row, col, part in pieces:
         moved = part.clusters.copy()
         moved[:, :2] += row, col
         clusters.append(moved)
-    return Evidence(amplitude, np.concatenate(clusters))
+        memory += part.memory
+    return Evidence(amplitude, np.concatenate(clusters), memory)
 
 
 class Scene(NamedTuple):
@@ -73,8 +83,10 @@ class Scene(NamedTuple):
         Unit vectors along the beams; None where the camera's view is not known.
     turn_mm : float or None
         Length of the circle that a measured phase folds ranges to; None where nothing folds.
-    clusters : (n, 11) float64
+    clusters : (n, 9) float64
         `CLUSTER_FIELDS`.
+    memory : (4,) float64
+        `MEMORY_FIELDS`.
     """
 
     range_mm: FloatArray
@@ -85,6 +97,7 @@ class Scene(NamedTuple):
     directions: FloatArray | None
     turn_mm: float | None
     clusters: FloatArray
+    memory: FloatArray
 
     @property
     def present(self) -> NDArray[np.bool_]:
@@ -109,7 +122,7 @@ def make_scene(layers: Layers, evidence: Evidence, sensor: Sensor, *, circle_mm:
     """
     sigma = layers.sigma.astype(np.float64)
     stderr = layers.range_stderr.astype(np.float64)
-    amplitude, clusters = evidence
+    amplitude, clusters, memory = evidence
     light = None if amplitude is None else amplitude.astype(np.float64)
     if layers.mixing is not None:
         unmixed = layers.mixing == int(Mixing.PHASOR)
@@ -126,6 +139,7 @@ def make_scene(layers: Layers, evidence: Evidence, sensor: Sensor, *, circle_mm:
         directions=None if optics is None else beam_directions_of(optics, layers.shape),
         turn_mm=_turn_mm(sensor) if circle_mm is None else circle_mm,
         clusters=clusters,
+        memory=memory,
     )
 
 

@@ -23,26 +23,28 @@ def plane_misfit_mm(range_mm: FloatArray, directions: FloatArray) -> float:
     """
     weights = (range_mm**2)[:, np.newaxis]
     plane, *_ = np.linalg.lstsq(directions * weights, range_mm, rcond=None)
-    return _rms((directions @ plane) * range_mm**2 - range_mm)
+    return rms((directions @ plane) * range_mm**2 - range_mm)
 
 
-def evidence_nats(misfit_mm: float, other_mm: float, stderr_mm: FloatArray, numbers: int) -> float:
+def evidence_nats(misfit: float, other: float, error: float, free: int) -> float:
     """Evidence, nat, for the first of two shapes, from their misfits.
 
     Parameters
     ----------
-    misfit_mm, other_mm : float
-        Root mean square misfit of each shape.
-    stderr_mm : (n,) float64
-        Standard errors of the ranges: neither shape fits better than these.
-    numbers : int
-        The larger number of free numbers of the two shapes.
+    misfit, other : float
+        Root mean square misfit of each shape, as parts of the range.
+    error : float
+        Root mean square standard error of the ranges, likewise: neither shape fits better.
+    free : int
+        Ranges less the free numbers of the shape that has more of them.
     """
-    free = min(SHAPES, max(0.0, len(stderr_mm) - numbers))
-    floor = _rms(stderr_mm) ** 2
-    ratio = (other_mm**2 + floor) / (misfit_mm**2 + floor)
-    return min(max(0.5 * free * math.log(ratio), -MOST_EVIDENCE), MOST_EVIDENCE) if math.isfinite(ratio) else 0.0
+    squares = [max(value**2, error**2) for value in (misfit, other)]
+    if free <= 0 or not 0.0 < squares[0] < math.inf or not 0.0 < squares[1] < math.inf:
+        return 0.0
+    evidence = 0.5 * min(SHAPES, free) * math.log(squares[1] / squares[0])
+    return min(max(evidence, -MOST_EVIDENCE), MOST_EVIDENCE)
 
 
-def _rms(values: FloatArray) -> float:
+def rms(values: FloatArray) -> float:
+    """Root mean square."""
     return math.sqrt(float(np.mean(values**2)))
