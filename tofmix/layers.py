@@ -18,12 +18,16 @@ MAX_LAYERS_LIMIT = 32  # layers of a pixel that a layers file may hold
 LAYER_DIMS = ("window", "row", "col", "layer")
 """Dimensions of layers; numbers of a pixel have the first three."""
 
+ENDS = "ends"
+"""Dimension of two values, the first and the last."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LayerField:
     """One dataset of a layers file.
 
-    `per_layer` datasets have the dimensions (window, row, col, layer), the others (window, row, col).
+    `per_layer` datasets have the dimensions (window, row, col, layer), the others (window, row, col); with `ends` there
+    are two values of each, the first and the last.
     """
 
     name: str
@@ -31,11 +35,16 @@ class LayerField:
     units: str
     long_name: str
     per_layer: bool = False
+    ends: bool = False
 
     @property
     def dims(self) -> tuple[str, ...]:
         """Names of its dimensions."""
-        return LAYER_DIMS if self.per_layer else LAYER_DIMS[:3]
+        return (*(LAYER_DIMS if self.per_layer else LAYER_DIMS[:3]), *((ENDS,) if self.ends else ()))
+
+    def full_shape(self, shape: tuple[int, ...], max_layers: int) -> tuple[int, ...]:
+        """Shape of its array for the leading shape of pixels."""
+        return (*shape, *((max_layers,) if self.per_layer else ()), *((2,) if self.ends else ()))
 
 
 LAYER_FIELDS: tuple[LayerField, ...] = (
@@ -80,7 +89,18 @@ AMPLITUDE = LayerField(
 )
 """Where the recording has amplitudes."""
 
-OPTIONAL_FIELDS = (NOISE_WIDTH, INVALID_SHARE, MIXING, AMPLITUDE)
+SUSPECT = LayerField(
+    name="suspect", dtype="u1", units="1", long_name="reasons to doubt that the layer is there", per_layer=True
+)
+"""Where any layer is suspect."""
+
+SUSPECT_FRAMES = LayerField(
+    name="suspect_frames", dtype="u4", units="1", long_name="first and last frame of a passing layer", per_layer=True,
+    ends=True,
+)  # fmt: skip
+"""Where any layer is a passing one; 0 for all others."""
+
+OPTIONAL_FIELDS = (NOISE_WIDTH, INVALID_SHARE, MIXING, AMPLITUDE, SUSPECT, SUSPECT_FRAMES)
 """Datasets that some layers files have, after the others."""
 
 
@@ -117,13 +137,15 @@ class Layers:
     invalid_share: NDArray[np.float32] | None = None
     mixing: NDArray[np.uint8] | None = None
     amplitude: NDArray[np.float32] | None = None
+    suspect: NDArray[np.uint8] | None = None
+    suspect_frames: NDArray[np.uint32] | None = None
 
     @classmethod
     def empty(cls, shape: tuple[int, ...], max_layers: int, fields: tuple[LayerField, ...] = LAYER_FIELDS) -> Self:
         """Layers without a surface, with the given datasets: counts 0, numbers NaN."""
         arrays: dict[str, Any] = {}
         for spec in fields:
-            full = (*shape, max_layers) if spec.per_layer else shape
+            full = spec.full_shape(shape, max_layers)
             arrays[spec.name] = np.full(full, np.nan if spec.dtype.startswith("f") else 0, dtype=spec.dtype)
         return cls(**arrays)
 
@@ -142,6 +164,12 @@ class Layers:
         """The datasets that are there, in the order of the file."""
         return (*LAYER_FIELDS, *(spec for spec in OPTIONAL_FIELDS if getattr(self, spec.name) is not None))
 
+    @property
+    def unsuspected(self) -> NDArray[np.bool_]:
+        """Whether each layer (..., layer) is there and has no suspicion."""
+        present = np.isfinite(self.range)
+        return present if self.suspect is None else present & (self.suspect == 0)
+
     def arrays(self) -> tuple[NDArray[Any], ...]:
         """The arrays in the order of `LAYER_FIELDS`, for a kernel to fill."""
         return tuple(getattr(self, spec.name) for spec in LAYER_FIELDS)
@@ -150,8 +178,7 @@ class Layers:
         """The same pixels in another arrangement, as `numpy.reshape`; arrays are shared."""
         arrays: dict[str, Any] = {}
         for spec in self.fields:
-            full = (*shape, self.max_layers) if spec.per_layer else shape
-            arrays[spec.name] = getattr(self, spec.name).reshape(full)
+            arrays[spec.name] = getattr(self, spec.name).reshape(spec.full_shape(shape, self.max_layers))
         return Layers(**arrays)
 
 

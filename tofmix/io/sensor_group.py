@@ -12,7 +12,6 @@ from tofmix.io.guard import guard
 from tofmix.io.hdf5 import add_group, text_attribute
 from tofmix.learnt_noise import LearntNoise
 from tofmix.measurement import Measurement, measurement_of
-from tofmix.share_law import ShareLaw, share_law_of
 from tofmix.noise_shape import NoiseShape
 from tofmix.optics.projection import (
     DEFAULT_PROJECTION,
@@ -32,6 +31,7 @@ from tofmix.sensor import (
     NoiseCurve,
     Sensor,
 )
+from tofmix.share_law import ShareLaw, share_law_of
 
 _MOST_POINTS = 100_000  # of a list in the group `sensor`
 _MOST_COEFFICIENTS = 64  # of a lens; OpenCV has up to 14

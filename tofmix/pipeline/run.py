@@ -121,12 +121,11 @@ def run_job(
         verify_source()
         tally, mixture = total(journal.done().values()), None
         if shard == WHOLE:
-            whole = [job.grid.cell(index) for index in cells]
+            parts = ((job.grid.cell(index), journal.cell(index)) for index in cells)
             temporary = partial_path(journal.path)  # the lock of the journal protects it
             tally, mixture = assemble(
-                whole, lambda cell: journal.cell(cell.index), journal.path, header, target, overwrite=overwrite,
-                inputs=(job.recording,), temporary=temporary,
-            )  # fmt: skip
+                parts, journal.path, header, target, overwrite=overwrite, inputs=(job.recording,), temporary=temporary
+            )
             journal.remove()
         else:
             check_output(target, overwrite=overwrite)
@@ -254,11 +253,8 @@ def merge_parts(parts: Sequence[Path], target: Path, *, overwrite: bool = False)
             raise BadInputError(
                 f"{first}: {missing} of {counted(grid.count, 'block')} are in no part; a part is damaged"
             )
-        whole = [grid.cell(index) for index in range(grid.count)]
-        tally, mixture = assemble(
-            whole, lambda cell: owner[cell.index].cell(cell.index), first, header, target, overwrite=overwrite,
-            inputs=tuple(parts),
-        )  # fmt: skip
+        cells = ((grid.cell(index), owner[index].cell(index)) for index in range(grid.count))
+        tally, mixture = assemble(cells, first, header, target, overwrite=overwrite, inputs=tuple(parts))
     targets = read_header_image(header, first)[0].targets
     return Outcome(target=target, grid=grid, tally=tally, cells=grid.count, targets=targets, mixture=mixture)
 

@@ -18,8 +18,8 @@ from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import Projection
 from tofmix.optics.ranging import unambiguous_range_mm
 from tofmix.recording import MOST_PIXELS_A_SIDE
-from tofmix.share_law import ShareLaw
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
+from tofmix.share_law import ShareLaw
 
 if TYPE_CHECKING:
     from tofmix.sensors.sheet import CameraSheet

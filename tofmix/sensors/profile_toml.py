@@ -77,7 +77,15 @@ def read_sheet(
     optics = {"projection", *_optics_keys()}
     table.refuse_unknown(
         {
-            *_WHOLE, *_NUMBERS, *_MAY_BE_LEFT_OUT, "name", "measurement", "share_law", "noise", "valid_status", *optics,
+            *_WHOLE,
+            *_NUMBERS,
+            *_MAY_BE_LEFT_OUT,
+            "name",
+            "measurement",
+            "share_law",
+            "noise",
+            "valid_status",
+            *optics,
             *more_keys,
         }  # fmt: skip
     )

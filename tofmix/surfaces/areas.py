@@ -98,7 +98,9 @@ class _Turned:
     """Shares while they become areas, pixel by pixel."""
 
     def __init__(self, shares: Shares, bright: Brightness, light: FloatArray, settings: BrightnessSettings) -> None:
-        arrays = {name: getattr(shares, name).copy() for name in ("count", "label", "inverse", "up_to", "samples", "floor")}
+        arrays = {
+            name: getattr(shares, name).copy() for name in ("count", "label", "inverse", "up_to", "samples", "floor")
+        }
         self._before, self.shares = shares, replace(shares, **arrays)
         self._bright, self._light, self._settings = bright, light, settings
         self._common: list[float] = []

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.arrays import BoolArray, FloatArray, Float32Array
+from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.surfaces.nodes import Nodes
 from tofmix.surfaces.settings import BrightnessSettings
 

@@ -14,8 +14,8 @@ from tofmix.cli.estimate.frames import check_frames
 from tofmix.cli.estimate.noise import circle_of, noise_choice, noise_of, sensor_for
 from tofmix.cli.estimate.outputs import count_pixels, listed, paired_outputs, windows_of
 from tofmix.cli.estimate.request import Request
-from tofmix.cli.import_camera import with_share_law
 from tofmix.cli.estimate.results import describe, findings_of, say_findings
+from tofmix.cli.import_camera import with_share_law
 from tofmix.cli.options import AUTO, is_quiet, note
 from tofmix.cli.progress import Progress
 from tofmix.cli.recording_check import findings_of_samples, opened_recording

@@ -17,17 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array
+from tofmix.estimation.blocks.finishing import finish_window
 from tofmix.estimation.blocks.reading import PIECE_SAMPLES, Group, ReadPlan, plan_reading, read_groups
 from tofmix.estimation.blocks.sample_span import sensor_with_span
 from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
 from tofmix.grid import Cell, Grid, plan_grid
 from tofmix.layers import Layers, layer_fields
-from tofmix.lost_samples import common_loss, weighed
 from tofmix.recording import SampleSource, has_phasors, samples_a_frame
 from tofmix.sensor import Sensor, sensor_of_part
+from tofmix.suspicion.evidence import gather_evidence
+from tofmix.suspicion.evidence import warm_up as warm_up_evidence
+from tofmix.suspicion.judge import judge_windows
+from tofmix.suspicion.scene import Evidence, joined
 from tofmix.unmixing.phasors import FIELD_COUNT, mean_phasors
-from tofmix.unmixing.unmix import unmix
 from tofmix.windows import Windows
 
 T = TypeVar("T")
@@ -62,6 +65,7 @@ def estimate_cells(
     wanted: Iterable[Cell] | None = None,
     phasors: bool = False,
     each: int | None = None,
+    evidence: bool = False,
 ) -> Generator[tuple[Cell, T], None, None]:
     """Estimate the layers of some cells of a recording.
 
@@ -88,6 +92,9 @@ def estimate_cells(
         Whether mean phasors are wanted; the recording must have them (`tofmix.recording.has_phasors`).
     each : int, optional
         Samples of a frame, its targets; by default those of the recording.
+    evidence : bool
+        Whether evidence of suspicions is wanted. Then `finish` is called with the layers, the mean phasors or None, and
+        a list of `tofmix.suspicion.scene.Evidence`, one of each window.
 
     Yields
     ------
@@ -106,25 +113,29 @@ def estimate_cells(
     sensor = source.sensor
     if sensor.sample_max_mm is None:
         sensor = sensor_with_span(source, options.unambiguous_range_mm)
-    plan = plan_reading(source, grid, buffer_bytes=buffer_bytes, workers=workers, phasors=phasors)
+    light = phasors or evidence
+    plan = plan_reading(source, grid, buffer_bytes=buffer_bytes, workers=workers, phasors=light)
     # Compile or load the kernels before there are threads: several at once would wait for each other.
     warm_up(options, sensor)
-    groups = read_groups(source, grid, plan, grid.cells() if wanted is None else wanted, phasors=phasors)
+    if evidence:
+        warm_up_evidence(options.max_layers)
+    groups = read_groups(source, grid, plan, grid.cells() if wanted is None else wanted, phasors=light)
     each = samples_a_frame(source) if each is None else each
-    run = _Run(groups, plan, _Work(sensor, grid, options, finish, phasors=phasors, each=each), workers)
+    work = _Work(sensor, grid, options, finish, phasors=phasors, each=each, evidence=evidence)
+    run = _Run(groups, plan, work, workers)
     with closing(run.results()) as results:
         yield from results
 
 
 class _Work(Generic[T]):
-    """Work on one cell."""
+    """Work on one cell, of `each` samples a frame; with `evidence`, that of suspicions is gathered too."""
 
     def __init__(
         self, sensor: Sensor, grid: Grid, options: EstimateOptions, finish: Callable[..., T], *, phasors: bool,
-        each: int,
+        each: int, evidence: bool,
     ) -> None:  # fmt: skip
         self._sensor, self._grid, self._options, self._finish = sensor, grid, options, finish
-        self._phasors, self._each = phasors, each
+        self._phasors, self._each, self._evidence = phasors, each, evidence
 
     def __call__(self, group: Group, cell: Cell) -> T:
         """Estimate a cell of a group."""
@@ -132,7 +143,9 @@ class _Work(Generic[T]):
         count = cell.windows.stop - cell.windows.start
         out = Layers.empty((count, rows, cols), self._options.max_layers, layer_fields(self._sensor))
         phasors = np.empty((count, rows, cols, FIELD_COUNT), np.float32) if self._phasors else None
+        evidence = []
         for window in range(count):
+            pieces = []
             frames = self._grid.frames(slice(cell.windows.start + window, cell.windows.start + window + 1))
             for piece_rows, piece_cols in self._pieces(cell.rows):
                 samples = group.samples(frames, piece_rows, piece_cols)
@@ -144,6 +157,13 @@ class _Work(Generic[T]):
                     getattr(out, spec.name)[window, place, piece_cols] = getattr(layers, spec.name)
                 if phasors is not None and light is not None:
                     phasors[window, place, piece_cols] = mean_phasors(samples, light, self._sensor)
+                if self._evidence:
+                    circle_mm = self._options.unambiguous_range_mm
+                    found = gather_evidence(samples, light, layers, targets=self._each, circle_mm=circle_mm)
+                    pieces.append((place.start, piece_cols.start, found))
+            evidence.append(joined(pieces, (rows, cols), self._options.max_layers))
+        if self._evidence:
+            return self._finish(out, phasors, evidence)
         return self._finish(out) if phasors is None else self._finish(out, phasors)
 
     def _pieces(self, rows: slice) -> Iterator[tuple[slice, slice]]:
@@ -251,37 +271,39 @@ def estimate_windows(
     out = Layers.empty(shape, options.max_layers, layer_fields(source.sensor, mixing=measured))
     phasors = np.empty((*shape, FIELD_COUNT), np.float32) if measured else None
     cells = estimate_cells(
-        source, grid, options, lambda *parts: parts, workers=workers, buffer_bytes=buffer_bytes, phasors=measured
-    )
+        source, grid, options, lambda *parts: parts, workers=workers, buffer_bytes=buffer_bytes, phasors=measured,
+        evidence=True,
+    )  # fmt: skip
+    pieces: list[list[tuple[int, int, Evidence]]] = [[] for _ in range(windows.count)]
     for cell, (layers, *found) in cells:
+        for window, part in enumerate(found[1], start=cell.windows.start):
+            pieces[window].append((cell.rows.start, 0, part))
         for spec in layers.fields:
             getattr(out, spec.name)[cell.windows, cell.rows] = getattr(layers, spec.name)
         if phasors is not None:
             phasors[cell.windows, cell.rows] = found[0]
-    if phasors is None:
-        return EstimatedWindows(layers=_weighed(out, source, windows))
-    shares, pixels = np.empty(windows.count, np.float32), np.empty(windows.count, np.uint32)
-    for window, means in enumerate(phasors):
-        part = Layers(**{spec.name: getattr(out, spec.name)[window] for spec in layer_fields(source.sensor)})
-        insist, circle_mm = options.mixing is MixingChoice.PHASOR, options.unambiguous_range_mm
-        unmixed = unmix(part, means, source.sensor, insist=insist, circle_mm=circle_mm)
-        shares[window], pixels[window] = unmixed.phasor_share, unmixed.informative_pixels
+    evidence = [joined(parts, (rows, cols), options.max_layers) for parts in pieces]
+    first_frames = [window * windows.stride // samples_a_frame(source) for window in range(windows.count)]
+    insist = options.mixing is MixingChoice.PHASOR
+    done = [
+        finish_window(
+            Layers(**{spec.name: getattr(out, spec.name)[window] for spec in layer_fields(source.sensor)}),
+            None if phasors is None else phasors[window], source.sensor, insist=insist,
+            frames=windows.length // samples_a_frame(source), circle_mm=options.unambiguous_range_mm,
+        )
+        for window in range(windows.count)
+    ]  # fmt: skip
+    for window, one in enumerate(done):
         for spec in out.fields:
-            getattr(out, spec.name)[window] = getattr(unmixed.layers, spec.name)
-    return EstimatedWindows(layers=_weighed(out, source, windows), phasor_share=shares, phasor_pixels=pixels)
-
-
-def _weighed(layers: Layers, source: SampleSource, windows: Windows) -> Layers:
-    """Let the lost samples of each window count (`tofmix.lost_samples`)."""
-    assert layers.invalid_share is not None  # noqa: S101  every estimate has it
-    frames = windows.length // samples_a_frame(source)
-    probability = np.stack(
-        [
-            weighed(values, lost, frames=frames, common=common_loss(lost))
-            for values, lost in zip(layers.probability, layers.invalid_share, strict=True)
-        ]
+            getattr(out, spec.name)[window] = getattr(one.layers, spec.name)
+    marked = judge_windows(
+        out, evidence, source.sensor, first_frames=first_frames, circle_mm=options.unambiguous_range_mm
     )
-    return replace(layers, probability=probability)
+    if phasors is None:
+        return EstimatedWindows(layers=marked)
+    shares = np.array([one.phasor_share for one in done], np.float32)
+    pixels = np.array([one.phasor_pixels for one in done], np.uint32)
+    return EstimatedWindows(layers=marked, phasor_share=shares, phasor_pixels=pixels)
 
 
 def estimate_layers(

@@ -6,7 +6,7 @@ The same layers give the same bytes wherever they are made.
 """
 
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,22 +14,30 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array
 from tofmix.layers import LayerField, Layers
+from tofmix.suspicion.scene import CLUSTER_FIELDS, Evidence
 
 COMPRESSION_LEVEL = 1
 """The fastest level of gzip: packing must not slow down the kernels."""
 
 
+_EVIDENCE_CHUNKS = 3  # amplitudes of layers, clusters in time, and the memory of samples
+
+
 class EncodedCell(NamedTuple):
     """One chunk for each dataset of the layers, and how many pixels have 0, 1, 2, ... surfaces.
 
-    Where layers are still to be unmixed, the last chunk holds the mean phasors.
+    Where layers are still to be unmixed, another chunk holds the mean phasors. In journals, the last three hold
+    the evidence of suspicions: amplitudes of layers, if they are known, clusters in time, and memory.
     """
 
     tally: tuple[int, ...]
     chunks: tuple[bytes, ...]
 
 
-def encode_cell(layers: Layers, phasors: Float32Array | None = None, *, shape: tuple[int, int, int]) -> EncodedCell:
+def encode_cell(
+    layers: Layers, phasors: Float32Array | None = None, evidence: Sequence[Evidence] = (), *,
+    shape: tuple[int, int, int],
+) -> EncodedCell:  # fmt: skip
     """Encode the layers of a cell.
 
     Parameters
@@ -38,6 +46,8 @@ def encode_cell(layers: Layers, phasors: Float32Array | None = None, *, shape: t
         Of the leading shape (window, row, col).
     phasors : (window, row, col, 7) float32, optional
         Mean phasors of the same pixels (`tofmix.unmixing.phasors`).
+    evidence : sequence of Evidence, optional
+        Evidence of each window of the cell.
     shape : (int, int, int)
         The leading shape of a stored chunk; a cell at the far edge is filled up to it.
 
@@ -50,14 +60,16 @@ def encode_cell(layers: Layers, phasors: Float32Array | None = None, *, shape: t
     chunks = tuple(_chunks(layers, shape))
     if phasors is not None:
         chunks = (*chunks, _packed(np.ascontiguousarray(phasors, dtype="<f4")))
+    if evidence:
+        chunks = (*chunks, *_evidence_chunks(evidence))
     return EncodedCell(tuple(tally.tolist()), chunks)
 
 
 def decode_cell(
     encoded: EncodedCell, fields: tuple[LayerField, ...], *, shape: tuple[int, int, int], max_layers: int,
     cell: tuple[int, int, int],
-) -> tuple[Layers, Float32Array]:  # fmt: skip
-    """Decode a cell that `encode_cell` made, with its mean phasors.
+) -> tuple[Layers, Float32Array | None]:  # fmt: skip
+    """Decode a cell that `encode_cell` made with evidence, with its mean phasors if it has any.
 
     Parameters
     ----------
@@ -74,39 +86,30 @@ def decode_cell(
 
     Returns
     -------
-    (Layers, (window, row, col, 7) float32)
+    (Layers, (window, row, col, 7) float32 or None)
         Of the leading shape `cell`.
     """
     arrays: dict[str, Any] = {}
-    for number, spec in enumerate(fields):
-        arrays[spec.name] = decode_chunk(encoded, number, spec, shape=shape, max_layers=max_layers, cell=cell)
+    for spec, chunk in zip(fields, encoded.chunks, strict=False):
+        whole = spec.full_shape(shape, max_layers)
+        values = _unpacked(chunk, np.dtype(spec.dtype).newbyteorder("<")).reshape(whole)
+        arrays[spec.name] = values[: cell[0], : cell[1], : cell[2]].astype(spec.dtype)
+    if len(encoded.chunks) == len(fields) + _EVIDENCE_CHUNKS:
+        return Layers(**arrays), None
     phasors = _unpacked(encoded.chunks[len(fields)], np.dtype("<f4")).reshape(*cell, -1)
     return Layers(**arrays), phasors.astype(np.float32)
 
 
-def decode_chunk(
-    encoded: EncodedCell, number: int, spec: LayerField, *, shape: tuple[int, int, int], max_layers: int,
-    cell: tuple[int, int, int],
-) -> NDArray[Any]:  # fmt: skip
-    """Decode one dataset of a cell: its number among the chunks, and its description; the others as `decode_cell`.
-
-    Returns
-    -------
-    (window, row, col) or (window, row, col, layer) array
-        Of the leading shape `cell`.
-    """
-    whole = (*shape, max_layers) if spec.per_layer else shape
-    values = _unpacked(encoded.chunks[number], np.dtype(spec.dtype).newbyteorder("<")).reshape(whole)
-    return np.asarray(values[: cell[0], : cell[1], : cell[2]].astype(spec.dtype))
-
-
-def replace_chunk(
-    encoded: EncodedCell, number: int, values: NDArray[np.float32], *, shape: tuple[int, int, int]
-) -> EncodedCell:
-    """The same cell with other values of one dataset of floats, (window, row, col, ...), by its number."""
-    chunks = list(encoded.chunks)
-    chunks[number] = _chunk(values, np.dtype(values.dtype).newbyteorder("<"), np.nan, shape)
-    return encoded._replace(chunks=tuple(chunks))
+def decode_evidence(encoded: EncodedCell, *, max_layers: int, cell: tuple[int, int, int]) -> list[Evidence]:
+    """Decode the evidence of each window of a cell of `cell` windows, rows and columns."""
+    light, times, sums = encoded.chunks[-_EVIDENCE_CHUNKS:]
+    amplitude = _unpacked(light, np.dtype("<f4")).astype(np.float32)
+    clusters = _unpacked(times, np.dtype("<f8")).astype(np.float64).reshape(-1, 1 + len(CLUSTER_FIELDS))
+    memory = _unpacked(sums, np.dtype("<f8")).astype(np.float64).reshape(cell[0], -1)
+    images = amplitude.reshape(*cell, max_layers) if amplitude.size else [None] * cell[0]
+    return [
+        Evidence(images[window], clusters[clusters[:, 0] == window, 1:], memory[window]) for window in range(cell[0])
+    ]
 
 
 def fill_of(spec: LayerField) -> float:
@@ -114,20 +117,26 @@ def fill_of(spec: LayerField) -> float:
     return np.nan if spec.dtype.startswith("f") else 0
 
 
+def _evidence_chunks(evidence: Sequence[Evidence]) -> tuple[bytes, bytes, bytes]:
+    light = [part.amplitude for part in evidence if part.amplitude is not None]
+    amplitude = np.stack(light) if light else np.zeros(0, np.float32)
+    clusters = [
+        np.column_stack([np.full(len(part.clusters), float(window)), part.clusters])
+        for window, part in enumerate(evidence)
+    ]
+    memory = np.stack([part.memory for part in evidence])
+    return tuple(_packed(part) for part in (amplitude.astype("<f4"), np.concatenate(clusters).astype("<f8"), memory))
+
+
 def _chunks(layers: Layers, shape: tuple[int, int, int]) -> Iterator[bytes]:
     for spec in layers.fields:
-        yield _chunk(getattr(layers, spec.name), np.dtype(spec.dtype).newbyteorder("<"), fill_of(spec), shape)
-
-
-def _chunk(values: NDArray[Any], dtype: np.dtype[Any], fill: float, shape: tuple[int, int, int]) -> bytes:
-    """Values of a cell as a stored chunk; a cell at the far edge is filled up."""
-    values = np.ascontiguousarray(values, dtype=dtype)
-    if values.shape[:3] != shape:
-        whole = np.full((*shape, *values.shape[3:]), fill, dtype=values.dtype)
-        windows, rows, cols = values.shape[:3]
-        whole[:windows, :rows, :cols] = values
-        values = whole
-    return _packed(values)
+        values = np.ascontiguousarray(getattr(layers, spec.name), dtype=np.dtype(spec.dtype).newbyteorder("<"))
+        if values.shape[:3] != shape:
+            whole = np.full((*shape, *values.shape[3:]), fill_of(spec), dtype=values.dtype)
+            windows, rows, cols = values.shape[:3]
+            whole[:windows, :rows, :cols] = values
+            values = whole
+        yield _packed(values)
 
 
 def _packed(values: NDArray[Any]) -> bytes:

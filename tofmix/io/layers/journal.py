@@ -20,7 +20,7 @@ from tofmix.io.atomic.partial_output import forget_partial_output, note_partial_
 from tofmix.io.atomic.storage import check_input, sync_folder
 from tofmix.io.layers.chunks import EncodedCell
 
-FORMAT = "tofmix-journal 1"
+FORMAT = "tofmix-journal 2"
 
 _SCHEMA = """
 CREATE TABLE about (key TEXT PRIMARY KEY, value BLOB) WITHOUT ROWID;

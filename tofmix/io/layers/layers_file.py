@@ -23,17 +23,21 @@ from tofmix.io.guard import guard
 from tofmix.io.layers.provenance import header_image, read_provenance, write_provenance
 from tofmix.io.result_file import open_result, typed_dataset
 from tofmix.layers import (
+    ENDS,
     LAW_TEXTS,
     LAYER_DIMS,
     LAYER_FIELDS,
     MAX_LAYERS_LIMIT,
     OPTIONAL_FIELDS,
+    SUSPECT,
+    SUSPECT_FRAMES,
     LayerField,
     Layers,
     Provenance,
 )
 from tofmix.mixing import MixingLaw, law_over_windows
 from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
+from tofmix.suspicion.registry import SUSPICIONS
 from tofmix.windows import Windows
 
 FORMAT = "tofmix-layers"
@@ -106,7 +110,9 @@ class LayersWriter:
         return self
 
     def _add(self, spec: LayerField) -> None:
-        dims = {name: self._dims[name] for name in spec.dims}
+        if spec.ends and ENDS not in self._root:
+            hdf5.add_scale(self._root, ENDS, 2)
+        dims = {name: 2 if name == ENDS else self._dims[name] for name in spec.dims}
         whole = tuple(dims.values())
         chunks = (min(self._tile[0], whole[0]), min(self._tile[1], whole[1]), *whole[2:])
         fill = np.nan if spec.dtype.startswith("f") else None
@@ -120,6 +126,9 @@ class LayersWriter:
         if spec.name == "mixing":
             dataset.attrs["flag_values"] = np.array([int(s) for s in Mixing], dtype=spec.dtype)
             dataset.attrs["flag_meanings"] = " ".join(mixing_name(s) for s in Mixing)
+        if spec.name == SUSPECT.name:
+            dataset.attrs["flag_masks"] = np.array([s.flag for s in SUSPICIONS], dtype=spec.dtype)
+            dataset.attrs["flag_meanings"] = " ".join(s.name for s in SUSPICIONS)
 
     def _add_windows(self) -> None:
         plan = self._windows
@@ -151,6 +160,34 @@ class LayersWriter:
         self._root["phasor_pixels"][window] = pixels
         self._file.check()
 
+    def write_amplitude(self, window: int, amplitude: NDArray[np.float32]) -> None:
+        """Write the amplitudes (row, col, layer) of a window; files of recordings without amplitudes have none.
+
+        Raises
+        ------
+        StorageError
+            If the disk is full or fails.
+        """
+        if AMPLITUDE.name not in self._root:
+            self._add(AMPLITUDE)
+        self._root[AMPLITUDE.name][window] = amplitude
+        self._file.check()
+
+    def write_suspects(self, windows: slice, suspect: NDArray[np.uint8], frames: NDArray[np.uint32] | None) -> None:
+        """Write marks of windows (window, row, col, layer), and the frames of passing layers; files without have none.
+
+        Raises
+        ------
+        StorageError
+            If the disk is full or fails.
+        """
+        for spec, values in ((SUSPECT, suspect), (SUSPECT_FRAMES, frames)):
+            if values is not None:
+                if spec.name not in self._root:
+                    self._add(spec)
+                self._root[spec.name][windows] = values
+        self._file.check()
+
     def write(self, windows: slice, rows: slice, layers: Layers) -> None:
         """Write layers of the leading shape (window, row, col).
 
@@ -171,7 +208,8 @@ class LayersWriter:
         StorageError
             If the disk is full or fails.
         """
-        for spec, data in zip(self._provenance.fields, chunks, strict=True):
+        fields = self._provenance.fields
+        for spec, data in zip(fields, chunks[: len(fields)], strict=True):
             place = (windows.start, rows.start, 0, 0)[: 4 if spec.per_layer else 3]
             self._root[spec.name].id.write_direct_chunk(place, data)
         self._file.check()
@@ -202,7 +240,7 @@ class LayersFile:
         if 0 in shape:
             raise BadInputError(f"{path}: range: shape {shape} holds no layer")
         for name, dataset in self._datasets.items():
-            if dataset.shape != shape[: dataset.ndim]:
+            if dataset.shape != (*shape, 2)[: dataset.ndim]:
                 raise BadInputError(f"{path}: {name}: shape {dataset.shape} does not match range {shape}")
         self.window_start = _window_bounds(root, "window_start", shape[0], path)
         self.window_stop = _window_bounds(root, "window_stop", shape[0], path)

@@ -1,0 +1,145 @@
+"""What surfaces return: A r^2, the brightness of a layer, and how it spreads over the surfaces of a scene.
+
+The amplitude of a surface falls with r^2, so that A r^2 is its albedo, times the cosine of incidence. Each surface of a
+scene is one draw: its pixels share their albedo. Surfaces are parts of the image whose neighbours agree in range and
+amplitude.
+"""
+
+import math
+from typing import NamedTuple, Self
+
+import numpy as np
+from scipy.special import stdtr
+
+from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.image.masks import components
+from tofmix.suspicion.scene import Scene
+
+ALBEDO_SPREAD = math.log(0.9 / 0.15) / math.sqrt(12.0)
+"""Expected standard deviation of the log of albedos: uniform in the logarithm from 0.15 to 0.9, as of most materials
+in the near infrared."""
+
+PRIOR_SURFACES = 20.0
+"""How many surfaces' worth of knowledge `ALBEDO_SPREAD` is; a scene of many surfaces has its own spread."""
+
+LEAST_PIXELS = 4
+"""Pixels of a surface that counts as a draw of an albedo: fewer may be mixed, or false."""
+
+_RANGE_STEP, _LIGHT_STEP = 0.1, 0.5  # between neighbours of one surface: of the range, and in the log of the amplitude
+
+
+class AlbedoLaw(NamedTuple):
+    """Predictive distribution of the log brightness of one more surface: Student's t.
+
+    References
+    ----------
+    Gelman et al., Bayesian Data Analysis, 3rd ed., section 3.3: a normal distribution with a conjugate prior of its
+    variance and none of its mean.
+    """
+
+    mean: float
+    scale: float
+    freedom: float
+
+    @classmethod
+    def of(cls, log_brightness: FloatArray) -> Self:
+        """From the log brightness (n,) of the surfaces of a scene, one at least."""
+        count, mean = len(log_brightness), float(log_brightness.mean())
+        freedom = PRIOR_SURFACES + count - 1.0
+        variance = (PRIOR_SURFACES * ALBEDO_SPREAD**2 + ((log_brightness - mean) ** 2).sum()) / freedom
+        return cls(mean, math.sqrt(variance * (1.0 + 1.0 / count)), freedom)
+
+    def darker(self, log_brightness: FloatArray) -> FloatArray:
+        """Probability of a surface at most as bright as each."""
+        return np.asarray(stdtr(self.freedom, (log_brightness - self.mean) / self.scale))
+
+
+def log_evidence(log_brightness: FloatArray) -> float:
+    """Log of the marginal likelihood of surfaces (n,), nat, but for what depends on n alone."""
+    squares = ((log_brightness - log_brightness.mean()) ** 2).sum()
+    freedom = PRIOR_SURFACES + len(log_brightness) - 1.0
+    return float(-0.5 * freedom * np.log(PRIOR_SURFACES * ALBEDO_SPREAD**2 + squares))
+
+
+class Surfaces(NamedTuple):
+    """Layers of a window by surface.
+
+    Parameters
+    ----------
+    row, col, layer : (n,) int
+        The layers with an amplitude.
+    part : (n,) int
+        Surface of each, in the order of `log_brightness`; -1 where it is too small for one.
+    log_brightness : (surface,) float64
+        Median of the log of A r^2.
+    """
+
+    row: IntArray
+    col: IntArray
+    layer: IntArray
+    part: IntArray
+    log_brightness: FloatArray
+
+
+def log_brightness(scene: Scene) -> FloatArray:
+    """Log of A r^2 (row, col, layer), r in mm; NaN where the amplitude is not known or not above 0."""
+    if scene.amplitude is None:
+        return np.full(scene.range_mm.shape, np.nan)
+    lit = (scene.amplitude > 0) & (scene.range_mm > 0)
+    return np.log(np.where(lit, scene.amplitude * scene.range_mm**2, np.nan))
+
+
+def find_surfaces(scene: Scene, bright: FloatArray) -> Surfaces:
+    """Join layers of neighbouring pixels into surfaces.
+
+    Parameters
+    ----------
+    scene : Scene
+        The window; it has amplitudes.
+    bright : (row, col, layer) float64
+        `log_brightness`.
+    """
+    known = np.isfinite(bright)
+    row, col, layer = np.nonzero(known)
+    index = np.full(known.shape, -1)
+    index[known] = np.arange(len(row))
+    light = bright - 2.0 * np.log(np.where(known, scene.range_mm, 1.0))
+    one, other = [], []
+    for near, far in (((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
+                      ((slice(None, -1), slice(None)), (slice(1, None), slice(None)))):  # fmt: skip
+        a, b = scene.range_mm[near][..., :, np.newaxis], scene.range_mm[far][..., np.newaxis, :]
+        noise = 3.0 * np.hypot(scene.stderr_mm[near][..., :, np.newaxis], scene.stderr_mm[far][..., np.newaxis, :])
+        dark = np.abs(light[near][..., :, np.newaxis] - light[far][..., np.newaxis, :])
+        with np.errstate(invalid="ignore"):
+            joined = (np.abs(a - b) <= _RANGE_STEP * np.minimum(a, b) + noise) & (dark <= _LIGHT_STEP)
+        r, c, i, j = np.nonzero(joined)
+        one.append(index[near][r, c, i])
+        other.append(index[far][r, c, j])
+    part = components(np.concatenate(one), np.concatenate(other), len(row))
+    return _surfaces(row, col, layer, part, bright[known])
+
+
+def _surfaces(row: IntArray, col: IntArray, layer: IntArray, part: IntArray, bright: FloatArray) -> Surfaces:
+    size = np.bincount(part)
+    large = np.flatnonzero(size >= LEAST_PIXELS)
+    number = np.full(len(size), -1)
+    number[large] = np.arange(len(large))
+    part = number[part]
+    return Surfaces(row, col, layer, part, medians(bright, part, len(large)))
+
+
+def medians(values: FloatArray, part: IntArray, count: int) -> FloatArray:
+    """Median (count,) of the values (n,) of each part (n,); parts below 0 are left out."""
+    order = np.lexsort((values, part))
+    values, part = values[order], part[order]
+    first = np.searchsorted(part, np.arange(count))
+    last = np.searchsorted(part, np.arange(count), side="right")
+    return values[(first + last - 1) // 2] if count else np.zeros(0)
+
+
+def chosen(surfaces: Surfaces, of_surface: BoolArray, shape: tuple[int, ...]) -> BoolArray:
+    """Layers (row, col, layer) of the surfaces (surface,) that are chosen."""
+    out = np.zeros(shape, bool)
+    picked = (surfaces.part >= 0) & np.append(of_surface, False)[surfaces.part]
+    out[surfaces.row[picked], surfaces.col[picked], surfaces.layer[picked]] = True
+    return out

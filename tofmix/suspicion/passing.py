@@ -1,0 +1,122 @@
+"""Passing: a layer whose samples lie in a part of the frames only, such as a person's who walks by.
+
+Its samples are closer in time than chance puts them, and that part is less than half of the frames. Where samples
+remember those before them, frames count as fewer. A net in the wind, or what each third frame shows, is spread over the
+frames, and is no passing layer.
+"""
+
+import math
+from itertools import product
+
+import numpy as np
+
+from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.image.masks import count_around
+from tofmix.suspicion.declaration import FALSE_MARKS, Suspicion
+from tofmix.suspicion.scene import CLUSTER_FIELDS, Scene
+from tofmix.suspicion.time_clusters import LONGEST, log_chance
+
+_ROW, _COL, _LAYER, _FRAMES, _SAMPLES, _OUTSIDE, _LENGTH, _FIRST, _LAST = range(len(CLUSTER_FIELDS))
+
+BESIDE_PASSING = 0.05
+"""Chance below which a layer beside a passing one, at about the same time, is of it too: there the odds are even."""
+
+_SLOPE, _NOISE_SIGMAS = (
+    0.05,
+    3.0,
+)  # how much ranges of one surface differ from pixel to pixel: of the range, and by noise
+
+_MOST_CORRELATION = 0.99  # from frame to frame: a recording with more has no independent frames to speak of
+
+
+def mark_passing(scene: Scene) -> BoolArray:
+    """Layers (row, col, layer) that are in a part of the frames only.
+
+    Of layers that are there all the time, `FALSE_MARKS` at most are marked.
+    """
+    marked = np.zeros(scene.range_mm.shape, bool)
+    found = scene.clusters
+    if not len(found):
+        return marked
+    chances = np.array(_log_chances(found, _memory_frames(scene.memory)))
+    place = tuple(found[:, [_ROW, _COL, _LAYER]].astype(int).T)
+    chances[_continues(scene, *place)] = 0.0
+    sure = chances <= math.log(FALSE_MARKS)
+    while True:  # each round reaches one pixel farther
+        marked[tuple(part[sure] for part in place)] = True
+        beside = _beside(found, sure, scene.range_mm.shape[:2])
+        more = beside & ~sure & (chances <= math.log(BESIDE_PASSING))
+        if not more.any():
+            return marked
+        sure |= more
+
+
+def _continues(scene: Scene, row: IntArray, col: IntArray, layer: IntArray) -> BoolArray:
+    """Which layers (n,) belong to a surface that a pixel beside them sees for most of the time.
+
+    At the edge of a standing surface a shift by a part of a pixel changes shares, so that its samples come in groups.
+    """
+    pad = ((1, 1), (1, 1), (0, 0))
+    stands = np.where(scene.weight > LONGEST, scene.range_mm, np.nan)
+    around, sigma = (np.pad(values, pad, constant_values=np.nan) for values in (stands, scene.sigma_mm))
+    own, width = scene.range_mm[row, col, layer], scene.sigma_mm[row, col, layer]
+    out = np.zeros(len(row), bool)
+    for down, right in product(range(3), range(3)):
+        if (down, right) != (1, 1):
+            there = around[row + down, col + right]
+            noise = _NOISE_SIGMAS * np.hypot(sigma[row + down, col + right], width[:, np.newaxis])
+            with np.errstate(invalid="ignore"):
+                near = np.abs(there - own[:, np.newaxis]) <= _SLOPE * own[:, np.newaxis] + noise
+            out |= near.any(-1)
+    return out
+
+
+def _beside(found: FloatArray, sure: BoolArray, shape: tuple[int, int]) -> BoolArray:
+    """Which clusters (n,) are beside or in a pixel with a sure one at about the same time."""
+    first, last = np.full(shape, np.inf), np.full(shape, -np.inf)
+    rows, cols = found[sure, _ROW].astype(int), found[sure, _COL].astype(int)
+    np.minimum.at(first, (rows, cols), found[sure, _FIRST])
+    np.maximum.at(last, (rows, cols), found[sure, _LAST])
+    row, col = found[:, _ROW].astype(int), found[:, _COL].astype(int)
+    out = np.zeros(len(found), bool)
+    near = count_around(last >= first, 1) > 0
+    for index in np.flatnonzero(near[row, col]):
+        around = slice(max(row[index] - 1, 0), row[index] + 2), slice(max(col[index] - 1, 0), col[index] + 2)
+        margin = found[index, _LENGTH]
+        meets = (first[around] - margin <= found[index, _LAST]) & (last[around] + margin >= found[index, _FIRST])
+        out[index] = bool(meets.any())
+    return out
+
+
+def _memory_frames(memory: FloatArray) -> float:
+    """How many frames tell as much as one without memory: (1 + q) / (1 - q) with the correlation q of neighbours.
+
+    q is the larger of two: that of the noise of the pixels' main layers, and that of whether a frame shows a rare layer,
+    within its interval. The latter is 0 where the samples in the interval follow each other by chance, and 1 where they
+    come in one group; an interval that they fill tells nothing. `memory` has `MEMORY_FIELDS`.
+    """
+    products, squares, pairs, most = memory
+    correlation = max(products / squares if squares > 0 else 0.0, pairs / most if most > 0 else 0.0)
+    correlation = min(max(correlation, 0.0), _MOST_CORRELATION)
+    return float((1.0 + correlation) / (1.0 - correlation))
+
+
+def _log_chances(found: FloatArray, memory_frames: float) -> list[float]:
+    """Log chance (n,) of each cluster, with frames that remember those before them."""
+    out = []
+    for line in found:
+        # A sample stands for its successors: of m samples in a row, 1 + (m - 1) / memory are independent.
+        m = 1.0 + (line[_SAMPLES] - 1.0) / memory_frames
+        outside = line[_OUTSIDE] / memory_frames
+        length = max(line[_LENGTH] / memory_frames, m - outside)
+        out.append(log_chance(max(line[_FRAMES] / memory_frames, length, m), m, outside, length))
+    return out
+
+
+PASSING = Suspicion(
+    name="passing",
+    flag=4,
+    short="in a part of the frames",
+    meaning="its samples lie in a part of the frames only, as of a thing that passes",
+    mark=mark_passing,
+)

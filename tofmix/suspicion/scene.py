@@ -1,0 +1,148 @@
+"""One window as suspicions see it: layers, their amplitudes, and layers whose samples come close in time."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.arrays import Float32Array, FloatArray
+from tofmix.flags import Mixing
+from tofmix.layers import Layers
+from tofmix.optics.projection import beam_directions_of
+from tofmix.optics.ranging import unambiguous_range_mm
+from tofmix.sensor import Sensor
+
+CLUSTER_FIELDS = (
+    "row", "col", "layer", "frames", "samples", "outside", "length", "first", "last",
+)  # fmt: skip
+"""Values of a layer whose samples come close in time.
+
+Its place; frames that could show it; frames that do; how many of these lie outside the shortest interval; its length,
+and its first and last frame, from the window's first.
+"""
+
+
+class Evidence(NamedTuple):
+    """What suspicions need of samples, beside layers.
+
+    Parameters
+    ----------
+    amplitude : (row, col, layer) float32 or None
+        Mean amplitude of each layer's samples, NaN where it is not known; None: the recording has none.
+    clusters : (n, 9) float64
+        `CLUSTER_FIELDS` of layers whose samples come close in time.
+    memory : (4,) float64
+        `MEMORY_FIELDS`.
+    """
+
+    amplitude: Float32Array | None
+    clusters: FloatArray
+    memory: FloatArray
+
+
+MEMORY_FIELDS = ("products", "squares", "pairs", "most_pairs")
+"""Sums over the pixels with a rare layer, of what tells the memory of samples from frame to frame.
+
+Products of consecutive residuals of the pixel's main layer, and their squares; pairs of consecutive frames that both
+show a rare layer, less those expected by chance within its interval; and the most of these.
+"""
+
+NO_CLUSTERS = np.zeros((0, len(CLUSTER_FIELDS)))
+"""No layer comes close in time."""
+
+
+def joined(pieces: Sequence[tuple[int, int, Evidence]], image: tuple[int, int], max_layers: int) -> Evidence:
+    """Evidence of an image (rows, columns) from that of its pieces, each with its first row and column."""
+    amplitude = None
+    if any(part.amplitude is not None for _, _, part in pieces):
+        amplitude = np.full((*image, max_layers), np.nan, np.float32)
+        for row, col, part in pieces:
+            if part.amplitude is not None:
+                rows, cols = part.amplitude.shape[:2]
+                amplitude[row : row + rows, col : col + cols] = part.amplitude
+    clusters, memory = [NO_CLUSTERS], np.zeros(len(MEMORY_FIELDS))
+    for row, col, part in pieces:
+        moved = part.clusters.copy()
+        moved[:, :2] += row, col
+        clusters.append(moved)
+        memory += part.memory
+    return Evidence(amplitude, np.concatenate(clusters), memory)
+
+
+class Scene(NamedTuple):
+    """One window.
+
+    Parameters
+    ----------
+    range_mm, sigma_mm, stderr_mm, weight : (row, col, layer) float64
+        Of each layer; NaN where there is none. An unknown `stderr_mm` is `sigma_mm`.
+    amplitude : (row, col, layer) float64 or None
+        Of each layer, NaN where it is not known.
+    directions : (row, col, 3) float64 or None
+        Unit vectors along the beams; None where the camera's view is not known.
+    turn_mm : float or None
+        Length of the circle that a measured phase folds ranges to; None where nothing folds.
+    clusters : (n, 9) float64
+        `CLUSTER_FIELDS`.
+    memory : (4,) float64
+        `MEMORY_FIELDS`.
+    """
+
+    range_mm: FloatArray
+    sigma_mm: FloatArray
+    stderr_mm: FloatArray
+    weight: FloatArray
+    amplitude: FloatArray | None
+    directions: FloatArray | None
+    turn_mm: float | None
+    clusters: FloatArray
+    memory: FloatArray
+
+    @property
+    def present(self) -> NDArray[np.bool_]:
+        """Layers (row, col, layer) that are there."""
+        return np.isfinite(self.range_mm)
+
+
+def make_scene(layers: Layers, evidence: Evidence, sensor: Sensor, *, circle_mm: float | None = None) -> Scene:
+    """Make the scene of a window.
+
+    Parameters
+    ----------
+    layers : Layers
+        Of the leading shape (row, col). Where they were unmixed, no sample is of one layer alone, and evidence of
+        samples does not count.
+    evidence : Evidence
+        Of the same pixels.
+    sensor : Sensor
+        The camera.
+    circle_mm : float, optional
+        Length of the circle that ranges are on, mm.
+    """
+    sigma = layers.sigma.astype(np.float64)
+    stderr = layers.range_stderr.astype(np.float64)
+    amplitude, clusters, memory = evidence
+    light = None if amplitude is None else amplitude.astype(np.float64)
+    if layers.mixing is not None:
+        unmixed = layers.mixing == int(Mixing.PHASOR)
+        if light is not None:
+            light[unmixed] = np.nan
+        clusters = clusters[~unmixed[clusters[:, 0].astype(int), clusters[:, 1].astype(int)]]
+    optics = sensor.optics
+    return Scene(
+        range_mm=layers.range.astype(np.float64),
+        sigma_mm=sigma,
+        stderr_mm=np.where(np.isfinite(stderr), stderr, sigma),
+        weight=layers.weight.astype(np.float64),
+        amplitude=light,
+        directions=None if optics is None else beam_directions_of(optics, layers.shape),
+        turn_mm=_turn_mm(sensor) if circle_mm is None else circle_mm,
+        clusters=clusters,
+        memory=memory,
+    )
+
+
+def _turn_mm(sensor: Sensor) -> float | None:
+    """Unambiguous range of the camera's frequency, mm; None if it is not known."""
+    return None if sensor.modulation_frequency_hz is None else unambiguous_range_mm(sensor.modulation_frequency_hz)
