@@ -65,10 +65,10 @@ def write_sensor(root: h5py.File, sensor: Sensor, *, image: tuple[int, int]) -> 
     """Write the group `sensor` of an image (rows, cols); a number that is not known is NaN."""
     group = add_group(root, "sensor")
     group.attrs["name"] = sensor.name
-    if sensor.measurement is not None:
-        group.attrs["measurement"] = sensor.measurement.value
-    if sensor.share_law is not None:
-        group.attrs["share_law"] = sensor.share_law.value
+    for name in ("measurement", "share_law"):
+        text = getattr(sensor, name)
+        if text is not None:
+            group.attrs[name] = text.value
     for key in SENSOR_NUMBERS:
         value = getattr(sensor, key)
         group.attrs[key] = np.nan if value is None else float(value)
@@ -205,7 +205,8 @@ def read_sensor(root: h5py.File, path: Path) -> Sensor:
         learnt = _read_learnt(group, path)
         return Sensor(
             name=text_attribute(group, "name") or "unknown", measurement=_read_measurement(group),
-            share_law=_read_share_law(group), noise=noise, projection=projection, learnt=learnt, range_step_mm=_read_step(group, path), **known,
+            share_law=_read_share_law(group), noise=noise, projection=projection, learnt=learnt,
+            range_step_mm=_read_step(group, path), **known,
         )  # fmt: skip
     except ValueError as error:
         raise BadInputError(f"{path}: sensor: {error}") from error

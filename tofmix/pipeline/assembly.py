@@ -1,7 +1,7 @@
 """From finished cells to the layers file, in the cells' order.
 
-Unmixing, lost samples and suspicions need all rows of a window, so they are done here, when all cells are ready. So the bytes do not depend on the
-engine. A few windows are unmixed at the same time.
+Unmixing, lost samples and suspicions need all rows of a window, so they are done here, when all cells are ready. So the
+bytes do not depend on the engine. A few windows are finished at the same time.
 """
 
 from collections.abc import Iterable, Iterator

@@ -87,7 +87,7 @@ def read_sheet(
             "valid_status",
             *optics,
             *more_keys,
-        }  # fmt: skip
+        }
     )
     noise.refuse_unknown({*_NOISE_LISTS, *_LAW, *_NOISE_PARTS, *_NOISE_NUMBERS})
     settings: dict[str, Any] = {"name": _UNNAMED} if base is None else base.known()

@@ -67,8 +67,8 @@ def to_areas(
     at_edge = (shares.count > 0) & ~bright.inside & ~unmixed
     turn = turned.by_detections if law is ShareLaw.DETECTIONS else turned.by_strongest
     told = np.zeros(layers.shape, bool)
-    for row, col in np.argwhere(at_edge).tolist():
-        told[row, col] = turn(row, col)
+    for row, col in zip(*np.nonzero(at_edge), strict=True):
+        told[row, col] = turn(int(row), int(col))
     return Areas(turned.areas(), int((mixed & ~told).sum()))
 
 

@@ -23,6 +23,7 @@ from tofmix.io.guard import guard
 from tofmix.io.layers.provenance import header_image, read_provenance, write_provenance
 from tofmix.io.result_file import open_result, typed_dataset
 from tofmix.layers import (
+    AMPLITUDE,
     ENDS,
     LAW_TEXTS,
     LAYER_DIMS,
