@@ -117,13 +117,14 @@ class _Tally:
     """Counts over all windows."""
 
     def __init__(self) -> None:
-        self._surfaces = self._lines = 0
+        self._surfaces = self._lines = self._assumed = 0
         self._stderr: list[Any] = []
 
     def add(self, found: "WindowSurfaces") -> None:
         self._surfaces += len(found.planes)
         self._lines += len(found.edges.lines())
         self._stderr.append(found.edges.stderr)
+        self._assumed += found.assumed
 
     def values(self) -> dict[str, Any]:
         import numpy as np
@@ -133,16 +134,17 @@ class _Tally:
         median = float(np.median(known)) if len(known) else None
         return {
             "surfaces": self._surfaces, "edge_lines": self._lines, "edge_points": len(stderr),
-            "edge_stderr_median": median,
+            "edge_stderr_median": median, "pixels_shares_assumed_areas": self._assumed,
         }  # fmt: skip
 
 
 def _line(values: dict[str, Any]) -> str:
     median = values["edge_stderr_median"]
     error = "" if median is None else f" (median error {median:.3f} pixels)"
+    assumed = "; edges assume that shares are areas" if values["pixels_shares_assumed_areas"] else ""
     windows = f" of each of {values['windows']:,} windows" if values["windows"] > 1 else ""
     return (
         f"{counted(values['surfaces'], 'surface', ',')},"
         f" {counted(values['edge_lines'], 'edge line', ',')} of {counted(values['edge_points'], 'point', ',')}{error},"
-        f" range image {values['rows_fine']} x {values['cols_fine']}{windows}"
+        f" range image {values['rows_fine']} x {values['cols_fine']}{windows}{assumed}"
     )

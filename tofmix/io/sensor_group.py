@@ -65,10 +65,8 @@ def write_sensor(root: h5py.File, sensor: Sensor, *, image: tuple[int, int]) -> 
     """Write the group `sensor` of an image (rows, cols); a number that is not known is NaN."""
     group = add_group(root, "sensor")
     group.attrs["name"] = sensor.name
-    for name in ("measurement", "share_law"):
-        text = getattr(sensor, name)
-        if text is not None:
-            group.attrs[name] = text.value
+    for name, text in (("measurement", sensor.measurement), ("share_law", sensor.share_law)):
+        group.attrs.update({} if text is None else {name: text.value})
     for key in SENSOR_NUMBERS:
         value = getattr(sensor, key)
         group.attrs[key] = np.nan if value is None else float(value)

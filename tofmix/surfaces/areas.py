@@ -22,9 +22,6 @@ from tofmix.surfaces.nodes import Nodes
 from tofmix.surfaces.settings import DEFAULT_SETTINGS, BrightnessSettings
 from tofmix.surfaces.shares import Shares
 
-ASSUMED = "edges assume that shares are areas"
-"""The remark of `tofmix surfaces` where nothing tells the law, or the brightness that it needs."""
-
 _PAIR = 2
 _MANY_SAMPLES = 1e6
 """Samples of a share that is no count: the error of its amplitude is all of its variance."""
@@ -67,8 +64,9 @@ def to_areas(
     at_edge = (shares.count > 0) & ~bright.inside & ~unmixed
     turn = turned.by_detections if law is ShareLaw.DETECTIONS else turned.by_strongest
     told = np.zeros(layers.shape, bool)
-    for row, col in zip(*np.nonzero(at_edge), strict=True):
-        told[row, col] = turn(int(row), int(col))
+    rows, cols = np.nonzero(at_edge)
+    for row, col in zip(rows.tolist(), cols.tolist(), strict=True):
+        told[row, col] = turn(row, col)
     return Areas(turned.areas(), int((mixed & ~told).sum()))
 
 

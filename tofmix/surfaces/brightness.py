@@ -112,4 +112,4 @@ def _scatter(log_light: FloatArray, inside: BoolArray, settings: BrightnessSetti
     off = (here - around)[np.isfinite(here - around)]
     if len(off) < settings.least_scatter_pixels:
         return settings.usual_scatter
-    return max(float(np.median(np.abs(off))) * _MEDIAN_DEVIATION / np.sqrt(1.25), settings.least_scatter)
+    return max(float(np.median(np.abs(off)) * _MEDIAN_DEVIATION / np.sqrt(1.25)), settings.least_scatter)

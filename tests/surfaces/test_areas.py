@@ -1,0 +1,75 @@
+"""Areas from shares of samples, against edges that are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from benchmarks.not_there_parts.shares import CASES, Case, edges_of, errors_of, record
+
+import tofmix as tm
+from tofmix.arrays import FloatArray
+from tofmix.flags import Mixing
+from tofmix.share_law import ShareLaw
+from tofmix.surfaces.reconstruct import reconstruct
+
+BY_NAME = {case.name: case for case in CASES}
+
+
+@pytest.mark.slow
+def test_with_their_laws_the_edges_of_cameras_are_within_their_errors() -> None:
+    """Errors along an edge go together, so that one image tells as little as some ten points: the mean is compared."""
+    of_areas = errors_of(edges_of(record(BY_NAME["area"], seed=5), ShareLaw.AREA)).stated
+    found = [errors_of(edges_of(record(case, seed=5, texture=0.03), case.law)) for case in CASES[1:]]
+    assert all(one.points > 80 for one in found)
+    assert max(abs(one.median) for one in found) < 0.02
+    assert np.mean([one.within for one in found]) >= 0.85
+    assert max(one.stated for one in found) < 1.3 * of_areas
+
+
+def test_detections_of_a_bright_board_move_its_edges_until_the_law_is_known() -> None:
+    recording = record(BY_NAME["detections, equal reflectivity"], seed=6)
+    assert errors_of(edges_of(recording, None)).median < -0.15
+    known = errors_of(edges_of(recording, ShareLaw.DETECTIONS))
+    assert abs(known.median) < 0.02
+
+
+def test_equal_brightness_makes_detections_areas() -> None:
+    same = Case("same light", ShareLaw.DETECTIONS, 1.0, 1.0)
+    found = errors_of(edges_of(record(same, seed=7, texture=0.0), ShareLaw.DETECTIONS))
+    assert abs(found.median) < 0.01
+    assert found.within >= 0.9
+
+
+def test_without_amplitudes_or_a_law_shares_stand_for_areas_and_are_counted() -> None:
+    recording = record(BY_NAME["detections, equal reflectivity"], seed=6)
+    layers, sensor = (found := tm.estimate(recording)).window(0), found.sensor
+    plain = reconstruct(layers, sensor)
+    assert plain.assumed > 50
+    dark = reconstruct(replace(layers, amplitude=None), replace(sensor, share_law=ShareLaw.DETECTIONS))
+    assert dark.assumed == plain.assumed
+    np.testing.assert_array_equal(dark.edges.col, plain.edges.col)
+    area = reconstruct(layers, replace(sensor, share_law=ShareLaw.AREA))
+    assert area.assumed == 0
+    np.testing.assert_array_equal(area.edges.col, plain.edges.col)
+
+
+def test_unmixed_shares_are_areas_under_any_law() -> None:
+    recording = record(BY_NAME["area"], seed=6)
+    layers, sensor = (found := tm.estimate(recording)).window(0), found.sensor
+    unmixed = replace(layers, mixing=np.full(layers.shape, int(Mixing.PHASOR), np.uint8))
+    edges = [reconstruct(unmixed, replace(sensor, share_law=law)) for law in (None, ShareLaw.DETECTIONS)]
+    assert [one.assumed for one in edges] == [0, 0]
+    np.testing.assert_array_equal(edges[0].edges.col, edges[1].edges.col)
+
+
+def test_amplitude_of_a_layer_is_the_mean_of_its_samples() -> None:
+    recording = record(BY_NAME["detections, equal reflectivity"], seed=8)
+    layers = tm.estimate(recording).window(0)
+    light, range_mm = recording.amplitude, recording.range_mm
+    assert light is not None
+    assert layers.amplitude is not None
+    row, col = np.argwhere(layers.n_modes == 2)[3]
+    nearer: FloatArray = np.abs(range_mm[:, row, col, np.newaxis] - layers.range[row, col, :2])
+    for layer in (0, 1):
+        own = light[nearer.argmin(axis=1) == layer, row, col]
+        assert layers.amplitude[row, col, layer] == pytest.approx(own.mean(), rel=1e-5)
