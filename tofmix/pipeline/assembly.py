@@ -162,7 +162,7 @@ def _windows_together(cells: Iterable[Cell], grid: Grid) -> Iterator[list[Cell]]
 
 def _whole(group: list[tuple[Cell, EncodedCell]], grid: Grid, provenance: Provenance) -> tuple[Layers, Float32Array]:
     """Layers and mean phasors of the leading shape (window, row, col)."""
-    fields = layer_fields(provenance.sensor)
+    fields = layer_fields(provenance.sensor, amplitude=provenance.has_amplitude)
     parts = []
     for cell, encoded in group:
         size, most = _size_of(cell, grid), int(provenance.options["max_layers"])

@@ -55,11 +55,11 @@ class LocalEngine:
         phasors = resolved_mixing(job.options, source).mixing is not MixingChoice.EVENTS
         with ExitStack() as stack:
             try:
-                plan = plan_reading(source, job.grid, buffer_bytes=buffer_bytes, workers=self.workers, phasors=phasors)
+                plan = plan_reading(source, job.grid, buffer_bytes=buffer_bytes, workers=self.workers, phasors=True)
                 if plan.rereads:
                     frames, rows = _extent(job.grid, wanted)
                     source = stack.enter_context(
-                        on_scratch(source, self.folder, frames=frames, rows=rows, phasors=phasors)
+                        on_scratch(source, self.folder, frames=frames, rows=rows, phasors=True)
                     )
             except MemoryTooSmallError as error:
                 least = -(-(error.needed_bytes + PROGRAM_BYTES) // 1_000_000)

@@ -19,12 +19,13 @@ from numpy.typing import NDArray
 from tofmix.arrays import Float32Array
 from tofmix.estimation.blocks.reading import PIECE_SAMPLES, Group, ReadPlan, plan_reading, read_groups
 from tofmix.estimation.blocks.sample_span import sensor_with_span
+from tofmix.estimation.layer_amplitudes import layer_amplitudes
 from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
 from tofmix.grid import Cell, Grid, plan_grid
-from tofmix.layers import Layers, layer_fields
+from tofmix.layers import MIXING, Layers, layer_fields
 from tofmix.lost_samples import common_loss, weighed
-from tofmix.recording import SampleSource, has_phasors, samples_a_frame
+from tofmix.recording import SampleSource, amplitude_source, has_phasors, samples_a_frame
 from tofmix.sensor import Sensor, sensor_of_part
 from tofmix.unmixing.phasors import FIELD_COUNT, mean_phasors
 from tofmix.unmixing.unmix import unmix
@@ -106,12 +107,14 @@ def estimate_cells(
     sensor = source.sensor
     if sensor.sample_max_mm is None:
         sensor = sensor_with_span(source, options.unambiguous_range_mm)
-    plan = plan_reading(source, grid, buffer_bytes=buffer_bytes, workers=workers, phasors=phasors)
+    plan = plan_reading(source, grid, buffer_bytes=buffer_bytes, workers=workers, phasors=True)
     # Compile or load the kernels before there are threads: several at once would wait for each other.
     warm_up(options, sensor)
-    groups = read_groups(source, grid, plan, grid.cells() if wanted is None else wanted, phasors=phasors)
+    groups = read_groups(source, grid, plan, grid.cells() if wanted is None else wanted, phasors=True)
     each = samples_a_frame(source) if each is None else each
-    run = _Run(groups, plan, _Work(sensor, grid, options, finish, phasors=phasors, each=each), workers)
+    has_light = amplitude_source(source) is not None
+    work = _Work(sensor, grid, options, finish, phasors=phasors, each=each, has_light=has_light)
+    run = _Run(groups, plan, work, workers)
     with closing(run.results()) as results:
         yield from results
 
@@ -122,15 +125,18 @@ class _Work(Generic[T]):
     def __init__(
         self, sensor: Sensor, grid: Grid, options: EstimateOptions, finish: Callable[..., T], *, phasors: bool,
         each: int,
+        has_light: bool,
     ) -> None:  # fmt: skip
         self._sensor, self._grid, self._options, self._finish = sensor, grid, options, finish
-        self._phasors, self._each = phasors, each
+        self._phasors, self._each, self._has_light = phasors, each, has_light
 
     def __call__(self, group: Group, cell: Cell) -> T:
         """Estimate a cell of a group."""
         rows, cols = cell.rows.stop - cell.rows.start, self._grid.image[1]
         count = cell.windows.stop - cell.windows.start
-        out = Layers.empty((count, rows, cols), self._options.max_layers, layer_fields(self._sensor))
+        out = Layers.empty(
+            (count, rows, cols), self._options.max_layers, layer_fields(self._sensor, amplitude=self._has_light)
+        )
         phasors = np.empty((count, rows, cols, FIELD_COUNT), np.float32) if self._phasors else None
         for window in range(count):
             frames = self._grid.frames(slice(cell.windows.start + window, cell.windows.start + window + 1))
@@ -139,6 +145,9 @@ class _Work(Generic[T]):
                 light = group.amplitudes(frames, piece_rows, piece_cols)
                 sensor = sensor_of_part(self._sensor, piece_rows, piece_cols)
                 layers = layer_pixels(samples, sensor, self._options, amplitude=light, samples_a_frame=self._each)
+                if light is not None:
+                    circle_mm = self._options.unambiguous_range_mm
+                    layers = replace(layers, amplitude=layer_amplitudes(samples, light, layers, circle_mm=circle_mm))
                 place = slice(piece_rows.start - cell.rows.start, piece_rows.stop - cell.rows.start)
                 for spec in out.fields:
                     getattr(out, spec.name)[window, place, piece_cols] = getattr(layers, spec.name)
@@ -248,7 +257,8 @@ def estimate_windows(
     windows = windows or Windows(length=frames, stride=frames, count=1, frames_left_out=0)
     grid = plan_grid(windows, (rows, cols), row_step=source.row_step)
     shape = windows.count, rows, cols
-    out = Layers.empty(shape, options.max_layers, layer_fields(source.sensor, mixing=measured))
+    has_light = amplitude_source(source) is not None
+    out = Layers.empty(shape, options.max_layers, layer_fields(source.sensor, amplitude=has_light, mixing=measured))
     phasors = np.empty((*shape, FIELD_COUNT), np.float32) if measured else None
     cells = estimate_cells(
         source, grid, options, lambda *parts: parts, workers=workers, buffer_bytes=buffer_bytes, phasors=measured
@@ -262,7 +272,7 @@ def estimate_windows(
         return EstimatedWindows(layers=_weighed(out, source, windows))
     shares, pixels = np.empty(windows.count, np.float32), np.empty(windows.count, np.uint32)
     for window, means in enumerate(phasors):
-        part = Layers(**{spec.name: getattr(out, spec.name)[window] for spec in layer_fields(source.sensor)})
+        part = Layers(**{spec.name: getattr(out, spec.name)[window] for spec in out.fields if spec is not MIXING})
         insist, circle_mm = options.mixing is MixingChoice.PHASOR, options.unambiguous_range_mm
         unmixed = unmix(part, means, source.sensor, insist=insist, circle_mm=circle_mm)
         shares[window], pixels[window] = unmixed.phasor_share, unmixed.informative_pixels

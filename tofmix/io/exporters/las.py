@@ -13,7 +13,8 @@ import numpy as np
 from tofmix.errors import BadInputError, StorageError, UsageError
 from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.extras import need
-from tofmix.points import AMPLITUDE, POINT_FIELDS, PointArray, PointField, PointSource
+from tofmix.layers import AMPLITUDE
+from tofmix.points import POINT_FIELDS, PointArray, PointField, PointSource
 from tofmix.version import __version__
 
 SCALE_M = 1e-6
@@ -83,11 +84,11 @@ def _intensity_of(points: PointSource) -> tuple[str, float]:
     An amplitude that 16 bits hold stays as it is; others are scaled so that the largest is 65,535. Without amplitudes
     it is the share.
     """
-    if AMPLITUDE not in {spec.name for spec in points.fields}:
+    if AMPLITUDE.name not in {spec.name for spec in points.fields}:
         return "weight", _LARGEST_INTENSITY
-    largest = max((float(np.nan_to_num(block[AMPLITUDE]).max()) for block in points if len(block)), default=0.0)
+    largest = max((float(np.nan_to_num(block[AMPLITUDE.name]).max()) for block in points if len(block)), default=0.0)
     as_it_is = largest <= 0.0 or 1.0 < largest <= _LARGEST_INTENSITY
-    return AMPLITUDE, 1.0 if as_it_is else _LARGEST_INTENSITY / largest
+    return AMPLITUDE.name, 1.0 if as_it_is else _LARGEST_INTENSITY / largest
 
 
 def _record(
