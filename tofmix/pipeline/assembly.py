@@ -21,7 +21,7 @@ from tofmix.io.layers.chunks import EncodedCell, decode_cell, decode_chunk, enco
 from tofmix.io.layers.layers_file import LayersWriter
 from tofmix.io.layers.provenance import read_header_image
 from tofmix.layers import Layers, Provenance, layer_fields
-from tofmix.lost_samples import common_loss, weighed
+from tofmix.lost_samples import learn_losses
 from tofmix.mixing import MixingLaw
 from tofmix.unmixing.rewriting import Rewritten
 from tofmix.unmixing.unmix import unmix
@@ -99,13 +99,13 @@ def _written(
     for group in _windows_together(cells, grid):
         lost = np.concatenate([_decoded(cell, read(cell), grid, provenance, number["invalid_share"])
                                for cell in group], axis=1)  # fmt: skip
-        common = [common_loss(image) for image in lost]
+        losses = [learn_losses(image, frames) for image in lost]
         for cell in group:
             encoded, own = read(cell), lost[:, cell.rows]
             if own.any():
                 probability = _decoded(cell, encoded, grid, provenance, number["probability"])
-                for values, shares, of_all in zip(probability, own, common, strict=True):
-                    values[:] = weighed(values, shares, frames=frames, common=of_all)
+                for values, shares, learnt in zip(probability, own, losses, strict=True):
+                    values[:] = learnt.weighed(values, shares)
                 encoded = replace_chunk(encoded, number["probability"], probability, shape=_chunk_of(grid))
             writer.write_chunks(cell.windows, cell.rows, encoded.chunks)
             tallies.append(encoded.tally)
@@ -181,6 +181,5 @@ def _unmix(layers: Layers, phasors: Float32Array, provenance: Provenance, frames
     )  # fmt: skip
     found = result.layers
     assert found.invalid_share is not None  # noqa: S101  every estimate has it
-    common = common_loss(found.invalid_share)
-    probability = weighed(found.probability, found.invalid_share, frames=frames, common=common)
+    probability = learn_losses(found.invalid_share, frames).weighed(found.probability, found.invalid_share)
     return replace(result, layers=replace(found, probability=probability))

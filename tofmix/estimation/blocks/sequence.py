@@ -24,7 +24,7 @@ from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
 from tofmix.grid import Cell, Grid, plan_grid
 from tofmix.layers import MIXING, Layers, layer_fields
-from tofmix.lost_samples import common_loss, weighed
+from tofmix.lost_samples import learn_losses
 from tofmix.recording import SampleSource, amplitude_source, has_phasors, samples_a_frame
 from tofmix.sensor import Sensor, sensor_of_part
 from tofmix.unmixing.phasors import FIELD_COUNT, mean_phasors
@@ -287,7 +287,7 @@ def _weighed(layers: Layers, source: SampleSource, windows: Windows) -> Layers:
     frames = windows.length // samples_a_frame(source)
     probability = np.stack(
         [
-            weighed(values, lost, frames=frames, common=common_loss(lost))
+            learn_losses(lost, frames).weighed(values, lost)
             for values, lost in zip(layers.probability, layers.invalid_share, strict=True)
         ]
     )
