@@ -126,7 +126,7 @@ def emptied(root: h5py.File) -> None:
 
 
 def test_valid_files_have_no_fault(layers: Path, recording: Path) -> None:
-    for path, kind, datasets in ((layers, "layers", 16), (recording, "recording", 8)):
+    for path, kind, datasets in ((layers, "layers", 17), (recording, "recording", 8)):
         findings = verify(path)
         assert findings.lines() == []
         assert findings.notes == []
