@@ -23,7 +23,8 @@ SCALE_M = 1e-6
 MOST_RETURNS = 15  # of one pulse, by LAS 1.4
 
 _COORDINATES = ("x", "y", "z")
-_OWN = (*_COORDINATES, "return_number", "number_of_returns")
+_INTENSITY = "intensity"
+_OWN = (*_COORDINATES, "return_number", "number_of_returns", _INTENSITY)
 _FARTHEST_M = SCALE_M * np.iinfo(np.int32).max
 _DESCRIPTION_BYTES = 31  # of a text field of 32 bytes that ends with a zero
 _LARGEST_INTENSITY = float(np.iinfo(np.uint16).max)
@@ -114,9 +115,9 @@ def _record(
     for axis in _COORDINATES:
         record[axis.upper()] = np.rint(block[axis].astype(np.float64) / SCALE_M).astype(np.int32)
     for name in block.dtype.names or ():
-        if name not in _COORDINATES:
+        if name not in (*_COORDINATES, _INTENSITY):
             record[name] = block[name]
     name, of_one = intensity
     values = np.nan_to_num(block[name].astype(np.float64)) * of_one
-    record["intensity"] = np.rint(np.clip(values, 0.0, _LARGEST_INTENSITY)).astype(np.uint16)
+    record[_INTENSITY] = np.rint(np.clip(values, 0.0, _LARGEST_INTENSITY)).astype(np.uint16)
     return record
