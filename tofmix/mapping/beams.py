@@ -108,10 +108,10 @@ class Beams:
 
 
 def beams_from_layers(layers: Layers, sensor: Sensor, *, min_probability: float = 0.9999) -> Beams:
-    """Every layer is a hit with its share of the samples; no return counts as such, and so do lost samples.
+    """Every layer is a hit with its share of the samples; no return counts as such.
 
     A hit lies at its range, half as deep as ``r b tan(60 deg) / 2``, b being a pixel's larger extent in rad. In the two
-    standard errors before it, nothing is known.
+    standard errors before it, nothing is known. Lost samples are those that `invalid_share` of the layers tells.
 
     Parameters
     ----------

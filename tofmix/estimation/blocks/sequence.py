@@ -110,9 +110,11 @@ def estimate_cells(
     plan = plan_reading(source, grid, buffer_bytes=buffer_bytes, workers=workers, phasors=True)
     # Compile or load the kernels before there are threads: several at once would wait for each other.
     warm_up(options, sensor)
+    has_light = amplitude_source(source) is not None
+    if has_light:
+        layer_amplitudes(np.zeros((1, 1)), np.zeros((1, 1)), Layers.empty((1,), options.max_layers))
     groups = read_groups(source, grid, plan, grid.cells() if wanted is None else wanted, phasors=True)
     each = samples_a_frame(source) if each is None else each
-    has_light = amplitude_source(source) is not None
     work = _Work(sensor, grid, options, finish, phasors=phasors, each=each, has_light=has_light)
     run = _Run(groups, plan, work, workers)
     with closing(run.results()) as results:
@@ -120,12 +122,11 @@ def estimate_cells(
 
 
 class _Work(Generic[T]):
-    """Work on one cell."""
+    """Work on one cell; `each` is the number of samples of a frame, `has_light` whether they have amplitudes."""
 
     def __init__(
         self, sensor: Sensor, grid: Grid, options: EstimateOptions, finish: Callable[..., T], *, phasors: bool,
-        each: int,
-        has_light: bool,
+        each: int, has_light: bool,
     ) -> None:  # fmt: skip
         self._sensor, self._grid, self._options, self._finish = sensor, grid, options, finish
         self._phasors, self._each, self._has_light = phasors, each, has_light
