@@ -88,3 +88,14 @@ def test_pixels_that_are_always_masked_do_not_make_others_unsure() -> None:
     assert np.quantile(outside(losses.certainty(lost)), 0.001) > 0.999
     nothing = np.ones(SHAPE, np.float32)
     assert learn_losses(nothing, 50).is_at_limit(nothing).all()
+
+
+def test_pixels_that_differ_in_brightness_lose_by_chance() -> None:
+    """Single photons: pixels have 8 to 600 of them, and none has an obstacle."""
+    rng = np.random.default_rng(7)
+    photons = np.clip(rng.gamma(2.5, 50.0, SHAPE), 8, 600).astype(int)
+    lost = 1.0 - photons / photons.max()
+    losses = learn_losses(lost, int(photons.max()))
+    assert losses.by_chance > 0.6
+    assert np.quantile(losses.certainty(lost), 0.25) > 0.75
+    assert np.median(losses.certainty(lost)) > 0.99

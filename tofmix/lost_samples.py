@@ -4,29 +4,34 @@ A sample is lost because its light is too dark or saturates the pixel, because n
 drops mixed samples, or by chance. Nothing in the recording says which. So a lost sample says that its light came from
 an unknown place. Of n frames, m have a valid sample:
 
-- By chance. Every pixel loses the same share of its samples, as with dropped frames: m is binomial, of the share
-  1 - common. Such losses say nothing about the scene, and a layer is as sure as the valid samples make it.
+- By chance, as all pixels do: with dropped frames each loses the same share, and with single photons each loses by its
+  brightness. The valid share is of a beta distribution with one peak, whose mean is 1 - common; without spread m is
+  binomial. Such losses say nothing about the scene, and a layer is as sure as the valid samples make it.
 - A loss of its own. A sample is valid with an unknown share q, uniform between 0 and 1 - common. If q is above the
   middle, the pixel's light is enough: a sample is valid more often than not, and is of a surface in the beam. Else the
   light is at the limit of the camera. The few samples that pass are of a surface in the beam, or of light from
   elsewhere (of neighbours, scattered in the lens). A layer then is as sure as else times the share of the light that
   came back.
 
-The common loss and the share of the pixels without a loss of their own are learnt from the image, by maximum
+The beta distribution and the share of the pixels without a loss of their own are learnt from the image, by maximum
 likelihood. Integrals over q are regularised incomplete beta functions: that of the binomial probability of m up to q is
 I_q(m + 1, n - m + 1) / (n + 1).
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import betainc, gammaln, xlog1py, xlogy
+from scipy.special import betainc, betaln, gammaln, xlog1py, xlogy
 
 from tofmix.arrays import BoolArray, FloatArray
 
-_ITERATIONS = 100  # of EM, at most
+_ITERATIONS = 30  # of EM, at most
 _CHANGE = 1e-6  # of the common loss, at which EM stops
+_LEAST_COMMON = 1e-9  # common loss that is as good as none
+_NARROWNESS = (1.0, 2.0, 5.0, 10.0, 30.0, 100.0, 1e3, math.inf)  # widths of the beta distribution that are tried
+_AS_BINOMIAL = 1e7  # from here on as good as infinite, and differences of beta functions are not exact
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,14 +43,17 @@ class Losses:
     frames : int
         Frames of the window, n.
     common : float
-        Share of the samples that every pixel loses by chance, in [0, 1).
+        Mean share of the samples that pixels lose by chance, in [0, 1).
     by_chance : float
         Share of the pixels without a loss of their own, in (0, 1).
+    concentration : float
+        Sum of both parameters of the beta distribution; infinite where all pixels lose the same share.
     """
 
     frames: int
     common: float
     by_chance: float
+    concentration: float = math.inf
 
     def returned_share(self, invalid_share: ArrayLike) -> FloatArray:
         """Share (...) of the light that came back, of the light that a pixel can give.
@@ -101,7 +109,7 @@ class Losses:
         valid = np.rint((1.0 - _known(invalid_share)) * self.frames)
         m, place = np.unique(valid, return_inverse=True)  # few values, and beta functions are slow
         own = _own_density(m, self.frames, self.common)
-        chance = _chance_density(m, self.frames, self.common)
+        chance = _chance_density(m, self.frames, self.common, self.concentration)
         probable = (1.0 - self.by_chance) * own / ((1.0 - self.by_chance) * own + self.by_chance * chance)
         limit = _up_to((1.0 - self.common) / 2.0, m, self.frames) / _up_to(1.0 - self.common, m, self.frames)
         place = place.reshape(valid.shape)
@@ -130,28 +138,48 @@ def learn_losses(invalid_share: ArrayLike, frames: int, *, first_quantile: float
     lost, pixels = np.unique(np.rint(shares[shares < 1.0] * frames), return_counts=True)  # without NaN
     if not lost.size or not lost.any():
         return Losses(frames=frames, common=0.0, by_chance=0.5)
-    total, valid = pixels.sum(), frames - lost
-    start = lost[np.searchsorted(np.cumsum(pixels), first_quantile * total)]
-    common, by_chance = float((start + 0.5) / (frames + 1.0)), 0.5
+    start = lost[np.searchsorted(np.cumsum(pixels), first_quantile * pixels.sum())]
+    first = float((start + 0.5) / (frames + 1.0))
+    fits = [_fitted(lost, pixels, frames, first, narrowness) for narrowness in _NARROWNESS]
+    return max(fits, key=lambda fit: fit[1])[0]
+
+
+def _fitted(
+    lost: FloatArray, pixels: NDArray[np.int64], frames: int, common: float, narrowness: float
+) -> tuple[Losses, float]:
+    """Losses for one width of the beta distribution, by EM from a common loss on; and their log likelihood."""
+    total, valid, by_chance = pixels.sum(), frames - lost, 0.5
     for _ in range(_ITERATIONS):
-        chance = by_chance * _chance_density(valid, frames, common)
+        spread = _concentration(common, narrowness)
+        chance = by_chance * _chance_density(valid, frames, common, spread)
         own = (1.0 - by_chance) * _own_density(valid, frames, common)
+        found = Losses(frames=frames, common=common, by_chance=by_chance, concentration=spread)
         weight = pixels * chance / (chance + own)
         by_chance = float((weight.sum() + 1.0) / (total + 2.0))  # the mean after a uniform prior
         before, common = common, float((weight * lost).sum() / max(weight.sum() * frames, 1e-300))
+        common = max(common, _LEAST_COMMON)
         if abs(common - before) < _CHANGE:
             break
-    return Losses(frames=frames, common=common, by_chance=by_chance)
+    return found, float(pixels @ np.log(chance + own))
+
+
+def _concentration(common: float, narrowness: float) -> float:
+    """Sum of the parameters of a beta distribution of this mean, so many times the least with which it has one peak."""
+    least = 1.0 / min(common, 1.0 - common)
+    return narrowness * least if narrowness * least < _AS_BINOMIAL else math.inf
 
 
 def _known(invalid_share: ArrayLike) -> FloatArray:
     return np.asarray(np.nan_to_num(np.asarray(invalid_share, dtype=np.float64)))
 
 
-def _chance_density(valid: FloatArray, frames: int, common: float) -> FloatArray:
-    """Binomial probability of `valid` of so many frames, if the share `common` is lost."""
+def _chance_density(valid: FloatArray, frames: int, common: float, concentration: float) -> FloatArray:
+    """Probability of `valid` of so many frames by chance: binomial, or beta-binomial."""
     ways = gammaln(frames + 1.0) - gammaln(valid + 1.0) - gammaln(frames - valid + 1.0)
-    return np.asarray(np.exp(ways + xlog1py(valid, -common) + xlogy(frames - valid, common)))
+    if math.isinf(concentration):
+        return np.asarray(np.exp(ways + xlog1py(valid, -common) + xlogy(frames - valid, common)))
+    a, b = (1.0 - common) * concentration, common * concentration
+    return np.asarray(np.exp(ways + betaln(valid + a, frames - valid + b) - betaln(a, b)))
 
 
 def _own_density(valid: FloatArray, frames: int, common: float) -> FloatArray:
