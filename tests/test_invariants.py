@@ -78,6 +78,8 @@ def test_estimated_layers_pass_all_invariants(
         ("range_stderr", (0,), np.nan, "ok has a standard error"),
         ("status", (), 1, "0 where nothing was fitted"),
         ("n_samples", (), 21, "at most the frames"),
+        ("invalid_share", (), np.nan, "between 0 and 1 in"),
+        ("invalid_share", (), 0.5, "without one of the n_samples"),
         ("log_likelihood", (), np.nan, "finite where a pixel was fitted"),
     ],
 )  # fmt: skip

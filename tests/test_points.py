@@ -1,6 +1,7 @@
 """Layers as points, against a loop over pixels."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from support.made_up import LayersInMemory, made_up_layers
 
 from tofmix.optics.equiangular import Equiangular
-from tofmix.points import POINT_DTYPE, LayerPoints, PointFilter
+from tofmix.points import POINT_DTYPE, LayerPoints, PointFilter, fields_of_names
 
 SHAPE, MAX_LAYERS = (2, 4, 5), 3
 VIEW: dict[str, Any] = {"optics": Equiangular(fov_horizontal_deg=47.0, fov_vertical_deg=39.0)}
@@ -65,3 +66,39 @@ def test_unknown_probabilities_do_not_pass_a_limit() -> None:
     layers.probability[...] = np.nan
     assert LayerPoints(LayersInMemory(layers), **VIEW).count() == layers.n_modes.sum()
     assert LayerPoints(LayersInMemory(layers), **VIEW, chosen=PointFilter(min_probability=0.0)).count() == 0
+
+
+def with_light() -> LayersInMemory:
+    layers = made_up_layers(SHAPE, MAX_LAYERS)
+    return LayersInMemory(replace(layers, amplitude=(100.0 * layers.weight).astype(np.float32)))
+
+
+def test_further_fields_are_those_of_the_layer_or_its_pixel() -> None:
+    source = with_light()
+    names = [spec.name for spec in source.layers.fields]
+    further = fields_of_names(["n_samples", "amplitude", "probability", "invalid_share"], names)
+    assert [spec.name for spec in further] == ["n_samples", "invalid_share", "amplitude"]
+    points = LayerPoints(source, **VIEW, further=further, intensity=True)
+    plain = np.concatenate(list(LayerPoints(source, **VIEW)))
+    found = np.concatenate(list(points))
+    assert found.dtype.names == (*(plain.dtype.names or ()), "n_samples", "invalid_share", "amplitude", "intensity")
+    for name in plain.dtype.names or ():
+        np.testing.assert_array_equal(found[name], plain[name])
+    assert (found["n_samples"] == 20).all()
+    assert (found["invalid_share"] == 0).all()
+    np.testing.assert_array_equal(found["amplitude"], (100.0 * plain["weight"]).astype(np.float32))
+    np.testing.assert_array_equal(found["intensity"], found["amplitude"])
+    without = LayerPoints(source, **VIEW, further=further[:2], intensity=True)
+    assert "intensity" not in {spec.name for spec in without.fields}
+
+
+def test_all_fields_are_those_of_the_file_and_others_are_refused() -> None:
+    names = [spec.name for spec in with_light().layers.fields]
+    everything = {spec.name for spec in fields_of_names(["all"], names)}
+    assert {"n_samples", "invalid_share", "amplitude", "n_iter"} <= everything
+    assert "mixing" not in everything
+    assert "range" not in everything
+    with pytest.raises(ValueError, match="unknown field 'amplitud'; choose from n_modes"):
+        fields_of_names(["amplitud"], names)
+    with pytest.raises(ValueError, match="the layers have no mixing; they have"):
+        fields_of_names(["mixing"], names)

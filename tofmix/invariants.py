@@ -83,7 +83,8 @@ def _patterns(layers: Layers, present: BoolArray) -> Iterator[Rule]:
         values = getattr(layers, name)
         wrong = np.where(present, ~np.isfinite(values), ~np.isnan(values))
         yield Rule(name, "finite for the first n_modes layers, NaN past them", _any(wrong))
-    for name in ("range_stderr", "weight_stderr", "probability"):
+    light = () if layers.amplitude is None else ("amplitude",)
+    for name in ("range_stderr", "weight_stderr", "probability", *light):
         values = getattr(layers, name)
         wrong = np.where(present, np.isinf(values), ~np.isnan(values))
         yield Rule(name, "never infinite, NaN past n_modes", _any(wrong))

@@ -75,6 +75,11 @@ INVALID_SHARE = LayerField(
 )
 """Lost samples: dark, saturated, out of range, or dropped by the camera. In all files but those of old versions."""
 
+AMPLITUDE = LayerField(
+    name="amplitude", dtype="f4", units="1", long_name="mean amplitude of the layer's samples", per_layer=True
+)
+"""Where the recording has amplitudes; NaN where samples are phasor sums of several surfaces."""
+
 MIXING = LayerField(name="mixing", dtype="u1", units="1", long_name="what the samples of the pixel are of")
 """Where the phasors of samples are known: amplitudes, and one modulation frequency."""
 
@@ -83,11 +88,6 @@ LAW_TEXTS = {
     "phasor_pixels": "pixels that tell it",
 }
 """Datasets of each window that describe `mixing`."""
-
-AMPLITUDE = LayerField(
-    name="amplitude", dtype="f4", units="1", long_name="mean amplitude of the layer's samples", per_layer=True
-)
-"""Where the recording has amplitudes."""
 
 SUSPECT = LayerField(
     name="suspect", dtype="u1", units="1", long_name="reasons to doubt that the layer is there", per_layer=True
@@ -100,14 +100,15 @@ SUSPECT_FRAMES = LayerField(
 )  # fmt: skip
 """Where any layer is a passing one; 0 for all others."""
 
-OPTIONAL_FIELDS = (NOISE_WIDTH, INVALID_SHARE, MIXING, AMPLITUDE, SUSPECT, SUSPECT_FRAMES)
+OPTIONAL_FIELDS = (NOISE_WIDTH, INVALID_SHARE, AMPLITUDE, MIXING, SUSPECT, SUSPECT_FRAMES)
 """Datasets that some layers files have, after the others."""
 
 
-def layer_fields(sensor: Sensor, *, mixing: bool = False) -> tuple[LayerField, ...]:
-    """Datasets of the layers that are estimated with a sensor; with `mixing`, of those that are unmixed."""
+def layer_fields(sensor: Sensor, *, amplitude: bool = False, mixing: bool = False) -> tuple[LayerField, ...]:
+    """Datasets of the layers that are estimated with a sensor, from samples with amplitudes, and of unmixed ones."""
     own = sensor.learnt is not None and sensor.noise is not None and sensor.noise.width_spread > 0
-    return (*LAYER_FIELDS, *((NOISE_WIDTH,) if own else ()), INVALID_SHARE, *((MIXING,) if mixing else ()))
+    optional = ((NOISE_WIDTH, own), (INVALID_SHARE, True), (AMPLITUDE, amplitude), (MIXING, mixing))
+    return (*LAYER_FIELDS, *(spec for spec, is_there in optional if is_there))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -135,8 +136,8 @@ class Layers:
     status: NDArray[np.uint8]
     noise_width: NDArray[np.float32] | None = None
     invalid_share: NDArray[np.float32] | None = None
-    mixing: NDArray[np.uint8] | None = None
     amplitude: NDArray[np.float32] | None = None
+    mixing: NDArray[np.uint8] | None = None
     suspect: NDArray[np.uint8] | None = None
     suspect_frames: NDArray[np.uint32] | None = None
 
@@ -187,7 +188,8 @@ class Provenance:
     """Source and options of layers; independent of time, machine and number of workers.
 
     `options` holds every option that affects values, by its name on the command line. `targets` is the length of the
-    recording's axis of targets, 0 without one: a share is then a share of detections.
+    recording's axis of targets, 0 without one: a share is then a share of detections. `has_amplitude` says whether the
+    recording has amplitudes.
     """
 
     source: str
@@ -197,6 +199,7 @@ class Provenance:
     options: dict[str, str | int | float] = field(default_factory=dict)
     frames_left_out: int = 0
     targets: int = 0
+    has_amplitude: bool = False
 
     @property
     def is_unmixed(self) -> bool:
@@ -206,7 +209,7 @@ class Provenance:
     @property
     def fields(self) -> tuple[LayerField, ...]:
         """Datasets of the layers."""
-        return layer_fields(self.sensor, mixing=self.is_unmixed)
+        return layer_fields(self.sensor, amplitude=self.has_amplitude, mixing=self.is_unmixed)
 
     @property
     def samples_a_frame(self) -> int:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.flags import Mixing
-from tofmix.layers import LAYER_DIMS, LAYER_FIELDS, OPTIONAL_FIELDS, LayerField, Layers
+from tofmix.layers import AMPLITUDE, LAYER_DIMS, LAYER_FIELDS, OPTIONAL_FIELDS, LayerField, Layers
 from tofmix.optics.projection import Projection, beam_directions_of
 
 MM_A_METRE = 1000.0  # mm in a metre
@@ -54,8 +54,6 @@ FURTHER_FIELDS: tuple[LayerField, ...] = tuple(
     if len(spec.dims) <= len(LAYER_DIMS) and spec.name not in {known.name for known in POINT_FIELDS}
 )
 """What else a layers file may know of a layer or its pixel, under the names and units there: one number each."""
-
-AMPLITUDE = "amplitude"
 
 INTENSITY = PointField(name="intensity", dtype="<f4", units="1", long_name="amplitude")
 """The name that viewers of point clouds know for an amplitude."""
@@ -204,7 +202,7 @@ class LayerPoints:
         self._chosen = chosen or PointFilter()
         self._directions = beam_directions_of(optics, (rows, cols))
         self._further = tuple(further)
-        self._intensity = intensity and any(spec.name == AMPLITUDE for spec in further)
+        self._intensity = intensity and AMPLITUDE in further
 
     @property
     def fields(self) -> tuple[PointField, ...]:
@@ -270,5 +268,5 @@ def window_points(
             values = getattr(layers, spec.name)
             points[spec.name] = values[row, col, layer] if spec.per_layer else values[row, col]
     if INTENSITY.name in names:
-        points[INTENSITY.name] = points[AMPLITUDE]
+        points[INTENSITY.name] = points[AMPLITUDE.name]
     return np.asarray(points)

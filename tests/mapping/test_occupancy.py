@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -69,3 +70,32 @@ def test_column_has_the_worst_state_of_its_voxels() -> None:
     assert flat.origin_mm == (300.0, -200.0)
     assert flat.centres_mm(1).tolist() == [-150, -50, 50, 150]
     assert voxels.probability()[0, 0, 0] == 0.5
+
+
+def test_lost_light_makes_cells_less_free_and_no_less_occupied() -> None:
+    free, occupied = float(log_odds(0.0, 100.0, 0.0)), float(log_odds(100.0, 0.0, 1.0))
+    assert float(log_odds(0.0, 100.0, 0.0, 0.0)) == free
+    p = 1.0 / (1.0 + math.exp(-free))
+    half = 0.5 * p + 0.25
+    assert float(log_odds(0.0, 100.0, 0.0, 100.0)) == pytest.approx(math.log(half / (1 - half)))
+    assert float(log_odds(0.0, 5.0, 0.0, 95.0)) > math.log(0.196 / 0.804)  # unknown
+    assert float(log_odds(100.0, 0.0, 1.0, 100.0)) == occupied
+
+
+@pytest.mark.parametrize(("lost", "state"), [(0.0, State.FREE), (0.95, State.UNKNOWN), (1.0, State.UNKNOWN)])
+def test_space_before_a_wall_is_free_only_if_its_light_came_back(
+    make_layers: MakeLayers, camera: Sensor, lost: float, state: State
+) -> None:
+    size, dark = 40, (slice(10, 30), slice(10, 30))
+    layers = make_layers([4000.0], [1.0], size=size)
+    shares = np.zeros((size, size), np.float32)
+    shares[dark] = lost
+    layers.n_samples[dark] = round(100 * (1 - lost))
+    layers = replace(layers, invalid_share=shares)
+    beams = beams_from_layers(layers, camera)
+    assert beams.samples_lost[20, 20] == pytest.approx(100 * lost)
+    assert beams.samples_lost[0, 0] == 0
+    grid = plan_grid(beams, Pose(), cell_mm=50.0, height_mm=(0.0, 50.0))
+    row = project(map_beams(beams, Pose(), grid), (0.0, 50.0)).cells[:, -grid.first[1]]
+    states = dict(zip((grid.centres_mm(0) - 25).astype(int), row, strict=True))
+    assert states[2000] == states[3000] == state

@@ -299,7 +299,7 @@ def estimate(
     provenance = Provenance(
         source=source.name, source_sha256=_checksum(source), version=__version__, sensor=sensor,
         options=options.as_dict() | said | {"window": windows.length, "stride": windows.stride},
-        frames_left_out=windows.frames_left_out, targets=source.targets,
+        frames_left_out=windows.frames_left_out, targets=source.targets, has_amplitude=has_amplitude,
     )  # fmt: skip
     starts = np.arange(windows.count, dtype=np.uint64) * np.uint64(windows.stride)
     made = Estimate(

@@ -14,7 +14,7 @@ from scipy.special import erf
 from tofmix.arrays import FloatArray
 from tofmix.circle import NO_RETURN_SIGMAS
 from tofmix.layers import Layers
-from tofmix.lost_samples import common_loss, returned_share
+from tofmix.lost_samples import learn_losses
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import Projection, pixel_extent_rad
 from tofmix.sensor import Sensor
@@ -108,10 +108,10 @@ class Beams:
 
 
 def beams_from_layers(layers: Layers, sensor: Sensor, *, min_probability: float = 0.9999) -> Beams:
-    """Every layer is a hit with its share of the samples; no return counts as such, and so do lost samples.
+    """Every layer is a hit with its share of the samples; no return counts as such.
 
     A hit lies at its range, half as deep as ``r b tan(60 deg) / 2``, b being a pixel's larger extent in rad. In the two
-    standard errors before it, nothing is known.
+    standard errors before it, nothing is known. Lost samples are those that `invalid_share` of the layers tells.
 
     Parameters
     ----------
@@ -200,8 +200,10 @@ def _lost_samples(layers: Layers) -> FloatArray:
     lost = layers.invalid_share.astype(np.float64)
     seen = lost < 1.0  # false for NaN
     samples = layers.n_samples[seen] / (1.0 - lost[seen])
-    of_window = float(np.rint(samples.max())) if samples.size else 0.0
-    return np.asarray(of_window * (1.0 - returned_share(lost, common_loss(lost))))
+    if not samples.size:
+        return np.zeros(layers.shape)
+    of_window = max(1, round(float(samples.max())))
+    return of_window * learn_losses(lost, of_window).lost_share(lost)
 
 
 def _free_to_mm(sensor: Sensor) -> float:

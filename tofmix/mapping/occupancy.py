@@ -219,15 +219,10 @@ def log_odds(
 
 def _with_lost_light(odds: FloatArray, known: FloatArray, lost: FloatArray) -> FloatArray:
     """Log-odds of cells that are free only in proportion to the light that came back; the same bits without loss."""
-    less_free = (odds < 0) & (lost > 0)
-    if not less_free.any():
-        return odds
-    odds_free, known, lost = (np.broadcast_to(values, odds.shape)[less_free] for values in (odds, known, lost))
-    back = known / (known + lost)
-    occupied = back / (1.0 + np.exp(-odds_free)) + 0.5 * (1.0 - back)
-    out = odds.copy()
-    out[less_free] = np.log(occupied / (1.0 - occupied))
-    return out
+    with np.errstate(invalid="ignore"):  # no light at all: odds 0, which stay
+        back = known / (known + lost)
+    occupied = back / (1.0 + np.exp(-odds)) + 0.5 * (1.0 - back)
+    return np.asarray(np.where((odds < 0) & (lost > 0), np.log(occupied / (1.0 - occupied)), odds))
 
 
 def map_beams(

@@ -77,7 +77,7 @@ def _written(
         for group in _groups(cells, grid):
             layers, phasors = _whole(group, grid, provenance)
             results = list(pool.map(partial(_finished, layers, phasors, provenance, grid), range(layers.shape[0])))
-            marks.add(group, [result.layers for result in results], writer)
+            marks.add(group, [result.layers for result in results])
             first = group[0][0].windows.start
             for number, result in enumerate(results):
                 if result.phasor_share is not None and result.phasor_pixels is not None:
@@ -117,7 +117,7 @@ def _whole(
     group: list[tuple[Cell, EncodedCell]], grid: Grid, provenance: Provenance
 ) -> tuple[Layers, Float32Array | None]:
     """Layers, and mean phasors if there are any, of the leading shape (window, row, col)."""
-    fields = layer_fields(provenance.sensor)
+    fields = layer_fields(provenance.sensor, amplitude=provenance.has_amplitude)
     parts = []
     for cell, encoded in group:
         size = (cell.windows.stop - cell.windows.start, cell.rows.stop - cell.rows.start, grid.image[1])

@@ -90,6 +90,7 @@ def plan_job(
         options=options.as_dict() | of_sensor | {"window": windows.length, "stride": windows.stride},
         frames_left_out=windows.frames_left_out,
         targets=source.targets,
+        has_amplitude=source.has_amplitude,
     )
     grid = plan_grid(windows.of_samples(provenance.samples_a_frame), source.shape[1:], row_step=source.row_step)
     return Job(recording=source.path, options=options, provenance=provenance, grid=grid, chunk_frames=source.frame_step)

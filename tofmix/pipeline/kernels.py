@@ -6,6 +6,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from tofmix.estimation.layer_amplitudes import layer_amplitudes
 from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.learnt import warm_up as learnt
 from tofmix.estimation.mixture.em import fit_mixture
@@ -52,7 +53,8 @@ def compile_options() -> None:
     warm_up(EstimateOptions(paper=True))
     range_mm, sensor, amplitude = _made_up()
     law = AmplitudeLaw(np.array([100.0]), np.array([50.0, 200.0]), np.array([2.0, 0.5]))
-    layer_pixels(range_mm, _with_sigma(sensor, law), amplitude=amplitude)
+    layers = layer_pixels(range_mm, _with_sigma(sensor, law), amplitude=amplitude)
+    layer_amplitudes(range_mm, amplitude, layers)
 
 
 def compile_images() -> None:

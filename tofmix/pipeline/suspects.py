@@ -9,7 +9,7 @@ from tofmix.grid import Cell, Grid
 from tofmix.io.layers.chunks import EncodedCell, decode_evidence
 from tofmix.io.layers.layers_file import LayersWriter
 from tofmix.layers import Layers, Provenance
-from tofmix.suspicion.judge import amplitude_of, judge
+from tofmix.suspicion.judge import judge
 from tofmix.suspicion.scene import Evidence, joined
 
 
@@ -34,11 +34,8 @@ class Marks:
         """Length of the layer axis."""
         return int(self.provenance.options["max_layers"])
 
-    def add(self, group: list[tuple[Cell, EncodedCell]], layers: list[Layers], writer: LayersWriter) -> None:
-        """Judge the windows of a group of cells that form whole images, whose layers (row, col) are final.
-
-        Their amplitudes are written at once.
-        """
+    def add(self, group: list[tuple[Cell, EncodedCell]], layers: list[Layers]) -> None:
+        """Judge the windows of a group of cells that form whole images, whose layers (row, col) are final."""
         cols = self.grid.image[1]
         pieces: list[list[tuple[int, int, Evidence]]] = [[] for _ in layers]
         for cell, encoded in group:
@@ -49,9 +46,6 @@ class Marks:
         stride = self.grid.windows.stride // self.provenance.samples_a_frame
         for number, (image, parts) in enumerate(zip(layers, pieces, strict=True), start=first):
             evidence = joined(parts, self.grid.image, self.max_layers)
-            amplitude = amplitude_of(image, evidence)
-            if amplitude is not None:
-                writer.write_amplitude(number, amplitude)
             flags, frames = judge(
                 image, evidence, self.provenance.sensor,
                 first_frame=number * stride, circle_mm=self.provenance.unambiguous_range_mm,

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.flags import Mixing
 from tofmix.layers import Layers
 from tofmix.sensor import Sensor
 from tofmix.suspicion.passing import PASSING
@@ -51,29 +50,16 @@ def judge(
     return flags, frames
 
 
-def amplitude_of(layers: Layers, evidence: Evidence) -> NDArray[np.float32] | None:
-    """Amplitude (row, col, layer) of a window's layers, NaN where each sample is of all of them; None: not known."""
-    if evidence.amplitude is None or layers.mixing is None:
-        return evidence.amplitude
-    sums = (layers.mixing == int(Mixing.PHASOR))[..., np.newaxis]
-    return np.where(sums | ~np.isfinite(layers.range), np.float32(np.nan), evidence.amplitude)
-
-
 def judge_windows(
     layers: Layers, evidence: Sequence[Evidence], sensor: Sensor, *, first_frames: Sequence[int],
     circle_mm: float | None = None,
 ) -> Layers:  # fmt: skip
-    """Layers (window, row, col) with their amplitudes, if they are known, and marks, if there is any."""
+    """Layers (window, row, col) with their marks, if there is any: `judge` on each window."""
     flags = np.zeros(layers.range.shape, np.uint8)
     frames = np.zeros((*flags.shape, 2), np.uint32)
-    light = []
     for window, (found, first) in enumerate(zip(evidence, first_frames, strict=True)):
         part = Layers(**{spec.name: getattr(layers, spec.name)[window] for spec in layers.fields})
         flags[window], frames[window] = judge(part, found, sensor, first_frame=first, circle_mm=circle_mm)
-        light.append(amplitude_of(part, found))
-    known = [values for values in light if values is not None]
-    if known:
-        layers = replace(layers, amplitude=np.stack(known))
     if not flags.any():
         return layers
     return replace(layers, suspect=flags, suspect_frames=frames if (flags & PASSING.flag).any() else None)

@@ -125,6 +125,8 @@ def _write(
         target = getattr(flat, name)
         target[chosen] = np.nan
         target[chosen, :columns] = np.where(is_surface, values, np.nan)[:, :columns]
+    if flat.amplitude is not None:
+        flat.amplitude[chosen] = np.nan  # a sample is of all surfaces
     flat.n_modes[chosen] = is_surface.sum(axis=1)
     flat.weight_no_return[chosen] = np.where(is_surface, 0.0, share).sum(axis=1) * returned
     flat.weight_outlier[chosen] = sensor.outlier_probability

@@ -3,6 +3,7 @@
 import csv
 import struct
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from tofmix.io.exporters import POINT_WRITERS, export_image, export_points
 from tofmix.io.exporters.image import RangeImage
 from tofmix.io.exporters.las import SCALE_M
 from tofmix.optics.equiangular import Equiangular
-from tofmix.points import POINT_DTYPE, LayerPoints, PointArray
+from tofmix.points import POINT_DTYPE, LayerPoints, PointArray, fields_of_names
 
 SHAPE, MAX_LAYERS = (3, 6, 7), 4
 VIEW: dict[str, Any] = {"optics": Equiangular(fov_horizontal_deg=47.0, fov_vertical_deg=39.0)}
@@ -222,3 +223,21 @@ def test_ranges_that_do_not_fit_into_16_bits_are_refused(tmp_path: Path, scale_m
     with pytest.raises(BadInputError, match="does not fit into 16 bits"):
         export_image(tmp_path / "a.png", range_image(scale_mm))
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("brightest", [0.5, 900.0, 1e6])
+def test_amplitudes_are_written_and_are_the_intensity(tmp_path: Path, brightest: float) -> None:
+    layers = made_up_layers(SHAPE, MAX_LAYERS)
+    light = brightest * (layers.weight / np.nanmax(layers.weight))
+    source = LayersInMemory(replace(layers, amplitude=light.astype(np.float32)))
+    further = fields_of_names(["all"], [spec.name for spec in source.layers.fields])
+    for ending in POINT_WRITERS:
+        (tmp_path / ending[1:]).mkdir()
+        written(tmp_path / ending[1:] / f"a{ending}", LayerPoints(source, **VIEW, further=further, intensity=True))
+    expected = np.concatenate(list(LayerPoints(source, **VIEW, further=further, intensity=True)))
+    assert_same(plyfile.PlyData.read(tmp_path / "ply/a.ply")["vertex"].data, expected, expected.dtype.names or ())
+    assert_same(PointCloud.from_path(tmp_path / "pcd/a.pcd").pc_data, expected, expected.dtype.names or ())
+    record = laspy.read(tmp_path / "laz/a.laz")
+    np.testing.assert_array_equal(np.asarray(record["amplitude"]), expected["amplitude"])
+    scale = 1.0 if brightest == 900.0 else 65535 / expected["amplitude"].max()
+    np.testing.assert_allclose(np.asarray(record.intensity), expected["amplitude"] * scale, atol=0.51)

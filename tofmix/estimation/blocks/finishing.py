@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from tofmix.arrays import Float32Array
 from tofmix.layers import Layers
-from tofmix.lost_samples import common_loss, weighed
+from tofmix.lost_samples import learn_losses
 from tofmix.sensor import Sensor
 from tofmix.unmixing.unmix import unmix
 
@@ -49,5 +49,5 @@ def finish_window(
     lost = done.layers.invalid_share
     if lost is None:
         return done
-    probability = weighed(done.layers.probability, lost, frames=frames, common=common_loss(lost))
+    probability = learn_losses(lost, frames).weighed(done.layers.probability, lost)
     return done._replace(layers=replace(done.layers, probability=probability))

@@ -20,11 +20,12 @@ from tofmix.arrays import Float32Array
 from tofmix.estimation.blocks.finishing import finish_window
 from tofmix.estimation.blocks.reading import PIECE_SAMPLES, Group, ReadPlan, plan_reading, read_groups
 from tofmix.estimation.blocks.sample_span import sensor_with_span
+from tofmix.estimation.layer_amplitudes import layer_amplitudes
 from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
 from tofmix.grid import Cell, Grid, plan_grid
-from tofmix.layers import Layers, layer_fields
-from tofmix.recording import SampleSource, has_phasors, samples_a_frame
+from tofmix.layers import MIXING, Layers, layer_fields
+from tofmix.recording import SampleSource, amplitude_source, has_phasors, samples_a_frame
 from tofmix.sensor import Sensor, sensor_of_part
 from tofmix.suspicion.evidence import gather_evidence
 from tofmix.suspicion.evidence import warm_up as warm_up_evidence
@@ -113,35 +114,42 @@ def estimate_cells(
     sensor = source.sensor
     if sensor.sample_max_mm is None:
         sensor = sensor_with_span(source, options.unambiguous_range_mm)
-    light = phasors or evidence
-    plan = plan_reading(source, grid, buffer_bytes=buffer_bytes, workers=workers, phasors=light)
+    plan = plan_reading(source, grid, buffer_bytes=buffer_bytes, workers=workers, phasors=True)
     # Compile or load the kernels before there are threads: several at once would wait for each other.
     warm_up(options, sensor)
+    has_light = amplitude_source(source) is not None
+    if has_light:
+        layer_amplitudes(np.zeros((1, 1)), np.zeros((1, 1)), Layers.empty((1,), options.max_layers))
     if evidence:
         warm_up_evidence(options.max_layers)
-    groups = read_groups(source, grid, plan, grid.cells() if wanted is None else wanted, phasors=light)
+    groups = read_groups(source, grid, plan, grid.cells() if wanted is None else wanted, phasors=True)
     each = samples_a_frame(source) if each is None else each
-    work = _Work(sensor, grid, options, finish, phasors=phasors, each=each, evidence=evidence)
+    work = _Work(sensor, grid, options, finish, phasors=phasors, each=each, has_light=has_light, evidence=evidence)
     run = _Run(groups, plan, work, workers)
     with closing(run.results()) as results:
         yield from results
 
 
 class _Work(Generic[T]):
-    """Work on one cell, of `each` samples a frame; with `evidence`, that of suspicions is gathered too."""
+    """Work on one cell; `each` is the number of samples of a frame, `has_light` whether they have amplitudes.
+
+    With `evidence`, that of suspicions is gathered too.
+    """
 
     def __init__(
         self, sensor: Sensor, grid: Grid, options: EstimateOptions, finish: Callable[..., T], *, phasors: bool,
-        each: int, evidence: bool,
+        each: int, has_light: bool, evidence: bool,
     ) -> None:  # fmt: skip
         self._sensor, self._grid, self._options, self._finish = sensor, grid, options, finish
-        self._phasors, self._each, self._evidence = phasors, each, evidence
+        self._phasors, self._each, self._has_light, self._evidence = phasors, each, has_light, evidence
 
     def __call__(self, group: Group, cell: Cell) -> T:
         """Estimate a cell of a group."""
         rows, cols = cell.rows.stop - cell.rows.start, self._grid.image[1]
         count = cell.windows.stop - cell.windows.start
-        out = Layers.empty((count, rows, cols), self._options.max_layers, layer_fields(self._sensor))
+        out = Layers.empty(
+            (count, rows, cols), self._options.max_layers, layer_fields(self._sensor, amplitude=self._has_light)
+        )
         phasors = np.empty((count, rows, cols, FIELD_COUNT), np.float32) if self._phasors else None
         evidence = []
         for window in range(count):
@@ -152,6 +160,9 @@ class _Work(Generic[T]):
                 light = group.amplitudes(frames, piece_rows, piece_cols)
                 sensor = sensor_of_part(self._sensor, piece_rows, piece_cols)
                 layers = layer_pixels(samples, sensor, self._options, amplitude=light, samples_a_frame=self._each)
+                if light is not None:
+                    circle_mm = self._options.unambiguous_range_mm
+                    layers = replace(layers, amplitude=layer_amplitudes(samples, light, layers, circle_mm=circle_mm))
                 place = slice(piece_rows.start - cell.rows.start, piece_rows.stop - cell.rows.start)
                 for spec in out.fields:
                     getattr(out, spec.name)[window, place, piece_cols] = getattr(layers, spec.name)
@@ -268,7 +279,8 @@ def estimate_windows(
     windows = windows or Windows(length=frames, stride=frames, count=1, frames_left_out=0)
     grid = plan_grid(windows, (rows, cols), row_step=source.row_step)
     shape = windows.count, rows, cols
-    out = Layers.empty(shape, options.max_layers, layer_fields(source.sensor, mixing=measured))
+    has_light = amplitude_source(source) is not None
+    out = Layers.empty(shape, options.max_layers, layer_fields(source.sensor, amplitude=has_light, mixing=measured))
     phasors = np.empty((*shape, FIELD_COUNT), np.float32) if measured else None
     cells = estimate_cells(
         source, grid, options, lambda *parts: parts, workers=workers, buffer_bytes=buffer_bytes, phasors=measured,
@@ -287,7 +299,7 @@ def estimate_windows(
     insist = options.mixing is MixingChoice.PHASOR
     done = [
         finish_window(
-            Layers(**{spec.name: getattr(out, spec.name)[window] for spec in layer_fields(source.sensor)}),
+            Layers(**{spec.name: getattr(out, spec.name)[window] for spec in out.fields if spec is not MIXING}),
             None if phasors is None else phasors[window], source.sensor, insist=insist,
             frames=windows.length // samples_a_frame(source), circle_mm=options.unambiguous_range_mm,
         )

@@ -13,7 +13,8 @@ import numpy as np
 from tofmix.errors import BadInputError, StorageError, UsageError
 from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.extras import need
-from tofmix.points import AMPLITUDE, POINT_FIELDS, PointArray, PointField, PointSource
+from tofmix.layers import AMPLITUDE
+from tofmix.points import POINT_FIELDS, PointArray, PointField, PointSource
 from tofmix.version import __version__
 
 SCALE_M = 1e-6
@@ -22,7 +23,8 @@ SCALE_M = 1e-6
 MOST_RETURNS = 15  # of one pulse, by LAS 1.4
 
 _COORDINATES = ("x", "y", "z")
-_OWN = (*_COORDINATES, "return_number", "number_of_returns")
+_INTENSITY = "intensity"
+_OWN = (*_COORDINATES, "return_number", "number_of_returns", _INTENSITY)
 _FARTHEST_M = SCALE_M * np.iinfo(np.int32).max
 _DESCRIPTION_BYTES = 31  # of a text field of 32 bytes that ends with a zero
 _LARGEST_INTENSITY = float(np.iinfo(np.uint16).max)
@@ -83,11 +85,11 @@ def _intensity_of(points: PointSource) -> tuple[str, float]:
     An amplitude that 16 bits hold stays as it is; others are scaled so that the largest is 65,535. Without amplitudes
     it is the share.
     """
-    if AMPLITUDE not in {spec.name for spec in points.fields}:
+    if AMPLITUDE.name not in {spec.name for spec in points.fields}:
         return "weight", _LARGEST_INTENSITY
-    largest = max((float(np.nan_to_num(block[AMPLITUDE]).max()) for block in points if len(block)), default=0.0)
+    largest = max((float(np.nan_to_num(block[AMPLITUDE.name]).max()) for block in points if len(block)), default=0.0)
     as_it_is = largest <= 0.0 or 1.0 < largest <= _LARGEST_INTENSITY
-    return AMPLITUDE, 1.0 if as_it_is else _LARGEST_INTENSITY / largest
+    return AMPLITUDE.name, 1.0 if as_it_is else _LARGEST_INTENSITY / largest
 
 
 def _record(
@@ -113,9 +115,9 @@ def _record(
     for axis in _COORDINATES:
         record[axis.upper()] = np.rint(block[axis].astype(np.float64) / SCALE_M).astype(np.int32)
     for name in block.dtype.names or ():
-        if name not in _COORDINATES:
+        if name not in (*_COORDINATES, _INTENSITY):
             record[name] = block[name]
     name, of_one = intensity
     values = np.nan_to_num(block[name].astype(np.float64)) * of_one
-    record["intensity"] = np.rint(np.clip(values, 0.0, _LARGEST_INTENSITY)).astype(np.uint16)
+    record[_INTENSITY] = np.rint(np.clip(values, 0.0, _LARGEST_INTENSITY)).astype(np.uint16)
     return record

@@ -23,7 +23,6 @@ from tofmix.io.guard import guard
 from tofmix.io.layers.provenance import header_image, read_provenance, write_provenance
 from tofmix.io.result_file import open_result, typed_dataset
 from tofmix.layers import (
-    AMPLITUDE,
     ENDS,
     LAW_TEXTS,
     LAYER_DIMS,
@@ -159,19 +158,6 @@ class LayersWriter:
         """Write the mixing of a window: share of phasor sums, and the pixels that determine it."""
         self._root["phasor_share"][window] = phasor_share
         self._root["phasor_pixels"][window] = pixels
-        self._file.check()
-
-    def write_amplitude(self, window: int, amplitude: NDArray[np.float32]) -> None:
-        """Write the amplitudes (row, col, layer) of a window; files of recordings without amplitudes have none.
-
-        Raises
-        ------
-        StorageError
-            If the disk is full or fails.
-        """
-        if AMPLITUDE.name not in self._root:
-            self._add(AMPLITUDE)
-        self._root[AMPLITUDE.name][window] = amplitude
         self._file.check()
 
     def write_suspects(self, windows: slice, suspect: NDArray[np.uint8], frames: NDArray[np.uint32] | None) -> None:

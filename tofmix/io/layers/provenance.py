@@ -54,6 +54,8 @@ def write_provenance(root: h5py.File, provenance: Provenance) -> None:
     root.attrs["frames_left_out"] = provenance.frames_left_out
     if provenance.targets:
         root.attrs["targets"] = provenance.targets
+    if provenance.has_amplitude:
+        root.attrs["has_amplitude"] = np.uint8(1)
     root.attrs[_CHECKSUM] = np.uint32(_checksum(root))
 
 
@@ -89,6 +91,7 @@ def read_provenance(root: h5py.File, path: Path) -> Provenance:
         sensor=sensor_group.read_sensor(root, path),
         frames_left_out=int(root.attrs.get("frames_left_out", 0)),
         targets=_targets(root, path),
+        has_amplitude="has_amplitude" in root.attrs,
     )
 
 

@@ -30,20 +30,20 @@ def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Descri
     windows, rows, cols = file.shape
     provenance = file.provenance
     surfaces = np.zeros(file.max_layers + 1, dtype=np.int64)
-    lost = LostTally()
+    lost, frames = LostTally(), int(file.window_stop[0] - file.window_start[0])
     by_status: dict[str, int] = dict.fromkeys((status_name(s) for s in Status), 0)
     for window in range(windows):
         counts = np.bincount(file.read_field("n_modes", window).ravel(), minlength=file.max_layers + 1)
         surfaces += counts[: file.max_layers + 1]
         status = file.read_field("status", window)
         if "invalid_share" in file.names:
-            lost.add(file.read_field("invalid_share", window), status)
+            lost.add(file.read_field("invalid_share", window), status, frames)
         for known in Status:
             by_status[status_name(known)] += int((status == known).sum())
     sections: dict[str, Section] = {
         "sizes": {
             "windows": windows, "rows": rows, "cols": cols, "max_layers": file.max_layers, "file_bytes": file_bytes,
-            "window_frames": int(file.window_stop[0] - file.window_start[0]),
+            "window_frames": frames,
             "frames_left_out": provenance.frames_left_out,
         },
         "units": {"range": "mm", "sigma": "mm", "range_stderr": "mm", "weight": "1"},

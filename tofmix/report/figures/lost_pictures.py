@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.lost_samples import common_loss, is_at_limit
+from tofmix.lost_samples import learn_losses
 from tofmix.report.figures.rasters import ImagePicture, kinds_uri
 from tofmix.report.theme import DARK, LIGHT, Theme
 from tofmix.wording import counted
@@ -13,17 +13,19 @@ _COLOURS = ("var(--no-data)", "var(--layer-3)", "var(--layer-2)")
 """Colours of the legend, which the page's style has in both themes."""
 
 
-def lost_picture(invalid_share: NDArray[np.float32] | None) -> ImagePicture | None:
+def lost_picture(invalid_share: NDArray[np.float32] | None, frames: int) -> ImagePicture | None:
     """Draw the pixels of a window that lose samples; None where none is lost, or it is not known.
 
     Parameters
     ----------
     invalid_share : (row, col) float32 or None
         Share of the frames without a valid sample.
+    frames : int
+        Frames of the window.
     """
     if invalid_share is None or not (invalid_share > 0).any():
         return None
-    kinds = is_at_limit(invalid_share, common_loss(invalid_share)).astype(np.uint8)
+    kinds = learn_losses(invalid_share, frames).is_at_limit(invalid_share).astype(np.uint8)
     kinds[invalid_share >= 1.0] = 2
     counts = [int((kinds == kind).sum()) for kind in range(len(_NAMES))]
     said = "; ".join(f"{name}: {counted(count, 'pixel')}" for name, count in zip(_NAMES, counts, strict=True) if count)

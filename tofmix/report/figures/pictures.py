@@ -40,7 +40,9 @@ class Gallery:
     histograms: tuple[Picture, ...]
 
 
-def draw_gallery(layers: Layers, averaged: AveragedImage, sensor: Sensor, *, scale: tuple[float, float]) -> Gallery:
+def draw_gallery(
+    layers: Layers, averaged: AveragedImage, sensor: Sensor, *, scale: tuple[float, float], frames: int
+) -> Gallery:
     """Draw every picture of a window.
 
     Parameters
@@ -53,6 +55,8 @@ def draw_gallery(layers: Layers, averaged: AveragedImage, sensor: Sensor, *, sca
         For the noise curve.
     scale : (float, float)
         Limits of the colours of all range images, mm; see `range_scale`.
+    frames : int
+        Frames of the window.
 
     Returns
     -------
@@ -60,7 +64,7 @@ def draw_gallery(layers: Layers, averaged: AveragedImage, sensor: Sensor, *, sca
         All pictures; every first to third layer that the file can hold has one, and lost samples have one if there
         are any.
     """
-    lost = lost_picture(layers.invalid_share)
+    lost = lost_picture(layers.invalid_share, frames)
     return Gallery(
         images=(*_range_pictures(layers, averaged, scale), _count_picture(layers), *(() if lost is None else (lost,))),
         histograms=_histogram_pictures(layers, sensor.noise),

@@ -114,7 +114,7 @@ def render_page(
         averaged_text=_averaged_text(averaged, recorded=recording is not None),
         summary=summary,
         ordinal=ordinal,
-        gallery=pictures.draw_gallery(layers, averaged, sensor, scale=scale),
+        gallery=pictures.draw_gallery(layers, averaged, sensor, scale=scale, frames=frames[1] - frames[0]),
         explorer=explorer,
         plane=rasters.Plane(*layers.shape),
         script=script,

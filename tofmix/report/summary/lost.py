@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, ByteArray, Float32Array
 from tofmix.flags import Status
-from tofmix.lost_samples import common_loss, is_at_limit
+from tofmix.lost_samples import learn_losses
 from tofmix.recording import SampleSource, amplitude_source
 from tofmix.report.summary.findings import Finding
 from tofmix.report.summary.quantiles import Quantiles, ValueCounts, spread_of
@@ -70,8 +70,8 @@ class LostTally:
         self.too_few = 0
         """Pixels of status too_few_samples whose light is not enough: more frames would not help."""
 
-    def add(self, invalid_share: NDArray[np.float32] | None, status: ByteArray) -> None:
-        """Count a window (row, col); layers of old versions have no `invalid_share`."""
+    def add(self, invalid_share: NDArray[np.float32] | None, status: ByteArray, frames: int) -> None:
+        """Count a window (row, col) of so many frames; layers of old versions have no `invalid_share`."""
         if invalid_share is None:
             return
         self._shares.add(invalid_share)
@@ -79,7 +79,7 @@ class LostTally:
         self._pixels += invalid_share.size
         if not (invalid_share > 0).any():
             return
-        dark = is_at_limit(invalid_share, common_loss(invalid_share))
+        dark = learn_losses(invalid_share, frames).is_at_limit(invalid_share)
         empty = invalid_share >= 1.0
         partly = dark & ~empty
         self._empty = empty if self._empty is None else self._empty | empty

@@ -295,11 +295,12 @@ class _FindingTally:
         self._status: dict[int, int] = {}
         self.dominant_ratio = ValueCounts()
         self.lost = LostTally()
+        self._frames = int(layers_file.window_stop[0] - layers_file.window_start[0])
 
     def add(self, window: Layers) -> None:
         self.surfaces = _added(self.surfaces, window.n_modes)
         self.close += _close(window, self._length, self._thresholds.close_sigmas)
-        self.lost.add(window.invalid_share, window.status)
+        self.lost.add(window.invalid_share, window.status, self._frames)
         values, counts = np.unique(window.status, return_counts=True)
         for value, count in zip(values.tolist(), counts.tolist(), strict=True):
             self._status[value] = self._status.get(value, 0) + count
