@@ -137,5 +137,5 @@ def _finished(
     return finish_window(
         part, None if phasors is None else phasors[window], provenance.sensor,
         frames=grid.windows.length // provenance.samples_a_frame,
-        insist=provenance.options["mixing"] == MixingChoice.PHASOR, circle_mm=provenance.unambiguous_range_mm,
+        insist=provenance.options.get("mixing") == MixingChoice.PHASOR, circle_mm=provenance.unambiguous_range_mm,
     )  # fmt: skip
