@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.layers import Layers
-from tofmix.suspicion.passing import BESIDE_PASSING
+from tofmix.suspicion.passing import BESIDE_PASSING, LONGEST, MOST_OUTSIDE
 from tofmix.suspicion.scene import Evidence
-from tofmix.suspicion.time_clusters import LONGEST, MOST_OUTSIDE, log_chance
+from tofmix.suspicion.time_clusters import log_chance
 
 WORTH_KEEPING = math.log(BESIDE_PASSING)
 """Log of the chance from which on a layer is kept as a cluster in time: neighbours may support it."""
@@ -175,9 +175,7 @@ def _clusters(
 
 
 @borrowing
-def _add_pairs(
-    rank: NDArray[np.int64], where: NDArray[np.int64], first: int, count: int, memory: FloatArray
-) -> None:
+def _add_pairs(rank: NDArray[np.int64], where: NDArray[np.int64], first: int, count: int, memory: FloatArray) -> None:
     """Add the pairs of consecutive frames among `count` frames from `first` on, beyond those of chance."""
     pairs = 0
     for at in range(first, first + count - 1):

@@ -92,9 +92,7 @@ def _gain_and_shape(scene: Scene, surfaces: Surfaces, number: int, turn_mm: floa
         return gain, 0.0
     beams = scene.directions[place[:2]]
     middle = float(np.median(range_mm))
-    near, far = (
-        plane_misfit_mm(range_mm + turn, beams) / (middle + turn) for turn in (0.0, turn_mm)
-    )
+    near, far = (plane_misfit_mm(range_mm + turn, beams) / (middle + turn) for turn in (0.0, turn_mm))
     error = rms(scene.stderr_mm[place]) / middle
     return gain, evidence_nats(far, near, error, len(range_mm) - PLANE_NUMBERS)
 

@@ -14,14 +14,22 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.masks import count_around
 from tofmix.suspicion.declaration import FALSE_MARKS, Suspicion
 from tofmix.suspicion.scene import CLUSTER_FIELDS, Scene
-from tofmix.suspicion.time_clusters import LONGEST, log_chance
 
 _ROW, _COL, _LAYER, _FRAMES, _SAMPLES, _OUTSIDE, _LENGTH, _FIRST, _LAST = range(len(CLUSTER_FIELDS))
+
+MOST_OUTSIDE = 0.2
+"""Largest share of the samples that may lie outside the interval: they are taken for others' samples."""
+
+LONGEST = 0.5
+"""Share of the frames from which on a layer is no passing one: it is there for most of the time."""
 
 BESIDE_PASSING = 0.05
 """Chance below which a layer beside a passing one, at about the same time, is of it too: there the odds are even."""
 
-_SLOPE, _NOISE_SIGMAS = 0.05, 3.0  # how much ranges of one surface differ from pixel to pixel: of the range, and by noise
+_SLOPE, _NOISE_SIGMAS = (
+    0.05,
+    3.0,
+)  # how much ranges of one surface differ from pixel to pixel: of the range, and by noise
 
 _MOST_CORRELATION = 0.99  # from frame to frame: a recording with more has no independent frames to speak of
 
@@ -100,6 +108,8 @@ def _memory_frames(memory: FloatArray) -> float:
 
 def _log_chances(found: FloatArray, memory_frames: float) -> list[float]:
     """Log chance (n,) of each cluster, with frames that remember those before them."""
+    from tofmix.suspicion.time_clusters import log_chance  # compiled: readers of marks do not wait for it
+
     out = []
     for line in found:
         # A sample stands for its successors: of m samples in a row, 1 + (m - 1) / memory are independent.

@@ -6,15 +6,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.flags import Status, status_name
+from tofmix.layers import SUSPECT
 from tofmix.report.descriptions.description import Description, Section
 from tofmix.report.descriptions.sections import noise_section, sensor_section, view_findings
 from tofmix.report.sources import LayersSource
-from tofmix.report.summary.findings import count_findings, target_findings
+from tofmix.report.summary.findings import count_findings, suspect_findings, target_findings
 from tofmix.report.summary.summary import remedy_for
+from tofmix.suspicion.counting import count_suspects
 
 
 class LayersHeader(LayersSource, Protocol):
     """Interface of a layers file, as `tofmix.io.layers.layers_file.LayersFile` has it."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Datasets that are there."""
 
     def read_field(self, name: str, window: int) -> NDArray[Any]:
         """One dataset of one window."""
@@ -25,10 +31,14 @@ def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Descri
     windows, rows, cols = file.shape
     provenance = file.provenance
     surfaces = np.zeros(file.max_layers + 1, dtype=np.int64)
+    suspects = count_suspects(None)
     by_status: dict[str, int] = dict.fromkeys((status_name(s) for s in Status), 0)
     for window in range(windows):
         counts = np.bincount(file.read_field("n_modes", window).ravel(), minlength=file.max_layers + 1)
         surfaces += counts[: file.max_layers + 1]
+        marks = file.read_field(SUSPECT.name, window) if SUSPECT.name in file.names else None
+        for name, count in count_suspects(marks).items():
+            suspects[name] += count
         status = file.read_field("status", window)
         for known in Status:
             by_status[status_name(known)] += int((status == known).sum())
@@ -49,6 +59,7 @@ def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Descri
     sections |= {"noise": noise} if noise else {}
     law = file.mixing_law
     sections |= {"mixing": {"law": law.words(), **law.as_dict()}} if law is not None else {}
+    sections |= {"suspect_layers": {**suspects}} if any(suspects.values()) else {}
     warnings = count_findings(
         pixels=windows * rows * cols, by_status=by_status, by_surfaces=surfaces.tolist(), max_layers=file.max_layers,
         remedy=remedy_for(provenance, windows),
@@ -57,5 +68,10 @@ def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Descri
         kind="layers",
         name=name,
         sections=sections,
-        warnings=(*warnings, *target_findings(provenance.targets), *view_findings(provenance.sensor, (rows, cols))),
+        warnings=(
+            *warnings,
+            *target_findings(provenance.targets),
+            *suspect_findings(suspects),
+            *view_findings(provenance.sensor, (rows, cols)),
+        ),
     )
