@@ -81,12 +81,15 @@ def surfaces(
             sensor = viewed(sensor, view, projection, file.shape[1:])
             if doubt := view_note(view, projection, file.shape[1:]):
                 click.echo(f"tofmix: {doubt}", err=True)
+        options: dict[str, str | int | float] = {"factor": factor}
+        if suspect:
+            options["suspect"] = 1
         provenance = SurfacesProvenance(
             source=layers.name,
             source_sha256=file_sha256(layers),
             version=__version__,
             sensor=sensor,
-            options={"factor": factor} | ({"suspect": 1} if suspect else {}),
+            options=options,
         )
         tally = _Tally()
         with (

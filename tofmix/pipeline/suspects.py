@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tofmix.arrays import IntArray
 from tofmix.grid import Cell, Grid
@@ -27,7 +28,7 @@ class Marks:
 
     grid: Grid
     provenance: Provenance
-    _found: list[tuple[IntArray, IntArray, IntArray]] = field(default_factory=list)
+    _found: list[tuple[IntArray, NDArray[np.uint8], NDArray[np.uint32]]] = field(default_factory=list)
 
     @property
     def max_layers(self) -> int:
@@ -49,7 +50,7 @@ class Marks:
                 image, joined(parts, self.grid.image, self.max_layers), self.provenance.sensor,
                 first_frame=number * stride, circle_mm=self.provenance.unambiguous_range_mm,
             )  # fmt: skip
-            place = np.flatnonzero(flags)
+            place = np.flatnonzero(flags).astype(np.int64)
             self._found.append((place, flags.ravel()[place], frames.reshape(-1, 2)[place]))
 
     def write(self, writer: LayersWriter) -> None:

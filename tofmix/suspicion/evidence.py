@@ -69,6 +69,12 @@ def _may_pass(flat: Layers, frames: int) -> NDArray[np.bool_]:
 
 
 @borrowing
+def _signed(count: int) -> int:
+    """A count of 8 bits as a signed number: numba takes a difference of signed and unsigned ones for a float."""
+    return np.int64(count)  # type: ignore[return-value]  # an int to the compiler
+
+
+@borrowing
 def _layer_of(
     value: float, count: int, mean: Float32Array, sigma: Float32Array, weight: Float32Array, circle: float
 ) -> int:
@@ -95,7 +101,7 @@ def _mean_amplitudes(
     total, count = np.zeros(out.shape), np.zeros(out.shape, np.int64)
     for t in range(samples.shape[0]):
         for pixel in range(samples.shape[1]):
-            k = np.int64(n_modes[pixel])
+            k = _signed(n_modes[pixel])
             value, bright = samples[t, pixel], light[t, pixel]
             if k == 0 or not (math.isfinite(value) and math.isfinite(bright)):
                 continue
@@ -107,7 +113,7 @@ def _mean_amplitudes(
                 total[pixel, i] += bright
                 count[pixel, i] += 1
     for pixel in range(out.shape[0]):
-        for i in range(np.int64(n_modes[pixel])):
+        for i in range(_signed(n_modes[pixel])):
             if count[pixel, i] > 0:
                 out[pixel, i] = total[pixel, i] / count[pixel, i]
 
@@ -117,61 +123,82 @@ def _clusters(
     samples: Float32Array, pixels: NDArray[np.int64], targets: int, n_modes: NDArray[np.uint8], mean: Float32Array,
     sigma: Float32Array, weight: Float32Array, circle: float,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Layers of some pixels whose samples come close in time: pixel, `CLUSTER_FIELDS` from the layer on, and the memory."""
+    """Layers of some pixels whose samples come close in time, and the memory (4,) of samples.
+
+    A line (n, 8) of the former is the pixel, and `CLUSTER_FIELDS` from the layer on.
+    """
     frames, most = samples.shape[0] // targets, mean.shape[1]
     rank = _ranks(samples, targets)
-    used = rank[-1]
+    used = float(rank[-1])
     where, count = np.empty((most, frames), np.int64), np.zeros(most, np.int64)
     found, memory = np.empty((len(pixels) * most, 8)), np.zeros(4)
     kept = 0
     for pixel in pixels:
-        k = np.int64(n_modes[pixel])
-        main = 0
-        for i in range(k):
-            count[i] = 0
-            if weight[pixel, i] > weight[pixel, main]:
-                main = i
-        before, at = 0.0, -2
-        for t in range(frames * targets):
-            value = samples[t, pixel]
-            if not math.isfinite(value):
-                continue
-            i = _layer_of(value, k, mean[pixel], sigma[pixel], weight[pixel], circle)
-            frame = t // targets
-            if i >= 0 and (count[i] == 0 or where[i, count[i] - 1] != frame):
-                where[i, count[i]] = frame
-                count[i] += 1
-            if i == main:
-                away = value - mean[pixel, i]
-                if circle > 0.0:
-                    away -= circle * round(away / circle)
-                memory[1] += (away / sigma[pixel, i]) ** 2
-                if rank[frame] == at + 1:
-                    memory[0] += before * away / sigma[pixel, i] ** 2
-                before, at = away, rank[frame]
+        k = _signed(n_modes[pixel])
+        of_pixel = mean[pixel], sigma[pixel], weight[pixel]
+        _sort_by_layer(samples[:, pixel], targets, k, of_pixel, circle, rank, where, count, memory)
         for i in range(k):
             m = count[i]
             if m < 2 or m > LONGEST * used:  # noqa: PLR2004  one sample is no group
                 continue
-            best, chosen_first, chosen_count = WORTH_KEEPING, 0, m
-            for outside in range(min(int(MOST_OUTSIDE * m), m - 2) + 1):
-                inside = m - outside
-                for start in range(outside + 1):
-                    first, last = where[i, start], where[i, start + inside - 1]
-                    length = rank[last] - rank[first] + 1
-                    if length > LONGEST * used:
-                        continue
-                    chance = log_chance(float(used), float(m), float(outside), float(length))
-                    if chance < best:
-                        best = chance
-                        line = found[kept]
-                        line[0], line[1], line[2], line[3], line[4] = pixel, i, used, m, outside
-                        line[5], line[6], line[7] = length, first, last
-                        chosen_first, chosen_count = start, inside
-            if best < WORTH_KEEPING:
+            line = found[kept]
+            line[0], line[1], line[2], line[3] = pixel, i, used, m
+            if _shortest(rank, where[i], m, line):
                 kept += 1
-            _add_pairs(rank, where[i], chosen_first, chosen_count, memory)
+                start = 0
+                while where[i, start] < line[6]:
+                    start += 1
+                _add_pairs(rank, where[i], start, m - int(line[4]), memory)
+            else:
+                _add_pairs(rank, where[i], 0, m, memory)
     return found[:kept].copy(), memory
+
+
+@borrowing
+def _sort_by_layer(
+    series: Float32Array, targets: int, k: int, of_pixel: tuple[Float32Array, Float32Array, Float32Array],
+    circle: float, rank: NDArray[np.int64], where: NDArray[np.int64], count: NDArray[np.int64], memory: FloatArray,
+) -> None:  # fmt: skip
+    """Fill `where` (layer, frame) and `count` (layer,) with the frames that show each layer; add to the memory."""
+    mean, sigma, weight = of_pixel
+    main = 0
+    for i in range(k):
+        count[i] = 0
+        if weight[i] > weight[main]:
+            main = i
+    before, at = 0.0, -2
+    for t in range(len(series)):
+        value = series[t]
+        i = _layer_of(value, k, mean, sigma, weight, circle) if math.isfinite(value) else -1
+        frame = t // targets
+        if i >= 0 and (count[i] == 0 or where[i, count[i] - 1] != frame):
+            where[i, count[i]] = frame
+            count[i] += 1
+        if i == main:
+            away = value - mean[i]
+            if circle > 0.0:
+                away -= circle * round(away / circle)
+            away /= sigma[i]
+            memory[1] += away * away
+            if rank[frame] == at + 1:
+                memory[0] += before * away
+            before, at = away, rank[frame]
+
+
+@borrowing
+def _shortest(rank: NDArray[np.int64], where: NDArray[np.int64], m: int, line: FloatArray) -> bool:
+    """Write the least probable interval of a layer's m frames to its line; False if none is worth keeping."""
+    best = WORTH_KEEPING
+    for outside in range(min(int(MOST_OUTSIDE * m), m - 2) + 1):
+        for start in range(outside + 1):
+            first, last = where[start], where[start + m - outside - 1]
+            length = rank[last] - rank[first] + 1
+            if length <= LONGEST * line[2]:
+                chance = log_chance(line[2], float(m), float(outside), float(length))
+                if chance < best:
+                    best = chance
+                    line[4], line[5], line[6], line[7] = outside, length, first, last
+    return best < WORTH_KEEPING
 
 
 @borrowing

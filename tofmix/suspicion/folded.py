@@ -58,8 +58,8 @@ def _folded_surfaces(scene: Scene, surfaces: Surfaces, turn_mm: float) -> BoolAr
         return folded
     bright = surfaces.log_brightness[largest]
     gains, shapes = (np.zeros(len(largest)) for _ in range(2))
-    for place, number in enumerate(largest):
-        gains[place], shapes[place] = _gain_and_shape(scene, surfaces, int(number), turn_mm)
+    for index, number in enumerate(largest.tolist()):
+        gains[index], shapes[index] = _gain_and_shape(scene, surfaces, number, turn_mm)
     best, best_evidence, current = np.zeros(len(largest), bool), 0.0, np.zeros(len(largest), bool)
     as_it_is = log_evidence(bright)
     for step in range(len(largest) - 1):
@@ -99,7 +99,7 @@ def _gain_and_shape(scene: Scene, surfaces: Surfaces, number: int, turn_mm: floa
 
 def _beside(scene: Scene, marked: BoolArray, bright: FloatArray, law: AlbedoLaw) -> BoolArray:
     """Layers at the rim of folded surfaces: beside one, at its range, and as improbable as it is."""
-    pixels = marked.any(-1)
+    pixels = np.asarray(marked.any(-1))
     low = np.where(marked, scene.range_mm, np.inf).min(-1)
     high = np.where(marked, scene.range_mm, -np.inf).max(-1)
     found = marked.copy()
@@ -111,7 +111,7 @@ def _beside(scene: Scene, marked: BoolArray, bright: FloatArray, law: AlbedoLaw)
         )
         dark = ~(law.darker(bright) > 0.05)  # noqa: PLR2004  of layers at the range of a folded surface beside them
         found |= beside[..., np.newaxis] & at_range & dark
-        pixels = found.any(-1)
+        pixels = np.asarray(found.any(-1))
         low, high = np.minimum(low, np.where(pixels, least, low)), np.maximum(high, np.where(pixels, most, high))
     return found
 

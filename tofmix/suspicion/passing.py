@@ -96,9 +96,9 @@ def _beside(found: FloatArray, sure: BoolArray, shape: tuple[int, int]) -> BoolA
 def _memory_frames(memory: FloatArray) -> float:
     """How many frames tell as much as one without memory: (1 + q) / (1 - q) with the correlation q of neighbours.
 
-    q is the larger of two: that of the noise of the pixels' main layers, and that of whether a frame shows a rare layer,
-    within its interval. The latter is 0 where the samples in the interval follow each other by chance, and 1 where they
-    come in one group; an interval that they fill tells nothing. `memory` has `MEMORY_FIELDS`.
+    q is the larger of two: that of the noise of the pixels' main layers, and that of whether a frame shows a rare
+    layer, within its interval. The latter is 0 where the samples in the interval follow each other by chance, and 1
+    where they come in one group; an interval that they fill tells nothing. `memory` has `MEMORY_FIELDS`.
     """
     products, squares, pairs, most = memory
     correlation = max(products / squares if squares > 0 else 0.0, pairs / most if most > 0 else 0.0)

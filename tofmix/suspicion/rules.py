@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from tofmix.arrays import BoolArray
 from tofmix.invariants import Rule
 from tofmix.layers import SUSPECT, SUSPECT_FRAMES, Layers
 from tofmix.suspicion.passing import PASSING
@@ -23,12 +24,17 @@ def suspect_rules(layers: Layers) -> Iterator[Rule]:
     if layers.suspect is not None:
         flags = [suspicion.flag for suspicion in SUSPICIONS]
         unknown = (layers.suspect & ~np.uint8(sum(flags))) > 0
-        yield Rule(SUSPECT.name, f"sums of {', '.join(map(str, flags))}", unknown.any(-1))
-        yield Rule(SUSPECT.name, "0 past n_modes", ((layers.suspect > 0) & ~present).any(-1))
+        yield Rule(SUSPECT.name, f"sums of {', '.join(map(str, flags))}", _any(unknown))
+        yield Rule(SUSPECT.name, "0 past n_modes", _any((layers.suspect > 0) & ~present))
         passing = (layers.suspect & PASSING.flag) > 0
     if layers.suspect_frames is None:
-        yield Rule(SUSPECT_FRAMES.name, "there where layers pass", passing.any(-1))
+        yield Rule(SUSPECT_FRAMES.name, "there where layers pass", _any(passing))
         return
     first, last = layers.suspect_frames[..., 0], layers.suspect_frames[..., 1]
-    yield Rule(SUSPECT_FRAMES.name, "the first is not after the last", (first > last).any(-1))
-    yield Rule(SUSPECT_FRAMES.name, "0 for layers that do not pass", ((last > 0) & ~passing).any(-1))
+    yield Rule(SUSPECT_FRAMES.name, "the first is not after the last", _any(first > last))
+    yield Rule(SUSPECT_FRAMES.name, "0 for layers that do not pass", _any((last > 0) & ~passing))
+
+
+def _any(broken: BoolArray) -> BoolArray:
+    """Pixels that break a rule in any layer."""
+    return np.asarray(broken.any(-1))

@@ -1,8 +1,8 @@
 """Scattered light: a layer at the range of a bright surface elsewhere in the image, and far too dark for a surface.
 
-Light of a bright thing that scatters within the lens takes the same time, so that other pixels see a layer at its range.
-A real surface of that brightness is possible, but improbable by the albedos of the scene; and over many pixels it would
-be flat, where scattered light has one range.
+Light of a bright thing that scatters within the lens takes the same time, so that other pixels see a layer at its
+range. A real surface of that brightness is possible, but improbable by the albedos of the scene; and over many pixels
+it would be flat, where scattered light has one range.
 """
 
 import numpy as np
@@ -76,7 +76,7 @@ def _improbable(
         common = scene.range_mm[source]
         even = rms(range_mm - common)
         shape = evidence_nats(even / common, flat / common, rms(stderr) / common, len(row) - PLANE_NUMBERS)
-    return candidates & (law.darker(bright) * np.exp(-shape) <= FALSE_MARKS)
+    return np.asarray(candidates & (law.darker(bright) * np.exp(-shape) <= FALSE_MARKS))
 
 
 def _without_rims(amplitude: FloatArray, at_range: BoolArray, improbable: BoolArray) -> BoolArray:
@@ -84,10 +84,10 @@ def _without_rims(amplitude: FloatArray, at_range: BoolArray, improbable: BoolAr
 
     Beside a surface at that range, a layer is scattered light only if it is no brighter than that is elsewhere.
     """
-    beside = count_around((at_range & ~improbable).any(-1), 1) > 0
+    beside = count_around(np.asarray((at_range & ~improbable).any(-1)), 1) > 0
     apart = improbable & ~beside[..., np.newaxis]
     most = _BRIGHTER_BESIDE * np.where(apart, amplitude, -np.inf).max(initial=-np.inf)
-    return improbable & (apart | (amplitude <= most))
+    return np.asarray(improbable & (apart | (amplitude <= most)))
 
 
 SCATTERED_LIGHT = Suspicion(

@@ -129,14 +129,14 @@ def make_scene(layers: Layers, evidence: Evidence, sensor: Sensor, *, circle_mm:
         if light is not None:
             light[unmixed] = np.nan
         clusters = clusters[~unmixed[clusters[:, 0].astype(int), clusters[:, 1].astype(int)]]
-    optics = sensor.optics
+    optics, (rows, cols) = sensor.optics, layers.shape
     return Scene(
         range_mm=layers.range.astype(np.float64),
         sigma_mm=sigma,
         stderr_mm=np.where(np.isfinite(stderr), stderr, sigma),
         weight=layers.weight.astype(np.float64),
         amplitude=light,
-        directions=None if optics is None else beam_directions_of(optics, layers.shape),
+        directions=None if optics is None else beam_directions_of(optics, (rows, cols)),
         turn_mm=_turn_mm(sensor) if circle_mm is None else circle_mm,
         clusters=clusters,
         memory=memory,

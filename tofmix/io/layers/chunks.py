@@ -125,7 +125,8 @@ def _evidence_chunks(evidence: Sequence[Evidence]) -> tuple[bytes, bytes, bytes]
         for window, part in enumerate(evidence)
     ]
     memory = np.stack([part.memory for part in evidence])
-    return tuple(_packed(part) for part in (amplitude.astype("<f4"), np.concatenate(clusters).astype("<f8"), memory))
+    times = np.concatenate(clusters)
+    return _packed(amplitude.astype("<f4")), _packed(times.astype("<f8")), _packed(memory.astype("<f8"))
 
 
 def _chunks(layers: Layers, shape: tuple[int, int, int]) -> Iterator[bytes]:

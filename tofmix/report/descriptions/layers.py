@@ -37,8 +37,8 @@ def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Descri
         counts = np.bincount(file.read_field("n_modes", window).ravel(), minlength=file.max_layers + 1)
         surfaces += counts[: file.max_layers + 1]
         marks = file.read_field(SUSPECT.name, window) if SUSPECT.name in file.names else None
-        for name, count in count_suspects(marks).items():
-            suspects[name] += count
+        for kind, count in count_suspects(marks).items():
+            suspects[kind] += count
         status = file.read_field("status", window)
         for known in Status:
             by_status[status_name(known)] += int((status == known).sum())

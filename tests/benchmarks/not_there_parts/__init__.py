@@ -1,0 +1,1 @@
+"""The parts of `not_there.py`, a module each."""
