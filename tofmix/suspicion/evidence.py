@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.layers import Layers
-from tofmix.suspicion.passing import BESIDE_PASSING, LONGEST, MOST_OUTSIDE
+from tofmix.suspicion.passing import LONGEST, MOST_OUTSIDE
 from tofmix.suspicion.scene import Evidence
 from tofmix.suspicion.time_clusters import log_chance
 
-WORTH_KEEPING = math.log(BESIDE_PASSING)
-"""Log of the chance from which on a layer is kept as a cluster in time: neighbours may support it."""
+WORTH_KEEPING = math.log(0.2)
+"""Log of the chance from which on a layer is kept as a cluster in time: passing layers beside it may support it."""
 
 _FARTHEST = 5.0  # sigma of a layer, from which on a sample is not of it
 

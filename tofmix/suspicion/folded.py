@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray
-from tofmix.image.masks import count_around
+from tofmix.image.masks import around, count_around
 from tofmix.suspicion.albedo import AlbedoLaw, Surfaces, chosen, find_surfaces, log_brightness, log_evidence
 from tofmix.suspicion.declaration import FALSE_MARKS, Suspicion
 from tofmix.suspicion.scene import Scene
@@ -105,7 +105,7 @@ def _beside(scene: Scene, marked: BoolArray, bright: FloatArray, law: AlbedoLaw)
     found = marked.copy()
     for _ in range(2):  # rims are mixed pixels, two wide at most
         beside = count_around(pixels, 1) > 0
-        least, most = _around(low, np.minimum), _around(high, np.maximum)
+        least, most = around(low, np.minimum), around(high, np.maximum)
         at_range = (scene.range_mm >= (least * (1.0 - _BESIDE))[..., np.newaxis]) & (
             scene.range_mm <= (most * (1.0 + _BESIDE))[..., np.newaxis]
         )
@@ -114,16 +114,6 @@ def _beside(scene: Scene, marked: BoolArray, bright: FloatArray, law: AlbedoLaw)
         pixels = np.asarray(found.any(-1))
         low, high = np.minimum(low, np.where(pixels, least, low)), np.maximum(high, np.where(pixels, most, high))
     return found
-
-
-def _around(values: FloatArray, choose: np.ufunc) -> FloatArray:
-    """The least or most of the 3 x 3 pixels around each; beyond the image the nearest pixel counts."""
-    for axis in (0, 1):
-        pads = [(0, 0), (0, 0)]
-        pads[axis] = 1, 1
-        wide = np.moveaxis(np.pad(values, pads, mode="edge"), axis, 0)
-        values = np.moveaxis(choose(choose(wide[:-2], wide[1:-1]), wide[2:]), 0, axis)
-    return values
 
 
 FOLDED = Suspicion(

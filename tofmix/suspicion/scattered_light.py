@@ -19,7 +19,7 @@ MOST_SCATTERED = 0.05
 
 MOST_SOURCES = 4  # bright things that are looked at, from the brightest on
 
-_AT_RANGE = 3.0  # standard errors
+_AT_RANGE = 3.0  # standard deviations
 
 _BRIGHTER_BESIDE = 2.0  # times, that scattered light may be brighter beside the bright thing than elsewhere
 
@@ -56,8 +56,8 @@ def mark_scattered(scene: Scene) -> BoolArray:
 
 
 def _agrees(scene: Scene, source: tuple[np.intp, ...]) -> BoolArray:
-    """Layers (row, col, layer) at the range of a source."""
-    error = np.maximum(_AT_RANGE * np.hypot(scene.stderr_mm, scene.stderr_mm[source]), scene.sigma_mm)
+    """Layers (row, col, layer) at the range of a source, or that one of their samples may be of."""
+    error = _AT_RANGE * np.maximum(np.hypot(scene.stderr_mm, scene.stderr_mm[source]), scene.sigma_mm)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.abs(scene.range_mm - scene.range_mm[source]) <= error)
 
