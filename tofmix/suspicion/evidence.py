@@ -1,7 +1,7 @@
 """From the samples of pixels to the evidence of suspicions: amplitudes of layers, and layers that come close in time.
 
 Use `gather_evidence` where the samples are in memory; the results travel with the layers of a block until the image is
-whole. Each pixel is a pure function of its samples, and of the frames that the block has any of.
+whole. Each pixel is a pure function of its samples: frames in which it has none tell nothing of a layer.
 """
 
 import math
@@ -19,6 +19,9 @@ from tofmix.suspicion.time_clusters import log_chance
 
 WORTH_KEEPING = math.log(0.2)
 """Log of the chance from which on a layer is kept as a cluster in time: passing layers beside it may support it."""
+
+_MOST_SHARE = 0.75
+"""Share of a layer above which its frames are not looked at: with more it is not in less than half of them."""
 
 _FARTHEST = 5.0  # sigma of a layer, from which on a sample is not of it
 
@@ -54,18 +57,11 @@ def gather_evidence(
             samples, np.ascontiguousarray(amplitude, np.float32).reshape(samples.shape), *of_layers, circle, light
         )
         light = light.reshape(*shape, layers.max_layers)
-    frames = len(samples) // targets
-    found = np.flatnonzero(_may_pass(flat, frames))
+    with np.errstate(invalid="ignore"):
+        found = np.flatnonzero((flat.weight <= _MOST_SHARE).any(-1))
     clusters, memory = _clusters(samples, found, targets, *of_layers, circle)
     row, col = np.divmod(clusters[:, 0], shape[1])
     return Evidence(light, np.column_stack([row, col, clusters[:, 1:]]), memory)
-
-
-def _may_pass(flat: Layers, frames: int) -> NDArray[np.bool_]:
-    """Pixels (pixel,) with a layer that is too rare to be there for most of the time."""
-    with np.errstate(invalid="ignore"):
-        rare = flat.weight * flat.n_samples[:, np.newaxis] <= LONGEST * frames
-    return np.asarray((rare & np.isfinite(flat.range)).any(-1))
 
 
 @borrowing
@@ -128,13 +124,13 @@ def _clusters(
     A line (n, 8) of the former is the pixel, and `CLUSTER_FIELDS` from the layer on.
     """
     frames, most = samples.shape[0] // targets, mean.shape[1]
-    rank = _ranks(samples, targets)
-    used = float(rank[-1])
+    rank = np.empty(frames, np.int64)
     where, count = np.empty((most, frames), np.int64), np.zeros(most, np.int64)
     found, memory = np.empty((len(pixels) * most, 8)), np.zeros(4)
     kept = 0
     for pixel in pixels:
         k = _signed(n_modes[pixel])
+        used = float(_rank_frames(samples[:, pixel], targets, rank))
         of_pixel = mean[pixel], sigma[pixel], weight[pixel]
         _sort_by_layer(samples[:, pixel], targets, k, of_pixel, circle, rank, where, count, memory)
         for i in range(k):
@@ -214,26 +210,17 @@ def _add_pairs(rank: NDArray[np.int64], where: NDArray[np.int64], first: int, co
     memory[3] += count - 1.0 - expected
 
 
-@jit
-def _ranks(samples: Float32Array, targets: int) -> NDArray[np.int64]:
-    """Rank (frame + 1,) of each frame among those with a valid sample; the last number is how many these are."""
-    frames = samples.shape[0] // targets
-    rank = np.empty(frames + 1, np.int64)
+@borrowing
+def _rank_frames(series: Float32Array, targets: int, rank: NDArray[np.int64]) -> int:
+    """Fill `rank` (frame,) with how many frames before each have a sample; return how many have one."""
     used = 0
-    for frame in range(frames):
+    for frame in range(len(rank)):
         rank[frame] = used
-        some = False
         for t in range(frame * targets, (frame + 1) * targets):
-            for pixel in range(samples.shape[1]):
-                if math.isfinite(samples[t, pixel]):
-                    some = True
-                    break
-            if some:
+            if math.isfinite(series[t]):
+                used += 1
                 break
-        if some:
-            used += 1
-    rank[frames] = used
-    return rank
+    return used
 
 
 def warm_up(max_layers: int) -> None:
