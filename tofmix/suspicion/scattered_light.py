@@ -21,6 +21,8 @@ MOST_SOURCES = 4  # bright things that are looked at, from the brightest on
 
 _AT_RANGE = 3.0  # standard deviations
 
+_SLOPE = 0.1  # how much ranges of one surface differ between neighbouring pixels, of the range
+
 _BRIGHTER_BESIDE = 2.0  # times, that scattered light may be brighter beside the bright thing than elsewhere
 
 
@@ -50,7 +52,9 @@ def mark_scattered(scene: Scene) -> BoolArray:
             law = AlbedoLaw.of(surfaces.log_brightness[others])
             candidates = at_range & (scene.amplitude <= MOST_SCATTERED * scene.amplitude[source])
             improbable = _improbable(scene, candidates, bright, law, source)
-            marked |= _without_rims(scene.amplitude, at_range, improbable)
+            with np.errstate(invalid="ignore"):
+                close = np.abs(scene.range_mm / scene.range_mm[source] - 1.0) <= _SLOPE
+            marked |= _without_rims(scene.amplitude, known & close, improbable)
         light = np.where(at_range, 0.0, light)
     return marked
 
@@ -79,12 +83,12 @@ def _improbable(
     return np.asarray(candidates & (law.darker(bright) * np.exp(-shape) <= FALSE_MARKS))
 
 
-def _without_rims(amplitude: FloatArray, at_range: BoolArray, improbable: BoolArray) -> BoolArray:
+def _without_rims(amplitude: FloatArray, close: BoolArray, improbable: BoolArray) -> BoolArray:
     """The improbable layers without those that may be the rim of a surface, which fills a part of their pixel.
 
-    Beside a surface at that range, a layer is scattered light only if it is no brighter than that is elsewhere.
+    Beside a surface at about that range (`close`), a layer is scattered light only if it is no brighter than that is elsewhere.
     """
-    beside = count_around(np.asarray((at_range & ~improbable).any(-1)), 1) > 0
+    beside = count_around(np.asarray((close & ~improbable).any(-1)), 1) > 0
     apart = improbable & ~beside[..., np.newaxis]
     most = _BRIGHTER_BESIDE * np.where(apart, amplitude, -np.inf).max(initial=-np.inf)
     return np.asarray(improbable & (apart | (amplitude <= most)))
