@@ -10,7 +10,7 @@ COMMON = {"optics", "compiled"}
 """Folders below the root modules, which all may import."""
 
 MAY_IMPORT = {
-    "api": {"api", "io", "report", "reconciliation", "estimation", "simulation", "sensors", "unmixing"},
+    "api": {"api", "io", "report", "reconciliation", "estimation", "simulation", "sensors", "unmixing", "suspicion"},
     "cli": {
         "cli",
         "pipeline",
@@ -24,11 +24,12 @@ MAY_IMPORT = {
         "simulation",
         "sensors",
     },
-    "pipeline": {"pipeline", "io", "estimation", "unmixing", "mapping", "simulation", "surfaces"},
-    "io": {"io", "mapping", "simulation", "surfaces"},
-    "report": {"report", "surfaces", "reconciliation", "estimation", "unmixing", "simulation", "sensors"},
+    "pipeline": {"pipeline", "io", "estimation", "unmixing", "suspicion", "mapping", "simulation", "surfaces"},
+    "io": {"io", "mapping", "simulation", "surfaces", "suspicion"},
+    "report": {"report", "surfaces", "reconciliation", "estimation", "unmixing", "simulation", "sensors", "suspicion"},
     "reconciliation": {"reconciliation", "simulation"},
-    "estimation": {"estimation", "unmixing"},
+    "estimation": {"estimation", "unmixing", "suspicion"},
+    "suspicion": {"suspicion", "image"},
     "unmixing": {"unmixing", "image"},
     "image": {"image"},
     "mapping": {"mapping"},

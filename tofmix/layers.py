@@ -167,9 +167,18 @@ class Layers:
 
     @property
     def unsuspected(self) -> NDArray[np.bool_]:
-        """Whether each layer (..., layer) is there and has no suspicion."""
+        """Whether each layer (..., layer) is there and has no mark of `suspect`."""
         present = np.isfinite(self.range)
         return present if self.suspect is None else present & (self.suspect == 0)
+
+    def suspects(self) -> int:
+        """Number of layers that are suspect."""
+        return 0 if self.suspect is None else int(np.count_nonzero(self.suspect))
+
+    def trusted(self) -> "Layers":
+        """The same layers without their marks, for users who take suspect ones too; arrays are shared."""
+        arrays: dict[str, Any] = {spec.name: getattr(self, spec.name) for spec in self.fields}
+        return Layers(**{name: values for name, values in arrays.items() if not name.startswith(SUSPECT.name)})
 
     def arrays(self) -> tuple[NDArray[Any], ...]:
         """The arrays in the order of `LAYER_FIELDS`, for a kernel to fill."""

@@ -143,16 +143,17 @@ class PointFilter:
     """Which layers become points: those with at least this weight and this probability.
 
     None sets no limit. A layer with an unknown value (NaN) does not pass a limit on this value. Layers of undecided
-    pixels (`Mixing.UNDECIDED`) pass only with `undecided`.
+    pixels (`Mixing.UNDECIDED`) pass only with `undecided`, suspect ones only with `suspect`.
     """
 
     min_weight: float | None = None
     min_probability: float | None = None
     undecided: bool = False
+    suspect: bool = False
 
     def passes(self, layers: Layers) -> NDArray[np.bool_]:
         """Whether each layer (row, col, layer) passes; one without a finite range never does."""
-        keep = np.isfinite(layers.range)
+        keep = np.isfinite(layers.range) if self.suspect else layers.unsuspected
         if not self.undecided and layers.mixing is not None:
             keep &= (layers.mixing != int(Mixing.UNDECIDED))[..., np.newaxis]
         if self.min_weight is not None:

@@ -12,6 +12,8 @@ from importlib import import_module
 
 PARTS = {
     "lost": "a box that returns no valid sample, or few, before a wall; samples lost by chance",
+    "shares": "edges where samples are drawn by brightness, or the strongest return is kept",
+    "suspects": "scattered light, folded walls, people who pass, cover glasses; false marks of real recordings",
 }
 """Modules of `not_there_parts`, each with `main(arguments)`."""
 

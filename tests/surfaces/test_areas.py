@@ -7,7 +7,6 @@ import pytest
 from benchmarks.not_there_parts.shares import CASES, Case, edges_of, errors_of, record
 
 import tofmix as tm
-from tofmix.arrays import FloatArray
 from tofmix.flags import Mixing
 from tofmix.share_law import ShareLaw
 from tofmix.surfaces.reconstruct import reconstruct
@@ -69,7 +68,7 @@ def test_amplitude_of_a_layer_is_the_mean_of_its_samples() -> None:
     assert light is not None
     assert layers.amplitude is not None
     row, col = np.argwhere(layers.n_modes == 2)[3]
-    nearer: FloatArray = np.abs(range_mm[:, row, col, np.newaxis] - layers.range[row, col, :2])
+    nearer = np.abs(range_mm[:, row, col, np.newaxis] - layers.range[row, col, :2])
     for layer in (0, 1):
         own = light[nearer.argmin(axis=1) == layer, row, col]
         assert layers.amplitude[row, col, layer] == pytest.approx(own.mean(), rel=1e-5)

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from tofmix.cli.options import PATH, examples, json_option, overwrite_option, projection_option
+from tofmix.cli.options import (
+    PATH,
+    examples,
+    json_option,
+    left_out_words,
+    overwrite_option,
+    projection_option,
+    suspect_option,
+)
 from tofmix.cli.progress import Progress
 from tofmix.errors import BadInputError, UsageError
 from tofmix.wording import counted
@@ -25,7 +33,7 @@ if TYPE_CHECKING:
 _POINTS_ONLY = ("min_weight", "min_probability", "fields", "fov", "projection")
 _WITH_INTENSITY = (".ply", ".pcd")
 _IMAGES_ONLY = ("layer", "scale")
-_LAYERS_ONLY = (*_POINTS_ONLY, "undecided", "layer")
+_LAYERS_ONLY = (*_POINTS_ONLY, "undecided", "suspect", "layer")
 _WHAT = ("edges", "points", "image", "planes")
 
 
@@ -65,6 +73,7 @@ tofmix export boards.surfaces.h5 -o boards.obj --what planes
     " mixing, suspect, ..., or all that it has.",
 )  # fmt: skip
 @click.option("--undecided", is_flag=True, help="Write undecided pixels too.")
+@suspect_option
 @click.option(
     "--fov", metavar="HxV", help="Points: full field of view in degrees, by --projection.  [default: the layers file's]"
 )
@@ -89,6 +98,7 @@ def export(
     min_probability: float | None,
     fields: str | None,
     undecided: bool,
+    suspect: bool,
     fov: str | None,
     projection: str,
     layer: int,
@@ -134,12 +144,14 @@ def export(
                 _check_window(layers, window, as_image=what == IMAGE)
                 if what == IMAGE:
                     line, made = _export_image(
-                        layers, output, window or 0, layer, scale, overwrite, undecided=undecided
+                        layers, output, window or 0, layer, scale, overwrite, undecided=undecided, suspect=suspect
                     )
                 else:
                     from tofmix.points import PointFilter
 
-                    chosen = PointFilter(min_weight=min_weight, min_probability=min_probability, undecided=undecided)
+                    chosen = PointFilter(
+                        min_weight=min_weight, min_probability=min_probability, undecided=undecided, suspect=suspect
+                    )
                     further = _further_fields(layers, fields)
                     line, made = _export_points(layers, output, window, (fov, projection), chosen, further, overwrite)
     click.echo(json.dumps({"output": str(output), **made}) if as_json else line)
@@ -226,9 +238,12 @@ def _export_points(
     if count == 0:
         click.echo(f"tofmix: {output}: no layer passed the filters, so the file has no point", err=True)
     line = f"{output}: {counted(count, 'point', ',')} of {counted(len(windows), 'window')}"
+    left_out = 0 if chosen.suspect else sum(file.suspects(number) for number in windows)
+    line += left_out_words(left_out)
     if view[0] is not None:
         line += f"; placed by {view_words(optics, file.shape[1:], view_of(view[0]))}"
     made: dict[str, Any] = {"points": count, "windows": len(windows)}
+    made |= {"suspect_left_out": left_out} if left_out else {}
     return line, made | ({"fields": [spec.name for spec in points.fields]} if further else {})
 
 
@@ -252,23 +267,31 @@ def _optics(file: "LayersFile", fov: str | None, projection: str) -> "Projection
 
 
 def _export_image(
-    file: "LayersFile", output: Path, window: int, layer: int, scale: float, overwrite: bool, *, undecided: bool
-) -> tuple[str, dict[str, Any]]:
+    file: "LayersFile", output: Path, window: int, layer: int, scale: float, overwrite: bool, *, undecided: bool,
+    suspect: bool,
+) -> tuple[str, dict[str, Any]]:  # fmt: skip
     import numpy as np
 
     from tofmix.flags import Mixing
     from tofmix.io.exporters.image import RangeImage
+    from tofmix.layers import SUSPECT
 
     if layer > file.max_layers:
         raise UsageError(f"--layer {layer}: {file.path} has layers 1 to {file.max_layers}")
     range_mm = file.read_field("range", window)[..., layer - 1]
     if "mixing" in file.names and not undecided:
         range_mm = np.where(file.read_field("mixing", window) == int(Mixing.UNDECIDED), np.float32(np.nan), range_mm)
+    left_out = 0
+    if SUSPECT.name in file.names and not suspect:
+        marked = file.read_field(SUSPECT.name, window)[..., layer - 1] > 0
+        left_out = int(np.count_nonzero(marked))
+        range_mm = np.where(marked, np.float32(np.nan), range_mm)
     title = f"layer {layer} of {file.provenance.source}, window {window}"
     image = RangeImage(range_mm=range_mm, scale_mm=scale, title=title)
     filled = _write_image(file, output, image, overwrite)
     line = f"{output}: {counted(filled, 'pixel', ',')} with a layer {layer}, {scale:g} mm a count, 0 = none"
-    return line, {"pixels": filled, "window": window, "layer": layer, "scale_mm": scale}
+    made = {"pixels": filled, "window": window, "layer": layer, "scale_mm": scale}
+    return line + left_out_words(left_out), made | ({"suspect_left_out": left_out} if left_out else {})
 
 
 def _write_image(file: "LayersFile | SurfacesFile", output: Path, image: "RangeImage", overwrite: bool) -> int:

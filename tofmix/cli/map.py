@@ -2,11 +2,19 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from tofmix.cli.options import PATH, default_workers, examples, json_option, overwrite_option
+from tofmix.cli.options import (
+    PATH,
+    default_workers,
+    examples,
+    json_option,
+    left_out_words,
+    overwrite_option,
+    suspect_option,
+)
 from tofmix.cli.progress import Progress
 from tofmix.errors import BadInputError, UsageError
 
@@ -16,8 +24,10 @@ if TYPE_CHECKING:
 
     from tofmix.io.layers.layers_file import LayersFile
     from tofmix.io.recording.recording_file import RecordingFile
+    from tofmix.layers import Layers
     from tofmix.mapping.beams import Beams
     from tofmix.mapping.occupancy import FloorMap, VoxelMap
+    from tofmix.sensor import Sensor
 
 LAYERS, AVERAGED, THIN_BEAM = "layers", "averaged", "thin-beam"
 
@@ -87,6 +97,7 @@ tofmix map boards.layers.h5 -o averaged.yaml --from averaged --recording boards.
     "--min-probability", type=click.FloatRange(0, 1), default=0.9999, show_default=True,
     help="Layers with a smaller probability are ignored.",
 )  # fmt: skip
+@suspect_option
 @click.option(
     "--workers", type=click.IntRange(1), help="Threads; their number changes no result.  [default: all cores]"
 )
@@ -104,6 +115,7 @@ def map_(
     pitch: float,
     min_share: float,
     min_probability: float,
+    suspect: bool,
     workers: int | None,
     as_json: bool,
     overwrite: bool,
@@ -132,7 +144,7 @@ def map_(
         with open_layers(layers) as file:
             if window >= file.shape[0]:
                 raise UsageError(f"--window {window}: {layers} has windows 0 to {file.shape[0] - 1}")
-            beams = _beams(file, window, source, recording, min_probability, threads)
+            beams, left_out = _beams(file, window, source, recording, min_probability, threads, suspect=suspect)
             comment = _comment(file, source, recording)
             if file.provenance.sensor.range_max_mm is None:
                 click.echo(
@@ -155,7 +167,7 @@ def map_(
             if output is not None and floor is not None:
                 contents |= encode_map(floor, output, comment=comment)
             write_atomic_group(contents, overwrite=overwrite, inputs=inputs)
-    _say(output, floor, voxels, space, as_json)
+    _say(output, floor, voxels, space, left_out, as_json)
 
 
 def _check_call(output: Path | None, voxels: Path | None, source: str, recording: Path | None) -> tuple[Path, ...]:
@@ -177,22 +189,31 @@ def _check_call(output: Path | None, voxels: Path | None, source: str, recording
 
 
 def _beams(
-    file: "LayersFile", window: int, source: str, recording: Path | None, min_probability: float, workers: int
-) -> "Beams":
+    file: "LayersFile", window: int, source: str, recording: Path | None, min_probability: float, workers: int, *,
+    suspect: bool,
+) -> "tuple[Beams, int]":  # fmt: skip
+    """The beams, and how many suspect layers are left out."""
     from tofmix.cli.recording_check import check_view, opened_recording
-    from tofmix.mapping.beams import beams_from_layers
 
     check_view(file)
     try:
         if recording is None:
-            return beams_from_layers(file.read_window(window), file.provenance.sensor, min_probability=min_probability)
+            layers = file.read_window(window)
+            return _from_layers(layers, file.provenance.sensor, min_probability, suspect=suspect)
         with opened_recording(recording) as samples:
             frames = _frames(file, window, samples)
             if source == AVERAGED:
-                return _averaged(file, samples, frames)
-            return _thin_beam(file, samples, frames, min_probability, workers)
+                return _averaged(file, samples, frames), 0
+            return _thin_beam(file, samples, frames, min_probability, workers, suspect=suspect)
     except ValueError as error:
         raise BadInputError(f"{file.path}: {error}") from error
+
+
+def _from_layers(layers: "Layers", sensor: "Sensor", min_probability: float, *, suspect: bool) -> "tuple[Beams, int]":
+    from tofmix.mapping.beams import beams_from_layers
+
+    taken = layers.trusted() if suspect else layers
+    return beams_from_layers(taken, sensor, min_probability=min_probability), taken.suspects()
 
 
 def _frames(file: "LayersFile", window: int, samples: "RecordingFile") -> tuple[int, int]:
@@ -230,18 +251,18 @@ def _averaged(file: "LayersFile", samples: "RecordingFile", frames: tuple[int, i
 
 
 def _thin_beam(
-    file: "LayersFile", samples: "RecordingFile", frames: tuple[int, int], min_probability: float, workers: int
-) -> "Beams":
+    file: "LayersFile", samples: "RecordingFile", frames: tuple[int, int], min_probability: float, workers: int, *,
+    suspect: bool,
+) -> "tuple[Beams, int]":  # fmt: skip
     from tofmix.estimation.blocks.sequence import estimate_layers
     from tofmix.estimation.settings import EstimateOptions, SigmaMode
-    from tofmix.mapping.beams import beams_from_layers
     from tofmix.recording import FrameSpan
 
     samples.sensor = file.provenance.sensor
     circle_mm = file.provenance.unambiguous_range_mm
     options = EstimateOptions(max_layers=1, sigma=SigmaMode.TIED, unambiguous_range_mm=circle_mm)
     found = estimate_layers(FrameSpan(samples, *frames), options, workers=workers)
-    return beams_from_layers(found.reshaped(file.shape[1:]), samples.sensor, min_probability=min_probability)
+    return _from_layers(found.reshaped(file.shape[1:]), samples.sensor, min_probability, suspect=suspect)
 
 
 def _comment(file: "LayersFile", source: str, recording: Path | None) -> str:
@@ -251,7 +272,9 @@ def _comment(file: "LayersFile", source: str, recording: Path | None) -> str:
     return f"tofmix {__version__} map --from {source}{samples}, {file.path.name}"
 
 
-def _say(output: Path | None, floor: "FloorMap | None", voxels: Path | None, space: "VoxelMap", as_json: bool) -> None:
+def _say(
+    output: Path | None, floor: "FloorMap | None", voxels: Path | None, space: "VoxelMap", left_out: int, as_json: bool
+) -> None:
     """Print the name of a written map and its number of cells in each state."""
     from tofmix.mapping.occupancy import State
 
@@ -260,13 +283,15 @@ def _say(output: Path | None, floor: "FloorMap | None", voxels: Path | None, spa
         parts["map"] = (output, floor.cells)
     if voxels is not None:
         parts["voxels"] = (voxels, space.states())
-    said = {}
+    said: dict[str, dict[str, Any]] = {}
     for name, (path, states) in parts.items():
         counts = {state.name.lower(): int((states == int(state)).sum()) for state in reversed(State)}
         said[name] = {"path": str(path), "cell_mm": space.grid.cell_mm, "shape": list(states.shape)} | counts
+        if left_out:
+            said[name]["suspect_left_out"] = left_out
         if not as_json:
             size = " x ".join(str(n) for n in states.shape)
             text = ", ".join(f"{state} {count:,}" for state, count in counts.items())
-            click.echo(f"{path}: {size} cells of {space.grid.cell_mm:g} mm; {text}")
+            click.echo(f"{path}: {size} cells of {space.grid.cell_mm:g} mm; {text}{left_out_words(left_out)}")
     if as_json:
         click.echo(json.dumps(said, indent=2))

@@ -10,6 +10,7 @@ import click
 
 from tofmix.errors import UsageError
 from tofmix.share_law import ShareLaw
+from tofmix.wording import counted
 
 
 class _Path(click.Path):
@@ -92,6 +93,16 @@ overwrite_option = click.option(
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print JSON on stdout, for scripts.", allow_from_autoenv=False
 )
+
+
+suspect_option = click.option(
+    "--suspect", is_flag=True, help="Take suspect layers too: scattered light, folded, passing, near returns."
+)
+
+
+def left_out_words(count: int) -> str:
+    """Say that suspect layers were left out, for the end of a line; nothing if there were none."""
+    return f"; {counted(count, 'suspect layer', ',')} left out (--suspect takes them)" if count else ""
 
 
 projection_option = click.option(

@@ -6,7 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tofmix.cli.options import HDF5_PATH, PATH, examples, json_option, overwrite_option, projection_option
+from tofmix.cli.options import (
+    HDF5_PATH,
+    PATH,
+    examples,
+    json_option,
+    left_out_words,
+    overwrite_option,
+    projection_option,
+    suspect_option,
+)
 from tofmix.cli.progress import Progress
 from tofmix.cli.recording_check import check_view
 from tofmix.errors import BadInputError
@@ -39,11 +48,13 @@ tofmix export boards.surfaces.h5 -o boards.obj --what planes
     "--fov", metavar="HxV", help="Full field of view in degrees, by --projection.  [default: the layers file's]"
 )
 @projection_option
+@suspect_option
 @json_option
 @overwrite_option
 def surfaces(
-    layers: Path, output: Path | None, factor: int, fov: str | None, projection: str, as_json: bool, overwrite: bool
-) -> None:
+    layers: Path, output: Path | None, factor: int, fov: str | None, projection: str, suspect: bool, as_json: bool,
+    overwrite: bool,
+) -> None:  # fmt: skip
     """Find the surfaces in LAYERS, a file that tofmix estimate wrote.
 
     The command joins layers of neighbouring pixels into surfaces, and fits a plane
@@ -70,12 +81,15 @@ def surfaces(
             sensor = viewed(sensor, view, projection, file.shape[1:])
             if doubt := view_note(view, projection, file.shape[1:]):
                 click.echo(f"tofmix: {doubt}", err=True)
+        options: dict[str, str | int | float] = {"factor": factor}
+        if suspect:
+            options["suspect"] = 1
         provenance = SurfacesProvenance(
             source=layers.name,
             source_sha256=file_sha256(layers),
             version=__version__,
             sensor=sensor,
-            options={"factor": factor},
+            options=options,
         )
         tally = _Tally()
         with (
@@ -85,8 +99,9 @@ def surfaces(
                 overwrite=overwrite, inputs=(layers,),
             ) as writer,
         ):  # fmt: skip
+            left_out_of = [file.suspects(window) for window in range(file.shape[0])]
             for window in range(file.shape[0]):
-                found = _reconstruct(file, sensor, window, factor)
+                found = _reconstruct(file, sensor, window, factor, suspect=suspect)
                 writer.write(found)
                 tally.add(found)
                 bar.update()
@@ -94,8 +109,14 @@ def surfaces(
         "rows_fine": file.shape[1] * factor, "cols_fine": file.shape[2] * factor, "factor": factor,
         "windows": file.shape[0],
     }  # fmt: skip
+    left_out = 0 if suspect else sum(left_out_of)
+    values |= {"suspect_left_out": left_out} if left_out else {}
     placed = "" if view is None or sensor.optics is None else f"; {view_words(sensor.optics, file.shape[1:], view)}"
-    click.echo(json.dumps({"output": str(output), **values}) if as_json else f"{output}: {_line(values)}{placed}")
+    click.echo(
+        json.dumps({"output": str(output), **values})
+        if as_json
+        else f"{output}: {_line(values)}{left_out_words(left_out)}{placed}"
+    )
 
 
 def surfaces_path(layers: Path) -> Path:
@@ -103,12 +124,12 @@ def surfaces_path(layers: Path) -> Path:
     return layers.parent / f"{layers.name.removesuffix(_FROM).removesuffix('.h5')}{_ENDING}"
 
 
-def _reconstruct(file: "LayersFile", sensor: "Sensor", window: int, factor: int) -> "WindowSurfaces":
+def _reconstruct(file: "LayersFile", sensor: "Sensor", window: int, factor: int, *, suspect: bool) -> "WindowSurfaces":
     from tofmix.surfaces.reconstruct import reconstruct
 
     layers = file.read_window(window)
     try:
-        return reconstruct(layers, sensor, factor=factor)
+        return reconstruct(layers.trusted() if suspect else layers, sensor, factor=factor)
     except ValueError as error:
         raise BadInputError(f"{file.path}: window {window}: {error}") from error
 

@@ -42,7 +42,16 @@ CANNOT_KEEP = (
     " to a folder that can be written"
 )
 
-_KERNEL_FOLDERS = ("compiled", "estimation", "mapping", "reconciliation", "simulation", "surfaces", "unmixing")
+_KERNEL_FOLDERS = (
+    "compiled",
+    "estimation",
+    "mapping",
+    "reconciliation",
+    "simulation",
+    "surfaces",
+    "suspicion",
+    "unmixing",
+)
 _KERNEL_FILES = "learnt_noise.py", "optics/cells.py"
 """Files of other folders with a kernel, or a constant that kernels use."""
 _WITHOUT_KERNELS = ("reading.py", "sequence.py")

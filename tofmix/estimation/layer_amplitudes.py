@@ -5,16 +5,15 @@ gave it; outliers are of none.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import jit
+from tofmix.layer_of_sample import layer_of
 from tofmix.layers import Layers
-
-FARTHEST_SIGMAS = 5.0
-"""A sample farther from a layer than this many of its sigma is not of it."""
 
 
 @jit
@@ -28,16 +27,8 @@ def _add_amplitudes(
             value, bright = samples[t, pixel], light[t, pixel]
             if not (math.isfinite(value) and math.isfinite(bright)):
                 continue
-            most, chosen = -math.inf, -1
-            for i in range(np.int64(n_modes[pixel])):
-                away = value - mean[pixel, i]
-                if circle > 0.0:
-                    away -= circle * round(away / circle)
-                z = abs(away) / sigma[pixel, i]
-                if z <= FARTHEST_SIGMAS:
-                    height = math.log(max(weight[pixel, i], 1.0e-12) / sigma[pixel, i]) - 0.5 * z * z
-                    if height > most:
-                        most, chosen = height, i
+            found: Any = np.int64(n_modes[pixel])  # signed: of unsigned numbers numba makes floats
+            chosen = layer_of(value, found, mean[pixel], sigma[pixel], weight[pixel], circle)
             if chosen >= 0:
                 total[pixel, chosen] += bright
                 count[pixel, chosen] += 1.0

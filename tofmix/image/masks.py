@@ -5,7 +5,7 @@
 
 import numpy as np
 
-from tofmix.arrays import BoolArray, IntArray
+from tofmix.arrays import BoolArray, FloatArray, IntArray
 
 
 def components(one: IntArray, other: IntArray, count: int) -> IntArray:
@@ -41,3 +41,13 @@ def count_around(mask: BoolArray, reach: int) -> IntArray:
 def near(mask: BoolArray, reach: int) -> BoolArray:
     """Which pixels (row, col) have a true pixel of the mask within `reach` rows and columns."""
     return count_around(mask, reach) > 0
+
+
+def around(values: FloatArray, choose: np.ufunc) -> FloatArray:
+    """Least or most (`np.minimum`, `np.maximum`) of the 3 x 3 pixels around each; the image's edge is repeated."""
+    for axis in (0, 1):
+        pads = [(0, 0), (0, 0)]
+        pads[axis] = 1, 1
+        wide = np.moveaxis(np.pad(values, pads, mode="edge"), axis, 0)
+        values = np.moveaxis(choose(choose(wide[:-2], wide[1:-1]), wide[2:]), 0, axis)
+    return values

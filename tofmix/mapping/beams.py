@@ -116,7 +116,7 @@ def beams_from_layers(layers: Layers, sensor: Sensor, *, min_probability: float 
     Parameters
     ----------
     layers : Layers
-        Of the leading shape (row, col).
+        Of the leading shape (row, col). Suspect ones count neither as a hit nor as free space.
     sensor : Sensor
         The camera: field of view or projection, `range_max_mm`, noise curve.
     min_probability : float
@@ -138,7 +138,7 @@ def beams_from_layers(layers: Layers, sensor: Sensor, *, min_probability: float 
     range_mm = layers.range.astype(np.float64)
     # A layer without a probability or an error, as another program may write it, is taken at its word.
     probability = np.nan_to_num(layers.probability.astype(np.float64), nan=1.0)
-    known = np.isfinite(range_mm) & (range_mm > 0) & (probability >= min_probability)
+    known = layers.unsuspected & (range_mm > 0) & (probability >= min_probability)
     n_samples = layers.n_samples.astype(np.float64)
     return _beams(
         np.where(known, range_mm, np.nan),

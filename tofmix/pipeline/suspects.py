@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tofmix.arrays import IntArray
 from tofmix.grid import Cell, Grid
@@ -27,7 +28,7 @@ class Marks:
 
     grid: Grid
     provenance: Provenance
-    _found: list[tuple[IntArray, IntArray, IntArray]] = field(default_factory=list)
+    _found: list[tuple[IntArray, NDArray[np.uint8], NDArray[np.uint32]]] = field(default_factory=list)
 
     @property
     def max_layers(self) -> int:
@@ -36,21 +37,18 @@ class Marks:
 
     def add(self, group: list[tuple[Cell, EncodedCell]], layers: list[Layers]) -> None:
         """Judge the windows of a group of cells that form whole images, whose layers (row, col) are final."""
-        cols = self.grid.image[1]
         pieces: list[list[tuple[int, int, Evidence]]] = [[] for _ in layers]
         for cell, encoded in group:
-            size = cell.windows.stop - cell.windows.start, cell.rows.stop - cell.rows.start, cols
-            for window, part in enumerate(decode_evidence(encoded, max_layers=self.max_layers, cell=size)):
+            for window, part in enumerate(decode_evidence(encoded, cell.windows.stop - cell.windows.start)):
                 pieces[window].append((cell.rows.start, 0, part))
         first = group[0][0].windows.start
         stride = self.grid.windows.stride // self.provenance.samples_a_frame
         for number, (image, parts) in enumerate(zip(layers, pieces, strict=True), start=first):
-            evidence = joined(parts, self.grid.image, self.max_layers)
             flags, frames = judge(
-                image, evidence, self.provenance.sensor,
+                image, joined(parts), self.provenance.sensor,
                 first_frame=number * stride, circle_mm=self.provenance.unambiguous_range_mm,
             )  # fmt: skip
-            place = np.flatnonzero(flags)
+            place = np.flatnonzero(flags).astype(np.int64)
             self._found.append((place, flags.ravel()[place], frames.reshape(-1, 2)[place]))
 
     def write(self, writer: LayersWriter) -> None:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.arrays import Float32Array, FloatArray
+from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.flags import Mixing
 from tofmix.layers import Layers
 from tofmix.share_law import ShareLaw
@@ -61,7 +61,7 @@ def to_areas(
         return Areas(shares, int(mixed.sum()))
     bright = measure_brightness(layers.amplitude, nodes, linked.label, settings)
     turned = _Turned(shares, bright, _light_of_entries(shares, layers, nodes, linked), settings)
-    at_edge = (shares.count > 0) & ~bright.inside & ~unmixed
+    at_edge: BoolArray = (shares.count > 0) & ~bright.inside & ~unmixed
     turn = turned.by_detections if law is ShareLaw.DETECTIONS else turned.by_strongest
     told = np.zeros(layers.shape, bool)
     rows, cols = np.nonzero(at_edge)

@@ -58,8 +58,8 @@ class Nodes:
 
 
 def used_layers(layers: Layers, least_probability: float) -> BoolArray:
-    """Layers (row, col, layer) that may be of a surface: neither undecided nor improbable."""
-    used = np.isfinite(layers.range) & (layers.range > 0)
+    """Layers (row, col, layer) that may be of a surface: neither undecided nor improbable nor suspect."""
+    used = layers.unsuspected & (layers.range > 0)
     used &= ~(layers.probability < least_probability)
     if layers.mixing is not None:
         used &= (layers.mixing != int(Mixing.UNDECIDED))[..., np.newaxis]

@@ -9,7 +9,6 @@ import math
 from typing import NamedTuple, Self
 
 import numpy as np
-from scipy.special import stdtr
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.masks import components
@@ -51,6 +50,8 @@ class AlbedoLaw(NamedTuple):
 
     def darker(self, log_brightness: FloatArray) -> FloatArray:
         """Probability of a surface at most as bright as each."""
+        from scipy.special import stdtr  # slow to import, and most scenes need none
+
         return np.asarray(stdtr(self.freedom, (log_brightness - self.mean) / self.scale))
 
 

@@ -1,7 +1,7 @@
-"""From the samples of pixels to the evidence of suspicions: amplitudes of layers, and layers that come close in time.
+"""From the samples of pixels to the evidence of suspicions: layers that come close in time.
 
 Use `gather_evidence` where the samples are in memory; the results travel with the layers of a block until the image is
-whole. Each pixel is a pure function of its samples, and of the frames that the block has any of.
+whole. Each pixel is a pure function of its samples: frames in which it has none tell nothing of a layer.
 """
 
 import math
@@ -12,29 +12,28 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import borrowing, jit
+from tofmix.layer_of_sample import layer_of
 from tofmix.layers import Layers
-from tofmix.suspicion.passing import BESIDE_PASSING
+from tofmix.suspicion.passing import LONGEST, MOST_OUTSIDE
 from tofmix.suspicion.scene import Evidence
-from tofmix.suspicion.time_clusters import LONGEST, MOST_OUTSIDE, log_chance
+from tofmix.suspicion.time_clusters import log_chance
 
-WORTH_KEEPING = math.log(BESIDE_PASSING)
-"""Log of the chance from which on a layer is kept as a cluster in time: neighbours may support it."""
+WORTH_KEEPING = math.log(0.2)
+"""Log of the chance from which on a layer is kept as a cluster in time: passing layers beside it may support it."""
 
-_FARTHEST = 5.0  # sigma of a layer, from which on a sample is not of it
+_MOST_SHARE = 0.75
+"""Share of a layer above which its frames are not looked at: with more it is not in less than half of them."""
 
 
 def gather_evidence(
-    range_mm: NDArray[np.floating], amplitude: NDArray[np.floating] | None, layers: Layers, *, targets: int = 1,
-    circle_mm: float | None = None,
-) -> Evidence:  # fmt: skip
+    range_mm: NDArray[np.floating], layers: Layers, *, targets: int = 1, circle_mm: float | None = None
+) -> Evidence:
     """Evidence of the samples of a block.
 
     Parameters
     ----------
     range_mm : (sample, row, col) array of float
         Samples, mm, not finite where invalid; the targets of a frame follow each other.
-    amplitude : array of float, optional
-        Amplitudes of the samples, of the same shape.
     layers : Layers
         Of the leading shape (row, col).
     targets : int
@@ -47,69 +46,17 @@ def gather_evidence(
     flat = layers.reshaped((pixels,))
     of_layers = flat.n_modes, flat.range, flat.sigma, flat.weight
     circle = 0.0 if circle_mm is None else float(circle_mm)
-    light = None
-    if amplitude is not None:
-        light = np.full((pixels, layers.max_layers), np.nan, np.float32)
-        _mean_amplitudes(
-            samples, np.ascontiguousarray(amplitude, np.float32).reshape(samples.shape), *of_layers, circle, light
-        )
-        light = light.reshape(*shape, layers.max_layers)
-    frames = len(samples) // targets
-    found = np.flatnonzero(_may_pass(flat, frames))
+    with np.errstate(invalid="ignore"):
+        found = np.flatnonzero((flat.weight <= _MOST_SHARE).any(-1))
     clusters, memory = _clusters(samples, found, targets, *of_layers, circle)
     row, col = np.divmod(clusters[:, 0], shape[1])
-    return Evidence(light, np.column_stack([row, col, clusters[:, 1:]]), memory)
-
-
-def _may_pass(flat: Layers, frames: int) -> NDArray[np.bool_]:
-    """Pixels (pixel,) with a layer that is too rare to be there for most of the time."""
-    with np.errstate(invalid="ignore"):
-        rare = flat.weight * flat.n_samples[:, np.newaxis] <= LONGEST * frames
-    return np.asarray((rare & np.isfinite(flat.range)).any(-1))
+    return Evidence(np.column_stack([row, col, clusters[:, 1:]]), memory)
 
 
 @borrowing
-def _layer_of(
-    value: float, count: int, mean: Float32Array, sigma: Float32Array, weight: Float32Array, circle: float
-) -> int:
-    """The layer that a sample is most probably of; -1 if it is far from all."""
-    best, chosen = -math.inf, -1
-    for i in range(count):
-        away = value - mean[i]
-        if circle > 0.0:
-            away -= circle * round(away / circle)
-        z = abs(away) / sigma[i]
-        if z <= _FARTHEST:
-            density = math.log(max(weight[i], 1.0e-12) / sigma[i]) - 0.5 * z * z
-            if density > best:
-                best, chosen = density, i
-    return chosen
-
-
-@jit
-def _mean_amplitudes(
-    samples: Float32Array, light: Float32Array, n_modes: NDArray[np.uint8], mean: Float32Array, sigma: Float32Array,
-    weight: Float32Array, circle: float, out: Float32Array,
-) -> None:  # fmt: skip
-    """Fill `out` (pixel, layer) with the mean amplitude of each layer's samples."""
-    total, count = np.zeros(out.shape), np.zeros(out.shape, np.int64)
-    for t in range(samples.shape[0]):
-        for pixel in range(samples.shape[1]):
-            k = np.int64(n_modes[pixel])
-            value, bright = samples[t, pixel], light[t, pixel]
-            if k == 0 or not (math.isfinite(value) and math.isfinite(bright)):
-                continue
-            if k == 1 and circle <= 0.0:
-                i = 0 if abs(value - mean[pixel, 0]) <= _FARTHEST * sigma[pixel, 0] else -1
-            else:
-                i = _layer_of(value, k, mean[pixel], sigma[pixel], weight[pixel], circle)
-            if i >= 0:
-                total[pixel, i] += bright
-                count[pixel, i] += 1
-    for pixel in range(out.shape[0]):
-        for i in range(np.int64(n_modes[pixel])):
-            if count[pixel, i] > 0:
-                out[pixel, i] = total[pixel, i] / count[pixel, i]
+def _signed(count: int) -> int:
+    """A count of 8 bits as a signed number: numba takes a difference of signed and unsigned ones for a float."""
+    return np.int64(count)  # type: ignore[return-value]  # an int to the compiler
 
 
 @jit
@@ -117,61 +64,82 @@ def _clusters(
     samples: Float32Array, pixels: NDArray[np.int64], targets: int, n_modes: NDArray[np.uint8], mean: Float32Array,
     sigma: Float32Array, weight: Float32Array, circle: float,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Layers of some pixels whose samples come close in time: pixel, `CLUSTER_FIELDS` from the layer on, and the memory."""
+    """Layers of some pixels whose samples come close in time, and the memory (4,) of samples.
+
+    A line (n, 8) of the former is the pixel, and `CLUSTER_FIELDS` from the layer on.
+    """
     frames, most = samples.shape[0] // targets, mean.shape[1]
-    rank = _ranks(samples, targets)
-    used = rank[-1]
+    rank = np.empty(frames, np.int64)
     where, count = np.empty((most, frames), np.int64), np.zeros(most, np.int64)
     found, memory = np.empty((len(pixels) * most, 8)), np.zeros(4)
     kept = 0
     for pixel in pixels:
-        k = np.int64(n_modes[pixel])
-        main = 0
-        for i in range(k):
-            count[i] = 0
-            if weight[pixel, i] > weight[pixel, main]:
-                main = i
-        before, at = 0.0, -2
-        for t in range(frames * targets):
-            value = samples[t, pixel]
-            if not math.isfinite(value):
-                continue
-            i = _layer_of(value, k, mean[pixel], sigma[pixel], weight[pixel], circle)
-            frame = t // targets
-            if i >= 0 and (count[i] == 0 or where[i, count[i] - 1] != frame):
-                where[i, count[i]] = frame
-                count[i] += 1
-            if i == main:
-                away = value - mean[pixel, i]
-                if circle > 0.0:
-                    away -= circle * round(away / circle)
-                memory[1] += (away / sigma[pixel, i]) ** 2
-                if rank[frame] == at + 1:
-                    memory[0] += before * away / sigma[pixel, i] ** 2
-                before, at = away, rank[frame]
+        k = _signed(n_modes[pixel])
+        used = float(_rank_frames(samples[:, pixel], targets, rank))
+        of_pixel = mean[pixel], sigma[pixel], weight[pixel]
+        _sort_by_layer(samples[:, pixel], targets, k, of_pixel, circle, rank, where, count, memory)
         for i in range(k):
             m = count[i]
             if m < 2 or m > LONGEST * used:  # noqa: PLR2004  one sample is no group
                 continue
-            best, chosen_first, chosen_count = WORTH_KEEPING, 0, m
-            for outside in range(min(int(MOST_OUTSIDE * m), m - 2) + 1):
-                inside = m - outside
-                for start in range(outside + 1):
-                    first, last = where[i, start], where[i, start + inside - 1]
-                    length = rank[last] - rank[first] + 1
-                    if length > LONGEST * used:
-                        continue
-                    chance = log_chance(float(used), float(m), float(outside), float(length))
-                    if chance < best:
-                        best = chance
-                        line = found[kept]
-                        line[0], line[1], line[2], line[3], line[4] = pixel, i, used, m, outside
-                        line[5], line[6], line[7] = length, first, last
-                        chosen_first, chosen_count = start, inside
-            if best < WORTH_KEEPING:
+            line = found[kept]
+            line[0], line[1], line[2], line[3] = pixel, i, used, m
+            if _shortest(rank, where[i], m, line):
                 kept += 1
-            _add_pairs(rank, where[i], chosen_first, chosen_count, memory)
+                start = 0
+                while where[i, start] < line[6]:
+                    start += 1
+                _add_pairs(rank, where[i], start, m - int(line[4]), memory)
+            else:
+                _add_pairs(rank, where[i], 0, m, memory)
     return found[:kept].copy(), memory
+
+
+@borrowing
+def _sort_by_layer(
+    series: Float32Array, targets: int, k: int, of_pixel: tuple[Float32Array, Float32Array, Float32Array],
+    circle: float, rank: NDArray[np.int64], where: NDArray[np.int64], count: NDArray[np.int64], memory: FloatArray,
+) -> None:  # fmt: skip
+    """Fill `where` (layer, frame) and `count` (layer,) with the frames that show each layer; add to the memory."""
+    mean, sigma, weight = of_pixel
+    main = 0
+    for i in range(k):
+        count[i] = 0
+        if weight[i] > weight[main]:
+            main = i
+    before, at = 0.0, -2
+    for t in range(len(series)):
+        value = series[t]
+        i = layer_of(value, k, mean, sigma, weight, circle) if math.isfinite(value) else -1
+        frame = t // targets
+        if i >= 0 and (count[i] == 0 or where[i, count[i] - 1] != frame):
+            where[i, count[i]] = frame
+            count[i] += 1
+        if i == main:
+            away = value - mean[i]
+            if circle > 0.0:
+                away -= circle * round(away / circle)
+            away /= sigma[i]
+            memory[1] += away * away
+            if rank[frame] == at + 1:
+                memory[0] += before * away
+            before, at = away, rank[frame]
+
+
+@borrowing
+def _shortest(rank: NDArray[np.int64], where: NDArray[np.int64], m: int, line: FloatArray) -> bool:
+    """Write the least probable interval of a layer's m frames to its line; False if none is worth keeping."""
+    best = WORTH_KEEPING
+    for outside in range(min(int(MOST_OUTSIDE * m), m - 2) + 1):
+        for start in range(outside + 1):
+            first, last = where[start], where[start + m - outside - 1]
+            length = rank[last] - rank[first] + 1
+            if length <= LONGEST * line[2]:
+                chance = log_chance(line[2], float(m), float(outside), float(length))
+                if chance < best:
+                    best = chance
+                    line[4], line[5], line[6], line[7] = outside, length, first, last
+    return best < WORTH_KEEPING
 
 
 @borrowing
@@ -187,30 +155,21 @@ def _add_pairs(rank: NDArray[np.int64], where: NDArray[np.int64], first: int, co
     memory[3] += count - 1.0 - expected
 
 
-@jit
-def _ranks(samples: Float32Array, targets: int) -> NDArray[np.int64]:
-    """Rank (frame + 1,) of each frame among those with a valid sample; the last number is how many these are."""
-    frames = samples.shape[0] // targets
-    rank = np.empty(frames + 1, np.int64)
+@borrowing
+def _rank_frames(series: Float32Array, targets: int, rank: NDArray[np.int64]) -> int:
+    """Fill `rank` (frame,) with how many frames before each have a sample; return how many have one."""
     used = 0
-    for frame in range(frames):
+    for frame in range(len(rank)):
         rank[frame] = used
-        some = False
         for t in range(frame * targets, (frame + 1) * targets):
-            for pixel in range(samples.shape[1]):
-                if math.isfinite(samples[t, pixel]):
-                    some = True
-                    break
-            if some:
+            if math.isfinite(series[t]):
+                used += 1
                 break
-        if some:
-            used += 1
-    rank[frames] = used
-    return rank
+    return used
 
 
 def warm_up(max_layers: int) -> None:
     """Compile the kernels, or load them from their cache."""
     layers = Layers.empty((1, 1), max_layers)
     samples: Any = np.full((3, 1, 1), 1000.0, np.float32)
-    gather_evidence(samples, samples, layers)
+    gather_evidence(samples, layers)

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray
-from tofmix.image.masks import count_around
+from tofmix.image.masks import around, count_around
 from tofmix.suspicion.albedo import AlbedoLaw, Surfaces, chosen, find_surfaces, log_brightness, log_evidence
 from tofmix.suspicion.declaration import FALSE_MARKS, Suspicion
 from tofmix.suspicion.scene import Scene
@@ -58,8 +58,8 @@ def _folded_surfaces(scene: Scene, surfaces: Surfaces, turn_mm: float) -> BoolAr
         return folded
     bright = surfaces.log_brightness[largest]
     gains, shapes = (np.zeros(len(largest)) for _ in range(2))
-    for place, number in enumerate(largest):
-        gains[place], shapes[place] = _gain_and_shape(scene, surfaces, int(number), turn_mm)
+    for index, number in enumerate(largest.tolist()):
+        gains[index], shapes[index] = _gain_and_shape(scene, surfaces, number, turn_mm)
     best, best_evidence, current = np.zeros(len(largest), bool), 0.0, np.zeros(len(largest), bool)
     as_it_is = log_evidence(bright)
     for step in range(len(largest) - 1):
@@ -99,31 +99,21 @@ def _gain_and_shape(scene: Scene, surfaces: Surfaces, number: int, turn_mm: floa
 
 def _beside(scene: Scene, marked: BoolArray, bright: FloatArray, law: AlbedoLaw) -> BoolArray:
     """Layers at the rim of folded surfaces: beside one, at its range, and as improbable as it is."""
-    pixels = marked.any(-1)
+    pixels = np.asarray(marked.any(-1))
     low = np.where(marked, scene.range_mm, np.inf).min(-1)
     high = np.where(marked, scene.range_mm, -np.inf).max(-1)
     found = marked.copy()
     for _ in range(2):  # rims are mixed pixels, two wide at most
         beside = count_around(pixels, 1) > 0
-        least, most = _around(low, np.minimum), _around(high, np.maximum)
+        least, most = around(low, np.minimum), around(high, np.maximum)
         at_range = (scene.range_mm >= (least * (1.0 - _BESIDE))[..., np.newaxis]) & (
             scene.range_mm <= (most * (1.0 + _BESIDE))[..., np.newaxis]
         )
         dark = ~(law.darker(bright) > 0.05)  # noqa: PLR2004  of layers at the range of a folded surface beside them
         found |= beside[..., np.newaxis] & at_range & dark
-        pixels = found.any(-1)
+        pixels = np.asarray(found.any(-1))
         low, high = np.minimum(low, np.where(pixels, least, low)), np.maximum(high, np.where(pixels, most, high))
     return found
-
-
-def _around(values: FloatArray, choose: np.ufunc) -> FloatArray:
-    """The least or most of the 3 x 3 pixels around each; beyond the image the nearest pixel counts."""
-    for axis in (0, 1):
-        pads = [(0, 0), (0, 0)]
-        pads[axis] = 1, 1
-        wide = np.moveaxis(np.pad(values, pads, mode="edge"), axis, 0)
-        values = np.moveaxis(choose(choose(wide[:-2], wide[1:-1]), wide[2:]), 0, axis)
-    return values
 
 
 FOLDED = Suspicion(

@@ -1,7 +1,7 @@
 """Near return: a nearest layer at nearly one range in nearly every pixel, with other things behind it.
 
-A cover glass or the housing sends light back on the same short way to all pixels. Farther away, one range in every pixel
-is a surface that all see through, such as a net.
+A cover glass or the housing sends light back on the same short way to all pixels. Farther away, one range in every
+pixel is a surface that all see through, such as a net.
 """
 
 import math

@@ -11,15 +11,20 @@ from itertools import product
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.image.masks import count_around
+from tofmix.image.masks import around
 from tofmix.suspicion.declaration import FALSE_MARKS, Suspicion
 from tofmix.suspicion.scene import CLUSTER_FIELDS, Scene
-from tofmix.suspicion.time_clusters import LONGEST, log_chance
 
 _ROW, _COL, _LAYER, _FRAMES, _SAMPLES, _OUTSIDE, _LENGTH, _FIRST, _LAST = range(len(CLUSTER_FIELDS))
 
+MOST_OUTSIDE = 0.2
+"""Largest share of the samples that may lie outside the interval: they are taken for others' samples."""
+
+LONGEST = 0.5
+"""Share of the frames from which on a layer is no passing one: it is there for most of the time."""
+
 BESIDE_PASSING = 0.05
-"""Chance below which a layer beside a passing one, at about the same time, is of it too: there the odds are even."""
+"""Chance below which a layer beside a passing one, in its frames alone, is of it too: there the odds are even."""
 
 _SLOPE, _NOISE_SIGMAS = (
     0.05,
@@ -38,17 +43,19 @@ def mark_passing(scene: Scene) -> BoolArray:
     found = scene.clusters
     if not len(found):
         return marked
-    chances = np.array(_log_chances(found, _memory_frames(scene.memory)))
+    memory_frames = _memory_frames(scene.memory)
+    chances = np.array(_log_chances(found, memory_frames))
     place = tuple(found[:, [_ROW, _COL, _LAYER]].astype(int).T)
-    chances[_continues(scene, *place)] = 0.0
-    sure = chances <= math.log(FALSE_MARKS)
-    while True:  # each round reaches one pixel farther
-        marked[tuple(part[sure] for part in place)] = True
-        beside = _beside(found, sure, scene.range_mm.shape[:2])
-        more = beside & ~sure & (chances <= math.log(BESIDE_PASSING))
+    may_pass = ~_continues(scene, *place)
+    sure = may_pass & (chances <= math.log(FALSE_MARKS))
+    while sure.any():  # each round reaches one pixel farther
+        beside = _log_chances_beside(found, sure, scene.range_mm.shape[:2], memory_frames)
+        more = may_pass & ~sure & (beside <= math.log(BESIDE_PASSING))
         if not more.any():
-            return marked
+            break
         sure |= more
+    marked[tuple(part[sure] for part in place)] = True
+    return marked
 
 
 def _continues(scene: Scene, row: IntArray, col: IntArray, layer: IntArray) -> BoolArray:
@@ -71,29 +78,29 @@ def _continues(scene: Scene, row: IntArray, col: IntArray, layer: IntArray) -> B
     return out
 
 
-def _beside(found: FloatArray, sure: BoolArray, shape: tuple[int, int]) -> BoolArray:
-    """Which clusters (n,) are beside or in a pixel with a sure one at about the same time."""
+def _log_chances_beside(found: FloatArray, sure: BoolArray, shape: tuple[int, int], memory_frames: float) -> FloatArray:
+    """Log chance (n,) that all frames of a cluster are those of the passing layers in its pixel and beside it.
+
+    A frame before their first and after their last counts as theirs: the thing moves. 0 where there is no such layer.
+    """
     first, last = np.full(shape, np.inf), np.full(shape, -np.inf)
     rows, cols = found[sure, _ROW].astype(int), found[sure, _COL].astype(int)
-    np.minimum.at(first, (rows, cols), found[sure, _FIRST])
-    np.maximum.at(last, (rows, cols), found[sure, _LAST])
+    np.minimum.at(first, (rows, cols), found[sure, _FIRST] - 1.0)
+    np.maximum.at(last, (rows, cols), found[sure, _LAST] + 1.0)
     row, col = found[:, _ROW].astype(int), found[:, _COL].astype(int)
-    out = np.zeros(len(found), bool)
-    near = count_around(last >= first, 1) > 0
-    for index in np.flatnonzero(near[row, col]):
-        around = slice(max(row[index] - 1, 0), row[index] + 2), slice(max(col[index] - 1, 0), col[index] + 2)
-        margin = found[index, _LENGTH]
-        meets = (first[around] - margin <= found[index, _LAST]) & (last[around] + margin >= found[index, _FIRST])
-        out[index] = bool(meets.any())
-    return out
+    least, most = around(first, np.minimum)[row, col], around(last, np.maximum)[row, col]
+    within = (least <= found[:, _FIRST]) & (most >= found[:, _LAST])
+    share = np.where(within, (most - least + 1.0) / found[:, _FRAMES], 1.0)
+    independent = 1.0 + (found[:, _SAMPLES] - 1.0) / memory_frames
+    return np.asarray(independent * np.log(np.minimum(share, 1.0)))
 
 
 def _memory_frames(memory: FloatArray) -> float:
     """How many frames tell as much as one without memory: (1 + q) / (1 - q) with the correlation q of neighbours.
 
-    q is the larger of two: that of the noise of the pixels' main layers, and that of whether a frame shows a rare layer,
-    within its interval. The latter is 0 where the samples in the interval follow each other by chance, and 1 where they
-    come in one group; an interval that they fill tells nothing. `memory` has `MEMORY_FIELDS`.
+    q is the larger of two: that of the noise of the pixels' main layers, and that of whether a frame shows a rare
+    layer, within its interval. The latter is 0 where the samples in the interval follow each other by chance, and 1
+    where they come in one group; an interval that they fill tells nothing. `memory` has `MEMORY_FIELDS`.
     """
     products, squares, pairs, most = memory
     correlation = max(products / squares if squares > 0 else 0.0, pairs / most if most > 0 else 0.0)
@@ -103,6 +110,8 @@ def _memory_frames(memory: FloatArray) -> float:
 
 def _log_chances(found: FloatArray, memory_frames: float) -> list[float]:
     """Log chance (n,) of each cluster, with frames that remember those before them."""
+    from tofmix.suspicion.time_clusters import log_chance  # compiled: readers of marks do not wait for it
+
     out = []
     for line in found:
         # A sample stands for its successors: of m samples in a row, 1 + (m - 1) / memory are independent.

@@ -1,8 +1,8 @@
 """Scattered light: a layer at the range of a bright surface elsewhere in the image, and far too dark for a surface.
 
-Light of a bright thing that scatters within the lens takes the same time, so that other pixels see a layer at its range.
-A real surface of that brightness is possible, but improbable by the albedos of the scene; and over many pixels it would
-be flat, where scattered light has one range.
+Light of a bright thing that scatters within the lens takes the same time, so that other pixels see a layer at its
+range. A real surface of that brightness is possible, but improbable by the albedos of the scene; and over many pixels
+it would be flat, where scattered light has one range.
 """
 
 import numpy as np
@@ -19,7 +19,9 @@ MOST_SCATTERED = 0.05
 
 MOST_SOURCES = 4  # bright things that are looked at, from the brightest on
 
-_AT_RANGE = 3.0  # standard errors
+_AT_RANGE = 3.0  # standard deviations
+
+_SLOPE = 0.1  # how much ranges of one surface differ between neighbouring pixels, of the range
 
 _BRIGHTER_BESIDE = 2.0  # times, that scattered light may be brighter beside the bright thing than elsewhere
 
@@ -50,14 +52,16 @@ def mark_scattered(scene: Scene) -> BoolArray:
             law = AlbedoLaw.of(surfaces.log_brightness[others])
             candidates = at_range & (scene.amplitude <= MOST_SCATTERED * scene.amplitude[source])
             improbable = _improbable(scene, candidates, bright, law, source)
-            marked |= _without_rims(scene.amplitude, at_range, improbable)
+            with np.errstate(invalid="ignore"):
+                close = np.abs(scene.range_mm / scene.range_mm[source] - 1.0) <= _SLOPE
+            marked |= _without_rims(scene.amplitude, known & close, improbable)
         light = np.where(at_range, 0.0, light)
     return marked
 
 
 def _agrees(scene: Scene, source: tuple[np.intp, ...]) -> BoolArray:
-    """Layers (row, col, layer) at the range of a source."""
-    error = np.maximum(_AT_RANGE * np.hypot(scene.stderr_mm, scene.stderr_mm[source]), scene.sigma_mm)
+    """Layers (row, col, layer) at the range of a source, or that one of their samples may be of."""
+    error = _AT_RANGE * np.maximum(np.hypot(scene.stderr_mm, scene.stderr_mm[source]), scene.sigma_mm)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.abs(scene.range_mm - scene.range_mm[source]) <= error)
 
@@ -76,18 +80,18 @@ def _improbable(
         common = scene.range_mm[source]
         even = rms(range_mm - common)
         shape = evidence_nats(even / common, flat / common, rms(stderr) / common, len(row) - PLANE_NUMBERS)
-    return candidates & (law.darker(bright) * np.exp(-shape) <= FALSE_MARKS)
+    return np.asarray(candidates & (law.darker(bright) * np.exp(-shape) <= FALSE_MARKS))
 
 
-def _without_rims(amplitude: FloatArray, at_range: BoolArray, improbable: BoolArray) -> BoolArray:
+def _without_rims(amplitude: FloatArray, close: BoolArray, improbable: BoolArray) -> BoolArray:
     """The improbable layers without those that may be the rim of a surface, which fills a part of their pixel.
 
-    Beside a surface at that range, a layer is scattered light only if it is no brighter than that is elsewhere.
+    Beside a surface at about that range (`close`), a layer is scattered light only if it is no brighter than elsewhere.
     """
-    beside = count_around((at_range & ~improbable).any(-1), 1) > 0
+    beside = count_around(np.asarray((close & ~improbable).any(-1)), 1) > 0
     apart = improbable & ~beside[..., np.newaxis]
     most = _BRIGHTER_BESIDE * np.where(apart, amplitude, -np.inf).max(initial=-np.inf)
-    return improbable & (apart | (amplitude <= most))
+    return np.asarray(improbable & (apart | (amplitude <= most)))
 
 
 SCATTERED_LIGHT = Suspicion(

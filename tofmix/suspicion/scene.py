@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.arrays import Float32Array, FloatArray
+from tofmix.arrays import FloatArray
 from tofmix.flags import Mixing
 from tofmix.layers import Layers
 from tofmix.optics.projection import beam_directions_of
@@ -28,15 +28,12 @@ class Evidence(NamedTuple):
 
     Parameters
     ----------
-    amplitude : (row, col, layer) float32 or None
-        Mean amplitude of each layer's samples, NaN where it is not known; None: the recording has none.
     clusters : (n, 9) float64
         `CLUSTER_FIELDS` of layers whose samples come close in time.
     memory : (4,) float64
         `MEMORY_FIELDS`.
     """
 
-    amplitude: Float32Array | None
     clusters: FloatArray
     memory: FloatArray
 
@@ -52,22 +49,15 @@ NO_CLUSTERS = np.zeros((0, len(CLUSTER_FIELDS)))
 """No layer comes close in time."""
 
 
-def joined(pieces: Sequence[tuple[int, int, Evidence]], image: tuple[int, int], max_layers: int) -> Evidence:
-    """Evidence of an image (rows, columns) from that of its pieces, each with its first row and column."""
-    amplitude = None
-    if any(part.amplitude is not None for _, _, part in pieces):
-        amplitude = np.full((*image, max_layers), np.nan, np.float32)
-        for row, col, part in pieces:
-            if part.amplitude is not None:
-                rows, cols = part.amplitude.shape[:2]
-                amplitude[row : row + rows, col : col + cols] = part.amplitude
+def joined(pieces: Sequence[tuple[int, int, Evidence]]) -> Evidence:
+    """Evidence of an image from that of its pieces, each with its first row and column."""
     clusters, memory = [NO_CLUSTERS], np.zeros(len(MEMORY_FIELDS))
     for row, col, part in pieces:
         moved = part.clusters.copy()
         moved[:, :2] += row, col
         clusters.append(moved)
         memory += part.memory
-    return Evidence(amplitude, np.concatenate(clusters), memory)
+    return Evidence(np.concatenate(clusters), memory)
 
 
 class Scene(NamedTuple):
@@ -122,21 +112,19 @@ def make_scene(layers: Layers, evidence: Evidence, sensor: Sensor, *, circle_mm:
     """
     sigma = layers.sigma.astype(np.float64)
     stderr = layers.range_stderr.astype(np.float64)
-    amplitude, clusters, memory = evidence
-    light = None if amplitude is None else amplitude.astype(np.float64)
+    clusters, memory = evidence
+    light = None if layers.amplitude is None else layers.amplitude.astype(np.float64)
     if layers.mixing is not None:
         unmixed = layers.mixing == int(Mixing.PHASOR)
-        if light is not None:
-            light[unmixed] = np.nan
         clusters = clusters[~unmixed[clusters[:, 0].astype(int), clusters[:, 1].astype(int)]]
-    optics = sensor.optics
+    optics, (rows, cols) = sensor.optics, layers.shape
     return Scene(
         range_mm=layers.range.astype(np.float64),
         sigma_mm=sigma,
         stderr_mm=np.where(np.isfinite(stderr), stderr, sigma),
         weight=layers.weight.astype(np.float64),
         amplitude=light,
-        directions=None if optics is None else beam_directions_of(optics, layers.shape),
+        directions=None if optics is None else beam_directions_of(optics, (rows, cols)),
         turn_mm=_turn_mm(sensor) if circle_mm is None else circle_mm,
         clusters=clusters,
         memory=memory,

@@ -8,12 +8,6 @@ import math
 
 from tofmix.compiled.jit import borrowing
 
-MOST_OUTSIDE = 0.2
-"""Largest share of the samples that may lie outside the interval: they are taken for others' samples."""
-
-LONGEST = 0.5
-"""Share of the frames from which on a layer is no passing one: it is there for most of the time."""
-
 
 @borrowing
 def log_choose(n: float, k: float) -> float:

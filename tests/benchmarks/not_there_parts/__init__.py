@@ -1,1 +1,1 @@
-"""Parts of `not_there.py`: a module for each situation."""
+"""The parts of `not_there.py`, a module each."""

@@ -4,6 +4,7 @@ A near board of two edges before a wall, recorded without the package: the edges
 of edge points are in pixels, across the edge.
 """
 
+import argparse
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -57,7 +58,7 @@ def shares() -> Values:
 
 
 def record(case: Case, *, seed: int, texture: float = TEXTURE, dims: bool = False) -> tm.Recording:
-    """Draw the samples of a case; with `dims`, a detection's amplitude too is that of the part that the surface covers."""
+    """Draw the samples of a case; with `dims`, the amplitude of a detection too goes with the part that is covered."""
     draw = np.random.default_rng(seed)
     share = shares()
     grain = np.exp(texture * draw.standard_normal((2, ROWS, COLS)))
@@ -84,8 +85,10 @@ def record(case: Case, *, seed: int, texture: float = TEXTURE, dims: bool = Fals
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errors:
-    """Of edge points: median and root mean square, pixels, across the edge; median of the stated errors; and the part
-    within two of them.
+    """Errors of edge points.
+
+    Their median and root mean square, pixels, across the edge; the median of the stated errors; and the part within
+    two of these.
     """
 
     median: float
@@ -118,8 +121,8 @@ def edges_of(recording: tm.Recording, law: ShareLaw | None) -> Edges:
 def print_shares(seeds: list[int]) -> None:
     """Print a row for each case, with and without its law."""
     print(
-        "\n**Edges where shares are no areas** (pixels)\n\n| camera | law | median error | rms | stated | within two stated"
-        " errors | stated, over that of areas |\n|---|---|---|---|---|---|---|"
+        "\n**Edges where shares are no areas** (pixels)\n\n| camera | law | median error | rms | stated | within two"
+        " stated errors | stated, over that of areas |\n|---|---|---|---|---|---|---|"
     )
     usual = 1.0
     for case in CASES:
@@ -133,3 +136,10 @@ def print_shares(seeds: list[int]) -> None:
                 f" {row[3]:.2f} | {row[2] / usual:.2f} |",
                 flush=True,
             )
+
+
+def main(arguments: list[str]) -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2])
+    print_shares(parser.parse_args(arguments).seeds)

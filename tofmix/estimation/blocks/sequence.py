@@ -170,9 +170,9 @@ class _Work(Generic[T]):
                     phasors[window, place, piece_cols] = mean_phasors(samples, light, self._sensor)
                 if self._evidence:
                     circle_mm = self._options.unambiguous_range_mm
-                    found = gather_evidence(samples, light, layers, targets=self._each, circle_mm=circle_mm)
+                    found = gather_evidence(samples, layers, targets=self._each, circle_mm=circle_mm)
                     pieces.append((place.start, piece_cols.start, found))
-            evidence.append(joined(pieces, (rows, cols), self._options.max_layers))
+            evidence.append(joined(pieces))
         if self._evidence:
             return self._finish(out, phasors, evidence)
         return self._finish(out) if phasors is None else self._finish(out, phasors)
@@ -294,7 +294,7 @@ def estimate_windows(
             getattr(out, spec.name)[cell.windows, cell.rows] = getattr(layers, spec.name)
         if phasors is not None:
             phasors[cell.windows, cell.rows] = found[0]
-    evidence = [joined(parts, (rows, cols), options.max_layers) for parts in pieces]
+    evidence = [joined(parts) for parts in pieces]
     first_frames = [window * windows.stride // samples_a_frame(source) for window in range(windows.count)]
     insist = options.mixing is MixingChoice.PHASOR
     done = [

@@ -20,14 +20,14 @@ COMPRESSION_LEVEL = 1
 """The fastest level of gzip: packing must not slow down the kernels."""
 
 
-_EVIDENCE_CHUNKS = 3  # amplitudes of layers, clusters in time, and the memory of samples
+_EVIDENCE_CHUNKS = 2  # clusters in time, and the memory of samples
 
 
 class EncodedCell(NamedTuple):
     """One chunk for each dataset of the layers, and how many pixels have 0, 1, 2, ... surfaces.
 
-    Where layers are still to be unmixed, another chunk holds the mean phasors. In journals, the last three hold
-    the evidence of suspicions: amplitudes of layers, if they are known, clusters in time, and memory.
+    Where layers are still to be unmixed, another chunk holds the mean phasors. In journals, the last two hold
+    the evidence of suspicions: clusters in time, and memory.
     """
 
     tally: tuple[int, ...]
@@ -100,16 +100,12 @@ def decode_cell(
     return Layers(**arrays), phasors.astype(np.float32)
 
 
-def decode_evidence(encoded: EncodedCell, *, max_layers: int, cell: tuple[int, int, int]) -> list[Evidence]:
-    """Decode the evidence of each window of a cell of `cell` windows, rows and columns."""
-    light, times, sums = encoded.chunks[-_EVIDENCE_CHUNKS:]
-    amplitude = _unpacked(light, np.dtype("<f4")).astype(np.float32)
+def decode_evidence(encoded: EncodedCell, windows: int) -> list[Evidence]:
+    """Decode the evidence of each window of a cell of so many windows."""
+    times, sums = encoded.chunks[-_EVIDENCE_CHUNKS:]
     clusters = _unpacked(times, np.dtype("<f8")).astype(np.float64).reshape(-1, 1 + len(CLUSTER_FIELDS))
-    memory = _unpacked(sums, np.dtype("<f8")).astype(np.float64).reshape(cell[0], -1)
-    images = amplitude.reshape(*cell, max_layers) if amplitude.size else [None] * cell[0]
-    return [
-        Evidence(images[window], clusters[clusters[:, 0] == window, 1:], memory[window]) for window in range(cell[0])
-    ]
+    memory = _unpacked(sums, np.dtype("<f8")).astype(np.float64).reshape(windows, -1)
+    return [Evidence(clusters[clusters[:, 0] == window, 1:], memory[window]) for window in range(windows)]
 
 
 def fill_of(spec: LayerField) -> float:
@@ -117,15 +113,14 @@ def fill_of(spec: LayerField) -> float:
     return np.nan if spec.dtype.startswith("f") else 0
 
 
-def _evidence_chunks(evidence: Sequence[Evidence]) -> tuple[bytes, bytes, bytes]:
-    light = [part.amplitude for part in evidence if part.amplitude is not None]
-    amplitude = np.stack(light) if light else np.zeros(0, np.float32)
+def _evidence_chunks(evidence: Sequence[Evidence]) -> tuple[bytes, bytes]:
     clusters = [
         np.column_stack([np.full(len(part.clusters), float(window)), part.clusters])
         for window, part in enumerate(evidence)
     ]
     memory = np.stack([part.memory for part in evidence])
-    return tuple(_packed(part) for part in (amplitude.astype("<f4"), np.concatenate(clusters).astype("<f8"), memory))
+    times = np.concatenate(clusters)
+    return _packed(times.astype("<f8")), _packed(memory.astype("<f8"))
 
 
 def _chunks(layers: Layers, shape: tuple[int, int, int]) -> Iterator[bytes]:

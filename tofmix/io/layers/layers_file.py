@@ -316,6 +316,10 @@ class LayersFile:
                 counts += np.bincount(self.read_field("n_modes", window)[undecided], minlength=len(counts))
         return tuple(counts.tolist())
 
+    def suspects(self, window: int) -> int:
+        """Suspect layers of a window."""
+        return int(np.count_nonzero(self.read_field(SUSPECT.name, window))) if SUSPECT.name in self.names else 0
+
     def header_image(self) -> bytes:
         """`header_image` of a run that would write this file."""
         starts, stops, step = self.window_start, self.window_stop, self._datasets["range"].chunks

@@ -31,6 +31,7 @@ from tofmix.io.verify.recording import verify_recording
 from tofmix.io.verify.storage import check_storage
 from tofmix.io.verify.surfaces import verify_surfaces
 from tofmix.layers import LAYER_FIELDS, OPTIONAL_FIELDS
+from tofmix.suspicion.rules import suspect_rules
 from tofmix.wording import counted
 
 _VERDICTS = ("agree", "explained", "partly_explained", "unexplained")
@@ -137,10 +138,8 @@ def _check_block(layers: LayersFile, windows: slice, rows: slice, findings: Find
     frames = layers.window_stop[windows].astype(np.int64) - layers.window_start[windows].astype(np.int64)
     offset = (windows.start, rows.start, 0)
     made = layers.provenance
-    rules = layer_rules(
-        block, frames, circle_mm=made.unambiguous_range_mm, samples_a_frame=made.samples_a_frame
-    )  # fmt: skip
-    for rule in rules:
+    rules = layer_rules(block, frames, circle_mm=made.unambiguous_range_mm, samples_a_frame=made.samples_a_frame)
+    for rule in (*rules, *suspect_rules(block)):
         findings.add_broken(rule.name, rule.text, rule.broken, _PLACE, offset)
 
 

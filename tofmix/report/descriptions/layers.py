@@ -6,12 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.flags import Status, status_name
+from tofmix.layers import SUSPECT
 from tofmix.report.descriptions.description import Description, Section
 from tofmix.report.descriptions.sections import noise_section, sensor_section, view_findings
 from tofmix.report.sources import LayersSource
-from tofmix.report.summary.findings import count_findings, target_findings
+from tofmix.report.summary.findings import count_findings, suspect_findings, target_findings
 from tofmix.report.summary.lost import LostTally
 from tofmix.report.summary.summary import remedy_for
+from tofmix.suspicion.counting import count_suspects
 
 
 class LayersHeader(LayersSource, Protocol):
@@ -19,7 +21,7 @@ class LayersHeader(LayersSource, Protocol):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of its datasets."""
+        """Datasets that are there."""
 
     def read_field(self, name: str, window: int) -> NDArray[Any]:
         """One dataset of one window."""
@@ -31,10 +33,14 @@ def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Descri
     provenance = file.provenance
     surfaces = np.zeros(file.max_layers + 1, dtype=np.int64)
     lost, frames = LostTally(), int(file.window_stop[0] - file.window_start[0])
+    suspects = count_suspects(None)
     by_status: dict[str, int] = dict.fromkeys((status_name(s) for s in Status), 0)
     for window in range(windows):
         counts = np.bincount(file.read_field("n_modes", window).ravel(), minlength=file.max_layers + 1)
         surfaces += counts[: file.max_layers + 1]
+        marks = file.read_field(SUSPECT.name, window) if SUSPECT.name in file.names else None
+        for kind, count in count_suspects(marks).items():
+            suspects[kind] += count
         status = file.read_field("status", window)
         if "invalid_share" in file.names:
             lost.add(file.read_field("invalid_share", window), status, frames)
@@ -62,6 +68,7 @@ def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Descri
     sections |= {"noise": noise} if noise else {}
     law = file.mixing_law
     sections |= {"mixing": {"law": law.words(), **law.as_dict()}} if law is not None else {}
+    sections |= {"suspect_layers": {**suspects}} if any(suspects.values()) else {}
     warnings = count_findings(
         pixels=windows * rows * cols, by_status=by_status, by_surfaces=surfaces.tolist(), max_layers=file.max_layers,
         remedy=remedy_for(provenance, windows), lost=lost.too_few,
@@ -75,6 +82,7 @@ def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Descri
             *of_losses,
             *warnings,
             *target_findings(provenance.targets),
+            *suspect_findings(suspects),
             *view_findings(provenance.sensor, (rows, cols)),
         ),
     )

@@ -21,6 +21,7 @@ from tofmix.report.summary.summary import Summary, noise_of, summarise
 from tofmix.report.summary.tables import ordinal
 from tofmix.sensor import Sensor
 from tofmix.surfaces.found import WindowSurfaces
+from tofmix.suspicion.registry import SUSPICIONS
 from tofmix.wording import counted
 
 SCRIPTS = tuple(f"explorer/{name}.js" for name in ("explorer_data", "explorer_plots", "explorer", "explorer_views"))
@@ -113,6 +114,7 @@ def render_page(
         window_text=_window_text(summary, window, frames),
         averaged_text=_averaged_text(averaged, recorded=recording is not None),
         summary=summary,
+        suspicions=SUSPICIONS,
         ordinal=ordinal,
         gallery=pictures.draw_gallery(layers, averaged, sensor, scale=scale, frames=frames[1] - frames[0]),
         explorer=explorer,

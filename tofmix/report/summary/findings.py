@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from tofmix.flags import Status, status_name
 from tofmix.layers import MAX_LAYERS_LIMIT
 from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
+from tofmix.suspicion.registry import SUSPICIONS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -216,6 +217,15 @@ def target_findings(targets: int) -> list[Finding]:
         return []
     text = f"Each pixel has up to {targets} targets a frame. A share is the share of its detections, not of the beam."
     return [Finding(code="shares_of_detections", text=text)]
+
+
+def suspect_findings(counts: Mapping[str, int]) -> list[Finding]:
+    """Say how many layers are suspect; `counts` are those of each name in `tofmix.suspicion.registry`."""
+    said = [f"{counts[s.name]:,} {s.short} ({s.meaning})" for s in SUSPICIONS if counts.get(s.name)]
+    if not said:
+        return []
+    text = f"Suspect layers: {'; '.join(said)}. map, export and surfaces leave them out without --suspect."
+    return [Finding(code="suspect_layers", text=text)]
 
 
 def sigma_findings(

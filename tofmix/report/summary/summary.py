@@ -22,6 +22,7 @@ from tofmix.report.summary.findings import (
     count_findings,
     sigma_findings,
     split_notes,
+    suspect_findings,
     target_findings,
 )
 from tofmix.report.summary.frames import frame_findings
@@ -31,6 +32,8 @@ from tofmix.report.summary.noise_numbers import NoiseNumbers, noise_numbers
 from tofmix.report.summary.quantiles import Quantiles, ValueCounts, spread_of
 from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from tofmix.sensor import NoiseCurve
+from tofmix.suspicion.counting import count_suspects
+from tofmix.suspicion.registry import SUSPICIONS
 from tofmix.unmixing.settings import DEFAULT_SETTINGS
 
 
@@ -91,6 +94,8 @@ class Summary:
         Pixels of `pixels_by_surfaces` with undecided mixing: their layers are not reliable.
     pixels_by_status : dict
         By the names of `tofmix.flags.Status`; a value without a name is ``status_<value>``.
+    layers_by_suspicion : dict
+        Suspect layers by the names of `tofmix.suspicion.registry`; a layer may have several.
     pixels_with_close_layers : int
         Pixels with two layers within 5 sigma (of the wider one) of each other.
     share_several_surfaces, share_no_surface : float
@@ -130,6 +135,7 @@ class Summary:
     pixels_by_peaks: tuple[int, ...]
     undecided_by_surfaces: tuple[int, ...]
     pixels_by_status: dict[str, int]
+    layers_by_suspicion: dict[str, int]
     pixels_with_close_layers: int
     share_several_surfaces: float
     share_no_surface: float
@@ -202,6 +208,7 @@ def summarise(layers_file: LayersSource, *, thresholds: Thresholds = DEFAULT_THR
         pixels_by_peaks=tuple(tally.peaks),
         undecided_by_surfaces=tuple(tally.undecided),
         pixels_by_status=tally.by_status(),
+        layers_by_suspicion=tally.suspicions,
         pixels_with_close_layers=tally.close,
         share_several_surfaces=sum(tally.surfaces[2:]) / max(1, pixels),
         share_no_surface=sum(tally.surfaces[:1]) / max(1, pixels),
@@ -292,6 +299,7 @@ class _FindingTally:
         self._thresholds = thresholds
         self.surfaces = [0] * (layers_file.max_layers + 1)
         self.close = 0
+        self.suspicions = dict.fromkeys((suspicion.name for suspicion in SUSPICIONS), 0)
         self._status: dict[int, int] = {}
         self.dominant_ratio = ValueCounts()
         self.lost = LostTally()
@@ -301,6 +309,8 @@ class _FindingTally:
         self.surfaces = _added(self.surfaces, window.n_modes)
         self.close += _close(window, self._length, self._thresholds.close_sigmas)
         self.lost.add(window.invalid_share, window.status, self._frames)
+        for name, count in count_suspects(window.suspect).items():
+            self.suspicions[name] += count
         values, counts = np.unique(window.status, return_counts=True)
         for value, count in zip(values.tolist(), counts.tolist(), strict=True):
             self._status[value] = self._status.get(value, 0) + count
@@ -348,7 +358,10 @@ class _FindingTally:
             total=int(layers_file.window_stop[-1]) + provenance.frames_left_out,
             remedy=remedy,
         )
-        return *of_sigma, *of_losses, *of_counts, *of_light, *of_frames, *target_findings(provenance.targets)
+        return (
+            *of_sigma, *of_losses, *of_counts, *of_light, *of_frames, *target_findings(provenance.targets),
+            *suspect_findings(self.suspicions),
+        )  # fmt: skip
 
     def by_status(self) -> dict[str, int]:
         named = {status_name(s): self._status.get(int(s), 0) for s in Status}

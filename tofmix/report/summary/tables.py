@@ -7,6 +7,7 @@ import textwrap
 
 from tofmix.report.summary.quantiles import Quantiles
 from tofmix.report.summary.summary import LayerSummary, Summary
+from tofmix.suspicion.registry import SUSPICIONS
 from tofmix.wording import counted, number, percent_of
 
 COLUMNS = 80
@@ -36,7 +37,16 @@ def format_table(summary: Summary) -> str:
     str
         About 25 lines of at most 80 ASCII characters, but for commands; without a newline at the end.
     """
-    lines = [*_head(summary), "", *_surfaces(summary), "", *_layers(summary), "", *_status(summary)]
+    lines = [
+        *_head(summary),
+        "",
+        *_surfaces(summary),
+        "",
+        *_layers(summary),
+        *_suspects(summary),
+        "",
+        *_status(summary),
+    ]
     for finding in (*summary.warnings, *summary.notes):
         kind = "note" if finding.is_note else "warning"
         lines += textwrap.wrap(f"{kind}: {finding.text}", COLUMNS, subsequent_indent="  ")
@@ -86,6 +96,14 @@ def _surfaces(summary: Summary) -> list[str]:
     if undecided := sum(summary.undecided_by_surfaces):
         lines.append(f"{'undecided':<16}{undecided:>10}{percent_of(undecided, summary.pixels):>9}  not counted above")
     return lines
+
+
+def _suspects(summary: Summary) -> list[str]:
+    """A line for each suspicion that marks a layer, after an empty one."""
+    layers = sum(layer.count for layer in summary.layers)
+    marked = [(suspicion.short, summary.layers_by_suspicion[suspicion.name]) for suspicion in SUSPICIONS]
+    lines = [f"{short:<24}{count:>10}{percent_of(count, layers):>9}" for short, count in marked if count]
+    return ["", f"{'suspect':<24}{'layers':>10}{'share':>9}", *lines] if lines else []
 
 
 def _layers(summary: Summary) -> list[str]:

@@ -1,0 +1,178 @@
+"""Marks on scenes that are made up layer by layer: what is not there is marked, what is there is not."""
+
+import math
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from tofmix.arrays import FloatArray
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.projection import beam_directions_of
+from tofmix.suspicion.albedo import ALBEDO_SPREAD, AlbedoLaw
+from tofmix.suspicion.declaration import FALSE_MARKS
+from tofmix.suspicion.folded import mark_folded
+from tofmix.suspicion.near_return import mark_near_return
+from tofmix.suspicion.passing import mark_passing
+from tofmix.suspicion.registry import SUSPICIONS
+from tofmix.suspicion.scattered_light import mark_scattered
+from tofmix.suspicion.scene import NO_CLUSTERS, Scene
+from tofmix.suspicion.time_clusters import log_chance
+
+TURN_MM = 7495.0
+OPTICS = Equiangular(fov_horizontal_deg=47.0, fov_vertical_deg=39.0)
+
+
+def scene(range_mm: FloatArray, amplitude: FloatArray | None = None, *, view: bool = True, weight: float = 0.5,
+          clusters: FloatArray = NO_CLUSTERS, memory: FloatArray | None = None) -> Scene:  # fmt: skip
+    """Layers (row, col, layer) with a sigma of 10 mm and a standard error of 1 mm."""
+    there = np.isfinite(range_mm)
+    return Scene(
+        range_mm=range_mm,
+        sigma_mm=np.where(there, 10.0, np.nan),
+        stderr_mm=np.where(there, 1.0, np.nan),
+        weight=np.where(there, weight, np.nan),
+        amplitude=amplitude,
+        directions=beam_directions_of(OPTICS, range_mm.shape[:2]) if view else None,
+        turn_mm=TURN_MM,
+        clusters=clusters,
+        memory=np.zeros(4) if memory is None else memory,
+    )
+
+
+def light(range_mm: FloatArray, albedo: FloatArray | float) -> FloatArray:
+    return np.asarray(1000.0 * albedo * (1000.0 / range_mm) ** 2)
+
+
+def boards(shape: tuple[int, int] = (24, 32)) -> tuple[FloatArray, FloatArray]:
+    """A wall, NaN, with two boards before it: ranges and albedos (row, col)."""
+    range_mm, albedo = np.full(shape, np.nan), np.full(shape, 0.6)
+    for rows, cols, away, white in ((slice(2, 10), slice(2, 10), 1800, 0.8), (slice(12, 20), slice(18, 28), 2700, 0.4)):
+        range_mm[rows, cols], albedo[rows, cols] = away, white
+    return range_mm, albedo
+
+
+def folded_wall(view: bool, wall_mm: float = 9800.0) -> tuple[Scene, FloatArray]:
+    near, albedo = boards()
+    cosine = beam_directions_of(OPTICS, near.shape)[..., 2]
+    is_wall = np.isnan(near)
+    true = np.where(is_wall, wall_mm, near) / cosine
+    range_mm = np.mod(true, TURN_MM)
+    made = scene(range_mm[..., np.newaxis], light(true, albedo)[..., np.newaxis], view=view)
+    return made, is_wall
+
+
+@pytest.mark.parametrize("view", [True, False])
+def test_folded_wall_is_marked_and_boards_are_not(view: bool) -> None:
+    made, is_wall = folded_wall(view)
+    marked = mark_folded(made)[..., 0]
+    assert marked[is_wall].all()
+    assert not marked[~is_wall].any()
+
+
+def test_wall_within_the_turn_is_not_marked_as_folded() -> None:
+    made, _ = folded_wall(view=True, wall_mm=4000.0)
+    assert not mark_folded(made).any()
+
+
+def test_black_wall_that_is_near_and_flat_is_not_marked_as_folded() -> None:
+    near, albedo = boards()
+    cosine = beam_directions_of(OPTICS, near.shape)[..., 2]
+    range_mm = np.where(np.isnan(near), 2300.0, near) / cosine
+    amplitude = light(range_mm, np.where(np.isnan(near), 0.03, albedo))
+    assert not mark_folded(scene(range_mm[..., np.newaxis], amplitude[..., np.newaxis])).any()
+
+
+def test_folded_wall_without_amplitudes_is_not_marked() -> None:
+    made, _ = folded_wall(view=True)
+    assert not mark_folded(made._replace(amplitude=None)).any()
+    assert not mark_folded(made._replace(turn_mm=None)).any()
+
+
+def ghost(amplitude: float, bright: float = 4000.0) -> Scene:
+    """Eight by eight zones with a layer at 1.2 m, bright in one of them, before a wall at 2.6 m."""
+    range_mm = np.stack([np.full((8, 8), 1200.0), np.full((8, 8), 2600.0)], axis=-1)
+    strength = np.full((8, 8), amplitude)
+    strength[3, 4] = bright
+    return scene(range_mm, np.stack([strength, light(range_mm[..., 1], 0.6)], axis=-1))
+
+
+def test_scattered_light_is_marked_in_all_zones_but_the_bright_one() -> None:
+    marked = mark_scattered(ghost(6.0))
+    assert marked[..., 0].sum() == 63
+    assert not marked[3, 4, 0]
+    assert not marked[..., 1].any()
+
+
+def test_surface_of_usual_albedo_at_the_range_of_a_bright_one_is_not_marked() -> None:
+    assert not mark_scattered(ghost(light(np.array(1200.0), 0.3).item(), bright=20000.0)).any()
+
+
+def test_rim_of_a_bright_thing_alone_is_not_marked() -> None:
+    made = ghost(6.0)
+    apart = np.ones((8, 8), bool)
+    apart[2:5, 3:6] = False
+    made.range_mm[apart, 0], made.amplitude[apart, 0] = np.nan, np.nan  # type: ignore[index]  # it has amplitudes
+    assert not mark_scattered(made).any()
+
+
+def test_albedo_law_marks_no_more_than_its_rate() -> None:
+    rng = np.random.default_rng(1)
+    draws = rng.normal(0.0, ALBEDO_SPREAD, (20_000, 6))
+    chances = np.array([AlbedoLaw.of(line[:5]).darker(line[5:])[0] for line in draws])
+    assert (chances <= FALSE_MARKS).mean() < 2.0 * FALSE_MARKS
+    assert (chances <= 0.1).mean() == pytest.approx(0.1, abs=0.02)
+
+
+@pytest.mark.parametrize(("frames", "samples"), [(8, 2), (9, 3), (10, 5)])
+def test_chance_of_an_interval_is_that_of_all_sets(frames: int, samples: int) -> None:
+    sets = list(combinations(range(frames), samples))
+    for length in range(samples, frames):
+        exact = sum(chosen[-1] - chosen[0] + 1 <= length for chosen in sets) / len(sets)
+        assert log_chance(frames, samples, 0, length) == pytest.approx(math.log(0.5 * exact), abs=1e-9)
+        outside = sum(
+            any(chosen[k + samples - 2] - chosen[k] + 1 <= length for k in range(2)) for chosen in sets
+        ) / len(sets)
+        assert log_chance(frames, samples, 1, length) >= math.log(0.25 * outside) - 1e-9
+
+
+def passing(samples: float, length: float, memory: FloatArray | None = None, *, standing: bool = False) -> bool:
+    """Whether a layer before a wall, of `samples` of 100 frames in an interval of `length`, is marked as passing."""
+    range_mm = np.full((5, 5, 2), np.nan)
+    range_mm[..., 1] = 3000.0
+    range_mm[2, 2, 0] = 1500.0
+    made = scene(range_mm, weight=0.9)
+    if standing:
+        made.range_mm[2, 3, 0], made.weight[2, 3, 0] = 1500.0, 0.9
+    made.weight[2, 2] = 0.1, 0.9
+    cluster = np.array([[2, 2, 0, 100, samples, 0, length, 30, 30 + length - 1]], float)
+    marked = mark_passing(made._replace(clusters=cluster, memory=np.zeros(4) if memory is None else memory))
+    return bool(marked[2, 2, 0])
+
+
+def test_samples_close_in_time_are_passing() -> None:
+    assert passing(10, 12)
+    assert not passing(3, 40)
+
+
+def test_memory_of_samples_makes_groups_in_time_count_less() -> None:
+    assert passing(4, 4)
+    assert not passing(4, 4, np.array([0.9, 1.0, 0.0, 0.0]))
+
+
+def test_edge_of_a_standing_surface_is_not_passing() -> None:
+    assert not passing(10, 12, standing=True)
+
+
+def test_cover_glass_is_a_near_return_and_a_net_far_away_is_not() -> None:
+    behind = np.full((8, 8), 1500.0)
+    near = mark_near_return(scene(np.stack([np.full((8, 8), 25.0), behind], axis=-1)))
+    assert near[..., 0].all()
+    assert not near[..., 1].any()
+    assert not mark_near_return(scene(np.stack([np.full((8, 8), 1000.0), behind], axis=-1))).any()
+    assert not mark_near_return(scene(np.full((8, 8, 1), 76.0), weight=1.0)).any()
+
+
+def test_flags_add_up_and_names_differ() -> None:
+    assert [suspicion.flag for suspicion in SUSPICIONS] == [1, 2, 4, 8]
+    assert len({suspicion.name for suspicion in SUSPICIONS}) == len(SUSPICIONS)
