@@ -75,7 +75,11 @@ OPTIONAL_FIELDS = (NOISE_WIDTH, MIXING)
 
 
 def layer_fields(sensor: Sensor, *, mixing: bool = False) -> tuple[LayerField, ...]:
-    """Datasets of the layers that are estimated with a sensor; with `mixing`, of those that are unmixed."""
+    """Datasets of the layers that are estimated with a sensor; with `mixing`, of those that are unmixed.
+
+    A temporal filter whose samples are of several surfaces leaves pixels undecided, so they have a mixing too.
+    """
+    mixing = mixing or (sensor.temporal_filter is not None and not sensor.temporal_filter.separates)
     own = sensor.learnt is not None and sensor.noise is not None and sensor.noise.width_spread > 0
     return (*LAYER_FIELDS, *((NOISE_WIDTH,) if own else ()), *((MIXING,) if mixing else ()))
 

@@ -13,11 +13,14 @@ import numpy as np
 from tofmix.circle import has_no_return
 from tofmix.errors import BadInputError
 from tofmix.estimation.beam import beam_of, outlier_interval, step_matters
+from tofmix.estimation.blocks.sample_span import sensor_with_span
+from tofmix.estimation.filters import learn_filter
 from tofmix.estimation.noise.curve_check import is_contradicted
 from tofmix.estimation.noise.measurement import MeasuredNoise, disagreement, measure_noise
 from tofmix.estimation.noise.steps import step_of_recording
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.estimation.unrolling import UnrolledSource
+from tofmix.independent_samples import independent_samples
 from tofmix.range_step import WHOLE_MM, RangeStep
 from tofmix.recording import SampleSource, TypedSource, amplitude_source, by_target, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
@@ -192,7 +195,7 @@ class _Chooser:
         progress: Callable[[int, int], None] | None,
         before_learning: Callable[[], object] | None,
     ) -> None:
-        self.name, self.use, self.options, self.request, self.spell = name, use, options, request, spell
+        self.name, self.stored, self.options, self.request, self.spell = name, use, options, request, spell
         self.circle_mm, self.progress = options.unambiguous_range_mm, progress
         self.before_learning = before_learning
         self.notes: list[Note] = []
@@ -204,7 +207,7 @@ class _Chooser:
         noise, outliers = self.request.noise, self.request.outliers
         if given.learnt is not None and FILE == noise == outliers:
             return given  # of an earlier estimate: drift, memory and thresholds are not in the curve
-        sensor = self._without_step(given)
+        sensor = self._without_step(self._with_filter(given))
         if noise == FILE and sensor.noise is None:
             raise BadInputError(
                 f"{self.name}: sensor/noise_sigma: no noise curve; measure it with {self.spell('noise', AUTO)}, or"
@@ -230,6 +233,22 @@ class _Chooser:
         self._check_circle(sensor)
         self._note_missing_no_return(sensor)
         return self._with_step(sensor)
+
+    def use(self, sensor: Sensor) -> SampleSource:
+        """The independent samples with a sensor."""
+        return independent_samples(self.stored(sensor))
+
+    def _with_filter(self, given: Sensor) -> Sensor:
+        """The sensor with the camera's temporal filter: the file's, or the one that the samples show."""
+        if self.options.paper:
+            return replace(given, temporal_filter=None)
+        found = given.temporal_filter or learn_filter(self.stored(given))
+        if found is None:
+            return given
+        sensor = replace(given, temporal_filter=found)
+        if given.sample_max_mm is None:
+            return sensor
+        return sensor_with_span(self.use(sensor), self.circle_mm)  # an average hides the extreme samples
 
     def _check_circle(self, sensor: Sensor) -> None:
         """Refuse a circle that is too short for the noise."""

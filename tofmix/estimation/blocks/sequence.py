@@ -22,6 +22,7 @@ from tofmix.estimation.blocks.sample_span import sensor_with_span
 from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
 from tofmix.grid import Cell, Grid, plan_grid
+from tofmix.independent_samples import independent_samples
 from tofmix.layers import Layers, layer_fields
 from tofmix.recording import SampleSource, has_phasors
 from tofmix.sensor import Sensor, sensor_of_part
@@ -36,14 +37,16 @@ DEFAULT_BUFFER_BYTES = 800_000_000
 
 
 def resolved_mixing(options: EstimateOptions, source: SampleSource) -> EstimateOptions:
-    """The same options with the law of mixing that can be measured: ``events`` where samples are no phasors.
+    """The same options with the law of mixing that can be measured: ``events`` where samples are no phasors, or means over time.
 
     Raises
     ------
     ValueError
         If phasor sums are insisted on, and amplitudes or the modulation frequency are not known.
     """
-    if options.mixing is MixingChoice.EVENTS or has_phasors(source):
+    filter_ = source.sensor.temporal_filter
+    separates = filter_ is None or filter_.separates
+    if options.mixing is MixingChoice.EVENTS or (has_phasors(source) and separates):
         return options
     if options.mixing is MixingChoice.PHASOR:
         raise ValueError("mixing: phasor sums need amplitudes, a modulation frequency, and one sample a frame")
@@ -236,6 +239,7 @@ def estimate_windows(
     ValueError
         As `estimate_cells`.
     """
+    source = independent_samples(source)
     options = resolved_mixing(options or EstimateOptions(), source)
     measured = options.mixing is not MixingChoice.EVENTS
     frames, rows, cols = source.shape

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from tofmix.flags import Status, status_name
 from tofmix.layers import MAX_LAYERS_LIMIT
 from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
+from tofmix.temporal_filter import TemporalFilter
+from tofmix.wording import counted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -212,6 +214,19 @@ def target_findings(targets: int) -> list[Finding]:
         return []
     text = f"Each pixel has up to {targets} targets a frame. A share is the share of its detections, not of the beam."
     return [Finding(code="shares_of_detections", text=text)]
+
+
+def filter_findings(found: TemporalFilter | None, frames: int) -> list[Finding]:
+    """Warn of a camera that filters ranges over time: `frames` of a window tell less than they seem to."""
+    if found is None:
+        return []
+    undecided = "" if found.separates else " Pixels in which it mixes several surfaces are undecided."
+    text = (
+        f"The camera filters ranges over time ({found.words()}): {counted(frames, 'such frame')} tell as much as"
+        f" {found.worth(frames)} without it. Layers are of the independent samples.{undecided} Switch the camera's"
+        " temporal filter off, and record again."
+    )
+    return [Finding(code="temporal_filter", text=text)]
 
 
 def sigma_findings(

@@ -20,6 +20,7 @@ from tofmix.report.summary.findings import (
     Finding,
     Remedy,
     count_findings,
+    filter_findings,
     sigma_findings,
     split_notes,
     target_findings,
@@ -330,7 +331,10 @@ class _FindingTally:
             total=int(layers_file.window_stop[-1]) + provenance.frames_left_out,
             remedy=remedy,
         )
-        return *of_sigma, *of_counts, *of_light, *of_frames, *target_findings(provenance.targets)
+        of_filter = filter_findings(provenance.sensor.temporal_filter, remedy.window_frames)
+        return (
+            *of_filter, *of_sigma, *of_counts, *of_light, *of_frames, *target_findings(provenance.targets)
+        )  # fmt: skip
 
     def by_status(self) -> dict[str, int]:
         named = {status_name(s): self._status.get(int(s), 0) for s in Status}
