@@ -9,6 +9,7 @@ one surface to another within a frame, and the memory is a part of the learnt no
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -18,7 +19,12 @@ from tofmix.arrays import Float32Array, FloatArray
 MOST_WINDOW = 99
 """Longest window of a median or a mean, frames."""
 
-_QUADRATURE = 200  # points of the integral of a part of a median's distribution
+MOST_MEDIAN = 9
+"""Longest window of a median, frames: the arrangements of its neighbours are counted one by one."""
+
+_QUADRATURE = 200  # points of the integral over a surface's samples
+_DRAWN_FRAMES, _DRAWN_PIXELS, _SEED = 100, 4000, 20080922  # of the dependence of seen samples
+_QUANTILES = 2001  # of the distribution of seen samples
 
 
 class TemporalFilter(Protocol):
@@ -120,11 +126,12 @@ def _every(stored_mm: Float32Array, first: int, window: int) -> Float32Array:
 
 @dataclass(frozen=True, slots=True)
 class RunningMedian:
-    """y_t is the median of the last m samples: one frame of m is independent of the others.
+    """y_t is the median of the last m samples: the values that differ are samples, each taken once.
 
-    A median of odd m is one of the samples. Let F be the distribution of a sample; that of a median is
-    I_F((m + 1) / 2, (m + 1) / 2), the regularised incomplete beta function. So the shares and ranges of surfaces follow
-    from those of medians (`layers_of_samples`).
+    A sample at the quantile u of its distribution F is a median where, in one of the m windows that hold it, as many
+    samples are below it as above. Others are below it with probability u, independently: this gives the probability
+    q(u) that the sample is seen (`seen`), and seen samples have the density q(F(x)) f(x) over the integral of q. So
+    the shares and ranges of surfaces follow from those of seen samples (`shares_of_samples`, `moments`).
 
     Parameters
     ----------
@@ -143,8 +150,10 @@ class RunningMedian:
 
     def __post_init__(self) -> None:
         _check_window(self.parameter, "a median")
-        if self.parameter % 2 == 0:
-            raise ValueError(f"temporal filter: a median of {self.parameter:g} frames; expected an odd number")
+        if self.parameter % 2 == 0 or self.parameter > MOST_MEDIAN:
+            raise ValueError(
+                f"temporal filter: a median of {self.parameter:g} frames; expected an odd number up to {MOST_MEDIAN}"
+            )
 
     @property
     def window(self) -> int:
@@ -154,15 +163,18 @@ class RunningMedian:
     @property
     def reach(self) -> int:
         """Earlier stored frames that an independent sample needs."""
-        return 0
+        return self.window - 1
 
-    def independent(self, stored_mm: Float32Array, first: int) -> Float32Array:
-        """One median of each m."""
-        return _every(stored_mm, first, self.window)
+    def independent(self, stored_mm: Float32Array, first: int) -> Float32Array:  # noqa: ARG002  any frame will do
+        """The medians that differ from those of the m - 1 frames before."""
+        repeated = np.zeros(stored_mm.shape, dtype=np.bool_)
+        for lag in range(1, self.window):
+            repeated[lag:] |= stored_mm[lag:] == stored_mm[:-lag]
+        return np.where(repeated, np.float32(np.nan), stored_mm)
 
     def worth(self, frames: int) -> int:
-        """Medians without a common sample."""
-        return max(1, frames // self.window)
+        """Samples that are seen in so many frames."""
+        return max(1, round(frames * float(_cumulated(self.window)[-1])))
 
     def words(self) -> str:
         """The filter in a few words."""
@@ -174,10 +186,8 @@ class RunningMedian:
         The sample is one of those that both windows hold, and has as many below it as above in each of them.
         """
         common, half = self.window - lag, (self.window - 1) // 2
-        if common < 1:
-            return 0.0
         total = 0.0
-        for below in range(common):
+        for below in range(max(common, 0)):
             alone = half - below
             if 0 <= alone <= lag:
                 ways = math.comb(common - 1, below) * math.comb(lag, alone) ** 2
@@ -186,42 +196,75 @@ class RunningMedian:
                 total += ways * math.exp(math.lgamma(under + 1) + math.lgamma(over + 1) - math.lgamma(under + over + 2))
         return common * total
 
-    def samples_shares(self, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Shares of the samples, of which `shares` (pixel, n) of medians, near to far, follow; and their slopes.
+    def seen(self, quantile: FloatArray) -> FloatArray:
+        """Probability q(u) that a sample at a quantile u of its distribution is a median."""
+        u = np.asarray(quantile, dtype=np.float64)
+        others = 2 * self.window - 2
+        return np.asarray(
+            sum(ways * u**below * (1.0 - u) ** (others - below) for below, ways in enumerate(_seen_ways(self.window)))
+        )
 
-        A slope is the change of a share with that of the medians: standard errors take it as a factor.
+    def shares_of_samples(self, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Shares of samples (pixel, n), near to far, from those of seen samples; and their slopes.
+
+        A slope is the change of a share with that of seen samples: standard errors take it as a factor.
         """
-        from scipy.special import betaincinv
-
-        a = 0.5 * (self.window + 1)
-        ends = np.clip(np.cumsum(shares, axis=1), 0.0, 1.0)
-        whole = betaincinv(a, a, ends)
-        whole[:, -1] = 1.0
-        below = np.concatenate([np.zeros((len(shares), 1)), whole[:, :-1]], axis=1)
-        inner = np.where((below > 0.0) & (below < 1.0), self._density(below), np.inf)
-        outer = np.where((whole > 0.0) & (whole < 1.0), self._density(whole), np.inf)
+        cumulated = _cumulated(self.window)
+        quantiles = np.linspace(0.0, 1.0, len(cumulated))
+        ends = np.interp(np.cumsum(shares, axis=1), cumulated / cumulated[-1], quantiles)
+        ends[:, -1] = 1.0
+        below = np.concatenate([np.zeros((len(shares), 1)), ends[:, :-1]], axis=1)
+        inner, outer = (
+            np.where((end > 0.0) & (end < 1.0), self.seen(end) / cumulated[-1], np.inf) for end in (below, ends)
+        )
         slope = 1.0 / np.minimum(inner, outer)
-        return whole - below, np.where(slope > 0.0, slope, 1.0)
-
-    def _density(self, share: FloatArray) -> FloatArray:
-        """Density of the beta distribution of the medians' F."""
-        half = (self.window - 1) // 2
-        log_norm = math.lgamma(2 * half + 2) - 2.0 * math.lgamma(half + 1)
-        return np.asarray(math.exp(log_norm) * (share * (1.0 - share)) ** half)
+        return ends - below, np.where(slope > 0.0, slope, 1.0)
 
     def moments(self, below: float, above: float) -> tuple[float, float]:
-        """Mean and sd, in sigmas of the samples, of medians in a surface with cumulated shares `below` to `above`."""
-        return _moments(self.window, round(below, 3), round(above, 3))
+        """Mean and sd of a surface's seen samples in its sigmas; shares before and with it are `below` and `above`."""
+        return _moments(self, round(below, 3), round(above, 3))
+
+    def dependence(self) -> float:
+        """Variance of the mean of seen samples of one surface, over that of as many independent samples of their sd.
+
+        Seen samples are different samples, but neighbours among them are seen for the same reason.
+        """
+        return _dependence(self)
+
+
+@lru_cache(maxsize=8)
+def _seen_ways(window: int) -> tuple[int, ...]:
+    """Number of arrangements of the 2 m - 2 neighbours of a sample in which it is a median, by how many are below."""
+    ways = [0] * (2 * window - 1)
+    for arrangement in product((0, 1), repeat=2 * window - 2):
+        if any(2 * sum(arrangement[k : k + window - 1]) == window - 1 for k in range(window)):
+            ways[sum(arrangement)] += 1
+    return tuple(ways)
+
+
+@lru_cache(maxsize=8)
+def _cumulated(window: int) -> FloatArray:
+    """Integral of `RunningMedian.seen` from 0 to each of evenly spaced quantiles up to 1."""
+    edges = np.linspace(0.0, 1.0, _QUANTILES)
+    middle = RunningMedian(float(window)).seen(0.5 * (edges[1:] + edges[:-1]))
+    return np.concatenate([[0.0], np.cumsum(middle) / (_QUANTILES - 1)])
+
+
+@lru_cache(maxsize=8)
+def _dependence(median: RunningMedian) -> float:
+    rng = np.random.default_rng(_SEED)
+    drawn = rng.standard_normal((_DRAWN_FRAMES, _DRAWN_PIXELS)).astype(np.float32)
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(drawn, median.window, axis=0), axis=-1)
+    seen = median.independent(medians, 0)
+    return float(np.nanmean(seen, axis=0).var() * np.isfinite(seen).sum(axis=0).mean() / np.nanvar(seen))
 
 
 @lru_cache(maxsize=4096)
-def _moments(window: int, below: float, above: float) -> tuple[float, float]:
+def _moments(median: RunningMedian, below: float, above: float) -> tuple[float, float]:
     from scipy.special import ndtri
 
     part = (np.arange(_QUADRATURE) + 0.5) / _QUADRATURE
-    share = below + (above - below) * part
-    weight = (share * (1.0 - share)) ** ((window - 1) // 2)
-    z = ndtri(part)
+    weight, z = median.seen(below + (above - below) * part), ndtri(part)
     mean = float((weight * z).sum() / weight.sum())
     return mean, math.sqrt(float((weight * (z - mean) ** 2).sum() / weight.sum()))
 

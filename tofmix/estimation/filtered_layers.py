@@ -1,12 +1,14 @@
 """Layers of independent samples behind a temporal filter, as layers of the samples before it.
 
-`layer_pixels` calls `layers_before_filter` last. Exponential averages are undone in the samples, and change nothing here.
+`layer_pixels` calls `layers_before_filter` last. Exponential averages are undone in the samples: their layers stay as
+they are.
 """
 
-from itertools import pairwise
+import math
 
 import numpy as np
 
+from tofmix.arrays import FloatArray, IntArray
 from tofmix.flags import MOST_UNDECIDED, Mixing
 from tofmix.layers import Layers
 from tofmix.sensor import Sensor
@@ -31,31 +33,30 @@ def layers_before_filter(layers: Layers, sensor: Sensor) -> None:
 
 
 def _before_median(layers: Layers, sensor: Sensor, median: RunningMedian) -> None:
-    """Shares and ranges of pixels of several layers, or of a layer and no return, before a median."""
-    weight = np.nan_to_num(layers.weight.astype(np.float64))
-    none = np.nan_to_num(layers.weight_no_return.astype(np.float64))
-    mixed = np.flatnonzero((layers.n_modes > 1) | ((layers.n_modes == 1) & (none > 0.0)))
-    if not mixed.size:
-        return
-    place = sensor.no_return_mm if sensor.no_return_mm is not None else sensor.range_max_mm
-    far = np.inf if place is None else place
-    at = np.concatenate([layers.range[mixed].astype(np.float64), np.full((mixed.size, 1), far)], axis=1)
-    at[:, :-1][np.isnan(at[:, :-1])] = np.inf  # past the last layer, where shares are 0
-    shares = np.concatenate([weight[mixed], none[mixed, None]], axis=1)
-    order = np.argsort(at, axis=1, kind="stable")
-    whole = shares.sum(axis=1, keepdims=True)
-    ordered = np.take_along_axis(shares, order, axis=1) / whole
-    found, slope = median.samples_shares(ordered)
+    """Shares and ranges before a median; errors by the spread and dependence of seen samples. Sigma is that of all."""
+    shares, order = _ordered_shares(layers, sensor)
+    whole = np.maximum(shares.sum(axis=1, keepdims=True), 1e-12)
+    found, slope = median.shares_of_samples(np.take_along_axis(shares, order, axis=1) / whole)
     back = np.argsort(order, axis=1)
     new, factor = (np.take_along_axis(part, back, axis=1) for part in (found * whole, slope))
-    present = np.isfinite(layers.weight[mixed])
-    layers.weight[mixed] = np.where(present, new[:, :-1], layers.weight[mixed])
-    layers.weight_stderr[mixed] *= factor[:, :-1].astype(np.float32)
-    layers.weight_no_return[mixed] = new[:, -1]
-    ends = np.concatenate([np.zeros((mixed.size, 1)), np.cumsum(found, axis=1)], axis=1)
-    alone = median.moments(0.0, 1.0)[1]
-    for row, pixel in enumerate(mixed.tolist()):
-        parts = list(pairwise(np.clip(ends[row], 0.0, 1.0).tolist()))
-        for layer in range(int(layers.n_modes[pixel])):
-            mean, _ = median.moments(*parts[back[row, layer]])
-            layers.range[pixel, layer] -= np.float32(mean * layers.sigma[pixel, layer] / alone)
+    present = np.isfinite(layers.weight)
+    layers.weight[:] = np.where(present, new[:, :-1], layers.weight)
+    layers.weight_stderr *= factor[:, :-1].astype(np.float32)
+    layers.weight_no_return[:] = np.where(np.isfinite(layers.weight_no_return), new[:, -1], layers.weight_no_return)
+    ends = np.concatenate([np.zeros((len(found), 1)), np.cumsum(found, axis=1)], axis=1).clip(0.0, 1.0)
+    for pixel, layer in np.argwhere(present).tolist():
+        place = back[pixel, layer]
+        mean, _ = median.moments(float(ends[pixel, place]), float(ends[pixel, place + 1]))
+        layers.range[pixel, layer] -= np.float32(mean * layers.sigma[pixel, layer])
+    dependence = median.dependence()
+    layers.range_stderr *= np.float32(median.moments(0.0, 1.0)[1] * math.sqrt(dependence))
+    layers.weight_stderr *= np.float32(math.sqrt(dependence))
+
+
+def _ordered_shares(layers: Layers, sensor: Sensor) -> tuple[FloatArray, IntArray]:
+    """Shares (pixel, n) of the layers and of no return, 0 where there is none, and their order from near to far."""
+    none = sensor.no_return_mm if sensor.no_return_mm is not None else sensor.range_max_mm
+    far = np.full((len(layers.range), 1), np.inf if none is None else none)
+    at = np.concatenate([np.where(np.isfinite(layers.range), layers.range, np.inf).astype(np.float64), far], axis=1)
+    shares = np.concatenate([layers.weight, layers.weight_no_return[:, None]], axis=1)
+    return np.nan_to_num(shares.astype(np.float64)), np.argsort(at, axis=1, kind="stable")

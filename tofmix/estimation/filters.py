@@ -3,9 +3,9 @@
 Use `learn_filter` before noise is learnt. A filter is common to all pixels, and shows in two ways:
 
 - *Linear filters*: pixels of several surfaces (*wide* ones) and pixels of one surface have the same correlation from
-  frame to frame, as a filter takes samples of noise and of surfaces alike. Noise with a memory, 1/f noise, drift and the
-  jitter of whole frames correlate the noise only: wide pixels change from one surface to another without memory. A
-  surface that moves correlates wide pixels only.
+  frame to frame, as a filter takes samples of noise and of surfaces alike. Noise with a memory, 1/f noise, drift and
+  the jitter of whole frames correlate the noise only: wide pixels change from one surface to another without memory.
+  A surface that moves correlates wide pixels only.
 - *Medians* repeat values: the same sample is the median of several windows, in a known share of frames.
 
 An exponential average is taken for granted only if its inverse explains wide pixels better than independent samples

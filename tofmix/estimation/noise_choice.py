@@ -24,6 +24,7 @@ from tofmix.independent_samples import independent_samples
 from tofmix.range_step import WHOLE_MM, RangeStep
 from tofmix.recording import SampleSource, TypedSource, amplitude_source, by_target, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.temporal_filter import RunningMedian
 
 T = TypeVar("T")
 
@@ -232,7 +233,7 @@ class _Chooser:
             self._warn("noise: on a wrapped range axis sigma depends on range only")
         self._check_circle(sensor)
         self._note_missing_no_return(sensor)
-        return self._with_step(sensor)
+        return self._before_filter(self._with_step(sensor))
 
     def use(self, sensor: Sensor) -> SampleSource:
         """The independent samples with a sensor."""
@@ -249,6 +250,16 @@ class _Chooser:
         if given.sample_max_mm is None:
             return sensor
         return sensor_with_span(self.use(sensor), self.circle_mm)  # an average hides the extreme samples
+
+    def _before_filter(self, sensor: Sensor) -> Sensor:
+        """The sensor with the noise of samples before a median, which hides the outer ones.
+
+        The samples of medians have the smaller spread of those that are seen; a curve that is asked for is that of all.
+        """
+        found, asked = sensor.temporal_filter, self.request.asked and self.request.noise != AUTO
+        if not isinstance(found, RunningMedian) or sensor.noise is None or asked:
+            return sensor
+        return replace(sensor, noise=sensor.noise.scaled(1.0 / found.moments(0.0, 1.0)[1]))
 
     def _check_circle(self, sensor: Sensor) -> None:
         """Refuse a circle that is too short for the noise."""

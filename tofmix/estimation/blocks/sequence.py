@@ -37,7 +37,9 @@ DEFAULT_BUFFER_BYTES = 800_000_000
 
 
 def resolved_mixing(options: EstimateOptions, source: SampleSource) -> EstimateOptions:
-    """The same options with the law of mixing that can be measured: ``events`` where samples are no phasors, or means over time.
+    """The same options with the law of mixing that can be measured: ``events`` where samples are no phasors.
+
+    The means over time of a filter that does not separate surfaces are no phasors either.
 
     Raises
     ------
