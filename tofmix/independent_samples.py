@@ -84,7 +84,12 @@ class IndependentSamples:
         return light.read_amplitude(frames, rows)
 
 
-def independent_samples(source: SampleSource) -> SampleSource:
-    """The recording as its independent samples; the recording itself if its sensor has no filter."""
-    filter_ = source.sensor.temporal_filter
-    return source if filter_ is None or isinstance(source, IndependentSamples) else IndependentSamples(source, filter_)
+def independent_samples(source: SampleSource, *, for_noise: bool = False) -> SampleSource:
+    """The recording as its independent samples; the recording itself if its sensor has no filter.
+
+    With `for_noise`, those that noise is learnt from (`TemporalFilter.for_noise`).
+    """
+    found = source.sensor.temporal_filter
+    if found is None or isinstance(source, IndependentSamples):
+        return source
+    return IndependentSamples(source, found.for_noise() if for_noise else found)

@@ -60,6 +60,9 @@ class TemporalFilter(Protocol):
         earlier ones are missing.
         """
 
+    def for_noise(self) -> "TemporalFilter":
+        """The filter by which noise is learnt: its samples have no memory, and may be fewer."""
+
     def worth(self, frames: int) -> int:
         """Independent frames of the stored ranges' spread that tell as much as `frames` stored ones."""
 
@@ -101,6 +104,10 @@ class ExponentialAverage:
         before = stored_mm[:-1].astype(np.float64)
         out[1:] = before + (stored_mm[1:] - before) / self.parameter
         return out
+
+    def for_noise(self) -> TemporalFilter:
+        """Noise is learnt from the same samples."""
+        return self
 
     def worth(self, frames: int) -> int:
         """The variance of a mean of AR(1) noise is (2 - a) / a times that of independent samples."""
@@ -171,6 +178,10 @@ class RunningMedian:
         for lag in range(1, self.window):
             repeated[lag:] |= stored_mm[lag:] == stored_mm[:-lag]
         return np.where(repeated, np.float32(np.nan), stored_mm)
+
+    def for_noise(self) -> TemporalFilter:
+        """One median of each m, of no common sample: seen samples have a memory."""
+        return ApartMedians(self.parameter)
 
     def worth(self, frames: int) -> int:
         """Samples that are seen in so many frames."""
@@ -270,6 +281,50 @@ def _moments(median: RunningMedian, below: float, above: float) -> tuple[float, 
 
 
 @dataclass(frozen=True, slots=True)
+class ApartMedians:
+    """One median of each m, whose noise is that of the median of m independent samples (`RunningMedian.for_noise`).
+
+    Parameters
+    ----------
+    parameter : float
+        m.
+    """
+
+    parameter: float
+    kind: ClassVar[str] = "apart_medians"
+    separates: ClassVar[bool] = True
+
+    @property
+    def reach(self) -> int:
+        """Earlier stored frames that an independent sample needs."""
+        return 0
+
+    def independent(self, stored_mm: Float32Array, first: int) -> Float32Array:
+        """One median of each m."""
+        return _every(stored_mm, first, int(self.parameter))
+
+    def for_noise(self) -> TemporalFilter:
+        """Noise is learnt from the same samples."""
+        return self
+
+    def worth(self, frames: int) -> int:
+        """Medians without a common sample."""
+        return max(1, frames // int(self.parameter))
+
+    def words(self) -> str:
+        """The filter in a few words."""
+        return f"median of {self.parameter:g}"
+
+    def sd(self) -> float:
+        """Sd of a median of m Gaussian samples of sd 1."""
+        from scipy.special import ndtri
+
+        u = (np.arange(_QUANTILES) + 0.5) / _QUANTILES
+        weight = (u * (1.0 - u)) ** ((int(self.parameter) - 1) // 2)
+        return math.sqrt(float((weight * ndtri(u) ** 2).sum() / weight.sum()))
+
+
+@dataclass(frozen=True, slots=True)
 class RunningMean:
     """y_t is the mean of the last m samples: one frame of m is independent, but may be of several surfaces.
 
@@ -301,6 +356,10 @@ class RunningMean:
     def independent(self, stored_mm: Float32Array, first: int) -> Float32Array:
         """One mean of each m."""
         return _every(stored_mm, first, int(self.parameter))
+
+    def for_noise(self) -> TemporalFilter:
+        """Noise is learnt from the same samples."""
+        return self
 
     def worth(self, frames: int) -> int:
         """Means without a common sample."""

@@ -377,7 +377,7 @@ def _say_doubts(
     from tofmix.report.summary.findings import Remedy, sample_findings
 
     seen = check_consistency(
-        independent_samples(samples), sensor.noise, step=sensor.step, window_frames=window_frames,
+        independent_samples(samples, for_noise=True), sensor.noise, step=sensor.step, window_frames=window_frames,
         unambiguous_range_mm=circle_mm, follows_drift=sensor.follows_drift,
     )  # fmt: skip
     scatter = None if noise == AUTO else seen.scatter_over_curve  # a curve that the samples gave is theirs

@@ -51,7 +51,7 @@ def findings_of_samples(
     from tofmix.report.summary.findings import sample_findings
 
     seen = check_consistency(
-        independent_samples(source), sensor.noise, step=sensor.step, window_frames=remedy.window_frames,
+        independent_samples(source, for_noise=True), sensor.noise, step=sensor.step, window_frames=remedy.window_frames,
         unambiguous_range_mm=circle_mm, follows_drift=sensor.follows_drift,
     )  # fmt: skip
     # A curve that the samples gave is theirs.

@@ -41,7 +41,7 @@ def _before_median(layers: Layers, sensor: Sensor, median: RunningMedian) -> Non
     new, factor = (np.take_along_axis(part, back, axis=1) for part in (found * whole, slope))
     present = np.isfinite(layers.weight)
     layers.weight[:] = np.where(present, new[:, :-1], layers.weight)
-    layers.weight_stderr *= factor[:, :-1].astype(np.float32)
+    layers.weight_stderr[:] *= factor[:, :-1].astype(np.float32)
     layers.weight_no_return[:] = np.where(np.isfinite(layers.weight_no_return), new[:, -1], layers.weight_no_return)
     ends = np.concatenate([np.zeros((len(found), 1)), np.cumsum(found, axis=1)], axis=1).clip(0.0, 1.0)
     for pixel, layer in np.argwhere(present).tolist():
@@ -49,8 +49,8 @@ def _before_median(layers: Layers, sensor: Sensor, median: RunningMedian) -> Non
         mean, _ = median.moments(float(ends[pixel, place]), float(ends[pixel, place + 1]))
         layers.range[pixel, layer] -= np.float32(mean * layers.sigma[pixel, layer])
     dependence = median.dependence()
-    layers.range_stderr *= np.float32(median.moments(0.0, 1.0)[1] * math.sqrt(dependence))
-    layers.weight_stderr *= np.float32(math.sqrt(dependence))
+    layers.range_stderr[:] *= np.float32(median.moments(0.0, 1.0)[1] * math.sqrt(dependence))
+    layers.weight_stderr[:] *= np.float32(math.sqrt(dependence))
 
 
 def _ordered_shares(layers: Layers, sensor: Sensor) -> tuple[FloatArray, IntArray]:

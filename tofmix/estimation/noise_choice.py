@@ -24,7 +24,7 @@ from tofmix.independent_samples import independent_samples
 from tofmix.range_step import WHOLE_MM, RangeStep
 from tofmix.recording import SampleSource, TypedSource, amplitude_source, by_target, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
-from tofmix.temporal_filter import RunningMedian
+from tofmix.temporal_filter import ApartMedians, RunningMedian
 
 T = TypeVar("T")
 
@@ -236,8 +236,8 @@ class _Chooser:
         return self._before_filter(self._with_step(sensor))
 
     def use(self, sensor: Sensor) -> SampleSource:
-        """The independent samples with a sensor."""
-        return independent_samples(self.stored(sensor))
+        """The samples that noise is learnt from, with a sensor."""
+        return independent_samples(self.stored(sensor), for_noise=True)
 
     def _with_filter(self, given: Sensor) -> Sensor:
         """The sensor with the camera's temporal filter: the file's, or the one that the samples show."""
@@ -252,14 +252,14 @@ class _Chooser:
         return sensor_with_span(self.use(sensor), self.circle_mm)  # an average hides the extreme samples
 
     def _before_filter(self, sensor: Sensor) -> Sensor:
-        """The sensor with the noise of samples before a median, which hides the outer ones.
+        """The sensor with the noise of samples before a median; noise was learnt from medians, which spread less.
 
-        The samples of medians have the smaller spread of those that are seen; a curve that is asked for is that of all.
+        A curve that is asked for is that of samples before it.
         """
         found, asked = sensor.temporal_filter, self.request.asked and self.request.noise != AUTO
         if not isinstance(found, RunningMedian) or sensor.noise is None or asked:
             return sensor
-        return replace(sensor, noise=sensor.noise.scaled(1.0 / found.moments(0.0, 1.0)[1]))
+        return replace(sensor, noise=sensor.noise.scaled(1.0 / ApartMedians(found.parameter).sd()))
 
     def _check_circle(self, sensor: Sensor) -> None:
         """Refuse a circle that is too short for the noise."""

@@ -223,8 +223,8 @@ def filter_findings(found: TemporalFilter | None, frames: int) -> list[Finding]:
     undecided = "" if found.separates else " Pixels in which it mixes several surfaces are undecided."
     text = (
         f"The camera filters ranges over time ({found.words()}): {counted(frames, 'such frame')} tell as much"
-        f" as {found.worth(frames)} independent ones of that spread. Layers are of the independent samples.{undecided} Switch"
-        " the camera's temporal filter off, and record again."
+        f" as {found.worth(frames)} independent ones of that spread. Layers are of the independent samples."
+        f"{undecided} Switch the camera's temporal filter off, and record again."
     )
     return [Finding(code="temporal_filter", text=text)]
 
