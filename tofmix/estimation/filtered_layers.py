@@ -33,7 +33,15 @@ def layers_before_filter(layers: Layers, sensor: Sensor) -> None:
 
 
 def _before_median(layers: Layers, sensor: Sensor, median: RunningMedian) -> None:
-    """Shares and ranges before a median; errors by the spread and dependence of seen samples. Sigma is that of all."""
+    """Shares and ranges before a median; errors by the spread and dependence of seen samples.
+
+    Sigma is the curve's: a fit of sigma follows the spread of seen samples, which differs between surfaces.
+    """
+    curve = sensor.noise
+    if curve is not None:
+        sigma = curve.sigma(layers.range.astype(np.float64)).astype(np.float32)
+        layers.range_stderr[:] *= sigma / layers.sigma
+        layers.sigma[:] = sigma
     shares, order = _ordered_shares(layers, sensor)
     whole = np.maximum(shares.sum(axis=1, keepdims=True), 1e-12)
     found, slope = median.shares_of_samples(np.take_along_axis(shares, order, axis=1) / whole)
