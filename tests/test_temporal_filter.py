@@ -29,6 +29,12 @@ def test_inverse_of_an_average_gives_the_samples(share: float) -> None:
     np.testing.assert_allclose(found[1:], samples[1:], atol=0.01)
 
 
+def test_rounding_of_stored_ranges_is_that_of_the_inverse() -> None:
+    rounding = np.random.default_rng(3).uniform(-0.5, 0.5, (20_000, 3)).astype(np.float32)
+    found = ExponentialAverage(0.1).independent(rounding, 0)
+    assert np.nanstd(found) == pytest.approx(ExponentialAverage(0.1).rounding_mm(1.0), rel=0.02)
+
+
 @pytest.mark.parametrize("window", [3, 5, 7])
 def test_seen_samples_and_repeats_of_a_median_have_the_computed_probabilities(window: int) -> None:
     median, (medians, seen) = RunningMedian(float(window)), _medians(window, 0.0)

@@ -109,6 +109,10 @@ class ExponentialAverage:
         """Noise is learnt from the same samples."""
         return self
 
+    def rounding_mm(self, step_mm: float) -> float:
+        """Sd that a step of the stored ranges adds to independent samples: their inverse enlarges its rounding."""
+        return step_mm / math.sqrt(12.0) * math.hypot(1.0, 1.0 - self.parameter) / self.parameter
+
     def worth(self, frames: int) -> int:
         """The variance of a mean of AR(1) noise is (2 - a) / a times that of independent samples."""
         return max(1, round(frames * self.parameter / (2.0 - self.parameter)))

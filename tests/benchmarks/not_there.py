@@ -11,7 +11,7 @@ import sys
 from importlib import import_module
 
 PARTS = {
-    "filters": "a camera that filters ranges over time: exponential averages, medians, means; and memory that is no filter",
+    "filters": "averages, medians and means over time in the camera; memory of ranges that is no filter",
 }
 """Modules of `not_there_parts`, each with `main(arguments)`."""
 

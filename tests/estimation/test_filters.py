@@ -24,7 +24,7 @@ def _found(samples: FloatArray, frames: int = FRAMES) -> TemporalFilter | None:
 def test_exponential_average_is_found_with_its_share(share: float, frames: int) -> None:
     found = _found(averaged(Scene(SHAPE, 1).draw(FRAMES), share), frames)
     assert isinstance(found, ExponentialAverage)
-    assert found.parameter == pytest.approx(share, rel=0.004)
+    assert found.parameter == pytest.approx(share, rel=0.01)
 
 
 @pytest.mark.parametrize("window", [3, 5, 7])
@@ -70,7 +70,7 @@ def test_mixed_pixels_of_an_average_are_found_and_said_with_the_remedy(share: fl
     scene = Scene(SHAPE, 8)
     ranges = stored(averaged(scene.draw(FRAMES), share), FRAMES)
     with pytest.warns(DoubtWarning, match=f"100 such frames tell as much as {worth} .*temporal filter off") as said:
-        found = tofmix.estimate(tofmix.from_array(ranges, sensor=SENSOR), noise="file", workers=2)
+        found = tofmix.estimate(tofmix.from_array(ranges, units="mm", sensor=SENSOR), noise="file", workers=2)
     assert sum("filter" in str(one.message) for one in said) == 1
     mixed, n = scene.mixed, found.n_modes[0]
     assert mixed.sum() > 50
@@ -84,7 +84,7 @@ def test_shares_and_ranges_behind_a_median_are_those_of_the_samples() -> None:
     scene = Scene(SHAPE, 9)
     ranges = stored(over_windows(scene.draw(FRAMES), 3, median=True), FRAMES)
     with pytest.warns(DoubtWarning, match="median of 3"):
-        found = tofmix.estimate(tofmix.from_array(ranges, sensor=SENSOR), noise="file", workers=2)
+        found = tofmix.estimate(tofmix.from_array(ranges, units="mm", sensor=SENSOR), noise="file", workers=2)
     both = scene.mixed & (found.n_modes[0] == 2)
     assert both.sum() > 0.9 * scene.mixed.sum()
     assert (found.n_modes[0][scene.mixed] > 2).mean() <= 0.02
@@ -98,8 +98,9 @@ def test_shares_and_ranges_behind_a_median_are_those_of_the_samples() -> None:
 def test_pixels_of_a_mean_of_several_surfaces_are_undecided() -> None:
     scene = Scene(SHAPE, 10)
     ranges = stored(over_windows(scene.draw(FRAMES), 3, median=False), FRAMES)
-    with pytest.warns(DoubtWarning, match="are undecided"):
-        found = tofmix.estimate(tofmix.from_array(ranges, sensor=SENSOR), noise="file", workers=2)
+    with pytest.warns(DoubtWarning) as said:
+        found = tofmix.estimate(tofmix.from_array(ranges, units="mm", sensor=SENSOR), noise="file", workers=2)
+    assert sum("are undecided" in str(one.message) for one in said) == 1
     several = found.n_modes[0] > 1
     assert several[scene.mixed].mean() > 0.9
     assert found.mixing is not None

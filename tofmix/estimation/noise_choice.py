@@ -24,7 +24,7 @@ from tofmix.independent_samples import independent_samples
 from tofmix.range_step import WHOLE_MM, RangeStep
 from tofmix.recording import SampleSource, TypedSource, amplitude_source, by_target, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
-from tofmix.temporal_filter import ApartMedians, RunningMedian
+from tofmix.temporal_filter import ApartMedians, ExponentialAverage, RunningMedian
 
 T = TypeVar("T")
 
@@ -219,7 +219,8 @@ class _Chooser:
         if noise == FILE and self.circle_mm is not None:
             self._check_circle(sensor)  # on a circle too short for its curve, samples contradict any
         if isinstance(noise, NoiseCurve):
-            sensor = self._with_least_sigma(replace(sensor, noise=noise, learnt=None), noise)
+            curve = self._with_rounding(noise, sensor)
+            sensor = self._with_least_sigma(replace(sensor, noise=curve, learnt=None), curve)
         if gaussian_option(self.options, self.spell) is not None:
             sensor = self._with_measured(sensor)
         elif noise == AUTO:
@@ -247,9 +248,19 @@ class _Chooser:
         if found is None:
             return given
         sensor = replace(given, temporal_filter=found)
+        if given.noise is not None:
+            sensor = replace(sensor, noise=self._with_rounding(given.noise, sensor))
         if given.sample_max_mm is None:
             return sensor
         return sensor_with_span(self.use(sensor), self.circle_mm)  # an average hides the extreme samples
+
+    def _with_rounding(self, curve: NoiseCurve, sensor: Sensor) -> NoiseCurve:
+        """A curve of samples with the rounding of the stored ranges, which the inverse of an average enlarges."""
+        if not isinstance(sensor.temporal_filter, ExponentialAverage):
+            return curve
+        step = step_of_recording(self.stored(sensor))
+        rounding = 0.0 if step is None else sensor.temporal_filter.rounding_mm(step.typical())
+        return replace(curve, sigma_mm=np.hypot(curve.sigma_mm, rounding))
 
     def _before_filter(self, sensor: Sensor) -> Sensor:
         """The sensor with the noise of samples before a median; noise was learnt from medians, which spread less.

@@ -42,7 +42,7 @@ def _jittered(samples: FloatArray, scene: Scene, sd_mm: float) -> FloatArray:
 
 def estimated(ranges: Float32Array, workers: int) -> tofmix.Estimate:
     """Layers of all frames."""
-    return tofmix.estimate(tofmix.from_array(ranges, sensor=SENSOR), workers=workers)
+    return tofmix.estimate(tofmix.from_array(ranges, units="mm", sensor=SENSOR), workers=workers)
 
 
 def scored(scene: Scene, found: tofmix.Estimate) -> dict[str, float]:
