@@ -27,6 +27,14 @@ def test_exponential_average_is_found_with_its_share(share: float, frames: int) 
     assert found.parameter == pytest.approx(share, rel=0.01)
 
 
+def test_exponential_average_is_found_where_only_mixed_pixels_have_their_mean_range() -> None:
+    scene = Scene((48, 64), 1)
+    assert scene.mixed.sum() > 200
+    found = _found(averaged(scene.draw(FRAMES), 0.2))
+    assert isinstance(found, ExponentialAverage)
+    assert found.parameter == pytest.approx(0.2, rel=0.004)
+
+
 @pytest.mark.parametrize("window", [3, 5, 7])
 def test_running_median_is_found_by_its_repeated_values(window: int) -> None:
     assert _found(over_windows(Scene(SHAPE, 2).draw(FRAMES), window, median=True)) == RunningMedian(float(window))

@@ -68,6 +68,7 @@ class FilterSettings:
 DEFAULT_SETTINGS = FilterSettings()
 
 _GROUP = 64  # pixels of similar range whose lower quartile of spreads is the noise
+_ABOVE_LINE = 1.5
 _LAGS = 12  # frames apart, of repeated values
 _FAR_LAGS = 4  # the last of them: no window is as long
 _LEAST_SPREADS = 0.1  # spreads of the noise: the resolution of the density
@@ -162,13 +163,24 @@ def _quantiles(samples: FloatArray, shares: tuple[float, ...]) -> list[FloatArra
 
 
 def _noise_of_range(range_mm: FloatArray, spread: FloatArray) -> FloatArray:
-    """Spread (pixel,) of the pixels of one surface at each pixel's range: the lower quartile of its neighbours."""
+    """Spread (pixel,) of pixels of one surface at each pixel's range: the lower quartile of its neighbours in range.
+
+    Between two surfaces all neighbours may be mixed. Noise changes slowly with range, so a quartile is at most
+    `_ABOVE_LINE` times a line through all of them: its slope is the median over pairs of groups.
+    """
     order = np.argsort(range_mm, kind="stable")
     groups = np.array_split(order, max(1, len(order) // _GROUP))
+    at = np.array([np.median(range_mm[group]) for group in groups])
+    level = np.log(np.maximum([np.quantile(spread[group], 0.25) for group in groups], 1e-6))
+    first, second = np.triu_indices(len(groups), 1)
+    apart = at[second] - at[first]
+    slopes = (level[second] - level[first])[apart > 0.0] / apart[apart > 0.0]
+    slope = float(np.median(slopes)) if slopes.size else 0.0
+    line = slope * at + np.median(level - slope * at)
     out = np.empty(len(order))
-    for group in groups:
-        out[group] = np.quantile(spread[group], 0.25)
-    return np.maximum(out, 1e-6)
+    for group, noise in zip(groups, np.minimum(level, line + math.log(_ABOVE_LINE)), strict=True):
+        out[group] = math.exp(noise)
+    return out
 
 
 def _correlation(samples: FloatArray, lag: int) -> float:
