@@ -68,7 +68,7 @@ class FilterSettings:
 DEFAULT_SETTINGS = FilterSettings()
 
 _GROUP = 64  # pixels of similar range whose lower quartile of spreads is the noise
-_ABOVE_LINE = 1.5
+_ABOVE_LINE = 1.5  # noise of a range over the line through all ranges, at most
 _LAGS = 12  # frames apart, of repeated values
 _FAR_LAGS = 4  # the last of them: no window is as long
 _LEAST_SPREADS = 0.1  # spreads of the noise: the resolution of the density

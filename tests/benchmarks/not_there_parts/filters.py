@@ -7,6 +7,7 @@ averages, whose inverse gives all samples again, from all frames.
 
 import argparse
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from support.filtered import SENSOR, Scene, averaged, over_windows, stored
@@ -18,11 +19,11 @@ SHAPE = (48, 64)  # pixels
 NEAR_SIGMAS = 5.0  # a layer is at its surface within this
 
 FILTERS: dict[str, Callable[[FloatArray], FloatArray]] = {
-    "none": lambda x: x,
-    **{f"exponential average, {a:g}": (lambda x, a=a: averaged(x, a)) for a in (0.7, 0.4, 0.2, 0.1)},
-    **{f"median of {m}": (lambda x, m=m: over_windows(x, m, median=True)) for m in (3, 5)},
-    **{f"mean of {m}": (lambda x, m=m: over_windows(x, m, median=False)) for m in (3,)},
-}  # type: ignore[misc]
+    "none": np.asarray,
+    **{f"exponential average, {a:g}": partial(averaged, share=a) for a in (0.7, 0.4, 0.2, 0.1)},
+    **{f"median of {m}": partial(over_windows, window=m, median=True) for m in (3, 5)},
+    "mean of 3": partial(over_windows, window=3, median=False),
+}
 MEMORIES: dict[str, Callable[[Scene, int], FloatArray]] = {
     "noise of memory 0.6": lambda scene, n: scene.draw(n, memory=0.6),
     "noise of memory 0.9": lambda scene, n: scene.draw(n, memory=0.9),
