@@ -20,6 +20,7 @@ from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import Projection
 from tofmix.range_step import RangeStep
 from tofmix.share_law import ShareLaw, share_law_of
+from tofmix.temporal_filter import TemporalFilter
 from tofmix.wording import counted
 
 DEFAULT_OUTLIER_PROBABILITY = 1.0e-4  # p(c_r) where neither file nor option gives one
@@ -264,6 +265,8 @@ class Sensor:
     range_step_mm : (), (row, col) or (n,) float64, or None
         Step on which the stored ranges lie, mm, above 0, where it is wider than that of the stored type: common, of
         each pixel, or at each range of the noise curve.
+    temporal_filter : TemporalFilter or None
+        How the camera filters ranges over time; the curve is that of its independent samples. None: it does not.
 
     Raises
     ------
@@ -288,6 +291,7 @@ class Sensor:
     noise: NoiseCurve | None = None
     learnt: LearntNoise | None = None
     range_step_mm: FloatArray | None = None
+    temporal_filter: TemporalFilter | None = None
 
     def __post_init__(self) -> None:
         for key in _POSITIVE:

@@ -374,11 +374,12 @@ def _say_doubts(
 ) -> None:
     """Warn of the doubts about the samples that `tofmix estimate` prints before it estimates them."""
     from tofmix.estimation.noise.consistency import check_consistency
+    from tofmix.independent_samples import independent_samples
     from tofmix.report.summary.findings import Remedy, sample_findings
 
     seen = check_consistency(
-        samples, sensor.noise, step=sensor.step, window_frames=window_frames, unambiguous_range_mm=circle_mm,
-        follows_drift=sensor.follows_drift,
+        independent_samples(samples, for_noise=True), sensor.noise, step=sensor.step, window_frames=window_frames,
+        unambiguous_range_mm=circle_mm, follows_drift=sensor.follows_drift,
     )  # fmt: skip
     scatter = None if noise == AUTO else seen.scatter_over_curve  # a curve that the samples gave is theirs
     remedy = Remedy(recording="recording", window_frames=window_frames)

@@ -47,11 +47,12 @@ def findings_of_samples(
 ) -> list["Finding"]:
     """Doubts from some of the samples: scatter off the noise curve of `sensor`, and drift within a window."""
     from tofmix.estimation.noise.consistency import check_consistency
+    from tofmix.independent_samples import independent_samples
     from tofmix.report.summary.findings import sample_findings
 
     seen = check_consistency(
-        source, sensor.noise, step=sensor.step, window_frames=remedy.window_frames, unambiguous_range_mm=circle_mm,
-        follows_drift=sensor.follows_drift,
+        independent_samples(source, for_noise=True), sensor.noise, step=sensor.step, window_frames=remedy.window_frames,
+        unambiguous_range_mm=circle_mm, follows_drift=sensor.follows_drift,
     )  # fmt: skip
     # A curve that the samples gave is theirs.
     scatter = None if remedy.noise == AUTO else seen.scatter_over_curve

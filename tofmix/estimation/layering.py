@@ -16,6 +16,7 @@ from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.compiled.vector import least_of, product_of
 from tofmix.estimation.beam import Beam, beam_of, is_no_return, reaches_no_return
+from tofmix.estimation.filtered_layers import layers_before_filter
 from tofmix.estimation.mixture.acceleration import maximise_likelihood
 from tofmix.estimation.mixture.components import (
     GAIN,
@@ -315,6 +316,7 @@ def layer_pixels(
             _layers_on_line(ordered, beam, options, out)
     else:
         _layers_on_circle(ordered, sensor, options, options.unambiguous_range_mm, out)
+    layers_before_filter(out, sensor)
     lost = invalid_share(block, samples_a_frame=samples_a_frame)
     return replace(out, invalid_share=lost).reshaped(samples.shape[1:])
 

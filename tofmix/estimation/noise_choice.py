@@ -13,14 +13,18 @@ import numpy as np
 from tofmix.circle import has_no_return
 from tofmix.errors import BadInputError
 from tofmix.estimation.beam import beam_of, outlier_interval, step_matters
+from tofmix.estimation.blocks.sample_span import sensor_with_span
+from tofmix.estimation.filters import learn_filter
 from tofmix.estimation.noise.curve_check import is_contradicted
 from tofmix.estimation.noise.measurement import MeasuredNoise, disagreement, measure_noise
 from tofmix.estimation.noise.steps import step_of_recording
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.estimation.unrolling import UnrolledSource
+from tofmix.independent_samples import independent_samples
 from tofmix.range_step import WHOLE_MM, RangeStep
 from tofmix.recording import SampleSource, TypedSource, amplitude_source, by_target, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.temporal_filter import ApartMedians, ExponentialAverage, RunningMedian
 
 T = TypeVar("T")
 
@@ -192,7 +196,7 @@ class _Chooser:
         progress: Callable[[int, int], None] | None,
         before_learning: Callable[[], object] | None,
     ) -> None:
-        self.name, self.use, self.options, self.request, self.spell = name, use, options, request, spell
+        self.name, self.stored, self.options, self.request, self.spell = name, use, options, request, spell
         self.circle_mm, self.progress = options.unambiguous_range_mm, progress
         self.before_learning = before_learning
         self.notes: list[Note] = []
@@ -204,7 +208,7 @@ class _Chooser:
         noise, outliers = self.request.noise, self.request.outliers
         if given.learnt is not None and FILE == noise == outliers:
             return given  # of an earlier estimate: drift, memory and thresholds are not in the curve
-        sensor = self._without_step(given)
+        sensor = self._without_step(self._with_filter(given))
         if noise == FILE and sensor.noise is None:
             raise BadInputError(
                 f"{self.name}: sensor/noise_sigma: no noise curve; measure it with {self.spell('noise', AUTO)}, or"
@@ -215,7 +219,8 @@ class _Chooser:
         if noise == FILE and self.circle_mm is not None:
             self._check_circle(sensor)  # on a circle too short for its curve, samples contradict any
         if isinstance(noise, NoiseCurve):
-            sensor = self._with_least_sigma(replace(sensor, noise=noise, learnt=None), noise)
+            curve = self._with_rounding(noise, sensor)
+            sensor = self._with_least_sigma(replace(sensor, noise=curve, learnt=None), curve)
         if gaussian_option(self.options, self.spell) is not None:
             sensor = self._with_measured(sensor)
         elif noise == AUTO:
@@ -229,7 +234,43 @@ class _Chooser:
             self._warn("noise: on a wrapped range axis sigma depends on range only")
         self._check_circle(sensor)
         self._note_missing_no_return(sensor)
-        return self._with_step(sensor)
+        return self._before_filter(self._with_step(sensor))
+
+    def use(self, sensor: Sensor) -> SampleSource:
+        """The samples that noise is learnt from, with a sensor."""
+        return independent_samples(self.stored(sensor), for_noise=True)
+
+    def _with_filter(self, given: Sensor) -> Sensor:
+        """The sensor with the camera's temporal filter: the file's, or the one that the samples show."""
+        if self.options.paper:
+            return replace(given, temporal_filter=None)
+        found = given.temporal_filter or learn_filter(self.stored(given))
+        if found is None:
+            return given
+        sensor = replace(given, temporal_filter=found)
+        if given.noise is not None:
+            sensor = replace(sensor, noise=self._with_rounding(given.noise, sensor))
+        if given.sample_max_mm is None:
+            return sensor
+        return sensor_with_span(self.use(sensor), self.circle_mm)  # an average hides the extreme samples
+
+    def _with_rounding(self, curve: NoiseCurve, sensor: Sensor) -> NoiseCurve:
+        """A curve of samples with the rounding of the stored ranges, which the inverse of an average enlarges."""
+        if not isinstance(sensor.temporal_filter, ExponentialAverage):
+            return curve
+        step = step_of_recording(self.stored(sensor))
+        rounding = 0.0 if step is None else sensor.temporal_filter.rounding_mm(step.typical())
+        return replace(curve, sigma_mm=np.hypot(curve.sigma_mm, rounding))
+
+    def _before_filter(self, sensor: Sensor) -> Sensor:
+        """The sensor with the noise of samples before a median; noise was learnt from medians, which spread less.
+
+        A curve that is asked for is that of samples before it.
+        """
+        found, asked = sensor.temporal_filter, self.request.asked and self.request.noise != AUTO
+        if not isinstance(found, RunningMedian) or sensor.noise is None or asked:
+            return sensor
+        return replace(sensor, noise=sensor.noise.scaled(1.0 / ApartMedians(found.parameter).sd()))
 
     def _check_circle(self, sensor: Sensor) -> None:
         """Refuse a circle that is too short for the noise."""

@@ -66,7 +66,8 @@ def invalid_share(block: NDArray[np.floating], *, samples_a_frame: int = 1) -> F
     ----------
     block : (frame, ...) array of float
         Samples, mm; where a frame has several targets, they follow each other. A missing target is no lost sample, so
-        a frame is lost if none of its targets is valid.
+        a frame is lost if none of its targets is valid. Frames of infinite samples add none and do not count
+        (`tofmix.independent_samples`).
     samples_a_frame : int
         Targets of a frame, at least 1.
 
@@ -79,7 +80,8 @@ def invalid_share(block: NDArray[np.floating], *, samples_a_frame: int = 1) -> F
         valid = np.abs(block) <= FARTHEST_MM  # false for NaN
     if samples_a_frame > 1:
         valid = valid.reshape(-1, samples_a_frame, *block.shape[1:]).any(axis=1)
-    return np.asarray(1.0 - np.count_nonzero(valid, axis=0) / len(valid), dtype=np.float32)
+    counted = len(valid) - np.count_nonzero(np.isposinf(block), axis=0) // samples_a_frame
+    return np.asarray(1.0 - np.count_nonzero(valid, axis=0) / np.maximum(counted, 1), dtype=np.float32)
 
 
 @borrowing

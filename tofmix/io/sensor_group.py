@@ -32,6 +32,7 @@ from tofmix.sensor import (
     Sensor,
 )
 from tofmix.share_law import ShareLaw, share_law_of
+from tofmix.temporal_filter import TemporalFilter, make_filter
 
 _MOST_POINTS = 100_000  # of a list in the group `sensor`
 _MOST_COEFFICIENTS = 64  # of a lens; OpenCV has up to 14
@@ -58,6 +59,7 @@ _LEARNT = {
 _PRIOR, _MEMORY = "noise_background_prior", "noise_memory"
 
 _WIDTH_SPREAD, _BACKGROUND, _STEP = "noise_width_spread", "noise_background", "range_step_mm"
+_FILTER, _FILTER_PARAMETER = "temporal_filter", "temporal_filter_parameter"
 _IMAGE_RANK = 2  # (row, col)
 
 
@@ -84,6 +86,12 @@ def write_sensor(root: h5py.File, sensor: Sensor, *, image: tuple[int, int]) -> 
         _write_learnt(group, sensor.learnt)
     if sensor.range_step_mm is not None:
         _write_step(group, sensor.range_step_mm)
+    _write_filter(group, sensor.temporal_filter)
+
+
+def _write_filter(group: h5py.Group, found: TemporalFilter | None) -> None:
+    if found is not None:
+        group.attrs[_FILTER], group.attrs[_FILTER_PARAMETER] = found.kind, float(found.parameter)
 
 
 def _write_step(group: h5py.Group, step: NDArray[np.float64]) -> None:
@@ -204,10 +212,15 @@ def read_sensor(root: h5py.File, path: Path) -> Sensor:
         return Sensor(
             name=text_attribute(group, "name") or "unknown", measurement=_read_measurement(group),
             share_law=_read_share_law(group), noise=noise, projection=projection, learnt=learnt,
-            range_step_mm=_read_step(group, path), **known,
+            range_step_mm=_read_step(group, path), temporal_filter=_read_filter(group, path), **known,
         )  # fmt: skip
     except ValueError as error:
         raise BadInputError(f"{path}: sensor: {error}") from error
+
+
+def _read_filter(group: h5py.Group, path: Path) -> TemporalFilter | None:
+    kind = text_attribute(group, _FILTER)
+    return make_filter(kind, _number(group, _FILTER_PARAMETER, path) or 0.0) if kind else None
 
 
 def _read_measurement(group: h5py.Group) -> Measurement | None:

@@ -11,6 +11,7 @@ from tofmix.estimation.blocks.reading import MemoryTooSmallError, plan_reading
 from tofmix.estimation.blocks.sequence import estimate_cells, resolved_mixing
 from tofmix.estimation.settings import MixingChoice
 from tofmix.grid import Cell, Grid
+from tofmix.independent_samples import independent_samples
 from tofmix.io.layers.chunks import EncodedCell, encode_cell
 from tofmix.io.recording.scratch import on_scratch
 from tofmix.pipeline.job import Job
@@ -51,7 +52,7 @@ class LocalEngine:
         BadInputError
             If the recording cannot be read.
         """
-        buffer_bytes, source = self.memory_bytes - PROGRAM_BYTES, self.source
+        buffer_bytes, source = self.memory_bytes - PROGRAM_BYTES, independent_samples(self.source)
         phasors = resolved_mixing(job.options, source).mixing is not MixingChoice.EVENTS
         with ExitStack() as stack:
             try:

@@ -24,6 +24,7 @@ from tofmix.estimation.layer_amplitudes import layer_amplitudes
 from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
 from tofmix.grid import Cell, Grid, plan_grid
+from tofmix.independent_samples import independent_samples
 from tofmix.layers import MIXING, Layers, layer_fields
 from tofmix.recording import SampleSource, amplitude_source, has_phasors, samples_a_frame
 from tofmix.sensor import Sensor, sensor_of_part
@@ -43,12 +44,16 @@ DEFAULT_BUFFER_BYTES = 800_000_000
 def resolved_mixing(options: EstimateOptions, source: SampleSource) -> EstimateOptions:
     """The same options with the law of mixing that can be measured: ``events`` where samples are no phasors.
 
+    The means over time of a filter that does not separate surfaces are no phasors either.
+
     Raises
     ------
     ValueError
         If phasor sums are insisted on, and amplitudes or the modulation frequency are not known.
     """
-    if options.mixing is MixingChoice.EVENTS or has_phasors(source):
+    filter_ = source.sensor.temporal_filter
+    separates = filter_ is None or filter_.separates
+    if options.mixing is MixingChoice.EVENTS or (has_phasors(source) and separates):
         return options
     if options.mixing is MixingChoice.PHASOR:
         raise ValueError("mixing: phasor sums need amplitudes, a modulation frequency, and one sample a frame")
@@ -273,6 +278,7 @@ def estimate_windows(
     ValueError
         As `estimate_cells`.
     """
+    source = independent_samples(source)
     options = resolved_mixing(options or EstimateOptions(), source)
     measured = options.mixing is not MixingChoice.EVENTS
     frames, rows, cols = source.shape

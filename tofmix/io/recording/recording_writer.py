@@ -4,6 +4,7 @@ Use `RecordingWriter`; `tofmix.io.recording.recording_file` reads its files. The
 """
 
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self
@@ -117,7 +118,8 @@ class RecordingWriter:
             root.attrs.update(self._attributes)
             self._root = root
             self._add_frames(root)
-            sensor_group.write_sensor(root, self._sensor, image=self._shape[1:])
+            written = replace(self._sensor, temporal_filter=None)  # it is that of other samples
+            sensor_group.write_sensor(root, written, image=self._shape[1:])
             if self._truth is not None:
                 _write_truth(root, self._truth, self._model_text)
                 self._add_more_truth(root["truth"], self._truth)

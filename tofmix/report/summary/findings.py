@@ -12,6 +12,8 @@ from tofmix.flags import Status, status_name
 from tofmix.layers import MAX_LAYERS_LIMIT
 from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from tofmix.suspicion.registry import SUSPICIONS
+from tofmix.temporal_filter import TemporalFilter
+from tofmix.wording import counted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -226,6 +228,19 @@ def suspect_findings(counts: Mapping[str, int]) -> list[Finding]:
         return []
     text = f"Suspect layers: {'; '.join(said)}. map, export and surfaces leave them out without --suspect."
     return [Finding(code="suspect_layers", text=text)]
+
+
+def filter_findings(found: TemporalFilter | None, frames: int) -> list[Finding]:
+    """Warn of a camera that filters ranges over time: `frames` of a window tell less than they seem to."""
+    if found is None:
+        return []
+    undecided = "" if found.separates else " Pixels in which it mixes several surfaces are undecided."
+    text = (
+        f"The camera filters ranges over time ({found.words()}): {counted(frames, 'such frame')} tell as much"
+        f" as {found.worth(frames)} independent ones of that spread. Layers are of the independent samples."
+        f"{undecided} Switch the camera's temporal filter off, and record again."
+    )
+    return [Finding(code="temporal_filter", text=text)]
 
 
 def sigma_findings(

@@ -20,6 +20,7 @@ from tofmix.report.summary.findings import (
     Finding,
     Remedy,
     count_findings,
+    filter_findings,
     sigma_findings,
     split_notes,
     suspect_findings,
@@ -358,9 +359,10 @@ class _FindingTally:
             total=int(layers_file.window_stop[-1]) + provenance.frames_left_out,
             remedy=remedy,
         )
+        of_filter = filter_findings(provenance.sensor.temporal_filter, remedy.window_frames)
         return (
-            *of_sigma, *of_losses, *of_counts, *of_light, *of_frames, *target_findings(provenance.targets),
-            *suspect_findings(self.suspicions),
+            *of_filter, *of_sigma, *of_losses, *of_counts, *of_light, *of_frames,
+            *target_findings(provenance.targets), *suspect_findings(self.suspicions),
         )  # fmt: skip
 
     def by_status(self) -> dict[str, int]:

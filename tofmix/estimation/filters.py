@@ -1,0 +1,267 @@
+"""The temporal filter of a camera, found in the samples of a recording.
+
+Use `learn_filter` before noise is learnt. A filter is common to all pixels, and shows in two ways:
+
+- *Linear filters*: pixels of several surfaces (*wide* ones) and pixels of one surface have the same correlation from
+  frame to frame, as a filter takes samples of noise and of surfaces alike. Noise with a memory, 1/f noise, drift and
+  the jitter of whole frames correlate the noise only: wide pixels change from one surface to another without memory.
+  A surface that moves correlates wide pixels only.
+- *Medians* repeat values: the same sample is the median of several windows, in a known share of frames.
+
+An exponential average is taken for granted only if its inverse explains wide pixels better than independent samples
+and better than ranges that wander: by the entropy of the samples, given the sample before.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.estimation.noise.series import read_runs
+from tofmix.estimation.samples import FARTHEST_MM
+from tofmix.recording import SampleSource, samples_a_frame
+from tofmix.temporal_filter import ExponentialAverage, RunningMean, RunningMedian, TemporalFilter
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FilterSettings:
+    """Numbers of the search for a filter.
+
+    Parameters
+    ----------
+    frames, pixels : int
+        Most frames and about how many pixels are read.
+    least_frames, least_pixels : int
+        Fewest frames, and fewest wide pixels that may show a linear filter.
+    valid : float
+        Least share of valid samples of a pixel.
+    wide : float
+        Spread of a wide pixel, in spreads of the pixels of its range.
+    least_correlation, correlation_tolerance : float
+        Least correlation of a filter from frame to frame, in both kinds of pixels; difference between the two that
+        their means, which are removed, and rounding explain.
+    agreeing : float
+        Least share of the wide pixels that the inverse explains better.
+    windows : tuple of int
+        Windows of medians and means that are tried.
+    most_ties, tie_tolerance, tie_spread : float
+        Most samples that equal another by chance for a pixel to show medians; tolerance of the share of repeated
+        values; most spread of that share over frames, as frames that are stored twice have it.
+    """
+
+    frames: int = 128
+    pixels: int = 4096
+    least_frames: int = 20
+    least_pixels: int = 8
+    valid: float = 0.9
+    wide: float = 4.0
+    least_correlation: float = 0.1
+    correlation_tolerance: float = 0.2
+    agreeing: float = 0.75
+    windows: tuple[int, ...] = (3, 5, 7, 9)
+    most_ties: float = 0.2
+    tie_tolerance: float = 0.06
+    tie_spread: float = 0.15
+
+
+DEFAULT_SETTINGS = FilterSettings()
+
+_GROUP = 64  # pixels of similar range whose lower quartile of spreads is the noise
+_ABOVE_LINE = 1.5  # noise of a range over the line through all ranges, at most
+_LAGS = 12  # frames apart, of repeated values
+_FAR_LAGS = 4  # the last of them: no window is as long
+_LEAST_SPREADS = 0.1  # spreads of the noise: the resolution of the density
+_STEP = 0.5  # step of the search for a, in the sigmas by which samples of the widest pixel move
+_FEW = 3  # samples that make a heap
+
+
+def learn_filter(source: SampleSource, settings: FilterSettings = DEFAULT_SETTINGS) -> TemporalFilter | None:
+    """The filter of the camera; None where the samples show none.
+
+    Parameters
+    ----------
+    source : SampleSource
+        The recording, as it is stored. Its first frames are read, in rows spread over the image.
+    settings : FilterSettings, optional
+        Numbers of the search.
+
+    Returns
+    -------
+    TemporalFilter or None
+        None, too, for recordings of several targets a frame or of few frames.
+    """
+    frames, rows, cols = source.shape
+    if samples_a_frame(source) > 1 or frames < settings.least_frames:
+        return None
+    every = max(1, math.ceil(rows * cols / settings.pixels))
+    chosen = np.arange(every // 2 if rows > every // 2 else 0, rows, every)
+    stored = read_runs(source, [0], min(frames, settings.frames), chosen, None).samples.astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        stored[~(np.abs(stored) <= FARTHEST_MM)] = np.nan
+    stored = stored[np.isfinite(stored).mean(axis=1) >= settings.valid]
+    stored = stored[np.nanmax(stored, axis=1) > np.nanmin(stored, axis=1)] if len(stored) else stored
+    if not len(stored):
+        return None
+    return _median_filter(stored, settings) or _linear_filter(stored, settings)
+
+
+def _median_filter(stored: FloatArray, settings: FilterSettings) -> RunningMedian | None:
+    """The median whose repeated values the samples (pixel, frame) have."""
+    length = stored.shape[1]
+    lags = range(1, min(_LAGS, length - 1) + 1)
+    ties = np.array([np.mean(stored[:, lag:] == stored[:, :-lag], axis=1) for lag in lags])  # (lag, pixel)
+    chance = ties[-_FAR_LAGS:].mean(axis=0)
+    told = chance < settings.most_ties
+    if told.sum() < settings.least_pixels:
+        return None
+    by_frame = np.mean(stored[told, 1:] == stored[told, :-1], axis=0)
+    if by_frame.std() > settings.tie_spread:
+        return None  # frames that are stored twice
+    base = chance[told].mean()
+    excess = (ties[:, told].mean(axis=1) - base) / (1.0 - base)
+    for window in settings.windows:
+        found = RunningMedian(float(window))
+        expected = np.array([found.tie(lag) for lag in lags])
+        if np.abs(excess - expected).max() <= settings.tie_tolerance:
+            return found
+    return None
+
+
+def _linear_filter(stored: FloatArray, settings: FilterSettings) -> TemporalFilter | None:
+    """The exponential average or the mean that wide and other pixels (pixel, frame) share."""
+    low, middle, high = _quantiles(stored, (0.05, 0.5, 0.95))
+    spread = high - low
+    noise = _noise_of_range(middle, spread)
+    wide = spread > settings.wide * noise
+    calm = spread <= 2.0 * noise
+    if wide.sum() < settings.least_pixels or calm.sum() < settings.least_pixels:
+        return None
+    lags = range(1, min(_LAGS, stored.shape[1] - 2) + 1)
+    at_edges, elsewhere = (np.array([_correlation(stored[which], lag) for lag in lags]) for which in (wide, calm))
+    least, tolerance = settings.least_correlation, settings.correlation_tolerance
+    if min(at_edges[0], elsewhere[0]) < least or abs(at_edges[0] - elsewhere[0]) > tolerance:
+        return None
+    average = _exponential(stored[wide], noise[wide], float(at_edges[0]), settings)
+    if average is not None:
+        undone = np.asarray(average.independent(stored[calm].T.astype(np.float32), 0).T[:, 1:], dtype=np.float64)
+        if abs(_correlation(undone, 1)) <= tolerance:
+            return average
+    for window in settings.windows:
+        expected = np.array([max(0.0, 1.0 - lag / window) for lag in lags])
+        if max(np.abs(seen - expected).max() for seen in (at_edges, elsewhere)) <= tolerance:
+            return RunningMean(float(window))
+    return None
+
+
+def _quantiles(samples: FloatArray, shares: tuple[float, ...]) -> list[FloatArray]:
+    """Order statistics (pixel,) of the valid samples (pixel, frame) at some shares."""
+    ordered = np.sort(samples, axis=1)  # NaN last
+    count = np.isfinite(samples).sum(axis=1)
+    row = np.arange(len(samples))
+    return [ordered[row, np.rint(share * (count - 1)).astype(int)] for share in shares]
+
+
+def _noise_of_range(range_mm: FloatArray, spread: FloatArray) -> FloatArray:
+    """Spread (pixel,) of pixels of one surface at each pixel's range: the lower quartile of its neighbours in range.
+
+    Between two surfaces all neighbours may be mixed. Noise changes slowly with range, so a quartile is at most
+    `_ABOVE_LINE` times a line through all of them: its slope is the median over pairs of groups.
+    """
+    order = np.argsort(range_mm, kind="stable")
+    groups = np.array_split(order, max(1, len(order) // _GROUP))
+    at = np.array([np.median(range_mm[group]) for group in groups])
+    level = np.log(np.maximum([np.quantile(spread[group], 0.25) for group in groups], 1e-6))
+    first, second = np.triu_indices(len(groups), 1)
+    apart = at[second] - at[first]
+    slopes = (level[second] - level[first])[apart > 0.0] / apart[apart > 0.0]
+    slope = float(np.median(slopes)) if slopes.size else 0.0
+    line = slope * at + np.median(level - slope * at)
+    out = np.empty(len(order))
+    for group, noise in zip(groups, np.minimum(level, line + math.log(_ABOVE_LINE)), strict=True):
+        out[group] = math.exp(noise)
+    return out
+
+
+def _correlation(samples: FloatArray, lag: int) -> float:
+    """Median over pixels (pixel, frame) of the correlation of samples `lag` frames apart, each pixel's mean removed."""
+    known = np.isfinite(samples)
+    mean = np.where(known, samples, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    away = np.where(known, samples - mean[:, None], 0.0)
+    pairs = np.maximum((known[:, lag:] & known[:, :-lag]).sum(axis=1), 1)
+    products = (away[:, lag:] * away[:, :-lag]).sum(axis=1) / pairs
+    return float(np.median(products / np.maximum((away * away).sum(axis=1) / np.maximum(known.sum(axis=1), 1), 1e-12)))
+
+
+def _exponential(
+    wide: FloatArray, noise: FloatArray, correlation: float, settings: FilterSettings
+) -> ExponentialAverage | None:
+    """The exponential average whose inverse explains wide pixels (pixel, frame) of some noise (pixel,) best."""
+    before, change = wide[:, :-1], np.diff(wide, axis=1)
+    known = np.isfinite(change).all(axis=1)
+    before, change, noise = before[known], change[known], noise[known]
+    if len(change) < settings.least_pixels:
+        return None
+    few = np.linspace(0, len(change) - 1, min(len(change), 4 * settings.least_pixels)).astype(int)
+    low, high = (np.clip(1.0 - correlation + d, 0.02, 0.98) for d in (-settings.correlation_tolerance, 0.1))
+    # Samples move by d ln a times (x - y): half a sigma at most from one trial to the next.
+    ratio = float(np.quantile(np.ptp(wide[known], axis=1) / noise, 0.9))
+    count = int(math.log(high / low) * ratio / _STEP) + 2
+    trials = np.geomspace(low, high, min(count, 4000))
+    entropies = np.array(
+        [np.median(_entropy(before[few] + change[few] / a, noise[few] / a) + math.log(a)) for a in trials]
+    )
+    share = float(trials[np.argmin(entropies)])
+    for _ in range(3):
+        share = _refined(before, change, noise, share)
+        if not low <= share <= high:
+            return None
+    undone = _entropy(before + change / share, noise / share) + math.log(share)
+    rivals = np.minimum(_entropy(before + change, noise), _entropy(change, noise))
+    return ExponentialAverage(share) if np.mean(undone < rivals) >= settings.agreeing else None
+
+
+def _entropy(values: FloatArray, noise: FloatArray) -> FloatArray:
+    """Entropy (pixel,), nat a sample, of independent values (pixel, n) by their spacings (Vasicek 1976).
+
+    A spacing is at least a small part of the noise (pixel,), so that equal values are not infinitely dense.
+    """
+    n = values.shape[1]
+    reach = max(1, round(math.sqrt(n)) // 2)
+    ordered = np.sort(values, axis=1)
+    spacing = ordered[:, 2 * reach :] - ordered[:, : -2 * reach]
+    return np.asarray(np.log(spacing + _LEAST_SPREADS * noise[:, None]).mean(axis=1) + math.log(n / (2 * reach)))
+
+
+def _refined(before: FloatArray, change: FloatArray, noise: FloatArray, share: float) -> float:
+    """The share a of the new sample by least squares: y_t - y_(t-1) = a (x - y_(t-1)), where x is a mean in each heap.
+
+    The noise of a sample is independent of y_(t-1). Heaps are those of the samples at the present share, parted by gaps
+    of several sigmas. `noise` is the central 90 % of filtered ranges.
+    """
+    sigma = noise / 3.3 * math.sqrt((2.0 - share) / share)
+    values = before + change / share
+    order = np.argsort(values, axis=1)
+    ordered = np.take_along_axis(values, order, axis=1)
+    cut = np.diff(ordered, axis=1) > 5.0 * sigma[:, None]
+    heap = np.concatenate([np.zeros((len(values), 1), np.int64), np.cumsum(cut, axis=1)], axis=1)
+    label = np.empty_like(heap)
+    np.put_along_axis(label, order, heap + np.arange(len(values))[:, None] * values.shape[1], axis=1)
+    _, group = np.unique(label.ravel(), return_inverse=True)
+    weight = np.broadcast_to(sigma[:, None] ** -2, values.shape).ravel()
+    members = np.bincount(group)
+    base, slope = (_about_heap(part.ravel(), group, members) for part in (before, change))
+    used = (members[group] >= _FEW) & _near(values.ravel(), group, members, np.repeat(sigma, values.shape[1]))
+    along = float((weight * base * base)[used].sum())
+    found = -float((weight * base * slope)[used].sum()) / along if along > 0.0 else share
+    return min(max(found, 1e-6), 1.0)
+
+
+def _about_heap(values: FloatArray, group: IntArray, members: IntArray) -> FloatArray:
+    """Values less the mean of their heap."""
+    return np.asarray(values - (np.bincount(group, values) / members)[group])
+
+
+def _near(values: FloatArray, group: IntArray, members: IntArray, sigma: FloatArray) -> BoolArray:
+    """Values within some sigmas of their heap's mean: heaps of several surfaces are left out sample by sample."""
+    return np.asarray(np.abs(_about_heap(values, group, members)) < 6.0 * sigma)

@@ -1,0 +1,393 @@
+"""How a stored range depends on independent ones, where a camera filters its ranges over time.
+
+Each class is one filter: the independent samples that it leaves, the number of independent frames that its frames are
+worth, and its effect on fitted layers. `tofmix.independent_samples` reads a recording by it;
+`tofmix.estimation.filters` finds the filter of a recording. Noise with a memory is no filter: its pixels change from
+one surface to another within a frame, and the memory is a part of the learnt noise.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from tofmix.arrays import Float32Array, FloatArray
+
+MOST_WINDOW = 99
+"""Longest window of a median or a mean, frames."""
+
+MOST_MEDIAN = 9
+"""Longest window of a median, frames: the arrangements of its neighbours are counted one by one."""
+
+_QUADRATURE = 200  # points of the integral over a surface's samples
+_DRAWN_FRAMES, _DRAWN_PIXELS, _SEED = 100, 4000, 20080922  # of the dependence of seen samples
+_QUANTILES = 2001  # of the distribution of seen samples
+
+
+class TemporalFilter(Protocol):
+    """A filter that acts on each pixel, frame by frame.
+
+    Attributes
+    ----------
+    kind : str
+        Its name in files.
+    parameter : float
+        Its number in files.
+    reach : int
+        Earlier stored frames that an independent sample needs.
+    separates : bool
+        Whether the independent samples are of one surface each; if not, pixels of several surfaces are undecided.
+    """
+
+    kind: ClassVar[str]
+    separates: ClassVar[bool]
+
+    @property
+    def parameter(self) -> float:
+        """Its number in files."""
+
+    @property
+    def reach(self) -> int:
+        """Earlier stored frames that an independent sample needs."""
+
+    def independent(self, stored_mm: Float32Array, first: int) -> Float32Array:
+        """Independent samples (frame, ...) float32 in mm of stored ones; NaN where a frame adds none.
+
+        `first` is the number of the first stored frame in the recording. The first `reach` frames may be NaN because
+        earlier ones are missing.
+        """
+
+    def for_noise(self) -> "TemporalFilter":
+        """The filter by which noise is learnt: its samples have no memory, and may be fewer."""
+
+    def worth(self, frames: int) -> int:
+        """Independent frames of the stored ranges' spread that tell as much as `frames` stored ones."""
+
+    def words(self) -> str:
+        """The filter in a few words."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExponentialAverage:
+    """y_t = a x_t + (1 - a) y_(t-1): its inverse gives every sample x_t again.
+
+    Parameters
+    ----------
+    parameter : float
+        a, the share of the new sample, in (0, 1).
+
+    Raises
+    ------
+    ValueError
+        If it is out of its bounds.
+    """
+
+    parameter: float
+    kind: ClassVar[str] = "exponential_average"
+    separates: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        if not 0 < self.parameter < 1:
+            raise ValueError(f"temporal filter: the share of the new sample, {self.parameter:g}, is not in (0, 1)")
+
+    @property
+    def reach(self) -> int:
+        """Earlier stored frames that an independent sample needs."""
+        return 1
+
+    def independent(self, stored_mm: Float32Array, first: int) -> Float32Array:  # noqa: ARG002  any frame will do
+        """x_t = y_(t-1) + (y_t - y_(t-1)) / a; NaN in the first frame, and after a lost sample."""
+        out = np.full(stored_mm.shape, np.nan, dtype=np.float32)
+        before = stored_mm[:-1].astype(np.float64)
+        out[1:] = before + (stored_mm[1:] - before) / self.parameter
+        return out
+
+    def for_noise(self) -> TemporalFilter:
+        """Noise is learnt from the same samples."""
+        return self
+
+    def rounding_mm(self, step_mm: float) -> float:
+        """Sd that a step of the stored ranges adds to independent samples: their inverse enlarges its rounding."""
+        return step_mm / math.sqrt(12.0) * math.hypot(1.0, 1.0 - self.parameter) / self.parameter
+
+    def worth(self, frames: int) -> int:
+        """The variance of a mean of AR(1) noise is (2 - a) / a times that of independent samples."""
+        return max(1, round(frames * self.parameter / (2.0 - self.parameter)))
+
+    def words(self) -> str:
+        """The filter in a few words."""
+        return f"exponential average, {self.parameter:.3g} of the new sample"
+
+
+def _check_window(window: float, what: str) -> None:
+    if not 2 <= window <= MOST_WINDOW or window != int(window):  # noqa: PLR2004  a window of one frame is no filter
+        raise ValueError(f"temporal filter: {what} of {window:g} frames; expected 2 to {MOST_WINDOW}")
+
+
+def _every(stored_mm: Float32Array, first: int, window: int) -> Float32Array:
+    """One frame of each `window`: their windows have no sample in common."""
+    out = np.full(stored_mm.shape, np.nan, dtype=np.float32)
+    start = -first % window
+    out[start::window] = stored_mm[start::window]
+    return out
+
+
+@dataclass(frozen=True, slots=True)
+class RunningMedian:
+    """y_t is the median of the last m samples: the values that differ are samples, each taken once.
+
+    A sample at the quantile u of its distribution F is a median where, in one of the m windows that hold it, as many
+    samples are below it as above. Others are below it with probability u, independently: this gives the probability
+    q(u) that the sample is seen (`seen`), and seen samples have the density q(F(x)) f(x) over the integral of q. So
+    the shares and ranges of surfaces follow from those of seen samples (`shares_of_samples`, `moments`).
+
+    Parameters
+    ----------
+    parameter : float
+        m, odd, at least 3.
+
+    Raises
+    ------
+    ValueError
+        If it is not.
+    """
+
+    parameter: float
+    kind: ClassVar[str] = "running_median"
+    separates: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        _check_window(self.parameter, "a median")
+        if self.parameter % 2 == 0 or self.parameter > MOST_MEDIAN:
+            raise ValueError(
+                f"temporal filter: a median of {self.parameter:g} frames; expected an odd number up to {MOST_MEDIAN}"
+            )
+
+    @property
+    def window(self) -> int:
+        """Frames of a median."""
+        return int(self.parameter)
+
+    @property
+    def reach(self) -> int:
+        """Earlier stored frames that an independent sample needs."""
+        return self.window - 1
+
+    def independent(self, stored_mm: Float32Array, first: int) -> Float32Array:  # noqa: ARG002  any frame will do
+        """The medians that differ from those of the m - 1 frames before."""
+        repeated = np.zeros(stored_mm.shape, dtype=np.bool_)
+        for lag in range(1, self.window):
+            repeated[lag:] |= stored_mm[lag:] == stored_mm[:-lag]
+        return np.where(repeated, np.float32(np.nan), stored_mm)
+
+    def for_noise(self) -> TemporalFilter:
+        """One median of each m, of no common sample: seen samples have a memory."""
+        return ApartMedians(self.parameter)
+
+    def worth(self, frames: int) -> int:
+        """Samples that are seen in so many frames."""
+        return max(1, round(frames * float(_cumulated(self.window)[-1])))
+
+    def words(self) -> str:
+        """The filter in a few words."""
+        return f"median of {self.window}"
+
+    def tie(self, lag: int) -> float:
+        """Probability that medians `lag` frames apart are the same sample, for continuous samples.
+
+        The sample is one of those that both windows hold, and has as many below it as above in each of them.
+        """
+        common, half = self.window - lag, (self.window - 1) // 2
+        total = 0.0
+        for below in range(max(common, 0)):
+            alone = half - below
+            if 0 <= alone <= lag:
+                ways = math.comb(common - 1, below) * math.comb(lag, alone) ** 2
+                under = below + 2 * alone
+                over = common - 1 - below + 2 * (lag - alone)
+                total += ways * math.exp(math.lgamma(under + 1) + math.lgamma(over + 1) - math.lgamma(under + over + 2))
+        return common * total
+
+    def seen(self, quantile: FloatArray) -> FloatArray:
+        """Probability q(u) that a sample at a quantile u of its distribution is a median."""
+        u = np.asarray(quantile, dtype=np.float64)
+        others = 2 * self.window - 2
+        return np.asarray(
+            sum(ways * u**below * (1.0 - u) ** (others - below) for below, ways in enumerate(_seen_ways(self.window)))
+        )
+
+    def shares_of_samples(self, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Shares of samples (pixel, n), near to far, from those of seen samples; and their slopes.
+
+        A slope is the change of a share with that of seen samples: standard errors take it as a factor.
+        """
+        cumulated = _cumulated(self.window)
+        quantiles = np.linspace(0.0, 1.0, len(cumulated))
+        ends = np.interp(np.cumsum(shares, axis=1), cumulated / cumulated[-1], quantiles)
+        ends[:, -1] = 1.0
+        below = np.concatenate([np.zeros((len(shares), 1)), ends[:, :-1]], axis=1)
+        inner, outer = (
+            np.where((end > 0.0) & (end < 1.0), self.seen(end) / cumulated[-1], np.inf) for end in (below, ends)
+        )
+        slope = 1.0 / np.minimum(inner, outer)
+        return ends - below, np.where(slope > 0.0, slope, 1.0)
+
+    def moments(self, below: float, above: float) -> tuple[float, float]:
+        """Mean and sd of a surface's seen samples in its sigmas; shares before and with it are `below` and `above`."""
+        return _moments(self, round(below, 3), round(above, 3))
+
+    def dependence(self) -> float:
+        """Variance of the mean of seen samples of one surface, over that of as many independent samples of their sd.
+
+        Seen samples are different samples, but neighbours among them are seen for the same reason.
+        """
+        return _dependence(self)
+
+
+@lru_cache(maxsize=8)
+def _seen_ways(window: int) -> tuple[int, ...]:
+    """Number of arrangements of the 2 m - 2 neighbours of a sample in which it is a median, by how many are below."""
+    ways = [0] * (2 * window - 1)
+    for arrangement in product((0, 1), repeat=2 * window - 2):
+        if any(2 * sum(arrangement[k : k + window - 1]) == window - 1 for k in range(window)):
+            ways[sum(arrangement)] += 1
+    return tuple(ways)
+
+
+@lru_cache(maxsize=8)
+def _cumulated(window: int) -> FloatArray:
+    """Integral of `RunningMedian.seen` from 0 to each of evenly spaced quantiles up to 1."""
+    edges = np.linspace(0.0, 1.0, _QUANTILES)
+    middle = RunningMedian(float(window)).seen(0.5 * (edges[1:] + edges[:-1]))
+    return np.concatenate([[0.0], np.cumsum(middle) / (_QUANTILES - 1)])
+
+
+@lru_cache(maxsize=8)
+def _dependence(median: RunningMedian) -> float:
+    rng = np.random.default_rng(_SEED)
+    drawn = rng.standard_normal((_DRAWN_FRAMES, _DRAWN_PIXELS)).astype(np.float32)
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(drawn, median.window, axis=0), axis=-1)
+    seen = median.independent(medians, 0)
+    return float(np.nanmean(seen, axis=0).var() * np.isfinite(seen).sum(axis=0).mean() / np.nanvar(seen))
+
+
+@lru_cache(maxsize=4096)
+def _moments(median: RunningMedian, below: float, above: float) -> tuple[float, float]:
+    from scipy.special import ndtri
+
+    part = (np.arange(_QUADRATURE) + 0.5) / _QUADRATURE
+    weight, z = median.seen(below + (above - below) * part), ndtri(part)
+    mean = float((weight * z).sum() / weight.sum())
+    return mean, math.sqrt(float((weight * (z - mean) ** 2).sum() / weight.sum()))
+
+
+@dataclass(frozen=True, slots=True)
+class ApartMedians:
+    """One median of each m, whose noise is that of the median of m independent samples (`RunningMedian.for_noise`).
+
+    Parameters
+    ----------
+    parameter : float
+        m.
+    """
+
+    parameter: float
+    kind: ClassVar[str] = "apart_medians"
+    separates: ClassVar[bool] = True
+
+    @property
+    def reach(self) -> int:
+        """Earlier stored frames that an independent sample needs."""
+        return 0
+
+    def independent(self, stored_mm: Float32Array, first: int) -> Float32Array:
+        """One median of each m."""
+        return _every(stored_mm, first, int(self.parameter))
+
+    def for_noise(self) -> TemporalFilter:
+        """Noise is learnt from the same samples."""
+        return self
+
+    def worth(self, frames: int) -> int:
+        """Medians without a common sample."""
+        return max(1, frames // int(self.parameter))
+
+    def words(self) -> str:
+        """The filter in a few words."""
+        return f"median of {self.parameter:g}"
+
+    def sd(self) -> float:
+        """Sd of a median of m Gaussian samples of sd 1."""
+        from scipy.special import ndtri
+
+        u = (np.arange(_QUANTILES) + 0.5) / _QUANTILES
+        weight = (u * (1.0 - u)) ** ((int(self.parameter) - 1) // 2)
+        return math.sqrt(float((weight * ndtri(u) ** 2).sum() / weight.sum()))
+
+
+@dataclass(frozen=True, slots=True)
+class RunningMean:
+    """y_t is the mean of the last m samples: one frame of m is independent, but may be of several surfaces.
+
+    Its inverse is not stable, so that pixels of several surfaces are undecided.
+
+    Parameters
+    ----------
+    parameter : float
+        m, at least 2.
+
+    Raises
+    ------
+    ValueError
+        If it is not.
+    """
+
+    parameter: float
+    kind: ClassVar[str] = "running_mean"
+    separates: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        _check_window(self.parameter, "a mean")
+
+    @property
+    def reach(self) -> int:
+        """Earlier stored frames that an independent sample needs."""
+        return 0
+
+    def independent(self, stored_mm: Float32Array, first: int) -> Float32Array:
+        """One mean of each m."""
+        return _every(stored_mm, first, int(self.parameter))
+
+    def for_noise(self) -> TemporalFilter:
+        """Noise is learnt from the same samples."""
+        return self
+
+    def worth(self, frames: int) -> int:
+        """Means without a common sample."""
+        return max(1, frames // int(self.parameter))
+
+    def words(self) -> str:
+        """The filter in a few words."""
+        return f"mean of {self.parameter:g}"
+
+
+FILTERS: dict[str, type[ExponentialAverage] | type[RunningMedian] | type[RunningMean]] = {
+    filter_.kind: filter_ for filter_ in (ExponentialAverage, RunningMedian, RunningMean)
+}
+"""Filters by their name in files."""
+
+
+def make_filter(kind: str, parameter: float) -> TemporalFilter:
+    """The filter of a kind.
+
+    Raises
+    ------
+    ValueError
+        If the kind is not known, or the parameter is out of its bounds.
+    """
+    if kind not in FILTERS:
+        raise ValueError(f"temporal filter: {kind!r} is not known; known: {', '.join(FILTERS)}")
+    return FILTERS[kind](parameter)
