@@ -11,7 +11,7 @@ import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import jit
-from tofmix.estimation.beam import Beam
+from tofmix.estimation.beam import Beam, uniform_background
 from tofmix.estimation.learnt.acceleration import LEARNING_ITER, LEARNING_TOL, maximise
 from tofmix.estimation.learnt.cells import density_at, spread_at
 from tofmix.estimation.learnt.components import (
@@ -214,7 +214,7 @@ def fit_clusters(samples: Float32Array, clusters: Clusters, law: Law, beam: Beam
         own = Beam(
             common.curve_range, common.curve_sigma, np.inf, 1.0, np.inf, np.inf, np.inf, beam.p_outlier,
             beam.outlier_density,
-            clusters.low[c], clusters.high[c], beam.pixel_curves, common.steps,
+            clusters.low[c], clusters.high[c], beam.pixel_curves, common.steps, uniform_background(),
         )  # fmt: skip
         fill_times(data, scratch)
         fill_cells(data, own, scratch)

@@ -18,12 +18,13 @@ import math
 
 from tofmix.compiled.jit import borrowing
 from tofmix.compiled.vector import exp_minus, log_of, product_of, total_of
-from tofmix.estimation.beam import Beam, is_beyond
+from tofmix.estimation.beam import Beam, is_beyond, is_uniform
 from tofmix.estimation.mixture.components import (
     DENSITY,
     MEAN,
     MEAN_SCORE,
     OTHER,
+    RANDOM,
     SHARE,
     SHARE_SCORE,
     SIGMA,
@@ -68,6 +69,8 @@ def steepest_place(
     for j in range(m):
         scratch[SHARE, j] = data.times[j] / scratch[TOTAL, j]
     outliers = beam.outlier_density * total_of(scratch[SHARE, :m])
+    if not is_uniform(beam):
+        outliers = product_of(scratch[RANDOM, :m], scratch[SHARE, :m])
     most, place, bound, nearest, norms = -n, values[0], 0.0, -1, (0.0, 0.0, 0.0)
     near, past = 0, 0
     theta = values[0] - sigma_at(values[0], beam.curve_range, beam.curve_sigma)
@@ -190,10 +193,11 @@ def best_share(data: Readings, place: float, beam: Beam, scratch: Scratch) -> fl
     sigma = sigma_at(place, beam.curve_range, beam.curve_sigma)
     m = len(data.value)
     term, share = scratch[OTHER, :m], 1.0 / data.total
+    uniform = is_uniform(beam)
     gaussians(data.value, place, sigma, scratch[SPARE])
     for _ in range(_NEWTON_STEPS):
         for j in range(m):
-            new = scratch[SPARE, j] + beam.outlier_density
+            new = scratch[SPARE, j] + (beam.outlier_density if uniform else scratch[RANDOM, j])
             term[j] = (new - scratch[TOTAL, j]) / ((1.0 - share) * scratch[TOTAL, j] + share * new)
         slope = product_of(term, data.times)
         for j in range(m):

@@ -1,0 +1,31 @@
+"""Layers that are not there: situations of real recordings that equation (1) leaves out.
+
+Usage: PYTHONPATH=tests:. python tests/benchmarks/not_there.py PART ...
+
+Each part simulates its situation with code of its own, estimates it, and prints Markdown tables of what came out beside
+the truth; `PART --help` tells its options. docs/results/not-there.md holds copies. Asserts nothing.
+"""
+
+import argparse
+import sys
+from importlib import import_module
+
+PARTS = {
+    "clutter": "fog, rain and uniform dark counts before a net and a wall",
+}
+"""Modules of `not_there_parts`, each with `main(arguments)`."""
+
+
+def main() -> None:
+    """Run one part."""
+    listed = "\n".join(f"  {name}: {text}" for name, text in PARTS.items())
+    parser = argparse.ArgumentParser(
+        description=__doc__, epilog=f"parts:\n{listed}", formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("part", choices=PARTS)
+    arguments = parser.parse_args(sys.argv[1:2])
+    import_module(f"benchmarks.not_there_parts.{arguments.part}").main(sys.argv[2:])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Parts of `not_there.py`: a module for each situation."""
