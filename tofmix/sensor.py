@@ -222,13 +222,10 @@ class NoiseCurve:
             pairs.append((self.background, other.background))
         elif self.background is not other.background:
             return False
-        if (self.background_density is None) != (other.background_density is None):
-            return False
-        if self.background_density is not None and not self.background_density.same_as(other.background_density):
-            return False
-        if self.width_spread != other.width_spread or (self.shape is None) != (other.shape is None):
-            return False
-        if self.shape is not None and not self.shape.same_as(other.shape):
+        for own, its in ((self.shape, other.shape), (self.background_density, other.background_density)):
+            if (own is None) != (its is None) or (own is not None and not own.same_as(its)):  # type: ignore[arg-type]
+                return False
+        if self.width_spread != other.width_spread:
             return False
         if self.law is None or other.law is None:
             return self.law is other.law and all(np.array_equal(*pair) for pair in pairs)

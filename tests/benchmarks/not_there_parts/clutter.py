@@ -10,7 +10,8 @@ import argparse
 import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass, replace
+import time
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import h5py
@@ -150,7 +151,7 @@ def judged(layers: Path, seen: Seen, weather: Weather) -> Outcome:
     """Compare a layers file with the truth."""
     with h5py.File(layers) as f:
         found, probability = f["range"][0].astype(float), f["probability"][0].astype(float)
-        share, learnt = float(np.nanmean(f["weight_outlier"][0])), "background_density" in f["sensor"]
+        share, learnt = float(np.nanmean(f["weight_outlier"][0])), "noise_background_density" in f["sensor"]
     reach = SAME_SIGMAS * weather.sigma_mm
     false = np.isfinite(found)
     there = []
@@ -159,15 +160,14 @@ def judged(layers: Path, seen: Seen, weather: Weather) -> Outcome:
         false &= ~near
         there.append(float(near.any(axis=-1)[np.isfinite(truth)].mean()) if np.isfinite(truth).any() else np.nan)
     return Outcome(
-        false=float(false.sum() / false[..., 0].size), sure=float((false & (probability > 0.5)).sum() / false[..., 0].size),
+        false=float(false.sum() / false[..., 0].size),
+        sure=float((false & (probability > 0.5)).sum() / false[..., 0].size),
         net=there[0], wall=there[1], inside=there[2], share=share, learnt=learnt, seconds=0.0,
     )  # fmt: skip
 
 
 def estimated(weather: Weather, seed: int, folder: Path, options: list[str]) -> Outcome:
     """Simulate, estimate by the command, and judge."""
-    import time
-
     seen = simulated(weather, seed)
     recording, layers = folder / "clutter.h5", folder / "clutter.layers.h5"
     write(recording, seen, weather)
@@ -208,9 +208,7 @@ def main(arguments: list[str]) -> None:
         for number in chosen.cases or range(len(CASES)):
             case = replace(CASES[number], with_curve=chosen.curve)
             found = [estimated(case, seed, Path(folder), chosen.options) for seed in chosen.seeds]
-            mean = {name: float(np.mean([getattr(one, name) for one in found])) for name in Outcome.__slots__} \
-                if hasattr(Outcome, "__slots__") else {  # fmt: skip
-                name: float(np.mean([getattr(one, name) for one in found])) for name in Outcome.__dataclass_fields__}
+            mean = {one.name: float(np.mean([getattr(seen, one.name) for seen in found])) for one in fields(Outcome)}
             inside = "" if np.isnan(mean["inside"]) else f"{100 * mean['inside']:.1f} %"
             print(
                 f"| {case.kind} | {100 * case.share:.0f} % | {case.keeps} | {case.frames}, {case.rows} x {case.cols} |"

@@ -6,7 +6,8 @@ is that of all samples, in wide cells: a surface is far narrower, stands out, an
 are finer. From the uniform density on, chance clumps of fog would pass for surfaces, and never become background; and
 from fine cells on, surfaces at the same range in all pixels would pass for background.
 
-The logarithm of the density is a random walk over its cells. The variance of its steps is that of the largest evidence (Laplace's approximation); 0 makes it uniform.
+The logarithm of the density is a random walk over its cells. The variance of its steps is that of the largest evidence
+(Laplace's approximation); 0 makes it uniform.
 
 References
 ----------

@@ -106,7 +106,6 @@ class Fold:
         pixels = self.training.some(MOST_COUNTED)
         return background_shares(pixels.samples, noise.laws(), self._beam(noise, pixels), flat_thresholds(), MAX_LAYERS)
 
-
     def cell_edges(self, noise: PixelNoise, cell_sigmas: float) -> FloatArray:
         """Edges (cell + 1,) of cells of the density of background, mm."""
         beam = self._beam(noise, self.training)

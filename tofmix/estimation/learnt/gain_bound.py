@@ -151,7 +151,8 @@ def steepest_place(  # noqa: PLR0915  one pass over the places
 ) -> tuple[float, float, float]:
     """Return the largest slope D(theta), nat, its place, mm, and the largest gain bound of all places, nat.
 
-    Where background is not uniform, the place is that of the largest gain of the best share, all else held. Bounds are computed while the largest is below `least`, nat. `mix` has been called.
+    Where background is not uniform, the place is that of the largest gain of the best share, all else held. Bounds are
+    computed while the largest is below `least`, nat. `mix` has been called.
     """
     n = len(data.value)
     y, share, new = data.value, scratch[SHARE], scratch[NEW]

@@ -48,7 +48,8 @@ def _side(
 ) -> float:
     """Log likelihood, nat, of the samples on one side of the jump, at the best range there, from `start`, mm, on.
 
-    `background` is its share times density at each sample, 1/mm, and `half` the half of the step of stored ranges, in widths.
+    `background` is its share times density at each sample, 1/mm, and `half` the half of the step of stored ranges, in
+    widths.
     """
     place, total = start, 0.0
     for _ in range(_ROUNDS):

@@ -22,9 +22,8 @@ class PixelNoise:
     ----------
     curve : NoiseCurve
         sigma by range, and by amplitude where it has a law; the shape of the error, None for a Gaussian; and
-        `width_spread`, the standard deviation of log width, 0 where all widths are equal; and the density of background,
-        None where it is uniform. Log widths follow a Student t
-        of the scale `law.SCALE_OF_SPREAD` times it.
+        `width_spread`, the standard deviation of log width, 0 where all widths are equal; and the density of
+        background, None where it is uniform. Log widths follow a Student t of the scale `law.SCALE_OF_SPREAD` times it.
     background : (float, float) or None
         Prior of each pixel's share of background, a Beta density: pseudo-counts, in samples, of background and
         of the rest. None: every pixel has about the sensor's p(c_r), `p_outlier`.

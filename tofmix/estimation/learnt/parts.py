@@ -1,7 +1,7 @@
-"""The parts of the noise beyond sigma(r): background, its density, drift, widths and shape, each learnt under the others.
+"""The parts of the noise beyond sigma(r): background and its density, drift, widths and shape, each under the others.
 
-A part is learnt from isolated clusters (`clusters`), the background from a count (`shares`, `clutter`). The variance that samples
-alone give to fitted widths, drifts and shares is subtracted. `selection` decides which parts are used.
+A part is learnt from isolated clusters (`clusters`), the background from a count (`shares`, `clutter`). The variance
+that samples alone give to fitted widths, drifts and shares is subtracted. `selection` decides which parts are used.
 """
 
 import math

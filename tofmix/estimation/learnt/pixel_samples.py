@@ -41,7 +41,10 @@ def take_samples(samples: Float32Array, value: FloatArray, time: FloatArray) -> 
 
 @borrowing
 def fill_cells(data: Samples, beam: Beam, scratch: FloatArray) -> None:
-    """Fill row RANDOM with the density of background at each sample, 1/mm, and, with steps, row CELL with half of them, mm."""
+    """Fill row RANDOM with the density of background at each sample, 1/mm, and row CELL with half its step, mm.
+
+    `cells` reads row CELL where the beam has steps.
+    """
     for j in range(len(data.value)):
         scratch[RANDOM, j] = background_at(data.value[j], beam)
     if has_steps(beam):

@@ -8,9 +8,10 @@ round of EM (`tests/benchmarks/fit_layout.py`).
 in samples), GAIN (loss of likelihood without the surface, nat), and scratch rows. The last column is that of c_0: its
 WEIGHT is p(c_0).
 
-`Scratch` (rows, values): TOTAL is p(r_j), SHARE the count of r_j by p(r_j), SPARE and OTHER are free for any loop. RANDOM
-is p(c_r) times the density of random values, 1/mm, where these are not uniform (`fill_random`). From DENSITY on follow the normal densities of the surfaces, in 1/mm, and `no_return_row` is that of c_0. From `gradient_row`
-on there is room for three rows more for each surface.
+`Scratch` (rows, values): TOTAL is p(r_j), SHARE the count of r_j by p(r_j), SPARE and OTHER are free for any loop.
+RANDOM is p(c_r) times the density of random values, 1/mm, where these are not uniform (`fill_random`). From DENSITY on
+follow the normal densities of the surfaces, in 1/mm, and `no_return_row` is that of c_0. From `gradient_row` on there
+is room for three rows more for each surface.
 """
 
 import numpy as np

@@ -196,8 +196,9 @@ def _gap_sigmas(k: int, index: int, fit: Components, beam: Beam) -> float:
 def _by_chance(n: float, k: int, index: int, fit: Components, beam: Beam, rules: Rules) -> bool:
     """Whether outliers alone would give such a surface too often.
 
-    Of N p(c_r) outliers, spread evenly over these samples, each finds m - 1 or more others in the `SCAN_SIGMAS` after it with the chance
-    of a Poisson variable; times the number of outliers, this bounds the probability of one such group.
+    Of N p(c_r) outliers, spread evenly over these samples, each finds m - 1 or more others in the `SCAN_SIGMAS` after
+    it with the chance of a Poisson variable; times the number of outliers, this bounds the probability of one such
+    group.
     """
     support = fit[SUPPORT, index]
     if support > MOST_BY_CHANCE or _gap_sigmas(k, index, fit, beam) < ALONE_SIGMAS:

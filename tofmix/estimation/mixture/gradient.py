@@ -62,7 +62,8 @@ def steepest_place(
 ) -> tuple[float, float, float]:
     """Largest D(theta), nat, its place, mm, and the largest gain bound of all places.
 
-    Where random values are not uniform, the place is that of the largest gain of the best share, all else held. Gain bounds are computed only while the largest one is below `least`.
+    Where random values are not uniform, the place is that of the largest gain of the best share, all else held. Gain
+    bounds are computed only while the largest one is below `least`.
     """
     mix(data, k, fit, beam, scratch)
     values, n, m = data.value, data.total, len(data.value)
