@@ -125,6 +125,7 @@ def test_a_uniform_density_written_out_gives_the_layers_of_none(sigma: SigmaMode
         np.testing.assert_allclose(one.log_likelihood[same], two.log_likelihood[same], atol=0.05)
 
 
+@pytest.mark.compiled("counts the surfaces of 200 pixels")
 def test_gaussian_noise_reads_the_density_too(rng: np.random.Generator) -> None:
     samples = in_fog(rng, 100, 100, 0.5)
     curve = NoiseCurve(np.array([1000.0]), np.array([SIGMA_MM]))
