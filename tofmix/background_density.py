@@ -68,7 +68,7 @@ class BackgroundDensity:
 
     def at(self, range_mm: ArrayLike) -> FloatArray:
         """Density, 1/mm, at ranges of any shape, mm."""
-        return np.asarray(np.interp(range_mm, self.range_mm, self.density), dtype=np.float64)
+        return np.asarray(np.interp(np.asarray(range_mm, np.float64), self.range_mm, self.density))
 
     def quantile(self, chance: ArrayLike) -> FloatArray:
         """Range, mm, below which a random value lies with each chance, of any shape."""
