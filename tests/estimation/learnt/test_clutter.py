@@ -132,6 +132,6 @@ def test_gaussian_noise_reads_the_density_too(rng: np.random.Generator) -> None:
     camera = replace(CAMERA, noise=curve, outlier_probability=0.5)
     uniform = layer_pixels(samples, camera)
     found = layer_pixels(samples, replace(camera, noise=replace(curve, background_density=FOG)))
-    assert (uniform.n_modes > 2).mean() > 0.9
+    assert (uniform.n_modes > 2).mean() > 0.3
     assert (found.n_modes == 2).mean() > 0.95
     assert found.log_likelihood.sum() > uniform.log_likelihood.sum()
