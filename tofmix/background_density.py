@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
 
-LEAST_POINTS = 2
+LEAST_POINTS = 2  # of a density
 
 _ROUNDING = 1.0e-12
 """How far an area may be from 1 by the rounding of some thousand sums."""
