@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
+from tofmix.background_density import BackgroundDensity
 from tofmix.learnt_noise import LearntNoise
 from tofmix.measurement import Measurement, measurement_of
 from tofmix.noise_shape import NoiseShape
@@ -129,7 +130,9 @@ class NoiseCurve:
     width_spread : float
         Standard deviation of the logarithm of a pixel's own width, a factor on sigma, at least 0.
     background : (row, col) float64, or (), optional
-        Share of the samples of each pixel, or of all alike, that are uniform over the working range, in [0, 1).
+        Share of the samples of each pixel, or of all alike, that are random values, in [0, 1).
+    background_density : BackgroundDensity, optional
+        Density of random values over range; uniform over the working range without it.
 
     Raises
     ------
@@ -145,6 +148,7 @@ class NoiseCurve:
     shape: NoiseShape | None = None
     width_spread: float = 0.0
     background: FloatArray | None = None
+    background_density: BackgroundDensity | None = None
 
     def __post_init__(self) -> None:
         range_mm = np.array(self.range_mm, dtype=np.float64, copy=True)
@@ -204,7 +208,9 @@ class NoiseCurve:
     @property
     def has_parts(self) -> bool:
         """Whether it has more than sigma by range and amplitude."""
-        return self.shape is not None or self.width_spread > 0 or self.background is not None
+        if self.background is not None or self.background_density is not None:
+            return True
+        return self.shape is not None or self.width_spread > 0
 
     def scaled(self, factor: float, *, amplitude_factor: float = 1.0) -> Self:
         """The same curve with every sigma times `factor`, and the law's amplitudes times `amplitude_factor`."""
@@ -218,9 +224,10 @@ class NoiseCurve:
             pairs.append((self.background, other.background))
         elif self.background is not other.background:
             return False
-        if self.width_spread != other.width_spread or (self.shape is None) != (other.shape is None):
-            return False
-        if self.shape is not None and not self.shape.same_as(other.shape):
+        for own, its in ((self.shape, other.shape), (self.background_density, other.background_density)):
+            if (own is None) != (its is None) or (own is not None and not own.same_as(its)):  # type: ignore[arg-type]
+                return False
+        if self.width_spread != other.width_spread:
             return False
         if self.law is None or other.law is None:
             return self.law is other.law and all(np.array_equal(*pair) for pair in pairs)

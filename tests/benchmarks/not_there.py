@@ -11,6 +11,7 @@ import sys
 from importlib import import_module
 
 PARTS = {
+    "clutter": "fog, rain and uniform dark counts before a net and a wall",
     "filters": "averages, medians and means over time in the camera; memory of ranges that is no filter",
     "lost": "a box that returns no valid sample, or few, before a wall; samples lost by chance",
     "shares": "edges where samples are drawn by brightness, or the strongest return is kept",

@@ -1,6 +1,7 @@
 """Learnt noise in the group `sensor` of a file: it comes back to the last digit, and what is broken is named."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 from support.learnt_pixels import camera_with, flat, pixel_noise
 
+from tofmix.background_density import BackgroundDensity
 from tofmix.errors import BadInputError
 from tofmix.io.sensor_group import read_sensor, write_sensor
 from tofmix.learnt_noise import LearntNoise
@@ -52,8 +54,6 @@ def test_noise_without_a_prior_of_background_comes_back_without_one(tmp_path: Pa
 
 
 def test_a_sensor_that_learnt_nothing_has_none_of_the_datasets(tmp_path: Path) -> None:
-    from dataclasses import replace
-
     path = _written(tmp_path / "a.h5", replace(FULL, learnt=None))
     with h5py.File(path) as root:
         assert not set(UNITS) & set(root["sensor"])
@@ -130,3 +130,47 @@ def test_words_in_place_of_numbers_are_refused(tmp_path: Path, name: str) -> Non
         root["sensor"][name] = "many"
     with pytest.raises(BadInputError, match="sensor"):
         _read(path)
+
+
+DENSITY = BackgroundDensity(np.array([300.0, 900.0, 6000.0]), np.array([3.0, 2.0, 0.01]))
+WITH_DENSITY = replace(FULL, noise=replace(FULL.noise, background_density=DENSITY))  # type: ignore[type-var]
+
+
+def test_the_density_of_background_comes_back_to_the_last_digit(tmp_path: Path) -> None:
+    path = _written(tmp_path / "a.h5", WITH_DENSITY)
+    with h5py.File(path) as root:
+        back = read_sensor(root, path).noise
+        assert root["sensor/noise_background_density"].attrs["units"] == "mm-1"
+        assert root["sensor/noise_background_range"].attrs["units"] == "mm"
+    assert back is not None
+    assert DENSITY.same_as(back.background_density)
+    assert WITH_DENSITY.noise is not None
+    assert back.same_as(WITH_DENSITY.noise)
+    assert FULL.noise is not None
+    assert not back.same_as(FULL.noise)
+
+
+def test_a_file_of_uniform_background_has_no_density(tmp_path: Path) -> None:
+    with h5py.File(_written(tmp_path / "a.h5")) as root:
+        assert not {"noise_background_range", "noise_background_density"} & set(root["sensor"])
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "said"),
+    [
+        ("noise_background_range", None, "noise_background_density alone"),
+        ("noise_background_density", [1.0, -1.0, 1.0], "not above 0"),
+        ("noise_background_range", [1.0, 3.0, 2.0], "do not ascend"),
+        ("noise_background_density", [1.0, 1.0], "one length"),
+    ],
+)
+def test_a_density_of_background_that_cannot_be_is_named(
+    name: str, values: list[float] | None, said: str, tmp_path: Path
+) -> None:
+    path = _written(tmp_path / "a.h5", WITH_DENSITY)
+    with h5py.File(path, "r+") as root:
+        del root[f"sensor/{name}"]
+        if values is not None:
+            root[f"sensor/{name}"] = values
+    with h5py.File(path) as root, pytest.raises(BadInputError, match=said):
+        read_sensor(root, path)

@@ -8,6 +8,7 @@ import numpy as np
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.circle import NO_RETURN_SIGMAS, circular_noise, has_no_return
 from tofmix.compiled.jit import borrowing
+from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.range_step import RangeStep
 from tofmix.sensor import NoiseCurve, Sensor
 
@@ -52,6 +53,13 @@ class Steps(NamedTuple):
     of_pixel: FloatArray
 
 
+class Background(NamedTuple):
+    """Density of random values, 1/mm: `density` (n,) at `range_mm` (n,), mm; empty where they are uniform."""
+
+    range_mm: FloatArray
+    density: FloatArray
+
+
 class Beam(NamedTuple):
     """The fixed part of equation (1), in mm, as the kernels read it.
 
@@ -61,7 +69,8 @@ class Beam(NamedTuple):
     `surface_end`, the sensor's r_max, up to there. `outlier_density` is p(c_r) / (range_max - range_min), 1/mm.
     `range_min` and `range_top`, always finite, are the ends of that interval: the working range, or its substitute
     (`outlier_interval`). `pixel_curves` are the curves of single pixels, which `pixel_noise.beam_of_pixel` puts in the
-    place of the common one. `steps` are those of the stored ranges; only the learnt engine reads them.
+    place of the common one. `steps` are those of the stored ranges; only the learnt engine reads them. `background` is
+    the density of random values where it is not uniform; p(c_r) times it then stands for `outlier_density`.
     """
 
     curve_range: FloatArray
@@ -77,6 +86,42 @@ class Beam(NamedTuple):
     range_top: float
     pixel_curves: PixelCurves
     steps: Steps
+    background: Background
+
+
+def uniform_background() -> Background:
+    """Make the density of random values that are uniform over the working range."""
+    return Background(np.zeros(0), np.zeros(0))
+
+
+def background_of(curve: NoiseCurve) -> Background:
+    """Density of random values as kernels read it."""
+    density = curve.background_density
+    if density is None:
+        return uniform_background()
+    return Background(np.array(density.range_mm), np.array(density.density))
+
+
+@borrowing
+def is_uniform(beam: Beam) -> bool:
+    """Whether random values are uniform over the working range."""
+    return len(beam.background.range_mm) == 0
+
+
+@borrowing
+def background_at(range_mm: float, beam: Beam) -> float:
+    """Density of random values at a range, 1/mm."""
+    if is_uniform(beam):
+        return 1.0 / (beam.range_top - beam.range_min)
+    return sigma_at(range_mm, beam.background.range_mm, beam.background.density)  # linear, constant past the ends
+
+
+@borrowing
+def outlier_density_at(range_mm: float, beam: Beam) -> float:
+    """p(c_r) times the density of random values at a range, 1/mm."""
+    if is_uniform(beam):
+        return beam.outlier_density
+    return beam.outlier_density * (beam.range_top - beam.range_min) * background_at(range_mm, beam)
 
 
 def no_pixel_curves() -> PixelCurves:
@@ -166,7 +211,7 @@ def beam_of(sensor: Sensor, unambiguous_range_mm: float | None = None, *, at_fol
     """Take the fixed part of equation (1) from a sensor.
 
     `outlier_interval` gives the interval of random values; on a circle without `range_max_mm` it is the whole circle.
-    The working range of a circle is one turn from `range_min_mm` on.
+    The working range of a circle is one turn from `range_min_mm` on; random values are uniform over it.
 
     Parameters
     ----------
@@ -208,6 +253,7 @@ def beam_of(sensor: Sensor, unambiguous_range_mm: float | None = None, *, at_fol
         range_top=float(high),
         pixel_curves=no_pixel_curves(),
         steps=steps_of(sensor.step, sensor.noise),
+        background=background_of(sensor.noise),
     )
 
 
@@ -235,4 +281,5 @@ def _circular_beam(sensor: Sensor, length: float, *, at_fold: bool) -> Beam:
         range_top=low + length,
         pixel_curves=no_pixel_curves(),
         steps=steps_of(sensor.step, curve),
+        background=uniform_background(),
     )

@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.compiled.vector import least_of, product_of
-from tofmix.estimation.beam import Beam, beam_of, is_no_return, reaches_no_return
+from tofmix.estimation.beam import Beam, beam_of, is_no_return, is_uniform, reaches_no_return
 from tofmix.estimation.filtered_layers import layers_before_filter
 from tofmix.estimation.mixture.acceleration import maximise_likelihood
 from tofmix.estimation.mixture.components import (
     GAIN,
     MEAN,
+    RANDOM,
     SHARE,
     SIGMA,
     SPARE,
@@ -29,6 +30,7 @@ from tofmix.estimation.mixture.components import (
     WEIGHT,
     Components,
     Scratch,
+    fill_random,
     remove_surface,
     sort_surfaces,
 )
@@ -122,7 +124,8 @@ def _no_return_helps(data: Readings, fit: Components, beam: Beam, scratch: Scrat
     gaussians(data.value, beam.range_max, beam.sigma_max, no_return)
     for j in range(m):
         share[j] = count[j] / total[j]
-        no_return[j] = (1.0 - beam.p_outlier) * no_return[j] + beam.outlier_density
+        random = beam.outlier_density if is_uniform(beam) else scratch[RANDOM, j]
+        no_return[j] = (1.0 - beam.p_outlier) * no_return[j] + random
     return bool(product_of(no_return, share) > data.total)
 
 
@@ -140,7 +143,11 @@ def _finish_clear(data: Readings, fit: Components, beam: Beam, mode: int, scratc
     curve_sigma = fit[SIGMA, 0]
     sigma = new_sigma(curve_sigma, squares, data.total, mode)
     height = fit[WEIGHT, 0] / (sigma * ROOT_TWO_PI)
-    if beam.outlier_density < QUIET * height * math.exp(-0.5 * (away / sigma) ** 2):
+    random = beam.outlier_density
+    if not is_uniform(beam):
+        for j in range(m):
+            random = max(random, scratch[RANDOM, j])
+    if random < QUIET * height * math.exp(-0.5 * (away / sigma) ** 2):
         fit[SIGMA, 0] = sigma
         return float(data.total * math.log(height) - 0.5 * squares / sigma**2)
     if mode != MODE_TIED:
@@ -226,6 +233,7 @@ def _layer_block(
             continue
         beam = beam_of_pixel(common, pixel)
         data = gather(block.values[pixel], n, beam.curve_range, beam.curve_sigma, value, count)
+        fill_random(data.value, beam, work.scratch)
         place, height, found = peaks.place[pixel], peaks.height[pixel], peaks.found[pixel]
         gain = least_gain(options.false_alarm, table[n]) if options.refine else 0.0
         rules = Rules(

@@ -416,7 +416,7 @@ class _Chooser:
             return learn(
                 self._ranges(sensor), window_frames=request.window_frames, stride_frames=request.stride_frames,
                 shape=request.shape == AUTO, widths=None if request.widths == AUTO else request.widths == "own",
-                drift=self.circle_mm is None, step=self.step, step_of_type=self.of_type,
+                drift=self.circle_mm is None, density=self.circle_mm is None, step=self.step, step_of_type=self.of_type,
                 min_samples=self.options.min_samples, workers=request.workers, progress=self.progress,
             )  # fmt: skip
         except ValueError as error:

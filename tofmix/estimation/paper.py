@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
-from tofmix.estimation.beam import Beam, beam_of, is_no_return
+from tofmix.estimation.beam import Beam, beam_of, is_no_return, uniform_background
 from tofmix.estimation.mixture.components import GAIN, MEAN, SIGMA, SUPPORT, WEIGHT, sort_surfaces
 from tofmix.estimation.mixture.counting import new_workspace, surface_gains
 from tofmix.estimation.mixture.em import ROOT_TWO_PI, log_likelihood
@@ -170,7 +170,7 @@ def _with_sigma_0(beam: Beam, sigma_0: float) -> Beam:
     return Beam(
         beam.curve_range, beam.curve_sigma, beam.range_max, sigma_0, beam.no_return_from, beam.no_return_to,
         beam.surface_end, beam.p_outlier, beam.outlier_density, beam.range_min, beam.range_top, beam.pixel_curves,
-        beam.steps,
+        beam.steps, beam.background,
     )  # fmt: skip
 
 
@@ -260,7 +260,8 @@ def paper_pixels(samples: SortedSamples, sensor: Sensor, *, gamma: float, max_la
     """
     beam = beam_of(sensor)
     # The paper's uniform part is p(c_r) / r_max; a density over the working range is p(c_r) / (r_max - r_min).
-    beam = beam._replace(outlier_density=beam.outlier_density * (beam.range_top - beam.range_min) / beam.range_top)
+    outlier_density = beam.outlier_density * (beam.range_top - beam.range_min) / beam.range_top
+    beam = beam._replace(outlier_density=outlier_density, background=uniform_background())
     out = Layers.empty((len(samples.valid),), max_layers)
     spacing = SPACING * float(np.min(sensor.noise.sigma_mm)) if sensor.noise is not None else math.nan
     table = gain_table(samples.values.shape[1])

@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from tofmix.background_density import BackgroundDensity
 from tofmix.errors import BadInputError
 from tofmix.io.guard import guard
 from tofmix.io.hdf5 import add_group, text_attribute
@@ -46,6 +47,9 @@ _LAW = {
 
 _SHAPE = {"noise_shape_z": "z", "noise_shape_density": "density"}
 """Datasets of a `NoiseShape` and its fields, in their order."""
+
+_DENSITY = {"noise_background_range": "range_mm", "noise_background_density": "density"}
+"""Datasets of a `BackgroundDensity` and its fields, in their order."""
 
 _LEARNT = {
     "noise_drift": "drift_mm",
@@ -171,6 +175,13 @@ def _read_learnt(group: h5py.Group, path: Path) -> LearntNoise | None:
 
 def _write_noise_parts(group: h5py.Group, noise: NoiseCurve, image: tuple[int, int]) -> None:
     """Write the shape, widths and background of a noise curve."""
+    if noise.background_density is not None:
+        for name, key in _DENSITY.items():
+            values = getattr(noise.background_density, key)
+            dataset = group.create_dataset(name, data=values, chunks=values.shape, fletcher32=True)
+            dataset.attrs["units"] = "mm" if key == "range_mm" else "mm-1"
+        group["noise_background_range"].make_scale("noise_background_range")
+        group["noise_background_density"].dims[0].attach_scale(group["noise_background_range"])
     if noise.shape is not None:
         for name, key in _SHAPE.items():
             values = getattr(noise.shape, key)
@@ -276,6 +287,7 @@ def _read_noise(group: h5py.Group, path: Path) -> NoiseCurve | None:
         shape=_read_shape(group, path),
         width_spread=_number(group, _WIDTH_SPREAD, path) or 0.0,
         background=_read_background(group, path),
+        background_density=_read_density(group, path),
     )
 
 
@@ -295,6 +307,15 @@ def _read_shape(group: h5py.Group, path: Path) -> NoiseShape | None:
     if len(present) < len(_SHAPE):
         raise BadInputError(f"{path}: sensor: {present[0]} alone; {' and '.join(_SHAPE)} go together")
     return NoiseShape(*(_numbers(group, name, path) for name in _SHAPE))
+
+
+def _read_density(group: h5py.Group, path: Path) -> BackgroundDensity | None:
+    present = [name for name in _DENSITY if name in group]
+    if not present:
+        return None
+    if len(present) < len(_DENSITY):
+        raise BadInputError(f"{path}: sensor: {present[0]} alone; {' and '.join(_DENSITY)} go together")
+    return BackgroundDensity(*(_numbers(group, name, path) for name in _DENSITY))
 
 
 def _read_background(group: h5py.Group, path: Path) -> NDArray[np.float64] | None:

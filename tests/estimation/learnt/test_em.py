@@ -26,7 +26,7 @@ from tofmix.estimation.learnt.components import (
 from tofmix.estimation.learnt.em import em_step
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, Law
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.pixel_samples import Samples, fill_times
+from tofmix.estimation.learnt.pixel_samples import Samples, fill_cells, fill_times
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.learnt_noise import DRIFTS, TAIL_DEGREES
 
@@ -59,6 +59,7 @@ class Pixel:
         self.scratch = new_scratch(4, len(samples))
         self.fit = new_fit(4)
         fill_times(self.data, self.scratch)
+        fill_cells(self.data, self.beam, self.scratch)
 
     def begin(self, means: tuple[float, ...], *, background: float = 0.05, no_return: float = 0.0) -> int:
         """Equal shares at these places."""

@@ -1,9 +1,12 @@
 """Spreads of widths, drifts and backgrounds: those that values were drawn with, without the variance of fits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.learnt_pixels import pixel_noise
 
+from tofmix.background_density import BackgroundDensity
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.parts import PARTS, beta_prior, shrunken, width_scale, without_part
 
@@ -40,10 +43,13 @@ def test_prior_of_background_is_the_beta_density_that_shares_were_drawn_from(
 @pytest.mark.parametrize("part", PARTS)
 def test_noise_without_a_part_keeps_all_others(part: str) -> None:
     whole = pixel_noise("skewed", background=(1.0, 9.0), width_spread=0.2, drift_mm=(5.0, 1.0, 0.5), memory=0.2)
+    density = BackgroundDensity(np.array([0.0, 1000.0]), np.array([2.0, 1.0]))
+    whole = replace(whole, curve=replace(whole.curve, background_density=density))
 
     def there(noise: PixelNoise) -> set[str]:
         found = {
             "background": noise.background is not None,
+            "density": noise.curve.background_density is not None,
             "drift": bool(noise.drift_mm.any()),
             "widths": noise.curve.width_spread > 0.0,
             "shape": noise.curve.shape is not None,
@@ -51,5 +57,8 @@ def test_noise_without_a_part_keeps_all_others(part: str) -> None:
         return {name for name, has in found.items() if has}
 
     assert there(whole) == set(PARTS)
-    assert there(without_part(whole, part)) == set(PARTS) - {part}
+    gone = (
+        {"background", "density"} if part == "background" else {part}
+    )  # a share that pixels have none of has no density
+    assert there(without_part(whole, part)) == set(PARTS) - gone
     assert without_part(whole, part).memory == whole.memory

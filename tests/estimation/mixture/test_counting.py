@@ -10,7 +10,7 @@ from support.sizes import sized
 
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.mixture.counting import CERTAIN_SIGMAS, CERTAIN_SUPPORT
-from tofmix.estimation.mixture.false_alarms import gain_table
+from tofmix.estimation.mixture.false_alarms import chance_of, gain_table
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.sensor import NoiseCurve, Sensor
 
@@ -148,3 +148,29 @@ def test_probability_is_higher_for_strong_layers(rng: np.random.Generator, senso
     assert np.any(found < 0.999)
     apart = draw(rng, sensor, ranges_mm=[1500, 4000], shares=[0.5, 0.5], n=100, pixels=sized(50, 5))
     assert np.nanmin(layer_pixels(apart, sensor).probability) > 1 - 1e-6
+
+
+@pytest.mark.parametrize("outliers", [0.3, 1e-4])
+def test_the_probability_of_an_isolated_surface_is_that_of_its_gain_over_outliers(outliers: float) -> None:
+    sigma, span, frames = 20.0, 6000.0, 100
+    camera = Sensor(
+        name="isolated", range_min_mm=0.0, range_max_mm=span, outlier_probability=outliers,
+        noise=NoiseCurve(np.array([1000.0]), np.array([sigma])),
+    )  # fmt: skip
+    rng = np.random.default_rng(5)
+    samples = np.full((frames, 2), np.nan)
+    samples[:, :] = 4000.0 + sigma * rng.standard_normal((frames, 2))
+    samples[:9, 0] = 1000.0 + sigma * np.linspace(-1.5, 1.5, 9)
+    spread = rng.uniform(1200.0, 3500.0, 30) if outliers > 0.1 else np.zeros(0)
+    samples[10 : 10 + len(spread), :] = spread[:, None]
+    found = layer_pixels(samples, camera, EstimateOptions(false_alarm=0.1))
+    at = int(np.nanargmin(np.abs(found.range[0] - 1000.0)))
+    assert abs(found.range[0, at] - 1000.0) < 2 * sigma
+    # Without the surface its samples are random values, and all else grows by its share.
+    weight, own = found.weight[0, at], samples[:9, 0]
+    peak = weight * np.exp(-0.5 * ((own - own.mean()) / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
+    gain = np.sum(np.log1p(peak * span / outliers)) + (frames - 9) * np.log1p(-weight / (1.0 - outliers))
+    assert gain > 15.0
+    assert found.probability[0, at] == pytest.approx(1.0 - chance_of(gain, gain_table(frames)[frames]), abs=2e-6)
+    weak = layer_pixels(np.where(np.arange(frames)[:, None] < 9, np.nan, samples), camera)
+    assert weak.probability[0, 0] == 1.0  # a hundred samples: it rounds to 1

@@ -21,7 +21,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import jit
-from tofmix.estimation.beam import Beam
+from tofmix.estimation.beam import Beam, is_uniform
 from tofmix.estimation.learnt.components import copy_fit, start_without_surface
 from tofmix.estimation.learnt.jumps import gain_of_jump
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, Law
@@ -189,20 +189,27 @@ class _Drawing:
         rng = np.random.default_rng([_SEED, cell.number, cell.samples])
         n, beam, noise = cell.samples, self._beam, self._noise
         if cell.background is None:
-            return rng.uniform(beam.range_min, beam.range_top, (count, n))
+            return self._random(rng, (count, n))
         place = self._ranges[np.arange(count) % len(self._ranges)]
         effects = self._draw_effects(rng, count)
         z = _standardised(rng, noise, (count, n))
         out = place[:, None] + np.exp(effects[:, :1]) * noise.curve.sigma(place)[:, None] * z
         out += effects[:, 1:] @ np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n), DRIFTS)[:, 1:].T
         random = rng.random((count, n)) < cell.background
-        out[random] = rng.uniform(beam.range_min, beam.range_top, int(random.sum()))
+        out[random] = self._random(rng, (int(random.sum()),))
         if len(beam.steps.step_mm):
             step = np.interp(place, beam.steps.range_mm, beam.steps.step_mm)[:, None]
             out = step * np.rint(out / step)
         elif self._rounding_mm > 0.0:
             out = np.clip(self._rounding_mm * np.rint(out / self._rounding_mm), beam.range_min, beam.range_top)
         return np.asarray(out, dtype=np.float64)
+
+    def _random(self, rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
+        """Draw random values, mm."""
+        density = self._noise.curve.background_density
+        if density is None or is_uniform(self._beam):
+            return rng.uniform(self._beam.range_min, self._beam.range_top, shape)
+        return density.quantile(rng.random(shape))
 
     def _draw_effects(self, rng: np.random.Generator, count: int) -> FloatArray:
         """Draw log width and drift, mm, of `count` pixels: (count, 1 + DRIFTS)."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import jit
-from tofmix.estimation.beam import Beam
+from tofmix.estimation.beam import Background, Beam
 from tofmix.estimation.learnt.acceleration import LEARNING_ITER, LEARNING_TOL, maximise
 from tofmix.estimation.learnt.cells import density_at, spread_at
 from tofmix.estimation.learnt.components import (
@@ -200,6 +200,7 @@ def fit_clusters(samples: Float32Array, clusters: Clusters, law: Law, beam: Beam
     work = new_workspace(3, frames, 1)
     fit, scratch = work.fit, work.scratch
     half = 0.5 * (frames - 1) if frames > 1 else 1.0
+    uniform = Background(beam.background.range_mm[:0], beam.background.density[:0])
     for c in range(count):
         n_all = take_samples(samples[clusters.pixel[c]], value, time)
         first = 0
@@ -214,7 +215,7 @@ def fit_clusters(samples: Float32Array, clusters: Clusters, law: Law, beam: Beam
         own = Beam(
             common.curve_range, common.curve_sigma, np.inf, 1.0, np.inf, np.inf, np.inf, beam.p_outlier,
             beam.outlier_density,
-            clusters.low[c], clusters.high[c], beam.pixel_curves, common.steps,
+            clusters.low[c], clusters.high[c], beam.pixel_curves, common.steps, uniform,
         )  # fmt: skip
         fill_times(data, scratch)
         fill_cells(data, own, scratch)

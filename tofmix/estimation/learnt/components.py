@@ -9,11 +9,11 @@ coefficients of a surface's drift, mm. The last column of row WEIGHT is the shar
 pixel, in the columns LOG_WIDTH and BACKGROUND (its share). Row PLACE has steps of the means, in sigmas; from FIRST,
 SECOND and THIRD on stand the three vectors of an acceleration.
 
-A scratch is (rows, samples): TOTAL is p(r_j), SHARE 1 / p(r_j), TERM and NEW are free for any loop, and CELL
-has half the step on which a sample is stored, mm (`cells`). From TIME on stand
-the polynomials of time, from SCORES on three scores, and from DENSITY on the densities of the surfaces, 1/mm. Then
-follow the density of c_0 (`no_return_row`), -f' of the surfaces (`slope_row`), and the samples less the drift of each
-surface (`still_row`).
+A scratch is (rows, samples): TOTAL is p(r_j), SHARE 1 / p(r_j), TERM and NEW are free for any loop, and CELL has half
+the step on which a sample is stored, mm (`cells`), and RANDOM the density of background, 1/mm. From TIME on stand the
+polynomials of time, from SCORES on three scores, and from DENSITY on the densities of the surfaces, 1/mm. Then follow
+the density of c_0 (`no_return_row`), -f' of the surfaces (`slope_row`), and the samples less the drift of each surface
+(`still_row`).
 """
 
 import math
@@ -41,7 +41,7 @@ LOG_WIDTH, BACKGROUND = range(2)
 OWN_NUMBERS = 2
 """Columns of row OWN."""
 
-TOTAL, SHARE, TERM, NEW, CELL, TIME = range(6)
+TOTAL, SHARE, TERM, NEW, CELL, RANDOM, TIME = range(7)
 SCORES = TIME + DRIFTS
 DENSITY = SCORES + 3
 

@@ -2,9 +2,10 @@
 
 The likelihood of sample j, y_j being its range less the pixel's drift, is
 
-    p(y) = sum_i w_i f((y - mu_i) / (u sigma_i)) / (u sigma_i) + w_0 N(y; r_max, sigma_0) + b / L
+    p(y) = sum_i w_i f((y - mu_i) / (u sigma_i)) / (u sigma_i) + w_0 N(y; r_max, sigma_0) + b g(r)
 
-with the learnt shape f, the pixel's width u, c_0's share w_0 and the background's share b. Shares are updated as in any
+with the learnt shape f, the pixel's width u, c_0's share w_0 and the background's share b and density g: 1 / L over a
+working range of length L, or the learnt one. Shares are updated as in any
 EM; means, log u and the drift by Fisher's scoring on the samples' responsibilities, which for a Gaussian is EM itself.
 Priors of u, b and the drift are part of the objective (`objective`). `acceleration` takes the steps.
 
@@ -18,7 +19,7 @@ import math
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
 from tofmix.compiled.vector import log_of, product_of, total_of
-from tofmix.estimation.beam import Beam
+from tofmix.estimation.beam import Beam, is_uniform
 from tofmix.estimation.learnt.cells import fill_edges, has_steps, lend_cells
 from tofmix.estimation.learnt.components import (
     BACKGROUND,
@@ -30,6 +31,7 @@ from tofmix.estimation.learnt.components import (
     NEW,
     OWN,
     PLACE,
+    RANDOM,
     SHARE,
     SIGMA,
     SUPPORT,
@@ -101,9 +103,9 @@ def mix(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratch: F
     """Fill the scratch with p(r_j), and with the densities and slopes of the surfaces and of c_0."""
     n, moving = len(data.value), drifts(law) > 0
     total = scratch[TOTAL]
-    uniform = fit[OWN, BACKGROUND] * background_density(beam) + 1.0e-30
+    background, random = fit[OWN, BACKGROUND], scratch[RANDOM]
     for j in range(n):
-        total[j] = uniform
+        total[j] = background * random[j] + 1.0e-30
     if fit[WEIGHT, -1] > 0.0:
         row, weight = scratch[no_return_row(fit), :n], fit[WEIGHT, -1]
         gaussians(data.value, beam.range_max, beam.sigma_max, row)
@@ -126,7 +128,7 @@ def mix(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratch: F
 
 @borrowing
 def background_density(beam: Beam) -> float:
-    """Density of background, 1/mm: uniform over the working range."""
+    """Density of random values that are uniform over the working range, 1/mm."""
     return 1.0 / (beam.range_top - beam.range_min)
 
 
@@ -231,6 +233,8 @@ def _move_shares(
         no_return *= fit[WEIGHT, -1]
     held += no_return
     random = fit[OWN, BACKGROUND] * background_density(beam) * sum_share
+    if not is_uniform(beam):
+        random = fit[OWN, BACKGROUND] * product_of(scratch[SHARE, :n], scratch[RANDOM])
     background = 1.0 if held <= 0.0 else random / n
     if k > 0 and held > 0.0:
         background = (random + law.background_near) / (n + law.background_near + law.background_far)

@@ -25,6 +25,7 @@ from tofmix.estimation.learnt.components import (
     LOG_WIDTH,
     MEAN,
     OWN,
+    RANDOM,
     SIGMA,
     SUPPORT,
     TIME,
@@ -34,7 +35,7 @@ from tofmix.estimation.learnt.components import (
     slope_row,
     still_row,
 )
-from tofmix.estimation.learnt.em import background_density, mix
+from tofmix.estimation.learnt.em import mix
 from tofmix.estimation.learnt.law import Law, precision_of_t
 from tofmix.estimation.learnt.pixel_samples import Samples
 from tofmix.learnt_noise import DRIFTS
@@ -96,7 +97,7 @@ def standard_errors(  # noqa: PLR0915  one pass over the samples
         if with_no_return:
             mean_score[at_share + place] = (scratch[no_return_row(fit), j] - scratch[DENSITY + largest, j]) / total
             place += 1
-        mean_score[at_share + place] = (background_density(beam) - scratch[DENSITY + largest, j]) / total
+        mean_score[at_share + place] = (scratch[RANDOM, j] - scratch[DENSITY + largest, j]) / total
         for i in range(k):
             part = fit[WEIGHT, i] * scratch[DENSITY + i, j] / total
             if part < _NOTHING:

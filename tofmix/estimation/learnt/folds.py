@@ -7,6 +7,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.estimation.beam import Beam, beam_of, steps_of
 from tofmix.estimation.learnt.clusters import ClusterFits, cluster_likelihoods, find_clusters, fit_clusters
+from tofmix.estimation.learnt.clutter import background_counts, cell_edges
 from tofmix.estimation.learnt.held_out import flat_thresholds, held_out_scores
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.shares import PixelWidths, background_shares, pixel_widths
@@ -20,6 +21,9 @@ MAX_LAYERS = 4
 
 MOST_COUNTED = 600
 """Most pixels whose surfaces are counted, to measure backgrounds or widths."""
+
+MOST_FOR_DENSITY = 300
+"""Most pixels whose surfaces are counted, to measure the density of background."""
 
 _FOLDS = 3
 """Parts of the pixels: two thirds teach, one third judges."""
@@ -101,6 +105,22 @@ class Fold:
         """Share of background and number of samples (pixel,) of some training pixels."""
         pixels = self.training.some(MOST_COUNTED)
         return background_shares(pixels.samples, noise.laws(), self._beam(noise, pixels), flat_thresholds(), MAX_LAYERS)
+
+    def cell_edges(self, noise: PixelNoise, cell_sigmas: float) -> FloatArray:
+        """Edges (cell + 1,) of cells of the density of background, mm."""
+        beam = self._beam(noise, self.training)
+        return cell_edges(noise.curve, beam.range_min, beam.range_top, cell_sigmas)
+
+    def counts(self, edges: FloatArray) -> FloatArray:
+        """Number (cell,) of all samples of some training pixels between edges, mm."""
+        samples = self.training.some(MOST_FOR_DENSITY).samples
+        return np.histogram(samples[np.isfinite(samples)], edges)[0].astype(np.float64)
+
+    def background_counts(self, noise: PixelNoise, edges: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Number (cell,) of those that are background; and share and number of samples (pixel,) of these pixels."""
+        pixels = self.training.some(MOST_FOR_DENSITY)
+        beam = self._beam(noise, pixels)
+        return background_counts(pixels.samples, noise.laws(), beam, flat_thresholds(), MAX_LAYERS, edges)
 
 
 def folds_of(pixels: Pixels, sensor: Sensor) -> list[Fold]:

@@ -19,7 +19,7 @@ import math
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
 from tofmix.compiled.vector import log_of, product_of, total_of
-from tofmix.estimation.beam import Beam, is_beyond
+from tofmix.estimation.beam import Beam, is_beyond, is_uniform
 from tofmix.estimation.learnt.cells import density_at, fill_edges, has_steps, step_at
 from tofmix.estimation.learnt.components import (
     CELL,
@@ -151,7 +151,8 @@ def steepest_place(  # noqa: PLR0915  one pass over the places
 ) -> tuple[float, float, float]:
     """Return the largest slope D(theta), nat, its place, mm, and the largest gain bound of all places, nat.
 
-    Bounds are computed while the largest is below `least`, nat. `mix` has been called.
+    Where background is not uniform, the place is that of the largest gain of the best share, all else held. Bounds are
+    computed while the largest is below `least`, nat. `mix` has been called.
     """
     n = len(data.value)
     y, share, new = data.value, scratch[SHARE], scratch[NEW]
@@ -160,6 +161,7 @@ def steepest_place(  # noqa: PLR0915  one pass over the places
     width = math.exp(fit[OWN, LOG_WIDTH])
     most, place, bound, nearest = -float(n), y[0], 0.0, -1
     l00, l10, l20, l11, l21, l22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    uniform, largest = is_uniform(beam), 0.0
     near, past = 0, 0
     theta = y[0] - sigma_at(y[0], beam.curve_range, beam.curve_sigma)
     end = y[n - 1] + sigma_at(y[n - 1], beam.curve_range, beam.curve_sigma)
@@ -185,11 +187,18 @@ def steepest_place(  # noqa: PLR0915  one pass over the places
             fresh[j] = density_at((y[near + j] - here) * scale, half * scale, law) * scale * seen[j]
         overlap = total_of(fresh)
         slope = overlap - n
-        if slope > most:
-            most, place = slope, here
+        if uniform:
+            if slope > most:
+                most, place = slope, here
+        elif slope >= least and inside > 1:
+            # The slope is largest where background is rarest, and a single sample, as background, is no surface.
+            gain = _gain_of_share(fresh, float(n))
+            most, bound = max(most, slope), max(bound, gain)
+            if gain > largest:
+                largest, place = gain, here
         if slope <= 0.0 or bound >= least:
             continue
-        if slope >= least:
+        if uniform and slope >= least:
             bound = max(bound, _gain_of_share(fresh, float(n)))
         if bound < least and k > 0:
             own = _nearest(here, k, fit)

@@ -11,7 +11,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
-from tofmix.estimation.beam import Beam
+from tofmix.estimation.beam import Beam, background_at
 from tofmix.estimation.learnt.acceleration import value_of
 from tofmix.estimation.learnt.cells import density_at, slope_at, step_at
 from tofmix.estimation.learnt.components import (
@@ -24,7 +24,7 @@ from tofmix.estimation.learnt.components import (
     SUPPORT,
     WEIGHT,
 )
-from tofmix.estimation.learnt.em import background_density, log_priors
+from tofmix.estimation.learnt.em import log_priors
 from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.learnt.pixel_samples import Samples
 from tofmix.learnt_noise import DRIFTS
@@ -44,11 +44,12 @@ _ROUNDS = 8
 
 @borrowing
 def _side(
-    value: FloatArray, start: float, weight: float, background: float, width: float, half: float, law: Law
+    value: FloatArray, start: float, weight: float, background: FloatArray, width: float, half: float, law: Law
 ) -> float:
     """Log likelihood, nat, of the samples on one side of the jump, at the best range there, from `start`, mm, on.
 
-    `half` is the half of the step of stored ranges, in widths.
+    `background` is its share times density at each sample, 1/mm, and `half` the half of the step of stored ranges, in
+    widths.
     """
     place, total = start, 0.0
     for _ in range(_ROUNDS):
@@ -56,7 +57,7 @@ def _side(
         for j in range(len(value)):
             z = (value[j] - place) / width
             density = density_at(z, half, law) / width
-            p = weight * density + background
+            p = weight * density + background[j]
             push += weight * slope_at(z, half, law) / (width * p)
             held += weight * density / p
             total += math.log(p)
@@ -79,9 +80,10 @@ def value_of_jump(data: Samples, fit: FloatArray, law: Law, beam: Beam) -> float
         reach += abs(fit[DRIFT + d, 0])
     reach += NEAR_SIGMAS * width
     order = np.argsort(data.time)
-    value = np.empty(n)
+    value, background = np.empty(n), np.empty(n)
     for j in range(n):
         value[j] = data.value[order[j]]
+        background[j] = fit[OWN, BACKGROUND] * background_at(value[j], beam) + 1.0e-30
     inside, total = 0, 0.0
     for j in range(n):
         if abs(value[j] - fit[MEAN, 0]) <= reach:
@@ -103,11 +105,10 @@ def value_of_jump(data: Samples, fit: FloatArray, law: Law, beam: Beam) -> float
             first_mean, second_mean = below / before, (total - below) / after
     if at < 0:
         return -math.inf
-    background = fit[OWN, BACKGROUND] * background_density(beam) + 1.0e-30
     weight = fit[WEIGHT, 0]
     half = 0.5 * step_at(fit[MEAN, 0], beam) / width
-    jump = _side(value[: at + 1], first_mean, weight, background, width, half, law)
-    jump += _side(value[at + 1 :], second_mean, weight, background, width, half, law)
+    jump = _side(value[: at + 1], first_mean, weight, background[: at + 1], width, half, law)
+    jump += _side(value[at + 1 :], second_mean, weight, background[at + 1 :], width, half, law)
     return jump
 
 

@@ -66,6 +66,7 @@ def learn_pixel_noise(
     shape: bool = True,
     widths: bool | None = None,
     drift: bool = True,
+    density: bool = True,
     instead_of: NoiseCurve | None = None,
     workers: int = 1,
 ) -> LearntModel:
@@ -85,6 +86,8 @@ def learn_pixel_noise(
         Whether each pixel has a width; None: where the samples show it.
     drift : bool
         Whether the ranges of a pixel may drift within a window.
+    density : bool
+        Whether background may have a density over range; if not, it is uniform.
     instead_of : NoiseCurve, optional
         A Gaussian curve to compare with.
     workers : int
@@ -100,7 +103,7 @@ def learn_pixel_noise(
     ValueError
         If no two samples of a pixel differ, or none is valid.
     """
-    barred = {"shape": not shape, "widths": widths is not None, "drift": not drift}
+    barred = {"shape": not shape, "widths": widths is not None, "drift": not drift, "density": not density}
     parts = tuple(part for part in PARTS if not barred.get(part, False))
     folds = folds_of(pixels, sensor)
     curves = first_curves(pixels, start)

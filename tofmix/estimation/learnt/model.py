@@ -22,10 +22,10 @@ class PixelNoise:
     ----------
     curve : NoiseCurve
         sigma by range, and by amplitude where it has a law; the shape of the error, None for a Gaussian; and
-        `width_spread`, the standard deviation of log width, 0 where all widths are equal. Log widths follow a Student t
-        of the scale `law.SCALE_OF_SPREAD` times it.
+        `width_spread`, the standard deviation of log width, 0 where all widths are equal; and the density of
+        background, None where it is uniform. Log widths follow a Student t of the scale `law.SCALE_OF_SPREAD` times it.
     background : (float, float) or None
-        Prior of each pixel's share of uniform background, a Beta density: pseudo-counts, in samples, of background and
+        Prior of each pixel's share of background, a Beta density: pseudo-counts, in samples, of background and
         of the rest. None: every pixel has about the sensor's p(c_r), `p_outlier`.
     p_outlier : float
         The sensor's p(c_r).
@@ -53,6 +53,7 @@ class PixelNoise:
             self.curve.shape is None
             and self.curve.width_spread == 0.0
             and self.background is None
+            and self.curve.background_density is None
             and self.memory == 0.0
             and not self.drift_mm.any()
         )

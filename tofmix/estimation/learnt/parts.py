@@ -1,7 +1,7 @@
-"""The parts of the noise beyond sigma(r): background, drift, widths and shape, each learnt under the others.
+"""The parts of the noise beyond sigma(r): background and its density, drift, widths and shape, each under the others.
 
-A part is learnt from isolated clusters (`clusters`), the background from a count (`shares`). The variance that samples
-alone give to fitted widths, drifts and shares is subtracted. `selection` decides which parts are used.
+A part is learnt from isolated clusters (`clusters`), the background from a count (`shares`, `clutter`). The variance
+that samples alone give to fitted widths, drifts and shares is subtracted. `selection` decides which parts are used.
 """
 
 import math
@@ -11,6 +11,7 @@ from statistics import NormalDist
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray
+from tofmix.estimation.learnt.clutter import CELL_SIGMAS, smooth_density
 from tofmix.estimation.learnt.folds import Fold
 from tofmix.estimation.learnt.held_out import LEAST_GAIN
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD
@@ -20,7 +21,7 @@ from tofmix.estimation.learnt.sigma_curve import FREE_WIDTH, ROUNDS, variance_le
 from tofmix.estimation.noise.isolated_clusters import FREE_DRIFT_SIGMAS, LEAST_CLUSTERS, Clusters
 from tofmix.learnt_noise import DRIFTS, MOST_LOG_WIDTH, TAIL_DEGREES
 
-PARTS = ("background", "drift", "widths", "shape")
+PARTS = ("background", "density", "drift", "widths", "shape")
 """Names of the parts."""
 
 FIRST_PRIOR = (0.5, 2.0)
@@ -58,6 +59,8 @@ def with_part(fold: Fold, noise: PixelNoise, part: str) -> PixelNoise | None:
     """
     if part == "background":
         return _with_background(fold, noise)
+    if part == "density":
+        return _with_density(fold, noise)
     clusters = fold.clusters(noise)
     if len(clusters.pixel) < LEAST_CLUSTERS:
         return None
@@ -77,7 +80,10 @@ def with_part(fold: Fold, noise: PixelNoise, part: str) -> PixelNoise | None:
 def without_part(noise: PixelNoise, part: str) -> PixelNoise:
     """Return the noise without one of `PARTS`; all else is kept as it is."""
     if part == "background":
-        return replace(noise, background=None)
+        noise = replace(noise, background=None)
+        return noise if noise.curve.background_density is None else without_part(noise, "density")
+    if part == "density":
+        return replace(noise, curve=replace(noise.curve, background_density=None))
     if part == "drift":
         return replace(noise, drift_mm=np.zeros(DRIFTS))
     if part == "widths":
@@ -233,6 +239,21 @@ def _with_background(fold: Fold, noise: PixelNoise) -> PixelNoise:
     for _ in range(ROUNDS):
         prior = beta_prior(*fold.background_shares(replace(noise, background=prior)))
     return replace(noise, background=prior)
+
+
+def _with_density(fold: Fold, noise: PixelNoise) -> PixelNoise | None:
+    """Learn the density of background over range, and the prior of shares again; None where pixels have no shares."""
+    if noise.background is None:
+        return None
+    edges = fold.cell_edges(noise, CELL_SIGMAS[0])
+    density = smooth_density(fold.counts(edges), edges)
+    for cell_sigmas in CELL_SIGMAS[1:]:
+        noise = replace(noise, curve=replace(noise.curve, background_density=density))
+        edges = fold.cell_edges(noise, cell_sigmas)
+        counts, share, number = fold.background_counts(noise, edges)
+        noise = replace(noise, background=beta_prior(share, number))
+        density = smooth_density(counts, edges)
+    return replace(noise, curve=replace(noise.curve, background_density=density))
 
 
 def beta_prior(share: FloatArray, n: FloatArray) -> tuple[float, float]:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
+from tofmix.background_density import BackgroundDensity
 from tofmix.circle import open_at
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.learnt.law import REACH, Law
@@ -39,7 +40,7 @@ class PixelMixture:
     width : float
         The pixel's width, a factor on the common sigma.
     background : float
-        Share of samples that are uniform over `span_mm`.
+        Share of samples that are random values, between the ends of `span_mm`.
     span_mm : (float, float)
         Ends of the working range, mm.
     no_return : (float, float, float)
@@ -52,6 +53,8 @@ class PixelMixture:
         The shape of the error.
     drifts : bool
         Whether ranges may drift within the window.
+    random_density : BackgroundDensity, optional
+        Density of random values; uniform without it.
     """
 
     range_mm: FloatArray
@@ -66,6 +69,7 @@ class PixelMixture:
     z: FloatArray
     density: FloatArray
     drifts: bool
+    random_density: BackgroundDensity | None = None
 
     def component(self, k: int, range_mm: FloatArray) -> FloatArray:
         """Share times density of a layer, 1/mm, at ranges (place,): the mean over the window where it drifts."""
@@ -79,7 +83,10 @@ class PixelMixture:
         """Share times density, 1/mm, of background and of samples without a return, at ranges (place,)."""
         low, high = self.span_mm
         inside = (range_mm >= low) & (range_mm <= high)
-        floor = np.where(inside, self.background / (high - low), 0.0)
+        density = np.full(range_mm.shape, 1.0 / (high - low))
+        if self.random_density is not None:
+            density = self.random_density.at(range_mm)
+        floor = np.where(inside, self.background * density, 0.0)
         share, place, spread = self.no_return
         if share > 0.0:
             floor = floor + share * _bell((range_mm - place) / spread) / spread
@@ -163,6 +170,7 @@ def pixel_mixture(
         z=np.arange(len(law.density)) / ((len(law.density) - 1) / (2.0 * REACH)) - REACH,
         density=law.density,
         drifts=unambiguous_range_mm is None and bool(law.drift_mm.any()),
+        random_density=sensor.noise.background_density if sensor.noise and unambiguous_range_mm is None else None,
     )
     if samples_mm is None or len(range_mm) == 0 or not mixture.drifts:
         return mixture

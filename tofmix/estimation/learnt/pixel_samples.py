@@ -6,9 +6,9 @@ import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import borrowing, jit
-from tofmix.estimation.beam import Beam
+from tofmix.estimation.beam import Beam, background_at
 from tofmix.estimation.learnt.cells import has_steps, step_at
-from tofmix.estimation.learnt.components import CELL, TIME
+from tofmix.estimation.learnt.components import CELL, RANDOM, TIME
 from tofmix.estimation.samples import FARTHEST_MM
 
 LEAST_SAMPLES = 4
@@ -41,7 +41,12 @@ def take_samples(samples: Float32Array, value: FloatArray, time: FloatArray) -> 
 
 @borrowing
 def fill_cells(data: Samples, beam: Beam, scratch: FloatArray) -> None:
-    """Fill row CELL with half the step, mm, of each sample; `cells` reads it where the beam has steps."""
+    """Fill row RANDOM with the density of background at each sample, 1/mm, and row CELL with half its step, mm.
+
+    `cells` reads row CELL where the beam has steps.
+    """
+    for j in range(len(data.value)):
+        scratch[RANDOM, j] = background_at(data.value[j], beam)
     if has_steps(beam):
         for j in range(len(data.value)):
             scratch[CELL, j] = 0.5 * step_at(data.value[j], beam)

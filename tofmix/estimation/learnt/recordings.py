@@ -94,6 +94,7 @@ def learn_noise(
     shape: bool = True,
     widths: bool | None = None,
     drift: bool = True,
+    density: bool = True,
     instead_of: NoiseCurve | None = None,
     step: RangeStep | None = None,
     step_of_type: bool = False,
@@ -115,6 +116,8 @@ def learn_noise(
         Whether each pixel has a width; None: where the samples show it.
     drift : bool
         Whether a pixel's ranges may drift within a window.
+    density : bool
+        Whether background may have a density over range; on a circle of ranges it is uniform.
     instead_of : NoiseCurve, optional
         A Gaussian curve that is kept if it predicts held-out pixels as well.
     step : RangeStep, optional
@@ -160,7 +163,7 @@ def learn_noise(
         return FoundNoise(sensor=kept, measured=measured, model=None)
     model = learn_pixel_noise(
         pixels, sensor, None if measured is None else measured.curve, shape=shape, widths=widths,
-        drift=drift, instead_of=instead_of,
+        drift=drift, density=density, instead_of=instead_of,
         workers=workers,
     )  # fmt: skip
     noise = model.noise

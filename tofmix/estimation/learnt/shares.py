@@ -8,9 +8,9 @@ from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.acceleration import LEARNING_ITER, LEARNING_TOL, maximise
-from tofmix.estimation.learnt.components import BACKGROUND, LOG_WIDTH, MEAN, OWN, SUPPORT, TOTAL
+from tofmix.estimation.learnt.components import BACKGROUND, LOG_WIDTH, MEAN, OWN, RANDOM, SUPPORT, TOTAL
 from tofmix.estimation.learnt.counting import LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, Rules, count_surfaces
-from tofmix.estimation.learnt.em import background_density, mix
+from tofmix.estimation.learnt.em import mix
 from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.learnt.pixel_samples import LEAST_SAMPLES, Samples, fill_cells, fill_times, take_samples
 from tofmix.estimation.learnt.thresholds import Thresholds
@@ -55,10 +55,9 @@ def background_shares(
         if k == 0:
             continue
         mix(data, k, work.fit, law, own, work.scratch)
-        random = work.fit[OWN, BACKGROUND] * background_density(beam)
-        total = 0.0
+        background, total = work.fit[OWN, BACKGROUND], 0.0
         for j in range(n):
-            total += random / work.scratch[TOTAL, j]
+            total += background * work.scratch[RANDOM, j] / work.scratch[TOTAL, j]
         share[pixel], number[pixel] = total / n, float(n)
     return share, number
 

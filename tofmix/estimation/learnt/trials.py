@@ -19,6 +19,7 @@ from tofmix.estimation.learnt.components import (
     LOG_WIDTH,
     MEAN,
     OWN,
+    RANDOM,
     SIGMA,
     SUPPORT,
     TOTAL,
@@ -34,7 +35,7 @@ from tofmix.estimation.learnt.components import (
     start_without_surface,
     still_row,
 )
-from tofmix.estimation.learnt.em import background_density, drifts, mix, objective
+from tofmix.estimation.learnt.em import drifts, mix, objective
 from tofmix.estimation.learnt.gain_bound import best_share_at, steepest_place
 from tofmix.estimation.learnt.jumps import SIGNIFICANT, drift_exceeds_noise
 from tofmix.estimation.learnt.law import Law
@@ -244,11 +245,11 @@ def surely_needed(data: Samples, k: int, index: int, fit: FloatArray, beam: Beam
         return False
     if math.isfinite(beam.range_max) and near_no_return(fit[MEAN, index], CERTAIN_SIGMAS, beam):
         return False
-    loss, rest = 0.0, background_density(beam)
+    loss = 0.0
     for j in range(len(data.value)):
         own = fit[WEIGHT, index] * scratch[DENSITY + index, j]
         if own > 0.5 * scratch[TOTAL, j]:
-            loss += math.log(scratch[TOTAL, j] / max(scratch[TOTAL, j] - own, rest))
+            loss += math.log(scratch[TOTAL, j] / max(scratch[TOTAL, j] - own, scratch[RANDOM, j]))
     return loss > CERTAIN_GAIN
 
 

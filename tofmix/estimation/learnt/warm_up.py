@@ -9,6 +9,7 @@ from tofmix.estimation.beam import beam_of
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.bootstrap import calibrate
 from tofmix.estimation.learnt.clusters import find_clusters, fit_clusters
+from tofmix.estimation.learnt.clutter import background_counts
 from tofmix.estimation.learnt.held_out import flat_thresholds, held_out_scores
 from tofmix.estimation.learnt.law import precision_of_t
 from tofmix.estimation.learnt.model import PixelNoise
@@ -40,6 +41,7 @@ def warm_up_later() -> None:
     samples, sensor, noise = _made_up()
     laws, beam, thresholds = noise.laws(), beam_of(sensor), flat_thresholds()
     background_shares(samples, laws, beam, thresholds, 2)
+    background_counts(samples, laws, beam, thresholds, 2, np.array([0.0, 2.0 * _RANGE_MM]))
     pixel_widths(samples, laws, laws[0], beam, thresholds, 2)
     gains = calibrate(noise, beam, np.array([_RANGE_MM]), samples=(_FRAMES, _FRAMES), draws=_FRAMES)
     layer_pixels(samples.T, replace(sensor, learnt=noise.learnt_with(gains)))

@@ -43,7 +43,11 @@ def shape_words(curve: NoiseCurve) -> str:
 
 
 def _background_words(curve: NoiseCurve) -> str:
-    if curve.background is None:
-        return "background by pixel"
-    low, high = np.quantile(curve.background, (0.05, 0.95))
-    return f"background {100 * low:.0f} to {100 * high:.0f} % by pixel"
+    said = "background by pixel"
+    if curve.background is not None:
+        low, high = np.quantile(curve.background, (0.05, 0.95))
+        said = f"background {100 * low:.0f} to {100 * high:.0f} % by pixel"
+    if curve.background_density is not None:
+        near, far = curve.background_density.quantile((0.05, 0.95)) / 1000.0
+        said += f", most of it from {near:.2g} to {far:.2g} m"
+    return said

@@ -8,15 +8,17 @@ round of EM (`tests/benchmarks/fit_layout.py`).
 in samples), GAIN (loss of likelihood without the surface, nat), and scratch rows. The last column is that of c_0: its
 WEIGHT is p(c_0).
 
-`Scratch` (rows, values): TOTAL is p(r_j), SHARE the count of r_j by p(r_j), SPARE and OTHER are free for any loop. From
-DENSITY on follow the normal densities of the surfaces, in 1/mm, and `no_return_row` is that of c_0. From `gradient_row`
-on there is room for three rows more for each surface.
+`Scratch` (rows, values): TOTAL is p(r_j), SHARE the count of r_j by p(r_j), SPARE and OTHER are free for any loop.
+RANDOM is p(c_r) times the density of random values, 1/mm, where these are not uniform (`fill_random`). From DENSITY on
+follow the normal densities of the surfaces, in 1/mm, and `no_return_row` is that of c_0. From `gradient_row` on there
+is room for three rows more for each surface.
 """
 
 import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
+from tofmix.estimation.beam import Beam, is_uniform, outlier_density_at
 
 MEAN, SIGMA, WEIGHT, SUPPORT, GAIN, MOMENT_1, MOMENT_2, UNIT = range(8)
 STEPS = 8
@@ -24,7 +26,7 @@ STEPS = 8
 
 ROWS = STEPS + 9
 
-TOTAL, SHARE, SPARE, OTHER, MEAN_SCORE, SHARE_SCORE, DENSITY = range(7)
+TOTAL, SHARE, SPARE, OTHER, MEAN_SCORE, SHARE_SCORE, RANDOM, DENSITY = range(8)
 
 Components = FloatArray
 Scratch = FloatArray
@@ -40,6 +42,14 @@ def new_components(capacity: int) -> Components:
 def new_scratch(capacity: int, values: int) -> Scratch:
     """Room for pixels of up to `values` different values and `capacity` surfaces."""
     return np.empty((DENSITY + 4 * capacity + 1, values))
+
+
+@borrowing
+def fill_random(values: FloatArray, beam: Beam, scratch: Scratch) -> None:
+    """Fill row RANDOM at values, mm; `em.mix` reads it where random values are not uniform."""
+    if not is_uniform(beam):
+        for j in range(len(values)):
+            scratch[RANDOM, j] = outlier_density_at(values[j], beam)
 
 
 @borrowing

@@ -12,13 +12,22 @@ from typing import NamedTuple
 
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.compiled.vector import product_of, total_of
-from tofmix.estimation.beam import NO_RETURN_REACH, Beam, is_beyond, is_no_return, near_no_return
+from tofmix.estimation.beam import (
+    NO_RETURN_REACH,
+    Beam,
+    is_beyond,
+    is_no_return,
+    is_uniform,
+    near_no_return,
+    outlier_density_at,
+)
 from tofmix.estimation.mixture.acceleration import maximise_likelihood
 from tofmix.estimation.mixture.components import (
     GAIN,
     MEAN,
     MOMENT_2,
     OTHER,
+    RANDOM,
     SHARE,
     SIGMA,
     SPARE,
@@ -34,7 +43,7 @@ from tofmix.estimation.mixture.components import (
     no_return_row,
     remove_surface,
 )
-from tofmix.estimation.mixture.em import expect, log_likelihood, mix
+from tofmix.estimation.mixture.em import ROOT_TWO_PI, expect, log_likelihood, mix
 from tofmix.estimation.mixture.gain_bound import gain_bound_of_clear
 from tofmix.estimation.mixture.gradient import best_share, steepest_place
 from tofmix.estimation.noise.kernel import sigma_at
@@ -51,8 +60,12 @@ COUNT_TOL = 1.0e-2
 MIN_SUPPORT = 1.5
 """Least support of a surface, samples: a single sample counts as an outlier (c_r)."""
 
-CERTAIN_SUPPORT = 5.0
-"""Samples of a surface that need no trial: 5 of them, `CERTAIN_SIGMAS` from all else, are worth more than 50 nats."""
+CERTAIN_SUPPORT, CERTAIN_GAIN = 5.0, 40.0
+"""Least samples of a surface that needs no trial, and least loss, nat, without it: its probability rounds to 1."""
+
+LOST_BY_SAMPLE = 2.0
+"""What a sample's density falls short of its surface's peak, nat: 0.5 by its error, 1 at most by the share that others
+gain without the surface, and 0.5 to spare."""
 
 CERTAIN_SIGMAS = 5.0
 """Distance of such a surface from all others, in sigmas."""
@@ -119,8 +132,10 @@ def _most_unexplained(data: Readings, k: int, fit: Components, beam: Beam, scrat
     """Find where most samples lie together that only c_r explains; return their number and mean."""
     mix(data, k, fit, beam, scratch)
     unexplained, counts, n = scratch[SPARE], scratch[OTHER], 0
+    uniform = is_uniform(beam)
     for j in range(len(data.value)):
-        if beam.outlier_density > 0.5 * scratch[TOTAL, j] and not is_beyond(data.value[j], beam):
+        random = beam.outlier_density if uniform else scratch[RANDOM, j]
+        if random > 0.5 * scratch[TOTAL, j] and not is_beyond(data.value[j], beam):
             unexplained[n], counts[n] = data.value[j], data.times[j]
             n += 1
     most, place, first, stop = 0.0, 0.0, 0, 0
@@ -181,13 +196,14 @@ def _gap_sigmas(k: int, index: int, fit: Components, beam: Beam) -> float:
 def _by_chance(n: float, k: int, index: int, fit: Components, beam: Beam, rules: Rules) -> bool:
     """Whether outliers alone would give such a surface too often.
 
-    Of N p(c_r) outliers, spread evenly, each finds m - 1 or more others in the `SCAN_SIGMAS` after it with the chance
-    of a Poisson variable; times the number of outliers, this bounds the probability of one such group.
+    Of N p(c_r) outliers, spread evenly over these samples, each finds m - 1 or more others in the `SCAN_SIGMAS` after
+    it with the chance of a Poisson variable; times the number of outliers, this bounds the probability of one such
+    group.
     """
     support = fit[SUPPORT, index]
     if support > MOST_BY_CHANCE or _gap_sigmas(k, index, fit, beam) < ALONE_SIGMAS:
         return False
-    expected = n * beam.outlier_density * SCAN_SIGMAS * fit[SIGMA, index]
+    expected = n * outlier_density_at(fit[MEAN, index], beam) * SCAN_SIGMAS * fit[SIGMA, index]
     fewer, term = 0.0, math.exp(-expected)
     for m in range(round(support) - 1):
         fewer += term
@@ -217,10 +233,14 @@ def drop_unsupported(n: float, k: int, fit: Components, beam: Beam, rules: Rules
 
 @borrowing
 def _certain(k: int, index: int, fit: Components, beam: Beam) -> bool:
-    """Whether a surface is so far from all others, and from c_0, that its loss need not be computed."""
+    """Whether a surface far from all others, and from c_0, surely gains more than `CERTAIN_GAIN` over c_r alone."""
     if fit[SUPPORT, index] < CERTAIN_SUPPORT or near_no_return(fit[MEAN, index], CERTAIN_SIGMAS, beam):
         return False
-    return _gap_sigmas(k, index, fit, beam) > CERTAIN_SIGMAS
+    if _gap_sigmas(k, index, fit, beam) <= CERTAIN_SIGMAS:
+        return False
+    peak = fit[WEIGHT, index] / (ROOT_TWO_PI * fit[SIGMA, index])
+    by_sample = math.log(peak / outlier_density_at(fit[MEAN, index], beam)) - LOST_BY_SAMPLE
+    return bool(fit[SUPPORT, index] * by_sample > CERTAIN_GAIN)
 
 
 @borrowing

@@ -20,12 +20,13 @@ from tofmix.arrays import FloatArray
 from tofmix.circle import fold
 from tofmix.compiled.jit import borrowing
 from tofmix.compiled.vector import exp_minus, log_of, moments_of, product_of, total_of
-from tofmix.estimation.beam import Beam, beam_of
+from tofmix.estimation.beam import Beam, beam_of, is_uniform
 from tofmix.estimation.mixture.components import (
     DENSITY,
     MEAN,
     MOMENT_1,
     MOMENT_2,
+    RANDOM,
     SHARE,
     SIGMA,
     SPARE,
@@ -34,6 +35,7 @@ from tofmix.estimation.mixture.components import (
     WEIGHT,
     Components,
     Scratch,
+    fill_random,
     new_components,
     new_scratch,
     no_return_row,
@@ -64,10 +66,14 @@ def gaussians(values: FloatArray, mean: float, sigma: float, out: FloatArray) ->
 
 @borrowing
 def mix(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratch) -> None:
-    """Fill the densities of `scratch`, and p(r | surfaces) of equation (1)."""
+    """Fill the densities of `scratch`, and p(r | surfaces) of equation (1). `fill_random` has been called."""
     values, total, m = data.value, scratch[TOTAL], len(data.value)
-    for j in range(m):
-        total[j] = beam.outlier_density
+    if is_uniform(beam):
+        for j in range(m):
+            total[j] = beam.outlier_density
+    else:
+        for j in range(m):
+            total[j] = scratch[RANDOM, j]
     if fit[WEIGHT, -1] > 0.0:
         row, weight = scratch[no_return_row(fit)], fit[WEIGHT, -1]
         gaussians(values, beam.range_max, beam.sigma_max, row)
@@ -255,6 +261,7 @@ def fit_mixture(
         data = Readings(values, data.times, data.total)
     k = len(start)
     fit, scratch = new_components(max(k, 1)), new_scratch(max(k, 1), len(data.value))
+    fill_random(data.value, beam, scratch)
     no_return = 1.0 if math.isfinite(beam.range_max) else 0.0
     start_at(start, np.ones(k), k, no_return, fit, beam)
     n_iter = expectation_maximisation(data, k, fit, beam, chosen.mode, chosen.max_iter, chosen.tol, scratch)

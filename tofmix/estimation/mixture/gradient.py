@@ -18,12 +18,13 @@ import math
 
 from tofmix.compiled.jit import borrowing
 from tofmix.compiled.vector import exp_minus, log_of, product_of, total_of
-from tofmix.estimation.beam import Beam, is_beyond
+from tofmix.estimation.beam import Beam, is_beyond, is_uniform
 from tofmix.estimation.mixture.components import (
     DENSITY,
     MEAN,
     MEAN_SCORE,
     OTHER,
+    RANDOM,
     SHARE,
     SHARE_SCORE,
     SIGMA,
@@ -61,14 +62,18 @@ def steepest_place(
 ) -> tuple[float, float, float]:
     """Largest D(theta), nat, its place, mm, and the largest gain bound of all places.
 
-    Gain bounds are computed only while the largest one is below `least`.
+    Where random values are not uniform, the place is that of the largest gain of the best share, all else held. Gain
+    bounds are computed only while the largest one is below `least`.
     """
     mix(data, k, fit, beam, scratch)
     values, n, m = data.value, data.total, len(data.value)
     for j in range(m):
         scratch[SHARE, j] = data.times[j] / scratch[TOTAL, j]
     outliers = beam.outlier_density * total_of(scratch[SHARE, :m])
+    if not is_uniform(beam):
+        outliers = product_of(scratch[RANDOM, :m], scratch[SHARE, :m])
     most, place, bound, nearest, norms = -n, values[0], 0.0, -1, (0.0, 0.0, 0.0)
+    uniform, largest = is_uniform(beam), 0.0
     near, past = 0, 0
     theta = values[0] - sigma_at(values[0], beam.curve_range, beam.curve_sigma)
     end = values[-1] + sigma_at(values[-1], beam.curve_range, beam.curve_sigma)
@@ -88,10 +93,16 @@ def steepest_place(
             new[j] = height * exp_minus(0.5 * z * z)  # p(r_j | surface at theta), but for c_r
         slope = product_of(new, scratch[SHARE, first:stop]) + outliers - n
         is_place = not is_beyond(theta, beam)
-        if is_place and slope > most:
+        if uniform and is_place and slope > most:
             most, place = slope, theta
+        if not uniform and is_place and slope >= least and past - near > 1:
+            # The slope is largest where background is rarest, and a single sample, as background, is no surface.
+            gain = _gain_of_best_share(data, first, stop, scratch)
+            most, bound = max(most, slope), max(bound, gain)
+            if gain > largest:
+                largest, place = gain, theta
         if is_place and slope > 0.0 and bound < least:
-            if slope >= least:
+            if uniform and slope >= least:
                 bound = max(bound, _gain_of_best_share(data, first, stop, scratch))
             if bound < least and k > 0:
                 old = _nearest(theta, k, fit)
@@ -190,10 +201,11 @@ def best_share(data: Readings, place: float, beam: Beam, scratch: Scratch) -> fl
     sigma = sigma_at(place, beam.curve_range, beam.curve_sigma)
     m = len(data.value)
     term, share = scratch[OTHER, :m], 1.0 / data.total
+    uniform = is_uniform(beam)
     gaussians(data.value, place, sigma, scratch[SPARE])
     for _ in range(_NEWTON_STEPS):
         for j in range(m):
-            new = scratch[SPARE, j] + beam.outlier_density
+            new = scratch[SPARE, j] + (beam.outlier_density if uniform else scratch[RANDOM, j])
             term[j] = (new - scratch[TOTAL, j]) / ((1.0 - share) * scratch[TOTAL, j] + share * new)
         slope = product_of(term, data.times)
         for j in range(m):

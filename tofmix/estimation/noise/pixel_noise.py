@@ -181,4 +181,5 @@ def beam_of_pixel(beam: Beam, pixel: int) -> Beam:
         beam.range_top,
         beam.pixel_curves,
         steps,
+        beam.background,
     )

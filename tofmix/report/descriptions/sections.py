@@ -46,6 +46,9 @@ def _noise_parts(noise: NoiseCurve) -> Section:
     if noise.background is not None:
         low, middle, high = np.quantile(noise.background, (0.0, 0.5, 1.0))
         parts |= {"noise_background_least": low, "noise_background_median": middle, "noise_background_most": high}
+    if noise.background_density is not None:
+        parts["noise_background_range"] = noise.background_density.range_mm.tolist()
+        parts["noise_background_density"] = noise.background_density.density.tolist()
     return {key: float(value) if isinstance(value, np.floating) else value for key, value in parts.items()}
 
 
@@ -64,6 +67,8 @@ def noise_section(sensor: Sensor) -> Section:
     }
     if numbers.background is not None:
         parts |= {f"background_{name}": getattr(numbers.background, name) for name in ("q05", "q50", "q95")}
+    if numbers.background_range_mm is not None:
+        parts |= dict(zip(("background_from_mm", "background_to_mm"), numbers.background_range_mm, strict=True))
     return section | {key: value for key, value in parts.items() if value is not None}
 
 

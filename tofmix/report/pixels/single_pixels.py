@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
-from tofmix.estimation.beam import beam_of
+from tofmix.estimation.beam import beam_of, is_uniform
 from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.pixel_mixture import drifts_of, legendre, times
@@ -126,6 +126,8 @@ def single_pixels(
     weight = layers.weight[..., 0].ravel()[chosen].astype(np.float64)
     beam = beam_of(sensor, length)
     density = share / (beam.range_top - beam.range_min)
+    if not is_uniform(beam):
+        density = share * np.interp(range_mm, beam.background.range_mm, beam.background.density)
     freedom = np.zeros(chosen.size)
     if drifts(provenance):
         law, _ = PixelNoise.of(sensor).laws()

@@ -30,6 +30,8 @@ class NoiseNumbers:
         The pixels' own widths, of those with a surface.
     background : Quantiles or None
         Share of background over the pixels.
+    background_range_mm : (float, float) or None
+        Ranges, mm, between which 90 % of the background lies, where it is not uniform over the working range.
     drift_mm : list of float or None
         Scale of each polynomial of time that a pixel's ranges may follow within a window.
     memory : float or None
@@ -48,6 +50,7 @@ class NoiseNumbers:
     width_spread: float | None = None
     widths: Quantiles | None = None
     background: Quantiles | None = None
+    background_range_mm: tuple[float, float] | None = None
     drift_mm: list[float] | None = None
     memory: float | None = None
     scatter_over_sigma: Quantiles | None = None
@@ -62,8 +65,7 @@ def has_more_than_a_curve(sensor: Sensor) -> bool:
     curve = sensor.noise
     if curve is None:
         return False
-    of_file = curve.shape is not None or curve.width_spread > 0 or curve.background is not None
-    return of_file or sensor.learnt is not None
+    return curve.has_parts or sensor.learnt is not None
 
 
 def noise_numbers(sensor: Sensor, widths: ValueCounts | None = None) -> NoiseNumbers | None:
@@ -84,6 +86,10 @@ def noise_numbers(sensor: Sensor, widths: ValueCounts | None = None) -> NoiseNum
     if curve.background is not None:
         low, middle, high = (float(q) for q in np.quantile(curve.background, (0.05, 0.5, 0.95)))
         shares = Quantiles(count=curve.background.size, q05=low, q50=middle, q95=high)
+    ends = None
+    if curve.background_density is not None:
+        near, far = (float(q) for q in curve.background_density.quantile((0.05, 0.95)))
+        ends = near, far
     return NoiseNumbers(
         line=", ".join(noise_words(sensor)),
         sigma_least_mm=float(curve.sigma_mm.min()),
@@ -94,6 +100,7 @@ def noise_numbers(sensor: Sensor, widths: ValueCounts | None = None) -> NoiseNum
         width_spread=curve.width_spread or None,
         widths=spread_of(widths) if widths is not None and widths.count else None,
         background=shares,
+        background_range_mm=ends,
         drift_mm=learnt.drift_mm.tolist() if learnt is not None and learnt.drift_mm.any() else None,
         memory=float(learnt.memory) if learnt is not None and learnt.memory else None,
     )
