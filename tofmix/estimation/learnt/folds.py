@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import FloatArray, IntArray
 from tofmix.estimation.beam import Beam, beam_of, steps_of
 from tofmix.estimation.learnt.clusters import ClusterFits, cluster_likelihoods, find_clusters, fit_clusters
 from tofmix.estimation.learnt.held_out import flat_thresholds, held_out_scores
@@ -61,6 +61,11 @@ class Fold:
         """Variance of the rounding over that of the noise (n,), at ranges (n,), mm, with sigma (n,), mm."""
         step = self.training.step
         return np.zeros(len(range_mm)) if step is None else np.asarray((step.rounding(range_mm) / sigma_mm) ** 2)
+
+    def steps_at(self, range_mm: FloatArray, pixel: IntArray) -> FloatArray:
+        """Step, mm, at ranges (n,), mm, of training pixels (n,); 0 where fits do not integrate over it."""
+        step = self.training.step
+        return np.zeros(len(range_mm)) if step is None else step.at(range_mm, pixel)
 
     def sigma_likelihoods(self, noise: PixelNoise, clusters: Clusters, fits: ClusterFits) -> FloatArray:
         """Log likelihood (cluster, `SIGMAS`) of each sigma by the step, in which every range in the step is as likely.
