@@ -5,8 +5,8 @@ The likelihood of sample j, y_j being its range less the pixel's drift, is
     p(y) = sum_i w_i f((y - mu_i) / (u sigma_i)) / (u sigma_i) + w_0 N(y; r_max, sigma_0) + b / L
 
 with the learnt shape f, the pixel's width u, c_0's share w_0 and the background's share b. Shares are updated as in any
-EM; means, log u and the drift by Fisher's scoring on the samples' responsibilities, which for a Gaussian is EM itself. On a
-step, means and log u are scored with the information that stored samples have, which may be far less.
+EM; means, log u and the drift by Fisher's scoring on the samples' responsibilities, which for a Gaussian is EM itself.
+On a step, means and log u are scored with the information that stored samples have, which may be far less.
 Priors of u, b and the drift are part of the objective (`objective`). `acceleration` takes the steps.
 
 References

@@ -1,4 +1,4 @@
-"""A population of clusters: is their spread that of the pixels' widths, or are some of them pairs of surfaces?
+"""A population of clusters: whether their spread is that of the pixels' widths, or some are pairs of surfaces.
 
 A pair of surfaces 2 sigma apart and one surface of 1.4 times the width differ by half a nat in 100 samples: no pixel
 tells one from the other. All pixels together do. Pairs have a common sigma and are never narrower; widths are narrower
@@ -47,7 +47,7 @@ PAIRS = np.array(list(product((1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0), (0.15, 0.3, 0
 ONE_SURFACE = np.array([[0.0, 1.0]])
 """One surface, as a pair."""
 
-PLACES = 11
+PLACES = 15
 """Places over which a likelihood is averaged."""
 
 REACH = 4.0
@@ -55,6 +55,9 @@ REACH = 4.0
 
 OFF_CENTRE = 0.1
 """Further reach, by the distance of a pair: the fitted surface of a skewed pair is not at its mean."""
+
+OFF_STEP = 0.5
+"""Further reach, by half the step: within a coarse step, samples hardly tell where the surface is."""
 
 SCALES = np.geomspace(0.025, 0.8, 11)
 """Scales of log width that are tried."""
@@ -125,7 +128,10 @@ def population_likelihoods(
 
 @jit
 def _levels(value: FloatArray, n: int, half: float, level: FloatArray, times: FloatArray) -> tuple[float, int]:
-    """Fill `level` with the cells of the first `n` values, ascending, and `times`; return half a cell, and their number."""
+    """Fill `level` and `times` with the cells of the first `n` values, ascending, and how many are in each.
+
+    Return half a cell, in sigmas, and the number of cells.
+    """
     fine = half < 0.5 * BIN
     count = 0
     for j in range(n):
@@ -153,9 +159,9 @@ def _mean_over_places(
     uniform: float,
     law: Law,
 ) -> float:
-    """Log of the mean likelihood, nat, over the place of a pair's mean: flat, in sigmas."""
+    """Log of the mean likelihood, nat, over the places of a pair's mean, all equally probable."""
     variance = width * width + half * half / 3.0 + share * (1.0 - share) * apart * apart
-    reach = REACH * math.sqrt(variance / max(n, 1)) + OFF_CENTRE * apart
+    reach = REACH * math.sqrt(variance / max(n, 1)) + OFF_CENTRE * apart + OFF_STEP * half
     scale = 1.0 / width
     near, far = (1.0 - rest) * scale * share, (1.0 - rest) * scale * (1.0 - share)
     best, total = -math.inf, 0.0
