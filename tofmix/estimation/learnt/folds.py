@@ -10,7 +10,7 @@ from tofmix.estimation.learnt.clusters import ClusterFits, cluster_likelihoods, 
 from tofmix.estimation.learnt.held_out import flat_thresholds, held_out_scores
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.shares import PixelWidths, background_shares, pixel_widths
-from tofmix.estimation.noise.isolated_clusters import WEAK_PRIOR, Clusters
+from tofmix.estimation.noise.isolated_clusters import LEAST_TO_CLUSTER, WEAK_PRIOR, Clusters
 from tofmix.estimation.noise.pixel_noise import pixel_curves
 from tofmix.estimation.noise.training_pixels import MANY_PIXELS, Pixels
 from tofmix.sensor import Sensor
@@ -88,8 +88,12 @@ class Fold:
         return found
 
     def clusters(self, noise: PixelNoise) -> Clusters:
-        """Isolated clusters of the training pixels."""
-        return find_clusters(self.training.samples, self._beam(noise, self.training))
+        """Isolated clusters of the training pixels; none where most pixels have fewer than `LEAST_TO_CLUSTER` samples."""
+        samples = self.training.samples
+        filled = np.isfinite(samples).sum(axis=1)
+        if filled.any() and np.median(filled[filled > 0]) < LEAST_TO_CLUSTER:
+            return Clusters(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
+        return find_clusters(samples, self._beam(noise, self.training))
 
     def fits(self, noise: PixelNoise, clusters: Clusters, *, second: bool = False) -> ClusterFits:
         """One surface fitted to each cluster; with `second`, also the gain of a second one."""
