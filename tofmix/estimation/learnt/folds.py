@@ -88,7 +88,7 @@ class Fold:
         return found
 
     def clusters(self, noise: PixelNoise) -> Clusters:
-        """Isolated clusters of the training pixels; none where most pixels have fewer than `LEAST_TO_CLUSTER` samples."""
+        """Isolated clusters of the training pixels; none where most have fewer than `LEAST_TO_CLUSTER` samples."""
         samples = self.training.samples
         filled = np.isfinite(samples).sum(axis=1)
         if filled.any() and np.median(filled[filled > 0]) < LEAST_TO_CLUSTER:
