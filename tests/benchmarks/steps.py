@@ -7,6 +7,11 @@ Pixels of one surface, and of two surfaces `--apart` sigmas apart, are drawn wit
 after a conversion in float32; ``range``, a step that grows with range; ``pixel``, the step of each pixel;
 ``integer``, whole mm, with the noise made as small as the step asks. The noise is learnt, with all its parts. Step 0
 is the same samples as they were drawn.
+
+`ratio` is the power of a likelihood-ratio test on the same stored values, which knows sigma and the step: two surfaces
+of free places and shares against one, for the probability of the values in their cells, by direct maximisation. Its
+threshold is the gain that as many pixels of one surface exceed as `estimate` takes for more, one of them at least. So
+it is the most that any count can find; of each kind `--tested` pixels are tried.
 """
 
 import argparse
@@ -18,6 +23,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import ndtr
 
 import tofmix as tm
 from tofmix.arrays import FloatArray
@@ -71,14 +78,53 @@ def recorded(values: NDArray[np.float32], form: str, folder: Path) -> tm.Recordi
     return found
 
 
-def row(form: str, step: float, samples: int, pixels: int, apart: float, folder: Path) -> dict[str, float]:
+def ratio_gain(values: FloatArray, step: float) -> float:
+    """Gain, nat, of two surfaces over one, for the values (n,) of a pixel in cells of `step`, all in sigmas."""
+    level, times = np.unique(np.round(values - values.mean(), 6), return_counts=True)
+    half = max(0.5 * step, 1e-3)
+
+    def cell(place: float) -> FloatArray:
+        return np.asarray(ndtr(level + half - place) - ndtr(level - half - place))
+
+    def loss(fit: FloatArray) -> float:
+        near = 1.0 / (1.0 + np.exp(-fit[2]))
+        return -float(times @ np.log(near * cell(fit[0]) + (1.0 - near) * cell(fit[1]) + 1e-300))
+
+    one = min(loss(np.array([place, place, 0.0])) for place in np.linspace(-0.6, 0.6, 121) * max(1.0, step))
+    spread = max(float(values.std()), 0.3)
+    starts = ([-spread, spread, 0.0], [-2.0 * spread, 0.5 * spread, -1.4], [-0.5 * spread, 2.0 * spread, 1.4])
+    return one - min(one, *(minimize(loss, start, method="Nelder-Mead").fun for start in starts))
+
+
+def ratio_power(values: FloatArray, two: NDArray[np.bool_], step: float, more: float, tested: int) -> float:
+    """Share of pixels of two surfaces whose gain exceeds that of all but the share `more` of those of one.
+
+    `values` (frame, row, col) and the step are in sigmas, `two` (row, col) says which pixels have two surfaces.
+    """
+    single, pair = ([ratio_gain(v, step) for v in values[:, chosen].T[:tested]] for chosen in (~two, two))
+    threshold = np.quantile(single, 1.0 - max(more, 1.0 / len(single)))
+    return float((np.array(pair) > threshold).mean())
+
+
+def row(
+    form: str,
+    step: float,
+    samples: int,
+    pixels: int,
+    apart: float,
+    folder: Path,
+    *,
+    tested: int = 0,
+    seed: int = 20080922,
+) -> dict[str, float]:
     """Numbers of one line."""
-    rng = np.random.default_rng([20080922, samples])
+    rng = np.random.default_rng([seed, samples])
     whole = form == "integer" and step > 0.0
     sigma_mm, step_mm = (1.0 / step, 1.0) if whole else (SIGMA_MM, step * SIGMA_MM)
     ranges, place = drawn(samples, pixels, sigma_mm, apart, rng)
     start = time.process_time()
-    found = tm.estimate(recorded(stored(ranges, step_mm, form, rng), form, folder), noise="auto", workers=1)
+    values = stored(ranges, step_mm, form, rng)
+    found = tm.estimate(recorded(values, form, folder), noise="auto", workers=1)
     seconds = time.process_time() - start
     layers = found
     n, sigma = layers.n_modes[0], layers.sigma[0, ..., 0]
@@ -93,6 +139,7 @@ def row(form: str, step: float, samples: int, pixels: int, apart: float, folder:
         "more": float((n[~two] > 1).mean()),
         "none": float((n[~two] == 0).mean()),
         "power": float((n[two] == 2).mean()) if apart else np.nan,
+        "ratio": ratio_power(values / sigma_mm, two, step, float((n[~two] > 1).mean()), tested) if tested else np.nan,
         "rms": float(np.sqrt(np.mean((error / stderr) ** 2))),
         "least": float(stderr.min() / sigma_mm),
         "found": 0.0 if step_found is None else float(np.median(step_found)) / sigma_mm,
@@ -110,21 +157,26 @@ def main() -> None:
     parser.add_argument(
         "--apart", type=float, default=0.0, help="distance of two surfaces in every fourth pixel, sigmas"
     )
+    parser.add_argument("--tested", type=int, default=0, help="pixels of each kind for the likelihood-ratio test")
+    parser.add_argument("--seed", type=int, default=20080922, help="seed of the samples")
     chosen = parser.parse_args()
     print(
-        "| samples | form | step, sigma | found | sigma / true | more than one, % | none, % | power | error / stderr |"
-        " least stderr, sigma | s |"
+        "| samples | form | step, sigma | found | sigma / true | more than one, % | none, % | power | ratio |"
+        " error / stderr | least stderr, sigma | s |"
     )
-    print("|---|---|---|---|---|---|---|---|---|---|---|")
+    print("|---|---|---|---|---|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         for samples in map(int, chosen.samples.split(",")):
             for step in map(float, chosen.steps.split(",")):
                 for form in ("common",) if step == 0.0 else chosen.forms.split(","):
-                    r = row(form, step, samples, chosen.pixels, chosen.apart, Path(folder))
+                    r = row(
+                        form, step, samples, chosen.pixels, chosen.apart, Path(folder), tested=chosen.tested,
+                        seed=chosen.seed,
+                    )  # fmt: skip
                     print(
                         f"| {samples} | {form if step else '-'} | {step:g} | {r['found']:.3g} | {r['sigma']:.3f} |"
-                        f" {100 * r['more']:.2f} | {100 * r['none']:.2f} | {r['power']:.3f} | {r['rms']:.2f} |"
-                        f" {r['least']:.3f} | {r['seconds']:.0f} |"
+                        f" {100 * r['more']:.2f} | {100 * r['none']:.2f} | {r['power']:.3f} | {r['ratio']:.3f} |"
+                        f" {r['rms']:.2f} | {r['least']:.3f} | {r['seconds']:.0f} |"
                     )
                     sys.stdout.flush()
 

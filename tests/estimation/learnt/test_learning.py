@@ -13,8 +13,9 @@ from tofmix.estimation.learnt.folds import whole_fold
 from tofmix.estimation.learnt.learning import LearntModel, learn_pixel_noise
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.parts import with_part
+from tofmix.estimation.learnt.sigma_curve import with_sigma
 from tofmix.estimation.noise.training_pixels import Pixels
-from tofmix.sensor import NoiseCurve
+from tofmix.sensor import NoiseCurve, Sensor
 
 FRAMES, PIXELS = 60, 300
 TIME = np.linspace(-1.0, 1.0, FRAMES)[:, np.newaxis]
@@ -224,3 +225,15 @@ def test_a_given_curve_holds_where_nothing_predicts_better(sigma: float, holds: 
 def test_samples_without_a_spread_give_no_noise(samples: FloatArray) -> None:
     with pytest.raises(ValueError, match="no two samples of a pixel differ, or none is valid"):
         _learnt(samples)
+
+
+def test_clusters_of_few_samples_are_none_because_only_narrow_pixels_have_some() -> None:
+    samples = np.random.default_rng(1).normal(2000.0, 6.0, (300, 8)).astype(np.float32)
+    curve = NoiseCurve(np.array([2000.0]), np.array([6.0]))
+    noise = PixelNoise.gaussian(curve, 0.0)
+    sensor = Sensor(name="camera", range_min_mm=500.0, range_max_mm=8000.0)
+    few = whole_fold(Pixels(samples=samples), sensor)
+    assert len(few.clusters(noise).pixel) == 0
+    assert with_sigma(few, noise).curve.sigma_mm == pytest.approx(6.0, rel=0.1)  # from clusters, it is 0.7 times that
+    many = whole_fold(Pixels(samples=np.hstack([samples, samples[::-1]])), sensor)
+    assert len(many.clusters(noise).pixel) > 0.95 * len(samples)

@@ -89,3 +89,15 @@ def test_a_given_curve_is_integrated_over_the_step_too() -> None:
     assert found.sensor.noise is not None
     np.testing.assert_array_equal(found.sensor.noise.sigma_mm, SIGMA_MM)
     assert (found.n_modes == 1).mean() > 0.99
+
+
+@pytest.mark.parametrize("step", [0.6, 0.9])
+def test_pairs_two_sigma_apart_are_found_and_not_taken_for_widths(step: float) -> None:
+    rng, step_mm = np.random.default_rng([1, 100]), step * SIGMA_MM
+    values = rng.uniform(1500.0, 4500.0, (15, 40)) + SIGMA_MM * rng.standard_normal((100, 15, 40))
+    values[:, :, ::4] += 2.0 * SIGMA_MM * (rng.random((100, 15, 10)) < 0.5)
+    found = estimated(step_mm * np.rint(values / step_mm))
+    assert found.sensor.noise is not None
+    assert found.sensor.noise.width_spread == 0.0
+    assert (found.n_modes[0, :, ::4] == 2).mean() > 0.9  # of 150 pixels; taken for widths, it is 0.03
+    assert (np.delete(found.n_modes[0], np.s_[::4], axis=1) > 1).mean() < 0.01

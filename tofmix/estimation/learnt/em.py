@@ -7,6 +7,7 @@ The likelihood of sample j, y_j being its range less the pixel's drift, is
 with the learnt shape f, the pixel's width u, c_0's share w_0 and the background's share b and density g: 1 / L over a
 working range of length L, or the learnt one. Shares are updated as in any
 EM; means, log u and the drift by Fisher's scoring on the samples' responsibilities, which for a Gaussian is EM itself.
+On a step, means and log u are scored with the information that stored samples have, which may be far less.
 Priors of u, b and the drift are part of the objective (`objective`). `acceleration` takes the steps.
 
 References
@@ -48,6 +49,7 @@ from tofmix.estimation.learnt.pixel_samples import Samples
 from tofmix.estimation.mixture.em import gaussians
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.learnt_noise import DRIFTS, MOST_LOG_WIDTH
+from tofmix.range_step import SIGMA_OF_STEP
 
 LONGEST_STEP = 1.0
 """Most that a mean moves in one iteration, in sigmas: scoring may overshoot where log f is not concave."""
@@ -177,7 +179,7 @@ def step_up(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratc
         share[j] = 1.0 / total[j]
     sum_share = total_of(share[:n])
     width, slopes, own = math.exp(fit[OWN, LOG_WIDTH]), slope_row(fit), law.width_spread > 0.0
-    held, wide = 0.0, 0.0
+    held, wide, told = 0.0, 0.0, 0.0  # support, and score of log width and its information on steps
     for i in range(k):
         slope, own_width = scratch[slopes + i, :n], width * fit[SIGMA, i]
         support = fit[WEIGHT, i] * product_of(share[:n], scratch[DENSITY + i])
@@ -185,6 +187,9 @@ def step_up(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratc
         held += support
         push = fit[WEIGHT, i] * product_of(share[:n], slope)
         fit[PLACE, i] = push / (law.information * support) if support > 0.0 else 0.0
+        if has_steps(beam) and support > 0.0:
+            most = law.information * support
+            fit[PLACE, i] = push / _seen_information(n, i, slope, most, 1.0, own_width, fit, scratch)
         if own:
             y = scratch[still_row(fit) + i, :n] if moving else data.value
             term = scratch[TERM, :n]
@@ -195,6 +200,10 @@ def step_up(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratc
                 edge = scratch[NEW, :n]
                 fill_edges(y, scratch[CELL], fit[MEAN, i], own_width, law, edge)
                 narrow = fit[WEIGHT, i] * product_of(edge, share)
+                for j in range(n):
+                    edge[j] = term[j] / own_width - edge[j]
+                most = law.width_information * support
+                told += _seen_information(n, i, edge, most, 2.0, own_width, fit, scratch)
             wide += fit[WEIGHT, i] * product_of(term, share) / own_width - narrow
         if moving:
             _move_drift(n, i, push, fit, law, scratch, own_width)
@@ -205,9 +214,30 @@ def step_up(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratc
     if own and held > 0.0:
         v = fit[OWN, LOG_WIDTH]
         precision = precision_of_t(v, law.width_spread)
-        v += (wide - precision * v) / (law.width_information * held + precision)
+        if not has_steps(beam):
+            told = law.width_information * held
+        v += (wide - precision * v) / (told + precision)
         fit[OWN, LOG_WIDTH] = min(max(v, -MOST_LOG_WIDTH), MOST_LOG_WIDTH)
     _move_shares(n, k, fit, law, beam, scratch, sum_share, held)
+
+
+@borrowing
+def _seen_information(
+    n: int, i: int, score: FloatArray, most: float, power: float, own_width: float, fit: FloatArray, scratch: FloatArray
+) -> float:
+    """Information that the squared scores of stored samples have, at most `most`, that of the law.
+
+    `score` (n,) are derivatives of the density of surface `i`, in units of its width. A step above the width takes away
+    most of what the law tells; rounding that is even leaves no less than the variance of both, to the `power`.
+    """
+    weight, share, density, half = fit[WEIGHT, i], scratch[SHARE], scratch[DENSITY + i], scratch[CELL]
+    squares, widest = 0.0, 0.0
+    for j in range(n):
+        widest = max(widest, half[j])
+        if density[j] > 0.0:
+            squares += weight * share[j] * score[j] * score[j] / density[j]
+    rounding = 2.0 * SIGMA_OF_STEP * widest / own_width
+    return min(max(squares, most / (1.0 + rounding * rounding) ** power), most)
 
 
 @borrowing

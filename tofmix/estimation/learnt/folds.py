@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import FloatArray, IntArray
 from tofmix.estimation.beam import Beam, beam_of, steps_of
 from tofmix.estimation.learnt.clusters import ClusterFits, cluster_likelihoods, find_clusters, fit_clusters
 from tofmix.estimation.learnt.clutter import background_counts, cell_edges
 from tofmix.estimation.learnt.held_out import flat_thresholds, held_out_scores
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.shares import PixelWidths, background_shares, pixel_widths
-from tofmix.estimation.noise.isolated_clusters import WEAK_PRIOR, Clusters
+from tofmix.estimation.noise.isolated_clusters import LEAST_TO_CLUSTER, WEAK_PRIOR, Clusters
 from tofmix.estimation.noise.pixel_noise import pixel_curves
 from tofmix.estimation.noise.training_pixels import MANY_PIXELS, Pixels
 from tofmix.sensor import Sensor
@@ -66,6 +66,11 @@ class Fold:
         step = self.training.step
         return np.zeros(len(range_mm)) if step is None else np.asarray((step.rounding(range_mm) / sigma_mm) ** 2)
 
+    def steps_at(self, range_mm: FloatArray, pixel: IntArray) -> FloatArray:
+        """Step, mm, at ranges (n,), mm, of training pixels (n,); 0 where fits do not integrate over it."""
+        step = self.training.step
+        return np.zeros(len(range_mm)) if step is None else step.at(range_mm, pixel)
+
     def sigma_likelihoods(self, noise: PixelNoise, clusters: Clusters, fits: ClusterFits) -> FloatArray:
         """Log likelihood (cluster, `SIGMAS`) of each sigma by the step, in which every range in the step is as likely.
 
@@ -87,8 +92,12 @@ class Fold:
         return found
 
     def clusters(self, noise: PixelNoise) -> Clusters:
-        """Isolated clusters of the training pixels."""
-        return find_clusters(self.training.samples, self._beam(noise, self.training))
+        """Isolated clusters of the training pixels; none where most have fewer than `LEAST_TO_CLUSTER` samples."""
+        samples = self.training.samples
+        filled = np.isfinite(samples).sum(axis=1)
+        if filled.any() and np.median(filled[filled > 0]) < LEAST_TO_CLUSTER:
+            return Clusters(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
+        return find_clusters(samples, self._beam(noise, self.training))
 
     def fits(self, noise: PixelNoise, clusters: Clusters, *, second: bool = False) -> ClusterFits:
         """One surface fitted to each cluster; with `second`, also the gain of a second one."""

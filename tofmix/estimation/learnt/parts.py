@@ -11,11 +11,13 @@ from statistics import NormalDist
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray
+from tofmix.estimation.learnt.clusters import ClusterFits
 from tofmix.estimation.learnt.clutter import CELL_SIGMAS, smooth_density
 from tofmix.estimation.learnt.folds import Fold
 from tofmix.estimation.learnt.held_out import LEAST_GAIN
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD
 from tofmix.estimation.learnt.model import PixelNoise
+from tofmix.estimation.learnt.population import spread_beside_pairs
 from tofmix.estimation.learnt.shape_fit import fit_shape, histogram
 from tofmix.estimation.learnt.sigma_curve import FREE_WIDTH, ROUNDS, variance_left, with_sigma
 from tofmix.estimation.noise.isolated_clusters import FREE_DRIFT_SIGMAS, LEAST_CLUSTERS, Clusters
@@ -132,9 +134,24 @@ def _with_widths(fold: Fold, noise: PixelNoise, clusters: Clusters) -> PixelNois
     variance = 1.0 / (noise.laws()[0].width_information * np.maximum(fits.support, 1.0))
     variance *= (1.0 + fold.rounding_variance(fits.place, fits.sigma)) ** 2
     scale = width_scale(fits.log_width - float(np.median(fits.log_width)), np.asarray(variance))
+    if scale is not None:
+        scale = _beside_pairs(fold, noise, clusters, fits, scale)
     if scale is None:
         return None
     return replace(noise, curve=replace(noise.curve, width_spread=scale / SCALE_OF_SPREAD))
+
+
+def _beside_pairs(fold: Fold, noise: PixelNoise, clusters: Clusters, fits: ClusterFits, scale: float) -> float | None:
+    """Scale of log width where some clusters may be pairs; see `population.spread_beside_pairs`."""
+    counted = np.maximum(np.isfinite(fits.error).sum(axis=1), 1)
+    return spread_beside_pairs(
+        fits.error * np.exp(fits.log_width)[:, None],
+        half=0.5 * fold.steps_at(fits.place, clusters.pixel) / fits.sigma,
+        rest=np.maximum(counted - fits.support, 0.5) / counted,
+        span=(clusters.high - clusters.low) / fits.sigma,
+        law=noise.laws()[1],
+        scale=scale,
+    )
 
 
 def width_scale(log_width: FloatArray, variance: FloatArray) -> float | None:

@@ -13,6 +13,7 @@ from tofmix.estimation.learnt.clutter import background_counts
 from tofmix.estimation.learnt.held_out import flat_thresholds, held_out_scores
 from tofmix.estimation.learnt.law import precision_of_t
 from tofmix.estimation.learnt.model import PixelNoise
+from tofmix.estimation.learnt.population import LOG_WIDTHS, ONE_SURFACE, population_likelihoods
 from tofmix.estimation.learnt.shares import background_shares, pixel_widths
 from tofmix.sensor import NoiseCurve, Sensor
 
@@ -43,6 +44,8 @@ def warm_up_later() -> None:
     background_shares(samples, laws, beam, thresholds, 2)
     background_counts(samples, laws, beam, thresholds, 2, np.array([0.0, 2.0 * _RANGE_MM]))
     pixel_widths(samples, laws, laws[0], beam, thresholds, 2)
+    none = np.zeros(1)
+    population_likelihoods(np.zeros((1, _FRAMES)), none, none + 0.1, none + 1.0, laws[0], ONE_SURFACE, LOG_WIDTHS)
     gains = calibrate(noise, beam, np.array([_RANGE_MM]), samples=(_FRAMES, _FRAMES), draws=_FRAMES)
     layer_pixels(samples.T, replace(sensor, learnt=noise.learnt_with(gains)))
 

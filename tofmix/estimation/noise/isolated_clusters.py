@@ -31,6 +31,10 @@ APART = 4.0
 LEAST_IN_CLUSTER = 8
 """Least samples at the densest place of a cluster."""
 
+LEAST_TO_CLUSTER = 12
+"""Least samples of most pixels for clusters: of fewer, only narrow pixels have `LEAST_IN_CLUSTER` at the densest place
+(77 % of 12, less one standard deviation, are 8), and sigma measured from them would be too small."""
+
 LEAST_SHARE = 0.1
 """Least part of the pixel's samples at the densest place of a cluster."""
 
