@@ -86,7 +86,8 @@ def _improbable(
 def _without_rims(amplitude: FloatArray, close: BoolArray, improbable: BoolArray) -> BoolArray:
     """The improbable layers without those that may be the rim of a surface, which fills a part of their pixel.
 
-    Beside a surface at about that range (`close`), a layer is scattered light only if it is no brighter than that is elsewhere.
+    Beside a surface at about that range (`close`), a layer is scattered light only if it is no brighter than that is
+    elsewhere.
     """
     beside = count_around(np.asarray((close & ~improbable).any(-1)), 1) > 0
     apart = improbable & ~beside[..., np.newaxis]
