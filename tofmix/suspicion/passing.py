@@ -26,10 +26,9 @@ LONGEST = 0.5
 BESIDE_PASSING = 0.05
 """Chance below which a layer beside a passing one, in its frames alone, is of it too: there the odds are even."""
 
-_SLOPE, _NOISE_SIGMAS = (
-    0.05,
-    3.0,
-)  # how much ranges of one surface differ from pixel to pixel: of the range, and by noise
+_SLOPE = 0.05  # how much ranges of one surface differ between neighbouring pixels, of the range
+
+_NOISE_SIGMAS = 3.0  # and by noise, in standard deviations
 
 _MOST_CORRELATION = 0.99  # from frame to frame: a recording with more has no independent frames to speak of
 
