@@ -131,3 +131,26 @@ def covered_by_both(
     count = clip(work[0], 4, a, b, c, work[1])
     count = clip(work[1], count, a_other, b_other, c_other, work[2])
     return polygon_area(work[2], count)
+
+
+@borrowing
+def covered_by_three(flip: float, one: FloatArray, other: FloatArray, third: FloatArray, work: FloatArray) -> float:
+    """Area of the part of a pixel on the positive side of three lines (slopes down and right, value at the centre).
+
+    With `flip` -1 it is that on the negative side of all of them. `work` is (3, 8, 2).
+    """
+    a, b, c = (
+        covered(flip * one[0], flip * one[1], flip * one[2]), covered(flip * other[0], flip * other[1], flip * other[2]),
+        covered(flip * third[0], flip * third[1], flip * third[2]),
+    )
+    if a == 0.0 or b == 0.0 or c == 0.0:
+        return 0.0
+    if (a == 1.0) + (b == 1.0) + (c == 1.0) >= 2:
+        return min(a, b, c)
+    for i in range(4):
+        work[0, i, 0] = -0.5 if i < 2 else 0.5  # noqa: PLR2004  round the square
+        work[0, i, 1] = -0.5 if i in (0, 3) else 0.5
+    count = clip(work[0], 4, flip * one[0], flip * one[1], flip * one[2], work[1])
+    count = clip(work[1], count, flip * other[0], flip * other[1], flip * other[2], work[2])
+    count = clip(work[2], count, flip * third[0], flip * third[1], flip * third[2], work[0])
+    return polygon_area(work[0], count)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
-from tofmix.surfaces.edge_pixels import share_of
+from tofmix.surfaces.edge_pixels import share_of, to_plane
 from tofmix.surfaces.edge_shape import (
     AGREES,
     AHEAD,
@@ -27,11 +27,18 @@ from tofmix.surfaces.edge_shape import (
     VAR_OFFSET,
     VAR_THIRD,
 )
-from tofmix.surfaces.half_plane import clip, covered, covered_by_both, polygon_area
+from tofmix.surfaces.half_plane import chord, clip, covered, covered_by_both, polygon_area
 from tofmix.surfaces.settings import EdgeSettings
+from tofmix.surfaces.short_edges import NUMBERS, PLACES, REACH, fit_short_edge, line_in_pixel, misfit
+from tofmix.surfaces.short_edges import ANGLE as SHORT_ANGLE
+from tofmix.surfaces.short_edges import COVARIANCE as SHORT_COVARIANCE
+from tofmix.surfaces.short_edges import OFFSET as SHORT_OFFSET
+from tofmix.surfaces.short_edges import VAR_ANGLE as SHORT_VAR_ANGLE
+from tofmix.surfaces.short_edges import VAR_OFFSET as SHORT_VAR_OFFSET
 
-ONE, BOTH, EITHER, ALL = 0, 1, 2, 3
-"""A region is one side of an edge; on that side of two edges; of either; or of three, as at the end of a bar."""
+ONE, BOTH, EITHER, ALL, ANY = 0, 1, 2, 3, 4
+"""A region is one side of an edge; on that side of two edges; of either; of three, as at the end of a strip; or of any
+of three, as at the bottom of a notch."""
 
 # Columns of a region: which of these, then three edges of five numbers each.
 SHAPE, FIRST, SECOND, THIRD_EDGE = 0, 1, 6, 11  # columns at which they begin
@@ -81,11 +88,7 @@ def continue_edge(
 
     The slopes are of length 1. An arc turns on its way; in each pixel it is straight.
     """
-    for i in range(3):
-        out[i] = g[0] * ray[(i + 1) % 3, 0] + g[1] * ray[(i + 1) % 3, 1] + g[2] * ray[(i + 1) % 3, 2]
-    length = math.sqrt(out[0] * out[0] + out[1] * out[1])
-    for i in range(3):
-        out[i] /= length
+    line_in_pixel(g, ray, out)
     if fit[KIND] == ARC:
         ahead_down, ahead_right = -out[1], out[0]
         turn = fit[THIRD] * (ahead_down * down + ahead_right * right)
@@ -156,6 +159,10 @@ def choose_regions(
     chosen, sides = np.empty(settings.most_edges, np.int64), np.empty(settings.most_edges, np.int64)
     local = np.empty((settings.most_edges, 9, 3))  # each line in each of the nine pixels
     told = np.empty((9, 3))  # share, samples, further variance; share -1: not told
+    wide, around = np.empty((settings.most_edges, PLACES, 3)), np.empty((PLACES, 3))
+    frame, lines_here, areas, short, shortest = (
+        np.empty((3, 3)), np.empty((2, 3)), np.empty((3, PLACES)), np.empty(NUMBERS), np.empty(NUMBERS),
+    )
     here, there, work, best = np.empty(3), np.empty(3), np.empty((3, 8, 2)), np.empty(3, np.int64)
     for cut in range(len(fits)):
         region, row, col = out[cut], rows[cut], cols[cut]
@@ -165,7 +172,7 @@ def choose_regions(
         used = _gather(
             cut, fits, lines, rows, cols, cut_labels, first_cut, next_cut, rays, chosen, sides, local, here, settings
         )  # fmt: skip
-        _tell(cut_labels[cut], row, col, count, labels, inverses, up_to, samples, floor, planes, directions, told)
+        _tell(cut_labels[cut], row, col, 1, count, labels, inverses, up_to, samples, floor, planes, directions, told)
         if fits[cut, AGREES] > 0.0 and told[4, 0] < 0.0:
             continue
         own = 0.0
@@ -179,8 +186,32 @@ def choose_regions(
                     fits[one], lines[one, sides[k]], rays[r, c], r - rows[one], c - cols[one], local[k, place]
                 )  # fmt: skip
             area = _own_area(fits[cut], lines[cut], rays[r, c], r - row, c - col, here, there, work)
-            own += _misfit(area, told[place])
-        if _best(used, local, told, work, best, settings) < own and not (fits[cut, AGREES] > 0.0 and best[0] == ONE):
+            own += misfit(area, told[place])
+        least = _best(used, local, told, work, best, settings)
+        if 2.0 * settings.corner_gain < min(least, own):
+            to_plane(rays[row, col], frame)
+            _tell(cut_labels[cut], row, col, REACH, count, labels, inverses, up_to, samples, floor, planes, directions, around)
+            for place in range(PLACES):
+                if around[place, 0] < 0.0:
+                    continue
+                r, c = row + place // (2 * REACH + 1) - REACH, col + place % (2 * REACH + 1) - REACH
+                for k in range(used):
+                    one = chosen[k]
+                    continue_edge(
+                        fits[one], lines[one, sides[k]], rays[r, c], r - rows[one], c - cols[one], wide[k, place]
+                    )  # fmt: skip
+            least = _best_short(
+                used, wide, around, frame, rays, row, col, work, lines_here, areas, short, shortest, best,
+                min(least, own), settings,
+            )  # fmt: skip
+            if best[0] >= ALL:
+                for k in range(2):
+                    one = chosen[best[1 + k]]
+                    at = FIRST if k == 0 else SECOND
+                    set_edge(region, at, local[best[1 + k], 4], fits[one], row - rows[one], col - cols[one])
+                _set_short(region, best[0], shortest, here)
+                continue
+        if least < own and not (fits[cut, AGREES] > 0.0 and best[0] == ONE):
             # A neighbour's edge by itself is no better than an own one that agrees.
             region[SHAPE] = best[0]
             for k in range(1 if best[0] == ONE else 2):
@@ -235,13 +266,14 @@ def _is_new(here: FloatArray, local: FloatArray, used: int, settings: EdgeSettin
 
 @borrowing
 def _tell(
-    label: int, row: int, col: int, count: NDArray[np.int32], labels: NDArray[np.int32], inverses: FloatArray,
+    label: int, row: int, col: int, reach: int, count: NDArray[np.int32], labels: NDArray[np.int32], inverses: FloatArray,
     up_to: FloatArray, samples: FloatArray, floor: FloatArray, planes: FloatArray, directions: FloatArray,
     told: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill the shares of a cut's surface in the nine pixels around it; partly hidden ones are unknown."""
-    for place in range(9):
-        r, c = row + place // 3 - 1, col + place % 3 - 1
+    """Fill the shares of a cut's surface in the pixels up to `reach` around it; partly hidden ones are unknown."""
+    size = 2 * reach + 1
+    for place in range(size * size):
+        r, c = row + place // size - reach, col + place % size - reach
         told[place, 0] = -1.0
         if 0 <= r < count.shape[0] and 0 <= c < count.shape[1]:
             share = share_of(label, r, c, count, labels, inverses, up_to, planes, directions)
@@ -250,18 +282,12 @@ def _tell(
 
 
 @borrowing
-def _misfit(area: float, told: FloatArray) -> float:
-    """Squared difference of an area and a share in units of the share's variance."""
-    miss = told[0] - area
-    return float(miss * miss / ((area * (1.0 - area) + 0.25 / told[1]) / told[1] + told[2]))
-
-
-@borrowing
 def _best(
     used: int, local: FloatArray, told: FloatArray, work: FloatArray, best: NDArray[np.int64], settings: EdgeSettings
 ) -> float:  # fmt: skip
     """Fill `best` (3,): shape and edges of the region that fits the nine pixels best; return its chi-square."""
     least = np.inf
+    best[0] = ONE
     for one in range(used):
         for other in range(one, used):
             for shape in range(ONE, EITHER + 1):
@@ -270,11 +296,47 @@ def _best(
                 total = settings.corner_gain if shape != ONE else 0.0
                 for place in range(9):
                     if told[place, 0] >= 0.0 and total < least:
-                        total += _misfit(_area(shape, local[one, place], local[other, place], work), told[place])
+                        total += misfit(_area(shape, local[one, place], local[other, place], work), told[place])
                 if total < least:
                     least = total
                     best[0], best[1], best[2] = shape, one, other
     return float(least)
+
+
+@borrowing
+def _best_short(
+    used: int, wide: FloatArray, around: FloatArray, frame: FloatArray, rays: FloatArray, row: int, col: int,
+    work: FloatArray, lines: FloatArray, areas: FloatArray, short: FloatArray, shortest: FloatArray,
+    best: NDArray[np.int64], least: float, settings: EdgeSettings,
+) -> float:  # fmt: skip
+    """Fill `best` and `shortest` if two edges and a short one between them fit better than `least`, two corners."""
+    for one in range(used):
+        for other in range(one + 1, used):
+            for shape in range(ALL, ANY + 1):
+                flip = 1.0 if shape == ALL else -1.0
+                total = 2.0 * settings.corner_gain + fit_short_edge(
+                    flip, wide[one], wide[other], frame, rays, row, col, around, work, lines, areas, short
+                )
+                if total < least:
+                    least = total
+                    best[0], best[1], best[2] = shape, one, other
+                    for i in range(NUMBERS):
+                        shortest[i] = short[i]
+    return float(least)
+
+
+@borrowing
+def _set_short(region: FloatArray, shape: int, short: FloatArray, place: FloatArray) -> None:
+    """Set the short edge of a region; its error is that at the middle of its part in the pixel."""
+    down, right = math.cos(short[SHORT_ANGLE]), math.sin(short[SHORT_ANGLE])
+    region[SHAPE] = shape
+    region[THIRD_EDGE + DOWN], region[THIRD_EDGE + RIGHT], region[THIRD_EDGE + AT] = down, right, short[SHORT_OFFSET]
+    region[THIRD_EDGE + BEND] = 0.0
+    chord(down, right, -short[SHORT_OFFSET], place)
+    along = -right * place[1] + down * place[2]
+    region[THIRD_EDGE + VARIANCE] = (
+        short[SHORT_VAR_OFFSET] + 2.0 * along * short[SHORT_COVARIANCE] + along * along * short[SHORT_VAR_ANGLE]
+    )
 
 
 @borrowing
@@ -284,7 +346,7 @@ def _end_bar(region: FloatArray, told: FloatArray, work: FloatArray, settings: E
     if facing > -settings.bar_cosine:
         return
     area = _area_of_three(region, work)
-    if told[4, 0] > area or _misfit(area, told[4]) < settings.corner_gain:
+    if told[4, 0] > area or misfit(area, told[4]) < settings.corner_gain:
         return
     ahead_down, ahead_right = -region[FIRST + RIGHT], region[FIRST + DOWN]
     rest = 0.0
@@ -346,6 +408,8 @@ def inside(region: FloatArray, u: float, v: float) -> bool:
     second = edge_side(region, SECOND, u, v) >= 0.0
     if region[SHAPE] == EITHER:
         return first or second
+    if region[SHAPE] == ANY:
+        return first or second or edge_side(region, THIRD_EDGE, u, v) >= 0.0
     return first and second and (region[SHAPE] == BOTH or edge_side(region, THIRD_EDGE, u, v) >= 0.0)
 
 
