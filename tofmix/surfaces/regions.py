@@ -205,11 +205,13 @@ def choose_regions(
                 min(least, own), settings,
             )  # fmt: skip
             if best[0] >= ALL:
-                for k in range(2):
+                corners = 1 if best[1] == best[2] else 2
+                for k in range(corners):
                     one = chosen[best[1 + k]]
                     at = FIRST if k == 0 else SECOND
                     set_edge(region, at, local[best[1 + k], 4], fits[one], row - rows[one], col - cols[one])
-                _set_short(region, best[0], shortest, here)
+                region[SHAPE] = best[0] if corners > 1 else (BOTH if best[0] == ALL else EITHER)
+                _set_short(region, FIRST + corners * (SECOND - FIRST), shortest, here)
                 continue
         if least < own and not (fits[cut, AGREES] > 0.0 and best[0] == ONE):
             # A neighbour's edge by itself is no better than an own one that agrees.
@@ -311,10 +313,11 @@ def _best_short(
 ) -> float:  # fmt: skip
     """Fill `best` and `shortest` if two edges and a short one between them fit better than `least`, two corners."""
     for one in range(used):
-        for other in range(one + 1, used):
+        for other in range(one, used):
+            corners = 1 if one == other else 2
             for shape in range(ALL, ANY + 1):
                 flip = 1.0 if shape == ALL else -1.0
-                total = 2.0 * settings.corner_gain + fit_short_edge(
+                total = (1.0 + corners) * settings.corner_gain + fit_short_edge(
                     flip, wide[one], wide[other], frame, rays, row, col, around, work, lines, areas, short
                 )
                 if total < least:
@@ -326,15 +329,14 @@ def _best_short(
 
 
 @borrowing
-def _set_short(region: FloatArray, shape: int, short: FloatArray, place: FloatArray) -> None:
+def _set_short(region: FloatArray, at: int, short: FloatArray, place: FloatArray) -> None:
     """Set the short edge of a region; its error is that at the middle of its part in the pixel."""
     down, right = math.cos(short[SHORT_ANGLE]), math.sin(short[SHORT_ANGLE])
-    region[SHAPE] = shape
-    region[THIRD_EDGE + DOWN], region[THIRD_EDGE + RIGHT], region[THIRD_EDGE + AT] = down, right, short[SHORT_OFFSET]
-    region[THIRD_EDGE + BEND] = 0.0
+    region[at + DOWN], region[at + RIGHT], region[at + AT] = down, right, short[SHORT_OFFSET]
+    region[at + BEND] = 0.0
     chord(down, right, -short[SHORT_OFFSET], place)
     along = -right * place[1] + down * place[2]
-    region[THIRD_EDGE + VARIANCE] = (
+    region[at + VARIANCE] = (
         short[SHORT_VAR_OFFSET] + 2.0 * along * short[SHORT_COVARIANCE] + along * along * short[SHORT_VAR_ANGLE]
     )
 

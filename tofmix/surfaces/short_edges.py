@@ -106,13 +106,13 @@ def fit_short_edge(
     Returns
     -------
     float
-        Chi-square of the pixel and its eight neighbours; inf without a fit.
+        Chi-square of the pixel and its eight neighbours.
     """
     middle = (PLACES - 1) // 2
     # At a right angle to the middle between both edges: the normals' sum, or across their difference.
     across, along = one[middle, 0] - other[middle, 0], one[middle, 1] - other[middle, 1]
     if across * across + along * along < _STEP:
-        return math.inf
+        across, along = one[middle, 0], one[middle, 1]
     first_angle, first_offset, least = 0.0, 0.0, math.inf
     for turn in range(2):
         angle = math.atan2(across, -along) + turn * math.pi
