@@ -134,23 +134,22 @@ def covered_by_both(
 
 
 @borrowing
-def covered_by_three(flip: float, one: FloatArray, other: FloatArray, third: FloatArray, work: FloatArray) -> float:
+def covered_by_three(side: float, one: FloatArray, other: FloatArray, third: FloatArray, work: FloatArray) -> float:
     """Area of the part of a pixel on the positive side of three lines (slopes down and right, value at the centre).
 
-    With `flip` -1 it is that on the negative side of all of them. `work` is (3, 8, 2).
+    With a `side` of -1 it is that on the negative side of all of them. `work` is (3, 8, 2).
     """
-    a, b, c = (
-        covered(flip * one[0], flip * one[1], flip * one[2]), covered(flip * other[0], flip * other[1], flip * other[2]),
-        covered(flip * third[0], flip * third[1], flip * third[2]),
-    )
-    if a == 0.0 or b == 0.0 or c == 0.0:
+    of_one = covered(side * one[0], side * one[1], side * one[2])
+    of_other = covered(side * other[0], side * other[1], side * other[2])
+    of_third = covered(side * third[0], side * third[1], side * third[2])
+    if of_one == 0.0 or of_other == 0.0 or of_third == 0.0:
         return 0.0
-    if (a == 1.0) + (b == 1.0) + (c == 1.0) >= 2:
-        return min(a, b, c)
+    if of_one + of_other + of_third >= 2.0 + min(of_one, of_other, of_third):  # at most one line is in the pixel
+        return min(of_one, of_other, of_third)
     for i in range(4):
         work[0, i, 0] = -0.5 if i < 2 else 0.5  # noqa: PLR2004  round the square
         work[0, i, 1] = -0.5 if i in (0, 3) else 0.5
-    count = clip(work[0], 4, flip * one[0], flip * one[1], flip * one[2], work[1])
-    count = clip(work[1], count, flip * other[0], flip * other[1], flip * other[2], work[2])
-    count = clip(work[2], count, flip * third[0], flip * third[1], flip * third[2], work[0])
+    count = clip(work[0], 4, side * one[0], side * one[1], side * one[2], work[1])
+    count = clip(work[1], count, side * other[0], side * other[1], side * other[2], work[2])
+    count = clip(work[2], count, side * third[0], side * third[1], side * third[2], work[0])
     return polygon_area(work[0], count)

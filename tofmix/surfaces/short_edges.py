@@ -1,8 +1,9 @@
-"""Short edges between two long ones: the end of a strip, or the bottom of a notch. Compiled.
+"""Short edges beside long ones: the end of a strip, the bottom of a notch, and a side of a few pixels. Compiled.
 
-A run along the end of a slat is as long as the slat is wide, and most of its pixels see a corner. So no line agrees
-with them. The two long edges are known from their own runs. The short edge between them is fitted to the shares of the
-pixels around, as one of the three edges of an area. A notch is the same with the two sides of all edges exchanged.
+A run along the end of a slat is as long as the slat is wide, and most of its pixels see a corner, so no line agrees
+with them. The long edges are known from their own runs. The short edge is fitted to the shares of the pixels around, as
+one edge of an area: that on the covered side of the short and of one or two known edges. A notch is such an area that
+the surface does not cover.
 """
 
 import math
@@ -11,25 +12,36 @@ from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
 from tofmix.surfaces.half_plane import covered_by_three
 
-REACH = 2
-"""Pixels around: an end of three pixels is in the window of each of them. Places are numbered by row, then column."""
+_WINDOW = sorted(
+    ((down, right) for down in range(-2, 3) for right in range(-2, 3)),
+    key=lambda place: max(abs(place[0]), abs(place[1])) > 1,
+)  # the pixel and its eight neighbours first
 
-PLACES = (2 * REACH + 1) ** 2
+PLACE_DOWN = tuple(down for down, _ in _WINDOW)
+PLACE_RIGHT = tuple(right for _, right in _WINDOW)
+"""Places of the window, pixels down and to the right of its middle. That of each pixel of an end holds all three."""
 
-ANGLE, OFFSET, VAR_ANGLE, COVARIANCE, VAR_OFFSET, NUMBERS = 0, 1, 2, 3, 4, 5
-"""Numbers of a short edge: angle of its normal from the rows' axis, rad; offset, pixels; variances."""
+NEAREST, MIDDLE, PLACES = 9, 4, len(_WINDOW)
+"""The pixel and its eight neighbours come first, by row; the pixel is the fifth of them; all."""
+
+SHORT_ANGLE, SHORT_OFFSET, SHORT_VAR_ANGLE, SHORT_COVARIANCE, SHORT_VAR_OFFSET, SHORT_NUMBERS = range(6)
+"""Numbers of a short edge: angle of its normal, which points to the covered side, from the rows' axis, rad; offset,
+pixels; their variances."""
+
+SHORT_SCRATCH = 4
+"""Rows of scratch: areas, twice more for derivatives, and lines and equations."""
 
 _PRIOR_WEIGHT = 4.0
-"""Weight of the first guess: 1/rad^2, about a right angle; 1/pixel^2. It keeps a fit regular, as in `edge_run`."""
+"""Weight of the first guess: 1/rad^2, about a right angle, and 1/pixel^2. It keeps a fit regular, as in `edge_run`."""
 
 _STEP = 1.0e-4
-"""Difference for derivatives, rad and pixels."""
+"""Difference for derivatives, and a change that ends a fit: rad and pixels, far below errors."""
 
-_STEPS = 8
+_STEPS = 10
 """Steps of Levenberg and Marquardt's method at most."""
 
-_OFFSETS = 7
-"""First guesses of the offset, half a pixel apart."""
+_FIRST_OFFSETS = (-1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5)
+"""First guesses of the offset, pixels."""
 
 
 @borrowing
@@ -43,123 +55,146 @@ def line_in_pixel(g: FloatArray, ray: FloatArray, out: FloatArray) -> None:
 
 
 @borrowing
-def misfit(area: float, told: FloatArray) -> float:
-    """Squared difference of an area and a share (share, samples, further variance), in units of its variance."""
-    miss = told[0] - area
-    return float(miss * miss / ((area * (1.0 - area) + 0.25 / told[1]) / told[1] + told[2]))
+def area_variance(area: float, told: FloatArray) -> float:
+    """Variance of a share (share, samples, further variance) where the surface covers an area."""
+    return float((area * (1.0 - area) + 0.25 / told[1]) / told[1] + told[2])
 
 
 @borrowing
-def _areas(
-    flip: float, one: FloatArray, other: FloatArray, angle: float, offset: float, frame: FloatArray, rays: FloatArray,
-    row: int, col: int, told: FloatArray, work: FloatArray, lines: FloatArray, out: FloatArray,
-) -> None:  # fmt: skip
-    """Fill `out` (PLACES,): the area of the three edges in each pixel with a share; with `flip` -1 that of a notch."""
+def misfit(area: float, told: FloatArray) -> float:
+    """Squared difference of an area and a share in units of the share's variance."""
+    miss = told[0] - area
+    return float(miss * miss / area_variance(area, told))
+
+
+@borrowing
+def _fill_areas(
+    side: float, one: FloatArray, other: FloatArray, angle: float, offset: float, frame: FloatArray, rays: FloatArray,
+    row: int, col: int, told: FloatArray, work: FloatArray, lines: FloatArray, areas: FloatArray,
+) -> float:  # fmt: skip
+    """Fill the area within three edges in each pixel of the window; return chi-square of the shares."""
     down, right = math.cos(angle), math.sin(angle)
-    g, local = lines[0], lines[1]
+    g, local = lines[:3], lines[3:6]
     for i in range(3):
         g[i] = down * frame[0, i] + right * frame[1, i] - offset * frame[2, i]
+    total = 0.0
     for place in range(PLACES):
         if told[place, 0] < 0.0:
             continue
-        r, c = row + place // (2 * REACH + 1) - REACH, col + place % (2 * REACH + 1) - REACH
-        line_in_pixel(g, rays[r, c], local)
-        area = covered_by_three(flip, one[place], other[place], local, work)
-        out[place] = area if flip > 0.0 else 1.0 - area
-
-
-@borrowing
-def _total(areas: FloatArray, told: FloatArray, reach: int) -> float:
-    """Chi-square of the pixels up to `reach` away."""
-    total = 0.0
-    for place in range(PLACES):
-        r, c = place // (2 * REACH + 1) - REACH, place % (2 * REACH + 1) - REACH
-        if told[place, 0] >= 0.0 and abs(r) <= reach and abs(c) <= reach:
-            total += misfit(areas[place], told[place])
+        line_in_pixel(g, rays[row + PLACE_DOWN[place], col + PLACE_RIGHT[place]], local)
+        area = covered_by_three(side, one[place], other[place], local, work)
+        areas[place] = area if side > 0.0 else 1.0 - area
+        total += misfit(areas[place], told[place])
     return total
 
 
 @borrowing
-def fit_short_edge(
-    flip: float, one: FloatArray, other: FloatArray, frame: FloatArray, rays: FloatArray, row: int, col: int,
-    told: FloatArray, work: FloatArray, lines: FloatArray, areas: FloatArray, fit: FloatArray,
+def _first_guess(
+    side: float, one: FloatArray, other: FloatArray, frame: FloatArray, rays: FloatArray, row: int, col: int,
+    told: FloatArray, work: FloatArray, scratch: FloatArray, fit: FloatArray,
+) -> None:  # fmt: skip
+    """Set the best of a few edges across the middle between the known ones, or at a right angle to a single one."""
+    down, right = one[MIDDLE, 0] - other[MIDDLE, 0], one[MIDDLE, 1] - other[MIDDLE, 1]
+    if down * down + right * right < _STEP:
+        down, right = one[MIDDLE, 0], one[MIDDLE, 1]
+    least = math.inf
+    for turn in range(2):
+        angle = math.atan2(down, -right) + turn * math.pi
+        for offset in _FIRST_OFFSETS:
+            total = _fill_areas(
+                side, one, other, angle, offset, frame, rays, row, col, told, work, scratch[3], scratch[0]
+            )  # fmt: skip
+            if total < least:
+                fit[SHORT_ANGLE], fit[SHORT_OFFSET], least = angle, offset, total
+
+
+@borrowing
+def _equations(
+    side: float, one: FloatArray, other: FloatArray, frame: FloatArray, rays: FloatArray, row: int, col: int,
+    told: FloatArray, work: FloatArray, scratch: FloatArray, fit: FloatArray, angle: float, offset: float,
 ) -> float:  # fmt: skip
-    """Fit a short edge between two known ones.
+    """Fill normal equations (scratch[3, 6:11]) about a fit; return chi-square, that of the first guess included."""
+    lines, equations = scratch[3], scratch[3, 6:11]
+    here, there = fit[SHORT_ANGLE], fit[SHORT_OFFSET]
+    total = _fill_areas(side, one, other, here, there, frame, rays, row, col, told, work, lines, scratch[0])
+    _fill_areas(side, one, other, here + _STEP, there, frame, rays, row, col, told, work, lines, scratch[1])
+    _fill_areas(side, one, other, here, there + _STEP, frame, rays, row, col, told, work, lines, scratch[2])
+    equations[0], equations[1], equations[2] = _PRIOR_WEIGHT, 0.0, _PRIOR_WEIGHT
+    equations[3], equations[4] = _PRIOR_WEIGHT * (angle - here), _PRIOR_WEIGHT * (offset - there)
+    for place in range(PLACES):
+        if told[place, 0] < 0.0:
+            continue
+        area = scratch[0, place]
+        by_angle, by_offset = (scratch[1, place] - area) / _STEP, (scratch[2, place] - area) / _STEP
+        weight, miss = 1.0 / area_variance(area, told[place]), told[place, 0] - area
+        equations[0] += weight * by_angle * by_angle
+        equations[1] += weight * by_angle * by_offset
+        equations[2] += weight * by_offset * by_offset
+        equations[3] += weight * by_angle * miss
+        equations[4] += weight * by_offset * miss
+    return float(total + _PRIOR_WEIGHT * ((angle - here) ** 2 + (offset - there) ** 2))
+
+
+@borrowing
+def fit_short_edge(
+    side: float, one: FloatArray, other: FloatArray, frame: FloatArray, rays: FloatArray, row: int, col: int,
+    told: FloatArray, work: FloatArray, scratch: FloatArray, fit: FloatArray,
+) -> float:  # fmt: skip
+    """Fit a short edge beside known ones.
 
     Parameters
     ----------
-    flip : float
+    side : float
         1: the surface is on the covered side of all edges; -1: of any.
     one, other : (PLACES, 3) float64
-        The known edges in each pixel: slopes of length 1, value at the centre.
+        The known edges in each pixel: slopes of length 1, value at the centre; twice the same if there is one.
     frame : (3, 3) float64
         Rows that give x, y and 1 of a ray in the plane of pixel (row, col).
     rays : (row, col, 3, 3) float64
         Of `fit_edges`.
     told : (PLACES, 3) float64
         Share, samples, further variance; a share of -1 is not known.
-    work, lines, areas
-        Scratch: (3, 8, 2), (2, 3), (3, PLACES).
-    fit : (NUMBERS,) float64
-        Filled: `ANGLE` is that of the normal on the side that the edges cover (of a notch: that they leave open).
+    work, scratch
+        Scratch: (3, 8, 2), (SHORT_SCRATCH, PLACES).
+    fit : (SHORT_NUMBERS,) float64
+        Filled.
 
     Returns
     -------
     float
         Chi-square of the pixel and its eight neighbours.
     """
-    middle = (PLACES - 1) // 2
-    # At a right angle to the middle between both edges: the normals' sum, or across their difference.
-    across, along = one[middle, 0] - other[middle, 0], one[middle, 1] - other[middle, 1]
-    if across * across + along * along < _STEP:
-        across, along = one[middle, 0], one[middle, 1]
-    first_angle, first_offset, least = 0.0, 0.0, math.inf
-    for turn in range(2):
-        angle = math.atan2(across, -along) + turn * math.pi
-        for k in range(_OFFSETS):
-            offset = 0.5 * (k - (_OFFSETS - 1) // 2)
-            _areas(flip, one, other, angle, offset, frame, rays, row, col, told, work, lines, areas[0])
-            total = _total(areas[0], told, REACH)
-            if total < least:
-                first_angle, first_offset, least = angle, offset, total
-    fit[ANGLE], fit[OFFSET] = first_angle, first_offset
-    damping = 0.0
-    normal_a, normal_b, normal_c = 0.0, 0.0, 0.0
+    _first_guess(side, one, other, frame, rays, row, col, told, work, scratch, fit)
+    first_angle, first_offset = fit[SHORT_ANGLE], fit[SHORT_OFFSET]
+    equations, damping = scratch[3, 6:11], 0.0
+    total = _equations(
+        side, one, other, frame, rays, row, col, told, work, scratch, fit, first_angle, first_offset
+    )  # fmt: skip
     for _ in range(_STEPS):
-        angle, offset = fit[ANGLE], fit[OFFSET]
-        _areas(flip, one, other, angle, offset, frame, rays, row, col, told, work, lines, areas[0])
-        _areas(flip, one, other, angle + _STEP, offset, frame, rays, row, col, told, work, lines, areas[1])
-        _areas(flip, one, other, angle, offset + _STEP, frame, rays, row, col, told, work, lines, areas[2])
-        normal_a, normal_b, normal_c = _PRIOR_WEIGHT, 0.0, _PRIOR_WEIGHT
-        right_a, right_c = _PRIOR_WEIGHT * (first_angle - angle), _PRIOR_WEIGHT * (first_offset - offset)
-        for place in range(PLACES):
-            if told[place, 0] < 0.0:
-                continue
-            area = areas[0, place]
-            weight = 1.0 / ((area * (1.0 - area) + 0.25 / told[place, 1]) / told[place, 1] + told[place, 2])
-            by_angle, by_offset = (areas[1, place] - area) / _STEP, (areas[2, place] - area) / _STEP
-            miss = told[place, 0] - area
-            normal_a += weight * by_angle * by_angle
-            normal_b += weight * by_angle * by_offset
-            normal_c += weight * by_offset * by_offset
-            right_a += weight * by_angle * miss
-            right_c += weight * by_offset * miss
-        total = _total(areas[0], told, REACH)
-        turn, move = 0.0, 0.0
-        for _ in range(4):
-            a, c = normal_a * (1.0 + damping), normal_c * (1.0 + damping)
-            whole = a * c - normal_b * normal_b
-            turn, move = (c * right_a - normal_b * right_c) / whole, (a * right_c - normal_b * right_a) / whole
-            fit[ANGLE], fit[OFFSET] = angle + min(max(turn, -0.3), 0.3), offset + min(max(move, -0.4), 0.4)
-            _areas(flip, one, other, fit[ANGLE], fit[OFFSET], frame, rays, row, col, told, work, lines, areas[0])
-            if _total(areas[0], told, REACH) <= total:
-                damping *= 0.1
-                break
-            fit[ANGLE], fit[OFFSET] = angle, offset
+        angle, offset = fit[SHORT_ANGLE], fit[SHORT_OFFSET]
+        a, b, c = equations[0] * (1.0 + damping), equations[1], equations[2] * (1.0 + damping)
+        whole = a * c - b * b
+        turn, move = (c * equations[3] - b * equations[4]) / whole, (a * equations[4] - b * equations[3]) / whole
+        fit[SHORT_ANGLE] += min(max(turn, -0.3), 0.3)
+        fit[SHORT_OFFSET] += min(max(move, -0.4), 0.4)
+        new = _equations(
+            side, one, other, frame, rays, row, col, told, work, scratch, fit, first_angle, first_offset
+        )  # fmt: skip
+        if new > total:
+            fit[SHORT_ANGLE], fit[SHORT_OFFSET] = angle, offset
             damping = max(10.0 * damping, 0.1)
+            total = _equations(
+                side, one, other, frame, rays, row, col, told, work, scratch, fit, first_angle, first_offset
+            )  # fmt: skip
+        else:
+            total, damping = new, 0.1 * damping
         if abs(turn) < _STEP and abs(move) < _STEP:
             break
-    whole = normal_a * normal_c - normal_b * normal_b
-    fit[VAR_ANGLE], fit[COVARIANCE], fit[VAR_OFFSET] = normal_c / whole, -normal_b / whole, normal_a / whole
-    _areas(flip, one, other, fit[ANGLE], fit[OFFSET], frame, rays, row, col, told, work, lines, areas[0])
-    return _total(areas[0], told, 1)
+    whole = equations[0] * equations[2] - equations[1] * equations[1]
+    fit[SHORT_VAR_ANGLE], fit[SHORT_VAR_OFFSET] = equations[2] / whole, equations[0] / whole
+    fit[SHORT_COVARIANCE] = -equations[1] / whole
+    nearest = 0.0
+    for place in range(NEAREST):
+        if told[place, 0] >= 0.0:
+            nearest += misfit(scratch[0, place], told[place])
+    return nearest
