@@ -40,8 +40,8 @@ def distant_planes(
     """Find the planes of large surfaces: random sample consensus within connected regions of one-surface pixels.
 
     The pixels of narrow surfaces, of numbers `line` (pixel,) from 0 on, are one region: a wall behind slats shows in
-    the gaps alone. Any two lines may lie on one plane, so a plane is taken from three and more. Each pixel of a triple is
-    of another narrow surface, drawn by its length: its width tells nothing of the plane, and slats are wider than gaps.
+    the gaps alone. Any two lines may lie on one plane, so a plane is taken from three and more. Each pixel of a triple
+    is of another narrow surface. These are drawn by their lengths: slats are wider than the gaps between them.
     Triples are drawn with a fixed seed: the same image gives the same planes.
 
     References
