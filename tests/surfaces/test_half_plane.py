@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tofmix.surfaces.half_plane import chord, chord_outside, covered, covered_by_both
+from tofmix.surfaces.half_plane import chord, chord_outside, covered, covered_by_both, covered_by_three
 
 if TYPE_CHECKING:
     from tofmix.arrays import FloatArray
@@ -45,6 +45,18 @@ def test_area_of_both_sides_equals_the_share_of_places_on_both() -> None:
     for one, other in zip(_LINES, _LINES[7:] + _LINES[:7], strict=True):
         expected = (_counted(one) & _counted(other)).mean()
         assert covered_by_both(*one, *other, work) == pytest.approx(expected, abs=4e-3)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_area_on_one_side_of_three_lines_equals_the_share_of_places_there(side: float) -> None:
+    work = np.empty((3, 8, 2))
+    some = 0
+    for lines in zip(_LINES, _LINES[7:] + _LINES[:7], _LINES[22:] + _LINES[:22], strict=True):
+        expected = np.all([side * (a * _U + b * _V + c) >= 0 for a, b, c in lines], axis=0).mean()
+        some += 0 < expected < 1
+        area = covered_by_three(side, *(np.array(line) for line in lines), work)
+        assert area == pytest.approx(expected, abs=4e-3)
+    assert some > 10
 
 
 def test_part_of_a_chord_outside_another_line_is_the_change_of_the_area_of_either() -> None:

@@ -110,3 +110,13 @@ def test_both_surfaces_are_found_beside_slats_of_two_to_three_pixels(width: floa
     assert judged.share_rms < 0.01
     assert judged.sure_false <= 0.02 * judged.sure
     assert judged.split <= 0.002 * judged.single
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_wall_is_found_in_gaps_narrower_than_the_slats(seed: int) -> None:
+    scene = made(slats(np.random.default_rng([seed, 5]), (4.0, 4.0), "horizontal"), seed, view=SLATS, frames=40)
+    judged = judge(scene, _estimated(scene))
+    assert judged.asked > 400
+    assert judged.found >= 0.9 * judged.asked
+    assert judged.undecided <= 0.1 * judged.mixed
+    assert judged.sure_false <= 0.03 * judged.sure

@@ -10,6 +10,7 @@ from tofmix.surfaces.cuts import Cuts
 from tofmix.surfaces.found import Edges, no_edges
 from tofmix.surfaces.regions import (
     ALL,
+    ANY,
     AT,
     BEND,
     DOWN,
@@ -71,7 +72,7 @@ def _pieces(
     total = 0
     for cut in range(len(rows)):
         region = regions[cut]
-        sides = 1 if region[SHAPE] == ONE else (3 if region[SHAPE] == ALL else 2)
+        sides = 1 if region[SHAPE] == ONE else (3 if region[SHAPE] >= ALL else 2)
         for side in range(sides):
             at = FIRST + side * (SECOND - FIRST)
             piece = out[total]
@@ -112,7 +113,7 @@ def _piece(region: FloatArray, at: int, sides: int, half: float, out: FloatArray
         if other == at:
             continue
         # Along the piece the other edge's side changes once: from `value` at its start by `slope`.
-        sign = -1.0 if region[SHAPE] == EITHER else 1.0
+        sign = -1.0 if region[SHAPE] in (EITHER, ANY) else 1.0
         value = sign * edge_side(region, other, down * region[at + AT], right * region[at + AT])
         slope = sign * (region[other + DOWN] * ahead_down + region[other + RIGHT] * ahead_right)
         if abs(slope) < _NOTHING:

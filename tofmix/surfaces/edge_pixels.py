@@ -61,7 +61,7 @@ def collect(
     The pixel itself comes first. `rays` is (row, col, 3, 3): the ray of the centre, and its change down and across;
     `frame` (3, 3) is filled with the rows that give x, y and 1 of a ray in the pixel's own plane.
     """
-    _invert(rays[row, col], frame)
+    to_plane(rays[row, col], frame)
     rows, cols = count.shape
     found = 0
     for step in range((2 * reach + 1) * (2 * reach + 1) + 1):
@@ -113,7 +113,7 @@ def _hide(
 
 
 @borrowing
-def _invert(ray: FloatArray, frame: FloatArray) -> None:
+def to_plane(ray: FloatArray, frame: FloatArray) -> None:
     """Fill `frame` so that frame @ (centre + x down + y across) = (x, y, 1)."""
     for i in range(3):
         # Rows of the inverse of the matrix with the columns down, across, centre: cross products of the two others.

@@ -131,3 +131,25 @@ def covered_by_both(
     count = clip(work[0], 4, a, b, c, work[1])
     count = clip(work[1], count, a_other, b_other, c_other, work[2])
     return polygon_area(work[2], count)
+
+
+@borrowing
+def covered_by_three(side: float, one: FloatArray, other: FloatArray, third: FloatArray, work: FloatArray) -> float:
+    """Area of the part of a pixel on the positive side of three lines (slopes down and right, value at the centre).
+
+    With a `side` of -1 it is that on the negative side of all of them. `work` is (3, 8, 2).
+    """
+    of_one = covered(side * one[0], side * one[1], side * one[2])
+    of_other = covered(side * other[0], side * other[1], side * other[2])
+    of_third = covered(side * third[0], side * third[1], side * third[2])
+    if of_one == 0.0 or of_other == 0.0 or of_third == 0.0:
+        return 0.0
+    if of_one + of_other + of_third >= 2.0 + min(of_one, of_other, of_third):  # at most one line is in the pixel
+        return min(of_one, of_other, of_third)
+    for i in range(4):
+        work[0, i, 0] = -0.5 if i < 2 else 0.5  # noqa: PLR2004  round the square
+        work[0, i, 1] = -0.5 if i in (0, 3) else 0.5
+    count = clip(work[0], 4, side * one[0], side * one[1], side * one[2], work[1])
+    count = clip(work[1], count, side * other[0], side * other[1], side * other[2], work[2])
+    count = clip(work[2], count, side * third[0], side * third[1], side * third[2], work[0])
+    return polygon_area(work[0], count)

@@ -1,8 +1,9 @@
-"""Area of a surface in a pixel: one side of an edge, or a corner of two edges. Compiled.
+"""Area of a surface in a pixel: one side of an edge, or of several that meet there. Compiled.
 
 Where no edge agrees with the shares around a pixel, or its run is short, the edges of neighbours are continued into it:
-each alone, and each two of them as a corner, convex or concave. The one that fits the shares of the pixel and its eight
-neighbours best is taken.
+each alone, and each two of them as a corner, convex or concave. Where none of these explains the shares, one or two of
+them meet a short edge that has no run of its own (`short_edges`), as at the end of a slat. The area that fits the
+shares of the pixel and its eight neighbours best is taken.
 """
 
 import math
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
-from tofmix.surfaces.edge_pixels import share_of
+from tofmix.surfaces.edge_pixels import share_of, to_plane
 from tofmix.surfaces.edge_shape import (
     AGREES,
     AHEAD,
@@ -27,11 +28,29 @@ from tofmix.surfaces.edge_shape import (
     VAR_OFFSET,
     VAR_THIRD,
 )
-from tofmix.surfaces.half_plane import clip, covered, covered_by_both, polygon_area
+from tofmix.surfaces.half_plane import chord, covered, covered_by_both
 from tofmix.surfaces.settings import EdgeSettings
+from tofmix.surfaces.short_edges import (
+    MIDDLE,
+    NEAREST,
+    PLACE_DOWN,
+    PLACE_RIGHT,
+    PLACES,
+    SHORT_ANGLE,
+    SHORT_COVARIANCE,
+    SHORT_NUMBERS,
+    SHORT_OFFSET,
+    SHORT_SCRATCH,
+    SHORT_VAR_ANGLE,
+    SHORT_VAR_OFFSET,
+    fit_short_edge,
+    line_in_pixel,
+    misfit,
+)
 
-ONE, BOTH, EITHER, ALL = 0, 1, 2, 3
-"""A region is one side of an edge; on that side of two edges; of either; or of three, as at the end of a bar."""
+ONE, BOTH, EITHER, ALL, ANY = 0, 1, 2, 3, 4
+"""A region is one side of an edge; on that side of two edges; of either; of three, as at the end of a strip; or of any
+of three, as at the bottom of a notch."""
 
 # Columns of a region: which of these, then three edges of five numbers each.
 SHAPE, FIRST, SECOND, THIRD_EDGE = 0, 1, 6, 11  # columns at which they begin
@@ -81,11 +100,7 @@ def continue_edge(
 
     The slopes are of length 1. An arc turns on its way; in each pixel it is straight.
     """
-    for i in range(3):
-        out[i] = g[0] * ray[(i + 1) % 3, 0] + g[1] * ray[(i + 1) % 3, 1] + g[2] * ray[(i + 1) % 3, 2]
-    length = math.sqrt(out[0] * out[0] + out[1] * out[1])
-    for i in range(3):
-        out[i] /= length
+    line_in_pixel(g, ray, out)
     if fit[KIND] == ARC:
         ahead_down, ahead_right = -out[1], out[0]
         turn = fit[THIRD] * (ahead_down * down + ahead_right * right)
@@ -154,9 +169,11 @@ def choose_regions(
     """
     out = np.zeros((len(fits), REGION_COLUMNS))
     chosen, sides = np.empty(settings.most_edges, np.int64), np.empty(settings.most_edges, np.int64)
-    local = np.empty((settings.most_edges, 9, 3))  # each line in each of the nine pixels
-    told = np.empty((9, 3))  # share, samples, further variance; share -1: not told
-    here, there, work, best = np.empty(3), np.empty(3), np.empty((3, 8, 2)), np.empty(3, np.int64)
+    local = np.empty((settings.most_edges, PLACES, 3))  # each line in each pixel of the window
+    told = np.empty((PLACES, 3))  # share, samples, further variance; share -1: not told
+    here, there, work, best = np.empty(3), np.empty(3), np.empty((3, 8, 2)), np.empty(4, np.int64)
+    frame, scratch = np.empty((3, 3)), np.empty((SHORT_SCRATCH, PLACES))
+    trial, short = np.empty(SHORT_NUMBERS), np.empty(SHORT_NUMBERS)
     for cut in range(len(fits)):
         region, row, col = out[cut], rows[cut], cols[cut]
         _own_region(fits[cut], region)
@@ -165,30 +182,39 @@ def choose_regions(
         used = _gather(
             cut, fits, lines, rows, cols, cut_labels, first_cut, next_cut, rays, chosen, sides, local, here, settings
         )  # fmt: skip
-        _tell(cut_labels[cut], row, col, count, labels, inverses, up_to, samples, floor, planes, directions, told)
-        if fits[cut, AGREES] > 0.0 and told[4, 0] < 0.0:
+        _look(
+            0, NEAREST, cut_labels[cut], row, col, used, chosen, sides, fits, lines, rows, cols, count, labels,
+            inverses, up_to, samples, floor, planes, directions, rays, told, local,
+        )  # fmt: skip
+        if fits[cut, AGREES] > 0.0 and told[MIDDLE, 0] < 0.0:
             continue
         own = 0.0
-        for place in range(9):
-            r, c = row + place // 3 - 1, col + place % 3 - 1
-            if told[place, 0] < 0.0:
-                continue
-            for k in range(used):
-                one = chosen[k]
-                continue_edge(
-                    fits[one], lines[one, sides[k]], rays[r, c], r - rows[one], c - cols[one], local[k, place]
-                )  # fmt: skip
-            area = _own_area(fits[cut], lines[cut], rays[r, c], r - row, c - col, here, there, work)
-            own += _misfit(area, told[place])
-        if _best(used, local, told, work, best, settings) < own and not (fits[cut, AGREES] > 0.0 and best[0] == ONE):
+        for place in range(NEAREST):
+            if told[place, 0] >= 0.0:
+                r, c = row + PLACE_DOWN[place], col + PLACE_RIGHT[place]
+                area = _own_area(fits[cut], lines[cut], rays[r, c], r - row, c - col, here, there, work)
+                own += misfit(area, told[place])
+        least = _best(used, local, told, work, best, settings)
+        # An edge that is fitted, and a corner, cost as much: nothing else could be better.
+        if 2.0 * settings.corner_gain < min(least, own):
+            _look(
+                NEAREST, PLACES, cut_labels[cut], row, col, used, chosen, sides, fits, lines, rows, cols, count, labels,
+                inverses, up_to, samples, floor, planes, directions, rays, told, local,
+            )  # fmt: skip
+            to_plane(rays[row, col], frame)
+            least = _best_short(
+                used, local, told, frame, rays, row, col, work, scratch, trial, short, best, min(least, own), settings
+            )  # fmt: skip
+        if least < own and not (fits[cut, AGREES] > 0.0 and best[0] == ONE):
             # A neighbour's edge by itself is no better than an own one that agrees.
             region[SHAPE] = best[0]
-            for k in range(1 if best[0] == ONE else 2):
+            known = 1 if best[1] == best[2] else 2
+            for k in range(known):
                 one = chosen[best[1 + k]]
                 at = FIRST if k == 0 else SECOND
-                set_edge(region, at, local[best[1 + k], 4], fits[one], row - rows[one], col - cols[one])
-        if region[SHAPE] == BOTH and told[4, 0] >= 0.0:
-            _end_bar(region, told, work, settings)
+                set_edge(region, at, local[best[1 + k], MIDDLE], fits[one], row - rows[one], col - cols[one])
+            if best[3] > 0:
+                _set_short(region, SECOND if known == 1 else THIRD_EDGE, short, here)
     return out
 
 
@@ -214,7 +240,7 @@ def _gather(
                             if used < settings.most_edges and _is_new(here, local, used, settings):
                                 chosen[used], sides[used] = other, side
                                 for i in range(3):
-                                    local[used, 4, i] = here[i]
+                                    local[used, MIDDLE, i] = here[i]
                                 used += 1
                     other = next_cut[other]
     return used
@@ -226,51 +252,56 @@ def _is_new(here: FloatArray, local: FloatArray, used: int, settings: EdgeSettin
     if abs(here[2]) > settings.around:
         return False
     for k in range(used):
-        turn = here[0] * local[k, 4, 1] - here[1] * local[k, 4, 0]
-        facing = here[0] * local[k, 4, 0] + here[1] * local[k, 4, 1]
-        if abs(turn) < settings.same_angle and facing > 0.0 and abs(here[2] - local[k, 4, 2]) < settings.same_place:
+        one = local[k, MIDDLE]
+        turn = here[0] * one[1] - here[1] * one[0]
+        facing = here[0] * one[0] + here[1] * one[1]
+        if abs(turn) < settings.same_angle and facing > 0.0 and abs(here[2] - one[2]) < settings.same_place:
             return False
     return True
 
 
 @borrowing
-def _tell(
-    label: int, row: int, col: int, count: NDArray[np.int32], labels: NDArray[np.int32], inverses: FloatArray,
-    up_to: FloatArray, samples: FloatArray, floor: FloatArray, planes: FloatArray, directions: FloatArray,
-    told: FloatArray,
+def _look(
+    begin: int, end: int, label: int, row: int, col: int, used: int, chosen: NDArray[np.int64],
+    sides: NDArray[np.int64], fits: FloatArray, lines: FloatArray, rows: NDArray[np.int32], cols: NDArray[np.int32],
+    count: NDArray[np.int32], labels: NDArray[np.int32], inverses: FloatArray, up_to: FloatArray, samples: FloatArray,
+    floor: FloatArray, planes: FloatArray, directions: FloatArray, rays: FloatArray, told: FloatArray,
+    local: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill the shares of a cut's surface in the nine pixels around it; partly hidden ones are unknown."""
-    for place in range(9):
-        r, c = row + place // 3 - 1, col + place % 3 - 1
+    """Fill the shares of a cut's surface, and the chosen edges, in places of the window around it.
+
+    Partly hidden shares are unknown.
+    """
+    for place in range(begin, end):
+        r, c = row + PLACE_DOWN[place], col + PLACE_RIGHT[place]
         told[place, 0] = -1.0
-        if 0 <= r < count.shape[0] and 0 <= c < count.shape[1]:
-            share = share_of(label, r, c, count, labels, inverses, up_to, planes, directions)
-            hidden = share > 0.0 and labels[r, c, 0] != label
-            told[place, 0], told[place, 1], told[place, 2] = -1.0 if hidden else share, samples[r, c], floor[r, c]
-
-
-@borrowing
-def _misfit(area: float, told: FloatArray) -> float:
-    """Squared difference of an area and a share in units of the share's variance."""
-    miss = told[0] - area
-    return float(miss * miss / ((area * (1.0 - area) + 0.25 / told[1]) / told[1] + told[2]))
+        if not (0 <= r < count.shape[0] and 0 <= c < count.shape[1]):
+            continue
+        share = share_of(label, r, c, count, labels, inverses, up_to, planes, directions)
+        if share < 0.0 or (share > 0.0 and labels[r, c, 0] != label):
+            continue
+        told[place, 0], told[place, 1], told[place, 2] = share, samples[r, c], floor[r, c]
+        for k in range(used):
+            one = chosen[k]
+            continue_edge(fits[one], lines[one, sides[k]], rays[r, c], r - rows[one], c - cols[one], local[k, place])
 
 
 @borrowing
 def _best(
     used: int, local: FloatArray, told: FloatArray, work: FloatArray, best: NDArray[np.int64], settings: EdgeSettings
 ) -> float:  # fmt: skip
-    """Fill `best` (3,): shape and edges of the region that fits the nine pixels best; return its chi-square."""
+    """Fill `best` (4,): shape and edges of the region that fits the nine pixels best, and 0; return its chi-square."""
     least = np.inf
+    best[0] = best[1] = best[2] = best[3] = 0
     for one in range(used):
         for other in range(one, used):
             for shape in range(ONE, EITHER + 1):
                 if (shape == ONE) != (one == other):
                     continue
                 total = settings.corner_gain if shape != ONE else 0.0
-                for place in range(9):
+                for place in range(NEAREST):
                     if told[place, 0] >= 0.0 and total < least:
-                        total += _misfit(_area(shape, local[one, place], local[other, place], work), told[place])
+                        total += misfit(_area(shape, local[one, place], local[other, place], work), told[place])
                 if total < least:
                     least = total
                     best[0], best[1], best[2] = shape, one, other
@@ -278,50 +309,43 @@ def _best(
 
 
 @borrowing
-def _end_bar(region: FloatArray, told: FloatArray, work: FloatArray, settings: EdgeSettings) -> None:
-    """End a bar across its pixel if its share there is too small for a bar that continues."""
-    facing = region[FIRST + DOWN] * region[SECOND + DOWN] + region[FIRST + RIGHT] * region[SECOND + RIGHT]
-    if facing > -settings.bar_cosine:
-        return
-    area = _area_of_three(region, work)
-    if told[4, 0] > area or _misfit(area, told[4]) < settings.corner_gain:
-        return
-    ahead_down, ahead_right = -region[FIRST + RIGHT], region[FIRST + DOWN]
-    rest = 0.0
-    for place in range(9):
-        if told[place, 0] > 0.0:
-            rest += told[place, 0] * ((place // 3 - 1) * ahead_down + (place % 3 - 1) * ahead_right)
-    sign = 1.0 if rest > 0.0 else -1.0
-    region[SHAPE] = ALL
-    region[THIRD_EDGE + DOWN], region[THIRD_EDGE + RIGHT] = sign * ahead_down, sign * ahead_right
-    region[THIRD_EDGE + BEND] = 0.0
-    low, high = -1.0, 1.0
-    for _ in range(20):
-        region[THIRD_EDGE + AT] = 0.5 * (low + high)
-        if _area_of_three(region, work) > told[4, 0]:
-            low = region[THIRD_EDGE + AT]
-        else:
-            high = region[THIRD_EDGE + AT]
-    # The share's error, over the length of the end.
-    wide = max(-region[SECOND + AT] - region[FIRST + AT], settings.least_bar)
-    share = told[4, 0]
-    region[THIRD_EDGE + VARIANCE] = (share * (1.0 - share) / told[4, 1] + told[4, 2]) / (wide * wide)
+def _best_short(
+    used: int, local: FloatArray, told: FloatArray, frame: FloatArray, rays: FloatArray, row: int, col: int,
+    work: FloatArray, scratch: FloatArray, trial: FloatArray, short: FloatArray, best: NDArray[np.int64],
+    least: float, settings: EdgeSettings,
+) -> float:  # fmt: skip
+    """Fill `best`, 1 last, and `short` by an area of one or two edges and a short one, where it fits better.
+
+    Each corner costs `corner_gain`, and so do the numbers of the short edge.
+    """
+    for one in range(used):
+        for other in range(one, used):
+            corners = 1 if one == other else 2
+            for is_notch in range(2):
+                total = (1.0 + corners) * settings.corner_gain
+                total += fit_short_edge(
+                    1.0 - 2.0 * is_notch, local[one], local[other], frame, rays, row, col, told, work, scratch, trial
+                )
+                if total < least:
+                    least = total
+                    best[0] = (BOTH if corners == 1 else ALL) if is_notch == 0 else (EITHER if corners == 1 else ANY)
+                    best[1], best[2], best[3] = one, other, 1
+                    for i in range(SHORT_NUMBERS):
+                        short[i] = trial[i]
+    return float(least)
 
 
 @borrowing
-def _area_of_three(region: FloatArray, work: FloatArray) -> float:
-    """Area of a region of all of its edges, two or three, as straight lines; `work` is (3, 8, 2)."""
-    for i in range(4):
-        work[0, i, 0] = -0.5 if i < 2 else 0.5  # noqa: PLR2004  round the square
-        work[0, i, 1] = -0.5 if i in (0, 3) else 0.5
-    corners = 4
-    edges = 3 if region[SHAPE] == ALL else 2
-    for k in range(edges):
-        at = FIRST + k * (SECOND - FIRST)
-        corners = clip(
-            work[k], corners, region[at + DOWN], region[at + RIGHT], -region[at + AT], work[(k + 1) % 3]
-        )  # fmt: skip
-    return polygon_area(work[edges % 3], corners)
+def _set_short(region: FloatArray, at: int, short: FloatArray, place: FloatArray) -> None:
+    """Set an edge of a region to a short one; its error is that at the middle of its part in the pixel."""
+    down, right = math.cos(short[SHORT_ANGLE]), math.sin(short[SHORT_ANGLE])
+    region[at + DOWN], region[at + RIGHT], region[at + AT] = down, right, short[SHORT_OFFSET]
+    region[at + BEND] = 0.0
+    chord(down, right, -short[SHORT_OFFSET], place)
+    along = -right * place[1] + down * place[2]
+    region[at + VARIANCE] = (
+        short[SHORT_VAR_OFFSET] + 2.0 * along * short[SHORT_COVARIANCE] + along * along * short[SHORT_VAR_ANGLE]
+    )
 
 
 @borrowing
@@ -346,6 +370,8 @@ def inside(region: FloatArray, u: float, v: float) -> bool:
     second = edge_side(region, SECOND, u, v) >= 0.0
     if region[SHAPE] == EITHER:
         return first or second
+    if region[SHAPE] == ANY:
+        return first or second or edge_side(region, THIRD_EDGE, u, v) >= 0.0
     return first and second and (region[SHAPE] == BOTH or edge_side(region, THIRD_EDGE, u, v) >= 0.0)
 
 

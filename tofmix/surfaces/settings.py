@@ -140,7 +140,8 @@ class EdgeSettings(NamedTuple):
     agree_sigmas : float
         Standard deviations up to which a run agrees: one in a thousand that belongs to it does not.
     curvature_gain, corner_gain : float
-        Chi-square that a curvature, or a corner, must save: three standard errors.
+        Chi-square that a curvature, or a corner, must save: three standard errors. A short edge of its own must save as
+        much as a corner does, beside its corners.
     half_width : float
         Distance from the edge, pixels, up to which pixels are of its run.
     most_curvature : float
@@ -153,10 +154,6 @@ class EdgeSettings(NamedTuple):
         Edges that are compared in a pixel at most: the ones with the longest runs.
     same_angle, same_place : float
         Two edges within this, rad and pixels, are one.
-    bar_cosine : float
-        Cosine between the two sides of a bar at least, one turned round.
-    least_bar : float
-        Width of a bar, pixels, at least, for the error of its end.
     graze_area : float
         Area of a pixel below which an edge that grazes it changes nothing: less than half a part of 16 x 16.
     graze_sigmas : float
@@ -180,8 +177,6 @@ class EdgeSettings(NamedTuple):
     most_edges: WholeNumber = 8
     same_angle: Threshold = 0.15
     same_place: Threshold = 0.25
-    bar_cosine: Share = 0.9
-    least_bar: Positive = 0.1
     graze_area: NotNegative = 0.002
     graze_sigmas: Threshold = 3.0
     alike_distance: Positive = 4.0

@@ -40,7 +40,8 @@ def distant_planes(
     """Find the planes of large surfaces: random sample consensus within connected regions of one-surface pixels.
 
     The pixels of narrow surfaces, of numbers `line` (pixel,) from 0 on, are one region: a wall behind slats shows in
-    the gaps alone. Any two lines may lie on one plane, so a plane is taken from three and more.
+    the gaps alone. Any two lines may lie on one plane, so a plane is taken from three and more. Each pixel of a triple
+    is of another narrow surface. These are drawn by their lengths: slats are wider than the gaps between them.
     Triples are drawn with a fixed seed: the same image gives the same planes.
 
     References
@@ -81,6 +82,30 @@ def _lines_on(
     fits = inliers & (np.abs(off) < settings.inlier_sigmas * sigma)
     most = 2 * np.bincount(line[pixels[fits]], minlength=image.count) > np.bincount(line[pixels], minlength=image.count)
     return fits & most[line[pixels]], int(most.sum())
+
+
+def _by_length(line: IntArray, pixels: IntArray, shape: tuple[int, int]) -> FloatArray:
+    """Chances (n,) of pixels, so that narrow surfaces are drawn by their lengths along rows or columns."""
+    row, col = np.divmod(pixels, shape[1])
+    numbers, of = np.unique(line, return_inverse=True)
+    length = np.zeros(len(numbers))
+    for place in (row, col):
+        first, last = np.full(len(numbers), np.inf), np.full(len(numbers), -np.inf)
+        np.minimum.at(first, of, place)
+        np.maximum.at(last, of, place)
+        length = np.maximum(length, last - first + 1.0)
+    return np.asarray((length / np.bincount(of))[of])
+
+
+def _of_different_lines(line: IntArray, chances: FloatArray, rng: np.random.Generator) -> IntArray:
+    """Three pixels of different narrow surfaces; of the same ones again where there are fewer than three."""
+    triple = np.empty(3, np.int64)
+    left = chances
+    for k in range(3):
+        left = left if left.any() else chances
+        triple[k] = rng.choice(len(line), p=left / left.sum())
+        left = np.where(line == line[triple[k]], 0.0, left)
+    return triple
 
 
 def _is_tested(line: IntArray, pixels: IntArray, shape: tuple[int, int], least_width: float) -> bool:
@@ -127,8 +152,13 @@ def _consensus(
     beams, near = image.directions[pixels], 1.0 / image.range_mm[pixels]
     reach = settings.inlier_sigmas * _sigmas(image, seeds, pixels)
     best, most = np.zeros(len(pixels), bool), 0
+    chances = None if line is None else _by_length(line[pixels], pixels, image.shape)
     for _ in range(tries):
-        triple = rng.choice(len(pixels), 3, replace=False)
+        triple = (
+            rng.choice(len(pixels), 3, replace=False)
+            if line is None or chances is None
+            else _of_different_lines(line[pixels], chances, rng)
+        )
         # Three beams that lie in a plane with each other tell no plane.
         if abs(np.linalg.det(beams[triple])) < np.finfo(float).eps:
             continue

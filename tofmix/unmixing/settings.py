@@ -124,7 +124,7 @@ class PlaneSettings:
     tries : int
         Random triples of pixels: with half of them on one plane, 25 triples miss it once in 30 regions.
     line_tries : int
-        Likewise among the pixels of narrow surfaces, with a third of them on one plane.
+        Likewise among narrow surfaces, with a third of them on one plane.
     least_width : float
         Pixels across all narrow surfaces on such a plane: two lines that are parallel always lie on one, a third tests
         it. Lines have gaps.
