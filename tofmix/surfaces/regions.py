@@ -29,6 +29,7 @@ from tofmix.surfaces.edge_shape import (
 )
 from tofmix.surfaces.half_plane import clip, covered, covered_by_both, polygon_area
 from tofmix.surfaces.settings import EdgeSettings
+from tofmix.surfaces.shapes import Shapes
 
 ONE, BOTH, EITHER, ALL = 0, 1, 2, 3
 """A region is one side of an edge; on that side of two edges; of either; or of three, as at the end of a bar."""
@@ -131,7 +132,7 @@ def choose_regions(
     fits: FloatArray, lines: FloatArray, rows: NDArray[np.int32], cols: NDArray[np.int32],
     cut_labels: NDArray[np.int32], first_cut: NDArray[np.int32], next_cut: NDArray[np.int32],
     count: NDArray[np.int32], labels: NDArray[np.int32], inverses: FloatArray, up_to: FloatArray,
-    samples: FloatArray, floor: FloatArray, planes: FloatArray, directions: FloatArray, rays: FloatArray,
+    samples: FloatArray, floor: FloatArray, planes: Shapes, directions: FloatArray, rays: FloatArray,
     settings: EdgeSettings,
 ) -> FloatArray:  # fmt: skip
     """Choose the area of each surface in its pixel.
@@ -236,7 +237,7 @@ def _is_new(here: FloatArray, local: FloatArray, used: int, settings: EdgeSettin
 @borrowing
 def _tell(
     label: int, row: int, col: int, count: NDArray[np.int32], labels: NDArray[np.int32], inverses: FloatArray,
-    up_to: FloatArray, samples: FloatArray, floor: FloatArray, planes: FloatArray, directions: FloatArray,
+    up_to: FloatArray, samples: FloatArray, floor: FloatArray, planes: Shapes, directions: FloatArray,
     told: FloatArray,
 ) -> None:  # fmt: skip
     """Fill the shares of a cut's surface in the nine pixels around it; partly hidden ones are unknown."""
