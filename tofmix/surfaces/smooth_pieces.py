@@ -18,10 +18,13 @@ from tofmix.surfaces.settings import LinkSettings
 REACH = 4
 """Reach of the window whose pixels a patch goes through, pixels."""
 
-_TRIALS = np.array([(BENDS[0], THIRDS[0]), (BENDS[2], THIRDS[0]), UNKNOWN, (BENDS[-1], THIRDS[-1])])
+_TRIALS = np.array([
+    (BENDS[0], THIRDS[0]), (BENDS[2], THIRDS[0]), (UNKNOWN[0], THIRDS[0]), UNKNOWN, (BENDS[-1], THIRDS[-1])
+])  # fmt: skip
 """Scales of curvatures and cubic terms that pieces are tried with, the same for one piece and for both."""
 
-_WINDOWS = 6  # along the border of two pieces
+_REACH = 3  # of these windows: more takes in the next border
+_WINDOWS = 4  # along the border of two pieces
 _MOST_NATS = 25.0  # that one window speaks for or against: one flying pixel does not outweigh the rest
 
 
@@ -65,12 +68,13 @@ def joined_pieces(view: View, piece: IntArray, settings: LinkSettings) -> IntArr
         borders = _borders(view, group, settings)
         asked = [pair for pair in borders if pair not in known]
         known |= dict(zip(asked, _gains(view, group, asked, [borders[pair] for pair in asked]), strict=True))
-        both = _surest({pair: known[pair] for pair in borders if known[pair] > 0.0})
-        if not both:
+        ones, others = _surest({pair: known[pair] for pair in borders if known[pair] > 0.0})
+        if not ones.size:
             return group
-        for one, other in both:
-            group[(group == one) | (group == other)] = fresh
-            fresh += 1
+        whole = components(ones, others, fresh)
+        alone = np.bincount(whole)[whole] == 1
+        renamed = np.append(np.where(alone, np.arange(fresh), fresh + whole), -1)
+        group, fresh = renamed[group], fresh + int(whole.max()) + 1
 
 
 def _neighbours(shape: tuple[int, int]) -> tuple[IntArray, IntArray]:
@@ -113,7 +117,7 @@ def _gains(view: View, group: IntArray, pairs: list[tuple[int, int]], borders: l
     at = np.concatenate(borders)
     owner = np.repeat(np.arange(len(pairs)), [border.size for border in borders])
     one, other = (np.array(part)[owner] for part in zip(*pairs, strict=True))
-    first, second = (around(view.shape, group, at, number, REACH, own=True) for number in (one, other))
+    first, second = (around(view.shape, group, at, number, _REACH, own=True) for number in (one, other))
     both = np.where(first >= 0, first, second)
     usable = (first >= 0).any(axis=1) & (second >= 0).any(axis=1)
     at, owner, first, second, both = (part[usable] for part in (at, owner, first, second, both))
@@ -126,29 +130,26 @@ def _best_of(view: View, at: IntArray, members: IntArray, owner: IntArray, count
     """Log evidence (window,) of the members' ranges, with the scales that are most likely for all windows of a pair."""
     if not at.size:
         return np.zeros(0)
+    members = -np.sort(-members, axis=1)[:, : int((members >= 0).sum(axis=1).max())]  # without empty places
     evidence = np.zeros((len(_TRIALS), at.size))
     for number, (bend, third) in enumerate(_TRIALS):
         fitted = fit_patches(
-            view, at, members, np.full(at.size, bend), np.full(at.size, third), robust=False
-        )
+            view, at, members, np.full(at.size, bend), np.full(at.size, third), robust=False, third_of_bend=0.0
+        )  # fmt: skip
         evidence[number] = fitted.log_evidence + fitted.log_slope
     sums = np.stack([np.bincount(owner, weights=row, minlength=count) for row in evidence])
     return evidence[sums.argmax(axis=0)[owner], np.arange(at.size)]
 
 
-def _surest(gains: dict[tuple[int, int], float]) -> list[tuple[int, int]]:
-    """Pairs of which neither group gains more with another one."""
-    best: dict[int, float] = {}
+def _surest(gains: dict[tuple[int, int], float]) -> tuple[IntArray, IntArray]:
+    """Both groups of the pairs that gain most for one of them: each group joins the best of its neighbours."""
+    best: dict[int, tuple[int, int]] = {}
     for pair, gain in gains.items():
         for one in pair:
-            best[one] = max(best.get(one, 0.0), gain)
-    taken: set[int] = set()
-    out = []
-    for pair, gain in gains.items():
-        if all(best[one] == gain and one not in taken for one in pair):
-            taken |= set(pair)
-            out.append(pair)
-    return out
+            if one not in best or gain > gains[best[one]]:
+                best[one] = pair
+    pairs = np.array(sorted(set(best.values())), dtype=np.int64).reshape(-1, 2)
+    return pairs[:, 0], pairs[:, 1]
 
 
 def is_loose(view: View, group: IntArray, misfit: FloatArray, settings: LinkSettings) -> BoolArray:

@@ -31,7 +31,7 @@ _HEIGHT_MM, _SLOPE = 1e4, 2.0  # standard deviations of a, and of b and c, which
 _STEEPEST = 1.0e-4  # least square of the cosine of incidence by which noise counts
 _REMAINDER = 0.3
 """Part of the cubic terms' error that each pixel has on its own."""
-_THIRD_OF_BEND = 2.0
+THIRD_OF_BEND = 2.0
 """Least third derivative in units of the square of the curvatures: what a bent thing bends otherwise."""
 _MOST_AVERAGED = 0.02
 """Largest difference, as a part of the range, between a pixel's mean and its middle."""
@@ -176,8 +176,9 @@ def _meet(
 
 
 def fit_patches(
-    view: View, at: IntArray, members: IntArray, bend: FloatArray, third: FloatArray, *, robust: bool = True
-) -> Patches:
+    view: View, at: IntArray, members: IntArray, bend: FloatArray, third: FloatArray, *, robust: bool = True,
+    third_of_bend: float = THIRD_OF_BEND,
+) -> Patches:  # fmt: skip
     """Fit a patch through members of one surface each.
 
     Parameters
@@ -192,6 +193,9 @@ def fit_patches(
         Standard deviations of curvatures (1 / mm) and of cubic terms (1 / mm^2).
     robust : bool
         Whether members far from the patch are left out.
+    third_of_bend : float
+        Least cubic terms in units of the square of the curvatures. With 0 `third` is taken as it is: for evidence, where
+        shapes that are bent and nothing else are among those that are compared.
 
     Returns
     -------
@@ -219,7 +223,7 @@ def fit_patches(
         frame = Frame(origin, e1, e2, normal)
         bent = state[:, 3:] if number else np.zeros((n, 3))
         design, cubic, value, variance, cubed, steep = _equations(
-            frame, ray, range_mm - averaged, noise, bent, np.maximum(third, 0.0)
+            frame, ray, range_mm - averaged, noise, bent, np.maximum(third, 0.0), third_of_bend
         )
         prior = np.full((n, STATE), [0.0, _SLOPE**-2, _SLOPE**-2, 0.0, 0.0, 0.0])
         prior[:, 3:] = (1.0 / bend**2)[:, np.newaxis]
@@ -263,7 +267,8 @@ def _tangents(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _equations(
-    frame: Frame, ray: FloatArray, range_mm: FloatArray, noise: FloatArray, bent: FloatArray, third: FloatArray
+    frame: Frame, ray: FloatArray, range_mm: FloatArray, noise: FloatArray, bent: FloatArray, third: FloatArray,
+    third_of_bend: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Design (n, place, 6), cubic terms (n, place, 4), values and variances (n, place), and size of the terms (n,).
 
@@ -275,7 +280,7 @@ def _equations(
     k11, k12, k22 = (bent[:, i, np.newaxis] for i in range(3))
     g = bend_term(k11, k12, k22)
     slope = dh * (1.0 - g * h) - du * (k11 * u + k12 * v) - dv * (k12 * u + k22 * v)
-    size = np.maximum(third, _THIRD_OF_BEND * (k11**2 + 2.0 * k12**2 + k22**2)[:, 0])
+    size = np.maximum(third, third_of_bend * (k11**2 + 2.0 * k12**2 + k22**2)[:, 0])
     away = u * u + v * v + h * h
     own = _REMAINDER * size[:, np.newaxis] * away**1.5 / 6.0
     steep = np.maximum(slope**2, _STEEPEST)
