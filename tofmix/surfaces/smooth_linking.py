@@ -194,7 +194,10 @@ class _Rim:
         return np.where(seen & (squared < self._settings.most_sigmas**2), cost, np.inf)
 
     def _plane_cost(self, node: IntArray, label: IntArray) -> FloatArray:
-        """Cost of nodes on the planes that they are of."""
+        """Cost of nodes on the planes that they are of; infinite where hardly any pixel sees the plane alone.
+
+        Layers of mixed pixels along an upright limb lie on a plane, too.
+        """
         nodes, surface = self._nodes, label[node]
         direction, plane = nodes.direction[node], self._linked.planes[surface]
         spread = np.einsum("ni,nij,nj->n", direction, self._linked.covariances[surface], direction)
@@ -204,7 +207,8 @@ class _Rim:
         squared = (nodes.inverse[node] - (plane * direction).sum(axis=1)) ** 2 / variance
         cost = squared + np.log(variance / nodes.inverse[node] ** 4) + self._apart(self._pixel[node], surface, label)
         size = np.maximum(np.bincount(label, minlength=self._planes)[surface], 1)
-        return np.asarray(cost + self._settings.surface_cost / size)
+        seen = np.bincount(label[self._alone[self._view.valid]], minlength=int(label.max()) + 1)[surface]
+        return np.where(seen >= self._settings.least_layers, cost + self._settings.surface_cost / size, np.inf)
 
     def _apart(self, pixel: IntArray, surface: IntArray, label: IntArray) -> FloatArray:
         """Cost of the neighbouring pixels without a surface."""
