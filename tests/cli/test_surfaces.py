@@ -185,7 +185,7 @@ def test_info_describes_a_surfaces_file(tofmix: Tofmix, three: Path) -> None:
         "windows": 3, "rows": 6, "cols": 8, "max_layers": 3, "file_bytes": three.stat().st_size,
         "factor": 4, "rows_fine": 24, "cols_fine": 32,
     }  # fmt: skip
-    assert described["found"] == {"surfaces": 4, "edge_lines": 4, "edge_points": 14}
+    assert described["found"] == {"surfaces": 4, "smooth_surfaces": 0, "edge_lines": 4, "edge_points": 14}
     assert described["made_from"]["source"] == "a.layers.h5"
     assert described["options"] == {"factor": 4}
     assert described["warnings"] == []

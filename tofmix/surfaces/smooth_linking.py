@@ -70,9 +70,9 @@ def link_smooth(
         The smooth surfaces, if there are any.
     """
     alone = _alone(layers, nodes, settings.share.least_open_samples)
-    view = view_of_nodes(nodes, alone, rays)
-    if not view.valid.any():
+    if not (alone >= 0).any():
         return linked, None
+    view = view_of_nodes(nodes, alone, rays)
     at = alone[view.valid]
     label = np.full(view.valid.size, -1, np.int64)
     label[view.valid] = linked.label[at]
