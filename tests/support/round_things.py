@@ -202,7 +202,7 @@ def cast(things: Sequence[Thing]) -> Cast:
         with np.errstate(invalid="ignore", divide="ignore"):
             ranges.append(_pooled(seen * range_mm).real / share[-1])
             lit.append(_pooled(light * range_mm).real / _pooled(light).real)
-    return Cast(*(np.stack(part) for part in (share, ranges, lit)), _pooled(open_space * 1.0).real)
+    return Cast(np.stack(share), np.stack(ranges), np.stack(lit), np.asarray(_pooled(open_space * 1.0).real))
 
 
 def counted(things: Sequence[Thing], *, stderr_mm: float, seed: int = 1, samples: int = 2000) -> Layers:

@@ -93,7 +93,7 @@ def _borders(
         here = (slice(max(0, -down), rows - max(0, down)), slice(max(0, -right), cols - max(0, right)))
         there = (slice(max(0, down), rows - max(0, -down)), slice(max(0, right), cols - max(0, -right)))
         surface = shares.label[here][..., 0]
-        plane = inverses_of(planes, surface, *(part[there] for part in places), directions)
+        plane = inverses_of(planes, surface, places[0][there], places[1][there], directions)
         ends = alone[here] & (shares.count[there] > 0) & (shares.label[there] != surface[..., np.newaxis]).all(axis=-1)
         ends &= (plane > 0) & (shares.inverse[there][..., 0] * (1.0 + crease) < plane)
         new = ends & ~found[here]

@@ -68,7 +68,7 @@ def numbered(label: NDArray[np.integer]) -> NDArray[np.int32]:
     order = np.argsort(-sizes, kind="stable")
     number = np.empty(len(sizes), np.int32)
     number[order] = np.arange(len(sizes))
-    return number[label]
+    return np.asarray(number[label])
 
 
 def _joined(

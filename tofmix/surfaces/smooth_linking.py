@@ -6,10 +6,9 @@ of mixed pixels too, if a patch through the surface's pixels nearby predicts the
 belongs to its surface, however steep.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.masks import count_around, near
@@ -81,7 +80,7 @@ def link_smooth(
     misfit = np.zeros(view.valid.size)
     plane = (linked.planes[linked.label[at]] * nodes.direction[at]).sum(axis=1)
     misfit[view.valid] = (nodes.inverse[at] - plane) ** 2 / nodes.variance[at]
-    segment, scales = _bent(view, group, (group != piece) | _of(is_loose(view, group, misfit, settings.link), group))
+    segment, scales = _bent(view, group, (group != piece) | _of(is_loose(group, misfit, settings.link), group))
     if not len(scales.bend):
         return linked, None
     planes = len(linked.sizes)

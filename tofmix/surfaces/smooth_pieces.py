@@ -123,7 +123,8 @@ def _gains(view: View, group: IntArray, pairs: list[tuple[int, int]], borders: l
     at, owner, first, second, both = (part[usable] for part in (at, owner, first, second, both))
     apart = _best_of(view, at, first, owner, len(pairs)) + _best_of(view, at, second, owner, len(pairs))
     gain = np.clip(_best_of(view, at, both, owner, len(pairs)) - apart, -_MOST_NATS, _MOST_NATS)
-    return np.bincount(owner, weights=gain, minlength=len(pairs)).tolist()
+    total: list[float] = np.bincount(owner, weights=gain, minlength=len(pairs)).tolist()
+    return total
 
 
 def _best_of(view: View, at: IntArray, members: IntArray, owner: IntArray, count: int) -> FloatArray:
@@ -138,7 +139,7 @@ def _best_of(view: View, at: IntArray, members: IntArray, owner: IntArray, count
         )  # fmt: skip
         evidence[number] = fitted.log_evidence + fitted.log_slope
     sums = np.stack([np.bincount(owner, weights=row, minlength=count) for row in evidence])
-    return evidence[sums.argmax(axis=0)[owner], np.arange(at.size)]
+    return np.asarray(evidence[sums.argmax(axis=0)[owner], np.arange(at.size)])
 
 
 def _surest(gains: dict[tuple[int, int], float]) -> tuple[IntArray, IntArray]:
@@ -152,8 +153,8 @@ def _surest(gains: dict[tuple[int, int], float]) -> tuple[IntArray, IntArray]:
     return pairs[:, 0], pairs[:, 1]
 
 
-def is_loose(view: View, group: IntArray, misfit: FloatArray, settings: LinkSettings) -> BoolArray:
-    """Which groups (group,) scatter about their planes by more than noise; `misfit` (pixel,) is squared, in variances."""
+def is_loose(group: IntArray, misfit: FloatArray, settings: LinkSettings) -> BoolArray:
+    """Which groups scatter about their planes by more than noise; `misfit` (pixel,) is squared, in variances."""
     inside = group >= 0
     count = np.bincount(group[inside])
     mean = np.bincount(group[inside], weights=misfit[inside]) / np.maximum(count, 1)

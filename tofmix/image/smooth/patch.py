@@ -267,7 +267,12 @@ def _tangents(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _equations(
-    frame: Frame, ray: FloatArray, range_mm: FloatArray, noise: FloatArray, bent: FloatArray, third: FloatArray,
+    frame: Frame,
+    ray: FloatArray,
+    range_mm: FloatArray,
+    noise: FloatArray,
+    bent: FloatArray,
+    third: FloatArray,
     third_of_bend: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Design (n, place, 6), cubic terms (n, place, 4), values and variances (n, place), and size of the terms (n,).
