@@ -178,7 +178,7 @@ def _pooled(parts: NDArray[np.number]) -> NDArray[np.complex128]:
 
 
 class Cast(NamedTuple):
-    """What pixels see: share, mean range and that weighed by light (thing, row, col), mm; and share of nothing (row, col).
+    """What pixels see: share, mean range and that weighed by light (thing, row, col), mm; share of nothing (row, col).
 
     NaN where a pixel does not see a thing.
     """
@@ -229,6 +229,35 @@ def counted(things: Sequence[Thing], *, stderr_mm: float, seed: int = 1, samples
     out.weight_no_return[...] = count[..., -1] / samples
     out.weight_outlier[...] = out.log_likelihood[...] = 0.0
     out.n_samples[...] = samples - count[..., -1]
+    return out
+
+
+def thing_at(things: Sequence[Thing], row: Floats, col: Floats) -> NDArray[np.int64]:
+    """Thing that is nearest at places (n,) of the image, pixels."""
+    ways = np.stack([(col - (COLS - 1) / 2) / FOCAL, (row - (ROWS - 1) / 2) / FOCAL, np.ones_like(row)], axis=-1)
+    ways /= np.linalg.norm(ways, axis=-1, keepdims=True)
+    return np.asarray(np.stack([thing(ways).range_mm for thing in things]).argmin(axis=0))
+
+
+def edge_distances(things: Sequence[Thing], row: Floats, col: Floats, *, reach: float = 1.5) -> Floats:
+    """Distance (n,), pixels, of places from the nearest place of another thing; infinite beyond `reach`.
+
+    The nearest place on circles around each, then halved towards it.
+    """
+    turn = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
+    out = np.full(len(row), np.inf)
+    own = thing_at(things, row, col)
+    for radius in np.linspace(0.02, reach, 75):
+        down, right = radius * np.sin(turn), radius * np.cos(turn)
+        other = thing_at(things, row[:, np.newaxis] + down, col[:, np.newaxis] + right) != own[:, np.newaxis]
+        for k in np.flatnonzero(np.isinf(out) & other.any(axis=1)):
+            way = turn[other[k]].mean() if np.ptp(turn[other[k]]) < np.pi else turn[other[k]][0]
+            low, high = 0.0, radius
+            for _ in range(20):
+                middle = 0.5 * (low + high)
+                place = row[k : k + 1] + middle * np.sin(way), col[k : k + 1] + middle * np.cos(way)
+                low, high = (middle, high) if thing_at(things, *place)[0] == own[k] else (low, middle)
+            out[k] = high
     return out
 
 

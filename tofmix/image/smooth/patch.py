@@ -194,8 +194,8 @@ def fit_patches(
     robust : bool
         Whether members far from the patch are left out.
     third_of_bend : float
-        Least cubic terms in units of the square of the curvatures. With 0 `third` is taken as it is: for evidence, where
-        shapes that are bent and nothing else are among those that are compared.
+        Least cubic terms in units of the square of the curvatures. With 0 `third` is taken as it is: for evidence,
+        where shapes that are bent and nothing else are among those that are compared.
 
     Returns
     -------
