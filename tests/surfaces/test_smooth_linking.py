@@ -49,7 +49,7 @@ def test_fine_ranges_lie_on_the_sphere_and_its_parts_are_its_own() -> None:
     inside = (found.surface_fine == 1) & (thing == 1)
     off = found.range_fine[inside] - range_mm[inside]
     assert np.median(np.abs(off)) < 1.0  # mm: half of a layer's error
-    assert np.quantile(np.abs(off), 0.99) < 25.0  # at the limb the range changes by 50 mm within a pixel
+    assert np.quantile(np.abs(off), 0.95) < 20.0  # at the limb the range changes by more than 50 mm within a pixel
     mixed = np.repeat(np.repeat((cast(things).share > 0.05).sum(axis=0) > 1, PARTS, axis=0), PARTS, axis=1)
     assert (found.surface_fine[mixed] != thing[mixed]).mean() < 0.03
 
