@@ -251,7 +251,7 @@ def edge_distances(things: Sequence[Thing], row: Floats, col: Floats, *, reach: 
         down, right = radius * np.sin(turn), radius * np.cos(turn)
         other = thing_at(things, row[:, np.newaxis] + down, col[:, np.newaxis] + right) != own[:, np.newaxis]
         for k in np.flatnonzero(np.isinf(out) & other.any(axis=1)):
-            way = turn[other[k]].mean() if np.ptp(turn[other[k]]) < np.pi else turn[other[k]][0]
+            way = float(np.angle(np.exp(1j * turn[other[k]]).sum()))
             low, high = 0.0, radius
             for _ in range(20):
                 middle = 0.5 * (low + high)
