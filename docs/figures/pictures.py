@@ -44,18 +44,18 @@ FAR_SIGMAS = 3.0
 """A point farther than this from every surface of its pixel stands where there is none."""
 
 _VIEW_X_M, _VIEW_Z_M = (-1.85, 1.85), (2.1, 5.35)
-_INK, _GRID = "#1f2328", "#e3e7eb"
-_SKY, _BLUE, _VERMILLION = "#56b4e9", "#0072b2", "#d55e00"  # Okabe and Ito
-_SETTINGS = {
+INK, GRID = "#1f2328", "#e3e7eb"
+SKY, BLUE, VERMILLION = "#56b4e9", "#0072b2", "#d55e00"  # Okabe and Ito
+SETTINGS = {
     "font.size": 10.0,
     "axes.titlesize": 11.5,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "axes.edgecolor": _INK,
-    "axes.labelcolor": _INK,
-    "text.color": _INK,
-    "xtick.color": _INK,
-    "ytick.color": _INK,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
     "legend.frameon": False,
 }
 _SIZE_INCH, _DPI = (8.4, 4.1), 190.0
@@ -173,23 +173,23 @@ def _panel(axes: Axes, scene: Scene, title: str, light: str) -> None:
     axes.set_title(light, loc="right", fontsize=9.5)
     axes.set(xlim=_VIEW_X_M, ylim=_VIEW_Z_M, xlabel="x, to the right (m)")
     axes.set_aspect("equal", adjustable="box")
-    axes.grid(color=_GRID, linewidth=0.6)
+    axes.grid(color=GRID, linewidth=0.6)
     axes.set_axisbelow(True)
     for surface in scene.model.surfaces:
         along = surface.rotation()[:, 0] * surface.size_mm[0] / 2
         ends = np.array([surface.center_mm - along, surface.center_mm + along]) / 1000.0
-        axes.plot(ends[:, 0], ends[:, 2], color=_INK, linewidth=0.8, zorder=2.5)
+        axes.plot(ends[:, 0], ends[:, 2], color=INK, linewidth=0.8, zorder=2.5)
 
 
 def _draw_averaged(axes: Axes, scene: Scene) -> None:
     x, z = _from_above(scene.averaged_mm, scene)
     nowhere = scene.nowhere_averaged
-    axes.scatter(x[~nowhere], z[~nowhere], s=2.5, color=_SKY, linewidths=0, zorder=2)
-    axes.scatter(x[nowhere], z[nowhere], s=11, color=_VERMILLION, linewidths=0, zorder=3)
+    axes.scatter(x[~nowhere], z[~nowhere], s=2.5, color=SKY, linewidths=0, zorder=2)
+    axes.scatter(x[nowhere], z[nowhere], s=11, color=VERMILLION, linewidths=0, zorder=3)
     shown = int((nowhere & _in_view(x, z)).sum())
     axes.annotate(
-        f"comet tail:\n{shown} points where\nnothing stands", xy=(0.1, 3.28), xytext=(0.42, 2.8), color=_VERMILLION,
-        va="center", arrowprops={"arrowstyle": "-", "color": _VERMILLION, "linewidth": 0.8, "relpos": (0.0, 1.0)},
+        f"comet tail:\n{shown} points where\nnothing stands", xy=(0.1, 3.28), xytext=(0.42, 2.8), color=VERMILLION,
+        va="center", arrowprops={"arrowstyle": "-", "color": VERMILLION, "linewidth": 0.8, "relpos": (0.0, 1.0)},
     )  # fmt: skip
     axes.text(-0.1, 4.86, "the boards as they are", va="bottom", ha="center", fontsize=9.0)
 
@@ -197,15 +197,15 @@ def _draw_averaged(axes: Axes, scene: Scene) -> None:
 def _draw_layers(axes: Axes, scene: Scene) -> None:
     x, z = _from_above(scene.layers_mm, scene)
     mixed = np.broadcast_to(scene.mixed[..., np.newaxis], x.shape) & np.isfinite(x)
-    axes.scatter(x[~mixed], z[~mixed], s=2.5, color=_SKY, linewidths=0, zorder=2)
+    axes.scatter(x[~mixed], z[~mixed], s=2.5, color=SKY, linewidths=0, zorder=2)
     share = scene.weight[mixed]
-    axes.scatter(x[mixed], z[mixed], s=_LARGEST_AREA * share, color=_BLUE, alpha=_ALPHA, linewidths=0, zorder=3)
+    axes.scatter(x[mixed], z[mixed], s=_LARGEST_AREA * share, color=BLUE, alpha=_ALPHA, linewidths=0, zorder=3)
     shown = int((scene.nowhere_layers & _in_view(x, z)).sum())
     text = f"the same pixels:\n{shown} points where\nnothing stands"
     text += f",\n{scene.undecided} pixels undecided" if scene.undecided else ""
-    axes.text(0.42, 2.8, text, color=_BLUE, va="center")
+    axes.text(0.42, 2.8, text, color=BLUE, va="center")
     handles = [
-        Line2D([], [], linestyle="", marker="o", color=_BLUE, alpha=_ALPHA, markeredgewidth=0,
+        Line2D([], [], linestyle="", marker="o", color=BLUE, alpha=_ALPHA, markeredgewidth=0,
                markersize=(_LARGEST_AREA * value) ** 0.5, label=f"{value:g}")
         for value in (0.1, 0.5, 0.9)
     ]  # fmt: skip
@@ -234,7 +234,7 @@ def main() -> None:
     parser.add_argument("--output", type=Path, default=Path(__file__).parents[1] / "images", help="folder to write to")
     folder = parser.parse_args().output
     folder.mkdir(parents=True, exist_ok=True)
-    with style.context(["default", _SETTINGS]):
+    with style.context(["default", SETTINGS]):
         comet_tail(make_scene()).savefig(folder / "comet_tail.png", metadata={"Software": None})
         unmixed(make_sums()).savefig(folder / "unmixed.png", metadata={"Software": None})
 
