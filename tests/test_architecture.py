@@ -33,7 +33,7 @@ MAY_IMPORT = {
     "unmixing": {"unmixing", "image"},
     "image": {"image"},
     "mapping": {"mapping"},
-    "surfaces": {"surfaces"},
+    "surfaces": {"surfaces", "image"},
     "simulation": {"simulation", "sensors"},
     "sensors": {"sensors"},
     "optics": {"optics", "compiled"},

@@ -185,11 +185,24 @@ def test_info_describes_a_surfaces_file(tofmix: Tofmix, three: Path) -> None:
         "windows": 3, "rows": 6, "cols": 8, "max_layers": 3, "file_bytes": three.stat().st_size,
         "factor": 4, "rows_fine": 24, "cols_fine": 32,
     }  # fmt: skip
-    assert described["found"] == {"surfaces": 4, "edge_lines": 4, "edge_points": 14}
+    assert described["found"] == {"surfaces": 4, "smooth_surfaces": 0, "edge_lines": 4, "edge_points": 14}
     assert described["made_from"]["source"] == "a.layers.h5"
     assert described["options"] == {"factor": 4}
     assert described["warnings"] == []
     assert "edge_lines" in tofmix("info", three).out
+
+
+def test_smooth_surface_is_left_out_of_planes_and_verify_wants_both_nan(tofmix: Tofmix, path: Path) -> None:
+    with h5py.File(path, "r+") as root:
+        root["plane_offset_mm"][1] = np.nan
+    assert "plane_offset_mm: broken: 0 mm or more, or NaN with its normal" in tofmix("verify", path).out
+    with h5py.File(path, "r+") as root:
+        root["plane_normal"][1] = np.nan
+    assert tofmix("verify", path).code == 0
+    shown = tofmix("export", path, "-o", path.with_name("a.json"), "--what", "planes")
+    assert "1 surface with 1 polygon; 1 smooth surface left out: no plane" in shown.out
+    assert len(json.loads(path.with_name("a.json").read_text())["surfaces"]) == 1
+    assert json.loads(tofmix("info", path, "--json").out)["found"]["smooth_surfaces"] == 1
 
 
 def test_verify_finds_faults_of_a_surfaces_file(tofmix: Tofmix, path: Path) -> None:

@@ -48,6 +48,7 @@ from tofmix.io.exporters.image import RangeImage
 from tofmix.io.exporters.outlines import outlines, trace
 from tofmix.io.exporters.planes_obj import triangles
 from tofmix.io.surfaces.surfaces_file import SurfacesFile, open_surfaces
+from tofmix.io.verify.verify import verify
 
 FOV_DEG = (16.0, 12.0)
 DEPTH_M = (BOARD_MM / 1000, WALL_MM / 1000)
@@ -178,6 +179,19 @@ def test_planes_that_are_not_finite_leave_no_vertex_and_no_nan(tmp_path: Path) -
     assert (board["normal"], wall["offset_mm"]) == ([None] * 3, None)
     assert board["polygons"][0]["outline"] == []
     assert len(plyfile.PlyData.read(tmp_path / "edges.ply")["vertex"].data) == 0
+
+
+def test_smooth_surface_is_no_plane_and_its_edges_lie_on_its_fine_ranges(tmp_path: Path) -> None:
+    found = board_and_wall()
+    found.planes.normal[0] = found.planes.offset_mm[0] = np.nan
+    with open_surfaces(write_surfaces(tmp_path / "a.surfaces.h5", found)) as file:
+        assert file.smooth_surfaces == 1
+        assert [outline.surface for outline in outlines(file, [0])] == [1]
+        line = edge_lines(file, [0])[0]
+    assert line.near == 0
+    # The made-up board faces the camera: ranges of its parts are within half a part of those at the points.
+    assert line.place_m == pytest.approx(seen_from(line.row, line.col, DEPTH_M[0]), abs=0.005)
+    assert verify(tmp_path / "a.surfaces.h5").ok
 
 
 def test_lines_of_several_windows_are_numbered_as_in_the_file(three: SurfacesFile, tmp_path: Path) -> None:

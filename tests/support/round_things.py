@@ -23,6 +23,11 @@ ROWS, COLS, FOCAL = 48, 64, 75.0
 PARTS = 36
 """Parts of a pixel along each side: at a limb the range goes as a square root, so a coarse sum errs by millimetres."""
 
+CAMERA = Sensor(
+    name="round things", modulation_frequency_hz=FREQUENCY_HZ, range_min_mm=300.0, range_max_mm=7000.0,
+    projection=Pinhole(fx=FOCAL, fy=FOCAL, cx=(COLS - 1) / 2, cy=(ROWS - 1) / 2),
+)  # fmt: skip
+
 Floats = NDArray[np.float64]
 
 
@@ -161,13 +166,8 @@ def render(
     noise = draw.standard_normal((2, frames, ROWS, COLS)) * size
     samples = phasor + noise[0] + 1j * noise[1]
     range_mm = (SCALE_MM * np.angle(samples)) % CIRCLE_MM
-    lens = Pinhole(fx=FOCAL, fy=FOCAL, cx=(COLS - 1) / 2, cy=(ROWS - 1) / 2)
-    camera = Sensor(
-        name="round things", modulation_frequency_hz=FREQUENCY_HZ, range_min_mm=300.0, range_max_mm=7000.0,
-        projection=lens,
-    )  # fmt: skip
     return Scene(
-        recording=tm.from_array(range_mm, units="mm", sensor=camera, amplitude=np.abs(samples)),
+        recording=tm.from_array(range_mm, units="mm", sensor=CAMERA, amplitude=np.abs(samples)),
         share=share,
         range_mm=truth,
     )
@@ -175,6 +175,90 @@ def render(
 
 def _pooled(parts: NDArray[np.number]) -> NDArray[np.complex128]:
     return np.asarray(parts.reshape(ROWS, PARTS, COLS, PARTS).mean(axis=(1, 3)), dtype=np.complex128)
+
+
+class Cast(NamedTuple):
+    """What pixels see: share, mean range and that weighed by light (thing, row, col), mm; share of nothing (row, col).
+
+    NaN where a pixel does not see a thing.
+    """
+
+    share: Floats
+    range_mm: Floats
+    lit_mm: Floats
+    nothing: Floats
+
+
+def cast(things: Sequence[Thing]) -> Cast:
+    """Cast things without light and noise."""
+    t, cosine = (np.stack(part) for part in zip(*(thing(rays_of(PARTS)) for thing in things), strict=True))
+    near, open_space = t.argmin(axis=0), ~np.isfinite(t.min(axis=0))
+    share, ranges, lit = [], [], []
+    for number in range(len(things)):
+        seen = (near == number) & ~open_space
+        range_mm = np.where(seen, t[number], 1.0)
+        light = np.where(seen, cosine[number] / range_mm**2, 0.0)
+        share.append(_pooled(seen * 1.0).real)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ranges.append(_pooled(seen * range_mm).real / share[-1])
+            lit.append(_pooled(light * range_mm).real / _pooled(light).real)
+    return Cast(np.stack(share), np.stack(ranges), np.stack(lit), np.asarray(_pooled(open_space * 1.0).real))
+
+
+def counted(things: Sequence[Thing], *, stderr_mm: float, seed: int = 1, samples: int = 2000) -> Layers:
+    """Layers as an estimator finds them that knows the thing of each sample: counts, and mean ranges with errors."""
+    draw = np.random.default_rng(seed)
+    seen = cast(things)
+    chances = np.concatenate([np.moveaxis(seen.share, 0, -1), seen.nothing[..., np.newaxis]], axis=-1)
+    count = draw.multinomial(samples, chances / chances.sum(axis=-1, keepdims=True))
+    ranges = np.where(count[..., :-1] > 0, np.moveaxis(seen.lit_mm, 0, -1), np.inf)
+    order = np.argsort(ranges, axis=-1, kind="stable")
+    number = np.take_along_axis(count[..., :-1], order, -1).astype(float)
+    there = number > 0
+    number[~there] = np.nan
+    mean = np.where(there, np.take_along_axis(ranges, order, -1), np.nan)
+    out = Layers.empty(mean.shape[:2], mean.shape[2])
+    weight = number / samples
+    out.n_modes[...] = out.n_peaks[...] = there.sum(axis=-1)
+    out.range_stderr[...] = stderr_mm * np.sqrt(samples / number)
+    out.range[...] = mean + draw.standard_normal(mean.shape) * out.range_stderr
+    out.sigma[...] = stderr_mm * np.sqrt(samples)
+    out.weight[...] = weight
+    out.weight_stderr[...] = np.sqrt(np.maximum(weight * (1 - weight), 1 / samples) / samples)
+    out.probability[...] = np.where(there, 1.0, np.nan)
+    out.weight_no_return[...] = count[..., -1] / samples
+    out.weight_outlier[...] = out.log_likelihood[...] = 0.0
+    out.n_samples[...] = samples - count[..., -1]
+    return out
+
+
+def thing_at(things: Sequence[Thing], row: Floats, col: Floats) -> NDArray[np.int64]:
+    """Thing that is nearest at places (n,) of the image, pixels."""
+    ways = np.stack([(col - (COLS - 1) / 2) / FOCAL, (row - (ROWS - 1) / 2) / FOCAL, np.ones_like(row)], axis=-1)
+    ways /= np.linalg.norm(ways, axis=-1, keepdims=True)
+    return np.asarray(np.stack([thing(ways).range_mm for thing in things]).argmin(axis=0))
+
+
+def edge_distances(things: Sequence[Thing], row: Floats, col: Floats, *, reach: float = 1.5) -> Floats:
+    """Distance (n,), pixels, of places from the nearest place of another thing; infinite beyond `reach`.
+
+    The nearest place on circles around each, then halved towards it.
+    """
+    turn = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
+    out = np.full(len(row), np.inf)
+    own = thing_at(things, row, col)
+    for radius in np.linspace(0.02, reach, 75):
+        down, right = radius * np.sin(turn), radius * np.cos(turn)
+        other = thing_at(things, row[:, np.newaxis] + down, col[:, np.newaxis] + right) != own[:, np.newaxis]
+        for k in np.flatnonzero(np.isinf(out) & other.any(axis=1)):
+            way = float(np.angle(np.exp(1j * turn[other[k]]).sum()))
+            low, high = 0.0, radius
+            for _ in range(20):
+                middle = 0.5 * (low + high)
+                place = row[k : k + 1] + middle * np.sin(way), col[k : k + 1] + middle * np.cos(way)
+                low, high = (middle, high) if thing_at(things, *place)[0] == own[k] else (low, middle)
+            out[k] = high
+    return out
 
 
 @dataclass(slots=True, kw_only=True)

@@ -308,6 +308,8 @@ def _write_image(file: "LayersFile | SurfacesFile", output: Path, image: "RangeI
 def _export_surfaces(
     file: "SurfacesFile", output: Path, what: str, window: int | None, scale: float, overwrite: bool
 ) -> tuple[str, dict[str, Any]]:
+    import numpy as np
+
     from tofmix.io import exporters
 
     windows = range(file.shape[0]) if window is None else [window]
@@ -332,8 +334,13 @@ def _export_surfaces(
         exporters.export_planes(output, file, found, title=title, overwrite=overwrite)
         made = {"surfaces": len(found), "polygons": sum(len(outline.polygons) for outline in found)}
         text = f"{counted(made['surfaces'], 'surface', ',')} with {counted(made['polygons'], 'polygon', ',')}"
+        left_out = int((file.planes.is_smooth & np.isin(file.surface_window, list(windows))).sum())
+        if left_out:
+            text += f"; {counted(left_out, 'smooth surface', ',')} left out: no plane"
     if not any(made.values()):
         click.echo(f"tofmix: {output}: {file.path} has no surface there, so the file is empty", err=True)
+    if what == exporters.PLANES:
+        made["smooth_left_out"] = left_out
     return f"{output}: {text}", {"what": what, **made, "windows": len(windows)}
 
 

@@ -57,8 +57,8 @@ def surfaces(
 ) -> None:  # fmt: skip
     """Find the surfaces in LAYERS, a file that tofmix estimate wrote.
 
-    The command joins layers of neighbouring pixels into surfaces, and fits a plane
-    to each. The shares locate the edge of each surface within a pixel. The result
+    The command joins layers of neighbouring pixels into surfaces: planes, and smooth
+    surfaces where they bend. The shares locate the edge of each surface within a pixel. The result
     has edge lines with their standard errors, and a range image with FACTOR x
     FACTOR parts a pixel. Each window is independent. The layers file must have the
     camera's field of view. docs/how-to/surfaces.md shows how other programs read
@@ -138,11 +138,12 @@ class _Tally:
     """Counts over all windows."""
 
     def __init__(self) -> None:
-        self._surfaces = self._lines = self._assumed = 0
+        self._surfaces = self._smooth = self._lines = self._assumed = 0
         self._stderr: list[Any] = []
 
     def add(self, found: "WindowSurfaces") -> None:
         self._surfaces += len(found.planes)
+        self._smooth += int(found.planes.is_smooth.sum())
         self._lines += len(found.edges.lines())
         self._stderr.append(found.edges.stderr)
         self._assumed += found.assumed
@@ -154,8 +155,8 @@ class _Tally:
         known = stderr[np.isfinite(stderr)]
         median = float(np.median(known)) if len(known) else None
         return {
-            "surfaces": self._surfaces, "edge_lines": self._lines, "edge_points": len(stderr),
-            "edge_stderr_median": median, "pixels_shares_assumed_areas": self._assumed,
+            "surfaces": self._surfaces, "smooth_surfaces": self._smooth, "edge_lines": self._lines,
+            "edge_points": len(stderr), "edge_stderr_median": median, "pixels_shares_assumed_areas": self._assumed,
         }  # fmt: skip
 
 
@@ -164,8 +165,9 @@ def _line(values: dict[str, Any]) -> str:
     error = "" if median is None else f" (median error {median:.3f} pixels)"
     assumed = "; edges assume that shares are areas" if values["pixels_shares_assumed_areas"] else ""
     windows = f" of each of {values['windows']:,} windows" if values["windows"] > 1 else ""
+    smooth = f" ({values['smooth_surfaces']:,} smooth, no plane)" if values["smooth_surfaces"] else ""
     return (
-        f"{counted(values['surfaces'], 'surface', ',')},"
+        f"{counted(values['surfaces'], 'surface', ',')}{smooth},"
         f" {counted(values['edge_lines'], 'edge line', ',')} of {counted(values['edge_points'], 'point', ',')}{error},"
         f" range image {values['rows_fine']} x {values['cols_fine']}{windows}{assumed}"
     )

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.surfaces.found import NO_SURFACE
 from tofmix.surfaces.settings import ShareSettings
+from tofmix.surfaces.shapes import Shapes, inverses_of
 from tofmix.surfaces.shares import Shares
 
 
@@ -45,15 +46,15 @@ class Cuts:
         return len(self.row)
 
 
-def make_cuts(shares: Shares, planes: FloatArray, directions: FloatArray, settings: ShareSettings) -> Cuts:
+def make_cuts(shares: Shares, planes: Shapes, directions: FloatArray, settings: ShareSettings) -> Cuts:
     """Make a cut between each two entries of a pixel, and one in each pixel at whose border its only surface ends.
 
     Parameters
     ----------
     shares : Shares
         Surfaces in each pixel.
-    planes : (surface, 3) float64
-        m of 1/r = m . d.
+    planes : Shapes
+        Of the surfaces.
     directions : (row, col, 3) float64
         Unit vectors d.
     settings : ShareSettings
@@ -80,18 +81,19 @@ def make_cuts(shares: Shares, planes: FloatArray, directions: FloatArray, settin
 
 
 def _borders(
-    shares: Shares, planes: FloatArray, directions: FloatArray, crease: float
+    shares: Shares, planes: Shapes, directions: FloatArray, crease: float
 ) -> tuple[BoolArray, NDArray[np.int32]]:  # fmt: skip
     """Pixels (row, col) that one surface fills and next to which it is not seen, and the surface behind it there."""
     rows, cols = shares.count.shape
     alone = (shares.count == 1) & (shares.label[..., 0] != NO_SURFACE)
     found = np.zeros((rows, cols), bool)
     behind = np.full((rows, cols), NO_SURFACE, np.int32)
+    places = np.indices((rows, cols))
     for down, right in ((0, 1), (1, 0), (0, -1), (-1, 0)):
         here = (slice(max(0, -down), rows - max(0, down)), slice(max(0, -right), cols - max(0, right)))
         there = (slice(max(0, down), rows - max(0, -down)), slice(max(0, right), cols - max(0, -right)))
         surface = shares.label[here][..., 0]
-        plane = (planes[surface] * directions[there]).sum(axis=-1) if len(planes) else np.zeros(surface.shape)
+        plane = inverses_of(planes, surface, places[0][there], places[1][there], directions)
         ends = alone[here] & (shares.count[there] > 0) & (shares.label[there] != surface[..., np.newaxis]).all(axis=-1)
         ends &= (plane > 0) & (shares.inverse[there][..., 0] * (1.0 + crease) < plane)
         new = ends & ~found[here]

@@ -33,6 +33,7 @@ from tofmix.surfaces.edge_shape import (
 )
 from tofmix.surfaces.half_plane import covered
 from tofmix.surfaces.settings import EdgeSettings
+from tofmix.surfaces.shapes import Shapes
 
 
 @borrowing
@@ -174,7 +175,7 @@ def fit_edges(
     next_cut: NDArray[np.int32],
     rows: NDArray[np.int32], cols: NDArray[np.int32], cut_labels: NDArray[np.int32], count: NDArray[np.int32],
     labels: NDArray[np.int32], inverses: FloatArray, up_to: FloatArray, samples: FloatArray, floor: FloatArray,
-    planes: FloatArray, directions: FloatArray, rays: FloatArray, settings: EdgeSettings,
+    planes: Shapes, directions: FloatArray, rays: FloatArray, settings: EdgeSettings,
 ) -> None:  # fmt: skip
     """Fit an edge in each of some pixels.
 
@@ -192,8 +193,8 @@ def fit_edges(
         The pixels, and the surface that ends there.
     count, labels, inverses, up_to, samples, floor
         Of `Shares`.
-    planes : (surface, 3) float64
-        m of 1/r = m . d.
+    planes : Shapes
+        Of the surfaces.
     directions : (row, col, 3) float64
         Unit vectors d.
     rays : (row, col, 3, 3) float64

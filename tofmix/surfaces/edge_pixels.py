@@ -24,17 +24,18 @@ from tofmix.surfaces.edge_shape import (
     X,
     Y,
 )
+from tofmix.surfaces.shapes import Shapes, inverse_of
 
 
 @borrowing
 def share_of(
     label: int, row: int, col: int, count: NDArray[np.int32], labels: NDArray[np.int32], inverses: FloatArray,
-    up_to: FloatArray, planes: FloatArray, directions: FloatArray,
+    up_to: FloatArray, planes: Shapes, directions: FloatArray,
 ) -> float:  # fmt: skip
     """Share (0 to 1) that a surface and all nearer ones have in a pixel; -1 if unknown.
 
-    In a pixel without the surface the share is 0 if all its surfaces are farther than the surface's plane; nearer
-    surfaces hide it.
+    In a pixel without the surface the share is 0 if all its surfaces are farther than the surface would be there;
+    nearer surfaces hide it.
     """
     entries = count[row, col]
     if entries == 0:
@@ -42,17 +43,14 @@ def share_of(
     for k in range(entries):
         if labels[row, col, k] == label:
             return float(up_to[row, col, k])
-    plane = 0.0
-    for i in range(3):
-        plane += planes[label, i] * directions[row, col, i]
-    # Entries are near to far: if the nearest is farther than the plane, all are.
-    return 0.0 if inverses[row, col, 0] < plane else -1.0
+    # Entries are near to far: if the nearest is farther than the surface, all are.
+    return 0.0 if inverses[row, col, 0] < inverse_of(planes, label, row, col, directions) else -1.0
 
 
 @borrowing
 def collect(
     label: int, row: int, col: int, reach: int, count: NDArray[np.int32], labels: NDArray[np.int32],
-    inverses: FloatArray, up_to: FloatArray, samples: FloatArray, floor: FloatArray, planes: FloatArray,
+    inverses: FloatArray, up_to: FloatArray, samples: FloatArray, floor: FloatArray, planes: Shapes,
     directions: FloatArray, rays: FloatArray, first_cut: NDArray[np.int32], next_cut: NDArray[np.int32],
     nearer: FloatArray, frame: FloatArray, pixels: FloatArray,
 ) -> int:  # fmt: skip

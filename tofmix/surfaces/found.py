@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import BoolArray, FloatArray
 from tofmix.sensor import Sensor
 
 NO_SURFACE = -1
@@ -18,6 +18,8 @@ NO_SURFACE = -1
 class Planes:
     """Planes of surfaces, n . x = offset in the sensor's frame (x right, y down, z forward), n toward positive offset.
 
+    A smooth surface that is no plane has NaN as normal and offset.
+
     Parameters
     ----------
     n_pixels : (surface,) uint32
@@ -27,7 +29,7 @@ class Planes:
     offset_mm : (surface,) float32
         Distance of the plane from the sensor, mm, 0 or more.
     rms_mm : (surface,) float32
-        Root mean square distance of the layers from the plane, along the beams, mm.
+        Root mean square distance of the layers from the plane, or from the smooth fit, along the beams, mm.
     """
 
     n_pixels: NDArray[np.uint32]
@@ -38,6 +40,11 @@ class Planes:
     def __len__(self) -> int:
         """Surfaces."""
         return len(self.n_pixels)
+
+    @property
+    def is_smooth(self) -> BoolArray:
+        """Which surfaces (surface,) are smooth and no planes."""
+        return np.asarray(np.isnan(self.offset_mm) & np.isnan(self.normal).all(axis=-1))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -145,7 +152,7 @@ def plane_ranges(planes: Planes, surface: NDArray[np.integer], directions: Float
     Returns
     -------
     (...) float64
-        mm; NaN where there is no surface, and where the beam does not meet its plane.
+        mm; NaN where there is no surface, where it is no plane, and where the beam does not meet its plane.
     """
     known = surface >= 0
     index = np.where(known, surface, 0)

@@ -17,6 +17,7 @@ from tofmix.surfaces.found import NO_SURFACE
 from tofmix.surfaces.half_plane import covered
 from tofmix.surfaces.regions import FIRST, ONE, REGION_COLUMNS, SHAPE, continue_edge, set_edge
 from tofmix.surfaces.settings import EdgeSettings
+from tofmix.surfaces.shapes import Shapes, inverse_of, inverses_of
 from tofmix.surfaces.shares import Shares
 
 
@@ -31,7 +32,7 @@ class Painted(NamedTuple):
 
 
 def continue_edges(
-    shares: Shares, cuts: Cuts, fits: FloatArray, lines: FloatArray, regions: FloatArray, planes: FloatArray,
+    shares: Shares, cuts: Cuts, fits: FloatArray, lines: FloatArray, regions: FloatArray, planes: Shapes,
     directions: FloatArray, rays: FloatArray, silent: BoolArray, settings: EdgeSettings,
 ) -> Painted:  # fmt: skip
     """Continue edges into neighbouring pixels of one surface, or without known shares.
@@ -61,7 +62,7 @@ def continue_edges(
     label = np.concatenate([shares.label, np.full((*count.shape, 1), NO_SURFACE, np.int32)], axis=2)
     inverse = np.concatenate([shares.inverse, np.zeros((*count.shape, 1))], axis=2)
     for k, surface in enumerate((near, far)):
-        known = (planes[surface] * directions[row, col]).sum(axis=1)
+        known = inverses_of(planes, surface, row, col, directions)
         label[row, col, k] = surface
         inverse[row, col, k] = np.where(surface == NO_SURFACE, 0.0, known)
     count[row, col] = 2
@@ -81,7 +82,7 @@ def _continue(
     count: NDArray[np.int32], labels: NDArray[np.int32], inverses: FloatArray, samples: FloatArray,
     floor: FloatArray, near: NDArray[np.int32], far: NDArray[np.int32], cut_rows: NDArray[np.int32],
     cut_cols: NDArray[np.int32], first_cut: NDArray[np.int32], next_cut: NDArray[np.int32], fits: FloatArray,
-    lines: FloatArray, planes: FloatArray, directions: FloatArray, rays: FloatArray, silent: BoolArray,
+    lines: FloatArray, planes: Shapes, directions: FloatArray, rays: FloatArray, silent: BoolArray,
     settings: EdgeSettings,
 ) -> tuple[NDArray[np.int32], FloatArray]:  # fmt: skip
     """Edges that go on: (row, col, near, far), (edge, 4) int32, and their regions."""
@@ -109,9 +110,7 @@ def _continue(
                                 behind = far[cut]
                                 if count[row, col] == 1:
                                     sees = labels[row, col, 0]
-                                    plane = 0.0
-                                    for i in range(3):
-                                        plane += planes[near[cut], i] * directions[row, col, i]
+                                    plane = inverse_of(planes, near[cut], row, col, directions)
                                     if sees != near[cut]:
                                         behind = sees
                                         if inverses[row, col, 0] > plane:

@@ -1,4 +1,4 @@
-"""Linking: which layers are of one surface, and the planes of surfaces."""
+"""Linking: which layers are of one plane, and the planes."""
 
 import math
 from dataclasses import dataclass
@@ -28,19 +28,22 @@ class Linked:
         Of m.
     sizes : (surface,) int64
         Nodes of each.
+    smooth : (surface,) int32
+        Place of each surface among those that are smooth and no planes; -1: a plane.
     """
 
     label: NDArray[np.int32]
     planes: FloatArray
     covariances: FloatArray
     sizes: NDArray[np.int64]
+    smooth: NDArray[np.int32]
 
 
 def link(nodes: Nodes, settings: LinkSettings = DEFAULT_SETTINGS.link) -> Linked:
     """Link nodes into surfaces; every node is of one, and may be its only one."""
     if not len(nodes):
         return Linked(label=np.zeros(0, np.int32), planes=np.zeros((0, 3)), covariances=np.zeros((0, 3, 3)),
-                      sizes=np.zeros(0, np.int64))  # fmt: skip
+                      sizes=np.zeros(0, np.int64), smooth=np.zeros(0, np.int32))  # fmt: skip
     places = (nodes.index, nodes.row, nodes.col)
     values = (nodes.inverse, nodes.variance, nodes.shift, nodes.direction, nodes.down, nodes.across)
     order = np.argsort(flatness(*places, *values, settings), kind="stable")
@@ -49,20 +52,23 @@ def link(nodes: Nodes, settings: LinkSettings = DEFAULT_SETTINGS.link) -> Linked
         planes, covariances, sizes, _ = fit(label, int(label.max()) + 1, *values, settings)
         if not reassign(*places, *values, label, planes, covariances, sizes, settings):
             break
-    label = _numbered(label)
+    label = numbered(label)
     planes, covariances, sizes, _ = fit(label, int(label.max()) + 1, *values, settings)
-    label = _numbered(_joined(planes, covariances, sizes, settings)[label])
+    label = numbered(_joined(planes, covariances, sizes, settings)[label])
     planes, covariances, sizes, _ = fit(label, int(label.max()) + 1, *values, settings)
-    return Linked(label=label, planes=planes, covariances=covariances, sizes=sizes.astype(np.int64))
+    return Linked(
+        label=label, planes=planes, covariances=covariances, sizes=sizes.astype(np.int64),
+        smooth=np.full(len(planes), -1, np.int32),
+    )  # fmt: skip
 
 
-def _numbered(label: NDArray[np.int32]) -> NDArray[np.int32]:
+def numbered(label: NDArray[np.integer]) -> NDArray[np.int32]:
     """Number surfaces by their size, the largest first, and drop empty ones."""
     sizes = np.bincount(label)
     order = np.argsort(-sizes, kind="stable")
     number = np.empty(len(sizes), np.int32)
     number[order] = np.arange(len(sizes))
-    return number[label]
+    return np.asarray(number[label])
 
 
 def _joined(

@@ -7,14 +7,15 @@ from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.surfaces.found import NO_SURFACE
 from tofmix.surfaces.regions import inside
+from tofmix.surfaces.shapes import Shapes, inverse_of
 
 
 @jit
 def paint_row(
     row: int, factor: int, regions: FloatArray, first_cut: NDArray[np.int32], next_cut: NDArray[np.int32],
-    count: NDArray[np.int32], labels: NDArray[np.int32], inverses: FloatArray, planes: FloatArray,
-    directions: FloatArray, fine: FloatArray, range_fine: NDArray[np.float32], surface_fine: NDArray[np.int32],
-    most_off: float,
+    count: NDArray[np.int32], labels: NDArray[np.int32], inverses: FloatArray, planes: Shapes,
+    directions: FloatArray, fine: FloatArray, items: NDArray[np.int32], smooth: FloatArray,
+    range_fine: NDArray[np.float32], surface_fine: NDArray[np.int32], most_off: float,
 ) -> None:  # fmt: skip
     """Paint one row of pixels, from the nearest surface to the farthest.
 
@@ -26,12 +27,16 @@ def paint_row(
         Area of each surface, as for `choose_regions`; a pixel's cuts are near to far.
     count, labels, inverses
         Of `Shares`.
-    planes : (surface, 3) float64
-        m of 1/r = m . d.
+    planes : Shapes
+        Of the surfaces.
     directions : (row, col, 3) float64
         Unit vectors through the centres of pixels.
     fine : (factor, cols * factor, 3) float64
         Unit vectors through the centres of the row's parts.
+    items : (smooth surface, col) int32
+        Row of `smooth` of each smooth surface in the pixels of this row; -1: not known.
+    smooth : (item, factor * factor) float64
+        1 / r of smooth surfaces in the parts of a pixel; 0: the part misses it.
     range_fine, surface_fine : (factor, cols * factor)
         Filled: mm, NaN where there is no return or nothing is known; and the surface.
     most_off : float
@@ -54,11 +59,14 @@ def paint_row(
             label = labels[row, col, entry]
             if label == NO_SURFACE:
                 continue
-            there, centre = 0.0, 0.0
-            for k in range(3):
-                there += planes[label, k] * fine[i, j, k]
-                centre += planes[label, k] * directions[row, col, k]
             own = inverses[row, col, entry]
+            there, centre = 0.0, inverse_of(planes, label, row, col, directions)
+            bent = planes.smooth[label]
+            if bent < 0:
+                for k in range(3):
+                    there += planes.planes[label, k] * fine[i, j, k]
+            elif items[bent, col] >= 0:
+                there = smooth[items[bent, col], part]
             if there <= 0.0 or abs(centre - own) > most_off * own:
                 there = own
             range_fine[i, j], surface_fine[i, j] = 1.0 / there, label

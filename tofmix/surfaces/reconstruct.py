@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.layers import Layers
@@ -24,6 +25,8 @@ from tofmix.surfaces.regions import choose_regions, ray_lines
 from tofmix.surfaces.run_errors import widened
 from tofmix.surfaces.settings import DEFAULT_SETTINGS, SurfaceSettings
 from tofmix.surfaces.shares import Shares, make_shares
+from tofmix.surfaces.smooth_fits import SmoothFits, fit_smooth
+from tofmix.surfaces.smooth_linking import link_smooth
 
 _THREADS, _PARTS = 2, 16
 """Fits do not depend on each other; parts of the work even out."""
@@ -56,15 +59,16 @@ def reconstruct(
     rows, cols = layers.shape
     directions = beam_directions_of(optics, (rows, cols))
     nodes = make_nodes(layers, directions, settings.link)
-    linked = link(nodes, settings.link)
+    rays = pixel_rays(optics, (rows, cols))
+    linked, smooth = link_smooth(layers, nodes, link(nodes, settings.link), rays, settings)
+    shapes, smooth_fits = fit_smooth(nodes, linked, smooth)
     areas = to_areas(
         make_shares(layers, nodes, linked, settings.share), sensor.share_law, layers, nodes, linked, settings.brightness
     )
     shares = areas.shares
-    cuts = make_cuts(shares, linked.planes, directions, settings.share)
-    rays = pixel_rays(optics, (rows, cols))
+    cuts = make_cuts(shares, shapes, directions, settings.share)
     seen = (shares.count, shares.label, shares.inverse, shares.up_to, shares.samples, shares.floor)
-    where = (linked.planes, directions, rays)
+    where = (shapes, directions, rays)
     fits = widened(_fit(cuts, *seen, *where, settings.edge), cuts, shares, settings.edge)
     lines = ray_lines(
         fits, cuts.row, cuts.col, np.asarray(np.linalg.inv(np.moveaxis(rays[..., [1, 2, 0], :], -1, -2)), np.float64)
@@ -78,10 +82,11 @@ def reconstruct(
     surface_fine = np.empty((rows * factor, cols * factor), np.int32)
     for row in range(rows):
         part = slice(row * factor, (row + 1) * factor)
+        fine = _part_directions(optics, row, factor, (rows, cols))
         paint_row(
             row, factor, painted.regions, painted.cuts.first, painted.cuts.following, painted.entries, painted.label,
-            painted.inverse, linked.planes, directions, _part_directions(optics, row, factor, (rows, cols)),
-            range_fine[part], surface_fine[part], settings.share.most_off,
+            painted.inverse, shapes, directions, fine, *_smooth_parts(smooth_fits, row, fine), range_fine[part],
+            surface_fine[part], settings.share.most_off,
         )  # fmt: skip
     share_out(factor, silent & (painted.entries == 0), range_fine, surface_fine)
     kept = int((linked.sizes >= settings.link.least_layers).sum())
@@ -91,7 +96,7 @@ def reconstruct(
     surface = np.where(nodes.index >= 0, np.append(linked.label, NO_SURFACE)[nodes.index], NO_SURFACE)
     return WindowSurfaces(
         surface=np.where(surface < kept, surface, NO_SURFACE).astype(np.int32),
-        planes=_planes(nodes, linked, kept), edges=edges, range_fine=range_fine, surface_fine=surface_fine,
+        planes=_planes(nodes, linked, smooth_fits, kept), edges=edges, range_fine=range_fine, surface_fine=surface_fine,
         assumed=areas.assumed,
     )  # fmt: skip
 
@@ -134,16 +139,32 @@ def _part_directions(optics: Projection, row: int, factor: int, shape: tuple[int
     return np.ascontiguousarray(unit(optics.rays((row + places)[:, np.newaxis], across, shape=shape)))
 
 
-def _planes(nodes: Nodes, linked: Linked, kept: int) -> Planes:
-    """Planes of the first `kept` surfaces; m . d = 1/r is (m / |m|) . x = 1 / |m|."""
+def _smooth_parts(fits: SmoothFits | None, row: int, fine: FloatArray) -> tuple[NDArray[np.int32], FloatArray]:
+    """Row of the second array of each smooth surface in the pixels of a row, and 1 / r in the parts of the pixels."""
+    if fits is None:
+        return np.zeros((0, 0), np.int32), np.zeros((0, 0))
+    first, inverses = fits.inverses(row, fine)
+    items = fits.item[:, row]
+    return np.where(items >= 0, items - first, -1).astype(np.int32), inverses
+
+
+def _planes(nodes: Nodes, linked: Linked, fits: SmoothFits | None, kept: int) -> Planes:
+    """Planes of the first `kept` surfaces; m . d = 1/r is (m / |m|) . x = 1 / |m|. NaN for smooth surfaces."""
     length = np.linalg.norm(linked.planes[:kept], axis=1)
-    expected = (linked.planes[linked.label] * nodes.direction).sum(axis=1)
-    miss = np.zeros(kept)
+    length = np.where(linked.smooth[:kept] >= 0, np.nan, length)
+    range_mm = 1.0 / (linked.planes[linked.label] * nodes.direction).sum(axis=1)
     ours = linked.label < kept
-    np.add.at(miss, linked.label[ours], (1.0 / nodes.inverse[ours] - 1.0 / expected[ours]) ** 2)
+    counted = ours
+    if fits is not None:
+        bent = linked.smooth[linked.label] >= 0
+        range_mm = np.where(bent, fits.mean_mm, range_mm)
+        counted = ours & ~(bent & np.isnan(range_mm))
+    miss, used = np.zeros(kept), np.zeros(kept)
+    np.add.at(miss, linked.label[counted], (1.0 / nodes.inverse[counted] - range_mm[counted]) ** 2)
+    np.add.at(used, linked.label[counted], 1.0)
     return Planes(
         n_pixels=linked.sizes[:kept].astype(np.uint32),
         normal=(linked.planes[:kept] / length[:, np.newaxis]).astype(np.float32),
         offset_mm=(1.0 / length).astype(np.float32),
-        rms_mm=np.sqrt(miss / linked.sizes[:kept]).astype(np.float32),
+        rms_mm=np.sqrt(miss / used).astype(np.float32),
     )

@@ -30,6 +30,7 @@ from tofmix.surfaces.edge_shape import (
 )
 from tofmix.surfaces.half_plane import chord, covered, covered_by_both
 from tofmix.surfaces.settings import EdgeSettings
+from tofmix.surfaces.shapes import Shapes
 from tofmix.surfaces.short_edges import (
     MIDDLE,
     NEAREST,
@@ -146,7 +147,7 @@ def choose_regions(
     fits: FloatArray, lines: FloatArray, rows: NDArray[np.int32], cols: NDArray[np.int32],
     cut_labels: NDArray[np.int32], first_cut: NDArray[np.int32], next_cut: NDArray[np.int32],
     count: NDArray[np.int32], labels: NDArray[np.int32], inverses: FloatArray, up_to: FloatArray,
-    samples: FloatArray, floor: FloatArray, planes: FloatArray, directions: FloatArray, rays: FloatArray,
+    samples: FloatArray, floor: FloatArray, planes: Shapes, directions: FloatArray, rays: FloatArray,
     settings: EdgeSettings,
 ) -> FloatArray:  # fmt: skip
     """Choose the area of each surface in its pixel.
@@ -265,7 +266,7 @@ def _look(
     begin: int, end: int, label: int, row: int, col: int, used: int, chosen: NDArray[np.int64],
     sides: NDArray[np.int64], fits: FloatArray, lines: FloatArray, rows: NDArray[np.int32], cols: NDArray[np.int32],
     count: NDArray[np.int32], labels: NDArray[np.int32], inverses: FloatArray, up_to: FloatArray, samples: FloatArray,
-    floor: FloatArray, planes: FloatArray, directions: FloatArray, rays: FloatArray, told: FloatArray,
+    floor: FloatArray, planes: Shapes, directions: FloatArray, rays: FloatArray, told: FloatArray,
     local: FloatArray,
 ) -> None:  # fmt: skip
     """Fill the shares of a cut's surface, and the chosen edges, in places of the window around it.

@@ -40,6 +40,8 @@ class LinkSettings(NamedTuple):
         Mean squared misfit that joining may add, in variances: half a standard deviation a layer cannot be seen.
     least_layers : int
         Layers of a surface at least: a plane has three numbers.
+    rounds : int
+        Most rounds in which layers at its rim join a smooth surface.
     """
 
     least_probability: Share = 0.5
@@ -53,6 +55,7 @@ class LinkSettings(NamedTuple):
     same_plane_odds: Positive = 0.01
     slight_misfit: Threshold = 0.25
     least_layers: Count = 3
+    rounds: WholeNumber = 8
 
 
 @checked

@@ -31,10 +31,13 @@ _HEIGHT_MM, _SLOPE = 1e4, 2.0  # standard deviations of a, and of b and c, which
 _STEEPEST = 1.0e-4  # least square of the cosine of incidence by which noise counts
 _REMAINDER = 0.3
 """Part of the cubic terms' error that each pixel has on its own."""
-_THIRD_OF_BEND = 2.0
+THIRD_OF_BEND = 2.0
 """Least third derivative in units of the square of the curvatures: what a bent thing bends otherwise."""
 _MOST_AVERAGED = 0.02
 """Largest difference, as a part of the range, between a pixel's mean and its middle."""
+
+_SAMPLES, LEAST_HITS = 40, 10
+"""Draws of a patch, and the fewest of them that a ray must meet."""
 
 _GAUSS = np.array([-np.sqrt(0.15), 0.0, np.sqrt(0.15)])
 PLACES_9 = np.array([(y, x) for y in _GAUSS for x in _GAUSS])
@@ -67,7 +70,10 @@ class Patches(NamedTuple):
     third : (n,) float64
         Standard deviation of the cubic terms, 1 / mm^2.
     log_evidence : (n,) float64
-        Log density of the members' ranges, nat; all members count.
+        Log density of the members' heights over their frame, nat; all members count.
+    log_slope : (n,) float64
+        What turns it into that of their ranges: the sum of the logarithms of a height's change with the range. Patches
+        whose frames differ are compared with it.
     """
 
     frame: Frame
@@ -77,12 +83,13 @@ class Patches(NamedTuple):
     kept: BoolArray
     third: FloatArray
     log_evidence: FloatArray
+    log_slope: FloatArray
 
     def some(self, which: IntArray) -> "Patches":
         """Some of the patches, perhaps several times."""
         return Patches(
             Frame(*(part[which] for part in self.frame)), self.state[which], self.covariance[which],
-            self.members[which], self.kept[which], self.third[which], self.log_evidence[which],
+            self.members[which], self.kept[which], self.third[which], self.log_evidence[which], self.log_slope[which],
         )  # fmt: skip
 
 
@@ -114,6 +121,25 @@ def meet(frame: Frame, state: FloatArray, rays: FloatArray) -> tuple[FloatArray,
     origin, e1, e2, normal = (np.ascontiguousarray(part) for part in frame)
     _meet(origin, e1, e2, normal, np.ascontiguousarray(state), np.ascontiguousarray(rays), range_mm, cosine)
     return range_mm, cosine
+
+
+def drawn_ranges(patches: Patches, rays: FloatArray) -> FloatArray:
+    """Ranges (n, sample, ray), mm, at which rays (n, ray, 3) meet draws of patches; NaN where they miss.
+
+    The normal numbers of the draws are the same in each run, each with its negative.
+    """
+    half = np.random.default_rng(0).standard_normal((_SAMPLES // 2, STATE))
+    spread = np.linalg.cholesky(_steadied(patches.covariance))
+    state = patches.state[:, np.newaxis] + np.einsum("nij,sj->nsi", spread, np.concatenate([half, -half]))
+    return meet(patches.frame, state, rays)[0]
+
+
+def _steadied(covariance: FloatArray) -> FloatArray:
+    size = covariance.shape[-1]
+    out = covariance.copy()
+    out[:, range(size), range(size)] *= 1.0 + 1e-6
+    out[:, range(size), range(size)] += 1e-30
+    return out
 
 
 @jit
@@ -150,8 +176,9 @@ def _meet(
 
 
 def fit_patches(
-    view: View, at: IntArray, members: IntArray, bend: FloatArray, third: FloatArray, *, robust: bool = True
-) -> Patches:
+    view: View, at: IntArray, members: IntArray, bend: FloatArray, third: FloatArray, *, robust: bool = True,
+    third_of_bend: float = THIRD_OF_BEND,
+) -> Patches:  # fmt: skip
     """Fit a patch through members of one surface each.
 
     Parameters
@@ -166,6 +193,9 @@ def fit_patches(
         Standard deviations of curvatures (1 / mm) and of cubic terms (1 / mm^2).
     robust : bool
         Whether members far from the patch are left out.
+    third_of_bend : float
+        Least cubic terms in units of the square of the curvatures. With 0 `third` is taken as it is: for evidence,
+        where shapes that are bent and nothing else are among those that are compared.
 
     Returns
     -------
@@ -192,8 +222,8 @@ def fit_patches(
         e1, e2 = _tangents(normal)
         frame = Frame(origin, e1, e2, normal)
         bent = state[:, 3:] if number else np.zeros((n, 3))
-        design, cubic, value, variance, cubed = _equations(
-            frame, ray, range_mm - averaged, noise, bent, np.maximum(third, 0.0)
+        design, cubic, value, variance, cubed, steep = _equations(
+            frame, ray, range_mm - averaged, noise, bent, np.maximum(third, 0.0), third_of_bend
         )
         prior = np.full((n, STATE), [0.0, _SLOPE**-2, _SLOPE**-2, 0.0, 0.0, 0.0])
         prior[:, 3:] = (1.0 / bend**2)[:, np.newaxis]
@@ -208,6 +238,7 @@ def fit_patches(
     return Patches(
         frame, state, covariance * np.maximum(1.0, chi)[:, np.newaxis, np.newaxis], members, keep, cubed,
         _log_evidence(design, cubic, value, variance, there, bend),
+        np.where(there, 0.5 * np.log(steep), 0.0).sum(axis=1),
     )  # fmt: skip
 
 
@@ -236,22 +267,32 @@ def _tangents(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _equations(
-    frame: Frame, ray: FloatArray, range_mm: FloatArray, noise: FloatArray, bent: FloatArray, third: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Design (n, place, 6), cubic terms (n, place, 4), values and variances (n, place), and size of the terms (n,)."""
+    frame: Frame,
+    ray: FloatArray,
+    range_mm: FloatArray,
+    noise: FloatArray,
+    bent: FloatArray,
+    third: FloatArray,
+    third_of_bend: float,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Design (n, place, 6), cubic terms (n, place, 4), values and variances (n, place), and size of the terms (n,).
+
+    Last the squares (n, place) of the change of a height with the range.
+    """
     x = range_mm[..., np.newaxis] * ray - frame.origin[:, np.newaxis]
     u, v, h = (np.matmul(x, part[:, :, np.newaxis])[..., 0] for part in frame[1:])
     du, dv, dh = (np.matmul(ray, part[:, :, np.newaxis])[..., 0] for part in frame[1:])
     k11, k12, k22 = (bent[:, i, np.newaxis] for i in range(3))
     g = bend_term(k11, k12, k22)
     slope = dh * (1.0 - g * h) - du * (k11 * u + k12 * v) - dv * (k12 * u + k22 * v)
-    size = np.maximum(third, _THIRD_OF_BEND * (k11**2 + 2.0 * k12**2 + k22**2)[:, 0])
+    size = np.maximum(third, third_of_bend * (k11**2 + 2.0 * k12**2 + k22**2)[:, 0])
     away = u * u + v * v + h * h
     own = _REMAINDER * size[:, np.newaxis] * away**1.5 / 6.0
-    variance = np.maximum(slope**2, _STEEPEST) * noise + own**2
+    steep = np.maximum(slope**2, _STEEPEST)
+    variance = steep * noise + own**2
     cubic = np.stack([u**3 / 6.0, u * u * v / 2.0, u * v * v / 2.0, v**3 / 6.0], axis=-1)
     design = np.stack([np.ones_like(u), u, v, 0.5 * u * u, u * v, 0.5 * v * v], axis=-1)
-    return design, cubic * size[:, np.newaxis, np.newaxis], h - 0.5 * g * h * h, variance, size
+    return design, cubic * size[:, np.newaxis, np.newaxis], h - 0.5 * g * h * h, variance, size, steep
 
 
 def _solved(

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.image.smooth.patch import STATE, fit_patches, meet
+from tofmix.image.smooth.patch import LEAST_HITS, drawn_ranges, fit_patches
 from tofmix.image.smooth.segments import around, rim_of
 from tofmix.image.smooth.view import View
 
@@ -140,38 +140,18 @@ def _inflation(
         return inflation
     pixel, whose = np.concatenate(at), np.concatenate(owner)
     fitted = fit_patches(view, pixel, np.concatenate(members), bend[whose], third[whose], robust=False)
-    spread = np.linalg.cholesky(_steadied(fitted.covariance))
-    state = fitted.state[:, np.newaxis] + np.einsum("nij,sj->nsi", spread, _draws(_SAMPLES, STATE))
-    range_mm = meet(fitted.frame, state, view.direction[pixel][:, np.newaxis])[0][..., 0]
+    range_mm = drawn_ranges(fitted, view.direction[pixel][:, np.newaxis])[..., 0]
     seen = np.isfinite(range_mm)
     count = np.maximum(seen.sum(axis=1), 1)
     mean = np.where(seen, range_mm, 0.0).sum(axis=1) / count
     variance = np.where(seen, (range_mm - mean[:, np.newaxis]) ** 2, 0.0).sum(axis=1) / count
     square = (view.range_mm[pixel] - mean) ** 2 / (variance + view.range_variance[pixel] + 0.01)
-    usable = seen.sum(axis=1) >= _LEAST_HITS
+    usable = seen.sum(axis=1) >= LEAST_HITS
     for place in range(len(numbers)):
         own = np.sort(square[usable & (whose == place)])
         if own.size:
             inflation[place] = np.clip(own[: max(own.size - _LEFT_OUT, 1)].mean(), 1.0, _MOST_INFLATED)
     return inflation
-
-
-_SAMPLES, _LEAST_HITS = 40, 10
-"""Draws of a patch, and the fewest of them that a ray must meet."""
-
-
-def _draws(count: int, size: int) -> FloatArray:
-    """Standard normal numbers (count, size), each with its negative; the same in each run."""
-    half = np.random.default_rng(0).standard_normal((count // 2, size))
-    return np.concatenate([half, -half])
-
-
-def _steadied(covariance: FloatArray) -> FloatArray:
-    size = covariance.shape[-1]
-    out = covariance.copy()
-    out[:, range(size), range(size)] *= 1.0 + 1e-6
-    out[:, range(size), range(size)] += 1e-30
-    return out
 
 
 def _on_one_side(

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.io.exporters.placing import on_planes
+from tofmix.io.exporters.placing import on_surfaces
 from tofmix.io.surfaces.surfaces_file import SurfacesFile
 
 
@@ -24,7 +24,7 @@ class EdgeLine:
     row, col, stderr : (n,) float32
         Points, and their standard errors across the edge, pixels.
     place_m : (n, 3) float64
-        Points on the plane of the nearer surface, metres; NaN where the beam does not meet it.
+        Points on the nearer surface, metres; NaN where the beam does not meet it.
     """
 
     window: int
@@ -70,5 +70,5 @@ def _lines_of_window(file: SurfacesFile, window: int) -> Iterator[EdgeLine]:
         on = np.full(len(row), near if near >= 0 else far)
         yield EdgeLine(
             window=window, line=int(edges.line[start]), near=near, far=far, row=row, col=col,
-            stderr=edges.stderr[part], place_m=on_planes(file, on, row, col),
+            stderr=edges.stderr[part], place_m=on_surfaces(file, window, on, row, col),
         )  # fmt: skip

@@ -36,7 +36,7 @@ class Outline:
 
 
 def outlines(file: SurfacesFile, windows: Sequence[int]) -> list[Outline]:
-    """Outlines of the surfaces of some windows, those that are nowhere the nearest included.
+    """Outlines of the planes of some windows, those that are nowhere the nearest included; not of smooth surfaces.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def outlines(file: SurfacesFile, windows: Sequence[int]) -> list[Outline]:
         polygons, numbers = trace(file.read_image("surface_fine", window), file.factor)
         found += [
             Outline(surface=surface, window=window, polygons=polygons[numbers == surface].tolist())
-            for surface in np.flatnonzero(file.surface_window == window).tolist()
+            for surface in np.flatnonzero((file.surface_window == window) & ~file.planes.is_smooth).tolist()
         ]
     return found
 

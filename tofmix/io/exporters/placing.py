@@ -1,4 +1,4 @@
-"""Places of an image in space, on the planes of surfaces."""
+"""Places of an image in space, on surfaces: on their planes, or on the fine range image of smooth ones."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -68,6 +68,61 @@ def on_planes(
     """
     along = directions(file, row, col)
     return np.asarray(along * (plane_ranges(file.planes, surface, along) / MM_A_METRE)[:, np.newaxis])
+
+
+def on_surfaces(
+    file: SurfacesFile, window: int, surface: NDArray[np.integer], row: NDArray[np.floating], col: NDArray[np.floating]
+) -> FloatArray:
+    """Points of surfaces in the beams at places of the image.
+
+    Parameters
+    ----------
+    file : SurfacesFile
+        The surfaces.
+    window : int
+        Their window.
+    surface : (n,) int
+        Number of the surface at each place.
+    row, col : (n,) float
+        Places, pixels.
+
+    Returns
+    -------
+    (n, 3) float64
+        Metres in the sensor's frame: on the plane as `on_planes`, or in the range of the part of a smooth surface that
+        is nearest, within a pixel; NaN without one.
+
+    Raises
+    ------
+    BadInputError
+        As `directions`, or if an image cannot be read.
+    """
+    out = on_planes(file, surface, row, col)
+    bent = np.append(file.planes.is_smooth, False)[surface]
+    if bent.any():
+        numbers, ranges = (file.read_image(name, window) for name in ("surface_fine", "range_fine"))
+        near_mm = _nearest_ranges(numbers, ranges, file.factor, surface[bent], row[bent], col[bent])
+        out[bent] = directions(file, row[bent], col[bent]) * (near_mm / MM_A_METRE)[:, np.newaxis]
+    return out
+
+
+def _nearest_ranges(
+    numbers: NDArray[np.int32], ranges: NDArray[np.float32], factor: int, surface: NDArray[np.integer],
+    row: NDArray[np.floating], col: NDArray[np.floating],
+) -> FloatArray:  # fmt: skip
+    """Range (n,) of the part of each surface that is nearest to a place, within a pixel; NaN without one."""
+    out = np.full(len(surface), np.nan)
+    places = np.stack([row, col], axis=1).astype(np.float64)
+    parts = (places + 0.5) * factor - 0.5
+    first = np.maximum(np.ceil(parts - factor), 0).astype(np.int64)
+    last = np.floor(parts + factor).astype(np.int64) + 1
+    for k in range(len(surface)):
+        here = slice(first[k, 0], last[k, 0]), slice(first[k, 1], last[k, 1])
+        own = np.argwhere((numbers[here] == surface[k]) & np.isfinite(ranges[here]))
+        if len(own):
+            nearest = own[((own + first[k] - parts[k]) ** 2).sum(axis=1).argmin()]
+            out[k] = ranges[here][tuple(nearest)]
+    return out
 
 
 @contextmanager

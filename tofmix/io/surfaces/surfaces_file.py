@@ -79,6 +79,11 @@ class SurfacesFile:
         return len(self._datasets["n_pixels"])
 
     @property
+    def smooth_surfaces(self) -> int:
+        """Surfaces that are smooth and no planes."""
+        return int(self.planes.is_smooth.sum())
+
+    @property
     def edge_points(self) -> int:
         """Points of the edges of all windows."""
         return len(self._datasets["edge_row"])

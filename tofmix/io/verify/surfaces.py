@@ -72,14 +72,21 @@ def _read_small(file: SurfacesFile, findings: Findings) -> dict[str, NDArray[Any
 
 
 def _check_planes(small: dict[str, NDArray[Any]], findings: Findings) -> None:
-    if (normal := small.get("plane_normal")) is not None:
+    """Check planes; a smooth surface has neither normal nor offset."""
+    normal, offset = small.get("plane_normal"), small.get("plane_offset_mm")
+    no_normal = np.False_ if normal is None else np.isnan(normal).all(axis=-1)
+    no_offset = np.False_ if offset is None else np.isnan(offset)
+    if normal is not None:
         length = np.linalg.norm(normal.astype(np.float64), axis=-1)
-        broken = ~(np.abs(length - 1) <= _UNIT_TOLERANCE)
-        findings.add_broken("plane_normal", "of unit length", broken, ("surface_index",), (0,))
-    for name in ("plane_offset_mm", "rms_mm"):
-        if (values := small.get(name)) is not None:
-            broken = ~(np.isfinite(values) & (values >= 0))
-            findings.add_broken(name, "0 mm or more", broken, ("surface_index",), (0,))
+        broken = ~(np.abs(length - 1) <= _UNIT_TOLERANCE) & ~(no_normal & no_offset)
+        findings.add_broken("plane_normal", "of unit length, or NaN with its offset", broken, ("surface_index",), (0,))
+    for name, values, text, unknown in (
+        ("plane_offset_mm", offset, "0 mm or more, or NaN with its normal", no_normal & no_offset),
+        ("rms_mm", small.get("rms_mm"), "0 mm or more", np.False_),
+    ):
+        if values is not None:
+            broken = ~(np.isfinite(values) & (values >= 0)) & ~unknown
+            findings.add_broken(name, text, broken, ("surface_index",), (0,))
 
 
 def _check_edges(file: SurfacesFile, small: dict[str, NDArray[Any]], findings: Findings) -> None:

@@ -23,6 +23,10 @@ class SurfacesHeader(Protocol):
         """Surfaces."""
 
     @property
+    def smooth_surfaces(self) -> int:
+        """Surfaces that are smooth and no planes."""
+
+    @property
     def edge_points(self) -> int:
         """Points of edges."""
 
@@ -40,7 +44,10 @@ def describe_surfaces(file: SurfacesHeader, *, name: str, file_bytes: int) -> De
             "windows": windows, "rows": rows, "cols": cols, "max_layers": file.max_layers, "file_bytes": file_bytes,
             "factor": file.factor, "rows_fine": rows * file.factor, "cols_fine": cols * file.factor,
         },
-        "found": {"surfaces": file.surfaces, "edge_lines": file.edge_lines, "edge_points": file.edge_points},
+        "found": {
+            "surfaces": file.surfaces, "smooth_surfaces": file.smooth_surfaces, "edge_lines": file.edge_lines,
+            "edge_points": file.edge_points,
+        },
         "units": {"range_fine": "mm", "edge_row": "pixel", "edge_stderr": "pixel", "plane_offset_mm": "mm"},
         "made_from": {
             "source": provenance.source, "source_sha256": provenance.source_sha256, "tofmix_version": provenance.version

@@ -49,7 +49,9 @@ def draw_surfaces(
     lines = found.edges.lines()
     known = found.edges.stderr[np.isfinite(found.edges.stderr)]
     error = f", median error {np.median(known):.3f} pixels" if len(known) else ""
-    text = f"{counted(len(numbers), 'surface', ',')}; {counted(len(lines), 'line', ',')} of edges{error}."
+    smooth = int(np.isin(numbers, np.flatnonzero(found.planes.is_smooth)).sum())
+    bent = f", {smooth:,} of them smooth and no plane" if smooth else ""
+    text = f"{counted(len(numbers), 'surface', ',')}{bent}; {counted(len(lines), 'line', ',')} of edges{error}."
     shades = [to_hex(colour) for colour in colormaps[_COLOURS].colors]  # type: ignore[attr-defined]  # a listed map
     kind = np.where(found.surface_fine >= 0, (found.surface_fine - first) % len(shades), len(shades)).astype(np.uint8)
     uri = kinds_uri(kind, shades)
@@ -69,7 +71,7 @@ def draw_surfaces(
             title="Surfaces", alt=f"Surface of each part of a pixel over the image plane. {text}",
             shows="The nearest surface in each part of a pixel; colours repeat after twenty.",
             good="One colour on each object, and walls behind others in one colour.",
-            bad="Speckles, or one object in many colours: a curved surface, or noise above its standard errors.",
+            bad="Speckles, or one object in many colours: noise above its standard errors, or creases.",
             light=uri, dark=uri, bar=(), legend=legend, **shape,
         ),
         ImagePicture(
@@ -82,7 +84,7 @@ def draw_surfaces(
         ImagePicture(
             title="Range below a pixel",
             alt=f"Range of the nearest surface in {found.factor} x {found.factor} parts of each pixel.",
-            shows="The range of the nearest surface in each part of a pixel, on the plane of the surface.",
+            shows="The range of the nearest surface in each part of a pixel, on its plane or its smooth fit.",
             good="Sharp edges without steps of pixels.", bad="Steps and gaps at edges.",
             light=fine, dark=fine, bar=bar_labels(scale), legend=(), **shape,
         ),

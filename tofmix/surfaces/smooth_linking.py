@@ -1,0 +1,270 @@
+"""Smooth surfaces: what bends, and is smooth and continuous, is one surface; planes stay where planes hold.
+
+`smooth_pieces` joins planes that touch. Groups that bend, by the scales that `tofmix.image.smooth` learns from their
+own pixels, are smooth surfaces; all others stay the planes that they were. Then layers at the rim join in rounds, those
+of mixed pixels too, if a patch through the surface's pixels nearby predicts them within the errors of both: so a limb
+belongs to its surface, however steep.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.image.masks import count_around, near
+from tofmix.image.smooth.patch import LEAST_HITS, PLACES_9, drawn_ranges, fit_patches
+from tofmix.image.smooth.scales import Scales, learn_scales, may_bend
+from tofmix.image.smooth.segments import LEAST_PIXELS, around
+from tofmix.image.smooth.view import View
+from tofmix.layers import Layers
+from tofmix.surfaces.growing import fit
+from tofmix.surfaces.linking import Linked, numbered
+from tofmix.surfaces.nodes import Nodes
+from tofmix.surfaces.settings import SurfaceSettings
+from tofmix.surfaces.smooth_pieces import REACH, is_loose, joined_pieces, pieces_of
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Smooth:
+    """Smooth surfaces of a window.
+
+    Parameters
+    ----------
+    view : View
+        The image, of the pixels that see one surface alone.
+    segment : (pixel,) int64
+        Smooth surface that fills each pixel; -1: none.
+    scales : Scales
+        Of the smooth surfaces: how much they bend.
+    """
+
+    view: View
+    segment: IntArray
+    scales: Scales
+
+
+def link_smooth(
+    layers: Layers, nodes: Nodes, linked: Linked, rays: FloatArray, settings: SurfaceSettings
+) -> tuple[Linked, Smooth | None]:
+    """Link what bends into smooth surfaces.
+
+    Parameters
+    ----------
+    layers : Layers
+        Of the leading shape (row, col).
+    nodes : Nodes
+        The layers that may be of a surface.
+    linked : Linked
+        Planes.
+    rays : (row, col, 3, 3) float64
+        Ray through the centre of each pixel, and its change to the next row and to the next column.
+    settings : SurfaceSettings
+        Thresholds.
+
+    Returns
+    -------
+    linked : Linked
+        The same object where nothing bends.
+    smooth : Smooth or None
+        The smooth surfaces, if there are any.
+    """
+    alone = _alone(layers, nodes, settings.share.least_open_samples)
+    if not (alone >= 0).any():
+        return linked, None
+    view = view_of_nodes(nodes, alone, rays)
+    at = alone[view.valid]
+    label = np.full(view.valid.size, -1, np.int64)
+    label[view.valid] = linked.label[at]
+    piece = pieces_of(view, label, settings.link)
+    group = joined_pieces(view, piece, settings.link)
+    misfit = np.zeros(view.valid.size)
+    plane = (linked.planes[linked.label[at]] * nodes.direction[at]).sum(axis=1)
+    misfit[view.valid] = (nodes.inverse[at] - plane) ** 2 / nodes.variance[at]
+    segment, scales = _bent(view, group, (group != piece) | _of(is_loose(group, misfit, settings.link), group))
+    if not len(scales.bend):
+        return linked, None
+    planes = len(linked.sizes)
+    label_of = linked.label.astype(np.int64)
+    label_of[at] = np.where(segment[view.valid] >= 0, planes + segment[view.valid], label_of[at])
+    _Rim(view, nodes, linked, alone, segment, scales, settings).grow(label_of)
+    return _renumbered(nodes, label_of, planes, settings), Smooth(view=view, segment=segment, scales=scales)
+
+
+def _alone(layers: Layers, nodes: Nodes, least_open: float) -> IntArray:
+    """Node (pixel,) of each pixel that sees one surface and nothing else; -1 for others."""
+    used = nodes.index >= 0
+    nothing = np.nan_to_num(layers.weight_no_return.astype(np.float64)) * layers.n_samples
+    valid = (used.sum(axis=-1) == 1) & (nothing < least_open)
+    return np.where(valid, nodes.index.max(axis=-1), -1).ravel().astype(np.int64)
+
+
+def view_of_nodes(nodes: Nodes, alone: IntArray, rays: FloatArray) -> View:
+    """The image as smooth surfaces take it: the ranges of some nodes, (pixel,) -1 for none, without their light."""
+    valid = alone >= 0
+    range_mm = np.where(valid, 1.0 / nodes.inverse[alone], 1.0)
+    length = np.linalg.norm(rays[..., :1, :], axis=-1, keepdims=True)
+    direction, below, right = np.moveaxis((rays / length).reshape(-1, 3, 3), 1, 0)
+    size = valid.size
+    return View(
+        shape=rays.shape[:2], scale_mm=np.inf, valid=valid, range_mm=range_mm,
+        range_variance=np.where(valid, nodes.variance[alone] * range_mm**4, 1.0), log_amplitude=np.zeros(size),
+        amplitude_variance=np.ones(size), pattern_variance=0.0, texture_variance=0.0, direction=direction, right=right,
+        below=below, pitch=np.maximum(*(np.linalg.norm(part, axis=1) for part in (below, right))),
+    )  # fmt: skip
+
+
+def _of(values: BoolArray, number: IntArray) -> BoolArray:
+    """Values of numbers; False for -1."""
+    return np.asarray(np.append(values, False)[number])
+
+
+def _bent(view: View, group: IntArray, doubtful: BoolArray) -> tuple[IntArray, Scales]:
+    """Smooth surface (pixel,) of the pixels of groups that bend, among those with doubtful pixels; and their scales."""
+    numbers = np.unique(group[doubtful & (group >= 0)])
+    numbers = numbers[may_bend(view, group, numbers, REACH)]
+    if not numbers.size:
+        return np.full(view.valid.size, -1), Scales(*np.zeros((3, 0)))
+    scales = learn_scales(view, group, numbers, REACH)
+    bent = np.flatnonzero(scales.is_known() & ~scales.is_flat())
+    place = np.full(int(group.max(initial=-1)) + 2, -1)
+    place[numbers[bent]] = np.arange(len(bent))
+    return place[group], Scales(*(part[bent] for part in scales))
+
+
+class _Rim:
+    """Growth of smooth surfaces at their rims; changes the segments."""
+
+    def __init__(
+        self, view: View, nodes: Nodes, linked: Linked, alone: IntArray, segment: IntArray, scales: Scales,
+        settings: SurfaceSettings,
+    ) -> None:  # fmt: skip
+        self._view, self._nodes, self._linked, self._alone = view, nodes, linked, alone
+        self._segment, self._scales, self._settings = segment, scales, settings.link
+        self._planes = len(linked.sizes)
+        self._pixel = nodes.row.astype(np.int64) * view.shape[1] + nodes.col
+
+    def grow(self, label: IntArray) -> None:
+        """Give nodes (node,) at the rims the labels of smooth surfaces, those after the planes'; `label` is changed."""
+        for _ in range(self._settings.rounds):
+            node, place = self._candidates(label)
+            if not node.size:
+                return
+            cost = self._cost(node, place, label)
+            better = cost < self._plane_cost(node, label)
+            node, place, cost = node[better], place[better], cost[better]
+            chosen = self._one_each(node, place, cost)
+            if not chosen.size:
+                return
+            node, place = node[chosen], place[chosen]
+            label[node] = self._planes + place
+            own = self._alone[self._pixel[node]] == node
+            self._segment[self._pixel[node[own]]] = place[own]
+
+    def _has(self, label: IntArray, number: int) -> BoolArray:
+        """Pixels (row, col) with a node of a surface."""
+        out = np.zeros(self._view.valid.size, np.bool_)
+        out[self._pixel[label == number]] = True
+        return out.reshape(self._view.shape)
+
+    def _candidates(self, label: IntArray) -> tuple[IntArray, IntArray]:
+        """Nodes of planes beside smooth surfaces that their pixels have no node of, and the surfaces."""
+        found, places = [], []
+        free = label < self._planes
+        for place in range(len(self._scales.bend)):
+            has = self._has(label, self._planes + place)
+            beside = (near(has, 1) & ~has).ravel()
+            some = np.flatnonzero(free & beside[self._pixel])
+            members = around(self._view.shape, self._segment, self._pixel[some], np.full(some.size, place), REACH)
+            some = some[(members >= 0).sum(axis=1) >= LEAST_PIXELS]
+            found.append(some)
+            places.append(np.full(some.size, place))
+        return np.concatenate(found), np.concatenate(places)
+
+    def _cost(self, node: IntArray, place: IntArray, label: IntArray) -> FloatArray:
+        """Cost of nodes on smooth surfaces; infinite where these miss or contradict them."""
+        pixel, nodes = self._pixel[node], self._nodes
+        mean, variance, slope, seen = predict(self._view, self._segment, self._scales, pixel, place)
+        range_mm = 1.0 / nodes.inverse[node]
+        own = nodes.variance[node] * range_mm**4 + (nodes.shift[node] * slope) ** 2
+        squared = (range_mm - mean) ** 2 / (own + variance)
+        size = np.bincount(self._segment[self._segment >= 0], minlength=len(self._scales.bend))[place]
+        cost = squared + np.log(own + variance) + self._apart(pixel, self._planes + place, label)
+        cost = cost + self._settings.surface_cost / size
+        return np.where(seen & (squared < self._settings.most_sigmas**2), cost, np.inf)
+
+    def _plane_cost(self, node: IntArray, label: IntArray) -> FloatArray:
+        """Cost of nodes on the planes that they are of; infinite where hardly any pixel sees the plane alone.
+
+        Layers of mixed pixels along an upright limb lie on a plane, too.
+        """
+        nodes, surface = self._nodes, label[node]
+        direction, plane = nodes.direction[node], self._linked.planes[surface]
+        spread = np.einsum("ni,nij,nj->n", direction, self._linked.covariances[surface], direction)
+        slopes = [(plane * part[node]).sum(axis=1) for part in (nodes.down, nodes.across)]
+        variance = nodes.variance[node] + nodes.shift[node] ** 2 * (slopes[0] ** 2 + slopes[1] ** 2)
+        variance = variance + np.maximum(spread, 0.0)
+        squared = (nodes.inverse[node] - (plane * direction).sum(axis=1)) ** 2 / variance
+        cost = squared + np.log(variance / nodes.inverse[node] ** 4) + self._apart(self._pixel[node], surface, label)
+        size = np.maximum(np.bincount(label, minlength=self._planes)[surface], 1)
+        seen = np.bincount(label[self._alone[self._view.valid]], minlength=int(label.max()) + 1)[surface]
+        return np.where(seen >= self._settings.least_layers, cost + self._settings.surface_cost / size, np.inf)
+
+    def _apart(self, pixel: IntArray, surface: IntArray, label: IntArray) -> FloatArray:
+        """Cost of the neighbouring pixels without a surface."""
+        beside = np.zeros(pixel.size)
+        for number in np.unique(surface).tolist():
+            mine = surface == number
+            has = self._has(label, number)
+            beside[mine] = (count_around(has, 1) - has).ravel()[pixel[mine]]
+        return self._settings.apart_cost * (8.0 - beside)
+
+    def _one_each(self, node: IntArray, place: IntArray, cost: FloatArray) -> IntArray:
+        """Cheapest choices: each node for one surface, and one node of a pixel for each surface."""
+        taken: set[tuple[int, int]] = set()
+        out = []
+        for k in np.argsort(cost, kind="stable").tolist():
+            marks = {(-1, int(node[k])), (int(place[k]), int(self._pixel[node[k]]))}
+            if not marks & taken:
+                taken |= marks
+                out.append(k)
+        return np.array(out, dtype=np.int64)
+
+
+def predict(
+    view: View, segment: IntArray, scales: Scales, pixel: IntArray, place: IntArray
+) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+    """Predict smooth surfaces in pixels (n,) from their pixels around, without the pixel itself.
+
+    Returns
+    -------
+    mean, variance, slope, seen : (n,)
+        Mean range over the part of the pixel that is hit, mm; its variance, mm^2; the change of the range along a
+        pixel's side, mm; whether enough draws hit the pixel.
+    """
+    members = around(view.shape, segment, pixel, place, REACH)
+    patches = fit_patches(view, pixel, members, scales.bend[place], scales.third[place])
+    patches = patches._replace(covariance=patches.covariance * scales.inflation[place][:, np.newaxis, np.newaxis])
+    ranges = drawn_ranges(patches, view.rays(pixel, PLACES_9))
+    hit = np.isfinite(ranges)
+    parts = hit.sum(axis=2)
+    within = np.where(hit, ranges, 0.0).sum(axis=2) / np.maximum(parts, 1)
+    off = np.where(hit, ranges - within[..., np.newaxis], 0.0)
+    some = parts > 0
+    count = np.maximum(some.sum(axis=1), 1)
+    mean = np.where(some, within, 0.0).sum(axis=1) / count
+    variance = np.where(some, (within - mean[:, np.newaxis]) ** 2, 0.0).sum(axis=1) / count
+    # Places spread evenly over a pixel's side have a variance of 1/12 of its square.
+    slope = np.sqrt(12.0 * (off**2).sum(axis=(1, 2)) / np.maximum(hit.sum(axis=(1, 2)), 1))
+    return mean, variance, slope, some.sum(axis=1) >= LEAST_HITS
+
+
+def _renumbered(nodes: Nodes, label: IntArray, planes: int, settings: SurfaceSettings) -> Linked:
+    """Surfaces by their size; those from the number `planes` on are smooth."""
+    new = numbered(label)
+    place = np.full(int(new.max()) + 1, -1, np.int32)
+    place[new] = np.where(label >= planes, label - planes, -1)
+    values = (nodes.inverse, nodes.variance, nodes.shift, nodes.direction, nodes.down, nodes.across)
+    fitted, covariances, sizes, _ = fit(new, len(place), *values, settings.link)
+    return Linked(
+        label=new, planes=fitted, covariances=covariances, sizes=sizes.astype(np.int64), smooth=place
+    )  # fmt: skip
