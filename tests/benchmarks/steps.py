@@ -139,7 +139,9 @@ def row(
         "more": float((n[~two] > 1).mean()),
         "none": float((n[~two] == 0).mean()),
         "power": float((n[two] == 2).mean()) if apart else np.nan,
-        "ratio": ratio_power(values / sigma_mm, two, step, float((n[~two] > 1).mean()), tested) if tested else np.nan,
+        "ratio": ratio_power(np.asarray(values / sigma_mm, np.float64), two, step, float((n[~two] > 1).mean()), tested)
+        if tested
+        else np.nan,
         "rms": float(np.sqrt(np.mean((error / stderr) ** 2))),
         "least": float(stderr.min() / sigma_mm),
         "found": 0.0 if step_found is None else float(np.median(step_found)) / sigma_mm,

@@ -54,7 +54,7 @@ def test_area_on_one_side_of_three_lines_equals_the_share_of_places_there(side: 
     for lines in zip(_LINES, _LINES[7:] + _LINES[:7], _LINES[22:] + _LINES[:22], strict=True):
         expected = np.all([side * (a * _U + b * _V + c) >= 0 for a, b, c in lines], axis=0).mean()
         some += 0 < expected < 1
-        area = covered_by_three(side, *(np.array(line) for line in lines), work)
+        area = covered_by_three(side, np.array(lines[0]), np.array(lines[1]), np.array(lines[2]), work)
         assert area == pytest.approx(expected, abs=4e-3)
     assert some > 10
 

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 import tofmix
-from tofmix.api.estimates import DoubtWarning
+from tofmix.errors import DoubtWarning
 from tofmix.cli.main import main
 from tofmix.io.verify.verify import verify
 from tofmix.sensor import NoiseCurve, Sensor

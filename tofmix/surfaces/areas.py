@@ -80,7 +80,9 @@ def _light_of_entries(shares: Shares, layers: Layers, nodes: Nodes, linked: Link
     weight = np.where(used, layers.weight, 0.0).astype(np.float64)
     light = np.full(shares.label.shape, np.nan)
     for entry in range(light.shape[-1]):
-        ours = used & (label == shares.label[..., entry, np.newaxis]) & (entry < shares.count)[..., np.newaxis]
+        ours: BoolArray = (
+            used & (label == shares.label[:, :, entry : entry + 1]) & (entry < shares.count)[..., np.newaxis]
+        )
         whole = np.where(ours, weight, 0.0).sum(axis=-1)
         with np.errstate(invalid="ignore", divide="ignore"):
             light[..., entry] = np.where(ours, weight * amplitude, 0.0).sum(axis=-1) / whole

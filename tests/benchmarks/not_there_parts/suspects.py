@@ -81,7 +81,7 @@ def ghost(seed: int, frames: int = 100, *, lock_in: bool = False, retro_mm: floa
     bright[place] = True
 
     def absent(found: NDArray[np.floating]) -> NDArray[np.bool_]:
-        return (np.abs(found - retro_mm) < 60.0) & ~bright[..., np.newaxis]
+        return np.asarray((np.abs(found - retro_mm) < 60.0) & ~bright[..., np.newaxis])
 
     sensor = _sensor(fov, lock_in=lock_in)
     recording = tofmix.from_array(range_mm, units="mm", amplitude=amplitude, sensor=sensor)
@@ -110,7 +110,7 @@ def fold(seed: int, boards: int, frames: int = 100, *, dark: bool = False) -> Si
     recording = tofmix.from_array(np.mod(distance + noise, TURN_MM), units="mm", amplitude=amplitude, sensor=sensor)
 
     def absent(found: NDArray[np.floating]) -> NDArray[np.bool_]:
-        return np.isfinite(found) & is_wall[..., np.newaxis] & (not dark)
+        return np.asarray(np.isfinite(found) & is_wall[..., np.newaxis] & (not dark))
 
     what = "black wall at 2.3 m" if dark else "folded wall"
     return Situation(name=f"{what}, {boards} boards", recording=recording, absent=absent)
@@ -241,7 +241,11 @@ def stands(folder: Path) -> Iterator[tuple[str, Recording]]:
 def print_false_marks(folder: Path) -> None:
     """The table of false marks: every surface of these recordings stands."""
     print("\n| recording | layers | marked |\n|---|---|---|")
-    recordings = [(path.stem, tofmix.open(path)) for path in sorted((PROJECT / "sample_data").glob("*.h5"))]
+    recordings: list[tuple[str, tofmix.Recording]] = []
+    for path in sorted((PROJECT / "sample_data").glob("*.h5")):
+        opened = tofmix.open(path)
+        assert isinstance(opened, tofmix.Recording)
+        recordings.append((path.stem, opened))
     recordings += [
         (real.name, real.recording) for real in real_recordings(folder, ("vl53l0x", "vl53l8cx", "mit_face"), print)
     ]

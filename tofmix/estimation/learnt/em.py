@@ -237,7 +237,7 @@ def _seen_information(
         if density[j] > 0.0:
             squares += weight * share[j] * score[j] * score[j] / density[j]
     rounding = 2.0 * SIGMA_OF_STEP * widest / own_width
-    return min(max(squares, most / (1.0 + rounding * rounding) ** power), most)
+    return float(min(max(squares, most / (1.0 + rounding * rounding) ** power), most))
 
 
 @borrowing
