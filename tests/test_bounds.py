@@ -25,13 +25,14 @@ from tofmix.bounds import (
     declared,
 )
 from tofmix.errors import UsageError
+from tofmix.estimation.filters import FilterSettings
 from tofmix.estimation.noise.curve_check import CurveTolerances
 from tofmix.estimation.noise.settings import AmplitudeSettings, CurveSettings, NoiseSettings, OutlierSettings
 from tofmix.io.guard.structure_rules import Limits
 from tofmix.reconciliation.search.search_state import Settings
 from tofmix.report.explorer.limits import PageLimits
 from tofmix.report.summary.thresholds import Thresholds
-from tofmix.surfaces.settings import EdgeSettings, LinkSettings, ShareSettings, SurfaceSettings
+from tofmix.surfaces.settings import BrightnessSettings, EdgeSettings, LinkSettings, ShareSettings, SurfaceSettings
 from tofmix.unmixing.settings import (
     CurvedSettings,
     HypothesisSettings,
@@ -56,7 +57,9 @@ CLASSES: tuple[type, ...] = (
     PageLimits,
     CurvedSettings,
     Thresholds,
+    BrightnessSettings,
     EdgeSettings,
+    FilterSettings,
     LinkSettings,
     ShareSettings,
     SurfaceSettings,

@@ -13,19 +13,20 @@ and better than ranges that wander: by the entropy of the samples, given the sam
 """
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.bounds import AtLeastTwo, Count, Factor, Share, checked
 from tofmix.estimation.noise.series import read_runs
 from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.temporal_filter import ExponentialAverage, RunningMean, RunningMedian, TemporalFilter
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FilterSettings:
+@checked
+class FilterSettings(NamedTuple):
     """Numbers of the search for a filter.
 
     Parameters
@@ -50,19 +51,19 @@ class FilterSettings:
         values; most spread of that share over frames, as frames that are stored twice have it.
     """
 
-    frames: int = 128
-    pixels: int = 4096
-    least_frames: int = 20
-    least_pixels: int = 8
-    valid: float = 0.9
-    wide: float = 4.0
-    least_correlation: float = 0.1
-    correlation_tolerance: float = 0.2
-    agreeing: float = 0.75
-    windows: tuple[int, ...] = (3, 5, 7, 9)
-    most_ties: float = 0.2
-    tie_tolerance: float = 0.06
-    tie_spread: float = 0.15
+    frames: AtLeastTwo = 128
+    pixels: Count = 4096
+    least_frames: AtLeastTwo = 20
+    least_pixels: Count = 8
+    valid: Share = 0.9
+    wide: Factor = 4.0
+    least_correlation: Share = 0.1
+    correlation_tolerance: Share = 0.2
+    agreeing: Share = 0.75
+    windows: tuple[AtLeastTwo, ...] = (3, 5, 7, 9)
+    most_ties: Share = 0.2
+    tie_tolerance: Share = 0.06
+    tie_spread: Share = 0.15
 
 
 DEFAULT_SETTINGS = FilterSettings()

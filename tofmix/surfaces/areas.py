@@ -79,7 +79,7 @@ def _light_of_entries(shares: Shares, layers: Layers, nodes: Nodes, linked: Link
     label = np.where(used, linked.label[nodes.index], NO_SURFACE)
     weight = np.where(used, layers.weight, 0.0).astype(np.float64)
     light = np.full(shares.label.shape, np.nan)
-    for entry in range(light.shape[-1]):
+    for entry in range(layers.max_layers + 1):
         ours: BoolArray = (
             used & (label == shares.label[:, :, entry : entry + 1]) & (entry < shares.count)[..., np.newaxis]
         )
