@@ -9,8 +9,8 @@ import pytest
 from click.testing import CliRunner
 
 import tofmix
-from tofmix.api.estimates import DoubtWarning
 from tofmix.cli.main import main
+from tofmix.errors import DoubtWarning
 from tofmix.io.verify.verify import verify
 from tofmix.sensor import NoiseCurve, Sensor
 

@@ -51,7 +51,7 @@ def beams(rows: int, cols: int, fov_deg: tuple[float, float]) -> NDArray[np.floa
     """Cosine (row, col) of the angle to the axis, times the direction's length along z."""
     azimuth = np.radians((np.arange(cols) - (cols - 1) / 2) * fov_deg[0] / cols)
     elevation = np.radians((np.arange(rows) - (rows - 1) / 2) * fov_deg[1] / rows)
-    return np.cos(azimuth)[np.newaxis] * np.cos(elevation)[:, np.newaxis]
+    return np.asarray(np.cos(azimuth)[np.newaxis] * np.cos(elevation)[:, np.newaxis])
 
 
 def _sensor(fov_deg: tuple[float, float], *, lock_in: bool, noise: NoiseCurve | None = None) -> Sensor:
@@ -81,7 +81,7 @@ def ghost(seed: int, frames: int = 100, *, lock_in: bool = False, retro_mm: floa
     bright[place] = True
 
     def absent(found: NDArray[np.floating]) -> NDArray[np.bool_]:
-        return (np.abs(found - retro_mm) < 60.0) & ~bright[..., np.newaxis]
+        return np.asarray((np.abs(found - retro_mm) < 60.0) & ~bright[..., np.newaxis])
 
     sensor = _sensor(fov, lock_in=lock_in)
     recording = tofmix.from_array(range_mm, units="mm", amplitude=amplitude, sensor=sensor)
@@ -241,7 +241,11 @@ def stands(folder: Path) -> Iterator[tuple[str, Recording]]:
 def print_false_marks(folder: Path) -> None:
     """The table of false marks: every surface of these recordings stands."""
     print("\n| recording | layers | marked |\n|---|---|---|")
-    recordings = [(path.stem, tofmix.open(path)) for path in sorted((PROJECT / "sample_data").glob("*.h5"))]
+    recordings: list[tuple[str, Recording]] = []
+    for path in sorted((PROJECT / "sample_data").glob("*.h5")):
+        sample = tofmix.open(path)
+        assert isinstance(sample, Recording)
+        recordings.append((path.stem, sample))
     recordings += [
         (real.name, real.recording) for real in real_recordings(folder, ("vl53l0x", "vl53l8cx", "mit_face"), print)
     ]
