@@ -110,7 +110,7 @@ def fold(seed: int, boards: int, frames: int = 100, *, dark: bool = False) -> Si
     recording = tofmix.from_array(np.mod(distance + noise, TURN_MM), units="mm", amplitude=amplitude, sensor=sensor)
 
     def absent(found: NDArray[np.floating]) -> NDArray[np.bool_]:
-        return np.isfinite(found) & is_wall[..., np.newaxis] & (not dark)
+        return np.asarray(np.isfinite(found) & is_wall[..., np.newaxis] & (not dark))
 
     what = "black wall at 2.3 m" if dark else "folded wall"
     return Situation(name=f"{what}, {boards} boards", recording=recording, absent=absent)
