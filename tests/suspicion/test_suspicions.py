@@ -55,7 +55,7 @@ def boards(shape: tuple[int, int] = (24, 32)) -> tuple[FloatArray, FloatArray]:
 def folded_wall(view: bool, wall_mm: float = 9800.0) -> tuple[Scene, BoolArray]:
     near, albedo = boards()
     cosine = beam_directions_of(OPTICS, near.shape)[..., 2]
-    is_wall = np.isnan(near)
+    is_wall: BoolArray = np.isnan(near)
     true = np.where(is_wall, wall_mm, near) / cosine
     range_mm = np.mod(true, TURN_MM)
     made = scene(range_mm[..., np.newaxis], light(true, albedo)[..., np.newaxis], view=view)

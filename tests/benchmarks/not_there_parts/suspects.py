@@ -51,7 +51,7 @@ def beams(rows: int, cols: int, fov_deg: tuple[float, float]) -> NDArray[np.floa
     """Cosine (row, col) of the angle to the axis, times the direction's length along z."""
     azimuth = np.radians((np.arange(cols) - (cols - 1) / 2) * fov_deg[0] / cols)
     elevation = np.radians((np.arange(rows) - (rows - 1) / 2) * fov_deg[1] / rows)
-    return np.cos(azimuth)[np.newaxis] * np.cos(elevation)[:, np.newaxis]
+    return np.asarray(np.cos(azimuth)[np.newaxis] * np.cos(elevation)[:, np.newaxis])
 
 
 def _sensor(fov_deg: tuple[float, float], *, lock_in: bool, noise: NoiseCurve | None = None) -> Sensor:
@@ -241,11 +241,11 @@ def stands(folder: Path) -> Iterator[tuple[str, Recording]]:
 def print_false_marks(folder: Path) -> None:
     """The table of false marks: every surface of these recordings stands."""
     print("\n| recording | layers | marked |\n|---|---|---|")
-    recordings: list[tuple[str, tofmix.Recording]] = []
+    recordings: list[tuple[str, Recording]] = []
     for path in sorted((PROJECT / "sample_data").glob("*.h5")):
-        opened = tofmix.open(path)
-        assert isinstance(opened, tofmix.Recording)
-        recordings.append((path.stem, opened))
+        sample = tofmix.open(path)
+        assert isinstance(sample, Recording)
+        recordings.append((path.stem, sample))
     recordings += [
         (real.name, real.recording) for real in real_recordings(folder, ("vl53l0x", "vl53l8cx", "mit_face"), print)
     ]
