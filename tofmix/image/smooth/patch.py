@@ -5,7 +5,9 @@ In a frame with the normal n and the tangents e1 and e2, the height h over (u, v
     2 h = 2 (a + b u + c v) + k11 u^2 + 2 k12 u v + k22 v^2 + g h^2,   g = tr(K^2) tr(K) / max(tr(K)^2, tr(K^2)),
 
 which is exact for planes, spheres and cylinders. Rays meet it in closed form. The curvatures have the prior
-N(0, bend^2); four cubic terms of standard deviation `third` are integrated out: they are errors that neighbours share.
+N(0, bend^2). Six cubic terms are integrated out: they are errors that neighbours share. Four have the standard deviation
+`third`. Two, x'Kx (Kx)_i / 2, are those of a quadric whose slope is some 2/3 away from the vertex: they bend a cylinder
+across, not along its axis.
 A polynomial of 1 / r is no such model: at the limb of a round thing 1 / r has the singularity of a square root.
 """
 
@@ -31,8 +33,11 @@ _HEIGHT_MM, _SLOPE = 1e4, 2.0  # standard deviations of a, and of b and c, which
 _STEEPEST = 1.0e-4  # least square of the cosine of incidence by which noise counts
 _REMAINDER = 0.3
 """Part of the cubic terms' error that each pixel has on its own."""
-_THIRD_OF_BEND = 2.0
-"""Least third derivative in units of the square of the curvatures: what a bent thing bends otherwise."""
+SLOPE_OF_QUADRIC = 2.0 / 3.0
+"""Standard deviation of the slope by which a bent thing's third derivatives go with the square of its curvatures."""
+_DIRECTIONS = 8
+_ALONG = 0.05
+"""Ways in which a thing may bend in one direction, and its bend along its axis, as a part of that across."""
 _MOST_AVERAGED = 0.02
 """Largest difference, as a part of the range, between a pixel's mean and its middle."""
 
@@ -65,7 +70,7 @@ class Patches(NamedTuple):
     members, kept : (n, place) int64, bool
         The pixels, and which of them are no outliers and there.
     third : (n,) float64
-        Standard deviation of the cubic terms, 1 / mm^2.
+        Standard deviation of the cubic terms that curvatures do not tell, 1 / mm^2.
     log_evidence : (n,) float64
         Log density of the members' ranges, nat; all members count.
     """
@@ -192,9 +197,7 @@ def fit_patches(
         e1, e2 = _tangents(normal)
         frame = Frame(origin, e1, e2, normal)
         bent = state[:, 3:] if number else np.zeros((n, 3))
-        design, cubic, value, variance, cubed = _equations(
-            frame, ray, range_mm - averaged, noise, bent, np.maximum(third, 0.0)
-        )
+        design, cubic, value, variance = _equations(frame, ray, range_mm - averaged, noise, bent, third)
         prior = np.full((n, STATE), [0.0, _SLOPE**-2, _SLOPE**-2, 0.0, 0.0, 0.0])
         prior[:, 3:] = (1.0 / bend**2)[:, np.newaxis]
         state, covariance, residual = _solved(design, cubic, value, keep / variance, prior)
@@ -206,7 +209,7 @@ def fit_patches(
         averaged = _averaged(frame, state, inner, ray, range_mm)
     chi = np.where(keep, residual**2, 0.0).sum(axis=1) / np.maximum(keep.sum(axis=1) - 4, 1)
     return Patches(
-        frame, state, covariance * np.maximum(1.0, chi)[:, np.newaxis, np.newaxis], members, keep, cubed,
+        frame, state, covariance * np.maximum(1.0, chi)[:, np.newaxis, np.newaxis], members, keep, third,
         _log_evidence(design, cubic, value, variance, there, bend),
     )  # fmt: skip
 
@@ -237,21 +240,26 @@ def _tangents(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _equations(
     frame: Frame, ray: FloatArray, range_mm: FloatArray, noise: FloatArray, bent: FloatArray, third: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Design (n, place, 6), cubic terms (n, place, 4), values and variances (n, place), and size of the terms (n,)."""
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Design (n, place, 6), cubic terms (n, place, 6), values and variances (n, place)."""
     x = range_mm[..., np.newaxis] * ray - frame.origin[:, np.newaxis]
     u, v, h = (np.matmul(x, part[:, :, np.newaxis])[..., 0] for part in frame[1:])
     du, dv, dh = (np.matmul(ray, part[:, :, np.newaxis])[..., 0] for part in frame[1:])
     k11, k12, k22 = (bent[:, i, np.newaxis] for i in range(3))
     g = bend_term(k11, k12, k22)
-    slope = dh * (1.0 - g * h) - du * (k11 * u + k12 * v) - dv * (k12 * u + k22 * v)
-    size = np.maximum(third, _THIRD_OF_BEND * (k11**2 + 2.0 * k12**2 + k22**2)[:, 0])
+    ku, kv = k11 * u + k12 * v, k12 * u + k22 * v
+    slope = dh * (1.0 - g * h) - du * ku - dv * kv
+    quadric = 0.5 * SLOPE_OF_QUADRIC * (u * ku + v * kv)
+    other = third[:, np.newaxis]
     away = u * u + v * v + h * h
-    own = _REMAINDER * size[:, np.newaxis] * away**1.5 / 6.0
-    variance = np.maximum(slope**2, _STEEPEST) * noise + own**2
-    cubic = np.stack([u**3 / 6.0, u * u * v / 2.0, u * v * v / 2.0, v**3 / 6.0], axis=-1)
+    own = _REMAINDER**2 * (other**2 * away**3 / 36.0 + quadric**2 * (ku * ku + kv * kv))
+    variance = np.maximum(slope**2, _STEEPEST) * noise + own
+    cubic = np.stack([
+        other * u**3 / 6.0, other * u * u * v / 2.0, other * u * v * v / 2.0, other * v**3 / 6.0,
+        quadric * ku, quadric * kv,
+    ], axis=-1)  # fmt: skip
     design = np.stack([np.ones_like(u), u, v, 0.5 * u * u, u * v, 0.5 * v * v], axis=-1)
-    return design, cubic * size[:, np.newaxis, np.newaxis], h - 0.5 * g * h * h, variance, size
+    return design, cubic, h - 0.5 * g * h * h, variance
 
 
 def _solved(
@@ -306,14 +314,39 @@ def _averaged(frame: Frame, state: FloatArray, inner: FloatArray, ray: FloatArra
 def _log_evidence(
     design: FloatArray, cubic: FloatArray, value: FloatArray, variance: FloatArray, there: BoolArray, bend: FloatArray
 ) -> FloatArray:
-    """Log density (n,) of values with the prior of the state, and the cubic terms, integrated out."""
-    spread = np.ones((len(bend), STATE))
-    spread[:, 0], spread[:, 1:3], spread[:, 3:] = _HEIGHT_MM, _SLOPE, bend[:, np.newaxis]
-    shared = np.concatenate([cubic, design * spread[:, np.newaxis]], axis=-1)
+    """Log density (n,) of values with the prior of the state, and the cubic terms, integrated out.
+
+    A thing bends in all directions alike, or in one of `_DIRECTIONS`, as a cylinder does: as probable. With the first
+    alone a cylinder would pay for bending along its axis, which its pixels exclude, more than its bend explains.
+    """
+    shared = np.concatenate([cubic, design], axis=-1)
     weight = there / variance
-    weighed = shared * weight[..., np.newaxis]
-    inside = np.eye(shared.shape[-1]) + np.swapaxes(shared, 1, 2) @ weighed
-    seen = np.swapaxes(weighed, 1, 2) @ value[..., np.newaxis]
-    explained = (seen * np.linalg.solve(inside, seen))[..., 0].sum(axis=1)
-    determinant = np.linalg.slogdet(inside)[1] + np.where(there, np.log(variance), 0.0).sum(axis=1)
-    return np.asarray(-0.5 * (determinant + (weight * value**2).sum(axis=1) - explained))
+    turned = np.swapaxes(shared * weight[..., np.newaxis], 1, 2)
+    square, seen = turned @ shared, turned @ value[..., np.newaxis]
+    constant = np.where(there, np.log(variance), 0.0).sum(axis=1) + (weight * value**2).sum(axis=1)
+    logs = []
+    for number, factor in enumerate(_prior_factors(cubic.shape[-1], bend)):
+        across = np.swapaxes(factor, 1, 2)
+        inside = np.eye(factor.shape[-1]) + across @ square @ factor
+        own = across @ seen
+        explained = (own * np.linalg.solve(inside, own))[..., 0].sum(axis=1)
+        share = 0.5 if number == 0 else 0.5 / _DIRECTIONS
+        logs.append(math.log(share) - 0.5 * (np.linalg.slogdet(inside)[1] + constant - explained))
+    return np.asarray(np.logaddexp.reduce(np.stack(logs), axis=0))
+
+
+def _prior_factors(cubic: int, bend: FloatArray) -> list[FloatArray]:
+    """Square roots (n, cubic + 6, m) of the prior covariances of cubic terms and state, by the way a thing bends."""
+    rest = np.broadcast_to(np.eye(cubic + STATE), (len(bend), cubic + STATE, cubic + STATE)).copy()
+    rest[:, cubic, cubic] = _HEIGHT_MM
+    rest[:, [cubic + 1, cubic + 2], [cubic + 1, cubic + 2]] = _SLOPE
+    last = np.arange(cubic + 3, cubic + STATE)
+    rest[:, last, last] = bend[:, np.newaxis]
+    factors = [rest]
+    for angle in np.arange(_DIRECTIONS) * math.pi / _DIRECTIONS:
+        x, y = math.cos(angle), math.sin(angle)
+        one = np.concatenate([rest, np.zeros((len(bend), cubic + STATE, 1))], axis=-1)
+        one[:, last, last] *= _ALONG
+        one[:, last, -1] = np.array([x * x, x * y, y * y]) * bend[:, np.newaxis]
+        factors.append(one)
+    return factors
