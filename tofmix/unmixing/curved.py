@@ -108,7 +108,9 @@ class _Seen:
         return np.asarray(self.hit.mean(axis=2))
 
 
-def judge_bent(image: PhasorImage, view: View, segment: IntArray, pixels: IntArray, scales: Scales) -> Verdicts:
+def judge_bent(
+    image: PhasorImage, view: View, segment: IntArray, pixels: IntArray, scales: Scales, apart: float
+) -> Verdicts:
     """Find the most probable hypothesis of each pixel.
 
     Parameters
@@ -121,10 +123,12 @@ def judge_bent(image: PhasorImage, view: View, segment: IntArray, pixels: IntArr
         The pixels in question; they count for no segment here.
     scales : Scales
         Of the segments.
+    apart : float
+        Part of the range below which two surfaces in a pixel are one: so they are where two parts of a thing meet.
     """
     owner, number = _items(view, segment, pixels)
     largest = 1.5 * float(np.quantile(image.amplitude[image.valid], 0.999))
-    best = _Best(len(pixels), math.log(PRIORS[Bent.NEW]) - math.log(math.pi * largest**2))
+    best = _Best(len(pixels), math.log(PRIORS[Bent.NEW]) - math.log(math.pi * largest**2), apart)
     if not owner.size:
         return best.verdicts()
     at = pixels[owner]
@@ -474,8 +478,8 @@ def _far(
 class _Best:
     """Keeps the most probable hypothesis of each pixel."""
 
-    def __init__(self, count: int, log_new: float) -> None:
-        self._log_new = log_new
+    def __init__(self, count: int, log_new: float, apart: float) -> None:
+        self._log_new, self._apart = log_new, apart
         self._one: list[list[tuple[float, int]]] = [[] for _ in range(count)]
         self._two: list[list[tuple[float, Bent, tuple[int, int], FloatArray, FloatArray, complex]]] = [
             [] for _ in range(count)
@@ -489,9 +493,14 @@ class _Best:
 
     def put_pair(self, owner: IntArray, pair: IntArray, kind: Bent, log_prior: float, found: _Found) -> None:
         """Put the hypothesis of two surfaces."""
+        share, near_mm, far_mm = found.mean[:, 0], found.mean[:, 2], found.mean[:, 4]
+        with np.errstate(invalid="ignore"):
+            together = np.abs(far_mm - near_mm) < self._apart * far_mm
         for i, place in enumerate(owner.tolist()):
             value = float(found.log[i]) + log_prior
-            if math.isfinite(value):
+            if together[i] and math.isfinite(value):
+                self._one[place].append((value, int(pair[i, 0 if share[i] > 0.5 else 1])))  # noqa: PLR2004  the larger
+            elif math.isfinite(value):
                 both = int(pair[i, 0]), int(pair[i, 1])
                 self._two[place].append(
                     (value, kind, both, found.mean[i], found.covariance[i], complex(found.chord[i]))
@@ -522,7 +531,7 @@ class _Best:
                 out.pair[place] = both
             elif 1 <= most <= len(ones):
                 out.kind[place], out.one[place] = int(Bent.ONE), ones[most - 1][1]
-                out.probability[place] = weight[most]
+                out.probability[place] = weight[1 : 1 + len(ones)].sum()
             else:
                 out.probability[place] = weight[0]
         return out

@@ -13,13 +13,14 @@ import numpy as np
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.masks import near
 from tofmix.image.smooth.scales import Scales, learn_scales, may_bend
-from tofmix.image.smooth.segments import rim_of, segments_of
+from tofmix.image.smooth.segments import LEAST_PIXELS, rim_of, segments_of
 from tofmix.image.smooth.view import View
 from tofmix.unmixing.curved import REACH, Bent, Verdicts, judge_bent
 from tofmix.unmixing.hypotheses import Kind
 from tofmix.unmixing.image import ComplexArray, PhasorImage, polar_covariance, variance_along
 from tofmix.unmixing.labels import Labels
-from tofmix.unmixing.settings import DEFAULT_SETTINGS, CurvedSettings
+from tofmix.unmixing.seeds import without_creases
+from tofmix.unmixing.settings import DEFAULT_SETTINGS, CurvedSettings, UnmixSettings
 
 _LEAVING = 1
 """Round in which members at the rim may leave."""
@@ -27,7 +28,7 @@ _RELEARNT = 2
 """Round after which scales are learnt again."""
 
 
-def label_curved(image: PhasorImage, labels: Labels, settings: CurvedSettings = DEFAULT_SETTINGS.curved) -> Labels:
+def label_curved(image: PhasorImage, labels: Labels, settings: UnmixSettings = DEFAULT_SETTINGS) -> Labels:
     """Label the pixels beside surfaces that bend.
 
     Parameters
@@ -36,16 +37,16 @@ def label_curved(image: PhasorImage, labels: Labels, settings: CurvedSettings = 
         The window.
     labels : Labels
         By planes.
-    settings : CurvedSettings
-        Thresholds.
+    settings : UnmixSettings
+        Thresholds; those of `curved`, `seeds` and `hypotheses` count.
 
     Returns
     -------
     Labels
         The same object where planes explain all pixels, or nothing bends.
     """
-    undecided = _undecided(image, labels, settings)
-    if not settings.rounds or not undecided.any():
+    undecided = _undecided(image, labels, settings.curved)
+    if not settings.curved.rounds or not undecided.any():
         return labels
     view = view_of(image, labels)
     segment = segments_of(view)
@@ -60,9 +61,26 @@ def label_curved(image: PhasorImage, labels: Labels, settings: CurvedSettings = 
     bent[doubtful[unexplained]] |= ~scales.is_known()[doubtful[unexplained]]
     if not bent.any():
         return labels
+    segment, scales, bent = _parted(image, labels, segment, scales, bent, settings)
     allowed = image.valid & ~near(image.open_space.reshape(image.shape), REACH).ravel()
     segment, pixels, verdicts = _grown(image, view, segment, scales, bent, allowed, settings)
-    return _merged(image, labels, segment, bent, allowed, pixels, verdicts, settings)
+    return _merged(image, labels, segment, bent, allowed, pixels, verdicts, settings.curved)
+
+
+def _parted(
+    image: PhasorImage, labels: Labels, segment: IntArray, scales: Scales, bent: BoolArray, settings: UnmixSettings
+) -> tuple[IntArray, Scales, BoolArray]:
+    """Segments, their scales, and which bend, with flat ones parted at creases: no patch goes round a corner."""
+    flat = np.where((segment >= 0) & ~bent[segment], segment, -1)
+    part, origin = without_creases(image, labels.seeds, flat, settings.seeds.different_sigmas)
+    curved = np.flatnonzero(bent)
+    place = np.full(len(bent), -1)
+    place[curved] = origin.size + np.arange(curved.size)
+    whole = np.where((segment >= 0) & bent[segment], place[segment], part)
+    origin = np.concatenate([origin, curved])
+    few = np.bincount(whole[whole >= 0], minlength=origin.size) < LEAST_PIXELS
+    whole = np.where((whole >= 0) & few[whole], -1, whole)
+    return whole, Scales(*(scale[origin] for scale in scales)), bent[origin]
 
 
 def _undecided(image: PhasorImage, labels: Labels, settings: CurvedSettings) -> BoolArray:
@@ -100,8 +118,8 @@ def view_of(image: PhasorImage, labels: Labels) -> View:
 class _Judged:
     """Verdicts on pixels, and the surroundings that each was judged in: a pixel is judged again when these change."""
 
-    def __init__(self, image: PhasorImage, view: View) -> None:
-        self._image, self._view = image, view
+    def __init__(self, image: PhasorImage, view: View, apart: float) -> None:
+        self._image, self._view, self._apart = image, view, apart
         self._around: dict[int, bytes] = {}
         self.verdict: dict[int, tuple[Any, ...]] = {}
 
@@ -121,7 +139,7 @@ class _Judged:
         chosen = np.array(fresh, dtype=np.int64)
         for start in range(0, chosen.size, _CHUNK):
             block = chosen[start : start + _CHUNK]
-            found = judge_bent(self._image, self._view, segment, block, scales)
+            found = judge_bent(self._image, self._view, segment, block, scales, self._apart)
             for place, pixel in enumerate(block.tolist()):
                 self.verdict[pixel] = tuple(part[place] for part in found)
         return chosen
@@ -133,20 +151,20 @@ _CHUNK = 128
 
 def _grown(
     image: PhasorImage, view: View, segment: IntArray, scales: Scales, bent: BoolArray, allowed: BoolArray,
-    settings: CurvedSettings,
+    settings: UnmixSettings,
 ) -> tuple[IntArray, IntArray, Verdicts]:  # fmt: skip
     """Segments with the pixels that joined, and the verdicts on those beside bent ones that are in none."""
-    judged = _Judged(image, view)
+    judged = _Judged(image, view, settings.hypotheses.apart)
     segment = segment.copy()
-    for number in range(settings.rounds):
+    for number in range(settings.curved.rounds):
         area = allowed & _beside(segment, bent, view.shape, REACH)
-        candidates = _open_pixels(segment, area, view, settings.beside)
+        candidates = _open_pixels(segment, area, view, settings.curved.beside)
         judged.judge(segment, scales, candidates)
         joined = 0
         changed = segment.copy()
         for pixel in candidates.tolist():
             verdict = judged.verdict[pixel]
-            if verdict[0] == Bent.ONE and verdict[1] > settings.sure:
+            if verdict[0] == Bent.ONE and verdict[1] > settings.curved.sure:
                 changed[pixel] = verdict[2]
                 joined += 1
         segment = changed
