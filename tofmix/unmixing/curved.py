@@ -192,9 +192,23 @@ def _middle(view: View, at: IntArray, members: IntArray) -> FloatArray:
     return np.asarray(sums / np.maximum(weight.sum(axis=1, keepdims=True), 1e-30))
 
 
-_NORMAL = np.random.default_rng(0).standard_normal((_DRAWS // 2, STATES))
-_NORMAL = np.concatenate([_NORMAL, -_NORMAL])
-"""Standard normal numbers of the draws, each with its negative: the same in each run."""
+_FREEDOM = 4
+
+
+def _student(count: int) -> FloatArray:
+    """Numbers (count, STATES) of the draws, each with its negative: the same in each run.
+
+    Student's t of `_FREEDOM` degrees of freedom, of unit variance: how far a surface goes on as it bends is known only
+    by its own pixels, so a limb may lie farther away than Gaussian errors say.
+    """
+    draw = np.random.default_rng(0)
+    normal = draw.standard_normal((count // 2, STATES))
+    size = 1.0 / draw.chisquare(_FREEDOM, (count // 2, 1))
+    normal *= np.sqrt(size / size.mean())
+    return np.concatenate([normal, -normal])
+
+
+_NORMAL = _student(_DRAWS)
 
 
 def _some(lit: Lit, which: IntArray) -> Lit:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.image.smooth.patch import PLACES_9, SLOPE_OF_QUADRIC, STATE, WEIGHTS_9, Frame, Patches, meet, scaled_inverse
+from tofmix.image.smooth.patch import PLACES_9, STATE, WEIGHTS_9, Frame, Patches, meet, scaled_inverse
 from tofmix.image.smooth.view import View
 
 STATES = STATE + 4
@@ -154,22 +154,13 @@ def _linear(
 
 
 def _cubic(view: View, patches: Patches, pixel: IntArray, log_cosine: FloatArray) -> FloatArray:
-    """Change of ln cos(theta) by the cubic terms (n, place, 5): they turn the slope along the ray."""
+    """What the cubic terms do to ln cos(theta) (n, place, 3): they turn the slope."""
     points = view.range_mm[pixel][..., np.newaxis] * view.direction[pixel] - patches.frame.origin[:, np.newaxis]
     u, v = (np.matmul(points, part[:, :, np.newaxis])[..., 0] for part in (patches.frame.e1, patches.frame.e2))
-    du, dv = (
-        np.matmul(view.direction[pixel], part[:, :, np.newaxis])[..., 0]
-        for part in (patches.frame.e1, patches.frame.e2)
-    )
-    along = np.maximum(np.hypot(du, dv), 1e-9)
-    du, dv = du / along, dv / along
-    k11, k12, k22 = (patches.state[:, i, np.newaxis] for i in range(3, STATE))
-    ku, kv, tu, tv = k11 * u + k12 * v, k12 * u + k22 * v, k11 * du + k12 * dv, k12 * du + k22 * dv
-    turn, half = SLOPE_OF_QUADRIC * (du * ku + dv * kv), 0.5 * SLOPE_OF_QUADRIC * (u * ku + v * kv)
-    other = patches.third[:, np.newaxis]
-    terms = [other * u * u / 2, other * u * v, other * v * v / 2, turn * ku + half * tu, turn * kv + half * tv]
     tangent = np.sqrt(np.maximum(np.exp(-2.0 * log_cosine) - 1.0, 0.0))
-    return np.asarray(tangent[..., np.newaxis] * np.stack(terms, axis=-1))
+    return np.asarray(
+        (patches.third[:, np.newaxis] * tangent)[..., np.newaxis] * np.stack([u * u / 2, u * v, v * v / 2], axis=-1)
+    )
 
 
 def _median(values: FloatArray, mask: BoolArray) -> FloatArray:

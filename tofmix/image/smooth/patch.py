@@ -5,9 +5,10 @@ In a frame with the normal n and the tangents e1 and e2, the height h over (u, v
     2 h = 2 (a + b u + c v) + k11 u^2 + 2 k12 u v + k22 v^2 + g h^2,   g = tr(K^2) tr(K) / max(tr(K)^2, tr(K^2)),
 
 which is exact for planes, spheres and cylinders. Rays meet it in closed form. The curvatures have the prior
-N(0, bend^2). Six cubic terms are integrated out: they are errors that neighbours share. Four have the standard deviation
-`third`. Two, x'Kx (Kx)_i / 2, are those of a quadric whose slope is some 2/3 away from the vertex: they bend a cylinder
-across, not along its axis.
+N(0, bend^2); cubic terms are integrated out: they are errors that neighbours share. Four have the standard deviation
+`third`, or twice the square of the curvatures where that is more. In the evidence of scales, two others stand for the
+latter, x'Kx (Kx)_i / 2: a quadric's, some 2/3 away from its vertex in slope. They bend a cylinder across, not along its
+axis, so a straight axis does not speak against curvature.
 A polynomial of 1 / r is no such model: at the limb of a round thing 1 / r has the singularity of a square root.
 """
 
@@ -33,8 +34,10 @@ _HEIGHT_MM, _SLOPE = 1e4, 2.0  # standard deviations of a, and of b and c, which
 _STEEPEST = 1.0e-4  # least square of the cosine of incidence by which noise counts
 _REMAINDER = 0.3
 """Part of the cubic terms' error that each pixel has on its own."""
-SLOPE_OF_QUADRIC = 2.0 / 3.0
-"""Standard deviation of the slope by which a bent thing's third derivatives go with the square of its curvatures."""
+_THIRD_OF_BEND = 2.0
+"""Least third derivative in units of the square of the curvatures: what a bent thing bends otherwise."""
+_SLOPE_OF_QUADRIC = _THIRD_OF_BEND / 3.0
+"""Standard deviation of the slope, away from its vertex, at which a quadric has that third derivative."""
 _DIRECTIONS = 8
 _ALONG = 0.05
 """Ways in which a thing may bend in one direction, and its bend along its axis, as a part of that across."""
@@ -70,7 +73,7 @@ class Patches(NamedTuple):
     members, kept : (n, place) int64, bool
         The pixels, and which of them are no outliers and there.
     third : (n,) float64
-        Standard deviation of the cubic terms that curvatures do not tell, 1 / mm^2.
+        Standard deviation of the cubic terms, 1 / mm^2.
     log_evidence : (n,) float64
         Log density of the members' ranges, nat; all members count.
     """
@@ -155,8 +158,9 @@ def _meet(
 
 
 def fit_patches(
-    view: View, at: IntArray, members: IntArray, bend: FloatArray, third: FloatArray, *, robust: bool = True
-) -> Patches:
+    view: View, at: IntArray, members: IntArray, bend: FloatArray, third: FloatArray, *, robust: bool = True,
+    quadric: bool = False,
+) -> Patches:  # fmt: skip
     """Fit a patch through members of one surface each.
 
     Parameters
@@ -171,6 +175,8 @@ def fit_patches(
         Standard deviations of curvatures (1 / mm) and of cubic terms (1 / mm^2).
     robust : bool
         Whether members far from the patch are left out.
+    quadric : bool
+        Whether curvatures alone give the cubic terms of a quadric, not those of any surface.
 
     Returns
     -------
@@ -197,7 +203,10 @@ def fit_patches(
         e1, e2 = _tangents(normal)
         frame = Frame(origin, e1, e2, normal)
         bent = state[:, 3:] if number else np.zeros((n, 3))
-        design, cubic, value, variance = _equations(frame, ray, range_mm - averaged, noise, bent, third)
+        cubed = third if quadric else np.maximum(third, _THIRD_OF_BEND * (bent**2 @ np.array([1.0, 2.0, 1.0])))
+        design, cubic, value, variance = _equations(
+            frame, ray, range_mm - averaged, noise, bent, cubed, _SLOPE_OF_QUADRIC * quadric
+        )
         prior = np.full((n, STATE), [0.0, _SLOPE**-2, _SLOPE**-2, 0.0, 0.0, 0.0])
         prior[:, 3:] = (1.0 / bend**2)[:, np.newaxis]
         state, covariance, residual = _solved(design, cubic, value, keep / variance, prior)
@@ -209,7 +218,7 @@ def fit_patches(
         averaged = _averaged(frame, state, inner, ray, range_mm)
     chi = np.where(keep, residual**2, 0.0).sum(axis=1) / np.maximum(keep.sum(axis=1) - 4, 1)
     return Patches(
-        frame, state, covariance * np.maximum(1.0, chi)[:, np.newaxis, np.newaxis], members, keep, third,
+        frame, state, covariance * np.maximum(1.0, chi)[:, np.newaxis, np.newaxis], members, keep, cubed,
         _log_evidence(design, cubic, value, variance, there, bend),
     )  # fmt: skip
 
@@ -239,9 +248,10 @@ def _tangents(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _equations(
-    frame: Frame, ray: FloatArray, range_mm: FloatArray, noise: FloatArray, bent: FloatArray, third: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Design (n, place, 6), cubic terms (n, place, 6), values and variances (n, place)."""
+    frame: Frame, ray: FloatArray, range_mm: FloatArray, noise: FloatArray, bent: FloatArray, third: FloatArray,
+    slope_of_quadric: float,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:  # fmt: skip
+    """Design (n, place, 6), cubic terms (n, place, 4 or 6), values and variances (n, place)."""
     x = range_mm[..., np.newaxis] * ray - frame.origin[:, np.newaxis]
     u, v, h = (np.matmul(x, part[:, :, np.newaxis])[..., 0] for part in frame[1:])
     du, dv, dh = (np.matmul(ray, part[:, :, np.newaxis])[..., 0] for part in frame[1:])
@@ -249,15 +259,13 @@ def _equations(
     g = bend_term(k11, k12, k22)
     ku, kv = k11 * u + k12 * v, k12 * u + k22 * v
     slope = dh * (1.0 - g * h) - du * ku - dv * kv
-    quadric = 0.5 * SLOPE_OF_QUADRIC * (u * ku + v * kv)
+    quadric = 0.5 * slope_of_quadric * (u * ku + v * kv)
     other = third[:, np.newaxis]
     away = u * u + v * v + h * h
     own = _REMAINDER**2 * (other**2 * away**3 / 36.0 + quadric**2 * (ku * ku + kv * kv))
     variance = np.maximum(slope**2, _STEEPEST) * noise + own
-    cubic = np.stack([
-        other * u**3 / 6.0, other * u * u * v / 2.0, other * u * v * v / 2.0, other * v**3 / 6.0,
-        quadric * ku, quadric * kv,
-    ], axis=-1)  # fmt: skip
+    terms = [other * u**3 / 6.0, other * u * u * v / 2.0, other * u * v * v / 2.0, other * v**3 / 6.0]
+    cubic = np.stack([*terms, quadric * ku, quadric * kv] if slope_of_quadric else terms, axis=-1)
     design = np.stack([np.ones_like(u), u, v, 0.5 * u * u, u * v, 0.5 * v * v], axis=-1)
     return design, cubic, h - 0.5 * g * h * h, variance
 
