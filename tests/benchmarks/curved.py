@@ -1,6 +1,6 @@
 """Mixed pixels beside round things: how often both surfaces are found, how well, and what is invented.
 
-    python tests/benchmarks/curved.py [scenes|noise|light|cost ...] [--seeds 1 2] [--small]
+    python tests/benchmarks/curved.py [scenes|noise|light|open|cost ...] [--seeds 1 2] [--small]
 
 Recordings of a lock-in camera (tests/support/round_things.py, which uses nothing of the package but its containers), 48
 x 64 pixels, estimated with all defaults. Prints Markdown tables; docs/results/mixing.md holds a copy. Asserts nothing.
@@ -8,6 +8,7 @@ x 64 pixels, estimated with all defaults. Prints Markdown tables; docs/results/m
 - scenes: each scene, 100 frames, noise of a sample on the wall 20 mm.
 - noise: all scenes at noise 5 to 80 mm, with 30 and 100 frames.
 - light: all scenes with light by cos^0.7 and cos^1.3, and 3 % of texture.
+- open: things before open space; samples below three standard deviations of noise are without return.
 - cost: CPU time of an estimate with and without surfaces that bend.
 
 `--small` takes three scenes.
@@ -24,7 +25,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from support.round_things import SCENES, Scene, Score, render, score
+from support.round_things import OPEN_SCENES, SCENES, Scene, Score, Thing, render, score
 
 import tofmix as tm
 from tofmix.arrays import Float32Array
@@ -46,11 +47,14 @@ def estimated(one: Scene) -> tm.Estimate:
     return tm.estimate(one.recording)
 
 
-def scored(names: Sequence[str], seeds: Sequence[int], **choices: float) -> Score:
+def scored(
+    names: Sequence[str], seeds: Sequence[int], scenes: dict[str, tuple[list[Thing], list[float]]] = SCENES,
+    **choices: float,
+) -> Score:  # fmt: skip
     """Estimate scenes and compare them with their truth."""
     total = Score()
     for name in names:
-        things, reflectivity = SCENES[name]
+        things, reflectivity = scenes[name]
         for seed in seeds:
             one = render(things, reflectivity, seed=seed, **choices)  # type: ignore[arg-type]
             total += score(one, estimated(one).window(0))
@@ -95,6 +99,13 @@ def print_light(names: Sequence[str], seeds: Sequence[int]) -> None:
     print_row("texture of 3 %", scored(names, seeds, noise_mm=20.0, texture=0.03))
 
 
+def print_open(names: Sequence[str], seeds: Sequence[int]) -> None:
+    """A row for each scene before open space."""
+    print(f"\n**Before open space**\n\n{HEAD.format('scene')}")
+    for name in OPEN_SCENES if len(names) > len(FEW) else list(OPEN_SCENES)[:1]:
+        print_row(name, scored([name], seeds, OPEN_SCENES, noise_mm=20.0, threshold=3.0))
+
+
 def print_cost(names: Sequence[str], seeds: Sequence[int]) -> None:
     """CPU time of estimates, and of unmixing by planes alone and with smooth surfaces; the best of three."""
     print("\n**Cost, s of CPU**\n\n| scene | estimate | unmixing | by planes alone |\n|---|---|---|---|")
@@ -128,7 +139,7 @@ def least_s(job: Callable[[], None]) -> float:
     return min(times)
 
 
-PRINTERS = {"scenes": print_scenes, "noise": print_noise, "light": print_light, "cost": print_cost}
+PRINTERS = {"scenes": print_scenes, "noise": print_noise, "light": print_light, "open": print_open, "cost": print_cost}
 
 
 def main() -> None:
