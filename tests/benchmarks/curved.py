@@ -1,6 +1,6 @@
 """Mixed pixels beside round things: how often both surfaces are found, how well, and what is invented.
 
-    python tests/benchmarks/curved.py [scenes|noise|light|edges|cost ...] [--seeds 1 2] [--small]
+    python tests/benchmarks/curved.py [scenes|noise|light|open|edges|cost ...] [--seeds 1 2] [--small]
 
 Recordings of a lock-in camera (tests/support/round_things.py, which uses nothing of the package but its containers), 48
 x 64 pixels, estimated with all defaults. Prints Markdown tables; docs/results/mixing.md holds a copy. Asserts nothing.
@@ -8,6 +8,7 @@ x 64 pixels, estimated with all defaults. Prints Markdown tables; docs/results/m
 - scenes: each scene, 100 frames, noise of a sample on the wall 20 mm.
 - noise: all scenes at noise 5 to 80 mm, with 30 and 100 frames.
 - light: all scenes with light by cos^0.7 and cos^1.3, and 3 % of texture.
+- open: things before open space; samples below three standard deviations of noise are without return.
 - edges: surfaces of each scene, the wrong area of their edges, and errors of edges; docs/results/surfaces.md has it.
 - cost: CPU time of an estimate with and without surfaces that bend.
 
@@ -28,6 +29,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from support.round_things import (
     COLS,
+    OPEN_SCENES,
     PARTS,
     ROWS,
     SCENES,
@@ -62,11 +64,14 @@ def estimated(one: Scene) -> tm.Estimate:
     return tm.estimate(one.recording)
 
 
-def scored(names: Sequence[str], seeds: Sequence[int], **choices: float) -> Score:
+def scored(
+    names: Sequence[str], seeds: Sequence[int], scenes: dict[str, tuple[list[Thing], list[float]]] = SCENES,
+    **choices: float,
+) -> Score:  # fmt: skip
     """Estimate scenes and compare them with their truth."""
     total = Score()
     for name in names:
-        things, reflectivity = SCENES[name]
+        things, reflectivity = scenes[name]
         for seed in seeds:
             one = render(things, reflectivity, seed=seed, **choices)  # type: ignore[arg-type]
             total += score(one, estimated(one).window(0))
@@ -109,6 +114,13 @@ def print_light(names: Sequence[str], seeds: Sequence[int]) -> None:
     for power in (0.7, 1.3):
         print_row(f"cos^{power:g}", scored(names, seeds, noise_mm=20.0, power=power))
     print_row("texture of 3 %", scored(names, seeds, noise_mm=20.0, texture=0.03))
+
+
+def print_open(names: Sequence[str], seeds: Sequence[int]) -> None:
+    """A row for each scene before open space."""
+    print(f"\n**Before open space**\n\n{HEAD.format('scene')}")
+    for name in OPEN_SCENES if len(names) > len(FEW) else list(OPEN_SCENES)[:1]:
+        print_row(name, scored([name], seeds, OPEN_SCENES, noise_mm=20.0, threshold=3.0))
 
 
 def print_edges(names: Sequence[str], seeds: Sequence[int]) -> None:
@@ -214,6 +226,7 @@ PRINTERS = {
     "scenes": print_scenes,
     "noise": print_noise,
     "light": print_light,
+    "open": print_open,
     "edges": print_edges,
     "cost": print_cost,
 }

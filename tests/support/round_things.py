@@ -20,6 +20,8 @@ FREQUENCY_HZ = 20e6
 CIRCLE_MM = 299_792_458e3 / (2 * FREQUENCY_HZ)
 SCALE_MM = CIRCLE_MM / (2 * np.pi)
 ROWS, COLS, FOCAL = 48, 64, 75.0
+WALL_MM = 3000.0
+"""Distance of the wall by which noise is given, where there is none."""
 PARTS = 36
 """Parts of a pixel along each side: at a limb the range goes as a square root, so a coarse sum errs by millimetres."""
 
@@ -93,6 +95,11 @@ def cylinder(x_mm: float, z_mm: float, radius_mm: float, top_mm: float = -np.inf
     return hits
 
 
+def nothing() -> Thing:
+    """Open space: no ray hits it, and no light comes back."""
+    return lambda rays: Hits(np.full(rays.shape[:-1], np.inf), np.zeros(rays.shape[:-1]))
+
+
 def joined(*parts: Thing) -> Thing:
     """One thing of several parts."""
 
@@ -106,9 +113,45 @@ def joined(*parts: Thing) -> Thing:
 
 
 def capsule(x_mm: float, z_mm: float, radius_mm: float, top_mm: float, bottom_mm: float) -> Thing:
-    """A cylinder with round ends."""
-    ends = (sphere((x_mm, y, z_mm), radius_mm) for y in (top_mm, bottom_mm))
-    return joined(cylinder(x_mm, z_mm, radius_mm, top_mm, bottom_mm), *ends)
+    """An upright cylinder with round ends."""
+    return tilted_capsule((x_mm, top_mm, z_mm), (x_mm, bottom_mm, z_mm), radius_mm)
+
+
+def tilted_capsule(one_mm: tuple[float, float, float], other_mm: tuple[float, float, float], radius_mm: float) -> Thing:
+    """A cylinder with round ends, between the middles of these."""
+    start, end = np.array(one_mm), np.array(other_mm)
+    length = float(np.linalg.norm(end - start))
+    axis = (end - start) / length
+
+    def hits(rays: Floats) -> Hits:
+        across, foot = rays - (rays @ axis)[..., np.newaxis] * axis, start - (start @ axis) * axis
+        a = (across**2).sum(axis=-1)
+        along = across @ foot
+        inside = along**2 - a * (foot @ foot - radius_mm**2)
+        t = np.where(inside > 0, (along - np.sqrt(np.maximum(inside, 0))) / np.maximum(a, 1e-12), np.inf)
+        point = rays * np.where(np.isfinite(t), t, 0)[..., np.newaxis] - start
+        place = point @ axis
+        t = np.where((place > 0) & (place < length), t, np.inf)
+        normal = (point - place[..., np.newaxis] * axis) / radius_mm
+        return Hits(t, np.abs((normal * rays).sum(axis=-1)))
+
+    return joined(hits, sphere(one_mm, radius_mm), sphere(other_mm, radius_mm))
+
+
+def ellipsoid(centre_mm: tuple[float, float, float], axes_mm: tuple[float, float, float], roll: float = 0.0) -> Thing:
+    """An ellipsoid; its first two axes are rolled about the third one, z (radians)."""
+    turn = np.array([[np.cos(roll), np.sin(roll), 0.0], [-np.sin(roll), np.cos(roll), 0.0], [0.0, 0.0, 1.0]])
+    shrink = turn / np.array(axes_mm)[:, np.newaxis]  # to a unit sphere
+
+    def hits(rays: Floats) -> Hits:
+        way, middle = rays @ shrink.T, shrink @ np.array(centre_mm)
+        a, along = (way**2).sum(axis=-1), way @ middle
+        inside = along**2 - a * (middle @ middle - 1.0)
+        t = np.where(inside > 0, (along - np.sqrt(np.maximum(inside, 0))) / a, np.inf)
+        normal = (way * np.where(np.isfinite(t), t, 0)[..., np.newaxis] - middle) @ shrink
+        return Hits(t, np.abs((normal * rays).sum(axis=-1)) / np.maximum(np.linalg.norm(normal, axis=-1), 1e-12))
+
+    return hits
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -130,14 +173,14 @@ class Scene:
 
 def render(
     things: Sequence[Thing], reflectivity: Sequence[float], *, noise_mm: float, frames: int = 100, seed: int = 1,
-    power: float = 1.0, texture: float = 0.0,
+    power: float = 1.0, texture: float = 0.0, threshold: float = 0.0,
 ) -> Scene:  # fmt: skip
     """Record things, the wall first.
 
     Parameters
     ----------
     things : sequence of Thing
-        The first one fills the image.
+        The first one fills the image, or is `nothing`; then noise is that of a wall at `WALL_MM`.
     reflectivity : sequence of float
         Of each.
     noise_mm : float
@@ -148,6 +191,8 @@ def render(
         Light goes with this power of the cosine of incidence.
     texture : float
         Standard deviation of the logarithm of light from pixel to pixel.
+    threshold : float
+        Amplitude below which a sample is without return, in standard deviations of noise.
     """
     draw = np.random.default_rng(seed)
     rays = rays_of(PARTS)
@@ -156,16 +201,19 @@ def render(
     seen_mm = np.take_along_axis(t, near[np.newaxis], axis=0)[0]
     facing = np.take_along_axis(cosine, near[np.newaxis], axis=0)[0]
     light = 1000.0 * np.array(reflectivity)[near] * facing**power * (1000.0 / seen_mm) ** 2
+    seen_mm = np.where(np.isfinite(seen_mm), seen_mm, 0.0)
     phasor = _pooled(light * np.exp(1j * seen_mm / SCALE_MM))
     phasor = phasor * np.exp(texture * draw.standard_normal(phasor.shape))
     share = np.stack([_pooled((near == number) * 1.0).real for number in range(len(things))])
     total = np.stack([_pooled(np.where(near == number, seen_mm, 0.0)).real for number in range(len(things))])
     truth = np.where(share > 0, total / np.maximum(share, 1e-9), np.nan)
-    middle = 1000.0 * reflectivity[0] * (1000.0 / t[0].min()) ** 2
+    truth[0] = truth[0] if np.isfinite(t[0].min()) else np.nan
+    nearest = float(t[0].min()) if np.isfinite(t[0].min()) else WALL_MM
+    middle = 1000.0 * reflectivity[0] * (1000.0 / nearest) ** 2
     size = noise_mm / SCALE_MM * middle
     noise = draw.standard_normal((2, frames, ROWS, COLS)) * size
     samples = phasor + noise[0] + 1j * noise[1]
-    range_mm = (SCALE_MM * np.angle(samples)) % CIRCLE_MM
+    range_mm = np.where(np.abs(samples) > threshold * size, (SCALE_MM * np.angle(samples)) % CIRCLE_MM, np.nan)
     return Scene(
         recording=tm.from_array(range_mm, units="mm", sensor=CAMERA, amplitude=np.abs(samples)),
         share=share,
@@ -285,9 +333,9 @@ class Score:
 def score(scene: Scene, layers: Layers, *, least_share: float = 0.1, least_mm: float = 30.0) -> Score:
     """Compare layers (row, col) with the truth.
 
-    A mixed pixel has two things of `least_share` and more. Both are found if two layers of probability above 0.5 lie
-    within 5 stated errors, or `least_mm`. A layer flies if its probability is above 0.5, and nothing is within twice
-    that of it.
+    A mixed pixel has two things of `least_share` and more; open space is one. Both are found if two layers of
+    probability above 0.5, or the one before open space, lie within 5 stated errors, or `least_mm`. A layer flies if its
+    probability is above 0.5, and nothing is within twice that of it.
     """
     result = Score()
     order = np.argsort(-scene.share, axis=0)
@@ -297,7 +345,7 @@ def score(scene: Scene, layers: Layers, *, least_share: float = 0.1, least_mm: f
         count = int(layers.n_modes[row, col])
         sure = layers.probability[row, col, :count] > 0.5
         place, error = layers.range[row, col, :count], layers.range_stderr[row, col, :count]
-        there = truth[share > 0]
+        there = truth[(share > 0) & np.isfinite(truth)]
         away = np.abs(place[:, np.newaxis] - there).min(axis=1, initial=np.inf)
         result.flying += int((sure & (away > np.maximum(5.0 * error, 2.0 * least_mm))).sum())
         if share.max() > 0.999:
@@ -308,14 +356,14 @@ def score(scene: Scene, layers: Layers, *, least_share: float = 0.1, least_mm: f
             continue
         result.mixed += 1
         result.undecided += int(mixing[row, col] == 3)
-        if count != 2 or not sure.all():
+        pair = sorted((number for number in (first, second) if np.isfinite(truth[number])), key=truth.__getitem__)
+        if count != len(pair) or not sure.all():
             continue
-        pair = sorted((first, second), key=lambda number: truth[number])
         off = place - truth[pair]
         if (np.abs(off) > np.maximum(5.0 * error, least_mm)).any():
             continue
         result.both += 1
-        result.ranges += 2
+        result.ranges += len(pair)
         result.ranges_within += int((np.abs(off) < 2.0 * error).sum())
         share_off = layers.weight[row, col, 0] - share[pair[0]]
         result.shares_within += int(abs(share_off) < 2.0 * layers.weight_stderr[row, col, 0])
@@ -349,5 +397,22 @@ SCENES: dict[str, tuple[list[Thing], list[float]]] = {
         [joined(wall(3600, (0.5, 0.0, 0.87)), wall(3600, (-0.5, 0.0, 0.87))), sphere((100, 0, 1700), 200)],
         [0.5, 0.8],
     ),
+    "capsules": (
+        [
+            wall(3500),
+            tilted_capsule((-500, -250, 2000), (-250, 300, 1900), 120),
+            tilted_capsule((150, -100, 2200), (550, 200, 1900), 150),
+        ],
+        [0.5, 0.7, 0.8],
+    ),
+    "capsule on its side": ([wall(4000), tilted_capsule((-350, 60, 2300), (300, -60, 2000), 200)], [0.5, 0.7]),
+    "ellipsoid": ([wall(3400), ellipsoid((50, 0, 1800), (360, 150, 220), 0.6)], [0.5, 0.7]),
 }
 """Things and their reflectivities, the wall first."""
+
+OPEN_SCENES: dict[str, tuple[list[Thing], list[float]]] = {
+    "sphere and cylinder": ([nothing(), sphere((-350, 0, 1800), 220), cylinder(420, 1900, 130)], [0.5, 0.8, 0.7]),
+    "person": ([nothing(), joined(capsule(100, 2200, 180, -250, 900), sphere((100, -560, 2200), 120))], [0.5, 0.7]),
+    "sphere at a wall's end": ([nothing(), wall(3000, left_of_mm=100), sphere((60, 0, 1700), 250)], [0.5, 0.5, 0.8]),
+}
+"""Things before open space, which is first."""

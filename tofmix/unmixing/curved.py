@@ -7,6 +7,7 @@ draws of its patch and light, and each draw is seen at 64 places of the pixel:
 - LIMB: the rays of a part of the pixel miss the nearer surface, which ends there by itself. The share of hits and the
   return go together, draw by draw.
 - CUT: an edge that is no limb; the share is uniform, on the surface's own side.
+- LIMB and CUT before open space: one surface with the share of light that comes back.
 - NEW: none of these. The phasor is uniform in the disc of the image's amplitudes.
 
 Each share is one Gaussian of share, amplitudes and ranges, which the mean phasor updates; their evidence adds up.
@@ -25,6 +26,7 @@ from tofmix.image.smooth.patch import STATE, fit_patches, meet
 from tofmix.image.smooth.scales import Scales
 from tofmix.image.smooth.segments import LEAST_PIXELS, around
 from tofmix.image.smooth.view import View, grid_of_places, lattice_of_places
+from tofmix.unmixing.hypotheses import OpenSpace
 from tofmix.unmixing.image import ComplexArray, PhasorImage
 
 
@@ -71,9 +73,10 @@ class Verdicts(NamedTuple):
     one : int64
         ONE: the segment.
     pair : (n, 2) int64
-        LIMB and CUT: both segments, the nearer first.
+        LIMB and CUT: both segments, the nearer first; -1 for open space behind it.
     mean, covariance : (n, 5), (n, 5, 5) float64
-        LIMB and CUT: share of the nearer, then logarithm of the amplitude and range of the nearer and the farther.
+        LIMB and CUT: share of the nearer, then logarithm of the amplitude and range of the nearer and the farther;
+        those of open space are 0.
     chord : complex128
         LIMB and CUT: difference of both phasors.
     log_density : float64
@@ -108,7 +111,10 @@ class _Seen:
         return np.asarray(self.hit.mean(axis=2))
 
 
-def judge_bent(image: PhasorImage, view: View, segment: IntArray, pixels: IntArray, scales: Scales) -> Verdicts:
+def judge_bent(
+    image: PhasorImage, view: View, segment: IntArray, pixels: IntArray, scales: Scales, apart: float,
+    space: OpenSpace | None = None,
+) -> Verdicts:  # fmt: skip
     """Find the most probable hypothesis of each pixel.
 
     Parameters
@@ -121,10 +127,14 @@ def judge_bent(image: PhasorImage, view: View, segment: IntArray, pixels: IntArr
         The pixels in question; they count for no segment here.
     scales : Scales
         Of the segments.
+    apart : float
+        Part of the range below which two surfaces in a pixel are one: so they are where two parts of a thing meet.
+    space : OpenSpace, optional
+        The return of open space, which may lie behind any surface.
     """
     owner, number = _items(view, segment, pixels)
     largest = 1.5 * float(np.quantile(image.amplitude[image.valid], 0.999))
-    best = _Best(len(pixels), math.log(PRIORS[Bent.NEW]) - math.log(math.pi * largest**2))
+    best = _Best(len(pixels), math.log(PRIORS[Bent.NEW]) - math.log(math.pi * largest**2), apart)
     if not owner.size:
         return best.verdicts()
     at = pixels[owner]
@@ -134,7 +144,8 @@ def judge_bent(image: PhasorImage, view: View, segment: IntArray, pixels: IntArr
     lit = with_light(view, at, patches)
     count = np.bincount(owner, minlength=len(pixels))[owner]
     log_prior = math.log(PRIORS[Bent.ONE]) - np.log(count)
-    alone, several = np.flatnonzero(count == 1), np.flatnonzero(count > 1)
+    beside_open = np.zeros(len(at), np.bool_) if space is None else space.nearby[at]
+    alone, several = np.flatnonzero((count == 1) & ~beside_open), np.flatnonzero((count > 1) | beside_open)
     seen = _see(view, at[alone], _some(lit, alone), _COARSE)
     log = _one(seen, image.phasor[at[alone]], _matrix(image.mean_covariance[at[alone]]), view)
     best.put_one(owner[alone], number[alone], log_prior[alone] + log)
@@ -156,7 +167,22 @@ def judge_bent(image: PhasorImage, view: View, segment: IntArray, pixels: IntArr
         for kind in (Bent.LIMB, Bent.CUT):
             found = _pair(seen, a, b, way, kind, phasor[a], noise[a], view)
             best.put_pair(owner[a], np.stack([number[a], number[b]], axis=1), kind, math.log(PRIORS[kind]), found)
+    if space is not None:
+        nothing = _Behind(space)
+        ends = np.flatnonzero(space.nearby[at] & seen.usable & seen.hit.any(axis=(1, 2)))
+        for start in range(0, ends.size, _BLOCK):
+            a = ends[start : start + _BLOCK]
+            for kind in (Bent.LIMB, Bent.CUT):
+                found = _pair(seen, a, nothing, side[a], kind, phasor[a], noise[a], view)
+                pair = np.stack([number[a], np.full(a.size, -1)], axis=1)
+                best.put_pair(owner[a], pair, kind, math.log(PRIORS[kind]), found)
     return best.verdicts()
+
+
+class _Behind(NamedTuple):
+    """Open space behind a surface."""
+
+    space: OpenSpace
 
 
 def _items(view: View, segment: IntArray, pixels: IntArray) -> tuple[IntArray, IntArray]:
@@ -188,9 +214,23 @@ def _middle(view: View, at: IntArray, members: IntArray) -> FloatArray:
     return np.asarray(sums / np.maximum(weight.sum(axis=1, keepdims=True), 1e-30))
 
 
-_NORMAL = np.random.default_rng(0).standard_normal((_DRAWS // 2, STATES))
-_NORMAL = np.concatenate([_NORMAL, -_NORMAL])
-"""Standard normal numbers of the draws, each with its negative: the same in each run."""
+_FREEDOM = 4
+
+
+def _student(count: int) -> FloatArray:
+    """Numbers (count, STATES) of the draws, each with its negative: the same in each run.
+
+    Student's t of `_FREEDOM` degrees of freedom, of unit variance: how far a surface goes on as it bends is known only
+    by its own pixels, so a limb may lie farther away than Gaussian errors say.
+    """
+    draw = np.random.default_rng(0)
+    normal = draw.standard_normal((count // 2, STATES))
+    size = 1.0 / draw.chisquare(_FREEDOM, (count // 2, 1))
+    normal *= np.sqrt(size / size.mean())
+    return np.concatenate([normal, -normal])
+
+
+_NORMAL = _student(_DRAWS)
 
 
 def _some(lit: Lit, which: IntArray) -> Lit:
@@ -404,23 +444,30 @@ class _Found(NamedTuple):
 
 
 def _pair(
-    seen: _Seen, a: IntArray, b: IntArray, way: FloatArray, kind: Bent, phasor: ComplexArray, noise: FloatArray,
-    view: View,
+    seen: _Seen, a: IntArray, b: "IntArray | _Behind", way: FloatArray, kind: Bent, phasor: ComplexArray,
+    noise: FloatArray, view: View,
 ) -> _Found:  # fmt: skip
-    """Evidence of pairs, and share, light and ranges of both surfaces."""
+    """Evidence of pairs, and share, light and ranges of both surfaces, or of one before open space."""
     toward = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
     order = np.argsort(-(toward @ _PLACES.T + 1e-6 * _PLACES[:, 0]), axis=1, kind="stable")
     ends = _limb(seen, a, view) if kind is Bent.LIMB else _cut(seen, a, order, view)
-    far_mean, far_covariance, far_offset, far_possible = _far(seen, b, order, ends.share, view)
     one, one_slope = _return(ends.mean, view.scale_mm)
-    other, other_slope = _return(far_mean, view.scale_mm)
+    if isinstance(b, _Behind):
+        far_mean, far_covariance = np.zeros_like(ends.mean), np.zeros((len(a), 2, 2))
+        far_offset, far_possible = np.zeros(len(a)), np.ones(len(a), np.bool_)
+        other, other_slope = np.full_like(one, b.space.phasor), np.zeros_like(one_slope)
+        noise = noise + b.space.variance * np.eye(2)
+    else:
+        far_mean, far_covariance, far_offset, far_possible = _far(seen, b, order, ends.share, view)
+        far_covariance = far_covariance + _own(view)
+        other, other_slope = _return(far_mean, view.scale_mm)
     share = ends.share[..., np.newaxis, np.newaxis]
     slope = np.concatenate([_plane(one - other)[..., np.newaxis], share * one_slope, (1.0 - share) * other_slope], -1)
     n, bins = ends.share.shape
     prior = np.zeros((n, bins, 5, 5))
     prior[..., 0, 0] = (0.7 * ends.width) ** 2
     prior[..., 1:3, 1:3] = ends.covariance + _own(view)
-    prior[..., 3:, 3:] = far_covariance[:, np.newaxis] + _own(view)
+    prior[..., 3:, 3:] = far_covariance[:, np.newaxis]
     through = prior @ np.swapaxes(slope, -1, -2)
     total = slope @ through + noise[:, np.newaxis]
     error = _plane(phasor[:, np.newaxis] - (ends.share * one + (1.0 - ends.share) * other))
@@ -474,8 +521,8 @@ def _far(
 class _Best:
     """Keeps the most probable hypothesis of each pixel."""
 
-    def __init__(self, count: int, log_new: float) -> None:
-        self._log_new = log_new
+    def __init__(self, count: int, log_new: float, apart: float) -> None:
+        self._log_new, self._apart = log_new, apart
         self._one: list[list[tuple[float, int]]] = [[] for _ in range(count)]
         self._two: list[list[tuple[float, Bent, tuple[int, int], FloatArray, FloatArray, complex]]] = [
             [] for _ in range(count)
@@ -489,9 +536,14 @@ class _Best:
 
     def put_pair(self, owner: IntArray, pair: IntArray, kind: Bent, log_prior: float, found: _Found) -> None:
         """Put the hypothesis of two surfaces."""
+        share, near_mm, far_mm = found.mean[:, 0], found.mean[:, 2], found.mean[:, 4]
+        with np.errstate(invalid="ignore"):
+            together = np.abs(far_mm - near_mm) < self._apart * far_mm
         for i, place in enumerate(owner.tolist()):
             value = float(found.log[i]) + log_prior
-            if math.isfinite(value):
+            if together[i] and math.isfinite(value):
+                self._one[place].append((value, int(pair[i, 0 if share[i] > 0.5 else 1])))  # noqa: PLR2004  the larger
+            elif math.isfinite(value):
                 both = int(pair[i, 0]), int(pair[i, 1])
                 self._two[place].append(
                     (value, kind, both, found.mean[i], found.covariance[i], complex(found.chord[i]))
@@ -522,7 +574,7 @@ class _Best:
                 out.pair[place] = both
             elif 1 <= most <= len(ones):
                 out.kind[place], out.one[place] = int(Bent.ONE), ones[most - 1][1]
-                out.probability[place] = weight[most]
+                out.probability[place] = weight[1 : 1 + len(ones)].sum()
             else:
                 out.probability[place] = weight[0]
         return out

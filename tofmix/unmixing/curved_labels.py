@@ -13,13 +13,14 @@ import numpy as np
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.masks import near
 from tofmix.image.smooth.scales import Scales, learn_scales, may_bend
-from tofmix.image.smooth.segments import rim_of, segments_of
+from tofmix.image.smooth.segments import LEAST_PIXELS, rim_of, segments_of
 from tofmix.image.smooth.view import View
 from tofmix.unmixing.curved import REACH, Bent, Verdicts, judge_bent
-from tofmix.unmixing.hypotheses import Kind
+from tofmix.unmixing.hypotheses import Kind, OpenSpace
 from tofmix.unmixing.image import ComplexArray, PhasorImage, polar_covariance, variance_along
-from tofmix.unmixing.labels import Labels
-from tofmix.unmixing.settings import DEFAULT_SETTINGS, CurvedSettings
+from tofmix.unmixing.labels import Labels, open_spaces
+from tofmix.unmixing.seeds import without_creases
+from tofmix.unmixing.settings import DEFAULT_SETTINGS, CurvedSettings, UnmixSettings
 
 _LEAVING = 1
 """Round in which members at the rim may leave."""
@@ -27,7 +28,7 @@ _RELEARNT = 2
 """Round after which scales are learnt again."""
 
 
-def label_curved(image: PhasorImage, labels: Labels, settings: CurvedSettings = DEFAULT_SETTINGS.curved) -> Labels:
+def label_curved(image: PhasorImage, labels: Labels, settings: UnmixSettings = DEFAULT_SETTINGS) -> Labels:
     """Label the pixels beside surfaces that bend.
 
     Parameters
@@ -36,16 +37,16 @@ def label_curved(image: PhasorImage, labels: Labels, settings: CurvedSettings = 
         The window.
     labels : Labels
         By planes.
-    settings : CurvedSettings
-        Thresholds.
+    settings : UnmixSettings
+        Thresholds; those of `curved`, `seeds` and `hypotheses` count.
 
     Returns
     -------
     Labels
         The same object where planes explain all pixels, or nothing bends.
     """
-    undecided = _undecided(image, labels, settings)
-    if not settings.rounds or not undecided.any():
+    undecided = _undecided(image, labels, settings.curved)
+    if not settings.curved.rounds or not undecided.any():
         return labels
     view = view_of(image, labels)
     segment = segments_of(view)
@@ -60,14 +61,33 @@ def label_curved(image: PhasorImage, labels: Labels, settings: CurvedSettings = 
     bent[doubtful[unexplained]] |= ~scales.is_known()[doubtful[unexplained]]
     if not bent.any():
         return labels
-    allowed = image.valid & ~near(image.open_space.reshape(image.shape), REACH).ravel()
-    segment, pixels, verdicts = _grown(image, view, segment, scales, bent, allowed, settings)
-    return _merged(image, labels, segment, bent, allowed, pixels, verdicts, settings)
+    segment, scales, bent = _parted(image, labels, segment, scales, bent, settings)
+    spaces = open_spaces(image, settings.labels)
+    space = spaces[-1] if spaces else None
+    segment, pixels, verdicts = _grown(image, view, segment, scales, bent, space, settings)
+    return _merged(image, labels, segment, bent, space, pixels, verdicts, settings.curved)
+
+
+def _parted(
+    image: PhasorImage, labels: Labels, segment: IntArray, scales: Scales, bent: BoolArray, settings: UnmixSettings
+) -> tuple[IntArray, Scales, BoolArray]:
+    """Segments, their scales, and which bend, with flat ones parted at creases: no patch goes round a corner."""
+    flat = np.where((segment >= 0) & ~bent[segment], segment, -1)
+    part, origin = without_creases(image, labels.seeds, flat, settings.seeds.different_sigmas)
+    curved = np.flatnonzero(bent)
+    place = np.full(len(bent), -1)
+    place[curved] = origin.size + np.arange(curved.size)
+    whole = np.where((segment >= 0) & bent[segment], place[segment], part)
+    origin = np.concatenate([origin, curved])
+    few = np.bincount(whole[whole >= 0], minlength=origin.size) < LEAST_PIXELS
+    whole = np.where((whole >= 0) & few[whole], -1, whole)
+    return whole, Scales(*(scale[origin] for scale in scales)), bent[origin]
 
 
 def _undecided(image: PhasorImage, labels: Labels, settings: CurvedSettings) -> BoolArray:
-    """Pixels that no planes explain."""
+    """Pixels that no planes explain; before open space any plane explains a pixel, by a share of its own."""
     mixed = np.isin(labels.kind, (Kind.PAIR, Kind.TRIPLE)) & labels.is_known
+    mixed &= ~np.isinf(labels.range_mm).any(axis=1)
     return image.valid & ~labels.is_surface & ~(mixed & (labels.probability > settings.decided))
 
 
@@ -100,8 +120,8 @@ def view_of(image: PhasorImage, labels: Labels) -> View:
 class _Judged:
     """Verdicts on pixels, and the surroundings that each was judged in: a pixel is judged again when these change."""
 
-    def __init__(self, image: PhasorImage, view: View) -> None:
-        self._image, self._view = image, view
+    def __init__(self, image: PhasorImage, view: View, apart: float, space: OpenSpace | None) -> None:
+        self._image, self._view, self._apart, self._space = image, view, apart, space
         self._around: dict[int, bytes] = {}
         self.verdict: dict[int, tuple[Any, ...]] = {}
 
@@ -121,7 +141,7 @@ class _Judged:
         chosen = np.array(fresh, dtype=np.int64)
         for start in range(0, chosen.size, _CHUNK):
             block = chosen[start : start + _CHUNK]
-            found = judge_bent(self._image, self._view, segment, block, scales)
+            found = judge_bent(self._image, self._view, segment, block, scales, self._apart, self._space)
             for place, pixel in enumerate(block.tolist()):
                 self.verdict[pixel] = tuple(part[place] for part in found)
         return chosen
@@ -132,21 +152,21 @@ _CHUNK = 128
 
 
 def _grown(
-    image: PhasorImage, view: View, segment: IntArray, scales: Scales, bent: BoolArray, allowed: BoolArray,
-    settings: CurvedSettings,
+    image: PhasorImage, view: View, segment: IntArray, scales: Scales, bent: BoolArray,
+    space: OpenSpace | None, settings: UnmixSettings,
 ) -> tuple[IntArray, IntArray, Verdicts]:  # fmt: skip
     """Segments with the pixels that joined, and the verdicts on those beside bent ones that are in none."""
-    judged = _Judged(image, view)
+    judged = _Judged(image, view, settings.hypotheses.apart, space)
     segment = segment.copy()
-    for number in range(settings.rounds):
-        area = allowed & _beside(segment, bent, view.shape, REACH)
-        candidates = _open_pixels(segment, area, view, settings.beside)
+    for number in range(settings.curved.rounds):
+        area = image.valid & _beside(segment, bent, view.shape, REACH)
+        candidates = _open_pixels(segment, area, view, settings.curved.beside)
         judged.judge(segment, scales, candidates)
         joined = 0
         changed = segment.copy()
         for pixel in candidates.tolist():
             verdict = judged.verdict[pixel]
-            if verdict[0] == Bent.ONE and verdict[1] > settings.sure:
+            if verdict[0] == Bent.ONE and verdict[1] > settings.curved.sure:
                 changed[pixel] = verdict[2]
                 joined += 1
         segment = changed
@@ -162,7 +182,7 @@ def _grown(
             again = learn_scales(view, segment, curved, REACH)
             for old, new in zip(scales, again, strict=True):
                 old[curved] = new
-    area = allowed & _beside(segment, bent, view.shape, REACH)
+    area = image.valid & _beside(segment, bent, view.shape, REACH)
     pixels = np.array([pixel for pixel in np.flatnonzero(area & (segment < 0)).tolist() if pixel in judged.verdict])
     parts = zip(*(judged.verdict[pixel] for pixel in pixels.tolist()), strict=True)
     return (
@@ -185,9 +205,8 @@ def _nothing() -> Verdicts:
 
 
 def _merged(
-    image: PhasorImage, labels: Labels, segment: IntArray, bent: BoolArray, area: BoolArray, pixels: IntArray,
-    verdicts: Verdicts,
-    settings: CurvedSettings,
+    image: PhasorImage, labels: Labels, segment: IntArray, bent: BoolArray, space: OpenSpace | None, pixels: IntArray,
+    verdicts: Verdicts, settings: CurvedSettings,
 ) -> Labels:  # fmt: skip
     """Labels of planes, in the area replaced by those of smooth surfaces where one of these bends."""
     names = (
@@ -202,11 +221,12 @@ def _merged(
         out["is_known"][which], out["is_fresh"][which] = True, False
         out["chord"][which], out["scatter"][which] = 0.0, 0.0
 
-    inside = np.flatnonzero(area & (segment >= 0) & bent[np.maximum(segment, 0)])
+    inside = np.flatnonzero(image.valid & (segment >= 0) & bent[np.maximum(segment, 0)])
     clear(inside)
     out["kind"][inside], out["probability"][inside], out["is_surface"][inside] = int(Kind.CONTINUED), 1.0, True
     is_pair = np.isin(verdicts.kind, (Bent.LIMB, Bent.CUT))
-    with_bent = is_pair & bent[np.maximum(verdicts.pair, 0)].any(axis=1)
+    with_bent = is_pair & (bent[np.maximum(verdicts.pair, 0)] & (verdicts.pair >= 0)).any(axis=1)
+    open_behind = is_pair & (verdicts.pair[:, 1] < 0)
     share = verdicts.mean[:, 0]
     with np.errstate(invalid="ignore"):
         lesser = with_bent & (np.minimum(share, 1.0 - share) < settings.least_share)
@@ -223,9 +243,10 @@ def _merged(
     out["chord"][mixed] = verdicts.chord[two]
     out["share"][mixed, 0], out["share"][mixed, 1] = mean[:, 0], 1.0 - mean[:, 0]
     out["share_variance"][mixed, :2] = covariance[:, :1, 0]
-    out["range_mm"][mixed, 0], out["range_mm"][mixed, 1] = mean[:, 2], mean[:, 4]
+    out["range_mm"][mixed, 0] = mean[:, 2]
+    out["range_mm"][mixed, 1] = np.where(open_behind[two], np.inf, mean[:, 4])
     out["range_variance"][mixed, 0], out["range_variance"][mixed, 1] = covariance[:, 2, 2], covariance[:, 4, 4]
-    out["scatter"][mixed] = _scatter(image, segment, mixed, verdicts.pair[two], mean, verdicts.chord[two])
+    out["scatter"][mixed] = _scatter(image, segment, mixed, verdicts.pair[two], mean, verdicts.chord[two], space)
     vague = pixels[(verdicts.kind == Bent.NEW) & _beside(segment, bent, image.shape, settings.beside)[pixels]]
     doubtful = vague[labels.is_surface[vague] | np.isin(labels.kind[vague], (Kind.PAIR, Kind.TRIPLE))]
     clear(doubtful)
@@ -234,8 +255,9 @@ def _merged(
 
 
 def _scatter(
-    image: PhasorImage, segment: IntArray, pixels: IntArray, pair: IntArray, mean: FloatArray, chord: ComplexArray
-) -> FloatArray:
+    image: PhasorImage, segment: IntArray, pixels: IntArray, pair: IntArray, mean: FloatArray, chord: ComplexArray,
+    space: OpenSpace | None,
+) -> FloatArray:  # fmt: skip
     """Variance (n,) along the chord of samples of one surface each, by the noise of both segments where seen alone."""
     count = int(segment.max()) + 1
     inside = segment >= 0
@@ -250,5 +272,6 @@ def _scatter(
         phasor = np.exp(mean[:, 1 + 2 * end] + 1j * mean[:, 2 + 2 * end] / image.scale_mm)
         number = pair[:, end]
         part = mean[:, 0] if end == 0 else 1.0 - mean[:, 0]
-        total += part * variance_along(polar_covariance(phasor, tangential[number], radial[number]), along)
+        own = variance_along(polar_covariance(phasor, tangential[number], radial[number]), along)
+        total += part * (own if space is None else np.where(number < 0, space.scatter, own))
     return total

@@ -133,6 +133,15 @@ class PhasorImage:
         """Variance of ln A by noise."""
         return np.asarray(self.noise_radial / np.where(self.valid, self.amplitude, 1.0) ** 2)
 
+    def is_noisier(self, sigmas: float) -> BoolArray:
+        """Whether the samples' ranges (pixel,) scatter more than those of neighbours, by more than standard errors.
+
+        Samples of several surfaces, one each, do; those of one surface, or of a sum, do not.
+        """
+        free = np.maximum(self.samples - 1.0, 1.0)
+        usual = _median_of_neighbours(self, self.scatter_tangential)
+        return np.asarray(self.scatter_tangential > (1.0 + sigmas * np.sqrt(2.0 / free)) * usual)
+
     @property
     def beams(self) -> Beams:
         """Where the pixels look, for kernels."""
@@ -168,7 +177,12 @@ def polar_covariance(phasor: ComplexArray, tangential: FloatArray, radial: Float
 
 def _level_of_neighbours(image: PhasorImage) -> FloatArray:
     """Median over 3 x 3 pixels of the variance of one sample, the mean of both parts' (pixel,)."""
-    own = np.where(image.valid, 0.5 * (image.covariance[:, 0] + image.covariance[:, 1]), np.nan)
+    return _median_of_neighbours(image, 0.5 * (image.covariance[:, 0] + image.covariance[:, 1]))
+
+
+def _median_of_neighbours(image: PhasorImage, values: FloatArray) -> FloatArray:
+    """Median over 3 x 3 pixels of values (pixel,), of those with a phasor."""
+    own = np.where(image.valid, values, np.nan)
     rows, cols = image.shape
     padded = np.pad(own.reshape(image.shape), 1, mode="edge")
     around = np.stack([padded[i : i + rows, j : j + cols].ravel() for i in range(3) for j in range(3)])

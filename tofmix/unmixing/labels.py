@@ -70,7 +70,7 @@ _FIELDS = (*_ENDS, "kind", "probability", "is_known", "is_fresh", "chord", "scat
 
 def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Labels:
     """Label the pixels of an image."""
-    seeds, spaces = find_seeds(image, settings.seeds), _open_space(image, settings.labels)
+    seeds, spaces = find_seeds(image, settings.seeds), open_spaces(image, settings.labels)
     line = find_lines(image, seeds, None, settings.labels, settings.neighbours.reach)
     is_line = line >= 0
     alone = seeds.certain | is_line
@@ -122,7 +122,7 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
     return Labels(**arrays, is_surface=is_surface, seeds=seeds)
 
 
-def _open_space(image: PhasorImage, settings: LabelSettings) -> tuple[OpenSpace, ...]:
+def open_spaces(image: PhasorImage, settings: LabelSettings) -> tuple[OpenSpace, ...]:
     """Pixels that may see open space, and its possible returns: nothing, or the return of pixels of open space."""
     nearby = near(image.open_space.reshape(image.shape), settings.open_reach).ravel()
     if not nearby.any():

@@ -1,6 +1,6 @@
 """From labels to layers: unmixed layers replace those of mixed pixels."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -77,12 +77,25 @@ def rewrite(
         )
         flat = out.reshaped((image.count,))
         _write(flat, decided & sums, image, labels, sensor, circle_mm, settings.most_fresh_probability)
-        # One surface, says the mean; several, say the samples, as surfaces that move do, or chance.
+        # One surface, says the mean; several, say the samples: as surfaces that move do, which scatter, or by chance.
         contradicted = labels.is_surface & several & (count > 1)
+        by_chance = contradicted & image.valid & sums & ~image.is_noisier(settings.law.different_sigmas)
+        contradicted &= ~by_chance
+        _write(flat, by_chance, image, _alone(labels, image), sensor, circle_mm, settings.most_fresh_probability)
+        flat.mixing[by_chance] = int(Mixing.ONE_SURFACE)  # type: ignore[index]  # it was just made
         _doubt(flat, image.valid & ~decided & sums & (count > 0) & (~labels.is_surface | contradicted))
         fresh = labels.is_surface & ((labels.kind == Kind.NEW) | labels.is_fresh) & sums
         flat.probability[fresh] = np.minimum(flat.probability[fresh], settings.most_fresh_probability)
     return Rewritten(layers=out, phasor_share=law.phasor_share, informative_pixels=law.pixels)
+
+
+def _alone(labels: Labels, image: PhasorImage) -> Labels:
+    """Labels with the return of a whole pixel as its only surface."""
+    names = ("range_mm", "range_variance", "share", "share_variance")
+    out = {name: np.full_like(getattr(labels, name), np.nan) for name in names}
+    for name, values in zip(names, (image.range_mm, image.range_variance, 1.0, 0.0), strict=True):
+        out[name][:, 0] = values
+    return replace(labels, **out)
 
 
 def _write(
@@ -130,7 +143,8 @@ def _write(
     flat.n_modes[chosen] = is_surface.sum(axis=1)
     flat.weight_no_return[chosen] = np.where(is_surface, 0.0, share).sum(axis=1) * returned
     flat.weight_outlier[chosen] = sensor.outlier_probability
-    flat.log_likelihood[chosen] = labels.log_density[chosen] - 2.0 * np.log(image.unit)
+    log_likelihood = labels.log_density[chosen] - 2.0 * np.log(image.unit)
+    flat.log_likelihood[chosen] = np.where(np.isnan(log_likelihood), flat.log_likelihood[chosen], log_likelihood)
     flat.status[chosen] = int(Status.OK)
     flat.mixing[chosen] = int(Mixing.PHASOR)  # type: ignore[index]  # it was just made
 

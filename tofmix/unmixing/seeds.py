@@ -10,6 +10,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.compiled.jit import borrowing, jit
+from tofmix.image.masks import components
 from tofmix.unmixing.functions import chi_square_6
 from tofmix.unmixing.image import Beams, Measured, PhasorImage, places, window
 from tofmix.unmixing.plane_fit import fit_plane
@@ -125,6 +126,61 @@ def _unlike(
         between = (low < -off) & (high > off) & (high - low > settings.different_sigmas)
         unlike |= (np.isfinite(least) & (least > settings.unlike_sigmas)) | between
     return pixels[unlike]
+
+
+def without_creases(image: PhasorImage, seeds: Seeds, segment: IntArray, sigmas: float) -> tuple[IntArray, IntArray]:
+    """Part segments where the planes of neighbouring pixels disagree, as two walls do at their crease.
+
+    Parameters
+    ----------
+    image, seeds
+        Of one window.
+    segment : (pixel,) int64
+        Number of the segment of each pixel, of flat ones; -1 for none.
+    sigmas : float
+        Standard errors up to which a plane agrees with the next pixel.
+
+    Returns
+    -------
+    segment : (pixel,) int64
+        Numbers of the parts. A pixel without a plane, which a crease crosses, is of the part beside it, if there is
+        only one.
+    origin : (part,) int64
+        The segment of each part.
+    """
+    index = np.arange(image.count).reshape(image.shape)
+    near = 1.0 / image.range_mm
+    sigma = np.sqrt((1.0 + _CONTINUED) * (image.range_variance + seeds.pattern_variance)) * near**2
+    ones, others, sides = [], [], []
+    for one, other in ((index[:, :-1], index[:, 1:]), (index[:-1], index[1:])):
+        a, b = one.ravel(), other.ravel()
+        same = (segment[a] >= 0) & (segment[a] == segment[b])
+        a, b = a[same], b[same]
+        known = seeds.has_plane[a] & seeds.has_plane[b]
+        agree = known.copy()
+        for plane, pixel in ((a, b), (b, a)):
+            miss = near[pixel] - (seeds.plane[plane] * image.directions[pixel]).sum(axis=1)
+            agree &= np.abs(miss) < sigmas * sigma[pixel]
+        bare = ~seeds.has_plane[a] & ~seeds.has_plane[b]
+        ones.append(a[agree | bare])
+        others.append(b[agree | bare])
+        sides.append(np.stack([a, b])[:, ~known & ~bare])
+    number = components(np.concatenate(ones), np.concatenate(others), image.count)
+    side = np.concatenate(sides, axis=1)
+    plane_first = seeds.has_plane[side[0]]
+    inner, outer = np.where(plane_first, side[1], side[0]), np.where(plane_first, side[0], side[1])
+    count = int(number.max()) + 1
+    least, most = np.full(count, count), np.full(count, -1)
+    np.minimum.at(least, number[inner], number[outer])
+    np.maximum.at(most, number[inner], number[outer])
+    joined = np.where(most < 0, np.arange(count), np.where(least == most, most, -1))
+    part = np.where(segment >= 0, joined[number], -1)
+    kept, renamed = np.unique(part[part >= 0], return_inverse=True)
+    out = np.full(image.count, -1)
+    out[part >= 0] = renamed
+    origin = np.zeros(kept.size, np.int64)
+    origin[out[part >= 0]] = segment[part >= 0]
+    return out, origin
 
 
 @jit

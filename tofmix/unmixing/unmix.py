@@ -65,7 +65,7 @@ def unmix(
     image = make_image(phasors, directions, scale_mm=scale_mm, open_space=open_space, settings=settings.image)
     if circle_mm is not None:
         image = replace(image, range_mm=unfolded(image, circle_mm, settings.unfolding))
-    labels = label_curved(image, label(image, settings), settings.curved)
+    labels = label_curved(image, label(image, settings), settings)
     law = measure_law(image, labels, settings.law)
     return rewrite(layers, image, labels, law, sensor, insist=insist, circle_mm=circle_mm, settings=settings)
 

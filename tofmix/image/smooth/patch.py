@@ -5,7 +5,10 @@ In a frame with the normal n and the tangents e1 and e2, the height h over (u, v
     2 h = 2 (a + b u + c v) + k11 u^2 + 2 k12 u v + k22 v^2 + g h^2,   g = tr(K^2) tr(K) / max(tr(K)^2, tr(K^2)),
 
 which is exact for planes, spheres and cylinders. Rays meet it in closed form. The curvatures have the prior
-N(0, bend^2); four cubic terms of standard deviation `third` are integrated out: they are errors that neighbours share.
+N(0, bend^2); cubic terms are integrated out: they are errors that neighbours share. Four have the standard deviation
+`third`, or twice the square of the curvatures where that is more. In the evidence of scales, two others stand for the
+latter, x'Kx (Kx)_i / 2: a quadric's, some 2/3 away from its vertex in slope. They bend a cylinder across, not along its
+axis, so a straight axis does not speak against curvature.
 A polynomial of 1 / r is no such model: at the limb of a round thing 1 / r has the singularity of a square root.
 """
 
@@ -33,6 +36,11 @@ _REMAINDER = 0.3
 """Part of the cubic terms' error that each pixel has on its own."""
 THIRD_OF_BEND = 2.0
 """Least third derivative in units of the square of the curvatures: what a bent thing bends otherwise."""
+_SLOPE_OF_QUADRIC = THIRD_OF_BEND / 3.0
+"""Standard deviation of the slope, away from its vertex, at which a quadric has that third derivative."""
+_DIRECTIONS = 8
+_ALONG = 0.05
+"""Ways in which a thing may bend in one direction, and its bend along its axis, as a part of that across."""
 _MOST_AVERAGED = 0.02
 """Largest difference, as a part of the range, between a pixel's mean and its middle."""
 
@@ -177,7 +185,7 @@ def _meet(
 
 def fit_patches(
     view: View, at: IntArray, members: IntArray, bend: FloatArray, third: FloatArray, *, robust: bool = True,
-    third_of_bend: float = THIRD_OF_BEND,
+    third_of_bend: float = THIRD_OF_BEND, quadric: bool = False,
 ) -> Patches:  # fmt: skip
     """Fit a patch through members of one surface each.
 
@@ -196,6 +204,8 @@ def fit_patches(
     third_of_bend : float
         Least cubic terms in units of the square of the curvatures. With 0 `third` is taken as it is: for evidence,
         where shapes that are bent and nothing else are among those that are compared.
+    quadric : bool
+        Whether curvatures alone give the cubic terms of a quadric, not those of any surface.
 
     Returns
     -------
@@ -222,8 +232,10 @@ def fit_patches(
         e1, e2 = _tangents(normal)
         frame = Frame(origin, e1, e2, normal)
         bent = state[:, 3:] if number else np.zeros((n, 3))
-        design, cubic, value, variance, cubed, steep = _equations(
-            frame, ray, range_mm - averaged, noise, bent, np.maximum(third, 0.0), third_of_bend
+        least = third_of_bend * (bent**2 @ np.array([1.0, 2.0, 1.0]))
+        cubed = np.maximum(third, 0.0) if quadric else np.maximum(third, least)
+        design, cubic, value, variance, steep = _equations(
+            frame, ray, range_mm - averaged, noise, bent, cubed, _SLOPE_OF_QUADRIC * quadric
         )
         prior = np.full((n, STATE), [0.0, _SLOPE**-2, _SLOPE**-2, 0.0, 0.0, 0.0])
         prior[:, 3:] = (1.0 / bend**2)[:, np.newaxis]
@@ -267,15 +279,10 @@ def _tangents(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _equations(
-    frame: Frame,
-    ray: FloatArray,
-    range_mm: FloatArray,
-    noise: FloatArray,
-    bent: FloatArray,
-    third: FloatArray,
-    third_of_bend: float,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Design (n, place, 6), cubic terms (n, place, 4), values and variances (n, place), and size of the terms (n,).
+    frame: Frame, ray: FloatArray, range_mm: FloatArray, noise: FloatArray, bent: FloatArray, third: FloatArray,
+    slope_of_quadric: float,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:  # fmt: skip
+    """Design (n, place, 6), cubic terms (n, place, 4 or 6), values and variances (n, place).
 
     Last the squares (n, place) of the change of a height with the range.
     """
@@ -284,15 +291,18 @@ def _equations(
     du, dv, dh = (np.matmul(ray, part[:, :, np.newaxis])[..., 0] for part in frame[1:])
     k11, k12, k22 = (bent[:, i, np.newaxis] for i in range(3))
     g = bend_term(k11, k12, k22)
-    slope = dh * (1.0 - g * h) - du * (k11 * u + k12 * v) - dv * (k12 * u + k22 * v)
-    size = np.maximum(third, third_of_bend * (k11**2 + 2.0 * k12**2 + k22**2)[:, 0])
+    ku, kv = k11 * u + k12 * v, k12 * u + k22 * v
+    slope = dh * (1.0 - g * h) - du * ku - dv * kv
+    quadric = 0.5 * slope_of_quadric * (u * ku + v * kv)
+    other = third[:, np.newaxis]
     away = u * u + v * v + h * h
-    own = _REMAINDER * size[:, np.newaxis] * away**1.5 / 6.0
+    own = _REMAINDER**2 * (other**2 * away**3 / 36.0 + quadric**2 * (ku * ku + kv * kv))
     steep = np.maximum(slope**2, _STEEPEST)
-    variance = steep * noise + own**2
-    cubic = np.stack([u**3 / 6.0, u * u * v / 2.0, u * v * v / 2.0, v**3 / 6.0], axis=-1)
+    variance = steep * noise + own
+    terms = [other * u**3 / 6.0, other * u * u * v / 2.0, other * u * v * v / 2.0, other * v**3 / 6.0]
+    cubic = np.stack([*terms, quadric * ku, quadric * kv] if slope_of_quadric else terms, axis=-1)
     design = np.stack([np.ones_like(u), u, v, 0.5 * u * u, u * v, 0.5 * v * v], axis=-1)
-    return design, cubic * size[:, np.newaxis, np.newaxis], h - 0.5 * g * h * h, variance, size, steep
+    return design, cubic, h - 0.5 * g * h * h, variance, steep
 
 
 def _solved(
@@ -347,14 +357,39 @@ def _averaged(frame: Frame, state: FloatArray, inner: FloatArray, ray: FloatArra
 def _log_evidence(
     design: FloatArray, cubic: FloatArray, value: FloatArray, variance: FloatArray, there: BoolArray, bend: FloatArray
 ) -> FloatArray:
-    """Log density (n,) of values with the prior of the state, and the cubic terms, integrated out."""
-    spread = np.ones((len(bend), STATE))
-    spread[:, 0], spread[:, 1:3], spread[:, 3:] = _HEIGHT_MM, _SLOPE, bend[:, np.newaxis]
-    shared = np.concatenate([cubic, design * spread[:, np.newaxis]], axis=-1)
+    """Log density (n,) of values with the prior of the state, and the cubic terms, integrated out.
+
+    A thing bends in all directions alike, or in one of `_DIRECTIONS`, as a cylinder does: as probable. With the first
+    alone a cylinder would pay for bending along its axis, which its pixels exclude, more than its bend explains.
+    """
+    shared = np.concatenate([cubic, design], axis=-1)
     weight = there / variance
-    weighed = shared * weight[..., np.newaxis]
-    inside = np.eye(shared.shape[-1]) + np.swapaxes(shared, 1, 2) @ weighed
-    seen = np.swapaxes(weighed, 1, 2) @ value[..., np.newaxis]
-    explained = (seen * np.linalg.solve(inside, seen))[..., 0].sum(axis=1)
-    determinant = np.linalg.slogdet(inside)[1] + np.where(there, np.log(variance), 0.0).sum(axis=1)
-    return np.asarray(-0.5 * (determinant + (weight * value**2).sum(axis=1) - explained))
+    turned = np.swapaxes(shared * weight[..., np.newaxis], 1, 2)
+    square, seen = turned @ shared, turned @ value[..., np.newaxis]
+    constant = np.where(there, np.log(variance), 0.0).sum(axis=1) + (weight * value**2).sum(axis=1)
+    logs = []
+    for number, factor in enumerate(_prior_factors(cubic.shape[-1], bend)):
+        across = np.swapaxes(factor, 1, 2)
+        inside = np.eye(factor.shape[-1]) + across @ square @ factor
+        own = across @ seen
+        explained = (own * np.linalg.solve(inside, own))[..., 0].sum(axis=1)
+        share = 0.5 if number == 0 else 0.5 / _DIRECTIONS
+        logs.append(math.log(share) - 0.5 * (np.linalg.slogdet(inside)[1] + constant - explained))
+    return np.asarray(np.logaddexp.reduce(np.stack(logs), axis=0))
+
+
+def _prior_factors(cubic: int, bend: FloatArray) -> list[FloatArray]:
+    """Square roots (n, cubic + 6, m) of the prior covariances of cubic terms and state, by the way a thing bends."""
+    rest = np.broadcast_to(np.eye(cubic + STATE), (len(bend), cubic + STATE, cubic + STATE)).copy()
+    rest[:, cubic, cubic] = _HEIGHT_MM
+    rest[:, [cubic + 1, cubic + 2], [cubic + 1, cubic + 2]] = _SLOPE
+    last = np.arange(cubic + 3, cubic + STATE)
+    rest[:, last, last] = bend[:, np.newaxis]
+    factors = [rest]
+    for angle in np.arange(_DIRECTIONS) * math.pi / _DIRECTIONS:
+        x, y = math.cos(angle), math.sin(angle)
+        one = np.concatenate([rest, np.zeros((len(bend), cubic + STATE, 1))], axis=-1)
+        one[:, last, last] *= _ALONG
+        one[:, last, -1] = np.array([x * x, x * y, y * y]) * bend[:, np.newaxis]
+        factors.append(one)
+    return factors

@@ -74,7 +74,9 @@ def _evidence(
         return owner, evidence
     for number, (bend, third) in enumerate(trials):
         same = np.ones(at.size)
-        evidence[number] = fit_patches(view, at, members, bend * same, third * same, robust=False).log_evidence
+        evidence[number] = fit_patches(
+            view, at, members, bend * same, third * same, robust=False, quadric=True
+        ).log_evidence
     return owner, np.maximum(evidence, evidence.max(axis=0, initial=-np.inf) - _MOST_WORSE)
 
 
