@@ -27,6 +27,7 @@ from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 from tofmix.simulation.casting.cast import MovingCaster
 from tofmix.simulation.effects import EFFECTS
 from tofmix.surfaces.reconstruct import reconstruct
+from tofmix.suspicion.evidence import warm_up as warm_up_evidence
 from tofmix.unmixing import warm_up as unmixing
 
 _RANGE_MM = 1000.0  # of the made-up samples
@@ -39,6 +40,7 @@ _PINHOLE = Pinhole(fx=20.0, fy=20.0, cx=5.5, cy=5.5)
 def compile_all() -> None:
     """Compile the kernels of all commands and options, or load them from their cache."""
     compile_options()
+    warm_up_evidence(EstimateOptions().max_layers)
     compile_images()
     compile_scenes()
     compile_noise()
