@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.round_things import SCENES, cylinder, render, score, sphere, wall
+from support.round_things import OPEN_SCENES, SCENES, cylinder, render, score, sphere, wall
 
 import tofmix as tm
 from tofmix.flags import Mixing
@@ -83,3 +83,38 @@ def test_samples_of_one_surface_each_contradict_sums_where_no_edge_tells() -> No
     law = tm.estimate(events).mixing_law
     assert law is not None
     assert not law.phasor_share > 0.05
+
+
+@pytest.mark.slow
+def test_round_things_before_open_space_have_one_surface_with_the_share_that_returns() -> None:
+    one = render(*OPEN_SCENES["sphere and cylinder"], noise_mm=20.0, frames=60, threshold=3.0, seed=2)
+    result = score(one, tm.estimate(one.recording).window(0))
+    assert result.both >= 0.9 * result.mixed
+    assert result.ranges_within >= 0.9 * result.ranges
+    assert result.shares_within >= 0.9 * result.both
+
+
+@pytest.mark.slow
+def test_nothing_flies_where_two_walls_meet_behind_a_sphere() -> None:
+    one = render(*SCENES["creased wall and sphere"], noise_mm=20.0, frames=60, seed=2)
+    result = score(one, tm.estimate(one.recording).window(0))
+    assert result.both >= 0.9 * result.mixed
+    assert (result.split, result.flying) == (0, 0)
+
+
+@pytest.mark.slow
+def test_a_column_of_three_pixels_bends_at_noise_that_hides_each_pixel_s_own_bend() -> None:
+    one = render(*SCENES["two columns"], noise_mm=40.0, frames=100, seed=1)
+    result = score(one, tm.estimate(one.recording).window(0))
+    assert result.both >= 0.9 * result.mixed
+    assert result.flying <= 2
+
+
+@pytest.mark.slow
+def test_second_modes_by_chance_leave_pixels_of_one_surface_decided() -> None:
+    one = render(*SCENES["sphere and cylinder"], noise_mm=20.0, seed=1)
+    found = tm.estimate(one.recording).window(0)
+    assert found.mixing is not None
+    alone = one.share.max(axis=0) > 0.999
+    assert (found.mixing[alone] == int(Mixing.UNDECIDED)).sum() <= 1
+    assert (found.n_modes[alone] == 1).mean() > 0.999

@@ -46,12 +46,14 @@ def label_curved(image: PhasorImage, labels: Labels, settings: UnmixSettings = D
         The same object where planes explain all pixels, or nothing bends.
     """
     undecided = _undecided(image, labels, settings.curved)
-    if not settings.curved.rounds or not undecided.any():
+    # Before open space a plane explains any pixel by its share alone: that does not say that nothing bends.
+    doubtful_pixels = undecided | (image.valid & np.isinf(labels.range_mm).any(axis=1))
+    if not settings.curved.rounds or not doubtful_pixels.any():
         return labels
     view = view_of(image, labels)
     segment = segments_of(view)
     count = int(segment.max()) + 1
-    beside = segment[near(undecided.reshape(image.shape), REACH).ravel()]
+    beside = segment[near(doubtful_pixels.reshape(image.shape), REACH).ravel()]
     doubtful = np.unique(beside[beside >= 0])
     unexplained = _much_unexplained(segment, undecided, image.shape, doubtful)
     if not unexplained.any() and not may_bend(view, segment, doubtful, REACH).any():
@@ -85,9 +87,12 @@ def _parted(
 
 
 def _undecided(image: PhasorImage, labels: Labels, settings: CurvedSettings) -> BoolArray:
+<<<<<<< HEAD
     """Pixels that no planes explain; before open space any plane explains a pixel, by a share of its own."""
+=======
+    """Pixels that no planes explain."""
+>>>>>>> 32edd1a162f991e2a63415fe17ae19661429cf5b
     mixed = np.isin(labels.kind, (Kind.PAIR, Kind.TRIPLE)) & labels.is_known
-    mixed &= ~np.isinf(labels.range_mm).any(axis=1)
     return image.valid & ~labels.is_surface & ~(mixed & (labels.probability > settings.decided))
 
 

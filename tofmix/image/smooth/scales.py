@@ -1,5 +1,6 @@
 """How much a surface bends: the scales of its curvatures and cubic terms that its own pixels make most likely."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,9 @@ THIRDS = (1e-12, 1e-7, 1e-6, 1e-5)
 
 UNKNOWN = 3e-3, 1e-6
 """Scales of a surface with too few pixels to tell."""
+
+_ODDS_OF_PLANE = 100.0
+"""Prior odds that a surface is a plane: things are made of walls, and a few pixels of a board bend by chance."""
 
 _WINDOWS = 10
 _LEAST_WINDOWS = 3
@@ -58,7 +62,7 @@ def may_bend(view: View, segment: IntArray, numbers: IntArray, reach: int) -> Bo
     owner, evidence = _evidence(view, segment, numbers, reach, trials)
     sums = np.stack([np.bincount(owner, weights=row, minlength=len(numbers)) for row in evidence])
     enough = np.bincount(owner, minlength=len(numbers)) >= _LEAST_WINDOWS
-    return np.asarray(enough & (sums[1:].max(axis=0) > sums[0]))
+    return np.asarray(enough & (sums[1:].max(axis=0) > sums[0] + math.log(_ODDS_OF_PLANE)))
 
 
 def _evidence(
@@ -115,7 +119,8 @@ def learn_scales(view: View, segment: IntArray, numbers: IntArray, reach: int) -
     for number in range(len(numbers)):
         mine = owner == number
         if mine.sum() >= _LEAST_WINDOWS:
-            bend[number], third[number] = grid[int(evidence[:, mine].sum(axis=1).argmax())]
+            log = evidence[:, mine].sum(axis=1) + math.log(_ODDS_OF_PLANE) * (grid[:, 0] <= BENDS[1])
+            bend[number], third[number] = grid[int(log.argmax())]
     return Scales(bend, third, _inflation(view, segment, numbers, bend, third, reach))
 
 
