@@ -87,11 +87,7 @@ def _parted(
 
 
 def _undecided(image: PhasorImage, labels: Labels, settings: CurvedSettings) -> BoolArray:
-<<<<<<< HEAD
-    """Pixels that no planes explain; before open space any plane explains a pixel, by a share of its own."""
-=======
     """Pixels that no planes explain."""
->>>>>>> 32edd1a162f991e2a63415fe17ae19661429cf5b
     mixed = np.isin(labels.kind, (Kind.PAIR, Kind.TRIPLE)) & labels.is_known
     return image.valid & ~labels.is_surface & ~(mixed & (labels.probability > settings.decided))
 
