@@ -63,6 +63,9 @@ def label_curved(image: PhasorImage, labels: Labels, settings: UnmixSettings = D
     bent[doubtful[unexplained]] |= ~scales.is_known()[doubtful[unexplained]]
     if not bent.any():
         return labels
+    # Of a thing that bends, a small part beside open space has too few pixels to tell.
+    likewise = doubtful[_much_unexplained(segment, doubtful_pixels, image.shape, doubtful)]
+    bent[likewise] |= ~scales.is_known()[likewise]
     segment, scales, bent = _parted(image, labels, segment, scales, bent, settings)
     spaces = open_spaces(image, settings.labels)
     space = spaces[-1] if spaces else None
