@@ -66,7 +66,8 @@ class IndependentSamples:
         stored = self._source.read_range(slice(start, last), rows)
         found = self._filter.independent(stored, start)
         if self._marks:
-            found = np.where(np.isnan(found) & np.isfinite(stored), np.float32(np.inf), found)
+            adds_none = np.where(np.isfinite(stored), np.float32(np.inf), np.float32(np.nan))
+            found = np.where(np.isfinite(found), found, adds_none)
         return np.ascontiguousarray(found[first - start :: step])
 
     @property

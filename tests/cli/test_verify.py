@@ -21,7 +21,7 @@ def test_verify_of_valid_files_exits_with_0(tofmix: Tofmix, layers: Path) -> Non
     done = tofmix("verify", layers, layers.with_name("a.h5"))
     assert done.code == ExitCode.DONE
     assert done.out == (
-        f"{layers}: layers, 16 datasets read; no fault\n"
+        f"{layers}: layers, 17 datasets read; no fault\n"
         f"{layers.with_name('a.h5')}: recording, 1 dataset read; no fault\n"
     )
     assert "range: without checksum" in done.err

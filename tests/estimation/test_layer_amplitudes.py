@@ -61,6 +61,11 @@ def test_invalid_share_is_that_of_frames_without_any_valid_target() -> None:
     np.testing.assert_allclose(invalid_share(samples, samples_a_frame=2), [1 / 3, 1 / 3], rtol=1e-6)
 
 
+def test_frames_that_add_no_sample_behind_a_filter_are_not_lost() -> None:
+    samples = np.array([[1.0, np.nan], [np.inf, np.inf], [np.inf, 3.0], [4.0, 2e9]])
+    np.testing.assert_allclose(invalid_share(samples, is_filtered=True), [0.0, 2 / 3], rtol=1e-6)
+
+
 def test_estimate_gives_the_share_of_lost_samples_and_weighs_layers_by_it() -> None:
     rng = np.random.default_rng(3)
     samples = 2000.0 + 10.0 * rng.standard_normal((100, 12, 12))

@@ -21,7 +21,7 @@ SAID_AFTER_S = 4.0
 _PARTS = {
     "estimation.layering": "layers", "estimation.peaks": "peaks", "estimation.paper": "the paper's procedure",
     "estimation.learnt": "learnt noise", "estimation": "noise", "unmixing": "unmixing", "surfaces": "edges",
-    "mapping": "maps", "simulation": "scenes", "reconciliation": "likelihoods",
+    "suspicion": "suspicions", "mapping": "maps", "simulation": "scenes", "reconciliation": "likelihoods",
 }  # fmt: skip
 """Parts of the program by the start of a kernel's name, longest first."""
 

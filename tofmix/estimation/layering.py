@@ -325,7 +325,7 @@ def layer_pixels(
     else:
         _layers_on_circle(ordered, sensor, options, options.unambiguous_range_mm, out)
     layers_before_filter(out, sensor)
-    lost = invalid_share(block, samples_a_frame=samples_a_frame)
+    lost = invalid_share(block, samples_a_frame=samples_a_frame, is_filtered=sensor.temporal_filter is not None)
     return replace(out, invalid_share=lost).reshaped(samples.shape[1:])
 
 

@@ -59,17 +59,19 @@ def sort_samples(block: NDArray[np.floating]) -> SortedSamples:
     return SortedSamples(values.astype(np.float64), valid)
 
 
-def invalid_share(block: NDArray[np.floating], *, samples_a_frame: int = 1) -> Float32Array:
+def invalid_share(block: NDArray[np.floating], *, samples_a_frame: int = 1, is_filtered: bool = False) -> Float32Array:
     """Share of the frames in which each pixel has no valid sample.
 
     Parameters
     ----------
     block : (frame, ...) array of float
         Samples, mm; where a frame has several targets, they follow each other. A missing target is no lost sample, so
-        a frame is lost if none of its targets is valid. Frames of infinite samples add none and do not count
-        (`tofmix.independent_samples`).
+        a frame is lost if none of its targets is valid.
     samples_a_frame : int
         Targets of a frame, at least 1.
+    is_filtered : bool
+        Whether the samples are of `tofmix.independent_samples`: infinite ones add none to those before, and do not
+        count.
 
     Returns
     -------
@@ -80,7 +82,7 @@ def invalid_share(block: NDArray[np.floating], *, samples_a_frame: int = 1) -> F
         valid = np.abs(block) <= FARTHEST_MM  # false for NaN
     if samples_a_frame > 1:
         valid = valid.reshape(-1, samples_a_frame, *block.shape[1:]).any(axis=1)
-    counted = len(valid) - np.count_nonzero(np.isposinf(block), axis=0) // samples_a_frame
+    counted = len(valid) - (np.count_nonzero(np.isposinf(block), axis=0) // samples_a_frame if is_filtered else 0)
     return np.asarray(1.0 - np.count_nonzero(valid, axis=0) / np.maximum(counted, 1), dtype=np.float32)
 
 

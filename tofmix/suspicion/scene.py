@@ -117,7 +117,11 @@ def make_scene(layers: Layers, evidence: Evidence, sensor: Sensor, *, circle_mm:
     if layers.mixing is not None:
         unmixed = layers.mixing == int(Mixing.PHASOR)
         clusters = clusters[~unmixed[clusters[:, 0].astype(int), clusters[:, 1].astype(int)]]
-    optics, (rows, cols) = sensor.optics, layers.shape
+    try:
+        optics = sensor.optics
+    except ValueError:  # a field of view that cannot be: commands that need it refuse it
+        optics = None
+    rows, cols = layers.shape
     return Scene(
         range_mm=layers.range.astype(np.float64),
         sigma_mm=sigma,

@@ -215,6 +215,7 @@ def _middle(view: View, at: IntArray, members: IntArray) -> FloatArray:
 
 
 _FREEDOM = 4
+"""Degrees of freedom of Student's t, as which the draws of a surface scatter: tails of a fit to a few pixels."""
 
 
 def _student(count: int) -> FloatArray:

@@ -17,8 +17,8 @@ from tofmix.flags import Mixing
 
 @pytest.fixture(scope="module")
 def sums(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two windows of phasor sums."""
-    return write_sums(tmp_path_factory.mktemp("sums") / "a.h5", small(1).recording)
+    """Two windows of phasor sums, with a few pixels that stay undecided."""
+    return write_sums(tmp_path_factory.mktemp("sums") / "a.h5", small(4).recording)
 
 
 WINDOWS = ("--window", 20, "--noise", "file")

@@ -91,6 +91,7 @@ def test_a_given_curve_is_integrated_over_the_step_too() -> None:
     assert (found.n_modes == 1).mean() > 0.99
 
 
+@pytest.mark.filterwarnings("ignore:.*have two layers within 5 sigma:tofmix.errors.DoubtWarning")
 @pytest.mark.parametrize("step", [0.6, 0.9])
 def test_pairs_two_sigma_apart_are_found_and_not_taken_for_widths(step: float) -> None:
     rng, step_mm = np.random.default_rng([1, 100]), step * SIGMA_MM

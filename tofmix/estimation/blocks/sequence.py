@@ -303,9 +303,10 @@ def estimate_windows(
     evidence = [joined(parts) for parts in pieces]
     first_frames = [window * windows.stride // samples_a_frame(source) for window in range(windows.count)]
     insist = options.mixing is MixingChoice.PHASOR
+    before = [spec for spec in out.fields if phasors is None or spec is not MIXING]  # unmixing gives the mixing
     done = [
         finish_window(
-            Layers(**{spec.name: getattr(out, spec.name)[window] for spec in out.fields if spec is not MIXING}),
+            Layers(**{spec.name: getattr(out, spec.name)[window] for spec in before}),
             None if phasors is None else phasors[window], source.sensor, insist=insist,
             frames=windows.length // samples_a_frame(source), circle_mm=options.unambiguous_range_mm,
         )
