@@ -90,7 +90,8 @@ def _parted(
     part, origin = without_creases(image, labels.seeds, segment, settings.seeds.different_sigmas)
     size = np.bincount(part[part >= 0], minlength=origin.size)
     large = np.flatnonzero(bent[origin] & (size >= _LEAST_WALL))
-    flat = large[~may_bend(view, part, large, REACH)]
+    learnt = learn_scales(view, part, large, REACH)
+    flat = large[learnt.is_known() & learnt.is_flat()]
     count = len(bent)
     pixels = np.bincount(segment[segment >= 0], minlength=count)
     of_walls = np.bincount(origin[flat], weights=size[flat], minlength=count) > _WALLS * pixels
