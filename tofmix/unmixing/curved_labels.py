@@ -12,7 +12,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.masks import near
-from tofmix.image.smooth.scales import Scales, learn_scales, may_bend
+from tofmix.image.smooth.scales import BENDS, THIRDS, Scales, learn_scales, may_bend
 from tofmix.image.smooth.segments import LEAST_PIXELS, rim_of, segments_of
 from tofmix.image.smooth.view import View
 from tofmix.unmixing.curved import REACH, Bent, Verdicts, judge_bent
@@ -24,6 +24,10 @@ from tofmix.unmixing.settings import DEFAULT_SETTINGS, CurvedSettings, UnmixSett
 
 _LEAVING = 1
 """Round in which members at the rim may leave."""
+_LEAST_WALL = 36
+"""Fewest pixels of a part that tell whether it bends: a window of 6 x 6."""
+_WALLS = 0.8
+"""Part of a segment's pixels that flat parts must have; the rest lies at creases."""
 _RELEARNT = 2
 """Round after which scales are learnt again."""
 
@@ -66,7 +70,9 @@ def label_curved(image: PhasorImage, labels: Labels, settings: UnmixSettings = D
     # Of a thing that bends, a small part beside open space has too few pixels to tell.
     likewise = doubtful[_much_unexplained(segment, doubtful_pixels, image.shape, doubtful)]
     bent[likewise] |= ~scales.is_known()[likewise]
-    segment, scales, bent = _parted(image, labels, segment, scales, bent, settings)
+    segment, scales, bent = _parted(image, view, labels, segment, scales, bent, settings)
+    if not bent.any():
+        return labels
     spaces = open_spaces(image, settings.labels)
     space = spaces[-1] if spaces else None
     segment, pixels, verdicts = _grown(image, view, segment, scales, bent, space, settings)
@@ -74,19 +80,39 @@ def label_curved(image: PhasorImage, labels: Labels, settings: UnmixSettings = D
 
 
 def _parted(
-    image: PhasorImage, labels: Labels, segment: IntArray, scales: Scales, bent: BoolArray, settings: UnmixSettings
-) -> tuple[IntArray, Scales, BoolArray]:
-    """Segments, their scales, and which bend, with flat ones parted at creases: no patch goes round a corner."""
-    flat = np.where((segment >= 0) & ~bent[segment], segment, -1)
-    part, origin = without_creases(image, labels.seeds, flat, settings.seeds.different_sigmas)
+    image: PhasorImage, view: View, labels: Labels, segment: IntArray, scales: Scales, bent: BoolArray,
+    settings: UnmixSettings,
+) -> tuple[IntArray, Scales, BoolArray]:  # fmt: skip
+    """Segments, their scales, and which bend, with flat ones parted at creases: no patch goes round a corner.
+
+    Two walls that meet seem to bend. A segment is one of walls if parts that do not bend have nearly all its pixels.
+    """
+    part, origin = without_creases(image, labels.seeds, segment, settings.seeds.different_sigmas)
+    size = np.bincount(part[part >= 0], minlength=origin.size)
+    large = np.flatnonzero(bent[origin] & (size >= _LEAST_WALL))
+    learnt = learn_scales(view, part, large, REACH)
+    flat = large[learnt.is_known() & learnt.is_flat()]
+    count = len(bent)
+    pixels = np.bincount(segment[segment >= 0], minlength=count)
+    of_walls = np.bincount(origin[flat], weights=size[flat], minlength=count) > _WALLS * pixels
+    parted = np.bincount(origin[large], minlength=count) > 1
+    walls = bent & parted & of_walls
+    bent = bent & ~walls
+    scales = scales._replace(
+        bend=np.where(walls, BENDS[0], scales.bend), third=np.where(walls, THIRDS[0], scales.third)
+    )
     curved = np.flatnonzero(bent)
-    place = np.full(len(bent), -1)
+    place = np.full(count, -1)
     place[curved] = origin.size + np.arange(curved.size)
     whole = np.where((segment >= 0) & bent[segment], place[segment], part)
     origin = np.concatenate([origin, curved])
     few = np.bincount(whole[whole >= 0], minlength=origin.size) < LEAST_PIXELS
     whole = np.where((whole >= 0) & few[whole], -1, whole)
-    return whole, Scales(*(scale[origin] for scale in scales)), bent[origin]
+    kept = np.flatnonzero(np.bincount(whole[whole >= 0], minlength=origin.size) > 0)
+    number = np.full(origin.size, -1)
+    number[kept] = np.arange(kept.size)
+    origin = origin[kept]
+    return np.where(whole >= 0, number[whole], -1), Scales(*(scale[origin] for scale in scales)), bent[origin]
 
 
 def _undecided(image: PhasorImage, labels: Labels, settings: CurvedSettings) -> BoolArray:

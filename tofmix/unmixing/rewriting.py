@@ -79,7 +79,8 @@ def rewrite(
         _write(flat, decided & sums, image, labels, sensor, circle_mm, settings.most_fresh_probability)
         # One surface, says the mean; several, say the samples: as surfaces that move do, which scatter, or by chance.
         contradicted = labels.is_surface & several & (count > 1)
-        by_chance = contradicted & image.valid & sums & ~image.is_noisier(settings.law.different_sigmas)
+        known = (labels.kind == Kind.CONTINUED) & ~labels.is_fresh & (labels.probability > settings.curved.sure)
+        by_chance = contradicted & known & image.valid & sums & ~image.is_noisier(settings.law.different_sigmas)
         contradicted &= ~by_chance
         _write(flat, by_chance, image, _alone(labels, image), sensor, circle_mm, settings.most_fresh_probability)
         flat.mixing[by_chance] = int(Mixing.ONE_SURFACE)  # type: ignore[index]  # it was just made

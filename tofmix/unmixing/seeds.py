@@ -25,8 +25,13 @@ _LINE = 8
 _HALVINGS = 24
 """Halvings of the interval in which a scatter is looked for: to a ten millionth of it."""
 
-_CONTINUED = 1.0 / 9.0 + 4.0 / 6.0
-"""Variance of a plane through 3 x 3 pixels, two pixels from its middle, in units of a pixel's own."""
+
+def _continued(away: int) -> float:
+    """Variance of a plane through 3 x 3 pixels, `away` pixels beyond these, in units of a pixel's own."""
+    return 1.0 / 9.0 + (1 + away) ** 2 / 6.0
+
+
+_CONTINUED = _continued(1)
 
 _BLOCK = 1 << 14
 """Pixels that are worked on at once: some 10 MB an array."""
@@ -149,18 +154,17 @@ def without_creases(image: PhasorImage, seeds: Seeds, segment: IntArray, sigmas:
         The segment of each part.
     """
     index = np.arange(image.count).reshape(image.shape)
-    near = 1.0 / image.range_mm
-    sigma = np.sqrt((1.0 + _CONTINUED) * (image.range_variance + seeds.pattern_variance)) * near**2
     ones, others, sides = [], [], []
     for one, other in ((index[:, :-1], index[:, 1:]), (index[:-1], index[1:])):
         a, b = one.ravel(), other.ravel()
         same = (segment[a] >= 0) & (segment[a] == segment[b])
         a, b = a[same], b[same]
         known = seeds.has_plane[a] & seeds.has_plane[b]
+        step = int(other[0, 0] - one[0, 0])
         agree = known.copy()
-        for plane, pixel in ((a, b), (b, a)):
-            miss = near[pixel] - (seeds.plane[plane] * image.directions[pixel]).sum(axis=1)
-            agree &= np.abs(miss) < sigmas * sigma[pixel]
+        for away in (1, 2):  # a weak crease shows farther away
+            for plane, pixel in ((a, a + away * step), (b, b - away * step)):
+                agree &= _goes_on(image, seeds, segment, plane, pixel, away, sigmas)
         bare = ~seeds.has_plane[a] & ~seeds.has_plane[b]
         ones.append(a[agree | bare])
         others.append(b[agree | bare])
@@ -181,6 +185,22 @@ def without_creases(image: PhasorImage, seeds: Seeds, segment: IntArray, sigmas:
     origin = np.zeros(kept.size, np.int64)
     origin[out[part >= 0]] = segment[part >= 0]
     return out, origin
+
+
+def _goes_on(
+    image: PhasorImage, seeds: Seeds, segment: IntArray, plane: IntArray, pixel: IntArray, away: int, sigmas: float
+) -> BoolArray:
+    """Whether the planes of pixels (n,) hold at pixels (n,) `away` from them, or these are of no segment."""
+    inside = (pixel >= 0) & (pixel < image.count)
+    at = np.where(inside, pixel, plane)
+    rows, cols = (
+        np.abs(one - other) for one, other in zip(*(np.divmod(k, image.shape[1]) for k in (at, plane)), strict=True)
+    )
+    inside &= (segment[at] == segment[plane]) & (np.maximum(rows, cols) == away)
+    near = 1.0 / image.range_mm[at]
+    variance = (1.0 + _continued(away)) * (image.range_variance[at] + seeds.pattern_variance)
+    miss = near - (seeds.plane[plane] * image.directions[at]).sum(axis=1)
+    return np.asarray(~inside | (np.abs(miss) < sigmas * np.sqrt(variance) * near**2))
 
 
 @jit
