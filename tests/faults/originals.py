@@ -71,7 +71,7 @@ threshold_noise = 0.5
 """
 
 MEMORY = '[[effect]]\nkind = "temporal_correlation"\ncoefficient = 0.7\n'
-"""Contradicts the noise curve, so that `estimate` learns the noise, in windows of 10 frames and more."""
+"""Contradicts the noise curve, so that `estimate` learns the noise, in windows of 20 frames."""
 
 SENSOR = '[sensor]\nprofile = "sr3000"\nrows = 6\ncols = 8\nfov_horizontal_deg = 30.0\nfov_vertical_deg = 20.0\n'
 
@@ -156,9 +156,9 @@ def make(folder: Path, pool: Pool, *, learn: bool = False) -> dict[str, Original
     if learnt:
         other = folder / "memory.toml", folder / "memory.h5"
         other[0].write_text(MODEL + MEMORY)
-        run("simulate", other[0], "-o", other[1])
+        run("simulate", other[0], "-o", other[1], "--frames", 40)
         for number, part in enumerate(learnt, 1):
-            run("estimate", other[1], "--window", 10, "--shard", f"{number}/2", "-o", part)
+            run("estimate", other[1], "--window", 20, "--shard", f"{number}/2", "-o", part)
             if not has_learnt_noise(part):
                 raise RuntimeError(f"{part}: no learnt noise")
     return {

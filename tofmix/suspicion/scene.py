@@ -117,18 +117,18 @@ def make_scene(layers: Layers, evidence: Evidence, sensor: Sensor, *, circle_mm:
     if layers.mixing is not None:
         unmixed = layers.mixing == int(Mixing.PHASOR)
         clusters = clusters[~unmixed[clusters[:, 0].astype(int), clusters[:, 1].astype(int)]]
-    try:
-        optics = sensor.optics
-    except ValueError:  # a field of view that cannot be: commands that need it refuse it
-        optics = None
     rows, cols = layers.shape
+    try:
+        directions = None if sensor.optics is None else beam_directions_of(sensor.optics, (rows, cols))
+    except ValueError:  # optics that cannot be: commands that need them refuse them
+        directions = None
     return Scene(
         range_mm=layers.range.astype(np.float64),
         sigma_mm=sigma,
         stderr_mm=np.where(np.isfinite(stderr), stderr, sigma),
         weight=layers.weight.astype(np.float64),
         amplitude=light,
-        directions=None if optics is None else beam_directions_of(optics, (rows, cols)),
+        directions=directions,
         turn_mm=_turn_mm(sensor) if circle_mm is None else circle_mm,
         clusters=clusters,
         memory=memory,
