@@ -141,7 +141,7 @@ def without_creases(image: PhasorImage, seeds: Seeds, segment: IntArray, sigmas:
     image, seeds
         Of one window.
     segment : (pixel,) int64
-        Number of the segment of each pixel, of flat ones; -1 for none.
+        Number of the segment of each pixel; -1 for none.
     sigmas : float
         Standard errors up to which a plane agrees with the next pixel.
 
@@ -155,12 +155,11 @@ def without_creases(image: PhasorImage, seeds: Seeds, segment: IntArray, sigmas:
     """
     index = np.arange(image.count).reshape(image.shape)
     ones, others, sides = [], [], []
-    for one, other in ((index[:, :-1], index[:, 1:]), (index[:-1], index[1:])):
+    for one, other, step in ((index[:, :-1], index[:, 1:], 1), (index[:-1], index[1:], image.shape[1])):
         a, b = one.ravel(), other.ravel()
         same = (segment[a] >= 0) & (segment[a] == segment[b])
         a, b = a[same], b[same]
         known = seeds.has_plane[a] & seeds.has_plane[b]
-        step = int(other[0, 0] - one[0, 0])
         agree = known.copy()
         for away in (1, 2):  # a weak crease shows farther away
             for plane, pixel in ((a, a + away * step), (b, b - away * step)):
