@@ -141,7 +141,7 @@ def without_creases(image: PhasorImage, seeds: Seeds, segment: IntArray, sigmas:
     image, seeds
         Of one window.
     segment : (pixel,) int64
-        Number of the segment of each pixel, of flat ones; -1 for none.
+        Number of the segment of each pixel; -1 for none.
     sigmas : float
         Standard errors up to which a plane agrees with the next pixel.
 
