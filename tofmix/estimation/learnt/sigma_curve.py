@@ -38,8 +38,11 @@ _DIFFERENT_FACTOR = 1.1
 _CONVERGED = 0.01
 """Change of log sigma that ends the rounds: samples determine sigma less exactly."""
 
-SEVERAL = 0.1
-"""Part of the clusters that may be of several surfaces, where sigma is the most likely one."""
+SEVERAL = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5])
+"""Parts of the clusters that may be of several surfaces, where sigma is the most likely one; the likeliest is taken."""
+
+COARSE_SIGMAS = 0.5
+"""Step, in sigmas, from which sigma is the most likely one of all clusters. `SIGMAS` reach to twice the sigma there."""
 
 _LEAST_IN_BIN, _WIDEST_BIN = 20, 0.12
 """Least clusters in a bin of range, and greatest width of the bin by its range."""
@@ -189,14 +192,16 @@ def _sigma_in_steps(likelihood: FloatArray) -> float:
     """Most likely sigma, in steps, of clusters (cluster, `SIGMAS`), of which some are of several surfaces."""
     most = likelihood.max(axis=1, keepdims=True)
     relative = np.exp(likelihood - most)
-    # A cluster of several surfaces tells nothing of sigma: any sigma is as likely.
-    total = np.log((1.0 - SEVERAL) * relative + SEVERAL * relative.mean(axis=1, keepdims=True)).sum(axis=0)
+    # A cluster of several surfaces is wider than sigma: any greater width is as likely.
+    wider = np.cumsum(relative[:, ::-1], axis=1)[:, ::-1] / np.arange(relative.shape[1], 0.0, -1.0)
+    part = SEVERAL[:, None, None]
+    total = np.log((1.0 - part) * relative + part * wider).sum(axis=1).max(axis=0)
     at = int(np.argmax(total))
     if not 0 < at < len(SIGMAS) - 1:
         return float(SIGMAS[at])
     below, here, above = total[at - 1 : at + 2]
-    part = 0.5 * (below - above) / (below - 2.0 * here + above)
-    return float(SIGMAS[at] * math.exp(part * math.log(SIGMAS[1] / SIGMAS[0])))
+    offset = 0.5 * (below - above) / (below - 2.0 * here + above)
+    return float(SIGMAS[at] * math.exp(offset * math.log(SIGMAS[1] / SIGMAS[0])))
 
 
 def _curve_through(
@@ -204,7 +209,8 @@ def _curve_through(
 ) -> NoiseCurve:
     """Curve through the median widths of bins of range; log widths (n,) are relative to `curve` at `at_mm` (n,).
 
-    Where the step is a sigma or more, sigma is the most likely one of the bin: widths of single clusters scatter far.
+    Where the step is `COARSE_SIGMAS` or more, sigma is the most likely one of the bin: widths of single clusters
+    scatter far, and those of several surfaces do not stand apart.
     """
     order = np.argsort(at_mm, kind="stable")
     place = at_mm[order]
@@ -221,7 +227,7 @@ def _curve_through(
         if coarse is not None:
             some = order[first:stop]
             log_step = float(np.median(coarse.log_step[some]))
-            if log_step >= log_sigma:
+            if log_step >= log_sigma + math.log(COARSE_SIGMAS):
                 log_sigma = log_step + math.log(_sigma_in_steps(coarse.likelihood[some]))
         sigmas.append(float(np.exp(log_sigma)))
         first = stop
