@@ -97,7 +97,7 @@ def _read_parameter(
 
 
 def _read_surface(table: TomlTable, number: int) -> Surface:
-    angles = ("yaw_deg", "pitch_deg", "reflectivity")
+    angles = ("yaw_deg", "pitch_deg", "roll_deg", "reflectivity")
     table.refuse_unknown({"name", "center_mm", "size_mm", *angles})
     settings: dict[str, Any] = {key: table.number(key) for key in angles if key in table}
     settings["name"] = table.text("name") if "name" in table else f"surface {number}"

@@ -24,8 +24,8 @@ class Surface:
         Centre in the sensor's frame, mm: x right, y down, z forward; each within a kilometre.
     size_mm : (float, float)
         Width and height, mm, above 0, up to a kilometre.
-    yaw_deg, pitch_deg : float
-        Right-handed rotation about y, then about x, degrees.
+    yaw_deg, pitch_deg, roll_deg : float
+        Right-handed rotations about y, then about x, then about z, axes of the sensor's frame; degrees.
     reflectivity : float
         In [0, 1].
 
@@ -40,6 +40,7 @@ class Surface:
     size_mm: tuple[float, float]
     yaw_deg: float = 0.0
     pitch_deg: float = 0.0
+    roll_deg: float = 0.0
     reflectivity: float = 0.8
 
     def __post_init__(self) -> None:
@@ -49,7 +50,7 @@ class Surface:
             raise ValueError(f"center_mm: {list(self.center_mm)} are not all within +-{MAX_LENGTH_MM:g}")
         if not all(0 < x <= MAX_LENGTH_MM for x in self.size_mm):
             raise ValueError(f"size_mm: {list(self.size_mm)} are not both above 0 and up to {MAX_LENGTH_MM:g}")
-        for key in ("yaw_deg", "pitch_deg"):
+        for key in ("yaw_deg", "pitch_deg", "roll_deg"):
             if not math.isfinite(getattr(self, key)):
                 raise ValueError(f"{key}: {getattr(self, key)} is not finite")
         if not 0 <= self.reflectivity <= 1:
@@ -57,10 +58,13 @@ class Surface:
 
     def rotation(self) -> FloatArray:
         """R (3, 3): its columns are the rectangle's u, v and normal axes in the sensor's frame."""
-        yaw, pitch = math.radians(self.yaw_deg), math.radians(self.pitch_deg)
+        yaw, pitch, roll = (math.radians(angle) for angle in (self.yaw_deg, self.pitch_deg, self.roll_deg))
         about_y = np.array([[math.cos(yaw), 0.0, math.sin(yaw)], [0.0, 1.0, 0.0], [-math.sin(yaw), 0.0, math.cos(yaw)]])
         about_x = np.array(
             [[1.0, 0.0, 0.0], [0.0, math.cos(pitch), -math.sin(pitch)], [0.0, math.sin(pitch), math.cos(pitch)]]
         )
-        rotation: FloatArray = about_x @ about_y
+        about_z = np.array(
+            [[math.cos(roll), -math.sin(roll), 0.0], [math.sin(roll), math.cos(roll), 0.0], [0.0, 0.0, 1.0]]
+        )
+        rotation: FloatArray = about_z @ (about_x @ about_y)
         return rotation

@@ -11,7 +11,7 @@ from tofmix.reconciliation.evidence import make_evidence
 from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.verification.aliases import separate_by
 from tofmix.reconciliation.workflow import reconcile
-from tofmix.simulation.effects.surface_pose import posed
+from tofmix.simulation.effects.surface_pose import SurfacePose
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface
 
@@ -34,7 +34,13 @@ def test_every_verdict_ends_with_a_step(small: Model) -> None:
 @pytest.mark.slow
 def test_a_surface_elsewhere_comes_first_with_the_table_that_moves_it_there(small: Model) -> None:
     """No tried effect moves a surface, so only the step names the other position."""
-    moved = replace(small, surfaces=(posed(small.surfaces[0], 40.0, 2.0, 0.0), *small.surfaces[1:]))
+    moved = replace(
+        small,
+        surfaces=(
+            SurfacePose(surface=small.surfaces[0].name, shift_mm=40.0, yaw_deg=2.0).place(small.surfaces[0], 0.0),
+            *small.surfaces[1:],
+        ),
+    )
     result = reconcile(small, recorded(moved), Settings(kinds=("range_offset", "wiggling")))
     first = result.next_steps[0]
     assert result.verified.verdict == "unexplained"

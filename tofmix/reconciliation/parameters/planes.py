@@ -7,6 +7,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.simulation.surface import Surface
+from tofmix.simulation.tilts import tilts_to
 
 _PASSES, _FAR = 12, 6.0  # of a fit; largest residual of a pixel, in medians of the residuals
 _LEAST_MM = 1.0  # range
@@ -20,8 +21,8 @@ class PlanePose:
     ----------
     shift_mm : float
         Along the model's normal, mm.
-    yaw_deg, pitch_deg : float
-        Beyond the model's, degrees.
+    tilts_deg : (float, float)
+        About the surface's own u and v axes, degrees.
     explained : float
         Share of the weighted squares of the biases that the pose explains.
     z : float
@@ -31,8 +32,7 @@ class PlanePose:
     """
 
     shift_mm: float
-    yaw_deg: float
-    pitch_deg: float
+    tilts_deg: tuple[float, float]
     explained: float
     z: float
     turn_nats: float
@@ -46,17 +46,15 @@ def ranges_to(surface: Surface, beams: FloatArray) -> FloatArray:
 
 
 def range_slopes(surface: Surface, beams: FloatArray) -> FloatArray:
-    """Derivatives of ranges along unit beams (n, 3) by shift, yaw and pitch: (n, 3), mm/mm and mm/degree.
+    """Derivatives of ranges along unit beams (n, 3) by shift and both tilts: (n, 3), mm/mm and mm/degree.
 
     The plane n . p = n . c, c shifted along n and n turned about c, is met at r = n . c / (n . d).
     """
-    normal, center = surface.rotation()[:, 2], np.array(surface.center_mm)
+    center = np.array(surface.center_mm)
+    u, v, normal = surface.rotation().T
     facing = beams @ normal
-    yaw, pitch = math.radians(surface.yaw_deg), math.radians(surface.pitch_deg)
-    by_yaw = np.array([math.cos(yaw), math.sin(pitch) * math.sin(yaw), -math.cos(pitch) * math.sin(yaw)])
-    by_pitch = np.array([0.0, -math.cos(pitch) * math.cos(yaw), -math.sin(pitch) * math.cos(yaw)])
     slopes = [1.0 / facing]
-    for turned in (by_yaw, by_pitch):
+    for turned in (-v, u):  # the change of the normal by a tilt about u, and by one about v
         change = float(turned @ center) / facing - float(normal @ center) * (beams @ turned) / facing**2
         slopes.append(np.radians(1.0) * change)
     return np.stack(slopes, axis=1)
@@ -108,8 +106,7 @@ def measured_pose(surface: Surface, beams: FloatArray, bias_mm: FloatArray, info
     curvature = rows[use].T @ rows[use]
     return PlanePose(
         shift_mm=(1.0 - float(after @ center)) / float(after @ normal),
-        yaw_deg=math.degrees(math.asin(float(np.clip(new[0], -1, 1)))) - surface.yaw_deg,
-        pitch_deg=math.degrees(math.atan2(-float(new[1]), float(new[2]))) - surface.pitch_deg,
+        tilts_deg=tilts_to(surface, new),
         explained=1.0 - rest / max(total, 1e-30),
         turn_nats=0.5 * (total - rest - shifted),
         z=math.sqrt(max(float(change @ curvature @ change), 0.0)),

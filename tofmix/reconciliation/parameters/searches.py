@@ -7,7 +7,7 @@ sigma, logarithms.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -24,7 +24,9 @@ from tofmix.reconciliation.parameters.planes import PlanePose, measured_pose, ra
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.base import refuse_without_phase
 from tofmix.simulation.effects.parameter import Holds
+from tofmix.simulation.effects.surface_pose import SurfacePose
 from tofmix.simulation.model import Model
+from tofmix.simulation.surface import Surface
 
 MAKE: Mapping[str, Callable[..., Effect]] = EFFECTS
 """Makes an effect of a kind from its parameters."""
@@ -77,11 +79,16 @@ class Problem:
 class Seen:
     """A surface, measured by the medians of its pixels."""
 
-    name: str
+    surface: Surface
     sigma: float  # mm
     residual: float  # measured minus predicted range, mm
     pose: PlanePose | None = None  # measured pose
-    turned_deg: tuple[float, float] = (0.0, 0.0)  # yaw and pitch by which its edges move by sigma
+    turned_deg: tuple[float, float] = (0.0, 0.0)  # tilts by which its edges move by sigma
+
+    @property
+    def name(self) -> str:
+        """Of the surface."""
+        return self.surface.name
 
     @property
     def far(self) -> bool:
@@ -183,17 +190,17 @@ def _pose(s: Setting) -> Iterator[Problem]:
     """A shift; and a shift with tilts, if the plane of the surface is clearly tilted."""
     yield from _per_surface("surface_pose", "shift_mm", (-1.0, 1.0), by_time=False)(s)
 
-    def make(surface: str, scales: tuple[float, float, float], x: FloatArray) -> Effect:
-        shift, yaw, pitch = (float(v) * scale for v, scale in zip(x, scales, strict=True))
-        return MAKE["surface_pose"](surface=surface, shift_mm=shift, yaw_deg=yaw, pitch_deg=pitch)
+    def make(surface: Surface, scales: tuple[float, float, float], x: FloatArray) -> Effect:
+        shift, about_u, about_v = (float(v) * scale for v, scale in zip(x, scales, strict=True))
+        return SurfacePose.tilted(surface, shift, (about_u, about_v))
 
     for seen in s.surfaces:
         if seen.pose is None or seen.pose.turn_nats < _TURNED_NATS or min(seen.turned_deg) <= 0:
             continue
         scales = seen.sigma, *seen.turned_deg
-        there = (seen.pose.shift_mm, seen.pose.yaw_deg, seen.pose.pitch_deg)
+        there = (seen.pose.shift_mm, *seen.pose.tilts_deg)
         start = tuple(value / scale for value, scale in zip(there, scales, strict=True))
-        yield Problem(make=partial(make, seen.name, scales), starts=(start,), steps=(0.3, 0.3, 0.3))
+        yield Problem(make=partial(make, seen.surface, scales), starts=(start,), steps=(0.3, 0.3, 0.3))
 
 
 def _multipath(s: Setting) -> Iterator[Problem]:
@@ -290,7 +297,9 @@ SEARCHES: dict[str, _Maker] = {
 def setting(likelihood: Likelihood, mixture: Mixture) -> Setting:
     """The data that determine the starts, for a mixture."""
     whole = np.arange(likelihood.evidence.shape[0]), np.arange(likelihood.evidence.shape[1])
-    pixels = [_main(view) for view in views(likelihood, mixture, whole)]
+    seen_by = list(views(likelihood, mixture, whole))
+    surfaces = {s.name: s for view in seen_by for s in view.scene.model.surfaces}
+    pixels = [_main(view) for view in seen_by]
     lit, sigma, mean, name, amplitude, lost, median = (np.concatenate(values) for values in zip(*pixels, strict=True))
     seen = []
     for surface in likelihood.scene.names:
@@ -299,8 +308,8 @@ def setting(likelihood: Likelihood, mixture: Mixture) -> Setting:
             away = (median - mean)[own & ~np.isnan(median)]
             residual = float(np.median(away)) if away.size else 0.0
             typical = float(np.median(sigma[own]))
-            pose, turned = _plane_of(likelihood, mixture, surface, typical)
-            seen.append(Seen(name=surface, sigma=typical, residual=residual, pose=pose, turned_deg=turned))
+            pose, turned = _plane_of(seen_by, surfaces[surface], typical)
+            seen.append(Seen(surface=surfaces[surface], sigma=typical, residual=residual, pose=pose, turned_deg=turned))
     turn = likelihood.scene.model.sensor.modulation_frequency_hz
     interval = float(np.median(np.abs(np.diff(likelihood.evidence.time_s))))
     return Setting(
@@ -316,23 +325,19 @@ def setting(likelihood: Likelihood, mixture: Mixture) -> Setting:
     )
 
 
-def _plane_of(
-    likelihood: Likelihood, mixture: Mixture, surface: str, sigma: float
-) -> tuple[PlanePose | None, tuple[float, float]]:
+def _plane_of(seen_by: Sequence[View], surface: Surface, sigma: float) -> tuple[PlanePose | None, tuple[float, float]]:
     """The pose of a surface from its pixels' medians, in the first recording that shows it; tilts of one sigma."""
-    whole = np.arange(likelihood.evidence.shape[0]), np.arange(likelihood.evidence.shape[1])
-    for view in views(likelihood, mixture, whole):
+    for view in seen_by:
         lit, _, mean, names, _, _, median = _main(view)
-        own = lit & (names == surface) & ~np.isnan(median)
+        own = lit & (names == surface.name) & ~np.isnan(median)
         if own.sum() < _LEAST_PIXELS:
             continue
-        given = next(s for s in view.scene.model.surfaces if s.name == surface)
         beams = view.scene.beams[own]
         known = np.full(int(own.sum()), _KNOWN_OF_MEDIAN * min(len(view.evidence.samples), _GLANCE) / sigma**2)
-        pose = measured_pose(given, beams, (median - mean)[own], known)
-        slopes = np.quantile(np.abs(range_slopes(given, beams)[:, 1:]), _AT_THE_EDGE, axis=0)
-        yaw, pitch = (sigma / float(v) if v > _LEAST_LEVER else 0.0 for v in slopes)
-        return pose, (yaw, pitch)
+        pose = measured_pose(surface, beams, (median - mean)[own], known)
+        slopes = np.quantile(np.abs(range_slopes(surface, beams)[:, 1:]), _AT_THE_EDGE, axis=0)
+        about_u, about_v = (sigma / float(v) if v > _LEAST_LEVER else 0.0 for v in slopes)
+        return pose, (about_u, about_v)
     return None, (0.0, 0.0)
 
 

@@ -19,6 +19,8 @@ from tofmix.reconciliation.search.summaries import Summary, surfaces_of
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.base import Latent, Target
 from tofmix.simulation.effects.parameter import Holds, Parameter
+from tofmix.simulation.effects.surface_pose import SurfacePose
+from tofmix.simulation.surface import Surface
 
 _TAUS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)  # time constants of a drift, as parts of the recording
 _EXPONENTS = (0.5, 1.0, 1.6)  # of a walk
@@ -152,6 +154,10 @@ class ColumnMaker:
         )
         self.surfaces = list(dict.fromkeys(name for s in seen for name, _ in surfaces_of(s)))
 
+    def surface(self, name: str) -> Surface:
+        """The surface of this name in the model of the first recording that has it."""
+        return next(s for seen in self.seen for s in seen.view.scene.model.surfaces if s.name == name)
+
     def possible(self, of_kind: "Callable[[ColumnMaker], Iterator[Term]]") -> list[Term]:
         """The terms of a kind; none if the camera or the scene cannot have it."""
         try:
@@ -205,19 +211,19 @@ def _pose(make: ColumnMaker) -> Iterator[Term]:
     """A shift alone, or a shift with both tilts."""
     size, prior = make.scales.sigma_mm, _prior("surface_pose", "shift_mm")
     for name in make.surfaces:
-        made = partial(_moved, name)
+        made = partial(_moved, make.surface(name))
         shift = make.column(made(np.array([size])), size, prior)
         tilts = tuple(
-            make.column(made(np.array(c)), _TURN_DEG, _prior("surface_pose", by))
-            for by, c in (("yaw_deg", (0.0, _TURN_DEG, 0.0)), ("pitch_deg", (0.0, 0.0, _TURN_DEG)))
+            make.column(made(np.array(c)), _TURN_DEG, _prior("surface_pose", "yaw_deg"))
+            for c in ((0.0, _TURN_DEG, 0.0), (0.0, 0.0, _TURN_DEG))
         )
         for columns in ((shift,), (shift, *tilts)):
             yield Term(kind="surface_pose", surface=name, make=made, columns=columns, choices=2)
 
 
-def _moved(surface: str, c: FloatArray) -> Effect:
-    shift, yaw, pitch = (*(float(v) for v in c), 0.0, 0.0)[:3]
-    return _effect("surface_pose", surface=surface, shift_mm=shift, yaw_deg=yaw, pitch_deg=pitch)
+def _moved(surface: Surface, c: FloatArray) -> Effect:
+    shift, about_u, about_v = (*(float(v) for v in c), 0.0, 0.0)[:3]
+    return SurfacePose.tilted(surface, shift, (about_u, about_v))
 
 
 def _motion(make: ColumnMaker) -> Iterator[Term]:
@@ -228,7 +234,7 @@ def _motion(make: ColumnMaker) -> Iterator[Term]:
         return _effect("motion", surface=surface, velocity_mm_s=float(c[0]) / duration)
 
     for name in make.surfaces:
-        at_once = _moved(name, np.array([size]))
+        at_once = _moved(make.surface(name), np.array([size]))
         column = make.column(at_once, size, prior, profile=lambda t: t / duration)
         yield Term(kind="motion", surface=name, make=partial(moving, name), columns=(column,))
 

@@ -16,6 +16,7 @@ from tofmix.reconciliation.search.summaries import summaries, surfaces_of
 from tofmix.reconciliation.verdict import SIGMAS
 from tofmix.reconciliation.verification.aliases import Alias
 from tofmix.reconciliation.verification.verify import Verified
+from tofmix.simulation.effects.surface_pose import SurfacePose
 from tofmix.simulation.surface import Surface
 from tofmix.wording import counted
 
@@ -132,7 +133,7 @@ def _of_poses(poses: Sequence[FoundPose], *, several: bool) -> Iterator[str]:
     for found in sorted(poses, key=lambda f: -f.pose.z)[:_MOST_POSES]:
         where = f" of recording {found.recording + 1}" if several else ""
         side = f"{'farther' if found.farther else 'nearer'} along its normal"
-        turn = math.hypot(found.pose.yaw_deg, found.pose.pitch_deg)
+        turn = math.hypot(*found.pose.tilts_deg)
         turned = f" and turned by {turn:.2g} degrees" if turn > _LEAST_TURN_DEG else ""
         yield (
             f'"{found.surface.name}"{where} is {abs(found.pose.shift_mm):.3g} mm {side}{turned}:'
@@ -143,9 +144,13 @@ def _of_poses(poses: Sequence[FoundPose], *, several: bool) -> Iterator[str]:
 def effect_line(found: FoundPose) -> str:
     """The table of a model file that moves the surface to this pose, on one line."""
     values: dict[str, str | float] = {"surface": found.surface.name, "shift_mm": float(f"{found.pose.shift_mm:.5g}")}
-    for name in ("yaw_deg", "pitch_deg"):
-        if abs(getattr(found.pose, name)) > _LEAST_TURN_DEG:
-            values[name] = float(f"{getattr(found.pose, name):.4g}")
+    try:
+        pose = SurfacePose.tilted(found.surface, found.pose.shift_mm, found.pose.tilts_deg)
+    except ValueError:  # of a tilt that its angles cannot make, the shift is a first step
+        pose = SurfacePose.tilted(found.surface, found.pose.shift_mm)
+    for name in ("yaw_deg", "pitch_deg", "roll_deg"):
+        if abs(getattr(pose, name)) > _LEAST_TURN_DEG:
+            values[name] = float(f"{getattr(pose, name):.4g}")
     return "[[effect]] " + "; ".join(['kind = "surface_pose"', *(f"{k} = {json.dumps(v)}" for k, v in values.items())])
 
 

@@ -23,6 +23,7 @@ def describe_model(model: Model, *, name: str, sample_bytes: int = 6) -> Descrip
             "size_mm": list(surface.size_mm),
             "yaw_deg": surface.yaw_deg,
             "pitch_deg": surface.pitch_deg,
+            "roll_deg": surface.roll_deg,
             "reflectivity": surface.reflectivity,
         }
         for surface in model.surfaces

@@ -94,7 +94,9 @@ class MovingCaster:
         self._model = model
         self._moving = np.array([model.moves_surface(surface.name) for surface in model.surfaces], dtype=np.bool_)
         away = tuple(
-            replace(surface, reflectivity=0.0, center_mm=(0.0, 0.0, MAX_LENGTH_MM), yaw_deg=0.0, pitch_deg=0.0)
+            replace(
+                surface, reflectivity=0.0, center_mm=(0.0, 0.0, MAX_LENGTH_MM), yaw_deg=0.0, pitch_deg=0.0, roll_deg=0.0
+            )
             if moves
             else surface
             for surface, moves in zip(_placed(model, 0.0).surfaces, self._moving, strict=True)

@@ -7,6 +7,7 @@ import numpy as np
 
 from tofmix.simulation.effects.base import Effect, Level, Target
 from tofmix.simulation.effects.parameter import number, surface
+from tofmix.simulation.tilts import angle_changes
 
 if TYPE_CHECKING:
     from tofmix.simulation.surface import Surface
@@ -41,10 +42,26 @@ class SurfacePose(Effect):
     pitch_deg: float = number(
         "Added to the surface's `pitch_deg`.", unit="degree", low=-180, high=180, default=0, typical=(0.2, 4)
     )
+    roll_deg: float = number(
+        "Added to the surface's `roll_deg`; a side wall leans by it.",
+        unit="degree", low=-180, high=180, default=0, typical=(0.2, 4),
+    )  # fmt: skip
+
+    @classmethod
+    def tilted(cls, surface: "Surface", shift_mm: float, tilts_deg: tuple[float, float] = (0.0, 0.0)) -> "SurfacePose":
+        """The pose of a surface that is shifted, and tilted about its own u and v axes.
+
+        Raises
+        ------
+        ValueError
+            If the surface cannot be tilted so, or a number is out of bounds.
+        """
+        yaw, pitch, roll = angle_changes(surface, tilts_deg)
+        return cls(surface=surface.name, shift_mm=shift_mm, yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)
 
     def explain(self) -> str:
         """One sentence."""
-        turns = (("yaw", self.yaw_deg), ("pitch", self.pitch_deg))
+        turns = (("yaw", self.yaw_deg), ("pitch", self.pitch_deg), ("roll", self.roll_deg))
         said = " and ".join(f"{angle:+.4g} degrees in {name}" for name, angle in turns if angle)
         turn = f", turned by {said}" if said else ""
         return f'"{self.surface}" lies {self.shift_mm:+.4g} mm along its normal from its position in the model{turn}'
@@ -53,21 +70,15 @@ class SurfacePose(Effect):
         """Move the surface."""
         if surface.name != self.surface:
             return surface
-        return posed(surface, self.shift_mm, self.yaw_deg, self.pitch_deg)
-
-
-def posed(surface: "Surface", shift_mm: float, yaw_deg: float, pitch_deg: float) -> "Surface":
-    """The surface, moved along its normal and then turned about its centre.
-
-    Raises
-    ------
-    ValueError
-        If it would leave the bounds of a model.
-    """
-    moved = shifted(surface, shift_mm)
-    if not yaw_deg and not pitch_deg:
-        return moved
-    return replace(moved, yaw_deg=surface.yaw_deg + yaw_deg, pitch_deg=surface.pitch_deg + pitch_deg)
+        moved = shifted(surface, self.shift_mm)
+        if not (self.yaw_deg or self.pitch_deg or self.roll_deg):
+            return moved
+        return replace(
+            moved,
+            yaw_deg=surface.yaw_deg + self.yaw_deg,
+            pitch_deg=surface.pitch_deg + self.pitch_deg,
+            roll_deg=surface.roll_deg + self.roll_deg,
+        )
 
 
 def shifted(surface: "Surface", shift_mm: float) -> "Surface":

@@ -1,0 +1,89 @@
+"""Tilts of a surface about its own two axes, and the changes of yaw, pitch and roll that make them.
+
+A plane tilts about two axes; a turn about its normal moves its edges alone. Which of yaw, pitch and roll tilts a
+surface depends on the surface: a side wall (yaw 90) does not change with pitch, and leans by its roll. So a pose is
+fitted in tilts, and is written as changes of yaw and of one other angle: pitch or roll, whichever tilts the surface
+more for each degree.
+"""
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tofmix.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from tofmix.simulation.surface import Surface
+
+MOST_DEG = 60.0
+"""Largest tilt that is fitted: a surface beyond is another one."""
+
+_STEPS = 30  # of Newton's
+_ENOUGH = 1e-13  # difference of two unit normals
+_LEAST_PART = 1e-6  # of a degree of tilt that an angle makes for each degree
+
+
+def tilts_to(surface: "Surface", normal: FloatArray) -> tuple[float, float]:
+    """Tilts about the surface's own u and v axes that turn its normal to `normal` (3,), a unit vector; degrees."""
+    u, v, n = surface.rotation().T @ normal
+    across = math.hypot(u, v)
+    part = math.degrees(math.atan2(across, n)) / across if across > 0.0 else math.degrees(1.0)
+    return -float(v) * part, float(u) * part
+
+
+def angle_changes(surface: "Surface", tilts_deg: tuple[float, float]) -> tuple[float, float, float]:
+    """Changes of yaw, pitch and roll, degrees, that tilt a surface about its own u and v axes.
+
+    Parameters
+    ----------
+    surface : Surface
+        The surface.
+    tilts_deg : (float, float)
+        Right-handed tilts about its u axis and about its v axis, degrees: the parts of one rotation.
+
+    Returns
+    -------
+    (float, float, float)
+        One of pitch and roll is 0. They are the changes nearest to 0.
+
+    Raises
+    ------
+    ValueError
+        If the tilt is above `MOST_DEG`, or yaw and the other angle turn the surface about one axis alone.
+    """
+    tilt = math.hypot(*tilts_deg)
+    if tilt > MOST_DEG:
+        raise ValueError(f"a tilt of {tilt:g} degrees is above {MOST_DEG:g}")
+    if tilt == 0.0:
+        return 0.0, 0.0, 0.0
+    part = math.sin(math.radians(tilt)) / tilt
+    wanted = surface.rotation() @ np.array([tilts_deg[1] * part, -tilts_deg[0] * part, math.cos(math.radians(tilt))])
+    yaw, pitch, roll = (math.radians(angle) for angle in (surface.yaw_deg, surface.pitch_deg, surface.roll_deg))
+    by_pitch = abs(math.cos(yaw)) >= abs(math.cos(pitch) * math.sin(yaw))
+    if max(abs(math.cos(yaw)), abs(math.cos(pitch) * math.sin(yaw))) < _LEAST_PART:
+        raise ValueError(f'"{surface.name}" tilts about one axis alone by its angles; give it another yaw or pitch')
+    change = np.zeros(2)
+    for _ in range(_STEPS):
+        turned = (yaw + change[0], pitch + change[1] * by_pitch, roll + change[1] * (not by_pitch))
+        normal, by_yaw, *others = _normal_and_slopes(*turned)
+        if float(np.abs(wanted - normal).max()) < _ENOUGH:
+            break
+        slopes = np.stack([by_yaw, others[0 if by_pitch else 1]], axis=1)
+        change += np.linalg.lstsq(slopes, wanted - normal, rcond=None)[0]
+    else:
+        raise ValueError(f'"{surface.name}" cannot be tilted by {tilt:g} degrees with its yaw and one more angle')
+    first, second = (math.degrees(math.remainder(float(angle), 2.0 * math.pi)) for angle in change)
+    return (first, second, 0.0) if by_pitch else (first, 0.0, second)
+
+
+def _normal_and_slopes(yaw: float, pitch: float, roll: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """The normal (3,) at angles in rad, and its derivatives by yaw, pitch and roll."""
+    c, s = math.cos(roll), math.sin(roll)
+    about_z = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    sin, cos = math.sin(yaw), math.cos(yaw)
+    down, ahead = math.sin(pitch), math.cos(pitch)
+    normal = about_z @ np.array([sin, -down * cos, ahead * cos])
+    by_yaw = about_z @ np.array([cos, down * sin, -ahead * sin])
+    by_pitch = about_z @ np.array([0.0, -ahead * cos, -down * cos])
+    return normal, by_yaw, by_pitch, np.array([-normal[1], normal[0], 0.0])
