@@ -2,6 +2,7 @@
 
     PYTHONPATH=tests python tests/benchmarks/user_scenes.py --output RESULTS
     PYTHONPATH=tests python tests/benchmarks/user_scenes.py --output RESULTS --cases 240 --seed 7 --jobs 2
+    PYTHONPATH=tests python tests/benchmarks/user_scenes.py --output ROOMS --scenes rooms --cases 60
     PYTHONPATH=tests python tests/benchmarks/user_scenes.py --output RESULTS --summary
     PYTHONPATH=tests python tests/benchmarks/user_scenes.py --output RESULTS --peer
     PYTHONPATH=tests python tests/benchmarks/user_scenes.py --output TRUE --model true
@@ -44,9 +45,9 @@ FRESH = 1_000_003
 """Added to a case's seed for the recordings that no fit has seen."""
 
 
-def agreeing(number: int, seed: int) -> dict[str, Any]:
+def agreeing(number: int, seed: int, scenes: str) -> dict[str, Any]:
     """One case whose true model is given: it agrees, or it does not."""
-    case = draw(seed, number)
+    case = draw(seed, number, scenes)
     evidence = make_evidence(case.true, recorded(case), time_s=np.arange(FRAMES) / RATE_HZ)
     start = time.perf_counter()
     gap = reconcile(case.true, evidence, Settings(kinds=KINDS)).as_dict()
@@ -60,9 +61,9 @@ def agreeing(number: int, seed: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def judged(number: int, seed: int) -> dict[str, Any]:
+def judged(number: int, seed: int, scenes: str) -> dict[str, Any]:
     """One case: drawn, recorded, reconciled and scored."""
-    case = draw(seed, number)
+    case = draw(seed, number, scenes)
     evidence = make_evidence(case.given, recorded(case), time_s=np.arange(FRAMES) / RATE_HZ)
     start = time.perf_counter()
     found = reconcile(case.given, evidence, Settings(kinds=KINDS))
@@ -78,9 +79,9 @@ def judged(number: int, seed: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def by_bic(number: int, seed: int) -> dict[str, Any]:
+def by_bic(number: int, seed: int, scenes: str) -> dict[str, Any]:
     """The same case by greedy selection with BIC."""
-    case = draw(seed, number)
+    case = draw(seed, number, scenes)
     evidence = make_evidence(case.given, recorded(case), time_s=np.arange(FRAMES) / RATE_HZ)
     start = time.perf_counter()
     gap = greedy_bic(case.given, evidence, Settings(kinds=KINDS))
@@ -120,7 +121,9 @@ def _noted(
         ProcessPoolExecutor(options.jobs, mp_context=get_context("forkserver")) as pool,
         (options.output / name).open("a", encoding="utf-8") as file,
     ):
-        for line in pool.map(partial(judge, seed=options.seed), [n for n in numbers if n not in done]):
+        for line in pool.map(
+            partial(judge, seed=options.seed, scenes=options.scenes), [n for n in numbers if n not in done]
+        ):
             file.write(json.dumps(line) + "\n")
             file.flush()
             print(f"{line['name']}: {line['result']} {line['why']}", flush=True)
@@ -184,7 +187,7 @@ def _beside(done: Sequence[dict[str, Any]], peer: Mapping[int, dict[str, Any]]) 
 
 def chosen(options: argparse.Namespace) -> list[int]:
     """Numbers of the cases that are asked for."""
-    cases = ((n, draw(options.seed, n)) for n in range(0, options.cases, options.every))
+    cases = ((n, draw(options.seed, n, options.scenes)) for n in range(0, options.cases, options.every))
     known = ((n, case) for n, case in cases if options.model == "given" or case.stranger is None)
     return [n for n, case in known if options.select in case.name]
 
@@ -194,6 +197,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--output", type=Path, required=True)
     parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument(
+        "--scenes", choices=("boards", "rooms"), default="boards", help="rooms: rooms, corridors, alcoves"
+    )
     parser.add_argument("--cases", type=int, default=240)
     parser.add_argument("--every", type=int, default=1, help="take each so-many-th case")
     parser.add_argument("--select", default="", help="a part of the cases' names")

@@ -16,15 +16,19 @@ from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import EFFECTS, Effect, PixelMap
 from tofmix.simulation.effects.base import Context
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.surface_pose import SurfacePose
 from tofmix.simulation.model import Model, RecordingSettings
 from tofmix.simulation.prediction import predict
 from tofmix.simulation.render import render_blocks
 from tofmix.simulation.surface import Surface
+from users.rooms import ROOMS
 from users.strangers import STRANGERS, Stranger
 
 ROWS, COLS, FRAMES, RATE_HZ = 56, 72, 120, 25.0
 SENSORS = ("sr3000", "sr4000")
 TURNED_DEG, MOVED_MM = 2.0, 40.0
+LEAST_SEEN = 100
+"""Least pixels of a surface that is moved, moves or is lit by another one."""
 _MAKE: Mapping[str, Callable[..., Effect]] = EFFECTS
 _PERIOD = 12  # cases in which each sort comes as often as it shall
 _PLAIN, _STRANGE = 10, 11  # of a period: without effects or nearly right; a stranger
@@ -67,7 +71,7 @@ class Case:
     name : str
         Number, scene and what is hidden.
     scene : str
-        A key of `SCENES`.
+        A key of `SCENES` or of `ROOMS`.
     sort : str
         ``effects``, ``pose``, ``none``, ``nearly`` or ``stranger``.
     given, true : Model
@@ -134,13 +138,18 @@ _OF_A_SURFACE = ("surface_pose", "multipath", "motion")
 _LEAST_BURSTS = 3
 
 
-def draw(seed: int, number: int) -> Case:
-    """Case `number` of a seed, from 0."""
+def draw(seed: int, number: int, scenes: str = "boards") -> Case:
+    """Case `number` of a seed, from 0; `scenes` are ``boards``, those of `SCENES`, or ``rooms``, drawn anew."""
     rng = np.random.default_rng([seed, number])
-    scene = list(SCENES)[int(rng.integers(len(SCENES)))]
+    if scenes == "boards":
+        scene = list(SCENES)[int(rng.integers(len(SCENES)))]
+        surfaces = SCENES[scene]
+    else:
+        scene = list(ROOMS)[int(rng.integers(len(ROOMS)))]
+        surfaces = ROOMS[scene](rng)
     given = Model(
         sensor=replace(load_profile(str(rng.choice(SENSORS))), rows=ROWS, cols=COLS),
-        surfaces=SCENES[scene],
+        surfaces=surfaces,
         recording=RecordingSettings(frames=FRAMES, frame_rate_hz=RATE_HZ),
     )
     at = number % _PERIOD
@@ -184,7 +193,8 @@ def _effects(rng: np.random.Generator, model: Model, count: int) -> tuple[Effect
 def _effect(rng: np.random.Generator, kind: str, model: Model) -> Effect:
     values = {name: drawn(rng) if callable(drawn) else drawn for name, drawn in MAGNITUDES[kind].items()}
     if kind in _OF_A_SURFACE:
-        values["surface"] = model.surfaces[int(rng.integers(len(model.surfaces)))].name
+        seen = _seen(model)
+        values["surface"] = seen[int(rng.integers(len(seen)))].name
     return _MAKE[kind](**values)
 
 
@@ -202,18 +212,24 @@ def _enough_bursts(model: Model, seed: int) -> bool:
 
 def _moved(number: int, scene: str, given: Model, rng: np.random.Generator, seed: int) -> Case:
     """A surface that stands elsewhere and is turned, by a changed surface and not by an effect."""
-    at = int(rng.integers(len(given.surfaces)))
+    seen = _seen(given)
+    surface = seen[int(rng.integers(len(seen)))]
     angle = rng.uniform(0, 2 * math.pi)
-    shift, yaw, pitch = MOVED_MM * _sign(rng), TURNED_DEG * math.cos(angle), TURNED_DEG * math.sin(angle)
-    surface = given.surfaces[at]
-    x, y, z = np.array(surface.center_mm) + shift * surface.rotation()[:, 2]
-    there = replace(
-        surface, center_mm=(float(x), float(y), float(z)), yaw_deg=surface.yaw_deg + yaw,
-        pitch_deg=surface.pitch_deg + pitch,
-    )  # fmt: skip
-    surfaces = tuple(there if k == at else s for k, s in enumerate(given.surfaces))
-    effect = _MAKE["surface_pose"](surface=surface.name, shift_mm=shift, yaw_deg=yaw, pitch_deg=pitch)
+    shift, first, second = MOVED_MM * _sign(rng), TURNED_DEG * math.cos(angle), TURNED_DEG * math.sin(angle)
+    if scene in SCENES:
+        effect = SurfacePose(surface=surface.name, shift_mm=shift, yaw_deg=first, pitch_deg=second)
+    else:  # of a side wall or a floor some of the angles are no tilt
+        effect = SurfacePose.tilted(surface, shift, (second, first))
+    surfaces = tuple(effect.place(s, 0.0) for s in given.surfaces)
     return _case(number, scene, "pose", given, replace(given, surfaces=surfaces), (effect,), seed)
+
+
+def _seen(model: Model) -> list[Surface]:
+    """Surfaces that are the main one of some pixels; all of `SCENES` are."""
+    truth = cast_scene(model)
+    most = np.nanargmax(np.nan_to_num(truth.weight_true, nan=0.0), axis=2)[..., None]
+    main = np.take_along_axis(truth.surface, most, axis=2)
+    return [s for number, s in enumerate(model.surfaces) if (main == number).sum() >= LEAST_SEEN]
 
 
 def _nearly(given: Model, rng: np.random.Generator) -> Model:
@@ -239,7 +255,9 @@ def _sigma_of_place(given: Model) -> list[float]:
     )
     own = [surface == number for number in range(len(given.surfaces))]
     planes = [abs(float(s.rotation()[:, 2] @ np.array(s.center_mm))) for s in given.surfaces]
-    return [float(np.median(sigma[o] / ranges[o])) * plane for o, plane in zip(own, planes, strict=True)]
+    return [
+        float(np.median(sigma[o] / ranges[o])) * plane if o.any() else 0.0 for o, plane in zip(own, planes, strict=True)
+    ]
 
 
 def record(model: Model, seed: int) -> Float32Array:

@@ -24,6 +24,7 @@ from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.base import Level
 from tofmix.simulation.model import Model
 from tofmix.simulation.prediction import predict
+from tofmix.simulation.tilts import angle_changes
 from users.cases import FRAMES, RATE_HZ, Case
 
 KNOWN_NATS = 20.0
@@ -272,9 +273,11 @@ def _per_surface(laws: _Laws, make: Callable[[str], list[_Column]]) -> Iterator[
 
 def _pose(laws: _Laws) -> Iterator[list[_Column]]:
     def of(name: str) -> list[_Column]:
+        surface = next(s for s in laws.given.surfaces if s.name == name)
+        angles = [angle_changes(surface, tilts) for tilts in ((0.0, _SMALL), (_SMALL, 0.0))]
         turns = [
-            laws.of(_SMALL, "surface_pose", surface=name, shift_mm=0.0, **{turn: _SMALL})
-            for turn in ("yaw_deg", "pitch_deg")
+            laws.of(_SMALL, "surface_pose", surface=name, shift_mm=0.0, yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)
+            for yaw, pitch, roll in angles
         ]
         return [laws.of(1.0, "surface_pose", surface=name, shift_mm=1.0), *turns]
 

@@ -2,8 +2,8 @@
 
 A plane tilts about two axes; a turn about its normal moves its edges alone. Which of yaw, pitch and roll tilts a
 surface depends on the surface: a side wall (yaw 90) does not change with pitch, and leans by its roll. So a pose is
-fitted in tilts, and is written as changes of yaw and of one other angle: pitch or roll, whichever tilts the surface
-more for each degree.
+fitted in tilts, and is written as changes of yaw and of pitch; or of yaw and of roll, where pitch would change more
+than twice as far.
 """
 
 import math
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 MOST_DEG = 60.0
 """Largest tilt that is fitted: a surface beyond is another one."""
+
+PITCH_FIRST = 2.0
+"""Roll is changed where it tilts a surface so many times as far as pitch does: nearly all models have no roll."""
 
 _STEPS = 30  # of Newton's
 _ENOUGH = 1e-13  # difference of two unit normals
@@ -45,7 +48,7 @@ def angle_changes(surface: "Surface", tilts_deg: tuple[float, float]) -> tuple[f
     Returns
     -------
     (float, float, float)
-        One of pitch and roll is 0. They are the changes nearest to 0.
+        One of pitch and roll is 0: roll, unless pitch would change more than `PITCH_FIRST` times as far.
 
     Raises
     ------
@@ -60,8 +63,9 @@ def angle_changes(surface: "Surface", tilts_deg: tuple[float, float]) -> tuple[f
     part = math.sin(math.radians(tilt)) / tilt
     wanted = surface.rotation() @ np.array([tilts_deg[1] * part, -tilts_deg[0] * part, math.cos(math.radians(tilt))])
     yaw, pitch, roll = (math.radians(angle) for angle in (surface.yaw_deg, surface.pitch_deg, surface.roll_deg))
-    by_pitch = abs(math.cos(yaw)) >= abs(math.cos(pitch) * math.sin(yaw))
-    if max(abs(math.cos(yaw)), abs(math.cos(pitch) * math.sin(yaw))) < _LEAST_PART:
+    of_pitch, of_roll = abs(math.cos(yaw)), abs(math.cos(pitch) * math.sin(yaw))  # tilt by a small change of each
+    by_pitch = PITCH_FIRST * of_pitch >= of_roll
+    if max(of_pitch, of_roll) < _LEAST_PART:
         raise ValueError(f'"{surface.name}" tilts about one axis alone by its angles; give it another yaw or pitch')
     change = np.zeros(2)
     for _ in range(_STEPS):
