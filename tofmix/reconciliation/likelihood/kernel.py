@@ -294,7 +294,7 @@ def _opposite(g: int, p: int, weight: FloatArray, mean: FloatArray, lit: BoolArr
         if lit[g, k, p] and weight[g, k, p] > heaviest:
             heaviest = weight[g, k, p]
             cut = mean[g, k, p] + 0.5 * period
-    return cut - period * np.floor(cut / period)
+    return cut - period * math.floor(cut / period)
 
 
 @jit
@@ -324,12 +324,13 @@ def transform(  # noqa: C901  as above
             x = 0.0
             whole = random_share[p]
             cut = -1.0
-            if 0.0 < period and value <= period:
+            if period > 0.0 and value <= period:
                 cut = _opposite(g, p, weight, mean, lit, period)
+            # F at both ends of the cell as drawn; counted from the cut: less F(cut), more F(period) below it
+            ends = (lower, upper, cut, period)
+            parts = (1.0 - u, u, -1.0, 1.0)
             for end in range(2 if cut <= 0.0 else 4 if value < cut else 3):
-                # F(upper) and F(lower) as drawn; counted from the cut: less F(cut), more F(period) below it
-                at = lower if end == 0 else upper if end == 1 else cut if end == 2 else period
-                part = 1.0 - u if end == 0 else u if end == 1 else -1.0 if end == 2 else 1.0
+                at, part = ends[end], parts[end]
                 total = random_share[p] * min(max((at - low) / (high - low), 0.0), 1.0)
                 for k in range(components):
                     w = weight[g, k, p]

@@ -117,14 +117,10 @@ def _begun(likelihood: Likelihood, settings: Settings, tick: Callable[[str], Non
     start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
     search = SearchState(likelihood, settings, tick, start)
     folded = fold(likelihood, start, held_out(likelihood, settings)) if settings.max_effects else None
-    if (
-        folded is None
-        or folded.kind not in settings.kinds
-        or folded.gain < math.log(len(settings.kinds) / settings.alpha)
-    ):
-        return search
-    _take(search, _Taken((folded,), ()), (folded,))
-    search.begun = None  # other searches start from the folded axis too
+    chance = math.log(max(len(settings.kinds), 1) / settings.alpha)
+    if folded is not None and folded.kind in settings.kinds and folded.gain > chance:
+        _take(search, _Taken((folded,), ()), (folded,))
+        search.begun = None  # other searches start from the folded axis too
     return search
 
 
@@ -472,7 +468,7 @@ def _best(search: SearchState, trial: Trial, found: Sequence[Candidate], near: S
         return _Taken((first,), _near(first, found))
     if found[0].kind == FixedPattern.kind:
         parts = fit_part(search.likelihood, search.settings), held_out(search.likelihood, search.settings)
-        beside = best_with_pattern(trial, search.chosen, found, parts, near)
+        beside = best_with_pattern(trial, search.chosen, found, parts, near, search.settings.alpha)
         if beside is not None:
             # The pattern is added after all effects that gain in its presence, unless it hides the effect
             if not beside.patterned or beside.first.score > needed:
@@ -489,7 +485,7 @@ def _second(
     now = replace(trial, state=first.state, mixture=likelihood.mixture(first.state))
     near = tolerated(likelihood, first.state, parts[0], search.settings.tolerance)
     rest = [c for c in found if c.static and name_of(c) != name_of(first)]
-    beside = best_with_pattern(now, [*search.chosen, first], rest, parts, near)
+    beside = best_with_pattern(now, [*search.chosen, first], rest, parts, near, search.settings.alpha)
     return found[0] if beside is None else beside.first
 
 
