@@ -245,8 +245,7 @@ def _left(z: Float32Array, mixture: Mixture, coefficient: float) -> float:
     for lag in range(1, min(_LAGS, len(flat) // 2) + 1):
         pairs, product = lag_product(flat, ok, lag)
         if pairs >= _LEAST_PAIRS and power > 0:
-            correlation = product / (pairs * power) + 1 / len(flat)  # the removed mean lowers it by this
-            most = max(most, abs(correlation) - 4 / math.sqrt(pairs))
+            most = max(most, abs(product) / (pairs * power) - 4 / math.sqrt(pairs))
     return most
 
 
@@ -341,12 +340,14 @@ def inflation(likelihood: Likelihood, mixture: Mixture, state: State, part: Part
     return out
 
 
-def independent(likelihood: Likelihood, state: State, part: Part) -> float:
-    """Number of independent samples that a pixel's samples of the part are worth for a mean, over that number.
+def independent(likelihood: Likelihood, state: State) -> float:
+    """Number of independent samples that a pixel's samples are worth for a mean, over their number.
 
     1 without a memory, and less with one: a pixel's samples resemble those before.
     """
-    return 1.0 / float(np.median(inflation(likelihood, likelihood.mixture(state), state, part)[part[1]]))
+    frames, pixels = likelihood.evidence.shape
+    part = np.arange(frames), np.arange(pixels)
+    return 1.0 / float(np.median(inflation(likelihood, likelihood.mixture(state), state, part)))
 
 
 def _linked(frames: IntArray, coefficient: float) -> float:
