@@ -35,7 +35,8 @@ def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture) -> Iter
     for name, value, extra in (("common_mode", mean, 1.0), ("bursts", square, _kurtosis(flat, ok))):
         yield Curve(statistic=name, axis="frame", lower=frame[some], upper=frame[some] + 1, value=value,
                     variance=extra / n[some], unit="1", scale_mm=sigma)  # fmt: skip
-    tenth = np.arange(some.sum()) * 10 // max(int(some.sum()), 1)
+    parts = min(10, int(some.sum()))  # of the time: tenths, or single frames
+    tenth = np.arange(some.sum()) * parts // int(some.sum())
     for name, value in (("trend", mean), ("spread", square)):
         size = np.bincount(tenth, n[some])
         start = np.array([now[some][tenth == k][0] for k in range(tenth.max() + 1)])

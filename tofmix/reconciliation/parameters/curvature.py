@@ -66,7 +66,7 @@ class Numbers:
             return None
         sums = self.likelihood.sums(self.likelihood.mixture(state), state, self.part)
         return Value(
-            total=sums.total + self.likelihood.side_log_density(state), by_pixel=sums.by_pixel, by_frame=sums.by_frame
+            total=sums.total + self.likelihood.outside(state), by_pixel=sums.by_pixel, by_frame=sums.by_frame
         )
 
 

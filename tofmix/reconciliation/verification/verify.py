@@ -22,6 +22,7 @@ from tofmix.reconciliation.search.name import tolerated
 from tofmix.reconciliation.search.refit import begin, latent_states
 from tofmix.reconciliation.search.search_state import Settings, fit_part, held_out
 from tofmix.reconciliation.verdict import Findings, judge, share_closed
+from tofmix.reconciliation.verification.contradictions import Contradiction, contradictions
 from tofmix.reconciliation.verification.pattern_shape import smooth, tilted
 from tofmix.reconciliation.verification.smooth_laws import better_law
 from tofmix.simulation.casting.cast import cast_scene
@@ -56,6 +57,8 @@ class Verified:
         Panels of the model as given, of the refined one, and of a simulation of it.
     findings : Findings
         The data of the verdict.
+    against : tuple of Contradiction
+        Evidence against single effects, which would otherwise have been named.
     """
 
     verdict: str
@@ -64,6 +67,7 @@ class Verified:
     after: Compared
     floor: Compared
     findings: Findings
+    against: tuple[Contradiction, ...] = ()
 
     @property
     def law(self) -> str | None:
@@ -130,8 +134,12 @@ def verify(
     gain = sum(c.gain for c in added.chosen if not (c.exact or c.loses))
     found = replace(found, nulls=_nulls(likelihood, added.state, settings, found))
     found = replace(found, in_time=changes_in_time(added.state, found, found.judged * gain))
+    against = contradictions(likelihood, added, settings) if judge(found) in ("explained", "partly_explained") else ()
+    found = replace(found, contradicted=bool(against))
     verdict = judge(found)
-    out = Verified(verdict=verdict, state=added.state, before=before, after=after, floor=floor, findings=found)
+    out = Verified(
+        verdict=verdict, state=added.state, before=before, after=after, floor=floor, findings=found, against=against
+    )
     return revoked(likelihood, out, settings) if added.chosen and verdict in ("agree", "unexplained") else out
 
 
