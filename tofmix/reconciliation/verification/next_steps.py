@@ -11,10 +11,11 @@ from tofmix.reconciliation.likelihood.likelihood import Likelihood, State
 from tofmix.reconciliation.parameters.planes import PlanePose, measured_pose
 from tofmix.reconciliation.search.add import Added
 from tofmix.reconciliation.search.refit import begin
-from tofmix.reconciliation.search.search_state import Settings, fit_part
+from tofmix.reconciliation.search.search_state import Settings, fit_part, name_of
 from tofmix.reconciliation.search.summaries import summaries, surfaces_of
 from tofmix.reconciliation.verdict import SIGMAS
 from tofmix.reconciliation.verification.aliases import Alias
+from tofmix.reconciliation.verification.far_trend import far_trends
 from tofmix.reconciliation.verification.verify import Verified
 from tofmix.simulation.surface import Surface
 from tofmix.wording import counted
@@ -62,6 +63,9 @@ def next_steps(
     """
     steps = [*_of_the_recording(likelihood, verified)]
     if verified.verdict in ("unexplained", "partly_explained"):
+        steps += _of_contradictions(added, verified)
+        steps += _of_far_trends(likelihood, verified, settings)
+    if verified.verdict in ("unexplained", "partly_explained"):
         named = verified.verdict == "partly_explained"  # otherwise the effects are no part of the model
         poses = found_poses(likelihood, settings, verified.state if named else None)
         steps += _of_poses(poses, several=len(likelihood.scene.members) > 1)
@@ -96,6 +100,23 @@ def _of_the_recording(likelihood: Likelihood, verified: Verified) -> Iterator[st
         yield (
             f"Too few samples: {found.samples} were held out, and the smallest bias that they show is"
             f" {found.smallest_sigma:.2g} sigma. Record {frames} frames or more, or more pixels."
+        )
+
+
+def _of_contradictions(added: Added, verified: Verified) -> Iterator[str]:
+    for against in verified.against:
+        kind, surface = name_of(added.chosen[against.number])
+        of = f' of "{surface}"' if surface else ""
+        yield f"{kind}{of} fits, but is no explanation: it {against.reason}."
+
+
+def _of_far_trends(likelihood: Likelihood, verified: Verified, settings: Settings) -> Iterator[str]:
+    several = len(likelihood.scene.members) > 1
+    for place in far_trends(likelihood, verified.start, settings.alpha):
+        of = f" of recording {place.recording + 1}" if several else ""
+        yield (
+            f"The ranges{of} change by {place.size:+.4g} mm between {place.interval[0]:.3g} and {place.interval[1]:.3g}"
+            " s: a surface or the camera moves. Reconcile frames in which nothing moves."
         )
 
 
