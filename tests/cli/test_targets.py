@@ -207,3 +207,53 @@ def test_from_python_the_samples_have_the_axis_and_shares_are_the_same(made: Pat
     again = tm.open(recording.save(tmp_path / "copy.h5"))
     assert isinstance(again, tm.Recording)
     np.testing.assert_array_equal(again.range_mm, recording.range_mm)
+
+
+def test_refusal_of_reconcile_names_the_command_that_keeps_one_target(
+    tofmix: Tofmix, made: Path, tmp_path: Path
+) -> None:
+    model = tmp_path / "model.toml"
+    model.write_text(
+        '[sensor]\nprofile = "sr4000"\nrows = 6\ncols = 8\n[[surface]]\nname = "wall"\n'
+        f"center_mm = [0.0, 0.0, {NEAR_MM}]\nsize_mm = [9e3, 9e3]\n"
+    )
+    refused = tofmix("reconcile", model, made / "t.h5", "-o", tmp_path / "gap")
+    assert refused.code == ExitCode.BAD_INPUT
+    assert refused.err.count("\n") == 1
+    command = refused.err.strip().partition("tofmix import ")[2].split()
+    assert command[1:3] == ["--target", "nearest"]
+    assert tofmix("import", *command).code == 0
+    with h5py.File(command[-1]) as root:
+        valid = np.where(samples() > 0, samples(), 65535)
+        nearest = valid.min(axis=1)
+        np.testing.assert_array_equal(root["range"][...], np.where(nearest < 65535, nearest, 0))
+
+
+def test_strongest_target_has_its_own_amplitude_and_needs_amplitudes(
+    tofmix: Tofmix, made: Path, tmp_path: Path
+) -> None:
+    refused = tofmix("import", made / "t.h5", "-o", tmp_path / "s.h5", "--target", "strongest")
+    assert refused.code == ExitCode.BAD_INPUT
+    assert "--target nearest" in refused.err
+    light = np.random.default_rng(3).uniform(1, 99, SHAPE).astype(np.float32)
+    np.save(tmp_path / "a.npy", light)
+    done = tofmix(
+        "import", made / "t.npy", "-o", tmp_path / "s.h5", "--target", "strongest", "--amplitude", tmp_path / "a.npy",
+        "--axes", "frame,target,row,col",
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    best = np.where(samples() > 0, light, -1.0).argmax(axis=1)[:, None]
+    with h5py.File(tmp_path / "s.h5") as root:
+        for name, values in (("range", samples()), ("amplitude", light)):
+            expected = np.take_along_axis(values, best, axis=1)[:, 0]
+            some = (samples() > 0).any(axis=1)
+            np.testing.assert_array_equal(root[name][...][some], expected[some])
+
+
+def test_target_of_a_recording_with_one_sample_a_frame_is_a_wrong_option(
+    tofmix: Tofmix, made: Path, tmp_path: Path
+) -> None:
+    np.save(tmp_path / "one.npy", samples()[:, 0])
+    refused = tofmix("import", tmp_path / "one.npy", "-o", tmp_path / "one.h5", "--target", "nearest")
+    assert refused.code == ExitCode.USAGE
+    assert "leave the option out" in refused.err

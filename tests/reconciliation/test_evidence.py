@@ -41,10 +41,28 @@ def test_fitted_and_held_out_parts_are_disjoint_and_cover_all(model: Model) -> N
         ((40, 20, 24), np.nan, None, "no sample is valid"),
         ((40, 20, 24), 1000.0, np.zeros(40), "do not ascend"),
         ((40, 20, 24), 1000.0, np.r_[0:39, np.nan], "do not ascend"),
+        ((40, 20, 24), 1000.0, np.r_[0:20, 5, 21:40], "frame 20 has 5 s; tofmix import puts frames in order"),
+        ((7, 20, 24), 1000.0, None, "record 1 more"),
+        ((40, 2, 20, 24), 1000.0, None, "--target nearest"),
     ],
 )
 def test_recording_too_small_for_held_out_data_is_refused_with_the_reason(
-    model: Model, shape: tuple[int, int, int], value: float, times: np.ndarray | None, reason: str
+    model: Model, shape: tuple[int, ...], value: float, times: np.ndarray | None, reason: str
 ) -> None:
     with pytest.raises(BadInputError, match=reason):
         make_evidence(replace(model), np.full(shape, value, np.float32), time_s=times)
+
+
+def test_frames_of_one_time_lie_between_it_and_the_next(model: Model) -> None:
+    times = np.array([0.0, 0.1, 0.1, 0.3, 0.4, 0.5, 0.6, 0.7, 0.7])
+    ranges = np.random.default_rng(1).normal(1000, 9, (9, 20, 24)).astype(np.float32)
+    found = make_evidence(model, ranges, time_s=times).time_s
+    np.testing.assert_allclose(found, [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.75])
+
+
+@pytest.mark.parametrize("frames", [8, 9, 12, 19])
+def test_half_of_the_frames_are_held_out_of_short_recordings(model: Model, frames: int) -> None:
+    ranges = np.random.default_rng(1).normal(1000, 9, (frames, 20, 24)).astype(np.float32)
+    fitted = make_evidence(model, ranges).fit_frames
+    assert abs(fitted.sum() - frames / 2) < 2
+    assert np.abs(np.diff(fitted.astype(int))).sum() >= 3, "at least four blocks"

@@ -23,7 +23,7 @@ from tofmix.wording import readable
 
 if TYPE_CHECKING:
     from tofmix.io.importers.base import FrameSource, Request
-    from tofmix.io.importers.writing import Imported
+    from tofmix.io.importers.writing import Imported, Target
     from tofmix.sensor import Sensor
     from tofmix.sensors.sheet import CameraSheet
 
@@ -44,6 +44,7 @@ tofmix import samples.mat -o samples.h5 --sensor sr3000 --dataset r --axes row,c
 tofmix import log.csv -o log.h5 --columns y=row,x=col,depth=range --valid-status status=5,9
 tofmix import ranges.npy -o lock_in.h5 --amplitude amplitudes.npy --modulation-frequency 30e6
 tofmix import targets.npy -o targets.h5 --axes frame,row,col,target
+tofmix import targets.h5 -o nearest.h5 --target nearest
 """
 )
 @click.command("import", short_help="Make a recording of a bag, images, arrays, HDF5 or CSV.")
@@ -119,6 +120,11 @@ tofmix import targets.npy -o targets.h5 --axes frame,row,col,target
     "--shape", metavar="ROWSxCOLS", help="Image size; needed if the source stores a frame as one line or one axis."
 )
 @click.option(
+    "--target", type=click.Choice(["nearest", "strongest"]),
+    help="Keep one of several targets of each pixel and frame: the nearest, or the one of the largest amplitude."
+    "  [default: keep all]",
+)  # fmt: skip
+@click.option(
     "--time-unit", type=click.Choice(["s", "ms", "us", "ns"]),
     help="Unit of the times.  [default: the source's, else s]",
 )  # fmt: skip
@@ -147,6 +153,7 @@ def import_(
     columns: str | None,
     axes: str | None,
     shape: str | None,
+    target: "Target | None",
     time_unit: str | None,
     frame_rate: float | None,
     as_json: bool,
@@ -203,6 +210,7 @@ def import_(
     inputs = [Path(name) for name in (source, sensor, amplitude, intrinsics) if name is not None]
     inputs += [file for folder in inputs if folder.is_dir() for file in folder.iterdir()]
     with locked(output, overwrite=overwrite, inputs=tuple(inputs)), open_source(source, request) as frames:
+        _check_target(target, frames, source)
         known = frames.sensor if sensor is None and frames.sensor is not None else sensor_of(camera, frames.shape[1:])
         known = with_share_law(with_frequency(known, modulation_frequency), shares)
         check_maps(known, frames.shape[1:], source if sensor is None else Path(sensor))
@@ -224,7 +232,7 @@ def import_(
         with Progress(frames.shape[0], "import", "frame") as bar:
             imported = write_recording(
                 frames, output, what=source, sensor=geometry.sensor, conversion=conversion,
-                again=lambda: open_source(source, request), frame_rate_hz=frame_rate,
+                again=lambda: open_source(source, request), target=target, frame_rate_hz=frame_rate,
                 attributes=attributes, progress=bar.update, overwrite=overwrite,
                 inputs=tuple(inputs),
             )  # fmt: skip
@@ -237,23 +245,24 @@ def import_(
         doubts = [*geometry.notes, *_doubts(frames, imported, camera, geometry.sensor, source, used_mm)]
     _say(how, doubts)
     _, rows, cols = frames.shape
+    targets = frames.targets if target is None else 0
     unknown = not_known(
         geometry.sensor, has_optics=geometry.sensor.optics is not None, has_amplitude=frames.has_amplitude,
-        targets=frames.targets,
+        targets=targets,
         has_time=frames.has_time or frame_rate is not None or imported.frames == 1,
     )  # fmt: skip
     if as_json:
         made = {
             "source": str(source), "output": str(output), "frames": imported.frames, "rows": rows, "cols": cols,
-            "targets": frames.targets, "kind": frames.kind, "unit_mm": conversion.unit_mm, "geometry": geometry.text,
+            "targets": targets, "kind": frames.kind, "unit_mm": conversion.unit_mm, "geometry": geometry.text,
             "not_known": unknown, "dropped": imported.dropped,
             "notes": [*how, *doubts],
         }  # fmt: skip
         click.echo(json.dumps(made))
         return
-    targets = f" of {frames.targets} targets" if frames.targets else ""
+    each = f" of {targets} targets" if targets else f", the {target} target," if target else ""
     click.echo(
-        f"{output}: {imported.frames:,} frame{'s' * (imported.frames != 1)} of {rows} x {cols} pixels{targets} from"
+        f"{output}: {imported.frames:,} frame{'s' * (imported.frames != 1)} of {rows} x {cols} pixels{each} from"
         f" {frames.kind}, {conversion.unit_mm:g} mm a unit; {geometry.text}"
     )
     if declared := [f"{number:,} {reason}" for reason, number in imported.dropped.items() if not guessed({reason: 1})]:
@@ -283,6 +292,17 @@ def _unused_rate(frames: "FrameSource", frame_rate: float | None, source: Path) 
     """Note on ``--frame-rate`` of a source that has times."""
     unused = frame_rate is not None and frames.has_time
     return [f"{source}: --frame-rate is not used: the frames have times"] if unused else []
+
+
+def _check_target(target: "Target | None", frames: "FrameSource", source: Path) -> None:
+    """Refuse ``--target`` where pixels return one sample, and the strongest one without amplitudes."""
+    if target is not None and not frames.targets:
+        raise UsageError(f"--target {target}: {source} has one sample for each pixel and frame; leave the option out")
+    if target == "strongest" and not frames.has_amplitude:
+        raise BadInputError(
+            f"{source}: amplitude: there is none, so the strongest target is not known: give --amplitude, or use"
+            " --target nearest"
+        )
 
 
 def _refuse_turned(shape: tuple[int, int], camera: "CameraSheet", request: "Request", source: Path) -> None:

@@ -148,13 +148,15 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
 
     from tofmix.cli.recording_check import opened_recording
     from tofmix.errors import BadInputError
+    from tofmix.io.next_command import import_command
     from tofmix.reconciliation.evidence import make_evidence
 
     every = slice(0, None)
     with opened_recording(measured) as file:
         if file.targets:
             raise BadInputError(
-                f"{measured}: range: {file.targets} targets a pixel and frame; reconcile compares one sample a frame"
+                f"{measured}: range: {file.targets} targets a pixel and frame; reconcile compares one sample a frame."
+                f" Keep one of them: {import_command(measured, '--target', 'nearest')}"
             )
         samples = math.prod(file.shape)
         if samples > _MOST_SAMPLES:

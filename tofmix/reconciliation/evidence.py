@@ -17,9 +17,10 @@ from tofmix.errors import BadInputError
 from tofmix.simulation.model import Model
 from tofmix.wording import counted
 
-BLOCK_FRAMES = 5  # held out together
+BLOCK_FRAMES = 5  # held out together, at most a quarter of the recording
 BLOCK_PIXELS = 4  # side of a square that is held out
-_LEAST_FRAMES = 20  # four blocks: two to fit and two to judge
+_LEAST_FRAMES = 8  # four blocks of two: two to fit and two to judge
+_DIMENSIONS = 3  # of samples: frame, row, col
 _LEAST_ALIVE = 8  # pixels whose samples change
 _FAR_BELOW = 0.002  # of the largest range; values in metres are a thousandth
 _APART = 1_000_000  # frame numbers between two recordings: longer than any burst, a multiple of any block
@@ -124,10 +125,15 @@ def make_evidence(
     Raises
     ------
     BadInputError
-        If the image differs from the model's camera, no sample is valid, most samples are far below its range, the
-        times do not ascend, or there are too few frames to hold some out. Frames that repeat the one before do not
-        count.
+        If pixels have several targets, the image differs from the model's camera, no sample is valid, most samples are
+        far below its range, the times do not ascend, or there are too few frames to hold some out. Frames that repeat
+        the one before do not count. Frames of one time are put between this time and the next.
     """
+    if range_mm.ndim != _DIMENSIONS:
+        raise BadInputError(
+            f"range: {range_mm.ndim} dimensions instead of frame, row and col; of several targets keep one:"
+            " tofmix import --target nearest"
+        )
     frames, rows, cols = range_mm.shape
     if (rows, cols) != (model.sensor.rows, model.sensor.cols):
         raise BadInputError(
@@ -135,7 +141,10 @@ def make_evidence(
             f"{model.sensor.rows} x {model.sensor.cols}"
         )
     if frames < _LEAST_FRAMES:
-        raise BadInputError(f"range: {counted(frames, 'frame')}; at least {_LEAST_FRAMES} are needed, to hold some out")
+        raise BadInputError(
+            f"range: {counted(frames, 'frame')}; at least {_LEAST_FRAMES} are needed, to hold some out: record"
+            f" {_LEAST_FRAMES - frames} more"
+        )
     valid = np.isfinite(range_mm)
     if not valid.any():
         raise BadInputError("range: no sample is valid")
@@ -147,8 +156,7 @@ def make_evidence(
         )
     samples = np.where(valid, np.clip(np.rint(np.nan_to_num(range_mm)), 1, 65_534), 0).astype(np.uint16)
     now = np.arange(frames) / model.recording.frame_rate_hz if time_s is None else np.asarray(time_s, dtype=np.float64)
-    if not (np.isfinite(now).all() and (np.diff(now) > 0).all()):
-        raise BadInputError("time: the frames' times do not ascend")
+    now = _told_apart(now)
     new = ~_repeats(samples)
     if new.sum() < _LEAST_FRAMES:
         raise BadInputError(
@@ -160,7 +168,7 @@ def make_evidence(
         amplitude = amplitude[new]
     if temperature_c is not None:
         temperature_c = np.asarray(temperature_c, dtype=np.float64)[new]
-    block = np.arange(len(now)) // BLOCK_FRAMES % 2 == 0
+    block = np.arange(len(now)) // min(BLOCK_FRAMES, len(now) // 4) % 2 == 0
     row, col = np.divmod(np.arange(rows * cols), cols)
     size = BLOCK_PIXELS if max(rows, cols) >= 2 * BLOCK_PIXELS else 1
     pixel_block = (row // size + col // size) % 2 == 0
@@ -174,6 +182,38 @@ def make_evidence(
         temperature_c=None if temperature_c is None else np.asarray(temperature_c, dtype=np.float64),
         repeated=int(frames - new.sum()),
     )
+
+
+def _told_apart(time_s: FloatArray) -> FloatArray:
+    """Times (frame,), s, that ascend: frames of one stamp lie evenly between this stamp and the next.
+
+    Some drivers give two frames one stamp now and then.
+
+    Raises
+    ------
+    BadInputError
+        If a time is not finite, the times descend, or all are equal.
+    """
+    steps = np.diff(time_s)
+    back = np.flatnonzero(~(steps >= 0))
+    if back.size or not np.isfinite(time_s).all():
+        frame = int(back[0]) + 1 if back.size else int(np.flatnonzero(~np.isfinite(time_s))[0])
+        raise BadInputError(
+            f"time: the frames' times do not ascend: frame {frame} has {time_s[frame]:g} s; tofmix import puts frames"
+            " in order"
+        )
+    starts = np.flatnonzero(np.diff(time_s, prepend=-np.inf) > 0)
+    if starts.size == 1 < time_s.size:
+        raise BadInputError(
+            f"time: the frames' times do not ascend: all are {time_s[0]:g} s; leave the dataset out, and the model's"
+            " frame_rate_hz is used"
+        )
+    if starts.size == time_s.size:
+        return time_s
+    stamps, sizes = time_s[starts], np.diff(starts, append=time_s.size)
+    gaps = np.diff(stamps, append=stamps[-1] + np.median(np.diff(stamps)))
+    within = np.arange(time_s.size) - np.repeat(starts, sizes)
+    return np.asarray(np.repeat(stamps, sizes) + within * np.repeat(gaps / sizes, sizes))
 
 
 def _repeats(samples: NDArray[np.uint16]) -> BoolArray:

@@ -258,6 +258,8 @@ def _own_size(curve: Curve) -> float:
     """Size of a curve without the part that comes from curves of lower order."""
     if curve.information is None or curve.statistic.removesuffix("_pattern") not in _HIGHER:
         return curve.size
+    if not curve.dof:  # too few samples for any bin
+        return 0.0
     return min(curve.size, math.sqrt(2 * curve.information / float((1 / curve.variance).sum())))
 
 

@@ -94,3 +94,14 @@ def test_noise_of_all_frames_is_no_burst_and_that_of_some_is(model: Model, recor
         part = frames, np.arange(evidence.shape[1])
         found = fit_interference(likelihood, likelihood.scene.mixture(), likelihood.start(), part)
         assert (found is not None) == bursts
+
+
+def test_search_for_bursts_stays_within_its_bound_under_noise_of_metres(model: Model, record: Record) -> None:
+    """The trial sizes are multiples of sigma, up to 8."""
+    noise = replace(model.sensor.noise, sigma_mm=np.full_like(model.sensor.noise.sigma_mm, 2500.0))
+    wide = replace(model, sensor=replace(model.sensor, noise=noise))
+    evidence = record()
+    likelihood = Likelihood(evidence, Scene(wide, evidence.time_s))
+    everything = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
+    found = fit_interference(likelihood, likelihood.scene.mixture(()), likelihood.start(), everything)
+    assert found is None or found.sigma_mm <= 10_000.0

@@ -25,6 +25,9 @@ from tofmix.wording import counted
 BLOCK_BYTES = 64_000_000
 """Most bytes of ranges that are held at once, where a frame is not larger."""
 
+Target = Literal["nearest", "strongest"]
+"""Which of several targets is kept."""
+
 _MATRIX = (1, 3, 3)  # frames, rows and columns that a camera matrix may have
 _MEDIAN_SAMPLES = 1 << 14  # of a block, at most
 
@@ -67,6 +70,7 @@ def write_recording(
     sensor: Sensor,
     conversion: Conversion,
     again: Callable[[], AbstractContextManager[FrameSource]] | None = None,
+    target: Target | None = None,
     frame_rate_hz: float | None = None,
     attributes: dict[str, str | int | float] | None = None,
     progress: Callable[[int], object] | None = None,
@@ -91,6 +95,8 @@ def write_recording(
         From the source's numbers to ranges.
     again : callable, optional
         Opens the source a second time. Without it times that do not ascend are refused.
+    target : {"nearest", "strongest"}, optional
+        The one valid target of each pixel and frame that is kept, where pixels return several; all without it.
     frame_rate_hz : float, optional
         Gives `time` where the source has none.
     attributes : dict, optional
@@ -115,8 +121,8 @@ def write_recording(
 
     def written(frames: FrameSource, clock: "_Clock") -> Imported:
         return _write(
-            frames, output, what=what, sensor=sensor, conversion=conversion, clock=clock, frame_rate_hz=frame_rate_hz,
-            attributes=attributes, progress=progress, overwrite=overwrite, inputs=inputs,
+            frames, output, what=what, sensor=sensor, conversion=conversion, clock=clock, target=target,
+            frame_rate_hz=frame_rate_hz, attributes=attributes, progress=progress, overwrite=overwrite, inputs=inputs,
         )  # fmt: skip
 
     clock = _Clock()
@@ -139,6 +145,7 @@ def _write(
     sensor: Sensor,
     conversion: Conversion,
     clock: "_Clock",
+    target: Target | None,
     frame_rate_hz: float | None,
     attributes: dict[str, str | int | float] | None,
     progress: Callable[[int], object] | None,
@@ -151,7 +158,8 @@ def _write(
     block_frames = max(1, min(CHUNK_FRAMES, BLOCK_BYTES // (rows * cols * layers * SAMPLE_BYTES)))
     kind: Literal["u2", "f4"] = "u2" if conversion.stored_dtype == "u2" else "f4"
     writer = RecordingWriter(
-        output, shape=source.shape, targets=source.targets, sensor=sensor, title=f"recording imported from {what.name}",
+        output, shape=source.shape, targets=source.targets if target is None else 0, sensor=sensor,
+        title=f"recording imported from {what.name}",
         has_amplitude=source.has_amplitude, has_time=source.has_time or frame_rate_hz is not None, dtype=kind,
         chunk_frames=block_frames, attributes=attributes, overwrite=overwrite, inputs=inputs,
     )  # fmt: skip
@@ -165,13 +173,16 @@ def _write(
                 _refuse_matrix(block[0].depth, what)
             converted = [conversion(frame.depth, frame.status) for frame in block]
             ranges: Any = np.stack([one.range_mm for one in converted])
+            light: Any = _amplitude(block) if source.has_amplitude else None
+            if target is not None:
+                ranges, light = one_target(ranges, light, target)
             if doubtful and np.isfinite(ranges).any():
                 refuse_metres(ranges, sensor, what)
                 doubtful = False
             tally.add(ranges, block if source.has_amplitude else [])
             tally.drop(one.dropped for one in converted)
             time_s = clock.times_of(block) if source.has_time else _time(start, len(block), frame_rate_hz)
-            writer.write(start, ranges, time_s=time_s, amplitude=_amplitude(block) if source.has_amplitude else None)
+            writer.write(start, ranges, time_s=time_s, amplitude=light)
             start += len(block)
             if progress is not None:
                 progress(len(block))
@@ -180,6 +191,42 @@ def _write(
         if not clock.ascends:
             raise _UnsettledError
     return tally.result(frames)
+
+
+def one_target(
+    ranges: "np.ndarray[Any, Any]", amplitude: "np.ndarray[Any, np.dtype[np.float32]] | None", target: Target
+) -> "tuple[np.ndarray[Any, Any], np.ndarray[Any, np.dtype[np.float32]] | None]":
+    """One target of each pixel and frame, with its amplitude.
+
+    Parameters
+    ----------
+    ranges : (frame, target, row, col) uint16 or float32
+        Ranges, mm; 0 or NaN where there is no target.
+    amplitude : (frame, target, row, col) float32, optional
+        Of each target.
+    target : {"nearest", "strongest"}
+        Least range, or largest amplitude, among the valid targets. A target without an amplitude is the weakest.
+
+    Returns
+    -------
+    (frame, row, col) arrays
+        Of the same types; invalid where no target is valid.
+
+    Raises
+    ------
+    ValueError
+        If the strongest is asked for, and there are no amplitudes.
+    """
+    valid = np.isfinite(ranges) if ranges.dtype.kind == "f" else ranges != 0
+    if target == "nearest":
+        rank = np.where(valid, ranges, np.inf)
+    elif amplitude is None:
+        raise ValueError("the strongest target is not known without amplitudes")
+    else:
+        rank = np.where(valid, -np.nan_to_num(amplitude, nan=0.0), np.inf)
+    best = rank.argmin(axis=1)[:, None]
+    kept = np.take_along_axis(ranges, best, axis=1)[:, 0]
+    return kept, None if amplitude is None else np.take_along_axis(amplitude, best, axis=1)[:, 0]
 
 
 class _UnsettledError(Exception):

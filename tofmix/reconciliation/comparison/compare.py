@@ -70,7 +70,7 @@ def compare(likelihood: Likelihood, state: State, part: Part, *, seed: int, mixt
         crossed = any(e.kind == PixelCrosstalk.kind for e in (*view.scene.effects, *state.effects))
         apart = _apart(own, view) if crossed else own
         curves += [
-            replace(c, recording=view.number, information=gains.get((c.statistic, c.axis)))
+            replace(c.varying, recording=view.number, information=gains.get((c.statistic, c.axis)))
             for c in _curves(own, apart, view, state)
         ]
         with np.errstate(invalid="ignore"):

@@ -7,7 +7,7 @@ the whole panel.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -73,6 +73,17 @@ class Curve:
     def name(self) -> tuple[str, str, int]:
         """Statistic, axis and recording, which identify it in its panel."""
         return self.statistic, self.axis, self.recording
+
+    @property
+    def varying(self) -> "Curve":
+        """The curve without bins whose value could not differ if the model is right: their scores are all equal."""
+        some = self.variance > 0
+        if some.all():
+            return self
+        return replace(
+            self, lower=self.lower[some], upper=self.upper[some], value=self.value[some],
+            variance=self.variance[some], scale_mm=self.scale_mm[some],
+        )  # fmt: skip
 
     @property
     def chi2(self) -> float:

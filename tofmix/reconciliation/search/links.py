@@ -97,6 +97,7 @@ def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, par
     numbers = likelihood.evidence.frame_number[part[0]]
 
     def at(size: float, start: tuple[float, float]) -> tuple[float, Interference]:
+        size = min(size, _MOST_BURST_MM)
         pair = likelihood.frame_pair(mixture, state, part, size)
 
         def make(x: FloatArray) -> Interference:

@@ -1,0 +1,1 @@
+"""The parts of `measured.py`, a module each."""
