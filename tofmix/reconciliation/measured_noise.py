@@ -5,6 +5,7 @@ with a wrong sigma. `measured_model` gives a model the noise that `tofmix.estima
 the outcomes with both.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from tofmix.reconciliation.likelihood.mixture import Mixture, Scene
 from tofmix.reconciliation.likelihood.side_information import log_ratios
 from tofmix.reconciliation.workflow import DONE, Reconciliation
 from tofmix.sensor import MOST_WIDTH_SPREAD, NoiseCurve, Sensor
+from tofmix.simulation.effects.quantisation import Quantisation
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_noise import with_noise
 
@@ -86,6 +88,17 @@ def _unpredicted(curve: NoiseCurve, evidence: Evidence, mixture: Mixture, unit: 
     return float(ratio.std())
 
 
+def measured_models(recordings: Sequence[tuple[Model, Evidence]], sensor: Sensor) -> list[tuple[Model, Evidence]]:
+    """The models of several recordings of one camera with the same noise, in units of the first one's amplitudes.
+
+    Parameters and errors as of `measured_model`.
+    """
+    first = measured_model(*recordings[0], sensor)
+    step = next((e.step_mm for e in first.effects if isinstance(e, Quantisation)), None)
+    others = [(with_noise(model, first.sensor.noise, step_mm=step), evidence) for model, evidence in recordings[1:]]
+    return [(first, recordings[0][1]), *others]
+
+
 def is_open(found: Reconciliation) -> bool:
     """Whether the outcome leaves something unexplained, which a wrong noise may have caused."""
     return found.verified.verdict not in DONE
@@ -95,6 +108,11 @@ def better(given: Reconciliation, measured: Reconciliation) -> Reconciliation:
     """The outcome with the better verdict; of equal ones, that with the model's own noise."""
     rank = {verdict: place for place, verdict in enumerate(_BEST_FIRST)}
     return measured if rank[measured.verified.verdict] < rank[given.verified.verdict] else given
+
+
+def with_note(found: Reconciliation, given: Model) -> Reconciliation:
+    """The outcome with a sentence about its noise before its next steps; `given` is the first model as given."""
+    return replace(found, next_steps=(noise_sentence(given, found.models[0]), *found.next_steps))
 
 
 def noise_sentence(given: Model, measured: Model) -> str:

@@ -20,16 +20,17 @@ from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.parameters.latent_errors import latent_errors
 from tofmix.reconciliation.parameters.standard_errors import standard_errors
 from tofmix.reconciliation.search.add import Added
-from tofmix.reconciliation.search.name import Candidate, moves_by_itself
-from tofmix.reconciliation.search.refit import numbers, without
+from tofmix.reconciliation.search.name import PRICE_NATS, Candidate, moves_by_itself
+from tofmix.reconciliation.search.refit import begin, numbers, refit, without
 from tofmix.reconciliation.search.search_state import Settings, fit_part, held_out
 from tofmix.reconciliation.verdict import LAW
 from tofmix.simulation.effects.base import Effect
 
 CANCELS = 20.0
-"""Gain of an effect in the presence of the others over that of the best effect alone: two biases that cancel to less
-than a quarter gain so much, since gains are squares of biases."""
+"""Gain of an effect in the presence of the others over that of the best effect alone, and over that of all together:
+two biases that cancel to less than a quarter gain so much, since gains are squares of biases."""
 
+_SEVERAL = 2  # effects, of which one may stand for another
 _MEANS = (("common_mode", "frame"), ("pattern", "all"))  # curves of means by frame and by pixel
 
 
@@ -123,7 +124,8 @@ def _by_others(likelihood: Likelihood, added: Added, settings: Settings) -> Iter
     whole = likelihood.value(added.state, part, mixture)
     scored = likelihood.evidence.part(fit=False, split=settings.split)
     judged = len(part[0]) * len(part[1]) / max(len(scored[0]) * len(scored[1]), 1)
-    best = judged * max((c.gain for c in added.first), default=0.0)
+    given = whole - likelihood.value(begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance), part)
+    best = max(given, judged * max((c.gain for c in added.first), default=0.0))
     for number, candidate in enumerate(added.chosen):
         if candidate.fitted is None:
             continue
@@ -137,7 +139,13 @@ def _by_others(likelihood: Likelihood, added: Added, settings: Settings) -> Iter
 
 
 def _unknown(likelihood: Likelihood, added: Added, settings: Settings) -> Iterator[Contradiction]:
-    """Effects whose posterior does not exclude that they are absent, with the others free."""
+    """Effects whose posterior does not exclude that they are absent, with the others free.
+
+    An effect alone is needed by its gain. Numbers of one effect may also be tied to each other, as the two of a slow
+    drift; so where their errors are large, the others are fitted again without the effect.
+    """
+    if len(added.chosen) < _SEVERAL:
+        return
     own = numbers(likelihood, added.state, added.chosen, fit_part(likelihood, settings))
     errors_of = standard_errors(own)
     for number, candidate in enumerate(added.chosen):
@@ -145,8 +153,17 @@ def _unknown(likelihood: Likelihood, added: Added, settings: Settings) -> Iterat
         errors = errors_of.get(number, {})
         if candidate.fitted is None and number not in errors_of:
             effect, errors = latent_errors(likelihood, added.state, effect, settings.seed)
-        if absent(effect, errors) > settings.alpha:
+        if absent(effect, errors) > settings.alpha and not _needed(likelihood, added, number, settings):
             yield Contradiction(number=number, reason="has numbers with errors as large as themselves")
+
+
+def _needed(likelihood: Likelihood, added: Added, number: int, settings: Settings) -> bool:
+    """Whether the others, fitted again without the effect of this number, lose more than the price of its numbers."""
+    others = [c for k, c in enumerate(added.chosen) if k != number]
+    rest, _ = refit(likelihood, without(added.state, number), others, fit_part(likelihood, settings))
+    part = held_out(likelihood, settings)
+    lost = likelihood.value(added.state, part) - likelihood.value(rest, part)
+    return lost > PRICE_NATS * added.chosen[number].parameters
 
 
 def absent(effect: Effect, errors: dict[str, float]) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
-from tofmix.simulation.effects.prior import StudentPrior, UniformPrior
+from tofmix.simulation.effects.prior import StudentPrior
 
 _LARGEST_MM = 1.0e5  # beyond any range: amplitude 0 must not give infinity
 
@@ -41,7 +41,7 @@ class AmplitudeWalk(Effect):
         "Amplitude at which the bias is `scale_mm`.", unit="1", low=0, high=1e6, low_open=True
     )
     exponent: float = number(
-        "Exponent of its decrease with amplitude.", unit="1", low=0, high=4, default=1, typical=(0.5, 2), prior=UniformPrior(low=0, high=4)
+        "Exponent of its decrease with amplitude.", unit="1", low=0, high=4, default=1, typical=(0.5, 2), prior=StudentPrior(center=1, scale=0.6)
     )
 
     def explain(self) -> str:

@@ -58,7 +58,7 @@ class Multipath(Effect):
         low=0,
         high=200_000,
         typical=(100, 4000),
-        prior=about(1000, 2.2),
+        prior=about(1000, 1.9),
     )
 
     def priors(self) -> dict[str, Prior]:
