@@ -183,7 +183,7 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
             )
         range_mm, time_s = file.read_range(every, every), file.read_time()
         amplitude = file.read_amplitude(every, every) if file.has_amplitude else None
-        temperature_c = file.read_temperature()
+        temperature_c, integration_time_ms = file.read_temperature(), file.sensor.integration_time_ms
         for name in ("modulation_frequency_hz", "integration_time_ms"):
             own, models = getattr(file.sensor, name), getattr(scene.sensor, name)
             if own is not None and models is not None and not math.isclose(own, models, rel_tol=_SAME):
@@ -208,7 +208,10 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
             err=True,
         )
     try:
-        return make_evidence(scene, range_mm, time_s=time_s, amplitude=amplitude, temperature_c=temperature_c)
+        return make_evidence(
+            scene, range_mm, time_s=time_s, amplitude=amplitude, temperature_c=temperature_c,
+            integration_time_ms=integration_time_ms,
+        )  # fmt: skip
     except BadInputError as error:
         raise BadInputError(f"{measured}: {error}") from error
 

@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from tofmix.arrays import FloatArray
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.mixture import Mixture, Scene
 from tofmix.reconciliation.likelihood.side_information import log_ratios
@@ -82,9 +81,7 @@ def _unpredicted(curve: NoiseCurve, evidence: Evidence, mixture: Mixture, unit: 
     use = mixture.of_main(mixture.lit).astype(bool) & (recorded > 0) & (predicted > 0)
     if not use.any():
         return 0.0
-    ratio: FloatArray = np.log(
-        curve.sigma(ranges[use], recorded[use] / unit) / curve.sigma(ranges[use], predicted[use])
-    )
+    ratio = np.log(curve.sigma(ranges[use], recorded[use] / unit) / curve.sigma(ranges[use], predicted[use]))
     return float(ratio.std())
 
 
@@ -124,4 +121,4 @@ def noise_sentence(given: Model, measured: Model) -> str:
     parts = ["a shape of its own"] if curve.shape is not None else []
     parts += [f"widths of pixels spread by {100 * curve.width_spread:.0f} %"] if curve.width_spread else []
     more = f", and {' and '.join(parts)}" if parts else ""
-    return f"The noise is that of the recording, sigma {times} times the model's{more}; [sensor.noise] of model.toml has it."
+    return f"The noise is the measured one, sigma {times} times the model's{more}; [sensor.noise] of model.toml has it."

@@ -11,7 +11,7 @@ _DIGITS = ".6g"  # a millionth of a sigma is below what any recording shows
 
 
 def noise_toml(
-    curve: NoiseCurve, *, integration_time_ms: float, exponent: float = 0.5, background: str | None = None
+    curve: NoiseCurve, *, integration_time_ms: float | None, exponent: float = 0.5, background: str | None = None
 ) -> str:
     """The table, each list on one line, ending in a newline.
 
@@ -19,8 +19,9 @@ def noise_toml(
     ----------
     curve : NoiseCurve
         Sigma (mm) at some ranges (mm), and its further parts.
-    integration_time_ms : float
-        The integration time of one sample at which the curve holds, ms.
+    integration_time_ms : float or None
+        The integration time of one sample at which the curve holds, ms; None if it is not known: the table then leaves
+        it out.
     exponent : float
         That of the law of the integration time.
     background : str, optional
@@ -28,7 +29,8 @@ def noise_toml(
         is written for all pixels, the mean of a map.
     """
     lines = ["[sensor.noise]", f"range_mm = {_list(curve.range_mm)}", f"sigma_mm = {_list(curve.sigma_mm)}"]
-    lines += [f"reference_integration_time_ms = {integration_time_ms!r}", f"exponent = {exponent!r}"]
+    if integration_time_ms is not None:
+        lines += [f"reference_integration_time_ms = {integration_time_ms!r}", f"exponent = {exponent!r}"]
     if curve.law is not None:
         lines += [
             f"reference_amplitude = {_list(curve.law.reference)}", f"amplitude = {_list(curve.law.amplitude)}",

@@ -55,9 +55,7 @@ def with_noise(model: Model, curve: NoiseCurve, *, step_mm: float | None = None)
         text = f"{bare.rstrip()}\n\n{table}" + "".join(
             f'\n[[effect]]\nkind = "{Quantisation.kind}"\nstep_mm = {e.step_mm!r}\n' for e in added
         )
-    changed = replace(
-        sensor, noise=curve, reference_integration_time_ms=sensor.integration_time_ms
-    )
+    changed = replace(sensor, noise=curve, reference_integration_time_ms=sensor.integration_time_ms)
     return replace(model, sensor=changed, effects=(*model.effects, *added), text=text)
 
 

@@ -22,7 +22,15 @@ from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.search.alternatives import Alternatives, alternatives, apart, as_candidates
 from tofmix.reconciliation.search.columns import summed_up
 from tofmix.reconciliation.search.drop import drop, exchange
-from tofmix.reconciliation.search.name import FAINT_SHARE, PRICE_NATS, Candidate, Trial, begin_trial, candidates, tolerated
+from tofmix.reconciliation.search.name import (
+    FAINT_SHARE,
+    PRICE_NATS,
+    Candidate,
+    Trial,
+    begin_trial,
+    candidates,
+    tolerated,
+)
 from tofmix.reconciliation.search.pattern_fits import (
     ALIAS_NATS,
     best_with_pattern,

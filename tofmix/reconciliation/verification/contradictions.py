@@ -7,7 +7,7 @@ the presence of the others, and by the recorded amplitudes. None of these tests 
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import norm

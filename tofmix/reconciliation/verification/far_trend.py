@@ -9,7 +9,7 @@ import math
 import numpy as np
 from scipy.stats import kruskal
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import FloatArray, IntArray
 from tofmix.reconciliation.comparison.compare import FARTHEST_SCORE
 from tofmix.reconciliation.comparison.localise import SMALLEST_P, Place
 from tofmix.reconciliation.likelihood.joint import View, views
@@ -64,7 +64,7 @@ def _far_trend(view: View, alpha: float) -> Place | None:
     )  # fmt: skip
 
 
-def _medians(view: View) -> tuple[FloatArray, FloatArray, float]:
+def _medians(view: View) -> tuple[FloatArray, IntArray, float]:
     """Median difference from the model of some frames, mm; the frames; and the typical sigma, mm.
 
     Each pixel has its own level, found together with those of the frames: it does not matter which pixels are valid

@@ -24,6 +24,7 @@ _CLEAR = 5.0  # least distance from the model's pose, in standard errors
 _MOSTLY = 0.8  # least share of the weighted squares of a surface's biases that another pose explains
 _LEAST_PIXELS = 12  # of a surface, for a pose of three numbers
 _LEAST = 1e-30  # information
+_SAME = 1e-3  # relative difference of integration times that are written in files
 _MOST_POSES = 3  # most poses that are listed; more are another scene
 _LEAST_TURN_DEG = 0.02  # smaller tilts are not reported
 
@@ -90,6 +91,12 @@ def next_steps(
 
 def _of_the_recording(likelihood: Likelihood, verified: Verified) -> Iterator[str]:
     repeated, found = likelihood.evidence.repeated, verified.findings
+    own, given = likelihood.evidence.integration_time_ms, likelihood.scene.model.sensor.integration_time_ms
+    if own is not None and not math.isclose(own, given, rel_tol=_SAME):
+        yield (
+            f"The recording has an integration time of {own:g} ms, the model {given:g} ms: give [sensor] of the model"
+            f" integration_time_ms = {own:g}, or use --noise measured."
+        )
     if repeated:
         yield (
             f"{counted(repeated, 'frame')} of {repeated + likelihood.evidence.shape[0]} repeated the frame before,"

@@ -143,7 +143,13 @@ def verify(
     found = replace(found, contradicted=bool(against or far))
     verdict = judge(found)
     out = Verified(
-        verdict=verdict, state=added.state, start=start, before=before, after=after, floor=floor, findings=found,
+        verdict=verdict,
+        state=added.state,
+        start=start,
+        before=before,
+        after=after,
+        floor=floor,
+        findings=found,
         against=against,
     )
     return revoked(likelihood, out, settings) if added.chosen and verdict in ("agree", "unexplained") else out

@@ -29,7 +29,9 @@ class ExcessNoise(Effect):
     target: ClassVar[Target] = Target.SPREAD
     shows_in: ClassVar[tuple[str, ...]] = ("spread", "tails", "skew", "spread_pattern", "memory")
 
-    factor: float = number("Factor on sigma.", unit="1", low=0.01, high=100, zero=1, typical=(1.05, 3), prior=about(1, 2))
+    factor: float = number(
+        "Factor on sigma.", unit="1", low=0.01, high=100, zero=1, typical=(1.05, 3), prior=about(1, 2)
+    )
 
     def explain(self) -> str:
         """One sentence."""

@@ -43,7 +43,15 @@ class FlyingPixels(Effect):
     shows_in: ClassVar[tuple[str, ...]] = ("bias", "skew", "spread", "bridging")
     acts_on_phase: ClassVar[bool] = True
 
-    probability: float = number("Share of the samples that mix.", unit="1", low=0, high=1, zero=0, typical=(0.05, 1), prior=UniformPrior(low=0, high=1))
+    probability: float = number(
+        "Share of the samples that mix.",
+        unit="1",
+        low=0,
+        high=1,
+        zero=0,
+        typical=(0.05, 1),
+        prior=UniformPrior(low=0, high=1),
+    )
 
     def explain(self) -> str:
         """One sentence."""

@@ -28,6 +28,9 @@ class Multipath(Effect):
     and path are constant over the surface; near a real corner both vary from pixel to pixel. A path that is longer by a
     whole turn of the modulation, 15 m at 20 MHz, changes no range, only the noise.
 
+    A priori, the light of a longer second path is weaker, as it spreads over more area: the scale of the share falls
+    with the square of 1 + half the extra path over 2 m.
+
     References
     ----------
     Fuchs, Multipath interference compensation in time-of-flight camera images, ICPR 2010.

@@ -34,7 +34,14 @@ class Outliers(Effect):
     averages: ClassVar[bool] = False
 
     probability: float = number(
-        "Share of the samples.", unit="1", low=0, high=1, high_open=True, zero=0, typical=(0.001, 0.05), prior=UniformPrior(low=0, high=0.5)
+        "Share of the samples.",
+        unit="1",
+        low=0,
+        high=1,
+        high_open=True,
+        zero=0,
+        typical=(0.001, 0.05),
+        prior=UniformPrior(low=0, high=0.5),
     )
 
     @property

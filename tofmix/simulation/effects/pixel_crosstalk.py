@@ -43,7 +43,14 @@ class PixelCrosstalk(Effect):
     )
 
     share: float = number(
-        "Share that each neighbour gets.", unit="1", low=0, high=0.25, high_open=True, zero=0, typical=(0.002, 0.05), prior=StudentPrior(scale=0.025, half=True)
+        "Share that each neighbour gets.",
+        unit="1",
+        low=0,
+        high=0.25,
+        high_open=True,
+        zero=0,
+        typical=(0.002, 0.05),
+        prior=StudentPrior(scale=0.025, half=True),
     )
 
     def explain(self) -> str:

@@ -69,7 +69,7 @@ class StudentPrior:
 
     @property
     def spread(self) -> float:
-        """Standard deviation of the Gaussian that stands for it in linear fits; of the logarithm where it is of that."""
+        """Standard deviation of the Gaussian that stands for it in linear fits, of the logarithm if `log`."""
         return self.scale
 
     @property
@@ -81,13 +81,15 @@ class StudentPrior:
 
     def words(self, unit: str) -> str:
         """The density in words, with the interval of possible magnitudes."""
-        family = "normal" if math.isinf(self.dof) else f"Student's t, {self.dof:g} degrees of freedom,"
-        of = "logarithm " if self.log else ""
-        median = math.exp(self.center) if self.log else self.center
+        family = "normal" if math.isinf(self.dof) else f"Student's t of {self.dof:g} degrees of freedom"
+        of = "its logarithm is " if self.log else ""
         unit_word = "" if unit in ("", "1") else f" {unit}"
-        wide = f"{self.scale:.3g}" if self.log else f"{self.scale:.3g}{unit_word}"
+        middle = math.exp(self.center) if self.log else self.center
+        center = "" if self.half and not self.center else f" about {'log ' if self.log else ''}{middle:.4g}"
+        half = ", positive half" if self.half else ""
         low, high = self.farthest
-        return f"{of}{family} about {median:.4g}{unit_word}, scale {wide}; {low:.3g} to {high:.3g}{unit_word}"
+        interval = f"{low:.3g} to {high:.3g}{unit_word}"
+        return f"{of}{family}{center} with scale {self.scale:.3g}{'' if self.log else unit_word}{half} ({interval})"
 
     def _away(self, value: float) -> float:
         return ((math.log(value) if self.log else value) - self.center) / self.scale
@@ -147,7 +149,8 @@ class UniformPrior:
     def words(self, unit: str) -> str:
         """The density in words."""
         unit_word = "" if unit in ("", "1") else f" {unit}"
-        return f"{'logarithm ' if self.log else ''}uniform; {self.low:.3g} to {self.high:.3g}{unit_word}"
+        of = "its logarithm is " if self.log else ""
+        return f"{of}uniform ({self.low:.3g} to {self.high:.3g}{unit_word})"
 
 
 Prior = StudentPrior | UniformPrior
@@ -163,5 +166,7 @@ def about(median: float, factor: float) -> StudentPrior:
         If the median is not positive or the factor is not above 1.
     """
     if median <= 0 or factor <= 1:
-        raise ValueError(f"a lognormal prior needs a median above 0 and a factor above 1, not {median:g} and {factor:g}")
+        raise ValueError(
+            f"a lognormal prior needs a median above 0 and a factor above 1, not {median:g} and {factor:g}"
+        )
     return StudentPrior(center=math.log(median), scale=math.log(factor), log=True)

@@ -32,7 +32,15 @@ class RangeOffset(Effect):
     target: ClassVar[Target] = Target.BIAS
     shows_in: ClassVar[tuple[str, ...]] = ("bias", "trend", "common_mode")
 
-    offset_mm: float = number("Added to every range.", unit="mm", low=-10_000, high=10_000, zero=0, typical=(2, 50), prior=StudentPrior(scale=25, dof=2))
+    offset_mm: float = number(
+        "Added to every range.",
+        unit="mm",
+        low=-10_000,
+        high=10_000,
+        zero=0,
+        typical=(2, 50),
+        prior=StudentPrior(scale=25, dof=2),
+    )
 
     def explain(self) -> str:
         """One sentence."""

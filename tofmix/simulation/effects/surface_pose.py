@@ -38,10 +38,22 @@ class SurfacePose(Effect):
         unit="mm", low=-100_000, high=100_000, zero=0, typical=(2, 100), prior=StudentPrior(scale=50, dof=2),
     )  # fmt: skip
     yaw_deg: float = number(
-        "Added to the surface's `yaw_deg`.", unit="degree", low=-180, high=180, default=0, typical=(0.2, 4), prior=StudentPrior(scale=2, dof=2)
+        "Added to the surface's `yaw_deg`.",
+        unit="degree",
+        low=-180,
+        high=180,
+        default=0,
+        typical=(0.2, 4),
+        prior=StudentPrior(scale=2, dof=2),
     )
     pitch_deg: float = number(
-        "Added to the surface's `pitch_deg`.", unit="degree", low=-180, high=180, default=0, typical=(0.2, 4), prior=StudentPrior(scale=2, dof=2)
+        "Added to the surface's `pitch_deg`.",
+        unit="degree",
+        low=-180,
+        high=180,
+        default=0,
+        typical=(0.2, 4),
+        prior=StudentPrior(scale=2, dof=2),
     )
 
     def explain(self) -> str:

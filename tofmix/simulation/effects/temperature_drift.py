@@ -44,7 +44,13 @@ class TemperatureDrift(Effect):
         prior=StudentPrior(scale=25, dof=3),
     )
     time_constant_s: float = number(
-        "Time until 63 % of the final bias.", unit="s", low=0, high=1e6, low_open=True, typical=(60, 1800), prior=about(120, 10)
+        "Time until 63 % of the final bias.",
+        unit="s",
+        low=0,
+        high=1e6,
+        low_open=True,
+        typical=(60, 1800),
+        prior=about(120, 10),
     )
 
     def explain(self) -> str:
