@@ -250,9 +250,7 @@ def test_strongest_target_has_its_own_amplitude_and_needs_amplitudes(
             np.testing.assert_array_equal(root[name][...][some], expected[some])
 
 
-def test_target_of_a_recording_with_one_sample_a_frame_is_a_wrong_option(
-    tofmix: Tofmix, made: Path, tmp_path: Path
-) -> None:
+def test_target_of_a_recording_with_one_sample_a_frame_is_a_wrong_option(tofmix: Tofmix, tmp_path: Path) -> None:
     np.save(tmp_path / "one.npy", samples()[:, 0])
     refused = tofmix("import", tmp_path / "one.npy", "-o", tmp_path / "one.h5", "--target", "nearest")
     assert refused.code == ExitCode.USAGE

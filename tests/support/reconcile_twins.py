@@ -144,5 +144,12 @@ def transform(
     told = (value > 0) & (lower < upper)
     lower, upper = np.where(told, lower, 0.0), np.where(told, upper, 0.0)
     u = uniform(seed, frames, pixels)
-    x = ((1 - u) * cdf(lower) + u * cdf(upper)) / np.maximum(share + w.sum(axis=1), FLOOR)
+    drawn = (1 - u) * cdf(lower) + u * cdf(upper)
+    if period > 0:  # counted from half a turn off the heaviest lit component
+        heaviest = np.where(glows, w, 0.0).argmax(axis=1)[:, None]
+        at = np.take_along_axis(mean[some], heaviest, axis=1)[:, 0] + 0.5 * period
+        cut = np.where((glows & (w > 0)).any(axis=1), at - period * np.floor(at / period), 0.0)
+        turned = drawn - cdf(cut) + np.where(value < cut, cdf(np.full_like(cut, period)), 0.0)
+        drawn = np.where((cut > 0) & (value <= period), turned, drawn)
+    x = drawn / np.maximum(share + w.sum(axis=1), FLOOR)
     out[np.ix_(frames, pixels)] = np.where(told, x, np.nan)

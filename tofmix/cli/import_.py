@@ -210,7 +210,7 @@ def import_(
     inputs = [Path(name) for name in (source, sensor, amplitude, intrinsics) if name is not None]
     inputs += [file for folder in inputs if folder.is_dir() for file in folder.iterdir()]
     with locked(output, overwrite=overwrite, inputs=tuple(inputs)), open_source(source, request) as frames:
-        _check_target(target, frames, source)
+        targets = _targets_kept(target, frames, source)
         known = frames.sensor if sensor is None and frames.sensor is not None else sensor_of(camera, frames.shape[1:])
         known = with_share_law(with_frequency(known, modulation_frequency), shares)
         check_maps(known, frames.shape[1:], source if sensor is None else Path(sensor))
@@ -245,7 +245,6 @@ def import_(
         doubts = [*geometry.notes, *_doubts(frames, imported, camera, geometry.sensor, source, used_mm)]
     _say(how, doubts)
     _, rows, cols = frames.shape
-    targets = frames.targets if target is None else 0
     unknown = not_known(
         geometry.sensor, has_optics=geometry.sensor.optics is not None, has_amplitude=frames.has_amplitude,
         targets=targets,
@@ -260,9 +259,9 @@ def import_(
         }  # fmt: skip
         click.echo(json.dumps(made))
         return
-    each = f" of {targets} targets" if targets else f", the {target} target," if target else ""
     click.echo(
-        f"{output}: {imported.frames:,} frame{'s' * (imported.frames != 1)} of {rows} x {cols} pixels{each} from"
+        f"{output}: {imported.frames:,} frame{'s' * (imported.frames != 1)} of {rows} x {cols} pixels"
+        f"{f' of {targets} targets' if targets else f', the {target} target,' if target else ''} from"
         f" {frames.kind}, {conversion.unit_mm:g} mm a unit; {geometry.text}"
     )
     if declared := [f"{number:,} {reason}" for reason, number in imported.dropped.items() if not guessed({reason: 1})]:
@@ -294,8 +293,11 @@ def _unused_rate(frames: "FrameSource", frame_rate: float | None, source: Path) 
     return [f"{source}: --frame-rate is not used: the frames have times"] if unused else []
 
 
-def _check_target(target: "Target | None", frames: "FrameSource", source: Path) -> None:
-    """Refuse ``--target`` where pixels return one sample, and the strongest one without amplitudes."""
+def _targets_kept(target: "Target | None", frames: "FrameSource", source: Path) -> int:
+    """Targets of a pixel and frame in the new recording; 0 without such an axis.
+
+    Refuses ``--target`` where pixels return one sample, and the strongest one without amplitudes.
+    """
     if target is not None and not frames.targets:
         raise UsageError(f"--target {target}: {source} has one sample for each pixel and frame; leave the option out")
     if target == "strongest" and not frames.has_amplitude:
@@ -303,6 +305,7 @@ def _check_target(target: "Target | None", frames: "FrameSource", source: Path) 
             f"{source}: amplitude: there is none, so the strongest target is not known: give --amplitude, or use"
             " --target nearest"
         )
+    return frames.targets if target is None else 0
 
 
 def _refuse_turned(shape: tuple[int, int], camera: "CameraSheet", request: "Request", source: Path) -> None:

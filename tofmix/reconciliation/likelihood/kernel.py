@@ -283,6 +283,20 @@ def _shaped_cdf(x: float, m: float, s: float, folds: bool, period: float, table:
     return total
 
 
+@borrowing
+def _opposite(g: int, p: int, weight: FloatArray, mean: FloatArray, lit: BoolArray, period: float) -> float:
+    """The place on a folded axis half a turn from the heaviest lit component; 0 without one.
+
+    Counted from there, the transform has no jump near the surface, wherever its range folds.
+    """
+    heaviest, cut = 0.0, 0.0
+    for k in range(weight.shape[1]):
+        if lit[g, k, p] and weight[g, k, p] > heaviest:
+            heaviest = weight[g, k, p]
+            cut = mean[g, k, p] + 0.5 * period
+    return cut - period * math.floor(cut / period)
+
+
 @jit
 def transform(  # noqa: C901  as above
     samples: NDArray[np.uint16], pixels: IntArray, frames: IntArray, key: IntArray, since: FloatArray,
@@ -309,9 +323,14 @@ def transform(  # noqa: C901  as above
             u = _uniform(seed, t, p)
             x = 0.0
             whole = random_share[p]
-            for end in range(2):
-                at = lower if end == 0 else upper
-                part = u if end == 1 else 1.0 - u
+            cut = -1.0
+            if period > 0.0 and value <= period:
+                cut = _opposite(g, p, weight, mean, lit, period)
+            # F at both ends of the cell as drawn; counted from the cut: less F(cut), more F(period) below it
+            ends = (lower, upper, cut, period)
+            parts = (1.0 - u, u, -1.0, 1.0)
+            for end in range(2 if cut <= 0.0 else 4 if value < cut else 3):
+                at, part = ends[end], parts[end]
                 total = random_share[p] * min(max((at - low) / (high - low), 0.0), 1.0)
                 for k in range(components):
                     w = weight[g, k, p]

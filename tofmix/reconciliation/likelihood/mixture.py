@@ -113,6 +113,10 @@ class Mixture:
             since=self.since[frames], frame_bias=self.frame_bias[frames],
         )  # fmt: skip
 
+    def near_turn(self, off_mm: NDArray[Any]) -> NDArray[Any]:
+        """Differences of samples from a mean, mm, of any shape: on the turn nearest the mean, if the axis folds."""
+        return off_mm if self.period <= 0 else np.asarray(off_mm - self.period * np.rint(off_mm / self.period))
+
     @property
     def main(self) -> IntArray:
         """The heaviest component (pixel,) at the first time."""

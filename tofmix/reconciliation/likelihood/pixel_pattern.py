@@ -79,6 +79,8 @@ def _medians(evidence: Evidence, mixture: Mixture, part: Part) -> tuple[FloatArr
     frames, pixels = part
     values = evidence.samples[frames][:, pixels].astype(np.float32)
     values -= mixture.frame_bias[frames, None].astype(np.float32)
+    values -= mixture.of_main(mixture.mean)[pixels].astype(np.float32)
+    values = mixture.near_turn(values)
     valid = evidence.samples[frames][:, pixels] > 0
     middle = np.zeros(evidence.shape[1])
     some = valid.any(axis=0)
@@ -86,7 +88,7 @@ def _medians(evidence: Evidence, mixture: Mixture, part: Part) -> tuple[FloatArr
     known = np.zeros(middle.size, dtype=bool)
     known[pixels[some]] = True
     usable = known & mixture.of_main(mixture.lit).astype(bool)
-    return middle - mixture.of_main(mixture.mean), usable
+    return middle, usable
 
 
 def marginal_pattern(

@@ -346,6 +346,7 @@ def _main(view: View) -> _Main:
     lost = (samples == 0).mean(axis=0)
     few = samples[:: max(1, len(samples) // _GLANCE)].astype(np.float64)
     few[few == 0] = np.nan
+    few = m.of_main(m.mean) + m.near_turn(few - m.of_main(m.mean))
     some = ~np.isnan(few).all(axis=0)
     median = np.full(lost.shape, np.nan)
     median[some] = np.nanmedian(few[:, some], axis=0)

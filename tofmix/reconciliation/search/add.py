@@ -22,6 +22,7 @@ from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.search.alternatives import Alternatives, alternatives, apart, as_candidates
 from tofmix.reconciliation.search.columns import summed_up
 from tofmix.reconciliation.search.drop import drop, exchange
+from tofmix.reconciliation.search.folding import fold
 from tofmix.reconciliation.search.name import (
     FAINT_SHARE,
     PRICE_NATS,
@@ -100,8 +101,7 @@ def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]
     tick : callable
         Called with each kind that was tried.
     """
-    start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
-    best = SearchState(likelihood, settings, tick, start)
+    best = _begun(likelihood, settings, tick)
     added = _followed(best)
     if not added.chosen and not disagreements(added.panel, settings.alpha):
         yield added
@@ -114,9 +114,22 @@ def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]
         yield other
     beginning = _beginning(best)
     if beginning is not None:
-        search = SearchState(likelihood, settings, tick, start, first=best.first)
+        search = _begun(likelihood, settings, tick)
+        search.first = best.first
         _take(search, _Taken((beginning,), _near(beginning, best.first)), best.first)
         yield _followed(search)
+
+
+def _begun(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]) -> SearchState:
+    """A search at its beginning: the model as given, with the fold of its range axis if the samples are a turn off."""
+    start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
+    search = SearchState(likelihood, settings, tick, start)
+    folded = fold(likelihood, start, held_out(likelihood, settings)) if settings.max_effects else None
+    chance = math.log(max(len(settings.kinds), 1) / settings.alpha)
+    if folded is not None and folded.kind in settings.kinds and folded.gain > chance:
+        _take(search, _Taken((folded,), ()), (folded,))
+        search.begun = None  # other searches start from the folded axis too
+    return search
 
 
 def _or_better(search: SearchState, added: Added) -> Added:
@@ -463,7 +476,7 @@ def _best(search: SearchState, trial: Trial, found: Sequence[Candidate], near: S
         return _Taken((first,), _near(first, found))
     if found[0].kind == FixedPattern.kind:
         parts = fit_part(search.likelihood, search.settings), held_out(search.likelihood, search.settings)
-        beside = best_with_pattern(trial, search.chosen, found, parts, near)
+        beside = best_with_pattern(trial, search.chosen, found, parts, near, search.settings.alpha)
         if beside is not None:
             # The pattern is added after all effects that gain in its presence, unless it hides the effect
             if not beside.patterned or beside.first.score > needed:
@@ -480,7 +493,7 @@ def _second(
     now = replace(trial, state=first.state, mixture=likelihood.mixture(first.state))
     near = tolerated(likelihood, first.state, parts[0], search.settings.tolerance)
     rest = [c for c in found if c.static and name_of(c) != name_of(first)]
-    beside = best_with_pattern(now, [*search.chosen, first], rest, parts, near)
+    beside = best_with_pattern(now, [*search.chosen, first], rest, parts, near, search.settings.alpha)
     return found[0] if beside is None else beside.first
 
 

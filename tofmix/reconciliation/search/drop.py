@@ -71,7 +71,7 @@ def drop(search: SearchState) -> None:
                 whole = likelihood.value(search.state, part)
                 del search.chosen[k], search.rivals[k]
             continue
-        if candidate.fitted is None:
+        if candidate.fitted is None or not candidate.fitted.problem.steps:  # no numbers that others could absorb
             continue
         rest, others = without(search.state, k), [*search.chosen[:k], *search.chosen[k + 1 :]]
         worth_ = likelihood.value(rest, part)

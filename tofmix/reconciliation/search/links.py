@@ -34,6 +34,8 @@ _CHANCE = 2.0  # standard deviations
 _MOST_FRAMES = 0.9  # largest share of frames in bursts
 _BEYOND = 0.1  # least part of the gain of bursts that noise in all frames does not reach
 _LONGEST = 0.3  # of the frames: a longer burst is a change that starts or stops once
+_MOST_LOG_MM = 6.9  # logarithm of the upper bound of a spread
+_LEAST_DIFFERENT = 2  # pixels: one bias is an offset
 _MOST_BURST_MM = 10_000.0  # upper bound of `interference`
 _NEXT = math.log(2.0)  # logarithm of the ratio of first trial sizes
 
@@ -150,22 +152,35 @@ def fit_pattern(
 
 
 def fit_spreads(found: PixelBiases, image: tuple[int, int]) -> tuple[FixedPattern, PixelBiases] | None:
-    """The spreads that are most likely for the pixels' biases and their noise."""
+    """The spreads that are most likely for the pixels' biases and their noise, in an image of any size.
+
+    In a single row, the bias of a column is that of its pixel, and the bias of the row is an offset; likewise in a
+    single column. Then only the spread by pixel is fitted.
+    """
     use = found.information > 0
-    if use.sum() < 2 * sum(image) or not _beyond_chance(found, image):
+    if use.sum() < _LEAST_DIFFERENT or not _beyond_chance(found, image):
         return None
     size = max(float(np.median(np.abs(found.bias[use])) / 0.67), 1e-3)
 
-    def cost(x: FloatArray) -> float:
-        pixel, column, row = (math.exp(min(max(v, -8.0), 6.9)) for v in x)
-        return -marginal_pattern(found, image, (pixel, column, row))[0]
+    def of(x: FloatArray) -> tuple[float, float, float]:
+        fitted = [float(math.exp(min(max(v, -8.0), _MOST_LOG_MM))) for v in x]
+        pixel, column, row = (*fitted, 0.0, 0.0)[:3]
+        return pixel, column, row
 
-    start = np.log(np.array([size, size * 0.3, size * 0.3]))
-    simplex = np.vstack([start, start + 0.5 * np.eye(3)])
+    def cost(x: FloatArray) -> float:
+        return -marginal_pattern(found, image, of(x))[0]
+
+    start = np.log(np.array([size, size * 0.3, size * 0.3])[: spreads_of(image)])
+    simplex = np.vstack([start, start + 0.5 * np.eye(start.size)])
     options: Any = {"maxfev": 80, "fatol": 0.1, "xatol": 0.02, "initial_simplex": simplex}
     best = minimize(cost, start, method="Nelder-Mead", options=options)
-    pixel, column, row = (float(math.exp(min(max(v, -8.0), 6.9))) for v in best.x)
+    pixel, column, row = of(best.x)
     return FixedPattern(pixel_sigma_mm=pixel, column_sigma_mm=column, row_sigma_mm=row), found
+
+
+def spreads_of(image: tuple[int, int]) -> int:
+    """Number of spreads that an image (rows, columns) can show: by pixel; by column and row if there are several."""
+    return 3 if min(image) > 1 else 1
 
 
 def _beyond_chance(found: PixelBiases, image: tuple[int, int]) -> bool:

@@ -253,7 +253,8 @@ def _pattern(trial: Trial) -> Candidate | None:
     effect = links.with_map(effect, pattern, trial.likelihood.evidence.image)
     effects, bias = (*trial.state.effects, effect), trial.state.pixel_bias + pattern
     state = replace(trial.state, effects=effects, pixel_bias=bias, pixel_variance=variance)
-    return Candidate(effect=effect, gain=gain, parameters=3, state=state)
+    parameters = links.spreads_of(trial.likelihood.evidence.image)
+    return Candidate(effect=effect, gain=gain, parameters=parameters, state=state)
 
 
 def pattern_gain(trial: Trial, effect: FixedPattern) -> float:

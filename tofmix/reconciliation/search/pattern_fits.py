@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, cast
 
+from scipy.stats import chi2
+
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.likelihood.pixel_pattern import pixel_biases, with_pattern
@@ -84,7 +86,12 @@ class PatternFit:
 
 
 def best_with_pattern(
-    trial: Trial, chosen: Sequence[Candidate], found: Sequence[Candidate], parts: tuple[Part, Part], near: State
+    trial: Trial,
+    chosen: Sequence[Candidate],
+    found: Sequence[Candidate],
+    parts: tuple[Part, Part],
+    near: State,
+    alpha: float,
 ) -> PatternFit | None:
     """The effect that gains most in the presence of a fixed pattern; None if no gain is clear.
 
@@ -100,6 +107,12 @@ def best_with_pattern(
         Fitting data and held-out data, of all pixels.
     near : State
         The model moved within its tolerance to where it fits best; an effect must gain more than it.
+    alpha : float
+        Level of the gain beyond the pattern, corrected for the number of candidates.
+
+    References
+    ----------
+    Twice the gain of k numbers that are not needed has the chi-square of k (Wilks 1938, doi:10.1214/aoms/1177732360).
     """
     likelihood = trial.likelihood
     pattern, others = found[0], [c for c in found[1:] if c.fitted is not None]
@@ -115,7 +128,8 @@ def best_with_pattern(
     tried: list[tuple[float, Candidate]] = []
     for other in _worth_a_look(others, fits):
         price = PRICE_NATS * other.parameters
-        needed = price + _CLEAR_NATS + _CLEAR_SHARE * max(alone - nothing, 0.0)
+        chance = 0.5 * float(chi2.isf(alpha / len(found), max(other.parameters, 1)))
+        needed = chance + _CLEAR_SHARE * max(alone - nothing, 0.0)
         mixture = likelihood.mixture(other.state)
         value = worth(likelihood, other.state, mixture, unseen, patterned=True)
         if value - alone > needed and value - price > tolerable:
@@ -134,7 +148,7 @@ def _still_gains(trial: Trial, other: Candidate, unseen: tuple[Part, Part]) -> b
     without, with_ = (
         worth(likelihood, other.state, mixture, unseen, patterned=patterned) for patterned in (False, True)
     )
-    return with_ - without > 3 * PRICE_NATS + _CLEAR_NATS
+    return with_ - without > links.spreads_of(likelihood.evidence.image) * PRICE_NATS + _CLEAR_NATS
 
 
 def _worth_a_look(others: Sequence[Candidate], fits: "_Fits") -> list[Candidate]:

@@ -77,7 +77,8 @@ def _medians(view: View) -> tuple[FloatArray, IntArray, float]:
     m, samples = view.mixture, view.evidence.samples
     use = np.flatnonzero(m.of_main(m.lit))
     use = use[:: math.ceil(max(use.size, 1) / _PIXELS)]
-    away = np.where(samples[:, use] > 0, samples[:, use] - m.of_main(m.mean)[use], np.nan)
+    off = m.near_turn(samples[:, use] - m.of_main(m.mean)[use])
+    away = np.where(samples[:, use] > 0, off, np.nan)
     some = np.isfinite(away).any(axis=1)
     if not some.any():
         return np.zeros(0), np.zeros(0, dtype=np.int64), math.inf
