@@ -60,7 +60,7 @@ class Multipath(Effect):
         unit="mm",
         low=0,
         high=200_000,
-        typical=(100, 4000),
+        typical=(200, 4000),
         prior=about(1000, 1.9),
     )
 
