@@ -13,6 +13,7 @@ from tofmix.recording import ArrayRecording
 
 if TYPE_CHECKING:
     from tofmix.reconciliation.workflow import Reconciliation
+    from tofmix.sensor import Sensor
     from tofmix.simulation.model import Model
 
 
@@ -77,6 +78,7 @@ def reconcile(
     tolerance: float = 0.1,
     split: Split = "frames,pixels",
     seed: int = 1,
+    noise: "Sensor | None" = None,
 ) -> "Reconciliation":
     """Find where a simulation of a model and a recording disagree, and which effect the model lacks.
 
@@ -90,6 +92,8 @@ def reconcile(
         Kinds of effects that are tried; all without it.
     max_effects, alpha, tolerance, split, seed
         As the options of `tofmix reconcile`.
+    noise : Sensor, optional
+        A camera whose noise replaces the model's, such as ``tofmix.estimate(recording, noise="auto").sensor``.
 
     Returns
     -------
@@ -124,9 +128,13 @@ def reconcile(
     )  # fmt: skip
     evidence = make_evidence(
         scene, measured.range_mm, time_s=measured.time_s, amplitude=measured.amplitude,
-        temperature_c=measured.temperature_c,
+        temperature_c=measured.temperature_c, integration_time_ms=measured.sensor.integration_time_ms,
     )  # fmt: skip
-    return run(scene, evidence, settings)
+    if noise is None:
+        return run(scene, evidence, settings)
+    from tofmix.reconciliation.measured_noise import measured_model, with_note
+
+    return with_note(run(measured_model(scene, evidence, noise), evidence, settings), scene)
 
 
 def _model(model: "Model | str | os.PathLike[str]") -> "Model":

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tofmix.cli.options import PATH, examples, json_option, overwrite_option
+from tofmix.cli.options import FILE, PATH, examples, json_option, note, overwrite_option
 from tofmix.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -15,9 +15,11 @@ if TYPE_CHECKING:
     from tofmix.io.recording.recording_file import RecordingFile
     from tofmix.reconciliation.evidence import Evidence
     from tofmix.reconciliation.workflow import Reconciliation
+    from tofmix.sensor import Sensor
     from tofmix.simulation.model import Model
 
     Files = tuple[tuple[str, Path], ...]
+    Recordings = list[tuple[Model, Evidence]]
 
 _MOST_SAMPLES = 1 << 28  # samples held in memory: a gigabyte
 _SAME = 1e-3  # relative difference of numbers of a camera that are written in a file
@@ -30,6 +32,7 @@ _SAME_RATE = 0.02  # relative difference of frame rates: clocks are not exact
 tofmix reconcile my_scene.toml measured.h5 -o gap
 tofmix reconcile my_scene.toml measured.h5 -o gap --effects wiggling,range_offset,surface_pose
 tofmix reconcile near.toml near.h5 -o gap --also far.toml far.h5
+tofmix reconcile my_scene.toml measured.h5 -o gap --noise measured
 tofmix simulate gap/model.toml -o refined.h5
 """
 )
@@ -53,6 +56,11 @@ tofmix simulate gap/model.toml -o refined.h5
     help="Accepted model error: pose errors up to this many sigma, and sigma errors up to a tenth of this share.",
 )  # fmt: skip
 @click.option(
+    "--noise", metavar="model|measured|LAYERS.h5",
+    help="The model's noise, noise learnt from MEASURED, or that of a layers file.  [default: model; where this"
+    " explains nothing, measured is tried too]",
+)  # fmt: skip
+@click.option(
     "--split", type=click.Choice(["frames,pixels", "frames", "pixels"]), default="frames,pixels", show_default=True,
     help="Data held out from the fit: frames, pixels or both.",
 )  # fmt: skip
@@ -68,6 +76,7 @@ def reconcile(
     max_effects: int,
     alpha: float,
     tolerance: float,
+    noise: str | None,
     split: str,
     as_json: bool,
     overwrite: bool,
@@ -81,6 +90,7 @@ def reconcile(
     docs/reference/verdicts.md explains the verdicts.
     """
     from tofmix.io.reconciliation import locked_folder, model_names
+    from tofmix.reconciliation.measured_noise import MODEL, better, is_open, with_note
     from tofmix.reconciliation.search.search_state import Settings
     from tofmix.reconciliation.words import summary_lines
     from tofmix.reconciliation.workflow import reconcile as run
@@ -89,7 +99,8 @@ def reconcile(
     files = ((model, measured), *also)
     settings = Settings(kinds=kinds, max_effects=max_effects, alpha=alpha, tolerance=tolerance, split=split, seed=seed)
     with locked_folder(output, overwrite=overwrite, models=len(files)):
-        first, *others = _read_all(files)
+        recordings = _read_all(files)
+        other = None if noise in (None, MODEL) else _with_noise(recordings, measured, str(noise))
         with Progress(len(kinds) * max(max_effects, 1), "reconcile", "kind") as bar:
 
             def tick(_: str) -> None:
@@ -97,7 +108,14 @@ def reconcile(
                     bar.total += len(kinds)
                 bar.update(1)
 
-            result = run(*first, settings, tick, also=others)
+            def found(recordings: "Recordings") -> "Reconciliation":
+                return run(*recordings[0], settings, tick, also=recordings[1:])
+
+            result = found(recordings) if other is None else with_note(found(other), recordings[0][0])
+            if noise is None and is_open(result):
+                with bar.aside():
+                    other = _tried_noise(recordings, measured)
+                result = result if other is None else better(result, with_note(found(other), recordings[0][0]))
             bar.total = bar.done  # no other way is tried: the page is left
             bar.describe("reconcile: page")
             _write(result, files, output, overwrite)
@@ -165,7 +183,7 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
             )
         range_mm, time_s = file.read_range(every, every), file.read_time()
         amplitude = file.read_amplitude(every, every) if file.has_amplitude else None
-        temperature_c = file.read_temperature()
+        temperature_c, integration_time_ms = file.read_temperature(), file.sensor.integration_time_ms
         for name in ("modulation_frequency_hz", "integration_time_ms"):
             own, models = getattr(file.sensor, name), getattr(scene.sensor, name)
             if own is not None and models is not None and not math.isclose(own, models, rel_tol=_SAME):
@@ -190,9 +208,66 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
             err=True,
         )
     try:
-        return make_evidence(scene, range_mm, time_s=time_s, amplitude=amplitude, temperature_c=temperature_c)
+        return make_evidence(
+            scene, range_mm, time_s=time_s, amplitude=amplitude, temperature_c=temperature_c,
+            integration_time_ms=integration_time_ms,
+        )  # fmt: skip
     except BadInputError as error:
         raise BadInputError(f"{measured}: {error}") from error
+
+
+def _with_noise(recordings: "Recordings", measured: Path, noise: str) -> "Recordings":
+    """The models with the noise that `noise` names; one camera has one noise.
+
+    Raises
+    ------
+    BadInputError
+        If the samples determine no noise, or the layers file has none.
+    UsageError
+        If `noise` is no choice and no file.
+    """
+    from tofmix.errors import BadInputError, UsageError
+    from tofmix.reconciliation.measured_noise import MEASURED, measured_models
+
+    if noise == MEASURED:
+        sensor = _learnt_sensor(measured)
+    elif Path(noise).exists():
+        from tofmix.io.layers.layers_file import open_layers
+
+        with open_layers(Path(noise)) as layers:
+            sensor = layers.provenance.sensor
+        if sensor.noise is None:
+            raise BadInputError(f"{noise}: sensor/noise_sigma: no noise curve")
+    else:
+        raise UsageError(f'--noise: "{noise}" is not model, measured or a layers file')
+    return measured_models(recordings, sensor)
+
+
+def _tried_noise(recordings: "Recordings", measured: Path) -> "Recordings | None":
+    """The models with the noise of the recording; None if its samples determine none."""
+    from tofmix.errors import BadInputError
+    from tofmix.reconciliation.measured_noise import MEASURED
+
+    try:
+        return _with_noise(recordings, measured, MEASURED)
+    except BadInputError as error:
+        note(f"the noise of the recording is not tried: {error}")
+        return None
+
+
+def _learnt_sensor(measured: Path) -> "Sensor":
+    from tofmix.cli.estimate.noise import sensor_for
+    from tofmix.cli.options import AUTO
+    from tofmix.estimation.blocks.sample_span import sensor_with_span
+    from tofmix.estimation.noise_choice import NoiseRequest
+    from tofmix.estimation.settings import EstimateOptions
+    from tofmix.io.recording.recording_file import open_recording
+
+    with open_recording(measured) as source:
+        frames = source.shape[0]
+        source.sensor = sensor_with_span(source, None)
+        request = NoiseRequest(noise=AUTO, outliers=FILE, asked=True, window_frames=frames, stride_frames=frames)
+        return sensor_for(source, EstimateOptions(), request).sensor
 
 
 def _say_other_optics(measured: Path, file: "RecordingFile", scene: "Model") -> None:

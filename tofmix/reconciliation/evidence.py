@@ -48,6 +48,8 @@ class Evidence:
         Median amplitude of each pixel's valid samples, NaN where there is none; of one recording by itself.
     temperature_c : (frame,) float64 or None
         Of one recording by itself.
+    integration_time_ms : float or None
+        Of one sample, as the first recording has it; None if it is not known.
     repeated : int
         Number of frames that were left out, because they repeat the frame before sample by sample.
     """
@@ -60,6 +62,7 @@ class Evidence:
     starts: tuple[int, ...] = (0,)
     amplitude: FloatArray | None = None
     temperature_c: FloatArray | None = None
+    integration_time_ms: float | None = None
     repeated: int = 0
 
     @property
@@ -106,6 +109,7 @@ def make_evidence(
     time_s: FloatArray | None = None,
     amplitude: FloatArray | Float32Array | None = None,
     temperature_c: FloatArray | None = None,
+    integration_time_ms: float | None = None,
 ) -> Evidence:
     """Prepare a recording for reconciliation.
 
@@ -121,6 +125,8 @@ def make_evidence(
         Of each sample, NaN where it has none.
     temperature_c : (frame,), optional
         The camera's.
+    integration_time_ms : float, optional
+        The recording's, of one sample.
 
     Raises
     ------
@@ -180,6 +186,7 @@ def make_evidence(
         fit_pixels=pixel_block,
         amplitude=None if amplitude is None else _typical(amplitude, valid).reshape(-1),
         temperature_c=None if temperature_c is None else np.asarray(temperature_c, dtype=np.float64),
+        integration_time_ms=integration_time_ms,
         repeated=int(frames - new.sum()),
     )
 

@@ -73,6 +73,9 @@ class Findings:
         Axis of a smooth law that fits better than the found effects.
     own : Effect or None
         The model's own effect with other numbers, if it fits better than the found effects.
+    contradicted : bool
+        Whether something speaks against an effect by itself
+        (`tofmix.reconciliation.verification.contradictions`).
     bound, echo, shaped, in_time : bool
         Whether an effect has numbers at which it is another effect; whether another memory remains after a memory;
         whether a pattern of pixels is a smooth law; whether frames still change in time.
@@ -91,6 +94,7 @@ class Findings:
     judged: float = 1.0
     law: str | None = None
     own: Effect | None = None
+    contradicted: bool = False
     bound: bool = False
     echo: bool = False
     shaped: bool = False
@@ -147,7 +151,7 @@ class Findings:
         """Whether nothing speaks against the effects, whatever else remains."""
         other = self.law is not None or self.own is not None
         sane = self.floor.gap <= max(self.before.gap, _SANE)
-        return self.signed and sane and not (other or self.bound or self.echo or self.shaped)
+        return self.signed and sane and not (other or self.contradicted or self.bound or self.echo or self.shaped)
 
     @property
     def settled(self) -> bool:

@@ -23,6 +23,7 @@ from tofmix.reconciliation.search.name import Candidate
 from tofmix.reconciliation.search.refit import latent_states, numbers
 from tofmix.reconciliation.search.search_state import Settings, fit_part
 from tofmix.reconciliation.verification.aliases import Alias, aliases
+from tofmix.reconciliation.verification.far_trend import far_trends
 from tofmix.reconciliation.verification.model_effects import better_model_effect
 from tofmix.reconciliation.verification.next_steps import next_steps
 from tofmix.reconciliation.verification.verify import Verified, as_given, verify
@@ -228,7 +229,9 @@ def reconcile(
         own = better_model_effect(recordings, likelihood, stands, settings)
         if own is not None:
             verified = verify(likelihood, added, settings, own, law_stood=verified.law is not None)
-    where = tuple(localise(verified.before, settings.alpha)) if verified.verdict != "agree" else ()
+    where: tuple[Place, ...] = ()
+    if verified.verdict != "agree":
+        where = (*far_trends(likelihood, verified.start, settings.alpha), *localise(verified.before, settings.alpha))
     left = tuple(localise(added.panel, settings.alpha)) if verified.verdict != "agree" else ()
     if verified.verdict == "partly_explained":
         where = (*left, *where)

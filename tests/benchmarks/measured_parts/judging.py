@@ -29,11 +29,11 @@ def reconciled(
         evidence = make_evidence(model, range_mm, time_s=time_s, amplitude=amplitude)
         gap = reconcile(model, evidence, Settings(kinds=KINDS)).as_dict()
     except BadInputError as error:
-        gap = {"verdict": "refused", "effects": [], "next_steps": [str(error)]}
+        gap = {"verdict": "refused", "effects": [], "where": [], "next_steps": [str(error)]}
     return {
         "verdict": gap["verdict"], "named": sorted(e["kind"] for e in gap["effects"]),
         "effects": [{key: e[key] for key in ("kind", "parameters", "stderr")} for e in gap["effects"]],
-        "next": list(gap["next_steps"]), "seconds": round(time.perf_counter() - start, 1),
+        "where": gap["where"][:3], "next": list(gap["next_steps"]), "seconds": round(time.perf_counter() - start, 1),
     }  # fmt: skip
 
 

@@ -90,13 +90,17 @@ def test_fitted_dropout_is_the_share_that_is_lost(lossy: Likelihood) -> None:
         ("surface_pose", {"surface": "near", "shift_mm": -2500.0}, False),
         ("multipath", {"surface": "near", "share": 0.1, "extra_path_mm": 4000.0}, True),
         ("multipath", {"surface": "near", "share": 0.1, "extra_path_mm": 14_900.0}, False),
-        ("range_offset", {"offset_mm": 5000.0}, True),
+        ("multipath", {"surface": "near", "share": 0.5, "extra_path_mm": 7495.0}, False),
+        ("range_offset", {"offset_mm": 5000.0}, False),
+        ("range_offset", {"offset_mm": -300.0}, True),
+        ("excess_noise", {"factor": 5.0}, True),
+        ("excess_noise", {"factor": 37.0}, False),
     ],
 )
-def test_pose_of_metres_and_path_of_a_turn_are_not_plausible(
-    model: Model, kind: str, values: dict[str, float | str], sound: bool
+def test_pose_of_metres_path_of_a_turn_and_noise_of_many_sigma_are_not_plausible(
+    kind: str, values: dict[str, float | str], sound: bool
 ) -> None:
-    assert MAKE[kind](**values).plausible(model.sensor) is sound
+    assert MAKE[kind](**values).plausible() is sound
 
 
 def test_implausible_vector_of_a_search_counts_as_another_effect(model: Model, record: Record) -> None:

@@ -34,12 +34,11 @@ def named_kinds(result: Reconciliation) -> list[str]:
 def test_pose_and_excess_noise_replace_a_second_path_that_gains_more_alone(
     shift_mm: float, rows: int, cols: int, frames: int
 ) -> None:
-    """Alone, the second path, which also widens the noise, gains more than either."""
+    """Alone, a second path that also widens the noise gains more than either; it would be longer than a room."""
     model = scene(rows=rows, cols=cols, frames=frames)
     hidden = MAKE["surface_pose"](surface="middle", shift_mm=shift_mm), MAKE["excess_noise"](factor=1.25)
     kinds = ("surface_pose", "multipath", "excess_noise", "temperature_drift")
     result = reconciled(model, *hidden, kinds=kinds)
-    assert result.candidates[0].kind == "multipath"
     assert named_kinds(result) == ["excess_noise", "surface_pose"]
     pose = next(n for n in result.named if n.effect.kind == "surface_pose")
     assert abs(numeric(pose.effect)["shift_mm"] - shift_mm) < 4 * pose.stderr["shift_mm"]
@@ -64,7 +63,7 @@ def test_offset_with_pixels_of_one_value_is_not_named_a_pattern(small: Model) ->
 FAR = (
     MAKE["surface_pose"](surface="middle", shift_mm=150.0),
     MAKE["surface_pose"](surface="middle", shift_mm=-300.0),
-    MAKE["multipath"](surface="middle", share=0.7, extra_path_mm=2500.0),
+    MAKE["multipath"](surface="middle", share=0.3, extra_path_mm=1500.0),
 )
 
 

@@ -22,7 +22,8 @@ from tofmix.reconciliation.likelihood.memory import memory_of, one_surface, whit
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.simulation.effects.pixel_crosstalk import PixelCrosstalk
 
-_FAR = np.float32(4.0)  # largest score: one sample must not determine a fourth power
+FARTHEST_SCORE = np.float32(4.0)
+"""Largest score in the statistics: one sample must not determine a fourth power."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,7 +65,7 @@ def compare(likelihood: Likelihood, state: State, part: Part, *, seed: int, mixt
     pattern = np.full((len(likelihood.evidence.starts), likelihood.evidence.shape[1]), np.nan)
     for view in views(likelihood, m, part):
         own = z[view.frames] if not memory else whitened(z[view.frames], view.mixture, memory)
-        own = np.clip(own[view.part[0]][:, view.part[1]], -_FAR, _FAR)
+        own = np.clip(own[view.part[0]][:, view.part[1]], -FARTHEST_SCORE, FARTHEST_SCORE)
         gains = information_of(own, view.evidence, view.mixture, view.part)
         crossed = any(e.kind == PixelCrosstalk.kind for e in (*view.scene.effects, *state.effects))
         apart = _apart(own, view) if crossed else own

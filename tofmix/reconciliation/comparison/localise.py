@@ -23,7 +23,9 @@ _IN_SIGMA = (
     "bias", "spread", "skew", "tails", "pattern", "spread_pattern", "skew_pattern", "tails_pattern", "common_mode",
     "bursts", "trend", "memory", "neighbour_correlation", "widths",
 )  # fmt: skip
-_SMALLEST_P = 1.0e-300  # above 0, which some JSON readers take as a missing value
+SMALLEST_P = 1.0e-300
+"""Smallest p-value, above 0, which some JSON readers take as a missing value."""
+
 _MOST_BINS = 60  # times ten: with more bins, intervals are not scanned
 
 
@@ -113,5 +115,5 @@ def _strongest(curve: Curve, looked_at: int) -> Place:
         axis=curve.axis, statistic=curve.statistic,
         interval=(0.0, 1.0) if whole else (float(curve.lower[a]), float(curve.upper[b - 1])),
         size=float((curve.size if whole else value) * scale), unit="mm" if in_mm else "1",
-        p_value=max(min(math.exp(max(min(log_p, 0.0), -690.0)), 1.0), _SMALLEST_P), z=best, recording=curve.recording,
+        p_value=max(min(math.exp(max(min(log_p, 0.0), -690.0)), 1.0), SMALLEST_P), z=best, recording=curve.recording,
     )  # fmt: skip

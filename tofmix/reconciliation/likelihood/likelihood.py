@@ -225,8 +225,12 @@ class Likelihood:
         return self.sums(mixture, state, part).total
 
     def objective(self, state: State, part: Part) -> float:
-        """The objective of fits: `value`, plus the log density of the side information, given the effects."""
-        return self.value(state, part) + self.side_log_density(state)
+        """The objective of fits, log posterior density but for a constant: `value` and `outside`."""
+        return self.value(state, part) + self.outside(state)
+
+    def outside(self, state: State) -> float:
+        """Log density of the effects' numbers by what is not the samples: their priors, and the side information."""
+        return self.side_log_density(state) + sum(effect.log_prior() for effect in state.effects)
 
     def side_log_density(self, state: State) -> float:
         """Log density of amplitudes and temperatures, given the effects."""

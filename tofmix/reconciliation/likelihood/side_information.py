@@ -74,6 +74,13 @@ class AmplitudeInformation:
         away = (self.log_ratio - math.log(max(mixed, 1e-9))) / self.scale
         return float(student.logpdf(away, self.dof) - student.logpdf(0.0, self.dof))
 
+    def log_odds(self, effect: Effect) -> float:
+        """Log density of the observation with an effect, less that without it."""
+        if not isinstance(effect, Multipath) or effect.surface != self.surface:
+            return 0.0
+        none = float(student.logpdf(self.log_ratio / self.scale, self.dof) - student.logpdf(0.0, self.dof))
+        return self.log_density(effect) - none
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WarmUpInformation:
@@ -88,6 +95,10 @@ class WarmUpInformation:
             return 0.0
         away = math.log(effect.time_constant_s / self.time_constant_s) / self.error
         return float(student.logpdf(away, _THERMAL_DOF) - student.logpdf(0.0, _THERMAL_DOF))
+
+    def log_odds(self, effect: Effect) -> float:  # noqa: ARG002  as of amplitudes
+        """0: a temperature that rises does not show that ranges drift."""
+        return 0.0
 
 
 SideInformation = AmplitudeInformation | WarmUpInformation

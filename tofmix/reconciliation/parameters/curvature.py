@@ -65,9 +65,7 @@ class Numbers:
         except ValueError:
             return None
         sums = self.likelihood.sums(self.likelihood.mixture(state), state, self.part)
-        return Value(
-            total=sums.total + self.likelihood.side_log_density(state), by_pixel=sums.by_pixel, by_frame=sums.by_frame
-        )
+        return Value(total=sums.total + self.likelihood.outside(state), by_pixel=sums.by_pixel, by_frame=sums.by_frame)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

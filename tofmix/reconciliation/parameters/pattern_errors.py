@@ -48,7 +48,7 @@ def integrated(numbers: Numbers, pattern: FixedPattern) -> float:
     mixture = likelihood.mixture(state)
     found = pixel_biases(likelihood, mixture, bare, numbers.part)
     spreads = (pattern.pixel_sigma_mm, pattern.column_sigma_mm, pattern.row_sigma_mm)
-    total = likelihood.sums(mixture, bare, numbers.part).total + likelihood.side_log_density(state)
+    total = likelihood.sums(mixture, bare, numbers.part).total + likelihood.outside(state)
     return total + with_pattern(found, likelihood.evidence.image, spreads)
 
 

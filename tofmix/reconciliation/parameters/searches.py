@@ -25,7 +25,6 @@ from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.base import refuse_without_phase
 from tofmix.simulation.effects.parameter import Holds
 from tofmix.simulation.effects.surface_pose import SurfacePose
-from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface
 
 MAKE: Mapping[str, Callable[..., Effect]] = EFFECTS
@@ -378,15 +377,15 @@ def problems(kind: str, likelihood: Likelihood, mixture: Mixture) -> list[Proble
         except ValueError:
             return []
     found = SEARCHES.get(kind, _declared(kind))(setting(likelihood, mixture))
-    return [_plausible(problem, likelihood.scene.model) for problem in found]
+    return [_plausible(problem) for problem in found]
 
 
-def _plausible(problem: Problem, model: Model) -> Problem:
-    """The search; vectors that are not plausible count as another effect."""
+def _plausible(problem: Problem) -> Problem:
+    """The search; vectors with numbers that no camera has, by their prior, count as another effect."""
 
     def other(x: FloatArray) -> bool:
         try:
-            return (problem.other is not None and problem.other(x)) or not problem.make(x).plausible(model.sensor)
+            return (problem.other is not None and problem.other(x)) or not problem.make(x).plausible()
         except ValueError:
             return True
 

@@ -23,7 +23,15 @@ from tofmix.reconciliation.search.alternatives import Alternatives, alternatives
 from tofmix.reconciliation.search.columns import summed_up
 from tofmix.reconciliation.search.drop import drop, exchange
 from tofmix.reconciliation.search.folding import fold
-from tofmix.reconciliation.search.name import PRICE_NATS, Candidate, Trial, begin_trial, candidates, tolerated
+from tofmix.reconciliation.search.name import (
+    FAINT_SHARE,
+    PRICE_NATS,
+    Candidate,
+    Trial,
+    begin_trial,
+    candidates,
+    tolerated,
+)
 from tofmix.reconciliation.search.pattern_fits import (
     ALIAS_NATS,
     best_with_pattern,
@@ -33,7 +41,7 @@ from tofmix.reconciliation.search.pattern_fits import (
     worth,
 )
 from tofmix.reconciliation.search.refit import begin, refit, without
-from tofmix.reconciliation.search.search_state import FAINT_SHARE, SearchState, Settings, fit_part, held_out, name_of
+from tofmix.reconciliation.search.search_state import SearchState, Settings, fit_part, held_out, name_of
 from tofmix.reconciliation.search.subsets import Explained
 from tofmix.reconciliation.verdict import inexact
 from tofmix.simulation.effects.excess_noise import ExcessNoise

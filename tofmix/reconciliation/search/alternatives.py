@@ -14,8 +14,8 @@ from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.parameters.fits import fit
 from tofmix.reconciliation.parameters.searches import Problem, problems
 from tofmix.reconciliation.search.columns import Term, summed_up, terms
-from tofmix.reconciliation.search.name import Candidate
-from tofmix.reconciliation.search.search_state import FAINT_SHARE, Settings, fit_part, name_of
+from tofmix.reconciliation.search.name import FAINT_SHARE, Candidate
+from tofmix.reconciliation.search.search_state import Settings, fit_part, name_of
 from tofmix.reconciliation.search.subsets import Explained, Subsets
 from tofmix.reconciliation.search.summaries import summaries
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
@@ -116,7 +116,15 @@ def alternatives(
     names = {name_of(c) for c in chosen} & {t.name for t in every}
     sets = subsets.all_up_to(min(_LARGEST, max(settings.max_effects, 1)))
     found = next((s for s in sets if s.names == names), None) or _of_names(subsets, every, names)
-    return Alternatives(found=found, sets=tuple(s for s in sets if s.names != names))
+    return Alternatives(found=found, sets=tuple(s for s in sets if s.names != names and _plausible(s)))
+
+
+def _plausible(found: Explained) -> bool:
+    """Whether a real camera can have the numbers of a set's effects."""
+    try:
+        return all(t.make(c).plausible() for t, c in zip(found.terms, found.coefficients, strict=True))
+    except ValueError:
+        return False
 
 
 def _of_names(subsets: Subsets, every: Sequence[Term], names: set[tuple[str, str]]) -> Explained:

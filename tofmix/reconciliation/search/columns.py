@@ -332,13 +332,15 @@ def _declared(kind: str, make: ColumnMaker) -> Iterator[Term]:
 
 
 def _prior_factor(kind: str, name: str) -> float:
-    """Standard deviation of the logarithm of a factor."""
-    return 0.5 * math.log(EFFECTS[kind].parameters()[name].typical[1])
+    """Standard deviation of the logarithm of a factor, as its prior has it."""
+    parameter = EFFECTS[kind].parameters()[name]
+    return 0.5 * math.log(parameter.typical[1]) if parameter.prior is None else parameter.prior.spread
 
 
 def _prior(kind: str, name: str) -> float:
-    """Standard deviation of a coefficient: half of the largest typical magnitude."""
-    return 0.5 * EFFECTS[kind].parameters()[name].typical[1]
+    """Standard deviation of a coefficient, as its prior has it; without one, half of the largest typical magnitude."""
+    parameter = EFFECTS[kind].parameters()[name]
+    return 0.5 * parameter.typical[1] if parameter.prior is None else parameter.prior.spread
 
 
 def _effect(kind: str, **values: float | str) -> Effect:

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from tofmix.reconciliation.likelihood.likelihood import Part, State
-from tofmix.reconciliation.search.name import PRICE_NATS, Candidate
+from tofmix.reconciliation.search.name import FAINT_SHARE, PRICE_NATS, Candidate
 from tofmix.reconciliation.search.pattern_fits import worth
 from tofmix.reconciliation.search.refit import refit, without
-from tofmix.reconciliation.search.search_state import FAINT_SHARE, SearchState, fit_part, held_out, name_of
+from tofmix.reconciliation.search.search_state import SearchState, fit_part, held_out, name_of
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.multipath import Multipath
 from tofmix.simulation.effects.range_offset import RangeOffset

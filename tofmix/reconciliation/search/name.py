@@ -26,12 +26,13 @@ from tofmix.simulation.effects.base import Target
 from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.interference import Interference
-from tofmix.simulation.effects.multipath import Multipath
 from tofmix.simulation.effects.stuck_pixels import StuckPixels
 from tofmix.simulation.effects.surface_pose import SurfacePose
 from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 
 PRICE_NATS = 3.0  # of each free parameter
+FAINT_SHARE = 0.01
+"""An effect is faint if it gains less than this share of the others' gain: no law of theirs is exact."""
 
 _MANY_FRAMES = 80  # with so many or more, half of them rank the candidates
 _STEPS = 2  # of poses, within the tolerance
@@ -174,25 +175,39 @@ def _by_search(trial: Trial, kind: str) -> list[Candidate]:
             continue
         state = replace(trial.state, effects=(*trial.state.effects, fitted.effect))
         gain = trial.likelihood.value(state, trial.test_part) - trial.base
-        if kind == Multipath.kind and gain > 0 and not _shifts(trial, state, gain):
-            continue
-        out.append(
-            Candidate(effect=fitted.effect, gain=gain, parameters=problem.parameters, state=state, fitted=fitted)
-        )
+        new = Candidate(effect=fitted.effect, gain=gain, parameters=problem.parameters, state=state, fitted=fitted)
+        if new.static and gain > 0:
+            ends = (trial.state, trial.mixture), (state, trial.likelihood.mixture(state))
+            if not moves_by_itself(trial.likelihood, *ends, trial.test_part):
+                continue
+        out.append(new)
     return out
 
 
-def _shifts(trial: Trial, state: State, gain: float) -> bool:
-    """Whether the bias of a second path gives a part of its gain.
+def moves_by_itself(
+    likelihood: Likelihood, before: tuple[State, Mixture], after: tuple[State, Mixture], part: Part
+) -> bool:
+    """Whether the bias of an effect gives more than a faint part of its gain; the rest is by a change of the noise.
 
-    A path of one turn only adds noise to a surface. Noise has many causes, and such a path is an unlikely one.
+    Some effects on light change both. A second path that is longer by one turn only adds noise to a surface. Noise has
+    many causes, and a bias that is not seen is an unlikely one.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        The recordings.
+    before, after : (State, Mixture)
+        The model without and with the effect.
+    part : (frames, pixels)
+        Data of the gains.
     """
-    mixture = trial.likelihood.mixture(state)
-    if mixture.mean.shape != trial.mixture.mean.shape:
+    (without_it, bare), (with_it, mixture) = before, after
+    if mixture.mean.shape != bare.mean.shape or np.array_equal(mixture.sigma, bare.sigma):
         return True
-    unmoved = replace(mixture, mean=trial.mixture.mean)
-    noise_alone = trial.likelihood.value(state, trial.test_part, unmoved) - trial.base
-    return gain - noise_alone > 2 * PRICE_NATS
+    whole = likelihood.value(with_it, part, mixture)
+    by_bias = whole - likelihood.value(with_it, part, replace(mixture, mean=bare.mean))
+    gain = whole - likelihood.value(without_it, part, bare)
+    return by_bias > max(2 * PRICE_NATS, FAINT_SHARE * gain)
 
 
 def _stuck(trial: Trial) -> Candidate | None:

@@ -10,9 +10,6 @@ from tofmix.reconciliation.comparison.compare import Compared
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.search.name import Candidate
 
-FAINT_SHARE = 0.01
-"""An effect is faint if it gains less than this share of the others' gain: no law of theirs is exact."""
-
 SPLITS = ("frames,pixels", "frames", "pixels")
 """Parts of the recording that may be held out."""
 

@@ -13,9 +13,10 @@ from tofmix.reconciliation.search.add import Added
 from tofmix.reconciliation.search.folding import fold
 from tofmix.reconciliation.search.name import Candidate
 from tofmix.reconciliation.search.refit import begin
-from tofmix.reconciliation.search.search_state import Settings, fit_part
+from tofmix.reconciliation.search.search_state import Settings, fit_part, name_of
 from tofmix.reconciliation.search.summaries import summaries, surfaces_of
 from tofmix.reconciliation.verification.aliases import Alias
+from tofmix.reconciliation.verification.far_trend import far_trends
 from tofmix.reconciliation.verification.verify import Verified
 from tofmix.simulation.effects.surface_pose import SurfacePose
 from tofmix.simulation.surface import Surface
@@ -25,6 +26,7 @@ _CLEAR = 5.0  # least distance from the model's pose, in standard errors
 _MOSTLY = 0.8  # least share of the weighted squares of a surface's biases that another pose explains
 _LEAST_PIXELS = 12  # of a surface, for a pose of three numbers
 _LEAST = 1e-30  # information
+_SAME = 1e-3  # relative difference of integration times that are written in files
 _MOST_POSES = 3  # most poses that are listed; more are another scene
 _LEAST_TURN_DEG = 0.02  # smaller tilts are not reported
 
@@ -64,6 +66,9 @@ def next_steps(
     """
     steps = [*_of_the_recording(likelihood, verified)]
     if verified.verdict in ("unexplained", "partly_explained"):
+        steps += _of_contradictions(added, verified)
+        steps += _of_far_trends(likelihood, verified, settings)
+    if verified.verdict in ("unexplained", "partly_explained"):
         named = verified.verdict == "partly_explained"  # otherwise the effects are no part of the model
         part = fit_part(likelihood, settings)
         state = verified.state if named else begin(likelihood, part[0], settings.tolerance)
@@ -101,6 +106,12 @@ def _turn_mm(folded: Candidate) -> float:
 
 def _of_the_recording(likelihood: Likelihood, verified: Verified) -> Iterator[str]:
     repeated, found = likelihood.evidence.repeated, verified.findings
+    own, given = likelihood.evidence.integration_time_ms, likelihood.scene.model.sensor.integration_time_ms
+    if own is not None and not math.isclose(own, given, rel_tol=_SAME):
+        yield (
+            f"The recording has an integration time of {own:g} ms, the model {given:g} ms: give [sensor] of the model"
+            f" integration_time_ms = {own:g}, or use --noise measured."
+        )
     if repeated:
         yield (
             f"{counted(repeated, 'frame')} of {repeated + likelihood.evidence.shape[0]} repeated the frame before,"
@@ -112,6 +123,23 @@ def _of_the_recording(likelihood: Likelihood, verified: Verified) -> Iterator[st
         yield (
             f"Too few samples: {found.samples} were held out{of_them}, and the smallest bias that they show is"
             f" {found.smallest_sigma:.2g} sigma. Record {counted(found.missing_frames, 'more frame')}."
+        )
+
+
+def _of_contradictions(added: Added, verified: Verified) -> Iterator[str]:
+    for against in verified.against:
+        kind, surface = name_of(added.chosen[against.number])
+        of = f' of "{surface}"' if surface else ""
+        yield f"{kind}{of} fits, but is no explanation: it {against.reason}."
+
+
+def _of_far_trends(likelihood: Likelihood, verified: Verified, settings: Settings) -> Iterator[str]:
+    several = len(likelihood.scene.members) > 1
+    for place in far_trends(likelihood, verified.start, settings.alpha):
+        of = f" of recording {place.recording + 1}" if several else ""
+        yield (
+            f"The ranges{of} change by {place.size:+.4g} mm between {place.interval[0]:.3g} and {place.interval[1]:.3g}"
+            " s: a surface or the camera moves. Reconcile frames in which nothing moves."
         )
 
 

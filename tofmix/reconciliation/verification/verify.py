@@ -22,6 +22,8 @@ from tofmix.reconciliation.search.name import tolerated
 from tofmix.reconciliation.search.refit import begin, latent_states
 from tofmix.reconciliation.search.search_state import Settings, fit_part, held_out
 from tofmix.reconciliation.verdict import Findings, judge, share_closed
+from tofmix.reconciliation.verification.contradictions import Contradiction, contradictions
+from tofmix.reconciliation.verification.far_trend import far_trends
 from tofmix.reconciliation.verification.pattern_shape import smooth, tilted
 from tofmix.reconciliation.verification.smooth_laws import better_law
 from tofmix.simulation.casting.cast import cast_scene
@@ -52,18 +54,24 @@ class Verified:
         ``agree``, ``explained``, ``partly_explained`` or ``unexplained``.
     state : State
         The model that is written, without effects that do not explain the recording.
+    start : State
+        The model as given.
     before, after, floor : Compared
         Panels of the model as given, of the refined one, and of a simulation of it.
     findings : Findings
         The data of the verdict.
+    against : tuple of Contradiction
+        Evidence against single effects, which would otherwise have been named.
     """
 
     verdict: str
     state: State
+    start: State
     before: Compared
     after: Compared
     floor: Compared
     findings: Findings
+    against: tuple[Contradiction, ...] = ()
 
     @property
     def law(self) -> str | None:
@@ -131,8 +139,20 @@ def verify(
     gain = sum(c.gain for c in added.chosen if not (c.exact or c.loses))
     found = replace(found, nulls=_nulls(likelihood, added.state, settings, found))
     found = replace(found, in_time=changes_in_time(added.state, found, found.judged * gain))
+    against = contradictions(likelihood, added, settings) if judge(found) in ("explained", "partly_explained") else ()
+    far = tuple(far_trends(likelihood, added.state, settings.alpha)) if added.chosen else ()
+    found = replace(found, contradicted=bool(against or far))
     verdict = judge(found)
-    out = Verified(verdict=verdict, state=added.state, before=before, after=after, floor=floor, findings=found)
+    out = Verified(
+        verdict=verdict,
+        state=added.state,
+        start=start,
+        before=before,
+        after=after,
+        floor=floor,
+        findings=found,
+        against=against,
+    )
     return revoked(likelihood, out, settings) if added.chosen and verdict in ("agree", "unexplained") else out
 
 

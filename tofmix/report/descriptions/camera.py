@@ -1,7 +1,7 @@
 """Description of a camera's own file, and the camera of a model."""
 
 from tofmix.report.descriptions.description import Description, Section
-from tofmix.report.descriptions.sections import sensor_section
+from tofmix.report.descriptions.sections import noise_table, sensor_section
 from tofmix.report.summary.findings import Finding
 from tofmix.sensors.profile import SensorProfile
 from tofmix.sensors.sheet import CameraSheet
@@ -12,7 +12,13 @@ def describe_sensor(camera: CameraSheet, *, name: str) -> Description:
     sections = {"sensor": profile_section(camera) | {"outlier_probability": camera.outlier_probability}}
     if camera.sources:
         sections["sources"] = {str(number): text for number, text in enumerate(camera.sources, 1)}
-    return Description(kind="sensor", name=name, sections=sections, warnings=profile_findings(camera))
+    return Description(
+        kind="sensor",
+        name=name,
+        sections=sections,
+        warnings=profile_findings(camera),
+        table=noise_table(camera.sensor()),
+    )
 
 
 def profile_section(camera: SensorProfile | CameraSheet) -> Section:

@@ -37,12 +37,15 @@ class Description:
         Names of values within each section carry their units; None means unknown.
     warnings : tuple of Finding
         What to be wary of.
+    table : str
+        The noise curve with all its numbers, as a table of a model file, for the terminal alone; empty without one.
     """
 
     kind: str
     name: str
     sections: dict[str, Section]
     warnings: tuple[Finding, ...]
+    table: str = ""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the same for JSON: None for numbers that are not finite."""
@@ -58,6 +61,8 @@ def format_description(description: Description) -> str:
         lines += ["", title.replace("_", " ")]
         for key, value in section.items():
             lines += _wrapped(value) if title in _OF_SENTENCES else _lines(key, value)
+    if description.table:
+        lines += ["", "noise curve, to paste into a model", description.table.rstrip()]
     if description.warnings:
         lines.append("")
     lines += [f"warning: {finding.line}" for finding in description.warnings]

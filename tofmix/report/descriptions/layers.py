@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tofmix.flags import Status, status_name
 from tofmix.layers import SUSPECT
 from tofmix.report.descriptions.description import Description, Section
-from tofmix.report.descriptions.sections import noise_section, sensor_section, view_findings
+from tofmix.report.descriptions.sections import noise_section, noise_table, sensor_section, view_findings
 from tofmix.report.sources import LayersSource
 from tofmix.report.summary.findings import count_findings, suspect_findings, target_findings
 from tofmix.report.summary.lost import LostTally
@@ -85,4 +85,5 @@ def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Descri
             *suspect_findings(suspects),
             *view_findings(provenance.sensor, (rows, cols)),
         ),
+        table=noise_table(provenance.sensor),
     )

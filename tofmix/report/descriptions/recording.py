@@ -8,7 +8,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.report.descriptions.description import Description, Section
-from tofmix.report.descriptions.sections import sensor_section, view_findings
+from tofmix.report.descriptions.sections import noise_table, sensor_section, view_findings
 from tofmix.report.summary.findings import Finding, Remedy, split_notes, target_findings
 from tofmix.report.summary.light import light_findings
 from tofmix.sensor import Sensor
@@ -88,7 +88,9 @@ def describe_recording(
     sections["attributes"] = dict(file.attributes())
     of_samples = [Finding(code=code, text=f"Range: {text}.") for code, text in doubts.items() if text is not None]
     warnings = [*of_samples, *_recording_findings(file, name), *_time_findings(time_s)]
-    return Description(kind="recording", name=name, sections=sections, warnings=tuple(warnings))
+    return Description(
+        kind="recording", name=name, sections=sections, warnings=tuple(warnings), table=noise_table(file.sensor)
+    )
 
 
 def _time_section(time_s: FloatArray) -> Section:

@@ -7,6 +7,7 @@ from tofmix.report.descriptions.description import Section
 from tofmix.report.summary.findings import Finding
 from tofmix.report.summary.noise_numbers import noise_numbers
 from tofmix.sensor import RARE_SENSOR_NUMBERS, SENSOR_NUMBERS, NoiseCurve, Sensor
+from tofmix.sensors.noise_toml import noise_toml
 
 
 def sensor_section(sensor: Sensor) -> Section:
@@ -50,6 +51,13 @@ def _noise_parts(noise: NoiseCurve) -> Section:
         parts["noise_background_range"] = noise.background_density.range_mm.tolist()
         parts["noise_background_density"] = noise.background_density.density.tolist()
     return {key: float(value) if isinstance(value, np.floating) else value for key, value in parts.items()}
+
+
+def noise_table(sensor: Sensor) -> str:
+    """The noise curve of a camera as a table of a model file; empty without one."""
+    if sensor.noise is None:
+        return ""
+    return noise_toml(sensor.noise, integration_time_ms=sensor.integration_time_ms)
 
 
 def noise_section(sensor: Sensor) -> Section:

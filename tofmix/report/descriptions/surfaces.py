@@ -3,7 +3,7 @@
 from typing import Protocol
 
 from tofmix.report.descriptions.description import Description, Section
-from tofmix.report.descriptions.sections import noise_section, sensor_section, view_findings
+from tofmix.report.descriptions.sections import noise_section, noise_table, sensor_section, view_findings
 from tofmix.surfaces.found import SurfacesProvenance
 
 
@@ -58,4 +58,5 @@ def describe_surfaces(file: SurfacesHeader, *, name: str, file_bytes: int) -> De
     noise = noise_section(provenance.sensor)
     sections |= {"noise": noise} if noise else {}
     found = tuple(view_findings(provenance.sensor, (rows, cols)))
-    return Description(kind="surfaces", name=name, sections=sections, warnings=found)
+    table = noise_table(provenance.sensor)
+    return Description(kind="surfaces", name=name, sections=sections, warnings=found, table=table)

@@ -8,6 +8,7 @@ import numpy as np
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
+from tofmix.simulation.effects.prior import StudentPrior
 
 _LARGEST_MM = 1.0e5  # beyond any range: amplitude 0 must not give infinity
 
@@ -34,13 +35,25 @@ class AmplitudeWalk(Effect):
     shows_in: ClassVar[tuple[str, ...]] = ("bias", "pattern")
 
     scale_mm: float = number(
-        "Bias at the reference amplitude.", unit="mm", low=-1000, high=1000, zero=0, typical=(1, 50)
+        "Bias at the reference amplitude.",
+        unit="mm",
+        low=-1000,
+        high=1000,
+        zero=0,
+        typical=(1, 50),
+        prior=StudentPrior(scale=25, dof=3),
     )
     reference_amplitude: float = number(
         "Amplitude at which the bias is `scale_mm`.", unit="1", low=0, high=1e6, low_open=True
     )
     exponent: float = number(
-        "Exponent of its decrease with amplitude.", unit="1", low=0, high=4, default=1, typical=(0.5, 2)
+        "Exponent of its decrease with amplitude.",
+        unit="1",
+        low=0,
+        high=4,
+        default=1,
+        typical=(0.5, 2),
+        prior=StudentPrior(center=1, scale=0.6),
     )
 
     def explain(self) -> str:

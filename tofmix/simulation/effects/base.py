@@ -22,6 +22,7 @@ from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import beam_directions_of
 from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.effects.parameter import Parameter, declared_parameters
+from tofmix.simulation.effects.prior import FARTHEST, Prior
 from tofmix.toml_table import nearest
 
 if TYPE_CHECKING:
@@ -214,6 +215,8 @@ class Effect:
         Whether it needs a camera with a modulation frequency.
     averages : bool
         Whether a camera that averages on board can be simulated with it.
+    magnitudes : tuple of str
+        Numbers that are 0 together where the effect is absent; empty for the numbers that have a `zero`.
     """
 
     kind: ClassVar[str]
@@ -230,6 +233,7 @@ class Effect:
     static_partner: ClassVar[str] = ""
     acts_on_phase: ClassVar[bool] = False
     averages: ClassVar[bool] = True
+    magnitudes: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
         for parameter in self.parameters().values():
@@ -272,13 +276,18 @@ class Effect:
         if plane is not None and plane.values.shape != (sensor.rows, sensor.cols):
             raise ValueError(f"map: shape {plane.values.shape} differs from the image {(sensor.rows, sensor.cols)}")
 
-    def plausible(self, sensor: SensorProfile) -> bool:  # noqa: ARG002  for those that depend on the camera
-        """Whether the parameters are plausible for this effect, not the trace of another cause; for `reconcile`."""
-        for parameter in self.parameters().values():
-            value, (low, high) = getattr(self, parameter.name), parameter.plausible
-            if isinstance(value, int | float) and not low <= value <= high:
-                return False
-        return True
+    def priors(self) -> dict[str, Prior]:
+        """The prior density of each number that has one, given the other numbers; for `reconcile`."""
+        declared = ((p.name, p.prior) for p in self.parameters().values())
+        return {name: prior for name, prior in declared if prior is not None and getattr(self, name) is not None}
+
+    def log_prior(self) -> float:
+        """Log of the prior density of the numbers, each in its unit; minus infinity where no camera has them."""
+        return sum(prior.log_density(getattr(self, name)) for name, prior in self.priors().items())
+
+    def plausible(self) -> bool:
+        """Whether a real camera can have these numbers; if not, they are the trace of another cause."""
+        return all(prior.deviate(getattr(self, name)) <= FARTHEST for name, prior in self.priors().items())
 
     def frame_bias(self, time_s: FloatArray) -> FloatArray | None:  # noqa: ARG002  for those that are one
         """Bias (frame,) of all lit samples of the frames at some times, mm, if the effect is nothing else; or None."""

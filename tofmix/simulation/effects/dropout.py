@@ -9,6 +9,7 @@ from scipy.special import ndtr
 from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
+from tofmix.simulation.effects.prior import UniformPrior
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
@@ -32,7 +33,14 @@ class Dropout(Effect):
     shows_in: ClassVar[tuple[str, ...]] = ("invalid",)
 
     probability: float = number(
-        "Share of the samples that is lost at random.", unit="1", low=0, high=1, default=0, zero=0, typical=(0.001, 0.2)
+        "Share of the samples that is lost at random.",
+        unit="1",
+        low=0,
+        high=1,
+        default=0,
+        zero=0,
+        typical=(0.001, 0.2),
+        prior=UniformPrior(low=0, high=1),
     )
     threshold: float = number(
         "Smallest valid amplitude; 0 for no limit.", unit="1", low=0, high=1e9, default=0, zero=0, typical=(1, 200)

@@ -6,6 +6,7 @@ from typing import ClassVar
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
+from tofmix.simulation.effects.prior import about
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,7 +29,9 @@ class ExcessNoise(Effect):
     target: ClassVar[Target] = Target.SPREAD
     shows_in: ClassVar[tuple[str, ...]] = ("spread", "tails", "skew", "spread_pattern", "memory")
 
-    factor: float = number("Factor on sigma.", unit="1", low=0.01, high=100, zero=1, typical=(1.05, 3))
+    factor: float = number(
+        "Factor on sigma.", unit="1", low=0.01, high=100, zero=1, typical=(1.05, 3), prior=about(1, 2)
+    )
 
     def explain(self) -> str:
         """One sentence."""

@@ -10,6 +10,7 @@ from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Latent, Level, Target
 from tofmix.simulation.effects.parameter import PixelMap, number, pixel_map
+from tofmix.simulation.effects.prior import StudentPrior
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,13 +40,34 @@ class FixedPattern(Effect):
     )
 
     pixel_sigma_mm: float = number(
-        "Spread from pixel to pixel.", unit="mm", low=0, high=1000, default=0, zero=0, typical=(1, 20)
+        "Spread from pixel to pixel.",
+        unit="mm",
+        low=0,
+        high=1000,
+        default=0,
+        zero=0,
+        typical=(1, 20),
+        prior=StudentPrior(scale=10, dof=3, half=True),
     )
     column_sigma_mm: float = number(
-        "Spread from column to column.", unit="mm", low=0, high=1000, default=0, zero=0, typical=(0.5, 10)
+        "Spread from column to column.",
+        unit="mm",
+        low=0,
+        high=1000,
+        default=0,
+        zero=0,
+        typical=(0.5, 10),
+        prior=StudentPrior(scale=5, dof=3, half=True),
     )
     row_sigma_mm: float = number(
-        "Spread from row to row.", unit="mm", low=0, high=1000, default=0, zero=0, typical=(0.5, 10)
+        "Spread from row to row.",
+        unit="mm",
+        low=0,
+        high=1000,
+        default=0,
+        zero=0,
+        typical=(0.5, 10),
+        prior=StudentPrior(scale=5, dof=3, half=True),
     )
     map: PixelMap | None = pixel_map(  # noqa: RUF009
         "Bias of each pixel; replaces the drawn biases."

@@ -9,6 +9,7 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.simulation.echoes import ComplexArray, Echoes, FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
+from tofmix.simulation.effects.prior import UniformPrior
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
@@ -42,7 +43,15 @@ class FlyingPixels(Effect):
     shows_in: ClassVar[tuple[str, ...]] = ("bias", "skew", "spread", "bridging")
     acts_on_phase: ClassVar[bool] = True
 
-    probability: float = number("Share of the samples that mix.", unit="1", low=0, high=1, zero=0, typical=(0.05, 1))
+    probability: float = number(
+        "Share of the samples that mix.",
+        unit="1",
+        low=0,
+        high=1,
+        zero=0,
+        typical=(0.05, 1),
+        prior=UniformPrior(low=0, high=1),
+    )
 
     def explain(self) -> str:
         """One sentence."""

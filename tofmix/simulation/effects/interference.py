@@ -9,6 +9,7 @@ from tofmix.arrays import BoolArray
 from tofmix.simulation.echoes import Echoes, FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Latent, Level, Target
 from tofmix.simulation.effects.parameter import number
+from tofmix.simulation.effects.prior import UniformPrior, about
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
@@ -43,10 +44,20 @@ class Interference(Effect):
     )
 
     probability: float = number(
-        "Share of the frames that are disturbed.", unit="1", low=0, high=1, zero=0, typical=(0.02, 0.5)
+        "Share of the frames that are disturbed.",
+        unit="1",
+        low=0,
+        high=1,
+        zero=0,
+        typical=(0.02, 0.5),
+        prior=UniformPrior(low=0, high=1),
     )
-    sigma_mm: float = number("Noise that it adds.", unit="mm", low=0, high=10_000, zero=0, typical=(5, 200))
-    burst_frames: float = number("Mean length of a burst.", unit="frame", low=1, high=1e6, default=5, typical=(2, 20))
+    sigma_mm: float = number(
+        "Noise that it adds.", unit="mm", low=0, high=10_000, zero=0, typical=(5, 200), prior=about(50, 3.3)
+    )
+    burst_frames: float = number(
+        "Mean length of a burst.", unit="frame", low=1, high=1e6, default=5, typical=(2, 20), prior=about(5, 3)
+    )
 
     def explain(self) -> str:
         """One sentence."""

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from tofmix.simulation.effects.base import Effect, Level, Target
 from tofmix.simulation.effects.parameter import number, surface
+from tofmix.simulation.effects.prior import StudentPrior
 from tofmix.simulation.effects.surface_pose import shifted
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ class Motion(Effect):
     surface: str = surface("The surface that moves.")
     velocity_mm_s: float = number(
         "Velocity along the surface's normal R (0, 0, 1): away from the sensor for a board that faces it.",
-        unit="mm/s", low=-100_000, high=100_000, zero=0, typical=(0.1, 1000),
+        unit="mm/s", low=-100_000, high=100_000, zero=0, typical=(0.1, 1000), prior=StudentPrior(scale=300, dof=2),
     )  # fmt: skip
 
     def explain(self) -> str:

@@ -7,13 +7,16 @@ from typing import ClassVar
 
 import numpy as np
 
-from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number, surface
+from tofmix.simulation.effects.prior import Prior, StudentPrior, about
 
-_LONGEST = 0.95
-"""Of a whole turn: a longer path moves ranges by less than a third of its share, and mostly changes the noise."""
+_SHARE = 0.25
+"""Scale of the share of a short second path: half of the light of a bright wall beside the surface."""
+
+_NEAR_MM = 2000.0
+"""Distance of a surface in a room, from which the light of a second path spreads."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,6 +27,9 @@ class Multipath(Effect):
     by 44 mm at 20 MHz for 10 % of light on a path 1 m longer. In corners, some cm to some ten cm are reported. Share
     and path are constant over the surface; near a real corner both vary from pixel to pixel. A path that is longer by a
     whole turn of the modulation, 15 m at 20 MHz, changes no range, only the noise.
+
+    A priori, the light of a longer second path is weaker, as it spreads over more area: the scale of the share falls
+    with the square of 1 + half the extra path over 2 m.
 
     References
     ----------
@@ -41,19 +47,27 @@ class Multipath(Effect):
 
     surface: str = surface("The surface that the second path leads to.")
     share: float = number(
-        "Amplitude of the second path over that of the first.", unit="1", low=0, high=1, zero=0, typical=(0.02, 0.5)
+        "Amplitude of the second path over that of the first.",
+        unit="1",
+        low=0,
+        high=1,
+        zero=0,
+        typical=(0.02, 0.5),
+        prior=StudentPrior(scale=_SHARE, half=True),
     )
     extra_path_mm: float = number(
         "Extra length of the second path, there and back.",
         unit="mm",
         low=0,
         high=200_000,
-        typical=(100, 4000),
+        typical=(200, 4000),
+        prior=about(1000, 1.9),
     )
 
-    def plausible(self, sensor: SensorProfile) -> bool:
-        """Not nearly a whole turn."""
-        return Effect.plausible(self, sensor) and self.extra_path_mm < _LONGEST * 2 * sensor.turn_mm("multipath")
+    def priors(self) -> dict[str, Prior]:
+        """A longer path has less light: it spreads over a square of the whole way, as from a surface at `_NEAR_MM`."""
+        spread_out = (1 + 0.5 * self.extra_path_mm / _NEAR_MM) ** 2
+        return Effect.priors(self) | {"share": StudentPrior(scale=_SHARE / spread_out, half=True)}
 
     def explain(self) -> str:
         """One sentence."""

@@ -9,6 +9,7 @@ from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
+from tofmix.simulation.effects.prior import UniformPrior
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
@@ -33,7 +34,14 @@ class Outliers(Effect):
     averages: ClassVar[bool] = False
 
     probability: float = number(
-        "Share of the samples.", unit="1", low=0, high=1, high_open=True, zero=0, typical=(0.001, 0.05)
+        "Share of the samples.",
+        unit="1",
+        low=0,
+        high=1,
+        high_open=True,
+        zero=0,
+        typical=(0.001, 0.05),
+        prior=UniformPrior(low=0, high=0.5),
     )
 
     @property

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from tofmix.arrays import Float32Array
+from tofmix.simulation.effects.prior import Prior
 
 _METADATA = "tofmix"
 
@@ -49,8 +50,8 @@ class Parameter:
         Value at which the effect vanishes for all other parameters; None without such a value.
     typical : (float, float)
         Magnitudes of real cameras, the start of a search. NaN for none.
-    plausible : (float, float)
-        Limits of a plausible number; a search result beyond them has another cause.
+    prior : Prior or None
+        Density of the magnitudes of real cameras; None for a number of any magnitude.
     holds : Holds
         A number, a surface's name, or a map.
     """
@@ -66,7 +67,7 @@ class Parameter:
     required: bool = True
     zero: float | None = None
     typical: tuple[float, float] = (math.nan, math.nan)
-    plausible: tuple[float, float] = (-math.inf, math.inf)
+    prior: Prior | None = None
     holds: Holds = Holds.NUMBER
 
     @property
@@ -126,13 +127,13 @@ def number(
     required: bool = True,
     zero: float | None = None,
     typical: tuple[float, float] = (math.nan, math.nan),
-    plausible: tuple[float, float] = (-math.inf, math.inf),
+    prior: Prior | None = None,
 ) -> Any:  # noqa: ANN401  as dataclasses.field
     """A dataclass field that holds a number; see `Parameter`. One with a default is not required."""
     required = required and default is None
     declared = {
         "sentence": sentence, "unit": unit, "low": low, "high": high, "low_open": low_open, "high_open": high_open,
-        "default": default, "required": required, "zero": zero, "typical": typical, "plausible": plausible,
+        "default": default, "required": required, "zero": zero, "typical": typical, "prior": prior,
     }  # fmt: skip
     return field(default=MISSING if required else default, metadata={_METADATA: declared})
 

@@ -11,6 +11,7 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.simulation.echoes import ComplexArray, Echoes, FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
+from tofmix.simulation.effects.prior import StudentPrior
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
@@ -42,7 +43,14 @@ class PixelCrosstalk(Effect):
     )
 
     share: float = number(
-        "Share that each neighbour gets.", unit="1", low=0, high=0.25, high_open=True, zero=0, typical=(0.002, 0.05)
+        "Share that each neighbour gets.",
+        unit="1",
+        low=0,
+        high=0.25,
+        high_open=True,
+        zero=0,
+        typical=(0.002, 0.05),
+        prior=StudentPrior(scale=0.025, half=True),
     )
 
     def explain(self) -> str:

@@ -9,6 +9,7 @@ from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, Latent, Level, Target
 from tofmix.simulation.effects.parameter import number
+from tofmix.simulation.effects.prior import UniformPrior
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
@@ -32,7 +33,15 @@ class Quantisation(Effect):
     latent: ClassVar[Latent] = Latent.STEP
     exact_law: ClassVar[bool] = True
 
-    step_mm: float = number("Step between values; 0 for none.", unit="mm", low=0, high=10_000, zero=0, typical=(2, 60))
+    step_mm: float = number(
+        "Step between values; 0 for none.",
+        unit="mm",
+        low=0,
+        high=10_000,
+        zero=0,
+        typical=(2, 60),
+        prior=UniformPrior(low=0, high=1000),
+    )
 
     def explain(self) -> str:
         """One sentence."""

@@ -6,6 +6,7 @@ from typing import ClassVar
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
+from tofmix.simulation.effects.prior import StudentPrior
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +32,15 @@ class RangeOffset(Effect):
     target: ClassVar[Target] = Target.BIAS
     shows_in: ClassVar[tuple[str, ...]] = ("bias", "trend", "common_mode")
 
-    offset_mm: float = number("Added to every range.", unit="mm", low=-10_000, high=10_000, zero=0, typical=(2, 50))
+    offset_mm: float = number(
+        "Added to every range.",
+        unit="mm",
+        low=-10_000,
+        high=10_000,
+        zero=0,
+        typical=(2, 50),
+        prior=StudentPrior(scale=25, dof=2),
+    )
 
     def explain(self) -> str:
         """One sentence."""

@@ -60,6 +60,11 @@ forward models of a mixed pixel, equation (1) and the phasor sum.
 
 The basis of each figure: *physics*, it follows from a formula that a test checks; *reported*, it is in the literature,
 but was recalled without a copy to check; *assumed*, neither.
+
+**Priors.** From these magnitudes each effect declares the density of its numbers before a recording is seen. Only
+`tofmix reconcile` uses it: estimates are the most probable numbers given the recording and the prior, and an effect
+whose numbers lie beyond the interval given below is never named, since real cameras and scenes do not have them. The
+interval ends where a normal number has three standard deviations. Numbers without a prior can have any magnitude.
 """
 _FIGURES = """\
 Pictures are drawn by `python docs/figures/effect_figures.py`. Grey is the scene without the effect, colour with it;
@@ -96,6 +101,9 @@ def _effect(effect: type[Effect]) -> Iterator[str]:
     yield ""
     yield f"- **Shows as**: {effect.signature}."
     yield f"- **Prediction**: {effect.predicts}."
+    priors = [f"`{p.name}` {p.prior.words(p.unit)}" for p in effect.parameters().values() if p.prior is not None]
+    if priors:
+        yield f"- **Prior**: {'; '.join(priors)}."
     if not effect.averages:
         yield "- **With `--averaged`**: refused."
     if sources:

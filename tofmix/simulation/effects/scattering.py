@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
+from tofmix.simulation.effects.prior import StudentPrior
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
@@ -47,6 +48,7 @@ class Scattering(Effect):
         high_open=True,
         zero=0,
         typical=(0.001, 0.1),
+        prior=StudentPrior(scale=0.05, half=True),
     )
 
     def explain(self) -> str:

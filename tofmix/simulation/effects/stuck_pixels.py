@@ -10,6 +10,7 @@ from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Latent, Level, Target
 from tofmix.simulation.effects.parameter import PixelMap, number, pixel_map
+from tofmix.simulation.effects.prior import UniformPrior
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
@@ -37,7 +38,16 @@ class StuckPixels(Effect):
         "exact for the map, or for the pixels that the seed draws; over all draws a pixel is stuck or not"
     )
 
-    share: float = number("Share of the pixels.", unit="1", low=0, high=1, default=0, zero=0, typical=(1e-4, 0.01))
+    share: float = number(
+        "Share of the pixels.",
+        unit="1",
+        low=0,
+        high=1,
+        default=0,
+        zero=0,
+        typical=(1e-4, 0.01),
+        prior=UniformPrior(low=0, high=1),
+    )
     value_mm: float = number("What they return.", unit="mm", low=1, high=_HIGHEST_MM, default=1)
     map: PixelMap | None = pixel_map(  # noqa: RUF009
         "Value of each stuck pixel, NaN for working pixels; replaces the other parameters."

@@ -7,6 +7,7 @@ import numpy as np
 
 from tofmix.simulation.effects.base import Effect, Level, Target
 from tofmix.simulation.effects.parameter import number, surface
+from tofmix.simulation.effects.prior import StudentPrior
 from tofmix.simulation.tilts import angle_changes
 
 if TYPE_CHECKING:
@@ -30,22 +31,40 @@ class SurfacePose(Effect):
     basis: ClassVar[str] = "assumed"
     target: ClassVar[Target] = Target.BIAS
     shows_in: ClassVar[tuple[str, ...]] = ("bias", "trend", "common_mode")
+    magnitudes: ClassVar[tuple[str, ...]] = ("shift_mm", "yaw_deg", "pitch_deg")
 
     surface: str = surface("The surface that is moved.")
     shift_mm: float = number(
         "Shift along the surface's normal R (0, 0, 1): away from the sensor for a board that faces it.",
-        unit="mm", low=-100_000, high=100_000, zero=0, typical=(2, 100), plausible=(-1000, 1000),
+        unit="mm", low=-100_000, high=100_000, zero=0, typical=(2, 100), prior=StudentPrior(scale=50, dof=2),
     )  # fmt: skip
     yaw_deg: float = number(
-        "Added to the surface's `yaw_deg`.", unit="degree", low=-180, high=180, default=0, typical=(0.2, 4)
+        "Added to the surface's `yaw_deg`.",
+        unit="degree",
+        low=-180,
+        high=180,
+        default=0,
+        typical=(0.2, 4),
+        prior=StudentPrior(scale=2, dof=2),
     )
     pitch_deg: float = number(
-        "Added to the surface's `pitch_deg`.", unit="degree", low=-180, high=180, default=0, typical=(0.2, 4)
+        "Added to the surface's `pitch_deg`.",
+        unit="degree",
+        low=-180,
+        high=180,
+        default=0,
+        typical=(0.2, 4),
+        prior=StudentPrior(scale=2, dof=2),
     )
     roll_deg: float = number(
         "Added to the surface's `roll_deg`; a side wall leans by it.",
-        unit="degree", low=-180, high=180, default=0, typical=(0.2, 4),
-    )  # fmt: skip
+        unit="degree",
+        low=-180,
+        high=180,
+        default=0,
+        typical=(0.2, 4),
+        prior=StudentPrior(scale=2, dof=2),
+    )
 
     @classmethod
     def tilted(cls, surface: "Surface", shift_mm: float, tilts_deg: tuple[float, float] = (0.0, 0.0)) -> "SurfacePose":

@@ -9,6 +9,7 @@ from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
+from tofmix.simulation.effects.prior import StudentPrior, about
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,9 +41,16 @@ class TemperatureDrift(Effect):
         high=1000,
         zero=0,
         typical=(2, 50),
+        prior=StudentPrior(scale=25, dof=3),
     )
     time_constant_s: float = number(
-        "Time until 63 % of the final bias.", unit="s", low=0, high=1e6, low_open=True, typical=(60, 1800)
+        "Time until 63 % of the final bias.",
+        unit="s",
+        low=0,
+        high=1e6,
+        low_open=True,
+        typical=(60, 1800),
+        prior=about(120, 10),
     )
 
     def explain(self) -> str:

@@ -8,6 +8,7 @@ from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, Latent, Level, Target
 from tofmix.simulation.effects.parameter import number
+from tofmix.simulation.effects.prior import UniformPrior
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
@@ -47,6 +48,7 @@ class TemporalCorrelation(Effect):
         high_open=True,
         zero=0,
         typical=(0.05, 0.8),
+        prior=UniformPrior(low=-1, high=1),
     )
 
     def explain(self) -> str:

@@ -11,6 +11,7 @@ from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
+from tofmix.simulation.effects.prior import StudentPrior
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,6 +38,7 @@ class Vignetting(Effect):
         high=100,
         zero=1,
         typical=(1.1, 4),
+        prior=StudentPrior(scale=0.5 * math.log(4), log=True, half=True),
     )
 
     def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:  # noqa: ARG002

@@ -9,6 +9,7 @@ import numpy as np
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
+from tofmix.simulation.effects.prior import StudentPrior, UniformPrior
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,9 +37,22 @@ class Wiggling(Effect):
     shows_in: ClassVar[tuple[str, ...]] = ("bias", "pattern")
     acts_on_phase: ClassVar[bool] = True
 
-    amplitude_mm: float = number("Largest bias.", unit="mm", low=0, high=1000, zero=0, typical=(3, 60))
+    amplitude_mm: float = number(
+        "Largest bias.",
+        unit="mm",
+        low=0,
+        high=1000,
+        zero=0,
+        typical=(3, 60),
+        prior=StudentPrior(scale=30, dof=3, half=True),
+    )
     phase_rad: float = number(
-        "Phase of the sine at range 0.", unit="rad", low=-2 * math.pi, high=2 * math.pi, default=0
+        "Phase of the sine at range 0.",
+        unit="rad",
+        low=-2 * math.pi,
+        high=2 * math.pi,
+        default=0,
+        prior=UniformPrior(low=-2 * math.pi, high=2 * math.pi),
     )
 
     def explain(self) -> str:

@@ -1,0 +1,69 @@
+"""Effects that bring the statistics down to chance, and are nevertheless not named."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.recordings import MAKE, recorded
+
+from tofmix.reconciliation.likelihood.side_information import AmplitudeInformation
+from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.verification.contradictions import absent
+from tofmix.reconciliation.workflow import reconcile
+from tofmix.simulation.model import Model
+
+TURN = 7494.8
+
+
+@pytest.mark.parametrize(
+    ("errors", "probability"),
+    [({"offset_mm": 565.0}, 0.484), ({"offset_mm": 23.0}, 0.159), ({"offset_mm": 1.0}, 0.0), ({}, 0.0)],
+)
+def test_offset_with_a_large_error_is_likely_absent(errors: dict[str, float], probability: float) -> None:
+    assert absent(MAKE["range_offset"](offset_mm=23.0), errors) == pytest.approx(probability, abs=1e-3)
+
+
+def test_pose_that_only_turns_a_surface_is_not_absent() -> None:
+    pose = MAKE["surface_pose"](surface="wall", shift_mm=0.3, yaw_deg=1.0)
+    assert absent(pose, {"shift_mm": 0.4, "yaw_deg": 0.02, "pitch_deg": 0.02}) < 1e-6
+
+
+def test_factor_is_absent_at_one_and_not_at_zero() -> None:
+    assert absent(MAKE["excess_noise"](factor=1.01), {"factor": 0.02}) == pytest.approx(0.309, abs=1e-3)
+
+
+@pytest.mark.parametrize(("recorded_ratio", "refuted"), [(0.0, True), (math.log(0.5), False)])
+def test_amplitudes_that_did_not_fall_refute_a_second_path_in_antiphase(
+    recorded_ratio: float, *, refuted: bool
+) -> None:
+    side = AmplitudeInformation(surface="board", log_ratio=recorded_ratio, scale=0.004, dof=3.0, turn_mm=TURN)
+    odds = side.log_odds(MAKE["multipath"](surface="board", share=0.5, extra_path_mm=TURN))
+    assert (odds < math.log(0.01)) is refuted
+    assert side.log_odds(MAKE["multipath"](surface="wall", share=0.5, extra_path_mm=TURN)) == 0.0
+    assert side.log_odds(MAKE["range_offset"](offset_mm=5.0)) == 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [1.5, 2.0])
+def test_sunlit_board_is_not_explained_by_a_second_path(small: Model, factor: float) -> None:
+    """The noise of one board only: no effect has this law, and a second path of a whole turn adds noise alone."""
+    noisy = replace(small, effects=(MAKE["excess_noise"](factor=factor),))
+    quiet, loud = recorded(small), recorded(noisy, *noisy.effects)
+    near = np.median(quiet.samples, axis=0) < np.quantile(np.median(quiet.samples, axis=0), 0.2)
+    evidence = replace(quiet, samples=np.where(near, loud.samples, quiet.samples).astype(np.uint16))
+    result = reconcile(small, evidence, Settings(kinds=("multipath", "excess_noise", "surface_pose", "range_offset")))
+    assert "multipath" not in [n.effect.kind for n in result.named]
+    assert result.verified.verdict != "explained"
+
+
+@pytest.mark.slow
+def test_effects_that_fit_and_are_refused_are_next_steps(small: Model) -> None:
+    """Frames jump by 3 sigma at random: much noise fits, and stands for their means."""
+    wall = replace(small, surfaces=small.surfaces[-1:])
+    evidence = recorded(wall)
+    jumps = np.rint(np.random.default_rng(1).normal(0, 60.0, len(evidence.samples)))
+    samples = np.where(evidence.samples > 0, evidence.samples + jumps[:, None], 0).astype(np.uint16)
+    result = reconcile(wall, replace(evidence, samples=samples), Settings(kinds=("excess_noise", "range_offset")))
+    assert result.verified.verdict == "unexplained"
+    assert not result.named

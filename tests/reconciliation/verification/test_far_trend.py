@@ -1,0 +1,65 @@
+"""A change of ranges in time beyond the reach of scores is placed in mm; nothing else is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.recordings import MAKE, recorded
+
+from tofmix.reconciliation.evidence import Evidence
+from tofmix.reconciliation.likelihood.likelihood import Likelihood
+from tofmix.reconciliation.likelihood.mixture import Scene
+from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.verification.far_trend import far_trends
+from tofmix.reconciliation.workflow import reconcile
+from tofmix.simulation.model import Model
+
+ALPHA = 0.01
+
+
+def likelihood_of(model: Model, evidence: Evidence) -> Likelihood:
+    return Likelihood(evidence, Scene(model, evidence.time_s))
+
+
+def nearer(evidence: Evidence, mm_a_frame: float) -> Evidence:
+    """Each frame so much nearer than the one before."""
+    moved = evidence.samples - mm_a_frame * np.arange(len(evidence.samples))[:, None]
+    return replace(evidence, samples=np.where(evidence.samples > 0, np.maximum(np.rint(moved), 1), 0).astype(np.uint16))
+
+
+def test_flight_is_placed_with_its_length(small: Model) -> None:
+    evidence = nearer(recorded(small), 10.0)
+    likelihood = likelihood_of(small, evidence)
+    (place,) = far_trends(likelihood, likelihood.start(), ALPHA)
+    assert (place.axis, place.statistic, place.unit) == ("time", "trend", "mm")
+    assert place.size == pytest.approx(-10.0 * 0.9 * len(evidence.samples), rel=0.1)  # between medians of tenths
+    assert place.interval[0] < 0.1 * evidence.time_s[-1] < 0.9 * evidence.time_s[-1] < place.interval[1]
+
+
+@pytest.mark.parametrize("hidden", [(), (MAKE["temperature_drift"](amplitude_mm=10.0, time_constant_s=2.0),)], ids=str)
+def test_recording_that_scores_can_show_has_no_far_trend(small: Model, hidden: tuple[object, ...]) -> None:
+    likelihood = likelihood_of(small, recorded(small, *hidden))  # type: ignore[arg-type]
+    assert far_trends(likelihood, likelihood.start(), ALPHA) == []
+
+
+def test_lost_pixels_do_not_make_a_trend(small: Model) -> None:
+    """First the near surface is valid, then the far one."""
+    evidence = recorded(small)
+    half = len(evidence.samples) // 2
+    near = np.median(evidence.samples, axis=0) < np.median(evidence.samples)
+    samples = evidence.samples.copy()
+    samples[:half, ~near] = 0
+    samples[half:, near] = 0
+    likelihood = likelihood_of(small, replace(evidence, samples=samples))
+    assert far_trends(likelihood, likelihood.start(), ALPHA) == []
+
+
+@pytest.mark.slow
+def test_noise_does_not_stand_for_a_flight(small: Model) -> None:
+    wall = replace(small, surfaces=small.surfaces[-1:])
+    evidence = nearer(recorded(wall), 8.0)
+    result = reconcile(wall, evidence, Settings(kinds=("excess_noise", "outliers", "dropout", "fixed_pattern")))
+    assert result.verified.verdict == "unexplained"
+    assert not result.named
+    assert (result.where[0].axis, result.where[0].statistic) == ("time", "trend")
+    assert any("moves" in step for step in result.next_steps)

@@ -1,0 +1,188 @@
+"""Step 5: evidence against single effects of a set that explains a recording.
+
+A set of effects may bring every statistic down to chance and be wrong: two large effects may cancel, and much noise may
+stand for a motion. So each effect is judged by its posterior (`tofmix.simulation.effects.prior`), by what it does in
+the presence of the others, and by the recorded amplitudes. None of these tests knows a kind.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+
+from tofmix.arrays import FloatArray
+from tofmix.reconciliation.comparison.compare import Compared
+from tofmix.reconciliation.comparison.localise import disagreements
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, State
+from tofmix.reconciliation.likelihood.mixture import Mixture
+from tofmix.reconciliation.parameters.latent_errors import latent_errors
+from tofmix.reconciliation.parameters.standard_errors import standard_errors
+from tofmix.reconciliation.search.add import Added
+from tofmix.reconciliation.search.name import PRICE_NATS, Candidate, moves_by_itself
+from tofmix.reconciliation.search.refit import begin, numbers, refit, without
+from tofmix.reconciliation.search.search_state import Settings, fit_part, held_out
+from tofmix.reconciliation.verdict import LAW
+from tofmix.simulation.effects.base import Effect
+
+CANCELS = 20.0
+"""Gain of an effect in the presence of the others over that of the best effect alone, and over that of all together:
+two biases that cancel to less than a quarter gain so much, since gains are squares of biases."""
+
+_SEVERAL = 2  # effects, of which one may stand for another
+_MEANS = (("common_mode", "frame"), ("pattern", "all"))  # curves of means by frame and by pixel
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contradiction:
+    """Evidence against an effect.
+
+    Parameters
+    ----------
+    number : int
+        Of the effect, in the order of the added ones.
+    reason : str
+        What speaks against it, as the predicate of a sentence about the effect.
+    """
+
+    number: int
+    reason: str
+
+
+def contradictions(likelihood: Likelihood, added: Added, settings: Settings) -> tuple[Contradiction, ...]:
+    """Everything that speaks against the added effects; empty for none.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        The recording and the scene.
+    added : Added
+        The outcome of a search.
+    settings : Settings
+        Options of the search.
+    """
+    if not added.chosen:
+        return ()
+    found = [*_implausible(added.chosen)]
+    found = found or [*_refuted(likelihood, added.chosen, settings.alpha)]
+    found = found or [*_instead_of_means(likelihood, added.state, added.panel, settings.alpha)]
+    found = found or [*_by_others(likelihood, added, settings)]
+    return tuple(found or _unknown(likelihood, added, settings))
+
+
+def _implausible(chosen: Sequence[Candidate]) -> Iterator[Contradiction]:
+    """Effects with numbers beyond what their prior has."""
+    for number, candidate in enumerate(chosen):
+        effect = candidate.effect
+        far = [name for name, p in effect.priors().items() if not _possible(effect, name, p.farthest)]
+        if far and not effect.plausible():
+            values = " and ".join(f"{name} {getattr(effect, name):.4g}" for name in far)
+            yield Contradiction(number=number, reason=f"would need {values}, beyond that of real cameras and scenes")
+
+
+def _possible(effect: Effect, name: str, limits: tuple[float, float]) -> bool:
+    return bool(limits[0] <= getattr(effect, name) <= limits[1])
+
+
+def _refuted(likelihood: Likelihood, chosen: Sequence[Candidate], alpha: float) -> Iterator[Contradiction]:
+    """Effects that are less likely than none by the recorded amplitudes, by odds of more than 1 / alpha."""
+    for number, candidate in enumerate(chosen):
+        if sum(side.log_odds(candidate.effect) for side in likelihood.side_information) < math.log(alpha):
+            yield Contradiction(number=number, reason="would change amplitudes; the recorded ones did not change so")
+
+
+def _instead_of_means(likelihood: Likelihood, state: State, panel: Compared, alpha: float) -> Iterator[Contradiction]:
+    """Effects that widen the samples' distribution, and stand for a mean that changes with the frame or the pixel.
+
+    Noise and random values have no means. If means of frames and pixels make up more than `LAW` of the variance that
+    an effect adds, the effect stands for their cause.
+    """
+    structured = sum(c.size**2 for c in disagreements(panel, alpha) if (c.statistic, c.axis) in _MEANS)
+    if not structured:
+        return
+    wide = _height(likelihood.mixture(state))
+    for number in range(len(state.effects)):
+        ratio = wide / _height(likelihood.mixture(without(state, number)))
+        added = 1 - float(np.nanmean(ratio)) ** 2  # of the variance, as for a Gaussian of this height
+        if structured > LAW * added > 0:
+            yield Contradiction(number=number, reason="stands for means that change with the frame or the pixel")
+
+
+def _height(m: Mixture) -> FloatArray:
+    """Height (pixel,) of the density of a pixel's valid samples at its main surface, but for a factor; NaN for none."""
+    lit, valid = m.of_main(m.lit).astype(bool), 1.0 - m.invalid[0]
+    seen = lit & (valid > 0)
+    share = m.of_main(m.weight) / np.where(seen, valid, 1.0)
+    return np.where(seen, share / m.of_main(m.sigma), np.nan)
+
+
+def _by_others(likelihood: Likelihood, added: Added, settings: Settings) -> Iterator[Contradiction]:
+    """Effects that cancel others, and biases whose only trace is noise."""
+    part = held_out(likelihood, settings)
+    mixture = likelihood.mixture(added.state)
+    whole = likelihood.value(added.state, part, mixture)
+    scored = likelihood.evidence.part(fit=False, split=settings.split)
+    judged = len(part[0]) * len(part[1]) / max(len(scored[0]) * len(scored[1]), 1)
+    given = whole - likelihood.value(begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance), part)
+    best = max(given, judged * max((c.gain for c in added.first), default=0.0))
+    for number, candidate in enumerate(added.chosen):
+        if candidate.fitted is None:
+            continue
+        rest = without(added.state, number)
+        bare = likelihood.mixture(rest)
+        gain = whole - likelihood.value(rest, part, bare)
+        if len(added.chosen) > 1 and gain > CANCELS * best > 0:
+            yield Contradiction(number=number, reason="cancels another effect")
+        if candidate.static and not moves_by_itself(likelihood, (rest, bare), (added.state, mixture), part):
+            yield Contradiction(number=number, reason="moves no range: its only trace is noise")
+
+
+def _unknown(likelihood: Likelihood, added: Added, settings: Settings) -> Iterator[Contradiction]:
+    """Effects whose posterior does not exclude that they are absent, with the others free.
+
+    An effect alone is needed by its gain. Numbers of one effect may also be tied to each other, as the two of a slow
+    drift; so where their errors are large, the others are fitted again without the effect.
+    """
+    if len(added.chosen) < _SEVERAL:
+        return
+    own = numbers(likelihood, added.state, added.chosen, fit_part(likelihood, settings))
+    errors_of = standard_errors(own)
+    for number, candidate in enumerate(added.chosen):
+        effect = added.state.effects[number]
+        errors = errors_of.get(number, {})
+        if candidate.fitted is None and number not in errors_of:
+            effect, errors = latent_errors(likelihood, added.state, effect, settings.seed)
+        if absent(effect, errors) > settings.alpha and not _needed(likelihood, added, number, settings):
+            yield Contradiction(number=number, reason="has numbers with errors as large as themselves")
+
+
+def _needed(likelihood: Likelihood, added: Added, number: int, settings: Settings) -> bool:
+    """Whether the others, fitted again without the effect of this number, lose more than the price of its numbers."""
+    others = [c for k, c in enumerate(added.chosen) if k != number]
+    rest, _ = refit(likelihood, without(added.state, number), others, fit_part(likelihood, settings))
+    part = held_out(likelihood, settings)
+    lost = likelihood.value(added.state, part) - likelihood.value(rest, part)
+    return lost > PRICE_NATS * added.chosen[number].parameters
+
+
+def absent(effect: Effect, errors: dict[str, float]) -> float:
+    """Posterior probability that an effect is absent or acts the other way, by its best known magnitude.
+
+    Parameters
+    ----------
+    effect : Effect
+        With its numbers.
+    errors : dict of str to float
+        Their posterior standard deviations; a number without one is exact.
+
+    Returns
+    -------
+    float
+        Normal tail probability; 0 for an effect without a magnitude.
+    """
+    declared = effect.parameters()
+    names = effect.magnitudes or tuple(name for name, p in declared.items() if p.zero is not None)
+    sizes = [(abs(getattr(effect, n) - (declared[n].zero or 0.0)), errors.get(n, 0.0)) for n in names]
+    deviates = [size / error if error > 0 else math.inf for size, error in sizes if size > 0]
+    return float(norm.sf(max(deviates))) if deviates else 0.0
