@@ -167,6 +167,18 @@ def test_edge_of_a_standing_surface_is_not_passing() -> None:
     assert not passing(10, 12, standing=True)
 
 
+@pytest.mark.parametrize(("apart_mm", "is_passing"), [(30.0, False), (300.0, True)])
+def test_layers_of_a_wall_that_drifts_are_not_passing_and_layers_apart_are(apart_mm: float, is_passing: bool) -> None:
+    range_mm = 3000.0 + apart_mm * np.arange(3.0) + np.zeros((3, 3, 1))
+    made = scene(range_mm)
+    made.weight[:] = 0.3, 0.4, 0.3
+    clusters = np.array(
+        [[1, 1, layer, 100, 30, 0, 32, first, first + 31] for layer, first in ((0, 0), (1, 34), (2, 68))], float
+    )
+    marked = mark_passing(made._replace(clusters=clusters))
+    assert marked[1, 1].tolist() == [is_passing] * 3
+
+
 def test_cover_glass_is_a_near_return_and_a_net_far_away_is_not() -> None:
     behind = np.full((8, 8), 1500.0)
     near = mark_near_return(scene(np.stack([np.full((8, 8), 25.0), behind], axis=-1)))

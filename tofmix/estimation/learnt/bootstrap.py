@@ -42,9 +42,9 @@ TAIL = 0.05
 """Part of the gains that the tail is fitted to."""
 
 TAIL_OF_CLUMPS = 0.005
-"""The same where pixels have shares of background. Clumps of two, three, four of its samples have gains of their own, so
-that the tail is exponential from about one in 200 on: fitted to a twentieth, the gain that one pixel in 1000 reaches was
-up to 2 nat too low."""
+"""The same where pixels have shares of background. Clumps of two, three or four of its samples have gains of their own:
+the tail is exponential from about one in 200 on. Fitted to a twentieth, the gain that one pixel in 1000 reaches was up
+to 2 nat too low."""
 
 SHARES = (0.0, 0.02, 0.1, 0.3, 0.6, 0.85)
 """Shares of background that are drawn where each pixel has a share."""
