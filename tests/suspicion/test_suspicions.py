@@ -104,6 +104,17 @@ def test_scattered_light_is_marked_in_all_zones_but_the_bright_one() -> None:
     assert not marked[..., 1].any()
 
 
+def test_scattered_light_that_is_split_into_two_layers_is_marked_as_a_whole() -> None:
+    made, third = ghost(6.0), np.full((8, 8, 1), np.nan)
+    assert made.amplitude is not None
+    range_mm, amplitude = (np.concatenate([part, third], axis=-1) for part in (made.range_mm, made.amplitude))
+    range_mm[6, 6] = 1200.0, 1238.0, 2600.0
+    amplitude[6, 6, 1:] = 6.0, amplitude[6, 6, 1]
+    split = scene(range_mm, amplitude)
+    marked = mark_scattered(split)
+    assert marked[6, 6].tolist() == [True, True, False]
+
+
 def test_surface_of_usual_albedo_at_the_range_of_a_bright_one_is_not_marked() -> None:
     cosine = beam_directions_of(OPTICS, (8, 8))[..., 2]
     made = ghost(light(np.array(1200.0), 0.3).item(), bright=20000.0)

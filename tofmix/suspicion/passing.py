@@ -13,7 +13,7 @@ import numpy as np
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.masks import around
 from tofmix.suspicion.declaration import FALSE_MARKS, Suspicion
-from tofmix.suspicion.scene import CLUSTER_FIELDS, Scene
+from tofmix.suspicion.scene import CLUSTER_FIELDS, NOISE_SIGMAS, Scene
 
 _ROW, _COL, _LAYER, _FRAMES, _SAMPLES, _OUTSIDE, _LENGTH, _FIRST, _LAST = range(len(CLUSTER_FIELDS))
 
@@ -27,8 +27,6 @@ BESIDE_PASSING = 0.05
 """Chance below which a layer beside a passing one, in its frames alone, is of it too: there the odds are even."""
 
 _SLOPE = 0.05  # how much ranges of one surface differ between neighbouring pixels, of the range
-
-_NOISE_SIGMAS = 3.0  # and by noise, in standard deviations
 
 _MOST_CORRELATION = 0.99  # from frame to frame: a recording with more has no independent frames to speak of
 
@@ -73,7 +71,7 @@ def _continues(scene: Scene, row: IntArray, col: IntArray, layer: IntArray) -> B
     for down, right in product(range(3), range(3)):
         if (down, right) != (1, 1):
             there = around[row + down, col + right]
-            noise = _NOISE_SIGMAS * np.hypot(sigma[row + down, col + right], width[:, np.newaxis])
+            noise = NOISE_SIGMAS * np.hypot(sigma[row + down, col + right], width[:, np.newaxis])
             with np.errstate(invalid="ignore"):
                 near = np.abs(there - own[:, np.newaxis]) <= _SLOPE * own[:, np.newaxis] + noise
             out |= near.any(-1)
@@ -82,10 +80,7 @@ def _continues(scene: Scene, row: IntArray, col: IntArray, layer: IntArray) -> B
 
 def _weight_of_chains(scene: Scene) -> FloatArray:
     """Weight (row, col, layer) of each layer with those of its pixel that noise joins to it, from one to the next."""
-    gap = np.diff(scene.range_mm, axis=-1)
-    with np.errstate(invalid="ignore"):
-        joined = gap <= _NOISE_SIGMAS * np.hypot(scene.sigma_mm[..., :-1], scene.sigma_mm[..., 1:])
-    out = np.nan_to_num(scene.weight)
+    joined, out = scene.joined, np.nan_to_num(scene.weight)
     for layer in range(1, out.shape[-1]):  # near to far: each has the sum of its chain so far
         out[..., layer] += np.where(joined[..., layer - 1], out[..., layer - 1], 0.0)
     for layer in range(out.shape[-1] - 2, -1, -1):  # and back: that of the whole
