@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
-from typing import ClassVar, Protocol
+from typing import ClassVar, Protocol, Self
 
 import numpy as np
 
@@ -285,8 +285,8 @@ def _moments(median: RunningMedian, below: float, above: float) -> tuple[float, 
 
 
 @dataclass(frozen=True, slots=True)
-class ApartMedians:
-    """One median of each m, whose noise is that of the median of m independent samples (`RunningMedian.for_noise`).
+class _OfEachWindow:
+    """A filter of m samples of which one frame of each m is used: the others share samples with it.
 
     Parameters
     ----------
@@ -295,8 +295,6 @@ class ApartMedians:
     """
 
     parameter: float
-    kind: ClassVar[str] = "apart_medians"
-    separates: ClassVar[bool] = True
 
     @property
     def reach(self) -> int:
@@ -304,16 +302,30 @@ class ApartMedians:
         return 0
 
     def independent(self, stored_mm: Float32Array, first: int) -> Float32Array:
-        """One median of each m."""
+        """One frame of each m."""
         return _every(stored_mm, first, int(self.parameter))
 
-    def for_noise(self) -> TemporalFilter:
+    def for_noise(self) -> Self:
         """Noise is learnt from the same samples."""
         return self
 
     def worth(self, frames: int) -> int:
-        """Medians without a common sample."""
+        """Frames without a common sample."""
         return max(1, frames // int(self.parameter))
+
+
+@dataclass(frozen=True, slots=True)
+class ApartMedians(_OfEachWindow):
+    """One median of each m, whose noise is that of the median of m independent samples (`RunningMedian.for_noise`).
+
+    Parameters
+    ----------
+    parameter : float
+        m.
+    """
+
+    kind: ClassVar[str] = "apart_medians"
+    separates: ClassVar[bool] = True
 
     def words(self) -> str:
         """The filter in a few words."""
@@ -329,7 +341,7 @@ class ApartMedians:
 
 
 @dataclass(frozen=True, slots=True)
-class RunningMean:
+class RunningMean(_OfEachWindow):
     """y_t is the mean of the last m samples: one frame of m is independent, but may be of several surfaces.
 
     Its inverse is not stable, so that pixels of several surfaces are undecided.
@@ -345,29 +357,11 @@ class RunningMean:
         If it is not.
     """
 
-    parameter: float
     kind: ClassVar[str] = "running_mean"
     separates: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         _check_window(self.parameter, "a mean")
-
-    @property
-    def reach(self) -> int:
-        """Earlier stored frames that an independent sample needs."""
-        return 0
-
-    def independent(self, stored_mm: Float32Array, first: int) -> Float32Array:
-        """One mean of each m."""
-        return _every(stored_mm, first, int(self.parameter))
-
-    def for_noise(self) -> TemporalFilter:
-        """Noise is learnt from the same samples."""
-        return self
-
-    def worth(self, frames: int) -> int:
-        """Means without a common sample."""
-        return max(1, frames // int(self.parameter))
 
     def words(self) -> str:
         """The filter in a few words."""

@@ -104,6 +104,17 @@ def test_scattered_light_is_marked_in_all_zones_but_the_bright_one() -> None:
     assert not marked[..., 1].any()
 
 
+def test_scattered_light_that_is_split_into_two_layers_is_marked_as_a_whole() -> None:
+    made, third = ghost(6.0), np.full((8, 8, 1), np.nan)
+    assert made.amplitude is not None
+    range_mm, amplitude = (np.concatenate([part, third], axis=-1) for part in (made.range_mm, made.amplitude))
+    range_mm[6, 6] = 1200.0, 1238.0, 2600.0
+    amplitude[6, 6, 1:] = 6.0, amplitude[6, 6, 1]
+    split = scene(range_mm, amplitude)
+    marked = mark_scattered(split)
+    assert marked[6, 6].tolist() == [True, True, False]
+
+
 def test_surface_of_usual_albedo_at_the_range_of_a_bright_one_is_not_marked() -> None:
     cosine = beam_directions_of(OPTICS, (8, 8))[..., 2]
     made = ghost(light(np.array(1200.0), 0.3).item(), bright=20000.0)
@@ -165,6 +176,18 @@ def test_memory_of_samples_makes_groups_in_time_count_less() -> None:
 
 def test_edge_of_a_standing_surface_is_not_passing() -> None:
     assert not passing(10, 12, standing=True)
+
+
+@pytest.mark.parametrize(("apart_mm", "is_passing"), [(30.0, False), (300.0, True)])
+def test_layers_of_a_wall_that_drifts_are_not_passing_and_layers_apart_are(apart_mm: float, is_passing: bool) -> None:
+    range_mm = 3000.0 + apart_mm * np.arange(3.0) + np.zeros((3, 3, 1))
+    made = scene(range_mm)
+    made.weight[:] = 0.3, 0.4, 0.3
+    clusters = np.array(
+        [[1, 1, layer, 100, 30, 0, 32, first, first + 31] for layer, first in ((0, 0), (1, 34), (2, 68))], float
+    )
+    marked = mark_passing(made._replace(clusters=clusters))
+    assert marked[1, 1].tolist() == [is_passing] * 3
 
 
 def test_cover_glass_is_a_near_return_and_a_net_far_away_is_not() -> None:

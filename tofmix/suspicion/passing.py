@@ -13,7 +13,7 @@ import numpy as np
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.masks import around
 from tofmix.suspicion.declaration import FALSE_MARKS, Suspicion
-from tofmix.suspicion.scene import CLUSTER_FIELDS, Scene
+from tofmix.suspicion.scene import CLUSTER_FIELDS, NOISE_SIGMAS, Scene
 
 _ROW, _COL, _LAYER, _FRAMES, _SAMPLES, _OUTSIDE, _LENGTH, _FIRST, _LAST = range(len(CLUSTER_FIELDS))
 
@@ -27,8 +27,6 @@ BESIDE_PASSING = 0.05
 """Chance below which a layer beside a passing one, in its frames alone, is of it too: there the odds are even."""
 
 _SLOPE = 0.05  # how much ranges of one surface differ between neighbouring pixels, of the range
-
-_NOISE_SIGMAS = 3.0  # and by noise, in standard deviations
 
 _MOST_CORRELATION = 0.99  # from frame to frame: a recording with more has no independent frames to speak of
 
@@ -58,22 +56,35 @@ def mark_passing(scene: Scene) -> BoolArray:
 
 
 def _continues(scene: Scene, row: IntArray, col: IntArray, layer: IntArray) -> BoolArray:
-    """Which layers (n,) belong to a surface that a pixel beside them sees for most of the time.
+    """Which layers (n,) belong to a surface that their pixel, or one beside it, sees for most of the time.
 
-    At the edge of a standing surface a shift by a part of a pixel changes shares, so that its samples come in groups.
+    At the edge of a standing surface a shift by a part of a pixel changes shares, so that its samples come in groups. A
+    surface that drifts within the window may be several layers, each in a part of the frames: all together are there
+    for most of the time.
     """
     pad = ((1, 1), (1, 1), (0, 0))
-    stands = np.where(scene.weight > LONGEST, scene.range_mm, np.nan)
+    together = _weight_of_chains(scene)
+    stands = np.where(together > LONGEST, scene.range_mm, np.nan)
     around, sigma = (np.pad(values, pad, constant_values=np.nan) for values in (stands, scene.sigma_mm))
     own, width = scene.range_mm[row, col, layer], scene.sigma_mm[row, col, layer]
-    out = np.zeros(len(row), bool)
+    out = together[row, col, layer] > LONGEST
     for down, right in product(range(3), range(3)):
         if (down, right) != (1, 1):
             there = around[row + down, col + right]
-            noise = _NOISE_SIGMAS * np.hypot(sigma[row + down, col + right], width[:, np.newaxis])
+            noise = NOISE_SIGMAS * np.hypot(sigma[row + down, col + right], width[:, np.newaxis])
             with np.errstate(invalid="ignore"):
                 near = np.abs(there - own[:, np.newaxis]) <= _SLOPE * own[:, np.newaxis] + noise
             out |= near.any(-1)
+    return out
+
+
+def _weight_of_chains(scene: Scene) -> FloatArray:
+    """Weight (row, col, layer) of each layer with those of its pixel that noise joins to it, from one to the next."""
+    joined, out = scene.joined, np.nan_to_num(scene.weight)
+    for layer in range(1, out.shape[-1]):  # near to far: each has the sum of its chain so far
+        out[..., layer] += np.where(joined[..., layer - 1], out[..., layer - 1], 0.0)
+    for layer in range(out.shape[-1] - 2, -1, -1):  # and back: that of the whole
+        out[..., layer] = np.where(joined[..., layer], out[..., layer + 1], out[..., layer])
     return out
 
 

@@ -60,10 +60,19 @@ def mark_scattered(scene: Scene) -> BoolArray:
 
 
 def _agrees(scene: Scene, source: tuple[np.intp, ...]) -> BoolArray:
-    """Layers (row, col, layer) at the range of a source, or that one of their samples may be of."""
+    """Layers (row, col, layer) at the range of a source, or that one of their samples may be of.
+
+    Layers that noise joins to one of them count too: a split layer has parts beside the range of the source.
+    """
     error = _AT_RANGE * np.maximum(np.hypot(scene.stderr_mm, scene.stderr_mm[source]), scene.sigma_mm)
     with np.errstate(invalid="ignore"):
-        return np.asarray(np.abs(scene.range_mm - scene.range_mm[source]) <= error)
+        agrees = np.asarray(np.abs(scene.range_mm - scene.range_mm[source]) <= error)
+    joined = scene.joined
+    for layer in range(1, agrees.shape[-1]):
+        agrees[..., layer] |= joined[..., layer - 1] & agrees[..., layer - 1]
+    for layer in range(agrees.shape[-1] - 2, -1, -1):
+        agrees[..., layer] |= joined[..., layer] & agrees[..., layer + 1]
+    return agrees
 
 
 def _improbable(

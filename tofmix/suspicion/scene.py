@@ -45,6 +45,9 @@ Products of consecutive residuals of the pixel's main layer, and their squares; 
 show a rare layer, less those expected by chance within its interval; and the most of these.
 """
 
+NOISE_SIGMAS = 3.0
+"""Ranges of one surface differ by noise by so many standard deviations at most."""
+
 NO_CLUSTERS = np.zeros((0, len(CLUSTER_FIELDS)))
 """No layer comes close in time."""
 
@@ -93,6 +96,16 @@ class Scene(NamedTuple):
     def present(self) -> NDArray[np.bool_]:
         """Layers (row, col, layer) that are there."""
         return np.isfinite(self.range_mm)
+
+    @property
+    def joined(self) -> NDArray[np.bool_]:
+        """Whether noise joins each layer to the next one of its pixel (row, col, layer - 1): one surface may be both.
+
+        A surface that drifts, or whose noise is wider than its curve, is several layers.
+        """
+        with np.errstate(invalid="ignore"):
+            noise = NOISE_SIGMAS * np.hypot(self.sigma_mm[..., :-1], self.sigma_mm[..., 1:])
+            return np.asarray(np.diff(self.range_mm, axis=-1) <= noise)
 
 
 def make_scene(layers: Layers, evidence: Evidence, sensor: Sensor, *, circle_mm: float | None = None) -> Scene:

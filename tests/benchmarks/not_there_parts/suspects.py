@@ -7,8 +7,9 @@ the map where there is nothing.
 
 import argparse
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from benchmarks.real_recordings import FOLDER, PROJECT, real_recordings
@@ -40,11 +41,14 @@ class Situation:
         The samples.
     absent : callable
         From ranges (window, row, col, layer), mm, to whether each is of a thing that is not there.
+    options : dict
+        Of `tofmix.estimate`.
     """
 
     name: str
     recording: Recording
     absent: Callable[[NDArray[np.floating]], NDArray[np.bool_]]
+    options: dict[str, Any] = field(default_factory=dict)
 
 
 def beams(rows: int, cols: int, fov_deg: tuple[float, float]) -> NDArray[np.float64]:
@@ -173,6 +177,20 @@ def net(seed: int, frames: int = 100, *, gusts: bool) -> Situation:
     return Situation(name=name, recording=recording, absent=lambda found: np.zeros(found.shape, bool))
 
 
+def drifting(seed: int, frames: int = 100, *, by_mm: float = 60.0, sigma_mm: float = 5.0) -> Situation:
+    """A wall that drifts within the window, under the file's noise curve, which makes several layers of it."""
+    rng = np.random.default_rng(seed)
+    wall = 2000.0 / beams(12, 16, (45.0, 45.0))
+    range_mm = wall + rng.normal(0, sigma_mm, (frames, *wall.shape))
+    range_mm += by_mm * np.linspace(0.0, 1.0, frames)[:, np.newaxis, np.newaxis]
+    curve = NoiseCurve(np.array([500.0, 7000.0]), np.full(2, sigma_mm))
+    recording = tofmix.from_array(range_mm, units="mm", sensor=_sensor((45.0, 45.0), lock_in=False, noise=curve))
+    return Situation(
+        name=f"wall that drifts by {by_mm / sigma_mm:.0f} sigma, noise of the file", recording=recording,
+        absent=lambda found: np.zeros(found.shape, bool), options={"noise": "file"},
+    )  # fmt: skip
+
+
 SITUATIONS: tuple[Callable[[int], Situation], ...] = (
     ghost,
     lambda seed: ghost(seed, lock_in=True),
@@ -184,6 +202,7 @@ SITUATIONS: tuple[Callable[[int], Situation], ...] = (
     glass,
     lambda seed: net(seed, gusts=True),
     lambda seed: net(seed, gusts=False),
+    drifting,
 )
 """By the table's rows; each takes a seed."""
 
@@ -195,7 +214,7 @@ def marks(layers: tofmix.Estimate) -> NDArray[np.uint8]:
 
 def judged(situation: Situation) -> tuple[int, int, int, int, int]:
     """Layers that are not there; those marked or improbable; those in the map; others; others that are marked."""
-    layers = tofmix.estimate(situation.recording)
+    layers = tofmix.estimate(situation.recording, **situation.options)
     there = np.isfinite(layers.range)
     with np.errstate(invalid="ignore"):
         absent = there & situation.absent(layers.range)
@@ -212,14 +231,14 @@ def judged(situation: Situation) -> tuple[int, int, int, int, int]:
     )
 
 
-def print_situations(seeds: int) -> None:
-    """The table of simulated situations."""
+def print_situations(seeds: range, rows: list[int] | None = None) -> None:
+    """The table of simulated situations, all or some rows."""
     print(
         "| situation | not there | marked or p < 0.5 | in the map | there | falsely marked |\n|---|---|---|---|---|---|"
     )
-    for make in SITUATIONS:
+    for make in SITUATIONS if rows is None else [SITUATIONS[row] for row in rows]:
         numbers = np.zeros(5, int)
-        for seed in range(seeds):
+        for seed in seeds:
             situation = make(seed)
             numbers += judged(situation)
         absent, caught, mapped, others, false = numbers.tolist()
@@ -260,9 +279,13 @@ def main(arguments: list[str]) -> None:
     """Print both tables."""
     parser = argparse.ArgumentParser(prog="not_there.py suspects", description=__doc__)
     parser.add_argument("--seeds", type=int, default=4, help="simulations of each situation (4)")
+    parser.add_argument("--first-seed", type=int, default=0, help="seed of the first of them (0)")
+    parser.add_argument("--rows", type=int, nargs="+", help="rows of the first table, from 0 on (all)")
+    parser.add_argument("--simulated", action="store_true", help="simulations alone")
     parser.add_argument("--folder", type=Path, default=FOLDER, help="folder of the real recordings")
     parser.add_argument("--real", action="store_true", help="real recordings alone")
     options = parser.parse_args(arguments)
     if not options.real:
-        print_situations(options.seeds)
-    print_false_marks(options.folder)
+        print_situations(range(options.first_seed, options.first_seed + options.seeds), options.rows)
+    if not options.simulated:
+        print_false_marks(options.folder)

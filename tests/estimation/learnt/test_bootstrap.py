@@ -78,6 +78,7 @@ HELD = {
     "skewed": pixel_noise("skewed"),
     "long-tailed": pixel_noise("student"),
     "Gaussian on background": pixel_noise(background=(1.0, 4.0)),
+    "the same share in all pixels": pixel_noise(background=(11.0, 39.0)),
     "widths and background": pixel_noise("skewed", background=(1.0, 4.0), width_spread=0.2),
 }
 

@@ -11,6 +11,7 @@ from tofmix.background_density import BackgroundDensity
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.clutter import MOST_CELLS, cell_edges, smooth_density
 from tofmix.estimation.learnt.folds import whole_fold
+from tofmix.estimation.learnt.learning import learn_pixel_noise
 from tofmix.estimation.learnt.parts import with_part
 from tofmix.estimation.noise.training_pixels import Pixels
 from tofmix.estimation.settings import EstimateOptions, SigmaMode
@@ -135,3 +136,13 @@ def test_gaussian_noise_reads_the_density_too(rng: np.random.Generator) -> None:
     assert (uniform.n_modes > 2).mean() > 0.3
     assert (found.n_modes == 2).mean() > 0.95
     assert found.log_likelihood.sum() > uniform.log_likelihood.sum()
+
+
+@pytest.mark.slow
+def test_fog_in_most_samples_does_not_pass_for_a_surface_of_a_wide_sigma(rng: np.random.Generator) -> None:
+    samples = in_fog(rng, 90, 150, 0.65).T.astype(np.float32)
+    wide = NoiseCurve(np.array([500.0, 5000.0]), np.array([700.0, 2000.0]))
+    model = learn_pixel_noise(Pixels(samples=samples), CAMERA, wide)
+    assert not model.kept_start
+    assert model.noise.curve.sigma(WALL_MM) == pytest.approx(SIGMA_MM, rel=0.1)
+    assert model.noise.curve.background_density is not None

@@ -11,8 +11,15 @@ from support.learnt_pixels import CAMERA, KNOWN, LOW_MM, SIGMA_MM, TOP_MM, pixel
 from tofmix.arrays import FloatArray
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.bootstrap import calibrate
-from tofmix.estimation.learnt.recordings import FoundNoise, calibrated, learn_instead, learn_noise
+from tofmix.estimation.learnt.recordings import (
+    FoundNoise,
+    calibrated,
+    learn_instead,
+    learn_noise,
+    share_of_outliers,
+)
 from tofmix.estimation.noise.curve_check import is_contradicted
+from tofmix.estimation.noise.measurement import MeasuredNoise
 from tofmix.estimation.noise.training_pixels import Pixels, pixels_of, scatters
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
@@ -216,3 +223,33 @@ def test_images_of_few_rows_are_learnt_from(rows: int, rng: np.random.Generator)
     samples = surfaces(rng, (20, 20_000 // rows * rows), (2000.0,)).reshape(20, rows, -1)
     source = ArrayRecording(samples.astype(np.float32), CAMERA)
     assert len(pixels_of(source, 20, 20, most=100).samples) >= 50
+
+
+@pytest.mark.parametrize(
+    ("stated", "count", "samples", "replaced"),
+    [
+        (1e-4, 600, 30_000, True),  # 3 would be expected
+        (1e-4, 5, 30_000, False),
+        (1e-4, 0, 30_000, False),
+        (5e-3, 600, 30_000, False),  # what a file states is believed
+    ],
+)
+def test_share_of_outliers_is_the_counted_one_where_nothing_is_stated_and_chance_gives_fewer(
+    stated: float, count: int, samples: int, replaced: bool
+) -> None:
+    counted = (count + 0.5) / (samples + 1.0)
+    measured = MeasuredNoise(
+        curve=pixel_noise().curve, pixels=np.ones(1, dtype=np.int64), outlier_probability=counted,
+        outlier_samples=count, step_mm=1.0,
+    )  # fmt: skip
+    found = share_of_outliers(replace(CAMERA, outlier_probability=stated), measured)
+    assert found == (counted if replaced else stated)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("few_draws")
+def test_pairs_of_rare_random_values_are_no_surfaces(rng: np.random.Generator) -> None:
+    samples = surfaces(rng, (100, 600), (5000.0,), background=np.full(600, 0.02))
+    found, layers = _learnt(samples)
+    assert found.sensor.outlier_probability == pytest.approx(0.02, abs=0.006)
+    assert (layers.n_modes > 1).mean() < 0.005  # 0.01 to 0.02 under p(c_r) = 1e-4

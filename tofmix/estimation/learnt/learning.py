@@ -2,7 +2,8 @@
 
 1. sigma(r) comes from isolated clusters (`noise.measurement`) and from differences of samples (`pair_differences`).
    Where surfaces lie close together, both are too large. So smaller sigmas are tried too, and the one of the largest
-   held-out likelihood is kept (`sigma_curve`, `candidates`).
+   held-out likelihood is kept (`sigma_curve`, `candidates`). Each is judged with the background that it leaves: fog
+   seems to be a surface of a wide sigma, where the model has no fog.
 2. Parts are added while one gains held-out likelihood, then dropped where the others make them needless (`parts`,
    `selection`).
 3. The memory of the errors is measured last (`memory`): it changes no likelihood of a pixel.
@@ -19,7 +20,7 @@ from tofmix.estimation.learnt.candidates import Candidate, candidate_of, held_ou
 from tofmix.estimation.learnt.folds import Fold, folds_of, whole_fold
 from tofmix.estimation.learnt.memory import centred, memory_of
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.parts import PARTS, shrunken_effects, with_part
+from tofmix.estimation.learnt.parts import OF_BACKGROUND, PARTS, shrunken_effects, with_part
 from tofmix.estimation.learnt.selection import select_parts
 from tofmix.estimation.learnt.shape_fit import shapes_differ
 from tofmix.estimation.learnt.sigma_curve import different_starts, first_curves, with_sigma
@@ -109,7 +110,7 @@ def learn_pixel_noise(
     curves = first_curves(pixels, start)
     if not curves:
         raise ValueError("noise: no two samples of a pixel differ, or none is valid")
-    chosen, plain = _best_curve(folds, curves, sensor)
+    chosen, plain = _best_curve(folds, curves, sensor, [part for part in parts if part in OF_BACKGROUND])
     best, added, measured = plain, list[str](), curves[0]
     if plain is not None:
         measured = plain.noises[-1].curve
@@ -145,12 +146,31 @@ def learn_pixel_noise(
 
 
 def _best_curve(
-    folds: Sequence[Fold], curves: Sequence[NoiseCurve], sensor: Sensor
+    folds: Sequence[Fold], curves: Sequence[NoiseCurve], sensor: Sensor, parts: Sequence[str]
 ) -> tuple[NoiseCurve, Candidate | None]:
-    """Return the start that predicts held-out pixels best, and the Gaussian noise measured from it, if any."""
-    chosen, best = curves[0], None
-    for curve, noises in different_starts(folds, curves, sensor):
-        trial = candidate_of(folds, noises)
-        if trial is not None and (best is None or held_out_gain(trial, best) > 0.0):
-            chosen, best = curve, trial
-    return chosen, best
+    """Return the start that predicts held-out pixels best, and the Gaussian noise measured from it, if any.
+
+    Where several starts lead to different curves, each is judged with the `parts` of the background, if they gain:
+    without them the widest curve alone explains fog.
+    """
+    starts = [(curve, candidate_of(folds, noises)) for curve, noises in different_starts(folds, curves, sensor)]
+    known = [(curve, plain) for curve, plain in starts if plain is not None]
+    if not known:
+        return curves[0], None
+    chosen, best = known[0], None
+    for curve, plain in known:
+        trial = _with_parts(folds, plain, parts) if len(known) > 1 else plain
+        if best is None or held_out_gain(trial, best) > 0.0:
+            chosen, best = (curve, plain), trial
+    return chosen
+
+
+def _with_parts(folds: Sequence[Fold], plain: Candidate, parts: Sequence[str]) -> Candidate:
+    """The candidate with all of the parts, and with sigma measured under them; as it is where they gain nothing."""
+    noises = []
+    for fold, noise in zip(folds, plain.noises, strict=True):
+        for part in parts:
+            noise = with_part(fold, noise, part) or noise  # noqa: PLW2901
+        noises.append(with_sigma(fold, noise))
+    trial = candidate_of(folds, noises)
+    return plain if trial is None or held_out_gain(trial, plain) == 0.0 else trial

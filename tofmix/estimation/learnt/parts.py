@@ -26,6 +26,9 @@ from tofmix.learnt_noise import DRIFTS, MOST_LOG_WIDTH, TAIL_DEGREES
 PARTS = ("background", "density", "drift", "widths", "shape")
 """Names of the parts."""
 
+OF_BACKGROUND = "background", "density"
+"""Those of the background, in the order in which they build on each other."""
+
 FIRST_PRIOR = (0.5, 2.0)
 """Pseudo-counts of background and of the rest, before shares are known."""
 

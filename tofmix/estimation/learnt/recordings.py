@@ -1,5 +1,6 @@
 """Learn the noise of a recording: read pixels, learn the noise from them, and draw the thresholds of the count."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -29,11 +30,14 @@ from tofmix.estimation.noise.training_pixels import (
 from tofmix.learnt_noise import DRIFTS
 from tofmix.range_step import RangeStep
 from tofmix.recording import SampleSource, samples_a_frame
-from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
 from tofmix.wording import counted
 
 LEAST_IN_PIXEL, LEAST_IN_ALL = 5, 100
 """Least valid samples for one sigma: in some pixel, and in all pixels. Its standard error is then 7 %."""
+
+FALSE_CHOICE = 1.0e-3
+"""Probability of a share of outliers by chance, as of a part of the noise (`candidates.held_out_gain`)."""
 
 DISAGREE = 1.25
 """Ratio of two measurements of sigma from which on both are reported: drifts and shapes change it by less."""
@@ -70,6 +74,11 @@ class FoundNoise:
         told = f"{', '.join(said)}; learnt from {counted(self.model.pixels, 'pixel')}"
         if self.model.shapes_differ:
             told += "; the shape of the error differs between pixels, and one is used for all"
+        background = self.sensor.learnt is not None and self.sensor.learnt.background is not None
+        if self.measured is not None and not background:
+            share = self.sensor.outlier_probability
+            if share == self.measured.outlier_probability:
+                told += f"; {100 * share:.2g} % of the samples are random values"
         return told + self._disagreement()
 
     def _disagreement(self) -> str:
@@ -119,7 +128,8 @@ def learn_noise(
     density : bool
         Whether background may have a density over range; on a circle of ranges it is uniform.
     instead_of : NoiseCurve, optional
-        A Gaussian curve that is kept if it predicts held-out pixels as well.
+        A Gaussian curve that is kept if it predicts held-out pixels as well. Without it, the share of outliers is
+        learnt too (`share_of_outliers`).
     step : RangeStep, optional
         Step of the stored ranges. Where it is no small part of sigma, the noise is integrated over it, and surfaces are
         counted with `learnt` even if the noise is a curve alone. Default: a common one, from the samples.
@@ -146,6 +156,8 @@ def learn_noise(
     targets = samples_a_frame(source)
     window, stride = window_frames * targets, (stride_frames or window_frames) * targets
     sensor = replace(source.sensor, noise=None, learnt=None, range_step_mm=None)
+    if instead_of is None and measured is not None:
+        sensor = replace(sensor, outlier_probability=share_of_outliers(sensor, measured))
     pixels = _pixels(source, window, stride, None if step_of_type else step, measured)
     if step is not None and step_of_type and _matters(step, pixels, measured, of_type=True):
         measured = _measured(source, step)
@@ -188,6 +200,22 @@ def learn_noise(
     return FoundNoise(
         sensor=replace(sensor, noise=curve, learnt=noise.learnt_with(thresholds)), measured=measured, model=model
     )
+
+
+def share_of_outliers(sensor: Sensor, measured: MeasuredNoise) -> float:
+    """p(c_r) for learning: the sensor's, or the counted one where nothing is stated and the count contradicts it.
+
+    A sensor that states nothing has `DEFAULT_OUTLIER_PROBABILITY`. Counted outliers contradict it where their number is
+    `FALSE_CHOICE` times as likely under their own share. Under too small a share, two of them that lie together pass
+    for a surface. Parts of the noise do not show such shares: `held_out.SURPRISES` is mixed into all models.
+    """
+    assumed, counted_share = sensor.outlier_probability, measured.outlier_probability
+    if assumed != DEFAULT_OUTLIER_PROBABILITY or counted_share <= assumed:
+        return assumed
+    count = measured.outlier_samples
+    samples = (count + 0.5) / counted_share
+    gain = count * math.log(counted_share / assumed) - samples * (counted_share - assumed)
+    return counted_share if gain > -math.log(FALSE_CHOICE) else assumed
 
 
 def _pixels(
