@@ -13,7 +13,6 @@ from tofmix.surfaces.linking import Linked
 from tofmix.surfaces.nodes import Nodes
 from tofmix.surfaces.shapes import Shapes, flat
 from tofmix.surfaces.smooth_linking import Smooth
-from tofmix.surfaces.smooth_pieces import REACH
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -21,7 +21,7 @@ from tofmix.surfaces.growing import fit
 from tofmix.surfaces.linking import Linked, numbered
 from tofmix.surfaces.nodes import Nodes
 from tofmix.surfaces.settings import SurfaceSettings
-from tofmix.surfaces.smooth_pieces import REACH, is_loose, joined_pieces, pieces_of
+from tofmix.surfaces.smooth_pieces import is_loose, joined_pieces, pieces_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -25,7 +25,7 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.smooth.light import STATES, Lit, with_light
 from tofmix.image.smooth.patch import STATE, fit_patches, meet
 from tofmix.image.smooth.scales import Scales
-from tofmix.image.smooth.segments import LEAST_PIXELS, around
+from tofmix.image.smooth.segments import LEAST_PIXELS, REACH, around
 from tofmix.image.smooth.view import View, grid_of_places, lattice_of_places
 from tofmix.unmixing.hypotheses import OpenSpace
 from tofmix.unmixing.image import ComplexArray, PhasorImage
@@ -43,9 +43,6 @@ class Bent(IntEnum):
 
 PRIORS = {Bent.NEW: 0.01, Bent.ONE: 0.5, Bent.LIMB: 0.2, Bent.CUT: 0.25, Bent.EMPTY: 0.5}
 """Prior probabilities; that of one surface is shared by those nearby."""
-
-REACH = 4
-"""Reach of the window whose pixels a patch goes through, pixels."""
 
 _NEAREST = 2  # pixels, within which a surface must have one
 _PARTS = 64

@@ -13,9 +13,9 @@ import numpy as np
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.masks import near
 from tofmix.image.smooth.scales import BENDS, THIRDS, Scales, learn_scales, may_bend
-from tofmix.image.smooth.segments import LEAST_PIXELS, rim_of, segments_of
+from tofmix.image.smooth.segments import LEAST_PIXELS, REACH, rim_of, segments_of
 from tofmix.image.smooth.view import View
-from tofmix.unmixing.curved import REACH, Bent, Verdicts, judge_bent
+from tofmix.unmixing.curved import Bent, Verdicts, judge_bent
 from tofmix.unmixing.hypotheses import Kind, OpenSpace
 from tofmix.unmixing.image import ComplexArray, PhasorImage, polar_covariance, variance_along
 from tofmix.unmixing.labels import Labels, open_spaces
