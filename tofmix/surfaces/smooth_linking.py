@@ -14,7 +14,7 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.masks import count_around, near
 from tofmix.image.smooth.patch import LEAST_HITS, PLACES_9, drawn_ranges, fit_patches
 from tofmix.image.smooth.scales import Scales, learn_scales, may_bend
-from tofmix.image.smooth.segments import LEAST_PIXELS, around
+from tofmix.image.smooth.segments import LEAST_PIXELS, REACH, around
 from tofmix.image.smooth.view import View
 from tofmix.layers import Layers
 from tofmix.surfaces.growing import fit
