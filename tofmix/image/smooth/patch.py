@@ -8,10 +8,10 @@ In a frame with the normal n and the tangents e1 and e2, the height h over (u, v
 
 a quadric, which rays meet in closed form. With p = q = e = 0 it is exact for planes, spheres and cylinders; an
 ellipsoid's are about as large as its curvatures. The curvatures have the prior N(0, bend^2); p, q and e that of `_SKEW`
-and `_CONIC` times their size. Cubic terms are integrated out: they are errors that neighbours share. Four have the standard deviation `third`, or twice the square of the curvatures where that is
-more. In the evidence of scales, where p, q and e are left out, two others stand for the latter, x'Kx (Kx)_i / 2: a
-quadric's, some 2/3 away from its vertex in slope. They bend a cylinder across, not along its axis, so a straight axis
-does not speak against curvature.
+and `_CONIC` times their size. Cubic terms are integrated out: they are errors that neighbours share. Four have the
+standard deviation `third`, or twice the square of the curvatures where that is more. In the evidence of scales, where
+p, q and e are left out, two others stand for the latter, x'Kx (Kx)_i / 2: a quadric's, some 2/3 away from its vertex in
+slope. They bend a cylinder across, not along its axis, so a straight axis does not speak against curvature.
 A polynomial of 1 / r is no such model: at the limb of a round thing 1 / r has the singularity of a square root.
 """
 
@@ -46,9 +46,11 @@ THIRD_OF_BEND = 2.0
 """Least third derivative in units of the square of the curvatures: what a bent thing bends otherwise."""
 _SLOPE_OF_QUADRIC = THIRD_OF_BEND / 3.0
 """Standard deviation of the slope, away from its vertex, at which a quadric has that third derivative."""
-_DIRECTIONS = 8
+DIRECTIONS = 8
 _ALONG = 0.05
 """Ways in which a thing may bend in one direction, and its bend along its axis, as a part of that across."""
+LOG_WAYS = np.log(np.array([0.5, *np.full(DIRECTIONS, 0.5 / DIRECTIONS)]))
+"""Log prior of bending in all directions alike, and in each one."""
 _MOST_AVERAGED = 0.02
 """Largest difference, as a part of the range, between a pixel's mean and its middle."""
 
@@ -87,6 +89,8 @@ class Patches(NamedTuple):
         Standard deviation of the cubic terms, 1 / mm^2.
     log_evidence : (n,) float64
         Log density of the members' heights over their frame, nat; all members count.
+    log_ways : (n, 1 + DIRECTIONS) float64
+        Those of patches that bend in all directions alike, and in one.
     log_slope : (n,) float64
         What turns it into that of their ranges: the sum of the logarithms of a height's change with the range. Patches
         whose frames differ are compared with it.
@@ -99,13 +103,15 @@ class Patches(NamedTuple):
     kept: BoolArray
     third: FloatArray
     log_evidence: FloatArray
+    log_ways: FloatArray
     log_slope: FloatArray
 
     def some(self, which: IntArray) -> "Patches":
         """Some of the patches, perhaps several times."""
         return Patches(
             Frame(*(part[which] for part in self.frame)), self.state[which], self.covariance[which],
-            self.members[which], self.kept[which], self.third[which], self.log_evidence[which], self.log_slope[which],
+            self.members[which], self.kept[which], self.third[which], self.log_evidence[which],
+            self.log_ways[which], self.log_slope[which],
         )  # fmt: skip
 
 
@@ -262,10 +268,11 @@ def fit_patches(
         if number == _ROUNDS - 1:
             break
         averaged = _averaged(frame, state, inner, ray, range_mm)
+    evidence, ways = _log_evidence(design[..., :BENT], cubic, value, variance, there, bend)
     chi = np.where(keep, residual**2, 0.0).sum(axis=1) / np.maximum(keep.sum(axis=1) - 4, 1)
     return Patches(
         frame, state, covariance * np.maximum(1.0, chi)[:, np.newaxis, np.newaxis], members, keep, cubed,
-        _log_evidence(design[..., :BENT], cubic, value, variance, there, bend),
+        evidence, ways,
         np.where(there, 0.5 * np.log(steep), 0.0).sum(axis=1),
     )  # fmt: skip
 
@@ -372,10 +379,10 @@ def _averaged(frame: Frame, state: FloatArray, inner: FloatArray, ray: FloatArra
 
 def _log_evidence(
     design: FloatArray, cubic: FloatArray, value: FloatArray, variance: FloatArray, there: BoolArray, bend: FloatArray
-) -> FloatArray:
-    """Log density (n,) of values with the prior of the state, and the cubic terms, integrated out.
+) -> tuple[FloatArray, FloatArray]:
+    """Log densities (n,) of values with the prior of the state, and the cubic terms, integrated out; and by the way.
 
-    A thing bends in all directions alike, or in one of `_DIRECTIONS`, as a cylinder does: as probable. With the first
+    A thing bends in all directions alike, or in one of `DIRECTIONS`, as a cylinder does: as probable. With the first
     alone a cylinder would pay for bending along its axis, which its pixels exclude, more than its bend explains.
     """
     shared = np.concatenate([cubic, design], axis=-1)
@@ -384,14 +391,14 @@ def _log_evidence(
     square, seen = turned @ shared, turned @ value[..., np.newaxis]
     constant = np.where(there, np.log(variance), 0.0).sum(axis=1) + (weight * value**2).sum(axis=1)
     logs = []
-    for number, factor in enumerate(_prior_factors(cubic.shape[-1], bend)):
+    for factor in _prior_factors(cubic.shape[-1], bend):
         across = np.swapaxes(factor, 1, 2)
         inside = np.eye(factor.shape[-1]) + across @ square @ factor
         own = across @ seen
         explained = (own * np.linalg.solve(inside, own))[..., 0].sum(axis=1)
-        share = 0.5 if number == 0 else 0.5 / _DIRECTIONS
-        logs.append(math.log(share) - 0.5 * (np.linalg.slogdet(inside)[1] + constant - explained))
-    return np.asarray(np.logaddexp.reduce(np.stack(logs), axis=0))
+        logs.append(-0.5 * (np.linalg.slogdet(inside)[1] + constant - explained))
+    ways = np.stack(logs, axis=1)
+    return np.asarray(np.logaddexp.reduce(ways + LOG_WAYS, axis=1)), ways
 
 
 def _prior_factors(cubic: int, bend: FloatArray) -> list[FloatArray]:
@@ -402,7 +409,7 @@ def _prior_factors(cubic: int, bend: FloatArray) -> list[FloatArray]:
     last = np.arange(cubic + 3, cubic + BENT)
     rest[:, last, last] = bend[:, np.newaxis]
     factors = [rest]
-    for angle in np.arange(_DIRECTIONS) * math.pi / _DIRECTIONS:
+    for angle in np.arange(DIRECTIONS) * math.pi / DIRECTIONS:
         x, y = math.cos(angle), math.sin(angle)
         one = np.concatenate([rest, np.zeros((len(bend), cubic + BENT, 1))], axis=-1)
         one[:, last, last] *= _ALONG
