@@ -163,3 +163,14 @@ def test_two_columns_of_pixels_tell_no_curvature() -> None:
     scales = learn_scales(view, segment, np.array([0]), 4)
     assert not scales.is_known().any()
     assert not may_bend(view, segment, np.array([0]), 4).any()
+
+
+def test_three_columns_of_pixels_are_told_from_a_board_under_noise_by_one_direction_of_bending() -> None:
+    for thing, is_flat in ((cylinder(30, 1800, 90), False), (wall(1800), True)):
+        view = seen(thing, 4.0)
+        cols = np.arange(SIZE * SIZE) % SIZE
+        segment = np.where(view.valid & (cols >= 11) & (cols <= 13), 0, -1)
+        scales = learn_scales(view, segment, np.array([0]), 4)
+        assert (segment == 0).sum() == 3 * SIZE
+        assert scales.is_known()[0]
+        assert scales.is_flat()[0] == is_flat
