@@ -170,16 +170,19 @@ def _meet(
     range_mm: FloatArray, cosine: FloatArray,
 ) -> None:  # fmt: skip
     """Fill ranges and cosines (n, sample, ray), as `meet` gives them."""
+    conic = np.empty(state.shape[1])
     for i in range(len(origin)):
+        for s in range(state.shape[1]):
+            k11, k12, k22 = state[i, s, 3], state[i, s, 4], state[i, s, 5]
+            trace, square = k11 + k22, k11 * k11 + 2.0 * k12 * k12 + k22 * k22
+            conic[s] = square * trace / max(trace * trace, square, 1e-30) + state[i, s, 8]
         u0, v0, h0 = dot(origin[i], e1[i]), dot(origin[i], e2[i]), dot(origin[i], normal[i])
         for j in range(rays.shape[1]):
             du, dv, dh = dot(rays[i, j], e1[i]), dot(rays[i, j], e2[i]), dot(rays[i, j], normal[i])
             for s in range(state.shape[1]):
                 a, b, c = state[i, s, 0], state[i, s, 1], state[i, s, 2]
                 k11, k12, k22 = state[i, s, 3], state[i, s, 4], state[i, s, 5]
-                trace, square = k11 + k22, k11 * k11 + 2.0 * k12 * k12 + k22 * k22
-                p, q = state[i, s, 6], state[i, s, 7]
-                g = square * trace / max(trace * trace, square, 1e-30) + state[i, s, 8]
+                p, q, g = state[i, s, 6], state[i, s, 7], conic[s]
                 skew, skew_0 = p * du + q * dv, p * u0 + q * v0
                 alpha = -0.5 * (g * dh * dh + k11 * du * du + 2.0 * k12 * du * dv + k22 * dv * dv) - dh * skew
                 beta = (
