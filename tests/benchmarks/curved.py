@@ -1,6 +1,6 @@
 """Mixed pixels beside round things: how often both surfaces are found, how well, and what is invented.
 
-    python tests/benchmarks/curved.py [scenes|noise|light|open|edges|cost ...] [--seeds 1 2] [--small]
+    python tests/benchmarks/curved.py [scenes|noise|light|open|sweep|edges|cost ...] [--seeds 1 2] [--small]
 
 Recordings of a lock-in camera (tests/support/round_things.py, which uses nothing of the package but its containers), 48
 x 64 pixels, estimated with all defaults. Prints Markdown tables; docs/results/mixing.md holds a copy. Asserts nothing.
@@ -9,6 +9,7 @@ x 64 pixels, estimated with all defaults. Prints Markdown tables; docs/results/m
 - noise: all scenes at noise 5 to 80 mm, with 30 and 100 frames.
 - light: all scenes with light by cos^0.7 and cos^1.3, and 3 % of texture.
 - open: things before open space; samples below three standard deviations of noise are without return.
+- sweep: one sphere and one column of each radius and distance that are at least six pixels wide, 100 frames, 20 mm.
 - edges: surfaces of each scene, the wrong area of their edges, and errors of edges; docs/results/surfaces.md has it.
 - cost: CPU time of an estimate with and without surfaces that bend.
 
@@ -29,6 +30,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from support.round_things import (
     COLS,
+    FOCAL,
     OPEN_SCENES,
     PARTS,
     ROWS,
@@ -36,10 +38,13 @@ from support.round_things import (
     Scene,
     Score,
     Thing,
+    cylinder,
     edge_distances,
     render,
     score,
+    sphere,
     thing_at,
+    wall,
 )
 
 import tofmix as tm
@@ -121,6 +126,35 @@ def print_open(names: Sequence[str], seeds: Sequence[int]) -> None:
     print(f"\n**Before open space**\n\n{HEAD.format('scene')}")
     for name in OPEN_SCENES if len(names) > len(FEW) else list(OPEN_SCENES)[:1]:
         print_row(name, scored([name], seeds, OPEN_SCENES, noise_mm=20.0, threshold=3.0))
+
+
+def print_sweep(names: Sequence[str], seeds: Sequence[int]) -> None:
+    """A row for each radius and distance: a sphere beside an upright column, the wall 1.6 times as far."""
+    print(f"\n**By radius and distance**\n\n{HEAD.format('radius, distance')}")
+    total = Score()
+    radii = RADII_MM if len(names) > len(FEW) else RADII_MM[::2]
+    for radius_mm in radii:
+        for distance_mm in DISTANCES_MM:
+            wide = 2.0 * radius_mm / distance_mm * FOCAL  # pixels
+            if not LEAST_WIDE <= wide <= COLS / 2 - LEAST_WIDE:
+                continue
+            aside_mm = COLS / 4 / FOCAL * distance_mm
+            things = [
+                wall(1.6 * distance_mm),
+                sphere((-aside_mm, 0.02 * distance_mm, distance_mm), radius_mm),
+                cylinder(aside_mm, distance_mm, radius_mm),
+            ]
+            name = f"{radius_mm:g} mm, {distance_mm / 1000.0:g} m"
+            result = scored([name], seeds, {name: (things, [0.5, 0.8, 0.7])}, noise_mm=20.0)
+            print_row(name, result)
+            total += result
+    print_row("all", total)
+
+
+RADII_MM = (60.0, 100.0, 150.0, 220.0, 320.0, 500.0)
+DISTANCES_MM = (1000.0, 2000.0, 4000.0)
+LEAST_WIDE = 6.0
+"""Least width of things, pixels."""
 
 
 def print_edges(names: Sequence[str], seeds: Sequence[int]) -> None:
@@ -227,6 +261,7 @@ PRINTERS = {
     "noise": print_noise,
     "light": print_light,
     "open": print_open,
+    "sweep": print_sweep,
     "edges": print_edges,
     "cost": print_cost,
 }

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.round_things import Thing, cylinder, rays_of, sphere, wall
+from support.round_things import Thing, cylinder, ellipsoid, rays_of, sphere, wall
 
-from tofmix.image.smooth.patch import STATE, Frame, fit_patches, meet
+from tofmix.image.smooth.patch import STATE, Frame, bend_term, fit_patches, meet
 from tofmix.image.smooth.scales import learn_scales, may_bend
 from tofmix.image.smooth.segments import around, segments_of
 from tofmix.image.smooth.view import View, grid_of_places, lattice_of_places
@@ -36,7 +36,7 @@ def seen(thing: Thing, noise_mm: float, seed: int = 1) -> View:
 
 def one_state(*numbers: float) -> tuple[Frame, NDArray[np.float64]]:
     frame = Frame(*(np.array([part]) for part in ((0.0, 0.0, 2000.0), (1.0, 0, 0), (0, -1.0, 0), (0, 0, -1.0))))
-    return frame, np.array([[numbers]])
+    return frame, np.array([[(*numbers, *np.zeros(STATE - len(numbers)))]])
 
 
 @pytest.mark.parametrize("radius", [150.0, 400.0])
@@ -62,6 +62,42 @@ def test_rays_meet_a_flat_patch_where_they_meet_the_plane() -> None:
     point = meet(frame, state, rays)[0][0, 0][:, np.newaxis] * rays[0] - frame.origin
     u, v, h = (point @ part[0] for part in frame[1:])
     np.testing.assert_allclose(h, 10.0 + 0.2 * u - 0.1 * v, atol=1e-9)
+
+
+def test_rays_meet_an_ellipsoid_where_the_patch_has_its_quadric() -> None:
+    wide, deep = 300.0, 150.0  # half axes across and along the view: curvature deep / wide^2, and e = 1 / deep - g
+    bend = -deep / wide**2
+    frame, state = one_state(0, 0, 0, bend, 0, bend, 0, 0, -1.0 / deep - bend)
+    rays = np.random.default_rng(2).normal([0, 0, 1], [0.06, 0.06, 0], (200, 3))
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    expected = ellipsoid((0.0, 0.0, 2000.0 + deep), (wide, wide, deep))(rays)
+    seen = np.isfinite(expected.range_mm)
+    range_mm, cosine = (part[0, 0] for part in meet(frame, state, rays[np.newaxis]))
+    assert 0 < seen.sum() < 200
+    np.testing.assert_allclose(range_mm, np.where(seen, expected.range_mm, np.nan), rtol=1e-9)
+    np.testing.assert_allclose(cosine[seen], expected.cosine[seen], rtol=1e-6)
+
+
+def test_rays_meet_any_quadric_at_its_zeros_and_by_its_gradient() -> None:
+    numbers = (5.0, 0.1, -0.2, -4e-3, 1e-3, -3e-3, 6e-4, -4e-4, -1e-3)
+    frame, state = one_state(*numbers)
+    rays = np.random.default_rng(3).normal([0, 0, 1], [0.03, 0.03, 0], (50, 3))
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    range_mm, cosine = (part[0, 0] for part in meet(frame, state, rays[np.newaxis]))
+    g = bend_term(*(np.array(k) for k in numbers[3:6])) + numbers[8]
+
+    def height_left(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        u, v, h = ((points - frame.origin) @ part[0] for part in frame[1:])
+        a, b, c, k11, k12, k22, p, q, _ = numbers
+        bent = 0.5 * (k11 * u * u + 2 * k12 * u * v + k22 * v * v) + h * (p * u + q * v) + 0.5 * g * h * h
+        return np.asarray(h - a - b * u - c * v - bent)
+
+    points = range_mm[:, np.newaxis] * rays
+    assert np.isfinite(range_mm).all()
+    np.testing.assert_allclose(height_left(points), 0.0, atol=1e-9)
+    slope = np.stack([(height_left(points + step) - height_left(points - step)) / 2.0 for step in np.eye(3)], axis=-1)
+    facing = np.abs((slope * rays).sum(axis=1)) / np.linalg.norm(slope, axis=1)
+    np.testing.assert_allclose(cosine, facing, rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -127,3 +163,14 @@ def test_two_columns_of_pixels_tell_no_curvature() -> None:
     scales = learn_scales(view, segment, np.array([0]), 4)
     assert not scales.is_known().any()
     assert not may_bend(view, segment, np.array([0]), 4).any()
+
+
+def test_three_columns_of_pixels_are_told_from_a_board_under_noise_by_one_direction_of_bending() -> None:
+    for thing, is_flat in ((cylinder(30, 1800, 90), False), (wall(1800), True)):
+        view = seen(thing, 4.0)
+        cols = np.arange(SIZE * SIZE) % SIZE
+        segment = np.where(view.valid & (cols >= 11) & (cols <= 13), 0, -1)
+        scales = learn_scales(view, segment, np.array([0]), 4)
+        assert (segment == 0).sum() == 3 * SIZE
+        assert scales.is_known()[0]
+        assert scales.is_flat()[0] == is_flat

@@ -92,6 +92,16 @@ def test_round_things_before_open_space_have_one_surface_with_the_share_that_ret
     assert result.both >= 0.9 * result.mixed
     assert result.ranges_within >= 0.9 * result.ranges
     assert result.shares_within >= 0.9 * result.both
+    assert np.sqrt(result.share_square / result.both) < 0.025
+    assert result.flying == 0  # pixels whose few samples are noise have no layer
+
+
+@pytest.mark.slow
+def test_both_surfaces_are_found_beside_an_ellipsoid_with_ranges_as_far_off_as_stated() -> None:
+    one = render(*SCENES["ellipsoid"], noise_mm=20.0, seed=1)
+    result = score(one, tm.estimate(one.recording).window(0))
+    assert result.both >= 0.9 * result.mixed
+    assert result.ranges_within >= 0.85 * result.ranges
 
 
 @pytest.mark.slow

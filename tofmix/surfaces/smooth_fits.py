@@ -8,12 +8,11 @@ from scipy.spatial import cKDTree
 
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.image.smooth.patch import PLACES_9, STATE, Patches, fit_patches, meet
-from tofmix.image.smooth.segments import LEAST_PIXELS, around
+from tofmix.image.smooth.segments import LEAST_PIXELS, REACH, around
 from tofmix.surfaces.linking import Linked
 from tofmix.surfaces.nodes import Nodes
 from tofmix.surfaces.shapes import Shapes, flat
 from tofmix.surfaces.smooth_linking import Smooth
-from tofmix.surfaces.smooth_pieces import REACH
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

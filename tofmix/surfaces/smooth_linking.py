@@ -14,14 +14,14 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.masks import count_around, near
 from tofmix.image.smooth.patch import LEAST_HITS, PLACES_9, drawn_ranges, fit_patches
 from tofmix.image.smooth.scales import Scales, learn_scales, may_bend
-from tofmix.image.smooth.segments import LEAST_PIXELS, around
+from tofmix.image.smooth.segments import LEAST_PIXELS, REACH, around
 from tofmix.image.smooth.view import View
 from tofmix.layers import Layers
 from tofmix.surfaces.growing import fit
 from tofmix.surfaces.linking import Linked, numbered
 from tofmix.surfaces.nodes import Nodes
 from tofmix.surfaces.settings import SurfaceSettings
-from tofmix.surfaces.smooth_pieces import REACH, is_loose, joined_pieces, pieces_of
+from tofmix.surfaces.smooth_pieces import is_loose, joined_pieces, pieces_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -15,9 +15,6 @@ from tofmix.image.smooth.segments import around
 from tofmix.image.smooth.view import View
 from tofmix.surfaces.settings import LinkSettings
 
-REACH = 4
-"""Reach of the window whose pixels a patch goes through, pixels."""
-
 _TRIALS = np.array([
     (BENDS[0], THIRDS[0]), (BENDS[2], THIRDS[0]), (UNKNOWN[0], THIRDS[0]), UNKNOWN, (BENDS[-1], THIRDS[-1])
 ])  # fmt: skip

@@ -8,6 +8,7 @@ draws of its patch and light, and each draw is seen at 64 places of the pixel:
   return go together, draw by draw.
 - CUT: an edge that is no limb; the share is uniform, on the surface's own side.
 - LIMB and CUT before open space: one surface with the share of light that comes back.
+- EMPTY: open space fills the pixel, and noise gave samples.
 - NEW: none of these. The phasor is uniform in the disc of the image's amplitudes.
 
 Each share is one Gaussian of share, amplitudes and ranges, which the mean phasor updates; their evidence adds up.
@@ -24,7 +25,7 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.smooth.light import STATES, Lit, with_light
 from tofmix.image.smooth.patch import STATE, fit_patches, meet
 from tofmix.image.smooth.scales import Scales
-from tofmix.image.smooth.segments import LEAST_PIXELS, around
+from tofmix.image.smooth.segments import LEAST_PIXELS, REACH, around
 from tofmix.image.smooth.view import View, grid_of_places, lattice_of_places
 from tofmix.unmixing.hypotheses import OpenSpace
 from tofmix.unmixing.image import ComplexArray, PhasorImage
@@ -37,13 +38,11 @@ class Bent(IntEnum):
     ONE = 1
     LIMB = 2
     CUT = 3
+    EMPTY = 4
 
 
-PRIORS = {Bent.NEW: 0.01, Bent.ONE: 0.5, Bent.LIMB: 0.2, Bent.CUT: 0.25}
+PRIORS = {Bent.NEW: 0.01, Bent.ONE: 0.5, Bent.LIMB: 0.2, Bent.CUT: 0.25, Bent.EMPTY: 0.5}
 """Prior probabilities; that of one surface is shared by those nearby."""
-
-REACH = 4
-"""Reach of the window whose pixels a patch goes through, pixels."""
 
 _NEAREST = 2  # pixels, within which a surface must have one
 _PARTS = 64
@@ -135,6 +134,8 @@ def judge_bent(
     owner, number = _items(view, segment, pixels)
     largest = 1.5 * float(np.quantile(image.amplitude[image.valid], 0.999))
     best = _Best(len(pixels), math.log(PRIORS[Bent.NEW]) - math.log(math.pi * largest**2), apart)
+    if space is not None:
+        best.empty = math.log(PRIORS[Bent.EMPTY]) + space.log_density(image, pixels)
     if not owner.size:
         return best.verdicts()
     at = pixels[owner]
@@ -524,6 +525,8 @@ class _Best:
 
     def __init__(self, count: int, log_new: float, apart: float) -> None:
         self._log_new, self._apart = log_new, apart
+        self.empty = np.full(count, -np.inf)
+        """Log (count,) of prior and density of open space alone."""
         self._one: list[list[tuple[float, int]]] = [[] for _ in range(count)]
         self._two: list[list[tuple[float, Bent, tuple[int, int], FloatArray, FloatArray, complex]]] = [
             [] for _ in range(count)
@@ -560,24 +563,24 @@ class _Best:
         )  # fmt: skip
         for place in range(count):
             ones, twos = self._one[place], self._two[place]
-            logs = np.array([self._log_new, *(one[0] for one in ones), *(two[0] for two in twos)])
+            logs = np.array([self._log_new, self.empty[place], *(one[0] for one in ones), *(two[0] for two in twos)])
             weight = np.exp(logs - logs.max())
             weight /= weight.sum()
             out.log_density[place] = logs.max()
             pairs: dict[tuple[int, int], list[int]] = {}
             for k, two in enumerate(twos):
                 pairs.setdefault(two[2], []).append(k)
-            of_two = weight[1 + len(ones) :]
+            of_two = weight[2 + len(ones) :]
             most = int(weight.argmax())
             if pairs and of_two.sum() > 0.5:  # noqa: PLR2004  two surfaces rather than one
                 both = max(pairs, key=lambda key: float(of_two[pairs[key]].sum()))
                 self._mix(out, place, [twos[k] for k in pairs[both]], of_two[pairs[both]])
                 out.pair[place] = both
-            elif 1 <= most <= len(ones):
-                out.kind[place], out.one[place] = int(Bent.ONE), ones[most - 1][1]
-                out.probability[place] = weight[1 : 1 + len(ones)].sum()
-            else:
-                out.probability[place] = weight[0]
+            elif 2 <= most < 2 + len(ones):  # noqa: PLR2004  after NEW and EMPTY
+                out.kind[place], out.one[place] = int(Bent.ONE), ones[most - 2][1]
+                out.probability[place] = weight[2 : 2 + len(ones)].sum()
+            elif most < 2:  # noqa: PLR2004
+                out.kind[place], out.probability[place] = int((Bent.NEW, Bent.EMPTY)[most]), weight[most]
         return out
 
     @staticmethod

@@ -13,9 +13,9 @@ import numpy as np
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.masks import near
 from tofmix.image.smooth.scales import BENDS, THIRDS, Scales, learn_scales, may_bend
-from tofmix.image.smooth.segments import LEAST_PIXELS, rim_of, segments_of
+from tofmix.image.smooth.segments import LEAST_PIXELS, REACH, rim_of, segments_of
 from tofmix.image.smooth.view import View
-from tofmix.unmixing.curved import REACH, Bent, Verdicts, judge_bent
+from tofmix.unmixing.curved import Bent, Verdicts, judge_bent
 from tofmix.unmixing.hypotheses import Kind, OpenSpace
 from tofmix.unmixing.image import ComplexArray, PhasorImage, polar_covariance, variance_along
 from tofmix.unmixing.labels import Labels, open_spaces
@@ -51,7 +51,8 @@ def label_curved(image: PhasorImage, labels: Labels, settings: UnmixSettings = D
     """
     undecided = _undecided(image, labels, settings.curved)
     # Before open space a plane explains any pixel by its share alone: that does not say that nothing bends.
-    doubtful_pixels = undecided | (image.valid & np.isinf(labels.range_mm).any(axis=1))
+    with_open = np.isinf(labels.range_mm).any(axis=1) & (labels.kind != Kind.EMPTY)
+    doubtful_pixels = undecided | (image.valid & with_open)
     if not settings.curved.rounds or not doubtful_pixels.any():
         return labels
     view = view_of(image, labels)
@@ -117,7 +118,7 @@ def _parted(
 
 def _undecided(image: PhasorImage, labels: Labels, settings: CurvedSettings) -> BoolArray:
     """Pixels that no planes explain."""
-    mixed = np.isin(labels.kind, (Kind.PAIR, Kind.TRIPLE)) & labels.is_known
+    mixed = np.isin(labels.kind, (Kind.PAIR, Kind.TRIPLE, Kind.EMPTY)) & labels.is_known
     return image.valid & ~labels.is_surface & ~(mixed & (labels.probability > settings.decided))
 
 
@@ -277,6 +278,12 @@ def _merged(
     out["range_mm"][mixed, 1] = np.where(open_behind[two], np.inf, mean[:, 4])
     out["range_variance"][mixed, 0], out["range_variance"][mixed, 1] = covariance[:, 2, 2], covariance[:, 4, 4]
     out["scatter"][mixed] = _scatter(image, segment, mixed, verdicts.pair[two], mean, verdicts.chord[two], space)
+    empty = pixels[verdicts.kind == Bent.EMPTY]
+    clear(empty)
+    out["kind"][empty], out["is_surface"][empty] = int(Kind.EMPTY), False
+    out["probability"][empty] = verdicts.probability[verdicts.kind == Bent.EMPTY]
+    out["range_mm"][empty, 0], out["share"][empty, 0] = np.inf, 1.0
+    out["range_variance"][empty, 0] = out["share_variance"][empty, 0] = 0.0
     vague = pixels[(verdicts.kind == Bent.NEW) & _beside(segment, bent, image.shape, settings.beside)[pixels]]
     doubtful = vague[labels.is_surface[vague] | np.isin(labels.kind[vague], (Kind.PAIR, Kind.TRIPLE))]
     clear(doubtful)

@@ -1,4 +1,4 @@
-"""Hypotheses for the mean phasor of a pixel: one, two or three surfaces. Bayes' rule over four kinds of hypotheses.
+"""Hypotheses for the mean phasor of a pixel: none, one, two or three surfaces. Bayes' rule over their kinds.
 
 - NEW: a surface that no neighbour shows. Its phasor is uniform in the disc of the image's amplitudes.
 - CONTINUED: a neighbouring surface, or a large one elsewhere in the image, fills the pixel. The phasor is Gaussian
@@ -7,6 +7,7 @@
 - PAIR: two surfaces share the pixel. The phasor lies on the chord between theirs: Gaussian across, uniform along it.
   One of them may be a large surface that is seen elsewhere alone, as a wall in a gap narrower than a pixel.
 - TRIPLE: three of them. It lies in their triangle.
+- EMPTY: open space fills the pixel, and noise gave samples. The phasor is Gaussian about that of open space.
 
 Open space is an end like a surface: of phasor 0, as in a sum, or of the camera's return from open space, as under
 equation (1). The noise of a single surface equals that of its neighbours. Under equation (1), further scatter is along
@@ -41,6 +42,7 @@ class Kind(IntEnum):
     OTHER_REFLECTANCE = 3
     PAIR = 4
     TRIPLE = 5
+    EMPTY = 6
 
 
 PRIORS = {
@@ -49,8 +51,11 @@ PRIORS = {
     Kind.OTHER_REFLECTANCE: 0.03,
     Kind.PAIR: 0.4,
     Kind.TRIPLE: 0.05,
+    Kind.EMPTY: 0.5,
 }
-"""Prior probabilities at edges, where alone pixels are in doubt; each is shared by the hypotheses of its kind."""
+"""Prior probabilities at edges, where alone pixels are in doubt; each is shared by the hypotheses of its kind. Beside
+open space, that fills a pixel as probably as a surface does.
+"""
 
 ENDS = 3
 """Most surfaces of a pixel."""
@@ -73,15 +78,22 @@ class OpenSpace:
     phasor : complex
         Mean phasor.
     variance : float
-        Variance of its real part, and of its imaginary part, from pixel to pixel.
+        Variance of its real part, and of its imaginary part, from pixel to pixel, beyond noise.
     scatter : float
-        Variance of one sample's, likewise.
+        Variance of one sample's, likewise, by noise; 0 where no samples tell.
     """
 
     nearby: BoolArray
     phasor: complex
     variance: float
     scatter: float
+
+    def log_density(self, image: PhasorImage, pixels: IntArray) -> FloatArray:
+        """Log density (n,) of the mean phasors of pixels that open space fills, nat; -inf where it is not nearby."""
+        noise = self.scatter / np.maximum(image.samples[pixels], 1.0)
+        even = (self.variance + noise)[:, np.newaxis] * np.array([1.0, 1.0, 0.0])
+        covariance = even if self.scatter > 0.0 else even + image.mean_covariance[pixels]
+        return np.where(self.nearby[pixels], _log_normal(image.phasor[pixels] - self.phasor, covariance), -np.inf)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -99,7 +111,7 @@ class Findings:
     is_distant : (n,) bool
         CONTINUED: whether the surface is known from elsewhere in the image.
     range_mm, range_variance, share, share_variance : (n, ENDS) float64
-        PAIR and TRIPLE: the surfaces; NaN past the last, an infinite range is open space.
+        PAIR, TRIPLE and EMPTY: the surfaces; NaN past the last, an infinite range is open space.
     is_known : (n,) bool
         PAIR and TRIPLE: whether all ends are (`tofmix.unmixing.neighbours.Members`).
     is_fresh : (n,) bool
@@ -214,6 +226,7 @@ def judge(
             for k in range(MOST_SURFACES)]  # fmt: skip
     _put_continued(best, image, pixels, neighbours, here, largest)
     _put_distant(best, image, pixels, planes, seeds, settings.distant_prior)
+    _put_empty(best, image, pixels, spaces)
     ends = _Ends(image, pixels, neighbours, here, seeds, spaces, settings)
     _put_pairs(best, ends)
     _put_triples(best, ends)
@@ -294,6 +307,17 @@ def _put_distant(
             Kind.CONTINUED, _log_share(prior, even > 0, even * len(planes)),
             _log_normal(phasor - seen.phasor, covariance), plane=np.broadcast_to(plane.plane, (len(pixels), 3)),
             is_distant=even > 0,
+        )  # fmt: skip
+
+
+def _put_empty(best: _Best, image: PhasorImage, pixels: IntArray, spaces: tuple[OpenSpace, ...]) -> None:
+    """Open space fills the pixel."""
+    only = np.tile([1.0, np.nan, np.nan], (len(pixels), 1))
+    for space in spaces:
+        best.put(
+            Kind.EMPTY, _log_share(PRIORS[Kind.EMPTY], space.nearby[pixels], np.full(len(pixels), float(len(spaces)))),
+            space.log_density(image, pixels), range_mm=only * np.inf, range_variance=only * 0.0, share=only,
+            share_variance=only * 0.0,
         )  # fmt: skip
 
 

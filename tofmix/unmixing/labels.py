@@ -10,13 +10,13 @@ A pair of equal mixed pixels along a straight edge looks like a thin surface. So
 of a chord, but never continues itself.
 """
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.compiled.robust import MAD_TO_SIGMA
 from tofmix.image.masks import near
 from tofmix.unmixing.distant import DistantPlane, distant_planes
 from tofmix.unmixing.hypotheses import ENDS, Kind, OpenSpace, judge
@@ -123,7 +123,11 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
 
 
 def open_spaces(image: PhasorImage, settings: LabelSettings) -> tuple[OpenSpace, ...]:
-    """Pixels that may see open space, and its possible returns: nothing, or the return of pixels of open space."""
+    """Pixels that may see open space, and its possible returns: nothing, or the return of pixels of open space.
+
+    Where samples are lost below some amplitude, pixels of open space have a few samples, each of noise alone: their
+    means scatter by that noise. What is beyond it is the scatter of the return from pixel to pixel.
+    """
     nearby = near(image.open_space.reshape(image.shape), settings.open_reach).ravel()
     if not nearby.any():
         return ()
@@ -132,11 +136,17 @@ def open_spaces(image: PhasorImage, settings: LabelSettings) -> tuple[OpenSpace,
     if len(seen) < settings.least_open:
         return (OpenSpace(nearby=nearby, phasor=0.0, variance=0.0, scatter=0.0),)
     middle = complex(np.median(seen.real), np.median(seen.imag))
-    spread = MAD_TO_SIGMA * float(np.median(np.abs(seen - middle)))
-    scatter = 0.5 * float(np.median(image.covariance[own, 0] + image.covariance[own, 1]))
+    total = float(np.median(np.abs(seen - middle))) ** 2 / (2.0 * math.log(2.0))  # the median of a Gaussian's radius
+    samples = image.samples[own]
+    several = samples > 1
+    free = 2.0 * (samples[several] - 1.0)
+    median = (1.0 - 2.0 / (9.0 * free)) ** 3  # of chi-squared over its degrees of freedom (Wilson and Hilferty)
+    within = 0.5 * (image.covariance[own, 0] + image.covariance[own, 1])[several] / median
+    scatter = float(np.median(within)) if within.size >= settings.least_open else total * float(np.median(samples))
+    between = max(total - scatter * float(np.median(1.0 / samples)), 0.0)
     return (
         OpenSpace(nearby=nearby, phasor=0.0, variance=0.0, scatter=scatter),
-        OpenSpace(nearby=nearby, phasor=middle, variance=spread**2, scatter=scatter),
+        OpenSpace(nearby=nearby, phasor=middle, variance=between, scatter=scatter),
     )
 
 

@@ -70,7 +70,7 @@ def rewrite(
         **{spec.name: getattr(layers, spec.name).copy() for spec in layers.fields}, mixing=mixing.reshape(shape)
     )
     if sums.any():
-        mixed = np.isin(labels.kind, (Kind.PAIR, Kind.TRIPLE)) & image.valid
+        mixed = np.isin(labels.kind, (Kind.PAIR, Kind.TRIPLE, Kind.EMPTY)) & image.valid
         ends = np.isfinite(labels.range_mm).sum(axis=1)
         decided = (
             mixed & labels.is_known & (labels.probability > settings.least_probability) & (ends <= layers.max_layers)
@@ -146,8 +146,9 @@ def _write(
     flat.weight_outlier[chosen] = sensor.outlier_probability
     log_likelihood = labels.log_density[chosen] - 2.0 * np.log(image.unit)
     flat.log_likelihood[chosen] = np.where(np.isnan(log_likelihood), flat.log_likelihood[chosen], log_likelihood)
-    flat.status[chosen] = int(Status.OK)
-    flat.mixing[chosen] = int(Mixing.PHASOR)  # type: ignore[index]  # it was just made
+    empty = labels.kind[chosen] == Kind.EMPTY
+    flat.status[chosen] = np.where(empty, int(Status.NO_SURFACE), int(Status.OK))
+    flat.mixing[chosen] = np.where(empty, int(Mixing.ONE_SURFACE), int(Mixing.PHASOR))  # type: ignore[index]  # as above
 
 
 def _doubt(flat: Layers, pixels: BoolArray) -> None:

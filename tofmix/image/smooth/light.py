@@ -2,7 +2,7 @@
 
     ln A = c + s . x + (1 + gamma) ln cos(theta) - 2 ln r,   gamma ~ N(0, 0.15^2),
 
-with slopes s of a hundredth a pixel. The ten numbers of patch and light are fitted at once: fitted after the patch,
+with slopes s of a hundredth a pixel. The numbers of patch and light are fitted at once: fitted after the patch,
 gamma would absorb the patch's errors.
 """
 
@@ -22,7 +22,8 @@ _SLOPE = 0.01  # a pixel
 _FREE = 1e-6  # precision of c
 _ROUNDS = 2  # of Gauss and Newton
 _STEP = 0.3  # of a standard deviation, for derivatives
-_LARGEST_STEP = np.array([10.0, 0.05, 0.05, 1e-3, 1e-3, 1e-3])  # mm, 1, 1, 1 / mm: rays still meet the patch
+_LARGEST_STEP = np.array([10.0, 0.05, 0.05, *np.full(STATE - 3, 1e-3)])
+"""In mm, 1 and 1 / mm: rays still meet the patch."""
 _LEAST = 3  # pixels
 _ROUGH = 0.004  # of ln A: what no law of light is exact to
 _GRAZING = 0.002  # the same in units of 1 / cos(theta)^2
@@ -37,7 +38,7 @@ class Lit(NamedTuple):
     ----------
     patches : Patches
         The patches.
-    state, covariance : (n, 10) and (n, 10, 10) float64
+    state, covariance : (n, 13) and (n, 13, 13) float64
         Numbers of patch and light.
     fitted : (n,) bool
         Whether enough of the pixels have light.
@@ -59,7 +60,7 @@ def with_light(view: View, at: IntArray, patches: Patches) -> Lit:
     at : (n,) int64
         Pixels in question.
     patches : Patches
-        From `fit_patches`: prior of the first six numbers.
+        From `fit_patches`: prior of its numbers.
     """
     kept = patches.kept
     pixel = np.where(kept, patches.members, 0)
@@ -137,7 +138,7 @@ def _linear(
     frame: Frame, state: FloatArray, sd: FloatArray, ray: FloatArray, down: IntArray, right: IntArray,
     usable: BoolArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:  # fmt: skip
-    """Design (n, place, 10) about states, ln(cos / r^2) and ln cos (n, place), and where all of it is known."""
+    """Design (n, place, 13) about states, ln(cos / r^2) and ln cos (n, place), and where all of it is known."""
     step = np.minimum(_STEP * sd, _LARGEST_STEP)
     offsets = np.concatenate([np.eye(STATE), -np.eye(STATE), np.zeros((1, STATE))])
     several = state[:, np.newaxis, :STATE] + offsets * step[:, np.newaxis]

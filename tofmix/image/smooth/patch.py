@@ -2,13 +2,16 @@
 
 In a frame with the normal n and the tangents e1 and e2, the height h over (u, v) obeys
 
-    2 h = 2 (a + b u + c v) + k11 u^2 + 2 k12 u v + k22 v^2 + g h^2,   g = tr(K^2) tr(K) / max(tr(K)^2, tr(K^2)),
+    2 h = 2 (a + b u + c v) + k11 u^2 + 2 k12 u v + k22 v^2 + 2 h (p u + q v) + (g + e) h^2,
 
-which is exact for planes, spheres and cylinders. Rays meet it in closed form. The curvatures have the prior
-N(0, bend^2); cubic terms are integrated out: they are errors that neighbours share. Four have the standard deviation
-`third`, or twice the square of the curvatures where that is more. In the evidence of scales, two others stand for the
-latter, x'Kx (Kx)_i / 2: a quadric's, some 2/3 away from its vertex in slope. They bend a cylinder across, not along its
-axis, so a straight axis does not speak against curvature.
+    g = tr(K^2) tr(K) / max(tr(K)^2, tr(K^2)),
+
+a quadric, which rays meet in closed form. With p = q = e = 0 it is exact for planes, spheres and cylinders; an
+ellipsoid's are about as large as its curvatures. The curvatures have the prior N(0, bend^2); p, q and e that of `_SKEW`
+and `_CONIC` times their size. Cubic terms are integrated out: they are errors that neighbours share. Four have the
+standard deviation `third`, or twice the square of the curvatures where that is more. In the evidence of scales, where
+p, q and e are left out, two others stand for the latter, x'Kx (Kx)_i / 2: a quadric's, some 2/3 away from its vertex in
+slope. They bend a cylinder across, not along its axis, so a straight axis does not speak against curvature.
 A polynomial of 1 / r is no such model: at the limb of a round thing 1 / r has the singularity of a square root.
 """
 
@@ -22,8 +25,10 @@ from tofmix.compiled.jit import jit
 from tofmix.compiled.plane import dot
 from tofmix.image.smooth.view import View
 
-STATE = 6
-"""Numbers of a patch: a, b, c, k11, k12, k22."""
+BENT = 6
+"""Numbers of a patch up to its curvatures: a, b, c, k11, k12, k22."""
+STATE = BENT + 3
+"""Numbers of a patch: those, and p, q, e."""
 
 _ROUNDS = 3  # of least squares: the frame is tilted to the patch between two
 _FIRST = 10  # nearest members, through which the first plane goes
@@ -32,15 +37,20 @@ _OUTLIER = 4.5  # standard errors
 _RIDGE = 1.0e-12
 _HEIGHT_MM, _SLOPE = 1e4, 2.0  # standard deviations of a, and of b and c, which pixels in one line leave open
 _STEEPEST = 1.0e-4  # least square of the cosine of incidence by which noise counts
+_SKEW, _CONIC = 0.5, 1.0
+"""Standard deviations of p and q, and of e, in units of the size of the curvatures."""
+_LEAST_BEND = 1e-7  # 1 / mm, so that the prior of a plane is finite
 _REMAINDER = 0.3
 """Part of the cubic terms' error that each pixel has on its own."""
 THIRD_OF_BEND = 2.0
 """Least third derivative in units of the square of the curvatures: what a bent thing bends otherwise."""
 _SLOPE_OF_QUADRIC = THIRD_OF_BEND / 3.0
 """Standard deviation of the slope, away from its vertex, at which a quadric has that third derivative."""
-_DIRECTIONS = 8
+DIRECTIONS = 8
 _ALONG = 0.05
 """Ways in which a thing may bend in one direction, and its bend along its axis, as a part of that across."""
+LOG_WAYS = np.log(np.array([0.5, *np.full(DIRECTIONS, 0.5 / DIRECTIONS)]))
+"""Log prior of bending in all directions alike, and in each one."""
 _MOST_AVERAGED = 0.02
 """Largest difference, as a part of the range, between a pixel's mean and its middle."""
 
@@ -69,9 +79,9 @@ class Patches(NamedTuple):
     ----------
     frame : Frame
         Their frames.
-    state : (n, 6) float64
-        a (mm), b, c, k11, k12, k22 (1 / mm).
-    covariance : (n, 6, 6) float64
+    state : (n, 9) float64
+        a (mm), b, c, k11, k12, k22, p, q, e (1 / mm).
+    covariance : (n, 9, 9) float64
         Its covariance, by the scatter of the members.
     members, kept : (n, place) int64, bool
         The pixels, and which of them are no outliers and there.
@@ -79,6 +89,8 @@ class Patches(NamedTuple):
         Standard deviation of the cubic terms, 1 / mm^2.
     log_evidence : (n,) float64
         Log density of the members' heights over their frame, nat; all members count.
+    log_ways : (n, 1 + DIRECTIONS) float64
+        Those of patches that bend in all directions alike, and in one.
     log_slope : (n,) float64
         What turns it into that of their ranges: the sum of the logarithms of a height's change with the range. Patches
         whose frames differ are compared with it.
@@ -91,13 +103,15 @@ class Patches(NamedTuple):
     kept: BoolArray
     third: FloatArray
     log_evidence: FloatArray
+    log_ways: FloatArray
     log_slope: FloatArray
 
     def some(self, which: IntArray) -> "Patches":
         """Some of the patches, perhaps several times."""
         return Patches(
             Frame(*(part[which] for part in self.frame)), self.state[which], self.covariance[which],
-            self.members[which], self.kept[which], self.third[which], self.log_evidence[which], self.log_slope[which],
+            self.members[which], self.kept[which], self.third[which], self.log_evidence[which],
+            self.log_ways[which], self.log_slope[which],
         )  # fmt: skip
 
 
@@ -114,7 +128,7 @@ def meet(frame: Frame, state: FloatArray, rays: FloatArray) -> tuple[FloatArray,
     ----------
     frame : Frame
         Of n patches.
-    state : (n, sample, 6) float64
+    state : (n, sample, 9) float64
         States of each patch.
     rays : (n, ray, 3) float64
         Unit vectors from the camera.
@@ -156,19 +170,27 @@ def _meet(
     range_mm: FloatArray, cosine: FloatArray,
 ) -> None:  # fmt: skip
     """Fill ranges and cosines (n, sample, ray), as `meet` gives them."""
+    conic = np.empty(state.shape[1])
     for i in range(len(origin)):
+        for s in range(state.shape[1]):
+            k11, k12, k22 = state[i, s, 3], state[i, s, 4], state[i, s, 5]
+            trace, square = k11 + k22, k11 * k11 + 2.0 * k12 * k12 + k22 * k22
+            conic[s] = square * trace / max(trace * trace, square, 1e-30) + state[i, s, 8]
         u0, v0, h0 = dot(origin[i], e1[i]), dot(origin[i], e2[i]), dot(origin[i], normal[i])
         for j in range(rays.shape[1]):
             du, dv, dh = dot(rays[i, j], e1[i]), dot(rays[i, j], e2[i]), dot(rays[i, j], normal[i])
             for s in range(state.shape[1]):
                 a, b, c = state[i, s, 0], state[i, s, 1], state[i, s, 2]
                 k11, k12, k22 = state[i, s, 3], state[i, s, 4], state[i, s, 5]
-                trace, square = k11 + k22, k11 * k11 + 2.0 * k12 * k12 + k22 * k22
-                g = square * trace / max(trace * trace, square, 1e-30)
-                alpha = -0.5 * (g * dh * dh + k11 * du * du + 2.0 * k12 * du * dv + k22 * dv * dv)
-                beta = dh + g * dh * h0 - b * du - c * dv + k11 * du * u0 + k12 * (du * v0 + dv * u0) + k22 * dv * v0
+                p, q, g = state[i, s, 6], state[i, s, 7], conic[s]
+                skew, skew_0 = p * du + q * dv, p * u0 + q * v0
+                alpha = -0.5 * (g * dh * dh + k11 * du * du + 2.0 * k12 * du * dv + k22 * dv * dv) - dh * skew
+                beta = (
+                    dh + g * dh * h0 - b * du - c * dv + k11 * du * u0 + k12 * (du * v0 + dv * u0) + k22 * dv * v0
+                    + dh * skew_0 + h0 * skew
+                )  # fmt: skip
                 gamma = (
-                    -h0 - 0.5 * g * h0 * h0 - a + b * u0 + c * v0
+                    -h0 - 0.5 * g * h0 * h0 - h0 * skew_0 - a + b * u0 + c * v0
                     - 0.5 * (k11 * u0 * u0 + 2.0 * k12 * u0 * v0 + k22 * v0 * v0)
                 )  # fmt: skip
                 below = beta * beta - 4.0 * alpha * gamma
@@ -178,9 +200,10 @@ def _meet(
                     range_mm[i, s, j], cosine[i, s, j] = math.nan, math.nan
                     continue
                 u, v, h = t * du - u0, t * dv - v0, t * dh - h0
-                across, down = b + k11 * u + k12 * v, c + k12 * u + k22 * v
+                across, down = b + k11 * u + k12 * v + p * h, c + k12 * u + k22 * v + q * h
+                up = 1.0 - g * h - p * u - q * v
                 range_mm[i, s, j] = t
-                cosine[i, s, j] = root / math.sqrt((1.0 - g * h) ** 2 + across * across + down * down)
+                cosine[i, s, j] = root / math.sqrt(up * up + across * across + down * down)
 
 
 def fit_patches(
@@ -231,14 +254,16 @@ def fit_patches(
             normal = tilted / np.linalg.norm(tilted, axis=1, keepdims=True)
         e1, e2 = _tangents(normal)
         frame = Frame(origin, e1, e2, normal)
-        bent = state[:, 3:] if number else np.zeros((n, 3))
+        bent = state[:, 3:BENT] if number else np.zeros((n, 3))
         least = third_of_bend * (bent**2 @ np.array([1.0, 2.0, 1.0]))
         cubed = np.maximum(third, 0.0) if quadric else np.maximum(third, least)
         design, cubic, value, variance, steep = _equations(
             frame, ray, range_mm - averaged, noise, bent, cubed, _SLOPE_OF_QUADRIC * quadric
         )
-        prior = np.full((n, STATE), [0.0, _SLOPE**-2, _SLOPE**-2, 0.0, 0.0, 0.0])
-        prior[:, 3:] = (1.0 / bend**2)[:, np.newaxis]
+        prior = np.full((n, STATE), [0.0, _SLOPE**-2, _SLOPE**-2, *np.zeros(STATE - 3)])
+        prior[:, 3:BENT] = (1.0 / bend**2)[:, np.newaxis]
+        size = np.sqrt(bent**2 @ np.array([1.0, 2.0, 1.0]) + _LEAST_BEND**2)[:, np.newaxis]
+        prior[:, BENT:] = 1.0 / (np.array([_SKEW, _SKEW, _CONIC]) * size) ** 2
         state, covariance, residual = _solved(design, cubic, value, keep / variance, prior)
         residual = residual / np.sqrt(variance)
         if robust and number:
@@ -246,10 +271,11 @@ def fit_patches(
         if number == _ROUNDS - 1:
             break
         averaged = _averaged(frame, state, inner, ray, range_mm)
+    evidence, ways = _log_evidence(design[..., :BENT], cubic, value, variance, there, bend)
     chi = np.where(keep, residual**2, 0.0).sum(axis=1) / np.maximum(keep.sum(axis=1) - 4, 1)
     return Patches(
         frame, state, covariance * np.maximum(1.0, chi)[:, np.newaxis, np.newaxis], members, keep, cubed,
-        _log_evidence(design, cubic, value, variance, there, bend),
+        evidence, ways,
         np.where(there, 0.5 * np.log(steep), 0.0).sum(axis=1),
     )  # fmt: skip
 
@@ -282,7 +308,7 @@ def _equations(
     frame: Frame, ray: FloatArray, range_mm: FloatArray, noise: FloatArray, bent: FloatArray, third: FloatArray,
     slope_of_quadric: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:  # fmt: skip
-    """Design (n, place, 6), cubic terms (n, place, 4 or 6), values and variances (n, place).
+    """Design (n, place, 9), cubic terms (n, place, 4 or 6), values and variances (n, place).
 
     Last the squares (n, place) of the change of a height with the range.
     """
@@ -301,14 +327,14 @@ def _equations(
     variance = steep * noise + own
     terms = [other * u**3 / 6.0, other * u * u * v / 2.0, other * u * v * v / 2.0, other * v**3 / 6.0]
     cubic = np.stack([*terms, quadric * ku, quadric * kv] if slope_of_quadric else terms, axis=-1)
-    design = np.stack([np.ones_like(u), u, v, 0.5 * u * u, u * v, 0.5 * v * v], axis=-1)
+    design = np.stack([np.ones_like(u), u, v, 0.5 * u * u, u * v, 0.5 * v * v, h * u, h * v, 0.5 * h * h], axis=-1)
     return design, cubic, h - 0.5 * g * h * h, variance, steep
 
 
 def _solved(
     design: FloatArray, cubic: FloatArray, value: FloatArray, weight: FloatArray, prior: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """States (n, 6), their covariances, and residuals (n, place) less the cubic terms' part."""
+    """States (n, 9), their covariances, and residuals (n, place) less the cubic terms' part."""
     weighed = cubic * weight[..., np.newaxis]
     turned = np.swapaxes(weighed, 1, 2)
     inner = np.linalg.inv(np.eye(cubic.shape[-1]) + turned @ cubic)
@@ -335,9 +361,9 @@ def _without_outliers(residual: FloatArray, there: BoolArray) -> BoolArray:
     size = np.where(there, np.abs(residual), np.inf)
     keep = size < _OUTLIER
     count = there.sum(axis=1)
-    least = np.maximum(STATE, 2 * count // 3)[:, np.newaxis]
+    least = np.maximum(BENT, 2 * count // 3)[:, np.newaxis]
     rank = np.argsort(np.argsort(size, axis=1, kind="stable"), axis=1, kind="stable")
-    few = (keep.sum(axis=1) < np.maximum(STATE, count // 2))[:, np.newaxis]
+    few = (keep.sum(axis=1) < np.maximum(BENT, count // 2))[:, np.newaxis]
     return np.where(few, (rank < least) & there, keep)
 
 
@@ -356,10 +382,10 @@ def _averaged(frame: Frame, state: FloatArray, inner: FloatArray, ray: FloatArra
 
 def _log_evidence(
     design: FloatArray, cubic: FloatArray, value: FloatArray, variance: FloatArray, there: BoolArray, bend: FloatArray
-) -> FloatArray:
-    """Log density (n,) of values with the prior of the state, and the cubic terms, integrated out.
+) -> tuple[FloatArray, FloatArray]:
+    """Log densities (n,) of values with the prior of the state, and the cubic terms, integrated out; and by the way.
 
-    A thing bends in all directions alike, or in one of `_DIRECTIONS`, as a cylinder does: as probable. With the first
+    A thing bends in all directions alike, or in one of `DIRECTIONS`, as a cylinder does: as probable. With the first
     alone a cylinder would pay for bending along its axis, which its pixels exclude, more than its bend explains.
     """
     shared = np.concatenate([cubic, design], axis=-1)
@@ -368,27 +394,27 @@ def _log_evidence(
     square, seen = turned @ shared, turned @ value[..., np.newaxis]
     constant = np.where(there, np.log(variance), 0.0).sum(axis=1) + (weight * value**2).sum(axis=1)
     logs = []
-    for number, factor in enumerate(_prior_factors(cubic.shape[-1], bend)):
+    for factor in _prior_factors(cubic.shape[-1], bend):
         across = np.swapaxes(factor, 1, 2)
         inside = np.eye(factor.shape[-1]) + across @ square @ factor
         own = across @ seen
         explained = (own * np.linalg.solve(inside, own))[..., 0].sum(axis=1)
-        share = 0.5 if number == 0 else 0.5 / _DIRECTIONS
-        logs.append(math.log(share) - 0.5 * (np.linalg.slogdet(inside)[1] + constant - explained))
-    return np.asarray(np.logaddexp.reduce(np.stack(logs), axis=0))
+        logs.append(-0.5 * (np.linalg.slogdet(inside)[1] + constant - explained))
+    ways = np.stack(logs, axis=1)
+    return np.asarray(np.logaddexp.reduce(ways + LOG_WAYS, axis=1)), ways
 
 
 def _prior_factors(cubic: int, bend: FloatArray) -> list[FloatArray]:
     """Square roots (n, cubic + 6, m) of the prior covariances of cubic terms and state, by the way a thing bends."""
-    rest = np.broadcast_to(np.eye(cubic + STATE), (len(bend), cubic + STATE, cubic + STATE)).copy()
+    rest = np.broadcast_to(np.eye(cubic + BENT), (len(bend), cubic + BENT, cubic + BENT)).copy()
     rest[:, cubic, cubic] = _HEIGHT_MM
     rest[:, [cubic + 1, cubic + 2], [cubic + 1, cubic + 2]] = _SLOPE
-    last = np.arange(cubic + 3, cubic + STATE)
+    last = np.arange(cubic + 3, cubic + BENT)
     rest[:, last, last] = bend[:, np.newaxis]
     factors = [rest]
-    for angle in np.arange(_DIRECTIONS) * math.pi / _DIRECTIONS:
+    for angle in np.arange(DIRECTIONS) * math.pi / DIRECTIONS:
         x, y = math.cos(angle), math.sin(angle)
-        one = np.concatenate([rest, np.zeros((len(bend), cubic + STATE, 1))], axis=-1)
+        one = np.concatenate([rest, np.zeros((len(bend), cubic + BENT, 1))], axis=-1)
         one[:, last, last] *= _ALONG
         one[:, last, -1] = np.array([x * x, x * y, y * y]) * bend[:, np.newaxis]
         factors.append(one)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.image.smooth.patch import LEAST_HITS, drawn_ranges, fit_patches
+from tofmix.image.smooth.patch import DIRECTIONS, LEAST_HITS, LOG_WAYS, drawn_ranges, fit_patches
 from tofmix.image.smooth.segments import around, rim_of
 from tofmix.image.smooth.view import View
 
@@ -59,8 +59,7 @@ def may_bend(view: View, segment: IntArray, numbers: IntArray, reach: int) -> Bo
     if not len(numbers):
         return np.zeros(0, np.bool_)
     trials = np.array([(BENDS[0], THIRDS[0]), (BENDS[2], THIRDS[0]), UNKNOWN])
-    owner, evidence = _evidence(view, segment, numbers, reach, trials)
-    sums = np.stack([np.bincount(owner, weights=row, minlength=len(numbers)) for row in evidence])
+    owner, sums = _evidence(view, segment, numbers, reach, trials)
     enough = np.bincount(owner, minlength=len(numbers)) >= _LEAST_WINDOWS
     return np.asarray(enough & (sums[1:].max(axis=0) > sums[0] + math.log(_ODDS_OF_PLANE)))
 
@@ -68,20 +67,25 @@ def may_bend(view: View, segment: IntArray, numbers: IntArray, reach: int) -> Bo
 def _evidence(
     view: View, segment: IntArray, numbers: IntArray, reach: int, trials: FloatArray
 ) -> tuple[IntArray, FloatArray]:
-    """Place of the segment (window,) of some windows, and log evidence (trial, window) of scales (trial, 2), nat."""
+    """Place of the segment (window,) of some windows, and log evidence (trial, segment) of scales (trial, 2), nat.
+
+    Each window bends in its own way, or all of a segment in one direction, as those of a cylinder do: as probable.
+    """
     at, owner = _windows(segment, numbers)
     members = around(view.shape, segment, at, segment[at], reach, own=True)
     usable = ((members >= 0).sum(axis=1) >= _LEAST_MEMBERS) & (_narrowest(members, view.shape[1]) >= _LEAST_VARIANCE)
     at, owner, members = at[usable], owner[usable], members[usable]
-    evidence = np.zeros((len(trials), at.size))
     if not at.size:
-        return owner, evidence
+        return owner, np.zeros((len(trials), len(numbers)))
+    evidence = np.zeros((len(trials), 1 + DIRECTIONS, at.size))
     for number, (bend, third) in enumerate(trials):
         same = np.ones(at.size)
-        evidence[number] = fit_patches(
-            view, at, members, bend * same, third * same, robust=False, quadric=True
-        ).log_evidence
-    return owner, np.maximum(evidence, evidence.max(axis=0, initial=-np.inf) - _MOST_WORSE)
+        fitted = fit_patches(view, at, members, bend * same, third * same, robust=False, quadric=True)
+        evidence[number, 0], evidence[number, 1:] = fitted.log_evidence, fitted.log_ways[:, 1:].T
+    evidence = np.maximum(evidence, evidence.max(axis=(0, 1)) - _MOST_WORSE)
+    sums = np.zeros((*evidence.shape[:2], len(numbers)))
+    np.add.at(sums, np.s_[:, :, owner], evidence)
+    return owner, np.asarray(np.logaddexp.reduce(sums + LOG_WAYS[:, np.newaxis], axis=1))
 
 
 def _narrowest(members: IntArray, cols: int) -> FloatArray:
@@ -119,7 +123,7 @@ def learn_scales(view: View, segment: IntArray, numbers: IntArray, reach: int) -
     for number in range(len(numbers)):
         mine = owner == number
         if mine.sum() >= _LEAST_WINDOWS:
-            log = evidence[:, mine].sum(axis=1) + math.log(_ODDS_OF_PLANE) * (grid[:, 0] <= BENDS[1])
+            log = evidence[:, number] + math.log(_ODDS_OF_PLANE) * (grid[:, 0] <= BENDS[1])
             bend[number], third[number] = grid[int(log.argmax())]
     return Scales(bend, third, _inflation(view, segment, numbers, bend, third, reach))
 

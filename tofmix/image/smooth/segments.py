@@ -9,6 +9,9 @@ from tofmix.image.smooth.view import View
 LEAST_PIXELS = 6
 """Fewest pixels of a segment: a patch has six numbers."""
 
+REACH = 4
+"""Reach of the window whose pixels a patch goes through, pixels."""
+
 _NOISE = 4.0  # standard errors of a second difference of range
 _LIGHT_NOISE = 6.0  # and of the logarithm of light
 _PITCHES, _LOOSE_PITCHES = 0.3, 0.8

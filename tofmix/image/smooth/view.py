@@ -46,12 +46,14 @@ class View(NamedTuple):
 
     def rays(self, pixels: IntArray, places: FloatArray) -> FloatArray:
         """Unit vectors (..., place, 3) of pixels (...,), at places (place, 2) down and right of their middles."""
+        once, again = np.unique(pixels, return_inverse=True)  # a pixel is in the windows of many others
         ways = (
-            self.direction[pixels][..., np.newaxis, :]
-            + places[:, :1] * self.below[pixels][..., np.newaxis, :]
-            + places[:, 1:] * self.right[pixels][..., np.newaxis, :]
+            self.direction[once][:, np.newaxis]
+            + places[:, :1] * self.below[once][:, np.newaxis]
+            + places[:, 1:] * self.right[once][:, np.newaxis]
         )
-        return np.asarray(ways / np.linalg.norm(ways, axis=-1, keepdims=True))
+        unit = ways / np.linalg.norm(ways, axis=-1, keepdims=True)
+        return np.asarray(unit[again.reshape(pixels.shape)])
 
 
 def lattice_of_places(count: int, step: int) -> FloatArray:
