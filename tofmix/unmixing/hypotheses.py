@@ -111,6 +111,8 @@ class Findings:
         where it is not known.
     log_density : (n,) float64
         Log density of the mean phasor in units of the image's median amplitude, nat.
+    log_evidence : (n,) float64
+        Likewise, under all hypotheses.
     """
 
     kind: IntArray
@@ -126,6 +128,7 @@ class Findings:
     chord: ComplexArray
     scatter: FloatArray
     log_density: FloatArray
+    log_evidence: FloatArray
 
 
 class _Best:
@@ -172,12 +175,13 @@ class _Best:
     def findings(self) -> Findings:
         """The kept hypothesis, with its probability among all."""
         total = logsumexp(np.stack(self._logs))
-        return Findings(probability=np.exp(self._log - total), **self._kept)
+        return Findings(probability=np.exp(self._log - total), log_evidence=total, **self._kept)
 
 
 def judge(
     image: PhasorImage, pixels: IntArray, members: Members, seeds: Seeds, planes: tuple[DistantPlane, ...],
-    spaces: tuple[OpenSpace, ...], settings: HypothesisSettings, neighbourhood: NeighbourSettings,
+    spaces: tuple[OpenSpace, ...], settings: HypothesisSettings, neighbourhood: NeighbourSettings, *,
+    bends: bool = False,
 ) -> Findings:  # fmt: skip
     """Find the most probable hypothesis of each pixel.
 
@@ -197,6 +201,8 @@ def judge(
         Possible returns of open space.
     settings, neighbourhood
         Thresholds of hypotheses, and of the neighbouring surfaces of a pixel.
+    bends : bool
+        Whether the surfaces bend as things of a few pixels do; else they are planes.
 
     Returns
     -------
@@ -204,6 +210,8 @@ def judge(
         One for each pixel.
     """
     neighbours = find_neighbours(image, pixels, members, seeds, neighbourhood)
+    if bends:
+        neighbours = _bending(image, pixels, neighbours, settings.bend_radius)
     best = _Best(len(pixels), settings.likely)
     largest = 1.5 * float(np.quantile(image.amplitude[image.valid], 0.999))
     best.put(
@@ -219,6 +227,27 @@ def judge(
     _put_triples(best, ends)
     _put_distant_pairs(best, ends, planes)
     return best.findings()
+
+
+def _bending(
+    image: PhasorImage, pixels: IntArray, neighbours: NeighbourSurfaces, radius: float
+) -> NeighbourSurfaces:
+    """The surfaces, if they bend as a thing of a few pixels does.
+
+    A circle of radius R pixels recedes by x = d^2 / 2 R^2 of its radius, d pixels from its middle, and the cosine of
+    incidence falls by the part x. As R is not known, these are standard deviations.
+    """
+    recedes = (neighbours.row**2 + neighbours.col**2) / (2.0 * radius**2)
+    near, light = neighbours.near.copy(), neighbours.light.copy()
+    near_covariance, light_covariance = neighbours.near_covariance.copy(), neighbours.light_covariance.copy()
+    back = recedes * radius * image.pitch[pixels, np.newaxis]  # as a part of the range
+    near_covariance[:, :, 0, 0] += (back * near[:, :, 0]) ** 2
+    near[:, :, 0] *= 1.0 - back
+    light[:, :, 0] -= recedes
+    light_covariance[:, :, 0, 0] += recedes**2
+    return neighbours._replace(
+        near=near, near_covariance=near_covariance, light=light, light_covariance=light_covariance
+    )
 
 
 def _log_share(prior: float, possible: FloatArray | BoolArray, count: FloatArray) -> FloatArray:

@@ -10,6 +10,7 @@ A pair of equal mixed pixels along a straight edge looks like a thin surface. So
 of a chord, but never continues itself.
 """
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -65,7 +66,7 @@ class Labels:
 
 
 _ENDS = ("range_mm", "range_variance", "share", "share_variance")
-_FIELDS = (*_ENDS, "kind", "probability", "is_known", "is_fresh", "chord", "scatter", "log_density")
+_FIELDS = (*_ENDS, "kind", "probability", "is_known", "is_fresh", "chord", "scatter", "log_density", "log_evidence")
 
 
 def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Labels:
@@ -86,7 +87,8 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
     arrays: dict[str, NDArray[Any]] = {
         "kind": kind, "probability": np.where(alone, 1.0, 0.0), "is_known": np.ones(count, bool),
         "is_fresh": np.zeros(count, bool), "chord": np.zeros(count, np.complex128), "scatter": np.zeros(count),
-        "log_density": np.full(count, np.nan), **{name: np.full((count, ENDS), np.nan) for name in _ENDS},
+        "log_density": np.full(count, np.nan), "log_evidence": np.zeros(count),
+        **{name: np.full((count, ENDS), np.nan) for name in _ENDS},
     }  # fmt: skip
     plane, is_distant = np.zeros((count, 3)), np.zeros(count, bool)
     square = np.zeros(count, bool)
@@ -100,7 +102,7 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
                 arrays[name][block] = getattr(found, name)
         if not pixels.size:
             break
-        before = members
+        before, judged_by = members, (members, planes)
         is_mixed = np.isin(arrays["kind"], (Kind.PAIR, Kind.TRIPLE))
         mixtures = Mixtures(is_mixed=is_mixed, **{name: arrays[name] for name in _ENDS})
         line = find_lines(image, seeds, mixtures, settings.labels, settings.neighbours.reach)
@@ -115,11 +117,60 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
             break
     kind = arrays["kind"]
     kind[(line >= 0) & (kind == Kind.NEW)] = Kind.CONTINUED
+    if doubtful.size and alone.any():
+        _weigh_bending(image, arrays, doubtful, *judged_by, seeds, spaces, settings)
+        square &= ~arrays["bends"]
     is_surface = (
         seeds.certain | (line >= 0) | np.isin(kind, (Kind.CONTINUED, Kind.OTHER_REFLECTANCE))
         | ((kind == Kind.NEW) & square)
     )  # fmt: skip
+    arrays.pop("bends", None)
+    arrays.pop("log_evidence")
     return Labels(**arrays, is_surface=is_surface, seeds=seeds)
+
+
+_ODDS_OF_PLANES = math.log(100.0)
+"""Logarithm of the prior odds that the surfaces around a pixel are planes."""
+
+
+def _weigh_bending(
+    image: PhasorImage, arrays: "dict[str, NDArray[Any]]", doubtful: IntArray, members: Members,
+    planes: tuple[DistantPlane, ...], seeds: Seeds, spaces: tuple[OpenSpace, ...], settings: UnmixSettings,
+) -> None:  # fmt: skip
+    reach = settings.neighbours.reach
+    count = image.count
+    vague = np.zeros(count, bool)
+    kind = arrays["kind"]
+    vague[doubtful] = (kind[doubtful] == Kind.NEW) | (arrays["probability"][doubtful] < settings.hypotheses.likely)
+    pixels = doubtful[near(vague.reshape(image.shape), 2 * reach).ravel()[doubtful]]
+    arrays["bends"] = np.zeros(count, bool)
+    if not pixels.size:
+        return
+    bent = judge(image, pixels, members, seeds, planes, spaces, settings.hypotheses, settings.neighbours, bends=True)
+    gain = np.zeros(count)
+    gain[pixels] = arrays["log_evidence"][pixels] - bent.log_evidence
+    total = _sum_around(gain.reshape(image.shape), reach).ravel()[pixels]
+    flat = 1.0 / (1.0 + np.exp(-np.clip(_ODDS_OF_PLANES + total, -50, 50)))
+    same = kind[pixels] == bent.kind
+    bends = flat < 0.5
+    p = arrays["probability"][pixels]
+    arrays["probability"][pixels] = np.where(bends, (1 - flat) * bent.probability + flat * same * p, flat * p + (1 - flat) * same * bent.probability)
+    for name in _FIELDS:
+        if name != "probability":
+            arrays[name][pixels[bends]] = getattr(bent, name)[bends]
+    arrays["bends"][pixels[bends]] = True
+
+
+def _sum_around(values: FloatArray, reach: int) -> FloatArray:
+    from tofmix.image.masks import count_around
+    total = values
+    for axis in (0, 1):
+        pads = [(0, 0), (0, 0)]
+        pads[axis] = reach + 1, reach
+        sums = np.cumsum(np.pad(total, pads), axis=axis)
+        first, last = np.arange(values.shape[axis]), np.arange(values.shape[axis]) + 2 * reach + 1
+        total = np.take(sums, last, axis=axis) - np.take(sums, first, axis=axis)
+    return total
 
 
 def open_spaces(image: PhasorImage, settings: LabelSettings) -> tuple[OpenSpace, ...]:
