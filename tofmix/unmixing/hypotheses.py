@@ -15,7 +15,7 @@ the chord, and belongs to the pair.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from enum import IntEnum
 from typing import Any
 
@@ -212,6 +212,7 @@ def judge(
     neighbours = find_neighbours(image, pixels, members, seeds, neighbourhood)
     if bends:
         neighbours = _bending(image, pixels, neighbours, settings.bend_radius)
+        settings = replace(settings, vague_pairs=True)
     best = _Best(len(pixels), settings.likely)
     largest = 1.5 * float(np.quantile(image.amplitude[image.valid], 0.999))
     best.put(
@@ -387,6 +388,19 @@ class _Ends:
             return np.ones(len(self.pixels), bool)
         return _are_apart(self.at(one), self.at(other), self.settings)
 
+    def may_be_apart(self, one: int, other: int) -> BoolArray:
+        """Whether two ends, whose errors leave that open, may be far enough apart: such a pair is not known."""
+        if other >= _OPEN or not self.settings.vague_pairs:
+            return np.zeros(len(self.pixels), bool)
+        first, second = self.at(one).range_mm, self.at(other).range_mm
+        return np.asarray(np.abs(first - second) > self.settings.apart * np.minimum(first, second))
+
+    def is_told(self, chord: "_Chord") -> BoolArray:
+        if not self.settings.vague_pairs:
+            return np.ones(len(self.pixels), bool)
+        lesser = np.minimum(chord.share, 1.0 - chord.share)
+        return np.asarray(lesser**2 > chord.variance)
+
     def towards(self, one: int, other: int) -> tuple[FloatArray, FloatArray]:
         """Unit vector (row, col) from the second end's pixels to the first one's."""
         row, col = self.neighbours.row[:, one], self.neighbours.col[:, one]
@@ -537,7 +551,7 @@ def _put_pairs(best: _Best, ends: _Ends) -> None:
             possible &= ends.trusted[:, one] | (ends.trusted[:, other] & (other < _OPEN))
             if not possible.any():
                 continue
-            which = np.flatnonzero(possible & ends.apart(one, other))
+            which = np.flatnonzero(possible & (ends.apart(one, other) | ends.may_be_apart(one, other)))
             here = ends.some(which)
             chord = _likeliest([_chord(here, one, number) for number in others])
             error = ends.settings.same_sigmas * np.sqrt(chord.variance)
@@ -553,7 +567,8 @@ def _put_pairs(best: _Best, ends: _Ends) -> None:
             range_variance=np.column_stack([chord.one.range_variance, chord.other.range_variance, none]),
             share=np.column_stack([share, 1.0 - share, none]),
             share_variance=np.column_stack([chord.variance, chord.variance, none]),
-            is_known=here.known[:, one] & here.known[:, other], is_fresh=here.fresh[:, one] | here.fresh[:, other],
+            is_known=here.known[:, one] & here.known[:, other] & here.apart(one, other) & here.is_told(chord),
+            is_fresh=here.fresh[:, one] | here.fresh[:, other],
             chord=chord.one.phasor - chord.other.phasor, scatter=_noise_along(here, one, other, chord, share),
         )  # fmt: skip
 

@@ -10,7 +10,6 @@ A pair of equal mixed pixels along a straight edge looks like a thin surface. So
 of a chord, but never continues itself.
 """
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +18,7 @@ import numpy as np
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.compiled.robust import MAD_TO_SIGMA
 from tofmix.image.masks import near
+from tofmix.unmixing.bending import judge_bending, mixed_probability, weigh_planes
 from tofmix.unmixing.distant import DistantPlane, distant_planes
 from tofmix.unmixing.hypotheses import ENDS, Kind, OpenSpace, judge
 from tofmix.unmixing.image import ComplexArray, PhasorImage
@@ -46,6 +46,8 @@ class Labels:
         As in `Findings`.
     is_surface : bool
         Whether the pixel is known to see one surface: certain, continued, or new in a block of 2 x 2 that agree.
+    planes_gain : float64
+        Log evidence of planes over surfaces that bend (`tofmix.unmixing.bending`), nat.
     seeds : Seeds
         Fixed pattern and texture.
     """
@@ -62,6 +64,7 @@ class Labels:
     scatter: FloatArray
     log_density: FloatArray
     is_surface: BoolArray
+    planes_gain: FloatArray
     seeds: Seeds
 
 
@@ -81,6 +84,7 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
         is_member=member, has_plane=seeds.has_plane, has_light=alone, is_known=member, is_trusted=member,
         is_fresh=np.zeros(image.count, bool), plane=seeds.plane, middle=seeds.middle, line=line,
     )  # fmt: skip
+    sure = judged_by = members
     planes: tuple[DistantPlane, ...] = ()
     kind = np.where(alone, int(Kind.CONTINUED), int(Kind.UNKNOWN))
     count = image.count
@@ -102,7 +106,7 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
                 arrays[name][block] = getattr(found, name)
         if not pixels.size:
             break
-        before, judged_by = members, (members, planes)
+        before = judged_by = members
         is_mixed = np.isin(arrays["kind"], (Kind.PAIR, Kind.TRIPLE))
         mixtures = Mixtures(is_mixed=is_mixed, **{name: arrays[name] for name in _ENDS})
         line = find_lines(image, seeds, mixtures, settings.labels, settings.neighbours.reach)
@@ -117,60 +121,39 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
             break
     kind = arrays["kind"]
     kind[(line >= 0) & (kind == Kind.NEW)] = Kind.CONTINUED
-    if doubtful.size and alone.any():
-        _weigh_bending(image, arrays, doubtful, *judged_by, seeds, spaces, settings)
-        square &= ~arrays["bends"]
-    is_surface = (
-        seeds.certain | (line >= 0) | np.isin(kind, (Kind.CONTINUED, Kind.OTHER_REFLECTANCE))
-        | ((kind == Kind.NEW) & square)
+    around = weigh_planes(
+        image, kind, arrays["probability"], arrays["log_evidence"], doubtful if alone.any() else doubtful[:0],
+        judged_by, seeds, planes, spaces, settings,
     )  # fmt: skip
-    arrays.pop("bends", None)
+    bent = _put_bent(image, arrays, np.flatnonzero(image.valid & ~seeds.certain), around.bends, sure, seeds, planes,
+                     spaces, settings)  # fmt: skip
+    is_surface = (
+        seeds.certain | ((line >= 0) & ~bent) | np.isin(kind, (Kind.CONTINUED, Kind.OTHER_REFLECTANCE))
+        | ((kind == Kind.NEW) & square & ~bent)
+    )  # fmt: skip
     arrays.pop("log_evidence")
-    return Labels(**arrays, is_surface=is_surface, seeds=seeds)
+    return Labels(**arrays, is_surface=is_surface, planes_gain=around.gain, seeds=seeds)
 
 
-_ODDS_OF_PLANES = math.log(100.0)
-"""Logarithm of the prior odds that the surfaces around a pixel are planes."""
-
-
-def _weigh_bending(
-    image: PhasorImage, arrays: "dict[str, NDArray[Any]]", doubtful: IntArray, members: Members,
-    planes: tuple[DistantPlane, ...], seeds: Seeds, spaces: tuple[OpenSpace, ...], settings: UnmixSettings,
-) -> None:  # fmt: skip
-    reach = settings.neighbours.reach
-    count = image.count
-    vague = np.zeros(count, bool)
-    kind = arrays["kind"]
-    vague[doubtful] = (kind[doubtful] == Kind.NEW) | (arrays["probability"][doubtful] < settings.hypotheses.likely)
-    pixels = doubtful[near(vague.reshape(image.shape), 2 * reach).ravel()[doubtful]]
-    arrays["bends"] = np.zeros(count, bool)
+def _put_bent(
+    image: PhasorImage, arrays: "dict[str, NDArray[Any]]", uncertain: IntArray, bends: FloatArray, sure: Members,
+    seeds: Seeds, planes: tuple[DistantPlane, ...], spaces: tuple[OpenSpace, ...], settings: UnmixSettings,
+) -> BoolArray:  # fmt: skip
+    """Put the labels of surfaces that bend over those of planes, where they are likelier: in the mask (pixel,)."""
+    bent = np.zeros(image.count, bool)
+    pixels = uncertain[bends[uncertain] > 0.0]
     if not pixels.size:
-        return
-    bent = judge(image, pixels, members, seeds, planes, spaces, settings.hypotheses, settings.neighbours, bends=True)
-    gain = np.zeros(count)
-    gain[pixels] = arrays["log_evidence"][pixels] - bent.log_evidence
-    total = _sum_around(gain.reshape(image.shape), reach).ravel()[pixels]
-    flat = 1.0 / (1.0 + np.exp(-np.clip(_ODDS_OF_PLANES + total, -50, 50)))
-    same = kind[pixels] == bent.kind
-    bends = flat < 0.5
-    p = arrays["probability"][pixels]
-    arrays["probability"][pixels] = np.where(bends, (1 - flat) * bent.probability + flat * same * p, flat * p + (1 - flat) * same * bent.probability)
+        return bent
+    found = judge_bending(image, pixels, sure, seeds, planes, spaces, settings)
+    probability = mixed_probability(
+        bends[pixels], arrays["probability"][pixels], found.probability, arrays["kind"][pixels] == found.kind
+    )
+    likelier = bends[pixels] > 0.5  # noqa: PLR2004  than planes
     for name in _FIELDS:
-        if name != "probability":
-            arrays[name][pixels[bends]] = getattr(bent, name)[bends]
-    arrays["bends"][pixels[bends]] = True
-
-
-def _sum_around(values: FloatArray, reach: int) -> FloatArray:
-    from tofmix.image.masks import count_around
-    total = values
-    for axis in (0, 1):
-        pads = [(0, 0), (0, 0)]
-        pads[axis] = reach + 1, reach
-        sums = np.cumsum(np.pad(total, pads), axis=axis)
-        first, last = np.arange(values.shape[axis]), np.arange(values.shape[axis]) + 2 * reach + 1
-        total = np.take(sums, last, axis=axis) - np.take(sums, first, axis=axis)
-    return total
+        arrays[name][pixels[likelier]] = getattr(found, name)[likelier]
+    arrays["probability"][pixels] = probability
+    bent[pixels[likelier]] = True
+    return bent
 
 
 def open_spaces(image: PhasorImage, settings: LabelSettings) -> tuple[OpenSpace, ...]:
