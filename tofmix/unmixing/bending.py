@@ -1,9 +1,9 @@
 """Planes, or surfaces that bend? What the pixels around say, where few of them see a surface alone.
 
-Planes explain a pixel of a finger or a pole by chance: two surfaces where there is one, or one where there are two. The
-pixels around tell them apart. There are two models of the surfaces around a pixel: planes, and surfaces that bend like a
-circle of a few pixels, of which the planes through their pixels are known with an error that grows with distance
-(`tofmix.unmixing.hypotheses.judge`). The evidence of all pixels around adds up, and the likelier model labels the pixel.
+Planes explain a pixel of a finger or a pole by chance: two surfaces where there is one, or one where there are two.
+There are two models of the surfaces around a pixel: planes, and surfaces that bend like a circle of a few pixels, whose
+continuation has an error that grows with distance (`tofmix.unmixing.hypotheses.judge`). The evidence of all pixels
+around adds up, and the likelier model labels the pixel.
 
 Use it after the planes' last round. Surfaces of six pixels and more are fitted better by `tofmix.unmixing.curved`.
 """
@@ -93,9 +93,7 @@ def judge_bending(
     return judge(image, pixels, members, seeds, planes, spaces, settings.hypotheses, settings.neighbours, bends=True)
 
 
-def mixed_probability(
-    bends: FloatArray, planes: FloatArray, bent: FloatArray, same: BoolArray
-) -> FloatArray:
+def mixed_probability(bends: FloatArray, planes: FloatArray, bent: FloatArray, same: BoolArray) -> FloatArray:
     """Probability (n,) of the likelier model's label, of both models' where these agree (`same`)."""
     own = np.where(bends > 0.5, bends * bent, (1.0 - bends) * planes)  # noqa: PLR2004  the likelier
     other = np.where(bends > 0.5, (1.0 - bends) * planes, bends * bent)  # noqa: PLR2004

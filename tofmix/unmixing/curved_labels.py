@@ -15,6 +15,7 @@ from tofmix.image.masks import near
 from tofmix.image.smooth.scales import BENDS, THIRDS, Scales, learn_scales, may_bend
 from tofmix.image.smooth.segments import LEAST_PIXELS, rim_of, segments_of
 from tofmix.image.smooth.view import View
+from tofmix.unmixing.bending import LOG_ODDS_OF_PLANES
 from tofmix.unmixing.curved import REACH, Bent, Verdicts, judge_bent
 from tofmix.unmixing.hypotheses import Kind, OpenSpace
 from tofmix.unmixing.image import ComplexArray, PhasorImage, polar_covariance, variance_along
@@ -59,7 +60,7 @@ def label_curved(image: PhasorImage, labels: Labels, settings: UnmixSettings = D
     count = int(segment.max()) + 1
     beside = segment[near(doubtful_pixels.reshape(image.shape), REACH).ravel()]
     doubtful = np.unique(beside[beside >= 0])
-    unexplained = _much_unexplained(segment, undecided, image.shape, doubtful)
+    unexplained = _beside_bent(segment, labels.planes_gain, image.shape, doubtful)
     if not unexplained.any() and not may_bend(view, segment, doubtful, REACH).any():
         return labels
     scales = learn_scales(view, segment, np.arange(count), REACH)
@@ -127,6 +128,14 @@ def _much_unexplained(segment: IntArray, undecided: BoolArray, shape: tuple[int,
         (undecided & near((segment == number).reshape(shape), REACH).ravel()).sum() > (segment == number).sum()
         for number in numbers.tolist()
     ], dtype=np.bool_)  # fmt: skip
+
+
+def _beside_bent(segment: IntArray, gain: FloatArray, shape: tuple[int, int], numbers: IntArray) -> BoolArray:
+    """Segments (m,) beside which surfaces that bend explain the pixels better than planes do."""
+    total = np.array([
+        gain[near((segment == number).reshape(shape), REACH).ravel()].sum() for number in numbers.tolist()
+    ])  # fmt: skip
+    return np.asarray(LOG_ODDS_OF_PLANES + total < 0.0)
 
 
 def _beside(segment: IntArray, bent: BoolArray, shape: tuple[int, int], reach: int) -> BoolArray:

@@ -15,7 +15,7 @@ the chord, and belongs to the pair.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from enum import IntEnum
 from typing import Any
 
@@ -212,7 +212,6 @@ def judge(
     neighbours = find_neighbours(image, pixels, members, seeds, neighbourhood)
     if bends:
         neighbours = _bending(image, pixels, neighbours, settings.bend_radius)
-        settings = replace(settings, vague_pairs=True)
     best = _Best(len(pixels), settings.likely)
     largest = 1.5 * float(np.quantile(image.amplitude[image.valid], 0.999))
     best.put(
@@ -223,29 +222,27 @@ def judge(
             for k in range(MOST_SURFACES)]  # fmt: skip
     _put_continued(best, image, pixels, neighbours, here, largest)
     _put_distant(best, image, pixels, planes, seeds, settings.distant_prior)
-    ends = _Ends(image, pixels, neighbours, here, seeds, spaces, settings)
+    ends = _Ends(image, pixels, neighbours, here, seeds, spaces, settings, bends)
     _put_pairs(best, ends)
     _put_triples(best, ends)
     _put_distant_pairs(best, ends, planes)
     return best.findings()
 
 
-def _bending(
-    image: PhasorImage, pixels: IntArray, neighbours: NeighbourSurfaces, radius: float
-) -> NeighbourSurfaces:
+def _bending(image: PhasorImage, pixels: IntArray, neighbours: NeighbourSurfaces, radius: float) -> NeighbourSurfaces:
     """The surfaces, if they bend as a thing of a few pixels does.
 
-    A circle of radius R pixels recedes by x = d^2 / 2 R^2 of its radius, d pixels from its middle, and the cosine of
-    incidence falls by the part x. As R is not known, these are standard deviations.
+    A circle of radius R, pixels, recedes by x = d^2 / 2 R^2 of its radius, d pixels from its middle, and the cosine of
+    incidence falls by the part x. R is not known, so x has a standard deviation of x, in range and in light.
     """
     recedes = (neighbours.row**2 + neighbours.col**2) / (2.0 * radius**2)
+    back = recedes * radius * image.pitch[pixels, np.newaxis]  # as a part of the range
     near, light = neighbours.near.copy(), neighbours.light.copy()
     near_covariance, light_covariance = neighbours.near_covariance.copy(), neighbours.light_covariance.copy()
-    back = recedes * radius * image.pitch[pixels, np.newaxis]  # as a part of the range
     near_covariance[:, :, 0, 0] += (back * near[:, :, 0]) ** 2
+    light_covariance[:, :, 0, 0] += recedes**2
     near[:, :, 0] *= 1.0 - back
     light[:, :, 0] -= recedes
-    light_covariance[:, :, 0, 0] += recedes**2
     return neighbours._replace(
         near=near, near_covariance=near_covariance, light=light, light_covariance=light_covariance
     )
@@ -332,10 +329,10 @@ class _Ends:
 
     def __init__(
         self, image: PhasorImage, pixels: IntArray, neighbours: NeighbourSurfaces, here: list[Predictions],
-        seeds: Seeds, spaces: tuple[OpenSpace, ...], settings: HypothesisSettings,
+        seeds: Seeds, spaces: tuple[OpenSpace, ...], settings: HypothesisSettings, bends: bool,
     ) -> None:  # fmt: skip
         self.image, self.pixels, self.neighbours, self.here, self.seeds = image, pixels, neighbours, here, seeds
-        self.settings = settings
+        self.settings, self.bends = settings, bends
         self.phasor, self.covariance = image.phasor[pixels], image.mean_covariance[pixels]
         count = len(pixels)
         self.count = _OPEN + len(spaces)
@@ -361,7 +358,8 @@ class _Ends:
         neighbours = NeighbourSurfaces(**{name: part[which] for name, part in self.neighbours._asdict().items()})
         here = [Predictions(**{field.name: getattr(part, field.name)[which] for field in fields(Predictions)})
                 for part in self.here]  # fmt: skip
-        return _Ends(self.image, self.pixels[which], neighbours, here, self.seeds, self._spaces, self.settings)
+        return _Ends(self.image, self.pixels[which], neighbours, here, self.seeds, self._spaces, self.settings,
+                     self.bends)  # fmt: skip
 
     def at(self, number: int) -> Predictions:
         """The end's phasor where it fills the pixel."""
@@ -390,13 +388,14 @@ class _Ends:
 
     def may_be_apart(self, one: int, other: int) -> BoolArray:
         """Whether two ends, whose errors leave that open, may be far enough apart: such a pair is not known."""
-        if other >= _OPEN or not self.settings.vague_pairs:
+        if other >= _OPEN or not self.bends:
             return np.zeros(len(self.pixels), bool)
         first, second = self.at(one).range_mm, self.at(other).range_mm
         return np.asarray(np.abs(first - second) > self.settings.apart * np.minimum(first, second))
 
     def is_told(self, chord: "_Chord") -> BoolArray:
-        if not self.settings.vague_pairs:
+        """Whether the pixel sees both ends of a chord for certain: beside surfaces that bend, no share may be 0."""
+        if not self.bends:
             return np.ones(len(self.pixels), bool)
         lesser = np.minimum(chord.share, 1.0 - chord.share)
         return np.asarray(lesser**2 > chord.variance)

@@ -184,7 +184,6 @@ class HypothesisSettings:
     same_sigmas: Threshold = 3.0
     rounds: Count = 3
     bend_radius: Positive = 2.0
-    vague_pairs: bool = False
 
     def __post_init__(self) -> None:
         check_bounds(self)
