@@ -50,9 +50,9 @@ def label_curved(image: PhasorImage, labels: Labels, settings: UnmixSettings = D
     Labels
         The same object where planes explain all pixels, or nothing bends.
     """
-    undecided = _undecided(image, labels, settings.curved)
     # Before open space a plane explains any pixel by its share alone: that does not say that nothing bends.
-    doubtful_pixels = undecided | (image.valid & np.isinf(labels.range_mm).any(axis=1))
+    beside_open = image.valid & np.isinf(labels.range_mm).any(axis=1)
+    doubtful_pixels = _undecided(image, labels, settings.curved) | beside_open
     if not settings.curved.rounds or not doubtful_pixels.any():
         return labels
     view = view_of(image, labels)
@@ -69,7 +69,7 @@ def label_curved(image: PhasorImage, labels: Labels, settings: UnmixSettings = D
     if not bent.any():
         return labels
     # Of a thing that bends, a small part beside open space has too few pixels to tell.
-    likewise = doubtful[_much_unexplained(segment, doubtful_pixels, image.shape, doubtful)]
+    likewise = doubtful[_mostly(segment, beside_open, image.shape, doubtful)]
     bent[likewise] |= ~scales.is_known()[likewise]
     segment, scales, bent = _parted(image, view, labels, segment, scales, bent, settings)
     if not bent.any():
@@ -122,10 +122,10 @@ def _undecided(image: PhasorImage, labels: Labels, settings: CurvedSettings) -> 
     return image.valid & ~labels.is_surface & ~(mixed & (labels.probability > settings.decided))
 
 
-def _much_unexplained(segment: IntArray, undecided: BoolArray, shape: tuple[int, int], numbers: IntArray) -> BoolArray:
-    """Segments (m,) beside which planes leave more pixels unexplained than the segment has."""
+def _mostly(segment: IntArray, mask: BoolArray, shape: tuple[int, int], numbers: IntArray) -> BoolArray:
+    """Segments (m,) beside which a mask has more pixels than the segment."""
     return np.array([
-        (undecided & near((segment == number).reshape(shape), REACH).ravel()).sum() > (segment == number).sum()
+        (mask & near((segment == number).reshape(shape), REACH).ravel()).sum() > (segment == number).sum()
         for number in numbers.tolist()
     ], dtype=np.bool_)  # fmt: skip
 
