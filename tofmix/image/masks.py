@@ -3,7 +3,10 @@
 `tests/image/test_masks.py` holds each against SciPy.
 """
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 
@@ -28,12 +31,20 @@ def components(one: IntArray, other: IntArray, count: int) -> IntArray:
 
 def count_around(mask: BoolArray, reach: int) -> IntArray:
     """How many pixels of a mask (row, col) are true within `reach` rows and columns of each."""
-    total = mask.astype(np.int64)
+    return _summed(mask.astype(np.int64), reach)
+
+
+def sum_around(values: FloatArray, reach: int) -> FloatArray:
+    """Sum of the values (row, col) within `reach` rows and columns of each pixel."""
+    return _summed(values.astype(np.float64), reach)
+
+
+def _summed(total: NDArray[Any], reach: int) -> NDArray[Any]:
     for axis in (0, 1):
         pads = [(0, 0), (0, 0)]
         pads[axis] = reach + 1, reach
         sums = np.cumsum(np.pad(total, pads), axis=axis)
-        first, last = np.arange(mask.shape[axis]), np.arange(mask.shape[axis]) + 2 * reach + 1
+        first, last = np.arange(total.shape[axis]), np.arange(total.shape[axis]) + 2 * reach + 1
         total = np.take(sums, last, axis=axis) - np.take(sums, first, axis=axis)
     return total
 

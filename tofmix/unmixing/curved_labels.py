@@ -15,6 +15,7 @@ from tofmix.image.masks import near
 from tofmix.image.smooth.scales import BENDS, THIRDS, Scales, learn_scales, may_bend
 from tofmix.image.smooth.segments import LEAST_PIXELS, REACH, rim_of, segments_of
 from tofmix.image.smooth.view import View
+from tofmix.unmixing.bending import LOG_ODDS_OF_PLANES
 from tofmix.unmixing.curved import Bent, Verdicts, judge_bent
 from tofmix.unmixing.hypotheses import Kind, OpenSpace
 from tofmix.unmixing.image import ComplexArray, PhasorImage, polar_covariance, variance_along
@@ -49,10 +50,9 @@ def label_curved(image: PhasorImage, labels: Labels, settings: UnmixSettings = D
     Labels
         The same object where planes explain all pixels, or nothing bends.
     """
-    undecided = _undecided(image, labels, settings.curved)
     # Before open space a plane explains any pixel by its share alone: that does not say that nothing bends.
-    with_open = np.isinf(labels.range_mm).any(axis=1) & (labels.kind != Kind.EMPTY)
-    doubtful_pixels = undecided | (image.valid & with_open)
+    beside_open = image.valid & np.isinf(labels.range_mm).any(axis=1) & (labels.kind != Kind.EMPTY)
+    doubtful_pixels = _undecided(image, labels, settings.curved) | beside_open
     if not settings.curved.rounds or not doubtful_pixels.any():
         return labels
     view = view_of(image, labels)
@@ -60,7 +60,7 @@ def label_curved(image: PhasorImage, labels: Labels, settings: UnmixSettings = D
     count = int(segment.max()) + 1
     beside = segment[near(doubtful_pixels.reshape(image.shape), REACH).ravel()]
     doubtful = np.unique(beside[beside >= 0])
-    unexplained = _much_unexplained(segment, undecided, image.shape, doubtful)
+    unexplained = _beside_bent(segment, labels.planes_gain, image.shape, doubtful)
     if not unexplained.any() and not may_bend(view, segment, doubtful, REACH).any():
         return labels
     scales = learn_scales(view, segment, np.arange(count), REACH)
@@ -69,7 +69,7 @@ def label_curved(image: PhasorImage, labels: Labels, settings: UnmixSettings = D
     if not bent.any():
         return labels
     # Of a thing that bends, a small part beside open space has too few pixels to tell.
-    likewise = doubtful[_much_unexplained(segment, doubtful_pixels, image.shape, doubtful)]
+    likewise = doubtful[_mostly(segment, beside_open, image.shape, doubtful)]
     bent[likewise] |= ~scales.is_known()[likewise]
     segment, scales, bent = _parted(image, view, labels, segment, scales, bent, settings)
     if not bent.any():
@@ -122,12 +122,20 @@ def _undecided(image: PhasorImage, labels: Labels, settings: CurvedSettings) -> 
     return image.valid & ~labels.is_surface & ~(mixed & (labels.probability > settings.decided))
 
 
-def _much_unexplained(segment: IntArray, undecided: BoolArray, shape: tuple[int, int], numbers: IntArray) -> BoolArray:
-    """Segments (m,) beside which planes leave more pixels unexplained than the segment has."""
+def _mostly(segment: IntArray, mask: BoolArray, shape: tuple[int, int], numbers: IntArray) -> BoolArray:
+    """Segments (m,) beside which a mask has more pixels than the segment."""
     return np.array([
-        (undecided & near((segment == number).reshape(shape), REACH).ravel()).sum() > (segment == number).sum()
+        (mask & near((segment == number).reshape(shape), REACH).ravel()).sum() > (segment == number).sum()
         for number in numbers.tolist()
     ], dtype=np.bool_)  # fmt: skip
+
+
+def _beside_bent(segment: IntArray, gain: FloatArray, shape: tuple[int, int], numbers: IntArray) -> BoolArray:
+    """Segments (m,) beside which surfaces that bend explain the pixels better than planes do."""
+    total = np.array([
+        gain[near((segment == number).reshape(shape), REACH).ravel()].sum() for number in numbers.tolist()
+    ])  # fmt: skip
+    return np.asarray(LOG_ODDS_OF_PLANES + total < 0.0)
 
 
 def _beside(segment: IntArray, bent: BoolArray, shape: tuple[int, int], reach: int) -> BoolArray:

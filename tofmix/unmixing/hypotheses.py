@@ -123,6 +123,8 @@ class Findings:
         where it is not known.
     log_density : (n,) float64
         Log density of the mean phasor in units of the image's median amplitude, nat.
+    log_evidence : (n,) float64
+        Likewise, under all hypotheses.
     """
 
     kind: IntArray
@@ -138,6 +140,7 @@ class Findings:
     chord: ComplexArray
     scatter: FloatArray
     log_density: FloatArray
+    log_evidence: FloatArray
 
 
 class _Best:
@@ -184,12 +187,13 @@ class _Best:
     def findings(self) -> Findings:
         """The kept hypothesis, with its probability among all."""
         total = logsumexp(np.stack(self._logs))
-        return Findings(probability=np.exp(self._log - total), **self._kept)
+        return Findings(probability=np.exp(self._log - total), log_evidence=total, **self._kept)
 
 
 def judge(
     image: PhasorImage, pixels: IntArray, members: Members, seeds: Seeds, planes: tuple[DistantPlane, ...],
-    spaces: tuple[OpenSpace, ...], settings: HypothesisSettings, neighbourhood: NeighbourSettings,
+    spaces: tuple[OpenSpace, ...], settings: HypothesisSettings, neighbourhood: NeighbourSettings, *,
+    bends: bool = False,
 ) -> Findings:  # fmt: skip
     """Find the most probable hypothesis of each pixel.
 
@@ -209,6 +213,8 @@ def judge(
         Possible returns of open space.
     settings, neighbourhood
         Thresholds of hypotheses, and of the neighbouring surfaces of a pixel.
+    bends : bool
+        Whether the surfaces bend as things of a few pixels do; else they are planes.
 
     Returns
     -------
@@ -216,6 +222,8 @@ def judge(
         One for each pixel.
     """
     neighbours = find_neighbours(image, pixels, members, seeds, neighbourhood)
+    if bends:
+        neighbours = _bending(image, pixels, neighbours, settings.bend_radius)
     best = _Best(len(pixels), settings.likely)
     largest = 1.5 * float(np.quantile(image.amplitude[image.valid], 0.999))
     best.put(
@@ -227,11 +235,30 @@ def judge(
     _put_continued(best, image, pixels, neighbours, here, largest)
     _put_distant(best, image, pixels, planes, seeds, settings.distant_prior)
     _put_empty(best, image, pixels, spaces)
-    ends = _Ends(image, pixels, neighbours, here, seeds, spaces, settings)
+    ends = _Ends(image, pixels, neighbours, here, seeds, spaces, settings, bends)
     _put_pairs(best, ends)
     _put_triples(best, ends)
     _put_distant_pairs(best, ends, planes)
     return best.findings()
+
+
+def _bending(image: PhasorImage, pixels: IntArray, neighbours: NeighbourSurfaces, radius: float) -> NeighbourSurfaces:
+    """The surfaces, if they bend as a thing of a few pixels does.
+
+    A circle of radius R, pixels, recedes by x = d^2 / 2 R^2 of its radius, d pixels from its middle, and the cosine of
+    incidence falls by the part x. R is not known, so x has a standard deviation of x, in range and in light.
+    """
+    recedes = (neighbours.row**2 + neighbours.col**2) / (2.0 * radius**2)
+    back = recedes * radius * image.pitch[pixels, np.newaxis]  # as a part of the range
+    near, light = neighbours.near.copy(), neighbours.light.copy()
+    near_covariance, light_covariance = neighbours.near_covariance.copy(), neighbours.light_covariance.copy()
+    near_covariance[:, :, 0, 0] += (back * near[:, :, 0]) ** 2
+    light_covariance[:, :, 0, 0] += recedes**2
+    near[:, :, 0] *= 1.0 - back
+    light[:, :, 0] -= recedes
+    return neighbours._replace(
+        near=near, near_covariance=near_covariance, light=light, light_covariance=light_covariance
+    )
 
 
 def _log_share(prior: float, possible: FloatArray | BoolArray, count: FloatArray) -> FloatArray:
@@ -326,10 +353,10 @@ class _Ends:
 
     def __init__(
         self, image: PhasorImage, pixels: IntArray, neighbours: NeighbourSurfaces, here: list[Predictions],
-        seeds: Seeds, spaces: tuple[OpenSpace, ...], settings: HypothesisSettings,
+        seeds: Seeds, spaces: tuple[OpenSpace, ...], settings: HypothesisSettings, bends: bool,
     ) -> None:  # fmt: skip
         self.image, self.pixels, self.neighbours, self.here, self.seeds = image, pixels, neighbours, here, seeds
-        self.settings = settings
+        self.settings, self.bends = settings, bends
         self.phasor, self.covariance = image.phasor[pixels], image.mean_covariance[pixels]
         count = len(pixels)
         self.count = _OPEN + len(spaces)
@@ -355,7 +382,8 @@ class _Ends:
         neighbours = NeighbourSurfaces(**{name: part[which] for name, part in self.neighbours._asdict().items()})
         here = [Predictions(**{field.name: getattr(part, field.name)[which] for field in fields(Predictions)})
                 for part in self.here]  # fmt: skip
-        return _Ends(self.image, self.pixels[which], neighbours, here, self.seeds, self._spaces, self.settings)
+        return _Ends(self.image, self.pixels[which], neighbours, here, self.seeds, self._spaces, self.settings,
+                     self.bends)  # fmt: skip
 
     def at(self, number: int) -> Predictions:
         """The end's phasor where it fills the pixel."""
@@ -381,6 +409,20 @@ class _Ends:
         if other >= _OPEN:
             return np.ones(len(self.pixels), bool)
         return _are_apart(self.at(one), self.at(other), self.settings)
+
+    def may_be_apart(self, one: int, other: int) -> BoolArray:
+        """Whether two ends, whose errors leave that open, may be far enough apart: such a pair is not known."""
+        if other >= _OPEN or not self.bends:
+            return np.zeros(len(self.pixels), bool)
+        first, second = self.at(one).range_mm, self.at(other).range_mm
+        return np.asarray(np.abs(first - second) > self.settings.apart * np.minimum(first, second))
+
+    def is_told(self, chord: "_Chord") -> BoolArray:
+        """Whether the pixel sees both ends of a chord for certain: beside surfaces that bend, no share may be 0."""
+        if not self.bends:
+            return np.ones(len(self.pixels), bool)
+        lesser = np.minimum(chord.share, 1.0 - chord.share)
+        return np.asarray(lesser**2 > chord.variance)
 
     def towards(self, one: int, other: int) -> tuple[FloatArray, FloatArray]:
         """Unit vector (row, col) from the second end's pixels to the first one's."""
@@ -532,7 +574,7 @@ def _put_pairs(best: _Best, ends: _Ends) -> None:
             possible &= ends.trusted[:, one] | (ends.trusted[:, other] & (other < _OPEN))
             if not possible.any():
                 continue
-            which = np.flatnonzero(possible & ends.apart(one, other))
+            which = np.flatnonzero(possible & (ends.apart(one, other) | ends.may_be_apart(one, other)))
             here = ends.some(which)
             chord = _likeliest([_chord(here, one, number) for number in others])
             error = ends.settings.same_sigmas * np.sqrt(chord.variance)
@@ -548,7 +590,8 @@ def _put_pairs(best: _Best, ends: _Ends) -> None:
             range_variance=np.column_stack([chord.one.range_variance, chord.other.range_variance, none]),
             share=np.column_stack([share, 1.0 - share, none]),
             share_variance=np.column_stack([chord.variance, chord.variance, none]),
-            is_known=here.known[:, one] & here.known[:, other], is_fresh=here.fresh[:, one] | here.fresh[:, other],
+            is_known=here.known[:, one] & here.known[:, other] & here.apart(one, other) & here.is_told(chord),
+            is_fresh=here.fresh[:, one] | here.fresh[:, other],
             chord=chord.one.phasor - chord.other.phasor, scatter=_noise_along(here, one, other, chord, share),
         )  # fmt: skip
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.masks import near
+from tofmix.unmixing.bending import judge_bending, mixed_probability, weigh_planes
 from tofmix.unmixing.distant import DistantPlane, distant_planes
 from tofmix.unmixing.hypotheses import ENDS, Kind, OpenSpace, judge
 from tofmix.unmixing.image import ComplexArray, PhasorImage
@@ -45,6 +46,8 @@ class Labels:
         As in `Findings`.
     is_surface : bool
         Whether the pixel is known to see one surface: certain, continued, or new in a block of 2 x 2 that agree.
+    planes_gain : float64
+        Log evidence of planes over surfaces that bend (`tofmix.unmixing.bending`), nat.
     seeds : Seeds
         Fixed pattern and texture.
     """
@@ -61,11 +64,12 @@ class Labels:
     scatter: FloatArray
     log_density: FloatArray
     is_surface: BoolArray
+    planes_gain: FloatArray
     seeds: Seeds
 
 
 _ENDS = ("range_mm", "range_variance", "share", "share_variance")
-_FIELDS = (*_ENDS, "kind", "probability", "is_known", "is_fresh", "chord", "scatter", "log_density")
+_FIELDS = (*_ENDS, "kind", "probability", "is_known", "is_fresh", "chord", "scatter", "log_density", "log_evidence")
 
 
 def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Labels:
@@ -80,13 +84,15 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
         is_member=member, has_plane=seeds.has_plane, has_light=alone, is_known=member, is_trusted=member,
         is_fresh=np.zeros(image.count, bool), plane=seeds.plane, middle=seeds.middle, line=line,
     )  # fmt: skip
+    sure = judged_by = members
     planes: tuple[DistantPlane, ...] = ()
     kind = np.where(alone, int(Kind.CONTINUED), int(Kind.UNKNOWN))
     count = image.count
     arrays: dict[str, NDArray[Any]] = {
         "kind": kind, "probability": np.where(alone, 1.0, 0.0), "is_known": np.ones(count, bool),
         "is_fresh": np.zeros(count, bool), "chord": np.zeros(count, np.complex128), "scatter": np.zeros(count),
-        "log_density": np.full(count, np.nan), **{name: np.full((count, ENDS), np.nan) for name in _ENDS},
+        "log_density": np.full(count, np.nan), "log_evidence": np.zeros(count),
+        **{name: np.full((count, ENDS), np.nan) for name in _ENDS},
     }  # fmt: skip
     plane, is_distant = np.zeros((count, 3)), np.zeros(count, bool)
     square = np.zeros(count, bool)
@@ -100,7 +106,7 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
                 arrays[name][block] = getattr(found, name)
         if not pixels.size:
             break
-        before = members
+        before = judged_by = members
         is_mixed = np.isin(arrays["kind"], (Kind.PAIR, Kind.TRIPLE))
         mixtures = Mixtures(is_mixed=is_mixed, **{name: arrays[name] for name in _ENDS})
         line = find_lines(image, seeds, mixtures, settings.labels, settings.neighbours.reach)
@@ -115,11 +121,39 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
             break
     kind = arrays["kind"]
     kind[(line >= 0) & (kind == Kind.NEW)] = Kind.CONTINUED
-    is_surface = (
-        seeds.certain | (line >= 0) | np.isin(kind, (Kind.CONTINUED, Kind.OTHER_REFLECTANCE))
-        | ((kind == Kind.NEW) & square)
+    around = weigh_planes(
+        image, kind, arrays["probability"], arrays["log_evidence"], doubtful if alone.any() else doubtful[:0],
+        judged_by, seeds, planes, spaces, settings,
     )  # fmt: skip
-    return Labels(**arrays, is_surface=is_surface, seeds=seeds)
+    bent = _put_bent(image, arrays, np.flatnonzero(image.valid & ~seeds.certain), around.bends, sure, seeds, planes,
+                     spaces, settings)  # fmt: skip
+    is_surface = (
+        seeds.certain | ((line >= 0) & ~bent) | np.isin(kind, (Kind.CONTINUED, Kind.OTHER_REFLECTANCE))
+        | ((kind == Kind.NEW) & square & ~bent)
+    )  # fmt: skip
+    arrays.pop("log_evidence")
+    return Labels(**arrays, is_surface=is_surface, planes_gain=around.gain, seeds=seeds)
+
+
+def _put_bent(
+    image: PhasorImage, arrays: "dict[str, NDArray[Any]]", uncertain: IntArray, bends: FloatArray, sure: Members,
+    seeds: Seeds, planes: tuple[DistantPlane, ...], spaces: tuple[OpenSpace, ...], settings: UnmixSettings,
+) -> BoolArray:  # fmt: skip
+    """Put the labels of surfaces that bend over those of planes, where they are likelier: in the mask (pixel,)."""
+    bent = np.zeros(image.count, bool)
+    pixels = uncertain[bends[uncertain] > 0.0]
+    if not pixels.size:
+        return bent
+    found = judge_bending(image, pixels, sure, seeds, planes, spaces, settings)
+    probability = mixed_probability(
+        bends[pixels], arrays["probability"][pixels], found.probability, arrays["kind"][pixels] == found.kind
+    )
+    likelier = bends[pixels] > 0.5  # noqa: PLR2004  than planes
+    for name in _FIELDS:
+        arrays[name][pixels[likelier]] = getattr(found, name)[likelier]
+    arrays["probability"][pixels] = probability
+    bent[pixels[likelier]] = True
+    return bent
 
 
 def open_spaces(image: PhasorImage, settings: LabelSettings) -> tuple[OpenSpace, ...]:

@@ -172,6 +172,8 @@ class HypothesisSettings:
         information.
     rounds : int
         Rounds of share and place: a surface is seen where its part of the pixel is, and that is as large as the share.
+    bend_radius : float
+        Radius of a thing that bends, pixels, of which too few pixels show how much: half of the width of a patch.
     """
 
     distant_prior: Share = 0.002
@@ -181,6 +183,7 @@ class HypothesisSettings:
     apart: Threshold = 0.02
     same_sigmas: Threshold = 3.0
     rounds: Count = 3
+    bend_radius: Positive = 2.0
 
     def __post_init__(self) -> None:
         check_bounds(self)
