@@ -83,8 +83,7 @@ def _evidence(
         fitted = fit_patches(view, at, members, bend * same, third * same, robust=False, quadric=True)
         evidence[number, 0], evidence[number, 1:] = fitted.log_evidence, fitted.log_ways[:, 1:].T
     evidence = np.maximum(evidence, evidence.max(axis=(0, 1)) - _MOST_WORSE)
-    sums = np.zeros((*evidence.shape[:2], len(numbers)))
-    np.add.at(sums, np.s_[:, :, owner], evidence)
+    sums = np.stack([evidence[..., owner == place].sum(axis=-1) for place in range(len(numbers))], axis=-1)
     return owner, np.asarray(np.logaddexp.reduce(sums + LOG_WAYS[:, np.newaxis], axis=1))
 
 
