@@ -6,7 +6,7 @@ from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from tofmix.image.masks import components, count_around, near
+from tofmix.image.masks import components, count_around, near, sum_around
 
 
 def test_components_are_scipys_in_their_order(rng: np.random.Generator) -> None:
@@ -25,4 +25,8 @@ def test_counts_and_neighbourhoods_are_scipys_also_at_the_border(reach: int, rng
         mask = rng.random(shape) < 0.1
         counted = ndimage.convolve(mask.astype(np.int64), square.astype(np.int64), mode="constant")
         np.testing.assert_array_equal(count_around(mask, reach), counted)
+        values = rng.standard_normal(shape)
+        np.testing.assert_allclose(
+            sum_around(values, reach), ndimage.convolve(values, square, mode="constant"), atol=1e-9
+        )
         np.testing.assert_array_equal(near(mask, reach), ndimage.binary_dilation(mask, square.astype(bool)))

@@ -6,6 +6,7 @@ from support.round_things import OPEN_SCENES, SCENES, cylinder, render, score, s
 
 import tofmix as tm
 from tofmix.flags import Mixing
+from tofmix.unmixing.bending import mixed_probability
 from tofmix.unmixing.phasors import mean_phasors
 from tofmix.unmixing.settings import CurvedSettings, UnmixSettings
 from tofmix.unmixing.unmix import unmix
@@ -128,3 +129,19 @@ def test_second_modes_by_chance_leave_pixels_of_one_surface_decided() -> None:
     alone = one.share.max(axis=0) > 0.999
     assert (found.mixing[alone] == int(Mixing.UNDECIDED)).sum() <= 1
     assert (found.n_modes[alone] == 1).mean() > 0.999
+
+
+def test_poles_of_four_pixels_get_no_wrong_layer_and_most_mixed_pixels_both_surfaces() -> None:
+    things = [wall(3500), cylinder(-300, 2000, 55), cylinder(200, 2300, 45)]
+    one = render(things, [0.5, 0.7, 0.6], noise_mm=20.0)
+    result = score(one, tm.estimate(one.recording).window(0))
+    assert result.mixed > 80
+    assert result.both >= 0.8 * result.mixed
+    assert result.ranges_within >= 0.9 * result.ranges
+    assert (result.split, result.flying) == (0, 0)
+
+
+def test_probability_adds_up_where_planes_and_bent_surfaces_agree() -> None:
+    bends, planes, bent = np.array([0.25, 0.25, 0.75]), np.array([0.8, 0.8, 0.8]), np.array([0.4, 0.4, 0.4])
+    found = mixed_probability(bends, planes, bent, np.array([True, False, False]))
+    np.testing.assert_allclose(found, [0.7, 0.6, 0.3])

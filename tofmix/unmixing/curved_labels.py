@@ -52,7 +52,7 @@ def label_curved(image: PhasorImage, labels: Labels, settings: UnmixSettings = D
     """
     # Before open space a plane explains any pixel by its share alone: that does not say that nothing bends.
     beside_open = image.valid & np.isinf(labels.range_mm).any(axis=1) & (labels.kind != Kind.EMPTY)
-    doubtful_pixels = _undecided(image, labels, settings.curved) | beside_open
+    doubtful_pixels = _undecided(image, labels, settings.curved) | labels.bends | beside_open
     if not settings.curved.rounds or not doubtful_pixels.any():
         return labels
     view = view_of(image, labels)
@@ -64,12 +64,14 @@ def label_curved(image: PhasorImage, labels: Labels, settings: UnmixSettings = D
     if not unexplained.any() and not may_bend(view, segment, doubtful, REACH).any():
         return labels
     scales = learn_scales(view, segment, np.arange(count), REACH)
-    bent = scales.is_known() & ~scales.is_flat()
+    known = scales.is_known() & ~scales.is_flat()
+    bent = known.copy()
     bent[doubtful[unexplained]] |= ~scales.is_known()[doubtful[unexplained]]
     if not bent.any():
         return labels
-    # Of a thing that bends, a small part beside open space has too few pixels to tell.
-    likewise = doubtful[_mostly(segment, beside_open, image.shape, doubtful)]
+    # Of a thing that bends, a small part has too few pixels to tell; so has a small thing beside open space.
+    vague = doubtful_pixels if known.any() else beside_open
+    likewise = doubtful[_mostly(segment, vague, image.shape, doubtful)]
     bent[likewise] |= ~scales.is_known()[likewise]
     segment, scales, bent = _parted(image, view, labels, segment, scales, bent, settings)
     if not bent.any():

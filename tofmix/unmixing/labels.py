@@ -48,6 +48,8 @@ class Labels:
         Whether the pixel is known to see one surface: certain, continued, or new in a block of 2 x 2 that agree.
     planes_gain : float64
         Log evidence of planes over surfaces that bend (`tofmix.unmixing.bending`), nat.
+    bends : bool
+        Whether the label is that of surfaces that bend.
     seeds : Seeds
         Fixed pattern and texture.
     """
@@ -65,6 +67,7 @@ class Labels:
     log_density: FloatArray
     is_surface: BoolArray
     planes_gain: FloatArray
+    bends: BoolArray
     seeds: Seeds
 
 
@@ -132,7 +135,7 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
         | ((kind == Kind.NEW) & square & ~bent)
     )  # fmt: skip
     arrays.pop("log_evidence")
-    return Labels(**arrays, is_surface=is_surface, planes_gain=around.gain, seeds=seeds)
+    return Labels(**arrays, is_surface=is_surface, planes_gain=around.gain, bends=bent, seeds=seeds)
 
 
 def _put_bent(
