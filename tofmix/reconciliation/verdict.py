@@ -25,6 +25,9 @@ MOSTLY = 0.9
 CLOSED = 0.8
 """Least share of the gap that must then be closed."""
 
+FRAMES = 4.0
+"""Independent frames, at least, that a recording must be worth for a name or for `agree`: two to fit, two to judge."""
+
 SIGMAS = 0.5
 """Bias of all samples, in sigma, that a recording must be able to show for the verdict `agree`."""
 
@@ -60,6 +63,10 @@ class Findings:
         Level of the tests, corrected for all curves.
     samples : int
         Valid samples that were held out.
+    frames : int
+        Frames of the recordings.
+    independent : float
+        Number of independent samples that have the information of a pixel's samples, over their number.
     judged : float
         Number of judged samples over the number of samples on which gains were scored.
     law : str or None
@@ -81,6 +88,8 @@ class Findings:
     near: Compared
     alpha: float
     samples: int
+    frames: int = 100
+    independent: float = 1.0
     nulls: tuple[Compared, ...] = ()
     judged: float = 1.0
     law: str | None = None
@@ -95,12 +104,18 @@ class Findings:
     def smallest_sigma(self) -> float:
         """The smallest bias of all samples, in sigma, that these frames show in 95 of 100 recordings."""
         limit = float(norm.isf(self.alpha / max(len(self.near.curves), 1)))
-        return (limit + _POWER) / math.sqrt(max(self.samples, 1))
+        return (limit + _POWER) / math.sqrt(max(self.samples * self.independent, 1))
 
     @property
     def few(self) -> bool:
-        """Whether there are too few samples to see half a sigma."""
-        return self.smallest_sigma > SIGMAS
+        """Whether there are too few independent samples to see half a sigma, or too few independent frames."""
+        return self.missing_frames > 0
+
+    @property
+    def missing_frames(self) -> int:
+        """Frames that a recording needs beyond those that it has: to see half a sigma, and to be worth `FRAMES`."""
+        needed = max(self.frames * (self.smallest_sigma / SIGMAS) ** 2, FRAMES / self.independent)
+        return max(math.ceil(needed) - self.frames, 0)
 
     @property
     def open(self) -> list[Curve]:
@@ -213,14 +228,14 @@ def judge(found: Findings) -> str:
     Returns
     -------
     str
-        ``agree``: no effect was added and nothing stands out, with enough samples to see half a sigma. ``explained``:
-        effects were added and nothing stands out. ``partly_explained``: a deviation remains, but it is small compared
-        with the gain of the effects, or it was there before and the effects do not change it, or it is a change in
-        time. ``unexplained``: all other cases.
+        With too few independent samples or frames always ``unexplained``. ``agree``: no effect was added and nothing
+        stands out. ``explained``: effects were added and nothing stands out. ``partly_explained``: a deviation remains,
+        but it is small compared with the gain of the effects, or it was there before and the effects do not change it,
+        or it is a change in time. ``unexplained``: all other cases.
     """
     if not found.chosen:
         return "unexplained" if found.open or found.few else "agree"
-    if not found.sound:
+    if found.few or not found.sound:
         return "unexplained"
     if not found.open:
         return "partly_explained" if found.in_time else "explained"

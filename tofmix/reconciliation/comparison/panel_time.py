@@ -14,6 +14,7 @@ from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.simulation.effects.interference import Interference
 
 _ENOUGH_IN_FRAME = 30  # samples
+_PARTS = 10  # of the time
 _MORE = 4.0  # weight of the effect's share, in frames
 
 
@@ -25,6 +26,9 @@ def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture) -> Iter
     count = ok.sum(axis=0)
     flat = np.where(ok, z - np.nansum(z, axis=0) / np.maximum(count, 1), np.float32(0))
     n = ok.sum(axis=1)
+    alone = one_surface(m)[part[1]]  # in other pixels a score also depends on the surface that was drawn
+    if alone.any() and ok.any():
+        yield from _memory(flat[:, alone], ok[:, alone], part[0])
     some = n >= _ENOUGH_IN_FRAME
     if not some.any():
         return
@@ -35,8 +39,8 @@ def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture) -> Iter
     for name, value, extra in (("common_mode", mean, 1.0), ("bursts", square, _kurtosis(flat, ok))):
         yield Curve(statistic=name, axis="frame", lower=frame[some], upper=frame[some] + 1, value=value,
                     variance=extra / n[some], unit="1", scale_mm=sigma)  # fmt: skip
-    parts = min(10, int(some.sum()))  # of the time: tenths, or single frames
-    tenth = np.arange(some.sum()) * parts // int(some.sum())
+    told = int(some.sum())
+    tenth = np.arange(told) * min(_PARTS, told) // told
     for name, value in (("trend", mean), ("spread", square)):
         size = np.bincount(tenth, n[some])
         start = np.array([now[some][tenth == k][0] for k in range(tenth.max() + 1)])
@@ -44,9 +48,6 @@ def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture) -> Iter
         mean_value = np.bincount(tenth, value * n[some]) / size
         yield Curve(statistic=name, axis="time", lower=start, upper=end, value=mean_value,
                     variance=1.0 / size, unit="s", scale_mm=sigma[: size.size])  # fmt: skip
-    alone = one_surface(m)[part[1]]  # in other pixels a score also depends on the surface that was drawn
-    if alone.any():
-        yield from _memory(flat[:, alone], ok[:, alone], part[0])
 
 
 def burst_share(disturbed: FloatArray, effect: Interference) -> Iterator[Curve]:

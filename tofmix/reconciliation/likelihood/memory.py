@@ -28,7 +28,8 @@ _REACH = 7.0  # sigma, beyond which a sample is a random value for sure
 _LEAST_CHANCE = 1e-15  # in either tail: a score of 7.9
 _SUBSTITUTIONS = 3  # of the fixed point of the filter's gain, which halves its error each time
 _NUDGE = 0.01  # of the coefficient, for a curvature
-_LEAST_PAIRS = 1000  # of frames and pixels: a correlation is then known to 0.03
+_MANY_PAIRS = 1000  # of frames and pixels: a correlation is then known to 0.03
+_LEAST_PAIRS = 100  # to 0.1
 _LEAST_POWER = 1e-6  # mean square of scores that are no mere rounding
 _LAGS = 24  # frames
 _AT_ONCE = 1 << 12  # pixels
@@ -185,7 +186,7 @@ def _noises(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Par
 
 def _noise(z: Float32Array, mixture: Mixture, part: Part) -> _Noise:
     alone = one_surface(mixture, _ALONE)[part[1]]
-    pixels = part[1][alone if alone.sum() * len(part[0]) >= _LEAST_PAIRS else one_surface(mixture)[part[1]]]
+    pixels = part[1][alone if alone.sum() * len(part[0]) >= _MANY_PAIRS else one_surface(mixture)[part[1]]]
     random = random_values(mixture, pixels)
     u = noise_of(z[:, pixels].astype(np.float64), random)
     good = np.abs(u) < _FAR
@@ -241,7 +242,7 @@ def _left(z: Float32Array, mixture: Mixture, coefficient: float) -> float:
         flat = np.where(ok, flat - mean, 0)
     power = float((flat**2).sum(dtype=np.float64)) / max(int(ok.sum()), 1)
     most = 0.0
-    for lag in range(1, min(_LAGS, len(flat) // 4) + 1):
+    for lag in range(1, min(_LAGS, len(flat) // 2) + 1):
         pairs, product = lag_product(flat, ok, lag)
         if pairs >= _LEAST_PAIRS and power > 0:
             most = max(most, abs(product) / (pairs * power) - 4 / math.sqrt(pairs))
@@ -337,6 +338,16 @@ def inflation(likelihood: Likelihood, mixture: Mixture, state: State, part: Part
         alike = (m.weight[0] ** 2).sum(axis=0) / np.maximum(m.weight[0].sum(axis=0), 1e-9) ** 2
         out += 2 * linked / frames * alike * attenuation(m)
     return out
+
+
+def independent(likelihood: Likelihood, state: State) -> float:
+    """Number of independent samples that a pixel's samples are worth for a mean, over their number.
+
+    1 without a memory, and less with one: a pixel's samples resemble those before.
+    """
+    frames, pixels = likelihood.evidence.shape
+    part = np.arange(frames), np.arange(pixels)
+    return 1.0 / float(np.median(inflation(likelihood, likelihood.mixture(state), state, part)))
 
 
 def _linked(frames: IntArray, coefficient: float) -> float:

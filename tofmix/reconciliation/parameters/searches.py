@@ -40,6 +40,7 @@ _TURNED_NATS = 6.0  # least evidence for tilts, two more numbers
 _KNOWN_OF_MEDIAN = 2 / math.pi  # information of a median over that of a mean
 _AT_THE_EDGE = 0.95  # quantile
 _LEAST_LEVER = 0.1  # mm a degree: a tilt with less effect on ranges is not searched for
+_BY_CHANCE = 0.05  # chance that a value lies so near a whole number
 _LEAST_FRAMES = 3.0  # least time constant of a drift: a faster one is an offset with a bad first frame
 
 
@@ -101,6 +102,7 @@ class Setting:
     surfaces: tuple["Seen", ...]  # surfaces that fill pixels
     amplitudes: FloatArray
     shares: FloatArray  # of invalid samples by pixel
+    residuals: FloatArray  # measured minus predicted range of pixels with a return, mm
 
 
 _Main = tuple[NDArray[Any], ...]
@@ -260,9 +262,15 @@ def _saturation(s: Setting) -> Iterator[Problem]:
 
 
 def _wrapping(s: Setting) -> Iterator[Problem]:
-    """At the camera's own turn, because a free one absorbs an offset; only if a surface is near enough to the turn."""
+    """At the camera's own turn, because a free one absorbs an offset; only if samples can fold.
+
+    They can if a surface is near enough to the turn, or if pixels are off by a whole turn, so closely that chance gives
+    this in 1 of 20.
+    """
     reach = np.where(s.mixture.lit & (s.mixture.weight > 0), s.mixture.true_range, 0.0) + 4 * s.sigma
-    if reach.max() > s.turn:
+    turns = s.residuals / s.turn
+    whole = (np.rint(turns) != 0) & (np.abs(turns - np.rint(turns)) < 0.5 * _BY_CHANCE)
+    if reach.max() > s.turn or whole.any():
         yield Problem(make=lambda _: MAKE["phase_wrapping"](unambiguous_range_mm=s.turn), starts=((),), steps=())
 
 
@@ -312,6 +320,7 @@ def setting(likelihood: Likelihood, mixture: Mixture) -> Setting:
         surfaces=tuple(seen),
         amplitudes=amplitude,
         shares=lost,
+        residuals=(median - mean)[lit & ~np.isnan(median)],
     )
 
 
@@ -346,7 +355,8 @@ def _main(view: View) -> _Main:
     lost = (samples == 0).mean(axis=0)
     few = samples[:: max(1, len(samples) // _GLANCE)].astype(np.float64)
     few[few == 0] = np.nan
-    few = m.of_main(m.mean) + m.near_turn(few - m.of_main(m.mean))
+    if m.period > 0:
+        few = m.of_main(m.mean) + m.near_turn(few - m.of_main(m.mean))
     some = ~np.isnan(few).all(axis=0)
     median = np.full(lost.shape, np.nan)
     median[some] = np.nanmedian(few[:, some], axis=0)

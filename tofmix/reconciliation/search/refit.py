@@ -86,12 +86,15 @@ def begin(likelihood: Likelihood, frames: IntArray, tolerance: float) -> State:
     frames : (n,) int64
         Frames for a pattern's map.
     tolerance : float
-        Error of a map of the model, in sigma: it was measured, possibly in a recording as short as this one.
+        Error of a map of the model, in sigma. It was measured, possibly in a recording as short as this one, so its
+        error is at least that of a mean over this recording.
     """
     state = likelihood.start()
     if any(isinstance(e, FixedPattern) and e.map is not None for e in likelihood.scene.effects):
         mixture = likelihood.scene.mixture()
-        state = replace(state, pixel_variance=(SLACK * tolerance * mixture.of_main(mixture.sigma)) ** 2)
+        least = 1.0 / likelihood.evidence.shape[0]  # a mean of as many frames
+        error = max((SLACK * tolerance) ** 2, least if tolerance > 0 else 0.0)
+        state = replace(state, pixel_variance=error * mixture.of_main(mixture.sigma) ** 2)
     for effect in state.given:
         if isinstance(effect, StuckPixels):
             if effect.map is not None:

@@ -10,10 +10,11 @@ import numpy as np
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, State
 from tofmix.reconciliation.parameters.planes import PlanePose, measured_pose
 from tofmix.reconciliation.search.add import Added
+from tofmix.reconciliation.search.folding import fold
+from tofmix.reconciliation.search.name import Candidate
 from tofmix.reconciliation.search.refit import begin
 from tofmix.reconciliation.search.search_state import Settings, fit_part, name_of
 from tofmix.reconciliation.search.summaries import summaries, surfaces_of
-from tofmix.reconciliation.verdict import SIGMAS
 from tofmix.reconciliation.verification.aliases import Alias
 from tofmix.reconciliation.verification.far_trend import far_trends
 from tofmix.reconciliation.verification.verify import Verified
@@ -68,7 +69,16 @@ def next_steps(
         steps += _of_far_trends(likelihood, verified, settings)
     if verified.verdict in ("unexplained", "partly_explained"):
         named = verified.verdict == "partly_explained"  # otherwise the effects are no part of the model
-        poses = found_poses(likelihood, settings, verified.state if named else None)
+        part = fit_part(likelihood, settings)
+        state = verified.state if named else begin(likelihood, part[0], settings.tolerance)
+        folded = fold(likelihood, state, part)
+        if folded is not None:
+            state = folded.state
+            steps.append(
+                f"The samples of a surface lie a turn of the phase from the model's, {_turn_mm(folded):.5g} mm: add"
+                f' [[effect]] kind = "{folded.kind}"; unambiguous_range_mm = {_turn_mm(folded):.8g}'
+            )
+        poses = found_poses(likelihood, settings, state)
         steps += _of_poses(poses, several=len(likelihood.scene.members) > 1)
         steps += _of_the_search(added, verified, settings, misplaced=bool(poses))
     for alias in unclear:
@@ -89,6 +99,10 @@ def next_steps(
     return tuple(steps) or ("Examine the places in `where`: no known effect explains them.",)
 
 
+def _turn_mm(folded: Candidate) -> float:
+    return float(getattr(folded.effect, "unambiguous_range_mm", math.nan))
+
+
 def _of_the_recording(likelihood: Likelihood, verified: Verified) -> Iterator[str]:
     repeated, found = likelihood.evidence.repeated, verified.findings
     own, given = likelihood.evidence.integration_time_ms, likelihood.scene.model.sensor.integration_time_ms
@@ -103,10 +117,11 @@ def _of_the_recording(likelihood: Likelihood, verified: Verified) -> Iterator[st
             " sample by sample, and were left out: check the driver's frame rate."
         )
     if found.few:
-        frames = math.ceil(likelihood.evidence.shape[0] * (found.smallest_sigma / SIGMAS) ** 2)
+        worth = found.samples * found.independent
+        of_them = f", worth {worth:.0f} independent ones under their memory" if found.independent < 1 else ""
         yield (
-            f"Too few samples: {found.samples} were held out, and the smallest bias that they show is"
-            f" {found.smallest_sigma:.2g} sigma. Record {frames} frames or more, or more pixels."
+            f"Too few samples: {found.samples} were held out{of_them}, and the smallest bias that they show is"
+            f" {found.smallest_sigma:.2g} sigma. Record {counted(found.missing_frames, 'more frame')}."
         )
 
 

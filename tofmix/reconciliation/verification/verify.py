@@ -14,7 +14,7 @@ from tofmix.reconciliation.comparison.compare import Compared, compare
 from tofmix.reconciliation.comparison.localise import disagreements
 from tofmix.reconciliation.likelihood.joint import views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
-from tofmix.reconciliation.likelihood.memory import memory_left, memory_of
+from tofmix.reconciliation.likelihood.memory import independent, memory_left, memory_of
 from tofmix.reconciliation.likelihood.mixture import LINKING, Scene
 from tofmix.reconciliation.search import links
 from tofmix.reconciliation.search.add import Added
@@ -126,6 +126,7 @@ def verify(
     found = Findings(
         chosen=added.chosen, before=before, after=after, floor=floor, near=added.panel, alpha=settings.alpha,
         samples=int((likelihood.evidence.samples[held[0]][:, held[1]] > 0).sum()),
+        frames=likelihood.evidence.shape[0], independent=independent(likelihood, added.state),
         judged=len(held[0]) * len(held[1]) / max(len(part[0]) * len(part[1]), 1),
         law=better_law(
             likelihood, added.state, added.chosen, (fit_part(likelihood, settings), held), settings.tolerance,
