@@ -6,11 +6,11 @@ pixel.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.special import ndtr, ndtri
+from scipy.special import chdtri, ndtr, ndtri
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.compiled.jit import borrowing, jit
@@ -30,6 +30,7 @@ _SUBSTITUTIONS = 3  # of the fixed point of the filter's gain, which halves its 
 _NUDGE = 0.01  # of the coefficient, for a curvature
 _MANY_PAIRS = 1000  # of frames and pixels: a correlation is then known to 0.03
 _LEAST_PAIRS = 100  # to 0.1
+_SHOWING = 500  # pixels that show a memory well enough to count independent samples
 _LEAST_POWER = 1e-6  # mean square of scores that are no mere rounding
 _LAGS = 24  # frames
 _AT_ONCE = 1 << 12  # pixels
@@ -340,14 +341,33 @@ def inflation(likelihood: Likelihood, mixture: Mixture, state: State, part: Part
     return out
 
 
-def independent(likelihood: Likelihood, state: State) -> float:
+def independent(likelihood: Likelihood, state: State, alpha: float, seed: int) -> float:
     """Number of independent samples that a pixel's samples are worth for a mean, over their number.
 
-    1 without a memory, and less with one: a pixel's samples resemble those before.
+    1 without a memory, and less with one: a pixel's samples resemble those before. Without a memory in the state, the
+    one that the scores show counts, because held-out frames of a short recording may not show it.
+
+    Parameters
+    ----------
+    likelihood, state
+        The recordings, and the model with its effects.
+    alpha : float
+        Level at which a memory outside the state counts.
+    seed : int
+        Of the scores.
     """
     frames, pixels = likelihood.evidence.shape
-    part = np.arange(frames), np.arange(pixels)
-    return 1.0 / float(np.median(inflation(likelihood, likelihood.mixture(state), state, part)))
+    part = np.arange(frames), np.arange(pixels)[:: 1 + pixels // _SHOWING]
+    mixture = likelihood.mixture(state)
+    if not memory_of(state):
+        z = likelihood.scores(state, part, seed, mixture)
+        shown = fit_memory(likelihood, z, mixture, part)
+        if shown is None or shown.coefficient <= 0:
+            return 1.0
+        if memory_gain(likelihood, z, mixture, part, shown.coefficient) < 0.5 * chdtri(1, alpha):
+            return 1.0
+        state = replace(state, effects=(*state.effects, shown))
+    return 1.0 / float(np.median(inflation(likelihood, mixture, state, part)))
 
 
 def _linked(frames: IntArray, coefficient: float) -> float:

@@ -126,7 +126,8 @@ def verify(
     found = Findings(
         chosen=added.chosen, before=before, after=after, floor=floor, near=added.panel, alpha=settings.alpha,
         samples=int((likelihood.evidence.samples[held[0]][:, held[1]] > 0).sum()),
-        frames=likelihood.evidence.shape[0], independent=independent(likelihood, added.state),
+        frames=likelihood.evidence.shape[0],
+        independent=independent(likelihood, added.state, settings.alpha, settings.seed),
         judged=len(held[0]) * len(held[1]) / max(len(part[0]) * len(part[1]), 1),
         law=better_law(
             likelihood, added.state, added.chosen, (fit_part(likelihood, settings), held), settings.tolerance,
