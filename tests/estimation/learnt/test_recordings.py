@@ -244,12 +244,3 @@ def test_share_of_outliers_is_the_counted_one_where_nothing_is_stated_and_chance
     )  # fmt: skip
     found = share_of_outliers(replace(CAMERA, outlier_probability=stated), measured)
     assert found == (counted if replaced else stated)
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("few_draws")
-def test_pairs_of_rare_random_values_are_no_surfaces(rng: np.random.Generator) -> None:
-    samples = surfaces(rng, (100, 600), (5000.0,), background=np.full(600, 0.02))
-    found, layers = _learnt(samples)
-    assert found.sensor.outlier_probability == pytest.approx(0.02, abs=0.006)
-    assert (layers.n_modes > 1).mean() < 0.005  # 0.01 to 0.02 under p(c_r) = 1e-4
