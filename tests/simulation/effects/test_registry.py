@@ -20,7 +20,7 @@ from tofmix.simulation.prediction import predict
 
 CONTRACT = {
     "range_offset": "offset_mm",
-    "surface_pose": "surface shift_mm yaw_deg pitch_deg",
+    "surface_pose": "surface shift_mm yaw_deg pitch_deg roll_deg",
     "wiggling": "amplitude_mm phase_rad",
     "amplitude_walk": "scale_mm reference_amplitude exponent",
     "temperature_drift": "amplitude_mm time_constant_s",
