@@ -26,9 +26,9 @@ from tofmix.reconciliation.search.search_state import Settings, fit_part, held_o
 from tofmix.reconciliation.verdict import LAW
 from tofmix.simulation.effects.base import Effect
 
-CANCELS = 10.0
+CANCELS = 20.0
 """Gain of an effect in the presence of the others over that of the best effect alone, and over that of all together:
-two biases that cancel to less than a third gain so much, since gains are squares of biases."""
+two biases that cancel to less than a quarter gain so much, since gains are squares of biases."""
 
 _SEVERAL = 2  # effects, of which one may stand for another
 _MEANS = (("common_mode", "frame"), ("pattern", "all"))  # curves of means by frame and by pixel
