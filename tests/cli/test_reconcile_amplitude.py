@@ -44,7 +44,7 @@ def test_law_of_amplitude_changes_the_verdict(tofmix: Tofmix, tmp_path: Path, la
     (tmp_path / "real.toml").write_text(MODEL.replace("LAW", LAW))
     (tmp_path / "model.toml").write_text(MODEL.replace("LAW", law))
     assert tofmix("simulate", tmp_path / "real.toml", "-o", tmp_path / "a.h5").code == 0
-    arguments = ("--effects", "range_offset,excess_noise", "-o", tmp_path / "gap")
+    arguments = ("--effects", "range_offset,excess_noise", "--noise", "model", "-o", tmp_path / "gap")
     done = tofmix("reconcile", tmp_path / "model.toml", tmp_path / "a.h5", *arguments)
     assert done.code == 0, done.err
     gap = json.loads((tmp_path / "gap" / "gap.json").read_text())
