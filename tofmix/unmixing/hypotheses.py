@@ -232,7 +232,7 @@ def judge(
     )  # fmt: skip
     here = [predict(neighbours, k, np.zeros(len(pixels)), np.zeros(len(pixels)), image=image, seeds=seeds)
             for k in range(MOST_SURFACES)]  # fmt: skip
-    _put_continued(best, image, pixels, neighbours, here, largest)
+    _put_continued(best, image, pixels, neighbours, here, largest, settings.aside)
     _put_distant(best, image, pixels, planes, seeds, settings.distant_prior)
     _put_empty(best, image, pixels, spaces)
     ends = _Ends(image, pixels, neighbours, here, seeds, spaces, settings, bends)
@@ -261,10 +261,15 @@ def _bending(image: PhasorImage, pixels: IntArray, neighbours: NeighbourSurfaces
     )
 
 
-def _log_share(prior: float, possible: FloatArray | BoolArray, count: FloatArray) -> FloatArray:
-    """Log (n,) of a prior that `count` hypotheses share; -inf where the one in question is not possible."""
+def _log_share(prior: float, chance: FloatArray | BoolArray, total: FloatArray) -> FloatArray:
+    """Log (n,) of a prior that hypotheses of chances of `total` share; -inf where the one in question has none."""
     with np.errstate(divide="ignore"):
-        return np.asarray(np.log(np.where(possible, prior / np.maximum(count, 1), 0.0)))
+        return np.asarray(np.log(prior * chance / np.maximum(total, 1.0)))
+
+
+def _place_chance(neighbours: NeighbourSurfaces, aside: float) -> FloatArray:
+    """Chance (n, surface) of a surface by its place: it fills one of the eight pixels around, or none of them."""
+    return np.where(neighbours.touches, 1.0, aside)
 
 
 def _log_normal(difference: ComplexArray, covariance: FloatArray) -> FloatArray:
@@ -286,21 +291,21 @@ def _form(covariance: FloatArray, one: ComplexArray, other: ComplexArray) -> Flo
 
 def _put_continued(
     best: _Best, image: PhasorImage, pixels: IntArray, neighbours: NeighbourSurfaces, here: list[Predictions],
-    largest: float,
+    largest: float, aside: float,
 ) -> None:  # fmt: skip
     """A trusted neighbouring surface fills the pixel, with its light or with any light."""
     phasor = image.phasor[pixels]
-    trusted = neighbours.found & neighbours.is_trusted
-    count = trusted.sum(axis=1)
+    chances = _place_chance(neighbours, aside) * (neighbours.found & neighbours.is_trusted)
+    total = chances.sum(axis=1)
     for k, seen in enumerate(here):
-        possible = trusted[:, k]
-        if not possible.any():
+        chance = chances[:, k]
+        if not chance.any():
             continue
         tangential = seen.tangential + neighbours.noise_tangential[:, k]
         radial = seen.radial + neighbours.noise_radial[:, k]
         plane = plane_vector(image, pixels, neighbours.near[:, k])
         best.put(
-            Kind.CONTINUED, _log_share(PRIORS[Kind.CONTINUED], possible, count),
+            Kind.CONTINUED, _log_share(PRIORS[Kind.CONTINUED], chance, total),
             _log_normal(phasor - seen.phasor, polar_covariance(seen.phasor, tangential, radial)), plane=plane,
             is_fresh=neighbours.is_fresh[:, k],
         )  # fmt: skip
@@ -312,7 +317,7 @@ def _put_continued(
         log_density = -0.5 * turned.imag**2 / across - 0.5 * np.log(2.0 * math.pi * across) - math.log(largest)
         best.put(
             Kind.OTHER_REFLECTANCE,
-            _log_share(PRIORS[Kind.OTHER_REFLECTANCE], possible & (turned.real > 0), count), log_density, plane=plane,
+            _log_share(PRIORS[Kind.OTHER_REFLECTANCE], chance * (turned.real > 0), total), log_density, plane=plane,
             is_fresh=neighbours.is_fresh[:, k],
         )  # fmt: skip
 
@@ -363,6 +368,9 @@ class _Ends:
         self.found = np.column_stack([neighbours.found, *(space.nearby[pixels] for space in spaces)])
         self.trusted = np.column_stack([neighbours.is_trusted, *(np.ones(count, bool) for _ in spaces)])
         self.fresh = np.column_stack([neighbours.is_fresh, *(np.zeros(count, bool) for _ in spaces)])
+        self.chance = np.column_stack(
+            [_place_chance(neighbours, settings.aside), *(np.ones(count) for _ in spaces)]
+        )
         self.known = np.column_stack([neighbours.is_known, *(np.ones(count, bool) for _ in spaces)])
         even = np.ones(count)
         self._spaces, self._scatter = spaces, [space.scatter for space in spaces]
@@ -504,7 +512,7 @@ def _put_distant_pairs(best: _Best, ends: _Ends, planes: tuple[DistantPlane, ...
         return
     here = ends.some(doubtful)
     usable = here.found[:, :MOST_SURFACES] & here.trusted[:, :MOST_SURFACES]
-    pairs, count = [], np.zeros(len(doubtful))
+    pairs, total = [], np.zeros(len(doubtful))
     seen: list[tuple[BoolArray, Predictions]] = [(usable[:, k], here.at(k)) for k in range(MOST_SURFACES)]
     for plane in planes:
         none = np.zeros(len(doubtful))
@@ -516,12 +524,12 @@ def _put_distant_pairs(best: _Best, ends: _Ends, planes: tuple[DistantPlane, ...
         seen.append((new, far))
         for one in range(MOST_SURFACES):
             possible = new & usable[:, one] & beyond[one]
-            count += possible
+            total += possible * here.chance[:, one]
             tried = np.flatnonzero(possible & _near_chord(here, here.at(one), far))
             if tried.size:
                 pairs.append((one, plane, tried))
     for one, plane, tried in pairs:
-        _put_distant_pair(best, here.some(tried), one, plane, doubtful[tried], count[tried])
+        _put_distant_pair(best, here.some(tried), one, plane, doubtful[tried], total[tried])
 
 
 def _are_apart(one: Predictions, other: Predictions, settings: HypothesisSettings) -> BoolArray:
@@ -544,14 +552,14 @@ def _near_chord(ends: _Ends, one: Predictions, other: Predictions) -> BoolArray:
 
 
 def _put_distant_pair(
-    best: _Best, ends: _Ends, one: int, plane: DistantPlane, which: IntArray, count: FloatArray
+    best: _Best, ends: _Ends, one: int, plane: DistantPlane, which: IntArray, total: FloatArray
 ) -> None:  # fmt: skip
     """Put the pair of one end and a large surface, of `which` of the pixels that are judged."""
     chord = _chord(ends, one, _OPEN, plane)
     possible = chord.share <= 1.0 - ends.settings.same_sigmas * np.sqrt(chord.variance)
     share, none = np.clip(chord.share, 0.0, 1.0), np.full(len(which), np.nan)
     best.put(
-        Kind.PAIR, _log_share(ends.settings.distant_prior, possible, count), chord.log_density, which=which,
+        Kind.PAIR, _log_share(ends.settings.distant_prior, possible * ends.chance[:, one], total), chord.log_density, which=which,
         range_mm=np.column_stack([chord.one.range_mm, chord.other.range_mm, none]),
         range_variance=np.column_stack([chord.one.range_variance, chord.other.range_variance, none]),
         share=np.column_stack([share, 1.0 - share, none]),
@@ -563,7 +571,7 @@ def _put_distant_pair(
 
 def _put_pairs(best: _Best, ends: _Ends) -> None:
     """Two ends share the pixel; one of them at least is trusted. All kinds of open space are one end."""
-    pairs, count = [], np.zeros(len(ends.pixels))
+    pairs, total = [], np.zeros(len(ends.pixels))
     spaces = tuple(range(_OPEN, ends.count))
     for one in range(MOST_SURFACES):
         for others in (*((other,) for other in range(one + 1, MOST_SURFACES)), spaces):
@@ -580,12 +588,13 @@ def _put_pairs(best: _Best, ends: _Ends) -> None:
             error = ends.settings.same_sigmas * np.sqrt(chord.variance)
             is_distinct = here.trusted[:, one] | (1.0 - chord.share >= error)
             is_distinct &= here.trusted[:, other] | (chord.share >= error)
-            count[which] += is_distinct
-            pairs.append((one, other, which, here, is_distinct, chord))
-    for one, other, which, here, is_distinct, chord in pairs:
+            chance = is_distinct * here.chance[:, one] * here.chance[:, other]
+            total[which] += chance
+            pairs.append((one, other, which, here, chance, chord))
+    for one, other, which, here, chance, chord in pairs:
         share, none = np.clip(chord.share, 0.0, 1.0), np.full(len(which), np.nan)
         best.put(
-            Kind.PAIR, _log_share(PRIORS[Kind.PAIR], is_distinct, count[which]), chord.log_density, which=which,
+            Kind.PAIR, _log_share(PRIORS[Kind.PAIR], chance, total[which]), chord.log_density, which=which,
             range_mm=np.column_stack([chord.one.range_mm, chord.other.range_mm, none]),
             range_variance=np.column_stack([chord.one.range_variance, chord.other.range_variance, none]),
             share=np.column_stack([share, 1.0 - share, none]),
@@ -627,7 +636,7 @@ def _noise_along(ends: _Ends, one: int, other: int, chord: _Chord, share: FloatA
 
 def _put_triples(best: _Best, ends: _Ends) -> None:
     """Three trusted ends share the pixel: barycentric coordinates of its phasor in their triangle are the shares."""
-    triples, count = [], np.zeros(len(ends.pixels))
+    triples, total = [], np.zeros(len(ends.pixels))
     spread = np.sqrt(0.5 * (ends.covariance[:, 0] + ends.covariance[:, 1]))
     for a in range(MOST_SURFACES):
         for b in range(a + 1, MOST_SURFACES):
@@ -640,12 +649,13 @@ def _put_triples(best: _Best, ends: _Ends) -> None:
                 possible &= ends.apart(a, b) & ends.apart(b, c) & ends.apart(a, c)
                 corners = [ends.at(number) for number in (a, b, c)]
                 shares, errors, log_density = _barycentric(ends.phasor, spread, corners)
-                count += possible
+                chance = possible * ends.chance[:, a] * ends.chance[:, b] * ends.chance[:, c]
+                total += chance
                 fresh = ends.fresh[:, a] | ends.fresh[:, b] | ends.fresh[:, c]
-                triples.append((possible, corners, shares, errors, log_density, fresh))
-    for possible, corners, shares, errors, log_density, fresh in triples:
+                triples.append((chance, corners, shares, errors, log_density, fresh))
+    for chance, corners, shares, errors, log_density, fresh in triples:
         best.put(
-            Kind.TRIPLE, _log_share(PRIORS[Kind.TRIPLE], possible, count), log_density,
+            Kind.TRIPLE, _log_share(PRIORS[Kind.TRIPLE], chance, total), log_density,
             range_mm=np.column_stack([corner.range_mm for corner in corners]),
             range_variance=np.column_stack([corner.range_variance for corner in corners]),
             share=np.clip(shares, 0.0, 1.0), share_variance=errors**2, is_fresh=fresh,

@@ -163,6 +163,9 @@ class HypothesisSettings:
         stays a pair.
     likely : float
         Probability from which on neighbouring surfaces explain a pixel, and large ones elsewhere are not tried.
+    aside : float
+        Chance that a surface which a pixel sees fills none of the eight pixels around it: 0.001 to 0.04 in simulated
+        scenes of boards, pickets, rooms and stairs, where it fills any within four pixels.
     near_chord : float
         Distance from a chord, as a part of its length and beyond 6 standard errors, within which a pair is tried.
     apart_sigmas, apart : float
@@ -178,6 +181,7 @@ class HypothesisSettings:
 
     distant_prior: Share = 0.002
     likely: Share = 0.9
+    aside: Share = 0.01
     near_chord: Threshold = 0.02
     apart_sigmas: Threshold = 5.0
     apart: Threshold = 0.02

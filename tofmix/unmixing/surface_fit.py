@@ -86,6 +86,8 @@ class NeighbourSurfaces(NamedTuple):
         Whether most of its pixels are (`Members`).
     row, col : float64
         Middle of its pixels, relative to the pixel.
+    touches : bool
+        Whether one of the eight pixels around is its.
     noise_radial, noise_tangential : float64
         Mean variance of its pixels' mean phasors by noise.
     scatter_radial, scatter_tangential : float64
@@ -102,6 +104,7 @@ class NeighbourSurfaces(NamedTuple):
     is_fresh: BoolArray
     row: FloatArray
     col: FloatArray
+    touches: BoolArray
     noise_radial: FloatArray
     noise_tangential: FloatArray
     scatter_radial: FloatArray
@@ -495,6 +498,7 @@ def _describe(
         fresh += members.is_fresh[other]
         out.row[at, number] += indices[_DOWN, place] * part
         out.col[at, number] += indices[_RIGHT, place] * part
+        out.touches[at, number] |= max(abs(indices[_DOWN, place]), abs(indices[_RIGHT, place])) == 1
         out.noise_radial[at, number] += measured.noise_radial[other] * part
         out.noise_tangential[at, number] += measured.noise_tangential[other] * part
         out.scatter_radial[at, number] += measured.scatter_radial[other] * part
