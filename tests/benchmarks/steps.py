@@ -4,9 +4,10 @@
 
 Pixels of one surface, and of two surfaces `--apart` sigmas apart, are drawn with Gaussian noise of 6 mm at ranges of
 1.5 to 4.5 m, and stored on a step of each number of sigmas: ``common`` multiples of one step; ``jitter``, the same
-after a conversion in float32; ``range``, a step that grows with range; ``pixel``, the step of each pixel;
-``integer``, whole mm, with the noise made as small as the step asks. The noise is learnt, with all its parts. Step 0
-is the same samples as they were drawn.
+after a conversion in float32; ``range``, a step that grows with range; ``float``, floating-point numbers of few bits,
+whose step is that number from about 2 to 4 m, and half and twice as much below and beyond; ``pixel``, the step of each
+pixel; ``integer``, whole mm, with the noise made as small as the step asks. The noise is learnt, with all its parts.
+Step 0 is the same samples as they were drawn.
 
 `ratio` is the power of a likelihood-ratio test on the same stored values, which knows sigma and the step: two surfaces
 of free places and shares against one, for the probability of the values in their cells, by direct maximisation. Its
@@ -31,7 +32,7 @@ from tofmix.arrays import FloatArray
 
 SIGMA_MM = 6.0
 LOW_MM, HIGH_MM = 1500.0, 4500.0
-FORMS = ("common", "jitter", "range", "pixel", "integer")
+FORMS = ("common", "jitter", "range", "float", "pixel", "integer")
 
 
 def stored(range_mm: FloatArray, step_mm: float, form: str, rng: np.random.Generator) -> NDArray[np.float32]:
@@ -41,6 +42,10 @@ def stored(range_mm: FloatArray, step_mm: float, form: str, rng: np.random.Gener
     if form == "range":  # multiples of a step in the logarithm
         part = step_mm / (0.5 * (LOW_MM + HIGH_MM))
         return np.exp(part * np.rint(np.log(range_mm) / part)).astype(np.float32)
+    if form == "float":
+        double = step_mm * 2.0 ** np.rint(np.log2(2048.0 / step_mm))  # a value of both steps, near 2 m
+        own = step_mm * 2.0 ** np.floor(np.log2(range_mm / double))
+        return (own * np.rint(range_mm / own)).astype(np.float32)
     if form == "pixel":
         factor = 1.0 + 0.2 * rng.random(range_mm.shape[1:])
         return (factor * step_mm * np.rint(range_mm / (factor * step_mm))).astype(np.float32)
@@ -154,7 +159,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--steps", default="0,0.1,0.3,1,2,5,10", help="steps, in sigmas")
     parser.add_argument("--samples", default="30,100,1000", help="samples of a pixel")
-    parser.add_argument("--forms", default="common,jitter,range,pixel,integer", help=f"some of {', '.join(FORMS)}")
+    parser.add_argument("--forms", default=",".join(FORMS), help=f"some of {', '.join(FORMS)}")
     parser.add_argument("--pixels", type=int, default=1000, help="pixels")
     parser.add_argument(
         "--apart", type=float, default=0.0, help="distance of two surfaces in every fourth pixel, sigmas"

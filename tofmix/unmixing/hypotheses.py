@@ -368,9 +368,7 @@ class _Ends:
         self.found = np.column_stack([neighbours.found, *(space.nearby[pixels] for space in spaces)])
         self.trusted = np.column_stack([neighbours.is_trusted, *(np.ones(count, bool) for _ in spaces)])
         self.fresh = np.column_stack([neighbours.is_fresh, *(np.zeros(count, bool) for _ in spaces)])
-        self.chance = np.column_stack(
-            [_place_chance(neighbours, settings.aside), *(np.ones(count) for _ in spaces)]
-        )
+        self.chance = np.column_stack([_place_chance(neighbours, settings.aside), *(np.ones(count) for _ in spaces)])
         self.known = np.column_stack([neighbours.is_known, *(np.ones(count, bool) for _ in spaces)])
         even = np.ones(count)
         self._spaces, self._scatter = spaces, [space.scatter for space in spaces]

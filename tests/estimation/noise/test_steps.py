@@ -68,6 +68,21 @@ def test_a_step_by_range_is_within_2_percent_at_each_range(step: float) -> None:
     np.testing.assert_allclose(found.at(ranges), part * ranges, rtol=0.02)
 
 
+@pytest.mark.parametrize("frames", [12, 100])
+@pytest.mark.parametrize("sigma_mm", [1.0, 3.0])
+@pytest.mark.parametrize(("unit_mm", "doubles_mm"), [(1.0, (2048.0, 4096.0)), (1000.0, (2000.0, 4000.0))])
+def test_the_step_of_16_bit_floats_doubles_at_powers_of_two_of_their_unit(
+    unit_mm: float, doubles_mm: tuple[float, float], sigma_mm: float, frames: int
+) -> None:
+    samples = (continuous(frames, sigma_mm=sigma_mm) / unit_mm).astype(np.float16).astype(np.float32) * unit_mm
+    found = find_step(samples.astype(np.float32))
+    assert found is not None
+    assert found.own_mm is None
+    ranges = np.array([1050.0, *(factor * end for end in doubles_mm for factor in (0.999, 1.001)), 5900.0])
+    stored = np.spacing((ranges / unit_mm).astype(np.float16)).astype(float) * unit_mm
+    np.testing.assert_allclose(found.at(ranges), stored, rtol=1e-3)
+
+
 @pytest.mark.parametrize("step", [0.3, 2.0, 10.0])
 def test_steps_of_pixels_are_found_in_each_pixel_that_shows_them(step: float) -> None:
     samples = continuous(100)

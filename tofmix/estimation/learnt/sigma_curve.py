@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import FloatArray, IntArray
 from tofmix.compiled.robust import MAD_TO_SIGMA
 from tofmix.estimation.learnt.clusters import SIGMAS, ClusterFits
 from tofmix.estimation.learnt.folds import Fold
@@ -166,6 +166,13 @@ class _Coarse(NamedTuple):
     log_step: FloatArray
     likelihood: FloatArray
 
+    def in_steps_of(self, log_step: float, some: IntArray) -> FloatArray:
+        """Log likelihood (n, `SIGMAS`) of some clusters, where sigma is in steps of a log, mm, that all share."""
+        log_sigma = np.log(SIGMAS)
+        shift = log_step - self.log_step[some]
+        return np.array([np.interp(log_sigma + by, log_sigma, self.likelihood[k])
+                         for k, by in zip(some, shift, strict=True)])  # fmt: skip
+
 
 def _coarse(fold: Fold, noise: PixelNoise, clusters: Clusters, fits: ClusterFits) -> _Coarse | None:
     """What clusters on a step tell of sigma; None without a step."""
@@ -228,7 +235,7 @@ def _curve_through(
             some = order[first:stop]
             log_step = float(np.median(coarse.log_step[some]))
             if log_step >= log_sigma + math.log(COARSE_SIGMAS):
-                log_sigma = log_step + math.log(_sigma_in_steps(coarse.likelihood[some]))
+                log_sigma = log_step + math.log(_sigma_in_steps(coarse.in_steps_of(log_step, some)))
         sigmas.append(float(np.exp(log_sigma)))
         first = stop
     at, where = np.unique(np.round(np.array(ranges), 3), return_index=True)

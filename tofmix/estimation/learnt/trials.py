@@ -15,6 +15,7 @@ from tofmix.estimation.beam import NO_RETURN_REACH, Beam, is_beyond, near_no_ret
 from tofmix.estimation.learnt.acceleration import maximise, value_of
 from tofmix.estimation.learnt.cells import has_steps, spread_at
 from tofmix.estimation.learnt.components import (
+    BACKGROUND,
     DENSITY,
     LOG_WIDTH,
     MEAN,
@@ -254,6 +255,31 @@ def surely_needed(data: Samples, k: int, index: int, fit: FloatArray, beam: Beam
 
 
 @borrowing
+def _take_over(data: Samples, k: int, index: int, work: Workspace, law: Law, beam: Beam) -> None:
+    """Move the nearest surface of work.trial to the middle of itself and the removed one, where that is likelier.
+
+    A surface on the edge of two wide steps shows both values. From one of them it does not move: the other is so
+    unlikely there that background explains its samples.
+    """
+    fit, trial, _, scratch, _ = work
+    nearest, away = 0, math.inf
+    for i in range(k - 1):
+        apart = abs(trial[MEAN, i] - fit[MEAN, index])
+        if apart < away:
+            nearest, away = i, apart
+    before, left = value_of(data, k - 1, trial, law, beam, scratch), 1.0 - fit[WEIGHT, index]
+    for i in range(k - 1):
+        trial[WEIGHT, i] *= left
+    trial[WEIGHT, -1] *= left
+    trial[OWN, BACKGROUND] *= left
+    trial[WEIGHT, nearest] += fit[WEIGHT, index]
+    trial[MEAN, nearest] = 0.5 * (trial[MEAN, nearest] + fit[MEAN, index])
+    if value_of(data, k - 1, trial, law, beam, scratch) <= before:
+        copy_fit(fit, trial)
+        remove_surface(k, index, trial)
+
+
+@borrowing
 def gain_of_surface(data: Samples, k: int, index: int, full: float, work: Workspace, law: Law, beam: Beam) -> float:
     """Gain, nat, of one of the `k` surfaces of work.fit, whose objective is `full`, nat.
 
@@ -265,6 +291,8 @@ def gain_of_surface(data: Samples, k: int, index: int, full: float, work: Worksp
     if fit[WEIGHT, -1] == 0.0 and near:
         trial[WEIGHT, -1] = fit[WEIGHT, index]
     remove_surface(k, index, trial)
+    if has_steps(beam) and k > 1 and not near:
+        _take_over(data, k, index, work, law, beam)
     if near and trial[WEIGHT, -1] > 0.0 and k == 1:
         start_without_surface(data.value, trial, beam)
     return full - settle(data, k - 1, trial, law, beam, scratch)

@@ -1,8 +1,8 @@
 """The step on which the ranges of a recording are stored.
 
 Use `find_step` on samples of some pixels. Cameras store ranges as multiples of a step: of the phase's resolution, of a
-unit of the depth along the axis, whose step in range is each pixel's own, or of a code whose step grows with range. The
-values of a pixel then repeat, and the distances of neighbouring values are whole multiples of the step. Distances of
+unit of the depth along the axis, whose step in range is each pixel's own, of a code whose step grows with range, or of
+a floating-point number of few bits, whose step doubles at each power of two of its unit. The values of a pixel then repeat, and the distances of neighbouring values are whole multiples of the step. Distances of
 continuous values are within a tenth of a whole multiple in a fifth of the cases.
 
 Rounding in a conversion leaves values that differ by a small part of the step. So values that are close together are
@@ -70,10 +70,15 @@ LEAST_AT_RANGE = 5
 """Fewest pixels at each of them."""
 
 
+OCTAVES_ALIKE = 0.95
+"""Part of the pixels, at least, whose steps double at the same ranges, where the values are floating-point numbers."""
+
+
 class _Distances(NamedTuple):
     """Distances, mm, of neighbouring levels.
 
-    `group` (n,) numbers the group of levels of each, and `pixel` (group,), `range_mm` (group,), mm, are the groups'.
+    `group` (n,) numbers the group of levels of each, and `pixel` (group,), `range_mm` (group,), mm, are the pixel of a
+    group and the range of its smallest distance.
     """
 
     distance: FloatArray
@@ -216,10 +221,8 @@ def _distances(pixel: IntArray, level: FloatArray) -> _Distances | None:
     # Levels on both sides of a long distance are of two surfaces, whose steps may differ.
     group = np.cumsum(np.concatenate([[0], (owner[1:] != owner[:-1]) | ~kept[1:]]))
     _, number = np.unique(group[kept], return_inverse=True)
-    count = np.bincount(number)
-    first = np.searchsorted(number, np.arange(len(count)))
-    centre = np.bincount(number, place[kept]) / count
-    return _Distances(distance[kept], number, owner[kept][first], centre)
+    smallest = np.lexsort((distance[kept], number))[np.searchsorted(number, np.arange(number[-1] + 1))]
+    return _Distances(distance[kept], number, owner[kept][smallest], place[kept][smallest])
 
 
 def _smallest(found: _Distances) -> FloatArray:
@@ -247,7 +250,7 @@ def _refined(found: _Distances, smallest: FloatArray) -> FloatArray:
 
 def _chosen(found: _Distances, step: FloatArray, pixels: int, *, repeated: float) -> RangeStep | None:
     """The simplest form that predicts the steps of the groups (group,)."""
-    for range_mm, by_range in _by_range(found, step):
+    for range_mm, by_range in (*_by_octave(found, step), *_by_range(found, step)):
         predicted = np.interp(found.range_mm, range_mm, by_range)
         ratio = step / predicted
         multiple = np.maximum(np.rint(ratio), 1.0)  # few samples may show no two neighbouring values
@@ -263,6 +266,38 @@ def _chosen(found: _Distances, step: FloatArray, pixels: int, *, repeated: float
     return RangeStep.of_pixels(out)
 
 
+def _by_octave(found: _Distances, step: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Step to try of floating-point numbers of few bits: it doubles at ranges that double; none of a single step.
+
+    A group whose step is 2^j of the middle one, at the range r, says that log2 of the first end lies in
+    (log2 r - j - 1, log2 r - j]. The end is one on which most groups agree, and a power of two times the step if any is.
+    """
+    middle = float(np.median(step))
+    octave = np.rint(np.log2(step / middle))
+    fine = np.abs(step / (middle * 2.0**octave) - 1.0) <= ALIKE
+    octave, place = octave[fine], np.log2(found.range_mm[fine])
+    several = [float(j) for j in np.unique(octave) if (octave == j).sum() >= LEAST_AT_RANGE]
+    if len(several) <= 1:
+        return
+    low, high = np.sort(place - octave - 1.0), np.sort(place - octave)
+    # Of sorted ends, the count of intervals that hold a point grows at each low one, and falls at each high one.
+    count = np.arange(1, len(low) + 1) - np.searchsorted(high, low, side="right")
+    best = int(count.argmax())
+    if count[best] < OCTAVES_ALIKE * len(step):
+        return
+    first, last = float(low[best]), float(high[np.searchsorted(high, low[best], side="right")])
+    unit = math.log2(middle)
+    exact = unit + math.ceil(first - unit)
+    start = exact if exact <= last else 0.5 * (first + last)
+    ends = 2.0 ** (start + np.arange(several[0], several[-1] + 2.0))
+    sizes = middle * 2.0 ** np.arange(several[0], several[-1] + 1.0)
+    yield np.stack([ends[:-1], ends[1:] * (1.0 - _BELOW)], axis=-1).ravel(), np.repeat(sizes, 2)
+
+
+_BELOW = 1.0e-9
+"""Part of a range by which a range counts as below it."""
+
+
 def _by_range(found: _Distances, step: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Steps by range to try, ranges and steps, mm: one number; then those of pixels of about one range.
 
@@ -276,7 +311,17 @@ def _by_range(found: _Distances, step: FloatArray) -> Iterator[tuple[FloatArray,
         parts = np.array_split(order, points)
         at = np.array([np.median(found.range_mm[some]) for some in parts])
         at, where = np.unique(at, return_index=True)
-        yield at, np.array([np.median(step[some]) for some in parts])[where]
+        yield _to_the_ends(found, at, np.array([np.median(step[some]) for some in parts])[where])
+
+
+def _to_the_ends(found: _Distances, at: FloatArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Continue a step by range to the nearest and farthest group: cells that are too narrow leave gaps between them."""
+    if len(at) == 1:
+        return at, step
+    ends = np.array([found.range_mm.min(), found.range_mm.max()])
+    slope = np.array([(step[1] - step[0]) / (at[1] - at[0]), (step[-1] - step[-2]) / (at[-1] - at[-2])])
+    first, last = np.maximum(step[[0, -1]] + slope * (ends - at[[0, -1]]), 0.5 * step[[0, -1]])
+    return np.concatenate([ends[:1], at, ends[1:]]), np.concatenate([[first], step, [last]])
 
 
 def _agrees(found: _Distances, step: FloatArray, *, other: bool) -> bool:
