@@ -112,11 +112,11 @@ def test_both_surfaces_are_found_beside_slats_of_two_to_three_pixels(width: floa
     assert judged.split <= 0.002 * judged.single
 
 
-@pytest.mark.parametrize("seed", [2, 3])
+@pytest.mark.parametrize("seed", [1, 3])  # at both, slats that are not beside a mixed row may be one of its surfaces
 def test_wall_is_found_in_gaps_narrower_than_the_slats(seed: int) -> None:
     scene = made(slats(np.random.default_rng([seed, 5]), (4.0, 4.0), "horizontal"), seed, view=SLATS, frames=40)
     judged = judge(scene, _estimated(scene))
     assert judged.asked > 400
-    assert judged.found >= 0.9 * judged.asked
-    assert judged.undecided <= 0.1 * judged.mixed
-    assert judged.sure_false <= 0.03 * judged.sure
+    assert judged.found >= 0.98 * judged.asked
+    assert judged.undecided <= 0.02 * judged.mixed
+    assert judged.sure_false <= 0.01 * judged.sure

@@ -167,6 +167,19 @@ def test_wall_in_a_gap_narrower_than_a_pixel_is_found_by_its_plane_elsewhere() -
     np.testing.assert_allclose(layers.weight[gap][:, 0], 0.617, atol=0.03)
 
 
+def test_bright_sums_whose_phase_is_that_of_no_return_are_no_open_space() -> None:
+    bright = Surface(name="board", center_mm=(-115.1, 0.0, 860.0), size_mm=(240.0, 400.0), reflectivity=0.9)
+    wall = Surface(name="wall", center_mm=(0.0, 0.0, 5100.0), size_mm=(30000.0, 30000.0), reflectivity=0.2)
+    one = made([bright, wall], 3, view=SMALL, frames=10)
+    middle = np.nanmedian(one.recording.read_range(slice(None), slice(None)), axis=0)
+    far_past = middle > np.float64(one.sensor.range_max_mm or np.inf)
+    assert far_past.sum() > 3
+    judged = judge(one, first(estimate_windows(one.recording)))
+    assert judged.asked > 30
+    assert judged.found == judged.asked
+    assert judged.undecided == 0
+
+
 @pytest.mark.slow
 def test_pixels_of_creases_are_decided() -> None:
     one = made(FAMILIES["corner"](np.random.default_rng([2, 77])), 2, view=(72, 88, 47.0, 39.0))

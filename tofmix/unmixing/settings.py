@@ -347,6 +347,8 @@ class UnmixSettings:
         right.
     open_share : float
         Least share without a return of a pixel that sees no surface at all, 0 to 1.
+    dimmest : float
+        Part of the pixels with a surface, 0 to 1, whose light open space does not exceed.
     unknown_pitch : float
         Tangent of the angle between pixels of a camera whose optics are not known: 0.3 degrees. Planes in windows of a
         few pixels do not depend on it.
@@ -364,6 +366,7 @@ class UnmixSettings:
     least_probability: Share = 0.5
     most_fresh_probability: Share = 0.9
     open_share: Share = 0.5
+    dimmest: Share = 0.1
     unknown_pitch: Positive = 0.005
 
     def __post_init__(self) -> None:

@@ -63,7 +63,7 @@ def unmix(
     rows, cols = layers.shape
     directions = _directions(sensor, (rows, cols), settings.unknown_pitch)
     scale_mm = phase_scale_mm(sensor.modulation_frequency_hz)
-    open_space = _sees_nothing(layers, phasors, settings.open_share)
+    open_space = _sees_nothing(layers, phasors, settings)
     image = make_image(phasors, directions, scale_mm=scale_mm, open_space=open_space, settings=settings.image)
     if circle_mm is not None:
         image = replace(image, range_mm=unfolded(image, circle_mm, settings.unfolding))
@@ -81,14 +81,14 @@ def _directions(sensor: Sensor, shape: tuple[int, int], unknown_pitch: float) ->
     return beam_directions_of(optics, shape)
 
 
-def _sees_nothing(layers: Layers, phasors: Float32Array, open_share: float) -> BoolArray:
+def _sees_nothing(layers: Layers, phasors: Float32Array, settings: UnmixSettings) -> BoolArray:
     """Pixels (row, col) without any surface: c_0 explains their samples, or too few samples are valid.
 
-    A sum of the phasors of two surfaces may have a phase outside of the working range, as c_0 has. But open space
-    returns less light than most surfaces do.
+    A sum of the phasors of two surfaces may have a phase outside of the working range, as c_0 has. But it has more
+    light than the dimmest surfaces, and open space has not.
     """
     amplitude, seen = np.hypot(phasors[..., 0], phasors[..., 1]), layers.n_modes > 0
-    light = float(np.nanmedian(amplitude[seen])) if seen.any() else math.inf
-    empty = (layers.n_modes == 0) & (np.nan_to_num(layers.weight_no_return) > open_share) & ~(amplitude > light)
+    dim = float(np.quantile(amplitude[seen], settings.dimmest)) if seen.any() else math.inf
+    empty = (layers.n_modes == 0) & (np.nan_to_num(layers.weight_no_return) > settings.open_share) & (amplitude <= dim)
     lost = layers.status == int(Status.TOO_FEW_SAMPLES)
     return np.asarray(empty | lost)
