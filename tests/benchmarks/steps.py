@@ -45,7 +45,7 @@ def stored(range_mm: FloatArray, step_mm: float, form: str, rng: np.random.Gener
     if form == "float":
         double = step_mm * 2.0 ** np.rint(np.log2(2048.0 / step_mm))  # a value of both steps, near 2 m
         own = step_mm * 2.0 ** np.floor(np.log2(range_mm / double))
-        return (own * np.rint(range_mm / own)).astype(np.float32)
+        return np.asarray(own * np.rint(range_mm / own), np.float32)
     if form == "pixel":
         factor = 1.0 + 0.2 * rng.random(range_mm.shape[1:])
         return (factor * step_mm * np.rint(range_mm / (factor * step_mm))).astype(np.float32)

@@ -557,7 +557,8 @@ def _put_distant_pair(
     possible = chord.share <= 1.0 - ends.settings.same_sigmas * np.sqrt(chord.variance)
     share, none = np.clip(chord.share, 0.0, 1.0), np.full(len(which), np.nan)
     best.put(
-        Kind.PAIR, _log_share(ends.settings.distant_prior, possible * ends.chance[:, one], total), chord.log_density, which=which,
+        Kind.PAIR, _log_share(ends.settings.distant_prior, possible * ends.chance[:, one], total), chord.log_density,
+        which=which,
         range_mm=np.column_stack([chord.one.range_mm, chord.other.range_mm, none]),
         range_variance=np.column_stack([chord.one.range_variance, chord.other.range_variance, none]),
         share=np.column_stack([share, 1.0 - share, none]),

@@ -86,8 +86,8 @@ def find_neighbours(
         found=np.zeros(shape, bool), near=np.zeros(vectors), near_covariance=np.zeros(matrices),
         light=np.zeros(vectors), light_covariance=np.zeros(matrices), is_known=np.zeros(shape, bool),
         is_trusted=np.zeros(shape, bool), is_fresh=np.zeros(shape, bool), row=np.zeros(shape), col=np.zeros(shape),
-        touches=np.zeros(shape, bool), noise_radial=np.zeros(shape), noise_tangential=np.zeros(shape), scatter_radial=np.zeros(shape),
-        scatter_tangential=np.zeros(shape),
+        touches=np.zeros(shape, bool), noise_radial=np.zeros(shape), noise_tangential=np.zeros(shape),
+        scatter_radial=np.zeros(shape), scatter_tangential=np.zeros(shape),
     )  # fmt: skip
     fill_surfaces(
         pixels,

@@ -2,8 +2,9 @@
 
 Use `find_step` on samples of some pixels. Cameras store ranges as multiples of a step: of the phase's resolution, of a
 unit of the depth along the axis, whose step in range is each pixel's own, of a code whose step grows with range, or of
-a floating-point number of few bits, whose step doubles at each power of two of its unit. The values of a pixel then repeat, and the distances of neighbouring values are whole multiples of the step. Distances of
-continuous values are within a tenth of a whole multiple in a fifth of the cases.
+a floating-point number of few bits, whose step doubles at each power of two of its unit. The values of a pixel then
+repeat, and the distances of neighbouring values are whole multiples of the step. Distances of continuous values are
+within a tenth of a whole multiple in a fifth of the cases.
 
 Rounding in a conversion leaves values that differ by a small part of the step. So values that are close together are
 one level; how close is tried, the smallest distance first.
@@ -270,7 +271,8 @@ def _by_octave(found: _Distances, step: FloatArray) -> Iterator[tuple[FloatArray
     """Step to try of floating-point numbers of few bits: it doubles at ranges that double; none of a single step.
 
     A group whose step is 2^j of the middle one, at the range r, says that log2 of the first end lies in
-    (log2 r - j - 1, log2 r - j]. The end is one on which most groups agree, and a power of two times the step if any is.
+    (log2 r - j - 1, log2 r - j]. The end is one on which most groups agree; and a power of two times the step, if one
+    is there.
     """
     middle = float(np.median(step))
     octave = np.rint(np.log2(step / middle))
