@@ -59,7 +59,7 @@ def slanted_share(rows: int, cols: int, lean: float = 0.3) -> Floats:
 def events(
     near_mm: Floats | float, far_mm: Floats | float, share: Floats, frames: int, seed: int, width: float = 1.0
 ) -> Floats:
-    """Samples (frame, row, col) of the near surface with its share, else of the far one; noise is `width` x the curve."""
+    """Samples (frame, row, col) of the near surface with its share, else of the far one; noise `width` x the curve."""
     rng = np.random.default_rng(seed)
     is_near = rng.random((frames, *share.shape)) < share
     true = np.where(is_near, near_mm, far_mm)
