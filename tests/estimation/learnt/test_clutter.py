@@ -68,9 +68,9 @@ def test_no_counts_give_the_uniform_density() -> None:
     assert smooth_density(np.zeros(10), np.linspace(0.0, 1000.0, 11)).same_as(BackgroundDensity.uniform(0.0, 1000.0))
 
 
-@pytest.mark.compiled("counts the surfaces of 300 pixels thrice")
+@pytest.mark.compiled("counts the surfaces of 80 pixels thrice")
 def test_a_net_and_a_wall_at_one_range_in_all_pixels_leave_the_density(rng: np.random.Generator) -> None:
-    samples = in_fog(rng, 300, 100, 0.5).T.astype(np.float32)
+    samples = in_fog(rng, 80, 60, 0.5).T.astype(np.float32)
     noise = replace(pixel_noise(background=(5.0, 5.0)))
     found = with_part(whole_fold(Pixels(samples=samples), CAMERA), noise, "density")
     assert found is not None
