@@ -60,8 +60,10 @@ def test_after_warmup_no_option_of_estimate_compiles_a_kernel(tofmix: Tofmix, tm
 def test_after_warmup_measuring_noise_and_simulating_compile_no_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
     assert tofmix("warmup").code == 0
     recording = write_recording(tmp_path / "a.h5", boards(60, 8, 12))
+    stepped = write_recording(tmp_path / "stepped.h5", 25 * (boards(60, 8, 12) // 25))
     with nothing_compiled():
-        assert tofmix("estimate", recording, "--noise", "auto", "--outliers", "auto").code == 0
+        for one in (recording, stepped):
+            assert tofmix("estimate", one, "--noise", "auto", "--outliers", "auto").code == 0
         assert tofmix("simulate", "corridor", "--frames", "2", "-o", tmp_path / "c.h5").code == 0
 
 
