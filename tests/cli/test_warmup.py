@@ -9,6 +9,7 @@ import pytest
 from numba.core import event
 from support.commandline import Tofmix
 from support.files import boards, write_recording
+from support.lock_in import small, write_sums
 from support.sizes import sized
 
 from tofmix.compiled.kept import SUFFIX, cache_folder
@@ -88,9 +89,20 @@ def test_after_warmup_edges_maps_and_moving_scenes_compile_no_kernel(tofmix: Tof
                 ("map", layers, "-o", tmp_path / "map.yaml", "--cell", 100, "--overwrite"),
                 ("inspect", layers, "--recording", recording, "--pixel", "8,8", "--over-frames", "--overwrite",
                  "-o", tmp_path / "pixel.svg"),
+                ("report", layers, "--recording", recording, "--html", tmp_path / "page.html", "--overwrite"),
             ):  # fmt: skip
                 done = tofmix(*command)
                 assert done.code == 0, done.err
+
+
+@pytest.mark.slow
+@pytest.mark.compiled("there is nothing to compile")
+def test_after_warmup_edges_of_unmixed_shares_compile_no_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
+    assert tofmix("warmup").code == 0
+    sums, layers = write_sums(tmp_path / "sums.h5", small(11).recording), tmp_path / "sums.layers.h5"
+    with nothing_compiled():
+        assert tofmix("estimate", sums).code == 0
+        assert tofmix("surfaces", layers).code == 0
 
 
 @pytest.mark.slow
