@@ -12,6 +12,7 @@ from frozen.inputs import INPUTS
 from frozen.outcome import Outcome, load, save
 
 
+@pytest.mark.compiled("it learns noise")
 @pytest.mark.parametrize("name", [name for name, case in CASES.items() if case.is_stored])
 def test_results_of_small_inputs_are_the_stored_ones(name: str, tmp_path: Path) -> None:
     assert list(differences(stored.read()[name], stored.run(name, tmp_path), relative=1e-6)) == []
