@@ -26,6 +26,8 @@ _LINES = {".csv", ".ply", ".obj", ".yaml", ".toml", ".html", ".svg", ".pcd"}
 """Files of text; those that turn out to be binary are bytes."""
 _DATA = re.compile(r"base64,([A-Za-z0-9+/=]{64,})|\b([A-Za-z0-9+/=]{200,})")
 """Pictures and data within a page."""
+_OF_TIME = re.compile(r": compiling the kernels;|^tofmix: \w+: [\d,]+ of [\d,]+ .* \(\d+ %\)$")
+"""Lines on stderr of a run that takes long: kernels that are not kept, and progress."""
 
 
 def write_inputs(names: str, folder: Path) -> None:
@@ -50,7 +52,6 @@ def run_case(case: Case, folder: Path) -> Outcome:
         Streams and exit codes under the number of their command and its line, files under their names.
     """
     from tofmix.cli.main import run
-    from tofmix.compiled.watching import FIRST_RUN  # said where a kernel is not kept
 
     inputs = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     out: Outcome = {}
@@ -64,7 +65,7 @@ def run_case(case: Case, folder: Path) -> Outcome:
                     run(shlex.split(line))
                 except SystemExit as leave:
                     code = leave.code
-            said = [text for text in streams[1].getvalue().splitlines() if FIRST_RUN not in text]
+            said = [text for text in streams[1].getvalue().splitlines() if not _OF_TIME.search(text)]
             shown = [*streams[0].getvalue().splitlines(), "-- standard error", *said]
             out[f"{number}: tofmix {' '.join(line.split())}"] = [f"-- exit code {code}", *shown]
     for number, handler in handlers.items():
