@@ -2,6 +2,7 @@
 
 import os
 import sys
+import sysconfig
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -32,12 +33,17 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Give each of pytest's workers one thread for linear algebra: those of several would wait for each other.
+    """Take the kernels of an installed copy, and give each of pytest's workers one thread for linear algebra.
 
-    What kernels divide by zero is inf or NaN; as plain Python, NumPy's numbers say so each time.
+    `python -m pytest` imports the package of the checkout; what the installed one has compiled of the same sources
+    serves it too. Threads of several workers would wait for each other. What kernels divide by zero is inf or NaN; as
+    plain Python, NumPy's numbers say so each time.
     """
+    installed = Path(sysconfig.get_path("purelib")) / "__pycache__"
+    if any(installed.glob("tofmix-kernels-*")):
+        os.environ.setdefault("NUMBA_CACHE_DIR", str(installed))  # workers and what they start inherit it
     if config.getoption("numprocesses", None):
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # workers and what they start inherit it
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # likewise
     if PLAIN:
         config.addinivalue_line(
             "filterwarnings", "ignore:(overflow|divide by zero|invalid value) encountered:RuntimeWarning"

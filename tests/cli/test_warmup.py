@@ -9,6 +9,7 @@ import pytest
 from numba.core import event
 from support.commandline import Tofmix
 from support.files import boards, write_recording
+from support.lock_in import small, write_sums
 from support.sizes import sized
 
 from tofmix.compiled.kept import SUFFIX, cache_folder
@@ -60,8 +61,10 @@ def test_after_warmup_no_option_of_estimate_compiles_a_kernel(tofmix: Tofmix, tm
 def test_after_warmup_measuring_noise_and_simulating_compile_no_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
     assert tofmix("warmup").code == 0
     recording = write_recording(tmp_path / "a.h5", boards(60, 8, 12))
+    stepped = write_recording(tmp_path / "stepped.h5", 25 * (boards(60, 8, 12) // 25))
     with nothing_compiled():
-        assert tofmix("estimate", recording, "--noise", "auto", "--outliers", "auto").code == 0
+        for one in (recording, stepped):
+            assert tofmix("estimate", one, "--noise", "auto", "--outliers", "auto").code == 0
         assert tofmix("simulate", "corridor", "--frames", "2", "-o", tmp_path / "c.h5").code == 0
 
 
@@ -86,9 +89,20 @@ def test_after_warmup_edges_maps_and_moving_scenes_compile_no_kernel(tofmix: Tof
                 ("map", layers, "-o", tmp_path / "map.yaml", "--cell", 100, "--overwrite"),
                 ("inspect", layers, "--recording", recording, "--pixel", "8,8", "--over-frames", "--overwrite",
                  "-o", tmp_path / "pixel.svg"),
+                ("report", layers, "--recording", recording, "--html", tmp_path / "page.html", "--overwrite"),
             ):  # fmt: skip
                 done = tofmix(*command)
                 assert done.code == 0, done.err
+
+
+@pytest.mark.slow
+@pytest.mark.compiled("there is nothing to compile")
+def test_after_warmup_edges_of_unmixed_shares_compile_no_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
+    assert tofmix("warmup").code == 0
+    sums, layers = write_sums(tmp_path / "sums.h5", small(11).recording), tmp_path / "sums.layers.h5"
+    with nothing_compiled():
+        assert tofmix("estimate", sums).code == 0
+        assert tofmix("surfaces", layers).code == 0
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ cosine, phasor sums, and noise of each sample's phasor.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -44,12 +45,15 @@ Thing = Callable[[Floats], Hits]
 """A thing gives the hits of rays (..., 3)."""
 
 
+@lru_cache(maxsize=2)
 def rays_of(parts: int) -> Floats:
-    """Unit vectors (row x parts, col x parts, 3) through the parts of all pixels."""
+    """Unit vectors (row x parts, col x parts, 3) through the parts of all pixels; kept, and not to be changed."""
     steps = (np.arange(parts) + 0.5) / parts - 0.5
     x, y = (((np.arange(size)[:, np.newaxis] + steps).ravel() - (size - 1) / 2) / FOCAL for size in (COLS, ROWS))
     ways = np.stack(np.broadcast_arrays(x[np.newaxis], y[:, np.newaxis], 1.0), axis=-1)
-    return np.asarray(ways / np.linalg.norm(ways, axis=-1, keepdims=True))
+    ways /= np.linalg.norm(ways, axis=-1, keepdims=True)
+    ways.flags.writeable = False
+    return np.asarray(ways)
 
 
 def wall(distance_mm: float, normal: tuple[float, float, float] = (0.0, 0.0, 1.0), left_of_mm: float = np.inf) -> Thing:
@@ -238,7 +242,12 @@ class Cast(NamedTuple):
 
 
 def cast(things: Sequence[Thing]) -> Cast:
-    """Cast things without light and noise."""
+    """Cast things without light and noise; the last scenes are kept."""
+    return _cast(tuple(things))
+
+
+@lru_cache(maxsize=4)
+def _cast(things: tuple[Thing, ...]) -> Cast:
     t, cosine = (np.stack(part) for part in zip(*(thing(rays_of(PARTS)) for thing in things), strict=True))
     near, open_space = t.argmin(axis=0), ~np.isfinite(t.min(axis=0))
     share, ranges, lit = [], [], []

@@ -1,6 +1,7 @@
 """Areas from shares of samples, against edges that are known."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -8,10 +9,28 @@ from benchmarks.not_there_parts.shares import CASES, Case, edges_of, errors_of, 
 
 import tofmix as tm
 from tofmix.flags import Mixing
+from tofmix.layers import Layers
+from tofmix.sensor import Sensor
 from tofmix.share_law import ShareLaw
 from tofmix.surfaces.reconstruct import reconstruct
 
 BY_NAME = {case.name: case for case in CASES}
+
+
+class Bright(NamedTuple):
+    """A bright board whose detections outnumber its area: samples, and the layers that several tests read."""
+
+    recording: tm.Recording
+    layers: Layers
+    sensor: Sensor
+
+
+@pytest.fixture(scope="module")
+def bright() -> Bright:
+    """Made once: to learn the noise takes two seconds."""
+    recording = record(BY_NAME["detections, equal reflectivity"], seed=6)
+    found = tm.estimate(recording)
+    return Bright(recording, found.window(0), found.sensor)
 
 
 @pytest.mark.slow
@@ -25,13 +44,13 @@ def test_with_their_laws_the_edges_of_cameras_are_within_their_errors() -> None:
     assert max(one.stated for one in found) < 1.3 * of_areas
 
 
-def test_detections_of_a_bright_board_move_its_edges_until_the_law_is_known() -> None:
-    recording = record(BY_NAME["detections, equal reflectivity"], seed=6)
-    assert errors_of(edges_of(recording, None)).median < -0.15
-    known = errors_of(edges_of(recording, ShareLaw.DETECTIONS))
-    assert abs(known.median) < 0.02
+def test_detections_of_a_bright_board_move_its_edges_until_the_law_is_known(bright: Bright) -> None:
+    assert errors_of(reconstruct(bright.layers, bright.sensor).edges).median < -0.15
+    known = replace(bright.sensor, share_law=ShareLaw.DETECTIONS)
+    assert abs(errors_of(reconstruct(bright.layers, known).edges).median) < 0.02
 
 
+@pytest.mark.slow
 def test_equal_brightness_makes_detections_areas() -> None:
     same = Case("same light", ShareLaw.DETECTIONS, 1.0, 1.0)
     found = errors_of(edges_of(record(same, seed=7, texture=0.0), ShareLaw.DETECTIONS))
@@ -39,9 +58,8 @@ def test_equal_brightness_makes_detections_areas() -> None:
     assert found.within >= 0.9
 
 
-def test_without_amplitudes_or_a_law_shares_stand_for_areas_and_are_counted() -> None:
-    recording = record(BY_NAME["detections, equal reflectivity"], seed=6)
-    layers, sensor = (found := tm.estimate(recording)).window(0), found.sensor
+def test_without_amplitudes_or_a_law_shares_stand_for_areas_and_are_counted(bright: Bright) -> None:
+    _, layers, sensor = bright
     plain = reconstruct(layers, sensor)
     assert plain.assumed > 50
     dark = reconstruct(replace(layers, amplitude=None), replace(sensor, share_law=ShareLaw.DETECTIONS))
@@ -52,18 +70,15 @@ def test_without_amplitudes_or_a_law_shares_stand_for_areas_and_are_counted() ->
     np.testing.assert_array_equal(area.edges.col, plain.edges.col)
 
 
-def test_unmixed_shares_are_areas_under_any_law() -> None:
-    recording = record(BY_NAME["area"], seed=6)
-    layers, sensor = (found := tm.estimate(recording)).window(0), found.sensor
-    unmixed = replace(layers, mixing=np.full(layers.shape, int(Mixing.PHASOR), np.uint8))
-    edges = [reconstruct(unmixed, replace(sensor, share_law=law)) for law in (None, ShareLaw.DETECTIONS)]
+def test_unmixed_shares_are_areas_under_any_law(bright: Bright) -> None:
+    unmixed = replace(bright.layers, mixing=np.full(bright.layers.shape, int(Mixing.PHASOR), np.uint8))
+    edges = [reconstruct(unmixed, replace(bright.sensor, share_law=law)) for law in (None, ShareLaw.DETECTIONS)]
     assert [one.assumed for one in edges] == [0, 0]
     np.testing.assert_array_equal(edges[0].edges.col, edges[1].edges.col)
 
 
-def test_amplitude_of_a_layer_is_the_mean_of_its_samples() -> None:
-    recording = record(BY_NAME["detections, equal reflectivity"], seed=8)
-    layers = tm.estimate(recording).window(0)
+def test_amplitude_of_a_layer_is_the_mean_of_its_samples(bright: Bright) -> None:
+    recording, layers, _ = bright
     light, range_mm = recording.amplitude, recording.range_mm
     assert light is not None
     assert layers.amplitude is not None

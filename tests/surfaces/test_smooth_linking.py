@@ -10,6 +10,8 @@ from tofmix.surfaces.reconstruct import reconstruct
 pytestmark = pytest.mark.compiled("it fits thousands of patches")
 
 PARTS = 8
+WALL = wall(2800)
+BALL = sphere((40, -30, 1500), 180)
 
 
 def found_in(things: list[Thing], *, stderr_mm: float = 2.0) -> WindowSurfaces:
@@ -28,10 +30,10 @@ def true_parts(things: list[Thing]) -> tuple[np.ndarray, np.ndarray]:
     return ranges.argmin(axis=0), ranges.min(axis=0)
 
 
-@pytest.mark.parametrize("stderr_mm", [0.5, 2.0, 8.0])
-@pytest.mark.parametrize("thing", [sphere((40, -30, 1500), 180), cylinder(100, 2000, 250)], ids=["sphere", "cylinder"])
+@pytest.mark.parametrize("stderr_mm", [pytest.param(0.5, marks=pytest.mark.slow), 2.0, 8.0])
+@pytest.mark.parametrize("thing", [BALL, cylinder(100, 2000, 250)], ids=["sphere", "cylinder"])
 def test_round_thing_before_a_wall_is_one_smooth_surface(thing: Thing, stderr_mm: float) -> None:
-    things = [wall(2800), thing]
+    things = [WALL, thing]
     found = found_in(things, stderr_mm=stderr_mm)
     assert is_smooth(found)[:2] == [False, True]
     assert np.isnan(found.planes.normal[1]).all()
@@ -43,7 +45,7 @@ def test_round_thing_before_a_wall_is_one_smooth_surface(thing: Thing, stderr_mm
 
 
 def test_fine_ranges_lie_on_the_sphere_and_its_parts_are_its_own() -> None:
-    things = [wall(2800), sphere((40, -30, 1500), 180)]
+    things = [WALL, BALL]
     found = found_in(things)
     thing, range_mm = true_parts(things)
     inside = (found.surface_fine == 1) & (thing == 1)
@@ -55,7 +57,7 @@ def test_fine_ranges_lie_on_the_sphere_and_its_parts_are_its_own() -> None:
 
 
 def test_edge_of_a_sphere_is_a_closed_line_around_it() -> None:
-    found = found_in([wall(2800), sphere((40, -30, 1500), 180)])
+    found = found_in([WALL, BALL])
     own = found.edges.near == 1
     assert own.sum() > 50
     assert (found.edges.far[own] == 0).all()
@@ -68,6 +70,7 @@ def test_edge_of_a_sphere_is_a_closed_line_around_it() -> None:
     assert np.sqrt((off**2).mean()) < 0.1
 
 
+@pytest.mark.slow
 def test_sphere_before_a_sphere_and_pole_that_touches_a_wall_stay_apart() -> None:
     spheres = found_in([wall(4500), sphere((200, 0, 2300), 500), sphere((-150, 0, 1850), 220)])
     assert is_smooth(spheres)[:3] == [False, True, True]
@@ -89,6 +92,7 @@ def test_arm_close_before_a_body_is_a_surface_of_its_own() -> None:
     assert is_smooth(found) == [False, True, True, True]  # the arm parts the body in the image
 
 
+@pytest.mark.slow
 def test_person_has_a_body_and_a_head() -> None:
     found = found_in(SCENES["person"][0])
     assert is_smooth(found)[:3] == [False, True, True]

@@ -131,6 +131,7 @@ def test_second_modes_by_chance_leave_pixels_of_one_surface_decided() -> None:
     assert (found.n_modes[alone] == 1).mean() > 0.999
 
 
+@pytest.mark.slow
 def test_poles_of_four_pixels_get_no_wrong_layer_and_most_mixed_pixels_both_surfaces() -> None:
     things = [wall(3500), cylinder(-300, 2000, 55), cylinder(200, 2300, 45)]
     one = render(things, [0.5, 0.7, 0.6], noise_mm=20.0)

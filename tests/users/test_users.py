@@ -117,7 +117,6 @@ def test_agree_is_right_without_effects_and_no_name_is_right_for_a_stranger() ->
     [
         (MAKE["scattering"](share=0.02), MAKE["range_offset"](offset_mm=6.0)),
         (MAKE["temporal_correlation"](coefficient=0.4), MAKE["outliers"](probability=0.02)),
-        (MAKE["surface_pose"](surface="box", shift_mm=-40.0, yaw_deg=1.6, pitch_deg=-1.2),),
     ],
     ids=lambda hidden: "+".join(e.kind for e in hidden),
 )

@@ -7,9 +7,7 @@ from tofmix.optics.geometry import ray_over_depth
 from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import Projection, beam_directions_of
 
-EQUIANGULAR = "equiangular"
-PINHOLE = "pinhole"
-PROJECTIONS_OF_VIEW = (EQUIANGULAR, PINHOLE)
+EQUIANGULAR, PINHOLE = "equiangular", "pinhole"
 """Projections that a field of view may be of: equal angles between pixels, or an ideal pinhole."""
 
 _FLAT_DEG = 180.0

@@ -6,6 +6,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from tofmix.estimation.beam import beam_of, is_uniform
 from tofmix.estimation.layer_amplitudes import layer_amplitudes
 from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.learnt import warm_up as learnt
@@ -16,6 +17,7 @@ from tofmix.estimation.peaks.density import density
 from tofmix.estimation.peaks.incremental import IncrementalDensity
 from tofmix.estimation.peaks.modes import find_modes
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
+from tofmix.flags import Mixing
 from tofmix.io.model_file import load_model
 from tofmix.mapping.beams import beams_from_layers
 from tofmix.mapping.grid import plan_grid as grid_of_map
@@ -74,6 +76,7 @@ def compile_scenes() -> None:
     for optics in (None, _PINHOLE):
         beams = beams_from_layers(layers, replace(camera, projection=optics))
         count_light(beams, Pose(), grid_of_map(beams, Pose(), cell_mm=200.0))
+    is_uniform(beam_of(camera))
     live = IncrementalDensity(camera, 1)
     live.add(range_mm[:1, 0, :1])
     live.modes()
@@ -84,12 +87,13 @@ def compile_scenes() -> None:
 
 
 def _compile_edges(sensor: Sensor) -> None:
-    """Find the edge between two surfaces that share the pixels of a diagonal."""
+    """Find the edge between two surfaces that share the pixels of a diagonal, by counts and by unmixed shares."""
     rows, cols = np.indices((_EDGE_SIDE, _EDGE_SIDE))
     far = np.random.default_rng(1).random((50, _EDGE_SIDE, _EDGE_SIDE)) < 0.5 + 0.5 * np.sign(rows - cols)
     near_mm, far_mm = np.random.default_rng(2).normal([[[[_RANGE_MM]]], [[[1.5 * _RANGE_MM]]]], 10.0, (2, *far.shape))
-    layers = layer_pixels(np.where(far, far_mm, near_mm), _with_sigma(sensor))
-    reconstruct(layers.reshaped(rows.shape), sensor, factor=2)
+    layers = layer_pixels(np.where(far, far_mm, near_mm), _with_sigma(sensor)).reshaped(rows.shape)
+    reconstruct(layers, sensor, factor=2)
+    reconstruct(replace(layers, mixing=np.full(rows.shape, int(Mixing.PHASOR), np.uint8)), sensor, factor=2)
 
 
 def _compile_casts() -> None:

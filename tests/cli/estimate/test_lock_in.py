@@ -16,16 +16,22 @@ from tofmix.flags import Mixing
 
 FRAMES = 30
 VIEW = ("--fov", "16x13", "--units", "mm")
+QUICK = ("--noise", "sr3000")
+"""Any curve: to learn the noise takes a second, and says nothing about phases."""
 CODE = "flying_pixels_counted"
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Ranges and amplitudes at 20 MHz, each an array; two boards before a wall, all light added up."""
+    """Ranges and amplitudes at 20 MHz, each an array; two boards before a wall, all light added up.
+
+    `part.npy` has fewer pixels, for what is said whatever they show.
+    """
     folder = tmp_path_factory.mktemp("sums")
     seen = small(11).recording
     np.save(folder / "ranges.npy", seen.read_range(slice(0, FRAMES), slice(None)))
     np.save(folder / "amplitudes.npy", seen.read_amplitude(slice(0, FRAMES), slice(None)))
+    np.save(folder / "part.npy", seen.read_range(slice(0, FRAMES), slice(0, 24))[:, :, 20:40])
     return folder
 
 
@@ -36,7 +42,7 @@ def test_the_remedy_of_the_warning_finds_the_surfaces_of_flying_pixels(
     made = tofmix("import", folder / "ranges.npy", "-o", path, "--sensor", "kinect-v2", *VIEW)
     assert "amplitudes (flying pixels are counted as surfaces without: import --amplitude AMPLITUDES)" in made.out
     assert "modulation frequency (flying pixels are counted as surfaces without: import --modulation-frequ" in made.out
-    done = tofmix("estimate", path, "--json")
+    done = tofmix("estimate", path, *QUICK, "--json")
     (warned,) = [one for one in json.loads(done.out)["warnings"] if one["code"] == CODE]
     assert done.err.count("flying pixels") == 1
     assert f"{layers}: {warned['text']} Try: {warned['commands'][0]}" in done.err
@@ -48,7 +54,7 @@ def test_the_remedy_of_the_warning_finds_the_surfaces_of_flying_pixels(
     again = tofmix(*words[1:], *VIEW)
     assert again.code == 0, again.err
     assert "amplitudes" not in again.out.partition("not known")[2]
-    done = tofmix("estimate", path, "--overwrite")
+    done = tofmix("estimate", path, *QUICK, "--overwrite")
     assert "mixing: 100 % of the samples at edges are phasor sums" in done.err
     assert "flying pixels" not in done.err
     with h5py.File(layers) as root:
@@ -59,8 +65,8 @@ def test_the_remedy_of_the_warning_finds_the_surfaces_of_flying_pixels(
 
 def test_report_says_it_on_the_page_in_the_table_and_in_json(tofmix: Tofmix, folder: Path, tmp_path: Path) -> None:
     path, layers, page = tmp_path / "a.h5", tmp_path / "a.layers.h5", tmp_path / "a.html"
-    tofmix("import", folder / "ranges.npy", "-o", path, "--sensor", "pico-flexx", *VIEW)
-    tofmix("estimate", path, "--window", 12, "--quiet")
+    tofmix("import", folder / "part.npy", "-o", path, "--sensor", "pico-flexx", *VIEW)
+    tofmix("estimate", path, *QUICK, "--window", 12, "--quiet")
     done = tofmix("report", layers, "--recording", path, "--html", page, "--json")
     said = json.loads(done.out)
     assert CODE in [one["code"] for one in said["warnings"]]
@@ -77,26 +83,28 @@ def test_report_says_it_on_the_page_in_the_table_and_in_json(tofmix: Tofmix, fol
 
 def test_the_kind_of_an_unknown_camera_stays_a_condition(tofmix: Tofmix, folder: Path, tmp_path: Path) -> None:
     path = tmp_path / "a.h5"
-    made = tofmix("import", folder / "ranges.npy", "-o", path, "--units", "mm")
+    made = tofmix("import", folder / "part.npy", "-o", path, "--units", "mm")
     assert "amplitudes (if this is a lock-in camera, flying pixels are counted as surfaces without" in made.out
-    done = tofmix("estimate", path, "--json")
+    done = tofmix("estimate", path, *QUICK, "--json")
     said = json.loads(done.out)
     assert [one["code"] for one in said["notes"]] == ["mixing_not_measured"]
     assert CODE not in done.out
     assert done.err.count("If this is a lock-in camera, flying pixels are counted as surfaces.") == 1
-    assert "lock-in" not in tofmix("estimate", path, "--overwrite", "--quiet").err
-    assert "lock-in" not in tofmix("estimate", path, "--overwrite", "--mixing", "events").err
+    assert "lock-in" not in tofmix("estimate", path, *QUICK, "--overwrite", "--quiet").err
+    assert "lock-in" not in tofmix("estimate", path, *QUICK, "--overwrite", "--mixing", "events").err
 
 
-@pytest.mark.parametrize("name", ["l515", "tmf8829", "stoc"])
+@pytest.mark.parametrize(
+    "name", ["l515", pytest.param("tmf8829", marks=pytest.mark.slow), pytest.param("stoc", marks=pytest.mark.slow)]
+)
 def test_cameras_without_phase_are_never_called_lock_in(
     tofmix: Tofmix, folder: Path, tmp_path: Path, name: str
 ) -> None:
     path, layers = tmp_path / "a.h5", tmp_path / "a.layers.h5"
-    source = ("import", folder / "ranges.npy", "-o", path, "--sensor", name, *VIEW)
+    source = ("import", folder / "part.npy", "-o", path, "--sensor", name, *VIEW)
     said = [
         tofmix(*source),
-        tofmix("estimate", path, "--noise", "auto"),
+        tofmix("estimate", path, *QUICK, "--noise", "auto"),
         tofmix("report", layers),
         tofmix("info", path),
     ]
@@ -106,7 +114,7 @@ def test_cameras_without_phase_are_never_called_lock_in(
         assert "flying" not in one.out + one.err
     for refused, code in (
         (tofmix(*source, "--modulation-frequency", "2e7", "--overwrite"), ExitCode.USAGE),
-        (tofmix("estimate", path, "--mixing", "phasor", "--overwrite"), ExitCode.BAD_INPUT),
+        (tofmix("estimate", path, *QUICK, "--mixing", "phasor", "--overwrite"), ExitCode.BAD_INPUT),
     ):
         assert refused.code == code
         assert "is no lock-in camera (measurement: " in refused.err
@@ -132,10 +140,10 @@ def test_a_recording_of_its_own_gets_a_frequency_by_importing_it(tofmix: Tofmix,
 
 
 def test_few_frames_are_said_once_and_listed_among_the_notes(tofmix: Tofmix, folder: Path, tmp_path: Path) -> None:
-    np.save(tmp_path / "few.npy", np.load(folder / "ranges.npy")[:13])
+    np.save(tmp_path / "few.npy", np.load(folder / "part.npy")[:13])
     path = tmp_path / "a.h5"
     tofmix("import", tmp_path / "few.npy", "-o", path, "--sensor", "l515", *VIEW)
-    done = tofmix("estimate", path, "--json")
+    done = tofmix("estimate", path, *QUICK, "--json")
     (note,) = json.loads(done.out)["notes"]
     assert note["code"] == "few_frames"
     assert done.err.count("13 frames a window; tofmix asks for 25 or more.") == 1
@@ -144,8 +152,8 @@ def test_few_frames_are_said_once_and_listed_among_the_notes(tofmix: Tofmix, fol
 
 def test_the_longer_window_that_a_note_advises_has_frames_enough(tofmix: Tofmix, folder: Path, tmp_path: Path) -> None:
     path = tmp_path / "a.h5"
-    tofmix("import", folder / "ranges.npy", "-o", path, "--sensor", "l515", *VIEW)
-    (note,) = json.loads(tofmix("estimate", path, "--window", 14, "--json").out)["notes"]
+    tofmix("import", folder / "part.npy", "-o", path, "--sensor", "l515", *VIEW)
+    (note,) = json.loads(tofmix("estimate", path, *QUICK, "--window", 14, "--json").out)["notes"]
     again = tofmix(*shlex.split(note["commands"][0])[1:], "--json")
     assert json.loads(again.out)["window_frames"] == 25
     assert json.loads(again.out)["notes"] == []
@@ -166,10 +174,11 @@ def test_ten_frames_are_enough_where_light_adds_up(
 
 def test_python_warns_of_a_lock_in_camera_and_takes_the_remedy(folder: Path) -> None:
     ranges, light = (np.load(folder / f"{name}.npy") for name in ("ranges", "amplitudes"))
+    noise = tm.NoiseCurve(np.array([1600.0, 3600.0]), np.array([5.0, 21.0]))
     known = tm.from_array(ranges, units="mm").with_sensor(measurement="lock-in")
     with pytest.warns(DoubtWarning, match="flying pixels.*from_array takes amplitude=..., with_sensor modulation_freq"):
-        tm.estimate(known)
+        tm.estimate(known, noise=noise)
     full = tm.from_array(ranges, units="mm", amplitude=light).with_sensor(modulation_frequency_hz=20.0e6)
-    made = tm.estimate(full)
+    made = tm.estimate(full, noise=noise)
     assert made.phasor_share is not None
     assert made.phasor_share[0] > 0.9

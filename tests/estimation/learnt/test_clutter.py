@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.learnt_pixels import CAMERA, LOW_MM, SIGMA_MM, TOP_MM, camera_with, flat, pixel_noise
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import Float32Array, FloatArray
 from tofmix.background_density import BackgroundDensity
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.clutter import MOST_CELLS, cell_edges, smooth_density
@@ -31,6 +31,11 @@ def in_fog(rng: np.random.Generator, pixels: int, frames: int, share: float) -> 
     fog = rng.random(samples.shape) < share
     samples[fog] = FOG.quantile(rng.random(int(fog.sum())))
     return np.asarray(samples)
+
+
+def of_pixels(samples: FloatArray) -> Float32Array:
+    """Samples (pixel, frame) in the order in which the package holds them: kernels are compiled for no other."""
+    return np.ascontiguousarray(samples.T, dtype=np.float32)
 
 
 def test_cells_have_equal_numbers_of_sigmas_and_are_not_too_many() -> None:
@@ -68,9 +73,9 @@ def test_no_counts_give_the_uniform_density() -> None:
     assert smooth_density(np.zeros(10), np.linspace(0.0, 1000.0, 11)).same_as(BackgroundDensity.uniform(0.0, 1000.0))
 
 
-@pytest.mark.compiled("counts the surfaces of 300 pixels thrice")
+@pytest.mark.compiled("counts the surfaces of 80 pixels thrice")
 def test_a_net_and_a_wall_at_one_range_in_all_pixels_leave_the_density(rng: np.random.Generator) -> None:
-    samples = in_fog(rng, 300, 100, 0.5).T.astype(np.float32)
+    samples = of_pixels(in_fog(rng, 80, 60, 0.5))
     noise = replace(pixel_noise(background=(5.0, 5.0)))
     found = with_part(whole_fold(Pixels(samples=samples), CAMERA), noise, "density")
     assert found is not None
@@ -86,7 +91,7 @@ def test_a_net_and_a_wall_at_one_range_in_all_pixels_leave_the_density(rng: np.r
 
 
 def test_the_density_needs_pixels_with_shares_of_background(rng: np.random.Generator) -> None:
-    samples = in_fog(rng, 10, 20, 0.5).T.astype(np.float32)
+    samples = of_pixels(in_fog(rng, 10, 20, 0.5))
     assert with_part(whole_fold(Pixels(samples=samples), CAMERA), pixel_noise(), "density") is None
 
 
@@ -140,7 +145,7 @@ def test_gaussian_noise_reads_the_density_too(rng: np.random.Generator) -> None:
 
 @pytest.mark.slow
 def test_fog_in_most_samples_does_not_pass_for_a_surface_of_a_wide_sigma(rng: np.random.Generator) -> None:
-    samples = in_fog(rng, 90, 150, 0.65).T.astype(np.float32)
+    samples = of_pixels(in_fog(rng, 90, 150, 0.65))
     wide = NoiseCurve(np.array([500.0, 5000.0]), np.array([700.0, 2000.0]))
     model = learn_pixel_noise(Pixels(samples=samples), CAMERA, wide)
     assert not model.kept_start

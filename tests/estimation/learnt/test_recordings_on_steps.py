@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 import tofmix as tm
 
 SIGMA_MM = 6.0
-FRAMES, ROWS, COLS = 60, 15, 40
+FRAMES, ROWS, COLS = 60, 12, 20
 
 
 def place() -> NDArray[np.float64]:
@@ -25,7 +25,9 @@ def estimated(values: NDArray[np.float64], *, noise: tm.NoiseCurve | None = None
     return tm.estimate(recording, workers=1, noise=noise, max_iter=max_iter)
 
 
-@pytest.mark.parametrize("step", [0.3, 1.0, 2.0, 5.0])
+@pytest.mark.parametrize(
+    "step", [0.3, pytest.param(1.0, marks=pytest.mark.slow), 2.0, pytest.param(5.0, marks=pytest.mark.slow)]
+)
 def test_sigma_false_alarms_and_errors_are_those_of_the_noise_before_rounding(step: float) -> None:
     step_mm = step * SIGMA_MM
     found = estimated(step_mm * np.rint(samples() / step_mm))
@@ -38,6 +40,7 @@ def test_sigma_false_alarms_and_errors_are_those_of_the_noise_before_rounding(st
     assert np.sqrt(np.mean(error**2)) == pytest.approx(1.0, abs=0.12)
 
 
+@pytest.mark.slow
 def test_a_step_by_range_stands_at_the_ranges_of_the_curve() -> None:
     part = 2.0 * SIGMA_MM / 3000.0
     found = estimated(np.exp(part * np.rint(np.log(samples()) / part)))
@@ -50,6 +53,7 @@ def test_a_step_by_range_stands_at_the_ranges_of_the_curve() -> None:
     assert np.nanmedian(found.sigma[0, ..., 0]) == pytest.approx(SIGMA_MM, rel=0.05)
 
 
+@pytest.mark.slow
 def test_steps_of_pixels_are_a_map_and_serve_their_pixels() -> None:
     own = 2.0 * SIGMA_MM * (1.0 + 0.3 * np.random.default_rng(3).random((ROWS, COLS)))
     found = estimated(own * np.rint(samples() / own))
@@ -59,6 +63,7 @@ def test_steps_of_pixels_are_a_map_and_serve_their_pixels() -> None:
     assert (found.n_modes == 1).mean() > 0.99
 
 
+@pytest.mark.slow
 def test_samples_of_one_value_have_the_standard_error_of_their_step() -> None:
     step_mm = 10.0 * SIGMA_MM
     values = step_mm * np.rint(samples() / step_mm)
@@ -72,6 +77,7 @@ def test_samples_of_one_value_have_the_standard_error_of_their_step() -> None:
     assert np.abs(error).max() < 0.6 * step_mm
 
 
+@pytest.mark.slow
 def test_two_alternating_values_are_one_surface_between_them() -> None:
     values = np.where(np.arange(FRAMES)[:, None, None] % 2 == 0, 3000.0, 3004.0) * np.ones((1, ROWS, COLS))
     found = estimated(values)
@@ -91,10 +97,10 @@ def test_a_given_curve_is_integrated_over_the_step_too() -> None:
     assert (found.n_modes == 1).mean() > 0.99
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*have two layers within 5 sigma:tofmix.errors.DoubtWarning")
-@pytest.mark.parametrize("step", [0.6, 0.9])
-def test_pairs_two_sigma_apart_are_found_and_not_taken_for_widths(step: float) -> None:
-    rng, step_mm = np.random.default_rng([1, 100]), step * SIGMA_MM
+def test_pairs_two_sigma_apart_are_found_and_not_taken_for_widths() -> None:
+    rng, step_mm = np.random.default_rng([1, 100]), 0.9 * SIGMA_MM
     values = rng.uniform(1500.0, 4500.0, (15, 40)) + SIGMA_MM * rng.standard_normal((100, 15, 40))
     values[:, :, ::4] += 2.0 * SIGMA_MM * (rng.random((100, 15, 10)) < 0.5)
     found = estimated(step_mm * np.rint(values / step_mm))

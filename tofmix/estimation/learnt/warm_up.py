@@ -8,7 +8,7 @@ from tofmix.arrays import Float32Array
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.bootstrap import calibrate
-from tofmix.estimation.learnt.clusters import find_clusters, fit_clusters
+from tofmix.estimation.learnt.clusters import cluster_likelihoods, find_clusters, fit_clusters
 from tofmix.estimation.learnt.clutter import background_counts
 from tofmix.estimation.learnt.held_out import flat_thresholds, held_out_scores
 from tofmix.estimation.learnt.law import precision_of_t
@@ -38,9 +38,12 @@ def warm_up_first() -> None:
 
 
 def warm_up_later() -> None:
-    """Run the kernels that count surfaces, and draw the gains of noise alone."""
+    """Run the kernels that count surfaces, draw the gains of noise alone, and weigh sigmas of samples on a step."""
     samples, sensor, noise = _made_up()
     laws, beam, thresholds = noise.laws(), beam_of(sensor), flat_thresholds()
+    clusters = find_clusters(samples, beam)
+    fits = fit_clusters(samples, clusters, laws[0], beam, True)  # noqa: FBT003  a kernel's flag
+    cluster_likelihoods(samples, clusters, fits.place, fits.support, np.ones(len(fits.place)), laws[1])
     background_shares(samples, laws, beam, thresholds, 2)
     background_counts(samples, laws, beam, thresholds, 2, np.array([0.0, 2.0 * _RANGE_MM]))
     pixel_widths(samples, laws, laws[0], beam, thresholds, 2)
