@@ -90,7 +90,7 @@ def reconcile(
     docs/reference/verdicts.md explains the verdicts.
     """
     from tofmix.io.reconciliation import locked_folder, model_names
-    from tofmix.reconciliation.measured_noise import MODEL, better, is_open, with_note
+    from tofmix.reconciliation.measured_noise import MODEL, is_open, with_fallback, with_note
     from tofmix.reconciliation.search.search_state import Settings
     from tofmix.reconciliation.words import summary_lines
     from tofmix.reconciliation.workflow import reconcile as run
@@ -111,11 +111,14 @@ def reconcile(
             def found(recordings: "Recordings") -> "Reconciliation":
                 return run(*recordings[0], settings, tick, also=recordings[1:])
 
-            result = found(recordings) if other is None else with_note(found(other), recordings[0][0])
+            result = found(recordings if other is None else other)
+            if other is not None:
+                result = with_note((result, other), recordings, settings)
             if noise is None and is_open(result):
                 with bar.aside():
                     other = _tried_noise(recordings, measured)
-                result = result if other is None else better(result, with_note(found(other), recordings[0][0]))
+                if other is not None:
+                    result = with_fallback((result, recordings), (found(other), other), settings)
             bar.total = bar.done  # no other way is tried: the page is left
             bar.describe("reconcile: page")
             _write(result, files, output, overwrite)

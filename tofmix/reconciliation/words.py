@@ -39,7 +39,8 @@ def headline(result: Reconciliation) -> str:
     if v.verdict == "agree" or not result.where:
         gap = f"the gap is {v.before.gap:.2f}, noise alone gives {v.floor.gap:.2f}"
         within = "; the rest is within --tolerance" if v.before.gap > _WIDER * v.floor.gap else ""
-        return f"{_TITLES['agree']}: no disagreement beyond noise and tolerance; {gap}{within}."
+        noise = ", with measured noise in place of the model's" if result.measured_noise else ""
+        return f"{_TITLES['agree']}{noise}: no disagreement beyond noise and tolerance; {gap}{within}."
     place = where_text(result.where[0], result)
     if v.verdict == "unexplained":
         stays = result.where[0].statistic in ("bias", "pattern")  # a smooth law of place or range has no change in time

@@ -88,6 +88,8 @@ class Reconciliation:
         Results of the search and of the verification.
     next_steps : tuple of str
         Next steps, the most useful first.
+    measured_noise : bool
+        Whether the models have measured noise in place of their own.
     """
 
     models: tuple[Model, ...]
@@ -97,6 +99,7 @@ class Reconciliation:
     added: Added
     verified: Verified
     next_steps: tuple[str, ...] = ()
+    measured_noise: bool = False
 
     @property
     def aliases(self) -> tuple[Alias, ...]:
@@ -120,6 +123,7 @@ class Reconciliation:
         v = self.verified
         return {
             "verdict": v.verdict,
+            "noise": "measured" if self.measured_noise else "model",
             "effects": [self._effect(n) for n in self.acting(0)],
             **self._also(),
             "where": [_place(p) | self._in_recording(p.recording) for p in self.where],
