@@ -131,7 +131,7 @@ def next_steps(
             " as many frames show half of that."
         )
     if verified.verdict == "explained":
-        steps += _of_worse(verified)
+        steps += worse(verified)
         steps.append(
             "Confirm it on a scene that no fit has seen: reconcile the written model.toml, with the surfaces of that"
             " scene, with a recording of it."
@@ -145,8 +145,14 @@ def name_of_effect(effect: Effect) -> tuple[str, str | None]:
     return effect.kind, getattr(effect, "surface", None)
 
 
-def _of_worse(verified: Verified) -> Iterator[str]:
-    """Statistics that the effects move away from chance, although nothing stands out beyond their laws."""
+def worse(verified: Verified) -> Iterator[str]:
+    """A statistic that the effects move away from noise alone, in a sentence; none if they move no one so.
+
+    Parameters
+    ----------
+    verified : Verified
+        Whose verdict is ``explained``: what stands out is within what the effects' laws may leave.
+    """
     before = {c.name: c for c in verified.before.curves}
     loud = disagreements(verified.after, verified.findings.alpha)
     for curve in [c for c in loud if c.name in before and c.chi2 > before[c.name].chi2][:1]:
@@ -239,14 +245,21 @@ def _of_the_search(added: Added, verified: Verified, settings: Settings, *, misp
 def quiet_frames_differ(verified: Verified) -> bool:
     """Whether the noise of the median frame differs, not only that of some: bursts and passing things are no curve.
 
-    The mean of few samples of a frame is nearly normal, so its median has 1.57 times the variance of the mean.
+    The spread of a frame is that of all samples, without the part of the pixels' own biases, plus the frame's
+    difference from it. Means of many samples are nearly normal, and their median has pi / 2 times the variance of a
+    mean.
     """
-    for curve in verified.findings.near.curves:
-        if (curve.statistic, curve.axis) == ("bursts", "frame") and curve.dof:
-            error = math.sqrt(0.5 * math.pi * float(np.median(curve.variance)) / curve.dof)
-            limit = float(norm.isf(verified.findings.alpha))
-            if abs(float(np.median(curve.value))) > limit * error:
-                return True
+    found = verified.findings
+    for number in {c.recording for c in found.near.curves}:
+        own = {(c.statistic, c.axis): c for c in found.near.curves if c.recording == number and c.dof}
+        frames, whole, biases = (own.get(k) for k in (("bursts", "frame"), ("spread", "all"), ("pattern", "all")))
+        if frames is None or whole is None:
+            continue
+        level = float(whole.value[0]) - (0.0 if biases is None else biases.size**2 / math.sqrt(2.0))
+        level += float(np.median(frames.value))
+        error = math.sqrt(0.5 * math.pi * float(np.median(frames.variance)) / frames.dof)
+        if abs(level) > float(norm.isf(found.alpha)) * error:
+            return True
     return False
 
 
