@@ -41,7 +41,13 @@ tofmix simulate gap/model.toml -o refined.h5
 @click.command(short_help="Name the effect that a simulation lacks.")
 @click.argument("model")
 @click.argument("measured", type=PATH)
-@click.option("-o", "--output", type=PATH, required=True, help="Folder for model.toml, gap.json and report.html.")
+@click.option(
+    "-o",
+    "--output",
+    type=PATH,
+    required=True,
+    help="Folder for model.toml, suggested_model.toml, gap.json and report.html.",
+)
 @click.option(
     "--also", type=(str, PATH), multiple=True, metavar="MODEL MEASURED",
     help="Another recording of the same camera, with the model of its scene. Repeatable.",

@@ -12,8 +12,9 @@ from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.verification.aliases import separate_by
 from tofmix.reconciliation.verification.next_steps import worse
 from tofmix.reconciliation.workflow import reconcile
+from tofmix.sensors.registry import load_profile
 from tofmix.simulation.effects.surface_pose import SurfacePose
-from tofmix.simulation.model import Model
+from tofmix.simulation.model import Model, RecordingSettings
 from tofmix.simulation.surface import Surface
 
 
@@ -117,6 +118,38 @@ def test_search_that_ends_at_its_most_effects_says_that_none_is_named(small: Mod
     step = next(s for s in result.next_steps if "--max-effects" in s)
     named = result.verified.verdict == "partly_explained"
     assert step.startswith("The search stopped at 1 effect" if named else "The best 1 effect")
+
+
+ROOM = (
+    Surface(name="back wall", center_mm=(0, 0, 4000), size_mm=(3200, 2600), reflectivity=0.7),
+    Surface(name="left wall", center_mm=(-1300, 0, 2150), size_mm=(3700, 2600), yaw_deg=90, reflectivity=0.6),
+    Surface(name="floor", center_mm=(0, 1200, 2150), size_mm=(3200, 3700), pitch_deg=90, reflectivity=0.5),
+    Surface(name="table", center_mm=(500, 250, 1900), size_mm=(800, 600), pitch_deg=20, reflectivity=0.8),
+)
+
+
+@pytest.mark.slow
+def test_advice_leads_from_a_room_with_four_faults_to_all_of_them() -> None:
+    """A table 12 mm off, a side wall turned by 0.8 degrees, and two effects: one more than are searched for."""
+    sensor = replace(load_profile("sr4000"), rows=40, cols=52)
+    settings = Settings(kinds=("excess_noise", "wiggling", "surface_pose", "range_offset", "vignetting"))
+    given = Model(sensor=sensor, surfaces=ROOM, recording=RecordingSettings(frames=80, frame_rate_hz=25.0))
+    hidden = (
+        MAKE["surface_pose"](surface="table", shift_mm=12.0),
+        MAKE["surface_pose"](surface="left wall", shift_mm=0.0, yaw_deg=0.8),
+        MAKE["wiggling"](amplitude_mm=12.0, phase_rad=0.7), MAKE["excess_noise"](factor=1.4),
+    )  # fmt: skip
+    evidence = recorded(given, *hidden, seed=9)
+    first = reconcile(given, evidence, settings)
+    assert first.verified.verdict == "unexplained"
+    assert not first.suggested
+    (step,) = [s for s in first.next_steps if "--max-effects" in s]
+    assert "--max-effects 4 tries one more" in step
+    second = reconcile(given, evidence, replace(settings, max_effects=4))
+    assert second.verified.verdict == "explained"
+    assert sorted((n.effect.kind, getattr(n.effect, "surface", "")) for n in second.named) == [
+        ("excess_noise", ""), ("surface_pose", "left wall"), ("surface_pose", "table"), ("wiggling", ""),
+    ]  # fmt: skip
 
 
 def test_few_samples_are_reported_with_the_sufficient_number_of_frames(small: Model) -> None:

@@ -105,8 +105,10 @@ def next_steps(
                 "The samples of a surface lie a turn of the phase from the model's,"
                 f" {_turn_mm(folded):.5g} mm: phase_wrapping is missing."
             )
-        offset = common_offset(likelihood, settings, state)
-        poses = [] if offset is not None else found_poses(likelihood, settings, state)
+        # Poses of a model that lacks more effects than the search may add are shifted by what those do
+        limited = not named and 0 < settings.max_effects <= len(added.chosen)
+        offset = None if limited else common_offset(likelihood, settings, state)
+        poses = [] if limited or offset is not None else found_poses(likelihood, settings, state)
         if verified.law is not None and not poses_win(likelihood, settings, state, poses):
             poses = []
         if offset is not None:
