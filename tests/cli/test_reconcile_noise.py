@@ -92,7 +92,7 @@ def test_noise_of_the_recording_is_tried_only_where_the_models_explains_nothing(
     found = outcome(tmp_path / "gap")
     assert (found["verdict"], [e["kind"] for e in found["effects"]]) == (verdict, named)
     assert ("The noise differs from the model's curve" in done.out) is (not named)
-    assert ("agree, with measured noise in place of the model's" in done.out) is (not named)
+    assert ("agree, with measured noise in place of that of the model" in done.out) is (not named)
     assert found["noise"] == ("model" if named else "measured")
 
 

@@ -39,7 +39,7 @@ def headline(result: Reconciliation) -> str:
     if v.verdict == "agree" or not result.where:
         gap = f"the gap is {v.before.gap:.2f}, noise alone gives {v.floor.gap:.2f}"
         within = "; the rest is within --tolerance" if v.before.gap > _WIDER * v.floor.gap else ""
-        noise = ", with measured noise in place of the model's" if result.measured_noise else ""
+        noise = ", with measured noise in place of that of the model" if result.measured_noise else ""
         return f"{_TITLES['agree']}{noise}: no disagreement beyond noise and tolerance; {gap}{within}."
     place = where_text(result.where[0], result)
     if v.verdict == "unexplained":

@@ -35,7 +35,7 @@ _SAME = 1e-3  # relative difference of integration times that are written in fil
 _MOST_POSES = 3  # most poses that are listed; more are another scene
 _SEVERAL = 2  # surfaces
 _DEGREE = 2  # of the smooth function of place in the image
-_NUMBERS_OF_POSE = 3
+_NUMBERS_OF_POSE = 3  # a shift and two tilts
 _LEAST_TURN_DEG = 0.02  # smaller tilts are not reported
 
 
