@@ -33,6 +33,8 @@ from users.greedy import greedy_bic
 from users.oracle import known
 from users.score import score
 
+from tofmix.arrays import Float32Array
+from tofmix.reconciliation import workflow
 from tofmix.reconciliation.evidence import make_evidence
 from tofmix.reconciliation.search.name import KINDS
 from tofmix.reconciliation.search.search_state import Settings
@@ -41,6 +43,9 @@ from tofmix.reconciliation.workflow import Reconciliation, reconcile
 SEED = 20261124
 RESULTS = ("right", "wrong", "open")
 DONE, PEER = "results.jsonl", "peer.jsonl"
+FOLLOWED = 2
+"""How often the advice is followed."""
+
 FRESH = 1_000_003
 """Added to a case's seed for the recordings that no fit has seen."""
 
@@ -62,9 +67,10 @@ def agreeing(number: int, seed: int, scenes: str) -> dict[str, Any]:
 
 
 def judged(number: int, seed: int, scenes: str) -> dict[str, Any]:
-    """One case: drawn, recorded, reconciled and scored."""
+    """One case: drawn, recorded, reconciled and scored; where it is open, the advice is followed."""
     case = draw(seed, number, scenes)
-    evidence = make_evidence(case.given, recorded(case), time_s=np.arange(FRAMES) / RATE_HZ)
+    samples = recorded(case)
+    evidence = make_evidence(case.given, samples, time_s=np.arange(FRAMES) / RATE_HZ)
     start = time.perf_counter()
     found = reconcile(case.given, evidence, Settings(kinds=KINDS))
     gap, seconds = found.as_dict(), time.perf_counter() - start
@@ -76,7 +82,30 @@ def judged(number: int, seed: int, scenes: str) -> dict[str, Any]:
         "named": sorted(e["kind"] for e in gap["effects"]), "aliases": [a["kinds"] for a in gap["aliases"]],
         "identifiable": None if oracle is None else oracle.identifiable, "seconds": round(seconds, 1),
         "told_apart": told_apart(case, found, seed),
+        "followed": followed(case, found, samples) if outcome.result == "open" else [],
     }  # fmt: skip
+
+
+def followed(case: Case, found: Reconciliation, samples: Float32Array) -> list[dict[str, Any]]:
+    """What came of the advice: the verdict and all effects that the model then has, each time it was followed.
+
+    The suggested model takes the place of the given one, or one more effect is searched for, as the next steps say.
+    """
+    out: list[dict[str, Any]] = []
+    model, settings = case.given, Settings(kinds=KINDS)
+    while len(out) < FOLLOWED and found.verified.verdict not in workflow.DONE:
+        more = any("--max-effects" in step for step in found.next_steps)
+        if not (found.suggested or more):
+            break
+        if found.suggested:
+            model = replace(model, effects=(*model.effects, *(n.effect for n in found.advised(0))))
+        else:
+            settings = replace(settings, max_effects=settings.max_effects + 1)
+        evidence = make_evidence(model, samples, time_s=np.arange(FRAMES) / RATE_HZ)
+        found = reconcile(model, evidence, settings)
+        effects = (*model.effects, *(n.effect for n in found.named))
+        out.append({"verdict": found.verified.verdict, "effects": sorted(e.kind for e in effects)})
+    return out
 
 
 def by_bic(number: int, seed: int, scenes: str) -> dict[str, Any]:
@@ -147,9 +176,24 @@ def summary(done: Sequence[dict[str, Any]], peer: Sequence[dict[str, Any]] = ())
         yield ""
     if peer:
         yield from _beside(done, {line["number"]: line for line in peer})
+    yield from _advice(done)
     for line in sorted(done, key=lambda member: member["number"]):
         if line["result"] != "right":
             yield f"{line['result']}: {line['name']}: {line['verdict']}; {line['why']}"
+
+
+def _advice(done: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """What came of the advice in the open cases."""
+    tried = [line for line in done if line.get("followed")]
+    ended = [line for line in tried if line["followed"][-1]["verdict"] in workflow.DONE]
+    whole = [line for line in ended if line["followed"][-1]["effects"] == sorted(line["kinds"])]
+    if tried:
+        yield (
+            f"Advice followed up to {FOLLOWED} times in {len(tried)} open cases: {len(ended)} ended agree or explained,"
+            f" {len(whole)} of them with exactly the hidden kinds."
+        )
+        yield from (f"followed: {line['name']}: {line['followed'][-1]}" for line in tried)
+        yield ""
 
 
 def _groups(done: Sequence[dict[str, Any]]) -> dict[str, dict[str, list[dict[str, Any]]]]:

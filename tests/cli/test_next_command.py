@@ -11,7 +11,7 @@ from support.files import boards, write_recording
 from tofmix.errors import ExitCode
 from tofmix.io.importers import IMPORTERS
 from tofmix.io.importers.folder import IMAGE_KINDS
-from tofmix.io.next_command import foreign_fault
+from tofmix.io.next_command import foreign_fault, import_command
 
 
 @pytest.mark.parametrize(
@@ -121,3 +121,9 @@ def test_array_of_four_axes_needs_the_axes_option(tofmix: Tofmix, tmp_path: Path
     done = tofmix("import", tmp_path / "a.h5", "-o", tmp_path / "b.h5")
     assert done.code == ExitCode.BAD_INPUT
     assert "name the axes, such as --axes frame,target,row,col" in done.err
+
+
+def test_import_that_keeps_one_target_names_its_file_after_it(tmp_path: Path) -> None:
+    kept = import_command(tmp_path / "zones.h5", "--target", "nearest")
+    assert kept.endswith(f"-o {tmp_path / 'zones_nearest.h5'}")
+    assert import_command(tmp_path / "zones.h5", "--units", "m").endswith(f"-o {tmp_path / 'zones_mm.h5'}")

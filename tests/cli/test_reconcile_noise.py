@@ -1,9 +1,12 @@
 """``reconcile --noise``: the model's, the recording's, or a layers file's; ``info`` prints a curve to paste."""
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
+import h5py
+import numpy as np
 import pytest
 from support.commandline import Tofmix
 
@@ -55,7 +58,7 @@ def test_noise_that_is_no_choice_and_no_file_is_a_wrong_option(
 ) -> None:
     done = tofmix("reconcile", *files, "-o", tmp_path / "gap", "--noise", "mesured")
     assert done.code == 2
-    assert '"mesured" is not model, measured or a layers file' in done.err
+    assert '"mesured" is not model, measured or a layers file: no such file' in done.err
 
 
 @pytest.mark.slow
@@ -67,7 +70,9 @@ def test_noise_of_the_model_leaves_the_difference_and_that_of_the_recording_agre
         done = tofmix("reconcile", *files, "-o", folder, "--noise", noise, *ONLY_OFFSET)
         assert done.code == 0, done.err
         assert outcome(folder)["verdict"] == verdict
-    assert outcome(tmp_path / "measured")["next_steps"][0].startswith("The noise is the measured one, sigma 1.")
+    assert outcome(tmp_path / "measured")["next_steps"][0].startswith(
+        "The noise differs from the model's curve: the measured sigma is 1."
+    )
     own, found = (load_model(str(path)).sensor for path in (files[0], tmp_path / "measured" / "model.toml"))
     ratio = found.noise.sigma(3000.0) / own.noise.sigma(3000.0)
     assert ratio == pytest.approx(1.5, rel=0.05)
@@ -86,7 +91,29 @@ def test_noise_of_the_recording_is_tried_only_where_the_models_explains_nothing(
     assert done.code == 0, done.err
     found = outcome(tmp_path / "gap")
     assert (found["verdict"], [e["kind"] for e in found["effects"]]) == (verdict, named)
-    assert ("The noise is the measured one" in done.out) is (not named)
+    assert ("The noise differs from the model's curve" in done.out) is (not named)
+    assert ("agree, with measured noise in place of that of the model" in done.out) is (not named)
+    assert found["noise"] == ("model" if named else "measured")
+
+
+@pytest.mark.slow
+def test_noise_of_one_board_alone_stays_unexplained_with_its_place(
+    tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path
+) -> None:
+    """A curve that is learnt from the recording has a step at the board's ranges, and hides it."""
+    still, measured = tmp_path / "still.h5", tmp_path / "sunlit.h5"
+    assert tofmix("simulate", files[0], "-o", still).code == 0
+    shutil.copy(still, measured)
+    with h5py.File(measured, "r+") as file:
+        samples = file["range"][()].astype(np.float64)
+        near = (samples > 0) & (samples < 2200.0)
+        middle = np.nanmedian(np.where(near | ~near.any(axis=0), samples, np.nan), axis=0)
+        file["range"][...] = np.where(near, np.rint(middle + 1.7 * (samples - middle)), samples).astype(np.uint16)
+    done = tofmix("reconcile", files[0], measured, "-o", tmp_path / "gap", "--effects", "excess_noise")
+    assert done.code == 0, done.err
+    found = outcome(tmp_path / "gap")
+    assert (found["verdict"], found["noise"]) == ("unexplained", "model")
+    assert found["next_steps"][0].startswith('The noise differs from the model\'s curve by place: on "board" it is 1.')
 
 
 @pytest.mark.slow

@@ -65,3 +65,12 @@ def _lock_anew(folder: Path) -> None:
         locks.lock_output(Path(os.path.realpath(folder)))
     finally:
         locks._held[Path(os.path.realpath(folder))] = held
+
+
+def test_suggested_model_is_written_and_goes_when_a_later_run_suggests_none(tmp_path: Path) -> None:
+    folder = tmp_path / "gap"
+    write(folder, overwrite=False, suggested_texts=["moved"])
+    assert (folder / "suggested_model.toml").read_text() == "moved"
+    write(folder, overwrite=True)
+    assert not (folder / "suggested_model.toml").exists()
+    assert (folder / "model.toml").read_text() == "model"

@@ -36,7 +36,7 @@ def test_fitted_and_held_out_parts_are_disjoint_and_cover_all(model: Model) -> N
 @pytest.mark.parametrize(
     ("shape", "value", "times", "reason"),
     [
-        ((40, 20, 23), 1000.0, None, "an image of 20 x 23 pixels; the model's camera has 20 x 24"),
+        ((40, 20, 23), 1000.0, None, "the model's camera has 20 x 24; give .sensor. of the model rows = 20, cols = 23"),
         ((3, 20, 24), 1000.0, None, "3 frames; at least"),
         ((40, 20, 24), np.nan, None, "no sample is valid"),
         ((40, 20, 24), 1000.0, np.zeros(40), "do not ascend"),

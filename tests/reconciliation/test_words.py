@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.recordings import MAKE, reconciled
 
-from tofmix.reconciliation.words import effect_tables, effect_text, headline, summary_lines
+from tofmix.reconciliation.words import closed_text, effect_tables, effect_text, headline, summary_lines
 from tofmix.report.gap.page import render_gap
 from tofmix.simulation.effects.parameter import PixelMap
 from tofmix.simulation.model import Model
@@ -56,3 +56,18 @@ def test_zero_is_written_without_a_sign(small: Model) -> None:
     assert "held-out gain 0 nats" in "\n".join(summary_lines(said))
     assert "-0" not in json.dumps(said.as_dict()["effects"]).replace("-0.2", "")
     assert "offset_mm = 0.0" in effect_tables(said)
+
+
+@pytest.mark.parametrize(
+    ("closed", "said"), [(1.0031, "100 %"), (1.002499, "100 %"), (0.984, "98 %"), (-0.0004, "0 %")]
+)
+def test_closed_share_is_said_to_a_percent_and_never_above_the_whole_gap(closed: float, said: str) -> None:
+    assert closed_text(closed) == said
+
+
+def test_page_and_terminal_say_the_same_closed_share(small: Model) -> None:
+    result = reconciled(small, MAKE["range_offset"](offset_mm=9.0), kinds=("range_offset",))
+    assert result.verified.closed is not None
+    said = f"closed {closed_text(result.verified.closed)}"
+    assert said in "\n".join(summary_lines(result))
+    assert said in render_gap(result, source="x.h5")

@@ -134,7 +134,8 @@ def reconcile(
         return run(scene, evidence, settings)
     from tofmix.reconciliation.measured_noise import measured_model, with_note
 
-    return with_note(run(measured_model(scene, evidence, noise), evidence, settings), scene)
+    other = measured_model(scene, evidence, noise)
+    return with_note((run(other, evidence, settings), [(other, evidence)]), [(scene, evidence)], settings)
 
 
 def _model(model: "Model | str | os.PathLike[str]") -> "Model":

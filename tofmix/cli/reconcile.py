@@ -11,6 +11,8 @@ from tofmix.cli.options import FILE, PATH, examples, json_option, note, overwrit
 from tofmix.cli.progress import Progress
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from tofmix.arrays import FloatArray
     from tofmix.io.recording.recording_file import RecordingFile
     from tofmix.reconciliation.evidence import Evidence
@@ -39,7 +41,13 @@ tofmix simulate gap/model.toml -o refined.h5
 @click.command(short_help="Name the effect that a simulation lacks.")
 @click.argument("model")
 @click.argument("measured", type=PATH)
-@click.option("-o", "--output", type=PATH, required=True, help="Folder for model.toml, gap.json and report.html.")
+@click.option(
+    "-o",
+    "--output",
+    type=PATH,
+    required=True,
+    help="Folder for model.toml, suggested_model.toml, gap.json and report.html.",
+)
 @click.option(
     "--also", type=(str, PATH), multiple=True, metavar="MODEL MEASURED",
     help="Another recording of the same camera, with the model of its scene. Repeatable.",
@@ -89,8 +97,8 @@ def reconcile(
     any effect does. Recordings given with --also share the effects' parameters.
     docs/reference/verdicts.md explains the verdicts.
     """
-    from tofmix.io.reconciliation import locked_folder, model_names
-    from tofmix.reconciliation.measured_noise import MODEL, better, is_open, with_note
+    from tofmix.io.reconciliation import locked_folder, model_names, suggested_names
+    from tofmix.reconciliation.measured_noise import MODEL, is_open, with_fallback, with_note
     from tofmix.reconciliation.search.search_state import Settings
     from tofmix.reconciliation.words import summary_lines
     from tofmix.reconciliation.workflow import reconcile as run
@@ -111,11 +119,14 @@ def reconcile(
             def found(recordings: "Recordings") -> "Reconciliation":
                 return run(*recordings[0], settings, tick, also=recordings[1:])
 
-            result = found(recordings) if other is None else with_note(found(other), recordings[0][0])
+            result = found(recordings if other is None else other)
+            if other is not None:
+                result = with_note((result, other), recordings, settings)
             if noise is None and is_open(result):
                 with bar.aside():
                     other = _tried_noise(recordings, measured)
-                result = result if other is None else better(result, with_note(found(other), recordings[0][0]))
+                if other is not None:
+                    result = with_fallback((result, recordings), (found(other), other), settings)
             bar.total = bar.done  # no other way is tried: the page is left
             bar.describe("reconcile: page")
             _write(result, files, output, overwrite)
@@ -123,7 +134,8 @@ def reconcile(
         click.echo(json.dumps(result.as_dict(), indent=2, allow_nan=False))
         return
     click.echo("\n".join(summary_lines(result)))
-    names = ", ".join([*model_names(len(files))[1:], "gap.json", "report.html"])
+    more = suggested_names(len(files)) if result.suggested else []
+    names = ", ".join([*model_names(len(files))[1:], *more, "gap.json", "report.html"])
     click.echo(f"wrote        {output / 'model.toml'}, {names}")
 
 
@@ -239,7 +251,7 @@ def _with_noise(recordings: "Recordings", measured: Path, noise: str) -> "Record
         if sensor.noise is None:
             raise BadInputError(f"{noise}: sensor/noise_sigma: no noise curve")
     else:
-        raise UsageError(f'--noise: "{noise}" is not model, measured or a layers file')
+        raise UsageError(f'--noise: "{noise}" is not model, measured or a layers file: no such file')
     return measured_models(recordings, sensor)
 
 
@@ -294,19 +306,20 @@ def _say_other_optics(measured: Path, file: "RecordingFile", scene: "Model") -> 
 
 def _write(result: "Reconciliation", files: "Files", output: Path, overwrite: bool) -> None:
     from tofmix.io.reconciliation import write_folder
-    from tofmix.reconciliation.words import effect_tables
+    from tofmix.reconciliation.words import effect_tables, suggested_tables
     from tofmix.report.gap.page import render_gap
 
-    texts = []
-    for number, model in enumerate(result.models):
-        text, tables = model.text.rstrip("\n") + "\n", effect_tables(result, number)
-        texts.append(f"{text}\n{tables}" if tables else text)
+    def texts(tables: "Callable[[Reconciliation, int], str]") -> list[str]:
+        found = [(model.text.rstrip("\n") + "\n", tables(result, k)) for k, model in enumerate(result.models)]
+        return [f"{text}\n{more}" if more else text for text, more in found]
+
     maps = _maps(result)
     page = render_gap(result, source=" and ".join(measured.name for _, measured in files))
     inputs = tuple(path for model, measured in files for path in (Path(model), measured) if path.exists())
     write_folder(
-        output, model_texts=texts, maps=maps, gap=result.as_dict(), page=page, overwrite=overwrite, inputs=inputs
-    )
+        output, model_texts=texts(effect_tables), maps=maps, gap=result.as_dict(), page=page, overwrite=overwrite,
+        inputs=inputs, suggested_texts=texts(suggested_tables) if result.suggested else (),
+    )  # fmt: skip
 
 
 def _maps(result: "Reconciliation") -> "dict[str, FloatArray]":

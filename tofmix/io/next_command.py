@@ -12,9 +12,10 @@ _BAGS = (".bag", ".mcap", ".db3")
 
 
 def import_command(path: Path, *options: str) -> str:
-    """``tofmix import`` of a file to a new one in the same folder, with some options."""
+    """``tofmix import`` of a file to a new one in the same folder, with some options; its name has the target kept."""
+    kept = options[options.index("--target") + 1] if "--target" in options else "mm"
     named = path if path.name else path.absolute()  # the current folder is "."
-    target = path.parent / (f"{named.stem}_mm.h5" if named.suffix == ".h5" else f"{named.stem or 'images'}.h5")
+    target = path.parent / (f"{named.stem}_{kept}.h5" if named.suffix == ".h5" else f"{named.stem or 'images'}.h5")
     return shlex.join(["tofmix", "import", str(path), *options, "-o", str(target)])
 
 

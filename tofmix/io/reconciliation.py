@@ -33,6 +33,11 @@ def model_names(models: int) -> list[str]:
     return ["model.toml", *(f"model_{number}.toml" for number in range(2, models + 1))]
 
 
+def suggested_names(models: int) -> list[str]:
+    """File names of the models with what the next steps advise to add."""
+    return [f"suggested_{name}" for name in model_names(models)]
+
+
 def check_folder(folder: Path, *, overwrite: bool, models: int = 1) -> None:
     """Refuse a folder that cannot or must not be written, before any work is done.
 
@@ -85,6 +90,7 @@ def write_folder(
     page: str,
     overwrite: bool,
     inputs: tuple[Path, ...] = (),
+    suggested_texts: Sequence[str] = (),
 ) -> None:
     """Write a reconciliation.
 
@@ -102,6 +108,8 @@ def write_folder(
         `report.html`.
     overwrite, inputs
         As for `AtomicFile`.
+    suggested_texts : sequence of str
+        The models with what the next steps advise, one for each recording; empty if they advise no effect.
 
     Raises
     ------
@@ -116,13 +124,16 @@ def write_folder(
         contents[folder / name] = buffer.getvalue()
     names = model_names(len(model_texts))
     gap_text = json.dumps(gap, indent=2, allow_nan=False) + "\n"
-    for name, text in zip((*names, *FILES), (*model_texts, page, gap_text), strict=True):
+    more = suggested_names(len(suggested_texts)) if suggested_texts else []
+    texts = (*suggested_texts, *model_texts, page, gap_text)
+    for name, text in zip((*more, *names, *FILES), texts, strict=True):
         contents[folder / name] = readable(text).encode()
     with _folders({folder, *(path.parent for path in contents)}):
         write_atomic_group(contents, overwrite=overwrite, inputs=inputs)
-    for stale in folder.glob("model_[0-9]*.toml"):  # of more recordings, by an earlier run
-        if stale.name not in names:
-            stale.unlink()
+    for pattern in ("model_[0-9]*.toml", "suggested_model*.toml"):  # of more recordings or advice, by an earlier run
+        for stale in folder.glob(pattern):
+            if stale.name not in (*names, *more):
+                stale.unlink()
 
 
 @contextmanager

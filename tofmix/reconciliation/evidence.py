@@ -144,7 +144,8 @@ def make_evidence(
     if (rows, cols) != (model.sensor.rows, model.sensor.cols):
         raise BadInputError(
             f"range: an image of {rows} x {cols} pixels; the model's camera has "
-            f"{model.sensor.rows} x {model.sensor.cols}"
+            f"{model.sensor.rows} x {model.sensor.cols}; give [sensor] of the model rows = {rows}, cols = {cols}, or"
+            " take the recording of that camera"
         )
     if frames < _LEAST_FRAMES:
         raise BadInputError(

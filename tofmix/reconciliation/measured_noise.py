@@ -1,8 +1,8 @@
 """Reconcile with the noise of the recording, or of another one, in place of the model's.
 
 A model's curve is often that of a data sheet. Then every statistic of the noise disagrees, and effects are judged
-with a wrong sigma. `measured_model` gives a model the noise that `tofmix.estimation` learnt; `better` chooses between
-the outcomes with both.
+with a wrong sigma. `measured_model` gives a model the noise that `tofmix.estimation` learnt; `with_fallback` chooses
+between the outcomes with both.
 """
 
 from collections.abc import Sequence
@@ -11,8 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from tofmix.reconciliation.evidence import Evidence
+from tofmix.reconciliation.likelihood.joint import Recording
 from tofmix.reconciliation.likelihood.mixture import Mixture, Scene
 from tofmix.reconciliation.likelihood.side_information import log_ratios
+from tofmix.reconciliation.noise_by_place import uneven_noise
+from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.workflow import DONE, Reconciliation
 from tofmix.sensor import MOST_WIDTH_SPREAD, NoiseCurve, Sensor
 from tofmix.simulation.effects.quantisation import Quantisation
@@ -21,6 +24,10 @@ from tofmix.simulation.model_noise import with_noise
 
 MODEL, MEASURED = "model", "measured"
 """Noise of the model file, and noise that is learnt from the recording."""
+
+Recordings = Sequence[Recording]
+Outcome = tuple[Reconciliation, Recordings]
+"""What was found, and the models and recordings in which."""
 
 _BEST_FIRST = ("agree", "explained", "partly_explained", "unexplained")
 
@@ -101,15 +108,44 @@ def is_open(found: Reconciliation) -> bool:
     return found.verified.verdict not in DONE
 
 
-def better(given: Reconciliation, measured: Reconciliation) -> Reconciliation:
-    """The outcome with the better verdict; of equal ones, that with the model's own noise."""
+def with_fallback(given: Outcome, measured: Outcome, settings: Settings) -> Reconciliation:
+    """The better of the outcomes with the model's own noise and with the measured one.
+
+    A curve that is learnt from a recording fits it, also where the noise differs by place. Then no curve of the camera
+    is known, and the outcome with the model's own noise stays, with a sentence that names the place.
+
+    Parameters
+    ----------
+    given, measured : (Reconciliation, sequence of (Model, Evidence))
+        The outcomes, each with its recordings.
+    settings : Settings
+        Options of the search.
+    """
     rank = {verdict: place for place, verdict in enumerate(_BEST_FIRST)}
-    return measured if rank[measured.verified.verdict] < rank[given.verified.verdict] else given
+    if rank[measured[0].verified.verdict] >= rank[given[0].verified.verdict]:
+        return given[0]
+    place = uneven_noise(given[1], measured[1], measured[0].verified.state, settings.alpha)
+    if place is None:
+        return with_note(measured, given[1], settings)
+    return replace(given[0], next_steps=(place.sentence, *given[0].next_steps))
 
 
-def with_note(found: Reconciliation, given: Model) -> Reconciliation:
-    """The outcome with a sentence about its noise before its next steps; `given` is the first model as given."""
-    return replace(found, next_steps=(noise_sentence(given, found.models[0]), *found.next_steps))
+def with_note(measured: Outcome, given: Recordings, settings: Settings) -> Reconciliation:
+    """The outcome with its measured noise before the next steps: by how much it differs, and at which place.
+
+    Parameters
+    ----------
+    measured : (Reconciliation, sequence of (Model, Evidence))
+        The outcome with the measured noise, and its recordings.
+    given : sequence of (Model, Evidence)
+        The recordings with the models as given.
+    settings : Settings
+        Options of the search.
+    """
+    found, recordings = measured
+    place = uneven_noise(given, recordings, found.verified.state, settings.alpha)
+    steps = [noise_sentence(given[0][0], found.models[0]), *([] if place is None else [place.sentence])]
+    return replace(found, measured_noise=True, next_steps=(*steps, *found.next_steps))
 
 
 def noise_sentence(given: Model, measured: Model) -> str:
@@ -121,4 +157,7 @@ def noise_sentence(given: Model, measured: Model) -> str:
     parts = ["a shape of its own"] if curve.shape is not None else []
     parts += [f"widths of pixels spread by {100 * curve.width_spread:.0f} %"] if curve.width_spread else []
     more = f", and {' and '.join(parts)}" if parts else ""
-    return f"The noise is the measured one, sigma {times} times the model's{more}; [sensor.noise] of model.toml has it."
+    return (
+        f"The noise differs from the model's curve: the measured sigma is {times} times the model's{more}."
+        " [sensor.noise] of model.toml has it: give it to your model."
+    )

@@ -39,7 +39,8 @@ def headline(result: Reconciliation) -> str:
     if v.verdict == "agree" or not result.where:
         gap = f"the gap is {v.before.gap:.2f}, noise alone gives {v.floor.gap:.2f}"
         within = "; the rest is within --tolerance" if v.before.gap > _WIDER * v.floor.gap else ""
-        return f"{_TITLES['agree']}: no disagreement beyond noise and tolerance; {gap}{within}."
+        noise = ", with measured noise in place of that of the model" if result.measured_noise else ""
+        return f"{_TITLES['agree']}{noise}: no disagreement beyond noise and tolerance; {gap}{within}."
     place = where_text(result.where[0], result)
     if v.verdict == "unexplained":
         stays = result.where[0].statistic in ("bias", "pattern")  # a smooth law of place or range has no change in time
@@ -134,15 +135,25 @@ def summary_lines(result: Reconciliation) -> list[str]:
         lines.append(f"left         {where_text(result.left[0], result)}, {p_text(result.left[0])}")
     ranking = ", ".join(f"{c.kind} {number(c.gain, '.0f')}" for c in result.candidates[:4])
     lines += [f"candidates   each alone: {ranking}"] if ranking else []
-    closed = "" if v.closed is None else f", closed {number(100 * v.closed, '.1f')} %"
+    closed = "" if v.closed is None else f", closed {closed_text(v.closed)}"
     lines.append(f"gap          before {v.before.gap:.2f}, after {v.after.gap:.2f}, floor {v.floor.gap:.2f}{closed}")
     lines += [f"next         {step}" for step in result.next_steps]
     return lines
 
 
+def closed_text(closed: float) -> str:
+    """The closed share of a gap, to a percent: its errors are larger, and they may put it above the whole gap."""
+    return f"{number(100 * min(closed, 1.0), '.0f')} %"
+
+
 def effect_tables(result: Reconciliation, recording: int = 0) -> str:
     """The [[effect]] tables that are appended to a recording's model file; empty if there are none."""
     return "\n".join(_table(n) for n in result.acting(recording))
+
+
+def suggested_tables(result: Reconciliation, recording: int = 0) -> str:
+    """The [[effect]] tables of the suggested model, appended to a recording's model file."""
+    return "\n".join(_table(n) for n in result.advised(recording))
 
 
 def _table(named: NamedEffect) -> str:

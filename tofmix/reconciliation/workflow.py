@@ -88,6 +88,10 @@ class Reconciliation:
         Results of the search and of the verification.
     next_steps : tuple of str
         Next steps, the most useful first.
+    suggested : tuple of (int, Effect)
+        Effects that the next steps advise to add, with their recordings, from 0.
+    measured_noise : bool
+        Whether the models have measured noise in place of their own.
     """
 
     models: tuple[Model, ...]
@@ -97,11 +101,18 @@ class Reconciliation:
     added: Added
     verified: Verified
     next_steps: tuple[str, ...] = ()
+    suggested: tuple[tuple[int, Effect], ...] = ()
+    measured_noise: bool = False
 
     @property
     def aliases(self) -> tuple[Alias, ...]:
         """Explanations that the recording cannot separate."""
         return aliases(self.added, named=bool(self.named))
+
+    def advised(self, recording: int) -> tuple[NamedEffect, ...]:
+        """The effects of the suggested model of one of the recordings, from 0: named ones, and advised ones."""
+        more = (NamedEffect(effect=e, stderr={}, heldout_gain_nats=0.0) for k, e in self.suggested if k == recording)
+        return (*self.acting(recording), *more)
 
     def acting(self, recording: int) -> tuple[NamedEffect, ...]:
         """The effects that act in one of the recordings, from 0."""
@@ -120,6 +131,7 @@ class Reconciliation:
         v = self.verified
         return {
             "verdict": v.verdict,
+            "noise": "measured" if self.measured_noise else "model",
             "effects": [self._effect(n) for n in self.acting(0)],
             **self._also(),
             "where": [_place(p) | self._in_recording(p.recording) for p in self.where],
@@ -237,7 +249,16 @@ def reconcile(
         where = (*left, *where)
     named = tuple(_placed(n, likelihood, models) for n in _named(likelihood, added, verified, settings))
     found = Reconciliation(models=models, named=named, where=where, left=left, added=added, verified=verified)
-    return replace(found, next_steps=next_steps(likelihood, added, verified, found.aliases, settings))
+    advice = next_steps(likelihood, added, verified, found.aliases, settings)
+    suggested = tuple((k, _of_model(effect, likelihood, models, k)) for k, effect in advice.suggested)
+    return replace(found, next_steps=advice.steps, suggested=suggested)
+
+
+def _of_model(effect: Effect, likelihood: Likelihood, models: tuple[Model, ...], recording: int) -> Effect:
+    """The effect with the name that its surface has in the model of one recording."""
+    scene = likelihood.scene.members[recording]
+    pairs = zip(models[recording].surfaces, scene.model.surfaces, strict=True)
+    return renamed(effect, {t.name: s.name for s, t in pairs})
 
 
 def _refuse_what_no_prediction_takes(model: Model) -> None:

@@ -10,9 +10,11 @@ from support.recordings import MAKE, reconciled, recorded
 from tofmix.reconciliation.evidence import make_evidence
 from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.verification.aliases import separate_by
+from tofmix.reconciliation.verification.next_steps import worse
 from tofmix.reconciliation.workflow import reconcile
+from tofmix.sensors.registry import load_profile
 from tofmix.simulation.effects.surface_pose import SurfacePose
-from tofmix.simulation.model import Model
+from tofmix.simulation.model import Model, RecordingSettings
 from tofmix.simulation.surface import Surface
 
 
@@ -50,6 +52,104 @@ def test_a_surface_elsewhere_comes_first_with_the_table_that_moves_it_there(smal
     assert effect["kind"] == "surface_pose"
     assert effect["shift_mm"] == pytest.approx(40.0, abs=1.0)
     assert effect["yaw_deg"] == pytest.approx(2.0, abs=0.2)
+    ((recording, pose),) = result.suggested
+    assert (recording, pose.kind) == (0, "surface_pose")
+    assert "suggested_model.toml has this: reconcile it with the same recording." in result.next_steps
+    advised = replace(small, effects=(pose,))
+    assert reconcile(advised, recorded(moved), Settings(kinds=("range_offset",))).verified.verdict == "agree"
+
+
+@pytest.mark.slow
+def test_common_offset_of_all_surfaces_is_advised_instead_of_a_list_of_poses(small: Model) -> None:
+    hidden = MAKE["range_offset"](offset_mm=12.0)
+    result = reconciled(small, hidden, kinds=("temperature_drift",), split="frames")
+    assert result.verified.verdict == "unexplained"
+    assert any(step.startswith("All surfaces are off by one value") for step in result.next_steps)
+    assert not any("along its normal" in step for step in result.next_steps)
+    ((_, offset),) = result.suggested
+    assert offset.kind == "range_offset"
+    assert offset.offset_mm == pytest.approx(12.0, abs=1.0)  # type: ignore[attr-defined]
+    advised = replace(small, effects=(offset,))
+    assert reconcile(advised, recorded(small, hidden), Settings(kinds=())).verified.verdict == "agree"
+
+
+@pytest.mark.slow
+def test_bias_that_is_smooth_over_the_image_leads_to_the_lens_and_to_no_pose(small: Model) -> None:
+    evidence = recorded(small)
+    rows, cols = small.sensor.shape
+    across = np.linspace(-1, 1, cols)
+    samples = evidence.samples.reshape(-1, rows, cols) + np.rint(40 * (across**2 - 1 / 3))
+    shown = make_evidence(small, samples.astype(np.float32), time_s=evidence.time_s)
+    result = reconcile(small, shown, Settings(kinds=("range_offset", "surface_pose")))
+    assert (result.verified.verdict, result.verified.law) == ("unexplained", "place in the image")
+    assert any("suspect the lens" in step for step in result.next_steps)
+    assert not any("along its normal" in step for step in result.next_steps)
+    assert not result.suggested
+
+
+@pytest.mark.slow
+def test_noise_of_some_frames_alone_leads_to_no_other_curve(small: Model) -> None:
+    evidence = recorded(small)
+    middle = np.nanmedian(evidence.samples, axis=0)
+    loud = np.where(np.arange(len(evidence.samples)) % 7 == 0, 4.0, 1.0)[:, None]
+    samples = np.rint(middle + loud * (evidence.samples - middle)).reshape(-1, *small.sensor.shape)
+    shown = make_evidence(small, samples.astype(np.float32), time_s=evidence.time_s)
+    result = reconcile(small, shown, Settings(kinds=("range_offset",)))
+    assert result.verified.verdict == "unexplained"
+    assert not any("--noise" in step for step in result.next_steps)
+
+
+def test_statistic_that_is_worse_with_the_effects_has_a_sentence(small: Model) -> None:
+    result = reconciled(small, MAKE["range_offset"](offset_mm=9.0), kinds=("range_offset",))
+    verified = result.verified
+    assert verified.verdict == "explained"
+    assert not list(worse(verified))
+    skew = next(c for c in verified.after.curves if (c.statistic, c.axis) == ("skew", "range"))
+    far = replace(skew, value=skew.value + 60 * np.sqrt(skew.variance))
+    rest = tuple(far if c is skew else c for c in verified.after.curves)
+    (step,) = worse(replace(verified, after=replace(verified.after, curves=rest)))
+    assert step.startswith("skew over range is farther from noise than without the effects (")
+
+
+@pytest.mark.slow
+def test_search_that_ends_at_its_most_effects_says_that_none_is_named(small: Model) -> None:
+    hidden = MAKE["range_offset"](offset_mm=9.0), MAKE["excess_noise"](factor=1.6)
+    result = reconciled(small, *hidden, kinds=("range_offset", "excess_noise"), max_effects=1)
+    step = next(s for s in result.next_steps if "--max-effects" in s)
+    named = result.verified.verdict == "partly_explained"
+    assert step.startswith("The search stopped at 1 effect" if named else "The best 1 effect")
+
+
+ROOM = (
+    Surface(name="back wall", center_mm=(0, 0, 4000), size_mm=(3200, 2600), reflectivity=0.7),
+    Surface(name="left wall", center_mm=(-1300, 0, 2150), size_mm=(3700, 2600), yaw_deg=90, reflectivity=0.6),
+    Surface(name="floor", center_mm=(0, 1200, 2150), size_mm=(3200, 3700), pitch_deg=90, reflectivity=0.5),
+    Surface(name="table", center_mm=(500, 250, 1900), size_mm=(800, 600), pitch_deg=20, reflectivity=0.8),
+)
+
+
+@pytest.mark.slow
+def test_advice_leads_from_a_room_with_four_faults_to_all_of_them() -> None:
+    """A table 12 mm off, a side wall turned by 0.8 degrees, and two effects: one more than are searched for."""
+    sensor = replace(load_profile("sr4000"), rows=40, cols=52)
+    settings = Settings(kinds=("excess_noise", "wiggling", "surface_pose", "range_offset", "vignetting"))
+    given = Model(sensor=sensor, surfaces=ROOM, recording=RecordingSettings(frames=80, frame_rate_hz=25.0))
+    hidden = (
+        MAKE["surface_pose"](surface="table", shift_mm=12.0),
+        MAKE["surface_pose"](surface="left wall", shift_mm=0.0, yaw_deg=0.8),
+        MAKE["wiggling"](amplitude_mm=12.0, phase_rad=0.7), MAKE["excess_noise"](factor=1.4),
+    )  # fmt: skip
+    evidence = recorded(given, *hidden, seed=9)
+    first = reconcile(given, evidence, settings)
+    assert first.verified.verdict == "unexplained"
+    assert not first.suggested
+    (step,) = [s for s in first.next_steps if "--max-effects" in s]
+    assert "--max-effects 4 tries one more" in step
+    second = reconcile(given, evidence, replace(settings, max_effects=4))
+    assert second.verified.verdict == "explained"
+    assert sorted((n.effect.kind, getattr(n.effect, "surface", "")) for n in second.named) == [
+        ("excess_noise", ""), ("surface_pose", "left wall"), ("surface_pose", "table"), ("wiggling", ""),
+    ]  # fmt: skip
 
 
 def test_few_samples_are_reported_with_the_sufficient_number_of_frames(small: Model) -> None:

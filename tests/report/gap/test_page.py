@@ -80,6 +80,6 @@ def test_residual_maps_are_drawn_before_and_after(page: str) -> None:
 def test_page_of_an_agreement_has_no_after() -> None:
     page = render_gap(reconciled(MODEL, kinds=("range_offset", "surface_pose")), source="a.h5")
     assert "Verdict: agree" in page
-    assert "No effect was added" in page
+    assert "No effect is named" in page
     for words in ("What was missing", "Where they disagree", "Added to the model", "pixel, after"):
         assert words not in page

@@ -206,7 +206,10 @@ def check_camera(models: Sequence[Model]) -> None:
                 if ours.same_as(theirs):
                     continue
                 raise BadInputError("sensor: noise: another camera than the first model's: the noise curves differ")
-            raise BadInputError(f"sensor: {field.name}: {theirs} is another camera than the first model's {ours}")
+            raise BadInputError(
+                f"sensor: {field.name}: {theirs} is another camera than the first model's {ours}; --also takes"
+                " recordings of one camera: reconcile this one by itself"
+            )
 
 
 _MAY_DIFFER = ("name", "integration_time_ms", "default_integration_time_ms", "confirmed", "sources")

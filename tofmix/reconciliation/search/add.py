@@ -143,13 +143,22 @@ def _or_better(search: SearchState, added: Added) -> Added:
     if part is not None and not _open(search, part.panel):
         return part
     other = None
-    for better in _alternatives(sets, larger=stands_out):
+    for better in (*_of_more_numbers(sets, added, larger=stands_out), *_alternatives(sets, larger=stands_out)):
         if better is not enough:  # this one has led back, or does not explain the recording
             other = other or _elsewhere(search, added, better)
     if other is None:
         return added
     larger = _numbers(other) > _numbers(added)  # effects that the search adds to the set count too
     return other if (stands_out or not larger) and _leads(search, other, added) else added
+
+
+def _of_more_numbers(sets: Alternatives, added: Added, *, larger: bool) -> list[Explained]:
+    """The found set itself, if the summaries give its effects more numbers than the search did.
+
+    The tilts of a surface may only show beside effects that were added after its shift.
+    """
+    told = sum(c.parameters for c in added.chosen if summed_up(c.kind))
+    return [sets.found] if larger and sets.found.numbers > told else []
 
 
 def _alternatives(sets: Alternatives, *, larger: bool) -> list[Explained]:
@@ -164,8 +173,9 @@ def _elsewhere(search: SearchState, added: Added, begun: Explained) -> Added | N
     return None if other is None or _names(other) == _names(added) else other
 
 
-def _names(added: Added) -> set[tuple[str, str]]:
-    return {name_of(c) for c in added.chosen}
+def _names(added: Added) -> set[tuple[str, str, int]]:
+    """Kinds and surfaces with how many numbers they have: a pose with tilts is another explanation than a shift."""
+    return {(*name_of(c), c.parameters) for c in added.chosen}
 
 
 def _numbers(added: Added) -> int:

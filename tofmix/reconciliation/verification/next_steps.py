@@ -3,10 +3,13 @@
 import json
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import norm
 
+from tofmix.arrays import BoolArray, FloatArray
+from tofmix.reconciliation.comparison.localise import disagreements
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, State
 from tofmix.reconciliation.parameters.planes import PlanePose, measured_pose
 from tofmix.reconciliation.search.add import Added
@@ -14,10 +17,12 @@ from tofmix.reconciliation.search.folding import fold
 from tofmix.reconciliation.search.name import Candidate
 from tofmix.reconciliation.search.refit import begin
 from tofmix.reconciliation.search.search_state import Settings, fit_part, name_of
-from tofmix.reconciliation.search.summaries import summaries, surfaces_of
+from tofmix.reconciliation.search.summaries import Summary, summaries, surfaces_of
 from tofmix.reconciliation.verification.aliases import Alias
 from tofmix.reconciliation.verification.far_trend import far_trends
 from tofmix.reconciliation.verification.verify import Verified
+from tofmix.simulation.effects.base import Effect
+from tofmix.simulation.effects.range_offset import RangeOffset
 from tofmix.simulation.effects.surface_pose import SurfacePose
 from tofmix.simulation.surface import Surface
 from tofmix.wording import counted
@@ -28,6 +33,9 @@ _LEAST_PIXELS = 12  # of a surface, for a pose of three numbers
 _LEAST = 1e-30  # information
 _SAME = 1e-3  # relative difference of integration times that are written in files
 _MOST_POSES = 3  # most poses that are listed; more are another scene
+_SEVERAL = 2  # surfaces
+_DEGREE = 2  # of the smooth function of place in the image
+_NUMBERS_OF_POSE = 3  # a shift and two tilts
 _LEAST_TURN_DEG = 0.02  # smaller tilts are not reported
 
 
@@ -46,10 +54,26 @@ class FoundPose:
         return self.pose.shift_mm * toward > 0
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Advice:
+    """What to do next.
+
+    Parameters
+    ----------
+    steps : tuple of str
+        Sentences, the most useful first; never empty.
+    suggested : tuple of (int, Effect)
+        Effects that the sentences advise to add, with their recordings, from 0.
+    """
+
+    steps: tuple[str, ...]
+    suggested: tuple[tuple[int, Effect], ...] = ()
+
+
 def next_steps(
     likelihood: Likelihood, added: Added, verified: Verified, unclear: Sequence[Alias], settings: Settings
-) -> tuple[str, ...]:
-    """Next steps, the most useful first; never empty.
+) -> Advice:
+    """Next steps, and the effects that they advise to add.
 
     Parameters
     ----------
@@ -65,6 +89,7 @@ def next_steps(
         Options of the search.
     """
     steps = [*_of_the_recording(likelihood, verified)]
+    suggested: list[tuple[int, Effect]] = []
     if verified.verdict in ("unexplained", "partly_explained"):
         steps += _of_contradictions(added, verified)
         steps += _of_far_trends(likelihood, verified, settings)
@@ -75,12 +100,27 @@ def next_steps(
         folded = fold(likelihood, state, part)
         if folded is not None:
             state = folded.state
+            suggested += [(k, folded.effect) for k in range(len(likelihood.scene.members))]
             steps.append(
-                f"The samples of a surface lie a turn of the phase from the model's, {_turn_mm(folded):.5g} mm: add"
-                f' [[effect]] kind = "{folded.kind}"; unambiguous_range_mm = {_turn_mm(folded):.8g}'
+                "The samples of a surface lie a turn of the phase from the model's,"
+                f" {_turn_mm(folded):.5g} mm: phase_wrapping is missing."
             )
-        poses = found_poses(likelihood, settings, state)
-        steps += _of_poses(poses, several=len(likelihood.scene.members) > 1)
+        # Poses of a model that lacks more effects than the search may add are shifted by what those do
+        limited = not named and 0 < settings.max_effects <= len(added.chosen)
+        offset = None if limited else common_offset(likelihood, settings, state)
+        poses = [] if limited or offset is not None else found_poses(likelihood, settings, state)
+        if verified.law is not None and not poses_win(likelihood, settings, state, poses):
+            poses = []
+        if offset is not None:
+            suggested += [(k, offset) for k in range(len(likelihood.scene.members))]
+            steps.append(f"All surfaces are off by one value: {offset.explain()}.")
+        shown = sorted(poses, key=lambda f: -f.pose.z)[:_MOST_POSES]
+        steps += _of_poses(shown, several=len(likelihood.scene.members) > 1)
+        suggested += [(f.recording, pose_of(f)) for f in shown]
+        there = {name_of_effect(e) for e in (*likelihood.scene.effects, *(state.effects if named else ()))}
+        suggested = [(k, e) for k, e in suggested if name_of_effect(e) not in there]
+        if suggested:
+            steps.append("suggested_model.toml has this: reconcile it with the same recording.")
         steps += _of_the_search(added, verified, settings, misplaced=bool(poses))
     for alias in unclear:
         kinds = alias.kinds
@@ -93,11 +133,36 @@ def next_steps(
             " as many frames show half of that."
         )
     if verified.verdict == "explained":
+        steps += worse(verified)
         steps.append(
             "Confirm it on a scene that no fit has seen: reconcile the written model.toml, with the surfaces of that"
             " scene, with a recording of it."
         )
-    return tuple(steps) or ("Examine the places in `where`: no known effect explains them.",)
+    nothing = "Examine the places in `where`: no known effect explains them."
+    return Advice(steps=tuple(steps) or (nothing,), suggested=tuple(suggested))
+
+
+def name_of_effect(effect: Effect) -> tuple[str, str | None]:
+    """Kind and surface: a model has one effect of each."""
+    return effect.kind, getattr(effect, "surface", None)
+
+
+def worse(verified: Verified) -> Iterator[str]:
+    """A statistic that the effects move away from noise alone, in a sentence; none if they move no one so.
+
+    Parameters
+    ----------
+    verified : Verified
+        Whose verdict is ``explained``: what stands out is within what the effects' laws may leave.
+    """
+    before = {c.name: c for c in verified.before.curves}
+    loud = disagreements(verified.after, verified.findings.alpha)
+    for curve in [c for c in loud if c.name in before and c.chi2 > before[c.name].chi2][:1]:
+        yield (
+            f"{curve.statistic.replace('_', ' ')} over {curve.axis} is farther from noise than without the effects"
+            f" ({curve.distance:.2f} times noise alone, before {before[curve.name].distance:.2f}): no law is exact, and"
+            " this is within what theirs may leave."
+        )
 
 
 def _turn_mm(folded: Candidate) -> float:
@@ -150,7 +215,14 @@ def _of_the_search(added: Added, verified: Verified, settings: Settings, *, misp
             f" {verified.own.explain()}."
         )
     if len(added.chosen) >= settings.max_effects:
-        yield f"The search stopped at {counted(settings.max_effects, 'effect')}: raise --max-effects."
+        number = counted(settings.max_effects, "effect")
+        if verified.verdict == "partly_explained":
+            yield f"The search stopped at {number}: raise --max-effects, or reconcile the written model.toml again."
+        else:
+            yield (
+                f"The best {number} together do not explain it, so none is named: --max-effects"
+                f" {settings.max_effects + 1} tries one more."
+            )
     if misplaced:  # wrong poses can also cause a bias that is smooth over the image, or wider noise
         return
     if verified.law == "place in the image":
@@ -164,16 +236,37 @@ def _of_the_search(added: Added, verified: Verified, settings: Settings, *, misp
             " ranges."
         )
     noise = [c for c in verified.findings.open if c.statistic in ("spread", "spread_pattern")]
-    if noise:
+    if noise and quiet_frames_differ(verified):
         axis = f" over {noise[0].axis}" if noise[0].axis not in ("all", "frame", "time") else ""
         yield (
-            f"The noise differs from the model's{axis}: measure its curve with `tofmix estimate MEASURED.h5 --noise"
-            " auto` and give it to the model; by amplitude, where dark surfaces are noisier."
+            f"The noise differs from the model's{axis}: try --noise measured. `tofmix estimate MEASURED.h5 --noise"
+            " auto` measures its curve, and `tofmix info` prints it as a table [sensor.noise] to paste into the model."
         )
 
 
+def quiet_frames_differ(verified: Verified) -> bool:
+    """Whether the noise of the median frame differs, not only that of some: bursts and passing things are no curve.
+
+    The spread of a frame is that of all samples, without the part of the pixels' own biases, plus the frame's
+    difference from it. Means of many samples are nearly normal, and their median has pi / 2 times the variance of a
+    mean.
+    """
+    found = verified.findings
+    for number in {c.recording for c in found.near.curves}:
+        own = {(c.statistic, c.axis): c for c in found.near.curves if c.recording == number and c.dof}
+        frames, whole, biases = (own.get(k) for k in (("bursts", "frame"), ("spread", "all"), ("pattern", "all")))
+        if frames is None or whole is None:
+            continue
+        level = float(whole.value[0]) - (0.0 if biases is None else biases.size**2 / math.sqrt(2.0))
+        level += float(np.median(frames.value))
+        error = math.sqrt(0.5 * math.pi * float(np.median(frames.variance)) / frames.dof)
+        if abs(level) > float(norm.isf(found.alpha)) * error:
+            return True
+    return False
+
+
 def _of_poses(poses: Sequence[FoundPose], *, several: bool) -> Iterator[str]:
-    for found in sorted(poses, key=lambda f: -f.pose.z)[:_MOST_POSES]:
+    for found in poses:
         where = f" of recording {found.recording + 1}" if several else ""
         side = f"{'farther' if found.farther else 'nearer'} along its normal"
         turn = math.hypot(*found.pose.tilts_deg)
@@ -184,17 +277,78 @@ def _of_poses(poses: Sequence[FoundPose], *, several: bool) -> Iterator[str]:
         )
 
 
+def pose_of(found: FoundPose) -> SurfacePose:
+    """The effect that moves the surface to this pose; of a tilt that its angles cannot make, the shift."""
+    shift = float(f"{found.pose.shift_mm:.5g}")
+    try:
+        pose = SurfacePose.tilted(found.surface, shift, found.pose.tilts_deg)
+    except ValueError:
+        return SurfacePose.tilted(found.surface, shift)
+    yaw, pitch, roll = (
+        float(f"{v:.4g}") if abs(v) > _LEAST_TURN_DEG else 0.0 for v in (pose.yaw_deg, pose.pitch_deg, pose.roll_deg)
+    )
+    return replace(pose, yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)
+
+
 def effect_line(found: FoundPose) -> str:
     """The table of a model file that moves the surface to this pose, on one line."""
-    values: dict[str, str | float] = {"surface": found.surface.name, "shift_mm": float(f"{found.pose.shift_mm:.5g}")}
-    try:
-        pose = SurfacePose.tilted(found.surface, found.pose.shift_mm, found.pose.tilts_deg)
-    except ValueError:  # of a tilt that its angles cannot make, the shift is a first step
-        pose = SurfacePose.tilted(found.surface, found.pose.shift_mm)
-    for name in ("yaw_deg", "pitch_deg", "roll_deg"):
-        if abs(getattr(pose, name)) > _LEAST_TURN_DEG:
-            values[name] = float(f"{getattr(pose, name):.4g}")
+    pose = pose_of(found)
+    values: dict[str, str | float] = {"surface": pose.surface, "shift_mm": pose.shift_mm}
+    values |= {name: getattr(pose, name) for name in ("yaw_deg", "pitch_deg", "roll_deg") if getattr(pose, name)}
     return "[[effect]] " + "; ".join(['kind = "surface_pose"', *(f"{k} = {json.dumps(v)}" for k, v in values.items())])
+
+
+def common_offset(likelihood: Likelihood, settings: Settings, state: State) -> RangeOffset | None:
+    """The offset that explains most of the remaining biases of several surfaces; None for one surface, or else.
+
+    By the same share of the weighted squares that a pose must explain of one surface.
+    """
+    surfaces, weight, weighed, squares = 0, 0.0, 0.0, 0.0
+    for summary in summaries(likelihood, state, fit_part(likelihood, settings)):
+        for _, own in surfaces_of(summary):
+            information, bias = _of_pixels(summary, own)
+            surfaces += int(own.sum() >= _LEAST_PIXELS)
+            weight += float(information.sum())
+            weighed += float((information * bias).sum())
+            squares += float((information * bias**2).sum())
+    if surfaces < _SEVERAL or weight <= 0:
+        return None
+    offset, explained = weighed / weight, weighed**2 / weight
+    clear = abs(offset) * math.sqrt(weight) > _CLEAR and explained > _MOSTLY * squares
+    return RangeOffset(offset_mm=float(f"{offset:.4g}")) if clear else None
+
+
+def poses_win(likelihood: Likelihood, settings: Settings, state: State, poses: Sequence[FoundPose]) -> bool:
+    """Whether the poses explain more of the biases than one smooth function of place in the image.
+
+    Each by the squares that it leaves, with half the logarithm of the number of pixels for each of its numbers (BIC).
+    """
+    gain = 0.0
+    for summary in summaries(likelihood, state, fit_part(likelihood, settings)):
+        rows, cols = likelihood.evidence.image
+        used = np.flatnonzero(summary.used)
+        information, bias = _of_pixels(summary, summary.used)
+        row, col = np.divmod(used, cols)
+        v, u = 2 * row / max(rows - 1, 1) - 1, 2 * col / max(cols - 1, 1) - 1
+        columns = np.stack([u**i * v**j for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)], axis=1)
+        root = np.sqrt(information)
+        left = root * (bias - columns @ np.linalg.lstsq(columns * root[:, None], root * bias, rcond=None)[0])
+        total, price = float((information * bias**2).sum()), math.log(max(used.size, 1))
+        by_law = total - float(left @ left) - columns.shape[1] * price
+        by_poses = 0.0
+        names = dict(surfaces_of(summary))
+        for found in (f for f in poses if f.recording == summary.view.number):
+            weights, off = _of_pixels(summary, names[found.surface.name])
+            by_poses += found.pose.explained * float((weights * off**2).sum()) - _NUMBERS_OF_POSE * price
+        gain += by_poses - by_law
+    return gain > 0
+
+
+def _of_pixels(summary: Summary, own: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Information (n,), 1/mm2, and mean bias, mm, of some pixels (pixel,)."""
+    information = summary.bias_information[:, own].sum(axis=0)
+    bias = (summary.bias_information * summary.bias_mm)[:, own].sum(axis=0) / np.maximum(information, _LEAST)
+    return information, bias
 
 
 def found_poses(likelihood: Likelihood, settings: Settings, state: State | None = None) -> list[FoundPose]:
@@ -218,8 +372,7 @@ def found_poses(likelihood: Likelihood, settings: Settings, state: State | None 
             if own.sum() < _LEAST_PIXELS:
                 continue
             surface = next(s for s in scene.model.surfaces if s.name == name)
-            information = summary.bias_information[:, own].sum(axis=0)
-            bias = (summary.bias_information * summary.bias_mm)[:, own].sum(axis=0) / np.maximum(information, _LEAST)
+            information, bias = _of_pixels(summary, own)
             pose = measured_pose(surface, scene.beams[own], bias, information)
             out.append(FoundPose(surface=surface, recording=summary.view.number, pose=pose))
     return [f for f in out if f.pose.z > _CLEAR and f.pose.explained > _MOSTLY]

@@ -3,7 +3,7 @@
 from importlib import import_module
 
 from tofmix.reconciliation.search.name import Candidate
-from tofmix.reconciliation.words import effect_tables, effect_text, headline, in_words, p_text, where_text
+from tofmix.reconciliation.words import closed_text, effect_tables, effect_text, headline, in_words, p_text, where_text
 from tofmix.reconciliation.workflow import NamedEffect, Reconciliation
 from tofmix.report.page.templates import load_template
 from tofmix.wording import number
@@ -48,6 +48,7 @@ def render_gap(result: Reconciliation, *, source: str) -> str:
         curves=pictures.curve_pictures(result),
         maps=pictures.map_pictures(result),
         number=number,
+        closed_text=closed_text,
     )
 
 
