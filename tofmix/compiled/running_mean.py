@@ -97,12 +97,12 @@ def _noise(changes: FloatArray) -> float:
         if value > 0.0:
             least = value
             break
-    sigma, share = max(size[n // 4] / 0.3186, 0.4 * least), 0.7
+    sigma, share = max(0.5 * size[n // 4] / 0.3186, 0.4 * least), 0.7
     for _ in range(_EM_STEPS):
         weight, square = 0.0, 0.0
         for value in size:
             same = share * math.exp(-0.5 * (value / sigma) ** 2) / (sigma * 2.5066)
-            other = (1.0 - share) / (2.0 * most)
+            other = (1.0 - share) / (4.0 * most)
             part = same / (same + other)
             weight += part
             square += part * value * value
