@@ -33,6 +33,7 @@ _REACH = 6  # bins on either side of a sample that its kernel reaches
 _GAP = 4.0  # sigmas between neighbouring samples of two surfaces
 _STARTS = 3  # chains that the others are put to in turn
 _SWEEPS = 8  # of improving one offset after the other, at most
+_NARROW = 0.5  # of the noise that differences give
 _NEAR = 2.5  # sigmas around a sample whose mean it is compared with
 _STEPS = 12  # of the continuous refinement, at most
 _EM_STEPS = 20
@@ -68,9 +69,16 @@ def _solve(means: FloatArray, m: int, out: FloatArray, only_sure: bool) -> None:
         changes[t - m] = out[t] - out[t - m]
     sigma = _noise(changes)
     if sigma > 0.0:
-        probability = _align(out, m, sigma)
+        # Changes between near surfaces look like noise: the width of the kernels is the one of higher likelihood.
+        noise, narrow = sigma, out.copy()
+        probability, likelihood = _align(out, m, sigma)
+        narrow_probability, narrow_likelihood = _align(narrow, m, _NARROW * sigma)
+        if narrow_likelihood > likelihood:
+            sigma *= _NARROW
+            probability = narrow_probability
+            out[:] = narrow
         _refine(out, m, sigma)
-        too_few = n < LEAST_OF_SEVERAL * m and np.diff(np.sort(out)).max() > _GAP * sigma
+        too_few = n < LEAST_OF_SEVERAL * m and np.diff(np.sort(out)).max() > _GAP * noise
         if only_sure and (too_few or probability < LEAST_PROBABILITY):
             out[:] = np.nan
             return
@@ -116,8 +124,11 @@ def _noise(changes: FloatArray) -> float:
 
 
 @jit
-def _align(out: FloatArray, m: int, sigma: float) -> float:
-    """Move each chain of `out` to where the others' density explains it best, to half a sigma; return its probability."""
+def _align(out: FloatArray, m: int, sigma: float) -> tuple[float, float]:
+    """Move each chain of `out` to where the others' density explains it best, to half a sigma.
+
+    Return the probability that all are right, and the log likelihood of all samples under the densities of the others.
+    """
     n = len(out)
     low, high = np.empty(m), np.empty(m)
     for c in range(m):
@@ -133,7 +144,7 @@ def _align(out: FloatArray, m: int, sigma: float) -> float:
     kernel = np.empty(2 * _REACH + 1)
     for k in range(-_REACH, _REACH + 1):
         kernel[k + _REACH] = math.exp(-0.5 * (k * step / sigma) ** 2)
-    density, table = np.zeros(size), np.zeros(size)
+    density, score = np.zeros(size), np.zeros(size)
     place, best_place = np.zeros(m, dtype=np.int64), np.zeros(m, dtype=np.int64)
     best = -np.inf
     for start in range(min(_STARTS, m)):
@@ -145,7 +156,7 @@ def _align(out: FloatArray, m: int, sigma: float) -> float:
         for i in range(m):
             c = order[i]
             if not placed[c]:
-                place[c], _ = _best_place(density, table, at, c, m)
+                place[c], _ = _best_place(density, score, at, c, m)
                 placed[c] = True
                 _put(density, at, c, m, place[c], kernel, 1.0)
         total = 0.0
@@ -153,8 +164,8 @@ def _align(out: FloatArray, m: int, sigma: float) -> float:
             changed, total = False, 0.0
             for c in range(m):
                 _put(density, at, c, m, place[c], kernel, -1.0)
-                new, score = _best_place(density, table, at, c, m)
-                total += score
+                new, gain = _best_place(density, score, at, c, m)
+                total += gain
                 if new != place[c]:
                     changed, place[c] = True, new
                 _put(density, at, c, m, place[c], kernel, 1.0)
@@ -169,11 +180,11 @@ def _align(out: FloatArray, m: int, sigma: float) -> float:
     probability = 1.0
     for c in range(m):
         _put(density, at, c, m, best_place[c], kernel, -1.0)
-        probability *= _probability(density, table, at, c, m, best_place[c])
+        probability *= _probability(density, score, at, c, m, best_place[c])
         _put(density, at, c, m, best_place[c], kernel, 1.0)
     for t in range(n):
         out[t] += (best_place[t % m] - size // 2) * step - low[t % m]
-    return probability
+    return probability, best - n * math.log(sigma)
 
 
 @jit
@@ -186,49 +197,44 @@ def _put(density: FloatArray, at: IntArray, c: int, m: int, place: int, kernel: 
 
 
 @jit
-def _places(density: FloatArray, table: FloatArray, at: IntArray, c: int, m: int) -> tuple[int, int]:
-    """Fill the logarithm of the density; return the first and last bin that the chain's lowest sample may have."""
+def _score_places(density: FloatArray, score: FloatArray, at: IntArray, c: int, m: int) -> tuple[int, int]:
+    """Fill the log likelihood of a chain by the bin of its lowest sample, over that where it is alone.
+
+    Return the first and last of these bins. Only bins where the density is not 0 add to it.
+    """
     size, length = len(density), 0
     for t in range(c, len(at), m):
         length = max(length, at[t])
+    score[:] = 0.0
     first, last = size, 0
     for i in range(size):
         if density[i] > _NOTHING:
             first, last = min(first, i), i
-            table[i] = math.log(density[i] + _UNKNOWN)
-        else:
-            table[i] = math.log(_UNKNOWN)
+            gain = math.log1p(density[i] / _UNKNOWN)
+            for t in range(c, len(at), m):
+                if i >= at[t]:
+                    score[i - at[t]] += gain
     return max(first - length, _REACH), min(last, size - 1 - length - _REACH)
 
 
 @jit
-def _score(table: FloatArray, at: IntArray, c: int, m: int, place: int) -> float:
-    """Log likelihood of a chain whose lowest sample is in a bin."""
-    total = 0.0
-    for t in range(c, len(at), m):
-        total += table[place + at[t]]
-    return total
-
-
-@jit
-def _best_place(density: FloatArray, table: FloatArray, at: IntArray, c: int, m: int) -> tuple[int, float]:
-    """Bin of a chain's lowest sample at which the density explains the chain best, and its log likelihood."""
-    first, last = _places(density, table, at, c, m)
+def _best_place(density: FloatArray, score: FloatArray, at: IntArray, c: int, m: int) -> tuple[int, float]:
+    """Bin of a chain's lowest sample at which the density explains the chain best, and its log likelihood over none."""
+    first, last = _score_places(density, score, at, c, m)
     best, found = -np.inf, len(density) // 2
     for place in range(first, last + 1):
-        score = _score(table, at, c, m, place)
-        if score > best:
-            best, found = score, place
+        if score[place] > best:
+            best, found = score[place], place
     return found, best
 
 
 @jit
-def _probability(density: FloatArray, table: FloatArray, at: IntArray, c: int, m: int, place: int) -> float:
+def _probability(density: FloatArray, score: FloatArray, at: IntArray, c: int, m: int, place: int) -> float:
     """Probability that a chain is within two reaches of a kernel of its place, if all places are as probable."""
-    first, last = _places(density, table, at, c, m)
-    best, near, every = _score(table, at, c, m, place), 0.0, 0.0
+    first, last = _score_places(density, score, at, c, m)
+    best, near, every = score[place], 0.0, 0.0
     for other in range(first, last + 1):
-        part = math.exp(min(_score(table, at, c, m, other) - best, 50.0))
+        part = math.exp(min(score[other] - best, 50.0))
         every += part
         near += part if abs(other - place) <= 2 * _REACH else 0.0
     return near / every

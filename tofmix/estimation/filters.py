@@ -49,7 +49,8 @@ class FilterSettings(NamedTuple):
         Windows of medians and of means that are tried.
     most_ties, tie_tolerance, tie_spread : float
         Most samples that equal another by chance for a pixel to show medians; tolerance of the share of repeated
-        values; most spread of that share over frames, as frames that are stored twice have it.
+        values; most spread of the share of pixels that repeat theirs over frames: frames that are stored twice have
+        more, and show no filter.
     """
 
     frames: AtLeastTwo = 128
@@ -104,9 +105,16 @@ def learn_filter(source: SampleSource, settings: FilterSettings = DEFAULT_SETTIN
         stored[~(np.abs(stored) <= FARTHEST_MM)] = np.nan
     stored = stored[np.isfinite(stored).mean(axis=1) >= settings.valid]
     stored = stored[np.nanmax(stored, axis=1) > np.nanmin(stored, axis=1)] if len(stored) else stored
-    if not len(stored):
+    if not len(stored) or _stored_twice(stored, settings):
         return None
     return _median_filter(stored, settings) or _linear_filter(stored, settings)
+
+
+def _stored_twice(stored: FloatArray, settings: FilterSettings) -> bool:
+    """Whether whole frames of samples (pixel, frame) repeat the one before."""
+    same = stored[:, 1:] == stored[:, :-1]
+    told = same.mean(axis=1) > 0.0
+    return bool(told.sum() >= settings.least_pixels and same[told].mean(axis=0).std() > settings.tie_spread)
 
 
 def _median_filter(stored: FloatArray, settings: FilterSettings) -> RunningMedian | None:
@@ -118,9 +126,6 @@ def _median_filter(stored: FloatArray, settings: FilterSettings) -> RunningMedia
     told = chance < settings.most_ties
     if told.sum() < settings.least_pixels:
         return None
-    by_frame = np.mean(stored[told, 1:] == stored[told, :-1], axis=0)
-    if by_frame.std() > settings.tie_spread:
-        return None  # frames that are stored twice
     base = chance[told].mean()
     excess = (ties[:, told].mean(axis=1) - base) / (1.0 - base)
     for window in settings.windows:
