@@ -58,7 +58,7 @@ def test_shares_and_moments_of_seen_samples_lead_back_to_the_samples(window: int
 
 def _means(samples: np.ndarray, window: int) -> np.ndarray:
     """Running means (frame, ...) of samples, without the first window - 1."""
-    return np.lib.stride_tricks.sliding_window_view(samples, window, axis=0).mean(axis=-1)
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(samples, window, axis=0).mean(axis=-1))
 
 
 def _two_surfaces(frames: int, share: float) -> np.ndarray:

@@ -55,9 +55,9 @@ class IndependentSamples:
     @property
     def stored_type(self) -> str:
         """Type of the ranges, such as ``uint16``; that of the samples where they are no longer the stored values."""
-        return (
-            self._source.stored_type if self._filter.keeps_values and isinstance(self._source, TypedSource) else "float32"
-        )
+        if self._filter.keeps_values and isinstance(self._source, TypedSource):
+            return self._source.stored_type
+        return "float32"
 
     def read_range(self, frames: slice, rows: slice) -> Float32Array:
         """Independent samples (frame, row, col) float32 in mm, not finite where there is none."""

@@ -7,6 +7,7 @@ samples under a kernel density of the others', whose width is the noise of a sam
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -43,8 +44,8 @@ _EM_STEPS = 20
 def samples_of_means(means: FloatArray, window: int, only_sure: bool) -> FloatArray:
     """Samples (pixel, frame) of running means (pixel, frame) over `window` frames; NaN where they are not known.
 
-    A run of valid means is solved by itself. It is unknown if it is short. With `only_sure`, it is so too if its samples
-    are more probably others.
+    A run of valid means is solved by itself. It is unknown if it is short, and with `only_sure` if its samples are more
+    probably others.
     """
     pixels, frames = means.shape
     out = np.full((pixels, frames), np.nan)
@@ -120,7 +121,16 @@ def _noise(changes: FloatArray) -> float:
             sigma = new
             break
         sigma = new
-    return sigma / math.sqrt(2.0)
+    return float(sigma / math.sqrt(2.0))
+
+
+class _Bins(NamedTuple):
+    """Bins of ranges: that of each sample (frame,) in its chain; heights of a kernel; density; scores of a chain."""
+
+    at: IntArray
+    kernel: FloatArray
+    density: FloatArray
+    score: FloatArray
 
 
 @jit
@@ -130,78 +140,102 @@ def _align(out: FloatArray, m: int, sigma: float) -> tuple[float, float]:
     Return the probability that all are right, and the log likelihood of all samples under the densities of the others.
     """
     n = len(out)
-    low, high = np.empty(m), np.empty(m)
+    low, span = np.empty(m), np.empty(m)
     for c in range(m):
-        low[c], high[c] = out[c::m].min(), out[c::m].max()
-    span = high - low
-    order = np.argsort(-span)
+        low[c] = out[c::m].min()
+        span[c] = out[c::m].max() - low[c]
     step = max(sigma / _BINS, span.sum() * 2.0 / _MOST_BINS)
-    # Chains one beside the other are the farthest that they can come apart.
+    bins = _new_bins(out, low, span, step, sigma)
+    order = np.argsort(-span)  # chains of several surfaces come first
+    place, best_place = np.zeros(m, dtype=np.int64), np.zeros(m, dtype=np.int64)
+    best = -np.inf
+    for start in range(min(_STARTS, m)):
+        _put_one_by_one(bins, order, start, place)
+        total = _improve(bins, place)
+        if total > best + _NOTHING:
+            best = total
+            best_place[:] = place
+    for t in range(n):
+        out[t] += best_place[t % m] * step - low[t % m]
+    return _probability_of_all(bins, best_place), best - n * math.log(sigma)
+
+
+@jit
+def _new_bins(out: FloatArray, low: FloatArray, span: FloatArray, step: float, sigma: float) -> _Bins:
+    """Bins for chains one beside the other: they cannot come farther apart."""
+    m, n = len(low), len(out)
     size = 2 * (int(span.sum() / step) + m * (2 * _REACH + 2)) + 1
-    at = np.empty(n, dtype=np.int64)  # of a sample in its chain
+    at = np.empty(n, dtype=np.int64)
     for t in range(n):
         at[t] = int((out[t] - low[t % m]) / step + 0.5)
     kernel = np.empty(2 * _REACH + 1)
     for k in range(-_REACH, _REACH + 1):
         kernel[k + _REACH] = math.exp(-0.5 * (k * step / sigma) ** 2)
-    density, score = np.zeros(size), np.zeros(size)
-    place, best_place = np.zeros(m, dtype=np.int64), np.zeros(m, dtype=np.int64)
-    best = -np.inf
-    for start in range(min(_STARTS, m)):
-        density[:] = 0.0
-        placed = np.zeros(m, dtype=np.bool_)
-        c = order[start]
-        place[c], placed[c] = size // 2, True
-        _put(density, at, c, m, place[c], kernel, 1.0)
-        for i in range(m):
-            c = order[i]
-            if not placed[c]:
-                place[c], _ = _best_place(density, score, at, c, m)
-                placed[c] = True
-                _put(density, at, c, m, place[c], kernel, 1.0)
-        total = 0.0
-        for _ in range(_SWEEPS):
-            changed, total = False, 0.0
-            for c in range(m):
-                _put(density, at, c, m, place[c], kernel, -1.0)
-                new, gain = _best_place(density, score, at, c, m)
-                total += gain
-                if new != place[c]:
-                    changed, place[c] = True, new
-                _put(density, at, c, m, place[c], kernel, 1.0)
-            if not changed:
-                break
-        if total > best + 1e-9:
-            best = total
-            best_place[:] = place
-    density[:] = 0.0
-    for c in range(m):
-        _put(density, at, c, m, best_place[c], kernel, 1.0)
-    probability = 1.0
-    for c in range(m):
-        _put(density, at, c, m, best_place[c], kernel, -1.0)
-        probability *= _probability(density, score, at, c, m, best_place[c])
-        _put(density, at, c, m, best_place[c], kernel, 1.0)
-    for t in range(n):
-        out[t] += (best_place[t % m] - size // 2) * step - low[t % m]
-    return probability, best - n * math.log(sigma)
+    return _Bins(at, kernel, np.zeros(size), np.zeros(size))
 
 
 @jit
-def _put(density: FloatArray, at: IntArray, c: int, m: int, place: int, kernel: FloatArray, sign: float) -> None:
-    """Add the kernels of a chain's samples to a density, or take them away."""
-    for t in range(c, len(at), m):
-        middle = place + at[t]
+def _put_one_by_one(bins: _Bins, order: IntArray, start: int, place: IntArray) -> None:
+    """Put one chain in the middle, and each of the others where those before explain it best; fill their places."""
+    bins.density[:] = 0.0
+    m = len(order)
+    first = order[start]
+    place[first] = len(bins.density) // 2
+    _put(bins, first, m, place[first], 1.0)
+    for c in order:
+        if c != first:
+            place[c], _ = _best_place(bins, c, m)
+            _put(bins, c, m, place[c], 1.0)
+
+
+@jit
+def _improve(bins: _Bins, place: IntArray) -> float:
+    """Move one chain after the other to where all others explain it best; return the log likelihood of all."""
+    m, total = len(place), 0.0
+    for _ in range(_SWEEPS):
+        is_changed, total = False, 0.0
+        for c in range(m):
+            _put(bins, c, m, place[c], -1.0)
+            new, gain = _best_place(bins, c, m)
+            total += gain
+            is_changed = is_changed or new != place[c]
+            place[c] = new
+            _put(bins, c, m, new, 1.0)
+        if not is_changed:
+            break
+    return total
+
+
+@jit
+def _probability_of_all(bins: _Bins, place: IntArray) -> float:
+    """Probability that every chain is where it is, the others given."""
+    bins.density[:] = 0.0
+    m, probability = len(place), 1.0
+    for c in range(m):
+        _put(bins, c, m, place[c], 1.0)
+    for c in range(m):
+        _put(bins, c, m, place[c], -1.0)
+        probability *= _probability(bins, c, m, place[c])
+        _put(bins, c, m, place[c], 1.0)
+    return probability
+
+
+@jit
+def _put(bins: _Bins, c: int, m: int, place: int, sign: float) -> None:
+    """Add the kernels of a chain's samples to the density, or take them away."""
+    for t in range(c, len(bins.at), m):
+        middle = place + bins.at[t]
         for k in range(-_REACH, _REACH + 1):
-            density[middle + k] += sign * kernel[k + _REACH]
+            bins.density[middle + k] += sign * bins.kernel[k + _REACH]
 
 
 @jit
-def _score_places(density: FloatArray, score: FloatArray, at: IntArray, c: int, m: int) -> tuple[int, int]:
+def _score_places(bins: _Bins, c: int, m: int) -> tuple[int, int]:
     """Fill the log likelihood of a chain by the bin of its lowest sample, over that where it is alone.
 
     Return the first and last of these bins. Only bins where the density is not 0 add to it.
     """
+    at, density, score = bins.at, bins.density, bins.score
     size, length = len(density), 0
     for t in range(c, len(at), m):
         length = max(length, at[t])
@@ -218,10 +252,11 @@ def _score_places(density: FloatArray, score: FloatArray, at: IntArray, c: int, 
 
 
 @jit
-def _best_place(density: FloatArray, score: FloatArray, at: IntArray, c: int, m: int) -> tuple[int, float]:
+def _best_place(bins: _Bins, c: int, m: int) -> tuple[int, float]:
     """Bin of a chain's lowest sample at which the density explains the chain best, and its log likelihood over none."""
-    first, last = _score_places(density, score, at, c, m)
-    best, found = -np.inf, len(density) // 2
+    first, last = _score_places(bins, c, m)
+    score = bins.score
+    best, found = -np.inf, len(score) // 2
     for place in range(first, last + 1):
         if score[place] > best:
             best, found = score[place], place
@@ -229,9 +264,10 @@ def _best_place(density: FloatArray, score: FloatArray, at: IntArray, c: int, m:
 
 
 @jit
-def _probability(density: FloatArray, score: FloatArray, at: IntArray, c: int, m: int, place: int) -> float:
+def _probability(bins: _Bins, c: int, m: int, place: int) -> float:
     """Probability that a chain is within two reaches of a kernel of its place, if all places are as probable."""
-    first, last = _score_places(density, score, at, c, m)
+    first, last = _score_places(bins, c, m)
+    score = bins.score
     best, near, every = score[place], 0.0, 0.0
     for other in range(first, last + 1):
         part = math.exp(min(score[other] - best, 50.0))

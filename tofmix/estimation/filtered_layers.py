@@ -1,7 +1,7 @@
 """Layers of independent samples behind a temporal filter, as layers of the samples before it.
 
-`layer_pixels` calls `layers_before_filter` last. Averages and means are undone in the samples: their layers stay as they
-are.
+`layer_pixels` calls `layers_before_filter` last. Averages and means are undone in the samples: their layers stay as
+they are.
 """
 
 import math

@@ -9,8 +9,8 @@ Use `learn_filter` before noise is learnt. A filter is common to all pixels, and
 - *Medians* repeat values: the same sample is the median of several windows, in a known share of frames.
 
 An average is taken for granted only if its inverse explains wide pixels better than independent samples and better than
-ranges that wander: by the entropy of the samples, given those before. Of several averages, the one whose inverse explains
-them best is taken.
+ranges that wander: by the entropy of the samples, given those before. Of several averages, that one is taken whose
+inverse explains them best.
 """
 
 import math

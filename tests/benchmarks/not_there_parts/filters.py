@@ -1,8 +1,8 @@
 """A camera that filters its ranges over time, before a board and a wall; and memory of ranges that is no filter.
 
 "Both" are the mixed pixels with two layers of p > 0.5 at the two surfaces, "more" those with more layers of p > 0.5.
-"Unfiltered" is the rate of "both" without a filter: of medians from as many frames as there are samples, of averages and
-means, whose inverse gives all samples again, from all frames.
+"Unfiltered" is the rate of "both" without a filter: of medians from as many frames as there are samples; of averages
+and means, whose inverse gives all samples again, from all frames.
 """
 
 import argparse
