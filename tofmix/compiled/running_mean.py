@@ -29,7 +29,7 @@ A chain whose samples are all of one surface may be of another one instead.
 _UNKNOWN = 0.01  # kernels' heights that the density has everywhere: a sample may be alone
 _NOTHING = 1e-9  # density that is left of kernels that were taken away
 _BINS = 2.0  # bins of the density in a sigma
-_MOST_BINS = 20_000.0
+_MOST_BINS = 20_000.0  # of all chains: an error of a sample may be as large as a range
 _REACH = 6  # bins on either side of a sample that its kernel reaches
 _GAP = 4.0  # sigmas between neighbouring samples of two surfaces
 _STARTS = 3  # chains that the others are put to in turn
@@ -37,7 +37,7 @@ _SWEEPS = 8  # of improving one offset after the other, at most
 _NARROW = 0.5  # of the noise that differences give
 _NEAR = 2.5  # sigmas around a sample whose mean it is compared with
 _STEPS = 12  # of the continuous refinement, at most
-_EM_STEPS = 20
+_EM_STEPS = 20  # at most
 
 
 @jit
