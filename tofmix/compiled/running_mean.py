@@ -34,6 +34,7 @@ _REACH = 6  # bins on either side of a sample that its kernel reaches
 _GAP = 4.0  # sigmas between neighbouring samples of two surfaces
 _STARTS = 3  # chains that the others are put to in turn
 _SWEEPS = 8  # of improving one offset after the other, at most
+_WIDE = 2.0  # largest changes: single surfaces keep their tails
 _NARROW = 0.5  # of the noise that differences give
 _NEAR = 2.5  # sigmas around a sample whose mean it is compared with
 _STEPS = 12  # of the continuous refinement, at most
@@ -95,7 +96,8 @@ def _solve(means: FloatArray, m: int, out: FloatArray, only_sure: bool) -> None:
 def _noise(changes: FloatArray) -> float:
     """Sigma of a sample from the changes between samples of the same chain.
 
-    Changes within a surface are Gaussian, others are anywhere: EM of the two, from the lower quartile on.
+    Changes within a surface are Gaussian, others are anywhere up to `_WIDE` times the largest: EM of the two, from the
+    smallest eighth on, as with three surfaces a third of the changes are within one.
     """
     size = np.sort(np.abs(changes))
     n, most = len(size), size[-1]
@@ -106,12 +108,12 @@ def _noise(changes: FloatArray) -> float:
         if value > 0.0:
             least = value
             break
-    sigma, share = max(0.5 * size[n // 4] / 0.3186, 0.4 * least), 0.7
+    sigma, share = max(0.5 * size[n // 8] / 0.1573, 0.4 * least), 0.7
     for _ in range(_EM_STEPS):
         weight, square = 0.0, 0.0
         for value in size:
             same = share * math.exp(-0.5 * (value / sigma) ** 2) / (sigma * 2.5066)
-            other = (1.0 - share) / (4.0 * most)
+            other = (1.0 - share) / (2.0 * _WIDE * most)
             part = same / (same + other)
             weight += part
             square += part * value * value
