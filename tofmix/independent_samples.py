@@ -55,20 +55,26 @@ class IndependentSamples:
     @property
     def stored_type(self) -> str:
         """Type of the ranges, such as ``uint16``; that of the samples where they are no longer the stored values."""
-        return (
-            self._source.stored_type if not self._filter.reach and isinstance(self._source, TypedSource) else "float32"
-        )
+        if self._filter.keeps_values and isinstance(self._source, TypedSource):
+            return self._source.stored_type
+        return "float32"
 
     def read_range(self, frames: slice, rows: slice) -> Float32Array:
         """Independent samples (frame, row, col) float32 in mm, not finite where there is none."""
         first, last, step = frames.indices(self.shape[0])
-        start = max(first - self._filter.reach, 0)
-        stored = self._source.read_range(slice(start, last), rows)
-        found = self._filter.independent(stored, start)
-        if self._marks:
-            adds_none = np.where(np.isfinite(stored), np.float32(np.inf), np.float32(np.nan))
-            found = np.where(np.isfinite(found), found, adds_none)
-        return np.ascontiguousarray(found[first - start :: step])
+        spans = self._filter.spans(first, last, self.shape[0])
+        found = np.concatenate([self._samples(span, rows) for span in spans] or [self._source.read_range(frames, rows)])
+        start = spans[0].start if spans else first
+        return np.ascontiguousarray(found[first - start : last - start : step])
+
+    def _samples(self, span: slice, rows: slice) -> Float32Array:
+        """Independent samples of a span of frames."""
+        stored = self._source.read_range(span, rows)
+        found = self._filter.independent(stored, span.start)
+        if not self._marks:
+            return found
+        adds_none = np.where(np.isfinite(stored), np.float32(np.inf), np.float32(np.nan))
+        return np.where(np.isfinite(found), found, adds_none)
 
     @property
     def has_amplitude(self) -> bool:

@@ -105,11 +105,7 @@ OPTIONAL_FIELDS = (NOISE_WIDTH, INVALID_SHARE, AMPLITUDE, MIXING, SUSPECT, SUSPE
 
 
 def layer_fields(sensor: Sensor, *, amplitude: bool = False, mixing: bool = False) -> tuple[LayerField, ...]:
-    """Datasets of the layers that are estimated with a sensor, from samples with amplitudes, and of unmixed ones.
-
-    A temporal filter whose samples are of several surfaces leaves pixels undecided, so they have a mixing too.
-    """
-    mixing = mixing or (sensor.temporal_filter is not None and not sensor.temporal_filter.separates)
+    """Datasets of the layers that are estimated with a sensor, from samples with amplitudes, and of unmixed ones."""
     own = sensor.learnt is not None and sensor.noise is not None and sensor.noise.width_spread > 0
     optional = ((NOISE_WIDTH, own), (INVALID_SHARE, True), (AMPLITUDE, amplitude), (MIXING, mixing))
     return (*LAYER_FIELDS, *(spec for spec, is_there in optional if is_there))

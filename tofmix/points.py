@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.flags import Mixing
-from tofmix.layers import AMPLITUDE, LAYER_DIMS, LAYER_FIELDS, OPTIONAL_FIELDS, LayerField, Layers
+from tofmix.layers import AMPLITUDE, LAYER_FIELDS, OPTIONAL_FIELDS, LayerField, Layers
 from tofmix.optics.projection import Projection, beam_directions_of
 
 MM_A_METRE = 1000.0  # mm in a metre
@@ -49,11 +49,11 @@ POINT_FIELDS: tuple[PointField, ...] = (
 """Properties of a point. Those of a layers file have their name and unit there."""
 
 FURTHER_FIELDS: tuple[LayerField, ...] = tuple(
-    spec
-    for spec in (*LAYER_FIELDS, *OPTIONAL_FIELDS)
-    if len(spec.dims) <= len(LAYER_DIMS) and spec.name not in {known.name for known in POINT_FIELDS}
+    spec for spec in (*LAYER_FIELDS, *OPTIONAL_FIELDS) if spec.name not in {known.name for known in POINT_FIELDS}
 )
-"""What else a layers file may know of a layer or its pixel, under the names and units there: one number each."""
+"""What else a layers file may know of a layer or its pixel, under the names and units there (`point_fields`)."""
+
+_ENDS = "first", "last"  # what the dimension `ENDS` counts
 
 INTENSITY = PointField(name="intensity", dtype="<f4", units="1", long_name="amplitude")
 """The name that viewers of point clouds know for an amplitude."""
@@ -70,14 +70,11 @@ POINT_DTYPE = packed(POINT_FIELDS)
 """A packed record of `POINT_FIELDS`."""
 
 
-def point_field(spec: LayerField) -> PointField:
-    """A dataset of a layers file as an attribute of its points."""
-    return PointField(
-        name=spec.name,
-        dtype=np.dtype(spec.dtype).newbyteorder("<").str,
-        units=spec.units,
-        long_name=spec.long_name,
-    )
+def point_fields(spec: LayerField) -> tuple[PointField, ...]:
+    """A dataset of a layers file as attributes of its points: one, or NAME_first and NAME_last where it has `ENDS`."""
+    dtype = np.dtype(spec.dtype).newbyteorder("<").str
+    names = [f"{spec.name}_{end}" for end in _ENDS] if spec.ends else [spec.name]
+    return tuple(PointField(name=name, dtype=dtype, units=spec.units, long_name=spec.long_name) for name in names)
 
 
 def fields_of_names(names: Sequence[str], present: Sequence[str]) -> tuple[LayerField, ...]:
@@ -208,7 +205,7 @@ class LayerPoints:
     @property
     def fields(self) -> tuple[PointField, ...]:
         """Properties of a point."""
-        further = tuple(point_field(spec) for spec in self._further)
+        further = tuple(field for spec in self._further for field in point_fields(spec))
         return (*POINT_FIELDS, *further, *((INTENSITY,) if self._intensity else ()))
 
     def __iter__(self) -> Iterator[PointArray]:
@@ -265,9 +262,12 @@ def window_points(
     points["row"], points["col"], points["window"] = row, col, window
     names = {spec.name for spec in fields}
     for spec in FURTHER_FIELDS:
-        if spec.name in names:
+        wanted = point_fields(spec)
+        if wanted[0].name in names:
             values = getattr(layers, spec.name)
-            points[spec.name] = values[row, col, layer] if spec.per_layer else values[row, col]
+            values = values[row, col, layer] if spec.per_layer else values[row, col]
+            for field, value in zip(wanted, values.T if spec.ends else [values], strict=True):
+                points[field.name] = value
     if INTENSITY.name in names:
         points[INTENSITY.name] = points[AMPLITUDE.name]
     return np.asarray(points)

@@ -9,7 +9,7 @@ one surface to another within a frame, and the memory is a part of the learnt no
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import product
+from itertools import pairwise, product
 from typing import ClassVar, Protocol, Self
 
 import numpy as np
@@ -22,6 +22,10 @@ MOST_WINDOW = 99
 MOST_MEDIAN = 9
 """Longest window of a median, frames: the arrangements of its neighbours are counted one by one."""
 
+SPAN_FRAMES = 100
+"""About the frames of a span of running means: many a chain, few for the rounding of stored ranges to add up."""
+
+_SPAN_WINDOWS = 12  # windows of a span at least: a chain's samples tell where it is
 _QUADRATURE = 200  # points of the integral over a surface's samples
 _DRAWN_FRAMES, _DRAWN_PIXELS, _SEED = 100, 4000, 20080922  # of the dependence of seen samples
 _QUANTILES = 2001  # of the distribution of seen samples
@@ -36,29 +40,31 @@ class TemporalFilter(Protocol):
         Its name in files.
     parameter : float
         Its number in files.
-    reach : int
-        Earlier stored frames that an independent sample needs.
-    separates : bool
-        Whether the independent samples are of one surface each; if not, pixels of several surfaces are undecided.
+    keeps_values : bool
+        Whether independent samples are stored values, and need no other frame.
     """
 
     kind: ClassVar[str]
-    separates: ClassVar[bool]
+    keeps_values: ClassVar[bool]
 
     @property
     def parameter(self) -> float:
         """Its number in files."""
 
-    @property
-    def reach(self) -> int:
-        """Earlier stored frames that an independent sample needs."""
+    def spans(self, first: int, last: int, frames: int) -> list[slice]:
+        """Stored frames of a recording of `frames` that have the samples of frames `first` to `last` - 1.
+
+        Consecutive spans, of which each is given to `independent` by itself.
+        """
 
     def independent(self, stored_mm: Float32Array, first: int) -> Float32Array:
-        """Independent samples (frame, ...) float32 in mm of stored ones; NaN where a frame adds none.
+        """Independent samples (frame, ...) float32 in mm of the stored ones of a span; NaN where a frame adds none.
 
-        `first` is the number of the first stored frame in the recording. The first `reach` frames may be NaN because
-        earlier ones are missing.
+        `first` is the number of the span's first frame in the recording.
         """
+
+    def rounding_mm(self, step_mm: float) -> float:
+        """Sd that a step of the stored ranges adds to independent samples, beyond the rounding of stored ones."""
 
     def for_noise(self) -> "TemporalFilter":
         """The filter by which noise is learnt: its samples have no memory, and may be fewer."""
@@ -87,16 +93,15 @@ class ExponentialAverage:
 
     parameter: float
     kind: ClassVar[str] = "exponential_average"
-    separates: ClassVar[bool] = True
+    keeps_values: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         if not 0 < self.parameter < 1:
             raise ValueError(f"temporal filter: the share of the new sample, {self.parameter:g}, is not in (0, 1)")
 
-    @property
-    def reach(self) -> int:
-        """Earlier stored frames that an independent sample needs."""
-        return 1
+    def spans(self, first: int, last: int, frames: int) -> list[slice]:  # noqa: ARG002  it does not matter
+        """The frames themselves and the one before."""
+        return [slice(max(first - 1, 0), last)]
 
     def independent(self, stored_mm: Float32Array, first: int) -> Float32Array:  # noqa: ARG002  any frame will do
         """x_t = y_(t-1) + (y_t - y_(t-1)) / a; NaN in the first frame, and after a lost sample."""
@@ -127,14 +132,6 @@ def _check_window(window: float, what: str) -> None:
         raise ValueError(f"temporal filter: {what} of {window:g} frames; expected 2 to {MOST_WINDOW}")
 
 
-def _every(stored_mm: Float32Array, first: int, window: int) -> Float32Array:
-    """One frame of each `window`: their windows have no sample in common."""
-    out = np.full(stored_mm.shape, np.nan, dtype=np.float32)
-    start = -first % window
-    out[start::window] = stored_mm[start::window]
-    return out
-
-
 @dataclass(frozen=True, slots=True)
 class RunningMedian:
     """y_t is the median of the last m samples: the values that differ are samples, each taken once.
@@ -157,7 +154,7 @@ class RunningMedian:
 
     parameter: float
     kind: ClassVar[str] = "running_median"
-    separates: ClassVar[bool] = True
+    keeps_values: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         _check_window(self.parameter, "a median")
@@ -171,10 +168,9 @@ class RunningMedian:
         """Frames of a median."""
         return int(self.parameter)
 
-    @property
-    def reach(self) -> int:
-        """Earlier stored frames that an independent sample needs."""
-        return self.window - 1
+    def spans(self, first: int, last: int, frames: int) -> list[slice]:  # noqa: ARG002  it does not matter
+        """The frames themselves and m - 1 before."""
+        return [slice(max(first - self.window + 1, 0), last)]
 
     def independent(self, stored_mm: Float32Array, first: int) -> Float32Array:  # noqa: ARG002  any frame will do
         """The medians that differ from those of the m - 1 frames before."""
@@ -182,6 +178,10 @@ class RunningMedian:
         for lag in range(1, self.window):
             repeated[lag:] |= stored_mm[lag:] == stored_mm[:-lag]
         return np.where(repeated, np.float32(np.nan), stored_mm)
+
+    def rounding_mm(self, step_mm: float) -> float:  # noqa: ARG002  samples are stored ones
+        """No more than that of stored ranges."""
+        return 0.0
 
     def for_noise(self) -> TemporalFilter:
         """One median of each m, of no common sample: seen samples have a memory."""
@@ -285,8 +285,10 @@ def _moments(median: RunningMedian, below: float, above: float) -> tuple[float, 
 
 
 @dataclass(frozen=True, slots=True)
-class _OfEachWindow:
-    """A filter of m samples of which one frame of each m is used: the others share samples with it.
+class ApartMedians:
+    """One median of each m, whose noise is that of the median of m independent samples (`RunningMedian.for_noise`).
+
+    The others share samples with it.
 
     Parameters
     ----------
@@ -295,15 +297,23 @@ class _OfEachWindow:
     """
 
     parameter: float
+    kind: ClassVar[str] = "apart_medians"
+    keeps_values: ClassVar[bool] = True
 
-    @property
-    def reach(self) -> int:
-        """Earlier stored frames that an independent sample needs."""
-        return 0
+    def spans(self, first: int, last: int, frames: int) -> list[slice]:  # noqa: ARG002  it does not matter
+        """The frames themselves."""
+        return [slice(first, last)]
 
     def independent(self, stored_mm: Float32Array, first: int) -> Float32Array:
         """One frame of each m."""
-        return _every(stored_mm, first, int(self.parameter))
+        window = int(self.parameter)
+        out = np.full(stored_mm.shape, np.nan, dtype=np.float32)
+        out[-first % window :: window] = stored_mm[-first % window :: window]
+        return out
+
+    def rounding_mm(self, step_mm: float) -> float:  # noqa: ARG002  samples are stored ones
+        """No more than that of stored ranges."""
+        return 0.0
 
     def for_noise(self) -> Self:
         """Noise is learnt from the same samples."""
@@ -312,20 +322,6 @@ class _OfEachWindow:
     def worth(self, frames: int) -> int:
         """Frames without a common sample."""
         return max(1, frames // int(self.parameter))
-
-
-@dataclass(frozen=True, slots=True)
-class ApartMedians(_OfEachWindow):
-    """One median of each m, whose noise is that of the median of m independent samples (`RunningMedian.for_noise`).
-
-    Parameters
-    ----------
-    parameter : float
-        m.
-    """
-
-    kind: ClassVar[str] = "apart_medians"
-    separates: ClassVar[bool] = True
 
     def words(self) -> str:
         """The filter in a few words."""
@@ -341,10 +337,12 @@ class ApartMedians(_OfEachWindow):
 
 
 @dataclass(frozen=True, slots=True)
-class RunningMean(_OfEachWindow):
-    """y_t is the mean of the last m samples: one frame of m is independent, but may be of several surfaces.
+class RunningMean:
+    """y_t is the mean of the last m samples: x_t = x_(t-m) + m (y_t - y_(t-1)).
 
-    Its inverse is not stable, so that pixels of several surfaces are undecided.
+    The m - 1 samples that the first ones follow from are those with which all have the same density
+    (`tofmix.compiled.running_mean`). They are sought in each span of frames by itself, so that the rounding of y does
+    not add up.
 
     Parameters
     ----------
@@ -357,11 +355,47 @@ class RunningMean(_OfEachWindow):
         If it is not.
     """
 
+    parameter: float
     kind: ClassVar[str] = "running_mean"
-    separates: ClassVar[bool] = False
+    keeps_values: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         _check_window(self.parameter, "a mean")
+
+    @property
+    def window(self) -> int:
+        """Frames of a mean."""
+        return int(self.parameter)
+
+    def spans(self, first: int, last: int, frames: int) -> list[slice]:
+        """Spans of equal length, about `SPAN_FRAMES` or so many windows."""
+        count = max(1, round(frames / max(SPAN_FRAMES, _SPAN_WINDOWS * self.window)))
+        ends = [frames * k // count for k in range(count + 1)]
+        return [slice(a, b) for a, b in pairwise(ends) if a < last and b > first]
+
+    def independent(self, stored_mm: Float32Array, first: int) -> Float32Array:  # noqa: ARG002  any frame will do
+        """Samples by their differences; NaN in runs of valid means that do not tell them."""
+        return self.likeliest(stored_mm, only_sure=True)
+
+    def likeliest(self, stored_mm: Float32Array, *, only_sure: bool = False) -> Float32Array:
+        """The same, in all but the shortest runs: also where others are as likely."""
+        from tofmix.compiled.running_mean import samples_of_means
+
+        frames, *image = stored_mm.shape
+        means = np.ascontiguousarray(stored_mm.reshape(frames, -1).T, dtype=np.float64)
+        return samples_of_means(means, self.window, only_sure).T.astype(np.float32).reshape(frames, *image)
+
+    def rounding_mm(self, step_mm: float) -> float:
+        """A chain of n differences ends off by m sqrt(n / 6) steps; less its mean, by sqrt(1 / 6) of that."""
+        return self.window * step_mm * math.sqrt(max(SPAN_FRAMES / self.window, _SPAN_WINDOWS) / 36.0)
+
+    def for_noise(self) -> TemporalFilter:
+        """Noise is learnt from the same samples."""
+        return self
+
+    def worth(self, frames: int) -> int:
+        """Frames without a common sample."""
+        return max(1, frames // self.window)
 
     def words(self) -> str:
         """The filter in a few words."""

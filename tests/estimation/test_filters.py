@@ -40,8 +40,10 @@ def test_running_median_is_found_by_its_repeated_values(window: int) -> None:
     assert _found(over_windows(Scene(SHAPE, 2).draw(FRAMES), window, median=True)) == RunningMedian(float(window))
 
 
-def test_running_mean_is_found_and_no_exponential_average() -> None:
-    assert _found(over_windows(Scene(SHAPE, 3).draw(FRAMES), 3, median=False)) == RunningMean(3.0)
+@pytest.mark.parametrize(("window", "frames"), [(2, 100), (3, 100), (5, 100), (8, 100), (16, 100), (3, 30), (8, 40)])
+def test_running_mean_is_found_with_its_window(window: int, frames: int) -> None:
+    means = over_windows(Scene(SHAPE, 3).draw(FRAMES), window, median=False)
+    assert _found(means, frames) == RunningMean(float(window))
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.3, 0.6, 0.9])
@@ -103,14 +105,31 @@ def test_shares_and_ranges_behind_a_median_are_those_of_the_samples() -> None:
     assert np.sqrt(np.mean(z**2)) < 1.5
 
 
-def test_pixels_of_a_mean_of_several_surfaces_are_undecided() -> None:
+@pytest.mark.parametrize("window", [3, 8])
+def test_mixed_pixels_of_a_running_mean_have_their_two_layers(window: int) -> None:
     scene = Scene(SHAPE, 10)
-    ranges = stored(over_windows(scene.draw(FRAMES), 3, median=False), FRAMES)
+    ranges = stored(over_windows(scene.draw(FRAMES), window, median=False), FRAMES)
+    with pytest.warns(DoubtWarning, match=f"mean of {window}.* tell as much as {FRAMES // window} ") as said:
+        found = tofmix.estimate(tofmix.from_array(ranges, units="mm", sensor=SENSOR), noise="file", workers=2)
+    assert sum("filter" in str(one.message) for one in said) == 1
+    mixed, n = scene.mixed, found.n_modes[0]
+    assert (n[mixed] == 2).mean() > 0.97
+    assert (n[~mixed] > 1).mean() < 0.01
+    assert found.n_samples.max() == FRAMES
+    both = mixed & (n == 2)
+    z = (found.range[0][both][:, 0] - scene.near_mm[both]) / found.range_stderr[0][both][:, 0]
+    assert np.sqrt(np.mean(z**2)) < 1.3
+    off = (found.weight[0][both][:, 0] - scene.share[both]) / found.weight_stderr[0][both][:, 0]
+    assert np.sqrt(np.mean(off**2)) < 1.3
+
+
+def test_mixed_pixels_of_few_windows_of_a_mean_have_no_layer() -> None:
+    scene = Scene(SHAPE, 11)
+    ranges = stored(over_windows(scene.draw(40), 8, median=False), 40)
     with pytest.warns(DoubtWarning) as said:
         found = tofmix.estimate(tofmix.from_array(ranges, units="mm", sensor=SENSOR), noise="file", workers=2)
-    assert sum("are undecided" in str(one.message) for one in said) == 1
-    several = found.n_modes[0] > 1
-    assert several[scene.mixed].mean() > 0.9
-    assert found.mixing is not None
-    np.testing.assert_array_equal(found.mixing[0] == 3, several)
-    assert np.nanmax(found.probability[0][several]) <= 0.5
+    assert any("mean of 8" in str(one.message) for one in said)
+    assert not any("too dark" in str(one.message) for one in said)
+    np.testing.assert_array_equal(found.invalid_share, 0.0)
+    assert (found.n_modes[0][scene.mixed] == 0).all()
+    assert (found.n_modes[0][~scene.mixed] == 1).mean() > 0.95

@@ -87,3 +87,20 @@ def test_report_and_info_count_marks(made: tuple[Path, tofmix.Estimate]) -> None
     assert "in a part of the frames" in CliRunner().invoke(main, ["report", str(path)]).stdout
     info = json.loads(CliRunner().invoke(main, ["info", str(path), "--json"]).stdout)
     assert info["suspect_layers"]["passing"] == count
+
+
+@pytest.mark.parametrize("names", ["suspect,suspect_frames", "all"])
+def test_exported_points_have_the_frames_of_passing_layers(
+    names: str, made: tuple[Path, tofmix.Estimate], tmp_path: Path
+) -> None:
+    path, _ = made
+    output = tmp_path / "points.csv"
+    result = CliRunner().invoke(main, ["export", str(path), "-o", str(output), "--suspect", "--fields", names])
+    assert result.exit_code == 0, result.output
+    points = np.genfromtxt(output, delimiter=",", names=True)
+    marked = points["suspect"] > 0
+    assert 35 <= marked.sum() <= 36
+    assert set(points["suspect_frames_first"][marked]) <= set(range(START, START + 3))
+    assert set(points["suspect_frames_last"][marked]) <= set(range(STOP - 3, STOP))
+    assert not points["suspect_frames_first"][~marked].any()
+    assert not points["suspect_frames_last"][~marked].any()

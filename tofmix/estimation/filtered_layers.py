@@ -1,6 +1,6 @@
 """Layers of independent samples behind a temporal filter, as layers of the samples before it.
 
-`layer_pixels` calls `layers_before_filter` last. Exponential averages are undone in the samples: their layers stay as
+`layer_pixels` calls `layers_before_filter` last. Averages and means are undone in the samples: their layers stay as
 they are.
 """
 
@@ -9,7 +9,6 @@ import math
 import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
-from tofmix.flags import MOST_UNDECIDED, Mixing
 from tofmix.layers import Layers
 from tofmix.sensor import Sensor
 from tofmix.temporal_filter import RunningMedian
@@ -18,16 +17,9 @@ from tofmix.temporal_filter import RunningMedian
 def layers_before_filter(layers: Layers, sensor: Sensor) -> None:
     """Change layers of the leading shape (pixel,) in place, if the camera has a filter.
 
-    Medians: shares and ranges become those of the samples (`RunningMedian`). Filters whose samples may be of several
-    surfaces: pixels of several layers are undecided.
+    Medians: shares and ranges become those of the samples (`RunningMedian`).
     """
     found = sensor.temporal_filter
-    if found is None:
-        return
-    if not found.separates and layers.mixing is not None:
-        several = layers.n_modes > 1
-        layers.mixing[several] = int(Mixing.UNDECIDED)
-        layers.probability[several] = np.minimum(layers.probability[several], np.float32(MOST_UNDECIDED))
     if isinstance(found, RunningMedian):
         _before_median(layers, sensor, found)
 

@@ -8,8 +8,9 @@ Use `learn_filter` before noise is learnt. A filter is common to all pixels, and
   A surface that moves correlates wide pixels only.
 - *Medians* repeat values: the same sample is the median of several windows, in a known share of frames.
 
-An exponential average is taken for granted only if its inverse explains wide pixels better than independent samples
-and better than ranges that wander: by the entropy of the samples, given the sample before.
+An average is taken for granted only if its inverse explains wide pixels better than independent samples and better than
+ranges that wander: by the entropy of the samples, given those before. Of several averages, that one is taken whose
+inverse explains them best.
 """
 
 import math
@@ -44,11 +45,12 @@ class FilterSettings(NamedTuple):
         their means, which are removed, and rounding explain.
     agreeing : float
         Least share of the wide pixels that the inverse explains better.
-    windows : tuple of int
-        Windows of medians and means that are tried.
+    windows, mean_windows : tuple of int
+        Windows of medians and of means that are tried.
     most_ties, tie_tolerance, tie_spread : float
         Most samples that equal another by chance for a pixel to show medians; tolerance of the share of repeated
-        values; most spread of that share over frames, as frames that are stored twice have it.
+        values; most spread of the share of pixels that repeat theirs over frames: frames that are stored twice have
+        more, and show no filter.
     """
 
     frames: AtLeastTwo = 128
@@ -61,6 +63,7 @@ class FilterSettings(NamedTuple):
     correlation_tolerance: Share = 0.2
     agreeing: Share = 0.75
     windows: tuple[AtLeastTwo, ...] = (3, 5, 7, 9)
+    mean_windows: tuple[AtLeastTwo, ...] = tuple(range(2, 17))
     most_ties: Share = 0.2
     tie_tolerance: Share = 0.06
     tie_spread: Share = 0.15
@@ -102,9 +105,16 @@ def learn_filter(source: SampleSource, settings: FilterSettings = DEFAULT_SETTIN
         stored[~(np.abs(stored) <= FARTHEST_MM)] = np.nan
     stored = stored[np.isfinite(stored).mean(axis=1) >= settings.valid]
     stored = stored[np.nanmax(stored, axis=1) > np.nanmin(stored, axis=1)] if len(stored) else stored
-    if not len(stored):
+    if not len(stored) or _stored_twice(stored, settings):
         return None
     return _median_filter(stored, settings) or _linear_filter(stored, settings)
+
+
+def _stored_twice(stored: FloatArray, settings: FilterSettings) -> bool:
+    """Whether whole frames of samples (pixel, frame) repeat the one before."""
+    same = stored[:, 1:] == stored[:, :-1]
+    told = same.mean(axis=1) > 0.0
+    return bool(told.sum() >= settings.least_pixels and same[told].mean(axis=0).std() > settings.tie_spread)
 
 
 def _median_filter(stored: FloatArray, settings: FilterSettings) -> RunningMedian | None:
@@ -116,9 +126,6 @@ def _median_filter(stored: FloatArray, settings: FilterSettings) -> RunningMedia
     told = chance < settings.most_ties
     if told.sum() < settings.least_pixels:
         return None
-    by_frame = np.mean(stored[told, 1:] == stored[told, :-1], axis=0)
-    if by_frame.std() > settings.tie_spread:
-        return None  # frames that are stored twice
     base = chance[told].mean()
     excess = (ties[:, told].mean(axis=1) - base) / (1.0 - base)
     for window in settings.windows:
@@ -143,16 +150,61 @@ def _linear_filter(stored: FloatArray, settings: FilterSettings) -> TemporalFilt
     least, tolerance = settings.least_correlation, settings.correlation_tolerance
     if min(at_edges[0], elsewhere[0]) < least or abs(at_edges[0] - elsewhere[0]) > tolerance:
         return None
-    average = _exponential(stored[wide], noise[wide], float(at_edges[0]), settings)
-    if average is not None:
-        undone = np.asarray(average.independent(stored[calm].T.astype(np.float32), 0).T[:, 1:], dtype=np.float64)
-        if abs(_correlation(undone, 1)) <= tolerance:
-            return average
-    for window in settings.windows:
-        expected = np.array([max(0.0, 1.0 - lag / window) for lag in lags])
+    found = _exponential(stored[wide], noise[wide], float(at_edges[0]), settings)
+    trials: list[ExponentialAverage | RunningMean] = [] if found is None else [found]
+    for window in settings.mean_windows:
+        expected = _triangular(window, lags, stored.shape[1])
         if max(np.abs(seen - expected).max() for seen in (at_edges, elsewhere)) <= tolerance:
-            return RunningMean(float(window))
-    return None
+            trials.append(RunningMean(float(window)))
+    return _explaining(trials, stored[wide], noise[wide], stored[calm], settings)
+
+
+def _triangular(window: int, lags: range, frames: int) -> FloatArray:
+    """Correlation (lag,) of means over a window, less the mean of so many frames."""
+    every = np.clip(1.0 - np.arange(frames) / window, 0.0, None)
+    of_mean = (1.0 + 2.0 * float((every * (1.0 - np.arange(frames) / frames))[1:].sum())) / frames
+    return np.asarray((every[list(lags)] - of_mean) / max(1.0 - of_mean, 1.0 / frames))
+
+
+def _explaining(
+    trials: list[ExponentialAverage | RunningMean],
+    wide: FloatArray,
+    noise: FloatArray,
+    calm: FloatArray,
+    settings: FilterSettings,
+) -> ExponentialAverage | RunningMean | None:
+    """The filter whose inverse explains wide pixels (pixel, frame) of some noise (pixel,) best, if it explains both.
+
+    A filter takes a share of the new sample: its inverse enlarges the ranges' entropy by that factor at most.
+    """
+    whole = np.isfinite(wide).all(axis=1)
+    wide, noise = wide[whole], noise[whole]
+    if len(wide) < settings.least_pixels:
+        return None
+    wide, noise, calm = (part[_few(len(part), settings)] for part in (wide, noise, calm))
+    rivals = np.minimum(_entropy(wide[:, 1:], noise), _entropy(np.diff(wide, axis=1), noise))
+    best, least = None, math.inf
+    for trial in trials:
+        share = trial.parameter if isinstance(trial, ExponentialAverage) else 1.0 / trial.parameter
+        undone, quiet = (_undone(trial, part)[:, 1:] for part in (wide, calm))
+        known = np.isfinite(undone).all(axis=1)
+        entropy = np.where(known, _entropy(undone, noise / share) + math.log(share), np.inf)
+        agrees = np.mean(entropy < rivals) >= settings.agreeing
+        if agrees and abs(_correlation(quiet, 1)) <= settings.correlation_tolerance and np.median(entropy) < least:
+            best, least = trial, float(np.median(entropy))
+    return best
+
+
+def _few(count: int, settings: FilterSettings) -> IntArray:
+    """Pixels of so many that stand for all: spread over them."""
+    return np.linspace(0, count - 1, min(count, 8 * settings.least_pixels)).astype(np.int64)
+
+
+def _undone(trial: ExponentialAverage | RunningMean, stored: FloatArray) -> FloatArray:
+    """Independent samples (pixel, frame) of stored ones."""
+    frames = stored.T.astype(np.float32)
+    found = trial.likeliest(frames) if isinstance(trial, RunningMean) else trial.independent(frames, 0)
+    return np.asarray(found.T, dtype=np.float64)
 
 
 def _quantiles(samples: FloatArray, shares: tuple[float, ...]) -> list[FloatArray]:
@@ -203,7 +255,7 @@ def _exponential(
     before, change, noise = before[known], change[known], noise[known]
     if len(change) < settings.least_pixels:
         return None
-    few = np.linspace(0, len(change) - 1, min(len(change), 4 * settings.least_pixels)).astype(int)
+    few = _few(len(change), settings)
     low, high = (np.clip(1.0 - correlation + d, 0.02, 0.98) for d in (-settings.correlation_tolerance, 0.1))
     # Samples move by d ln a times (x - y): half a sigma at most from one trial to the next.
     ratio = float(np.quantile(np.ptp(wide[known], axis=1) / noise, 0.9))
@@ -217,9 +269,7 @@ def _exponential(
         share = _refined(before, change, noise, share)
         if not low <= share <= high:
             return None
-    undone = _entropy(before + change / share, noise / share) + math.log(share)
-    rivals = np.minimum(_entropy(before + change, noise), _entropy(change, noise))
-    return ExponentialAverage(share) if np.mean(undone < rivals) >= settings.agreeing else None
+    return ExponentialAverage(share) if 0.0 < share < 1.0 else None
 
 
 def _entropy(values: FloatArray, noise: FloatArray) -> FloatArray:

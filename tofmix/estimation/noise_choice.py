@@ -24,7 +24,7 @@ from tofmix.independent_samples import independent_samples
 from tofmix.range_step import WHOLE_MM, RangeStep
 from tofmix.recording import SampleSource, TypedSource, amplitude_source, by_target, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
-from tofmix.temporal_filter import ApartMedians, ExponentialAverage, RunningMedian
+from tofmix.temporal_filter import ApartMedians, RunningMedian
 
 T = TypeVar("T")
 
@@ -255,11 +255,12 @@ class _Chooser:
         return sensor_with_span(self.use(sensor), self.circle_mm)  # an average hides the extreme samples
 
     def _with_rounding(self, curve: NoiseCurve, sensor: Sensor) -> NoiseCurve:
-        """A curve of samples with the rounding of the stored ranges, which the inverse of an average enlarges."""
-        if not isinstance(sensor.temporal_filter, ExponentialAverage):
+        """A curve of samples with the rounding of the stored ranges, which the inverse of a filter enlarges."""
+        found = sensor.temporal_filter
+        if found is None or not found.rounding_mm(1.0):
             return curve
         step = step_of_recording(self.stored(sensor))
-        rounding = 0.0 if step is None else sensor.temporal_filter.rounding_mm(step.typical())
+        rounding = 0.0 if step is None else found.rounding_mm(step.typical())
         return replace(curve, sigma_mm=np.hypot(curve.sigma_mm, rounding))
 
     def _before_filter(self, sensor: Sensor) -> Sensor:

@@ -82,8 +82,13 @@ def invalid_share(block: NDArray[np.floating], *, samples_a_frame: int = 1, is_f
         valid = np.abs(block) <= FARTHEST_MM  # false for NaN
     if samples_a_frame > 1:
         valid = valid.reshape(-1, samples_a_frame, *block.shape[1:]).any(axis=1)
-    counted = len(valid) - (np.count_nonzero(np.isposinf(block), axis=0) // samples_a_frame if is_filtered else 0)
-    return np.asarray(1.0 - np.count_nonzero(valid, axis=0) / np.maximum(counted, 1), dtype=np.float32)
+    some, add_none = np.count_nonzero(valid, axis=0), 0
+    if is_filtered:
+        add_none = np.count_nonzero(np.isposinf(block), axis=0) // samples_a_frame
+    counted = len(valid) - add_none
+    # Without any sample, frames that add none are still no lost ones.
+    lost = np.where(some > 0, 1.0 - some / np.maximum(counted, 1), counted / len(valid))
+    return np.asarray(lost, dtype=np.float32)
 
 
 @borrowing

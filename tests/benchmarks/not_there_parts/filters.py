@@ -1,8 +1,8 @@
 """A camera that filters its ranges over time, before a board and a wall; and memory of ranges that is no filter.
 
 "Both" are the mixed pixels with two layers of p > 0.5 at the two surfaces, "more" those with more layers of p > 0.5.
-"Unfiltered" is the rate of "both" without a filter, from as many frames as the filtered ones are worth; of exponential
-averages, whose inverse gives all samples again, from all frames.
+"Unfiltered" is the rate of "both" without a filter: of medians from as many frames as there are samples; of averages
+and means, whose inverse gives all samples again, from all frames.
 """
 
 import argparse
@@ -22,7 +22,7 @@ FILTERS: dict[str, Callable[[FloatArray], FloatArray]] = {
     "none": np.asarray,
     **{f"exponential average, {a:g}": partial(averaged, share=a) for a in (0.7, 0.4, 0.2, 0.1)},
     **{f"median of {m}": partial(over_windows, window=m, median=True) for m in (3, 5)},
-    "mean of 3": partial(over_windows, window=3, median=False),
+    **{f"mean of {m}": partial(over_windows, window=m, median=False) for m in (2, 3, 4, 5, 8)},
 }
 MEMORIES: dict[str, Callable[[Scene, int], FloatArray]] = {
     "noise of memory 0.6": lambda scene, n: scene.draw(n, memory=0.6),
@@ -73,7 +73,7 @@ def row(name: str, seed: int, frames: int, workers: int) -> str:
     scene = Scene(SHAPE, seed)
     found = estimated(stored(FILTERS[name](scene.draw(frames)), frames), workers)
     camera, said = found.sensor.temporal_filter, scored(scene, found)
-    worth = frames if camera is None or camera.kind == "exponential_average" else camera.worth(frames)
+    worth = frames if camera is None or camera.kind != "running_median" else camera.worth(frames)
     plain = Scene(SHAPE, seed + 1000)
     rate = scored(plain, estimated(stored(plain.draw(worth), worth), workers))["both"]
     return (

@@ -44,16 +44,12 @@ DEFAULT_BUFFER_BYTES = 800_000_000
 def resolved_mixing(options: EstimateOptions, source: SampleSource) -> EstimateOptions:
     """The same options with the law of mixing that can be measured: ``events`` where samples are no phasors.
 
-    The means over time of a filter that does not separate surfaces are no phasors either.
-
     Raises
     ------
     ValueError
         If phasor sums are insisted on, and amplitudes or the modulation frequency are not known.
     """
-    filter_ = source.sensor.temporal_filter
-    separates = filter_ is None or filter_.separates
-    if options.mixing is MixingChoice.EVENTS or (has_phasors(source) and separates):
+    if options.mixing is MixingChoice.EVENTS or has_phasors(source):
         return options
     if options.mixing is MixingChoice.PHASOR:
         raise ValueError("mixing: phasor sums need amplitudes, a modulation frequency, and one sample a frame")

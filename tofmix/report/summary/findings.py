@@ -234,11 +234,10 @@ def filter_findings(found: TemporalFilter | None, frames: int) -> list[Finding]:
     """Warn of a camera that filters ranges over time: `frames` of a window tell less than they seem to."""
     if found is None:
         return []
-    undecided = "" if found.separates else " Pixels in which it mixes several surfaces are undecided."
     text = (
         f"The camera filters ranges over time ({found.words()}): {counted(frames, 'such frame')} tell as much"
         f" as {found.worth(frames)} independent ones of that spread. Layers are of the independent samples."
-        f"{undecided} Switch the camera's temporal filter off, and record again."
+        " Switch the camera's temporal filter off, and record again."
     )
     return [Finding(code="temporal_filter", text=text)]
 

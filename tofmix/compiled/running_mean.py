@@ -1,0 +1,304 @@
+"""The samples behind running means: y_t = (x_t + ... + x_(t-m+1)) / m, solved for x.
+
+m (y_t - y_(t-1)) = x_t - x_(t-m), so the samples of each *chain*, the frames t, t + m, t + 2 m, ..., are known but for
+one common offset, and any m consecutive samples have the mean y. The m - 1 unknown offsets are those that give all
+chains the same density: every chain has samples of the same surfaces. They maximise the likelihood of each chain's
+samples under a kernel density of the others', whose width is the noise of a sample.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tofmix.arrays import FloatArray, IntArray
+from tofmix.compiled.jit import jit
+
+LEAST_WINDOWS = 3
+"""A run of fewer windows has too few samples a chain: its samples are not sought."""
+
+LEAST_OF_SEVERAL = 7
+"""Samples that a chain has at least where samples are of several surfaces: fewer do not tell of which they are."""
+
+LEAST_PROBABILITY = 0.5
+"""Samples are known if their chains are more probably where they are put than elsewhere.
+
+A chain whose samples are all of one surface may be of another one instead.
+"""
+
+_UNKNOWN = 0.01  # kernels' heights that the density has everywhere: a sample may be alone
+_NOTHING = 1e-9  # density that is left of kernels that were taken away
+_BINS = 2.0  # bins of the density in a sigma
+_MOST_BINS = 20_000.0  # of all chains: an error of a sample may be as large as a range
+_REACH = 6  # bins on either side of a sample that its kernel reaches
+_GAP = 4.0  # sigmas between neighbouring samples of two surfaces
+_STARTS = 3  # chains that the others are put to in turn
+_SWEEPS = 8  # of improving one offset after the other, at most
+_WIDE = 2.0  # largest changes: single surfaces keep their tails
+_NARROW = 0.5  # of the noise that differences give
+_NEAR = 2.5  # sigmas around a sample whose mean it is compared with
+_STEPS = 12  # of the continuous refinement, at most
+_EM_STEPS = 20  # at most
+
+
+@jit
+def samples_of_means(means: FloatArray, window: int, only_sure: bool) -> FloatArray:
+    """Samples (pixel, frame) of running means (pixel, frame) over `window` frames; NaN where they are not known.
+
+    A run of valid means is solved by itself. It is unknown if it is short, and with `only_sure` if its samples are more
+    probably others.
+    """
+    pixels, frames = means.shape
+    out = np.full((pixels, frames), np.nan)
+    for pixel in range(pixels):
+        first = 0
+        for t in range(frames + 1):
+            if t == frames or not math.isfinite(means[pixel, t]):
+                if t - first >= LEAST_WINDOWS * window:
+                    _solve(means[pixel, first:t], window, out[pixel, first:t], only_sure)
+                first = t + 1
+    return out
+
+
+@jit
+def _solve(means: FloatArray, m: int, out: FloatArray, only_sure: bool) -> None:
+    """Fill `out` with the samples of a run of means."""
+    n = len(means)
+    for t in range(n):
+        out[t] = 0.0 if t < m else out[t - m] + m * (means[t] - means[t - 1])
+    changes = np.empty(n - m)
+    for t in range(m, n):
+        changes[t - m] = out[t] - out[t - m]
+    sigma = _noise(changes)
+    if sigma > 0.0:
+        # Changes between near surfaces look like noise: the width of the kernels is the one of higher likelihood.
+        noise, narrow = sigma, out.copy()
+        probability, likelihood = _align(out, m, sigma)
+        narrow_probability, narrow_likelihood = _align(narrow, m, _NARROW * sigma)
+        if narrow_likelihood > likelihood:
+            sigma *= _NARROW
+            probability = narrow_probability
+            out[:] = narrow
+        _refine(out, m, sigma)
+        too_few = n < LEAST_OF_SEVERAL * m and np.diff(np.sort(out)).max() > _GAP * noise
+        if only_sure and (too_few or probability < LEAST_PROBABILITY):
+            out[:] = np.nan
+            return
+    total = 0.0
+    for t in range(m):
+        total += out[t]
+    shift = means[m - 1] - total / m
+    for t in range(n):
+        out[t] += shift
+
+
+@jit
+def _noise(changes: FloatArray) -> float:
+    """Sigma of a sample from the changes between samples of the same chain.
+
+    Changes within a surface are Gaussian, others are anywhere up to `_WIDE` times the largest: EM of the two, from the
+    smallest eighth on, as with three surfaces a third of the changes are within one.
+    """
+    size = np.sort(np.abs(changes))
+    n, most = len(size), size[-1]
+    if most == 0.0:
+        return 0.0
+    least = most
+    for value in size:
+        if value > 0.0:
+            least = value
+            break
+    sigma, share = max(0.5 * size[n // 8] / 0.1573, 0.4 * least), 0.7
+    for _ in range(_EM_STEPS):
+        weight, square = 0.0, 0.0
+        for value in size:
+            same = share * math.exp(-0.5 * (value / sigma) ** 2) / (sigma * 2.5066)
+            other = (1.0 - share) / (2.0 * _WIDE * most)
+            part = same / (same + other)
+            weight += part
+            square += part * value * value
+        share = min(max(weight / n, 0.2), 0.99)
+        new = max(math.sqrt(square / max(weight, 1e-12)), 0.4 * least)
+        if abs(new - sigma) < 0.01 * sigma:
+            sigma = new
+            break
+        sigma = new
+    return float(sigma / math.sqrt(2.0))
+
+
+class _Bins(NamedTuple):
+    """Bins of ranges: that of each sample (frame,) in its chain; heights of a kernel; density; scores of a chain."""
+
+    at: IntArray
+    kernel: FloatArray
+    density: FloatArray
+    score: FloatArray
+
+
+@jit
+def _align(out: FloatArray, m: int, sigma: float) -> tuple[float, float]:
+    """Move each chain of `out` to where the others' density explains it best, to half a sigma.
+
+    Return the probability that all are right, and the log likelihood of all samples under the densities of the others.
+    """
+    n = len(out)
+    low, span = np.empty(m), np.empty(m)
+    for c in range(m):
+        low[c] = out[c::m].min()
+        span[c] = out[c::m].max() - low[c]
+    step = max(sigma / _BINS, span.sum() * 2.0 / _MOST_BINS)
+    bins = _new_bins(out, low, span, step, sigma)
+    order = np.argsort(-span)  # chains of several surfaces come first
+    place, best_place = np.zeros(m, dtype=np.int64), np.zeros(m, dtype=np.int64)
+    best = -np.inf
+    for start in range(min(_STARTS, m)):
+        _put_one_by_one(bins, order, start, place)
+        total = _improve(bins, place)
+        if total > best + _NOTHING:
+            best = total
+            best_place[:] = place
+    for t in range(n):
+        out[t] += best_place[t % m] * step - low[t % m]
+    return _probability_of_all(bins, best_place), best - n * math.log(sigma)
+
+
+@jit
+def _new_bins(out: FloatArray, low: FloatArray, span: FloatArray, step: float, sigma: float) -> _Bins:
+    """Bins for chains one beside the other: they cannot come farther apart."""
+    m, n = len(low), len(out)
+    size = 2 * (int(span.sum() / step) + m * (2 * _REACH + 2)) + 1
+    at = np.empty(n, dtype=np.int64)
+    for t in range(n):
+        at[t] = int((out[t] - low[t % m]) / step + 0.5)
+    kernel = np.empty(2 * _REACH + 1)
+    for k in range(-_REACH, _REACH + 1):
+        kernel[k + _REACH] = math.exp(-0.5 * (k * step / sigma) ** 2)
+    return _Bins(at, kernel, np.zeros(size), np.zeros(size))
+
+
+@jit
+def _put_one_by_one(bins: _Bins, order: IntArray, start: int, place: IntArray) -> None:
+    """Put one chain in the middle, and each of the others where those before explain it best; fill their places."""
+    bins.density[:] = 0.0
+    m = len(order)
+    first = order[start]
+    place[first] = len(bins.density) // 2
+    _put(bins, first, m, place[first], 1.0)
+    for c in order:
+        if c != first:
+            place[c], _ = _best_place(bins, c, m)
+            _put(bins, c, m, place[c], 1.0)
+
+
+@jit
+def _improve(bins: _Bins, place: IntArray) -> float:
+    """Move one chain after the other to where all others explain it best; return the log likelihood of all."""
+    m, total = len(place), 0.0
+    for _ in range(_SWEEPS):
+        is_changed, total = False, 0.0
+        for c in range(m):
+            _put(bins, c, m, place[c], -1.0)
+            new, gain = _best_place(bins, c, m)
+            total += gain
+            is_changed = is_changed or new != place[c]
+            place[c] = new
+            _put(bins, c, m, new, 1.0)
+        if not is_changed:
+            break
+    return total
+
+
+@jit
+def _probability_of_all(bins: _Bins, place: IntArray) -> float:
+    """Probability that every chain is where it is, the others given."""
+    bins.density[:] = 0.0
+    m, probability = len(place), 1.0
+    for c in range(m):
+        _put(bins, c, m, place[c], 1.0)
+    for c in range(m):
+        _put(bins, c, m, place[c], -1.0)
+        probability *= _probability(bins, c, m, place[c])
+        _put(bins, c, m, place[c], 1.0)
+    return probability
+
+
+@jit
+def _put(bins: _Bins, c: int, m: int, place: int, sign: float) -> None:
+    """Add the kernels of a chain's samples to the density, or take them away."""
+    for t in range(c, len(bins.at), m):
+        middle = place + bins.at[t]
+        for k in range(-_REACH, _REACH + 1):
+            bins.density[middle + k] += sign * bins.kernel[k + _REACH]
+
+
+@jit
+def _score_places(bins: _Bins, c: int, m: int) -> tuple[int, int]:
+    """Fill the log likelihood of a chain by the bin of its lowest sample, over that where it is alone.
+
+    Return the first and last of these bins. Only bins where the density is not 0 add to it.
+    """
+    at, density, score = bins.at, bins.density, bins.score
+    size, length = len(density), 0
+    for t in range(c, len(at), m):
+        length = max(length, at[t])
+    score[:] = 0.0
+    first, last = size, 0
+    for i in range(size):
+        if density[i] > _NOTHING:
+            first, last = min(first, i), i
+            gain = math.log1p(density[i] / _UNKNOWN)
+            for t in range(c, len(at), m):
+                if i >= at[t]:
+                    score[i - at[t]] += gain
+    return max(first - length, _REACH), min(last, size - 1 - length - _REACH)
+
+
+@jit
+def _best_place(bins: _Bins, c: int, m: int) -> tuple[int, float]:
+    """Bin of a chain's lowest sample at which the density explains the chain best, and its log likelihood over none."""
+    first, last = _score_places(bins, c, m)
+    score = bins.score
+    best, found = -np.inf, len(score) // 2
+    for place in range(first, last + 1):
+        if score[place] > best:
+            best, found = score[place], place
+    return found, best
+
+
+@jit
+def _probability(bins: _Bins, c: int, m: int, place: int) -> float:
+    """Probability that a chain is within two reaches of a kernel of its place, if all places are as probable."""
+    first, last = _score_places(bins, c, m)
+    score = bins.score
+    best, near, every = score[place], 0.0, 0.0
+    for other in range(first, last + 1):
+        part = math.exp(min(score[other] - best, 50.0))
+        every += part
+        near += part if abs(other - place) <= 2 * _REACH else 0.0
+    return near / every
+
+
+@jit
+def _refine(out: FloatArray, m: int, sigma: float) -> None:
+    """Move chains by the mean distance of their samples from the mean of all samples near them, until they rest."""
+    n = len(out)
+    for _ in range(_STEPS):
+        ordered = np.sort(out)
+        upto = np.zeros(n + 1)
+        for j in range(n):
+            upto[j + 1] = upto[j] + ordered[j]
+        most = 0.0
+        moves = np.zeros(m)
+        for c in range(m):
+            total, count = 0.0, 0
+            for t in range(c, n, m):
+                a = np.searchsorted(ordered, out[t] - _NEAR * sigma, side="left")
+                b = np.searchsorted(ordered, out[t] + _NEAR * sigma, side="right")
+                total += (upto[b] - upto[a]) / (b - a) - out[t]
+                count += 1
+            moves[c] = total / count
+            most = max(most, abs(moves[c]))
+        for t in range(n):
+            out[t] += moves[t % m]
+        if most < 0.01 * sigma:
+            break
