@@ -15,7 +15,7 @@ REACH = 4
 _NOISE = 4.0  # standard errors of a second difference of range
 _LIGHT_NOISE = 6.0  # and of the logarithm of light
 _PITCHES, _LOOSE_PITCHES = 0.3, 0.8
-_LIGHT, _LOOSE_LIGHT = 0.06, 0.2
+_LIGHT, _LOOSE_LIGHT = 0.06, 0.32
 """Second differences that a bent surface has by itself: of range in widths of a pixel, of the logarithm of light."""
 _STEP, _LIGHT_STEP = 0.04, 0.35
 """Largest difference between neighbours of one surface: part of the range, and of the logarithm of light."""
