@@ -5,8 +5,9 @@ import pytest
 from numpy.typing import NDArray
 from support.round_things import Thing, cylinder, ellipsoid, rays_of, sphere, wall
 
+from tofmix.image.smooth.light import with_light
 from tofmix.image.smooth.patch import STATE, Frame, bend_term, fit_patches, meet
-from tofmix.image.smooth.scales import learn_scales, may_bend
+from tofmix.image.smooth.scales import UNKNOWN, learn_scales, may_bend
 from tofmix.image.smooth.segments import around, segments_of
 from tofmix.image.smooth.view import View, grid_of_places, lattice_of_places
 
@@ -53,6 +54,18 @@ def test_rays_meet_a_patch_of_equal_curvatures_where_they_meet_the_sphere(radius
     assert 0 < np.isnan(expected).sum() < 200 or radius > 300
     np.testing.assert_allclose(range_mm, expected, rtol=1e-9)
     np.testing.assert_allclose(cosine, np.abs((normal * rays).sum(axis=1)), rtol=1e-6)
+
+
+def test_rays_meet_a_bowl_on_its_far_side_where_the_patch_is() -> None:
+    radius = 400.0
+    frame, state = one_state(0, 0, 0, 1 / radius, 0, 1 / radius)
+    centre = np.array([0.0, 0.0, 2000.0 - radius])
+    rays = np.random.default_rng(2).normal([0, 0, 1], [0.04, 0.04, 0], (50, 3))
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    along = rays @ centre
+    expected = along + np.sqrt(along**2 - (centre @ centre - radius**2))
+    range_mm, _ = (part[0, 0] for part in meet(frame, state, rays[np.newaxis]))
+    np.testing.assert_allclose(range_mm, expected, rtol=1e-9)
 
 
 def test_rays_meet_a_flat_patch_where_they_meet_the_plane() -> None:
@@ -163,6 +176,23 @@ def test_two_columns_of_pixels_tell_no_curvature() -> None:
     scales = learn_scales(view, segment, np.array([0]), 4)
     assert not scales.is_known().any()
     assert not may_bend(view, segment, np.array([0]), 4).any()
+
+
+def test_light_of_two_columns_is_fitted_where_their_curvature_is_open() -> None:
+    view = seen(cylinder(30, 4000, 220), 1.0)
+    segment = np.where(view.valid & (np.abs(np.arange(SIZE * SIZE) % SIZE - 12.5) < 1), 0, -1)
+    at = np.array([12 * SIZE + 11, 12 * SIZE + 14])
+    members = around(view.shape, segment, at, np.zeros(2, np.int64), 4)
+    bend, third = (np.full(2, scale) for scale in UNKNOWN)
+    assert with_light(view, at, fit_patches(view, at, members, bend, third)).fitted.all()
+
+
+@pytest.mark.parametrize(("radius", "least"), [(150.0, 20), (100.0, 6)])
+def test_a_sphere_of_a_few_pixels_is_a_segment(radius: float, least: int) -> None:
+    view = seen(sphere((10, 10, 2000), radius), 0.7)
+    segment = segments_of(view)
+    assert (segment >= 0).sum() >= least
+    assert segment.max() == 0
 
 
 def test_three_columns_of_pixels_are_told_from_a_board_under_noise_by_one_direction_of_bending() -> None:

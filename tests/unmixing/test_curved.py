@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from support.round_things import OPEN_SCENES, SCENES, cylinder, render, score, sphere, wall
+from support.round_things import OPEN_SCENES, SCENES, Thing, cylinder, render, score, sphere, wall
 
 import tofmix as tm
 from tofmix.flags import Mixing
 from tofmix.unmixing.bending import mixed_probability
+from tofmix.unmixing.curved_labels import _lesser_part
 from tofmix.unmixing.phasors import mean_phasors
 from tofmix.unmixing.settings import CurvedSettings, UnmixSettings
 from tofmix.unmixing.unmix import unmix
@@ -28,6 +29,17 @@ def test_both_surfaces_are_found_at_the_limbs_of_a_sphere_and_nothing_flies() ->
     assert (result.split, result.flying) == (0, 0)
     assert found.mixing_law is not None
     assert found.mixing_law.phasor_share == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "thing", [cylinder(150, 3600, 200), sphere((-100, 60, 2100), 120)], ids=["column far away", "sphere of 9 pixels"]
+)
+def test_things_of_eight_pixels_get_both_surfaces_and_nothing_flies(thing: Thing) -> None:
+    one = render([wall(5200), thing], [0.5, 0.7], noise_mm=20.0, frames=60, seed=3)
+    result = score(one, tm.estimate(one.recording).window(0))
+    assert result.both >= 0.9 * result.mixed
+    assert (result.split, result.flying) == (0, 0)
 
 
 @pytest.mark.slow
@@ -140,6 +152,13 @@ def test_poles_of_four_pixels_get_no_wrong_layer_and_most_mixed_pixels_both_surf
     assert result.both >= 0.8 * result.mixed
     assert result.ranges_within >= 0.9 * result.ranges
     assert (result.split, result.flying) == (0, 0)
+
+
+def test_surface_with_a_small_area_and_much_light_is_no_small_part() -> None:
+    bright, dark, open_behind = [0.02, 3.0, 0.0, 0.01, 0.0], [0.02, 0.01, 0.0, 3.0, 0.0], [0.99, 3.0, 0.0, 0.0, 0.0]
+    part = _lesser_part(np.array([bright, dark, open_behind]))
+    light = 0.02 * np.exp(3.0)
+    np.testing.assert_allclose(part, [light / (light + 0.98 * np.exp(0.01)), 0.02, 0.01])
 
 
 def test_probability_adds_up_where_planes_and_bent_surfaces_agree() -> None:

@@ -198,7 +198,7 @@ def _grown(
 ) -> tuple[IntArray, IntArray, Verdicts]:  # fmt: skip
     """Segments with the pixels that joined, and the verdicts on those beside bent ones that are in none."""
     judged = _Judged(image, view, settings.hypotheses.apart, space)
-    segment = segment.copy()
+    first, segment = segment, segment.copy()
     for number in range(settings.curved.rounds):
         area = image.valid & _beside(segment, bent, view.shape, REACH)
         candidates = _open_pixels(segment, area, view, settings.curved.beside)
@@ -214,16 +214,18 @@ def _grown(
         if not joined and number >= _RELEARNT:
             break
         if number == _LEAVING:
-            rim = np.flatnonzero(rim_of(segment >= 0, view.shape) & area)
-            for pixel in judged.judge(segment, scales, rim).tolist():
-                if judged.verdict[pixel][0] != Bent.ONE:
-                    segment[pixel] = -1
+            _leave(judged, segment, scales, np.flatnonzero(rim_of(segment >= 0, view.shape) & area))
         if number == _RELEARNT:
             curved = np.flatnonzero(bent)
             again = learn_scales(view, segment, curved, REACH)
             for old, new in zip(scales, again, strict=True):
                 old[curved] = new
+    # A pixel that joined when its surface was hardly known may not fit what is known now.
     area = image.valid & _beside(segment, bent, view.shape, REACH)
+    grown = (first < 0) & (segment >= 0) & rim_of(segment >= 0, view.shape) & area
+    if _leave(judged, segment, scales, np.flatnonzero(grown)):
+        area = image.valid & _beside(segment, bent, view.shape, REACH)
+        judged.judge(segment, scales, _open_pixels(segment, area, view, settings.curved.beside))
     pixels = np.array([pixel for pixel in np.flatnonzero(area & (segment < 0)).tolist() if pixel in judged.verdict])
     parts = zip(*(judged.verdict[pixel] for pixel in pixels.tolist()), strict=True)
     return (
@@ -231,6 +233,13 @@ def _grown(
         pixels.astype(np.int64),
         Verdicts(*(np.array(part) for part in parts)) if pixels.size else _nothing(),
     )
+
+
+def _leave(judged: _Judged, segment: IntArray, scales: Scales, pixels: IntArray) -> bool:
+    """Take the pixels that their own segment does not predict out of it; whether there are any."""
+    leaving = [p for p in judged.judge(segment, scales, pixels).tolist() if judged.verdict[p][0] != Bent.ONE]
+    segment[leaving] = -1
+    return bool(leaving)
 
 
 def _open_pixels(segment: IntArray, area: BoolArray, view: View, reach: int) -> IntArray:
@@ -268,9 +277,7 @@ def _merged(
     is_pair = np.isin(verdicts.kind, (Bent.LIMB, Bent.CUT))
     with_bent = is_pair & (bent[np.maximum(verdicts.pair, 0)] & (verdicts.pair >= 0)).any(axis=1)
     open_behind = is_pair & (verdicts.pair[:, 1] < 0)
-    share = verdicts.mean[:, 0]
-    with np.errstate(invalid="ignore"):
-        lesser = with_bent & (np.minimum(share, 1.0 - share) < settings.least_share)
+    lesser = with_bent & (_lesser_part(verdicts.mean) < settings.least_share)
     one = (verdicts.kind == Bent.ONE) & bent[np.maximum(verdicts.one, 0)]
     single = pixels[lesser | one]
     clear(single)
@@ -299,6 +306,18 @@ def _merged(
     clear(doubtful)
     out["kind"][doubtful], out["is_surface"][doubtful], out["probability"][doubtful] = int(Kind.NEW), False, 0.0
     return replace(labels, **out)
+
+
+def _lesser_part(mean: FloatArray) -> FloatArray:
+    """Part (n,) of the area or of the light, whichever is more, of the surface that has less; NaN without a pair.
+
+    A fiftieth of a pixel that sees a bright surface has a fifth of its light, and moves its range by as much.
+    """
+    share = mean[:, 0]
+    near, far = share * np.exp(mean[:, 1]), (1.0 - share) * np.exp(mean[:, 3]) * (mean[:, 3] != 0.0)
+    with np.errstate(invalid="ignore"):
+        light = near / (near + far)
+        return np.asarray(np.minimum(np.maximum(share, light), np.maximum(1.0 - share, 1.0 - light)))
 
 
 def _scatter(

@@ -196,7 +196,7 @@ def _meet(
                 below = beta * beta - 4.0 * alpha * gamma
                 root = math.sqrt(below) if below >= 0.0 else math.nan
                 t = 2.0 * gamma / (root - beta) if root != beta else math.nan
-                if not (t > 0.0 and gamma > 0.0):
+                if not t > 0.0:
                     range_mm[i, s, j], cosine[i, s, j] = math.nan, math.nan
                     continue
                 u, v, h = t * du - u0, t * dv - v0, t * dh - h0

@@ -15,7 +15,7 @@ REACH = 4
 _NOISE = 4.0  # standard errors of a second difference of range
 _LIGHT_NOISE = 6.0  # and of the logarithm of light
 _PITCHES, _LOOSE_PITCHES = 0.3, 0.8
-_LIGHT, _LOOSE_LIGHT = 0.06, 0.2
+_LIGHT, _LOOSE_LIGHT = 0.06, 0.32
 """Second differences that a bent surface has by itself: of range in widths of a pixel, of the logarithm of light."""
 _STEP, _LIGHT_STEP = 0.04, 0.35
 """Largest difference between neighbours of one surface: part of the range, and of the logarithm of light."""
@@ -25,8 +25,8 @@ _SEED_REACH = 2  # pixels
 def segments_of(view: View) -> IntArray:
     """Number (pixel,) of the segment of each pixel; -1 where it is of none.
 
-    Pixels whose range and light go on evenly in four directions are seeds; where none is near, less even ones. Seeds
-    beside each other are of one surface unless range or light steps between them.
+    Pixels whose range and light go on evenly in four directions are seeds; where they make no segment nearby, less even
+    ones. Seeds beside each other are of one surface unless range or light steps between them.
     """
     rows, cols = view.shape
     bent, error = _second_difference(view, view.range_mm, view.range_variance)
@@ -34,8 +34,13 @@ def segments_of(view: View) -> IntArray:
     width = view.range_mm * view.pitch
     even = (bent < _NOISE * error + _PITCHES * width) & (faded < _LIGHT_NOISE * light_error + _LIGHT)
     loose = (bent < _NOISE * error + _LOOSE_PITCHES * width) & (faded < _LIGHT_NOISE * light_error + _LOOSE_LIGHT)
-    even, loose = even & view.valid, loose & view.valid
-    seed = even | (loose & ~near(even.reshape(rows, cols), _SEED_REACH).ravel())
+    first = _linked(view, even & view.valid, error) >= 0
+    return _linked(view, first | (loose & view.valid & ~near(first.reshape(rows, cols), _SEED_REACH).ravel()), error)
+
+
+def _linked(view: View, seed: BoolArray, error: FloatArray) -> IntArray:
+    """Number (pixel,) of the segment of seeds beside each other, the largest first; -1 for seeds of too small ones."""
+    rows, cols = view.shape
     index = np.arange(rows * cols).reshape(rows, cols)
     ones, others = [], []
     for one, other in ((index[:, :-1], index[:, 1:]), (index[:-1], index[1:])):
