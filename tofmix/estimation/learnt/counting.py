@@ -47,6 +47,9 @@ LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN = 1.0e-3, 4.0
 """Rules of the counts that noise is learnt from: false alarms, and c_0's gain in nat, which noise alone gives it with a
 probability of 0.002."""
 
+INEXACT_GAIN = 1.0e-3
+"""Gain, nat, that no fit of a trial tells from 0. Where noise gains nothing, as on steps of ten sigma, it is needed."""
+
 
 class Rules(NamedTuple):
     """Rules for a surface: the requested false-alarm probability, and the most layers.
@@ -63,7 +66,7 @@ class Rules(NamedTuple):
 def _wanted_gain(n: float, k: int, fit: FloatArray, work: Workspace, thresholds: Thresholds, rules: Rules) -> float:
     """Threshold, nat, of a surface beside `k` others in `n` samples; `fit` has the share of background."""
     read_gains(n, fit[OWN, BACKGROUND], k == 0, thresholds, work.gains)
-    return least_gain(rules.false_alarm, work.gains)
+    return max(least_gain(rules.false_alarm, work.gains), INEXACT_GAIN)
 
 
 @borrowing
