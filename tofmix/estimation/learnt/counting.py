@@ -66,7 +66,8 @@ class Rules(NamedTuple):
 def _wanted_gain(n: float, k: int, fit: FloatArray, work: Workspace, thresholds: Thresholds, rules: Rules) -> float:
     """Threshold, nat, of a surface beside `k` others in `n` samples; `fit` has the share of background."""
     read_gains(n, fit[OWN, BACKGROUND], k == 0, thresholds, work.gains)
-    return max(least_gain(rules.false_alarm, work.gains), INEXACT_GAIN)
+    least = least_gain(rules.false_alarm, work.gains)
+    return max(least, INEXACT_GAIN) if k > 0 else least  # the first surface may be wanted for any gain
 
 
 @borrowing
