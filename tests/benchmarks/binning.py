@@ -2,7 +2,7 @@
 
 Usage: python tests/benchmarks/binning.py [--pixels 100] [--seed 74]
 
-Prints a Markdown table; docs/results/performance.md holds a copy. Asserts nothing;
+Prints a Markdown table; docs/results/performance.md has it in short. Asserts nothing;
 tests/estimation/test_samples.py does.
 
 Noise of an SR-3000 at 1.2 ms, samples that are no whole mm. Each pixel is fitted twice from its true surfaces, to the

@@ -2,7 +2,7 @@
 
 Usage: python tests/benchmarks/comet_tail.py [--pixels 12288] [--seeds 1 2 3 4 5] [--frames 100]
 
-Prints a Markdown table; docs/results/limits.md holds a copy. Asserts nothing.
+Prints a Markdown table; docs/results/limits.md has them in short. Asserts nothing.
 
 The scenes: the two built-in ones with their own camera, and one of random boards for each seed with another camera
 of about `--pixels` pixels. A layer is invented if it lies more than 3 sigma from every true surface of its pixel; in

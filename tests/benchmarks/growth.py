@@ -2,7 +2,7 @@
 
 Usage: python tests/benchmarks/growth.py [--folder docs/images] [--rounds 3] [--seed 75]
 
-Prints Markdown tables and draws performance_growth.png; docs/results/performance.md holds both. Time is processor time,
+Prints Markdown tables and draws performance_growth.png; docs/results/performance.md has both. Time is processor time,
 least of --rounds: a busy machine changes it by a few per cent only.
 
 The kernels alone: samples in memory, noise of an SR-3000 at 1.2 ms, surfaces of equal shares 8 sigma apart. The whole

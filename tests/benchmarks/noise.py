@@ -2,7 +2,7 @@
 
 Usage: python tests/benchmarks/noise.py [--seeds 21 22 23]
 
-Prints Markdown tables; docs/results/noise.md holds a copy. Asserts nothing.
+Prints Markdown tables; docs/results/noise.md has them in short. Asserts nothing.
 """
 
 import argparse

@@ -3,7 +3,7 @@
 Usage: python tests/benchmarks/power.py [grid|alarms|frames ...] [--pixels 5000] [--calibration 200000]
            [--one-surface 40000] [--workers 2]
 
-Prints Markdown tables; docs/results/limits.md holds a copy. Asserts nothing.
+Prints Markdown tables; docs/results/limits.md has them in short. Asserts nothing.
 
 The test fits one and two surfaces of known noise, with the p(c_r) term of equation (1), by EM from 14 starts a
 pixel. It shares no code with the package. Its threshold is the 99 % quantile of its gains on its own draws of one

@@ -13,7 +13,7 @@ turns at each job, every one in a process of its own:
 
 Prints CPU and wall-clock time, least and median of the rounds, and their ratios; then the CPU time of compiling each
 kernel that Python calls, on one processor, and of the imports of a later run. The layers must be the same arrays.
-With --check, ends with 1 where a ratio is above its bound. docs/results/performance.md holds a copy.
+With --check, ends with 1 where a ratio is above its bound. docs/results/performance.md has it in short.
 """
 
 import argparse
