@@ -197,12 +197,14 @@ def _over_widths(likelihood: FloatArray, spread: float) -> FloatArray:
 
 def _sigma_in_steps(likelihood: FloatArray) -> float:
     """Most likely sigma, in steps, of clusters (cluster, `SIGMAS`), of which some are of several surfaces."""
-    most = likelihood.max(axis=1, keepdims=True)
-    relative = np.exp(likelihood - most)
+    # In logarithms: with many samples, the likelihoods of most sigmas are less than any number of 64 bits.
     # A cluster of several surfaces is wider than sigma: any greater width is as likely.
-    wider = np.cumsum(relative[:, ::-1], axis=1)[:, ::-1] / np.arange(relative.shape[1], 0.0, -1.0)
-    part = SEVERAL[:, None, None]
-    total = np.log((1.0 - part) * relative + part * wider).sum(axis=1).max(axis=0)
+    wider = np.logaddexp.accumulate(likelihood[:, ::-1], axis=1)[:, ::-1]
+    wider -= np.log(np.arange(likelihood.shape[1], 0.0, -1.0))
+    with np.errstate(divide="ignore"):  # the log of no part
+        log_part = np.log(SEVERAL)[:, None, None]
+    log_rest = np.log1p(-SEVERAL)[:, None, None]
+    total = np.logaddexp(log_rest + likelihood, log_part + wider).sum(axis=1).max(axis=0)
     at = int(np.argmax(total))
     if not 0 < at < len(SIGMAS) - 1:
         return float(SIGMAS[at])
