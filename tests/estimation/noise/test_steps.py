@@ -59,13 +59,13 @@ def test_a_step_is_found_in_values_that_a_conversion_has_moved(jitter_mm: float)
 
 
 @pytest.mark.parametrize("step", [0.3, 1.0, 3.0])
-def test_a_step_by_range_is_within_2_percent_at_each_range(step: float) -> None:
+def test_a_step_by_range_is_within_a_thousandth_at_each_range(step: float) -> None:
     part = step * SIGMA_MM / 3000.0
     found = find_step(np.exp(part * np.rint(np.log(continuous(100)) / part)).astype(np.float32))
     assert found is not None
     assert found.own_mm is None
     ranges = np.array([1200.0, 2000.0, 3000.0, 5000.0, 5900.0])
-    np.testing.assert_allclose(found.at(ranges), part * ranges, rtol=0.02)
+    np.testing.assert_allclose(found.at(ranges), part * ranges, rtol=1e-3)
 
 
 @pytest.mark.parametrize("frames", [12, 100])

@@ -43,13 +43,18 @@ def take_samples(samples: Float32Array, value: FloatArray, time: FloatArray) -> 
 def fill_cells(data: Samples, beam: Beam, scratch: FloatArray) -> None:
     """Fill row RANDOM with the density of background at each sample, 1/mm, and row CELL with half its step, mm.
 
-    `cells` reads row CELL where the beam has steps.
+    Where the beam has steps, each value moves to the middle of its step, and `cells` reads row CELL. A step that grows
+    with range reaches farther beyond the stored value than before it: the ends of the step are half a step away, each
+    by the step on its own side. A value that has moved must not be given again.
     """
     for j in range(len(data.value)):
         scratch[RANDOM, j] = background_at(data.value[j], beam)
     if has_steps(beam):
         for j in range(len(data.value)):
-            scratch[CELL, j] = 0.5 * step_at(data.value[j], beam)
+            step = step_at(data.value[j], beam)
+            below, above = step_at(data.value[j] - 0.25 * step, beam), step_at(data.value[j] + 0.25 * step, beam)
+            data.value[j] += 0.25 * (above - below)
+            scratch[CELL, j] = 0.25 * (above + below)
 
 
 @borrowing

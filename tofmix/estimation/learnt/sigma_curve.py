@@ -38,8 +38,15 @@ _DIFFERENT_FACTOR = 1.1
 _CONVERGED = 0.01
 """Change of log sigma that ends the rounds: samples determine sigma less exactly."""
 
-SEVERAL = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5])
+SEVERAL = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
 """Parts of the clusters that may be of several surfaces, where sigma is the most likely one; the likeliest is taken."""
+
+_WINDOW, _PLACES, _MOST_WINDOWS = 0.2, 81, 20
+"""Half the interval of log sigma in which sigma is sought between `SIGMAS`, the places in it, and the most intervals.
+Places lie 0.005 apart: 10^4 samples tell the width of a cluster to 0.007."""
+
+_WIDTHS = 41
+"""Widths over which a likelihood is averaged: a fifth of their spread apart, up to four spreads."""
 
 COARSE_SIGMAS = 0.5
 """Step, in sigmas, from which sigma is the most likely one of all clusters. `SIGMAS` reach to twice the sigma there."""
@@ -168,10 +175,19 @@ class _Coarse(NamedTuple):
 
     def in_steps_of(self, log_step: float, some: IntArray) -> FloatArray:
         """Log likelihood (n, `SIGMAS`) of some clusters, where sigma is in steps of a log, mm, that all share."""
-        log_sigma = np.log(SIGMAS)
         shift = log_step - self.log_step[some]
-        return np.array([np.interp(log_sigma + by, log_sigma, self.likelihood[k])
-                         for k, by in zip(some, shift, strict=True)])  # fmt: skip
+        if not shift.any():
+            return self.likelihood[some]
+        return np.array([_moved(self.likelihood[k], by) for k, by in zip(some, shift, strict=True)])
+
+
+def _moved(likelihood: FloatArray, by: float) -> FloatArray:
+    """Log likelihoods (..., `SIGMAS`) at log sigmas greater by a number; constant past the ends."""
+    from scipy.interpolate import CubicSpline
+
+    log_sigma = np.log(SIGMAS)
+    place = np.clip(log_sigma + by, log_sigma[0], log_sigma[-1])
+    return np.asarray(CubicSpline(log_sigma, likelihood, axis=-1)(place))
 
 
 def _coarse(fold: Fold, noise: PixelNoise, clusters: Clusters, fits: ClusterFits) -> _Coarse | None:
@@ -187,28 +203,58 @@ def _coarse(fold: Fold, noise: PixelNoise, clusters: Clusters, fits: ClusterFits
 
 def _over_widths(likelihood: FloatArray, spread: float) -> FloatArray:
     """Log of the mean likelihood (cluster, `SIGMAS`) over the widths of pixels."""
-    log_sigma = np.log(SIGMAS)
-    node, weight = np.polynomial.hermite_e.hermegauss(7)
-    shifted = np.array([[np.interp(log_sigma + spread * x, log_sigma, row) for row in likelihood] for x in node])
-    most = shifted.max(axis=0)
-    mean = np.tensordot(weight / weight.sum(), np.exp(shifted - most), axes=1)
-    return np.asarray(most + np.log(mean))
+    node = np.linspace(-4.0, 4.0, _WIDTHS)
+    log_weight = -0.5 * node**2 - np.log(np.exp(-0.5 * node**2).sum())
+    out = np.full_like(likelihood, -np.inf)
+    for x, weight in zip(node, log_weight, strict=True):
+        np.logaddexp(out, weight + _moved(likelihood, spread * x), out=out)
+    return out
 
 
 def _sigma_in_steps(likelihood: FloatArray) -> float:
-    """Most likely sigma, in steps, of clusters (cluster, `SIGMAS`), of which some are of several surfaces."""
-    most = likelihood.max(axis=1, keepdims=True)
-    relative = np.exp(likelihood - most)
-    # A cluster of several surfaces is wider than sigma: any greater width is as likely.
-    wider = np.cumsum(relative[:, ::-1], axis=1)[:, ::-1] / np.arange(relative.shape[1], 0.0, -1.0)
-    part = SEVERAL[:, None, None]
-    total = np.log((1.0 - part) * relative + part * wider).sum(axis=1).max(axis=0)
-    at = int(np.argmax(total))
-    if not 0 < at < len(SIGMAS) - 1:
-        return float(SIGMAS[at])
-    below, here, above = total[at - 1 : at + 2]
-    offset = 0.5 * (below - above) / (below - 2.0 * here + above)
-    return float(SIGMAS[at] * math.exp(offset * math.log(SIGMAS[1] / SIGMAS[0])))
+    """Most likely sigma, in steps, of clusters (cluster, `SIGMAS`), of which some are of several surfaces.
+
+    A cluster of several surfaces is wider than sigma: any greater width is as likely. What many samples tell of one
+    cluster's width is finer than `SIGMAS`; so sigma is sought between them.
+    """
+    from scipy.interpolate import CubicSpline
+
+    log_sigma = np.log(SIGMAS)
+    spline = CubicSpline(log_sigma, likelihood, axis=1)
+    first, last = log_sigma[0] + _WINDOW, log_sigma[-1] - _WINDOW
+    best = log_sigma[int(np.argmax(_total(likelihood, log_sigma)))]
+    for _ in range(_MOST_WINDOWS):
+        middle = min(max(best, first), last)
+        fine = middle + _WINDOW * np.linspace(-1.0, 1.0, _PLACES)
+        total = _total(spline(fine), fine, likelihood[:, log_sigma > fine[-1]])
+        at = int(np.argmax(total))
+        best = fine[at]
+        if 0 < at < _PLACES - 1:
+            below, here, above = total[at - 1 : at + 2]
+            best += 0.5 * (below - above) / (below - 2.0 * here + above) * (fine[1] - fine[0])
+            break
+        if min(max(best, first), last) == middle:
+            break  # an end of `SIGMAS`
+    return math.exp(best)
+
+
+def _total(likelihood: FloatArray, log_sigma: FloatArray, beyond: FloatArray | None = None) -> FloatArray:
+    """Log likelihood of all clusters together at each log sigma, with the likeliest part that is of several surfaces.
+
+    `beyond` (cluster, n) are likelihoods at greater sigmas, at the distances of `SIGMAS`.
+    """
+    spacing = log_sigma[1] - log_sigma[0]
+    wider = np.logaddexp.accumulate(likelihood[:, ::-1], axis=1)[:, ::-1] + math.log(spacing)
+    length = log_sigma[-1] - log_sigma + spacing
+    if beyond is not None and beyond.shape[1]:
+        apart = math.log(SIGMAS[1] / SIGMAS[0])
+        wider = np.logaddexp(wider, np.logaddexp.reduce(beyond, axis=1)[:, None] + math.log(apart))
+        length = length + apart * beyond.shape[1]
+    wider -= np.log(length)
+    out = likelihood.sum(axis=0)  # no part is of several surfaces
+    for part in SEVERAL:
+        out = np.maximum(out, np.logaddexp(math.log1p(-part) + likelihood, math.log(part) + wider).sum(axis=0))
+    return np.asarray(out)
 
 
 def _curve_through(

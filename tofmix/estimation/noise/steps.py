@@ -10,6 +10,7 @@ Rounding in a conversion leaves values that differ by a small part of the step. 
 one level; how close is tried, the smallest distance first.
 """
 
+import itertools
 import math
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -76,13 +77,14 @@ OCTAVES_ALIKE = 0.95
 
 
 class _Distances(NamedTuple):
-    """Distances, mm, of neighbouring levels.
+    """Distances (n,), mm, of neighbouring levels, and the ranges (n,), mm, in the middle between these.
 
     `group` (n,) numbers the group of levels of each, and `pixel` (group,), `range_mm` (group,), mm, are the pixel of a
     group and the range of its smallest distance.
     """
 
     distance: FloatArray
+    place: FloatArray
     group: IntArray
     pixel: IntArray
     range_mm: FloatArray
@@ -119,7 +121,7 @@ def _own_steps(samples: Float32Array, typical_mm: float) -> FloatArray:
     first = _first_of_levels(pixel, value, (fine or TOLERANCES)[-1] * resolution)
     found = _distances(pixel[first], _levels(value, first))
     if found is not None:
-        step = _refined(found, _smallest(found))
+        step, _ = _refined(found, _smallest(found))
         _fill_pixels(found, step, _of_one_size(step, typical_mm), out)
     return out
 
@@ -172,11 +174,11 @@ def _step_at(pixel: IntArray, value: FloatArray, tolerance: FloatArray, pixels: 
     if found is None:
         return None
     smallest = _smallest(found)
-    refined = _refined(found, smallest)
+    refined, middle = _refined(found, smallest)
     widest = np.interp(found.range_mm, *_limits(value, tolerance))
     if np.median(refined) * LARGEST_TOLERANCE < np.median(widest):
         return None
-    return _chosen(found, refined, pixels, repeated=1.0 - len(first) / len(value))
+    return _chosen(found, refined, middle, pixels, repeated=1.0 - len(first) / len(value))
 
 
 def _first_of_levels(pixel: IntArray, value: FloatArray, tolerance: FloatArray) -> IntArray:
@@ -223,7 +225,7 @@ def _distances(pixel: IntArray, level: FloatArray) -> _Distances | None:
     group = np.cumsum(np.concatenate([[0], (owner[1:] != owner[:-1]) | ~kept[1:]]))
     _, number = np.unique(group[kept], return_inverse=True)
     smallest = np.lexsort((distance[kept], number))[np.searchsorted(number, np.arange(number[-1] + 1))]
-    return _Distances(distance[kept], number, owner[kept][smallest], place[kept][smallest])
+    return _Distances(distance[kept], place[kept], number, owner[kept][smallest], place[kept][smallest])
 
 
 def _smallest(found: _Distances) -> FloatArray:
@@ -240,19 +242,30 @@ def _multiples(found: _Distances, step: FloatArray) -> tuple[FloatArray, FloatAr
     return ratio, whole, ratio < MOST_MULTIPLE + 0.5
 
 
-def _refined(found: _Distances, smallest: FloatArray) -> FloatArray:
-    """Step of each group by all its distances near a whole multiple: least squares."""
+def _refined(found: _Distances, smallest: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Step of each group by all its distances near a whole multiple: least squares; and the range at which it is.
+
+    Distances w_j s(r_j) of a step s that is linear in range give s at the mean of r_j with the weights w_j^2.
+    """
     ratio, whole, used = _multiples(found, smallest)
     used &= np.abs(ratio - whole) <= NEAR
+    group, whole = found.group[used], whole[used]
     count = len(found.pixel)
-    above = np.bincount(found.group[used], (found.distance * whole)[used], count)
-    return np.asarray(above / np.bincount(found.group[used], (whole * whole)[used], count))
+    weight = np.bincount(group, whole * whole, count)
+    step = np.bincount(group, found.distance[used] * whole, count) / weight
+    return step, np.bincount(group, found.place[used] * whole * whole, count) / weight
 
 
-def _chosen(found: _Distances, step: FloatArray, pixels: int, *, repeated: float) -> RangeStep | None:
-    """The simplest form that predicts the steps of the groups (group,)."""
-    for range_mm, by_range in (*_by_octave(found, step), *_by_range(found, step)):
-        predicted = np.interp(found.range_mm, range_mm, by_range)
+def _chosen(
+    found: _Distances, step: FloatArray, middle_mm: FloatArray, pixels: int, *, repeated: float
+) -> RangeStep | None:
+    """The simplest form that predicts the steps of the groups (group,) at their ranges, mm."""
+    forms = itertools.chain(
+        ((found.range_mm, form) for form in _by_octave(found, step)),
+        ((middle_mm, form) for form in _by_range(middle_mm, step)),
+    )
+    for at_mm, (range_mm, by_range) in forms:
+        predicted = np.interp(at_mm, range_mm, by_range)
         ratio = step / predicted
         multiple = np.maximum(np.rint(ratio), 1.0)  # few samples may show no two neighbouring values
         alike = np.abs(ratio / multiple - 1.0) <= ALIKE
@@ -300,27 +313,27 @@ _BELOW = 1.0e-9
 """Part of a range by which a range counts as below it."""
 
 
-def _by_range(found: _Distances, step: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Steps by range to try, ranges and steps, mm: one number; then those of pixels of about one range.
+def _by_range(group_mm: FloatArray, step: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Steps by range to try, ranges and steps, mm: one number; then those of groups (group,) of about one range, mm.
 
     In sparse samples, most groups show multiples of the step only; so a low quantile is tried after the median.
     """
     for part in (0.5, LOW):
-        yield np.array([np.median(found.range_mm)]), np.array([np.quantile(step, part, method="lower")])
+        yield np.array([np.median(group_mm)]), np.array([np.quantile(step, part, method="lower")])
     points = min(RANGES, len(step) // LEAST_AT_RANGE)
     if points > 1:
-        order = np.argsort(found.range_mm, kind="stable")
+        order = np.argsort(group_mm, kind="stable")
         parts = np.array_split(order, points)
-        at = np.array([np.median(found.range_mm[some]) for some in parts])
+        at = np.array([np.median(group_mm[some]) for some in parts])
         at, where = np.unique(at, return_index=True)
-        yield _to_the_ends(found, at, np.array([np.median(step[some]) for some in parts])[where])
+        yield _to_the_ends(group_mm, at, np.array([np.median(step[some]) for some in parts])[where])
 
 
-def _to_the_ends(found: _Distances, at: FloatArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _to_the_ends(group_mm: FloatArray, at: FloatArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Continue a step by range to the nearest and farthest group: cells that are too narrow leave gaps between them."""
     if len(at) == 1:
         return at, step
-    ends = np.array([found.range_mm.min(), found.range_mm.max()])
+    ends = np.array([group_mm.min(), group_mm.max()])
     slope = np.array([(step[1] - step[0]) / (at[1] - at[0]), (step[-1] - step[-2]) / (at[-1] - at[-2])])
     first, last = np.maximum(step[[0, -1]] + slope * (ends - at[[0, -1]]), 0.5 * step[[0, -1]])
     return np.concatenate([ends[:1], at, ends[1:]]), np.concatenate([[first], step, [last]])
