@@ -1,7 +1,7 @@
 """sigma(r) from pixels: first curves to start from, and a curve measured anew under a noise model."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -178,16 +178,16 @@ class _Coarse(NamedTuple):
         shift = log_step - self.log_step[some]
         if not shift.any():
             return self.likelihood[some]
-        return np.array([_moved(self.likelihood[k], by) for k, by in zip(some, shift, strict=True)])
+        return np.array([_between(self.likelihood[k])(by) for k, by in zip(some, shift, strict=True)])
 
 
-def _moved(likelihood: FloatArray, by: float) -> FloatArray:
-    """Log likelihoods (..., `SIGMAS`) at log sigmas greater by a number; constant past the ends."""
+def _between(likelihood: FloatArray) -> Callable[[float], FloatArray]:
+    """Function that gives log likelihoods (..., `SIGMAS`) at log sigmas greater by a number; constant past the ends."""
     from scipy.interpolate import CubicSpline
 
     log_sigma = np.log(SIGMAS)
-    place = np.clip(log_sigma + by, log_sigma[0], log_sigma[-1])
-    return np.asarray(CubicSpline(log_sigma, likelihood, axis=-1)(place))
+    spline = CubicSpline(log_sigma, likelihood, axis=-1)
+    return lambda by: np.asarray(spline(np.clip(log_sigma + by, log_sigma[0], log_sigma[-1])))
 
 
 def _coarse(fold: Fold, noise: PixelNoise, clusters: Clusters, fits: ClusterFits) -> _Coarse | None:
@@ -205,9 +205,9 @@ def _over_widths(likelihood: FloatArray, spread: float) -> FloatArray:
     """Log of the mean likelihood (cluster, `SIGMAS`) over the widths of pixels."""
     node = np.linspace(-4.0, 4.0, _WIDTHS)
     log_weight = -0.5 * node**2 - np.log(np.exp(-0.5 * node**2).sum())
-    out = np.full_like(likelihood, -np.inf)
+    between, out = _between(likelihood), np.full_like(likelihood, -np.inf)
     for x, weight in zip(node, log_weight, strict=True):
-        np.logaddexp(out, weight + _moved(likelihood, spread * x), out=out)
+        np.logaddexp(out, weight + between(spread * x), out=out)
     return out
 
 
