@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tofmix.api.doubts import PythonReporter
 from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.choices import DepthAxis, Units
 from tofmix.errors import BadInputError, DoubtWarning
-from tofmix.recording import ArrayRecording, SampleSource
+from tofmix.recording import ArrayRecording, CameraSource
 from tofmix.sensor import NoiseCurve, Sensor
 
 if TYPE_CHECKING:
@@ -133,7 +134,7 @@ class Recording:
         )  # fmt: skip
 
     @contextmanager
-    def opened(self) -> Iterator[SampleSource]:
+    def opened(self) -> Iterator[CameraSource]:
         """Open the samples for reading in blocks, with this recording's camera.
 
         Raises
@@ -147,8 +148,7 @@ class Recording:
         from tofmix.io.recording.recording_file import open_recording
 
         with open_recording(self._source) as file:
-            file.sensor = self._sensor
-            yield file
+            yield file.with_sensor(self._sensor)
 
     @property
     def range_mm(self) -> Float32Array:
@@ -247,17 +247,13 @@ def opened_recording(path: Path) -> Recording:
     """
     from tofmix.io.file_kind import format_of
     from tofmix.io.layers.layers_file import FORMAT
-    from tofmix.io.recording.range_check import check_whole_numbers
-    from tofmix.io.recording.recording_file import open_recording
+    from tofmix.jobs import recordings
 
     if format_of(path) == FORMAT:
         raise BadInputError(f"{path}: a layers file, not a recording; tofmix.open reads it as it is")
-    with open_recording(path) as source:
-        for remark in (*source.remarks, *check_whole_numbers(source)):
-            warnings.warn(remark, DoubtWarning, stacklevel=3)
-        averaged = source.attributes().get("averaged", 0) not in (0, "0", "")
+    with recordings.opened_recording(path, PythonReporter()) as source:
         shape = source.frames, *source.shape[1:]
-        return Recording(path, source.sensor, shape=shape, targets=source.targets, averaged=averaged)
+        return Recording(path, source.sensor, shape=shape, targets=source.targets, averaged=source.averaged)
 
 
 def from_array(

@@ -60,7 +60,7 @@ def simulate(
     stored = np.concatenate([block.range_mm for block in blocks])
     samples = ArrayRecording(
         np.where(stored > 0, stored, np.float32(np.nan)), sensor,
-        np.concatenate([block.amplitude for block in blocks]),
+        np.concatenate([block.amplitude for block in blocks]), averaged=averaged,
     )  # fmt: skip
     return Recording(
         samples, sensor, shape=samples.shape, time_s=np.concatenate([block.time_s for block in blocks]), truth=truth,

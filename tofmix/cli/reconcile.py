@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tofmix.cli.options import FILE, PATH, examples, json_option, note, overwrite_option
+from tofmix.cli.options import PATH, examples, json_option, note, overwrite_option
 from tofmix.cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -176,13 +176,14 @@ def _read_all(files: "Files") -> list[tuple["Model", "Evidence"]]:
 def _read(scene: "Model", measured: Path) -> "Evidence":
     import numpy as np
 
-    from tofmix.cli.recording_check import opened_recording
+    from tofmix.cli.reporter import CommandReporter
     from tofmix.errors import BadInputError
     from tofmix.io.next_command import import_command
+    from tofmix.jobs.recordings import opened_recording
     from tofmix.reconciliation.evidence import make_evidence
 
     every = slice(0, None)
-    with opened_recording(measured) as file:
+    with opened_recording(measured, CommandReporter()) as file:
         if file.targets:
             raise BadInputError(
                 f"{measured}: range: {file.targets} targets a pixel and frame; reconcile compares one sample a frame."
@@ -268,18 +269,12 @@ def _tried_noise(recordings: "Recordings", measured: Path) -> "Recordings | None
 
 
 def _learnt_sensor(measured: Path) -> "Sensor":
-    from tofmix.cli.estimate.noise import sensor_for
-    from tofmix.cli.options import AUTO
-    from tofmix.estimation.blocks.sample_span import sensor_with_span
-    from tofmix.estimation.noise_choice import NoiseRequest
-    from tofmix.estimation.settings import EstimateOptions
+    from tofmix.cli.reporter import CommandReporter
     from tofmix.io.recording.recording_file import open_recording
+    from tofmix.jobs.estimate import learnt_sensor
 
     with open_recording(measured) as source:
-        frames = source.shape[0]
-        source.sensor = sensor_with_span(source, None)
-        request = NoiseRequest(noise=AUTO, outliers=FILE, asked=True, window_frames=frames, stride_frames=frames)
-        return sensor_for(source, EstimateOptions(), request).sensor
+        return learnt_sensor(source, CommandReporter())
 
 
 def _say_other_optics(measured: Path, file: "RecordingFile", scene: "Model") -> None:

@@ -17,7 +17,6 @@ from tofmix.cli.options import (
     suspect_option,
 )
 from tofmix.cli.progress import Progress
-from tofmix.cli.recording_check import check_view
 from tofmix.errors import BadInputError
 from tofmix.wording import counted
 
@@ -69,6 +68,7 @@ def surfaces(
     from tofmix.io.layers.layers_file import open_layers
     from tofmix.io.recording.recording_file import file_sha256
     from tofmix.io.surfaces.surfaces_writer import SurfacesWriter
+    from tofmix.jobs.recordings import check_view
     from tofmix.surfaces.found import SurfacesProvenance
     from tofmix.version import __version__
 

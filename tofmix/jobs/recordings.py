@@ -1,55 +1,42 @@
-"""Open recordings, and check that one matches a layers file; shared by the commands that read recordings."""
+"""Recordings and layers files that a job reads: opened with their doubts said, and held against each other."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-import click
-
-from tofmix.cli.options import AUTO
-
-if TYPE_CHECKING:
-    from tofmix.io.layers.layers_file import LayersFile
-    from tofmix.io.recording.recording_file import RecordingFile
-    from tofmix.report.summary.findings import Finding, Remedy
-    from tofmix.sensor import Sensor
-
+from tofmix.errors import BadInputError
+from tofmix.estimation.noise.consistency import check_consistency
+from tofmix.estimation.noise_choice import AUTO
+from tofmix.independent_samples import independent_samples
+from tofmix.io.layers.layers_file import LayersFile
+from tofmix.io.next_command import next_command
+from tofmix.io.recording.range_check import check_whole_numbers
+from tofmix.io.recording.recording_file import RecordingFile, file_sha256, open_recording
+from tofmix.jobs.reporter import Reporter
+from tofmix.recording import SampleSource
+from tofmix.report.summary.findings import Finding, Remedy, sample_findings
+from tofmix.sensor import Sensor
 
 _VIEW_REMEDY = "import the recording with --fov HxV or --intrinsics, and estimate again"
 
 
-def echo(text: str) -> None:
-    """Print a line on stderr."""
-    click.echo(f"tofmix: {text}", err=True)
-
-
 @contextmanager
-def opened_recording(path: Path, *, say: Callable[[str], object] = echo) -> Iterator["RecordingFile"]:
-    """Open a recording, and print the doubts about it.
+def opened_recording(path: Path, reporter: Reporter) -> Iterator[RecordingFile]:
+    """Open a recording, and say the doubts about it.
 
     Raises
     ------
     BadInputError
         As `tofmix.io.recording.recording_file.open_recording`.
     """
-    from tofmix.io.recording.range_check import check_whole_numbers
-    from tofmix.io.recording.recording_file import open_recording
-
     with open_recording(path) as recording:
         for line in (*recording.remarks, *check_whole_numbers(recording)):
-            say(line)
+            reporter.warn(line)
         yield recording
 
 
-def findings_of_samples(
-    source: "RecordingFile", sensor: "Sensor", circle_mm: float | None, remedy: "Remedy"
-) -> list["Finding"]:
+def findings_of_samples(source: SampleSource, sensor: Sensor, circle_mm: float | None, remedy: Remedy) -> list[Finding]:
     """Doubts from some of the samples: scatter off the noise curve of `sensor`, and drift within a window."""
-    from tofmix.estimation.noise.consistency import check_consistency
-    from tofmix.independent_samples import independent_samples
-    from tofmix.report.summary.findings import sample_findings
-
     seen = check_consistency(
         independent_samples(source, for_noise=True), sensor.noise, step=sensor.step, window_frames=remedy.window_frames,
         unambiguous_range_mm=circle_mm, follows_drift=sensor.follows_drift,
@@ -59,7 +46,7 @@ def findings_of_samples(
     return sample_findings(scatter_over_curve=scatter, drift_sigmas=seen.drift_sigmas, remedy=remedy)
 
 
-def check_view(file: "LayersFile", *, own_remedy: str = "") -> None:
+def check_view(file: LayersFile, *, own_remedy: str = "") -> None:
     """Refuse a layers file without the directions of its pixels, with the remedies: the command's own comes first.
 
     Raises
@@ -67,8 +54,6 @@ def check_view(file: "LayersFile", *, own_remedy: str = "") -> None:
     BadInputError
         If it has no field of view and no pinhole, or one that its image cannot have.
     """
-    from tofmix.errors import BadInputError
-
     try:
         optics = file.provenance.sensor.optics
         if optics is not None:
@@ -79,7 +64,7 @@ def check_view(file: "LayersFile", *, own_remedy: str = "") -> None:
         raise BadInputError(f"{file.path}: the directions of its pixels are not known; {own_remedy}{_VIEW_REMEDY}")
 
 
-def check_recording(file: "LayersFile", source: "RecordingFile") -> None:
+def check_recording(file: LayersFile, source: RecordingFile) -> None:
     """Refuse a recording that the layers were not made from: its samples would be shown as those of the layers.
 
     Raises
@@ -87,10 +72,6 @@ def check_recording(file: "LayersFile", source: "RecordingFile") -> None:
     BadInputError
         If its image, its frames or its checksum are not those of the layers' recording.
     """
-    from tofmix.errors import BadInputError
-    from tofmix.io.next_command import next_command
-    from tofmix.io.recording.recording_file import file_sha256
-
     if source.shape[1:] != file.shape[1:] or source.frames < int(file.window_stop[-1]):
         raise BadInputError(
             f"{source.path}: range: shape {source.shape} does not match {file.path}, which has"
