@@ -361,7 +361,7 @@ def test_reconcile_of_a_model_with_its_own_simulation_agrees() -> None:
     small = Path(__file__).parent.parent.parent / "sample_data" / "three_boards_model.toml"
     measured = tm.simulate(small, frames=60, seed=4)
     assert tm.reconcile(small, measured, effects=("range_offset",)).verified.verdict == "agree"
-    with pytest.raises(ValueError, match="effects: 'wobble' is not one of"):
+    with pytest.raises(ValueError, match='effects: "wobble" is not an effect'):
         tm.reconcile(small, measured, effects=("wobble",))
 
 

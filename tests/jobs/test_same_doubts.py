@@ -6,6 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import h5py
+import numpy as np
 import pytest
 from support.commandline import exit_code, signals_kept
 from support.files import boards, write_recording
@@ -13,105 +15,155 @@ from support.files import boards, write_recording
 import tofmix as tm
 from tofmix.errors import TofmixError
 
-_NO_CURVE: dict[str, Any] = {}
-_WIDE = {"noise_range": [500.0, 5000.0], "noise_sigma": [150.0, 150.0]}
+WIDE = {"noise_range": [500.0, 5000.0], "noise_sigma": [150.0, 150.0]}
+WALL = """\
+[sensor]
+profile = "sr4000"
+rows = 12
+cols = 16
+[recording]
+frames = 40
+[[surface]]
+name = "wall"
+center_mm = [0.0, 0.0, 3000.0]
+size_mm = [9000.0, 9000.0]
+"""
 
 
 class Doubtful(NamedTuple):
-    """What makes a recording, options of the command, parameters of the function, and words of the doubt."""
+    """The inputs of a job, options of its command, parameters of its function, and words of the doubt."""
 
-    make: Callable[[Path], Path]
-    options: tuple[str, ...]
-    parameters: dict[str, Any]
+    job: str
+    make: Callable[[Path], tuple[Path, ...]]
+    options: dict[str, Any]
     said: str
 
 
-def _plain(path: Path, **changes: Any) -> Path:  # noqa: ANN401  what `write_recording` takes
-    return write_recording(path, changes.pop("samples", boards(30)), **changes)
+def _recording(**changes: Any) -> Callable[[Path], tuple[Path]]:  # noqa: ANN401  what `write_recording` takes
+    samples = changes.pop("samples", boards(30))
+    return lambda folder: (write_recording(folder / "a.h5", samples, **changes),)
 
 
-def _averaged(path: Path) -> Path:
-    return tm.simulate("near-far", frames=3, averaged=True).save(path)
+def _averaged(folder: Path) -> tuple[Path]:
+    return (tm.simulate("near-far", frames=3, averaged=True).save(folder / "a.h5"),)
 
 
-def _zeros(path: Path) -> Path:
+def _zeros() -> Callable[[Path], tuple[Path]]:
     samples = boards(40, dtype="f4")
     samples[::4] = 0.0
-    return _plain(path, samples=samples, units="mm")
+    return _recording(samples=samples, units="mm")
 
 
-ESTIMATES = {
+def _modelled(
+    model: str = WALL, change: Callable[[h5py.File], object] = lambda _: None
+) -> Callable[[Path], tuple[Path, Path]]:
+    """A model and a recording of the wall, the file of which is changed."""
+
+    def make(folder: Path) -> tuple[Path, Path]:
+        paths = folder / "model.toml", folder / "a.h5"
+        paths[0].write_text(WALL)
+        tm.simulate(paths[0]).save(paths[1])
+        paths[0].write_text(model)
+        with h5py.File(paths[1], "r+") as root:
+            change(root)
+        return paths
+
+    return make
+
+
+def _slower(root: h5py.File) -> None:
+    root["time"][...] *= 2.5
+
+
+def _other_camera(root: h5py.File) -> None:
+    root["sensor"].attrs["integration_time_ms"] = 7.5
+
+
+def _all_invalid(root: h5py.File) -> None:
+    root["range"][...] = np.nan
+
+
+OFFSET = {"effects": "range_offset", "max_effects": 0}
+DOUBTS = {
     "samples beside the curve": Doubtful(
-        lambda p: _plain(p, samples=boards(60, rows=12, cols=24), noise=_WIDE), ("--noise", "file"), {"noise": "file"}, "Samples scatter"
+        "estimate", _recording(samples=boards(60, rows=12, cols=24), noise=WIDE), {"noise": "file"}, "Samples scatter"
     ),
-    "zeros": Doubtful(_zeros, (), {}, "exactly 0"),
-    "frames left out": Doubtful(_plain, ("--window", "20"), {"window": 20}, "10 frames after the last whole window"),
-    "no integration time": Doubtful(_plain, ("--noise", "sr3000"), {"noise": "sr3000"}, "taken at its default"),
-}  # fmt: skip
-REFUSED = {
-    "averaged": Doubtful(_averaged, (), {}, "marked as averaged"),
-    "phasors without amplitudes": Doubtful(_plain, ("--mixing", "phasor"), {"mixing": "phasor"}, "no amplitudes"),
+    "zeros": Doubtful("estimate", _zeros(), {}, "exactly 0"),
+    "frames left out": Doubtful("estimate", _recording(), {"window": 20}, "10 frames after the last whole window"),
+    "no integration time": Doubtful("estimate", _recording(), {"noise": "sr3000"}, "taken at its default"),
+    "other frame rate": Doubtful("reconcile", _modelled(change=_slower), OFFSET, "the model has frame_rate_hz 25"),
+    "other integration time": Doubtful("reconcile", _modelled(change=_other_camera), OFFSET, "integration_time_ms is"),
+    "pattern without a map": Doubtful(
+        "reconcile", _modelled(WALL + '[[effect]]\nkind = "fixed_pattern"\npixel_sigma_mm = 1.0\n'), OFFSET, "no map"
+    ),
+}
+REFUSALS = {
+    "averaged": Doubtful("estimate", _averaged, {}, "marked as averaged"),
+    "phasors without amplitudes": Doubtful("estimate", _recording(), {"mixing": "phasor"}, "no amplitudes"),
     "no lock-in camera": Doubtful(
-        lambda p: _plain(p, attributes={"measurement": "pulses"}), ("--mixing", "phasor"), {"mixing": "phasor"},
-        "no lock-in camera",
+        "estimate", _recording(attributes={"measurement": "pulses"}), {"mixing": "phasor"}, "no lock-in camera"
     ),
-    "no curve": Doubtful(
-        lambda p: _plain(p, noise=_NO_CURVE), ("--noise", "file"), {"noise": "file"}, "no noise curve"
-    ),
-    "few frames": Doubtful(
-        lambda p: _plain(p, samples=boards(4)), ("--noise", "auto"), {"noise": "auto"}, "at least 10"
-    ),
-    "stride without window": Doubtful(_plain, ("--stride", "5"), {"stride": 5}, "needs"),
-    "outliers above 1": Doubtful(_plain, ("--outliers", "1.5"), {"outliers": 1.5}, "probability in [0, 1)"),
-    "window too long": Doubtful(_plain, ("--window", "50"), {"window": 50}, "longer than the recording's 30"),
-    "unknown camera": Doubtful(_plain, ("--noise", "sr9"), {"noise": "sr9"}, "unknown profile 'sr9'"),
-    "camera of unknown noise": Doubtful(
-        _plain, ("--noise", "tmf8829"), {"noise": "tmf8829"}, "is not known; auto measures it"
-    ),
-}  # fmt: skip
+    "no curve": Doubtful("estimate", _recording(noise={}), {"noise": "file"}, "no noise curve"),
+    "few frames": Doubtful("estimate", _recording(samples=boards(4)), {"noise": "auto"}, "at least"),
+    "stride without window": Doubtful("estimate", _recording(), {"stride": 5}, "needs"),
+    "outliers above 1": Doubtful("estimate", _recording(), {"outliers": 1.5}, "probability in [0, 1)"),
+    "window too long": Doubtful("estimate", _recording(), {"window": 50}, "longer than the recording's 30"),
+    "unknown camera": Doubtful("estimate", _recording(), {"noise": "sr9"}, "unknown profile 'sr9'"),
+    "camera of unknown noise": Doubtful("estimate", _recording(), {"noise": "tmf8829"}, "is not known; auto"),
+    "no surface": Doubtful("reconcile", _modelled(WALL[: WALL.index("[[surface]]")]), OFFSET, "has no surface"),
+    "other image": Doubtful("reconcile", _modelled(WALL.replace("rows = 12", "rows = 13")), OFFSET, "12 x 16 pixels"),
+    "no valid sample": Doubtful("reconcile", _modelled(change=_all_invalid), OFFSET, "no sample is valid"),
+    "unknown effect": Doubtful("reconcile", _modelled(), {"effects": "wobble"}, '"wobble" is not an effect'),
+    "unknown noise": Doubtful("reconcile", _modelled(), {"noise": "no.h5"}, "not model, measured or a layers file"),
+}
 
 
-def _plainly(lines: list[str], path: Path) -> list[str]:
-    """Lines without the recording's name and remedies of findings, and with options spelled in one way."""
-    spelled = [re.sub(r"--([\w-]+)", lambda name: name[1].replace("-", "_"), line) for line in lines]
-    spelled = [re.sub(r"(\w+)='(\w+)'", r"\1 \2", line).replace("=True", "") for line in spelled]
-    names = "|".join(re.escape(str(place)) for place in (path, path.with_suffix(".layers.h5")))
-    return [
-        re.sub(rf"^(tofmix: )?(({names}): )?|( Try: | noise auto measures it\.| Take a ).*$", "", s) for s in spelled
-    ]
-
-
-def _of_command(path: Path, options: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> tuple[int, list[str]]:
+def _of_command(case: Doubtful, inputs: tuple[Path, ...], capsys: pytest.CaptureFixture[str]) -> tuple[int, list[str]]:
+    """Exit code of the command, and the lines that it prints on stderr."""
+    options = [f"--{name.replace('_', '-')}={value}" for name, value in case.options.items()]
+    output = ["-o", inputs[0].with_name("gap")] if case.job == "reconcile" else []
     capsys.readouterr()
     with signals_kept():
-        code = exit_code("estimate", path, *options, "--quiet")
-    return code, _plainly(capsys.readouterr().err.splitlines(), path)
+        code = exit_code(case.job, *inputs, *output, *options, "--quiet")
+    return code, _plainly(capsys.readouterr().err.splitlines(), inputs)
 
 
-@pytest.mark.parametrize("name", ESTIMATES)
-def test_estimate_warns_of_what_the_command_prints(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def _in_python(case: Doubtful, inputs: tuple[Path, ...]) -> None:
+    parameters = {name: (value,) if name == "effects" else value for name, value in case.options.items()}
+    getattr(tm, case.job)(*inputs, **parameters)
+
+
+def _plainly(lines: list[str], inputs: tuple[Path, ...]) -> list[str]:
+    """Lines without the input's name and the remedies of findings, and with options spelled in one way."""
+    spelled = [re.sub(r"--([\w-]+)", lambda name: name[1].replace("-", "_"), line) for line in lines]
+    spelled = [re.sub(r"(\w+)='(\w+)'", r"\1 \2", line).replace("=True", "") for line in spelled]
+    names = "|".join(re.escape(str(place)) for path in inputs for place in (path, path.with_suffix(".layers.h5")))
+    apart = rf"^(tofmix: )?(({names}): )?|( Try: | noise auto measures it\.| Take a ).*$"
+    return [re.sub(apart, "", line) for line in spelled]
+
+
+@pytest.mark.parametrize("case", DOUBTS.values(), ids=DOUBTS)
+def test_python_warns_of_what_the_command_prints(
+    case: Doubtful, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    case = ESTIMATES[name]
-    path = case.make(tmp_path / "a.h5")
-    code, printed = _of_command(path, case.options, capsys)
+    inputs = case.make(tmp_path)
+    code, printed = _of_command(case, inputs, capsys)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        tm.estimate(path, **case.parameters)
+        _in_python(case, inputs)
     assert code == 0
     assert any(case.said in line for line in printed)
-    assert _plainly([str(one.message) for one in caught], path) == printed
+    assert _plainly([str(one.message) for one in caught], inputs) == printed
     assert {one.filename for one in caught} == {__file__}
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_estimate_refuses_what_the_command_refuses(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("case", REFUSALS.values(), ids=REFUSALS)
+def test_python_refuses_what_the_command_refuses(
+    case: Doubtful, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    case = REFUSED[name]
-    path = case.make(tmp_path / "a.h5")
-    code, printed = _of_command(path, case.options, capsys)
+    inputs = case.make(tmp_path)
+    code, printed = _of_command(case, inputs, capsys)
     with pytest.raises(TofmixError, match=re.escape(case.said)) as refusal:
-        tm.estimate(path, **case.parameters)
+        _in_python(case, inputs)
     assert int(refusal.value.exit_code) == code
-    assert _plainly([str(refusal.value)], path) == printed
+    assert _plainly([str(refusal.value)], inputs) == printed
