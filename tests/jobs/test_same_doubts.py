@@ -29,6 +29,15 @@ center_mm = [0.0, 0.0, 3000.0]
 size_mm = [9000.0, 9000.0]
 """
 
+LEAVING = f"""\
+{WALL.replace("frames", "frame_rate_hz = 1e-3" + chr(10) + "frames")}
+[[effect]]
+kind = "motion"
+surface = "wall"
+velocity_mm_s = 1000.0
+"""
+LONG = WALL.replace("rows", "integration_time_ms = 500.0\nrows")
+
 
 class Doubtful(NamedTuple):
     """The inputs of a job, options of its command, parameters of its function, and words of the doubt."""
@@ -67,6 +76,14 @@ def _modelled(
         with h5py.File(paths[1], "r+") as root:
             change(root)
         return paths
+
+    return make
+
+
+def _model(text: str) -> Callable[[Path], tuple[Path]]:
+    def make(folder: Path) -> tuple[Path]:
+        (folder / "model.toml").write_text(text)
+        return (folder / "model.toml",)
 
     return make
 
@@ -110,6 +127,8 @@ REFUSALS = {
     "window too long": Doubtful("estimate", _recording(), {"window": 50}, "longer than the recording's 30"),
     "unknown camera": Doubtful("estimate", _recording(), {"noise": "sr9"}, "unknown profile 'sr9'"),
     "camera of unknown noise": Doubtful("estimate", _recording(), {"noise": "tmf8829"}, "is not known; auto"),
+    "surface out of bounds": Doubtful("simulate", _model(LEAVING), {}, "motion: at 39000 s"),
+    "averages of long samples": Doubtful("simulate", _model(LONG), {"averaged": True}, "integration"),
     "no surface": Doubtful("reconcile", _modelled(WALL[: WALL.index("[[surface]]")]), OFFSET, "has no surface"),
     "other image": Doubtful("reconcile", _modelled(WALL.replace("rows = 12", "rows = 13")), OFFSET, "12 x 16 pixels"),
     "no valid sample": Doubtful("reconcile", _modelled(change=_all_invalid), OFFSET, "no sample is valid"),
@@ -120,8 +139,10 @@ REFUSALS = {
 
 def _of_command(case: Doubtful, inputs: tuple[Path, ...], capsys: pytest.CaptureFixture[str]) -> tuple[int, list[str]]:
     """Exit code of the command, and the lines that it prints on stderr."""
-    options = [f"--{name.replace('_', '-')}={value}" for name, value in case.options.items()]
-    output = ["-o", inputs[0].with_name("gap")] if case.job == "reconcile" else []
+    options = [
+        f"--{name.replace('_', '-')}{'' if value is True else f'={value}'}" for name, value in case.options.items()
+    ]
+    output = [] if case.job == "estimate" else ["-o", inputs[0].with_name("out" if case.job == "reconcile" else "o.h5")]
     capsys.readouterr()
     with signals_kept():
         code = exit_code(case.job, *inputs, *output, *options, "--quiet")

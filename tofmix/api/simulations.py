@@ -42,28 +42,24 @@ def simulate(
     Raises
     ------
     BadInputError
-        If the model is missing or wrong, or the camera cannot average.
+        If the model is missing or wrong, the camera cannot average, or a surface leaves the bounds of a model.
+    ValueError
+        If `frames` or `seed` is out of its bounds.
     """
-    from tofmix.simulation.casting.cast import cast_scene
-    from tofmix.simulation.render import recording_sensor, render_blocks
+    from tofmix.jobs.simulate import Simulation, with_choices
 
-    scene = _model(model)
-    sensor, truth = recording_sensor(scene, averaged=averaged), cast_scene(scene)
-    n_frames = scene.recording.frames if frames is None else frames
-    blocks = list(
-        render_blocks(
-            scene, truth, n_frames=n_frames, seed=scene.recording.seed if seed is None else seed, averaged=averaged,
-            threads=os.cpu_count() or 1,
-        )
-    )  # fmt: skip
+    name, scene = _model(model)
+    scene = with_choices(scene, frames=frames, seed=seed)
+    made = Simulation.of(scene, name, averaged=averaged, threads=os.cpu_count() or 1)
+    blocks = list(made.blocks())
     stored = np.concatenate([block.range_mm for block in blocks])
     samples = ArrayRecording(
-        np.where(stored > 0, stored, np.float32(np.nan)), sensor,
+        np.where(stored > 0, stored, np.float32(np.nan)), made.sensor,
         np.concatenate([block.amplitude for block in blocks]), averaged=averaged,
     )  # fmt: skip
     return Recording(
-        samples, sensor, shape=samples.shape, time_s=np.concatenate([block.time_s for block in blocks]), truth=truth,
-        model_text=scene.text, averaged=averaged,
+        samples, made.sensor, shape=samples.shape, time_s=np.concatenate([block.time_s for block in blocks]),
+        truth=made.truth, model_text=scene.text, averaged=averaged,
     )  # fmt: skip
 
 
@@ -125,12 +121,12 @@ def reconcile(
         with measured.opened() as samples:
             return learnt_sensor(samples, reporter)
 
-    reporter, scene = PythonReporter(), _model(model)
+    reporter, (name, scene) = PythonReporter(), _model(model)
     settings = Settings(
         kinds=kinds_of(effects, reporter), max_effects=max_effects, alpha=alpha, tolerance=tolerance, split=split,
         seed=seed,
     )  # fmt: skip
-    check_models([("model" if model is scene else str(model), scene)])
+    check_models([(name, scene)])
     measured = recording if isinstance(recording, Recording) else opened_recording(Path(recording))
     with measured.opened() as samples:
         evidence = read_evidence(scene, samples, reporter, time_s=measured.time_s, temperature_c=measured.temperature_c)
@@ -138,8 +134,9 @@ def reconcile(
     return run([(scene, evidence)], settings, given, learnt, reporter)
 
 
-def _model(model: "Model | str | os.PathLike[str]") -> "Model":
+def _model(model: "Model | str | os.PathLike[str]") -> tuple[str, "Model"]:
+    """The name of a model for messages, and the model."""
     from tofmix.io.model_file import load_model
     from tofmix.simulation.model import Model
 
-    return model if isinstance(model, Model) else load_model(os.fspath(model))
+    return ("model", model) if isinstance(model, Model) else (os.fspath(model), load_model(os.fspath(model)))
