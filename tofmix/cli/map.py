@@ -194,7 +194,8 @@ def _beams(
 ) -> "tuple[Beams, int]":  # fmt: skip
     """The beams, and how many suspect layers are left out."""
     from tofmix.cli.reporter import CommandReporter
-    from tofmix.jobs.recordings import check_view, opened_recording
+    from tofmix.jobs.recordings import opened_recording
+    from tofmix.jobs.view import check_view
 
     check_view(file)
     try:

@@ -18,7 +18,7 @@ class CommandReporter(Reporter):
     """The callbacks of a command; `bar` is wiped out while a line is printed."""
 
     def __init__(self, bar: Progress | None = None) -> None:
-        self._bar, self._is_aside = bar, bar is None
+        self._bar, self._is_aside = bar, False
 
     def option(self, name: str) -> str:
         """The name as on the command line."""
@@ -41,6 +41,13 @@ class CommandReporter(Reporter):
     def finding(self, about: object, finding: "Finding") -> None:
         """Print it with its remedies; a note only without --quiet."""
         (self.note if finding.is_note else self.warn)(f"{about}: {finding.line}")
+
+    @contextmanager
+    def steps(self, total: int, what: str, unit: str) -> Iterator[None]:
+        """Show a bar."""
+        with Progress(total, what, unit) as self._bar:
+            yield
+        self._bar = None
 
     def progress(self, steps: int) -> None:
         """Move the bar."""

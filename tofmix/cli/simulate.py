@@ -6,7 +6,6 @@ from pathlib import Path
 import click
 
 from tofmix.cli.options import HDF5_PATH, default_workers, examples, json_option, overwrite_option
-from tofmix.cli.progress import Progress
 from tofmix.cli.reporter import CommandReporter
 from tofmix.wording import counted
 
@@ -107,8 +106,7 @@ def simulate(
         with locked(path, overwrite=overwrite, inputs=(Path(model),)):
             seeded = with_choices(scene, frames=None, seed=number)
             made = Simulation.of(seeded, model, averaged=averaged, threads=default_workers())
-            with Progress(n_frames, "simulate", "frame") as bar:  # it stays until the file has its name
-                made.write(path, model, CommandReporter(bar), overwrite=overwrite)
+            made.write(path, model, CommandReporter(), overwrite=overwrite)
         said = {"output": str(path), "frames": n_frames, "rows": rows, "cols": cols, "seed": number}
         words = counted(n_frames, "averaged frame" if averaged else "frame")
         line = f"{path}: {words} of {rows} x {cols} pixels, seed {number}"

@@ -17,8 +17,6 @@ from tofmix.recording import SampleSource
 from tofmix.report.summary.findings import Finding, Remedy, sample_findings
 from tofmix.sensor import Sensor
 
-_VIEW_REMEDY = "import the recording with --fov HxV or --intrinsics, and estimate again"
-
 
 @contextmanager
 def opened_recording(path: Path, reporter: Reporter) -> Iterator[RecordingFile]:
@@ -44,24 +42,6 @@ def findings_of_samples(source: SampleSource, sensor: Sensor, circle_mm: float |
     # A curve that the samples gave is theirs.
     scatter = None if remedy.noise == AUTO else seen.scatter_over_curve
     return sample_findings(scatter_over_curve=scatter, drift_sigmas=seen.drift_sigmas, remedy=remedy)
-
-
-def check_view(file: LayersFile, *, own_remedy: str = "") -> None:
-    """Refuse a layers file without the directions of its pixels, with the remedies: the command's own comes first.
-
-    Raises
-    ------
-    BadInputError
-        If it has no field of view and no pinhole, or one that its image cannot have.
-    """
-    try:
-        optics = file.provenance.sensor.optics
-        if optics is not None:
-            optics.check(file.shape[1:])
-    except ValueError as error:
-        raise BadInputError(f"{file.path}: sensor: {error}; {own_remedy}{_VIEW_REMEDY}") from error
-    if optics is None:
-        raise BadInputError(f"{file.path}: the directions of its pixels are not known; {own_remedy}{_VIEW_REMEDY}")
 
 
 def check_recording(file: LayersFile, source: RecordingFile) -> None:

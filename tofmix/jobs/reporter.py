@@ -34,6 +34,10 @@ class Reporter:
     def finding(self, about: object, finding: "Finding") -> None:
         """A finding about a recording or a layers file."""
 
+    def steps(self, total: int, what: str, unit: str) -> AbstractContextManager[None]:  # noqa: ARG002  for a bar
+        """A block of so many steps."""
+        return nullcontext()
+
     def progress(self, steps: int) -> None:
         """Further steps of the job are done."""
 

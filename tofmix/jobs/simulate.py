@@ -71,7 +71,7 @@ class Simulation:
             title=f"synthetic recording of {Path(name).name}", overwrite=overwrite,
             attributes={"seed": seed, "averaged": int(self.averaged)},
         )  # fmt: skip
-        with writer:
+        with reporter.steps(frames, "simulate", "frame"), writer:  # the bar stays until the file has its name
             for block in self.blocks():
                 writer.write(
                     block.start, block.range_mm, time_s=block.time_s, amplitude=block.amplitude,
