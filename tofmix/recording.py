@@ -4,9 +4,10 @@ Anything with the methods of `SampleSource` can be estimated: a file
 (`tofmix.io.recording.recording_file`), or an array in memory (`ArrayRecording`).
 """
 
+import hashlib
 from collections.abc import Callable
 from copy import copy
-from typing import Protocol, runtime_checkable
+from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -64,6 +65,32 @@ class TargetSource(Protocol):
     @property
     def targets(self) -> int:
         """Targets that a pixel returns in one frame at most; 0 for a recording without such an axis."""
+
+
+class CameraSource(SampleSource, Protocol):
+    """A recording that a job reads: it has a name for messages, and can be read as that of another camera."""
+
+    @property
+    def name(self) -> str:
+        """The file, or ``array``."""
+
+    @property
+    def averaged(self) -> bool:
+        """Whether its frames are marked as means that the camera made."""
+
+    @property
+    def targets(self) -> int:
+        """As of a `TargetSource`."""
+
+    @property
+    def has_amplitude(self) -> bool:
+        """As of an `AmplitudeSource`."""
+
+    def with_sensor(self, sensor: Sensor) -> Self:
+        """The same samples, not copied, of another camera."""
+
+    def sha256(self) -> str:
+        """Checksum of the file, or of the samples."""
 
 
 @runtime_checkable
@@ -193,6 +220,8 @@ class ArrayRecording:
         The camera.
     amplitude : (frame, row, col) array_like of float32, optional
         Amplitude of each sample. They are copied.
+    averaged : bool
+        Whether the samples are marked as means that the camera made.
 
     Raises
     ------
@@ -200,7 +229,13 @@ class ArrayRecording:
         If the samples do not have three dimensions, or there are none, or the amplitudes have another shape.
     """
 
-    def __init__(self, range_mm: ArrayLike, sensor: Sensor, amplitude: ArrayLike | None = None) -> None:
+    name = "array"
+    targets = 0
+
+    def __init__(
+        self, range_mm: ArrayLike, sensor: Sensor, amplitude: ArrayLike | None = None, *, averaged: bool = False
+    ) -> None:
+        self.averaged = averaged
         self._samples: Float32Array = np.array(range_mm, dtype=np.float32, copy=True)
         if self._samples.ndim != len(_DIMS) or self._samples.size == 0:
             raise ValueError(f"range: expected (frame, row, col), got shape {self._samples.shape}")
@@ -215,11 +250,15 @@ class ArrayRecording:
         """The camera."""
         return self._sensor
 
-    def with_sensor(self, sensor: Sensor) -> "ArrayRecording":
-        """Return the same samples, not copied, of another camera."""
+    def with_sensor(self, sensor: Sensor) -> Self:
+        """The same samples, not copied, of another camera."""
         other = copy(self)
         other._sensor = sensor  # noqa: SLF001  of its own class
         return other
+
+    def sha256(self) -> str:
+        """SHA-256 of the ranges."""
+        return hashlib.sha256(np.ascontiguousarray(self._samples).tobytes()).hexdigest()
 
     @property
     def shape(self) -> tuple[int, int, int]:

@@ -100,9 +100,10 @@ def _linear_share(frames: Float32Array) -> FloatArray:
 def real_recording(*, learnt: bool) -> None:
     """Print what comes out of the real sample recording, with the file's noise curve or the learnt noise."""
     print("noise learnt, as without an option:" if learnt else "the file's noise curve, as by --noise file:")
-    with open_recording(SAMPLE) as recording:
+    with open_recording(SAMPLE) as file:
+        recording = file
         if learnt:
-            recording.sensor = learn_noise(recording, window_frames=recording.frames, workers=2).sensor
+            recording = file.with_sensor(learn_noise(file, window_frames=file.frames, workers=2).sensor)
         layers = estimate_layers(recording, workers=2)
         frames = recording.read_range(slice(None), slice(None))
     samples = np.sort(frames, axis=0)

@@ -1,10 +1,7 @@
 """Layers in memory: estimated from a recording, or read from a layers file."""
 
-import hashlib
 import os
-import warnings
-from dataclasses import dataclass, fields, replace
-from functools import partial
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
@@ -13,23 +10,15 @@ from numpy.typing import NDArray
 
 from tofmix.api.recordings import Recording, opened_recording
 from tofmix.choices import Mixing, Refine, Shape, Sigma, Widths
-from tofmix.errors import BadInputError, DoubtWarning
 from tofmix.layers import LAW_TEXTS, Layers, Provenance
 from tofmix.mixing import MixingLaw, law_over_windows
-from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor
-from tofmix.version import __version__
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-    from tofmix.estimation.noise_choice import NoiseRequest
     from tofmix.estimation.peaks.counters import Counter
-    from tofmix.estimation.settings import EstimateOptions
-    from tofmix.recording import SampleSource
     from tofmix.windows import Windows
-
-FILE, AUTO = "file", "auto"
 
 
 class Choices(TypedDict, total=False):
@@ -201,7 +190,7 @@ def estimate(
     recording: Recording | str | os.PathLike[str],
     *,
     noise: str | NoiseCurve | None = None,
-    outliers: str | float = FILE,
+    outliers: str | float = "file",
     noise_shape: Shape = "auto",
     noise_widths: Widths = "auto",
     window: int | None = None,
@@ -253,61 +242,32 @@ def estimate(
         If the scatter of the samples differs from the noise curve, if ranges drift within a window, if a default or a
         simplification replaces a part of the noise, and for the findings of `tofmix report`.
     """
-    from tofmix.estimation.blocks.sample_span import sensor_with_span
-    from tofmix.estimation.blocks.sequence import estimate_windows, resolved_mixing
-    from tofmix.estimation.noise.no_return import no_return_constant
-    from tofmix.estimation.noise_choice import NoiseRequest, check_parts, noise_options
+    from tofmix.api.doubts import PythonReporter
+    from tofmix.estimation.blocks.sequence import estimate_windows
     from tofmix.estimation.settings import EstimateOptions
-    from tofmix.recording import amplitude_source
-    from tofmix.windows import plan_windows
+    from tofmix.jobs.estimate import EstimateRequest, check_request, prepare, say_findings
 
     source = recording if isinstance(recording, Recording) else opened_recording(Path(recording))
-    options = EstimateOptions(**choices)  # type: ignore[arg-type]  # texts become members of their enumerations there
-    if source.averaged and not force and options.mixing != "phasor":
-        raise BadInputError(
-            f"{source.name}: marked as averaged: a mean does not separate surfaces;"
-            " mixing='phasor' unmixes them, force=True uses the means as samples"
-        )
-    windows = plan_windows(source.shape[0], window=window, stride=stride)
-    other = None if noise in (None, AUTO) else noise if isinstance(noise, str) else "NoiseCurve"
-    check_parts(options, shape=noise_shape, widths=noise_widths, other_noise=other, spell=_spell)
-    if isinstance(outliers, str) and outliers not in (FILE, AUTO):
-        raise ValueError(f"outliers: {outliers!r} is not file, auto or a number")
-    asked = noise if noise is not None else AUTO if source.sensor.noise is None else FILE
-    with source.opened() as samples:
-        source = source.with_sensor(sensor_with_span(samples, options.unambiguous_range_mm))
-    wanted = NoiseRequest(
-        noise=_named(source, asked), outliers=outliers, asked=noise is not None, window_frames=windows.length,
-        stride_frames=windows.stride, shape=noise_shape, widths=noise_widths, workers=workers or os.cpu_count() or 1,
+    options, reporter = EstimateOptions(**choices), PythonReporter()  # type: ignore[arg-type]  # texts become members of their enumerations there
+    request = EstimateRequest(
+        options=options, noise=noise, outliers=outliers, noise_shape=noise_shape, noise_widths=noise_widths,
+        window=window, stride=stride, force=force, workers=workers or os.cpu_count() or 1,
     )  # fmt: skip
-    sensor, from_samples = _chosen(source, options, wanted)
-    asked = AUTO if from_samples else asked
-    source = source.with_sensor(sensor)
-    of_samples = windows.of_samples(max(1, source.targets))
+    check_request(request, reporter)
     with source.opened() as samples:
-        if options.unambiguous_range_mm is None and not options.paper and sensor.no_return_mm is None:
-            sensor = replace(sensor, no_return_mm=no_return_constant(samples))
-        _say_doubts(samples, sensor, asked, windows.length, options.unambiguous_range_mm)
-    source = source.with_sensor(sensor)
-    unmix = options.mixing == "auto"
-    with source.opened() as samples:
-        has_amplitude = amplitude_source(samples) is not None
-        options = resolved_mixing(options, samples)
-        found = estimate_windows(samples, options, windows=of_samples, workers=workers or os.cpu_count() or 1)
-    name = asked if isinstance(asked, str) else "given"
-    said = noise_options(name, outliers, shape=noise_shape, widths=noise_widths)
-    provenance = Provenance(
-        source=source.name, source_sha256=_checksum(source), version=__version__, sensor=sensor,
-        options=options.as_dict() | said | {"window": windows.length, "stride": windows.stride},
-        frames_left_out=windows.frames_left_out, targets=source.targets, has_amplitude=has_amplitude,
-    )  # fmt: skip
-    starts = np.arange(windows.count, dtype=np.uint64) * np.uint64(windows.stride)
-    made = Estimate(
-        **_arrays(found.layers), provenance=provenance, window_start=starts,
-        window_stop=starts + np.uint64(windows.length), phasor_share=found.phasor_share,
-        phasor_pixels=found.phasor_pixels, recording=source,
-    )  # fmt: skip
-    _say_findings(made, unmix=unmix, has_amplitude=has_amplitude)
+        ready = prepare(samples, request, reporter)
+        windows, provenance = ready.windows, ready.job.provenance
+        found = estimate_windows(
+            ready.source, ready.job.options, windows=windows.of_samples(provenance.samples_a_frame),
+            workers=request.workers,
+        )  # fmt: skip
+        starts = np.arange(windows.count, dtype=np.uint64) * np.uint64(windows.stride)
+        made = Estimate(
+            **_arrays(found.layers), provenance=provenance, window_start=starts,
+            window_stop=starts + np.uint64(windows.length), phasor_share=found.phasor_share,
+            phasor_pixels=found.phasor_pixels, recording=source.with_sensor(ready.source.sensor),
+        )  # fmt: skip
+        say_findings(made, source.name, ready, reporter)
     return made
 
 
@@ -331,94 +291,3 @@ def read_estimate(path: Path) -> Estimate:
 
 def _arrays(layers: Layers) -> dict[str, Any]:
     return {field.name: getattr(layers, field.name) for field in fields(Layers)}
-
-
-def _spell(name: str, value: str) -> str:
-    """An option with its value, as in Python; a switch has no value."""
-    return f"{name}={value!r}" if value else f"{name}=True"
-
-
-def _named(source: Recording, noise: str | NoiseCurve) -> str | NoiseCurve:
-    """The noise, with the curve of a built-in camera in place of its name."""
-    from tofmix.sensors import noise_of_profile
-
-    if isinstance(noise, NoiseCurve) or noise in (FILE, AUTO):
-        return noise
-    curve, doubt = noise_of_profile(noise, source.sensor.integration_time_ms)
-    if doubt is not None:
-        warnings.warn(f"{source.name}: {doubt}", DoubtWarning, stacklevel=3)
-    return curve
-
-
-def _chosen(source: Recording, options: "EstimateOptions", request: "NoiseRequest") -> tuple[Sensor, bool]:
-    """The camera of the estimate, and whether its curve is from the samples; its doubts become warnings."""
-    from tofmix.estimation.noise_choice import choose_sensor
-
-    with source.opened() as samples:
-
-        def use(sensor: Sensor) -> "SampleSource":
-            if isinstance(samples, ArrayRecording):
-                return samples.with_sensor(sensor)
-            samples.sensor = sensor  # type: ignore[misc]  # a file that is open has a camera to set
-            return samples
-
-        choice = choose_sensor(source.name, use, source.sensor, options, request, spell=_spell)
-    for note in choice.notes:
-        if note.is_warning:
-            warnings.warn(note.text, DoubtWarning, stacklevel=3)
-    return choice.sensor, choice.from_samples
-
-
-def _say_doubts(
-    samples: "SampleSource", sensor: Sensor, noise: str | NoiseCurve, window_frames: int, circle_mm: float | None
-) -> None:
-    """Warn of the doubts about the samples that `tofmix estimate` prints before it estimates them."""
-    from tofmix.estimation.noise.consistency import check_consistency
-    from tofmix.independent_samples import independent_samples
-    from tofmix.report.summary.findings import Remedy, sample_findings
-
-    seen = check_consistency(
-        independent_samples(samples, for_noise=True), sensor.noise, step=sensor.step, window_frames=window_frames,
-        unambiguous_range_mm=circle_mm, follows_drift=sensor.follows_drift,
-    )  # fmt: skip
-    scatter = None if noise == AUTO else seen.scatter_over_curve  # a curve that the samples gave is theirs
-    remedy = Remedy(recording="recording", window_frames=window_frames)
-    for finding in sample_findings(scatter_over_curve=scatter, drift_sigmas=seen.drift_sigmas, remedy=remedy):
-        warnings.warn(f"{finding.text} {_IN_PYTHON[finding.code]}", DoubtWarning, stacklevel=3)
-
-
-_IN_PYTHON = {
-    "scatter_off_curve": "noise='auto' measures it.",
-    "sigma_off_curve": "noise='auto' measures it.",
-    "drift": "Take a shorter window.",
-    "close_layers": "Take a shorter window, or noise='auto'.",
-    "all_layers_used": "A larger max_layers shows them.",
-    "not_converged": "Take a larger max_iter.",
-    "too_few_samples": "Take a longer window.",
-    "flying_pixels_counted": "from_array takes amplitude=..., with_sensor modulation_frequency_hz=...",
-}
-"""Remedies of findings, as parameters of `estimate`."""
-
-
-def _say_findings(layers: Estimate, *, unmix: bool, has_amplitude: bool) -> None:
-    """Warn of the findings that `tofmix estimate` prints about its layers; its notes are no warnings."""
-    from tofmix.report.summary.findings import split_notes
-    from tofmix.report.summary.lost import cause_of_loss
-    from tofmix.report.summary.summary import find, remedy_for
-
-    remedy = replace(remedy_for(layers.provenance, layers.shape[0]), unmix=unmix, has_amplitude=has_amplitude)
-    assert layers.recording is not None  # noqa: S101  it was just estimated
-    with layers.recording.opened() as samples:
-        warned, _ = split_notes(find(layers, remedy, cause=partial(cause_of_loss, samples)))
-    for finding in warned:
-        text = f"{finding.text} {_IN_PYTHON.get(finding.code, '')}".strip()
-        warnings.warn(text, DoubtWarning, stacklevel=3)
-
-
-def _checksum(source: Recording) -> str:
-    """SHA-256 of the file, or of the samples."""
-    if source.path is not None:
-        from tofmix.io.recording.recording_file import file_sha256
-
-        return file_sha256(source.path)
-    return hashlib.sha256(np.ascontiguousarray(source.range_mm).tobytes()).hexdigest()

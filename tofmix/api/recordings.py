@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, Any, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tofmix.api.doubts import PythonReporter
 from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.choices import DepthAxis, Units
 from tofmix.errors import BadInputError, DoubtWarning
-from tofmix.recording import ArrayRecording, SampleSource
+from tofmix.recording import ArrayRecording, CameraSource
 from tofmix.sensor import NoiseCurve, Sensor
 
 if TYPE_CHECKING:
+    from tofmix.sensors import CameraSheet
     from tofmix.simulation.truth import Truth
 
 _IMAGE_DIMENSIONS = 2
@@ -133,7 +135,7 @@ class Recording:
         )  # fmt: skip
 
     @contextmanager
-    def opened(self) -> Iterator[SampleSource]:
+    def opened(self) -> Iterator[CameraSource]:
         """Open the samples for reading in blocks, with this recording's camera.
 
         Raises
@@ -147,8 +149,7 @@ class Recording:
         from tofmix.io.recording.recording_file import open_recording
 
         with open_recording(self._source) as file:
-            file.sensor = self._sensor
-            yield file
+            yield file.with_sensor(self._sensor)
 
     @property
     def range_mm(self) -> Float32Array:
@@ -247,17 +248,13 @@ def opened_recording(path: Path) -> Recording:
     """
     from tofmix.io.file_kind import format_of
     from tofmix.io.layers.layers_file import FORMAT
-    from tofmix.io.recording.range_check import check_whole_numbers
-    from tofmix.io.recording.recording_file import open_recording
+    from tofmix.jobs import recordings
 
     if format_of(path) == FORMAT:
         raise BadInputError(f"{path}: a layers file, not a recording; tofmix.open reads it as it is")
-    with open_recording(path) as source:
-        for remark in (*source.remarks, *check_whole_numbers(source)):
-            warnings.warn(remark, DoubtWarning, stacklevel=3)
-        averaged = source.attributes().get("averaged", 0) not in (0, "0", "")
+    with recordings.opened_recording(path, PythonReporter()) as source:
         shape = source.frames, *source.shape[1:]
-        return Recording(path, source.sensor, shape=shape, targets=source.targets, averaged=averaged)
+        return Recording(path, source.sensor, shape=shape, targets=source.targets, averaged=source.averaged)
 
 
 def from_array(
@@ -325,20 +322,23 @@ def from_array(
     ------
     ValueError
         If the unit is not known, a shape does not fit, no codes of valid samples are known, depths along z have no
-        lens, times are neither numbers nor dates, or the array is a camera matrix.
+        lens, times are neither numbers nor dates, rows and columns are those of the camera, swapped, or the array is a
+        camera matrix.
     BadInputError
         If there is no built-in camera of that name.
 
     Warns
     -----
     DoubtWarning
-        If values were dropped that are none of `invalid`, no sample is left, no camera measures the median range,
-        frames were put in order, times count another unit than s since 1970, a field of view may be in radians, or the
-        centre of the lens is far outside of the image.
+        If values were dropped that are none of `invalid`, no sample is left, no camera measures the median range, most
+        ranges are outside of the camera's, its images have another size, frames were put in order, times count another
+        unit than s since 1970, a field of view may be in radians, or the centre of the lens is far outside of the
+        image.
     """
     if units not in UNITS_MM:
         raise ValueError(f"units: {units!r} is not one of {', '.join(UNITS_MM)}")
     from tofmix.io.samples import is_camera_matrix
+    from tofmix.jobs.import_ import sensor_of, turned
 
     masked: np.ma.MaskedArray[Any, Any] = np.ma.asarray(ranges)
     raw = np.asarray(masked.data)
@@ -352,11 +352,18 @@ def from_array(
         unfit = ~bad & ~np.isin(_status(status, raw.shape), _valid_codes(valid_status, sensor))
         bad, dropped = bad | unfit, _counted(dropped, status=unfit)
     range_mm[bad] = np.nan
-    camera = _camera(sensor, integration_time_ms)
+    sheet = _sheet(sensor, integration_time_ms)
+    camera = sheet.sensor() if sensor is None or isinstance(sensor, str) else sensor
+    if integration_time_ms is not None:
+        camera = replace(camera, integration_time_ms=integration_time_ms)
     if range_mm.ndim >= _IMAGE_DIMENSIONS:
-        camera, along = _seen_by(camera, depth_axis, intrinsics, fov_deg, range_mm.shape[-2:])
+        image = range_mm.shape[-2], range_mm.shape[-1]
+        if reason := turned(image, sheet):
+            raise ValueError(f"ranges: {reason}; give ranges.swapaxes(-2, -1)")
+        camera = sensor_of(sheet, image) if isinstance(sensor, str) else camera
+        camera, along = _seen_by(camera, depth_axis, intrinsics, fov_deg, image)
         range_mm *= along
-    _say_doubts(range_mm, camera, dropped, UNITS_MM[units])
+    _say_doubts(range_mm, sheet, camera, dropped, UNITS_MM[units])
     if noise is not None:
         camera = replace(camera, noise=noise)
     light = None if amplitude is None else np.asarray(amplitude)
@@ -392,7 +399,7 @@ def _seen_by(
     depth_axis: DepthAxis,
     intrinsics: tuple[float, float, float, float] | None,
     fov_deg: tuple[float, float] | None,
-    shape: tuple[int, ...],
+    image: tuple[int, int],
 ) -> tuple[Sensor, FloatArray | float]:
     """The camera with its lens, and the range of each pixel over its number in the array."""
     from tofmix.optics.pinhole import Pinhole
@@ -401,7 +408,7 @@ def _seen_by(
 
     if depth_axis not in get_args(DepthAxis):
         raise ValueError(f"depth_axis: {depth_axis!r} is not one of {', '.join(get_args(DepthAxis))}")
-    along_z, image = depth_axis == "z", (shape[0], shape[1])
+    along_z = depth_axis == "z"
     if intrinsics is not None:
         fx, fy, cx, cy = intrinsics
         camera = with_lens(camera, Pinhole(fx=fx, fy=fy, cx=cx, cy=cy))
@@ -491,32 +498,34 @@ def _valid_codes(given: tuple[int, ...] | None, sensor: Sensor | str | None) -> 
     return of_camera
 
 
-def _say_doubts(range_mm: FloatArray, camera: Sensor, dropped: dict[str, int], unit_mm: float) -> None:
-    """Warn of values that were dropped without being named, of no sample, and of a median that no camera measures."""
+def _say_doubts(
+    range_mm: FloatArray, sheet: "CameraSheet", camera: Sensor, dropped: dict[str, int], unit_mm: float
+) -> None:
+    """Warn of an image of another size, of values dropped unnamed, and of ranges that are not the camera's."""
     from tofmix.io.recording.range_check import implausible
     from tofmix.io.samples import guessed
+    from tofmix.jobs.import_ import outside_doubt, size_doubt
 
+    doubts = [size_doubt(sheet, (range_mm.shape[-2], range_mm.shape[-1])) if range_mm.ndim >= _IMAGE_DIMENSIONS else ""]
     if unnamed := guessed(dropped):
-        text = f"from_array: no samples: {unnamed}; keep_values=True keeps fill values"
-        warnings.warn(text, DoubtWarning, stacklevel=3)
+        doubts.append(f"no samples: {unnamed}; keep_values=True keeps fill values")
     seen = range_mm[np.isfinite(range_mm)]
-    if not seen.size:
-        reasons = ", ".join(f"{number:,} {reason}" for reason, number in dropped.items())
-        if range_mm.size:
-            warnings.warn(f"from_array: no valid sample: {reasons}", DoubtWarning, stacklevel=3)
-        return
-    doubt = implausible(float(np.median(seen)), camera, unit_mm=unit_mm, path=None)
-    if doubt:
-        warnings.warn(f"from_array: {doubt}", DoubtWarning, stacklevel=3)
+    if seen.size:
+        outside = (seen < (camera.range_min_mm or 0.0)) | (seen > (camera.range_max_mm or np.inf))
+        doubt = implausible(float(np.median(seen)), camera, unit_mm=unit_mm, path=None)
+        doubts.append(doubt or outside_doubt(float(outside.mean()), camera, "units"))
+    elif range_mm.size:
+        doubts.append(f"no valid sample: {', '.join(f'{number:,} {reason}' for reason, number in dropped.items())}")
+    for text in filter(None, doubts):
+        warnings.warn(f"from_array: {text}", DoubtWarning, stacklevel=3)
 
 
-def _camera(sensor: Sensor | str | None, integration_time_ms: float | None) -> Sensor:
-    if isinstance(sensor, str):
-        from tofmix.sensors import load_sheet
+def _sheet(sensor: Sensor | str | None, integration_time_ms: float | None) -> "CameraSheet":
+    """The built-in camera of a name; empty for any other."""
+    from tofmix.sensors import load_sheet
+    from tofmix.sensors.sheet import UNKNOWN
 
-        sheet = load_sheet(sensor)
-        if integration_time_ms is not None:
-            sheet = replace(sheet, integration_time_ms=integration_time_ms)
-        return sheet.sensor()
-    camera = sensor or Sensor(name="unknown")
-    return camera if integration_time_ms is None else replace(camera, integration_time_ms=integration_time_ms)
+    if not isinstance(sensor, str):
+        return UNKNOWN
+    sheet = load_sheet(sensor)
+    return sheet if integration_time_ms is None else replace(sheet, integration_time_ms=integration_time_ms)

@@ -8,12 +8,11 @@ import numpy as np
 
 from tofmix.api.recordings import Recording
 from tofmix.choices import Split
-from tofmix.errors import BadInputError
 from tofmix.recording import ArrayRecording
+from tofmix.sensor import Sensor
 
 if TYPE_CHECKING:
     from tofmix.reconciliation.workflow import Reconciliation
-    from tofmix.sensor import Sensor
     from tofmix.simulation.model import Model
 
 
@@ -43,28 +42,24 @@ def simulate(
     Raises
     ------
     BadInputError
-        If the model is missing or wrong, or the camera cannot average.
+        If the model is missing or wrong, the camera cannot average, or a surface leaves the bounds of a model.
+    ValueError
+        If `frames` or `seed` is out of its bounds.
     """
-    from tofmix.simulation.casting.cast import cast_scene
-    from tofmix.simulation.render import recording_sensor, render_blocks
+    from tofmix.jobs.simulate import Simulation, with_choices
 
-    scene = _model(model)
-    sensor, truth = recording_sensor(scene, averaged=averaged), cast_scene(scene)
-    n_frames = scene.recording.frames if frames is None else frames
-    blocks = list(
-        render_blocks(
-            scene, truth, n_frames=n_frames, seed=scene.recording.seed if seed is None else seed, averaged=averaged,
-            threads=os.cpu_count() or 1,
-        )
-    )  # fmt: skip
+    name, scene = _model(model)
+    scene = with_choices(scene, frames=frames, seed=seed)
+    made = Simulation.of(scene, name, averaged=averaged, threads=os.cpu_count() or 1)
+    blocks = list(made.blocks())
     stored = np.concatenate([block.range_mm for block in blocks])
     samples = ArrayRecording(
-        np.where(stored > 0, stored, np.float32(np.nan)), sensor,
-        np.concatenate([block.amplitude for block in blocks]),
+        np.where(stored > 0, stored, np.float32(np.nan)), made.sensor,
+        np.concatenate([block.amplitude for block in blocks]), averaged=averaged,
     )  # fmt: skip
     return Recording(
-        samples, sensor, shape=samples.shape, time_s=np.concatenate([block.time_s for block in blocks]), truth=truth,
-        model_text=scene.text, averaged=averaged,
+        samples, made.sensor, shape=samples.shape, time_s=np.concatenate([block.time_s for block in blocks]),
+        truth=made.truth, model_text=scene.text, averaged=averaged,
     )  # fmt: skip
 
 
@@ -78,7 +73,7 @@ def reconcile(
     tolerance: float = 0.1,
     split: Split = "frames,pixels",
     seed: int = 1,
-    noise: "Sensor | None" = None,
+    noise: Sensor | str | os.PathLike[str] | None = None,
 ) -> "Reconciliation":
     """Find where a simulation of a model and a recording disagree, and which effect the model lacks.
 
@@ -92,8 +87,10 @@ def reconcile(
         Kinds of effects that are tried; all without it.
     max_effects, alpha, tolerance, split, seed
         As the options of `tofmix reconcile`.
-    noise : Sensor, optional
-        A camera whose noise replaces the model's, such as ``tofmix.estimate(recording, noise="auto").sensor``.
+    noise : {"model", "measured"}, path or Sensor, optional
+        The model's noise, noise learnt from the recording, that of a layers file, or of a camera such as
+        ``tofmix.estimate(recording, noise="auto").sensor``. The default is the model's; where this explains nothing,
+        the recording's is tried too.
 
     Returns
     -------
@@ -105,41 +102,41 @@ def reconcile(
     BadInputError
         If the model or the recording cannot be read, or they do not go together.
     UsageError
-        If an option is out of its bounds.
-    ValueError
-        If `effects` names an unknown kind.
+        If an option is out of its bounds, or `effects` names an unknown kind.
+
+    Warns
+    -----
+    DoubtWarning
+        If the recording and the model differ in numbers of the camera, directions of pixels or frame rate, or the model
+        leaves a pattern or widths of pixels open.
     """
+    from tofmix.api.doubts import PythonReporter
     from tofmix.api.recordings import opened_recording
-    from tofmix.reconciliation.evidence import make_evidence
-    from tofmix.reconciliation.search.name import KINDS
+    from tofmix.jobs.estimate import learnt_sensor
+    from tofmix.jobs.reconcile import check_models, kinds_of, read_evidence
+    from tofmix.jobs.reconcile import reconcile as run
     from tofmix.reconciliation.search.search_state import Settings
-    from tofmix.reconciliation.workflow import reconcile as run
 
-    scene = _model(model)
-    measured = recording if isinstance(recording, Recording) else opened_recording(Path(recording))
-    unknown = [kind for kind in effects or () if kind not in KINDS]
-    if unknown:
-        raise ValueError(f"effects: {unknown[0]!r} is not one of {', '.join(KINDS)}")
-    if not scene.surfaces:
-        raise BadInputError("model: it has no surface to compare the recording with")
+    def learnt() -> "Sensor":
+        with measured.opened() as samples:
+            return learnt_sensor(samples, reporter)
+
+    reporter, (name, scene) = PythonReporter(), _model(model)
     settings = Settings(
-        kinds=tuple(kind for kind in KINDS if effects is None or kind in effects), max_effects=max_effects,
-        alpha=alpha, tolerance=tolerance, split=split, seed=seed,
+        kinds=kinds_of(effects, reporter), max_effects=max_effects, alpha=alpha, tolerance=tolerance, split=split,
+        seed=seed,
     )  # fmt: skip
-    evidence = make_evidence(
-        scene, measured.range_mm, time_s=measured.time_s, amplitude=measured.amplitude,
-        temperature_c=measured.temperature_c, integration_time_ms=measured.sensor.integration_time_ms,
-    )  # fmt: skip
-    if noise is None:
-        return run(scene, evidence, settings)
-    from tofmix.reconciliation.measured_noise import measured_model, with_note
-
-    other = measured_model(scene, evidence, noise)
-    return with_note((run(other, evidence, settings), [(other, evidence)]), [(scene, evidence)], settings)
+    check_models([(name, scene)])
+    measured = recording if isinstance(recording, Recording) else opened_recording(Path(recording))
+    with measured.opened() as samples:
+        evidence = read_evidence(scene, samples, reporter, time_s=measured.time_s, temperature_c=measured.temperature_c)
+    given = noise if noise is None or isinstance(noise, Sensor) else os.fspath(noise)
+    return run([(scene, evidence)], settings, given, learnt, reporter)
 
 
-def _model(model: "Model | str | os.PathLike[str]") -> "Model":
+def _model(model: "Model | str | os.PathLike[str]") -> tuple[str, "Model"]:
+    """The name of a model for messages, and the model."""
     from tofmix.io.model_file import load_model
     from tofmix.simulation.model import Model
 
-    return model if isinstance(model, Model) else load_model(os.fspath(model))
+    return ("model", model) if isinstance(model, Model) else (os.fspath(model), load_model(os.fspath(model)))

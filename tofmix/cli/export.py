@@ -15,6 +15,7 @@ from tofmix.cli.options import (
     overwrite_option,
     projection_option,
     suspect_option,
+    view_of,
 )
 from tofmix.cli.progress import Progress
 from tofmix.errors import BadInputError, UsageError
@@ -216,8 +217,8 @@ def _export_points(
     further: "tuple[LayerField, ...]",
     overwrite: bool,
 ) -> tuple[str, dict[str, Any]]:
-    from tofmix.cli.import_camera import view_of, view_words
     from tofmix.io.exporters import export_points
+    from tofmix.jobs.view import view_words
     from tofmix.points import LayerPoints
 
     windows = range(file.shape[0]) if window is None else [window]
@@ -249,7 +250,7 @@ def _export_points(
 
 def _optics(file: "LayersFile", fov: str | None, projection: str) -> "Projection":
     """The projection: --fov by --projection, or from the layers file."""
-    from tofmix.cli.import_camera import view_note, view_of, viewed
+    from tofmix.jobs.view import view_note, viewed
 
     view = view_of(fov)
     if view is not None:

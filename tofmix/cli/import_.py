@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,23 +13,23 @@ from tofmix.cli.options import (
     PATH,
     examples,
     json_option,
-    note,
     only_one_of,
     overwrite_option,
     shares_option,
+    view_of,
 )
-from tofmix.cli.progress import Progress
+from tofmix.cli.reporter import CommandReporter
 from tofmix.errors import BadInputError, UsageError
-from tofmix.wording import readable
+from tofmix.wording import counted
 
 if TYPE_CHECKING:
-    from tofmix.io.importers.base import FrameSource, Request
-    from tofmix.io.importers.writing import Imported, Target
-    from tofmix.sensor import Sensor
-    from tofmix.sensors.sheet import CameraSheet
+    from tofmix.io.importers.intrinsics import Calibration
+    from tofmix.io.importers.writing import Target
+    from tofmix.optics.pinhole import Pinhole
 
-MOSTLY = 0.5
-"""Share of samples outside the working range that is reported."""
+_INTRINSICS = 4  # numbers: FX, FY, CX, CY
+MEANINGS = ("frame", "time", "row", "col", "target", "range", "amplitude", "status")
+"""Meanings of a column."""
 
 
 @examples(
@@ -168,29 +169,12 @@ def import_(
     the sensor's field of view. Other sources hold ranges along the beam. Properties missing from SOURCE and --sensor
     stay unknown; the command lists them. Frames are read and written in blocks.
     """
-    from tofmix.cli.import_camera import (
-        Lens,
-        camera_of,
-        geometry_of,
-        intrinsics_of,
-        not_known,
-        sensor_of,
-        shape_of,
-        view_of,
-        with_frequency,
-        with_share_law,
-    )
-    from tofmix.cli.import_columns import columns_of, status_of
-    from tofmix.io.atomic.storage import locked
-    from tofmix.io.importers import open_source
     from tofmix.io.importers.axes import check_axes
     from tofmix.io.importers.base import Request
-    from tofmix.io.importers.conversion import Conversion
     from tofmix.io.importers.units import TIME_UNITS_S
-    from tofmix.io.importers.writing import write_recording
     from tofmix.io.length_units import UNITS_MM
     from tofmix.io.samples import guessed
-    from tofmix.io.sensor_group import check_maps
+    from tofmix.jobs.import_ import ImportRequest, Lens, camera_of, import_file
 
     for name, value in (("--scale", scale), ("--frame-rate", frame_rate)):
         if value is not None and not math.isfinite(value):
@@ -198,161 +182,125 @@ def import_(
     units, scale = only_one_of("unit", units=units, scale=scale)
     intrinsics, fov, camera_info = only_one_of("lens", intrinsics=intrinsics, fov=fov, camera_info=camera_info)
     camera = camera_of(sensor)
-    lens = Lens(intrinsics=intrinsics_of(intrinsics), view_deg=view_of(fov))
+    lens = Lens(intrinsics=_intrinsics_of(intrinsics), view_deg=view_of(fov))
     unit_mm = scale if units is None else UNITS_MM[units]
     request = Request(
         topic=topic, amplitude=amplitude, camera_info=camera_info, axes=None if axes is None else check_axes(axes),
-        shape=shape_of(shape), unit_mm=unit_mm, lens_given=intrinsics is not None or fov is not None,
+        shape=_shape_of(shape), unit_mm=unit_mm, lens_given=intrinsics is not None or fov is not None,
         image=None if camera.rows is None or camera.cols is None else (camera.rows, camera.cols),
         columns=columns_of(columns), valid_status=status_of(valid_status), status_codes=camera.valid_status or (),
         time_unit_s=None if time_unit is None else TIME_UNITS_S[time_unit], keep_values=keep_values,
     )  # fmt: skip
     inputs = [Path(name) for name in (source, sensor, amplitude, intrinsics) if name is not None]
     inputs += [file for folder in inputs if folder.is_dir() for file in folder.iterdir()]
-    with locked(output, overwrite=overwrite, inputs=tuple(inputs)), open_source(source, request) as frames:
-        targets = _targets_kept(target, frames, source)
-        known = frames.sensor if sensor is None and frames.sensor is not None else sensor_of(camera, frames.shape[1:])
-        known = with_share_law(with_frequency(known, modulation_frequency), shares)
-        check_maps(known, frames.shape[1:], source if sensor is None else Path(sensor))
-        if frames.unit_unknown and unit_mm is None:
-            raise BadInputError(f"{source}: {frames.unit_unknown}; give --scale, mm of one count, or --units")
-        _refuse_turned(frames.shape[1:], camera, request, source)
-        geometry = geometry_of(frames, known, lens, depth_axis, source)
-        used_mm = unit_mm or frames.unit_mm or 1.0
-        conversion = Conversion(
-            dtype=frames.dtype, unit_mm=used_mm * frames.scale_factor, offset_mm=used_mm * frames.add_offset,
-            invalid=(*frames.invalid, *invalid), valid_span=frames.valid_span, status_valid=frames.status_valid,
-            ray_over_depth=geometry.factor, unit_known=unit_mm is not None or frames.unit_mm is not None,
-            keep_values=keep_values,
-        )  # fmt: skip
-        attributes: dict[str, str | int | float] = {
-            "source": readable(source.name), "source_kind": frames.kind, "unit_mm": conversion.unit_mm,
-            "geometry": geometry.text,
-        }  # fmt: skip
-        with Progress(frames.shape[0], "import", "frame") as bar:
-            imported = write_recording(
-                frames, output, what=source, sensor=geometry.sensor, conversion=conversion,
-                again=lambda: open_source(source, request), target=target, frame_rate_hz=frame_rate,
-                attributes=attributes, progress=bar.update, overwrite=overwrite,
-                inputs=tuple(inputs),
-            )  # fmt: skip
-        how = [
-            *frames.notes,
-            *imported.remarks,
-            *_scaled(scale, frames, source),
-            *_unused_rate(frames, frame_rate, source),
-        ]
-        doubts = [*geometry.notes, *_doubts(frames, imported, camera, geometry.sensor, source, used_mm)]
-    _say(how, doubts)
-    _, rows, cols = frames.shape
-    unknown = not_known(
-        geometry.sensor, has_optics=geometry.sensor.optics is not None, has_amplitude=frames.has_amplitude,
-        targets=targets,
-        has_time=frames.has_time or frame_rate is not None or imported.frames == 1,
+    asked = ImportRequest(
+        source=source, output=output, request=request, sensor=sensor, camera=camera, lens=lens, inputs=inputs,
+        unit_mm=unit_mm, scale=scale, modulation_frequency_hz=modulation_frequency, shares=shares,
+        depth_axis=depth_axis, invalid=invalid, target=target, frame_rate_hz=frame_rate, overwrite=overwrite,
     )  # fmt: skip
+    reporter = CommandReporter()
+    made = import_file(asked, reporter)
+    (rows, cols), imported = made.image, made.imported
     if as_json:
-        made = {
+        said = {
             "source": str(source), "output": str(output), "frames": imported.frames, "rows": rows, "cols": cols,
-            "targets": targets, "kind": frames.kind, "unit_mm": conversion.unit_mm, "geometry": geometry.text,
-            "not_known": unknown, "dropped": imported.dropped,
-            "notes": [*how, *doubts],
+            "targets": made.targets, "kind": made.kind, "unit_mm": made.unit_mm, "geometry": made.geometry,
+            "not_known": made.unknown, "dropped": imported.dropped, "notes": made.notes,
         }  # fmt: skip
-        click.echo(json.dumps(made))
+        click.echo(json.dumps(said))
         return
+    of_targets = f" of {made.targets} targets" if made.targets else f", the {target} target," if target else ""
     click.echo(
-        f"{output}: {imported.frames:,} frame{'s' * (imported.frames != 1)} of {rows} x {cols} pixels"
-        f"{f' of {targets} targets' if targets else f', the {target} target,' if target else ''} from"
-        f" {frames.kind}, {conversion.unit_mm:g} mm a unit; {geometry.text}"
+        f"{output}: {counted(imported.frames, 'frame', ',')} of {rows} x {cols} pixels{of_targets} from {made.kind},"
+        f" {made.unit_mm:g} mm a unit; {made.geometry}"
     )
     if declared := [f"{number:,} {reason}" for reason, number in imported.dropped.items() if not guessed({reason: 1})]:
         click.echo(f"no samples: {', '.join(declared)}")
-    if unknown:
-        click.echo(f"not known: {', '.join(unknown)}")
+    if made.unknown:
+        click.echo(f"not known: {', '.join(made.unknown)}")
 
 
-def _say(how: list[str], doubts: list[str]) -> None:
-    """Print lines on how the source was read, which --quiet suppresses, and doubts about it, which it does not."""
-    for line in how:
-        note(line)
-    for line in doubts:
-        click.echo(f"tofmix: {line}", err=True)
+def _shape_of(text: str | None) -> tuple[int, int] | None:
+    """Rows and columns, from a text such as 8x8.
 
-
-def _scaled(scale: float | None, frames: "FrameSource", source: Path) -> list[str]:
-    """Note on a --scale that is multiplied by a factor of the source."""
-    if scale is None or frames.scale_factor == 1.0:
-        return []
-    factor = frames.scale_factor
-    product = f"--scale {scale:g} times the source's scale_factor {factor:g}"
-    return [f"{source}: one stored number is {scale * factor:g} mm: {product}"]
-
-
-def _unused_rate(frames: "FrameSource", frame_rate: float | None, source: Path) -> list[str]:
-    """Note on ``--frame-rate`` of a source that has times."""
-    unused = frame_rate is not None and frames.has_time
-    return [f"{source}: --frame-rate is not used: the frames have times"] if unused else []
-
-
-def _targets_kept(target: "Target | None", frames: "FrameSource", source: Path) -> int:
-    """Targets of a pixel and frame in the new recording; 0 without such an axis.
-
-    Refuses ``--target`` where pixels return one sample, and the strongest one without amplitudes.
+    Raises
+    ------
+    UsageError
+        If it is none.
     """
-    if target is not None and not frames.targets:
-        raise UsageError(f"--target {target}: {source} has one sample for each pixel and frame; leave the option out")
-    if target == "strongest" and not frames.has_amplitude:
-        raise BadInputError(
-            f"{source}: amplitude: there is none, so the strongest target is not known: give --amplitude, or use"
-            " --target nearest"
+    if text is None:
+        return None
+    found = re.fullmatch(r"\s*([0-9]{1,5})\s*x\s*([0-9]{1,5})\s*", text)
+    shape = (int(found[1]), int(found[2])) if found else (0, 0)
+    if min(shape) < 1:
+        raise UsageError(f"--shape: {text!r} is not ROWSxCOLS, such as 8x8")
+    return shape
+
+
+def _intrinsics_of(text: str | None) -> "Pinhole | Calibration | None":
+    """Intrinsics from a text such as 210,210,88,72, in pixels, or from a calibration file that it names.
+
+    Raises
+    ------
+    UsageError
+        If it is neither, or PyYAML is missing.
+    BadInputError
+        If the file is no calibration, or the numbers are no camera's.
+    """
+    from tofmix.io.importers.intrinsics import read_calibration
+    from tofmix.optics.pinhole import Pinhole
+
+    if text is None:
+        return None
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) == _INTRINSICS:
+        try:
+            return Pinhole(fx=numbers[0], fy=numbers[1], cx=numbers[2], cy=numbers[3])
+        except ValueError as error:
+            raise BadInputError(f"--intrinsics: {error}") from error
+    if numbers or not Path(text).exists():
+        raise UsageError(
+            f"--intrinsics: {text!r} is not FX,FY,CX,CY in pixels, such as 210,210,88,72, nor a calibration file"
         )
-    return frames.targets if target is None else 0
+    return read_calibration(Path(text))
 
 
-def _refuse_turned(shape: tuple[int, int], camera: "CameraSheet", request: "Request", source: Path) -> None:
-    """Refuse an array whose rows and columns are those of the camera, swapped; images of a turned camera are read."""
-    from tofmix.io.importers import takes_axes
+def columns_of(text: str | None) -> dict[str, str]:
+    """Meanings of columns by their names, lower case, from a text such as ``y=row,x=col,depth=range``.
 
-    if request.axes is None and takes_axes(source) and shape[0] != shape[1] and shape == (camera.cols, camera.rows):
-        raise BadInputError(
-            f"{source}: images of {shape[0]} x {shape[1]} pixels, {camera.name} has {camera.rows} x {camera.cols}: rows"
-            " and columns are swapped; give their order: --axes frame,col,row"
-        )
+    Raises
+    ------
+    UsageError
+        If it is none, or a meaning is unknown or given twice.
+    """
+    pairs = [part.partition("=") for part in (text or "").split(",") if part.strip()]
+    found = {theirs.strip().lower(): ours.strip().lower() for theirs, _, ours in pairs}
+    for theirs, ours in found.items():
+        if not theirs or ours not in MEANINGS:
+            raise UsageError(f"--columns: {text!r}: {theirs}={ours}; the right side is one of {', '.join(MEANINGS)}")
+    if text is not None and (not found or len(set(found.values())) < len(pairs)):
+        raise UsageError(f"--columns: {text!r} is not THEIRS=OURS,..., each once, such as y=row,x=col,depth=range")
+    return found
 
 
-def _doubts(
-    frames: "FrameSource",
-    imported: "Imported",
-    camera: "CameraSheet",
-    sensor: "Sensor",
-    source: Path,
-    unit_mm: float,
-) -> list[str]:
-    """Doubts about a source, each a line for the user."""
-    from tofmix.io.recording.range_check import implausible
-    from tofmix.io.samples import guessed
+def status_of(text: str | None) -> tuple[str, tuple[int, ...]] | None:
+    """Name of a column of codes, and the valid ones, from a text such as ``status=5,9``.
 
-    notes = []
-    _, rows, cols = frames.shape
-    if camera.rows is not None and camera.cols is not None and (rows, cols) != (camera.rows, camera.cols):
-        view = "field of view is used" if camera.projection is None else "projection is not used"
-        notes.append(
-            f"{source}: {rows} x {cols} pixels, {camera.name} has {camera.rows} x {camera.cols};"
-            f" its {view} for this image"
-        )
-    doubt = "" if imported.median_mm is None else implausible(imported.median_mm, sensor, unit_mm=unit_mm, path=source)
-    if dropped := guessed(imported.dropped):
-        notes.append(f"{source}: no samples: {dropped} (--keep-values keeps fill values)")
-    if imported.valid == 0:
-        notes.append(f"{source}: no valid sample; check --invalid and --units")
-    elif doubt:
-        notes.append(f"{source}: {doubt}")
-    elif imported.outside / imported.valid > MOSTLY:
-        limits = sensor.range_min_mm or 0.0, math.inf if sensor.range_max_mm is None else sensor.range_max_mm
-        notes.append(
-            f"{source}: {100 * imported.outside / imported.valid:.0f} % of the samples lie outside the sensor's"
-            f" {limits[0]:g} to {limits[1]:g} mm; check --units"
-        )
-    if imported.without_amplitude:
-        few = "frame" if imported.without_amplitude == 1 else "frames"
-        notes.append(f"{source}: {imported.without_amplitude} {few} without an amplitude image of the same time stamp")
-    return notes
+    Raises
+    ------
+    UsageError
+        If it is none.
+    """
+    if text is None:
+        return None
+    name, _, codes = text.rpartition("=")
+    try:
+        found = tuple(int(code) for code in codes.split(","))
+    except ValueError:
+        found = ()
+    if not name.strip() or not found:
+        raise UsageError(f"--valid-status: {text!r} is not NAME=CODE,..., such as status=5,9")
+    return name.strip(), found

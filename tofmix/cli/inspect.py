@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tofmix.cli.options import PATH, examples, json_option, overwrite_option, say_written
-from tofmix.cli.recording_check import check_recording, opened_recording
+from tofmix.cli.reporter import CommandReporter
 from tofmix.errors import BadInputError, UsageError
 
 if TYPE_CHECKING:
@@ -79,9 +79,10 @@ def inspect(
             raise UsageError(f"--window {window}: {layers} has windows 0 to {file.shape[0] - 1}")
         samples = source = None
         if recording is not None:
+            from tofmix.jobs.recordings import check_recording, opened_recording
             from tofmix.report.pixels.pixels import row_samples
 
-            source = stack.enter_context(opened_recording(recording))
+            source = stack.enter_context(opened_recording(recording, CommandReporter()))
             check_recording(file, source)
             frames = int(file.window_start[window]), int(file.window_stop[window])
             samples = row_samples(source, row=row, start=frames[0], stop=frames[1])

@@ -193,14 +193,16 @@ def _beams(
     suspect: bool,
 ) -> "tuple[Beams, int]":  # fmt: skip
     """The beams, and how many suspect layers are left out."""
-    from tofmix.cli.recording_check import check_view, opened_recording
+    from tofmix.cli.reporter import CommandReporter
+    from tofmix.jobs.recordings import opened_recording
+    from tofmix.jobs.view import check_view
 
     check_view(file)
     try:
         if recording is None:
             layers = file.read_window(window)
             return _from_layers(layers, file.provenance.sensor, min_probability, suspect=suspect)
-        with opened_recording(recording) as samples:
+        with opened_recording(recording, CommandReporter()) as samples:
             frames = _frames(file, window, samples)
             if source == AVERAGED:
                 return _averaged(file, samples, frames), 0
@@ -258,11 +260,10 @@ def _thin_beam(
     from tofmix.estimation.settings import EstimateOptions, SigmaMode
     from tofmix.recording import FrameSpan
 
-    samples.sensor = file.provenance.sensor
-    circle_mm = file.provenance.unambiguous_range_mm
+    sensor, circle_mm = file.provenance.sensor, file.provenance.unambiguous_range_mm
     options = EstimateOptions(max_layers=1, sigma=SigmaMode.TIED, unambiguous_range_mm=circle_mm)
-    found = estimate_layers(FrameSpan(samples, *frames), options, workers=workers)
-    return _from_layers(found.reshaped(file.shape[1:]), samples.sensor, min_probability, suspect=suspect)
+    found = estimate_layers(FrameSpan(samples.with_sensor(sensor), *frames), options, workers=workers)
+    return _from_layers(found.reshaped(file.shape[1:]), sensor, min_probability, suspect=suspect)
 
 
 def _comment(file: "LayersFile", source: str, recording: Path | None) -> str:

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import click
 
-from tofmix.cli.options import HDF5_PATH, PATH, examples, json_option, note, overwrite_option
+from tofmix.cli.options import HDF5_PATH, PATH, examples, json_option, overwrite_option
+from tofmix.cli.reporter import CommandReporter
 
 
 @examples(
@@ -24,13 +25,9 @@ def merge(parts: tuple[Path, ...], output: Path, *, as_json: bool, overwrite: bo
     The layers file has the same bytes as the result of a single run. Missing or duplicate parts, and parts of another
     run, are refused. The parts are kept.
     """
-    from tofmix.cli.estimate.results import describe, findings_of, say_findings
-    from tofmix.cli.recording_check import echo
-    from tofmix.pipeline.run import merge_parts
+    from tofmix.cli.estimate.results import describe
+    from tofmix.io.layers.journal import WHOLE
+    from tofmix.jobs.estimate import merge_files
 
-    outcome = merge_parts(parts, output, overwrite=overwrite)
-    if outcome.mixture is not None:
-        note(f"{output}: mixing: {outcome.mixture.words()}")
-    findings = say_findings(output, findings_of(output), echo)
-    line, values = describe(outcome, findings)
+    line, values = describe(*merge_files(parts, output, CommandReporter(), overwrite=overwrite), WHOLE)
     click.echo(json.dumps({"output": str(output), **values}) if as_json else line)

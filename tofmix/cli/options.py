@@ -34,6 +34,10 @@ class _Hdf5Path(_Path):
         return path
 
 
+_PAIR = re.compile(r"\s*([0-9.eE+-]+)\s*[x,]\s*([0-9.eE+-]+)\s*")
+_MOST_DEG = 360.0, 180.0
+"""Largest field of view, degrees: a whole turn, and from pole to pole."""
+
 _OTHER_KINDS = frozenset(
     (
         ".npy", ".npz", ".mat", ".csv", ".tsv", ".txt", ".png", ".tif", ".tiff", ".bag", ".mcap", ".db3", ".toml",
@@ -261,3 +265,23 @@ def examples(text: str) -> Callable[[click.Command], click.Command]:
         return command
 
     return add
+
+
+def view_of(text: str | None) -> tuple[float, float] | None:
+    """Field of view (horizontal, vertical), degrees, from a text such as 70x55.
+
+    Raises
+    ------
+    UsageError
+        If it is none.
+    """
+    if text is None:
+        return None
+    try:
+        found = _PAIR.fullmatch(text)
+        view = (float(found[1]), float(found[2])) if found else (0.0, 0.0)
+    except ValueError:
+        view = (0.0, 0.0)
+    if not all(0.0 < angle <= most for angle, most in zip(view, _MOST_DEG, strict=True)):
+        raise UsageError(f"--fov: {text!r} is not HxV in degrees, up to 360x180, such as 70x55")
+    return view

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tofmix.cli.options import PATH, examples, json_option, overwrite_option, say_written
-from tofmix.cli.recording_check import check_recording, findings_of_samples, opened_recording
+from tofmix.cli.reporter import CommandReporter
 
 if TYPE_CHECKING:
     from tofmix.io.layers.layers_file import LayersFile
@@ -48,6 +48,7 @@ def report(
     from tofmix.errors import UsageError
     from tofmix.io.atomic.storage import locked, write_text
     from tofmix.io.layers.layers_file import open_layers
+    from tofmix.jobs.recordings import check_recording, findings_of_samples, opened_recording
     from tofmix.report.summary.lost import cause_of_loss
     from tofmix.report.summary.summary import find, remedy_for, summarise
     from tofmix.report.summary.tables import format_table
@@ -57,7 +58,7 @@ def report(
     inputs = tuple(path for path in (layers, recording, surfaces) if path is not None)
     with ExitStack() as stack:
         file = stack.enter_context(open_layers(layers))
-        source = None if recording is None else stack.enter_context(opened_recording(recording))
+        source = None if recording is None else stack.enter_context(opened_recording(recording, CommandReporter()))
         if source is not None:
             check_recording(file, source)
         if window >= file.shape[0]:

@@ -1,19 +1,13 @@
 """``tofmix simulate``: a model in, a synthetic recording out."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import click
 
 from tofmix.cli.options import HDF5_PATH, default_workers, examples, json_option, overwrite_option
-from tofmix.cli.progress import Progress
-from tofmix.errors import BadInputError
+from tofmix.cli.reporter import CommandReporter
 from tofmix.wording import counted
-
-if TYPE_CHECKING:
-    from tofmix.simulation.model import Model
 
 
 def _list_models(context: click.Context, _: click.Parameter, wanted: bool) -> None:
@@ -93,16 +87,13 @@ def simulate(
 
     if output is None and not explain:
         raise click.UsageError("Missing option '-o' / '--output'.")
-    scene = load_model(model)
-    recording = scene.recording
-    chosen = replace(
-        recording,
-        frames=recording.frames if frames is None else frames,
-        seed=recording.seed if seed is None else seed,
-    )
-    scene = replace(scene, recording=chosen)
+    from tofmix.jobs.simulate import Simulation, with_choices
+
+    scene = with_choices(load_model(model), frames=frames, seed=seed)
     if output is None or explain:
-        _explain(scene)
+        from tofmix.simulation.explain import explain as explained
+
+        click.echo(explained(scene))
         return
 
     from tofmix.io.atomic.storage import check_output, locked
@@ -110,68 +101,17 @@ def simulate(
     outputs = [output] if repeat is None else [_numbered(output, k) for k in range(1, repeat + 1)]
     for path in outputs:
         check_output(path, overwrite=overwrite, inputs=(Path(model),))
-    for k, path in enumerate(outputs):
+    n_frames, rows, cols = scene.recording.frames, scene.sensor.rows, scene.sensor.cols
+    for number, path in enumerate(outputs, start=scene.recording.seed):
         with locked(path, overwrite=overwrite, inputs=(Path(model),)):
-            seeded = replace(scene, recording=replace(chosen, seed=chosen.seed + k))
-            line, made = _write(seeded, model, path, averaged, overwrite)
-        click.echo(json.dumps(made) if as_json else line)
+            seeded = with_choices(scene, frames=None, seed=number)
+            made = Simulation.of(seeded, model, averaged=averaged, threads=default_workers())
+            made.write(path, model, CommandReporter(), overwrite=overwrite)
+        said = {"output": str(path), "frames": n_frames, "rows": rows, "cols": cols, "seed": number}
+        words = counted(n_frames, "averaged frame" if averaged else "frame")
+        line = f"{path}: {words} of {rows} x {cols} pixels, seed {number}"
+        click.echo(json.dumps(said | {"averaged": averaged}) if as_json else line)
 
 
 def _numbered(output: Path, number: int) -> Path:
     return output.with_name(f"{output.stem}_{number:03d}{output.suffix}")
-
-
-def _explain(scene: "Model") -> None:
-    from tofmix.simulation.explain import explain
-
-    click.echo(explain(scene))
-
-
-def _write(model: "Model", name: str, output: Path, averaged: bool, overwrite: bool) -> tuple[str, dict[str, Any]]:
-    from tofmix.io.recording.recording_writer import CHUNK_FRAMES, RecordingWriter
-    from tofmix.simulation.casting.cast import cast_scene
-    from tofmix.simulation.exposure import drawn_truth
-    from tofmix.simulation.render import recording_sensor, render_blocks
-
-    n_frames, seed = model.recording.frames, model.recording.seed
-    shape = (n_frames, model.sensor.rows, model.sensor.cols)
-    try:
-        sensor = recording_sensor(model, averaged=averaged)
-        truth = cast_scene(model)
-        model.placed((n_frames - 1) / model.recording.frame_rate_hz)
-    except BadInputError as error:
-        raise BadInputError(f"{name}: {error}") from error
-    writer = RecordingWriter(
-        output,
-        shape=shape,
-        sensor=sensor,
-        truth=truth,
-        model_text=model.text,
-        effect_truth=drawn_truth(model, seed=seed, n_frames=n_frames),
-        moving=model.moves,
-        title=f"synthetic recording of {Path(name).name}",
-        attributes={"seed": seed, "averaged": int(averaged)},
-        overwrite=overwrite,
-    )
-    with Progress(n_frames, "simulate", "frame") as bar, writer:  # the bar stays until the file has its name
-        for block in render_blocks(
-            model,
-            truth,
-            n_frames=n_frames,
-            seed=seed,
-            averaged=averaged,
-            block_frames=CHUNK_FRAMES,
-            threads=default_workers(),
-        ):
-            writer.write(
-                block.start,
-                block.range_mm,
-                time_s=block.time_s,
-                amplitude=block.amplitude,
-                range_true=block.range_true,
-            )
-            bar.update(len(block.range_mm))
-    frames = counted(n_frames, "averaged frame" if averaged else "frame")
-    made = {"output": str(output), "frames": n_frames, "rows": shape[1], "cols": shape[2], "seed": seed}
-    line = f"{output}: {frames} of {shape[1]} x {shape[2]} pixels, seed {seed}"
-    return line, made | {"averaged": averaged}

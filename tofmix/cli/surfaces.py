@@ -15,9 +15,9 @@ from tofmix.cli.options import (
     overwrite_option,
     projection_option,
     suspect_option,
+    view_of,
 )
 from tofmix.cli.progress import Progress
-from tofmix.cli.recording_check import check_view
 from tofmix.errors import BadInputError
 from tofmix.wording import counted
 
@@ -64,11 +64,11 @@ def surfaces(
     camera's field of view. docs/how-to/surfaces.md shows how other programs read
     the file.
     """
-    from tofmix.cli.import_camera import view_note, view_of, view_words, viewed
     from tofmix.io.atomic.storage import locked
     from tofmix.io.layers.layers_file import open_layers
     from tofmix.io.recording.recording_file import file_sha256
     from tofmix.io.surfaces.surfaces_writer import SurfacesWriter
+    from tofmix.jobs.view import check_view, view_note, view_words, viewed
     from tofmix.surfaces.found import SurfacesProvenance
     from tofmix.version import __version__
 

@@ -69,8 +69,8 @@ def run_block(block: Block) -> list[tuple[int, EncodedCell]]:
     job = block.job
     _check_visible(block)
     with open_recording(job.recording, check_units=False) as source:
-        source.sensor = job.provenance.sensor
-        engine = LocalEngine(source=source, workers=1, memory_bytes=block.memory_bytes, folder=Path(gettempdir()))
+        own = source.with_sensor(job.provenance.sensor)
+        engine = LocalEngine(source=own, workers=1, memory_bytes=block.memory_bytes, folder=Path(gettempdir()))
         wanted = [job.grid.cell(index) for index in block.cells]
         return [(cell.index, encoded) for cell, encoded in engine(job, wanted)]
 

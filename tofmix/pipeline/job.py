@@ -5,14 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from tofmix.errors import BadInputError
 from tofmix.estimation.blocks.sequence import resolved_mixing
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.grid import Cell, Grid, plan_grid
 from tofmix.io.layers.chunks import EncodedCell
 from tofmix.io.layers.provenance import header_image
-from tofmix.io.recording.recording_file import RecordingFile
 from tofmix.layers import Provenance
+from tofmix.recording import CameraSource
 from tofmix.version import __version__
 from tofmix.windows import Windows
 
@@ -53,13 +52,13 @@ class Job:
 
 
 def plan_job(
-    source: RecordingFile, windows: Windows, options: EstimateOptions, of_sensor: dict[str, str | float]
+    source: CameraSource, windows: Windows, options: EstimateOptions, of_sensor: dict[str, str | float]
 ) -> Job:
     """Plan the estimate of an open recording.
 
     Parameters
     ----------
-    source : RecordingFile
+    source : CameraSource
         The recording, with the sensor that is to be used.
     windows : Windows
         Its windows, in frames.
@@ -76,14 +75,13 @@ def plan_job(
     Raises
     ------
     BadInputError
-        If the recording cannot be read, or phasor sums are insisted on and it has no phasors.
+        If the recording cannot be read.
+    ValueError
+        If phasor sums are insisted on, and it has no phasors.
     """
-    try:
-        options = resolved_mixing(options, source)
-    except ValueError as error:
-        raise BadInputError(f"{source.path}: --{error}") from error
+    options, recording = resolved_mixing(options, source), Path(source.name)
     provenance = Provenance(
-        source=source.path.name,
+        source=recording.name,
         source_sha256=source.sha256(),
         version=__version__,
         sensor=source.sensor,
@@ -93,7 +91,7 @@ def plan_job(
         has_amplitude=source.has_amplitude,
     )
     grid = plan_grid(windows.of_samples(provenance.samples_a_frame), source.shape[1:], row_step=source.row_step)
-    return Job(recording=source.path, options=options, provenance=provenance, grid=grid, chunk_frames=source.frame_step)
+    return Job(recording=recording, options=options, provenance=provenance, grid=grid, chunk_frames=source.frame_step)
 
 
 class Engine(Protocol):

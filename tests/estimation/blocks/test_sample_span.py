@@ -69,7 +69,7 @@ def test_invalid_samples_do_not_extend_the_range() -> None:
 def test_known_range_or_circle_reads_no_samples(circle: float | None) -> None:
     recording = Stored(np.full((4, 2, 1), 900.0, dtype=np.float32), (1, 1))
     if circle is None:
-        recording = recording.with_sensor(replace(ENDLESS, range_max_mm=6000.0))  # type: ignore[assignment]
+        recording = recording.with_sensor(replace(ENDLESS, range_max_mm=6000.0))
     sensor = sensor_with_span(recording, circle)
     assert (sensor.sample_min_mm, sensor.sample_max_mm) == (None, None)
     assert not recording.reads.any()

@@ -1,1 +1,1 @@
-"""``tofmix estimate``: command (the options) -> request -> outputs, noise -> runs -> results."""
+"""``tofmix estimate``: command (the options) -> runs -> results."""

@@ -6,9 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from tofmix.cli.estimate.noise import circle_choice, outlier_choice, spell
 from tofmix.cli.options import (
-    AUTO,
     HDF5_PATH,
     MEMORY,
     PATH,
@@ -21,6 +19,7 @@ from tofmix.cli.options import (
     overwrite_option,
     shares_option,
 )
+from tofmix.cli.reporter import CommandReporter
 from tofmix.errors import UsageError
 
 if TYPE_CHECKING:
@@ -207,13 +206,11 @@ def estimate(
     dimensions window, row, col and layer, near to far. Several recordings need
     --output-dir; - reads their names from stdin, one a line.
     """
-    from tofmix.cli.estimate.request import Request
     from tofmix.cli.estimate.runs import estimate_files
-    from tofmix.estimation.noise_choice import check_parts
     from tofmix.estimation.settings import EstimateOptions
+    from tofmix.io.layers.journal import WHOLE, Shard
+    from tofmix.jobs.estimate import EstimateRequest, FileRequest, check_request
 
-    if stride is not None and window is None:
-        raise UsageError("--stride needs --window")
     shard, scheduler = nearer_of(shard=shard, scheduler=scheduler)
     if scheduler is not None and shard is not None:
         raise UsageError("--shard and --scheduler exclude each other: a shard is computed on this machine")
@@ -229,33 +226,31 @@ def estimate(
         raise UsageError("--false-alarm belongs to --refine likelihood, not to --refine none")
     if choices["paper"]:
         _check_paper(context)
+    if wrap and unambiguous_range is not None:
+        raise UsageError("--wrap takes the unambiguous range from the recording; leave out --unambiguous-range")
     try:
         counter = _counter(context, choices)
-        length = circle_choice(unambiguous_range, wrap=wrap)
-        options = EstimateOptions(counter=counter, unambiguous_range_mm=length, **choices)  # type: ignore[arg-type]  # click has checked the types
-        other = None if noise in (None, AUTO) else noise
-        check_parts(options, shape=noise_shape, widths=noise_widths, other_noise=other, spell=spell)
+        options = EstimateOptions(counter=counter, unambiguous_range_mm=unambiguous_range, **choices)  # type: ignore[arg-type]  # click has checked the types
     except ValueError as error:
         raise UsageError(str(error)) from error
-    request = Request(
-        options=options,
-        wrap=wrap,
-        window=window,
-        stride=stride,
-        noise=noise,
-        outliers=outlier_choice(outliers),
-        noise_shape=noise_shape,
-        noise_widths=noise_widths,
-        shares=shares,
-        workers=workers or default_workers(),
-        memory_bytes=memory,
-        shard=shard,
-        resume=resume,
-        overwrite=overwrite,
-        scheduler=scheduler,
-        force=force,
-    )
-    estimate_files(recordings, output, output_dir, request, as_json=as_json)
+    request = EstimateRequest(
+        options=options, noise=noise, outliers=_number(outliers), noise_shape=noise_shape, noise_widths=noise_widths,
+        shares=shares, wrap=wrap, window=window, stride=stride, force=force, workers=workers or default_workers(),
+    )  # fmt: skip
+    check_request(request, CommandReporter())
+    files = FileRequest(
+        memory_bytes=memory, shard=WHOLE if shard is None else Shard(number=shard[0], count=shard[1]), resume=resume,
+        overwrite=overwrite, scheduler=scheduler,
+    )  # fmt: skip
+    estimate_files(recordings, output, output_dir, request, files, as_json=as_json)
+
+
+def _number(text: str) -> float | str:
+    """The number that a text is, or the text."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
 def _check_paper(context: click.Context) -> None:

@@ -27,8 +27,11 @@ class FloatRecording(Protocol):
 
     path: Path
     shape: tuple[int, int, int]
-    sensor: Sensor
     units: str | None
+
+    @property
+    def sensor(self) -> Sensor:
+        """The camera."""
 
     @property
     def row_step(self) -> int:

@@ -8,7 +8,9 @@ import io
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from copy import copy
 from pathlib import Path
+from typing import Self
 
 import h5py
 import numpy as np
@@ -23,6 +25,7 @@ from tofmix.io.length_units import UNITS_MM, unit_mm_of
 from tofmix.io.next_command import import_command
 from tofmix.io.recording.range_check import check_range
 from tofmix.recording import DECODED_SAMPLES, MOST_FRAMES, MOST_PIXELS_A_SIDE, MOST_TARGETS
+from tofmix.sensor import Sensor
 
 FORMAT = "tofmix-recording"
 DIMS = ("frame", "row", "col")
@@ -34,7 +37,7 @@ _MM = ("mm", "millimeter", "millimetre", "millimeters", "millimetres")
 
 
 class RecordingFile:
-    """An open recording. It is a `tofmix.recording.SampleSource`, and a `tofmix.recording.TargetSource`.
+    """An open recording, a `tofmix.recording.CameraSource`.
 
     Made by `open_recording`; reads are in blocks, nothing is kept. `units` is the attribute of `range`; `remarks` are
     lines for the user. Where pixels return several targets, the targets of a frame are samples that
@@ -45,7 +48,7 @@ class RecordingFile:
         self._root, self.path = root, path
         self._identity = guard.identity(root)
         self.verified = False
-        self.sensor = sensor_group.read_sensor(root, path)
+        self._sensor = sensor_group.read_sensor(root, path)
         self._range = _samples(root, "range", path)
         self.units = hdf5.text_attribute(self._range, "units")
         self.remarks: tuple[str, ...] = ()
@@ -64,6 +67,27 @@ class RecordingFile:
             raise BadInputError(
                 f"{path}: amplitude: shape {self._amplitude.shape} differs from range {self._range.shape}"
             )
+
+    @property
+    def name(self) -> str:
+        """The path, for messages."""
+        return str(self.path)
+
+    @property
+    def sensor(self) -> Sensor:
+        """The camera: the file's, or that of `with_sensor`."""
+        return self._sensor
+
+    def with_sensor(self, sensor: Sensor) -> Self:
+        """The same open file with another camera."""
+        other = copy(self)
+        other._sensor = sensor  # noqa: SLF001  of its own class
+        return other
+
+    @property
+    def averaged(self) -> bool:
+        """Whether the root attribute `averaged` marks the frames as means that the camera made."""
+        return self.attributes().get("averaged", 0) not in (0, "0", "")
 
     def check_unchanged(self) -> None:
         """Refuse the data if the file was written to during reading.

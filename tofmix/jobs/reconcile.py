@@ -1,0 +1,260 @@
+"""Reconcile models with recordings: checks, doubts, the noise that is tried, and the folder of results."""
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from tofmix.arrays import FloatArray
+from tofmix.errors import BadInputError
+from tofmix.io.layers.layers_file import open_layers
+from tofmix.io.next_command import import_command
+from tofmix.io.reconciliation import write_folder
+from tofmix.jobs.reporter import OptionError, Reporter
+from tofmix.optics.geometry import largest_angle_deg
+from tofmix.optics.projection import beam_directions_of, pixel_extent_rad
+from tofmix.reconciliation.evidence import Evidence, make_evidence
+from tofmix.reconciliation.likelihood.joint import check_camera
+from tofmix.reconciliation.measured_noise import (
+    MEASURED,
+    MODEL,
+    is_open,
+    measured_models,
+    with_fallback,
+    with_note,
+)
+from tofmix.reconciliation.search.name import KINDS
+from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.words import effect_tables, suggested_tables
+from tofmix.reconciliation.workflow import Reconciliation, maps_of
+from tofmix.reconciliation.workflow import reconcile as search
+from tofmix.recording import CameraSource, amplitude_source
+from tofmix.report.gap.page import render_gap
+from tofmix.sensor import Sensor
+from tofmix.simulation.model import Model
+from tofmix.simulation.model_toml import background_path
+from tofmix.toml_table import nearest
+
+Recordings = list[tuple[Model, Evidence]]
+
+_MOST_SAMPLES = 1 << 28  # samples held in memory: a gigabyte
+_SAME = 1e-3  # relative difference of numbers of a camera that are written in a file
+_SAME_PLACE = 0.1  # part of a pixel: directions that differ by less are the same
+_SAME_RATE = 0.02  # relative difference of frame rates: clocks are not exact
+
+
+def kinds_of(effects: Sequence[str] | None, reporter: Reporter) -> tuple[str, ...]:
+    """The kinds of effects to try, in the order in which they are tried; all without a list.
+
+    Raises
+    ------
+    OptionError
+        If the list is empty, or names no effect.
+    """
+    if effects is None:
+        return KINDS
+    for name in effects:
+        if name not in KINDS:
+            raise OptionError(f'{reporter.option("effects")}: "{name}" is not an effect{nearest(name, KINDS)}')
+    if not effects:
+        raise OptionError(f"{reporter.option('effects')}: the list is empty; name an effect, or leave the option out")
+    return tuple(kind for kind in KINDS if kind in effects)
+
+
+def check_models(models: Sequence[tuple[str, Model]]) -> None:
+    """Refuse named models that no recording, or not one camera, can be compared with.
+
+    Raises
+    ------
+    BadInputError
+        If a model has no surface, or their cameras differ.
+    """
+    for name, model in models:
+        if not model.surfaces:
+            raise BadInputError(f"{name}: surface: the model has no surface; add one to compare with the recording")
+    for name, model in models[1:]:
+        try:
+            check_camera([models[0][1], model])
+        except BadInputError as error:
+            raise BadInputError(f"{name}: {error}") from error
+
+
+def read_evidence(
+    model: Model, source: CameraSource, reporter: Reporter, *, time_s: FloatArray | None,
+    temperature_c: FloatArray | None,
+) -> Evidence:  # fmt: skip
+    """Read a recording into memory, and say where it and the model differ.
+
+    Raises
+    ------
+    BadInputError
+        If it is too large, has several targets a frame, or does not go with the model.
+    """
+    name, every = source.name, slice(None)
+    if source.targets:
+        raise BadInputError(
+            f"{name}: range: {source.targets} targets a pixel and frame; reconcile compares one sample a frame."
+            f" Keep one of them: {import_command(Path(name), '--target', 'nearest')}"
+        )
+    if (samples := math.prod(source.shape)) > _MOST_SAMPLES:
+        raise BadInputError(
+            f"{name}: range: {samples:,} samples; reconcile holds them all in memory, {_MOST_SAMPLES:,} at most"
+        )
+    light = amplitude_source(source)
+    range_mm = source.read_range(every, every)
+    amplitude = None if light is None else light.read_amplitude(every, every)
+    for number in ("modulation_frequency_hz", "integration_time_ms"):
+        own, models = getattr(source.sensor, number), getattr(model.sensor, number)
+        if own is not None and models is not None and not math.isclose(own, models, rel_tol=_SAME):
+            reporter.warn(f"{name}: sensor: {number} is {own:g}; the model has {models:g}")
+    _say_other_optics(source, model, reporter)
+    _say_other_rate(name, time_s, model, reporter)
+    if any(effect.kind == "fixed_pattern" and getattr(effect, "map", None) is None for effect in model.effects):
+        reporter.warn(f"{name}: the model's fixed_pattern has no map: every static error counts as part of the pattern")
+    if model.sensor.noise.width_spread:
+        reporter.warn(
+            f"{name}: the model has width_spread without a width for each pixel: every difference between the noise of"
+            " pixels counts as width"
+        )
+    try:
+        return make_evidence(
+            model, range_mm, time_s=time_s, amplitude=amplitude, temperature_c=temperature_c,
+            integration_time_ms=source.sensor.integration_time_ms,
+        )  # fmt: skip
+    except BadInputError as error:
+        raise BadInputError(f"{name}: {error}") from error
+
+
+def _say_other_optics(source: CameraSource, model: Model, reporter: Reporter) -> None:
+    """Say if the pixels of the recording and of the model look in different directions."""
+    shape, models, own = source.shape[1:], model.sensor.optics, source.sensor.optics
+    if own is None or own == models or shape != model.sensor.shape:
+        return
+    try:
+        off_deg = largest_angle_deg(beam_directions_of(own, shape), beam_directions_of(models, shape))
+    except ValueError as error:
+        raise BadInputError(f"{source.name}: sensor: {error}") from error
+    if off_deg > _SAME_PLACE * math.degrees(float(pixel_extent_rad(models, shape).min())):
+        reporter.warn(
+            f"{source.name}: sensor: its pixels see {own.words(shape)}; the model's see {models.words(shape)};"
+            f" directions differ by up to {off_deg:.2g} degrees"
+        )
+
+
+def _say_other_rate(name: str, time_s: FloatArray | None, model: Model, reporter: Reporter) -> None:
+    """Say if frames follow each other at another rate than the model's."""
+    if time_s is None or time_s[-1] <= time_s[0]:
+        return
+    models, steps = model.recording.frame_rate_hz, np.diff(time_s)
+    mean, usual = 1.0 / float(steps.mean()), 1.0 / float(np.median(steps[steps > 0]))
+    if not any(math.isclose(own, models, rel_tol=_SAME_RATE) for own in (mean, usual)):  # a pause is no other rate
+        reporter.warn(f"{name}: time: {usual:.4g} Hz; the model has frame_rate_hz {models:g}")
+
+
+def reconcile(
+    recordings: Recordings,
+    settings: Settings,
+    noise: str | Sensor | None,
+    learnt: Callable[[], Sensor],
+    reporter: Reporter,
+) -> Reconciliation:
+    """Find the effects that the models lack.
+
+    Parameters
+    ----------
+    recordings : list of (Model, Evidence)
+        Of one camera.
+    settings : Settings
+        Options of the search.
+    noise : str, Sensor or None
+        ``model``, ``measured``, a layers file, or a camera. Without it the model's, and the measured one where the
+        model's leaves something unexplained.
+    learnt : callable
+        Gives the camera of the first recording with the noise of its samples.
+    reporter : Reporter
+        Receives a step of progress for each kind that was tried.
+
+    Raises
+    ------
+    BadInputError
+        If the models' cameras differ, or there is no such noise.
+    OptionError
+        If `noise` is none of these.
+    """
+
+    def found(recordings: Recordings) -> Reconciliation:
+        return search(*recordings[0], settings, lambda _: reporter.progress(1), also=recordings[1:])
+
+    if noise not in (None, MODEL):
+        other = measured_models(recordings, _sensor_of(noise, learnt, reporter))
+        return with_note((found(other), other), recordings, settings)
+    result = found(recordings)
+    if noise is None and is_open(result):
+        try:
+            with reporter.aside():
+                other = measured_models(recordings, learnt())
+        except BadInputError as error:
+            reporter.note(f"the noise of the recording is not tried: {error}")
+            return result
+        return with_fallback((result, recordings), (found(other), other), settings)
+    return result
+
+
+def _sensor_of(noise: str | Sensor | None, learnt: Callable[[], Sensor], reporter: Reporter) -> Sensor:
+    """The camera whose noise replaces the models'."""
+    if isinstance(noise, Sensor):
+        return noise
+    if noise == MEASURED:
+        with reporter.aside():
+            return learnt()
+    path = Path(str(noise))
+    if not path.exists():
+        raise OptionError(
+            f'{reporter.option("noise")}: "{noise}" is not model, measured or a layers file: no such file'
+        )
+    with open_layers(path) as layers:
+        sensor = layers.provenance.sensor
+    if sensor.noise is None:
+        raise BadInputError(f"{noise}: sensor/noise_sigma: no noise curve")
+    return sensor
+
+
+def write_reconciliation(
+    result: Reconciliation, files: Sequence[tuple[str, Path]], output: Path, *, overwrite: bool
+) -> None:
+    """Write the folder of a reconciliation of models with recordings.
+
+    Raises
+    ------
+    BadInputError
+        If two models have different maps of one name.
+    UsageError, StorageError
+        As `tofmix.io.reconciliation.write_folder`.
+    """
+
+    def texts(tables: Callable[[Reconciliation, int], str]) -> list[str]:
+        found = [(model.text.rstrip("\n") + "\n", tables(result, k)) for k, model in enumerate(result.models)]
+        return [f"{text}\n{more}" if more else text for text, more in found]
+
+    maps = _maps(result)
+    page = render_gap(result, source=" and ".join(measured.name for _, measured in files))
+    inputs = tuple(path for model, measured in files for path in (Path(model), measured) if path.exists())
+    write_folder(
+        output, model_texts=texts(effect_tables), maps=maps, gap=result.as_dict(), page=page, overwrite=overwrite,
+        inputs=inputs, suggested_texts=texts(suggested_tables) if result.suggested else (),
+    )  # fmt: skip
+
+
+def _maps(result: "Reconciliation") -> dict[str, FloatArray]:
+    """The maps (row, col) of the refined models by their paths in the models' folder."""
+    of_effects = (*(e for m in result.models for e in m.effects), *(named.effect for named in result.named))
+    of_noise = ((background_path(m), m.sensor.noise.background) for m in result.models)
+    found = [item for effect in of_effects for item in maps_of(effect).items()]
+    found += [(path, values) for path, values in of_noise if path is not None and values is not None]
+    maps: dict[str, FloatArray] = {}
+    for path, values in found:
+        if path in maps and not np.array_equal(maps[path], values, equal_nan=True):
+            raise BadInputError(f"map: two models of one camera have different maps with the name {path}; rename one")
+        maps[path] = values
+    return maps

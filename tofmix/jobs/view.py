@@ -1,0 +1,53 @@
+"""Where the pixels of a job look: by a field of view, or by the camera of a layers file."""
+
+from tofmix.errors import BadInputError
+from tofmix.io.layers.layers_file import LayersFile
+from tofmix.jobs.reporter import OptionError
+from tofmix.optics.pinhole import Pinhole
+from tofmix.optics.projection import Projection
+from tofmix.optics.view import view_doubt
+from tofmix.sensor import Sensor
+from tofmix.sensors.view import with_view
+
+_VIEW_REMEDY = "import the recording with --fov HxV or --intrinsics, and estimate again"
+
+
+def check_view(file: LayersFile, *, own_remedy: str = "") -> None:
+    """Refuse a layers file without the directions of its pixels, with the remedies: the command's own comes first.
+
+    Raises
+    ------
+    BadInputError
+        If it has no field of view and no pinhole, or one that its image cannot have.
+    """
+    try:
+        optics = file.provenance.sensor.optics
+        if optics is not None:
+            optics.check(file.shape[1:])
+    except ValueError as error:
+        raise BadInputError(f"{file.path}: sensor: {error}; {own_remedy}{_VIEW_REMEDY}") from error
+    if optics is None:
+        raise BadInputError(f"{file.path}: the directions of its pixels are not known; {own_remedy}{_VIEW_REMEDY}")
+
+
+def view_note(view_deg: tuple[float, float], projection: str, shape: tuple[int, int]) -> str:
+    """Note on a ``--fov`` that may be in radians; empty if it may not."""
+    doubt = view_doubt(view_deg, projection, shape)
+    return doubt and f"--fov: {doubt}"
+
+
+def viewed(sensor: Sensor, view_deg: tuple[float, float], projection: str, shape: tuple[int, int]) -> Sensor:
+    """The camera with the directions of an image's pixels by a field of view; `OptionError` if no pinhole sees it."""
+    try:
+        return with_view(sensor, view_deg, projection, shape)
+    except ValueError as error:
+        raise OptionError(f"--fov: {error}") from error
+
+
+def view_words(optics: Projection, shape: tuple[int, int], view_deg: tuple[float, float] | None) -> str:
+    """A projection in words; an ideal pinhole by its field of view, if that is what was given."""
+    if not isinstance(optics, Pinhole):
+        return f"field of view {optics.words(shape)}, equal angles"
+    how = "pinhole" if view_deg is None else f"an ideal pinhole of {view_deg[0]:g} x {view_deg[1]:g} degrees,"
+    lens = "" if not optics.distortion else f" distortion {' '.join(f'{k:g}' for k in optics.distortion)}"
+    return f"{how} fx {optics.fx:g} fy {optics.fy:g} cx {optics.cx:g} cy {optics.cy:g}{lens}"
