@@ -110,6 +110,7 @@ class Setting:
     amplitudes: FloatArray
     shares: FloatArray  # of invalid samples by pixel
     residuals: FloatArray  # measured minus predicted range of pixels with a return, mm
+    stray: complex  # phasor that, added to every pixel's, explains most of the residuals
 
 
 _Main = tuple[NDArray[Any], ...]
@@ -222,6 +223,53 @@ def _multipath(s: Setting) -> Iterator[Problem]:
         yield Problem(make=partial(make, seen.name, unit), starts=tuple(starts), steps=(0.3, 0.3))
 
 
+def _reflection(s: Setting) -> Iterator[Problem]:
+    """Two components of the phasor, in units that shift the range of a typical pixel by about sigma."""
+    lit = s.amplitudes[s.amplitudes > 0]
+    if lit.size == 0:
+        return
+    unit = max(float(np.median(lit)) * 2 * math.pi * s.sigma / s.turn, 1e-6)
+
+    def make(x: FloatArray) -> Effect:
+        size = _bounded(math.hypot(x[0], x[1]) * unit, 0, 1e6)
+        return MAKE["internal_reflection"](amplitude=size, range_mm=math.atan2(x[1], x[0]) / (2 * math.pi) * s.turn)
+
+    around = (1, 1j, -1, -1j)
+    starts = tuple((z.real, z.imag) for z in (s.stray / unit, *around))
+    yield Problem(make=make, starts=starts, steps=(0.3, 0.3))
+
+
+def stray_phasor(
+    range_mm: FloatArray, amplitude: FloatArray, residual_mm: FloatArray, sigma_mm: FloatArray, turn_mm: float
+) -> complex:
+    """The small phasor c that, added to every pixel's, explains most of the residuals: linear least squares.
+
+    Parameters
+    ----------
+    range_mm, amplitude : (pixel,) float64
+        Predicted range, mm, and amplitude.
+    residual_mm : (pixel,) float64
+        Measured minus predicted range, mm; NaN where it is not known.
+    sigma_mm : (pixel,) float64
+        Noise, mm.
+    turn_mm : float
+        d_u, mm.
+
+    Returns
+    -------
+    complex
+        To first order a pixel is moved by d_u / 2 pi Im(c exp(-2 pi i r / d_u)) / A. 0 if no pixel has an amplitude.
+    """
+    known = ~np.isnan(residual_mm) & (amplitude > 0)
+    if math.isnan(turn_mm) or not known.any():
+        return 0j
+    phase = 2 * math.pi * range_mm[known] / turn_mm
+    lever = turn_mm / (2 * math.pi) / (amplitude * sigma_mm)[known]
+    columns = np.stack([-np.sin(phase), np.cos(phase)], axis=1) * lever[:, None]
+    real, imaginary = np.linalg.lstsq(columns, residual_mm[known] / sigma_mm[known], rcond=None)[0]
+    return complex(real, imaginary)
+
+
 def _vignetting(s: Setting) -> Iterator[Problem]:  # noqa: ARG001
     def make(x: FloatArray) -> Effect:
         return MAKE["vignetting"](corner_factor=math.exp(_bounded(x[0], 0, 4)))
@@ -290,6 +338,7 @@ SEARCHES: dict[str, _Maker] = {
     "temperature_drift": _drift,
     "scattering": _simple("scattering", "share", (0.002, 0.02, 0.1), log=True),
     "multipath": _multipath,
+    "internal_reflection": _reflection,
     "phase_wrapping": _wrapping,
     "flying_pixels": _simple("flying_pixels", "probability", (0.01, 0.1, 0.6), log=True),
     "pixel_crosstalk": _simple("pixel_crosstalk", "share", (0.003, 0.03), log=True),
@@ -317,12 +366,13 @@ def setting(likelihood: Likelihood, mixture: Mixture) -> Setting:
             typical = float(np.median(sigma[own]))
             pose, turned = _plane_of(seen_by, surfaces[surface], typical)
             seen.append(Seen(surface=surfaces[surface], sigma=typical, residual=residual, pose=pose, turned_deg=turned))
-    turn = likelihood.scene.model.sensor.modulation_frequency_hz
+    phased = likelihood.scene.model.sensor.modulation_frequency_hz is not None
+    turn = likelihood.scene.model.sensor.turn_mm("reconcile") if phased else math.nan
     interval = float(np.median(np.abs(np.diff(likelihood.evidence.time_s))))
     return Setting(
         mixture=mixture,
         sigma=float(np.median(sigma[lit])) if lit.any() else float(np.median(sigma)),
-        turn=math.nan if turn is None else likelihood.scene.model.sensor.turn_mm("reconcile"),
+        turn=turn,
         duration=max(float(likelihood.evidence.time_s.max()), 1e-3),
         recorded=max(interval * max(f.stop - f.start for f in likelihood.evidence.recordings), 1e-3),
         interval=interval,
@@ -330,6 +380,7 @@ def setting(likelihood: Likelihood, mixture: Mixture) -> Setting:
         amplitudes=amplitude,
         shares=lost,
         residuals=(median - mean)[lit & ~np.isnan(median)],
+        stray=stray_phasor(mean[lit], amplitude[lit], (median - mean)[lit], sigma[lit], turn),
     )
 
 

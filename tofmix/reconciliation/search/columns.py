@@ -302,6 +302,19 @@ def _multipath(make: ColumnMaker) -> Iterator[Term]:
         yield Term(kind="multipath", surface=name, make=own, columns=both)
 
 
+def _reflection(make: ColumnMaker) -> Iterator[Term]:
+    """Both components of the phasor, each with the prior of the amplitude."""
+    turn, size = make.scales.turn_mm, _SMALL * make.scales.reference
+
+    def made(c: FloatArray) -> Effect:
+        range_mm = math.atan2(c[1], c[0]) / (2 * math.pi) * turn
+        return _effect("internal_reflection", amplitude=math.hypot(c[0], c[1]), range_mm=range_mm)
+
+    prior = _prior("internal_reflection", "amplitude")
+    both = tuple(make.column(made(np.array(c)), size, prior) for c in ((size, 0.0), (0.0, size)))
+    yield Term(kind="internal_reflection", surface="", make=made, columns=both)
+
+
 def _noise(make: ColumnMaker) -> Iterator[Term]:
     def made(c: FloatArray) -> Effect:
         return _effect("excess_noise", factor=math.exp(c[0]))
@@ -357,6 +370,7 @@ TERMS: dict[str, Callable[[ColumnMaker], Iterator[Term]]] = {
     "temperature_drift": _drift,
     "scattering": _scattering,
     "multipath": _multipath,
+    "internal_reflection": _reflection,
     "excess_noise": _noise,
     "vignetting": _vignetting,
 }

@@ -132,6 +132,8 @@ def next_steps(
             f"A bias of {verified.findings.smallest_sigma:.2g} sigma of all samples would have been seen; four times"
             " as many frames show half of that."
         )
+    if verified.verdict in ("explained", "partly_explained"):
+        steps += dict.fromkeys(e.remedy for e in verified.state.effects if e.remedy)
     if verified.verdict == "explained":
         steps += worse(verified)
         steps.append(

@@ -7,6 +7,7 @@ from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.flying_pixels import FlyingPixels
 from tofmix.simulation.effects.interference import Interference
+from tofmix.simulation.effects.internal_reflection import InternalReflection
 from tofmix.simulation.effects.motion import Motion
 from tofmix.simulation.effects.multipath import Multipath
 from tofmix.simulation.effects.outliers import Outliers
@@ -28,6 +29,7 @@ EFFECTS: dict[str, type[Effect]] = {
     "motion": Motion,
     "multipath": Multipath,
     "scattering": Scattering,
+    "internal_reflection": InternalReflection,
     "pixel_crosstalk": PixelCrosstalk,
     "flying_pixels": FlyingPixels,
     "vignetting": Vignetting,
