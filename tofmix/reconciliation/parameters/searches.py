@@ -43,6 +43,7 @@ _KNOWN_OF_MEDIAN = 2 / math.pi  # information of a median over that of a mean
 _AT_THE_EDGE = 0.95  # quantile
 _LEAST_LEVER = 0.1  # mm a degree: a tilt with less effect on ranges is not searched for
 _BY_CHANCE = 0.05  # chance that a value lies so near a whole number
+_HALF_CELL_MM = 0.5  # samples are whole mm
 _LEAST_FRAMES = 3.0  # least time constant of a drift: a faster one is an offset with a bad first frame
 
 
@@ -111,6 +112,7 @@ class Setting:
     shares: FloatArray  # of invalid samples by pixel
     residuals: FloatArray  # measured minus predicted range of pixels with a return, mm
     stray: complex  # phasor that, added to every pixel's, explains most of the residuals
+    glass: tuple[float, float, float] | None  # share, median, mm, and spread, mm, of samples before the scene
 
 
 _Main = tuple[NDArray[Any], ...]
@@ -270,6 +272,39 @@ def stray_phasor(
     return complex(real, imaginary)
 
 
+def _near_return(s: Setting) -> Iterator[Problem]:
+    """From the samples before the scene; none without such samples."""
+    if s.glass is None:
+        return
+
+    def make(x: FloatArray) -> Effect:
+        share, range_mm, sigma_mm = (math.exp(_bounded(v, -25, 12)) for v in x)
+        return MAKE["near_return"](share=share, range_mm=range_mm, sigma_mm=sigma_mm)
+
+    yield Problem(make=make, starts=(tuple(math.log(v) for v in s.glass),), steps=(0.2, 0.05, 0.2))
+
+
+def _before_the_scene(view: View) -> tuple[int, FloatArray]:
+    """How many of some samples are valid, and those of a cover glass: nearer than all that the model has there."""
+    m = view.mixture
+    samples = view.evidence.samples[:: max(1, len(view.evidence.samples) // _GLANCE)]
+    nearest = np.where(m.weight > 0, m.mean - _OUT_OF_SIGHT * m.sigma, np.inf).min(axis=(0, 1))
+    prior = EFFECTS["near_return"].parameters()["range_mm"].prior
+    low, high = (0.0, math.inf) if prior is None else prior.farthest
+    near = (samples > low) & (samples < np.minimum(nearest, high))
+    return int((samples > 0).sum()), samples[near].astype(np.float64)
+
+
+def _of_glass(seen_by: Sequence[View]) -> tuple[float, float, float] | None:
+    """Share, median and spread of the samples before the scene, mm; None without any."""
+    counts, values = zip(*(_before_the_scene(view) for view in seen_by), strict=True)
+    near = np.concatenate(values)
+    if not near.size:
+        return None
+    middle = float(np.median(near))
+    return near.size / sum(counts), middle, max(float(np.median(np.abs(near - middle))), _HALF_CELL_MM)
+
+
 def _vignetting(s: Setting) -> Iterator[Problem]:  # noqa: ARG001
     def make(x: FloatArray) -> Effect:
         return MAKE["vignetting"](corner_factor=math.exp(_bounded(x[0], 0, 4)))
@@ -339,6 +374,7 @@ SEARCHES: dict[str, _Maker] = {
     "scattering": _simple("scattering", "share", (0.002, 0.02, 0.1), log=True),
     "multipath": _multipath,
     "internal_reflection": _reflection,
+    "near_return": _near_return,
     "phase_wrapping": _wrapping,
     "flying_pixels": _simple("flying_pixels", "probability", (0.01, 0.1, 0.6), log=True),
     "pixel_crosstalk": _simple("pixel_crosstalk", "share", (0.003, 0.03), log=True),
@@ -381,6 +417,7 @@ def setting(likelihood: Likelihood, mixture: Mixture) -> Setting:
         shares=lost,
         residuals=(median - mean)[lit & ~np.isnan(median)],
         stray=stray_phasor(mean[lit], amplitude[lit], (median - mean)[lit], sigma[lit], turn),
+        glass=_of_glass(seen_by),
     )
 
 
