@@ -19,7 +19,7 @@ class InternalReflection(Effect):
     way is short and does not depend on the scene. Drivers that couple electrically into the pixels add the same kind of
     phasor, with any phase. A target of amplitude A at range r is moved by d_u / 2 pi arg(1 + c exp(-2 pi i r / d_u) / A):
     towards the camera within half a turn of the reflection, away from it beyond. Dark and far targets move most: 5
-    units from 0 move an amplitude of 500 at 1.8 m by 12 mm at 20 MHz and one of 100 at 3.0 m by 37 mm. The amplitude
+    units from 0 move an amplitude of 500 at 1.8 m by 12 mm at 20 MHz and one of 100 at 3.0 m by 36 mm. The amplitude
     becomes |z + c|, and noise falls or rises with its inverse. In a scene of one distance and one brightness it is a
     constant bias.
 

@@ -49,7 +49,6 @@ class NearReturn(Effect):
         unit="1",
         low=0,
         high=1,
-        high_open=True,
         zero=0,
         typical=(0.005, 0.3),
         prior=UniformPrior(low=0, high=0.5),
