@@ -4,10 +4,10 @@
     PYTHONPATH=tests python tests/benchmarks/laws.py --output RESULTS --draws 20 --law near_return
     PYTHONPATH=tests python tests/benchmarks/laws.py --output RESULTS --summary
 
-Scenes are those of users in turn (`users.cases`), and rooms. An internal reflection is so large that the best set of up
-to two other kinds, fitted to predictions without noise, explains it worse by 15, 60 or 240 nats (`users.oracle`). A near
-return has a share of 0.1, 1 or 6 %. Every case is a line of `RESULTS/laws.jsonl`; a case that has a line is not done
-again. docs/results/laws.md has the table.
+Scenes are those of users in turn (`users.cases`), and rooms. An internal reflection is so large that the best set of
+up to two other kinds, fitted to predictions without noise, explains it worse by 15, 60 or 240 nats (`users.oracle`). A
+near return has a share of 0.1, 1 or 6 %. Every case is a line of `RESULTS/laws.jsonl`; a case that has a line is not
+done again. docs/results/laws.md has the table.
 """
 
 import argparse
@@ -69,14 +69,12 @@ def reflection(given: Model, nats: float, rng: np.random.Generator) -> Effect | 
     for _ in range(3):  # the gain bends for large ones
         size = small.amplitude * float(np.sqrt(nats / max(gain_without(given, small), 1e-9)))
         small = replace(small, amplitude=min(size, 1e4))
-    return small if small.plausible() and abs(gain_without(given, small) / nats - 1) < 0.2 else None  # noqa: PLR2004
+    return small if small.plausible() and abs(gain_without(given, small) / nats - 1) < 0.2 else None
 
 
 def near_return(share: float, rng: np.random.Generator) -> Effect:
     """A near return of this share."""
-    return EFFECTS["near_return"](
-        share=share, range_mm=float(rng.uniform(15, 60)), sigma_mm=float(rng.uniform(3, 8))
-    )  # type: ignore[call-arg]
+    return EFFECTS["near_return"](share=share, range_mm=float(rng.uniform(15, 60)), sigma_mm=float(rng.uniform(3, 8)))  # type: ignore[call-arg]
 
 
 def cases(law: str, draws: int) -> Iterator[tuple[str, float, Case]]:
@@ -136,7 +134,9 @@ def lines(output: Path) -> list[dict[str, Any]]:
 
 def table(done: list[dict[str, Any]]) -> str:
     """One row a law and size."""
-    out = "| law | size | cases | right | wrong | undecided | numbers within two errors | far pose or path | median s |\n"
+    out = (
+        "| law | size | cases | right | wrong | undecided | numbers within two errors | far pose or path | median s |\n"
+    )
     out += "|---|---|---|---|---|---|---|---|---|\n"
     for law, sizes in SIZES.items():
         for size in sizes:
@@ -144,7 +144,7 @@ def table(done: list[dict[str, Any]]) -> str:
             if own:
                 count = {r: sum(d["result"] == r for d in own) for r in ("right", "wrong", "open")}
                 off = [abs(v) for d in own for v in d["off"].values()]
-                within = f"{sum(v < 2 for v in off)} of {len(off)}"  # noqa: PLR2004  two errors
+                within = f"{sum(v < 2 for v in off)} of {len(off)}"
                 seconds = float(np.median([d["seconds"] for d in own]))
                 out += (
                     f"| `{law}` | {size:g} {UNITS[law]} | {len(own)} | {count['right']} | {count['wrong']} | "

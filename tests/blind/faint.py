@@ -28,8 +28,8 @@ from blind.strength import make
 
 NULLS, RESPONSES, CHECKS = 12, 6, 12
 TEMPLATES = (
-    "range_offset", "surface_pose", "wiggling", "amplitude_walk", "temperature_drift", "scattering", "internal_reflection", "multipath",
-    "motion", "pixel_crosstalk",
+    "range_offset", "surface_pose", "wiggling", "amplitude_walk", "temperature_drift", "scattering", "multipath",
+    "motion", "pixel_crosstalk", "internal_reflection",
 )  # fmt: skip
 SQUARES = ("fixed_pattern", "interference", "quantisation")  # the statistic grows with the strength's square
 

@@ -15,8 +15,15 @@ from blind.reference import NoiseTable
 from blind.scenes import TARGET, draw_scene
 from blind.strength import make
 
-BIASES = ("range_offset", "surface_pose", "wiggling", "amplitude_walk", "scattering", "internal_reflection",
-          "multipath")
+BIASES = (
+    "range_offset",
+    "surface_pose",
+    "wiggling",
+    "amplitude_walk",
+    "scattering",
+    "internal_reflection",
+    "multipath",
+)
 SAMPLES = 48 * 64 * 200  # of the smallest recording of the bench
 
 

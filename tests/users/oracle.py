@@ -40,7 +40,8 @@ _TOLERANCE, _NOISE = 0.1, 0.01  # errors of the model: of poses, sigma; of the n
 _SMALL = 0.01
 _MAKE: Mapping[str, Callable[..., Effect]] = EFFECTS
 _BY_THEMSELVES = (
-    "outliers", "near_return", "temporal_correlation", "interference", "quantisation", "fixed_pattern", "pixel_crosstalk"
+    "outliers", "near_return", "temporal_correlation", "interference", "quantisation", "fixed_pattern",
+    "pixel_crosstalk",
 )  # fmt: skip
 
 

@@ -304,7 +304,7 @@ def _multipath(make: ColumnMaker) -> Iterator[Term]:
 
 
 def _reflection(make: ColumnMaker) -> Iterator[Term]:
-    """The phasor's component at the most likely range, and that a quarter turn off, for which the range is uncertain."""
+    """The phasor's component at the most likely range, and that a quarter turn off, as the range is uncertain."""
     turn, size = make.scales.turn_mm, _SMALL * make.scales.reference
     likely = EFFECTS["internal_reflection"].parameters()["range_mm"].prior
     middle = likely.center if isinstance(likely, StudentPrior) else 0.0

@@ -218,7 +218,7 @@ class Effect:
     magnitudes : tuple of str
         Numbers that are 0 together where the effect is absent; empty for the numbers that have a `zero`.
     remedy : str
-        How a user measures or lessens it, in a sentence; empty for none. `reconcile` advises it where it names the kind.
+        How a user measures or lessens it; empty for none. `reconcile` advises it where it names the kind.
     """
 
     kind: ClassVar[str]

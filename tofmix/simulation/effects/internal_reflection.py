@@ -16,11 +16,11 @@ class InternalReflection(Effect):
     """z becomes z + c, c = amplitude exp(2 pi i range / d_u), the same in every pixel and frame.
 
     A cover glass, the housing or the rim of the lens sends light of the illumination straight back into the lens. Its
-    way is short and does not depend on the scene. A target of amplitude A at range r is moved by d_u / 2 pi arg(1 + c exp(-2 pi i r / d_u) / A):
-    towards the camera within half a turn of the reflection, away from it beyond. Dark and far targets move most: 5
-    units from 0 move an amplitude of 500 at 1.8 m by 12 mm at 20 MHz and one of 100 at 3.0 m by 36 mm. The amplitude
-    becomes |z + c|, and noise falls or rises with its inverse. In a scene of one distance and one brightness it is a
-    constant bias.
+    way is short and does not depend on the scene. A target of amplitude A at range r is moved by d_u / 2 pi arg(1 + c
+    exp(-2 pi i r / d_u) / A): towards the camera within half a turn of the reflection, away from it beyond. Dark and
+    far targets move most: 5 units from 0 move an amplitude of 500 at 1.8 m by 12 mm at 20 MHz and one of 100 at 3.0 m
+    by 36 mm. The amplitude becomes |z + c|, and noise falls or rises with its inverse. In a scene of one distance and
+    one brightness it is a constant bias.
 
     The amplitude is in the unit of the recording's amplitudes, in which a white target at 1 m has 1000 for 1.2 ms. As
     cameras have other units, its prior has long tails. The range is that of a glass or a housing. The same phasor with

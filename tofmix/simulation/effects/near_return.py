@@ -53,9 +53,7 @@ class NearReturn(Effect):
         typical=(0.005, 0.3),
         prior=UniformPrior(low=0, high=0.5),
     )
-    range_mm: float = number(
-        "Their mean range.", unit="mm", low=1, high=60_000, typical=(10, 100), prior=about(40, 2)
-    )
+    range_mm: float = number("Their mean range.", unit="mm", low=1, high=60_000, typical=(10, 100), prior=about(40, 2))
     sigma_mm: float = number(
         "Standard deviation of their ranges.",
         unit="mm",
