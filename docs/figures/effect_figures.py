@@ -347,6 +347,10 @@ SIGNATURES: dict[str, Signature] = {
     "scattering": Signature(
         scene="near-far", parameters="share = 0.002", left=_against("range", "bias", surface=1), right=_map("bias")
     ),
+    "internal_reflection": Signature(
+        scene="slanted-wall", parameters="amplitude = 2.0\nrange_mm = 20.0",
+        left=_against("range", "bias"), right=_map("bias"),
+    ),
     "pixel_crosstalk": Signature(
         scene="near-far", parameters="share = 0.002", left=_columns("mean", (76, 96)),
         right=_columns("spread", (76, 96)),
@@ -394,6 +398,9 @@ SIGNATURES: dict[str, Signature] = {
     ),
     "excess_noise": Signature(
         scene="slanted-wall", parameters="factor = 1.5", left=_against("range", "spread"), right=_map("ratio")
+    ),
+    "near_return": Signature(
+        scene="three-boards", parameters="share = 0.06\nrange_mm = 25.0\nsigma_mm = 5.0", left=_tails, right=_frame
     ),
     "outliers": Signature(scene="three-boards", parameters="probability = 0.02", left=_tails, right=_frame),
     "quantisation": Signature(

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from blind.camera import Device, Exposure, Mechanism
+from blind.camera import LIGHT_MM_S, Device, Exposure, Mechanism
 from blind.geometry import Array, Beams, Surface
 
 Parameters = dict[str, Any]
@@ -225,6 +225,47 @@ class SecondBounce(Effect):
 
     def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
         return self.physical()
+
+
+@dataclass(frozen=True, kw_only=True)
+class WindowGlare(Effect):
+    """Light of the lamp that the window throws straight back into the lens: so many electrons, after a short way."""
+
+    glare_electrons: float
+    way_mm: float  # there and back
+    kind = "internal_reflection"
+
+    def light(self, x: Exposure) -> None:
+        lit = ~x.empty
+        glare = self.glare_electrons * x.device.phasor(np.array(self.way_mm / 2))
+        x.z = np.where(lit, x.z + np.complex64(glare), x.z)
+        x.charge += np.where(lit, np.float32(self.glare_electrons), np.float32(0))
+
+    def equivalent(self, place: Place) -> Parameters:
+        return {"amplitude": self.glare_electrons * place.device.amplitude_unit, "range_mm": self.way_mm / 2}
+
+
+@dataclass(frozen=True, kw_only=True)
+class WindowEcho(Effect):
+    """A pulse timer that is set off by the window's own echo in some of its shots, whatever is behind."""
+
+    share_of_shots: float
+    gap_mm: float
+    jitter_ps: float
+    kind = "near_return"
+
+    def jitter_mm(self) -> float:
+        """The timer's spread, as a range."""
+        return self.jitter_ps * 1e-12 * LIGHT_MM_S / 2
+
+    def word(self, x: Exposure, range_mm: Array, amplitude: Array) -> None:
+        first = x.rng.random(range_mm.shape, dtype=np.float32) < self.share_of_shots
+        echoes = int(first.sum())
+        range_mm[first] = self.gap_mm + self.jitter_mm() * x.rng.standard_normal(echoes)
+        amplitude[first] = 0
+
+    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
+        return {"share": self.share_of_shots, "range_mm": self.gap_mm, "sigma_mm": self.jitter_mm()}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,7 +29,7 @@ from blind.strength import make
 NULLS, RESPONSES, CHECKS = 12, 6, 12
 TEMPLATES = (
     "range_offset", "surface_pose", "wiggling", "amplitude_walk", "temperature_drift", "scattering", "multipath",
-    "motion", "pixel_crosstalk",
+    "motion", "pixel_crosstalk", "internal_reflection",
 )  # fmt: skip
 SQUARES = ("fixed_pattern", "interference", "quantisation")  # the statistic grows with the strength's square
 
@@ -184,6 +184,7 @@ _COUNTS: dict[str, Callable[[_Seen], float]] = {
     "dropout": _count_lost,
     "saturation": _count_lost,
     "stuck_pixels": _stuck,
+    "near_return": _wild,
     "outliers": _wild,
     "temporal_correlation": _lag,
     "excess_noise": _spread,

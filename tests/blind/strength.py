@@ -24,11 +24,13 @@ UNITS = {
     "temperature_drift": "final bias, median sigma of the image",
     "fixed_pattern": "sigma of the pixels' delays, median sigma of the image",
     "scattering": "root mean square bias, sigma",
+    "internal_reflection": "root mean square bias, sigma",
     "multipath": "bias, median sigma on the board",
     "phase_wrapping": "none: through a gate (faint), or the hall's end (clear)",
     "flying_pixels": "probability",
     "excess_noise": "factor - 1",
     "vignetting": "corner factor - 1",
+    "near_return": "share of the samples",
     "outliers": "probability",
     "stuck_pixels": "share of the pixels",
     "dropout": "share of the samples lost",
@@ -105,6 +107,21 @@ def _stray(size: float, rng: np.random.Generator, place: Place) -> Effect:  # no
     veil = z.sum() / device.view.pixels
     bias = device.unambiguous_mm / (2 * math.pi) * (veil / z).imag
     return fx.StrayLight(share=size / float(np.sqrt(((bias / place.sigmas()) ** 2).mean())))
+
+
+def _glare(size: float, rng: np.random.Generator, place: Place) -> Effect:
+    """From a window some cm before the lens; so small that the bias is in proportion to it."""
+    way_mm = float(rng.uniform(10, 120))
+    range_mm, gloss, _ = main_layers(place)
+    device = place.device
+    z = device.amplitude(range_mm, gloss) * device.phasor(range_mm)
+    bias = device.unambiguous_mm / (2 * math.pi) * (device.phasor(np.array(way_mm / 2)) / z).imag
+    electrons = size / float(np.sqrt(((bias / place.sigmas()) ** 2).mean()))
+    return fx.WindowGlare(glare_electrons=electrons, way_mm=way_mm)
+
+
+def _echo(size: float, rng: np.random.Generator, place: Place) -> Effect:  # noqa: ARG001
+    return fx.WindowEcho(share_of_shots=size, gap_mm=float(rng.uniform(15, 60)), jitter_ps=float(rng.uniform(15, 60)))
 
 
 def _bounce(size: float, rng: np.random.Generator, place: Place) -> Effect:
@@ -200,11 +217,13 @@ MAKERS: dict[str, Maker] = {
     "temperature_drift": _drift,
     "fixed_pattern": _pattern,
     "scattering": _stray,
+    "internal_reflection": _glare,
     "multipath": _bounce,
     "phase_wrapping": _fold,
     "flying_pixels": _flying,
     "excess_noise": _ambient,
     "vignetting": _falling,
+    "near_return": _echo,
     "outliers": _wild,
     "stuck_pixels": _dead,
     "dropout": _lost,

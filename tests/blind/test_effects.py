@@ -87,6 +87,11 @@ def _bounce(p: dict[str, float]) -> Array:
     return np.where(SURFACE == 0, _turned(1 + p["share"] * turn), 0.0)
 
 
+def _glare(p: dict[str, float]) -> Array:
+    window = p["amplitude"] * np.exp(2j * math.pi * p["range_mm"] / DEVICE.unambiguous_mm)
+    return _turned(1 + window / (AMPLITUDE * DEVICE.phasor(RANGE)))
+
+
 @pytest.mark.parametrize(
     ("mechanism", "law"),
     [
@@ -96,6 +101,7 @@ def _bounce(p: dict[str, float]) -> Array:
         (fx.WarmUp(delay_mm_per_kelvin=0.8, rise_kelvin=15.0, time_constant_s=2.0), _drift),
         (fx.StrayLight(share=0.01), _stray),
         (fx.SecondBounce(surface=TARGET, share=0.04, extra_path_mm=1500.0), _bounce),
+        (fx.WindowGlare(glare_electrons=12_000.0, way_mm=60.0), _glare),
     ],
     ids=lambda value: getattr(value, "kind", ""),
 )
@@ -249,6 +255,17 @@ def test_share_of_lost_or_wild_samples_is_the_strength(kind: str) -> None:
         else:
             seen = (np.abs(samples - RANGE) > 8 * SIGMA)[:, MAIN].mean()
         assert seen == pytest.approx(share, rel=0.35)
+
+
+def test_echo_of_the_window_has_its_share_range_and_jitter() -> None:
+    mechanism = fx.WindowEcho(share_of_shots=0.06, gap_mm=25.0, jitter_ps=30.0)
+    p = mechanism.equivalent(PLACE)
+    assert p["sigma_mm"] == pytest.approx(4.497, abs=0.001)  # 30 ps of light, there and back
+    samples = record(DEVICE, SCENE, (mechanism,), seed=3).range_mm
+    near = samples[samples < 60]
+    assert near.size / samples.size == pytest.approx(p["share"], abs=4 * math.sqrt(0.06 * 0.94 / samples.size))
+    assert near.mean() == pytest.approx(p["range_mm"], abs=4 * 4.5 / math.sqrt(near.size))
+    assert near.std() == pytest.approx(p["sigma_mm"], rel=4 / math.sqrt(2 * near.size))
 
 
 def test_comparators_equivalent_noise_includes_the_samples_own() -> None:

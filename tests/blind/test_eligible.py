@@ -15,7 +15,15 @@ from blind.reference import NoiseTable
 from blind.scenes import TARGET, draw_scene
 from blind.strength import make
 
-BIASES = ("range_offset", "surface_pose", "wiggling", "amplitude_walk", "scattering", "multipath")
+BIASES = (
+    "range_offset",
+    "surface_pose",
+    "wiggling",
+    "amplitude_walk",
+    "scattering",
+    "internal_reflection",
+    "multipath",
+)
 SAMPLES = 48 * 64 * 200  # of the smallest recording of the bench
 
 
@@ -58,7 +66,7 @@ def _rivals(trial: Trial, place: Place, kind: str) -> dict[str, Array]:
         cosine = np.maximum(beams.cosine[0], 1e-3)
         out[f"surface_pose of {surface.name}"] = (on / cosine / sigma)[:, None]
         out[f"multipath on {surface.name}"] = (on / sigma)[:, None]
-    for name in ("amplitude_walk", "scattering"):
+    for name in ("amplitude_walk", "scattering", "internal_reflection"):
         out[name] = _template(trial, name, 0.2, 7, place)[:, None]
     return {name: columns for name, columns in out.items() if not name.startswith(kind)}
 

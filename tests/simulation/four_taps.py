@@ -104,6 +104,8 @@ class Errors:
         Light of a board that takes a longer way: its amplitude over the direct light's, and how much longer it is.
     lens : float
         Share of the whole image's mean light that the lens scatters into every pixel.
+    window : (amplitude, range in mm)
+        Light that the camera's own window reflects into every pixel.
     neighbours : float
         Share of a pixel's charge that diffuses to each of its four neighbours.
     all_at_once : float
@@ -124,6 +126,7 @@ class Errors:
 
     second_path: dict[int, tuple[float, float]] = field(default_factory=dict)
     lens: float = 0.0
+    window: tuple[float, float] = (0.0, 0.0)
     neighbours: float = 0.0
     all_at_once: float = 0.0
     falloff: Floats | float = 1.0
@@ -196,8 +199,10 @@ def _light(
         sums.append(wave)
     light, third = (np.where(together, (seen.share * wave).sum(axis=0), _of(wave, board)) for wave in sums)
     light, third = (
-        light_of + errors.lens * (seen.share * wave).sum(axis=0).mean()
-        for light_of, wave in zip((light, third), sums, strict=True)
+        light_of
+        + errors.lens * (seen.share * wave).sum(axis=0).mean()
+        + errors.window[0] * np.exp(1j * order * turn * errors.window[1])
+        for order, light_of, wave in zip((1, 3), (light, third), sums, strict=True)
     )
     light, third = (_diffused(light_of, errors.neighbours) for light_of in (light, third))
     return light, third * np.exp(1j * errors.harmonic_phase)

@@ -191,6 +191,9 @@ CASES = {
         for x in (0.02, 0.1, 0.4)
     ],
     "scattering": [(effect("scattering", share=x), Errors(lens=x)) for x in (0.01, 0.05, 0.2)],
+    "internal_reflection": [
+        (effect("internal_reflection", amplitude=x, range_mm=20.0), Errors(window=(x, 20.0))) for x in (1.0, 4.0, 16.0)
+    ],
     "pixel_crosstalk": [(effect("pixel_crosstalk", share=x), Errors(neighbours=x)) for x in (0.005, 0.02, 0.08)],
     "flying_pixels": [(effect("flying_pixels", probability=x), Errors(all_at_once=x)) for x in (0.1, 0.5, 1.0)],
     "vignetting": [(effect("vignetting", corner_factor=x), Errors(falloff=falloff(x))) for x in (1.2, 1.6, 2.5)],

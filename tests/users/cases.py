@@ -120,6 +120,8 @@ MAGNITUDES: dict[str, _Drawn] = {
     "temperature_drift": {"amplitude_mm": _uniform(10, 25), "time_constant_s": _uniform(0.8, 2.5)},
     "scattering": {"share": _uniform(0.012, 0.04)},
     "multipath": {"share": _uniform(0.05, 0.12), "extra_path_mm": _uniform(500, 1400)},
+    "internal_reflection": {"amplitude": _uniform(4, 12), "range_mm": _uniform(0, 150)},
+    "near_return": {"share": _uniform(0.02, 0.1), "range_mm": _uniform(15, 60), "sigma_mm": _uniform(3, 8)},
     "excess_noise": {"factor": _uniform(1.15, 1.6)},
     "outliers": {"probability": _uniform(0.006, 0.03)},
     "temporal_correlation": {"coefficient": _uniform(0.15, 0.5)},

@@ -5,8 +5,9 @@ change of the noise's width. A set of kinds is fitted to these by its laws, line
 errors (each surface's place and tilts to 0.1 sigma, the noise to 1 %) are fitted too, at a price. The rest is the
 expected loss against the truth, in nats. This module uses the simulator's predictions and nothing of reconcile.
 
-Kinds that act in another way (random values, a memory, bursts, a lattice, each pixel's own bias, leaking neighbours)
-stand for themselves: none of the others does what they do. Leaking neighbours must do something at all.
+Kinds that act in another way (random values, returns of a cover glass, a memory, bursts, a lattice, each pixel's own
+bias, leaking neighbours) stand for themselves: none of the others does what they do. Leaking neighbours must do
+something at all.
 """
 
 import math
@@ -39,7 +40,8 @@ _TOLERANCE, _NOISE = 0.1, 0.01  # errors of the model: of poses, sigma; of the n
 _SMALL = 0.01
 _MAKE: Mapping[str, Callable[..., Effect]] = EFFECTS
 _BY_THEMSELVES = (
-    "outliers", "temporal_correlation", "interference", "quantisation", "fixed_pattern", "pixel_crosstalk"
+    "outliers", "near_return", "temporal_correlation", "interference", "quantisation", "fixed_pattern",
+    "pixel_crosstalk",
 )  # fmt: skip
 
 
@@ -316,6 +318,13 @@ def _drift(laws: _Laws) -> Iterator[list[_Column]]:
         yield [(mean * -np.expm1(-laws.now[:, None] / tau_s), width)]
 
 
+def _reflection(laws: _Laws) -> Iterator[list[_Column]]:
+    """The two components of the phasor, a thousandth of a typical amplitude large."""
+    small = 0.001 * float(np.median(laws.at_rest.amplitude[laws.at_rest.amplitude > 0]))
+    quarter = laws.given.sensor.turn_mm("the oracle") / 4
+    yield [laws.of(small, "internal_reflection", amplitude=small, range_mm=r) for r in (0.0, quarter)]
+
+
 _COLUMNS: dict[str, Callable[[_Laws], Iterator[list[_Column]]]] = {
     "range_offset": lambda laws: iter([[laws.of(1.0, "range_offset", offset_mm=1.0)]]),
     "surface_pose": _pose,
@@ -325,6 +334,7 @@ _COLUMNS: dict[str, Callable[[_Laws], Iterator[list[_Column]]]] = {
     "amplitude_walk": _walk,
     "temperature_drift": _drift,
     "scattering": lambda laws: iter([[laws.of(_SMALL, "scattering", share=_SMALL)]]),
+    "internal_reflection": _reflection,
     "excess_noise": lambda laws: iter([[laws.of(_SMALL, "excess_noise", factor=math.exp(_SMALL))]]),
     "vignetting": lambda laws: iter([[laws.of(_SMALL, "vignetting", corner_factor=math.exp(_SMALL))]]),
 }

@@ -10,7 +10,7 @@ from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.reconciliation.parameters.fits import fit
 from tofmix.reconciliation.parameters.profiles import numeric
-from tofmix.reconciliation.parameters.searches import problems
+from tofmix.reconciliation.parameters.searches import problems, stray_phasor
 from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.effects.base import Latent
 from tofmix.simulation.model import Model
@@ -40,7 +40,7 @@ def test_each_start_of_a_search_is_an_effect_that_the_camera_may_have(
     model: Model, lossy: Likelihood, kind: str
 ) -> None:
     found = problems(kind, lossy, lossy.scene.mixture())
-    assert found or kind == "phase_wrapping"  # nothing is near the turn
+    assert found or kind in ("phase_wrapping", "near_return")  # nothing is near the turn, or before the scene
     for problem in found:
         assert problem.starts
         for start in problem.starts:
@@ -55,7 +55,7 @@ def test_effects_of_the_phase_are_not_searched_for_without_a_modulation_frequenc
     sensor = replace(model.sensor, modulation_frequency_hz=None)
     likelihood = Likelihood(evidence, Scene(replace(model, sensor=sensor), evidence.time_s))
     mixture = likelihood.scene.mixture()
-    for kind in ("wiggling", "multipath", "phase_wrapping", "scattering"):
+    for kind in ("wiggling", "multipath", "phase_wrapping", "scattering", "internal_reflection"):
         assert problems(kind, likelihood, mixture) == []
     assert problems("range_offset", likelihood, mixture)
 
@@ -83,9 +83,53 @@ def test_fitted_dropout_is_the_share_that_is_lost(lossy: Likelihood) -> None:
     assert found.value > lossy.value(lossy.start(), whole) + 1000
 
 
+@pytest.mark.parametrize("size", [1.0, 6.0])
+@pytest.mark.parametrize("at_mm", [20.0, 140.0])
+def test_phasor_that_was_added_to_every_pixel_is_recovered_from_ranges(size: float, at_mm: float) -> None:
+    """To second order in its share of the light, and to 4 standard errors of the least squares."""
+    rng, turn = np.random.default_rng(5), 7494.8
+    range_mm, amplitude, sigma = rng.uniform(800, 5000, 3000), rng.uniform(200, 900, 3000), rng.uniform(1, 8, 3000)
+    wave = np.exp(2j * np.pi * range_mm / turn)
+    added = size * np.exp(2j * np.pi * at_mm / turn)
+    moved = np.angle(1 + added / (amplitude * wave)) * turn / (2 * np.pi) + sigma * rng.standard_normal(3000)
+    moved[::7] = np.nan
+    found = stray_phasor(range_mm, amplitude, moved, sigma, turn)
+    error = 2 * np.pi / turn * np.median(amplitude * sigma) * np.sqrt(2 / 2500)
+    assert abs(found - added) < 4 * error + 2 * size**2 / amplitude.min()
+
+
+def test_no_phasor_is_found_without_amplitudes_or_phase() -> None:
+    ones = np.ones(9)
+    assert stray_phasor(ones, 0 * ones, ones, ones, 7494.8) == 0
+    assert stray_phasor(ones, ones, np.full(9, np.nan), ones, 7494.8) == 0
+    assert stray_phasor(ones, ones, ones, ones, np.nan) == 0
+
+
+def test_search_for_a_near_return_starts_at_its_samples(model: Model, record: Record) -> None:
+    evidence = record(MAKE["near_return"](share=0.06, range_mm=25.0, sigma_mm=5.0))
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    (problem,) = problems("near_return", likelihood, likelihood.scene.mixture())
+    (start,) = problem.starts
+    found = numeric(problem.make(np.array(start)))
+    assert found["share"] == pytest.approx(0.06, rel=0.15)
+    assert found["range_mm"] == pytest.approx(25.0, abs=1.0)
+    assert found["sigma_mm"] == pytest.approx(5.0 * 0.6745, rel=0.2)  # half of them are within the probable error
+
+
+def test_near_return_is_not_searched_for_without_samples_before_the_scene(model: Model, record: Record) -> None:
+    evidence = record()
+    evidence.samples[evidence.samples < 300] = 0
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    assert problems("near_return", likelihood, likelihood.scene.mixture()) == []
+
+
 @pytest.mark.parametrize(
     ("kind", "values", "sound"),
     [
+        ("internal_reflection", {"amplitude": 12.0, "range_mm": 140.0}, True),
+        ("internal_reflection", {"amplitude": 12.0, "range_mm": 2000.0}, False),
+        ("near_return", {"share": 0.06, "range_mm": 25.0, "sigma_mm": 5.0}, True),
+        ("near_return", {"share": 0.06, "range_mm": 900.0, "sigma_mm": 5.0}, False),
         ("surface_pose", {"surface": "near", "shift_mm": 900.0}, True),
         ("surface_pose", {"surface": "near", "shift_mm": -2500.0}, False),
         ("multipath", {"surface": "near", "share": 0.1, "extra_path_mm": 4000.0}, True),

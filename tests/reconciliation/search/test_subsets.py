@@ -52,6 +52,15 @@ def test_biases_and_widths_are_those_of_the_recording(model: Model) -> None:
     assert abs((width * sure).sum() / sure.sum() - np.log(1.4)) < 4 / np.sqrt(sure.sum())
 
 
+def test_stray_light_of_the_lens_is_no_reflection_of_the_glass_and_the_other_way_round(model: Model) -> None:
+    """Both add one phasor to every pixel's: that of the scene, or that of a short way."""
+    for hidden in (MAKE["scattering"](share=0.03), MAKE["internal_reflection"](amplitude=6.0, range_mm=20.0)):
+        found = sets(model, recorded(model, hidden), size=1)
+        assert kinds(found[0]) == {hidden.kind}
+        other = next(s for s in found if kinds(s) == {"scattering", "internal_reflection"} - {hidden.kind})
+        assert found[0].evidence > other.evidence + 6
+
+
 def test_evidence_is_the_density_of_the_data_with_the_coefficients_integrated_out(model: Model) -> None:
     """By the covariance of all cells at once, which has each column's prior in it."""
     (seen,), _ = summed(model, recorded(model))

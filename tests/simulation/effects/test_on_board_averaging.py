@@ -12,7 +12,8 @@ from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.parameter import Holds
 from tofmix.simulation.render import recording_sensor, render_blocks
 
-REFUSED = {"outliers", "temporal_correlation", "saturation", "phase_wrapping"}
+NEUTRAL = {"near_return": {"range_mm": 25.0, "sigma_mm": 5.0}}
+REFUSED = {"near_return", "outliers", "temporal_correlation", "saturation", "phase_wrapping"}
 
 
 def averaged(bench: Bench, *effects: Effect, frames: int = 10) -> Recorded:
@@ -57,7 +58,7 @@ def test_read_out_acts_on_the_mean(bench: Bench) -> None:
 
 @pytest.mark.parametrize("kind", sorted(REFUSED))
 def test_effects_without_meaning_in_averaged_frames_are_refused(bench: Bench, kind: str) -> None:
-    model = bench.boards(effect(kind, **neutral_values(EFFECTS[kind])), frames=1).model
+    model = bench.boards(effect(kind, **NEUTRAL.get(kind, {}), **neutral_values(EFFECTS[kind])), frames=1).model
     message = rf"\[\[effect\]\] 1: kind: {kind} is not simulated in a camera that averages on board; .* --averaged"
     with pytest.raises(BadInputError, match=message):
         recording_sensor(model, averaged=True)

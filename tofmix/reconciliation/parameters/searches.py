@@ -43,6 +43,7 @@ _KNOWN_OF_MEDIAN = 2 / math.pi  # information of a median over that of a mean
 _AT_THE_EDGE = 0.95  # quantile
 _LEAST_LEVER = 0.1  # mm a degree: a tilt with less effect on ranges is not searched for
 _BY_CHANCE = 0.05  # chance that a value lies so near a whole number
+_HALF_CELL_MM = 0.5  # samples are whole mm
 _LEAST_FRAMES = 3.0  # least time constant of a drift: a faster one is an offset with a bad first frame
 
 
@@ -110,6 +111,8 @@ class Setting:
     amplitudes: FloatArray
     shares: FloatArray  # of invalid samples by pixel
     residuals: FloatArray  # measured minus predicted range of pixels with a return, mm
+    stray: complex  # phasor that, added to every pixel's, explains most of the residuals
+    glass: tuple[float, float, float] | None  # share, median, mm, and spread, mm, of samples before the scene
 
 
 _Main = tuple[NDArray[Any], ...]
@@ -222,6 +225,86 @@ def _multipath(s: Setting) -> Iterator[Problem]:
         yield Problem(make=partial(make, seen.name, unit), starts=tuple(starts), steps=(0.3, 0.3))
 
 
+def _reflection(s: Setting) -> Iterator[Problem]:
+    """Two components of the phasor, in units that shift the range of a typical pixel by about sigma."""
+    lit = s.amplitudes[s.amplitudes > 0]
+    if lit.size == 0:
+        return
+    unit = max(float(np.median(lit)) * 2 * math.pi * s.sigma / s.turn, 1e-6)
+
+    def make(x: FloatArray) -> Effect:
+        size = _bounded(math.hypot(x[0], x[1]) * unit, 0, 1e6)
+        return MAKE["internal_reflection"](amplitude=size, range_mm=math.atan2(x[1], x[0]) / (2 * math.pi) * s.turn)
+
+    around = (1, 1j, -1, -1j)
+    starts = tuple((z.real, z.imag) for z in (s.stray / unit, *around))
+    yield Problem(make=make, starts=starts, steps=(0.3, 0.3))
+
+
+def stray_phasor(
+    range_mm: FloatArray, amplitude: FloatArray, residual_mm: FloatArray, sigma_mm: FloatArray, turn_mm: float
+) -> complex:
+    """The small phasor c that, added to every pixel's, explains most of the residuals: linear least squares.
+
+    Parameters
+    ----------
+    range_mm, amplitude : (pixel,) float64
+        Predicted range, mm, and amplitude.
+    residual_mm : (pixel,) float64
+        Measured minus predicted range, mm; NaN where it is not known.
+    sigma_mm : (pixel,) float64
+        Noise, mm.
+    turn_mm : float
+        d_u, mm.
+
+    Returns
+    -------
+    complex
+        To first order a pixel is moved by d_u / 2 pi Im(c exp(-2 pi i r / d_u)) / A. 0 if no pixel has an amplitude.
+    """
+    known = ~np.isnan(residual_mm) & (amplitude > 0)
+    if math.isnan(turn_mm) or not known.any():
+        return 0j
+    phase = 2 * math.pi * range_mm[known] / turn_mm
+    lever = turn_mm / (2 * math.pi) / (amplitude * sigma_mm)[known]
+    columns = np.stack([-np.sin(phase), np.cos(phase)], axis=1) * lever[:, None]
+    real, imaginary = np.linalg.lstsq(columns, residual_mm[known] / sigma_mm[known], rcond=None)[0]
+    return complex(real, imaginary)
+
+
+def _near_return(s: Setting) -> Iterator[Problem]:
+    """From the samples before the scene; none without such samples."""
+    if s.glass is None:
+        return
+
+    def make(x: FloatArray) -> Effect:
+        share, range_mm, sigma_mm = (math.exp(_bounded(v, -25, 12)) for v in x)
+        return MAKE["near_return"](share=share, range_mm=range_mm, sigma_mm=sigma_mm)
+
+    yield Problem(make=make, starts=(tuple(math.log(v) for v in s.glass),), steps=(0.2, 0.05, 0.2))
+
+
+def _before_the_scene(view: View) -> tuple[int, FloatArray]:
+    """How many of some samples are valid, and those of a cover glass: nearer than all that the model has there."""
+    m = view.mixture
+    samples = view.evidence.samples[:: max(1, len(view.evidence.samples) // _GLANCE)]
+    nearest = np.where(m.weight > 0, m.mean - _OUT_OF_SIGHT * m.sigma, np.inf).min(axis=(0, 1))
+    prior = EFFECTS["near_return"].parameters()["range_mm"].prior
+    low, high = (0.0, math.inf) if prior is None else prior.farthest
+    near = (samples > low) & (samples < np.minimum(nearest, high))
+    return int((samples > 0).sum()), samples[near].astype(np.float64)
+
+
+def _of_glass(seen_by: Sequence[View]) -> tuple[float, float, float] | None:
+    """Share, median and spread of the samples before the scene, mm; None without any."""
+    counts, values = zip(*(_before_the_scene(view) for view in seen_by), strict=True)
+    near = np.concatenate(values)
+    if not near.size:
+        return None
+    middle = float(np.median(near))
+    return near.size / sum(counts), middle, max(float(np.median(np.abs(near - middle))), _HALF_CELL_MM)
+
+
 def _vignetting(s: Setting) -> Iterator[Problem]:  # noqa: ARG001
     def make(x: FloatArray) -> Effect:
         return MAKE["vignetting"](corner_factor=math.exp(_bounded(x[0], 0, 4)))
@@ -290,6 +373,8 @@ SEARCHES: dict[str, _Maker] = {
     "temperature_drift": _drift,
     "scattering": _simple("scattering", "share", (0.002, 0.02, 0.1), log=True),
     "multipath": _multipath,
+    "internal_reflection": _reflection,
+    "near_return": _near_return,
     "phase_wrapping": _wrapping,
     "flying_pixels": _simple("flying_pixels", "probability", (0.01, 0.1, 0.6), log=True),
     "pixel_crosstalk": _simple("pixel_crosstalk", "share", (0.003, 0.03), log=True),
@@ -317,12 +402,13 @@ def setting(likelihood: Likelihood, mixture: Mixture) -> Setting:
             typical = float(np.median(sigma[own]))
             pose, turned = _plane_of(seen_by, surfaces[surface], typical)
             seen.append(Seen(surface=surfaces[surface], sigma=typical, residual=residual, pose=pose, turned_deg=turned))
-    turn = likelihood.scene.model.sensor.modulation_frequency_hz
+    phased = likelihood.scene.model.sensor.modulation_frequency_hz is not None
+    turn = likelihood.scene.model.sensor.turn_mm("reconcile") if phased else math.nan
     interval = float(np.median(np.abs(np.diff(likelihood.evidence.time_s))))
     return Setting(
         mixture=mixture,
         sigma=float(np.median(sigma[lit])) if lit.any() else float(np.median(sigma)),
-        turn=math.nan if turn is None else likelihood.scene.model.sensor.turn_mm("reconcile"),
+        turn=turn,
         duration=max(float(likelihood.evidence.time_s.max()), 1e-3),
         recorded=max(interval * max(f.stop - f.start for f in likelihood.evidence.recordings), 1e-3),
         interval=interval,
@@ -330,6 +416,8 @@ def setting(likelihood: Likelihood, mixture: Mixture) -> Setting:
         amplitudes=amplitude,
         shares=lost,
         residuals=(median - mean)[lit & ~np.isnan(median)],
+        stray=stray_phasor(mean[lit], amplitude[lit], (median - mean)[lit], sigma[lit], turn),
+        glass=_of_glass(seen_by),
     )
 
 

@@ -19,6 +19,7 @@ from tofmix.reconciliation.search.summaries import Summary, surfaces_of
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.base import Latent, Target
 from tofmix.simulation.effects.parameter import Holds, Parameter
+from tofmix.simulation.effects.prior import StudentPrior
 from tofmix.simulation.effects.surface_pose import SurfacePose
 from tofmix.simulation.surface import Surface
 
@@ -302,6 +303,25 @@ def _multipath(make: ColumnMaker) -> Iterator[Term]:
         yield Term(kind="multipath", surface=name, make=own, columns=both)
 
 
+def _reflection(make: ColumnMaker) -> Iterator[Term]:
+    """The phasor's component at the most likely range, and that a quarter turn off, as the range is uncertain."""
+    turn, size = make.scales.turn_mm, _SMALL * make.scales.reference
+    likely = EFFECTS["internal_reflection"].parameters()["range_mm"].prior
+    middle = likely.center if isinstance(likely, StudentPrior) else 0.0
+
+    def made(c: FloatArray) -> Effect:
+        range_mm = middle + math.atan2(c[1], c[0]) / (2 * math.pi) * turn
+        return _effect("internal_reflection", amplitude=math.hypot(c[0], c[1]), range_mm=range_mm)
+
+    along = _prior("internal_reflection", "amplitude")
+    across = along * 2 * math.pi / turn * _prior("internal_reflection", "range_mm")
+    both = (
+        make.column(made(np.array((size, 0.0))), size, along),
+        make.column(made(np.array((0.0, size))), size, across),
+    )
+    yield Term(kind="internal_reflection", surface="", make=made, columns=both)
+
+
 def _noise(make: ColumnMaker) -> Iterator[Term]:
     def made(c: FloatArray) -> Effect:
         return _effect("excess_noise", factor=math.exp(c[0]))
@@ -357,6 +377,7 @@ TERMS: dict[str, Callable[[ColumnMaker], Iterator[Term]]] = {
     "temperature_drift": _drift,
     "scattering": _scattering,
     "multipath": _multipath,
+    "internal_reflection": _reflection,
     "excess_noise": _noise,
     "vignetting": _vignetting,
 }

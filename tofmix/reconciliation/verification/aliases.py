@@ -8,6 +8,8 @@ from tofmix.reconciliation.search.alternatives import ALIAS_NATS, MOST_ALIASES
 from tofmix.reconciliation.search.columns import summed_up
 from tofmix.reconciliation.search.subsets import Explained
 
+_DARK = "a dark and a bright board at each of two distances, of which nothing else of the scene is near"
+
 _SEPARATE: tuple[tuple[frozenset[str], str], ...] = (
     (frozenset({"range_offset", "surface_pose"}), "a second surface"),
     (frozenset({"range_offset", "temperature_drift"}), "20 minutes from power-on"),
@@ -28,6 +30,13 @@ _SEPARATE: tuple[tuple[frozenset[str], str], ...] = (
     (frozenset({"wiggling", "multipath"}), "the same surface at a second distance, without others around it"),
     (frozenset({"scattering", "multipath"}), "the same scene without its brightest surface"),
     (frozenset({"scattering", "amplitude_walk"}), "the same scene without its brightest surface"),
+    (frozenset({"internal_reflection", "range_offset"}), _DARK),
+    (frozenset({"internal_reflection", "surface_pose"}), _DARK),
+    (frozenset({"internal_reflection", "wiggling"}), _DARK),
+    (frozenset({"internal_reflection", "amplitude_walk"}), _DARK),
+    (frozenset({"internal_reflection", "scattering"}), _DARK),
+    (frozenset({"internal_reflection", "multipath"}), _DARK),
+    (frozenset({"internal_reflection", "fixed_pattern"}), "another scene: the pattern stays with its pixels"),
     (frozenset({"excess_noise", "multipath"}), "the same surface alone, without others around it"),
     (frozenset({"dropout", "saturation"}), "surfaces of other reflectivities"),
     (frozenset({"excess_noise", "vignetting"}), "a flat wall that fills the image"),

@@ -132,6 +132,7 @@ def next_steps(
             f"A bias of {verified.findings.smallest_sigma:.2g} sigma of all samples would have been seen; four times"
             " as many frames show half of that."
         )
+    steps += remedies(verified)
     if verified.verdict == "explained":
         steps += worse(verified)
         steps.append(
@@ -140,6 +141,12 @@ def next_steps(
         )
     nothing = "Examine the places in `where`: no known effect explains them."
     return Advice(steps=tuple(steps) or (nothing,), suggested=tuple(suggested))
+
+
+def remedies(verified: Verified) -> list[str]:
+    """How a user measures or lessens the named effects, a sentence each; empty without a name."""
+    named = verified.state.effects if verified.verdict in ("explained", "partly_explained") else ()
+    return list(dict.fromkeys(e.remedy for e in named if e.remedy))
 
 
 def name_of_effect(effect: Effect) -> tuple[str, str | None]:

@@ -217,6 +217,8 @@ class Effect:
         Whether a camera that averages on board can be simulated with it.
     magnitudes : tuple of str
         Numbers that are 0 together where the effect is absent; empty for the numbers that have a `zero`.
+    remedy : str
+        How a user measures or lessens it; empty for none. `reconcile` advises it where it names the kind.
     """
 
     kind: ClassVar[str]
@@ -234,6 +236,7 @@ class Effect:
     acts_on_phase: ClassVar[bool] = False
     averages: ClassVar[bool] = True
     magnitudes: ClassVar[tuple[str, ...]] = ()
+    remedy: ClassVar[str] = ""
 
     def __post_init__(self) -> None:
         for parameter in self.parameters().values():

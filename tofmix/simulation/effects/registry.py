@@ -7,8 +7,10 @@ from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.flying_pixels import FlyingPixels
 from tofmix.simulation.effects.interference import Interference
+from tofmix.simulation.effects.internal_reflection import InternalReflection
 from tofmix.simulation.effects.motion import Motion
 from tofmix.simulation.effects.multipath import Multipath
+from tofmix.simulation.effects.near_return import NearReturn
 from tofmix.simulation.effects.outliers import Outliers
 from tofmix.simulation.effects.phase_wrapping import PhaseWrapping
 from tofmix.simulation.effects.pixel_crosstalk import PixelCrosstalk
@@ -28,6 +30,7 @@ EFFECTS: dict[str, type[Effect]] = {
     "motion": Motion,
     "multipath": Multipath,
     "scattering": Scattering,
+    "internal_reflection": InternalReflection,
     "pixel_crosstalk": PixelCrosstalk,
     "flying_pixels": FlyingPixels,
     "vignetting": Vignetting,
@@ -41,6 +44,7 @@ EFFECTS: dict[str, type[Effect]] = {
     "fixed_pattern": FixedPattern,
     "amplitude_walk": AmplitudeWalk,
     "excess_noise": ExcessNoise,
+    "near_return": NearReturn,
     "outliers": Outliers,
     "quantisation": Quantisation,
     "dropout": Dropout,

@@ -1,0 +1,178 @@
+"""`tofmix reconcile` on one law alone, at sizes whose trace is known: how often it is right, and by how much off.
+
+    PYTHONPATH=tests python tests/benchmarks/laws.py --output RESULTS
+    PYTHONPATH=tests python tests/benchmarks/laws.py --output RESULTS --draws 20 --law near_return
+    PYTHONPATH=tests python tests/benchmarks/laws.py --output RESULTS --summary
+
+Scenes are those of users in turn (`users.cases`), and rooms. An internal reflection is so large that the best set of
+up to two other kinds, fitted to predictions without noise, explains it worse by 15, 60 or 240 nats (`users.oracle`). A
+near return has a share of 0.1, 1 or 6 %. Every case is a line of `RESULTS/laws.jsonl`; a case that has a line is not
+done again. docs/results/laws.md has the table.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from users.cases import FRAMES, RATE_HZ, Case, draw, recorded
+from users.oracle import _Laws, known
+from users.score import alternatives, score
+
+from tofmix.reconciliation.evidence import make_evidence
+from tofmix.reconciliation.search.name import KINDS
+from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.workflow import reconcile
+from tofmix.simulation.effects import EFFECTS, Effect
+from tofmix.simulation.effects.internal_reflection import InternalReflection
+from tofmix.simulation.model import Model
+
+SEED = 4501
+SIZES: Mapping[str, tuple[float, ...]] = {
+    "internal_reflection": (15.0, 60.0, 240.0),
+    "near_return": (0.001, 0.01, 0.06),
+}
+UNITS = {"internal_reflection": "nats", "near_return": "of samples"}
+SCENES = ("slanted", "two boards", "wall and box", "corner", "steps", "room", "wall", "corridor", "alcove")
+NOTHING_MOVED_MM, NOTHING_SHARED = 50.0, 0.1
+"""A pose and a second path in the place of the law are never larger."""
+_MOST_KINDS = 2  # of a set without the law
+
+
+def of_scene(scene: str, number: int) -> Case:
+    """The first case of this scene from some number on, without effects."""
+    rooms = "boards" if scene in ("wall", "slanted", "wall and box", "two boards", "corner", "steps") else "rooms"
+    k = 1000 * number
+    while (case := draw(SEED, k, rooms)).scene != scene:
+        k += 1
+    given = replace(case.given, effects=())
+    return replace(case, sort="effects", given=given, true=given, hidden=(), stranger=None)
+
+
+def gain_without(given: Model, hidden: Effect) -> float:
+    """Nats by which the best set of at most two other kinds is behind this effect, without noise."""
+    laws = _Laws(given)
+    loss = laws.losses(laws.seen(replace(given, effects=(hidden,)), slower=1.0))
+    others = [k for k in laws.kinds if k != hidden.kind]
+    return min(loss(kinds) for size in range(_MOST_KINDS + 1) for kinds in combinations(others, size))
+
+
+def reflection(given: Model, nats: float, rng: np.random.Generator) -> Effect | None:
+    """An internal reflection that no other set explains by so many nats; None if it were implausibly large."""
+    range_mm = float(rng.uniform(0, 150))
+    small = InternalReflection(amplitude=1.0, range_mm=range_mm)
+    for _ in range(3):  # the gain bends for large ones
+        size = small.amplitude * float(np.sqrt(nats / max(gain_without(given, small), 1e-9)))
+        small = replace(small, amplitude=min(size, 1e4))
+    return small if small.plausible() and abs(gain_without(given, small) / nats - 1) < 0.2 else None
+
+
+def near_return(share: float, rng: np.random.Generator) -> Effect:
+    """A near return of this share."""
+    return EFFECTS["near_return"](share=share, range_mm=float(rng.uniform(15, 60)), sigma_mm=float(rng.uniform(3, 8)))  # type: ignore[call-arg]
+
+
+def cases(law: str, draws: int) -> Iterator[tuple[str, float, Case]]:
+    """Name, size and case, each size `draws` times, over the scenes that can show it."""
+    for size in SIZES[law]:
+        done, number = 0, 0
+        while done < draws and number < 4 * draws:
+            scene = SCENES[number % len(SCENES)]
+            rng = np.random.default_rng([SEED, number, round(1000 * size)])
+            case = of_scene(scene, number)
+            effect = reflection(case.given, size, rng) if law == "internal_reflection" else near_return(size, rng)
+            number += 1
+            if effect is None:
+                continue
+            done += 1
+            hidden = replace(case, true=replace(case.given, effects=(effect,)), hidden=(effect,))
+            yield f"{law} {size:g} {done} {scene}", size, hidden
+
+
+def judged(name: str, size: float, case: Case, seed: int) -> dict[str, Any]:
+    """The outcome of one case."""
+    evidence = make_evidence(case.given, recorded(replace(case, seed=seed)), time_s=np.arange(FRAMES) / RATE_HZ)
+    start = time.perf_counter()
+    gap = reconcile(case.given, evidence, Settings(kinds=KINDS)).as_dict()
+    seconds = time.perf_counter() - start
+    (hidden,) = case.hidden
+    oracle = known(case)
+    outcome = score(case, gap, oracle)
+    own = next((e for e in gap["effects"] if e["kind"] == hidden.kind), None)
+    off = {} if own is None else {
+        n: (own["parameters"][n] - getattr(hidden, n)) / e for n, e in own["stderr"].items() if e
+    }  # fmt: skip
+    listed = any(hidden.kind in kinds for kinds in alternatives(gap))
+    return {
+        "name": name, "law": hidden.kind, "size": size, "result": outcome.result, "why": outcome.why,
+        "verdict": gap["verdict"], "named": sorted(e["kind"] for e in gap["effects"]), "listed": listed,
+        "hidden": {n: getattr(hidden, n) for n in hidden.parameters()}, "off": off, "effects": gap["effects"],
+        "aliases": [a["kinds"] for a in gap["aliases"]], "far": far_off(gap), "identifiable": oracle.identifiable,
+        "seconds": round(seconds, 1),
+    }  # fmt: skip
+
+
+def far_off(gap: Mapping[str, Any]) -> bool:
+    """Whether a pose of more than 50 mm or a second path of more than 0.1 is named."""
+    return any(
+        abs(e["parameters"].get("shift_mm", 0.0)) > NOTHING_MOVED_MM
+        or (e["kind"] == "multipath" and e["parameters"]["share"] > NOTHING_SHARED)
+        for e in gap["effects"]
+    )
+
+
+def lines(output: Path) -> list[dict[str, Any]]:
+    """What is done."""
+    path = output / "laws.jsonl"
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def table(done: list[dict[str, Any]]) -> str:
+    """One row a law and size."""
+    out = (
+        "| law | size | cases | right | wrong | undecided | numbers within two errors | far pose or path | median s |\n"
+    )
+    out += "|---|---|---|---|---|---|---|---|---|\n"
+    for law, sizes in SIZES.items():
+        for size in sizes:
+            own = [d for d in done if d["law"] == law and d["size"] == size]
+            if own:
+                count = {r: sum(d["result"] == r for d in own) for r in ("right", "wrong", "open")}
+                off = [abs(v) for d in own for v in d["off"].values()]
+                within = f"{sum(v < 2 for v in off)} of {len(off)}"
+                seconds = float(np.median([d["seconds"] for d in own]))
+                out += (
+                    f"| `{law}` | {size:g} {UNITS[law]} | {len(own)} | {count['right']} | {count['wrong']} | "
+                    f"{count['open']} | {within} | {sum(d['far'] for d in own)} | {seconds:.0f} |\n"
+                )
+    return out
+
+
+def main() -> None:
+    """Run what is not done yet, and print the table."""
+    parser = argparse.ArgumentParser(description="One law alone, at sizes whose trace is known.")
+    parser.add_argument("--output", type=Path, required=True, help="folder of the results")
+    parser.add_argument("--law", choices=list(SIZES), action="append", help="one of the laws; all by default")
+    parser.add_argument("--draws", type=int, default=5, help="cases of each size")
+    parser.add_argument("--summary", action="store_true", help="only print the table of what is done")
+    options = parser.parse_args()
+    options.output.mkdir(parents=True, exist_ok=True)
+    names = {d["name"] for d in lines(options.output)}
+    for law in [] if options.summary else options.law or list(SIZES):
+        for number, (name, size, case) in enumerate(cases(law, options.draws)):
+            if name in names:
+                continue
+            line = judged(name, size, case, SEED + number)
+            with (options.output / "laws.jsonl").open("a") as file:
+                file.write(json.dumps(line) + "\n")
+            print(name, line["result"], line["verdict"], line["named"], line["why"], flush=True)
+    print(table(lines(options.output)))
+
+
+if __name__ == "__main__":
+    main()
