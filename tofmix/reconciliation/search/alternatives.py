@@ -128,12 +128,26 @@ def _plausible(found: Explained) -> bool:
 
 
 def _of_names(subsets: Subsets, every: Sequence[Term], names: set[tuple[str, str]]) -> Explained:
-    """The best set of these names; if a law has several choices, they are chosen one by one."""
-    numbers: list[int] = []
-    for name in sorted(names):
-        own = [k for k, t in enumerate(every) if t.name == name]
-        numbers.append(max(own, key=lambda k: subsets.explained([*numbers, k]).evidence))
-    return subsets.explained(numbers)
+    """The best set of these names; of a law with several choices, each is chosen given those of the others.
+
+    The choices are made one by one, and again until none changes: the numbers of effects have joint errors, so a pose
+    may need its tilts only beside an effect that comes after it.
+    """
+    choices = [[k for k, t in enumerate(every) if t.name == name] for name in sorted(names)]
+    taken: list[int] = []
+    for own in choices:
+        taken.append(max(own, key=lambda k: subsets.explained([*taken, k]).evidence))
+    best = subsets.explained(taken)
+    while True:
+        before = best.evidence
+        for place, own in enumerate(choices):
+            for k in own:
+                other = [*taken[:place], k, *taken[place + 1 :]]
+                found = subsets.explained(other)
+                if found.evidence > best.evidence:
+                    taken, best = other, found
+        if best.evidence <= before:
+            return best
 
 
 def apart(state: State) -> State:
