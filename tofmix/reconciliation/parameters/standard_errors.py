@@ -181,7 +181,8 @@ def _value(numbers: Numbers, about: Parabola, move: FloatArray) -> float:
 
 
 def _spreads(errors_mm: FloatArray) -> dict[str, float]:
-    return dict(zip(("pixel_sigma_mm", "column_sigma_mm", "row_sigma_mm"), errors_mm.tolist(), strict=True))
+    names = "pixel_sigma_mm", "column_sigma_mm", "row_sigma_mm"
+    return {name: error for name, error in zip(names, errors_mm.tolist(), strict=True) if error > 0}
 
 
 def _blocks(evidence: Evidence) -> tuple[IntArray, IntArray]:

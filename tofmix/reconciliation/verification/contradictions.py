@@ -21,10 +21,11 @@ from tofmix.reconciliation.parameters.latent_errors import latent_errors
 from tofmix.reconciliation.parameters.standard_errors import standard_errors
 from tofmix.reconciliation.search.add import Added
 from tofmix.reconciliation.search.name import PRICE_NATS, Candidate, moves_by_itself
-from tofmix.reconciliation.search.refit import begin, numbers, refit, without
+from tofmix.reconciliation.search.refit import begin, numbers, refit, without, without_pattern
 from tofmix.reconciliation.search.search_state import Settings, fit_part, held_out
 from tofmix.reconciliation.verdict import LAW
 from tofmix.simulation.effects.base import Effect
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
 
 CANCELS = 20.0
 """Gain of an effect in the presence of the others over that of the best effect alone, and over that of all together:
@@ -160,7 +161,9 @@ def _unknown(likelihood: Likelihood, added: Added, settings: Settings) -> Iterat
 def _needed(likelihood: Likelihood, added: Added, number: int, settings: Settings) -> bool:
     """Whether the others, fitted again without the effect of this number, lose more than the price of its numbers."""
     others = [c for k, c in enumerate(added.chosen) if k != number]
-    rest, _ = refit(likelihood, without(added.state, number), others, fit_part(likelihood, settings))
+    patterned = added.chosen[number].kind == FixedPattern.kind
+    rest = without_pattern(added.state, number) if patterned else without(added.state, number)
+    rest, _ = refit(likelihood, rest, others, fit_part(likelihood, settings))
     part = held_out(likelihood, settings)
     lost = likelihood.value(added.state, part) - likelihood.value(rest, part)
     return lost > PRICE_NATS * added.chosen[number].parameters
