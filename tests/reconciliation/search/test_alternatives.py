@@ -1,8 +1,11 @@
-"""Which other set of effects a search begins with."""
+"""Which other set of effects a search begins with, and how many numbers each of its effects has."""
+
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from tofmix.reconciliation.search.alternatives import Alternatives
+from tofmix.reconciliation.search.alternatives import Alternatives, best_of_names
 from tofmix.reconciliation.search.columns import Column, Term
 from tofmix.reconciliation.search.subsets import Explained
 from tofmix.simulation.effects.range_offset import RangeOffset
@@ -31,3 +34,32 @@ def test_better_is_the_smallest_set_and_best_has_most_evidence() -> None:
 def test_best_is_none_if_no_set_is_clearly_better() -> None:
     assert Alternatives(found=BEST, sets=(FOUND, SMALL)).best(larger=True) is None
     assert Alternatives(found=BEST, sets=()).best(larger=True) is None
+
+
+def a_term(name: str, numbers: int) -> Term:
+    """A pose of a surface with so many numbers."""
+    nothing = (np.zeros(1),)
+    column = Column(bias_mm=nothing, profile=nothing, width=nothing, prior=1.0)
+    return Term(
+        kind="surface_pose", surface=name, columns=(column,) * numbers, make=lambda _: RangeOffset(offset_mm=1.0)
+    )
+
+
+class Tabled:
+    """Evidence of sets of terms from a table of their numbers; a set that the table lacks has none."""
+
+    def __init__(self, every: Sequence[Term], table: dict[tuple[int, ...], float]) -> None:
+        self.every, self.table = every, table
+
+    def explained(self, numbers: Sequence[int]) -> Explained:
+        terms = tuple(self.every[k] for k in numbers)
+        return Explained(terms=terms, evidence=self.table.get(tuple(sorted(numbers)), 0.0), coefficients=())
+
+
+def test_number_of_a_pose_is_chosen_given_those_of_poses_that_come_after_it() -> None:
+    every = [a_term("floor", 1), a_term("floor", 3), a_term("wall", 1), a_term("wall", 3)]
+    # The floor alone needs its tilts, but not beside the tilts of the wall
+    table = {(0,): 5.0, (1,): 9.0, (0, 2): 20.0, (1, 2): 30.0, (0, 3): 42.0, (1, 3): 29.0}
+    subsets: Any = Tabled(every, table)
+    found = best_of_names(subsets, every, {t.name for t in every})
+    assert [len(t.columns) for t in found.terms] == [1, 3]

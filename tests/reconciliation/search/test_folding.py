@@ -9,8 +9,9 @@ from benchmarks.measured_parts.walls import FRAMES, RATE_HZ, draw
 
 from tofmix.reconciliation.evidence import Evidence, make_evidence
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
+from tofmix.reconciliation.likelihood.pixel_pattern import spreads_of
 from tofmix.reconciliation.search.folding import fold
-from tofmix.reconciliation.search.links import fit_pattern, spreads_of
+from tofmix.reconciliation.search.links import fit_pattern
 from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.effects.phase_wrapping import PhaseWrapping
@@ -101,3 +102,19 @@ def test_equal_pixels_have_no_spread_beyond_the_error_of_their_means() -> None:
     start = likelihood.start()
     found = fit_pattern(likelihood, likelihood.mixture(start), start, everything(evidence))
     assert found is None or found[0].pixel_sigma_mm < model.sensor.noise.sigma_mm[0] / np.sqrt(FRAMES)
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_offset_beside_biases_of_one_row_is_named_with_the_error_of_their_mean(number: int) -> None:
+    """The bias of the only row is an offset, and the bias of a column is that of its pixel: no further numbers."""
+    model, evidence = case(number, wraps=True)
+    found = reconcile(model, evidence, Settings(kinds=KINDS)).as_dict()
+    assert found["verdict"] == "explained"
+    errors = {e["kind"]: e["stderr"] for e in found["effects"]}
+    assert set(errors["fixed_pattern"]) == {"pixel_sigma_mm"}
+    pixels = evidence.shape[1]
+    assert errors["fixed_pattern"]["pixel_sigma_mm"] == pytest.approx(10.0 / np.sqrt(2 * pixels), rel=0.5)
+    (error,) = (
+        e.get("offset_mm", e.get("shift_mm")) for k, e in errors.items() if k in ("range_offset", "surface_pose")
+    )
+    assert error == pytest.approx(10.0 / np.sqrt(pixels), rel=0.5)

@@ -91,6 +91,11 @@ def _medians(evidence: Evidence, mixture: Mixture, part: Part) -> tuple[FloatArr
     return middle, usable
 
 
+def spreads_of(image: tuple[int, int]) -> int:
+    """Number of spreads that an image (rows, columns) can show: by pixel; by column and row if there are several."""
+    return 3 if min(image) > 1 else 1
+
+
 def marginal_pattern(
     found: PixelBiases, image: tuple[int, int], sigmas_mm: tuple[float, float, float]
 ) -> tuple[float, FloatArray]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.likelihood.likelihood import State
-from tofmix.reconciliation.likelihood.pixel_pattern import PatternLines, pixel_biases, with_pattern
+from tofmix.reconciliation.likelihood.pixel_pattern import PatternLines, pixel_biases, spreads_of, with_pattern
 from tofmix.reconciliation.parameters.curvature import SOFT, Numbers, Parabola, inverse
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 
@@ -101,7 +101,8 @@ class UnderPattern:
 
         The prior of a line's whole variance, spread and noise, is flat in its logarithm. So for lines without noise the
         errors are those of Student's distribution: their squares are larger by (n - 1) / (n - 3). The spread by pixel
-        is taken as fitted, because there are many pixels.
+        is taken as fitted, because there are many pixels. In a single row or column, it is the only one: the bias of
+        a row is an offset there, and that of a column is its pixel's.
 
         References
         ----------
@@ -111,7 +112,10 @@ class UnderPattern:
         fitted = (self._pattern.column_sigma_mm, self._pattern.row_sigma_mm)
         counts = (np.unique(self._lines.col).size, np.unique(self._lines.row).size)
         noise = float(self._lines.variance.mean()) / self._lines.use.size
-        columns, rows = (_grid(s, noise * n, n) for s, n in zip(fitted, counts, strict=True))
+        several = spreads_of((self._lines.rows, self._lines.cols)) > 1
+        columns, rows = (
+            _grid(s, noise * n, n) if several else (np.array([s]), 1.0) for s, n in zip(fitted, counts, strict=True)
+        )
         pairs = np.array([(c, r) for c in columns[0] for r in rows[0]])
         found = [self._restricted(c, r) for c, r in pairs]
         chance = np.array([f[0] for f in found])
@@ -120,7 +124,7 @@ class UnderPattern:
         moves = np.stack([f[1] for f in found])
         moves -= weight @ moves
         lines = np.sqrt(weight @ (pairs - np.array(fitted)) ** 2)
-        free = max(self._lines.use.size - sum(counts), 1)
+        free = max(self._lines.use.size - (sum(counts) if several else 1), 1)
         own = float(self._lines.variance.mean()) / math.sqrt(2 * free * self._lines.own)
         return Averaged(
             covariance=np.einsum("s,sij->ij", weight, np.stack([f[2] for f in found])) + (weight * moves.T) @ moves,

@@ -117,7 +117,7 @@ def _under(numbers: Numbers, about: Parabola, pattern: FixedPattern) -> UnderPat
     return UnderPattern(numbers, about, pattern, overstated)
 
 
-def standard_errors(numbers: Numbers) -> dict[int, dict[str, float]]:
+def standard_errors(numbers: Numbers, *, by_blocks: bool = True) -> dict[int, dict[str, float]]:
     """Standard errors of the effects' numbers, by their position in the state; also of a fixed pattern's spreads.
 
     The largest of three errors for each number: from the curvature (Fisher), from slopes summed over blocks of pixels,
@@ -125,6 +125,13 @@ def standard_errors(numbers: Numbers) -> dict[int, dict[str, float]]:
     curvature are averaged over its possible spreads, and blocks of pixels are not used, because they share the pattern.
     Without a pattern, errors are scaled if the profile likelihood is no parabola. Numbers at their bounds are taken as
     exact and have no error.
+
+    Parameters
+    ----------
+    numbers : Numbers
+        The numbers, at the top of the log-likelihood.
+    by_blocks : bool
+        Whether blocks of pixels and of frames count. Without them, errors are those of a model that is exact.
 
     References
     ----------
@@ -137,10 +144,10 @@ def standard_errors(numbers: Numbers) -> dict[int, dict[str, float]]:
         return {number: {} for number in numbers.fits} | bare
     known = inverse(about.hessian)
     pixels, frames = _blocks(numbers.likelihood.evidence)
-    found = [_sandwich(known, _summed(about.by_frame, frames))]
+    found = [_sandwich(known, _summed(about.by_frame, frames))] if by_blocks else []
     out = {}
     if pattern is None:
-        found += [known, _sandwich(known, _summed(about.by_pixel, pixels))]
+        found += [known, *([_sandwich(known, _summed(about.by_pixel, pixels))] if by_blocks else [])]
     else:
         averaged = _under(numbers, about, pattern).averaged()
         found.append(averaged.covariance)
@@ -181,7 +188,8 @@ def _value(numbers: Numbers, about: Parabola, move: FloatArray) -> float:
 
 
 def _spreads(errors_mm: FloatArray) -> dict[str, float]:
-    return dict(zip(("pixel_sigma_mm", "column_sigma_mm", "row_sigma_mm"), errors_mm.tolist(), strict=True))
+    names = "pixel_sigma_mm", "column_sigma_mm", "row_sigma_mm"
+    return {name: error for name, error in zip(names, errors_mm.tolist(), strict=True) if error > 0}
 
 
 def _blocks(evidence: Evidence) -> tuple[IntArray, IntArray]:

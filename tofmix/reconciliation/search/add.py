@@ -143,7 +143,7 @@ def _or_better(search: SearchState, added: Added) -> Added:
     if part is not None and not _open(search, part.panel):
         return part
     other = None
-    for better in (*_of_more_numbers(sets, added, larger=stands_out), *_alternatives(sets, larger=stands_out)):
+    for better in (*_of_more_numbers(sets, added), *_alternatives(sets, larger=stands_out)):
         if better is not enough:  # this one has led back, or does not explain the recording
             other = other or _elsewhere(search, added, better)
     if other is None:
@@ -152,13 +152,15 @@ def _or_better(search: SearchState, added: Added) -> Added:
     return other if (stands_out or not larger) and _leads(search, other, added) else added
 
 
-def _of_more_numbers(sets: Alternatives, added: Added, *, larger: bool) -> list[Explained]:
-    """The found set itself, if the summaries give its effects more numbers than the search did.
+def _of_more_numbers(sets: Alternatives, added: Added) -> list[Explained]:
+    """The found set itself, if the summaries give one of its effects more numbers than the search did.
 
-    The tilts of a surface may only show beside effects that were added after its shift.
+    A shift and the tilts of a surface have joint errors, and the tilts may only show beside effects that were added
+    after the shift. So the evidence decides for each pose, even if no statistic stands out: of a surface that few
+    pixels see, a shift alone may leave less than the laws of the others may leave.
     """
-    told = sum(c.parameters for c in added.chosen if summed_up(c.kind))
-    return [sets.found] if larger and sets.found.numbers > told else []
+    own = {name_of(c): c.parameters for c in added.chosen}
+    return [sets.found] if any(len(t.columns) > own.get(t.name, math.inf) for t in sets.found.terms) else []
 
 
 def _alternatives(sets: Alternatives, *, larger: bool) -> list[Explained]:

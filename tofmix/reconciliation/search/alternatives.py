@@ -5,6 +5,7 @@ All sets of effects that move or widen samples are compared with the summaries o
 better, another search starts.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -115,7 +116,7 @@ def alternatives(
     subsets = Subsets(seen, every, settings.tolerance, 0.0 if pattern is None else pattern.pixel_sigma_mm)
     names = {name_of(c) for c in chosen} & {t.name for t in every}
     sets = subsets.all_up_to(min(_LARGEST, max(settings.max_effects, 1)))
-    found = next((s for s in sets if s.names == names), None) or _of_names(subsets, every, names)
+    found = next((s for s in sets if s.names == names), None) or best_of_names(subsets, every, names)
     return Alternatives(found=found, sets=tuple(s for s in sets if s.names != names and _plausible(s)))
 
 
@@ -127,13 +128,25 @@ def _plausible(found: Explained) -> bool:
         return False
 
 
-def _of_names(subsets: Subsets, every: Sequence[Term], names: set[tuple[str, str]]) -> Explained:
-    """The best set of these names; if a law has several choices, they are chosen one by one."""
-    numbers: list[int] = []
-    for name in sorted(names):
-        own = [k for k, t in enumerate(every) if t.name == name]
-        numbers.append(max(own, key=lambda k: subsets.explained([*numbers, k]).evidence))
-    return subsets.explained(numbers)
+def best_of_names(subsets: Subsets, every: Sequence[Term], names: set[tuple[str, str]]) -> Explained:
+    """The best set of these names, where a law has several choices: values of a parameter, or tilts beside a shift.
+
+    It begins with most numbers for each effect. Each choice is then made again given the others, until none changes.
+    The numbers of effects have joint errors: a pose may need its tilts only beside those of another effect.
+    """
+    choices = [[k for k, t in enumerate(every) if t.name == name] for name in sorted(names)]
+    taken = [max(own, key=lambda k: len(every[k].columns)) for own in choices]
+    best = subsets.explained(taken)
+    before = -math.inf
+    while best.evidence > before:
+        before = best.evidence
+        for place, own in enumerate(choices):
+            for k in own:
+                other = [*taken[:place], k, *taken[place + 1 :]]
+                found = subsets.explained(other)
+                if found.evidence > best.evidence:
+                    taken, best = other, found
+    return best
 
 
 def apart(state: State) -> State:

@@ -2,12 +2,10 @@
 
 from dataclasses import replace
 
-import numpy as np
-
-from tofmix.reconciliation.likelihood.likelihood import Part, State
+from tofmix.reconciliation.likelihood.likelihood import Part
 from tofmix.reconciliation.search.name import FAINT_SHARE, PRICE_NATS, Candidate
 from tofmix.reconciliation.search.pattern_fits import worth
-from tofmix.reconciliation.search.refit import refit, without
+from tofmix.reconciliation.search.refit import refit, without, without_pattern
 from tofmix.reconciliation.search.search_state import SearchState, fit_part, held_out, name_of
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.multipath import Multipath
@@ -67,7 +65,7 @@ def drop(search: SearchState) -> None:
             break
         if candidate.kind == FixedPattern.kind:
             if not _pattern_gains(search, k):
-                search.state = _bare(search.state, k)
+                search.state = without_pattern(search.state, k)
                 whole = likelihood.value(search.state, part)
                 del search.chosen[k], search.rivals[k]
             continue
@@ -97,15 +95,9 @@ def _faint_gain(search: SearchState, number: int) -> float:
     return FAINT_SHARE * sum(c.gain for c in others if not (c.kind == FixedPattern.kind or c.exact or c.loses))
 
 
-def _bare(state: State, pattern: int) -> State:
-    """The state without the added effect of this number, a fixed pattern, and without its map."""
-    nothing = np.zeros_like(state.pixel_bias)
-    return replace(without(state, pattern), pixel_bias=nothing, pixel_variance=nothing)
-
-
 def _pattern_gains(search: SearchState, number: int) -> bool:
     """Whether a fixed pattern, with its values integrated out, still gains in the presence of all other effects."""
-    bare, likelihood = _bare(search.state, number), search.likelihood
+    bare, likelihood = without_pattern(search.state, number), search.likelihood
     unseen = held_out(likelihood, search.settings)
     mixture = likelihood.mixture(bare)
     alone, patterned = (
@@ -123,7 +115,7 @@ def _is_pattern(search: SearchState, number: int) -> bool:
     pattern = next((k for k, c in enumerate(search.chosen) if c.kind == FixedPattern.kind), None)
     if pattern is None or not candidate.static:
         return False
-    likelihood, bare = search.likelihood, _bare(state, pattern)
+    likelihood, bare = search.likelihood, without_pattern(state, pattern)
     rest = without(bare, number - (pattern < number))
     unseen = held_out(likelihood, search.settings)
     values = []

@@ -19,7 +19,7 @@ from tofmix.reconciliation.likelihood.bursts import forward
 from tofmix.reconciliation.likelihood.joint import View, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.likelihood.mixture import Mixture
-from tofmix.reconciliation.likelihood.pixel_pattern import PixelBiases, marginal_pattern, pixel_biases
+from tofmix.reconciliation.likelihood.pixel_pattern import PixelBiases, marginal_pattern, pixel_biases, spreads_of
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.interference import Interference
 from tofmix.simulation.effects.parameter import PixelMap
@@ -176,11 +176,6 @@ def fit_spreads(found: PixelBiases, image: tuple[int, int]) -> tuple[FixedPatter
     best = minimize(cost, start, method="Nelder-Mead", options=options)
     pixel, column, row = of(best.x)
     return FixedPattern(pixel_sigma_mm=pixel, column_sigma_mm=column, row_sigma_mm=row), found
-
-
-def spreads_of(image: tuple[int, int]) -> int:
-    """Number of spreads that an image (rows, columns) can show: by pixel; by column and row if there are several."""
-    return 3 if min(image) > 1 else 1
 
 
 def _beyond_chance(found: PixelBiases, image: tuple[int, int]) -> bool:

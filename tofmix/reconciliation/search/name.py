@@ -16,7 +16,7 @@ from tofmix.reconciliation.likelihood.joint import View, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.likelihood.memory import fit_memory, memory_gain
 from tofmix.reconciliation.likelihood.mixture import Mixture
-from tofmix.reconciliation.likelihood.pixel_pattern import marginal_pattern, pixel_biases
+from tofmix.reconciliation.likelihood.pixel_pattern import marginal_pattern, pixel_biases, spreads_of
 from tofmix.reconciliation.parameters.fits import Fitted, fit
 from tofmix.reconciliation.parameters.searches import problems
 from tofmix.reconciliation.search import links
@@ -253,7 +253,7 @@ def _pattern(trial: Trial) -> Candidate | None:
     effect = links.with_map(effect, pattern, trial.likelihood.evidence.image)
     effects, bias = (*trial.state.effects, effect), trial.state.pixel_bias + pattern
     state = replace(trial.state, effects=effects, pixel_bias=bias, pixel_variance=variance)
-    parameters = links.spreads_of(trial.likelihood.evidence.image)
+    parameters = spreads_of(trial.likelihood.evidence.image)
     return Candidate(effect=effect, gain=gain, parameters=parameters, state=state)
 
 

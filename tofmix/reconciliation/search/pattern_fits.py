@@ -14,7 +14,7 @@ from scipy.stats import chi2
 
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.likelihood.mixture import Mixture
-from tofmix.reconciliation.likelihood.pixel_pattern import pixel_biases, with_pattern
+from tofmix.reconciliation.likelihood.pixel_pattern import pixel_biases, spreads_of, with_pattern
 from tofmix.reconciliation.parameters.fits import Fitted, fit
 from tofmix.reconciliation.search import links
 from tofmix.reconciliation.search.name import PRICE_NATS, Candidate, Trial, tolerated
@@ -148,7 +148,7 @@ def _still_gains(trial: Trial, other: Candidate, unseen: tuple[Part, Part]) -> b
     without, with_ = (
         worth(likelihood, other.state, mixture, unseen, patterned=patterned) for patterned in (False, True)
     )
-    return with_ - without > links.spreads_of(likelihood.evidence.image) * PRICE_NATS + _CLEAR_NATS
+    return with_ - without > spreads_of(likelihood.evidence.image) * PRICE_NATS + _CLEAR_NATS
 
 
 def _worth_a_look(others: Sequence[Candidate], fits: "_Fits") -> list[Candidate]:

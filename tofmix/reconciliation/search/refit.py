@@ -70,6 +70,12 @@ def without(state: State, number: int) -> State:
     return replace(state, effects=(*state.effects[:number], *state.effects[number + 1 :]))
 
 
+def without_pattern(state: State, pattern: int) -> State:
+    """The state without the added effect of this number, a fixed pattern, and without its map."""
+    nothing = np.zeros_like(state.pixel_bias)
+    return replace(without(state, pattern), pixel_bias=nothing, pixel_variance=nothing)
+
+
 def numbers(likelihood: Likelihood, state: State, chosen: Sequence[Candidate], part: Part) -> Numbers:
     """The searched effects as one vector of numbers."""
     fits = {k: c.fitted for k, c in enumerate(chosen) if c.fitted is not None and c.fitted.problem.steps}

@@ -21,16 +21,16 @@ from tofmix.reconciliation.parameters.latent_errors import latent_errors
 from tofmix.reconciliation.parameters.standard_errors import standard_errors
 from tofmix.reconciliation.search.add import Added
 from tofmix.reconciliation.search.name import PRICE_NATS, Candidate, moves_by_itself
-from tofmix.reconciliation.search.refit import begin, numbers, refit, without
+from tofmix.reconciliation.search.refit import begin, numbers, refit, without, without_pattern
 from tofmix.reconciliation.search.search_state import Settings, fit_part, held_out
 from tofmix.reconciliation.verdict import LAW
 from tofmix.simulation.effects.base import Effect
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
 
 CANCELS = 20.0
 """Gain of an effect in the presence of the others over that of the best effect alone, and over that of all together:
 two biases that cancel to less than a quarter gain so much, since gains are squares of biases."""
 
-_SEVERAL = 2  # effects, of which one may stand for another
 _MEANS = (("common_mode", "frame"), ("pattern", "all"))  # curves of means by frame and by pixel
 
 
@@ -141,11 +141,9 @@ def _by_others(likelihood: Likelihood, added: Added, settings: Settings) -> Iter
 def _unknown(likelihood: Likelihood, added: Added, settings: Settings) -> Iterator[Contradiction]:
     """Effects whose posterior does not exclude that they are absent, with the others free.
 
-    An effect alone is needed by its gain. Numbers of one effect may also be tied to each other, as the two of a slow
-    drift; so where their errors are large, the others are fitted again without the effect.
+    Numbers of one effect may be tied to each other, as the two of a slow drift; so where their errors are large, the
+    others are fitted again without the effect.
     """
-    if len(added.chosen) < _SEVERAL:
-        return
     own = numbers(likelihood, added.state, added.chosen, fit_part(likelihood, settings))
     errors_of = standard_errors(own)
     for number, candidate in enumerate(added.chosen):
@@ -153,17 +151,31 @@ def _unknown(likelihood: Likelihood, added: Added, settings: Settings) -> Iterat
         errors = errors_of.get(number, {})
         if candidate.fitted is None and number not in errors_of:
             effect, errors = latent_errors(likelihood, added.state, effect, settings.seed)
-        if absent(effect, errors) > settings.alpha and not _needed(likelihood, added, number, settings):
+        if absent(effect, errors) <= settings.alpha:
+            continue
+        exact = standard_errors(own, by_blocks=False).get(number, errors)
+        share = min(deviate(effect, errors) / deviate(effect, exact), 1.0) ** 2
+        if not _needed(likelihood, added, number, share, settings):
             yield Contradiction(number=number, reason="has numbers with errors as large as themselves")
 
 
-def _needed(likelihood: Likelihood, added: Added, number: int, settings: Settings) -> bool:
-    """Whether the others, fitted again without the effect of this number, lose more than the price of its numbers."""
+def _needed(likelihood: Likelihood, added: Added, number: int, share: float, settings: Settings) -> bool:
+    """Whether the others, fitted again without the effect of this number, lose more than the price of its numbers.
+
+    Where the model of the samples is not exact, as for pixels of different noise, the loss overstates the evidence as
+    much as the curvature overstates the information: `share` is the variance by the curvature over that by blocks.
+
+    References
+    ----------
+    Chandler and Bate, Biometrika 94 (2007) 167: the adjusted likelihood of dependent samples.
+    """
     others = [c for k, c in enumerate(added.chosen) if k != number]
-    rest, _ = refit(likelihood, without(added.state, number), others, fit_part(likelihood, settings))
+    patterned = added.chosen[number].kind == FixedPattern.kind
+    rest = without_pattern(added.state, number) if patterned else without(added.state, number)
+    rest, _ = refit(likelihood, rest, others, fit_part(likelihood, settings))
     part = held_out(likelihood, settings)
     lost = likelihood.value(added.state, part) - likelihood.value(rest, part)
-    return lost > PRICE_NATS * added.chosen[number].parameters
+    return share * lost > PRICE_NATS * added.chosen[number].parameters
 
 
 def absent(effect: Effect, errors: dict[str, float]) -> float:
@@ -181,8 +193,20 @@ def absent(effect: Effect, errors: dict[str, float]) -> float:
     float
         Normal tail probability; 0 for an effect without a magnitude.
     """
+    return float(norm.sf(deviate(effect, errors)))
+
+
+def deviate(effect: Effect, errors: dict[str, float]) -> float:
+    """The best known magnitude of an effect over its error; infinity without a magnitude, or with an exact one.
+
+    Parameters
+    ----------
+    effect : Effect
+        With its numbers.
+    errors : dict of str to float
+        Their posterior standard deviations; a number without one is exact.
+    """
     declared = effect.parameters()
     names = effect.magnitudes or tuple(name for name, p in declared.items() if p.zero is not None)
     sizes = [(abs(getattr(effect, n) - (declared[n].zero or 0.0)), errors.get(n, 0.0)) for n in names]
-    deviates = [size / error if error > 0 else math.inf for size, error in sizes if size > 0]
-    return float(norm.sf(max(deviates))) if deviates else 0.0
+    return max((size / error if error > 0 else math.inf for size, error in sizes if size > 0), default=math.inf)
