@@ -630,11 +630,7 @@ def _put_pairs(best: _Best, ends: _Ends) -> None:
 
 
 def _put_unseen(best: _Best, ends: _Ends, largest: float, prior: float) -> None:
-    """A neighbouring surface shares the pixel with one that no pixel nearby sees alone: more than that is not known.
-
-    z = (1 - v) a + v b, with the share v of the unseen surface uniform, and its phasor b uniform in the disc of radius
-    L: the density of z is the integral of 1 / (pi L^2 v^2) over all v that leave b in the disc, from v_0 to 1.
-    """
+    """A neighbouring surface shares the pixel with one that no pixel nearby sees alone: more than that is not known."""
     if prior <= 0.0:
         return
     possible = ends.found[:, :MOST_SURFACES] & ends.trusted[:, :MOST_SURFACES]
@@ -642,15 +638,25 @@ def _put_unseen(best: _Best, ends: _Ends, largest: float, prior: float) -> None:
     total = chances.sum(axis=1)
     for one in range(MOST_SURFACES):
         here = ends.at(one)
-        a, offset = here.phasor, ends.phasor - here.phasor
         error = ends.covariance[:, 0] + ends.covariance[:, 1] + here.tangential + here.radial
-        square = np.abs(offset) ** 2 + error
-        free = np.maximum(largest**2 - np.abs(a) ** 2, _TINY)
-        along = (np.conj(a) * offset).real
-        least = np.clip((along + np.sqrt(along**2 + free * square)) / free, _TINY, 1.0)
-        with np.errstate(divide="ignore"):
-            log_density = np.log(1.0 / least - 1.0) - math.log(math.pi * largest**2)
+        log_density = unseen_log_density(ends.phasor, here.phasor, error, largest)
         best.put(Kind.NEW, _log_share(prior, chances[:, one], total), log_density)
+
+
+def unseen_log_density(phasor: ComplexArray, seen: ComplexArray, error: FloatArray, largest: float) -> FloatArray:
+    """Log density (n,) of phasors z of pixels that a known surface, of phasors a, shares with an unseen one, nat.
+
+    z = (1 - v) a + v b, with the share v of the unseen surface uniform, and its phasor b uniform in the disc of radius
+    L = `largest`: the density is the integral of 1 / (pi L^2 v^2) over all v that leave b in the disc, from v_0 to 1.
+    `error` is the mean square of z - a by errors of both.
+    """
+    offset = phasor - seen
+    free = np.maximum(largest**2 - np.abs(seen) ** 2, _TINY)
+    along = (np.conj(seen) * offset).real
+    square = np.abs(offset) ** 2 + error
+    least = np.clip((along + np.sqrt(along**2 + free * square)) / free, _TINY, 1.0)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(1.0 / least - 1.0) - math.log(math.pi * largest**2))
 
 
 def _likeliest(chords: list[_Chord]) -> _Chord:
