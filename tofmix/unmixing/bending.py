@@ -90,7 +90,11 @@ def judge_bending(
     spaces: tuple[OpenSpace, ...], settings: UnmixSettings,
 ) -> Findings:  # fmt: skip
     """Judge pixels (n,) beside surfaces that bend, from the pixels that were sure before any were judged by planes."""
-    return judge(image, pixels, members, seeds, planes, spaces, settings.hypotheses, settings.neighbours, bends=True)
+    near_sure = settings.neighbours._replace(beside=2)
+    return judge(
+        image, pixels, members, seeds, planes, spaces, settings.hypotheses, near_sure, bends=True,
+        unseen=settings.hypotheses.unseen,
+    )  # fmt: skip
 
 
 def mixed_probability(bends: FloatArray, planes: FloatArray, bent: FloatArray, same: BoolArray) -> FloatArray:

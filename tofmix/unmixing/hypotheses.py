@@ -193,7 +193,7 @@ class _Best:
 def judge(
     image: PhasorImage, pixels: IntArray, members: Members, seeds: Seeds, planes: tuple[DistantPlane, ...],
     spaces: tuple[OpenSpace, ...], settings: HypothesisSettings, neighbourhood: NeighbourSettings, *,
-    bends: bool = False,
+    bends: bool = False, unseen: float = 0.0,
 ) -> Findings:  # fmt: skip
     """Find the most probable hypothesis of each pixel.
 
@@ -215,6 +215,8 @@ def judge(
         Thresholds of hypotheses, and of the neighbouring surfaces of a pixel.
     bends : bool
         Whether the surfaces bend as things of a few pixels do; else they are planes.
+    unseen : float
+        Part of the pairs of which one surface is seen alone by no pixel nearby.
 
     Returns
     -------
@@ -223,7 +225,7 @@ def judge(
     """
     neighbours = find_neighbours(image, pixels, members, seeds, neighbourhood)
     if bends:
-        neighbours = _bending(image, pixels, neighbours, settings.bend_radius)
+        neighbours = _bending(image, pixels, neighbours, planes, settings)
     best = _Best(len(pixels), settings.likely)
     largest = 1.5 * float(np.quantile(image.amplitude[image.valid], 0.999))
     best.put(
@@ -237,19 +239,27 @@ def judge(
     _put_empty(best, image, pixels, spaces)
     ends = _Ends(image, pixels, neighbours, here, seeds, spaces, settings, bends)
     _put_pairs(best, ends)
+    _put_unseen(best, ends, largest, PRIORS[Kind.PAIR] * unseen)
     _put_triples(best, ends)
     _put_distant_pairs(best, ends, planes)
     return best.findings()
 
 
-def _bending(image: PhasorImage, pixels: IntArray, neighbours: NeighbourSurfaces, radius: float) -> NeighbourSurfaces:
+def _bending(
+    image: PhasorImage, pixels: IntArray, neighbours: NeighbourSurfaces, planes: tuple[DistantPlane, ...],
+    settings: HypothesisSettings,
+) -> NeighbourSurfaces:  # fmt: skip
     """The surfaces, if they bend as a thing of a few pixels does.
 
     A circle of radius R, pixels, recedes by x = d^2 / 2 R^2 of its radius, d pixels from its middle, and the cosine of
-    incidence falls by the part x. R is not known, so x has a standard deviation of x, in range and in light.
+    incidence falls by the part x. R is not known, so x has a standard deviation of x, in range and in light. A surface
+    on the plane of a large one is a part of that, and flat.
     """
-    recedes = (neighbours.row**2 + neighbours.col**2) / (2.0 * radius**2)
-    back = recedes * radius * image.pitch[pixels, np.newaxis]  # as a part of the range
+    recedes = (neighbours.row**2 + neighbours.col**2) / (2.0 * settings.bend_radius**2)
+    part = settings.bend_radius * image.pitch[pixels, np.newaxis]
+    flat = _on_planes(image, pixels, neighbours, planes, recedes * part * neighbours.near[:, :, 0], settings.same_sigmas)
+    recedes = np.where(flat, 0.0, recedes)
+    back = recedes * part  # as a part of the range
     near, light = neighbours.near.copy(), neighbours.light.copy()
     near_covariance, light_covariance = neighbours.near_covariance.copy(), neighbours.light_covariance.copy()
     near_covariance[:, :, 0, 0] += (back * near[:, :, 0]) ** 2
@@ -259,6 +269,21 @@ def _bending(image: PhasorImage, pixels: IntArray, neighbours: NeighbourSurfaces
     return neighbours._replace(
         near=near, near_covariance=near_covariance, light=light, light_covariance=light_covariance
     )
+
+
+def _on_planes(
+    image: PhasorImage, pixels: IntArray, neighbours: NeighbourSurfaces, planes: tuple[DistantPlane, ...],
+    back: FloatArray, sigmas: float,
+) -> BoolArray:  # fmt: skip
+    """Which surfaces (n, surface) go on in the pixels as one of the planes does, as far as errors and bending tell."""
+    out = np.zeros(neighbours.found.shape, bool)
+    ways = image.directions[pixels]
+    for plane in planes:
+        variance = np.einsum("ni,ik,nk->n", ways, plane.covariance, ways)[:, np.newaxis]
+        off = neighbours.near[:, :, 0] - (ways @ plane.plane)[:, np.newaxis]
+        error = variance + neighbours.near_covariance[:, :, 0, 0]
+        out |= neighbours.found & (off**2 < sigmas**2 * error + back**2)
+    return out
 
 
 def _log_share(prior: float, chance: FloatArray | BoolArray, total: FloatArray) -> FloatArray:
@@ -602,6 +627,36 @@ def _put_pairs(best: _Best, ends: _Ends) -> None:
             is_fresh=here.fresh[:, one] | here.fresh[:, other],
             chord=chord.one.phasor - chord.other.phasor, scatter=_noise_along(here, one, other, chord, share),
         )  # fmt: skip
+
+
+def _put_unseen(best: _Best, ends: _Ends, largest: float, prior: float) -> None:
+    """A neighbouring surface shares the pixel with one that no pixel nearby sees alone: more than that is not known."""
+    if prior <= 0.0:
+        return
+    possible = ends.found[:, :MOST_SURFACES] & ends.trusted[:, :MOST_SURFACES]
+    chances = possible * ends.chance[:, :MOST_SURFACES]
+    total = chances.sum(axis=1)
+    for one in range(MOST_SURFACES):
+        here = ends.at(one)
+        error = ends.covariance[:, 0] + ends.covariance[:, 1] + here.tangential + here.radial
+        log_density = unseen_log_density(ends.phasor, here.phasor, error, largest)
+        best.put(Kind.NEW, _log_share(prior, chances[:, one], total), log_density)
+
+
+def unseen_log_density(phasor: ComplexArray, seen: ComplexArray, error: FloatArray, largest: float) -> FloatArray:
+    """Log density (n,) of phasors z of pixels that a known surface, of phasors a, shares with an unseen one, nat.
+
+    z = (1 - v) a + v b, with the share v of the unseen surface uniform, and its phasor b uniform in the disc of radius
+    L = `largest`: the density is the integral of 1 / (pi L^2 v^2) over all v that leave b in the disc, from v_0 to 1.
+    `error` is the mean square of z - a by errors of both.
+    """
+    offset = phasor - seen
+    free = np.maximum(largest**2 - np.abs(seen) ** 2, _TINY)
+    along = (np.conj(seen) * offset).real
+    square = np.abs(offset) ** 2 + error
+    least = np.clip((along + np.sqrt(along**2 + free * square)) / free, _TINY, 1.0)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(1.0 / least - 1.0) - math.log(math.pi * largest**2))
 
 
 def _likeliest(chords: list[_Chord]) -> _Chord:

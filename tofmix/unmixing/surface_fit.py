@@ -87,7 +87,7 @@ class NeighbourSurfaces(NamedTuple):
     row, col : float64
         Middle of its pixels, relative to the pixel.
     touches : bool
-        Whether one of the eight pixels around is its.
+        Whether it has a pixel within `beside`.
     noise_radial, noise_tangential : float64
         Mean variance of its pixels' mean phasors by noise.
     scatter_radial, scatter_tangential : float64
@@ -139,7 +139,7 @@ def fill_surfaces(
             _fit_ranges(pixel, at, number, size, beams, members, numbers, indices, normal, out, settings)
             _fit_light(pixel, at, number, size, texture_variance, beams, measured, members, numbers, indices, normal,
                        out, settings)  # fmt: skip
-            _describe(at, number, size, measured, members, indices, out)
+            _describe(at, number, size, measured, members, indices, out, settings.beside)
 
 
 @borrowing
@@ -486,7 +486,8 @@ def _widen(
 
 @borrowing
 def _describe(
-    at: int, number: int, size: int, measured: Measured, members: Members, indices: IntArray, out: NeighbourSurfaces
+    at: int, number: int, size: int, measured: Measured, members: Members, indices: IntArray, out: NeighbourSurfaces,
+    beside: int,
 ) -> None:  # fmt: skip
     """Fill the properties of most pixels of a surface, and the means over the pixels."""
     known, trusted, fresh, part = 0, 0, 0, 1.0 / size
@@ -498,7 +499,7 @@ def _describe(
         fresh += members.is_fresh[other]
         out.row[at, number] += indices[_DOWN, place] * part
         out.col[at, number] += indices[_RIGHT, place] * part
-        out.touches[at, number] |= max(abs(indices[_DOWN, place]), abs(indices[_RIGHT, place])) == 1
+        out.touches[at, number] |= max(abs(indices[_DOWN, place]), abs(indices[_RIGHT, place])) <= beside
         out.noise_radial[at, number] += measured.noise_radial[other] * part
         out.noise_tangential[at, number] += measured.noise_tangential[other] * part
         out.scatter_radial[at, number] += measured.scatter_radial[other] * part
