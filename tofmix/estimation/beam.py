@@ -136,8 +136,11 @@ def no_steps() -> Steps:
 
 def steps_of(step: RangeStep | None, curve: NoiseCurve) -> Steps:
     """Steps as kernels read them; none where no step is `FINE` sigmas or more."""
-    if step is None or not step_matters(step, curve):
-        return no_steps()
+    return no_steps() if step is None or not step_matters(step, curve) else all_steps(step)
+
+
+def all_steps(step: RangeStep) -> Steps:
+    """Steps as kernels read them, whether they matter or not."""
     own = np.zeros(0) if step.own_mm is None else np.where(np.isfinite(step.own_mm), step.own_mm, step.typical())
     return Steps(np.array(step.range_mm), np.array(step.step_mm), own)
 

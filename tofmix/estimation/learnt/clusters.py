@@ -28,7 +28,7 @@ from tofmix.estimation.learnt.components import (
 )
 from tofmix.estimation.learnt.em import detrend, mix
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.learnt.pixel_samples import Samples, fill_cells, fill_times, take_samples
+from tofmix.estimation.learnt.pixel_samples import Samples, cell_of, fill_cells, fill_times, take_samples
 from tofmix.estimation.learnt.trials import densest_place, new_workspace, try_one_more
 from tofmix.estimation.noise.isolated_clusters import (
     APART,
@@ -133,6 +133,7 @@ def cluster_likelihoods(
     support: FloatArray,
     step: FloatArray,
     law: Law,
+    beam: Beam,
 ) -> FloatArray:
     """Log likelihood (cluster, `SIGMAS`) of sigmas of clusters of one surface, whose range is not known.
 
@@ -149,11 +150,13 @@ def cluster_likelihoods(
         Fitted range, mm, of each, number of its samples that are of the surface, and the step there, mm.
     law : Law
         The noise; drift and widths are not used.
+    beam : Beam
+        The steps.
     """
     count, frames = len(clusters.pixel), samples.shape[1]
     out = np.zeros((count, len(SIGMAS)))
     value, time = np.empty(frames), np.empty(frames)
-    times, logs = np.empty(frames), np.empty(RANGES)
+    times, half, logs = np.empty(frames), np.empty(frames), np.empty(RANGES)
     for c in range(count):
         n_all = take_samples(samples[clusters.pixel[c]], value, time)
         n, levels = 0.0, 0
@@ -166,11 +169,13 @@ def cluster_likelihoods(
             else:
                 value[levels], times[levels] = value[j], 1.0
                 levels += 1
+        own = beam_of_pixel(beam, clusters.pixel[c])
+        for j in range(levels):
+            value[j], half[j] = cell_of(value[j], own)
         rest = max(n - support[c], 0.5) / max(n, 1.0)
-        uniform = rest * step[c] / (clusters.high[c] - clusters.low[c])
+        uniform = 2.0 * rest / (clusters.high[c] - clusters.low[c])
         for s in range(len(SIGMAS)):
             sigma = SIGMAS[s] * step[c]
-            half = 0.5 / SIGMAS[s]
             spread = math.sqrt(sigma * sigma + step[c] * step[c] / 12.0)
             reach = 0.5 * step[c] + 5.0 * spread / math.sqrt(max(support[c], 1.0))
             best = -math.inf
@@ -178,8 +183,9 @@ def cluster_likelihoods(
                 mean = place[c] + reach * (2.0 * (m + 0.5) / RANGES - 1.0)
                 total = 0.0
                 for j in range(levels):
-                    inside = 2.0 * half * density_at((value[j] - mean) / sigma, half, law)
-                    total += times[j] * math.log((1.0 - rest) * inside + uniform)
+                    h = half[j] / sigma
+                    inside = 2.0 * h * density_at((value[j] - mean) / sigma, h, law)
+                    total += times[j] * math.log((1.0 - rest) * inside + uniform * half[j])
                 logs[m] = total
                 best = max(best, total)
             mean_likelihood = 0.0

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
-from tofmix.estimation.beam import Beam, beam_of, steps_of
+from tofmix.estimation.beam import Beam, all_steps, beam_of, steps_of
 from tofmix.estimation.learnt.clusters import ClusterFits, cluster_likelihoods, find_clusters, fit_clusters
 from tofmix.estimation.learnt.clutter import background_counts, cell_edges
 from tofmix.estimation.learnt.held_out import flat_thresholds, held_out_scores
@@ -82,7 +82,9 @@ class Fold:
         if self.training.step is None:
             raise ValueError("the samples have no step")
         step = self.training.step.at(fits.place, clusters.pixel)
-        return cluster_likelihoods(self.training.samples, clusters, fits.place, fits.support, step, noise.laws()[1])
+        beam = self._beam(noise, self.training)._replace(steps=all_steps(self.training.step))
+        samples = self.training.samples
+        return cluster_likelihoods(samples, clusters, fits.place, fits.support, step, noise.laws()[1], beam)
 
     def scores(self, noise: PixelNoise) -> FloatArray:
         """Log likelihood (pixel,) of the held-out pixels, nat, by `held_out_scores`."""

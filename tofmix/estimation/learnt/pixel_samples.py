@@ -40,21 +40,29 @@ def take_samples(samples: Float32Array, value: FloatArray, time: FloatArray) -> 
 
 
 @borrowing
+def cell_of(value: float, beam: Beam) -> tuple[float, float]:
+    """Middle and half the length, mm, of the step that a stored value stands for.
+
+    A step that grows with range reaches farther beyond the stored value than before it: the ends of the step are half a
+    step away, each by the step on its own side.
+    """
+    step = step_at(value, beam)
+    below, above = step_at(value - 0.25 * step, beam), step_at(value + 0.25 * step, beam)
+    return value + 0.25 * (above - below), 0.25 * (above + below)
+
+
+@borrowing
 def fill_cells(data: Samples, beam: Beam, scratch: FloatArray) -> None:
     """Fill row RANDOM with the density of background at each sample, 1/mm, and row CELL with half its step, mm.
 
-    Where the beam has steps, each value moves to the middle of its step, and `cells` reads row CELL. A step that grows
-    with range reaches farther beyond the stored value than before it: the ends of the step are half a step away, each
-    by the step on its own side. A value that has moved must not be given again.
+    Where the beam has steps, each value moves to the middle of its step, and `cells` reads row CELL. A value that has
+    moved must not be given again.
     """
     for j in range(len(data.value)):
         scratch[RANDOM, j] = background_at(data.value[j], beam)
     if has_steps(beam):
         for j in range(len(data.value)):
-            step = step_at(data.value[j], beam)
-            below, above = step_at(data.value[j] - 0.25 * step, beam), step_at(data.value[j] + 0.25 * step, beam)
-            data.value[j] += 0.25 * (above - below)
-            scratch[CELL, j] = 0.25 * (above + below)
+            data.value[j], scratch[CELL, j] = cell_of(data.value[j], beam)
 
 
 @borrowing

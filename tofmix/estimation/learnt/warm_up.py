@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from tofmix.arrays import Float32Array
-from tofmix.estimation.beam import beam_of
+from tofmix.estimation.beam import all_steps, beam_of
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.bootstrap import calibrate
 from tofmix.estimation.learnt.clusters import cluster_likelihoods, find_clusters, fit_clusters
@@ -15,6 +15,7 @@ from tofmix.estimation.learnt.law import precision_of_t
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.population import LOG_WIDTHS, ONE_SURFACE, population_likelihoods
 from tofmix.estimation.learnt.shares import background_shares, pixel_widths
+from tofmix.range_step import RangeStep
 from tofmix.sensor import NoiseCurve, Sensor
 
 _RANGE_MM, _SIGMA_MM = 1000.0, 10.0
@@ -43,7 +44,8 @@ def warm_up_later() -> None:
     laws, beam, thresholds = noise.laws(), beam_of(sensor), flat_thresholds()
     clusters = find_clusters(samples, beam)
     fits = fit_clusters(samples, clusters, laws[0], beam, True)  # noqa: FBT003  a kernel's flag
-    cluster_likelihoods(samples, clusters, fits.place, fits.support, np.ones(len(fits.place)), laws[1])
+    stepped = beam._replace(steps=all_steps(RangeStep.common(1.0)))
+    cluster_likelihoods(samples, clusters, fits.place, fits.support, np.ones(len(fits.place)), laws[1], stepped)
     background_shares(samples, laws, beam, thresholds, 2)
     background_counts(samples, laws, beam, thresholds, 2, np.array([0.0, 2.0 * _RANGE_MM]))
     pixel_widths(samples, laws, laws[0], beam, thresholds, 2)
