@@ -37,7 +37,7 @@ EFFECTS_OF: dict[str, tuple[Effect, ...]] = {
     "scattering": (MAKE["scattering"](share=0.02),),
     "multipath": (MAKE["multipath"](surface="middle", share=0.08, extra_path_mm=1500.0),),
     "internal_reflection": (MAKE["internal_reflection"](amplitude=3.0, range_mm=20.0),),
-    "near_return": (MAKE["near_return"](share=0.05, range_mm=25.0, sigma_mm=5.0),),
+    "near_return": (MAKE["near_return"](share=0.08, range_mm=25.0, sigma_mm=5.0),),
     "temperature_drift, slow": (MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=20.0),),
     "multipath, faint": (MAKE["multipath"](surface="middle", share=0.03, extra_path_mm=1500.0),),
     "excess_noise": (MAKE["excess_noise"](factor=1.3),),

@@ -10,7 +10,7 @@ from support.recordings import MAKE, reconciled, recorded
 from tofmix.reconciliation.evidence import make_evidence
 from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.verification.aliases import separate_by
-from tofmix.reconciliation.verification.next_steps import worse
+from tofmix.reconciliation.verification.next_steps import remedies, worse
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.sensors.registry import load_profile
 from tofmix.simulation.effects.surface_pose import SurfacePose
@@ -168,6 +168,21 @@ def test_repeated_frames_are_left_out_and_counted(small: Model) -> None:
     result = reconcile(small, evidence, Settings(kinds=("temporal_correlation", "range_offset")))
     assert result.verified.verdict == "agree"
     assert result.next_steps[0].startswith("16 frames of 80 repeated the frame before")
+
+
+def test_named_near_return_comes_with_its_remedy_and_an_offset_has_none(small: Model) -> None:
+    remedy = MAKE["near_return"](share=0.06, range_mm=25.0, sigma_mm=5.0).remedy
+    kinds = ("near_return", "range_offset")
+    near = reconciled(small, MAKE["near_return"](share=0.06, range_mm=25.0, sigma_mm=5.0), kinds=kinds)
+    offset = reconciled(small, MAKE["range_offset"](offset_mm=9.0), kinds=kinds)
+    assert [n.effect.kind for n in (*near.named, *offset.named)] == ["near_return", "range_offset"]
+    assert remedy in near.next_steps
+    assert remedies(offset.verified) == []
+
+
+def test_reflection_and_its_rivals_are_separated_by_brightness_and_distance() -> None:
+    for rival in ("range_offset", "surface_pose", "wiggling", "amplitude_walk", "scattering", "multipath"):
+        assert "dark and a bright board" in separate_by(["internal_reflection"], [rival])
 
 
 def test_aliases_name_the_recording_that_separates_them(small: Model) -> None:
