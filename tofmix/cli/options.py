@@ -148,11 +148,6 @@ def only_one_of(what: str, **values: Any) -> tuple[Any, ...]:  # noqa: ANN401  v
         What they set, for the error.
     **values
         Values of the running command's parameters, by name; None where one is not given.
-
-    Raises
-    ------
-    UsageError
-        If several remain.
     """
     nearer = nearer_of(**values)
     given = [f"--{name.replace('_', '-')}" for name, value in zip(values, nearer, strict=True) if value is not None]
@@ -268,13 +263,7 @@ def examples(text: str) -> Callable[[click.Command], click.Command]:
 
 
 def view_of(text: str | None) -> tuple[float, float] | None:
-    """Field of view (horizontal, vertical), degrees, from a text such as 70x55.
-
-    Raises
-    ------
-    UsageError
-        If it is none.
-    """
+    """Field of view (horizontal, vertical), degrees, from a text such as 70x55."""
     if text is None:
         return None
     try:

@@ -102,13 +102,7 @@ def _singles(file: "LayersFile", window: int, source: "SampleSource") -> "Single
 
 
 def _surfaces_of(path: Path, layers: Path, window: int) -> dict[str, Any]:
-    """Surfaces of a window for the page.
-
-    Raises
-    ------
-    BadInputError
-        If the file cannot be read, or was made from other layers.
-    """
+    """Surfaces of a window for the page."""
     from tofmix.errors import BadInputError
     from tofmix.io.recording.recording_file import file_sha256
     from tofmix.io.surfaces.surfaces_file import open_surfaces

@@ -74,15 +74,7 @@ class ImportedFile:
 
 
 def import_file(asked: ImportRequest, reporter: Reporter) -> ImportedFile:
-    """Write a recording.
-
-    Raises
-    ------
-    OptionError
-        If an option does not fit the source.
-    BadInputError
-        If the source cannot be read, or does not go with the camera.
-    """
+    """Write a recording."""
     source, camera, request = asked.source, asked.camera, asked.request
     inputs = tuple(asked.inputs)
     with locked(asked.output, overwrite=asked.overwrite, inputs=inputs), open_source(source, request) as frames:
@@ -204,13 +196,7 @@ def turned(shape: tuple[int, int], camera: CameraSheet) -> str:
 
 
 def camera_of(name: str | None) -> CameraSheet:
-    """Properties of the camera of ``--sensor``; empty without it.
-
-    Raises
-    ------
-    BadInputError
-        If there is no such file or built-in sensor, or the file describes none.
-    """
+    """Properties of the camera of ``--sensor``; empty without it."""
     if name is None:
         return UNKNOWN
     if name in PROFILES and not Path(name).is_file():
@@ -235,13 +221,7 @@ def sensor_of(camera: CameraSheet, shape: tuple[int, int]) -> Sensor:
 
 
 def with_frequency(sensor: Sensor, frequency_hz: float | None) -> Sensor:
-    """The camera with the modulation frequency, Hz, of ``--modulation-frequency``; the same without the option.
-
-    Raises
-    ------
-    OptionError
-        If the camera is known to measure no phase, or no camera has such a frequency.
-    """
+    """The camera with the modulation frequency, Hz, of ``--modulation-frequency``; the same without the option."""
     if frequency_hz is None:
         return sensor
     if sensor.is_lock_in is False:
@@ -302,11 +282,6 @@ def geometry_of(frames: FrameSource, sensor: Sensor, lens: Lens, axis: str | Non
         ``--depth-axis``; without it, the default of the kind of source.
     source : Path
         For messages.
-
-    Raises
-    ------
-    BadInputError
-        If depths along z cannot become ranges, as the lens is not known, or the lens cannot be.
     """
     along_z = (axis or frames.depth_axis) == "z"
     sensor, where = _with_optics(frames, sensor, lens, source, along_z=along_z)

@@ -12,7 +12,8 @@ from tofmix.io.layers.layers_file import LayersFile
 from tofmix.io.next_command import next_command
 from tofmix.io.recording.range_check import check_whole_numbers
 from tofmix.io.recording.recording_file import RecordingFile, file_sha256, open_recording
-from tofmix.jobs.reporter import Reporter
+from tofmix.io.surfaces.surfaces_file import SurfacesFile
+from tofmix.jobs.reporter import OptionError, Reporter
 from tofmix.recording import SampleSource
 from tofmix.report.summary.findings import Finding, Remedy, sample_findings
 from tofmix.sensor import Sensor
@@ -20,13 +21,7 @@ from tofmix.sensor import Sensor
 
 @contextmanager
 def opened_recording(path: Path, reporter: Reporter) -> Iterator[RecordingFile]:
-    """Open a recording, and say the doubts about it.
-
-    Raises
-    ------
-    BadInputError
-        As `tofmix.io.recording.recording_file.open_recording`.
-    """
+    """Open a recording, and say the doubts about it."""
     with open_recording(path) as recording:
         for line in (*recording.remarks, *check_whole_numbers(recording)):
             reporter.warn(line)
@@ -45,13 +40,7 @@ def findings_of_samples(source: SampleSource, sensor: Sensor, circle_mm: float |
 
 
 def check_recording(file: LayersFile, source: RecordingFile) -> None:
-    """Refuse a recording that the layers were not made from: its samples would be shown as those of the layers.
-
-    Raises
-    ------
-    BadInputError
-        If its image, its frames or its checksum are not those of the layers' recording.
-    """
+    """Refuse a recording that the layers were not made from: its samples would be shown as those of the layers."""
     if source.shape[1:] != file.shape[1:] or source.frames < int(file.window_stop[-1]):
         raise BadInputError(
             f"{source.path}: range: shape {source.shape} does not match {file.path}, which has"
@@ -63,3 +52,9 @@ def check_recording(file: LayersFile, source: RecordingFile) -> None:
             f" {file.provenance.source_sha256[:8]}...; give that one, or estimate this one:"
             f" {next_command('estimate', source.path)}"
         )
+
+
+def check_window(file: LayersFile | SurfacesFile, window: int | None, reporter: Reporter) -> None:
+    """Refuse the number of a window that the file does not have."""
+    if window is not None and window >= file.shape[0]:
+        raise OptionError(f"{reporter.option('window')} {window}: {file.path} has windows 0 to {file.shape[0] - 1}")

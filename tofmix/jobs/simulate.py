@@ -17,13 +17,7 @@ from tofmix.simulation.truth import Truth
 
 
 def with_choices(model: Model, *, frames: int | None, seed: int | None) -> Model:
-    """The model with another number of frames and another seed, where they are given.
-
-    Raises
-    ------
-    ValueError
-        If a number is out of its bounds.
-    """
+    """The model with another number of frames and another seed, where they are given."""
     given = {name: value for name, value in (("frames", frames), ("seed", seed)) if value is not None}
     return replace(model, recording=replace(model.recording, **given))
 
