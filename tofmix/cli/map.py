@@ -11,11 +11,11 @@ from tofmix.cli.options import (
     default_workers,
     examples,
     json_option,
-    left_out_words,
     overwrite_option,
     suspect_option,
 )
 from tofmix.cli.reporter import CommandReporter
+from tofmix.wording import left_out_words
 
 if TYPE_CHECKING:
     import numpy as np

@@ -10,7 +10,6 @@ import click
 
 from tofmix.errors import UsageError
 from tofmix.share_law import ShareLaw
-from tofmix.wording import counted
 
 
 class _Path(click.Path):
@@ -102,17 +101,6 @@ json_option = click.option(
 suspect_option = click.option(
     "--suspect", is_flag=True, help="Take suspect layers too: scattered light, folded, passing, near returns."
 )
-
-
-def left_out_words(count: int) -> str:
-    """Say that suspect layers were left out, for the end of a line; nothing if there were none."""
-    return f"; {counted(count, 'suspect layer', ',')} left out (--suspect takes them)" if count else ""
-
-
-projection_option = click.option(
-    "--projection", type=click.Choice(["equiangular", "pinhole"]), default="equiangular", show_default=True,
-    help="What --fov is of: equal angles between pixels, or an ideal pinhole.",
-)  # fmt: skip
 
 
 def default_workers() -> int:
@@ -250,6 +238,12 @@ def shares_option(command: Callable[..., Any]) -> Callable[..., Any]:
         " that part times the brightness (single photons). strongest: the camera keeps the brightest return.  [default:"
         " the file's or the sensor's; else area]",
     )(command)  # fmt: skip
+
+
+projection_option = click.option(
+    "--projection", type=click.Choice(["equiangular", "pinhole"]), default="equiangular", show_default=True,
+    help="What --fov is of: equal angles between pixels, or an ideal pinhole.",
+)  # fmt: skip
 
 
 def examples(text: str) -> Callable[[click.Command], click.Command]:

@@ -11,16 +11,13 @@ from tofmix.cli.options import (
     PATH,
     examples,
     json_option,
-    left_out_words,
     overwrite_option,
     projection_option,
     suspect_option,
     view_of,
 )
 from tofmix.cli.reporter import CommandReporter
-from tofmix.wording import counted
-
-_ENDING, _FROM = ".surfaces.h5", ".layers.h5"
+from tofmix.wording import counted, left_out_words
 
 
 @examples(
@@ -58,6 +55,7 @@ def surfaces(
     camera's field of view. docs/how-to/surfaces.md shows how other programs read
     the file.
     """
+    from tofmix.jobs.layers_files import surfaces_path
     from tofmix.jobs.surfaces import write_surfaces
 
     output, view = output or surfaces_path(layers), view_of(fov)
@@ -68,11 +66,6 @@ def surfaces(
     left_out = left_out_words(values.get("suspect_left_out", 0))
     said = json.dumps({"output": str(output), **values}) if as_json else f"{output}: {_line(values)}{left_out}{placed}"
     click.echo(said)
-
-
-def surfaces_path(layers: Path) -> Path:
-    """Default path of the surfaces of a layers file."""
-    return layers.parent / f"{layers.name.removesuffix(_FROM).removesuffix('.h5')}{_ENDING}"
 
 
 def _line(values: dict[str, Any]) -> str:

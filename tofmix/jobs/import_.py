@@ -17,8 +17,8 @@ from tofmix.io.model_file import maps_of_model
 from tofmix.io.recording.range_check import implausible
 from tofmix.io.samples import guessed
 from tofmix.io.sensor_group import check_maps
+from tofmix.jobs.layers_files import view_note, view_words, viewed
 from tofmix.jobs.reporter import OptionError, Reporter
-from tofmix.jobs.view import view_note, view_words, viewed
 from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import Projection
 from tofmix.optics.view import centre_doubt, projection_of_view, ray_factor

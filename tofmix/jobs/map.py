@@ -12,9 +12,9 @@ from tofmix.io.layers.layers_file import LayersFile, open_layers
 from tofmix.io.map_file import encode_map, map_paths
 from tofmix.io.recording.recording_file import RecordingFile, file_sha256
 from tofmix.io.voxel_file import check_voxel_path, encode_voxels
-from tofmix.jobs.recordings import check_window, opened_recording
+from tofmix.jobs.layers_files import check_view, check_window
+from tofmix.jobs.recordings import opened_recording
 from tofmix.jobs.reporter import OptionError, Reporter
-from tofmix.jobs.view import check_view
 from tofmix.layers import Layers
 from tofmix.mapping.averages import count_samples
 from tofmix.mapping.beams import Beams, beams_from_layers, beams_from_ranges

@@ -12,8 +12,7 @@ from tofmix.io.layers.layers_file import LayersFile
 from tofmix.io.next_command import next_command
 from tofmix.io.recording.range_check import check_whole_numbers
 from tofmix.io.recording.recording_file import RecordingFile, file_sha256, open_recording
-from tofmix.io.surfaces.surfaces_file import SurfacesFile
-from tofmix.jobs.reporter import OptionError, Reporter
+from tofmix.jobs.reporter import Reporter
 from tofmix.recording import SampleSource
 from tofmix.report.summary.findings import Finding, Remedy, sample_findings
 from tofmix.sensor import Sensor
@@ -52,9 +51,3 @@ def check_recording(file: LayersFile, source: RecordingFile) -> None:
             f" {file.provenance.source_sha256[:8]}...; give that one, or estimate this one:"
             f" {next_command('estimate', source.path)}"
         )
-
-
-def check_window(file: LayersFile | SurfacesFile, window: int | None, reporter: Reporter) -> None:
-    """Refuse the number of a window that the file does not have."""
-    if window is not None and window >= file.shape[0]:
-        raise OptionError(f"{reporter.option('window')} {window}: {file.path} has windows 0 to {file.shape[0] - 1}")

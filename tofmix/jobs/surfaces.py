@@ -10,8 +10,8 @@ from tofmix.io.atomic.storage import locked
 from tofmix.io.layers.layers_file import LayersFile, open_layers
 from tofmix.io.recording.recording_file import file_sha256
 from tofmix.io.surfaces.surfaces_writer import SurfacesWriter
+from tofmix.jobs.layers_files import check_view, placed_words, sensor_of_view
 from tofmix.jobs.reporter import Reporter
-from tofmix.jobs.view import check_view, placed_words, sensor_of_view
 from tofmix.sensor import Sensor
 from tofmix.surfaces.found import SurfacesProvenance, WindowSurfaces
 from tofmix.surfaces.reconstruct import reconstruct

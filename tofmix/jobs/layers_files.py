@@ -1,7 +1,10 @@
-"""Where the pixels of a job look: by a field of view, or by the camera of a layers file."""
+"""Layers files that a job reads: their windows, and where their pixels look, by their camera or a field of view."""
+
+from pathlib import Path
 
 from tofmix.errors import BadInputError
 from tofmix.io.layers.layers_file import LayersFile
+from tofmix.io.surfaces.surfaces_file import SurfacesFile
 from tofmix.jobs.reporter import OptionError, Reporter
 from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import Projection
@@ -65,3 +68,14 @@ def placed_words(sensor: Sensor, view_deg: tuple[float, float] | None, shape: tu
     if view_deg is None or sensor.optics is None:
         return ""
     return f"; {view_words(sensor.optics, shape, view_deg)}"
+
+
+def check_window(file: LayersFile | SurfacesFile, window: int | None, reporter: Reporter) -> None:
+    """Refuse the number of a window that the file does not have."""
+    if window is not None and window >= file.shape[0]:
+        raise OptionError(f"{reporter.option('window')} {window}: {file.path} has windows 0 to {file.shape[0] - 1}")
+
+
+def surfaces_path(layers: Path) -> Path:
+    """Default path of the surfaces of a layers file."""
+    return layers.parent / f"{layers.name.removesuffix('.layers.h5').removesuffix('.h5')}.surfaces.h5"
