@@ -1,11 +1,12 @@
-"""Map the layers of a window: beams from layers or samples, cells from beams, and the files of the map."""
+"""Map the layers of a window: beams from layers or samples, cells from beams, and the files of the map.
+
+What only maps for comparison need is imported where it is used: it is slow to import.
+"""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tofmix.errors import BadInputError
-from tofmix.estimation.blocks.sequence import estimate_layers
-from tofmix.estimation.settings import EstimateOptions, SigmaMode
 from tofmix.io.atomic.atomic_group import write_atomic_group
 from tofmix.io.atomic.storage import locked
 from tofmix.io.layers.layers_file import LayersFile, open_layers
@@ -16,13 +17,11 @@ from tofmix.jobs.layers_files import check_view, check_window
 from tofmix.jobs.recordings import opened_recording
 from tofmix.jobs.reporter import OptionError, Reporter
 from tofmix.layers import Layers
-from tofmix.mapping.averages import count_samples
 from tofmix.mapping.beams import Beams, beams_from_layers, beams_from_ranges
 from tofmix.mapping.grid import plan_grid
 from tofmix.mapping.occupancy import FloorMap, VoxelMap, map_beams, project
 from tofmix.mapping.pose import Pose
 from tofmix.recording import FrameSpan
-from tofmix.report.averaging import average_samples
 from tofmix.sensor import Sensor
 from tofmix.version import __version__
 
@@ -140,6 +139,9 @@ def _frames(file: LayersFile, window: int, samples: RecordingFile, reporter: Rep
 
 def _averaged(file: LayersFile, samples: RecordingFile, frames: tuple[int, int]) -> Beams:
 
+    from tofmix.mapping.averages import count_samples
+    from tofmix.report.averaging import average_samples
+
     start, stop = frames
     circle_mm = file.provenance.unambiguous_range_mm
     mean = average_samples(samples, start=start, stop=stop, unambiguous_range_mm=circle_mm).range_mm
@@ -153,6 +155,9 @@ def _averaged(file: LayersFile, samples: RecordingFile, frames: tuple[int, int])
 def _thin_beam(
     file: LayersFile, samples: RecordingFile, frames: tuple[int, int], asked: MapRequest
 ) -> tuple[Beams, int]:
+    from tofmix.estimation.blocks.sequence import estimate_layers
+    from tofmix.estimation.settings import EstimateOptions, SigmaMode
+
     sensor, circle_mm = file.provenance.sensor, file.provenance.unambiguous_range_mm
     options = EstimateOptions(max_layers=1, sigma=SigmaMode.TIED, unambiguous_range_mm=circle_mm)
     found = estimate_layers(FrameSpan(samples.with_sensor(sensor), *frames), options, workers=asked.workers)

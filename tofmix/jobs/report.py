@@ -1,10 +1,13 @@
-"""Summarise a layers file, alone or with its recording, and write the page."""
+"""Summarise a layers file, alone or with its recording, and write the page.
+
+What only pages or samples need is imported where it is used: it is slow to import.
+"""
 
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tofmix.errors import BadInputError
 from tofmix.io.atomic.storage import locked, write_text
@@ -15,9 +18,11 @@ from tofmix.jobs.layers_files import check_window
 from tofmix.jobs.recordings import check_recording, findings_of_samples, opened_recording
 from tofmix.jobs.reporter import Reporter
 from tofmix.recording import SampleSource
-from tofmix.report.pixels.single_pixels import SinglePixels, single_pixels
 from tofmix.report.summary.lost import cause_of_loss
 from tofmix.report.summary.summary import Summary, find, remedy_for, summarise
+
+if TYPE_CHECKING:
+    from tofmix.report.pixels.single_pixels import SinglePixels
 
 
 def report_layers(
@@ -44,7 +49,7 @@ def report_layers(
                 singles = _singles(file, window, source)
                 summary = replace(summary, noise=replace(summary.noise, scatter_over_sigma=singles.spread()))
         if html is not None:
-            from tofmix.report.page.page import render_page  # with Matplotlib, which only pages need
+            from tofmix.report.page.page import render_page
 
             shown: dict[str, Any] = {} if surfaces is None else _surfaces_of(surfaces, layers, window)
             page = render_page(file, recording=source, window=window, summary=summary, singles=singles, **shown)
@@ -52,8 +57,10 @@ def report_layers(
         return summary
 
 
-def _singles(file: LayersFile, window: int, source: SampleSource) -> SinglePixels:
+def _singles(file: LayersFile, window: int, source: SampleSource) -> "SinglePixels":
     """How far samples of single pixels scatter."""
+    from tofmix.report.pixels.single_pixels import single_pixels
+
     start, stop = int(file.window_start[window]), int(file.window_stop[window])
     try:
         return single_pixels(file.read_window(window), file.provenance, recording=source, start=start, stop=stop)
