@@ -60,3 +60,8 @@ def readable(text: str) -> str:
     Python keeps such bytes as lone surrogates, which no file format of text takes.
     """
     return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+
+
+def left_out_words(count: int) -> str:
+    """Say that suspect layers were left out, for the end of a line; nothing if there were none."""
+    return f"; {counted(count, 'suspect layer', ',')} left out (--suspect takes them)" if count else ""

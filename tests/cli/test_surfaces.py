@@ -154,7 +154,7 @@ def test_search_error_exits_with_3_and_leaves_no_file(
     def refuse(*_: object, **__: object) -> None:
         raise ValueError("fx: no beam passes")
 
-    monkeypatch.setattr("tofmix.surfaces.reconstruct.reconstruct", refuse)
+    monkeypatch.setattr("tofmix.jobs.surfaces.reconstruct", refuse)
     refused = tofmix("surfaces", layers)
     assert refused.code == ExitCode.BAD_INPUT
     assert refused.err == f"tofmix: {layers}: window 0: fx: no beam passes\n"

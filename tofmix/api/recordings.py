@@ -338,7 +338,7 @@ def from_array(
     if units not in UNITS_MM:
         raise ValueError(f"units: {units!r} is not one of {', '.join(UNITS_MM)}")
     from tofmix.io.samples import is_camera_matrix
-    from tofmix.jobs.import_ import sensor_of, turned
+    from tofmix.sensors.view import sensor_of, turned
 
     masked: np.ma.MaskedArray[Any, Any] = np.ma.asarray(ranges)
     raw = np.asarray(masked.data)
@@ -502,9 +502,9 @@ def _say_doubts(
     range_mm: FloatArray, sheet: "CameraSheet", camera: Sensor, dropped: dict[str, int], unit_mm: float
 ) -> None:
     """Warn of an image of another size, of values dropped unnamed, and of ranges that are not the camera's."""
-    from tofmix.io.recording.range_check import implausible
+    from tofmix.io.recording.range_check import implausible, outside_doubt
     from tofmix.io.samples import guessed
-    from tofmix.jobs.import_ import outside_doubt, size_doubt
+    from tofmix.sensors.view import size_doubt
 
     doubts = [size_doubt(sheet, (range_mm.shape[-2], range_mm.shape[-1])) if range_mm.ndim >= _IMAGE_DIMENSIONS else ""]
     if unnamed := guessed(dropped):

@@ -46,10 +46,10 @@ def simulate(
     ValueError
         If `frames` or `seed` is out of its bounds.
     """
-    from tofmix.jobs.simulate import Simulation, with_choices
+    from tofmix.jobs.simulate import Simulation
 
     name, scene = _model(model)
-    scene = with_choices(scene, frames=frames, seed=seed)
+    scene = scene.with_recording(frames=frames, seed=seed)
     made = Simulation.of(scene, name, averaged=averaged, threads=os.cpu_count() or 1)
     blocks = list(made.blocks())
     stored = np.concatenate([block.range_mm for block in blocks])

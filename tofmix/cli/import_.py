@@ -221,13 +221,7 @@ def import_(
 
 
 def _shape_of(text: str | None) -> tuple[int, int] | None:
-    """Rows and columns, from a text such as 8x8.
-
-    Raises
-    ------
-    UsageError
-        If it is none.
-    """
+    """Rows and columns, from a text such as 8x8."""
     if text is None:
         return None
     found = re.fullmatch(r"\s*([0-9]{1,5})\s*x\s*([0-9]{1,5})\s*", text)
@@ -238,15 +232,7 @@ def _shape_of(text: str | None) -> tuple[int, int] | None:
 
 
 def _intrinsics_of(text: str | None) -> "Pinhole | Calibration | None":
-    """Intrinsics from a text such as 210,210,88,72, in pixels, or from a calibration file that it names.
-
-    Raises
-    ------
-    UsageError
-        If it is neither, or PyYAML is missing.
-    BadInputError
-        If the file is no calibration, or the numbers are no camera's.
-    """
+    """Intrinsics from a text such as 210,210,88,72, in pixels, or from a calibration file that it names."""
     from tofmix.io.importers.intrinsics import read_calibration
     from tofmix.optics.pinhole import Pinhole
 
@@ -269,13 +255,7 @@ def _intrinsics_of(text: str | None) -> "Pinhole | Calibration | None":
 
 
 def columns_of(text: str | None) -> dict[str, str]:
-    """Meanings of columns by their names, lower case, from a text such as ``y=row,x=col,depth=range``.
-
-    Raises
-    ------
-    UsageError
-        If it is none, or a meaning is unknown or given twice.
-    """
+    """Meanings of columns by their names, lower case, from a text such as ``y=row,x=col,depth=range``."""
     pairs = [part.partition("=") for part in (text or "").split(",") if part.strip()]
     found = {theirs.strip().lower(): ours.strip().lower() for theirs, _, ours in pairs}
     for theirs, ours in found.items():
@@ -287,13 +267,7 @@ def columns_of(text: str | None) -> dict[str, str]:
 
 
 def status_of(text: str | None) -> tuple[str, tuple[int, ...]] | None:
-    """Name of a column of codes, and the valid ones, from a text such as ``status=5,9``.
-
-    Raises
-    ------
-    UsageError
-        If it is none.
-    """
+    """Name of a column of codes, and the valid ones, from a text such as ``status=5,9``."""
     if text is None:
         return None
     name, _, codes = text.rpartition("=")

@@ -65,6 +65,7 @@ def inspect(
     """
     from tofmix.io.atomic.storage import locked
     from tofmix.io.layers.layers_file import open_layers
+    from tofmix.jobs.layers_files import check_window
     from tofmix.report.figures.figures import FIGURE_SUFFIXES
 
     inputs = tuple(path for path in (layers, recording) if path is not None)
@@ -75,8 +76,7 @@ def inspect(
             stack.enter_context(locked(output, overwrite=overwrite, inputs=inputs))
         file = stack.enter_context(open_layers(layers))
         row, col = _place(pixel, file)
-        if window >= file.shape[0]:
-            raise UsageError(f"--window {window}: {layers} has windows 0 to {file.shape[0] - 1}")
+        check_window(file, window, CommandReporter())
         samples = source = None
         if recording is not None:
             from tofmix.jobs.recordings import check_recording, opened_recording

@@ -11,25 +11,17 @@ from tofmix.cli.options import (
     default_workers,
     examples,
     json_option,
-    left_out_words,
     overwrite_option,
     suspect_option,
 )
-from tofmix.cli.progress import Progress
-from tofmix.errors import BadInputError, UsageError
+from tofmix.cli.reporter import CommandReporter
+from tofmix.wording import left_out_words
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from tofmix.io.layers.layers_file import LayersFile
-    from tofmix.io.recording.recording_file import RecordingFile
-    from tofmix.layers import Layers
-    from tofmix.mapping.beams import Beams
     from tofmix.mapping.occupancy import FloorMap, VoxelMap
-    from tofmix.sensor import Sensor
-
-LAYERS, AVERAGED, THIN_BEAM = "layers", "averaged", "thin-beam"
 
 
 class _Numbers(click.ParamType):  # type: ignore[type-arg]  # generic in new versions of click alone
@@ -68,7 +60,7 @@ tofmix map boards.layers.h5 -o averaged.yaml --from averaged --recording boards.
 @click.option("-o", "--output", type=PATH, help="2-D map to write, .yaml; its image gets the same name with .pgm.")
 @click.option("--voxels", type=PATH, help="3-D map to write: occupied voxels as .ply, or the whole grid as .npz.")
 @click.option(
-    "--from", type=click.Choice([LAYERS, AVERAGED, THIN_BEAM]), default=LAYERS, show_default=True,
+    "--from", type=click.Choice(["layers", "averaged", "thin-beam"]), default="layers", show_default=True,
     help="Ranges to map. layers: all surfaces. For comparison: averaged (mean of the samples), thin-beam (one fitted"
     " surface).",
 )  # fmt: skip
@@ -127,150 +119,16 @@ def map_(
     proportion to the light that passes. The 2-D map is for ROS's map_server. A 2-D cell is occupied if any voxel of its
     column, within --height, is occupied. The camera is at height 0; with yaw 0, x is ahead of it and y to its left.
     """
-    from tofmix.io.atomic.atomic_group import write_atomic_group
-    from tofmix.io.atomic.storage import locked
-    from tofmix.io.layers.layers_file import open_layers
-    from tofmix.io.map_file import encode_map
-    from tofmix.io.voxel_file import encode_voxels
-    from tofmix.mapping.grid import plan_grid
-    from tofmix.mapping.occupancy import map_beams, project
-    from tofmix.mapping.pose import Pose
+    from tofmix.jobs.map import MapRequest, write_map
 
-    source = choices["from"]
-    inputs = tuple(filter(None, (layers, recording)))
-    outputs = _check_call(output, voxels, source, recording)
-    threads = workers or default_workers()
-    with locked(*outputs, overwrite=overwrite, inputs=inputs):
-        with open_layers(layers) as file:
-            if window >= file.shape[0]:
-                raise UsageError(f"--window {window}: {layers} has windows 0 to {file.shape[0] - 1}")
-            beams, left_out = _beams(file, window, source, recording, min_probability, threads, suspect=suspect)
-            comment = _comment(file, source, recording)
-            if file.provenance.sensor.range_max_mm is None:
-                click.echo(
-                    f"tofmix: {layers}: sensor: no range_max_mm: samples without a return mark no space as free",
-                    err=True,
-                )
-        try:
-            camera = Pose(x_mm=pose[0], y_mm=pose[1], yaw_deg=pose[2], pitch_deg=pitch)
-            grid = plan_grid(beams, camera, cell_mm=cell, height_mm=None if voxels is not None else height)
-            if output is not None:
-                grid = grid.with_levels(height)
-        except ValueError as error:
-            raise UsageError(str(error)) from error
-        with Progress(grid.size, "map", "cell") as bar:
-            space = map_beams(beams, camera, grid, min_share=min_share, workers=threads, progress=bar.update)
-            contents: dict[Path, bytes] = {}
-            if voxels is not None:
-                contents[voxels] = encode_voxels(space, voxels, comment=comment)
-            floor = None if output is None else project(space, height)
-            if output is not None and floor is not None:
-                contents |= encode_map(floor, output, comment=comment)
-            write_atomic_group(contents, overwrite=overwrite, inputs=inputs)
-    _say(output, floor, voxels, space, left_out, as_json)
-
-
-def _check_call(output: Path | None, voxels: Path | None, source: str, recording: Path | None) -> tuple[Path, ...]:
-    """Refuse impossible options before any work; return the files to write."""
-    from tofmix.io.map_file import map_paths
-    from tofmix.io.voxel_file import check_voxel_path
-
-    if output is None and voxels is None:
-        raise UsageError("nothing to write: pass -o MAP.yaml, --voxels OUT.ply or both")
-    if source != LAYERS and recording is None:
-        raise UsageError(f"--from {source} needs the samples: pass --recording RECORDING")
-    if source == LAYERS and recording is not None:
-        raise UsageError("--recording needs --from averaged or --from thin-beam")
-    paths = () if output is None else map_paths(output)
-    if voxels is not None:
-        check_voxel_path(voxels)
-        paths = (*paths, voxels)
-    return paths
-
-
-def _beams(
-    file: "LayersFile", window: int, source: str, recording: Path | None, min_probability: float, workers: int, *,
-    suspect: bool,
-) -> "tuple[Beams, int]":  # fmt: skip
-    """The beams, and how many suspect layers are left out."""
-    from tofmix.cli.reporter import CommandReporter
-    from tofmix.jobs.recordings import opened_recording
-    from tofmix.jobs.view import check_view
-
-    check_view(file)
-    try:
-        if recording is None:
-            layers = file.read_window(window)
-            return _from_layers(layers, file.provenance.sensor, min_probability, suspect=suspect)
-        with opened_recording(recording, CommandReporter()) as samples:
-            frames = _frames(file, window, samples)
-            if source == AVERAGED:
-                return _averaged(file, samples, frames), 0
-            return _thin_beam(file, samples, frames, min_probability, workers, suspect=suspect)
-    except ValueError as error:
-        raise BadInputError(f"{file.path}: {error}") from error
-
-
-def _from_layers(layers: "Layers", sensor: "Sensor", min_probability: float, *, suspect: bool) -> "tuple[Beams, int]":
-    from tofmix.mapping.beams import beams_from_layers
-
-    taken = layers.trusted() if suspect else layers
-    return beams_from_layers(taken, sensor, min_probability=min_probability), taken.suspects()
-
-
-def _frames(file: "LayersFile", window: int, samples: "RecordingFile") -> tuple[int, int]:
-    """The window's frames, or all frames of a recording that the layers were not made from."""
-    from tofmix.io.recording.recording_file import file_sha256
-
-    if samples.shape[1:] != file.shape[1:]:
-        raise BadInputError(
-            f"{samples.path}: range: {samples.shape[1]} x {samples.shape[2]} pixels do not match {file.path},"
-            f" which has {file.shape[1]} x {file.shape[2]}"
-        )
-    if file_sha256(samples.path) == file.provenance.source_sha256:
-        return int(file.window_start[window]), int(file.window_stop[window])
-    click.echo(
-        f"tofmix: {samples.path} is not the recording that {file.path} was made from; all its frames are used", err=True
-    )
-    return 0, samples.frames
-
-
-def _averaged(file: "LayersFile", samples: "RecordingFile", frames: tuple[int, int]) -> "Beams":
-    from dataclasses import replace
-
-    from tofmix.mapping.averages import count_samples
-    from tofmix.mapping.beams import beams_from_ranges
-    from tofmix.report.averaging import average_samples
-
-    start, stop = frames
-    circle_mm = file.provenance.unambiguous_range_mm
-    mean = average_samples(samples, start=start, stop=stop, unambiguous_range_mm=circle_mm).range_mm
-    noise = samples.sensor.noise or file.provenance.sensor.noise
-    return beams_from_ranges(
-        mean, count_samples(samples, start=start, stop=stop),
-        replace(file.provenance.sensor, noise=noise, range_step_mm=None),
+    asked = MapRequest(
+        layers=layers, output=output, voxels=voxels, source=choices["from"], recording=recording, window=window,
+        cell_mm=cell, height_mm=height, pose=pose, pitch_deg=pitch,
+        min_share=min_share, min_probability=min_probability, suspect=suspect, workers=workers or default_workers(),
+        overwrite=overwrite,
     )  # fmt: skip
-
-
-def _thin_beam(
-    file: "LayersFile", samples: "RecordingFile", frames: tuple[int, int], min_probability: float, workers: int, *,
-    suspect: bool,
-) -> "tuple[Beams, int]":  # fmt: skip
-    from tofmix.estimation.blocks.sequence import estimate_layers
-    from tofmix.estimation.settings import EstimateOptions, SigmaMode
-    from tofmix.recording import FrameSpan
-
-    sensor, circle_mm = file.provenance.sensor, file.provenance.unambiguous_range_mm
-    options = EstimateOptions(max_layers=1, sigma=SigmaMode.TIED, unambiguous_range_mm=circle_mm)
-    found = estimate_layers(FrameSpan(samples.with_sensor(sensor), *frames), options, workers=workers)
-    return _from_layers(found.reshaped(file.shape[1:]), sensor, min_probability, suspect=suspect)
-
-
-def _comment(file: "LayersFile", source: str, recording: Path | None) -> str:
-    from tofmix.version import __version__
-
-    samples = "" if recording is None else f" of {recording.name}"
-    return f"tofmix {__version__} map --from {source}{samples}, {file.path.name}"
+    floor, space, left_out = write_map(asked, CommandReporter())
+    _say(output, floor, voxels, space, left_out, as_json)
 
 
 def _say(

@@ -10,7 +10,6 @@ import click
 
 from tofmix.errors import UsageError
 from tofmix.share_law import ShareLaw
-from tofmix.wording import counted
 
 
 class _Path(click.Path):
@@ -104,17 +103,6 @@ suspect_option = click.option(
 )
 
 
-def left_out_words(count: int) -> str:
-    """Say that suspect layers were left out, for the end of a line; nothing if there were none."""
-    return f"; {counted(count, 'suspect layer', ',')} left out (--suspect takes them)" if count else ""
-
-
-projection_option = click.option(
-    "--projection", type=click.Choice(["equiangular", "pinhole"]), default="equiangular", show_default=True,
-    help="What --fov is of: equal angles between pixels, or an ideal pinhole.",
-)  # fmt: skip
-
-
 def default_workers() -> int:
     """Processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -148,11 +136,6 @@ def only_one_of(what: str, **values: Any) -> tuple[Any, ...]:  # noqa: ANN401  v
         What they set, for the error.
     **values
         Values of the running command's parameters, by name; None where one is not given.
-
-    Raises
-    ------
-    UsageError
-        If several remain.
     """
     nearer = nearer_of(**values)
     given = [f"--{name.replace('_', '-')}" for name, value in zip(values, nearer, strict=True) if value is not None]
@@ -257,6 +240,12 @@ def shares_option(command: Callable[..., Any]) -> Callable[..., Any]:
     )(command)  # fmt: skip
 
 
+projection_option = click.option(
+    "--projection", type=click.Choice(["equiangular", "pinhole"]), default="equiangular", show_default=True,
+    help="What --fov is of: equal angles between pixels, or an ideal pinhole.",
+)  # fmt: skip
+
+
 def examples(text: str) -> Callable[[click.Command], click.Command]:
     """Add an examples section to a command's help, kept as it is written."""
 
@@ -268,13 +257,7 @@ def examples(text: str) -> Callable[[click.Command], click.Command]:
 
 
 def view_of(text: str | None) -> tuple[float, float] | None:
-    """Field of view (horizontal, vertical), degrees, from a text such as 70x55.
-
-    Raises
-    ------
-    UsageError
-        If it is none.
-    """
+    """Field of view (horizontal, vertical), degrees, from a text such as 70x55."""
     if text is None:
         return None
     try:

@@ -87,9 +87,7 @@ def simulate(
 
     if output is None and not explain:
         raise click.UsageError("Missing option '-o' / '--output'.")
-    from tofmix.jobs.simulate import Simulation, with_choices
-
-    scene = with_choices(load_model(model), frames=frames, seed=seed)
+    scene = load_model(model).with_recording(frames=frames, seed=seed)
     if output is None or explain:
         from tofmix.simulation.explain import explain as explained
 
@@ -97,6 +95,7 @@ def simulate(
         return
 
     from tofmix.io.atomic.storage import check_output, locked
+    from tofmix.jobs.simulate import Simulation
 
     outputs = [output] if repeat is None else [_numbered(output, k) for k in range(1, repeat + 1)]
     for path in outputs:
@@ -104,7 +103,7 @@ def simulate(
     n_frames, rows, cols = scene.recording.frames, scene.sensor.rows, scene.sensor.cols
     for number, path in enumerate(outputs, start=scene.recording.seed):
         with locked(path, overwrite=overwrite, inputs=(Path(model),)):
-            seeded = with_choices(scene, frames=None, seed=number)
+            seeded = scene.with_recording(seed=number)
             made = Simulation.of(seeded, model, averaged=averaged, threads=default_workers())
             made.write(path, model, CommandReporter(), overwrite=overwrite)
         said = {"output": str(path), "frames": n_frames, "rows": rows, "cols": cols, "seed": number}

@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -11,22 +11,13 @@ from tofmix.cli.options import (
     PATH,
     examples,
     json_option,
-    left_out_words,
     overwrite_option,
     projection_option,
     suspect_option,
     view_of,
 )
-from tofmix.cli.progress import Progress
-from tofmix.errors import BadInputError
-from tofmix.wording import counted
-
-if TYPE_CHECKING:
-    from tofmix.io.layers.layers_file import LayersFile
-    from tofmix.sensor import Sensor
-    from tofmix.surfaces.found import WindowSurfaces
-
-_ENDING, _FROM = ".surfaces.h5", ".layers.h5"
+from tofmix.cli.reporter import CommandReporter
+from tofmix.wording import counted, left_out_words
 
 
 @examples(
@@ -64,100 +55,17 @@ def surfaces(
     camera's field of view. docs/how-to/surfaces.md shows how other programs read
     the file.
     """
-    from tofmix.io.atomic.storage import locked
-    from tofmix.io.layers.layers_file import open_layers
-    from tofmix.io.recording.recording_file import file_sha256
-    from tofmix.io.surfaces.surfaces_writer import SurfacesWriter
-    from tofmix.jobs.view import check_view, view_note, view_words, viewed
-    from tofmix.surfaces.found import SurfacesProvenance
-    from tofmix.version import __version__
+    from tofmix.jobs.layers_files import surfaces_path
+    from tofmix.jobs.surfaces import write_surfaces
 
-    output = output or surfaces_path(layers)
-    with locked(output, overwrite=overwrite, inputs=(layers,)), open_layers(layers) as file:
-        sensor, view = file.provenance.sensor, view_of(fov)
-        if view is None:
-            check_view(file, own_remedy="give them with --fov HxV, or ")
-        else:
-            sensor = viewed(sensor, view, projection, file.shape[1:])
-            if doubt := view_note(view, projection, file.shape[1:]):
-                click.echo(f"tofmix: {doubt}", err=True)
-        options: dict[str, str | int | float] = {"factor": factor}
-        if suspect:
-            options["suspect"] = 1
-        provenance = SurfacesProvenance(
-            source=layers.name,
-            source_sha256=file_sha256(layers),
-            version=__version__,
-            sensor=sensor,
-            options=options,
-        )
-        tally = _Tally()
-        with (
-            Progress(file.shape[0], "surfaces", "window") as bar,
-            SurfacesWriter(
-                output, shape=file.shape, max_layers=file.max_layers, factor=factor, provenance=provenance,
-                overwrite=overwrite, inputs=(layers,),
-            ) as writer,
-        ):  # fmt: skip
-            left_out_of = [file.suspects(window) for window in range(file.shape[0])]
-            for window in range(file.shape[0]):
-                found = _reconstruct(file, sensor, window, factor, suspect=suspect)
-                writer.write(found)
-                tally.add(found)
-                bar.update()
-    values = tally.values() | {
-        "rows_fine": file.shape[1] * factor, "cols_fine": file.shape[2] * factor, "factor": factor,
-        "windows": file.shape[0],
-    }  # fmt: skip
-    left_out = 0 if suspect else sum(left_out_of)
-    values |= {"suspect_left_out": left_out} if left_out else {}
-    placed = "" if view is None or sensor.optics is None else f"; {view_words(sensor.optics, file.shape[1:], view)}"
-    click.echo(
-        json.dumps({"output": str(output), **values})
-        if as_json
-        else f"{output}: {_line(values)}{left_out_words(left_out)}{placed}"
-    )
-
-
-def surfaces_path(layers: Path) -> Path:
-    """Default path of the surfaces of a layers file."""
-    return layers.parent / f"{layers.name.removesuffix(_FROM).removesuffix('.h5')}{_ENDING}"
-
-
-def _reconstruct(file: "LayersFile", sensor: "Sensor", window: int, factor: int, *, suspect: bool) -> "WindowSurfaces":
-    from tofmix.surfaces.reconstruct import reconstruct
-
-    layers = file.read_window(window)
-    try:
-        return reconstruct(layers.trusted() if suspect else layers, sensor, factor=factor)
-    except ValueError as error:
-        raise BadInputError(f"{file.path}: window {window}: {error}") from error
-
-
-class _Tally:
-    """Counts over all windows."""
-
-    def __init__(self) -> None:
-        self._surfaces = self._smooth = self._lines = self._assumed = 0
-        self._stderr: list[Any] = []
-
-    def add(self, found: "WindowSurfaces") -> None:
-        self._surfaces += len(found.planes)
-        self._smooth += int(found.planes.is_smooth.sum())
-        self._lines += len(found.edges.lines())
-        self._stderr.append(found.edges.stderr)
-        self._assumed += found.assumed
-
-    def values(self) -> dict[str, Any]:
-        import numpy as np
-
-        stderr = np.concatenate(self._stderr)
-        known = stderr[np.isfinite(stderr)]
-        median = float(np.median(known)) if len(known) else None
-        return {
-            "surfaces": self._surfaces, "smooth_surfaces": self._smooth, "edge_lines": self._lines,
-            "edge_points": len(stderr), "edge_stderr_median": median, "pixels_shares_assumed_areas": self._assumed,
-        }  # fmt: skip
+    output, view = output or surfaces_path(layers), view_of(fov)
+    values, placed = write_surfaces(
+        layers, output, CommandReporter(), factor=factor, view_deg=view, projection=projection, suspect=suspect,
+        overwrite=overwrite,
+    )  # fmt: skip
+    left_out = left_out_words(values.get("suspect_left_out", 0))
+    said = json.dumps({"output": str(output), **values}) if as_json else f"{output}: {_line(values)}{left_out}{placed}"
+    click.echo(said)
 
 
 def _line(values: dict[str, Any]) -> str:

@@ -91,13 +91,7 @@ class Prepared:
 
 
 def check_request(request: EstimateRequest, reporter: Reporter) -> None:
-    """Refuse options that exclude each other, before any recording is opened.
-
-    Raises
-    ------
-    OptionError
-        If an option is out of its bounds, or needs another one.
-    """
+    """Refuse options that exclude each other, before any recording is opened."""
     if request.stride is not None and request.window is None:
         raise OptionError(f"{reporter.option('stride')} needs {reporter.option('window')}")
     noise, outliers = request.noise, request.outliers
@@ -125,13 +119,6 @@ def prepare(source: CameraSource, request: EstimateRequest, reporter: Reporter) 
         Checked by `check_request`.
     reporter : Reporter
         Receives doubts about the samples and their noise, and notes.
-
-    Raises
-    ------
-    OptionError
-        If an option does not fit the recording.
-    BadInputError
-        If the recording cannot be estimated in this way, or its samples do not determine the noise.
     """
     options = request.options
     _check_frames(source, request, reporter)
@@ -183,11 +170,6 @@ def estimate_file(
     -------
     (Outcome, list of Finding)
         The result, and what was found doubtful.
-
-    Raises
-    ------
-    TofmixError
-        As `prepare` and `tofmix.pipeline.run.run_job`.
     """
     with opened_recording(recording, reporter) as source:
         if not files.resume:
@@ -248,13 +230,7 @@ def _say_left_out(ready: Prepared, reporter: Reporter) -> None:
 
 
 def windows_of(source: CameraSource, request: EstimateRequest) -> Windows:
-    """Plan the windows of a recording.
-
-    Raises
-    ------
-    OptionError
-        If no whole window fits into its frames.
-    """
+    """Plan the windows of a recording."""
     try:
         return plan_windows(source.shape[0] // max(1, source.targets), window=request.window, stride=request.stride)
     except ValueError as error:
@@ -264,13 +240,7 @@ def windows_of(source: CameraSource, request: EstimateRequest) -> Windows:
 def choose_camera(
     source: CameraSource, options: EstimateOptions, wanted: NoiseRequest, reporter: Reporter
 ) -> NoiseChoice:
-    """Choose the recording's camera, and say what there is to say of its noise.
-
-    Raises
-    ------
-    BadInputError
-        If there is no noise curve, or the samples do not determine one.
-    """
+    """Choose the recording's camera, and say what there is to say of its noise."""
     with reporter.learning() as progress:
         choice = choose_sensor(
             source.name, source.with_sensor, source.sensor, options, wanted, spell=reporter.spell, progress=progress,
@@ -282,13 +252,7 @@ def choose_camera(
 
 
 def learnt_sensor(source: CameraSource, reporter: Reporter) -> Sensor:
-    """The recording's camera with the noise of its samples.
-
-    Raises
-    ------
-    BadInputError
-        If they do not determine one.
-    """
+    """The recording's camera with the noise of its samples."""
     frames = source.shape[0]
     wanted = NoiseRequest(noise=AUTO, outliers=FILE, asked=True, window_frames=frames, stride_frames=frames)
     source = source.with_sensor(sensor_with_span(source, None))

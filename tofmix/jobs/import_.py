@@ -1,6 +1,5 @@
 """Import a recording from another program's file: its camera, its geometry, and what is doubtful about it."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,11 +13,11 @@ from tofmix.io.importers.conversion import Conversion
 from tofmix.io.importers.intrinsics import Calibration
 from tofmix.io.importers.writing import Imported, Target, write_recording
 from tofmix.io.model_file import maps_of_model
-from tofmix.io.recording.range_check import implausible
+from tofmix.io.recording.range_check import implausible, outside_doubt
 from tofmix.io.samples import guessed
 from tofmix.io.sensor_group import check_maps
+from tofmix.jobs.layers_files import view_note, view_words, viewed
 from tofmix.jobs.reporter import OptionError, Reporter
-from tofmix.jobs.view import view_note, view_words, viewed
 from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import Projection
 from tofmix.optics.view import centre_doubt, projection_of_view, ray_factor
@@ -28,13 +27,10 @@ from tofmix.sensors import PROFILES, CameraSheet, load_sheet
 from tofmix.sensors.profile_toml import parse_profile
 from tofmix.sensors.sensor_file import parse_sensor
 from tofmix.sensors.sheet import UNKNOWN
-from tofmix.sensors.view import with_lens
+from tofmix.sensors.view import sensor_of, size_doubt, turned, with_lens
 from tofmix.share_law import share_law_of
 from tofmix.toml_table import parse_toml
 from tofmix.wording import readable
-
-MOSTLY = 0.5
-"""Share of samples outside the working range that is reported."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,15 +70,7 @@ class ImportedFile:
 
 
 def import_file(asked: ImportRequest, reporter: Reporter) -> ImportedFile:
-    """Write a recording.
-
-    Raises
-    ------
-    OptionError
-        If an option does not fit the source.
-    BadInputError
-        If the source cannot be read, or does not go with the camera.
-    """
+    """Write a recording."""
     source, camera, request = asked.source, asked.camera, asked.request
     inputs = tuple(asked.inputs)
     with locked(asked.output, overwrite=asked.overwrite, inputs=inputs), open_source(source, request) as frames:
@@ -177,40 +165,8 @@ def _doubts(
     return [f"{source}: {text}" for text in notes if text]
 
 
-def size_doubt(camera: CameraSheet, shape: tuple[int, int]) -> str:
-    """Doubt about an image (rows, cols) of another size than the camera's; empty without one."""
-    if camera.rows is None or camera.cols is None or shape == (camera.rows, camera.cols):
-        return ""
-    view = "field of view is used" if camera.projection is None else "projection is not used"
-    return f"{shape[0]} x {shape[1]} pixels, {camera.name} has {camera.rows} x {camera.cols}; its {view} for this image"
-
-
-def outside_doubt(share: float, sensor: Sensor, option: str) -> str:
-    """Doubt about a share of the samples outside of the camera's working range; empty without one."""
-    if share <= MOSTLY:
-        return ""
-    least, most = sensor.range_min_mm or 0.0, math.inf if sensor.range_max_mm is None else sensor.range_max_mm
-    return f"{100 * share:.0f} % of the samples lie outside the sensor's {least:g} to {most:g} mm; check {option}"
-
-
-def turned(shape: tuple[int, int], camera: CameraSheet) -> str:
-    """Reason to refuse an image whose rows and columns are those of the camera, swapped; empty without one."""
-    if shape[0] == shape[1] or shape != (camera.cols, camera.rows):
-        return ""
-    return (
-        f"images of {shape[0]} x {shape[1]} pixels, {camera.name} has {camera.rows} x {camera.cols}: rows and columns"
-        " are swapped"
-    )
-
-
 def camera_of(name: str | None) -> CameraSheet:
-    """Properties of the camera of ``--sensor``; empty without it.
-
-    Raises
-    ------
-    BadInputError
-        If there is no such file or built-in sensor, or the file describes none.
-    """
+    """Properties of the camera of ``--sensor``; empty without it."""
     if name is None:
         return UNKNOWN
     if name in PROFILES and not Path(name).is_file():
@@ -223,25 +179,8 @@ def camera_of(name: str | None) -> CameraSheet:
     return parse_sensor(text, source=name, read_map=maps_of_model(Path(name)))
 
 
-def sensor_of(camera: CameraSheet, shape: tuple[int, int]) -> Sensor:
-    """The camera as a recording of an image (rows, cols) describes it.
-
-    A projection is of an image of one size alone: where pixels of another look stays unknown.
-    """
-    sensor = camera.sensor()
-    if sensor.projection is None or (camera.rows or shape[0], camera.cols or shape[1]) == tuple(shape):
-        return sensor
-    return replace(sensor, projection=None)
-
-
 def with_frequency(sensor: Sensor, frequency_hz: float | None) -> Sensor:
-    """The camera with the modulation frequency, Hz, of ``--modulation-frequency``; the same without the option.
-
-    Raises
-    ------
-    OptionError
-        If the camera is known to measure no phase, or no camera has such a frequency.
-    """
+    """The camera with the modulation frequency, Hz, of ``--modulation-frequency``; the same without the option."""
     if frequency_hz is None:
         return sensor
     if sensor.is_lock_in is False:
@@ -302,11 +241,6 @@ def geometry_of(frames: FrameSource, sensor: Sensor, lens: Lens, axis: str | Non
         ``--depth-axis``; without it, the default of the kind of source.
     source : Path
         For messages.
-
-    Raises
-    ------
-    BadInputError
-        If depths along z cannot become ranges, as the lens is not known, or the lens cannot be.
     """
     along_z = (axis or frames.depth_axis) == "z"
     sensor, where = _with_optics(frames, sensor, lens, source, along_z=along_z)

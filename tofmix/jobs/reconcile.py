@@ -45,13 +45,7 @@ _SAME_RATE = 0.02  # relative difference of frame rates: clocks are not exact
 
 
 def kinds_of(effects: Sequence[str] | None, reporter: Reporter) -> tuple[str, ...]:
-    """The kinds of effects to try, in the order in which they are tried; all without a list.
-
-    Raises
-    ------
-    OptionError
-        If the list is empty, or names no effect.
-    """
+    """The kinds of effects to try, in the order in which they are tried; all without a list."""
     if effects is None:
         return KINDS
     for name in effects:
@@ -63,13 +57,7 @@ def kinds_of(effects: Sequence[str] | None, reporter: Reporter) -> tuple[str, ..
 
 
 def check_models(models: Sequence[tuple[str, Model]]) -> None:
-    """Refuse named models that no recording, or not one camera, can be compared with.
-
-    Raises
-    ------
-    BadInputError
-        If a model has no surface, or their cameras differ.
-    """
+    """Refuse named models that no recording, or not one camera, can be compared with."""
     for name, model in models:
         if not model.surfaces:
             raise BadInputError(f"{name}: surface: the model has no surface; add one to compare with the recording")
@@ -84,13 +72,7 @@ def read_evidence(
     model: Model, source: CameraSource, reporter: Reporter, *, time_s: FloatArray | None,
     temperature_c: FloatArray | None,
 ) -> Evidence:  # fmt: skip
-    """Read a recording into memory, and say where it and the model differ.
-
-    Raises
-    ------
-    BadInputError
-        If it is too large, has several targets a frame, or does not go with the model.
-    """
+    """Read a recording into memory, and say where it and the model differ."""
     name, every = source.name, slice(None)
     if source.targets:
         raise BadInputError(
@@ -174,13 +156,6 @@ def reconcile(
         Gives the camera of the first recording with the noise of its samples.
     reporter : Reporter
         Receives a step of progress for each kind that was tried.
-
-    Raises
-    ------
-    BadInputError
-        If the models' cameras differ, or there is no such noise.
-    OptionError
-        If `noise` is none of these.
     """
 
     def found(recordings: Recordings) -> Reconciliation:
@@ -223,15 +198,7 @@ def _sensor_of(noise: str | Sensor | None, learnt: Callable[[], Sensor], reporte
 def write_reconciliation(
     result: Reconciliation, files: Sequence[tuple[str, Path]], output: Path, *, overwrite: bool
 ) -> None:
-    """Write the folder of a reconciliation of models with recordings.
-
-    Raises
-    ------
-    BadInputError
-        If two models have different maps of one name.
-    UsageError, StorageError
-        As `tofmix.io.reconciliation.write_folder`.
-    """
+    """Write the folder of a reconciliation of models with recordings."""
 
     def texts(tables: Callable[[Reconciliation, int], str]) -> list[str]:
         found = [(model.text.rstrip("\n") + "\n", tables(result, k)) for k, model in enumerate(result.models)]

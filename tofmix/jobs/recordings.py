@@ -5,9 +5,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from tofmix.errors import BadInputError
-from tofmix.estimation.noise.consistency import check_consistency
-from tofmix.estimation.noise_choice import AUTO
-from tofmix.independent_samples import independent_samples
 from tofmix.io.layers.layers_file import LayersFile
 from tofmix.io.next_command import next_command
 from tofmix.io.recording.range_check import check_whole_numbers
@@ -20,13 +17,7 @@ from tofmix.sensor import Sensor
 
 @contextmanager
 def opened_recording(path: Path, reporter: Reporter) -> Iterator[RecordingFile]:
-    """Open a recording, and say the doubts about it.
-
-    Raises
-    ------
-    BadInputError
-        As `tofmix.io.recording.recording_file.open_recording`.
-    """
+    """Open a recording, and say the doubts about it."""
     with open_recording(path) as recording:
         for line in (*recording.remarks, *check_whole_numbers(recording)):
             reporter.warn(line)
@@ -35,23 +26,19 @@ def opened_recording(path: Path, reporter: Reporter) -> Iterator[RecordingFile]:
 
 def findings_of_samples(source: SampleSource, sensor: Sensor, circle_mm: float | None, remedy: Remedy) -> list[Finding]:
     """Doubts from some of the samples: scatter off the noise curve of `sensor`, and drift within a window."""
+    from tofmix.estimation.noise.consistency import check_consistency  # slow to import, and a report may need none
+    from tofmix.independent_samples import independent_samples
+
     seen = check_consistency(
         independent_samples(source, for_noise=True), sensor.noise, step=sensor.step, window_frames=remedy.window_frames,
         unambiguous_range_mm=circle_mm, follows_drift=sensor.follows_drift,
     )  # fmt: skip
-    # A curve that the samples gave is theirs.
-    scatter = None if remedy.noise == AUTO else seen.scatter_over_curve
+    scatter = None if remedy.noise == "auto" else seen.scatter_over_curve  # a curve that the samples gave is theirs
     return sample_findings(scatter_over_curve=scatter, drift_sigmas=seen.drift_sigmas, remedy=remedy)
 
 
 def check_recording(file: LayersFile, source: RecordingFile) -> None:
-    """Refuse a recording that the layers were not made from: its samples would be shown as those of the layers.
-
-    Raises
-    ------
-    BadInputError
-        If its image, its frames or its checksum are not those of the layers' recording.
-    """
+    """Refuse a recording that the layers were not made from: its samples would be shown as those of the layers."""
     if source.shape[1:] != file.shape[1:] or source.frames < int(file.window_stop[-1]):
         raise BadInputError(
             f"{source.path}: range: shape {source.shape} does not match {file.path}, which has"

@@ -1,7 +1,7 @@
 """Simulate a recording of a model: its scene cast, and its frames drawn."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
@@ -14,18 +14,6 @@ from tofmix.simulation.exposure import drawn_truth
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import FrameBlock, recording_sensor, render_blocks
 from tofmix.simulation.truth import Truth
-
-
-def with_choices(model: Model, *, frames: int | None, seed: int | None) -> Model:
-    """The model with another number of frames and another seed, where they are given.
-
-    Raises
-    ------
-    ValueError
-        If a number is out of its bounds.
-    """
-    given = {name: value for name, value in (("frames", frames), ("seed", seed)) if value is not None}
-    return replace(model, recording=replace(model.recording, **given))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

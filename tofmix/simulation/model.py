@@ -5,7 +5,7 @@ Use these types to build a scene in code. A model file is read by `tofmix.simula
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -124,6 +124,11 @@ class Model:
     def moves_surface(self, name: str) -> bool:
         """Whether a surface moves from frame to frame."""
         return any(effect.moves and getattr(effect, "surface", name) == name for effect in self.effects)
+
+    def with_recording(self, *, frames: int | None = None, seed: int | None = None) -> "Model":
+        """The model with another number of frames, and another seed, where they are given."""
+        given = {name: value for name, value in (("frames", frames), ("seed", seed)) if value is not None}
+        return replace(self, recording=replace(self.recording, **given))
 
     def placed(self, time_s: float) -> "tuple[Surface, ...]":
         """The surfaces where the geometry effects put them at a time.

@@ -21,15 +21,7 @@ def estimate_files(
     recordings: Sequence[Path], output: Path | None, output_dir: Path | None, request: "EstimateRequest",
     files: "FileRequest", *, as_json: bool,
 ) -> None:  # fmt: skip
-    """Estimate recordings, and print the results on stdout.
-
-    Raises
-    ------
-    UsageError
-        If the outputs do not fit, before any estimate.
-    TofmixError
-        The fault of a single recording. Of several, the others are done, and the exit code is 5.
-    """
+    """Estimate recordings, and print the results on stdout."""
     from tofmix.jobs.estimate import estimate_file
 
     several = len(recordings) > 1 or output_dir is not None or Path("-") in recordings

@@ -178,6 +178,14 @@ def implausible(median_mm: float, sensor: Sensor, *, unit_mm: float, path: Path 
     return f"{said}; check the units; if the numbers are in {_NAMES[text]}: {remedy}"
 
 
+def outside_doubt(share: float, sensor: Sensor, option: str, *, mostly: float = 0.5) -> str:
+    """Doubt about a share of the samples outside of the camera's working range; empty without one."""
+    if share <= mostly:
+        return ""
+    least, most = sensor.range_min_mm or 0.0, math.inf if sensor.range_max_mm is None else sensor.range_max_mm
+    return f"{100 * share:.0f} % of the samples lie outside the sensor's {least:g} to {most:g} mm; check {option}"
+
+
 _NAMES = {"mm": "mm", "m": "m", "cm": "cm", "0.001": "micrometres"}
 
 

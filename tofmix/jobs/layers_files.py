@@ -1,8 +1,11 @@
-"""Where the pixels of a job look: by a field of view, or by the camera of a layers file."""
+"""Layers files that a job reads: their windows, and where their pixels look, by their camera or a field of view."""
+
+from pathlib import Path
 
 from tofmix.errors import BadInputError
 from tofmix.io.layers.layers_file import LayersFile
-from tofmix.jobs.reporter import OptionError
+from tofmix.io.surfaces.surfaces_file import SurfacesFile
+from tofmix.jobs.reporter import OptionError, Reporter
 from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import Projection
 from tofmix.optics.view import view_doubt
@@ -13,13 +16,7 @@ _VIEW_REMEDY = "import the recording with --fov HxV or --intrinsics, and estimat
 
 
 def check_view(file: LayersFile, *, own_remedy: str = "") -> None:
-    """Refuse a layers file without the directions of its pixels, with the remedies: the command's own comes first.
-
-    Raises
-    ------
-    BadInputError
-        If it has no field of view and no pinhole, or one that its image cannot have.
-    """
+    """Refuse a layers file without the directions of its pixels, with the remedies: the command's own comes first."""
     try:
         optics = file.provenance.sensor.optics
         if optics is not None:
@@ -51,3 +48,34 @@ def view_words(optics: Projection, shape: tuple[int, int], view_deg: tuple[float
     how = "pinhole" if view_deg is None else f"an ideal pinhole of {view_deg[0]:g} x {view_deg[1]:g} degrees,"
     lens = "" if not optics.distortion else f" distortion {' '.join(f'{k:g}' for k in optics.distortion)}"
     return f"{how} fx {optics.fx:g} fy {optics.fy:g} cx {optics.cx:g} cy {optics.cy:g}{lens}"
+
+
+def sensor_of_view(
+    file: LayersFile, view_deg: tuple[float, float] | None, projection: str, reporter: Reporter
+) -> Sensor:
+    """The camera of a layers file, with a given field of view, if any; a doubt about it is said."""
+    sensor, image = file.provenance.sensor, file.shape[1:]
+    if view_deg is None:
+        return sensor
+    sensor = viewed(sensor, view_deg, projection, image)
+    if doubt := view_note(view_deg, projection, image):
+        reporter.warn(doubt)
+    return sensor
+
+
+def placed_words(sensor: Sensor, view_deg: tuple[float, float] | None, shape: tuple[int, int]) -> str:
+    """How pixels were placed by a given field of view, for the end of a line; empty without one."""
+    if view_deg is None or sensor.optics is None:
+        return ""
+    return f"; {view_words(sensor.optics, shape, view_deg)}"
+
+
+def check_window(file: LayersFile | SurfacesFile, window: int | None, reporter: Reporter) -> None:
+    """Refuse the number of a window that the file does not have."""
+    if window is not None and window >= file.shape[0]:
+        raise OptionError(f"{reporter.option('window')} {window}: {file.path} has windows 0 to {file.shape[0] - 1}")
+
+
+def surfaces_path(layers: Path) -> Path:
+    """Default path of the surfaces of a layers file."""
+    return layers.parent / f"{layers.name.removesuffix('.layers.h5').removesuffix('.h5')}.surfaces.h5"
