@@ -150,6 +150,11 @@ def test_advice_leads_from_a_room_with_four_faults_to_all_of_them() -> None:
     assert sorted((n.effect.kind, getattr(n.effect, "surface", "")) for n in second.named) == [
         ("excess_noise", ""), ("surface_pose", "left wall"), ("surface_pose", "table"), ("wiggling", ""),
     ]  # fmt: skip
+    poses = {getattr(n.effect, "surface", ""): n for n in second.named if n.effect.kind == "surface_pose"}
+    for surface, true in (("left wall", {"shift_mm": 0.0, "yaw_deg": 0.8}), ("table", {"shift_mm": 12.0})):
+        found = poses[surface]  # only four columns see the wall: its shift and its tilt have joint errors
+        for name, value in true.items():
+            assert getattr(found.effect, name) == pytest.approx(value, abs=3 * found.stderr[name])
 
 
 def test_few_samples_are_reported_with_the_sufficient_number_of_frames(small: Model) -> None:
