@@ -257,7 +257,8 @@ def _bending(
     """
     recedes = (neighbours.row**2 + neighbours.col**2) / (2.0 * settings.bend_radius**2)
     part = settings.bend_radius * image.pitch[pixels, np.newaxis]
-    flat = _on_planes(image, pixels, neighbours, planes, recedes * part * neighbours.near[:, :, 0], settings.same_sigmas)
+    nearer = recedes * part * neighbours.near[:, :, 0]
+    flat = _on_planes(image, pixels, neighbours, planes, nearer, settings.same_sigmas)
     recedes = np.where(flat, 0.0, recedes)
     back = recedes * part  # as a part of the range
     near, light = neighbours.near.copy(), neighbours.light.copy()
