@@ -7,7 +7,8 @@ from support.round_things import OPEN_SCENES, SCENES, Thing, cylinder, render, s
 import tofmix as tm
 from tofmix.flags import Mixing
 from tofmix.unmixing.bending import mixed_probability
-from tofmix.unmixing.curved_labels import _lesser_part
+from tofmix.unmixing.curved_labels import _lesser_part, _seen_probability
+from tofmix.unmixing.hypotheses import unseen_log_density
 from tofmix.unmixing.phasors import mean_phasors
 from tofmix.unmixing.settings import CurvedSettings, UnmixSettings
 from tofmix.unmixing.unmix import unmix
@@ -159,6 +160,27 @@ def test_surface_with_a_small_area_and_much_light_is_no_small_part() -> None:
     part = _lesser_part(np.array([bright, dark, open_behind]))
     light = 0.02 * np.exp(3.0)
     np.testing.assert_allclose(part, [light / (light + 0.98 * np.exp(0.01)), 0.02, 0.01])
+
+
+def test_share_within_its_error_of_nothing_is_hardly_a_second_surface() -> None:
+    mean = np.array([[0.98, 0.0, 0.0, 0.0, 0.0], [0.98, 0.0, 0.0, 0.0, 0.0], [0.5, 0.0, 0.0, 0.0, 0.0]])
+    mean[:, 3] = 1e-9  # the same light; 0 is open space
+    covariance = np.zeros((3, 5, 5))
+    covariance[:, 0, 0] = [0.02**2, 0.001**2, 0.02**2]
+    np.testing.assert_allclose(_seen_probability(mean, covariance, 0.0), [0.841345, 1.0, 1.0], rtol=1e-5)
+    np.testing.assert_allclose(_seen_probability(mean, covariance, 0.02), [0.5, 0.5, 1.0], atol=1e-5)
+
+
+def test_unseen_surface_is_uniform_in_share_and_in_the_disc_of_phasors() -> None:
+    rng = np.random.default_rng(4)
+    count, largest, seen = 2_000_000, 3.0, 1.0 + 0.5j
+    share, turn = rng.random(count), rng.random(count) * 2.0 * np.pi
+    drawn = (1.0 - share) * seen + share * largest * np.sqrt(rng.random(count)) * np.exp(1j * turn)
+    at = np.array([1.2 + 0.6j, 0.5 - 0.5j, -1.0 + 1.0j])
+    radius = 0.05
+    found = np.array([(np.abs(drawn - z) < radius).mean() for z in at]) / (np.pi * radius**2)
+    expected = np.exp(unseen_log_density(at, np.full(3, seen), np.zeros(3), largest))
+    np.testing.assert_allclose(found, expected, rtol=0.05)
 
 
 def test_probability_adds_up_where_planes_and_bent_surfaces_agree() -> None:

@@ -89,10 +89,14 @@ def judge_bending(
     image: PhasorImage, pixels: IntArray, members: Members, seeds: Seeds, planes: tuple[DistantPlane, ...],
     spaces: tuple[OpenSpace, ...], settings: UnmixSettings,
 ) -> Findings:  # fmt: skip
-    """Judge pixels (n,) beside surfaces that bend, from the pixels that were sure before any were judged by planes."""
+    """Judge pixels (n,) beside surfaces that bend, from the pixels that were sure before any were judged by planes.
+
+    Here large surfaces are flat. In `weigh_planes` they bend as all others do, so that what they alone explain does not
+    speak for things that bend.
+    """
     near_sure = settings.neighbours._replace(beside=2)
     return judge(
-        image, pixels, members, seeds, planes, spaces, settings.hypotheses, near_sure, bends=True,
+        image, pixels, members, seeds, planes, spaces, settings.hypotheses, near_sure, bends=True, flat=planes,
         unseen=settings.hypotheses.unseen,
     )  # fmt: skip
 

@@ -17,6 +17,7 @@ from tofmix.image.smooth.segments import LEAST_PIXELS, REACH, rim_of, segments_o
 from tofmix.image.smooth.view import View
 from tofmix.unmixing.bending import LOG_ODDS_OF_PLANES
 from tofmix.unmixing.curved import Bent, Verdicts, judge_bent
+from tofmix.unmixing.functions import ndtr
 from tofmix.unmixing.hypotheses import Kind, OpenSpace
 from tofmix.unmixing.image import ComplexArray, PhasorImage, polar_covariance, variance_along
 from tofmix.unmixing.labels import Labels, open_spaces
@@ -277,7 +278,8 @@ def _merged(
     is_pair = np.isin(verdicts.kind, (Bent.LIMB, Bent.CUT))
     with_bent = is_pair & (bent[np.maximum(verdicts.pair, 0)] & (verdicts.pair >= 0)).any(axis=1)
     open_behind = is_pair & (verdicts.pair[:, 1] < 0)
-    lesser = with_bent & (_lesser_part(verdicts.mean) < settings.least_share)
+    seen = _seen_probability(verdicts.mean, verdicts.covariance, settings.least_share)
+    lesser = with_bent & (seen < 0.5)  # noqa: PLR2004  rather not
     one = (verdicts.kind == Bent.ONE) & bent[np.maximum(verdicts.one, 0)]
     single = pixels[lesser | one]
     clear(single)
@@ -287,7 +289,8 @@ def _merged(
     mixed, mean, covariance = pixels[two], verdicts.mean[two], verdicts.covariance[two]
     clear(mixed)
     out["kind"][mixed], out["is_surface"][mixed] = int(Kind.PAIR), False
-    out["probability"][mixed], out["log_density"][mixed] = verdicts.probability[two], verdicts.log_density[two]
+    out["probability"][mixed] = verdicts.probability[two] * seen[two]
+    out["log_density"][mixed] = verdicts.log_density[two]
     out["chord"][mixed] = verdicts.chord[two]
     out["share"][mixed, 0], out["share"][mixed, 1] = mean[:, 0], 1.0 - mean[:, 0]
     out["share_variance"][mixed, :2] = covariance[:, :1, 0]
@@ -318,6 +321,17 @@ def _lesser_part(mean: FloatArray) -> FloatArray:
     with np.errstate(invalid="ignore"):
         light = near / (near + far)
         return np.asarray(np.minimum(np.maximum(share, light), np.maximum(1.0 - share, 1.0 - light)))
+
+
+def _seen_probability(mean: FloatArray, covariance: FloatArray, least: float) -> FloatArray:
+    """Probability (n,) that the lesser surface of pairs has the part `least`, by the error of the share.
+
+    A limb at the border of a pixel, which fills it, has a share of 1 within the error.
+    """
+    part = _lesser_part(mean)
+    lesser = np.maximum(np.minimum(mean[:, 0], 1.0 - mean[:, 0]), 1e-9)
+    error = np.sqrt(np.maximum(covariance[:, 0, 0], 1e-18)) * part / lesser
+    return ndtr((part - least) / error)
 
 
 def _scatter(

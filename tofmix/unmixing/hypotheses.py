@@ -193,7 +193,7 @@ class _Best:
 def judge(
     image: PhasorImage, pixels: IntArray, members: Members, seeds: Seeds, planes: tuple[DistantPlane, ...],
     spaces: tuple[OpenSpace, ...], settings: HypothesisSettings, neighbourhood: NeighbourSettings, *,
-    bends: bool = False, unseen: float = 0.0,
+    bends: bool = False, flat: tuple[DistantPlane, ...] = (), unseen: float = 0.0,
 ) -> Findings:  # fmt: skip
     """Find the most probable hypothesis of each pixel.
 
@@ -215,6 +215,8 @@ def judge(
         Thresholds of hypotheses, and of the neighbouring surfaces of a pixel.
     bends : bool
         Whether the surfaces bend as things of a few pixels do; else they are planes.
+    flat : tuple of DistantPlane
+        Large surfaces whose parts are flat where others bend.
     unseen : float
         Part of the pairs of which one surface is seen alone by no pixel nearby.
 
@@ -225,7 +227,7 @@ def judge(
     """
     neighbours = find_neighbours(image, pixels, members, seeds, neighbourhood)
     if bends:
-        neighbours = _bending(image, pixels, neighbours, planes, settings)
+        neighbours = _bending(image, pixels, neighbours, flat, settings)
     best = _Best(len(pixels), settings.likely)
     largest = 1.5 * float(np.quantile(image.amplitude[image.valid], 0.999))
     best.put(
@@ -257,8 +259,9 @@ def _bending(
     """
     recedes = (neighbours.row**2 + neighbours.col**2) / (2.0 * settings.bend_radius**2)
     part = settings.bend_radius * image.pitch[pixels, np.newaxis]
-    flat = _on_planes(image, pixels, neighbours, planes, recedes * part * neighbours.near[:, :, 0], settings.same_sigmas)
-    recedes = np.where(flat, 0.0, recedes)
+    nearer = recedes * part * neighbours.near[:, :, 0]
+    on_planes = _on_planes(image, pixels, neighbours, planes, nearer, settings.same_sigmas)
+    recedes = np.where(on_planes, 0.0, recedes)
     back = recedes * part  # as a part of the range
     near, light = neighbours.near.copy(), neighbours.light.copy()
     near_covariance, light_covariance = neighbours.near_covariance.copy(), neighbours.light_covariance.copy()
