@@ -14,7 +14,7 @@ import atheris
 with atheris.instrument_imports(include=["tofmix"]):
     from tofmix.errors import TofmixError
     from tofmix.io.importers import open_source
-    from tofmix.io.importers.base import Request
+    from tofmix.io.importers.base import SourceRequest
     from tofmix.io.layers.journal import open_part
     from tofmix.io.layers.layers_file import open_layers
     from tofmix.io.model_file import load_model
@@ -55,7 +55,7 @@ def _part(path: Path) -> None:
 
 
 def _source(path: Path) -> None:
-    with open_source(path, Request(axes="frame,row,col", image=(6, 8))) as source:
+    with open_source(path, SourceRequest(axes="frame,row,col", image=(6, 8))) as source:
         for _ in zip(range(5), source.frames, strict=False):
             pass
 

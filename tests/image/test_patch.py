@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from support.round_things import Thing, cylinder, ellipsoid, rays_of, sphere, wall
 
 from tofmix.image.smooth.light import with_light
-from tofmix.image.smooth.patch import STATE, Frame, bend_term, fit_patches, meet
+from tofmix.image.smooth.patch import STATE, TangentFrame, bend_term, fit_patches, meet
 from tofmix.image.smooth.scales import UNKNOWN, learn_scales, may_bend
 from tofmix.image.smooth.segments import around, segments_of
 from tofmix.image.smooth.view import View, grid_of_places, lattice_of_places
@@ -35,8 +35,8 @@ def seen(thing: Thing, noise_mm: float, seed: int = 1) -> View:
     )  # fmt: skip
 
 
-def one_state(*numbers: float) -> tuple[Frame, NDArray[np.float64]]:
-    frame = Frame(*(np.array([part]) for part in ((0.0, 0.0, 2000.0), (1.0, 0, 0), (0, -1.0, 0), (0, 0, -1.0))))
+def one_state(*numbers: float) -> tuple[TangentFrame, NDArray[np.float64]]:
+    frame = TangentFrame(*(np.array([part]) for part in ((0.0, 0.0, 2000.0), (1.0, 0, 0), (0, -1.0, 0), (0, 0, -1.0))))
     return frame, np.array([[(*numbers, *np.zeros(STATE - len(numbers)))]])
 
 

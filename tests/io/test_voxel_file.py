@@ -11,11 +11,11 @@ import pytest
 
 from tofmix.errors import UsageError
 from tofmix.io.voxel_file import check_voxel_path, encode_voxels
-from tofmix.mapping.grid import Grid
+from tofmix.mapping.grid import VoxelGrid
 from tofmix.mapping.occupancy import VoxelMap
 
 ODDS = np.random.default_rng(2).normal(0, 3, (4, 3, 5)).astype(np.float32)
-VOXELS = VoxelMap(grid=Grid(cell_mm=50.0, first=(-2, 10, 0), shape=(4, 3, 5)), log_odds=ODDS)
+VOXELS = VoxelMap(grid=VoxelGrid(cell_mm=50.0, first=(-2, 10, 0), shape=(4, 3, 5)), log_odds=ODDS)
 
 
 def test_ply_holds_the_occupied_voxels() -> None:

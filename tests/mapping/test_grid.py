@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from support.alike import MakeLayers
 
 from tofmix.mapping.beams import beams_from_layers
-from tofmix.mapping.grid import Grid, lattice_span, plan_grid
+from tofmix.mapping.grid import VoxelGrid, lattice_span, plan_grid
 from tofmix.mapping.pose import Pose
 from tofmix.sensor import Sensor
 
@@ -57,6 +57,6 @@ def test_grid_refuses_invalid_cells_and_heights(make_layers: MakeLayers, camera:
         with pytest.raises(ValueError, match="cell_mm"):
             plan_grid(beams, Pose(), cell_mm=bad)
         with pytest.raises(ValueError, match="cell_mm"):
-            Grid(cell_mm=bad, first=(0, 0, 0), shape=(1, 1, 1))
+            VoxelGrid(cell_mm=bad, first=(0, 0, 0), shape=(1, 1, 1))
     with pytest.raises(ValueError, match="holds no cell"):
-        Grid(cell_mm=1.0, first=(0, 0, 0), shape=(1, 0, 1))
+        VoxelGrid(cell_mm=1.0, first=(0, 0, 0), shape=(1, 0, 1))

@@ -8,17 +8,17 @@ from support import naive
 from support.alike import MakeLayers
 
 from tofmix.mapping.beams import Beams, beams_from_layers
-from tofmix.mapping.grid import Grid, plan_grid
-from tofmix.mapping.occupancy import Light, count_light
+from tofmix.mapping.grid import VoxelGrid, plan_grid
+from tofmix.mapping.occupancy import LightCounts, count_light
 from tofmix.mapping.pose import Pose
 from tofmix.sensor import Sensor
 
 PIXEL = math.radians(1.0)
-COLUMN = Grid(cell_mm=20.0, first=(5, 0, 0), shape=(345, 1, 1))
+COLUMN = VoxelGrid(cell_mm=20.0, first=(5, 0, 0), shape=(345, 1, 1))
 """Cells of 20 mm along the axis, one corner of each on it, from 100 to 7000 mm."""
 
 
-def along_the_axis(beams: Beams) -> tuple[Light, np.ndarray, np.ndarray]:
+def along_the_axis(beams: Beams) -> tuple[LightCounts, np.ndarray, np.ndarray]:
     """Light in the column, the range of each cell's middle, and the samples that cross a cell if all do."""
     light = count_light(beams, Pose(), COLUMN)
     middle = COLUMN.centres_mm(0)
@@ -72,7 +72,7 @@ def test_uncertain_range_frees_no_space_before_the_surface(make_layers: MakeLaye
 @pytest.mark.parametrize("cell", [15.0, 60.0, 240.0])
 def test_a_sample_counts_once_however_large_the_cells(make_layers: MakeLayers, camera: Sensor, cell: float) -> None:
     beams = beams_from_layers(make_layers([5000.0], [1.0]), camera)
-    slab = Grid(cell_mm=cell, first=(round(2400 / cell), -round(480 / cell), -round(480 / cell)),
+    slab = VoxelGrid(cell_mm=cell, first=(round(2400 / cell), -round(480 / cell), -round(480 / cell)),
                 shape=(1, 2 * round(480 / cell), 2 * round(480 / cell)))  # fmt: skip
     total = count_light(beams, Pose(), slab).passed.sum()
     # Oblique rays cross more than one cell of the slab: a few per cent in a field of view of 8 degrees.
@@ -91,7 +91,7 @@ def test_the_kernel_agrees_with_its_naive_twin(make_layers: MakeLayers, camera: 
     beams = beams_from_layers(layers, camera)
     ahead = np.floor((pose.position() + 1100 * pose.rotation()[:, 2]) / 40).astype(int) - 7
     first = int(ahead[0]), int(ahead[1]), int(ahead[2])
-    grid = Grid(cell_mm=40.0, first=first, shape=(14, 14, 14))
+    grid = VoxelGrid(cell_mm=40.0, first=first, shape=(14, 14, 14))
     light = count_light(beams, pose, grid)
     stopped, passed = naive.light(beams, pose, grid, rays=12)
     scale = passed.max()

@@ -10,7 +10,7 @@ from scipy.stats import beta
 from support.alike import MakeLayers
 
 from tofmix.mapping.beams import beams_from_layers
-from tofmix.mapping.grid import Grid, plan_grid
+from tofmix.mapping.grid import VoxelGrid, plan_grid
 from tofmix.mapping.occupancy import MAX_LOG_ODDS, State, VoxelMap, log_odds, map_beams, project
 from tofmix.mapping.pose import Pose
 from tofmix.sensor import Sensor
@@ -63,7 +63,7 @@ def test_wall_behind_a_partial_one_is_occupied_with_free_space_between(make_laye
 
 def test_column_has_the_worst_state_of_its_voxels() -> None:
     odds = np.array([[[0, 0, 0], [-5, 0, 0], [-5, 5, -5], [0, 0.1, 0]]], dtype=np.float32)
-    voxels = VoxelMap(grid=Grid(cell_mm=100.0, first=(3, -2, 0), shape=(1, 4, 3)), log_odds=odds)
+    voxels = VoxelMap(grid=VoxelGrid(cell_mm=100.0, first=(3, -2, 0), shape=(1, 4, 3)), log_odds=odds)
     flat = project(voxels, (0.0, 300.0))
     assert flat.cells.tolist() == [[State.UNKNOWN, State.FREE, State.OCCUPIED, State.UNKNOWN]]
     assert project(voxels, (0.0, 50.0)).cells.tolist() == [[State.UNKNOWN, State.FREE, State.FREE, State.UNKNOWN]]

@@ -12,7 +12,7 @@ from support.sizes import sized
 
 from tofmix.arrays import FloatArray
 from tofmix.mapping.beams import beams_from_layers
-from tofmix.mapping.grid import Grid, plan_grid
+from tofmix.mapping.grid import VoxelGrid, plan_grid
 from tofmix.mapping.occupancy import count_light
 from tofmix.mapping.outline import cell_outlines, image_cone, image_nodes
 from tofmix.mapping.pose import Pose
@@ -45,7 +45,7 @@ def test_counted_light_agrees_with_thin_rays(make_layers: MakeLayers, pinhole: S
     layers.weight[..., :2] *= rng.uniform(0, 1, (3, 3, 2))
     beams = beams_from_layers(layers, pinhole)
     ahead = np.floor((pose.position() + 1100 * pose.rotation()[:, 2]) / 40).astype(int) - 7
-    grid = Grid(cell_mm=40.0, first=(int(ahead[0]), int(ahead[1]), int(ahead[2])), shape=(14, 14, 14))
+    grid = VoxelGrid(cell_mm=40.0, first=(int(ahead[0]), int(ahead[1]), int(ahead[2])), shape=(14, 14, 14))
     light = count_light(beams, pose, grid, workers=2)
     stopped, passed = naive.light(beams, pose, grid, rays=sized(12, 6), direction=_direction)
     scale = passed.max()

@@ -13,7 +13,7 @@ import tofmix
 from tofmix.compiled import kept
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.pipeline import first_run
-from tofmix.pipeline.first_run import Beside, start_beside
+from tofmix.pipeline.first_run import CompilerProcess, start_beside
 
 SAMPLE = Path(tofmix.__file__).parents[1] / "sample_data" / "tmf8829_edge.h5"
 
@@ -53,7 +53,7 @@ def test_the_named_kernels_are_there(kernels: list[str]) -> None:
 
 
 def test_no_second_process_is_started_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(first_run, "Beside", lambda *_: pytest.fail("a process was started"))
+    monkeypatch.setattr(first_run, "CompilerProcess", lambda *_: pytest.fail("a process was started"))
     monkeypatch.setattr(first_run, "is_kept", lambda _: True)
     assert start_beside(["a.b"], "learning") is None
     monkeypatch.setattr(first_run, "is_kept", lambda _: False)
@@ -66,7 +66,7 @@ def test_no_second_process_is_started_for_nothing(monkeypatch: pytest.MonkeyPatc
 
 def test_a_second_process_that_fails_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kept, "_elsewhere", [])
-    beside = Beside(["nothing.of_this_name"], ["no such task"])
+    beside = CompilerProcess(["nothing.of_this_name"], ["no such task"])
     assert not kept._elsewhere[0]("another.kernel")
     assert not kept._elsewhere[0]("nothing.of_this_name")
     beside.end()

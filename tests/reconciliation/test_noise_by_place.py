@@ -9,7 +9,7 @@ from support.recordings import recorded
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.likelihood.joint import Recording, joint_likelihood
-from tofmix.reconciliation.likelihood.likelihood import State
+from tofmix.reconciliation.likelihood.likelihood import ModelState
 from tofmix.reconciliation.noise_by_place import Uneven, uneven_noise
 from tofmix.reconciliation.search.refit import begin
 from tofmix.reconciliation.search.search_state import Settings, fit_part
@@ -41,7 +41,7 @@ def with_factor(given: Recording, factor: Factor) -> Recording:
     return replace(model, sensor=replace(model.sensor, noise=curve)), evidence
 
 
-def state_of(recording: Recording) -> State:
+def state_of(recording: Recording) -> ModelState:
     likelihood = joint_likelihood([recording])
     return begin(likelihood, fit_part(likelihood, SETTINGS)[0], SETTINGS.tolerance)
 

@@ -9,11 +9,11 @@ from support.recordings import MAKE, Record
 from tofmix.reconciliation.comparison.compare import Compared, compare
 from tofmix.reconciliation.comparison.localise import LEAST_SIZE
 from tofmix.reconciliation.comparison.panel import Curve
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, State
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
 from tofmix.reconciliation.likelihood.mixture import Scene
-from tofmix.reconciliation.search.name import Candidate
+from tofmix.reconciliation.search.name import TriedEffect
 from tofmix.reconciliation.search.search_state import Settings, held_out
-from tofmix.reconciliation.verdict import Findings, inexact, judge
+from tofmix.reconciliation.verdict import VerdictData, inexact, judge
 from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.model import Model
 
@@ -36,17 +36,17 @@ def panel(**sizes: float) -> Compared:
     return Compared(curves=curves, pattern=np.zeros((1, 1)), part=(nothing, nothing))
 
 
-def chosen(kind: str = "range_offset", gain: float = 60_000.0, **values: float) -> Candidate:
+def chosen(kind: str = "range_offset", gain: float = 60_000.0, **values: float) -> TriedEffect:
     nothing = np.zeros(1)
-    state = State(
+    state = ModelState(
         effects=(), given=(), pixel_bias=nothing, pixel_variance=nothing, stuck_mm=nothing, disturbed=nothing,
         log_width=nothing, log_width_error=nothing,
     )  # fmt: skip
-    return Candidate(effect=MAKE[kind](**(values or {"offset_mm": 9.0})), gain=gain, parameters=1, state=state)
+    return TriedEffect(effect=MAKE[kind](**(values or {"offset_mm": 9.0})), gain=gain, parameters=1, state=state)
 
 
-def findings(before: Compared, near: Compared, *effects: Candidate, samples: int = 100_000) -> Findings:
-    return Findings(chosen=effects, before=before, after=near, floor=panel(), near=near, alpha=0.01, samples=samples)
+def findings(before: Compared, near: Compared, *effects: TriedEffect, samples: int = 100_000) -> VerdictData:
+    return VerdictData(chosen=effects, before=before, after=near, floor=panel(), near=near, alpha=0.01, samples=samples)
 
 
 def test_no_deviation_is_agree_and_a_bias_is_not() -> None:

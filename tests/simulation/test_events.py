@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from tofmix.simulation.casting.cast import cast_scene
-from tofmix.simulation.events import EventTable, Samples, draw, event_table, frame_generator, stored_range
+from tofmix.simulation.events import EventSamples, EventTable, draw, event_table, frame_generator, stored_range
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface
 from tofmix.simulation.truth import Truth
 
 MakeModel = Callable[..., Model]
-Drawn = tuple[Model, Truth, EventTable, list[Samples]]
+Drawn = tuple[Model, Truth, EventTable, list[EventSamples]]
 FRAMES = 3000
 ALPHA = 1e-3  # one false alarm in a thousand changes of the random stream; a fault is far beyond it
 SURFACES = (

@@ -10,7 +10,7 @@ from scipy import stats
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.thresholds import Thresholds
+from tofmix.estimation.learnt.thresholds import GainThresholds
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
 from tofmix.learnt_noise import DRIFTS
 from tofmix.noise_shape import NoiseShape
@@ -85,10 +85,10 @@ def pixel_noise(
     )
 
 
-def flat(more: float = 7.0, first: float = 5.0) -> Thresholds:
+def flat(more: float = 7.0, first: float = 5.0) -> GainThresholds:
     """The same gains for all numbers of samples and shares of background, in a narrow ladder of chances."""
     ladder = 0.01 * np.arange(len(FALSE_ALARMS), dtype=np.float64)
-    return Thresholds(
+    return GainThresholds(
         log_n=np.zeros(1),
         background=np.zeros(1),
         more=np.asarray(more + ladder, dtype=np.float64)[np.newaxis, np.newaxis],
@@ -96,7 +96,7 @@ def flat(more: float = 7.0, first: float = 5.0) -> Thresholds:
     )
 
 
-def camera_with(noise: PixelNoise, thresholds: Thresholds | None = None, camera: Sensor = CAMERA) -> Sensor:
+def camera_with(noise: PixelNoise, thresholds: GainThresholds | None = None, camera: Sensor = CAMERA) -> Sensor:
     """A camera that carries the noise."""
     return replace(
         camera,

@@ -8,7 +8,7 @@ from scipy.stats import norm
 
 from tofmix.arrays import FloatArray
 from tofmix.mapping.beams import Beams
-from tofmix.mapping.grid import Grid
+from tofmix.mapping.grid import VoxelGrid
 from tofmix.mapping.pose import Pose
 from tofmix.optics.geometry import check_view
 from tofmix.sensor import NoiseCurve, Sensor
@@ -117,7 +117,7 @@ def plain_em(
 
 
 def light(
-    beams: Beams, pose: Pose, grid: Grid, *, rays: int, direction: Callable[[float, float], Array] | None = None
+    beams: Beams, pose: Pose, grid: VoxelGrid, *, rays: int, direction: Callable[[float, float], Array] | None = None
 ) -> tuple[Array, Array]:
     """Samples that stop in each voxel, and that pass: every pixel as rays x rays thin rays, every ray through all.
 

@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.io.importers import open_source
-from tofmix.io.importers.base import Frame, FrameSource, Request
+from tofmix.io.importers.base import Frame, FrameSource, SourceRequest
 
 
 def read_source(path: Path, **request: Any) -> tuple[FrameSource, list[Frame]]:  # noqa: ANN401  of Request
     """The source and all its frames."""
-    with open_source(path, Request(**request)) as source:
+    with open_source(path, SourceRequest(**request)) as source:
         return source, list(source.frames)
 
 

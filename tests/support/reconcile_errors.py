@@ -7,7 +7,7 @@ import numpy as np
 
 from support.recordings import MAKE, simulated
 from tofmix.reconciliation.evidence import Evidence
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.reconciliation.parameters.curvature import Numbers
 from tofmix.reconciliation.parameters.fits import Fitted, fit
@@ -159,7 +159,7 @@ def _fit(likelihood: Likelihood, effects: tuple[Effect, ...], beside: tuple[Effe
     return settle(Numbers(likelihood=likelihood, state=state, fits=fits, part=part))
 
 
-def _one(likelihood: Likelihood, effect: Effect, state: State, part: Part) -> Fitted:
+def _one(likelihood: Likelihood, effect: Effect, state: ModelState, part: Part) -> Fitted:
     mixture = likelihood.scene.mixture(state.effects)
     found = [fit(p, likelihood, state, part) for p in problems(effect.kind, likelihood, mixture)]
     return max((f for f in found if _form(f.effect) == _form(effect)), key=lambda f: f.value)

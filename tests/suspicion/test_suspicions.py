@@ -16,7 +16,7 @@ from tofmix.suspicion.near_return import mark_near_return
 from tofmix.suspicion.passing import mark_passing
 from tofmix.suspicion.registry import SUSPICIONS
 from tofmix.suspicion.scattered_light import mark_scattered
-from tofmix.suspicion.scene import NO_CLUSTERS, Scene
+from tofmix.suspicion.scene import NO_CLUSTERS, WindowScene
 from tofmix.suspicion.time_clusters import log_chance
 
 TURN_MM = 7495.0
@@ -24,10 +24,10 @@ OPTICS = Equiangular(fov_horizontal_deg=47.0, fov_vertical_deg=39.0)
 
 
 def scene(range_mm: FloatArray, amplitude: FloatArray | None = None, *, view: bool = True, weight: float = 0.5,
-          clusters: FloatArray = NO_CLUSTERS, memory: FloatArray | None = None) -> Scene:  # fmt: skip
+          clusters: FloatArray = NO_CLUSTERS, memory: FloatArray | None = None) -> WindowScene:  # fmt: skip
     """Layers (row, col, layer) with a sigma of 10 mm and a standard error of 1 mm."""
     there = np.isfinite(range_mm)
-    return Scene(
+    return WindowScene(
         range_mm=range_mm,
         sigma_mm=np.where(there, 10.0, np.nan),
         stderr_mm=np.where(there, 1.0, np.nan),
@@ -52,7 +52,7 @@ def boards(shape: tuple[int, int] = (24, 32)) -> tuple[FloatArray, FloatArray]:
     return range_mm, albedo
 
 
-def folded_wall(view: bool, wall_mm: float = 9800.0) -> tuple[Scene, BoolArray]:
+def folded_wall(view: bool, wall_mm: float = 9800.0) -> tuple[WindowScene, BoolArray]:
     near, albedo = boards()
     cosine = beam_directions_of(OPTICS, near.shape)[..., 2]
     is_wall: BoolArray = np.isnan(near)
@@ -89,7 +89,7 @@ def test_folded_wall_without_amplitudes_is_not_marked() -> None:
     assert not mark_folded(made._replace(turn_mm=None)).any()
 
 
-def ghost(amplitude: float, bright: float = 4000.0) -> Scene:
+def ghost(amplitude: float, bright: float = 4000.0) -> WindowScene:
     """Eight by eight zones with a layer at 1.2 m, bright in one of them, before a wall at 2.6 m."""
     range_mm = np.stack([np.full((8, 8), 1200.0), np.full((8, 8), 2600.0)], axis=-1)
     strength = np.full((8, 8), amplitude)

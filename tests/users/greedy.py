@@ -13,10 +13,10 @@ import numpy as np
 
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.parameters.latent_errors import latent_errors
 from tofmix.reconciliation.parameters.standard_errors import standard_errors
-from tofmix.reconciliation.search.name import Candidate, Trial, candidates
+from tofmix.reconciliation.search.name import Trial, TriedEffect, candidates
 from tofmix.reconciliation.search.refit import begin, numbers, refit
 from tofmix.reconciliation.search.search_state import Settings
 from tofmix.simulation.model import Model
@@ -51,7 +51,7 @@ def greedy_bic(
     frames, pixels = evidence.shape
     whole = np.arange(frames), np.arange(pixels)
     price = 0.5 * math.log(max(int((evidence.samples > 0).sum()), 1))  # of a number: half of BIC's, as gains are nats
-    state, chosen = begin(likelihood, whole[0], settings.tolerance), list[Candidate]()
+    state, chosen = begin(likelihood, whole[0], settings.tolerance), list[TriedEffect]()
     while len(chosen) < settings.max_effects:
         found = candidates(_all_samples(likelihood, state, whole, settings.seed), settings.kinds, tick)
         best = max(found, key=lambda c: c.gain - price * c.parameters, default=None)
@@ -62,7 +62,7 @@ def greedy_bic(
     return {"verdict": "explained" if chosen else "agree", "effects": effects, "aliases": []}
 
 
-def _all_samples(likelihood: Likelihood, state: State, whole: Part, seed: int) -> Trial:
+def _all_samples(likelihood: Likelihood, state: ModelState, whole: Part, seed: int) -> Trial:
     """A round in which each effect is fitted to all samples, and gains on all samples."""
     mixture = likelihood.mixture(state)
     return Trial(
@@ -72,7 +72,7 @@ def _all_samples(likelihood: Likelihood, state: State, whole: Part, seed: int) -
 
 
 def _described(
-    likelihood: Likelihood, state: State, chosen: Sequence[Candidate], whole: Part, seed: int
+    likelihood: Likelihood, state: ModelState, chosen: Sequence[TriedEffect], whole: Part, seed: int
 ) -> list[dict[str, Any]]:
     """Each effect with its numbers and their standard errors."""
     errors_of = standard_errors(numbers(likelihood, state, chosen, whole))

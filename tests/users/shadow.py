@@ -25,7 +25,7 @@ from scipy.stats import norm
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.reconciliation.search.columns import Column, Term
 from tofmix.reconciliation.search.subsets import Explained, Subsets, model_errors
-from tofmix.reconciliation.search.summaries import Summary
+from tofmix.reconciliation.search.summaries import PixelSummary
 from tofmix.simulation.effects import Effect
 
 SIDE = 8
@@ -68,7 +68,9 @@ class Shadow:
         The hidden effects, each as one column that has its law as it is.
     """
 
-    def __init__(self, summary: Summary, terms: Sequence[Term], tolerance: float, exact: Sequence[Term] = ()) -> None:
+    def __init__(
+        self, summary: PixelSummary, terms: Sequence[Term], tolerance: float, exact: Sequence[Term] = ()
+    ) -> None:
         self.subsets = Subsets([summary], terms, tolerance)
         self.laws = list(unnamed(summary))
         members = [*terms, *self.laws, *exact]
@@ -139,7 +141,7 @@ def _evidence(precision: FloatArray, pull: FloatArray) -> FloatArray:
     return np.asarray(0.5 * (half**2).sum(axis=-1) - np.log(diagonal).sum(axis=-1))
 
 
-def _blocks(s: Summary, columns: Sequence[Column]) -> _Blocks:
+def _blocks(s: PixelSummary, columns: Sequence[Column]) -> _Blocks:
     rows, cols = s.view.evidence.image
     row, col = np.divmod(np.arange(rows * cols), cols)
     tile = row // SIDE * (cols // SIDE + 1) + col // SIDE
@@ -161,7 +163,7 @@ def _blocks(s: Summary, columns: Sequence[Column]) -> _Blocks:
     return _Blocks(np.stack(gram), np.stack(pull), np.array(half), np.array(colour_))
 
 
-def unnamed(s: Summary) -> Iterator[Term]:
+def unnamed(s: PixelSummary) -> Iterator[Term]:
     """Smooth laws that no effect is: of range, of place, of time, and of the noise over the image."""
     m = s.view.mixture
     rows, cols = s.view.evidence.image

@@ -170,7 +170,7 @@ def import_(
     stay unknown; the command lists them. Frames are read and written in blocks.
     """
     from tofmix.io.importers.axes import check_axes
-    from tofmix.io.importers.base import Request
+    from tofmix.io.importers.base import SourceRequest
     from tofmix.io.importers.units import TIME_UNITS_S
     from tofmix.io.length_units import UNITS_MM
     from tofmix.io.samples import guessed
@@ -184,7 +184,7 @@ def import_(
     camera = camera_of(sensor)
     lens = Lens(intrinsics=_intrinsics_of(intrinsics), view_deg=view_of(fov))
     unit_mm = scale if units is None else UNITS_MM[units]
-    request = Request(
+    request = SourceRequest(
         topic=topic, amplitude=amplitude, camera_info=camera_info, axes=None if axes is None else check_axes(axes),
         shape=_shape_of(shape), unit_mm=unit_mm, lens_given=intrinsics is not None or fov is not None,
         image=None if camera.rows is None or camera.cols is None else (camera.rows, camera.cols),

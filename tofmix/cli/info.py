@@ -79,11 +79,11 @@ def _is_foreign(path: Path) -> bool:
 
 def _of_source(path: Path) -> "Description":
     from tofmix.io.importers import open_source
-    from tofmix.io.importers.base import Request
+    from tofmix.io.importers.base import SourceRequest
     from tofmix.io.next_command import import_command
     from tofmix.report.descriptions.foreign import describe_source
 
-    with open_source(path, Request()) as source:
+    with open_source(path, SourceRequest()) as source:
         return describe_source(source, name=str(path), command=import_command(path))
 
 

@@ -8,7 +8,7 @@ from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
 from tofmix.io.atomic.storage import locked, read_text
 from tofmix.io.importers import open_source, takes_axes
-from tofmix.io.importers.base import FrameSource, Request
+from tofmix.io.importers.base import FrameSource, SourceRequest
 from tofmix.io.importers.conversion import Conversion
 from tofmix.io.importers.intrinsics import Calibration
 from tofmix.io.importers.writing import Imported, Target, write_recording
@@ -39,7 +39,7 @@ class ImportRequest:
 
     source: Path
     output: Path
-    request: Request
+    request: SourceRequest
     sensor: str | None  # a built-in camera, or a TOML file; None: not known
     camera: CameraSheet  # of `sensor`
     lens: "Lens"

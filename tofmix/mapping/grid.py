@@ -21,7 +21,7 @@ _BORDER = 33  # directions on each side of the field of view whose ends bound th
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Grid:
+class VoxelGrid:
     """A box of cubic cells.
 
     Parameters
@@ -68,7 +68,7 @@ class Grid:
         """Number of cells."""
         return math.prod(self.shape)
 
-    def with_levels(self, height_mm: tuple[float, float]) -> "Grid":
+    def with_levels(self, height_mm: tuple[float, float]) -> "VoxelGrid":
         """The same grid, extended upward or downward to a band of heights.
 
         Raises
@@ -109,7 +109,7 @@ def lattice_span(interval_mm: tuple[float, float], cell_mm: float) -> tuple[int,
     return math.floor(low / cell_mm + slack), math.ceil(high / cell_mm - slack)
 
 
-def plan_grid(beams: Beams, pose: Pose, *, cell_mm: float, height_mm: tuple[float, float] | None = None) -> Grid:
+def plan_grid(beams: Beams, pose: Pose, *, cell_mm: float, height_mm: tuple[float, float] | None = None) -> VoxelGrid:
     """The smallest grid that holds the camera and all ranges with information from its beams.
 
     Parameters
@@ -141,7 +141,7 @@ def plan_grid(beams: Beams, pose: Pose, *, cell_mm: float, height_mm: tuple[floa
     spans = [lattice_span((low[axis] - cell_mm / 2, high[axis] + cell_mm / 2), cell_mm) for axis in range(3)]
     if height_mm is not None:
         spans[2] = lattice_span(height_mm, cell_mm)
-    return Grid(
+    return VoxelGrid(
         cell_mm=float(cell_mm),
         first=(spans[0][0], spans[1][0], spans[2][0]),
         shape=(spans[0][1] - spans[0][0], spans[1][1] - spans[1][0], spans[2][1] - spans[2][0]),

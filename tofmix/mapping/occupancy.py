@@ -26,7 +26,7 @@ from scipy.special import betainc
 
 from tofmix.arrays import ByteArray, Float32Array, FloatArray
 from tofmix.mapping.beams import Beams
-from tofmix.mapping.grid import Grid
+from tofmix.mapping.grid import VoxelGrid
 from tofmix.mapping.image_kernel import count_cells
 from tofmix.mapping.kernel import count_levels
 from tofmix.mapping.outline import cell_outlines, image_cone, image_nodes
@@ -57,7 +57,7 @@ class State(IntEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Light:
+class LightCounts:
     """Light counted in samples, in each cell of a grid.
 
     stopped, passed (x, y, z) float64: samples that stopped in the cell, and that passed through it; probability (x, y,
@@ -75,7 +75,7 @@ class Light:
 class VoxelMap:
     """A 3-D occupancy grid: log_odds (x, y, z) float32 of being occupied, 0 where nothing is known."""
 
-    grid: Grid
+    grid: VoxelGrid
     log_odds: Float32Array
 
     def probability(self) -> Float32Array:
@@ -105,8 +105,8 @@ class FloorMap:
 
 
 def count_light(
-    beams: Beams, pose: Pose, grid: Grid, *, workers: int = 1, progress: Callable[[int], object] | None = None
-) -> Light:
+    beams: Beams, pose: Pose, grid: VoxelGrid, *, workers: int = 1, progress: Callable[[int], object] | None = None
+) -> LightCounts:
     """Count the samples that stop in each cell, and those that pass through it.
 
     Parameters
@@ -139,10 +139,10 @@ def count_light(
     with ThreadPoolExecutor(workers) as pool:
         list(pool.map(level, range(1, grid.shape[2])))
     stopped, passed, probability, lost = np.moveaxis(out, 0, 2).transpose(3, 0, 1, 2)
-    return Light(stopped=stopped, passed=passed, probability=probability, lost=lost)
+    return LightCounts(stopped=stopped, passed=passed, probability=probability, lost=lost)
 
 
-def _level_counter(beams: Beams, pose: Pose, grid: Grid) -> Callable[[int, FloatArray], None]:
+def _level_counter(beams: Beams, pose: Pose, grid: VoxelGrid) -> Callable[[int, FloatArray], None]:
     """Function that counts the light of one level, from its number into zeros (x, y, 4)."""
     low = [grid.centres_mm(axis) - grid.cell_mm / 2 - pose.position()[axis] for axis in range(3)]
     rotation, cell, optics = pose.rotation(), grid.cell_mm, beams.optics
@@ -228,7 +228,7 @@ def _with_lost_light(odds: FloatArray, known: FloatArray, lost: FloatArray) -> F
 def map_beams(
     beams: Beams,
     pose: Pose,
-    grid: Grid,
+    grid: VoxelGrid,
     *,
     min_share: float = 0.05,
     workers: int = 1,

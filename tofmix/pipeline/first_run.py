@@ -32,7 +32,7 @@ _LEARNT_LATER = (
 _POLL_S = 0.02  # between two looks for a kernel
 
 
-class Beside:
+class CompilerProcess:
     """A second process that compiles kernels, and ends.
 
     Parameters
@@ -66,7 +66,7 @@ class Beside:
         self._process.wait()
 
 
-def start_beside(kernels: Sequence[str], *tasks: str) -> Beside | None:
+def start_beside(kernels: Sequence[str], *tasks: str) -> CompilerProcess | None:
     """Let a second process compile what is missing of some kernels.
 
     Parameters
@@ -85,7 +85,7 @@ def start_beside(kernels: Sequence[str], *tasks: str) -> Beside | None:
     if not missing or _processors() < 2 or not sys.executable or cache_folder() is None:  # noqa: PLR2004  two processes
         return None
     with suppress(OSError):  # no memory, or no process more
-        return Beside(missing, tasks)
+        return CompilerProcess(missing, tasks)
     return None
 
 
@@ -124,7 +124,7 @@ def _kernel_of(counter: Counter) -> str:
     return f"{type(counter).__module__.removeprefix('tofmix.')}._fill"
 
 
-def compile_learning_beside() -> Beside | None:
+def compile_learning_beside() -> CompilerProcess | None:
     """Let a second process compile half of the kernels that learn noise; the other half comes first here."""
     watcher().expects(sum(not is_kept(kernel) for kernel in (*_LEARNT_FIRST, *_LEARNT_LATER)))
     return start_beside(_LEARNT_LATER, "learning")

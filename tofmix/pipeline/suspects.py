@@ -11,7 +11,7 @@ from tofmix.io.layers.chunks import EncodedCell, decode_evidence
 from tofmix.io.layers.layers_file import LayersWriter
 from tofmix.layers import Layers, Provenance
 from tofmix.suspicion.judge import judge
-from tofmix.suspicion.scene import Evidence, joined
+from tofmix.suspicion.scene import WindowSamples, joined
 
 
 @dataclass
@@ -37,7 +37,7 @@ class Marks:
 
     def add(self, group: list[tuple[Cell, EncodedCell]], layers: list[Layers]) -> None:
         """Judge the windows of a group of cells that form whole images, whose layers (row, col) are final."""
-        pieces: list[list[tuple[int, int, Evidence]]] = [[] for _ in layers]
+        pieces: list[list[tuple[int, int, WindowSamples]]] = [[] for _ in layers]
         for cell, encoded in group:
             for window, part in enumerate(decode_evidence(encoded, cell.windows.stop - cell.windows.start)):
                 pieces[window].append((cell.rows.start, 0, part))

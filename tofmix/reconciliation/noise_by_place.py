@@ -18,7 +18,7 @@ from scipy.stats import norm
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.reconciliation.comparison.localise import LEAST_SIZE
 from tofmix.reconciliation.likelihood.joint import Recording, joint_likelihood
-from tofmix.reconciliation.likelihood.likelihood import State
+from tofmix.reconciliation.likelihood.likelihood import ModelState
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.verdict import LAW
 
@@ -74,7 +74,7 @@ class _Ratios:
 
 
 def uneven_noise(
-    given: Sequence[Recording], measured: Sequence[Recording], state: State, alpha: float
+    given: Sequence[Recording], measured: Sequence[Recording], state: ModelState, alpha: float
 ) -> Uneven | None:
     """The place whose noise differs most from the rest by no law of range or amplitude; None without one.
 
@@ -96,7 +96,7 @@ def _weight(place: Uneven) -> tuple[float, float]:
     return round(abs(math.log(place.ratio / place.elsewhere)), 2), abs(math.log(place.ratio))
 
 
-def _ratios(given: Sequence[Recording], measured: Sequence[Recording], state: State) -> Iterator[_Ratios]:
+def _ratios(given: Sequence[Recording], measured: Sequence[Recording], state: ModelState) -> Iterator[_Ratios]:
     bare = replace(state, log_width=np.zeros_like(state.log_width))
     own, other = joint_likelihood(given), joint_likelihood(measured)
     for number, (scene, with_noise) in enumerate(zip(own.scene.members, other.scene.members, strict=True)):

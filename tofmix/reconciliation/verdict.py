@@ -13,7 +13,7 @@ from scipy.stats import norm
 from tofmix.reconciliation.comparison.compare import Compared
 from tofmix.reconciliation.comparison.localise import LEAST_SIZE, disagreements
 from tofmix.reconciliation.comparison.panel import SHAPES, Curve
-from tofmix.reconciliation.search.name import Candidate
+from tofmix.reconciliation.search.name import TriedEffect
 from tofmix.simulation.effects.base import Effect
 
 LAW = 0.1
@@ -45,7 +45,7 @@ _TAILED = ("skew", "tails")  # a law that is inexact in one of these is inexact 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Findings:
+class VerdictData:
     """The data of a verdict.
 
     Parameters
@@ -81,7 +81,7 @@ class Findings:
         whether a pattern of pixels is a smooth law; whether frames still change in time.
     """
 
-    chosen: tuple[Candidate, ...]
+    chosen: tuple[TriedEffect, ...]
     before: Compared
     after: Compared
     floor: Compared
@@ -217,7 +217,7 @@ class Findings:
         return min(self.after.gap, self.near.gap) - chance <= (1 - CLOSED) * room
 
 
-def judge(found: Findings) -> str:
+def judge(found: VerdictData) -> str:
     """The verdict.
 
     Parameters

@@ -19,7 +19,7 @@ from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.parameters.latent_errors import latent_errors
 from tofmix.reconciliation.parameters.standard_errors import standard_errors
 from tofmix.reconciliation.search.add import Added, ways, without_faint
-from tofmix.reconciliation.search.name import Candidate
+from tofmix.reconciliation.search.name import TriedEffect
 from tofmix.reconciliation.search.refit import latent_states, numbers
 from tofmix.reconciliation.search.search_state import Settings, fit_part
 from tofmix.reconciliation.verification.aliases import Alias, aliases
@@ -119,9 +119,9 @@ class Reconciliation:
         return tuple(n for n in self.named if recording in n.recordings)
 
     @property
-    def candidates(self) -> tuple[Candidate, ...]:
+    def candidates(self) -> tuple[TriedEffect, ...]:
         """Candidates of the first round, the best of each kind, best first."""
-        best: dict[str, Candidate] = {}
+        best: dict[str, TriedEffect] = {}
         for candidate in self.added.first:
             best.setdefault(candidate.kind, candidate)
         return tuple(best.values())

@@ -56,7 +56,7 @@ class EventTable:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Samples:
+class EventSamples:
     """One sample of each pixel, in row order.
 
     Parameters
@@ -146,7 +146,7 @@ def frame_generator(seed: int, frame: int) -> np.random.Generator:
 
 def draw(
     table: EventTable, *, sigma_mm: FloatArray, rng: np.random.Generator, shape: NoiseShape | None = None
-) -> Samples:
+) -> EventSamples:
     """Draw one sample of each pixel from equation (1).
 
     Parameters
@@ -172,7 +172,7 @@ def draw(
     range_mm *= sigma
     range_mm += table.range_mm.take(index)
     range_mm[drawn.random] = drawn.random_mm
-    return Samples(range_mm=range_mm, amplitude=table.amplitude.take(index), event=drawn.event, sigma_mm=sigma)
+    return EventSamples(range_mm=range_mm, amplitude=table.amplitude.take(index), event=drawn.event, sigma_mm=sigma)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

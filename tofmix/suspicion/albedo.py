@@ -12,7 +12,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.masks import components
-from tofmix.suspicion.scene import Scene
+from tofmix.suspicion.scene import WindowScene
 
 ALBEDO_SPREAD = math.log(0.9 / 0.15) / math.sqrt(12.0)
 """Expected standard deviation of the log of albedos: uniform in the logarithm from 0.15 to 0.9, as of most materials
@@ -82,7 +82,7 @@ class Surfaces(NamedTuple):
     log_brightness: FloatArray
 
 
-def log_brightness(scene: Scene) -> FloatArray:
+def log_brightness(scene: WindowScene) -> FloatArray:
     """Log of A r^2 (row, col, layer), r in mm; NaN where the amplitude is not known or not above 0."""
     if scene.amplitude is None:
         return np.full(scene.range_mm.shape, np.nan)
@@ -90,7 +90,7 @@ def log_brightness(scene: Scene) -> FloatArray:
     return np.log(np.where(lit, scene.amplitude * scene.range_mm**2, np.nan))
 
 
-def find_surfaces(scene: Scene, bright: FloatArray) -> Surfaces:
+def find_surfaces(scene: WindowScene, bright: FloatArray) -> Surfaces:
     """Join layers of neighbouring pixels into surfaces.
 
     Parameters

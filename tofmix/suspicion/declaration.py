@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from tofmix.arrays import BoolArray
-from tofmix.suspicion.scene import Scene
+from tofmix.suspicion.scene import WindowScene
 
 FALSE_MARKS = 0.002
 """Rate at which a suspicion marks what is not so: of surfaces, by their amplitude; of layers, by their frames."""
@@ -25,11 +25,11 @@ class Suspicion:
     meaning : str
         A sentence for reports.
     mark : callable
-        From a `Scene` to the layers (row, col, layer) that it suspects.
+        From a `WindowScene` to the layers (row, col, layer) that it suspects.
     """
 
     name: str
     flag: int
     short: str
     meaning: str
-    mark: Callable[[Scene], BoolArray]
+    mark: Callable[[WindowScene], BoolArray]

@@ -15,7 +15,7 @@ from tofmix.compiled.jit import borrowing, jit
 from tofmix.layer_of_sample import layer_of
 from tofmix.layers import Layers
 from tofmix.suspicion.passing import LONGEST, MOST_OUTSIDE
-from tofmix.suspicion.scene import Evidence
+from tofmix.suspicion.scene import WindowSamples
 from tofmix.suspicion.time_clusters import log_chance
 
 WORTH_KEEPING = math.log(0.2)
@@ -27,7 +27,7 @@ _MOST_SHARE = 0.75
 
 def gather_evidence(
     range_mm: NDArray[np.floating], layers: Layers, *, targets: int = 1, circle_mm: float | None = None
-) -> Evidence:
+) -> WindowSamples:
     """Evidence of the samples of a block.
 
     Parameters
@@ -50,7 +50,7 @@ def gather_evidence(
         found = np.flatnonzero((flat.weight <= _MOST_SHARE).any(-1))
     clusters, memory = _clusters(samples, found, targets, *of_layers, circle)
     row, col = np.divmod(clusters[:, 0], shape[1])
-    return Evidence(np.column_stack([row, col, clusters[:, 1:]]), memory)
+    return WindowSamples(np.column_stack([row, col, clusters[:, 1:]]), memory)
 
 
 @borrowing

@@ -13,7 +13,7 @@ from tofmix.arrays import BoolArray, FloatArray
 from tofmix.image.masks import around, count_around
 from tofmix.suspicion.albedo import AlbedoLaw, Surfaces, chosen, find_surfaces, log_brightness, log_evidence
 from tofmix.suspicion.declaration import FALSE_MARKS, Suspicion
-from tofmix.suspicion.scene import Scene
+from tofmix.suspicion.scene import WindowScene
 from tofmix.suspicion.shapes import PLANE_NUMBERS, evidence_nats, plane_misfit_mm, rms
 
 MOST_SURFACES = 24  # the largest surfaces that are compared: more cost time, and are small
@@ -22,7 +22,7 @@ _LEAST_CONTRAST = 1.0  # log of the ratio of brightnesses below which no set of 
 _BESIDE = 0.2  # a layer beside a folded surface within this share of its range is of it
 
 
-def mark_folded(scene: Scene) -> BoolArray:
+def mark_folded(scene: WindowScene) -> BoolArray:
     """Layers (row, col, layer) whose amplitude says that they are one turn farther.
 
     The prior odds of a fold are `FALSE_MARKS`, of each further folded surface even ones: by Markov's inequality, a
@@ -48,7 +48,7 @@ def mark_folded(scene: Scene) -> BoolArray:
     return marked | _beside(scene, marked, bright, AlbedoLaw.of(surfaces.log_brightness[~folded]))
 
 
-def _folded_surfaces(scene: Scene, surfaces: Surfaces, turn_mm: float) -> BoolArray:
+def _folded_surfaces(scene: WindowScene, surfaces: Surfaces, turn_mm: float) -> BoolArray:
     """Which surfaces (surface,) are folded: the set with the most evidence, grown one by one."""
     count = len(surfaces.log_brightness)
     folded = np.zeros(count, bool)
@@ -82,7 +82,7 @@ def _fits(bright: FloatArray, folded: BoolArray) -> bool:
     return bool((np.minimum(chance, 1.0 - chance) > 0.01).all())  # noqa: PLR2004  a hundredth on each side
 
 
-def _gain_and_shape(scene: Scene, surfaces: Surfaces, number: int, turn_mm: float) -> tuple[float, float]:
+def _gain_and_shape(scene: WindowScene, surfaces: Surfaces, number: int, turn_mm: float) -> tuple[float, float]:
     """How much brighter a surface is one turn farther, in the log, and the evidence of its shape for that, nat."""
     part = surfaces.part == number
     place = surfaces.row[part], surfaces.col[part], surfaces.layer[part]
@@ -97,7 +97,7 @@ def _gain_and_shape(scene: Scene, surfaces: Surfaces, number: int, turn_mm: floa
     return gain, evidence_nats(far, near, error, len(range_mm) - PLANE_NUMBERS)
 
 
-def _beside(scene: Scene, marked: BoolArray, bright: FloatArray, law: AlbedoLaw) -> BoolArray:
+def _beside(scene: WindowScene, marked: BoolArray, bright: FloatArray, law: AlbedoLaw) -> BoolArray:
     """Layers at the rim of folded surfaces: beside one, at its range, and as improbable as it is."""
     pixels = np.asarray(marked.any(-1))
     low = np.where(marked, scene.range_mm, np.inf).min(-1)

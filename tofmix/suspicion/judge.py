@@ -10,13 +10,13 @@ from tofmix.layers import Layers
 from tofmix.sensor import Sensor
 from tofmix.suspicion.passing import PASSING
 from tofmix.suspicion.registry import SUSPICIONS
-from tofmix.suspicion.scene import CLUSTER_FIELDS, Evidence, make_scene
+from tofmix.suspicion.scene import CLUSTER_FIELDS, WindowSamples, make_scene
 
 _COLUMN = {name: place for place, name in enumerate(CLUSTER_FIELDS)}
 
 
 def judge(
-    layers: Layers, evidence: Evidence, sensor: Sensor, *, first_frame: int = 0, circle_mm: float | None = None
+    layers: Layers, evidence: WindowSamples, sensor: Sensor, *, first_frame: int = 0, circle_mm: float | None = None
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint32]]:
     """Judge the layers of one window.
 
@@ -51,7 +51,7 @@ def judge(
 
 
 def judge_windows(
-    layers: Layers, evidence: Sequence[Evidence], sensor: Sensor, *, first_frames: Sequence[int],
+    layers: Layers, evidence: Sequence[WindowSamples], sensor: Sensor, *, first_frames: Sequence[int],
     circle_mm: float | None = None,
 ) -> Layers:  # fmt: skip
     """Layers (window, row, col) with their marks, if there is any: `judge` on each window."""

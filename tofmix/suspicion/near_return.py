@@ -10,7 +10,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray
 from tofmix.suspicion.declaration import FALSE_MARKS, Suspicion
-from tofmix.suspicion.scene import Scene
+from tofmix.suspicion.scene import WindowScene
 
 MOST_MM = 300.0
 """Farthest near return, mm: cover glass and housing are parts of the device."""
@@ -21,7 +21,7 @@ LEAST_SHARE = 0.8
 _AT_RANGE = 3.0  # standard errors
 
 
-def mark_near_return(scene: Scene) -> BoolArray:
+def mark_near_return(scene: WindowScene) -> BoolArray:
     """Layers (row, col, layer) that are the near return, or none.
 
     Pixels whose layers lie at one range by chance do so one by one: the share of pixels that have it must be above

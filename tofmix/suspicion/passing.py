@@ -13,7 +13,7 @@ import numpy as np
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.masks import around
 from tofmix.suspicion.declaration import FALSE_MARKS, Suspicion
-from tofmix.suspicion.scene import CLUSTER_FIELDS, NOISE_SIGMAS, Scene
+from tofmix.suspicion.scene import CLUSTER_FIELDS, NOISE_SIGMAS, WindowScene
 
 _ROW, _COL, _LAYER, _FRAMES, _SAMPLES, _OUTSIDE, _LENGTH, _FIRST, _LAST = range(len(CLUSTER_FIELDS))
 
@@ -31,7 +31,7 @@ _SLOPE = 0.05  # how much ranges of one surface differ between neighbouring pixe
 _MOST_CORRELATION = 0.99  # from frame to frame: a recording with more has no independent frames to speak of
 
 
-def mark_passing(scene: Scene) -> BoolArray:
+def mark_passing(scene: WindowScene) -> BoolArray:
     """Layers (row, col, layer) that are in a part of the frames only.
 
     Of layers that are there all the time, `FALSE_MARKS` at most are marked.
@@ -55,7 +55,7 @@ def mark_passing(scene: Scene) -> BoolArray:
     return marked
 
 
-def _continues(scene: Scene, row: IntArray, col: IntArray, layer: IntArray) -> BoolArray:
+def _continues(scene: WindowScene, row: IntArray, col: IntArray, layer: IntArray) -> BoolArray:
     """Which layers (n,) belong to a surface that their pixel, or one beside it, sees for most of the time.
 
     At the edge of a standing surface a shift by a part of a pixel changes shares, so that its samples come in groups. A
@@ -78,7 +78,7 @@ def _continues(scene: Scene, row: IntArray, col: IntArray, layer: IntArray) -> B
     return out
 
 
-def _weight_of_chains(scene: Scene) -> FloatArray:
+def _weight_of_chains(scene: WindowScene) -> FloatArray:
     """Weight (row, col, layer) of each layer with those of its pixel that noise joins to it, from one to the next."""
     joined, out = scene.joined, np.nan_to_num(scene.weight)
     for layer in range(1, out.shape[-1]):  # near to far: each has the sum of its chain so far

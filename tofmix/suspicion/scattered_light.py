@@ -11,7 +11,7 @@ from tofmix.arrays import BoolArray, FloatArray
 from tofmix.image.masks import count_around
 from tofmix.suspicion.albedo import AlbedoLaw, find_surfaces, log_brightness
 from tofmix.suspicion.declaration import FALSE_MARKS, Suspicion
-from tofmix.suspicion.scene import Scene
+from tofmix.suspicion.scene import WindowScene
 from tofmix.suspicion.shapes import PLANE_NUMBERS, evidence_nats, plane_misfit_mm, rms
 
 MOST_SCATTERED = 0.05
@@ -26,7 +26,7 @@ _SLOPE = 0.1  # how much ranges of one surface differ between neighbouring pixel
 _BRIGHTER_BESIDE = 2.0  # times, that scattered light may be brighter beside the bright thing than elsewhere
 
 
-def mark_scattered(scene: Scene) -> BoolArray:
+def mark_scattered(scene: WindowScene) -> BoolArray:
     """Layers (row, col, layer) that are scattered light.
 
     A surface is marked with the probability `FALSE_MARKS` at most, that of its albedo by the law of the scene's others.
@@ -59,7 +59,7 @@ def mark_scattered(scene: Scene) -> BoolArray:
     return marked
 
 
-def _agrees(scene: Scene, source: tuple[np.intp, ...]) -> BoolArray:
+def _agrees(scene: WindowScene, source: tuple[np.intp, ...]) -> BoolArray:
     """Layers (row, col, layer) at the range of a source, or that one of their samples may be of.
 
     Layers that noise joins to one of them count too: a split layer has parts beside the range of the source.
@@ -76,7 +76,7 @@ def _agrees(scene: Scene, source: tuple[np.intp, ...]) -> BoolArray:
 
 
 def _improbable(
-    scene: Scene, candidates: BoolArray, bright: FloatArray, law: AlbedoLaw, source: tuple[np.intp, ...]
+    scene: WindowScene, candidates: BoolArray, bright: FloatArray, law: AlbedoLaw, source: tuple[np.intp, ...]
 ) -> BoolArray:
     """The candidates that are improbable as a surface."""
     if not candidates.any():

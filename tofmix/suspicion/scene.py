@@ -23,7 +23,7 @@ and its first and last frame, from the window's first.
 """
 
 
-class Evidence(NamedTuple):
+class WindowSamples(NamedTuple):
     """What suspicions need of samples, beside layers.
 
     Parameters
@@ -52,7 +52,7 @@ NO_CLUSTERS = np.zeros((0, len(CLUSTER_FIELDS)))
 """No layer comes close in time."""
 
 
-def joined(pieces: Sequence[tuple[int, int, Evidence]]) -> Evidence:
+def joined(pieces: Sequence[tuple[int, int, WindowSamples]]) -> WindowSamples:
     """Evidence of an image from that of its pieces, each with its first row and column."""
     clusters, memory = [NO_CLUSTERS], np.zeros(len(MEMORY_FIELDS))
     for row, col, part in pieces:
@@ -60,10 +60,10 @@ def joined(pieces: Sequence[tuple[int, int, Evidence]]) -> Evidence:
         moved[:, :2] += row, col
         clusters.append(moved)
         memory += part.memory
-    return Evidence(np.concatenate(clusters), memory)
+    return WindowSamples(np.concatenate(clusters), memory)
 
 
-class Scene(NamedTuple):
+class WindowScene(NamedTuple):
     """One window.
 
     Parameters
@@ -108,7 +108,9 @@ class Scene(NamedTuple):
             return np.asarray(np.diff(self.range_mm, axis=-1) <= noise)
 
 
-def make_scene(layers: Layers, evidence: Evidence, sensor: Sensor, *, circle_mm: float | None = None) -> Scene:
+def make_scene(
+    layers: Layers, evidence: WindowSamples, sensor: Sensor, *, circle_mm: float | None = None
+) -> WindowScene:
     """Make the scene of a window.
 
     Parameters
@@ -135,7 +137,7 @@ def make_scene(layers: Layers, evidence: Evidence, sensor: Sensor, *, circle_mm:
         directions = None if sensor.optics is None else beam_directions_of(sensor.optics, (rows, cols))
     except ValueError:  # optics that cannot be: commands that need them refuse them
         directions = None
-    return Scene(
+    return WindowScene(
         range_mm=layers.range.astype(np.float64),
         sigma_mm=sigma,
         stderr_mm=np.where(np.isfinite(stderr), stderr, sigma),

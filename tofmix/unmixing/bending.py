@@ -16,7 +16,7 @@ import numpy as np
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.masks import near, sum_around
 from tofmix.unmixing.distant import DistantPlane
-from tofmix.unmixing.hypotheses import Findings, Kind, OpenSpace, judge
+from tofmix.unmixing.hypotheses import Kind, LikeliestHypotheses, OpenSpace, judge
 from tofmix.unmixing.image import PhasorImage
 from tofmix.unmixing.seeds import Seeds
 from tofmix.unmixing.settings import UnmixSettings
@@ -88,7 +88,7 @@ _MOST_LOG = 500.0
 def judge_bending(
     image: PhasorImage, pixels: IntArray, members: Members, seeds: Seeds, planes: tuple[DistantPlane, ...],
     spaces: tuple[OpenSpace, ...], settings: UnmixSettings,
-) -> Findings:  # fmt: skip
+) -> LikeliestHypotheses:  # fmt: skip
     """Judge pixels (n,) beside surfaces that bend, from the pixels that were sure before any were judged by planes.
 
     Here large surfaces are flat. In `weigh_planes` they bend as all others do, so that what they alone explain does not

@@ -97,7 +97,7 @@ class OpenSpace:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Findings:
+class LikeliestHypotheses:
     """The most probable hypothesis of pixels (n,).
 
     Parameters
@@ -184,17 +184,17 @@ class _Best:
         vague = (self._kept["kind"] == Kind.NEW) | ~self._kept["is_known"]
         return np.flatnonzero(vague | (np.exp(self._log - total) < self._likely))
 
-    def findings(self) -> Findings:
+    def findings(self) -> LikeliestHypotheses:
         """The kept hypothesis, with its probability among all."""
         total = logsumexp(np.stack(self._logs))
-        return Findings(probability=np.exp(self._log - total), log_evidence=total, **self._kept)
+        return LikeliestHypotheses(probability=np.exp(self._log - total), log_evidence=total, **self._kept)
 
 
 def judge(
     image: PhasorImage, pixels: IntArray, members: Members, seeds: Seeds, planes: tuple[DistantPlane, ...],
     spaces: tuple[OpenSpace, ...], settings: HypothesisSettings, neighbourhood: NeighbourSettings, *,
     bends: bool = False, flat: tuple[DistantPlane, ...] = (), unseen: float = 0.0,
-) -> Findings:  # fmt: skip
+) -> LikeliestHypotheses:  # fmt: skip
     """Find the most probable hypothesis of each pixel.
 
     Parameters

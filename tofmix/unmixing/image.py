@@ -21,7 +21,7 @@ from tofmix.unmixing.settings import DEFAULT_SETTINGS, ImageSettings
 ComplexArray = NDArray[np.complex128]
 
 
-class Beams(NamedTuple):
+class PixelDirections(NamedTuple):
     """Where pixels look: `direction`, `across`, `down` (pixel, 3), and the pitches (pixel,), as in `PhasorImage`."""
 
     direction: FloatArray
@@ -143,9 +143,9 @@ class PhasorImage:
         return np.asarray(self.scatter_tangential > (1.0 + sigmas * np.sqrt(2.0 / free)) * usual)
 
     @property
-    def beams(self) -> Beams:
+    def beams(self) -> PixelDirections:
         """Where the pixels look, for kernels."""
-        return Beams(self.directions, self.across, self.down, self.pitch_across, self.pitch_down)
+        return PixelDirections(self.directions, self.across, self.down, self.pitch_across, self.pitch_down)
 
     @property
     def measured(self) -> Measured:

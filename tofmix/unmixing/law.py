@@ -19,7 +19,7 @@ from tofmix.unmixing.settings import LawSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Law:
+class MixingLaw:
     """Which law holds.
 
     Parameters
@@ -38,7 +38,7 @@ class Law:
     is_sum: BoolArray
 
 
-def measure_law(image: PhasorImage, labels: Labels, settings: LawSettings) -> Law:
+def measure_law(image: PhasorImage, labels: Labels, settings: LawSettings) -> MixingLaw:
     """Measure the share of phasor sums, of the image and of each edge.
 
     Edges between surfaces, and edges of a surface next to open space, are measured separately: a camera may sum at one
@@ -67,20 +67,20 @@ def measure_law(image: PhasorImage, labels: Labels, settings: LawSettings) -> La
         if group[pixels[differs]].sum() > settings.least_differing * group.sum():
             at[pixels[differs]], at_error[pixels[differs]] = own[differs], own_error[differs]
     is_sum = (at > settings.least_phasor_share) & (at > settings.chance_sigmas * at_error)
-    return Law(phasor_share=share, pixels=int(main.sum()), is_sum=is_sum)
+    return MixingLaw(phasor_share=share, pixels=int(main.sum()), is_sum=is_sum)
 
 
 _SIDE = 3
 """Rows and columns of the least window of a plane."""
 
 
-def _assumed(image: PhasorImage, labels: Labels, settings: LawSettings) -> Law:
+def _assumed(image: PhasorImage, labels: Labels, settings: LawSettings) -> MixingLaw:
     """The law where no edge tells it: sums, the physics of a lock-in camera, unless the samples contradict them.
 
     Samples of one surface each jump between the surfaces of a pixel, so they scatter more than the noise of pixels that
     see one surface. Those of a sum do not, whatever the surfaces are.
     """
-    nothing = Law(phasor_share=float("nan"), pixels=0, is_sum=np.zeros(image.count, bool))
+    nothing = MixingLaw(phasor_share=float("nan"), pixels=0, is_sum=np.zeros(image.count, bool))
     edge = image.valid & ~labels.is_surface
     alone = image.valid & labels.is_surface
     if not edge.any() or min(image.shape) < _SIDE or alone.sum() <= edge.sum():
@@ -92,7 +92,7 @@ def _assumed(image: PhasorImage, labels: Labels, settings: LawSettings) -> Law:
     jumps = largest > chance * float(np.quantile(largest[alone], settings.noisiest))
     if jumps[edge].mean() > 0.5:  # noqa: PLR2004  most of them
         return nothing
-    return Law(phasor_share=1.0, pixels=0, is_sum=np.ones(image.count, bool))
+    return MixingLaw(phasor_share=1.0, pixels=0, is_sum=np.ones(image.count, bool))
 
 
 def _median(value: FloatArray, error: FloatArray) -> tuple[float, float]:

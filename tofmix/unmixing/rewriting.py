@@ -12,7 +12,7 @@ from tofmix.sensor import Sensor
 from tofmix.unmixing.hypotheses import Kind
 from tofmix.unmixing.image import PhasorImage
 from tofmix.unmixing.labels import Labels
-from tofmix.unmixing.law import Law
+from tofmix.unmixing.law import MixingLaw
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, UnmixSettings
 
 
@@ -36,7 +36,7 @@ class Rewritten:
 
 
 def rewrite(
-    layers: Layers, image: PhasorImage, labels: Labels, law: Law, sensor: Sensor, *, insist: bool,
+    layers: Layers, image: PhasorImage, labels: Labels, law: MixingLaw, sensor: Sensor, *, insist: bool,
     circle_mm: float | None = None, settings: UnmixSettings = DEFAULT_SETTINGS,
 ) -> Rewritten:  # fmt: skip
     """Write the surfaces of mixed pixels over layers.

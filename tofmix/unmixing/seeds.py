@@ -12,7 +12,7 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.image.masks import components
 from tofmix.unmixing.functions import chi_square_6
-from tofmix.unmixing.image import Beams, Measured, PhasorImage, places, window
+from tofmix.unmixing.image import Measured, PhasorImage, PixelDirections, places, window
 from tofmix.unmixing.plane_fit import fit_plane
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, SeedSettings
 
@@ -204,7 +204,7 @@ def _goes_on(
 
 @jit
 def _fit_windows(
-    rows: int, cols: int, valid: BoolArray, beams: Beams, measured: Measured, plane: FloatArray, scatters: FloatArray
+    rows: int, cols: int, valid: BoolArray, beams: PixelDirections, measured: Measured, plane: FloatArray, scatters: FloatArray
 ) -> IntArray:  # fmt: skip
     """Fit planes to the 3 x 3 pixels around each pixel whose window is whole, and return those pixels.
 

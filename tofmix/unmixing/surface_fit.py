@@ -13,7 +13,7 @@ import numpy as np
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.compiled.plane import dot
-from tofmix.unmixing.image import Beams, Measured
+from tofmix.unmixing.image import Measured, PixelDirections
 from tofmix.unmixing.plane_fit import fit_plane
 from tofmix.unmixing.settings import NeighbourSettings
 
@@ -113,7 +113,7 @@ class NeighbourSurfaces(NamedTuple):
 
 @jit
 def fill_surfaces(
-    pixels: IntArray, rows: int, cols: int, beams: Beams, measured: Measured, members: Members,
+    pixels: IntArray, rows: int, cols: int, beams: PixelDirections, measured: Measured, members: Members,
     pattern_variance: float, texture_variance: float, out: NeighbourSurfaces, settings: NeighbourSettings,
 ) -> None:  # fmt: skip
     """Fill the neighbouring surfaces of pixels (n,) of an image of `rows` x `cols`; `out` holds zeros before.
@@ -143,14 +143,14 @@ def fill_surfaces(
 
 
 @borrowing
-def _pitch(pixel: int, beams: Beams) -> float:
+def _pitch(pixel: int, beams: PixelDirections) -> float:
     """The larger of both pitches."""
     return float(max(beams.pitch_across[pixel], beams.pitch_down[pixel]))
 
 
 @borrowing
 def _gather(
-    pixel: int, rows: int, cols: int, beams: Beams, measured: Measured, members: Members, pattern_variance: float,
+    pixel: int, rows: int, cols: int, beams: PixelDirections, measured: Measured, members: Members, pattern_variance: float,
     texture_variance: float, numbers: FloatArray, indices: IntArray, settings: NeighbourSettings,
 ) -> int:  # fmt: skip
     """Collect the members around a pixel: where they are, and their prediction of 1 / r there with its variance."""
@@ -193,7 +193,7 @@ def _gather(
 
 @borrowing
 def _predict_lines(
-    pixel: int, count: int, texture_variance: float, beams: Beams, measured: Measured, numbers: FloatArray,
+    pixel: int, count: int, texture_variance: float, beams: PixelDirections, measured: Measured, numbers: FloatArray,
     indices: IntArray, normal: FloatArray, fit: FloatArray, settings: NeighbourSettings,
 ) -> None:  # fmt: skip
     """Let the members of each narrow surface predict together: 1 / r and u at the pixel, with their variances.
@@ -375,7 +375,7 @@ def _collect(count: int, number: int, row: int, indices: IntArray) -> int:
 
 @borrowing
 def _fit_ranges(
-    pixel: int, at: int, number: int, size: int, beams: Beams, members: Members, numbers: FloatArray,
+    pixel: int, at: int, number: int, size: int, beams: PixelDirections, members: Members, numbers: FloatArray,
     indices: IntArray, normal: FloatArray, out: NeighbourSurfaces, settings: NeighbourSettings,
 ) -> None:  # fmt: skip
     """Fit a plane to the ranges of a surface, relative to the mean of the planes of its pixels."""
@@ -422,7 +422,7 @@ def _fit_ranges(
 
 @borrowing
 def _fit_light(
-    pixel: int, at: int, number: int, size: int, texture_variance: float, beams: Beams, measured: Measured,
+    pixel: int, at: int, number: int, size: int, texture_variance: float, beams: PixelDirections, measured: Measured,
     members: Members, numbers: FloatArray, indices: IntArray, normal: FloatArray, out: NeighbourSurfaces,
     settings: NeighbourSettings,
 ) -> None:  # fmt: skip

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tofmix.flags import Status
-from tofmix.image.smooth.patch import STATE, Frame, meet
+from tofmix.image.smooth.patch import STATE, TangentFrame, meet
 from tofmix.layers import Layers, layer_fields
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.unmixing.phasors import mean_phasors, phase_scale_mm
@@ -16,7 +16,7 @@ _FRAMES, _SIDE = 20, 12
 
 def warm_up_curved() -> None:
     """Let rays meet a patch, as beside surfaces that bend."""
-    frame = Frame(*(np.eye(3)[[part]] for part in (2, 0, 1, 2)))
+    frame = TangentFrame(*(np.eye(3)[[part]] for part in (2, 0, 1, 2)))
     meet(frame, np.zeros((1, 1, STATE)), np.eye(3)[np.newaxis, 2:])
 
 

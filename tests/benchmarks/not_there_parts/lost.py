@@ -14,7 +14,7 @@ from tofmix.arrays import Float32Array
 from tofmix.estimation.blocks.sequence import estimate_windows
 from tofmix.layers import Layers
 from tofmix.mapping.beams import beams_from_layers
-from tofmix.mapping.grid import Grid, plan_grid
+from tofmix.mapping.grid import VoxelGrid, plan_grid
 from tofmix.mapping.occupancy import State, map_beams
 from tofmix.mapping.pose import Pose
 from tofmix.recording import ArrayRecording
@@ -75,7 +75,7 @@ def estimated(samples: Float32Array) -> Layers:
     return Layers(**{spec.name: getattr(found, spec.name)[0] for spec in found.fields})
 
 
-def behind_box(grid: Grid) -> NDArray[np.bool_]:
+def behind_box(grid: VoxelGrid) -> NDArray[np.bool_]:
     """Voxels (x, y, z) that lie wholly behind the box, and before the wall."""
     out = np.ones(grid.shape, bool)
     for corner in np.ndindex(2, 2, 2):

@@ -10,7 +10,7 @@ from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.bootstrap import SAMPLES, SHARES, calibrate
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.thresholds import Thresholds
+from tofmix.estimation.learnt.thresholds import GainThresholds
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, gain_table
 from tofmix.estimation.settings import EstimateOptions
 
@@ -19,7 +19,7 @@ RANGES_MM = np.array([1500.0, 2500.0, 4000.0])
 
 def _calibrated(
     noise: PixelNoise, samples: tuple[int, int], draws: int, workers: int = 1, told: list[tuple[int, int]] | None = None
-) -> Thresholds:
+) -> GainThresholds:
     def progress(done: int, of: int) -> None:
         if told is not None:
             told.append((done, of))

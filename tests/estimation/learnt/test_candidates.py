@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tofmix.estimation.learnt.candidates import Candidate, held_out_gain, mean_difference
+from tofmix.estimation.learnt.candidates import NoiseCandidate, held_out_gain, mean_difference
 
 
 def test_single_deviating_pixel_changes_no_mean_difference(rng: np.random.Generator) -> None:
@@ -21,16 +21,16 @@ def test_single_deviating_pixel_changes_no_mean_difference(rng: np.random.Genera
 
 def test_gain_of_most_pixels_counts_and_noise_does_not(rng: np.random.Generator) -> None:
     one, noise = rng.normal(0.0, 1.0, 400), rng.normal(0.0, 0.5, 400)
-    assert held_out_gain(Candidate((), one), Candidate((), one - 0.3 + noise)) == pytest.approx(0.3, abs=0.1)
-    assert held_out_gain(Candidate((), one), Candidate((), one + noise)) == 0.0
-    assert held_out_gain(Candidate((), one), Candidate((), one - 0.05)) == 0.0  # less changes no count
+    assert held_out_gain(NoiseCandidate((), one), NoiseCandidate((), one - 0.3 + noise)) == pytest.approx(0.3, abs=0.1)
+    assert held_out_gain(NoiseCandidate((), one), NoiseCandidate((), one + noise)) == 0.0
+    assert held_out_gain(NoiseCandidate((), one), NoiseCandidate((), one - 0.05)) == 0.0  # less changes no count
 
 
 def test_large_gain_of_a_few_pixels_counts_and_that_of_one_does_not() -> None:
     other = np.zeros(100)
     few = other.copy()
     few[:6] = 30.0
-    assert held_out_gain(Candidate((), few), Candidate((), other)) == pytest.approx(150.0 / 99.0)
+    assert held_out_gain(NoiseCandidate((), few), NoiseCandidate((), other)) == pytest.approx(150.0 / 99.0)
     one = other.copy()
     one[0] = 1000.0
-    assert held_out_gain(Candidate((), one), Candidate((), other)) == 0.0
+    assert held_out_gain(NoiseCandidate((), one), NoiseCandidate((), other)) == 0.0

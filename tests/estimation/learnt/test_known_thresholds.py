@@ -11,7 +11,7 @@ from tofmix.estimation.beam import beam_of
 from tofmix.estimation.learnt.bootstrap import calibrate
 from tofmix.estimation.learnt.known_thresholds import KnownThresholds
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.thresholds import Thresholds
+from tofmix.estimation.learnt.thresholds import GainThresholds
 
 RANGES_MM = np.array([1500.0, 2500.0, 4000.0])
 NOISE = pixel_noise("skewed", drift_mm=(10.0, 0.0, 0.0))
@@ -24,11 +24,13 @@ class Asked:
         self.drawn = 0
         self._known = KnownThresholds(self._few, most=most)
 
-    def _few(self, *given: object, **named: object) -> Thresholds:
+    def _few(self, *given: object, **named: object) -> GainThresholds:
         self.drawn += 1
         return calibrate(*given, draws=40, **named)  # type: ignore[arg-type]
 
-    def table(self, noise: PixelNoise = NOISE, ranges_mm: FloatArray = RANGES_MM, *, workers: int = 1) -> Thresholds:
+    def table(
+        self, noise: PixelNoise = NOISE, ranges_mm: FloatArray = RANGES_MM, *, workers: int = 1
+    ) -> GainThresholds:
         return self._known(noise, beam_of(camera_with(noise)), ranges_mm.copy(), samples=(20, 20), workers=workers)
 
 

@@ -13,7 +13,7 @@ from support.reading import depths, read_source
 
 from tofmix.errors import BadInputError, StorageError
 from tofmix.io.importers import open_source
-from tofmix.io.importers.base import Request
+from tofmix.io.importers.base import SourceRequest
 
 SHAPE = (6, 4, 5)
 ROWS_FIRST = "row,col,frame"
@@ -204,7 +204,7 @@ def test_a_full_disk_while_a_mat_is_unpacked_is_no_fault_of_the_file(tmp_path: P
     try:
         with (
             pytest.raises(StorageError, match=r"a\.mat is unpacked in this folder"),
-            open_source(path, Request(axes=FRAMES_FIRST)),
+            open_source(path, SourceRequest(axes=FRAMES_FIRST)),
         ):
             pass
     finally:

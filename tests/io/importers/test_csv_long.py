@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tofmix.errors import BadInputError
 from tofmix.io.importers import csv_long
-from tofmix.io.importers.base import Frame, Request
+from tofmix.io.importers.base import Frame, SourceRequest
 from tofmix.io.importers.csv_long import open_long
 from tofmix.io.importers.csv_text import layout_of
 
@@ -27,7 +27,7 @@ def _lines(frames: int, rows: int, cols: int) -> list[str]:
 
 def _read(path: Path, lines: list[str]) -> tuple[tuple[int, ...], int, list[Frame]]:
     path.write_text("\n".join([",".join(NAMES), *lines]))
-    source = open_long(path, NAMES, layout_of(path), Request())
+    source = open_long(path, NAMES, layout_of(path), SourceRequest())
     return source.shape, source.targets, list(source.frames)
 
 

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
 from tofmix.io.importers import open_source
-from tofmix.io.importers.base import Frame, Request
+from tofmix.io.importers.base import Frame, SourceRequest
 
 RNG = np.random.default_rng(3)
 WALL = np.rint(RNG.normal(900.0, 4.0, (6, 2, 3)))
 
 
 def read(path: Path, **request: object) -> tuple[list[Frame], tuple[str, ...]]:
-    with open_source(path, Request(**request)) as source:  # type: ignore[arg-type]
+    with open_source(path, SourceRequest(**request)) as source:  # type: ignore[arg-type]
         frames = list(source.frames)
         assert len(frames) == source.shape[0]
         return frames, source.notes
@@ -80,7 +80,7 @@ def test_columns_are_named_by_the_option(tmp_path: Path) -> None:
     lines = ["shot,y,x,depth_cm", *long()]
     with open_source(
         write(tmp_path / "a.csv", lines),
-        Request(columns={"shot": "frame", "y": "row", "x": "col", "depth_cm": "range"}),
+        SourceRequest(columns={"shot": "frame", "y": "row", "x": "col", "depth_cm": "range"}),
     ) as source:
         assert source.unit_mm == 10.0
         np.testing.assert_array_equal(depths(list(source.frames)), WALL)
@@ -92,7 +92,7 @@ def test_columns_are_named_by_the_option(tmp_path: Path) -> None:
 def test_named_column_of_ranges_is_used_where_another_has_their_name(tmp_path: Path, theirs: str) -> None:
     lines = [f"{line},{4000 + k}" for k, line in enumerate(long())]
     path = write(tmp_path / "a.csv", [f"frame,row,col,{theirs},z_cm", *lines])
-    with open_source(path, Request(columns={"z_cm": "range"})) as source:
+    with open_source(path, SourceRequest(columns={"z_cm": "range"})) as source:
         assert (source.unit_mm, source.notes) == (10.0, (f"{path}: not used: column {theirs}",))
         np.testing.assert_array_equal(depths(list(source.frames)).ravel(), 4000.0 + np.arange(36))
 
@@ -109,7 +109,7 @@ def test_named_columns_of_times_and_codes_are_used_where_others_have_their_names
 
 @pytest.mark.parametrize("name", ["range [m]", "distance (m)", "Range_m"])
 def test_unit_beside_the_name_of_a_column_is_used(tmp_path: Path, name: str) -> None:
-    with open_source(write(tmp_path / "a.csv", [f"frame,row,col,{name}", *long()]), Request()) as source:
+    with open_source(write(tmp_path / "a.csv", [f"frame,row,col,{name}", *long()]), SourceRequest()) as source:
         assert source.unit_mm == 1000.0
 
 
@@ -168,7 +168,7 @@ def test_status_codes_are_used_where_they_are_known_and_named_where_not(tmp_path
     assert frames[0].status is None
     assert notes == (f"{path}: not used: column status (--valid-status status=5,9 says which codes are valid)",)
     for request in ({"status_codes": (5, 9)}, {"valid_status": ("status", (5, 9))}):
-        with open_source(path, Request(**request)) as source:
+        with open_source(path, SourceRequest(**request)) as source:
             assert (source.status_valid, source.notes) == ((5, 9), ())
             codes = next(source.frames).status
             assert codes is not None
@@ -246,7 +246,7 @@ def test_header_of_one_or_two_columns_is_told_by_the_lines_below(
 def test_unit_in_the_names_of_all_pixels_is_used(tmp_path: Path, names: str, unit_mm: float | None) -> None:
     head = ",".join(["frame", *(names.format(k) for k in range(6))])
     path = write(tmp_path / "a.csv", [head, *(f"{k},{line}" for k, line in enumerate(wide()))])
-    with open_source(path, Request(shape=(2, 3))) as source:
+    with open_source(path, SourceRequest(shape=(2, 3))) as source:
         assert source.unit_mm == unit_mm
         np.testing.assert_array_equal(depths(list(source.frames)), WALL)
 

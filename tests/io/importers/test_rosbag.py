@@ -12,7 +12,7 @@ from support.reading import depths, read_source
 
 from tofmix.errors import BadInputError, UsageError
 from tofmix.io.importers import open_source
-from tofmix.io.importers.base import Request
+from tofmix.io.importers.base import SourceRequest
 from tofmix.optics.pinhole import Pinhole
 
 SECOND = 10**9
@@ -184,7 +184,7 @@ def test_mono16_is_depth_by_the_name_of_its_topic_and_its_unit_must_be_given(tmp
     with new_bag(tmp_path, "mcap") as (bag, path):
         bag.image(DEPTH, images()[0], stamp_ns=SECOND, encoding="mono16")
         bag.image(AMPLITUDE, images()[1], stamp_ns=SECOND, encoding="mono16")
-    for request in (Request(), Request(topic=DEPTH)):
+    for request in (SourceRequest(), SourceRequest(topic=DEPTH)):
         with open_source(path, request) as source:
             assert "the unit is not known" in source.unit_unknown
             np.testing.assert_array_equal(next(source.frames).depth, images()[0])

@@ -16,14 +16,14 @@ from support.commandline import succeed
 
 from tofmix.errors import BadInputError
 from tofmix.io.importers import open_source
-from tofmix.io.importers.base import Frame, FrameSource, Request
+from tofmix.io.importers.base import Frame, FrameSource, SourceRequest
 from tofmix.io.importers.streams import depths_among, stream_of
 
 WALL = np.rint(np.random.default_rng(7).normal(2100.0, 6.0, (9, 4, 5)))
 
 
 def opened(path: Path, **request: Any) -> tuple[FrameSource, list[Frame]]:  # noqa: ANN401  fields of a request
-    with open_source(path, Request(**request)) as source:
+    with open_source(path, SourceRequest(**request)) as source:
         return source, list(source.frames)
 
 

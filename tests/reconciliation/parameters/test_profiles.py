@@ -10,15 +10,17 @@ from support.recordings import MAKE
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.parameters.fits import Fitted
-from tofmix.reconciliation.parameters.profiles import Parameter, parabola_error, stretch
+from tofmix.reconciliation.parameters.profiles import ProfiledParameter, parabola_error, stretch
 from tofmix.reconciliation.parameters.searches import Problem
 from tofmix.simulation.effects import Effect
 
 
-def parameter(name: str, make: Callable[[FloatArray], Effect], vector: FloatArray, steps: FloatArray) -> Parameter:
+def parameter(
+    name: str, make: Callable[[FloatArray], Effect], vector: FloatArray, steps: FloatArray
+) -> ProfiledParameter:
     problem = Problem(make=make, starts=(tuple(vector),), steps=tuple(steps))
     fitted = Fitted(effect=make(vector), vector=vector, problem=problem, value=0.0)
-    return Parameter(name=name, fitted=fitted, own=slice(0, vector.size), steps=steps)
+    return ProfiledParameter(name=name, fitted=fitted, own=slice(0, vector.size), steps=steps)
 
 
 def polar(x: FloatArray) -> Effect:

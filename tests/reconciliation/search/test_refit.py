@@ -11,7 +11,7 @@ from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
 from tofmix.reconciliation.parameters.profiles import numeric
 from tofmix.reconciliation.parameters.standard_errors import standard_errors
-from tofmix.reconciliation.search.name import Candidate, begin_trial, candidates
+from tofmix.reconciliation.search.name import TriedEffect, begin_trial, candidates
 from tofmix.reconciliation.search.refit import numbers, refit
 from tofmix.simulation.model import Model
 
@@ -27,7 +27,7 @@ def added(model: Model, evidence: Evidence, kinds: Sequence[str]) -> Found:
     """Numbers and errors of the wiggling, effects of these kinds added in this order."""
     likelihood = joint_likelihood([(model, evidence)])
     part = np.flatnonzero(likelihood.evidence.fit_frames), np.arange(likelihood.evidence.shape[1])
-    state, chosen = likelihood.start(), list[Candidate]()
+    state, chosen = likelihood.start(), list[TriedEffect]()
     for kind in kinds:
         best = candidates(begin_trial(likelihood, state, "frames,pixels", 1), (kind,))[0]
         state, chosen = refit(likelihood, best.state, [*chosen, best], part)

@@ -12,7 +12,7 @@ from tofmix.reconciliation.likelihood.joint import joint_likelihood
 from tofmix.reconciliation.search.columns import Column, Term, terms
 from tofmix.reconciliation.search.refit import begin
 from tofmix.reconciliation.search.subsets import Explained, Subsets
-from tofmix.reconciliation.search.summaries import Summary, summaries
+from tofmix.reconciliation.search.summaries import PixelSummary, summaries
 from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface
@@ -25,7 +25,7 @@ def board(model: Model, distance_mm: float) -> Model:
     return replace(model, surfaces=(Surface(name="board", center_mm=(0, 0, distance_mm), size_mm=(9000.0, 9000.0)),))
 
 
-def summed(model: Model, evidence: Evidence) -> tuple[list[Summary], list[Term]]:
+def summed(model: Model, evidence: Evidence) -> tuple[list[PixelSummary], list[Term]]:
     likelihood = joint_likelihood([(model, evidence)])
     whole = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
     state = begin(likelihood, whole[0], TOLERANCE)

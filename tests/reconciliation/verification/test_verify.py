@@ -12,7 +12,7 @@ from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.reconciliation.search.add import ways
 from tofmix.reconciliation.search.search_state import Settings, held_out
-from tofmix.reconciliation.verdict import Findings
+from tofmix.reconciliation.verdict import VerdictData
 from tofmix.reconciliation.verification.verify import changes_in_time, verify
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.echoes import FrameSamples
@@ -116,7 +116,7 @@ def test_remaining_memory_is_a_change_in_time_unless_a_bias_remains(
     floor = compare(likelihood, likelihood.start(), held_out(likelihood, SETTINGS), seed=1)
     near = replace(floor, curves=tuple(_curve(statistic, z) for statistic, z in left.items()))
     quiet = replace(floor, curves=())
-    found = Findings(chosen=(), before=near, after=near, floor=quiet, near=near, alpha=0.01, samples=10_000)
+    found = VerdictData(chosen=(), before=near, after=near, floor=quiet, near=near, alpha=0.01, samples=10_000)
     assert changes_in_time(likelihood.start(), found, 2000.0) == goes_on
     remembers = replace(likelihood.start(), effects=(MAKE["temporal_correlation"](coefficient=0.5),))
     assert not changes_in_time(remembers, found, 2000.0)

@@ -1,7 +1,7 @@
 import pytest
 
 from tofmix.report.summary.findings import Remedy, count_findings, sample_findings, sigma_findings
-from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
+from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, FindingThresholds
 
 REMEDY = Remedy(recording="a b.h5", window_frames=40, windows=2)
 
@@ -84,12 +84,12 @@ def test_contradiction_of_the_curve_is_reported(scatter: float | None, drift: fl
 
 
 def test_thresholds_set_when_close_layers_are_a_finding() -> None:
-    def codes(thresholds: Thresholds) -> list[str]:
+    def codes(thresholds: FindingThresholds) -> list[str]:
         found = count_findings(
             pixels=100, by_status={}, by_surfaces=[0, 90, 10], max_layers=6, close=10, remedy=Remedy(recording="a.h5"),
             thresholds=thresholds,
         )  # fmt: skip
         return [finding.code for finding in found]
 
-    assert codes(Thresholds()) == ["close_layers"]
-    assert codes(Thresholds(close_share=0.1)) == []
+    assert codes(FindingThresholds()) == ["close_layers"]
+    assert codes(FindingThresholds(close_share=0.1)) == []

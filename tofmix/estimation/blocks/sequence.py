@@ -31,7 +31,7 @@ from tofmix.sensor import Sensor, sensor_of_part
 from tofmix.suspicion.evidence import gather_evidence
 from tofmix.suspicion.evidence import warm_up as warm_up_evidence
 from tofmix.suspicion.judge import judge_windows
-from tofmix.suspicion.scene import Evidence, joined
+from tofmix.suspicion.scene import WindowSamples, joined
 from tofmix.unmixing.phasors import FIELD_COUNT, mean_phasors
 from tofmix.windows import Windows
 
@@ -288,7 +288,7 @@ def estimate_windows(
         source, grid, options, lambda *parts: parts, workers=workers, buffer_bytes=buffer_bytes, phasors=measured,
         evidence=True,
     )  # fmt: skip
-    pieces: list[list[tuple[int, int, Evidence]]] = [[] for _ in range(windows.count)]
+    pieces: list[list[tuple[int, int, WindowSamples]]] = [[] for _ in range(windows.count)]
     for cell, (layers, *found) in cells:
         for window, part in enumerate(found[1], start=cell.windows.start):
             pieces[window].append((cell.rows.start, 0, part))

@@ -22,11 +22,11 @@ from tofmix.estimation.learnt.components import (
     WEIGHT,
     remove_surface,
 )
-from tofmix.estimation.learnt.counting import Rules, count_surfaces
+from tofmix.estimation.learnt.counting import LearntRules, count_surfaces
 from tofmix.estimation.learnt.errors import standard_errors
 from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.learnt.pixel_samples import Samples, fill_cells, fill_times, take_samples
-from tofmix.estimation.learnt.thresholds import Thresholds, read_gains
+from tofmix.estimation.learnt.thresholds import GainThresholds, read_gains
 from tofmix.estimation.learnt.trials import new_workspace
 from tofmix.estimation.mixture.components import sort_surfaces
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, chance_of
@@ -65,7 +65,7 @@ def fill_layers(  # noqa: PLR0915  one pass over the pixels
     width: FloatArray,
     common: Beam,
     laws: tuple[Law, Law],
-    thresholds: Thresholds,
+    thresholds: GainThresholds,
     options: KernelOptions,
 ) -> None:
     """Fill the layers and the widths of pixels.
@@ -81,7 +81,7 @@ def fill_layers(  # noqa: PLR0915  one pass over the pixels
     range_errors, weight_errors = np.zeros(capacity), np.zeros(capacity)
     work = new_workspace(capacity, frames, _CHANCES)
     fit, scratch = work.fit, work.scratch
-    rules = Rules(options.false_alarm, options.no_return_gain, options.max_layers)
+    rules = LearntRules(options.false_alarm, options.no_return_gain, options.max_layers)
     for pixel in range(pixels):
         n = take_samples(block[pixel], value, time)
         n_samples[pixel] = n

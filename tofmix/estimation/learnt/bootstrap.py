@@ -27,7 +27,7 @@ from tofmix.estimation.learnt.jumps import gain_of_jump
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, Law
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.pixel_samples import Samples, fill_cells, fill_times, take_samples
-from tofmix.estimation.learnt.thresholds import Thresholds
+from tofmix.estimation.learnt.thresholds import GainThresholds
 from tofmix.estimation.learnt.trials import first_surface, new_workspace, try_one_more
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
 from tofmix.learnt_noise import DRIFTS, TAIL_DEGREES
@@ -82,7 +82,7 @@ def calibrate(
     draws: int | None = None,
     workers: int = 1,
     progress: Callable[[int, int], None] | None = None,
-) -> Thresholds:
+) -> GainThresholds:
     """Draw the gains that noise alone exceeds.
 
     Parameters
@@ -136,7 +136,7 @@ def calibrate(
             if progress is not None:
                 progress(done, len(cells))
     table = np.array(rows).reshape(len(numbers), len(shares) + 1, len(FALSE_ALARMS))
-    return Thresholds(
+    return GainThresholds(
         log_n=np.log(np.array(numbers, dtype=np.float64)),
         background=np.array(shares),
         more=np.ascontiguousarray(table[:, :-1]),

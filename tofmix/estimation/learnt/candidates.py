@@ -16,7 +16,7 @@ _CLIP_DEVIATIONS = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class NoiseCandidate:
     """A model by fold, and its scores.
 
     Parameters
@@ -31,17 +31,17 @@ class Candidate:
     scores: FloatArray
 
 
-def candidate_of(folds: Sequence[Fold], noises: Sequence[PixelNoise | None]) -> Candidate | None:
+def candidate_of(folds: Sequence[Fold], noises: Sequence[PixelNoise | None]) -> NoiseCandidate | None:
     """Judge the models of the folds; None where a fold has none."""
     known = tuple(noise for noise in noises if noise is not None)
     if len(known) < len(folds):
         return None
-    return Candidate(known, np.concatenate([fold.scores(noise) for fold, noise in zip(folds, known, strict=True)]))
+    return NoiseCandidate(known, np.concatenate([fold.scores(noise) for fold, noise in zip(folds, known, strict=True)]))
 
 
 def held_out_gain(
-    one: Candidate,
-    other: Candidate,
+    one: NoiseCandidate,
+    other: NoiseCandidate,
     *,
     standard_errors: float = 3.0,
     least_gain: float = 0.1,

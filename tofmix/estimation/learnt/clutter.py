@@ -24,11 +24,11 @@ from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.acceleration import LEARNING_ITER, LEARNING_TOL, maximise
 from tofmix.estimation.learnt.components import BACKGROUND, OWN, RANDOM, TOTAL
-from tofmix.estimation.learnt.counting import LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, Rules, count_surfaces
+from tofmix.estimation.learnt.counting import LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, LearntRules, count_surfaces
 from tofmix.estimation.learnt.em import mix
 from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.learnt.pixel_samples import LEAST_SAMPLES, Samples, fill_cells, fill_times, take_samples
-from tofmix.estimation.learnt.thresholds import Thresholds
+from tofmix.estimation.learnt.thresholds import GainThresholds
 from tofmix.estimation.learnt.trials import new_workspace
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.sensor import NoiseCurve
@@ -52,7 +52,12 @@ _LONGEST_STEP = 2.0
 
 @jit
 def background_counts(
-    samples: Float32Array, laws: tuple[Law, Law], beam: Beam, thresholds: Thresholds, max_layers: int, edges: FloatArray
+    samples: Float32Array,
+    laws: tuple[Law, Law],
+    beam: Beam,
+    thresholds: GainThresholds,
+    max_layers: int,
+    edges: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Number of samples of background in cells of range, and share of each pixel, of pixels with a surface.
 
@@ -77,7 +82,7 @@ def background_counts(
     share, number = np.zeros(pixels), np.zeros(pixels)
     value, time = np.empty(frames), np.empty(frames)
     work = new_workspace(max_layers + 1, frames, thresholds.first.shape[1])
-    rules = Rules(LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, max_layers)
+    rules = LearntRules(LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, max_layers)
     for pixel in range(pixels):
         own = beam_of_pixel(beam, pixel)
         n = take_samples(samples[pixel], value, time)

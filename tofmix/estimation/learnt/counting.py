@@ -28,9 +28,9 @@ from tofmix.estimation.learnt.em import mix
 from tofmix.estimation.learnt.jumps import gain_of_jump
 from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.learnt.pixel_samples import Samples
-from tofmix.estimation.learnt.thresholds import Thresholds, read_gains
+from tofmix.estimation.learnt.thresholds import GainThresholds, read_gains
 from tofmix.estimation.learnt.trials import (
-    Workspace,
+    LearntWorkspace,
     first_surface,
     gain_of_surface,
     settle,
@@ -51,7 +51,7 @@ INEXACT_GAIN = 1.0e-3
 """Gain, nat, that no fit of a trial tells from 0. Where noise gains nothing, as on steps of ten sigma, it is needed."""
 
 
-class Rules(NamedTuple):
+class LearntRules(NamedTuple):
     """Rules for a surface: the requested false-alarm probability, and the most layers.
 
     `no_return_gain`, nat, is the gain that c_0 needs in the presence of a surface.
@@ -63,7 +63,9 @@ class Rules(NamedTuple):
 
 
 @borrowing
-def _wanted_gain(n: float, k: int, fit: FloatArray, work: Workspace, thresholds: Thresholds, rules: Rules) -> float:
+def _wanted_gain(
+    n: float, k: int, fit: FloatArray, work: LearntWorkspace, thresholds: GainThresholds, rules: LearntRules
+) -> float:
     """Threshold, nat, of a surface beside `k` others in `n` samples; `fit` has the share of background."""
     read_gains(n, fit[OWN, BACKGROUND], k == 0, thresholds, work.gains)
     least = least_gain(rules.false_alarm, work.gains)
@@ -71,7 +73,7 @@ def _wanted_gain(n: float, k: int, fit: FloatArray, work: Workspace, thresholds:
 
 
 @borrowing
-def _remove_no_return(data: Samples, k: int, work: Workspace, law: Law, beam: Beam, rules: Rules) -> None:
+def _remove_no_return(data: Samples, k: int, work: LearntWorkspace, law: Law, beam: Beam, rules: LearntRules) -> None:
     """Remove c_0 from work.fit if a surface is near it and the samples do not need both."""
     fit, trial, _, scratch, _ = work
     near = False
@@ -92,7 +94,7 @@ def _remove_no_return(data: Samples, k: int, work: Workspace, law: Law, beam: Be
 
 @borrowing
 def _remove_spare(
-    data: Samples, k: int, work: Workspace, law: Law, beam: Beam, thresholds: Thresholds, rules: Rules
+    data: Samples, k: int, work: LearntWorkspace, law: Law, beam: Beam, thresholds: GainThresholds, rules: LearntRules
 ) -> int:
     """Remove surfaces from work.fit while one of several gains less than its threshold; return how many are left.
 
@@ -122,7 +124,12 @@ def _remove_spare(
 
 @jit
 def count_surfaces(
-    data: Samples, work: Workspace, laws: tuple[Law, Law], beam: Beam, thresholds: Thresholds, rules: Rules
+    data: Samples,
+    work: LearntWorkspace,
+    laws: tuple[Law, Law],
+    beam: Beam,
+    thresholds: GainThresholds,
+    rules: LearntRules,
 ) -> tuple[int, Law]:
     """Count the surfaces of a pixel; return how many there are, with their fit in work.fit, and the law of the pixel.
 

@@ -7,11 +7,11 @@ from tofmix.compiled.jit import borrowing, jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.acceleration import LEARNING_ITER, LEARNING_TOL, maximise
 from tofmix.estimation.learnt.components import TOTAL
-from tofmix.estimation.learnt.counting import LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, Rules, count_surfaces
+from tofmix.estimation.learnt.counting import LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, LearntRules, count_surfaces
 from tofmix.estimation.learnt.em import background_density, mix
 from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.learnt.pixel_samples import LEAST_SAMPLES, Samples, fill_cells, fill_times, take_samples
-from tofmix.estimation.learnt.thresholds import Thresholds
+from tofmix.estimation.learnt.thresholds import GainThresholds
 from tofmix.estimation.learnt.trials import new_workspace
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
@@ -39,13 +39,13 @@ _MULTIPLIER, _BITS = 0x9E3779B1, 0xFFFFFFFF
 """Hash of a frame: the factor is 2^32 by the golden ratio, odd (Knuth, The Art of Computer Programming 3, 6.4)."""
 
 
-def flat_thresholds(*, always_one: bool = False) -> Thresholds:
+def flat_thresholds(*, always_one: bool = False) -> GainThresholds:
     """Make thresholds that are the same for all models and samples: those of a model are known after its choice.
 
     With `always_one`, each pixel has a surface. A model without background by pixel must not explain a pixel by
     background alone.
     """
-    return Thresholds(
+    return GainThresholds(
         log_n=np.zeros(1),
         background=np.zeros(1),
         more=np.full((1, 1, _CHANCES), LEAST_GAIN) + 1e-9 * np.arange(_CHANCES),
@@ -63,7 +63,7 @@ def _part_of(frame: int) -> int:
 
 @jit
 def held_out_scores(
-    samples: Float32Array, laws: tuple[Law, Law], beam: Beam, thresholds: Thresholds, max_layers: int
+    samples: Float32Array, laws: tuple[Law, Law], beam: Beam, thresholds: GainThresholds, max_layers: int
 ) -> tuple[FloatArray, FloatArray]:
     """Log likelihood of each of `PARTS` of a pixel's frames under a fit to the others.
 
@@ -92,7 +92,7 @@ def held_out_scores(
     value, time = np.empty(frames), np.empty(frames)
     part = np.empty(frames, dtype=np.float32)
     work = new_workspace(max_layers + 1, frames, _CHANCES)
-    rules = Rules(LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, max_layers)
+    rules = LearntRules(LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, max_layers)
     for pixel in range(pixels):
         own = beam_of_pixel(beam, pixel)
         total, count = 0.0, 0

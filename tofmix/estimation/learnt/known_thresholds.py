@@ -13,7 +13,7 @@ from tofmix.arrays import FloatArray
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.bootstrap import calibrate
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.thresholds import Thresholds
+from tofmix.estimation.learnt.thresholds import GainThresholds
 
 
 class KnownThresholds:
@@ -29,9 +29,9 @@ class KnownThresholds:
         Tables that are kept.
     """
 
-    def __init__(self, draw: Callable[..., Thresholds] = calibrate, *, most: int = 32) -> None:
+    def __init__(self, draw: Callable[..., GainThresholds] = calibrate, *, most: int = 32) -> None:
         self._draw, self._most = draw, most
-        self._tables: OrderedDict[bytes, Thresholds] = OrderedDict()
+        self._tables: OrderedDict[bytes, GainThresholds] = OrderedDict()
         self._lock = Lock()
 
     def __call__(
@@ -45,7 +45,7 @@ class KnownThresholds:
         rounding_mm: float = 0.0,
         workers: int = 1,
         progress: Callable[[int, int], None] | None = None,
-    ) -> Thresholds:
+    ) -> GainThresholds:
         """Return the thresholds of the noise, drawn or known. `progress` is called where they are drawn.
 
         Parameters

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.learnt.candidates import Candidate, candidate_of, held_out_gain
+from tofmix.estimation.learnt.candidates import NoiseCandidate, candidate_of, held_out_gain
 from tofmix.estimation.learnt.folds import Fold, folds_of, whole_fold
 from tofmix.estimation.learnt.memory import centred, memory_of
 from tofmix.estimation.learnt.model import PixelNoise
@@ -147,7 +147,7 @@ def learn_pixel_noise(
 
 def _best_curve(
     folds: Sequence[Fold], curves: Sequence[NoiseCurve], sensor: Sensor, parts: Sequence[str]
-) -> tuple[NoiseCurve, Candidate | None]:
+) -> tuple[NoiseCurve, NoiseCandidate | None]:
     """Return the start that predicts held-out pixels best, and the Gaussian noise measured from it, if any.
 
     Where several starts lead to different curves, each is judged with the `parts` of the background, if they gain:
@@ -165,7 +165,7 @@ def _best_curve(
     return chosen
 
 
-def _with_parts(folds: Sequence[Fold], plain: Candidate, parts: Sequence[str]) -> Candidate:
+def _with_parts(folds: Sequence[Fold], plain: NoiseCandidate, parts: Sequence[str]) -> NoiseCandidate:
     """The candidate with all of the parts, and with sigma measured under them; as it is where they gain nothing."""
     noises = []
     for fold, noise in zip(folds, plain.noises, strict=True):

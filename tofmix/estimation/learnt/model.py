@@ -6,7 +6,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, Law, law_of
-from tofmix.estimation.learnt.thresholds import Thresholds
+from tofmix.estimation.learnt.thresholds import GainThresholds
 from tofmix.learnt_noise import DRIFTS, LearntNoise
 from tofmix.sensor import NoiseCurve, Sensor
 
@@ -91,7 +91,7 @@ class PixelNoise:
             memory=learnt.memory,
         )
 
-    def learnt_with(self, thresholds: Thresholds) -> LearntNoise:
+    def learnt_with(self, thresholds: GainThresholds) -> LearntNoise:
         """The noise as a sensor carries it, with the gains that it reaches alone."""
         return LearntNoise(
             background=self.background,
@@ -104,9 +104,9 @@ class PixelNoise:
         )
 
 
-def thresholds_of(learnt: LearntNoise) -> Thresholds:
+def thresholds_of(learnt: LearntNoise) -> GainThresholds:
     """The gains that a sensor carries, as kernels read them."""
-    return Thresholds(
+    return GainThresholds(
         log_n=np.log(learnt.gain_samples),
         background=np.array(learnt.gain_background),
         more=np.array(learnt.gain_more),

@@ -7,19 +7,19 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from tofmix.estimation.learnt.candidates import Candidate, candidate_of, held_out_gain
+from tofmix.estimation.learnt.candidates import NoiseCandidate, candidate_of, held_out_gain
 from tofmix.estimation.learnt.folds import Fold
 from tofmix.estimation.learnt.parts import with_part, without_part
 
 
 def select_parts(
     folds: Sequence[Fold],
-    best: Candidate,
+    best: NoiseCandidate,
     parts: Sequence[str],
     *,
     required: Sequence[str],
-    map_parts: Callable[[Callable[[str], Candidate | None], Iterable[str]], Iterable[Candidate | None]],
-) -> tuple[Candidate, list[str]]:
+    map_parts: Callable[[Callable[[str], NoiseCandidate | None], Iterable[str]], Iterable[NoiseCandidate | None]],
+) -> tuple[NoiseCandidate, list[str]]:
     """Add the part of the largest held-out gain while one gains; then drop parts that the others make needless.
 
     Parameters
@@ -44,7 +44,7 @@ def select_parts(
     """
     selected: list[str] = []
 
-    def one_more(part: str) -> Candidate | None:
+    def one_more(part: str) -> NoiseCandidate | None:
         return candidate_of(folds, [with_part(fold, one, part) for fold, one in zip(folds, best.noises, strict=True)])
 
     for part in required:

@@ -9,18 +9,18 @@ from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.acceleration import LEARNING_ITER, LEARNING_TOL, maximise
 from tofmix.estimation.learnt.components import BACKGROUND, LOG_WIDTH, MEAN, OWN, RANDOM, SUPPORT, TOTAL
-from tofmix.estimation.learnt.counting import LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, Rules, count_surfaces
+from tofmix.estimation.learnt.counting import LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, LearntRules, count_surfaces
 from tofmix.estimation.learnt.em import mix
 from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.learnt.pixel_samples import LEAST_SAMPLES, Samples, fill_cells, fill_times, take_samples
-from tofmix.estimation.learnt.thresholds import Thresholds
+from tofmix.estimation.learnt.thresholds import GainThresholds
 from tofmix.estimation.learnt.trials import new_workspace
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 
 
 @jit
 def background_shares(
-    samples: Float32Array, laws: tuple[Law, Law], beam: Beam, thresholds: Thresholds, max_layers: int
+    samples: Float32Array, laws: tuple[Law, Law], beam: Beam, thresholds: GainThresholds, max_layers: int
 ) -> tuple[FloatArray, FloatArray]:
     """Share of background of each pixel, without its prior.
 
@@ -42,7 +42,7 @@ def background_shares(
     share, number = np.zeros(pixels), np.zeros(pixels)
     value, time = np.empty(frames), np.empty(frames)
     work = new_workspace(max_layers + 1, frames, thresholds.first.shape[1])
-    rules = Rules(LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, max_layers)
+    rules = LearntRules(LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, max_layers)
     for pixel in range(pixels):
         own = beam_of_pixel(beam, pixel)
         n = take_samples(samples[pixel], value, time)
@@ -77,7 +77,7 @@ class PixelWidths(NamedTuple):
 
 @jit
 def pixel_widths(
-    samples: Float32Array, laws: tuple[Law, Law], free: Law, beam: Beam, thresholds: Thresholds, max_layers: int
+    samples: Float32Array, laws: tuple[Law, Law], free: Law, beam: Beam, thresholds: GainThresholds, max_layers: int
 ) -> PixelWidths:
     """Width of each pixel, common to all its surfaces; pixels without surfaces are left out.
 
@@ -97,7 +97,7 @@ def pixel_widths(
     out = PixelWidths(np.zeros(pixels), np.zeros(pixels), np.zeros(pixels), np.zeros(pixels))
     value, time = np.empty(frames), np.empty(frames)
     work = new_workspace(max_layers + 1, frames, thresholds.first.shape[1])
-    rules = Rules(LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, max_layers)
+    rules = LearntRules(LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, max_layers)
     count = 0
     for pixel in range(pixels):
         own = beam_of_pixel(beam, pixel)

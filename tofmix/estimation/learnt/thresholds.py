@@ -11,7 +11,7 @@ from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
 
 
-class Thresholds(NamedTuple):
+class GainThresholds(NamedTuple):
     """Gains, nat, that noise alone exceeds with each probability of `mixture.false_alarms.FALSE_ALARMS`.
 
     `log_n` (samples,) are logarithms of numbers of samples, ascending, and `background` (background,) shares of
@@ -40,7 +40,7 @@ def _place_in(x: float, known: FloatArray) -> tuple[int, float]:
 
 
 @borrowing
-def read_gains(n: float, background: float, first: bool, thresholds: Thresholds, out: FloatArray) -> None:
+def read_gains(n: float, background: float, first: bool, thresholds: GainThresholds, out: FloatArray) -> None:
     """Interpolate the gains for `n` samples and a share of background, nat, into `out` (probability,).
 
     `first` asks for the gains of the first surface. Linear in log n and in the share; beyond the table, its ends hold.

@@ -54,7 +54,7 @@ CERTAIN_SIGMAS = 12.0
 _STEEPEST, _SPLIT, _COMMON_NOISE = range(3)  # starts of one surface more
 
 
-class Workspace(NamedTuple):
+class LearntWorkspace(NamedTuple):
     """Three fits and their common scratch: `fit` is current, `trial` the present trial, `best` the best trial.
 
     `gains` (probability,) is room for the thresholds of a pixel, nat.
@@ -68,9 +68,9 @@ class Workspace(NamedTuple):
 
 
 @jit
-def new_workspace(capacity: int, samples: int, probabilities: int) -> Workspace:
+def new_workspace(capacity: int, samples: int, probabilities: int) -> LearntWorkspace:
     """Make a workspace for pixels of up to `capacity` surfaces and `samples` samples."""
-    return Workspace(
+    return LearntWorkspace(
         new_fit(capacity), new_fit(capacity), new_fit(capacity), new_scratch(capacity, samples), np.zeros(probabilities)
     )
 
@@ -103,7 +103,7 @@ def densest_place(y: FloatArray, n: int, beam: Beam, everywhere: bool) -> tuple[
 
 
 @borrowing
-def first_surface(data: Samples, work: Workspace, law: Law, beam: Beam) -> tuple[float, float]:
+def first_surface(data: Samples, work: LearntWorkspace, law: Law, beam: Beam) -> tuple[float, float]:
     """Fit the first surface; return its gain and the objective without it, nat.
 
     work.fit has no surface and is fitted too; the fit with the surface is in work.best. The gain is minus infinity
@@ -184,7 +184,7 @@ def _widest_without_drift(
 
 
 @borrowing
-def try_one_more(data: Samples, k: int, work: Workspace, law: Law, beam: Beam, wanted: float) -> float:
+def try_one_more(data: Samples, k: int, work: LearntWorkspace, law: Law, beam: Beam, wanted: float) -> float:
     """Fit one more surface than work.fit has, k > 0; return its gain, nat, with the fit in work.best.
 
     Three starts: at the place where the likelihood rises most; the most spread surface split in two; and, where the
@@ -255,7 +255,7 @@ def surely_needed(data: Samples, k: int, index: int, fit: FloatArray, beam: Beam
 
 
 @borrowing
-def _take_over(data: Samples, k: int, index: int, work: Workspace, law: Law, beam: Beam) -> None:
+def _take_over(data: Samples, k: int, index: int, work: LearntWorkspace, law: Law, beam: Beam) -> None:
     """Move the nearest surface of work.trial to the middle of itself and the removed one, where that is likelier.
 
     A surface on the edge of two wide steps shows both values. From one of them it does not move: the other is so
@@ -280,7 +280,9 @@ def _take_over(data: Samples, k: int, index: int, work: Workspace, law: Law, bea
 
 
 @borrowing
-def gain_of_surface(data: Samples, k: int, index: int, full: float, work: Workspace, law: Law, beam: Beam) -> float:
+def gain_of_surface(
+    data: Samples, k: int, index: int, full: float, work: LearntWorkspace, law: Law, beam: Beam
+) -> float:
     """Gain, nat, of one of the `k` surfaces of work.fit, whose objective is `full`, nat.
 
     The fit without the surface is in work.trial. c_0 may take its samples where it is near r_max.

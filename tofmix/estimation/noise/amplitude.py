@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.estimation.noise.scale import GRID, STEP, Mixtures, place
+from tofmix.estimation.noise.scale import GRID, STEP, ScaleMixtures, place
 from tofmix.estimation.noise.settings import AmplitudeSettings
 from tofmix.sensor import AmplitudeLaw
 
@@ -84,7 +84,7 @@ def choose_law(series: SpreadSeries, settings: AmplitudeSettings) -> ChosenLaw |
     if known.size < settings.least_series:
         return None
     thinned = series.only(known[:: -(-known.size // settings.most_series)])
-    mixtures = Mixtures.of(series.degrees)
+    mixtures = ScaleMixtures.of(series.degrees)
     drawn = np.random.default_rng(_SEED).integers(0, settings.folds, int(series.pixel.max()) + 1)
     fold = drawn[thinned.pixel]
     best: FloatArray | None = None
@@ -122,7 +122,7 @@ def _heldout(
     series: SpreadSeries,
     fold: IntArray,
     groups: int,
-    mixtures: Mixtures,
+    mixtures: ScaleMixtures,
     knots: FloatArray | None,
     settings: AmplitudeSettings,
 ) -> FloatArray:
@@ -138,7 +138,7 @@ def _heldout(
 
 
 def _fit(
-    series: SpreadSeries, groups: int, mixtures: Mixtures, knots: FloatArray | None, limits: tuple[float, float]
+    series: SpreadSeries, groups: int, mixtures: ScaleMixtures, knots: FloatArray | None, limits: tuple[float, float]
 ) -> _Fit:
     """Fit levels and exponents by Fisher scoring, with the mixture that does best at each third step."""
     basis, group = _basis(series.log_amplitude, knots), series.group

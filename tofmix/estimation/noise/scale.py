@@ -46,7 +46,7 @@ class Located:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Mixtures:
+class ScaleMixtures:
     """Densities of log(s / sigma) on `GRID`, for every share, excess and dispersion that is tried.
 
     `single` and `density` are (mixture, place): the share of single series times their density, and that of all.
@@ -90,7 +90,7 @@ def locate(groups: Sequence[FloatArray], degrees: int) -> Located:
         Means and standard deviations over all mixtures that are tried, by their likelihood and by how well they
         do in all groups (empirical Bayes).
     """
-    log_density = np.log(Mixtures.of(degrees).density)
+    log_density = np.log(ScaleMixtures.of(degrees).density)
     centre = [float(np.median(group)) for group in groups]
     shifts = np.arange(-int(_REACH / STEP), int(_REACH / STEP) // 3 + 1)
     tables = np.array([_likelihoods(g - c, shifts, log_density) for g, c in zip(groups, centre, strict=True)])
@@ -111,7 +111,7 @@ def locate(groups: Sequence[FloatArray], degrees: int) -> Located:
 
 def single_share(away: FloatArray, degrees: int, chances: FloatArray) -> FloatArray:
     """How surely each series is single; `away` is its log standard deviation less log sigma, any shape."""
-    mixtures = Mixtures.of(degrees)
+    mixtures = ScaleMixtures.of(degrees)
     at = place(away)
     share: FloatArray = (chances @ mixtures.single)[at] / (chances @ mixtures.density)[at]
     return share

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.image.smooth.patch import PLACES_9, STATE, WEIGHTS_9, Frame, Patches, meet, scaled_inverse
+from tofmix.image.smooth.patch import PLACES_9, STATE, WEIGHTS_9, Patches, TangentFrame, meet, scaled_inverse
 from tofmix.image.smooth.view import View
 
 STATES = STATE + 4
@@ -112,7 +112,7 @@ def with_light(view: View, at: IntArray, patches: Patches) -> Lit:
     return Lit(patches, state, covariance, fitted)
 
 
-def _light(frame: Frame, state: FloatArray, ray: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _light(frame: TangentFrame, state: FloatArray, ray: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Logarithm (n, sample, ray) of cos(theta) / r^2, and that of cos(theta)."""
     range_mm, cosine = meet(frame, state, ray)
     with np.errstate(all="ignore"):
@@ -135,7 +135,7 @@ def _middle_light(view: View, patches: Patches, pixel: IntArray, ray: FloatArray
 
 
 def _linear(
-    frame: Frame, state: FloatArray, sd: FloatArray, ray: FloatArray, down: IntArray, right: IntArray,
+    frame: TangentFrame, state: FloatArray, sd: FloatArray, ray: FloatArray, down: IntArray, right: IntArray,
     usable: BoolArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:  # fmt: skip
     """Design (n, place, 13) about states, ln(cos / r^2) and ln cos (n, place), and where all of it is known."""

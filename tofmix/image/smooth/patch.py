@@ -63,7 +63,7 @@ PLACES_9 = np.array([(y, x) for y in _GAUSS for x in _GAUSS])
 WEIGHTS_9 = np.outer(np.array([5.0, 8.0, 5.0]) / 18.0, np.array([5.0, 8.0, 5.0]) / 18.0).ravel()
 
 
-class Frame(NamedTuple):
+class TangentFrame(NamedTuple):
     """Frames (n, 3) of patches, mm: origin, tangents, normal."""
 
     origin: FloatArray
@@ -96,7 +96,7 @@ class Patches(NamedTuple):
         whose frames differ are compared with it.
     """
 
-    frame: Frame
+    frame: TangentFrame
     state: FloatArray
     covariance: FloatArray
     members: IntArray
@@ -109,7 +109,7 @@ class Patches(NamedTuple):
     def some(self, which: IntArray) -> "Patches":
         """Some of the patches, perhaps several times."""
         return Patches(
-            Frame(*(part[which] for part in self.frame)), self.state[which], self.covariance[which],
+            TangentFrame(*(part[which] for part in self.frame)), self.state[which], self.covariance[which],
             self.members[which], self.kept[which], self.third[which], self.log_evidence[which],
             self.log_ways[which], self.log_slope[which],
         )  # fmt: skip
@@ -121,7 +121,7 @@ def bend_term(k11: FloatArray, k12: FloatArray, k22: FloatArray) -> FloatArray:
     return np.asarray(square * trace / np.maximum(np.maximum(trace * trace, square), 1e-30))
 
 
-def meet(frame: Frame, state: FloatArray, rays: FloatArray) -> tuple[FloatArray, FloatArray]:
+def meet(frame: TangentFrame, state: FloatArray, rays: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Where rays meet patches.
 
     Parameters
@@ -253,7 +253,7 @@ def fit_patches(
             origin = origin + state[:, :1] * normal
             normal = tilted / np.linalg.norm(tilted, axis=1, keepdims=True)
         e1, e2 = _tangents(normal)
-        frame = Frame(origin, e1, e2, normal)
+        frame = TangentFrame(origin, e1, e2, normal)
         bent = state[:, 3:BENT] if number else np.zeros((n, 3))
         least = third_of_bend * (bent**2 @ np.array([1.0, 2.0, 1.0]))
         cubed = np.maximum(third, 0.0) if quadric else np.maximum(third, least)
@@ -305,7 +305,7 @@ def _tangents(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _equations(
-    frame: Frame, ray: FloatArray, range_mm: FloatArray, noise: FloatArray, bent: FloatArray, third: FloatArray,
+    frame: TangentFrame, ray: FloatArray, range_mm: FloatArray, noise: FloatArray, bent: FloatArray, third: FloatArray,
     slope_of_quadric: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:  # fmt: skip
     """Design (n, place, 9), cubic terms (n, place, 4 or 6), values and variances (n, place).
@@ -367,7 +367,9 @@ def _without_outliers(residual: FloatArray, there: BoolArray) -> BoolArray:
     return np.where(few, (rank < least) & there, keep)
 
 
-def _averaged(frame: Frame, state: FloatArray, inner: FloatArray, ray: FloatArray, range_mm: FloatArray) -> FloatArray:
+def _averaged(
+    frame: TangentFrame, state: FloatArray, inner: FloatArray, ray: FloatArray, range_mm: FloatArray
+) -> FloatArray:
     """Difference (n, place) between the mean range over a pixel and that in its middle, as light weighs it."""
     n, places = range_mm.shape
     t, cosine = (part.reshape(n, places, -1) for part in meet(frame, state[:, np.newaxis], inner))

@@ -12,7 +12,7 @@ from pathlib import Path
 from tofmix.errors import BadInputError, UsageError, os_error_text
 from tofmix.io.atomic.storage import check_input
 from tofmix.io.importers import arrays, csv_source, folder, hdf5_source, matlab, rosbag, tiff
-from tofmix.io.importers.base import FrameSource, Request, with_amplitude
+from tofmix.io.importers.base import FrameSource, SourceRequest, with_amplitude
 from tofmix.io.importers.streams import stream_of, stream_of_file
 from tofmix.io.next_command import import_command
 
@@ -21,12 +21,12 @@ from tofmix.io.next_command import import_command
 class Importer:
     """One kind of source.
 
-    `names` are options of `Request` that it understands; where ``amplitude`` is not among them, the amplitudes are
+    `names` are options of `SourceRequest` that it understands; where ``amplitude`` is not among them, the amplitudes are
     another source of the same kind.
     """
 
     suffixes: tuple[str, ...]
-    open: Callable[[Path, Request], AbstractContextManager[FrameSource]]
+    open: Callable[[Path, SourceRequest], AbstractContextManager[FrameSource]]
     names: frozenset[str] = frozenset()
 
 
@@ -47,7 +47,7 @@ _OPTIONS = {
     "topic": "dataset", "camera_info": "camera-info", "axes": "axes", "shape": "shape", "columns": "columns",
     "time_unit_s": "time-unit",
 }  # fmt: skip
-"""Options that some kinds of source alone understand, by their field of `Request`."""
+"""Options that some kinds of source alone understand, by their field of `SourceRequest`."""
 
 _FOLDER = Importer(suffixes=(), open=folder.open_folder, names=frozenset({"topic"}))
 
@@ -91,7 +91,7 @@ def takes_axes(path: Path) -> bool:
 
 
 @contextmanager
-def open_source(path: Path, request: Request) -> Iterator[FrameSource]:
+def open_source(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
     """Open a source of frames.
 
     Raises
@@ -117,7 +117,7 @@ def open_source(path: Path, request: Request) -> Iterator[FrameSource]:
         yield with_amplitude(_checked(source, request, path), amplitude.check(other), other)
 
 
-def _checked(source: FrameSource, request: Request, path: Path) -> FrameSource:
+def _checked(source: FrameSource, request: SourceRequest, path: Path) -> FrameSource:
     """Return the source; refuse one whose name says that it holds no depths, and options that it has no use for."""
     source.check(path)
     if request.topic is None and source.stream is not None:
@@ -142,7 +142,7 @@ def _refuse_other_stream(stream: str, path: Path) -> None:
         )
 
 
-def _of_shape(source: FrameSource, request: Request, path: Path) -> FrameSource:
+def _of_shape(source: FrameSource, request: SourceRequest, path: Path) -> FrameSource:
     """Return the source; raise `UsageError` if another shape than that of its images is requested."""
     rows, cols = source.shape[1:]
     if request.shape is not None and request.shape != (rows, cols):

@@ -21,7 +21,7 @@ from tofmix.io.importers.axes import FRAMES_FIRST, IMAGE_DIMENSIONS, STACK_DIMEN
 from tofmix.io.importers.base import (
     Frame,
     FrameSource,
-    Request,
+    SourceRequest,
     check_numbers,
     foreign,
     unused,
@@ -39,7 +39,7 @@ _PREFERRED = "range"
 
 
 @contextmanager
-def open_npy(path: Path, request: Request) -> Iterator[FrameSource]:
+def open_npy(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
     """Open an .npy, (frame, row, col) or (row, col), or of the requested axes.
 
     Raises
@@ -68,7 +68,7 @@ def open_npy(path: Path, request: Request) -> Iterator[FrameSource]:
 
 
 @contextmanager
-def open_npz(path: Path, request: Request) -> Iterator[FrameSource]:
+def open_npz(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
     """Open an .npz with the depths, and optionally amplitudes and `time`.
 
     Raises
@@ -121,7 +121,9 @@ def open_npz(path: Path, request: Request) -> Iterator[FrameSource]:
 class _Member:
     """One array of an archive, frame by frame; an iterator of (row, col) or (target, row, col)."""
 
-    def __init__(self, archive: zipfile.ZipFile, member: str, request: Request, what: str, stack: ExitStack) -> None:
+    def __init__(
+        self, archive: zipfile.ZipFile, member: str, request: SourceRequest, what: str, stack: ExitStack
+    ) -> None:
         with foreign(what):
             file = stack.enter_context(archive.open(member))
             shape, fortran, dtype = _header(file)
@@ -204,7 +206,7 @@ def choose(
     return images[0]
 
 
-class Beside(NamedTuple):
+class SideArrays(NamedTuple):
     """Arrays beside the depths: that of the status codes, if there is one, the valid codes, and notes on the others."""
 
     status: str | None
@@ -213,8 +215,8 @@ class Beside(NamedTuple):
 
 
 def arrays_beside(
-    shapes: dict[str, tuple[int, ...]], name: str, request: Request, path: Path, used: Container[str] = ()
-) -> Beside:
+    shapes: dict[str, tuple[int, ...]], name: str, request: SourceRequest, path: Path, used: Container[str] = ()
+) -> SideArrays:
     """Find the status codes of the depths `name`, and name the arrays that are not used.
 
     These are arrays of the same shape, and times and status codes beside the depths; `used` are others that are used.
@@ -253,7 +255,7 @@ def arrays_beside(
         notes.append(unused(path, "array", times, f"times are read from an array {TIME}"))
     if plain := [one for one in left if one not in (*codes, *lights, *times)]:
         notes.append(unused(path, "array", plain))
-    return Beside(status, () if status is None else codes_of(status, request) or (), tuple(notes))
+    return SideArrays(status, () if status is None else codes_of(status, request) or (), tuple(notes))
 
 
 def is_time_name(name: str) -> bool:
@@ -298,13 +300,13 @@ def natural(name: str) -> list[tuple[int, int, str]]:
     return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts]
 
 
-def _in_order(shape: tuple[int, ...], request: Request, what: object) -> bool:
+def _in_order(shape: tuple[int, ...], request: SourceRequest, what: object) -> bool:
     """Whether an array is (frame, row, col) as it is."""
     names = axes_of(shape, request.axes, request.shape, what) if len(shape) == STACK_DIMENSIONS else ()
     return ",".join(names) == FRAMES_FIRST
 
 
-def stack_of(array: NDArray[Any], request: Request, what: object) -> NDArray[Any]:
+def stack_of(array: NDArray[Any], request: SourceRequest, what: object) -> NDArray[Any]:
     """View an array as (frame, row, col) or (frame, target, row, col); a single image is one frame.
 
     Raises

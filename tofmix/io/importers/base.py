@@ -26,7 +26,7 @@ DepthAxis = Literal["z", "ray"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Request:
+class SourceRequest:
     """Options of an import.
 
     Parameters

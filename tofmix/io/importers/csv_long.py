@@ -16,7 +16,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.errors import BadInputError
-from tofmix.io.importers.base import Frame, FrameSource, Request, foreign, unused
+from tofmix.io.importers.base import Frame, FrameSource, SourceRequest, foreign, unused
 from tofmix.io.importers.csv_text import Layout
 from tofmix.io.importers.status import codes_of, is_status_name
 from tofmix.io.importers.times import unit_of_stamps
@@ -47,7 +47,7 @@ _OTHER = "other "
 """Before the name of a column whose meaning another one has by ``--columns``."""
 
 
-def named_columns(names: list[str], request: Request, path: Path) -> list[str]:
+def named_columns(names: list[str], request: SourceRequest, path: Path) -> list[str]:
     """Names of columns with the meanings that ``--columns`` gives them; a unit at the end of a name stays.
 
     Raises
@@ -84,7 +84,7 @@ def _is_range(name: str) -> bool:
     return name == "range" or (stem in ("range", "distance") and unit in UNITS_MM)
 
 
-def time_unit_of(name: str, first: list[float], request: Request, path: Path) -> tuple[float, list[str]]:
+def time_unit_of(name: str, first: list[float], request: SourceRequest, path: Path) -> tuple[float, list[str]]:
     """Unit of a column of times, s, and a note where it is told by the size of the numbers.
 
     Parameters
@@ -112,7 +112,7 @@ def time_unit_of(name: str, first: list[float], request: Request, path: Path) ->
     return unit_s, list(notes)
 
 
-def open_long(path: Path, names: list[str], layout: Layout, request: Request) -> FrameSource:
+def open_long(path: Path, names: list[str], layout: Layout, request: SourceRequest) -> FrameSource:
     """Open a file with a sample a line.
 
     Parameters
@@ -193,7 +193,7 @@ def _range_column(path: Path, names: list[str]) -> tuple[int, float | None]:
     )
 
 
-def _status(path: Path, names: list[str], request: Request) -> tuple[int | None, tuple[int, ...], list[str]]:
+def _status(path: Path, names: list[str], request: SourceRequest) -> tuple[int | None, tuple[int, ...], list[str]]:
     """Column of the status codes, the valid ones, and a note on a column of codes that is not used."""
     for k, name in enumerate(names):
         if not name.startswith(_OTHER) and (codes := codes_of(name, request)):

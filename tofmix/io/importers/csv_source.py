@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from tofmix.errors import BadInputError
-from tofmix.io.importers.base import Frame, FrameSource, Request, foreign
+from tofmix.io.importers.base import Frame, FrameSource, SourceRequest, foreign
 from tofmix.io.importers.csv_long import INDEX_NAMES, TIME_NAMES, named_columns, open_long, time_unit_of
 from tofmix.io.importers.csv_text import Layout, layout_of
 from tofmix.io.length_units import unit_mm_of
@@ -29,7 +29,7 @@ _FLOAT = np.dtype(np.float64)
 
 
 @contextmanager
-def open_csv(path: Path, request: Request) -> Iterator[FrameSource]:
+def open_csv(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
     """Open a text file of numbers.
 
     Raises
@@ -55,7 +55,7 @@ def open_csv(path: Path, request: Request) -> Iterator[FrameSource]:
         yield _wide(path, names, layout, request.shape, request)
 
 
-def _as_in_header(request: Request) -> Request:
+def _as_in_header(request: SourceRequest) -> SourceRequest:
     """The request with its names of columns as `_name` has them; a column of codes by its meaning, if it has one."""
     columns = {_name(theirs): ours for theirs, ours in request.columns.items()}
     status = request.valid_status
@@ -87,7 +87,9 @@ def _lines(path: Path, layout: Layout) -> Iterator[tuple[int, str]]:
             yield number, text
 
 
-def _wide(path: Path, names: list[str] | None, layout: Layout, shape: tuple[int, int], request: Request) -> FrameSource:
+def _wide(
+    path: Path, names: list[str] | None, layout: Layout, shape: tuple[int, int], request: SourceRequest
+) -> FrameSource:
     names, width, notes = names or [], len(layout.head), list(layout.notes)
     labels = [k for k, name in enumerate(names) if name == "frame" or name in TIME_NAMES]
     labels += [k for k, name in enumerate(names[:1]) if name in INDEX_NAMES]
@@ -141,7 +143,7 @@ def _wide(path: Path, names: list[str] | None, layout: Layout, shape: tuple[int,
     )
 
 
-def _unit_of_header(path: Path, head: list[str], keep: list[int], request: Request) -> float | None:
+def _unit_of_header(path: Path, head: list[str], keep: list[int], request: SourceRequest) -> float | None:
     """Length of the unit that the names of all pixels state, mm, as in ``range_cm_0`` or ``z0 [cm]``."""
     units = {_unit_in_name(head[k]) for k in keep}
     if len(units) > 1 and request.unit_mm is None:

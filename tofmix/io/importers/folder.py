@@ -15,7 +15,7 @@ from tofmix.io.extras import need
 from tofmix.io.importers.base import (
     Frame,
     FrameSource,
-    Request,
+    SourceRequest,
     check_frame,
     check_numbers,
     check_size,
@@ -36,7 +36,7 @@ _STAMP = re.compile(r"(\d+(?:\.\d+)?)|\D*(\d{9,}(?:\.\d+)?)\D*", re.ASCII)
 
 
 @contextmanager
-def open_folder(path: Path, request: Request) -> Iterator[FrameSource]:
+def open_folder(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
     """Open a folder; its images are read one by one.
 
     Raises
@@ -71,7 +71,7 @@ def open_folder(path: Path, request: Request) -> Iterator[FrameSource]:
     )
 
 
-def _one_sequence(files: list[Path], folder: Path, request: Request) -> tuple[str, list[Path], list[str]]:
+def _one_sequence(files: list[Path], folder: Path, request: SourceRequest) -> tuple[str, list[Path], list[str]]:
     """Name of the sequence of depths, its images, and the names of the other sequences in the folder.
 
     Names that differ in numbers alone are one sequence; those without any number are one together.
@@ -126,7 +126,7 @@ def _natural(stem: str, number: re.Pattern[str]) -> list[tuple[int, Decimal, str
     return [(0, Decimal(part), "") if number.fullmatch(part) else (1, Decimal(0), part) for part in parts]
 
 
-def _frames(files: list[Path], first: NDArray[Any], stated: Stated, request: Request) -> Iterator[Frame]:
+def _frames(files: list[Path], first: NDArray[Any], stated: Stated, request: SourceRequest) -> Iterator[Frame]:
     for file in files:
         check_stated(stated_in(_text(file)), stated, file, files[0], unit_given=request.unit_mm is not None)
         yield Frame(depth=check_frame(_read(file), first.shape, first.dtype, file))

@@ -19,7 +19,7 @@ from tofmix.io import hdf5, sensor_group
 from tofmix.io.guard import guard
 from tofmix.io.importers.arrays import arrays_beside, check_shapes, choose, joined, kind_of_names, numbered_images
 from tofmix.io.importers.axes import FRAMES_FIRST, WITH_TARGETS, axes_of, axis_name
-from tofmix.io.importers.base import Frame, FrameSource, Request, check_frame, foreign, unused
+from tofmix.io.importers.base import Frame, FrameSource, SourceRequest, check_frame, foreign, unused
 from tofmix.io.importers.cf import Packing, packing_of
 from tofmix.io.importers.datasets import DatasetFrames
 from tofmix.io.importers.times import time_unit_s, times_of_array
@@ -36,7 +36,7 @@ _OF_OUR_OWN = ("truth/", "sensor/noise_")
 
 
 @contextmanager
-def open_hdf5(path: Path, request: Request) -> Iterator[FrameSource]:
+def open_hdf5(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
     """Open an HDF5 file.
 
     Raises
@@ -61,7 +61,7 @@ def _refuse_classic(path: Path) -> None:
         )
 
 
-def _source(root: h5py.File, path: Path, request: Request) -> FrameSource:
+def _source(root: h5py.File, path: Path, request: SourceRequest) -> FrameSource:
     if hdf5.text_attribute(root, "format") == LAYERS_FORMAT:
         raise BadInputError(f"{path}: a layers file, not a recording: tofmix report {path}")
     with guard.reading(path, "datasets"):
@@ -104,7 +104,7 @@ def _source(root: h5py.File, path: Path, request: Request) -> FrameSource:
     )
 
 
-def _one_dataset_a_frame(root: h5py.File, names: list[str], path: Path, request: Request) -> FrameSource:
+def _one_dataset_a_frame(root: h5py.File, names: list[str], path: Path, request: SourceRequest) -> FrameSource:
     """Images of one frame each, in the order of the numbers in their names."""
     if request.amplitude is not None:
         raise UsageError(f"--amplitude does not apply to {path}: {names[0]} and others are one dataset a frame")
@@ -191,7 +191,7 @@ def _scales(dataset: h5py.Dataset) -> str | None:
     return ",".join(names) if sorted(names) in [sorted(order) for order in known] else None
 
 
-def _axes_guessed(root: h5py.File, name: str, request: Request, path: Path) -> Iterator[str]:
+def _axes_guessed(root: h5py.File, name: str, request: SourceRequest, path: Path) -> Iterator[str]:
     """Note on axes that are told by other names than those of a recording."""
     asked = None if request.axes is not None else _scales(root[name])
     if asked is None:
@@ -201,7 +201,7 @@ def _axes_guessed(root: h5py.File, name: str, request: Request, path: Path) -> I
         yield f"{path}: {name}: the dimensions {theirs} are taken as --axes {asked}"
 
 
-def _axes_asked(root: h5py.File, shapes: dict[str, tuple[int, ...]], request: Request) -> str | None:
+def _axes_asked(root: h5py.File, shapes: dict[str, tuple[int, ...]], request: SourceRequest) -> str | None:
     """Axes that select the dataset: the requested ones, or those of the scales of a dataset ``range``."""
     if request.axes is None and _RANGE in shapes:
         return _scales(root[_RANGE])
@@ -209,7 +209,7 @@ def _axes_asked(root: h5py.File, shapes: dict[str, tuple[int, ...]], request: Re
 
 
 def _frames(
-    root: h5py.File, name: str, shapes: dict[str, tuple[int, ...]], path: Path, request: Request
+    root: h5py.File, name: str, shapes: dict[str, tuple[int, ...]], path: Path, request: SourceRequest
 ) -> DatasetFrames:
     dataset = guard.checked_dataset(root, name, path)
     with guard.reading(path, name):
@@ -219,7 +219,7 @@ def _frames(
 
 
 def _amplitude(
-    root: h5py.File, name: str, shapes: dict[str, tuple[int, ...]], path: Path, request: Request
+    root: h5py.File, name: str, shapes: dict[str, tuple[int, ...]], path: Path, request: SourceRequest
 ) -> DatasetFrames | None:
     """The requested amplitudes, or those next to a dataset ``range``."""
     if request.amplitude is not None:
@@ -243,7 +243,7 @@ def _time(
     shapes: dict[str, tuple[int, ...]],
     frames: int,
     path: Path,
-    request: Request,
+    request: SourceRequest,
     notes: list[str],
 ) -> FloatArray | None:
     """Times of the frames, s, by the unit of `request` or of the dataset."""
@@ -272,7 +272,7 @@ def _unit_text(dataset: h5py.Dataset) -> str | None:
     return next((text for text in texts if text and text.strip()), None)
 
 
-def _unit(dataset: h5py.Dataset, name: str, path: Path, request: Request) -> float | None:
+def _unit(dataset: h5py.Dataset, name: str, path: Path, request: SourceRequest) -> float | None:
     text = _unit_text(dataset)
     if request.unit_mm is not None:
         return None

@@ -24,7 +24,7 @@ from tofmix.io.guard import guard
 from tofmix.io.guard.watchdog import watched
 from tofmix.io.importers.arrays import (
     TIME,
-    Beside,
+    SideArrays,
     arrays_beside,
     check_shapes,
     choose,
@@ -33,7 +33,7 @@ from tofmix.io.importers.arrays import (
     stack_of,
 )
 from tofmix.io.importers.axes import FRAMES_FIRST, FRAMES_LAST, STACK_DIMENSIONS, axes_of
-from tofmix.io.importers.base import FrameSource, Request, foreign
+from tofmix.io.importers.base import FrameSource, SourceRequest, foreign
 from tofmix.io.importers.datasets import DatasetFrames
 from tofmix.io.importers.times import times_of_array
 from tofmix.io.importers.units import unit_in_name
@@ -52,7 +52,7 @@ _UNPACKING_TIMES = 6.0
 
 
 @contextmanager
-def open_mat(path: Path, request: Request) -> Iterator[FrameSource]:
+def open_mat(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
     """Open a .mat with the depths, and optionally amplitudes and `time`.
 
     Raises
@@ -69,7 +69,7 @@ def open_mat(path: Path, request: Request) -> Iterator[FrameSource]:
             yield _of_scipy(path, request, folder)
 
 
-def _with_axes(shape: tuple[int, ...], request: Request, what: str) -> Request:
+def _with_axes(shape: tuple[int, ...], request: SourceRequest, what: str) -> SourceRequest:
     """Determine the order of the axes, in MATLAB's view; from the sensor's image if it is not given."""
     image = request.image or request.shape
     if request.axes is not None or len(shape) != STACK_DIMENSIONS:
@@ -84,7 +84,7 @@ def _with_axes(shape: tuple[int, ...], request: Request, what: str) -> Request:
     return replace(request, axes=FRAMES_FIRST if first else FRAMES_LAST)
 
 
-def _of_scipy(path: Path, request: Request, folder: Path) -> FrameSource:
+def _of_scipy(path: Path, request: SourceRequest, folder: Path) -> FrameSource:
     program = [sys.executable, "-P", str(Path(__file__).with_name("mat_child.py")), str(path), str(folder)]
     pipe = subprocess.PIPE
     with (
@@ -145,7 +145,7 @@ def _source(
     amplitude: NDArray[Any] | None,
     status: NDArray[Any] | None,
     stored_time: NDArray[Any] | None,
-    beside: Beside,
+    beside: SideArrays,
     time_unit_s: float | None,
 ) -> FrameSource:
     if amplitude is not None:
@@ -169,7 +169,7 @@ def _source(
     )
 
 
-def _of_hdf5(root: h5py.File, path: Path, request: Request) -> FrameSource:
+def _of_hdf5(root: h5py.File, path: Path, request: SourceRequest) -> FrameSource:
     with guard.reading(path, "variables"):
         # HDF5 sees MATLAB's axes in reverse.
         datasets = {name: item for name, item in root.items() if isinstance(item, h5py.Dataset)}
@@ -208,7 +208,7 @@ def _of_hdf5(root: h5py.File, path: Path, request: Request) -> FrameSource:
     )
 
 
-def _variable(root: h5py.File, name: str, shape: tuple[int, ...], request: Request, path: Path) -> DatasetFrames:
+def _variable(root: h5py.File, name: str, shape: tuple[int, ...], request: SourceRequest, path: Path) -> DatasetFrames:
     """A variable of a version 7.3 file, which stores axes in reverse order."""
     axes = axes_of(shape, request.axes, None, f"{path}: {name}")
     return DatasetFrames(guard.checked_dataset(root, name, path), axes[::-1], None, path, name)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
 from tofmix.io.extras import need
-from tofmix.io.importers.base import Frame, FrameSource, Request, check_frame, foreign, unused
+from tofmix.io.importers.base import Frame, FrameSource, SourceRequest, check_frame, foreign, unused
 from tofmix.io.importers.intrinsics import Calibration, differences, from_camera_info
 from tofmix.io.importers.streams import depths_among, stream_of
 from tofmix.optics.pinhole import Pinhole
@@ -48,7 +48,7 @@ def is_bag_folder(path: Path) -> bool:
 
 
 @contextmanager
-def open_bag(path: Path, request: Request) -> Iterator[FrameSource]:
+def open_bag(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
     """Open a bag.
 
     Raises
@@ -268,7 +268,7 @@ def _info_topics(topic: str) -> list[str]:
 
 
 def _intrinsics(
-    bag: _Bag, topic: str, request: Request, shape: tuple[int, int]
+    bag: _Bag, topic: str, request: SourceRequest, shape: tuple[int, int]
 ) -> tuple[Pinhole | None, tuple[str, ...]]:
     """Intrinsics from the camera_info of the depth topic, and warnings about them."""
     notes: list[str] = []
@@ -289,7 +289,7 @@ def _intrinsics(
     return None, tuple(notes)
 
 
-def _lens_topics(bag: _Bag, topic: str, request: Request) -> list[str]:
+def _lens_topics(bag: _Bag, topic: str, request: SourceRequest) -> list[str]:
     """Topics of camera_info that may describe the depths, the nearest first."""
     if request.camera_info is not None:
         bag.check(request.camera_info, _INFO)

@@ -2,7 +2,7 @@
 
 import re
 
-from tofmix.io.importers.base import Request
+from tofmix.io.importers.base import SourceRequest
 
 _NAMES = frozenset({"status", "confidence", "quality", "valid", "validity", "flag", "flags", "error", "errors"})
 
@@ -13,7 +13,7 @@ def is_status_name(name: str) -> bool:
     return any(word.rstrip("0123456789") in _NAMES for word in words)
 
 
-def codes_of(name: str, request: Request) -> tuple[int, ...] | None:
+def codes_of(name: str, request: SourceRequest) -> tuple[int, ...] | None:
     """Codes of valid samples in a column, dataset or array.
 
     Parameters

@@ -16,7 +16,7 @@ from tofmix.io.importers.axes import IMAGE_DIMENSIONS
 from tofmix.io.importers.base import (
     Frame,
     FrameSource,
-    Request,
+    SourceRequest,
     check_frame,
     check_numbers,
     check_size,
@@ -32,7 +32,7 @@ _LOGGER = "tifffile"
 
 
 @contextmanager
-def open_pages(path: Path, request: Request) -> Iterator[FrameSource]:
+def open_pages(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
     """Open a TIFF of one page a frame.
 
     Raises
@@ -118,7 +118,7 @@ def _of_tifffile(text: str) -> _Channels:
     return _Channels([*names, *[""] * count][:count], math.prod(size for _, size in pages[place + 1 :]))
 
 
-def _depth_channel(channels: _Channels, count: int, path: Path, request: Request) -> tuple[int, tuple[str, ...]]:
+def _depth_channel(channels: _Channels, count: int, path: Path, request: SourceRequest) -> tuple[int, tuple[str, ...]]:
     """Number of the channel of the depths, and a note on other channels.
 
     Raises
@@ -206,7 +206,7 @@ def _frames(
     first: NDArray[Any],
     stated: Stated,
     path: Path,
-    request: Request,
+    request: SourceRequest,
 ) -> Iterator[Frame]:
     for number in numbers:
         what = f"{path}: page {number}"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array
 from tofmix.layers import LayerField, Layers
-from tofmix.suspicion.scene import CLUSTER_FIELDS, Evidence
+from tofmix.suspicion.scene import CLUSTER_FIELDS, WindowSamples
 
 COMPRESSION_LEVEL = 1
 """The fastest level of gzip: packing must not slow down the kernels."""
@@ -35,7 +35,7 @@ class EncodedCell(NamedTuple):
 
 
 def encode_cell(
-    layers: Layers, phasors: Float32Array | None = None, evidence: Sequence[Evidence] = (), *,
+    layers: Layers, phasors: Float32Array | None = None, evidence: Sequence[WindowSamples] = (), *,
     shape: tuple[int, int, int],
 ) -> EncodedCell:  # fmt: skip
     """Encode the layers of a cell.
@@ -100,12 +100,12 @@ def decode_cell(
     return Layers(**arrays), phasors.astype(np.float32)
 
 
-def decode_evidence(encoded: EncodedCell, windows: int) -> list[Evidence]:
+def decode_evidence(encoded: EncodedCell, windows: int) -> list[WindowSamples]:
     """Decode the evidence of each window of a cell of so many windows."""
     times, sums = encoded.chunks[-_EVIDENCE_CHUNKS:]
     clusters = _unpacked(times, np.dtype("<f8")).astype(np.float64).reshape(-1, 1 + len(CLUSTER_FIELDS))
     memory = _unpacked(sums, np.dtype("<f8")).astype(np.float64).reshape(windows, -1)
-    return [Evidence(clusters[clusters[:, 0] == window, 1:], memory[window]) for window in range(windows)]
+    return [WindowSamples(clusters[clusters[:, 0] == window, 1:], memory[window]) for window in range(windows)]
 
 
 def fill_of(spec: LayerField) -> float:
@@ -113,7 +113,7 @@ def fill_of(spec: LayerField) -> float:
     return np.nan if spec.dtype.startswith("f") else 0
 
 
-def _evidence_chunks(evidence: Sequence[Evidence]) -> tuple[bytes, bytes]:
+def _evidence_chunks(evidence: Sequence[WindowSamples]) -> tuple[bytes, bytes]:
     clusters = [
         np.column_stack([np.full(len(part.clusters), float(window)), part.clusters])
         for window, part in enumerate(evidence)

@@ -16,8 +16,8 @@ from tofmix.reconciliation.comparison.panel import Curve, discreteness, invalid,
 from tofmix.reconciliation.comparison.panel_between import bridging
 from tofmix.reconciliation.comparison.panel_lines import lines
 from tofmix.reconciliation.comparison.panel_time import burst_share, in_time
-from tofmix.reconciliation.likelihood.joint import View, views
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.likelihood.joint import RecordingView, views
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.memory import memory_of, one_surface, whitened
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.simulation.effects.pixel_crosstalk import PixelCrosstalk
@@ -40,7 +40,9 @@ class Compared:
         return float(np.sqrt(np.mean([c.distance**2 for c in self.curves])))
 
 
-def compare(likelihood: Likelihood, state: State, part: Part, *, seed: int, mixture: Mixture | None = None) -> Compared:
+def compare(
+    likelihood: Likelihood, state: ModelState, part: Part, *, seed: int, mixture: Mixture | None = None
+) -> Compared:
     """Compare a part of a recording with a state.
 
     Parameters
@@ -78,7 +80,7 @@ def compare(likelihood: Likelihood, state: State, part: Part, *, seed: int, mixt
     return Compared(curves=tuple(curves), pattern=pattern, part=part)
 
 
-def _apart(z: Float32Array, view: View) -> Float32Array:
+def _apart(z: Float32Array, view: RecordingView) -> Float32Array:
     """Scores without pixels that see several surfaces, or that have such a neighbour.
 
     With crosstalk, neighbouring scores are correlated, because they show which surface was drawn.
@@ -89,7 +91,7 @@ def _apart(z: Float32Array, view: View) -> Float32Array:
     return np.where(alone.ravel()[view.part[1]], z, np.float32(np.nan))
 
 
-def _curves(z: Float32Array, apart: Float32Array, view: View, state: State) -> Iterator[Curve]:
+def _curves(z: Float32Array, apart: Float32Array, view: RecordingView, state: ModelState) -> Iterator[Curve]:
     """The panel of one recording's scores (frame, pixel); `apart` are the scores for correlations."""
     evidence, m, part = view.evidence, view.mixture, view.part
     axes = list(panel_axes(evidence, m, part))

@@ -15,7 +15,7 @@ from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.error_shape import moves
 from tofmix.reconciliation.likelihood.hermite import hermite
-from tofmix.reconciliation.likelihood.likelihood import Part, State
+from tofmix.reconciliation.likelihood.likelihood import ModelState, Part
 from tofmix.reconciliation.likelihood.memory import memory_of, one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
 
@@ -181,7 +181,7 @@ def _contrast(image: FloatArray) -> FloatArray:
 
 
 def shapes(
-    z: Float32Array, axes: list[Axis], m: Mixture, state: State, part: Part, recording: int = 0
+    z: Float32Array, axes: list[Axis], m: Mixture, state: ModelState, part: Part, recording: int = 0
 ) -> Iterator[Curve]:
     """Means of the four Hermite polynomials over bins of pixels, and pixel by pixel."""
     count = np.isfinite(z).sum(axis=0)
@@ -203,7 +203,7 @@ def shapes(
                     value=value, variance=spread, unit="1", scale_mm=sigma[enough])  # fmt: skip
 
 
-def widths(state: State, spread: float, recording: int = 0) -> Iterator[Curve]:
+def widths(state: ModelState, spread: float, recording: int = 0) -> Iterator[Curve]:
     """Whether the widths of pixels are spread as in the model: their mean square, clipped at 2.5 spreads.
 
     Only a camera with a spread of widths has this curve. An estimated width is nearer to the mean than the true one,
@@ -248,7 +248,7 @@ def _curve(name: str, axis: Axis, total: FloatArray, known: tuple[FloatArray, Fl
                  variance=1.0 / n[some] + shared, unit=axis.unit, scale_mm=scale)  # fmt: skip
 
 
-def invalid(evidence: Evidence, m: Mixture, state: State, axes: list[Axis], part: Part) -> Iterator[Curve]:
+def invalid(evidence: Evidence, m: Mixture, state: ModelState, axes: list[Axis], part: Part) -> Iterator[Curve]:
     """Invalid samples beyond those that the model predicts, over bins of pixels, and by frame."""
     lost = evidence.samples[part[0]][:, part[1]] == 0
     working = state.working[part[1]]
@@ -298,7 +298,7 @@ def neighbours(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curv
                     value=np.array([value]), variance=np.array([1.0 / n]), unit="1", scale_mm=np.ones(1))  # fmt: skip
 
 
-def discreteness(evidence: Evidence, part: Part, m: Mixture, state: State) -> Iterator[Curve]:
+def discreteness(evidence: Evidence, part: Part, m: Mixture, state: ModelState) -> Iterator[Curve]:
     """Second differences of the histogram of whole mm, and its Fourier sums; 0 if the density is smooth.
 
     If the model has a `quantisation`: the share of samples off its steps.
@@ -327,7 +327,7 @@ _PERIODS = range(2, 17)  # mm
 _SMOOTH_TURNS = 0.8  # least sigma of a density without such a wave, in periods: the wave is e^-12.6
 
 
-def _combs(evidence: Evidence, part: Part, m: Mixture, state: State) -> Iterator[Curve]:
+def _combs(evidence: Evidence, part: Part, m: Mixture, state: ModelState) -> Iterator[Curve]:
     """Fourier sums of the samples over periods of whole mm: they show values that are too rare, even in few samples.
 
     They use samples and not scores, so a wide scene with few counts in a bin, or wrong means of the model, do not

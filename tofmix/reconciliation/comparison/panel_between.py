@@ -12,7 +12,7 @@ from scipy.special import ndtr
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.reconciliation.comparison.panel import Axis, Curve
 from tofmix.reconciliation.evidence import Evidence
-from tofmix.reconciliation.likelihood.likelihood import Part, State
+from tofmix.reconciliation.likelihood.likelihood import ModelState, Part
 from tofmix.reconciliation.likelihood.mixture import Mixture
 
 _CLEAR = 4.5  # sigma from a surface, beyond which it has no samples
@@ -20,7 +20,7 @@ _ENOUGH = 100  # samples of a bin
 _LEAST_SHARE = 1e-3  # of the beam
 
 
-def bridging(evidence: Evidence, m: Mixture, state: State, axes: Sequence[Axis], part: Part) -> Iterator[Curve]:
+def bridging(evidence: Evidence, m: Mixture, state: ModelState, axes: Sequence[Axis], part: Part) -> Iterator[Curve]:
     """Share of samples between the two surfaces of a pixel, beyond the predicted share.
 
     A pixel is left out if a neighbour sees a surface between the two: the share of a third surface may be too small to

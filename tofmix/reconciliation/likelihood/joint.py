@@ -93,7 +93,7 @@ def _padded(part: Mixture, name: str, components: int) -> NDArray[Any]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class View:
+class RecordingView:
     """One recording of a likelihood.
 
     Parameters
@@ -121,13 +121,13 @@ class View:
         return self.part[0] + self.frames.start, self.part[1]
 
 
-def views(likelihood: Likelihood, mixture: Mixture, part: Part) -> Iterator[View]:
+def views(likelihood: Likelihood, mixture: Mixture, part: Part) -> Iterator[RecordingView]:
     """Each recording with frames in the part."""
     evidence = likelihood.evidence
     for number, (frames, scene) in enumerate(zip(evidence.recordings, likelihood.scene.members, strict=True)):
         own = part[0][(part[0] >= frames.start) & (part[0] < frames.stop)] - frames.start
         if own.size:
-            yield View(
+            yield RecordingView(
                 number=number, frames=frames, scene=scene, evidence=evidence.recording(frames),
                 mixture=mixture.of_frames(frames), part=(own, part[1]),
             )  # fmt: skip

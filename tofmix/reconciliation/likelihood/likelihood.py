@@ -43,7 +43,7 @@ Part = tuple[IntArray, IntArray]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class State:
+class ModelState:
     """A model with effects, and with the latent states that were estimated for them.
 
     Parameters
@@ -130,10 +130,10 @@ class Likelihood:
     scene: "Scene | Scenes"
     side_information: "tuple[SideInformation, ...]" = ()
 
-    def start(self) -> State:
+    def start(self) -> ModelState:
         """The model without added effects; latent states are not estimated yet."""
         frames, pixels = self.evidence.shape
-        return State(
+        return ModelState(
             effects=(),
             given=self.scene.links,
             pixel_bias=np.zeros(pixels),
@@ -144,7 +144,7 @@ class Likelihood:
             log_width_error=np.zeros((len(self.evidence.starts), pixels)),
         )
 
-    def mixture(self, state: State) -> Mixture:
+    def mixture(self, state: ModelState) -> Mixture:
         """The prediction of the model and a state's effects, with the widths of pixels."""
         mixture = self.scene.mixture(state.effects)
         return self._widened(mixture, state.log_width) if state.log_width.any() else mixture
@@ -157,7 +157,7 @@ class Likelihood:
         return mixture.widened(log_width[times][:, None])
 
     def sums(
-        self, mixture: Mixture, state: State, part: Part, *, variance: FloatArray | None = None,
+        self, mixture: Mixture, state: ModelState, part: Part, *, variance: FloatArray | None = None,
         bias: FloatArray | None = None,
     ) -> Sums:  # fmt: skip
         """One pass over a part, without stuck pixels.
@@ -194,7 +194,7 @@ class Likelihood:
             out.by_frame += by_frame
         return out
 
-    def _working(self, state: State, part: Part) -> Part:
+    def _working(self, state: ModelState, part: Part) -> Part:
         """A part without stuck pixels. Frames and pixels out of bounds are refused, because kernels do not check."""
         for name, numbers, count in zip(("frame", "pixel"), part, self.evidence.shape, strict=True):
             if numbers.size and not 0 <= numbers.min() <= numbers.max() < count:
@@ -212,42 +212,44 @@ class Likelihood:
         )  # fmt: skip
         return by_pixel, by_frame
 
-    def _variance(self, state: State) -> FloatArray:
+    def _variance(self, state: ModelState) -> FloatArray:
         if state.bursts is None:
             return np.zeros(self.evidence.shape[0])
         return np.asarray(state.disturbed * state.bursts.sigma_mm**2)
 
-    def value(self, state: State, part: Part, mixture: Mixture | None = None) -> float:
+    def value(self, state: ModelState, part: Part, mixture: Mixture | None = None) -> float:
         """Log-likelihood of a part, with disturbed frames integrated out."""
         mixture = self.mixture(state) if mixture is None else mixture
         if state.bursts is not None:
             return self._with_bursts(mixture, state, part, state.bursts)
         return self.sums(mixture, state, part).total
 
-    def objective(self, state: State, part: Part) -> float:
+    def objective(self, state: ModelState, part: Part) -> float:
         """The objective of fits, log posterior density but for a constant: `value` and `outside`."""
         return self.value(state, part) + self.outside(state)
 
-    def outside(self, state: State) -> float:
+    def outside(self, state: ModelState) -> float:
         """Log density of the effects' numbers by what is not the samples: their priors, and the side information."""
         return self.side_log_density(state) + sum(effect.log_prior() for effect in state.effects)
 
-    def side_log_density(self, state: State) -> float:
+    def side_log_density(self, state: ModelState) -> float:
         """Log density of amplitudes and temperatures, given the effects."""
         return float(sum(side.log_density(effect) for effect in state.effects for side in self.side_information))
 
-    def _with_bursts(self, mixture: Mixture, state: State, part: Part, effect: Interference) -> float:
+    def _with_bursts(self, mixture: Mixture, state: ModelState, part: Part, effect: Interference) -> float:
         numbers = self.evidence.frame_number[part[0]]
         return forward(*self.frame_pair(mixture, state, part, effect.sigma_mm), numbers, effect)[0]
 
-    def frame_pair(self, mixture: Mixture, state: State, part: Part, sigma_mm: float) -> tuple[FloatArray, FloatArray]:
+    def frame_pair(
+        self, mixture: Mixture, state: ModelState, part: Part, sigma_mm: float
+    ) -> tuple[FloatArray, FloatArray]:
         """Log-likelihoods (n,) of the part's frames, quiet and disturbed."""
         frames = self.evidence.shape[0]
         quiet = self.sums(mixture, state, part, variance=np.zeros(frames)).by_frame[part[0], 0]
         loud = self.sums(mixture, state, part, variance=np.full(frames, sigma_mm**2)).by_frame[part[0], 0]
         return quiet, loud
 
-    def scores(self, state: State, part: Part, seed: int, mixture: Mixture | None = None) -> Float32Array:
+    def scores(self, state: ModelState, part: Part, seed: int, mixture: Mixture | None = None) -> Float32Array:
         """Standard normal scores (frame, pixel) if the model is right; NaN for invalid samples and outside the part.
 
         Raises

@@ -16,7 +16,7 @@ from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.reconciliation.likelihood.joint import views
 from tofmix.reconciliation.likelihood.lags import lag_product
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 
@@ -37,7 +37,7 @@ _AT_ONCE = 1 << 12  # pixels
 _ROOT_TWO_PI = math.sqrt(2 * math.pi)
 
 
-def memory_of(state: State) -> float:
+def memory_of(state: ModelState) -> float:
     """The coefficient of a state's memory; 0 without one."""
     return next((e.coefficient for e in state.linking if isinstance(e, TemporalCorrelation)), 0.0)
 
@@ -224,7 +224,7 @@ def memory_gain(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part:
     return sum(n.gain(coefficient) for n in _noises(likelihood, z, mixture, part))
 
 
-def memory_left(likelihood: Likelihood, state: State, coefficient: float, seed: int) -> float:
+def memory_left(likelihood: Likelihood, state: ModelState, coefficient: float, seed: int) -> float:
     """Largest correlation of scores at any lag after a memory of one frame, minus four standard errors.
 
     Noise that is averaged over n frames keeps a correlation at lag n, for any coefficient.
@@ -323,7 +323,7 @@ def _gain(
     return total
 
 
-def inflation(likelihood: Likelihood, mixture: Mixture, state: State, part: Part) -> FloatArray:
+def inflation(likelihood: Likelihood, mixture: Mixture, state: ModelState, part: Part) -> FloatArray:
     """Factor (pixel,) by which the memory raises the variance of a pixel's mean over the part's frames; 1 without one.
 
     Two samples of a mixed pixel share the noise only if they are of the same surface.
@@ -341,7 +341,7 @@ def inflation(likelihood: Likelihood, mixture: Mixture, state: State, part: Part
     return out
 
 
-def independent(likelihood: Likelihood, state: State, alpha: float, seed: int) -> float:
+def independent(likelihood: Likelihood, state: ModelState, alpha: float, seed: int) -> float:
     """Number of independent samples that a pixel's samples are worth for a mean, over their number.
 
     1 without a memory, and less with one: a pixel's samples resemble those before. Without a memory in the state, the

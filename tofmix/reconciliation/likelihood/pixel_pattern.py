@@ -8,7 +8,7 @@ from scipy.linalg import cho_factor, cho_solve
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.joint import views
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State, Sums
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part, Sums
 from tofmix.reconciliation.likelihood.memory import inflation
 from tofmix.reconciliation.likelihood.mixture import Mixture
 
@@ -35,7 +35,7 @@ class PixelBiases:
     overstated: FloatArray | float = 1.0
 
 
-def pixel_biases(likelihood: Likelihood, mixture: Mixture, state: State, part: Part) -> PixelBiases:
+def pixel_biases(likelihood: Likelihood, mixture: Mixture, state: ModelState, part: Part) -> PixelBiases:
     """Estimate each pixel's bias by expectation maximisation, in addition to the state's.
 
     A bias of many sigma cannot be reached step by step, so the median of a pixel's samples is another start. If the
@@ -62,7 +62,7 @@ def pixel_biases(likelihood: Likelihood, mixture: Mixture, state: State, part: P
     )
 
 
-def _median_bias(likelihood: Likelihood, mixture: Mixture, state: State, part: Part) -> FloatArray:
+def _median_bias(likelihood: Likelihood, mixture: Mixture, state: ModelState, part: Part) -> FloatArray:
     """Median of a pixel's samples minus the mean of its main surface, mm; the mean over recordings.
 
     0 if the pixel has no return or no sample.

@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
-from tofmix.reconciliation.likelihood.joint import View, views
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, State
+from tofmix.reconciliation.likelihood.joint import RecordingView, views
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
 from tofmix.reconciliation.likelihood.mixture import Mixture
 
 _GRID = np.linspace(-3.5, 3.5, 8)
@@ -32,7 +32,7 @@ _COMMON = 3.0
 """Standard errors by which the mean log width of all pixels may differ from 0; beyond, the noise differs."""
 
 
-def with_widths(likelihood: Likelihood, state: State, frames: IntArray) -> State:
+def with_widths(likelihood: Likelihood, state: ModelState, frames: IntArray) -> ModelState:
     """The state with the widths of pixels and their standard errors; unchanged without a spread of widths.
 
     A width is the mean under the likelihood of the frames and the log-normal prior. Noise that is wider in all pixels
@@ -57,7 +57,7 @@ def with_widths(likelihood: Likelihood, state: State, frames: IntArray) -> State
 
 
 def _found(
-    likelihood: Likelihood, state: State, mixture: Mixture, view: View, spread: float
+    likelihood: Likelihood, state: ModelState, mixture: Mixture, view: RecordingView, spread: float
 ) -> tuple[FloatArray, FloatArray]:
     """The log widths (pixel,) of one recording with their errors."""
 

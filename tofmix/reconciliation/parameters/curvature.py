@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.parameters.fits import Fitted
 
 SOFT = 1e-9
@@ -33,7 +33,7 @@ class Numbers:
     """
 
     likelihood: Likelihood
-    state: State
+    state: ModelState
     fits: Mapping[int, Fitted]
     part: Part
 

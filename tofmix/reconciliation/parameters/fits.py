@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.likelihood.joint import acting_part
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.parameters.searches import Problem
 from tofmix.simulation.effects import Effect
 
@@ -34,7 +34,7 @@ class Fitted:
 
 
 def fit(
-    problem: Problem, likelihood: Likelihood, state: State, part: Part, *, start: FloatArray | None = None
+    problem: Problem, likelihood: Likelihood, state: ModelState, part: Part, *, start: FloatArray | None = None
 ) -> Fitted:
     """Maximise the log-likelihood of a part over the parameters of one more effect.
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, State
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
 from tofmix.reconciliation.likelihood.memory import fit_memory, memory_error
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.interference import Interference
@@ -15,7 +15,9 @@ from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 _LIKELY = 0.5  # probability from which a frame counts as disturbed
 
 
-def latent_errors(likelihood: Likelihood, state: State, effect: Effect, seed: int) -> tuple[Effect, dict[str, float]]:
+def latent_errors(
+    likelihood: Likelihood, state: ModelState, effect: Effect, seed: int
+) -> tuple[Effect, dict[str, float]]:
     """An effect with latent states, fitted to all samples, and the standard errors of its numbers.
 
     Parameters
@@ -43,7 +45,7 @@ def latent_errors(likelihood: Likelihood, state: State, effect: Effect, seed: in
     return effect, {}
 
 
-def _bursts(likelihood: Likelihood, state: State, effect: Interference) -> tuple[Effect, dict[str, float]]:
+def _bursts(likelihood: Likelihood, state: ModelState, effect: Interference) -> tuple[Effect, dict[str, float]]:
     """The share of disturbed frames, with errors from counts and from the curvature."""
     share = float(np.clip(state.disturbed.mean(), 1e-4, 0.99))
     frames = state.disturbed.size

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.reconciliation.likelihood.likelihood import State
+from tofmix.reconciliation.likelihood.likelihood import ModelState
 from tofmix.reconciliation.likelihood.pixel_pattern import PatternLines, pixel_biases, spreads_of, with_pattern
 from tofmix.reconciliation.parameters.curvature import SOFT, Numbers, Parabola, inverse
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
@@ -36,7 +36,7 @@ class Averaged:
     spreads_mm: FloatArray
 
 
-def pattern_of(state: State) -> FixedPattern | None:
+def pattern_of(state: ModelState) -> FixedPattern | None:
     """The fixed pattern of which only the spreads are known, the model's own or an added one."""
     return next((e for e in state.linking if isinstance(e, FixedPattern)), None)
 

@@ -29,7 +29,7 @@ Value = Callable[[FloatArray], float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Parameter:
+class ProfiledParameter:
     """One parameter of a fitted effect, as a function of all numbers.
 
     Parameters
@@ -72,7 +72,7 @@ class Parameter:
         return math.remainder(change, 2 * math.pi) if self.name == "phase_rad" else change
 
 
-def parabola_error(parameter: Parameter, covariance: FloatArray) -> float:
+def parabola_error(parameter: ProfiledParameter, covariance: FloatArray) -> float:
     """Standard error of a parameter if the log-likelihood is a parabola in the search's numbers.
 
     Parameters
@@ -87,7 +87,7 @@ def parabola_error(parameter: Parameter, covariance: FloatArray) -> float:
     return float(np.mean(known)) if known else 0.0
 
 
-def stretch(parameter: Parameter, covariance: FloatArray, value: Value) -> float:
+def stretch(parameter: ProfiledParameter, covariance: FloatArray, value: Value) -> float:
     """Error by the profile likelihood over that by the parabola.
 
     Parameters
@@ -121,7 +121,7 @@ class _End:
     side: float
 
 
-def _farthest(parameter: Parameter, covariance: FloatArray, sign: float) -> _End | None:
+def _farthest(parameter: ProfiledParameter, covariance: FloatArray, sign: float) -> _End | None:
     """One end of the ellipse of `_REACH` standard errors.
 
     A nearer point if this one is out of bounds.
@@ -142,7 +142,7 @@ def _farthest(parameter: Parameter, covariance: FloatArray, sign: float) -> _End
 
 
 def _profiled(
-    parameter: Parameter, covariance: FloatArray, drop: Value, start: tuple[FloatArray, float, float]
+    parameter: ProfiledParameter, covariance: FloatArray, drop: Value, start: tuple[FloatArray, float, float]
 ) -> float | None:
     """A side of a parameter's error by the profile likelihood, from the parabola's end; None if none was found.
 
@@ -167,7 +167,7 @@ def _profiled(
 
 
 def _settled(
-    parameter: Parameter, covariance: FloatArray, drop: Value, at: tuple[FloatArray, float]
+    parameter: ProfiledParameter, covariance: FloatArray, drop: Value, at: tuple[FloatArray, float]
 ) -> tuple[FloatArray, float]:
     """A Newton step of the other numbers towards their best values, with the parameter fixed."""
     move, fallen = at

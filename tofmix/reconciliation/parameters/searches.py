@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.reconciliation.likelihood.joint import View, views
+from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.parameters.planes import PlanePose, measured_pose, range_slopes
@@ -77,7 +77,7 @@ class Problem:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Seen:
+class MeasuredSurface:
     """A surface, measured by the medians of its pixels."""
 
     surface: Surface
@@ -107,7 +107,7 @@ class Setting:
     duration: float  # s
     recorded: float  # s, without pauses
     interval: float  # s, between frames
-    surfaces: tuple["Seen", ...]  # surfaces that fill pixels
+    surfaces: tuple["MeasuredSurface", ...]  # surfaces that fill pixels
     amplitudes: FloatArray
     shares: FloatArray  # of invalid samples by pixel
     residuals: FloatArray  # measured minus predicted range of pixels with a return, mm
@@ -284,7 +284,7 @@ def _near_return(s: Setting) -> Iterator[Problem]:
     yield Problem(make=make, starts=(tuple(math.log(v) for v in s.glass),), steps=(0.2, 0.05, 0.2))
 
 
-def _before_the_scene(view: View) -> tuple[int, FloatArray]:
+def _before_the_scene(view: RecordingView) -> tuple[int, FloatArray]:
     """How many of some samples are valid, and those of a cover glass: nearer than all that the model has there."""
     m = view.mixture
     samples = view.evidence.samples[:: max(1, len(view.evidence.samples) // _GLANCE)]
@@ -295,7 +295,7 @@ def _before_the_scene(view: View) -> tuple[int, FloatArray]:
     return int((samples > 0).sum()), samples[near].astype(np.float64)
 
 
-def _of_glass(seen_by: Sequence[View]) -> tuple[float, float, float] | None:
+def _of_glass(seen_by: Sequence[RecordingView]) -> tuple[float, float, float] | None:
     """Share, median and spread of the samples before the scene, mm; None without any."""
     counts, values = zip(*(_before_the_scene(view) for view in seen_by), strict=True)
     near = np.concatenate(values)
@@ -401,7 +401,11 @@ def setting(likelihood: Likelihood, mixture: Mixture) -> Setting:
             residual = float(np.median(away)) if away.size else 0.0
             typical = float(np.median(sigma[own]))
             pose, turned = _plane_of(seen_by, surfaces[surface], typical)
-            seen.append(Seen(surface=surfaces[surface], sigma=typical, residual=residual, pose=pose, turned_deg=turned))
+            seen.append(
+                MeasuredSurface(
+                    surface=surfaces[surface], sigma=typical, residual=residual, pose=pose, turned_deg=turned
+                )
+            )
     phased = likelihood.scene.model.sensor.modulation_frequency_hz is not None
     turn = likelihood.scene.model.sensor.turn_mm("reconcile") if phased else math.nan
     interval = float(np.median(np.abs(np.diff(likelihood.evidence.time_s))))
@@ -421,7 +425,9 @@ def setting(likelihood: Likelihood, mixture: Mixture) -> Setting:
     )
 
 
-def _plane_of(seen_by: Sequence[View], surface: Surface, sigma: float) -> tuple[PlanePose | None, tuple[float, float]]:
+def _plane_of(
+    seen_by: Sequence[RecordingView], surface: Surface, sigma: float
+) -> tuple[PlanePose | None, tuple[float, float]]:
     """The pose of a surface from its pixels' medians, in the first recording that shows it; tilts of one sigma."""
     for view in seen_by:
         lit, _, mean, names, _, _, median = _main(view)
@@ -437,7 +443,7 @@ def _plane_of(seen_by: Sequence[View], surface: Surface, sigma: float) -> tuple[
     return None, (0.0, 0.0)
 
 
-def _main(view: View) -> _Main:
+def _main(view: RecordingView) -> _Main:
     """For each pixel (pixel,), of its main component: lit, sigma, mean, surface's name, amplitude.
 
     Also its share of lost samples, and the median of some valid samples, NaN if there is none.

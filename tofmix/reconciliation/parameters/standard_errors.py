@@ -16,7 +16,7 @@ from tofmix.reconciliation.evidence import BLOCK_FRAMES, BLOCK_PIXELS, Evidence
 from tofmix.reconciliation.likelihood.memory import inflation
 from tofmix.reconciliation.parameters.curvature import Numbers, Parabola, inverse, parabola
 from tofmix.reconciliation.parameters.pattern_errors import UnderPattern, integrated, pattern_of
-from tofmix.reconciliation.parameters.profiles import Parameter, numeric, parabola_error, stretch
+from tofmix.reconciliation.parameters.profiles import ProfiledParameter, numeric, parabola_error, stretch
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.saturation import Saturation
 
@@ -159,7 +159,7 @@ def standard_errors(numbers: Numbers, *, by_blocks: bool = True) -> dict[int, di
         start = own.stop
         out[number] = {}
         for name in numeric(fitted.effect):
-            parameter = Parameter(name=name, fitted=fitted, own=own, steps=about.steps)
+            parameter = ProfiledParameter(name=name, fitted=fitted, own=own, steps=about.steps)
             largest = max(parabola_error(parameter, covariance) for covariance in found)
             known_shape = 1.0 if pattern is not None else stretch(parameter, known, partial(_value, numbers, about))
             if largest > 0:  # no error for a number at its bound, which is taken as exact

@@ -18,7 +18,7 @@ import numpy as np
 from tofmix.reconciliation.comparison.compare import Compared, compare
 from tofmix.reconciliation.comparison.localise import disagreements
 from tofmix.reconciliation.likelihood.joint import views
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.search.alternatives import Alternatives, alternatives, apart, as_candidates
 from tofmix.reconciliation.search.columns import summed_up
 from tofmix.reconciliation.search.drop import drop, exchange
@@ -26,8 +26,8 @@ from tofmix.reconciliation.search.folding import fold
 from tofmix.reconciliation.search.name import (
     FAINT_SHARE,
     PRICE_NATS,
-    Candidate,
     Trial,
+    TriedEffect,
     begin_trial,
     candidates,
     tolerated,
@@ -77,10 +77,10 @@ class Added:
         The evidence of other sets of effects; None if no effect moves or widens samples and nothing stands out.
     """
 
-    state: State
-    chosen: tuple[Candidate, ...]
-    first: tuple[Candidate, ...]
-    aliases: tuple[tuple[Candidate, ...], ...]
+    state: ModelState
+    chosen: tuple[TriedEffect, ...]
+    first: tuple[TriedEffect, ...]
+    aliases: tuple[tuple[TriedEffect, ...], ...]
     panel: Compared
     sets: Alternatives | None = None
 
@@ -228,7 +228,7 @@ def _from_set(search: SearchState, added: Added, better: Explained) -> Added | N
     return _followed(other)
 
 
-def _with_gains(search: SearchState, chosen: Sequence[Candidate]) -> list[Candidate]:
+def _with_gains(search: SearchState, chosen: Sequence[TriedEffect]) -> list[TriedEffect]:
     """Effects with their gains on held-out data in the presence of the others."""
     likelihood = search.likelihood
     test = likelihood.evidence.part(fit=False, split=search.settings.split)
@@ -243,7 +243,7 @@ def _with_gains(search: SearchState, chosen: Sequence[Candidate]) -> list[Candid
     return out
 
 
-def _beginning(best: SearchState) -> Candidate | None:
+def _beginning(best: SearchState) -> TriedEffect | None:
     """The candidate of the first round from which another search starts, of another kind than that of the first search.
 
     Never a fixed pattern, because it can imitate every static effect.
@@ -276,7 +276,7 @@ def _followed(search: SearchState) -> Added:
     )  # fmt: skip
 
 
-def _panel(likelihood: Likelihood, settings: Settings, state: State, chosen: Sequence[Candidate]) -> Compared:
+def _panel(likelihood: Likelihood, settings: Settings, state: ModelState, chosen: Sequence[TriedEffect]) -> Compared:
     """The panel of the model, within its tolerance, that fits held-out frames best.
 
     It tests whether any model within the tolerance agrees with these frames. A model fitted to other frames would have
@@ -326,7 +326,7 @@ def without_faint(likelihood: Likelihood, settings: Settings, added: Added, fail
     )  # fmt: skip
 
 
-def _covered(likelihood: Likelihood, state: State, part: Part) -> Part:
+def _covered(likelihood: Likelihood, state: ModelState, part: Part) -> Part:
     """The part without pixels that see open space, if `excess_noise` was added.
 
     The law of `excess_noise` does not change samples without a return; ambient light does. Such samples would test the
@@ -384,7 +384,9 @@ def _round(search: SearchState, open_: set[str]) -> bool:
     return True
 
 
-def _faint_pattern(search: SearchState, found: Sequence[Candidate], near: State, needed: float) -> Candidate | None:
+def _faint_pattern(
+    search: SearchState, found: Sequence[TriedEffect], near: ModelState, needed: float
+) -> TriedEffect | None:
     """A fixed pattern that the held-out pixels do not show, but which gains enough on all pixels.
 
     Its values are integrated out, so, like a law of few numbers, it needs no held-out pixels.
@@ -403,8 +405,8 @@ def _faint_pattern(search: SearchState, found: Sequence[Candidate], near: State,
 class _Taken:
     """The effects that a round adds, and the candidates that the recording cannot separate from the first one."""
 
-    best: tuple[Candidate, ...]
-    aliases: tuple[Candidate, ...]
+    best: tuple[TriedEffect, ...]
+    aliases: tuple[TriedEffect, ...]
 
 
 def _with_partner(search: SearchState, trial: Trial, taken: _Taken, needed: float) -> _Taken:
@@ -430,7 +432,9 @@ def _with_partner(search: SearchState, trial: Trial, taken: _Taken, needed: floa
     return _Taken((replace(first, state=state, others=tuple(others)), both[0]), taken.aliases)
 
 
-def _tolerant(search: SearchState, trial: Trial, found: list[Candidate], near: State) -> tuple[list[Candidate], float]:
+def _tolerant(
+    search: SearchState, trial: Trial, found: list[TriedEffect], near: ModelState
+) -> tuple[list[TriedEffect], float]:
     """The candidates, first the best one for a model that may move within its tolerance, and its gain there.
 
     A law of more numbers also follows the errors of the model's poses, and so gains more than the true, simpler law. If
@@ -456,7 +460,7 @@ def _tolerant(search: SearchState, trial: Trial, found: list[Candidate], near: S
     return [best, *(c for c in found if c is not best)], beyond
 
 
-def _take(search: SearchState, taken: _Taken, found: Sequence[Candidate]) -> None:
+def _take(search: SearchState, taken: _Taken, found: Sequence[TriedEffect]) -> None:
     """Add candidates to the model, up to `max_effects`, and fit all effects again."""
     best = taken.best[: search.settings.max_effects - len(search.chosen)]
     search.begun = search.begun or best[0]
@@ -476,7 +480,7 @@ def _take(search: SearchState, taken: _Taken, found: Sequence[Candidate]) -> Non
     drop(search)
 
 
-def _best(search: SearchState, trial: Trial, found: Sequence[Candidate], near: State, needed: float) -> _Taken:
+def _best(search: SearchState, trial: Trial, found: Sequence[TriedEffect], near: ModelState, needed: float) -> _Taken:
     """The best candidate; if it is a fixed pattern, an effect that gains in its presence comes first.
 
     Stuck pixels come before all others: they are certain, and a pattern would take them as large biases. Only
@@ -498,8 +502,8 @@ def _best(search: SearchState, trial: Trial, found: Sequence[Candidate], near: S
 
 
 def _second(
-    search: SearchState, trial: Trial, found: Sequence[Candidate], first: Candidate, parts: tuple[Part, Part]
-) -> Candidate:
+    search: SearchState, trial: Trial, found: Sequence[TriedEffect], first: TriedEffect, parts: tuple[Part, Part]
+) -> TriedEffect:
     """The partner of an effect that a fixed pattern hides: another effect that gains with both, or the pattern."""
     likelihood = trial.likelihood
     now = replace(trial, state=first.state, mixture=likelihood.mixture(first.state))
@@ -509,7 +513,7 @@ def _second(
     return found[0] if beside is None else beside.first
 
 
-def _near(best: Candidate, found: Sequence[Candidate]) -> tuple[Candidate, ...]:
+def _near(best: TriedEffect, found: Sequence[TriedEffect]) -> tuple[TriedEffect, ...]:
     """Candidates of other kinds with nearly the same gain."""
     limit = max(ALIAS_NATS, _ALIAS_SHARE * best.gain)
     return tuple(c for c in found if c.kind != best.kind and abs(best.gain - c.gain) < limit)

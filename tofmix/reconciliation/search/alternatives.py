@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.parameters.fits import fit
 from tofmix.reconciliation.parameters.searches import Problem, problems
 from tofmix.reconciliation.search.columns import Term, summed_up, terms
-from tofmix.reconciliation.search.name import FAINT_SHARE, Candidate
+from tofmix.reconciliation.search.name import FAINT_SHARE, TriedEffect
 from tofmix.reconciliation.search.search_state import Settings, fit_part, name_of
 from tofmix.reconciliation.search.subsets import Explained, Subsets
 from tofmix.reconciliation.search.summaries import summaries
@@ -91,7 +91,7 @@ class Alternatives:
 
 
 def alternatives(
-    likelihood: Likelihood, state: State, chosen: Sequence[Candidate], settings: Settings
+    likelihood: Likelihood, state: ModelState, chosen: Sequence[TriedEffect], settings: Settings
 ) -> Alternatives | None:
     """Compare all sets of effects with the summaries of the fitting frames; None if no pixel can be used.
 
@@ -149,7 +149,7 @@ def best_of_names(subsets: Subsets, every: Sequence[Term], names: set[tuple[str,
     return best
 
 
-def apart(state: State) -> State:
+def apart(state: ModelState) -> ModelState:
     """The state without effects that summaries show, and without a pattern's map, which contains all static biases."""
     kept = tuple(e for e in state.effects if not summed_up(e.kind))
     if any(isinstance(e, FixedPattern) for e in state.effects):
@@ -158,7 +158,7 @@ def apart(state: State) -> State:
     return replace(state, effects=kept)
 
 
-def as_candidates(likelihood: Likelihood, state: State, found: Explained, part: Part) -> list[Candidate]:
+def as_candidates(likelihood: Likelihood, state: ModelState, found: Explained, part: Part) -> list[TriedEffect]:
     """The effects of a set as candidates of the search, each fitted to the samples with the others present.
 
     Parameters
@@ -181,7 +181,7 @@ def as_candidates(likelihood: Likelihood, state: State, found: Explained, part: 
         effects = [t.make(c) for t, c in zip(found.terms, found.coefficients, strict=True)]
     except ValueError:
         return []
-    out: list[Candidate] = []
+    out: list[TriedEffect] = []
     for k, term in enumerate(found.terms):
         others = (*(c.effect for c in out), *effects[k + 1 :])
         beside = replace(state, effects=(*state.effects, *others))
@@ -191,11 +191,13 @@ def as_candidates(likelihood: Likelihood, state: State, found: Explained, part: 
         fitted = fit(problem, likelihood, beside, part)
         if not np.isfinite(fitted.value) or fitted.at_a_bound:
             return []
-        out.append(Candidate(effect=fitted.effect, gain=0.0, parameters=problem.parameters, state=state, fitted=fitted))
+        out.append(
+            TriedEffect(effect=fitted.effect, gain=0.0, parameters=problem.parameters, state=state, fitted=fitted)
+        )
     return out
 
 
-def _problem(likelihood: Likelihood, state: State, term: Term) -> Problem | None:
+def _problem(likelihood: Likelihood, state: ModelState, term: Term) -> Problem | None:
     """The search of a term's kind for its surface; of several, the one with the same number of numbers."""
     own = []
     for problem in problems(term.kind, likelihood, likelihood.mixture(state)):

@@ -13,9 +13,9 @@ from functools import partial
 import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, State
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
 from tofmix.reconciliation.likelihood.mixture import Mixture
-from tofmix.reconciliation.search.summaries import Summary, surfaces_of
+from tofmix.reconciliation.search.summaries import PixelSummary, surfaces_of
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.base import Latent, Target
 from tofmix.simulation.effects.parameter import Holds, Parameter
@@ -81,7 +81,7 @@ class Term:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Scales:
+class ColumnScales:
     """Units of priors and finite steps.
 
     Parameters
@@ -102,7 +102,7 @@ class Scales:
     reference: float
 
 
-def terms(likelihood: Likelihood, state: State, seen: Sequence[Summary], kinds: Sequence[str]) -> list[Term]:
+def terms(likelihood: Likelihood, state: ModelState, seen: Sequence[PixelSummary], kinds: Sequence[str]) -> list[Term]:
     """The terms of some kinds: effects that are possible in the recordings and that summaries show.
 
     Parameters
@@ -139,7 +139,7 @@ def _number(kind: str) -> Parameter | None:
 class ColumnMaker:
     """Makes columns from the predicted changes of a small effect."""
 
-    def __init__(self, likelihood: Likelihood, state: State, seen: Sequence[Summary]) -> None:
+    def __init__(self, likelihood: Likelihood, state: ModelState, seen: Sequence[PixelSummary]) -> None:
         self.likelihood, self.state, self.seen = likelihood, state, seen
         self.base = likelihood.mixture(state)
         used = [s.view.mixture.of_main(s.view.mixture.sigma)[s.used] for s in seen]
@@ -147,7 +147,7 @@ class ColumnMaker:
         amplitude = np.concatenate(lit)
         amplitude = amplitude[amplitude > 0]
         turn = likelihood.scene.model.sensor.modulation_frequency_hz
-        self.scales = Scales(
+        self.scales = ColumnScales(
             sigma_mm=float(np.median(np.concatenate(used))) if any(u.size for u in used) else 1.0,
             duration_s=max(float(likelihood.evidence.time_s.max()), 1e-3),
             turn_mm=math.nan if turn is None else likelihood.scene.model.sensor.turn_mm("reconcile"),
@@ -196,7 +196,7 @@ def _of(m: Mixture, name: str, component: IntArray) -> FloatArray:
     return np.asarray(np.take_along_axis(values, np.maximum(component, 0)[None], axis=0)[0])
 
 
-def _with(state: State, effect: Effect) -> State:
+def _with(state: ModelState, effect: Effect) -> ModelState:
     return replace(state, effects=(*state.effects, effect))
 
 

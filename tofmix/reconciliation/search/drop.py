@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from tofmix.reconciliation.likelihood.likelihood import Part
-from tofmix.reconciliation.search.name import FAINT_SHARE, PRICE_NATS, Candidate
+from tofmix.reconciliation.search.name import FAINT_SHARE, PRICE_NATS, TriedEffect
 from tofmix.reconciliation.search.pattern_fits import worth
 from tofmix.reconciliation.search.refit import refit, without, without_pattern
 from tofmix.reconciliation.search.search_state import SearchState, fit_part, held_out, name_of
@@ -28,7 +28,7 @@ def exchange(search: SearchState, part: Part) -> None:
                 search.state, search.chosen = state, trial
 
 
-def _worth_a_trial(search: SearchState, number: int) -> list[tuple[Candidate, float]]:
+def _worth_a_trial(search: SearchState, number: int) -> list[tuple[TriedEffect, float]]:
     """Rivals of an added effect, and by how much each must be better.
 
     The closest rival, if its score was lower by less than the gain of the later effects. An effect whose numbers are

@@ -9,17 +9,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.pixel_pattern import pixel_biases, with_pattern
 from tofmix.reconciliation.parameters.fits import fit
 from tofmix.reconciliation.parameters.searches import problems
 from tofmix.reconciliation.search import links
-from tofmix.reconciliation.search.name import Candidate
+from tofmix.reconciliation.search.name import TriedEffect
 from tofmix.reconciliation.search.static_fits import spreads
 from tofmix.simulation.effects.phase_wrapping import PhaseWrapping
 
 
-def fold(likelihood: Likelihood, state: State, part: Part) -> Candidate | None:
+def fold(likelihood: Likelihood, state: ModelState, part: Part) -> TriedEffect | None:
     """The fold of the camera's phase as a candidate, with its gain in nats over the state; None if there is none.
 
     Parameters
@@ -39,13 +39,13 @@ def fold(likelihood: Likelihood, state: State, part: Part) -> Candidate | None:
         folded = replace(state, effects=(*state.effects, fitted.effect))
         gain = _with_biases(likelihood, folded, part) - _with_biases(likelihood, state, part)
         if np.isfinite(gain) and gain > 0:
-            return Candidate(
+            return TriedEffect(
                 effect=fitted.effect, gain=gain, parameters=problem.parameters, state=folded, fitted=fitted
             )
     return None
 
 
-def _with_biases(likelihood: Likelihood, state: State, part: Part) -> float:
+def _with_biases(likelihood: Likelihood, state: ModelState, part: Part) -> float:
     """Log-likelihood of a part with a bias of each pixel integrated out, of normal spreads that are fitted."""
     mixture = likelihood.mixture(state)
     found = pixel_biases(likelihood, mixture, state, part)

@@ -4,7 +4,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.reconciliation.evidence import Evidence
-from tofmix.reconciliation.likelihood.likelihood import State
+from tofmix.reconciliation.likelihood.likelihood import ModelState
 from tofmix.simulation.effects.quantisation import Quantisation
 
 _LEAST_STEP_MM, _MOST_STEP_MM = 1.6, 120.0  # a finer step hardly shows in whole mm; a scene does not fill a coarser one
@@ -15,7 +15,7 @@ _MANY = 0.1  # least share of varying pixels
 _FULL = 5.0  # counts of a mm that has a density
 
 
-def find_lattice(evidence: Evidence, state: State) -> Quantisation | None:
+def find_lattice(evidence: Evidence, state: ModelState) -> Quantisation | None:
     """The step of which nearly all stored values are rounded multiples, from the spectrum of their histogram."""
     count = np.bincount(evidence.samples[:, _telling(evidence, state)].ravel(), minlength=65_536).astype(np.float64)
     count[0] = 0
@@ -44,7 +44,7 @@ def find_lattice(evidence: Evidence, state: State) -> Quantisation | None:
     return None
 
 
-def _telling(evidence: Evidence, state: State) -> BoolArray:
+def _telling(evidence: Evidence, state: ModelState) -> BoolArray:
     """The working pixels (pixel,) that vary, if there are many: the value of a stuck pixel is on no step."""
     varying = state.working & (evidence.samples != evidence.samples[0]).any(axis=0)
     return varying if varying.sum() > _MANY * state.working.sum() else state.working

@@ -16,8 +16,8 @@ from scipy.stats import mode
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.reconciliation.likelihood.bursts import forward
-from tofmix.reconciliation.likelihood.joint import View, views
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.likelihood.joint import RecordingView, views
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.likelihood.pixel_pattern import PixelBiases, marginal_pattern, pixel_biases, spreads_of
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
@@ -40,7 +40,7 @@ _MOST_BURST_MM = 10_000.0  # upper bound of `interference`
 _NEXT = math.log(2.0)  # logarithm of the ratio of first trial sizes
 
 
-def find_stuck(likelihood: Likelihood, mixture: Mixture, state: State) -> State | None:
+def find_stuck(likelihood: Likelihood, mixture: Mixture, state: ModelState) -> ModelState | None:
     """Pixels with one value in every frame that the model does not explain, even with a bias of the pixel."""
     evidence = likelihood.evidence
     x = evidence.samples
@@ -71,7 +71,7 @@ def _on_lattice(samples: NDArray[np.uint16]) -> bool:
     return bool(np.median(often + next_often) > _LATTICE * samples.shape[0])
 
 
-def _constant_nats(view: View) -> FloatArray:
+def _constant_nats(view: RecordingView) -> FloatArray:
     """Largest log-likelihood (pixel,) of one repeated value, for a normal with the pixel's sigma and any mean."""
     spread = view.mixture.of_main(view.mixture.sigma)
     cell = max(1.0, view.mixture.step)
@@ -79,7 +79,7 @@ def _constant_nats(view: View) -> FloatArray:
     return np.where(_beyond_lattice(view), -np.inf, best * view.evidence.shape[0])
 
 
-def _beyond_lattice(view: View) -> BoolArray:
+def _beyond_lattice(view: RecordingView) -> BoolArray:
     """Whether quantisation cannot give the value of a pixel (pixel,): it is off the steps, or far from each surface.
 
     Coarse quantisation also gives working pixels one value, so a constant value is no evidence there.
@@ -91,7 +91,7 @@ def _beyond_lattice(view: View) -> BoolArray:
     return np.asarray((near > 2 * m.step) | (np.rint(np.rint(value / m.step) * m.step) != value))
 
 
-def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, part: Part) -> Interference | None:
+def fit_interference(likelihood: Likelihood, mixture: Mixture, state: ModelState, part: Part) -> Interference | None:
     """Share, length and noise of bursts, with the states of frames integrated out."""
     lit = mixture.of_main(mixture.lit).astype(bool)
     sigmas = mixture.of_main(mixture.sigma)
@@ -135,7 +135,7 @@ def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, par
     return best[1] if best[0] - disturbed > _BEYOND * (best[0] - calm) else None
 
 
-def disturbed_frames(likelihood: Likelihood, mixture: Mixture, state: State, effect: Interference) -> FloatArray:
+def disturbed_frames(likelihood: Likelihood, mixture: Mixture, state: ModelState, effect: Interference) -> FloatArray:
     """Probability (frame,) that each frame is disturbed, from all its samples."""
     frames, pixels = likelihood.evidence.shape
     part = (np.arange(frames), np.arange(pixels))
@@ -144,7 +144,7 @@ def disturbed_frames(likelihood: Likelihood, mixture: Mixture, state: State, eff
 
 
 def fit_pattern(
-    likelihood: Likelihood, mixture: Mixture, state: State, part: Part
+    likelihood: Likelihood, mixture: Mixture, state: ModelState, part: Part
 ) -> tuple[FixedPattern, PixelBiases] | None:
     """Spreads of a pattern by pixel, column and row, by marginal likelihood."""
     found = pixel_biases(likelihood, mixture, state, part)
@@ -193,7 +193,7 @@ def _beyond_chance(found: PixelBiases, image: tuple[int, int]) -> bool:
 
 
 def pattern_map(
-    likelihood: Likelihood, mixture: Mixture, state: State, effect: FixedPattern, frames: IntArray
+    likelihood: Likelihood, mixture: Mixture, state: ModelState, effect: FixedPattern, frames: IntArray
 ) -> tuple[FloatArray, FloatArray]:
     """The pattern (pixel,), mm, shrunk by its noise, from all pixels of some frames; and its variance, mm2."""
     part = (frames, np.arange(likelihood.evidence.shape[1]))

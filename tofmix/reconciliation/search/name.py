@@ -12,8 +12,8 @@ import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.reconciliation.evidence import BLOCK_FRAMES, Evidence
-from tofmix.reconciliation.likelihood.joint import View, views
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.likelihood.joint import RecordingView, views
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.memory import fit_memory, memory_gain
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.likelihood.pixel_pattern import marginal_pattern, pixel_biases, spreads_of
@@ -42,7 +42,7 @@ SLACK = 1.15
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Candidate:
+class TriedEffect:
     """An effect that was tried.
 
     Parameters
@@ -64,9 +64,9 @@ class Candidate:
     effect: Effect
     gain: float
     parameters: int
-    state: State
+    state: ModelState
     fitted: Fitted | None = None
-    others: tuple["Candidate", ...] = ()
+    others: tuple["TriedEffect", ...] = ()
 
     @property
     def kind(self) -> str:
@@ -99,7 +99,7 @@ class Trial:
     """Data that all candidates of one round share."""
 
     likelihood: Likelihood
-    state: State
+    state: ModelState
     mixture: Mixture
     scores: Float32Array
     fit_part: Part
@@ -113,7 +113,7 @@ class Trial:
         return {(e.kind, getattr(e, "surface", "")) for e in effects}
 
 
-def begin_trial(likelihood: Likelihood, state: State, split: str, seed: int) -> Trial:
+def begin_trial(likelihood: Likelihood, state: ModelState, split: str, seed: int) -> Trial:
     """Prepare a round."""
     mixture = likelihood.mixture(state)
     test = likelihood.evidence.part(fit=False, split=split)
@@ -134,7 +134,7 @@ def _thinned(evidence: Evidence, part: Part) -> Part:
     return frames[evidence.frame_number[frames] // (2 * BLOCK_FRAMES) % 2 == 0], pixels
 
 
-def candidates(trial: Trial, kinds: Iterable[str], tick: Callable[[str], None] = lambda _: None) -> list[Candidate]:
+def candidates(trial: Trial, kinds: Iterable[str], tick: Callable[[str], None] = lambda _: None) -> list[TriedEffect]:
     """Every possible effect of these kinds, best first.
 
     Parameters
@@ -146,7 +146,7 @@ def candidates(trial: Trial, kinds: Iterable[str], tick: Callable[[str], None] =
     tick : callable
         Called with each kind that is done.
     """
-    found: list[Candidate] = []
+    found: list[TriedEffect] = []
     for kind in kinds:
         if kind in _SPECIAL:
             if (kind, "") not in trial.names:
@@ -158,7 +158,7 @@ def candidates(trial: Trial, kinds: Iterable[str], tick: Callable[[str], None] =
     return sorted(found, key=lambda c: -c.score)
 
 
-def _by_search(trial: Trial, kind: str) -> list[Candidate]:
+def _by_search(trial: Trial, kind: str) -> list[TriedEffect]:
     out = []
     for problem in problems(kind, trial.likelihood, trial.mixture):
         if problem.starts and problem.starts[0] is not None:
@@ -175,7 +175,7 @@ def _by_search(trial: Trial, kind: str) -> list[Candidate]:
             continue
         state = replace(trial.state, effects=(*trial.state.effects, fitted.effect))
         gain = trial.likelihood.value(state, trial.test_part) - trial.base
-        new = Candidate(effect=fitted.effect, gain=gain, parameters=problem.parameters, state=state, fitted=fitted)
+        new = TriedEffect(effect=fitted.effect, gain=gain, parameters=problem.parameters, state=state, fitted=fitted)
         if new.static and gain > 0:
             ends = (trial.state, trial.mixture), (state, trial.likelihood.mixture(state))
             if not moves_by_itself(trial.likelihood, *ends, trial.test_part):
@@ -185,7 +185,7 @@ def _by_search(trial: Trial, kind: str) -> list[Candidate]:
 
 
 def moves_by_itself(
-    likelihood: Likelihood, before: tuple[State, Mixture], after: tuple[State, Mixture], part: Part
+    likelihood: Likelihood, before: tuple[ModelState, Mixture], after: tuple[ModelState, Mixture], part: Part
 ) -> bool:
     """Whether the bias of an effect gives more than a faint part of its gain; the rest is by a change of the noise.
 
@@ -210,7 +210,7 @@ def moves_by_itself(
     return by_bias > max(2 * PRICE_NATS, FAINT_SHARE * gain)
 
 
-def _stuck(trial: Trial) -> Candidate | None:
+def _stuck(trial: Trial) -> TriedEffect | None:
     state = links.find_stuck(trial.likelihood, trial.mixture, trial.state)
     if state is None:
         return None
@@ -220,29 +220,29 @@ def _stuck(trial: Trial) -> Candidate | None:
     part = (frames, stuck if stuck.size else all_stuck)
     before = trial.likelihood.sums(trial.mixture, trial.state, part).total
     gain = -before - links.VALUE_NATS * part[1].size
-    return Candidate(effect=state.effects[-1], gain=gain, parameters=1, state=state)
+    return TriedEffect(effect=state.effects[-1], gain=gain, parameters=1, state=state)
 
 
-def _lattice(trial: Trial) -> Candidate | None:
+def _lattice(trial: Trial) -> TriedEffect | None:
     effect = find_lattice(trial.likelihood.evidence, trial.state)
     if effect is None:
         return None
     state = replace(trial.state, effects=(*trial.state.effects, effect))
     gain = trial.likelihood.value(state, trial.test_part) - trial.base
-    return Candidate(effect=effect, gain=gain, parameters=1, state=state)
+    return TriedEffect(effect=effect, gain=gain, parameters=1, state=state)
 
 
-def _bursts(trial: Trial) -> Candidate | None:
+def _bursts(trial: Trial) -> TriedEffect | None:
     effect = links.fit_interference(trial.likelihood, trial.mixture, trial.state, trial.fit_part)
     if effect is None:
         return None
     state = replace(trial.state, effects=(*trial.state.effects, effect))
     gain = trial.likelihood.value(state, trial.test_part, trial.mixture) - trial.base
     frames = links.disturbed_frames(trial.likelihood, trial.mixture, trial.state, effect)
-    return Candidate(effect=effect, gain=gain, parameters=3, state=replace(state, disturbed=frames))
+    return TriedEffect(effect=effect, gain=gain, parameters=3, state=replace(state, disturbed=frames))
 
 
-def _pattern(trial: Trial) -> Candidate | None:
+def _pattern(trial: Trial) -> TriedEffect | None:
     fitted = links.fit_pattern(trial.likelihood, trial.mixture, trial.state, trial.fit_part)
     if fitted is None:
         return None
@@ -254,7 +254,7 @@ def _pattern(trial: Trial) -> Candidate | None:
     effects, bias = (*trial.state.effects, effect), trial.state.pixel_bias + pattern
     state = replace(trial.state, effects=effects, pixel_bias=bias, pixel_variance=variance)
     parameters = spreads_of(trial.likelihood.evidence.image)
-    return Candidate(effect=effect, gain=gain, parameters=parameters, state=state)
+    return TriedEffect(effect=effect, gain=gain, parameters=parameters, state=state)
 
 
 def pattern_gain(trial: Trial, effect: FixedPattern) -> float:
@@ -267,16 +267,16 @@ def _spreads(effect: FixedPattern) -> tuple[float, float, float]:
     return effect.pixel_sigma_mm, effect.column_sigma_mm, effect.row_sigma_mm
 
 
-def _memory(trial: Trial) -> Candidate | None:
+def _memory(trial: Trial) -> TriedEffect | None:
     effect = fit_memory(trial.likelihood, trial.scores, trial.mixture, trial.fit_part)
     if effect is None:
         return None
     gain = memory_gain(trial.likelihood, trial.scores, trial.mixture, trial.test_part, effect.coefficient)
     state = replace(trial.state, effects=(*trial.state.effects, effect))
-    return Candidate(effect=effect, gain=gain, parameters=1, state=state)
+    return TriedEffect(effect=effect, gain=gain, parameters=1, state=state)
 
 
-_SPECIAL: dict[str, Callable[[Trial], Candidate | None]] = {
+_SPECIAL: dict[str, Callable[[Trial], TriedEffect | None]] = {
     StuckPixels.kind: _stuck,
     "quantisation": _lattice,
     Interference.kind: _bursts,
@@ -287,7 +287,7 @@ KINDS = tuple(EFFECTS)
 """All kinds that are tried."""
 
 
-def tolerated(likelihood: Likelihood, state: State, part: Part, tolerance: float) -> State:
+def tolerated(likelihood: Likelihood, state: ModelState, part: Part, tolerance: float) -> ModelState:
     """The model with poses and noise scale moved within the tolerance to where they fit best.
 
     Parameters
@@ -310,7 +310,7 @@ def tolerated(likelihood: Likelihood, state: State, part: Part, tolerance: float
     if state.bursts is not None:  # integrated out below, but not where poses were moved
         value = likelihood.value(best, part)
 
-    def scaled(factor: float) -> State:
+    def scaled(factor: float) -> ModelState:
         return replace(best, effects=(*best.effects, ExcessNoise(factor=factor)))
 
     limit = 0.1 * tolerance * SLACK
@@ -320,7 +320,7 @@ def tolerated(likelihood: Likelihood, state: State, part: Part, tolerance: float
     return scaled(1 + limit * float(np.clip(peak, -1, 1)))
 
 
-def _within(likelihood: Likelihood, state: State, part: Part, tolerance: float) -> tuple[State, float]:
+def _within(likelihood: Likelihood, state: ModelState, part: Part, tolerance: float) -> tuple[ModelState, float]:
     """The model with poses moved within the tolerance to where they fit best, and its log-likelihood.
 
     Newton steps, each halved until the log-likelihood rises: for quantised ranges it is no parabola.
@@ -353,7 +353,7 @@ def _poses(likelihood: Likelihood, shifts: FloatArray) -> tuple[Effect, ...]:
 class _Slopes:
     """Log-likelihood of a model whose surfaces (surface,) are moved by `shifts` mm, with its derivatives by them."""
 
-    state: State
+    state: ModelState
     shifts: FloatArray
     value: float
     slope: FloatArray
@@ -370,7 +370,7 @@ class _Slopes:
         return out
 
 
-def _slopes(likelihood: Likelihood, state: State, part: Part, shifts: FloatArray) -> _Slopes:
+def _slopes(likelihood: Likelihood, state: ModelState, part: Part, shifts: FloatArray) -> _Slopes:
     m = likelihood.mixture(state)
     value, slope, information = 0.0, np.zeros(shifts.size), np.zeros(shifts.size)
     for view in views(likelihood, m, part):
@@ -381,7 +381,7 @@ def _slopes(likelihood: Likelihood, state: State, part: Part, shifts: FloatArray
 
 
 def _add_slopes(
-    likelihood: Likelihood, view: View, sums: FloatArray, slope: FloatArray, information: FloatArray
+    likelihood: Likelihood, view: RecordingView, sums: FloatArray, slope: FloatArray, information: FloatArray
 ) -> None:
     """Add slope and information of one recording about the shifts of surfaces."""
     m = view.mixture

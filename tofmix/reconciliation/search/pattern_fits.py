@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, cast
 
 from scipy.stats import chi2
 
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.likelihood.pixel_pattern import pixel_biases, spreads_of, with_pattern
 from tofmix.reconciliation.parameters.fits import Fitted, fit
 from tofmix.reconciliation.search import links
-from tofmix.reconciliation.search.name import PRICE_NATS, Candidate, Trial, tolerated
+from tofmix.reconciliation.search.name import PRICE_NATS, Trial, TriedEffect, tolerated
 from tofmix.reconciliation.search.refit import refit
 from tofmix.reconciliation.search.static_fits import StaticFits, spreads
 from tofmix.simulation.effects.base import Effect, Target
@@ -37,7 +37,7 @@ _CLEAR_NATS, _CLEAR_SHARE = 10.0, 0.0001  # gain beyond that of the pattern, for
 
 
 def worth(
-    likelihood: Likelihood, state: State, mixture: Mixture, parts: tuple[Part, Part], *, patterned: bool
+    likelihood: Likelihood, state: ModelState, mixture: Mixture, parts: tuple[Part, Part], *, patterned: bool
 ) -> float:
     """Log-likelihood of held-out data, with a pattern of free spreads integrated out.
 
@@ -80,17 +80,17 @@ class PatternFit:
         Candidates of other kinds whose gain is less by at most `ALIAS_NATS`.
     """
 
-    first: Candidate
+    first: TriedEffect
     patterned: bool
-    rivals: tuple[Candidate, ...]
+    rivals: tuple[TriedEffect, ...]
 
 
 def best_with_pattern(
     trial: Trial,
-    chosen: Sequence[Candidate],
-    found: Sequence[Candidate],
+    chosen: Sequence[TriedEffect],
+    found: Sequence[TriedEffect],
     parts: tuple[Part, Part],
-    near: State,
+    near: ModelState,
     alpha: float,
 ) -> PatternFit | None:
     """The effect that gains most in the presence of a fixed pattern; None if no gain is clear.
@@ -125,7 +125,7 @@ def best_with_pattern(
     alone, tolerable = (
         worth(likelihood, state, likelihood.mixture(state), unseen, patterned=True) for state in (settled, near)
     )
-    tried: list[tuple[float, Candidate]] = []
+    tried: list[tuple[float, TriedEffect]] = []
     for other in _worth_a_look(others, fits):
         price = PRICE_NATS * other.parameters
         chance = 0.5 * float(chi2.isf(alpha / len(found), max(other.parameters, 1)))
@@ -141,7 +141,7 @@ def best_with_pattern(
     return PatternFit(first=first, patterned=_still_gains(trial, first, unseen), rivals=tuple(as_good.values()))
 
 
-def _still_gains(trial: Trial, other: Candidate, unseen: tuple[Part, Part]) -> bool:
+def _still_gains(trial: Trial, other: TriedEffect, unseen: tuple[Part, Part]) -> bool:
     """Whether a pattern clearly gains in the presence of an effect, whose numbers are fitted for that."""
     likelihood = trial.likelihood
     mixture = likelihood.mixture(other.state)
@@ -151,7 +151,7 @@ def _still_gains(trial: Trial, other: Candidate, unseen: tuple[Part, Part]) -> b
     return with_ - without > spreads_of(likelihood.evidence.image) * PRICE_NATS + _CLEAR_NATS
 
 
-def _worth_a_look(others: Sequence[Candidate], fits: "_Fits") -> list[Candidate]:
+def _worth_a_look(others: Sequence[TriedEffect], fits: "_Fits") -> list[TriedEffect]:
     """The static candidates that are best with a pattern, with their numbers there, and the best one without it.
 
     Of the other candidates, the best of each kind. In the presence of a pattern static candidates lose most of their
@@ -166,8 +166,8 @@ def _worth_a_look(others: Sequence[Candidate], fits: "_Fits") -> list[Candidate]
 
 
 def settled_within(
-    likelihood: Likelihood, state: State, chosen: Sequence[Candidate], part: Part, tolerance: float
-) -> State:
+    likelihood: Likelihood, state: ModelState, chosen: Sequence[TriedEffect], part: Part, tolerance: float
+) -> ModelState:
     """The model moved within its tolerance to where it fits best, alternating with fits of the static effects.
 
     Numbers that were fitted to the model as given follow the errors of its poses. They may be off by more than the
@@ -198,13 +198,13 @@ class _Fits:
     """Fits of candidates together with the static effects of the model, with or without a pattern."""
 
     def __init__(
-        self, trial: Trial, chosen: Sequence[Candidate], part: Part, pattern: "FixedPattern | None" = None
+        self, trial: Trial, chosen: Sequence[TriedEffect], part: Part, pattern: "FixedPattern | None" = None
     ) -> None:
         self._state = trial.state
         self.old = {k: c.fitted for k, c in enumerate(chosen) if c.fitted is not None and c.static}
         self._fits = StaticFits(trial.likelihood, trial.state, trial.mixture, part, pattern)
 
-    def beside(self, candidate: Candidate) -> tuple[float, Candidate]:
+    def beside(self, candidate: TriedEffect) -> tuple[float, TriedEffect]:
         """The gain of a candidate by the biases, and the candidate with its numbers, and the model's, of this fit."""
         if candidate.fitted is None:
             return -math.inf, candidate
@@ -212,7 +212,7 @@ class _Fits:
         state = replace(candidate.state, effects=(*self._effects(others), fitted.effect))
         return gain, replace(candidate, effect=fitted.effect, fitted=fitted, state=state)
 
-    def settled(self) -> State:
+    def settled(self) -> ModelState:
         """The model with its static effects fitted again."""
         if not self.old:
             return self._state
@@ -225,7 +225,7 @@ class _Fits:
         return tuple(fits[k].effect if k in fits else e for k, e in enumerate(self._state.effects))
 
 
-def with_the_others(trial: Trial, chosen: Sequence[Candidate], found: Sequence[Candidate]) -> list[Candidate]:
+def with_the_others(trial: Trial, chosen: Sequence[TriedEffect], found: Sequence[TriedEffect]) -> list[TriedEffect]:
     """The candidates, best first, scored together with effects of the model that may have absorbed a part of them.
 
     An added effect may have absorbed a part of a candidate: a pose, a part of an offset; a drift, a part of any static
@@ -258,7 +258,7 @@ def with_the_others(trial: Trial, chosen: Sequence[Candidate], found: Sequence[C
     return sorted((together(trial, chosen, c) if c in worthy else c for c in out), key=lambda c: -c.score)
 
 
-def together(trial: Trial, chosen: Sequence[Candidate], candidate: Candidate) -> Candidate:
+def together(trial: Trial, chosen: Sequence[TriedEffect], candidate: TriedEffect) -> TriedEffect:
     """A candidate fitted together with all effects of the model, if one of two changes in time and the other is static.
 
     A drift is partly static, and so is a motion. The one that was fitted first has absorbed the static part of the
@@ -288,7 +288,7 @@ def together(trial: Trial, chosen: Sequence[Candidate], candidate: Candidate) ->
     return best
 
 
-def _begun_anew(trial: Trial, now: Sequence[Candidate], number: int) -> Candidate:
+def _begun_anew(trial: Trial, now: Sequence[TriedEffect], number: int) -> TriedEffect:
     """One of the candidates, searched for again from all its starts, in the presence of the others."""
     old = now[number]
     if old.fitted is None:
@@ -298,7 +298,7 @@ def _begun_anew(trial: Trial, now: Sequence[Candidate], number: int) -> Candidat
     return replace(old, effect=fitted.effect, fitted=fitted)
 
 
-def _share(old: Candidate, new: Candidate) -> bool:
+def _share(old: TriedEffect, new: TriedEffect) -> bool:
     """Whether one of two effects is static and the other partly; if a motion came first, of the same surface."""
     if old.kind == Motion.kind:
         return new.static and getattr(old.effect, "surface", "") == getattr(new.effect, "surface", None)

@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from tofmix.arrays import IntArray
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.widths import with_widths
 from tofmix.reconciliation.parameters.curvature import Numbers
 from tofmix.reconciliation.parameters.fits import fit
 from tofmix.reconciliation.parameters.pattern_errors import pattern_of
 from tofmix.reconciliation.parameters.standard_errors import polish
 from tofmix.reconciliation.search import links
-from tofmix.reconciliation.search.name import SLACK, Candidate
+from tofmix.reconciliation.search.name import SLACK, TriedEffect
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.interference import Interference
@@ -23,8 +23,8 @@ _MOST_TURNS = 8  # of numbers and latent states
 
 
 def refit(
-    likelihood: Likelihood, state: State, chosen: Sequence[Candidate], part: Part
-) -> tuple[State, list[Candidate]]:
+    likelihood: Likelihood, state: ModelState, chosen: Sequence[TriedEffect], part: Part
+) -> tuple[ModelState, list[TriedEffect]]:
     """Fit all effects again, each given the others, then all numbers together.
 
     Parameters
@@ -65,24 +65,24 @@ def settle(numbers: Numbers) -> Numbers:
     return numbers
 
 
-def without(state: State, number: int) -> State:
+def without(state: ModelState, number: int) -> ModelState:
     """The model without one of the effects."""
     return replace(state, effects=(*state.effects[:number], *state.effects[number + 1 :]))
 
 
-def without_pattern(state: State, pattern: int) -> State:
+def without_pattern(state: ModelState, pattern: int) -> ModelState:
     """The state without the added effect of this number, a fixed pattern, and without its map."""
     nothing = np.zeros_like(state.pixel_bias)
     return replace(without(state, pattern), pixel_bias=nothing, pixel_variance=nothing)
 
 
-def numbers(likelihood: Likelihood, state: State, chosen: Sequence[Candidate], part: Part) -> Numbers:
+def numbers(likelihood: Likelihood, state: ModelState, chosen: Sequence[TriedEffect], part: Part) -> Numbers:
     """The searched effects as one vector of numbers."""
     fits = {k: c.fitted for k, c in enumerate(chosen) if c.fitted is not None and c.fitted.problem.steps}
     return Numbers(likelihood=likelihood, state=state, fits=fits, part=part)
 
 
-def begin(likelihood: Likelihood, frames: IntArray, tolerance: float) -> State:
+def begin(likelihood: Likelihood, frames: IntArray, tolerance: float) -> ModelState:
     """The model as given, with the hidden states of its own effects in this recording, and no other effect.
 
     Parameters
@@ -112,7 +112,7 @@ def begin(likelihood: Likelihood, frames: IntArray, tolerance: float) -> State:
     return latent_states(likelihood, state, frames)
 
 
-def latent_states(likelihood: Likelihood, state: State, frames: IntArray) -> State:
+def latent_states(likelihood: Likelihood, state: ModelState, frames: IntArray) -> ModelState:
     """Fit the effects that link samples again, given the others; of the model's own effects, only their hidden states.
 
     Parameters
@@ -141,6 +141,6 @@ def latent_states(likelihood: Likelihood, state: State, frames: IntArray) -> Sta
     return with_widths(likelihood, state, frames)
 
 
-def _with(state: State, old: Effect, new: Effect) -> State:
+def _with(state: ModelState, old: Effect, new: Effect) -> ModelState:
     """The state with one of its effects replaced; the model's own effects do not change."""
     return replace(state, effects=tuple(new if e is old else e for e in state.effects))

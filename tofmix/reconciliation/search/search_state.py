@@ -7,8 +7,8 @@ import numpy as np
 
 from tofmix.bounds import NotNegative, Probability, WholeNumber, check_bounds, check_one_of
 from tofmix.reconciliation.comparison.compare import Compared
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
-from tofmix.reconciliation.search.name import Candidate
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
+from tofmix.reconciliation.search.name import TriedEffect
 
 SPLITS = ("frames,pixels", "frames", "pixels")
 """Parts of the recording that may be held out."""
@@ -79,12 +79,12 @@ class SearchState:
     likelihood: Likelihood
     settings: Settings
     tick: Callable[[str], None]
-    state: State
-    chosen: list[Candidate] = field(default_factory=list)
-    rivals: list[tuple[Candidate, ...]] = field(default_factory=list)
-    first: tuple[Candidate, ...] = ()
-    aliases: list[tuple[Candidate, ...]] = field(default_factory=list)
-    begun: Candidate | None = None
+    state: ModelState
+    chosen: list[TriedEffect] = field(default_factory=list)
+    rivals: list[tuple[TriedEffect, ...]] = field(default_factory=list)
+    first: tuple[TriedEffect, ...] = ()
+    aliases: list[tuple[TriedEffect, ...]] = field(default_factory=list)
+    begun: TriedEffect | None = None
     before: Compared | None = None
     missed: set[str] = field(default_factory=set)
 
@@ -103,6 +103,6 @@ def fit_part(likelihood: Likelihood, settings: Settings) -> Part:
     return np.flatnonzero(likelihood.evidence.fit_frames), np.arange(likelihood.evidence.shape[1])
 
 
-def name_of(candidate: Candidate) -> tuple[str, str]:
+def name_of(candidate: TriedEffect) -> tuple[str, str]:
     """The identity of a candidate: its kind, and the surface on which it acts, if any."""
     return candidate.kind, getattr(candidate.effect, "surface", "")

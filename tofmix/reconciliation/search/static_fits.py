@@ -13,7 +13,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.likelihood.joint import views
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.likelihood.pixel_pattern import PatternLines, pixel_biases
 from tofmix.reconciliation.parameters.fits import Fitted
@@ -48,7 +48,12 @@ class StaticFits:
     """
 
     def __init__(
-        self, likelihood: Likelihood, state: State, mixture: Mixture, part: Part, pattern: FixedPattern | None = None
+        self,
+        likelihood: Likelihood,
+        state: ModelState,
+        mixture: Mixture,
+        part: Part,
+        pattern: FixedPattern | None = None,
     ) -> None:
         self._scene = likelihood.scene
         self._effects = state.effects

@@ -14,7 +14,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.reconciliation.search.columns import Column, Term
-from tofmix.reconciliation.search.summaries import Summary, surfaces_of
+from tofmix.reconciliation.search.summaries import PixelSummary, surfaces_of
 
 _SMOOTH = 3  # functions along each side of a surface
 _DISCREPANCY = 0.25  # of the tolerance: prior of a tilt, and of a smooth error of a surface's ranges
@@ -66,7 +66,7 @@ class Subsets:
     """
 
     def __init__(
-        self, seen: Sequence[Summary], terms: Sequence[Term], tolerance: float, pixel_sigma_mm: float = 0.0
+        self, seen: Sequence[PixelSummary], terms: Sequence[Term], tolerance: float, pixel_sigma_mm: float = 0.0
     ) -> None:
         self.terms = tuple(terms)
         own = [c for t in terms for c in t.columns]
@@ -122,7 +122,7 @@ class Subsets:
 
 
 def _products(
-    seen: Sequence[Summary], columns: Sequence[Column], pixel_sigma_mm: float
+    seen: Sequence[PixelSummary], columns: Sequence[Column], pixel_sigma_mm: float
 ) -> tuple[FloatArray, FloatArray]:
     """Products (n, n) of columns with each other, and (n,) with the data, weighted by the information of each cell."""
     n = len(columns)
@@ -151,7 +151,7 @@ def _products(
     return gram, pull
 
 
-def model_errors(seen: Sequence[Summary], tolerance: float) -> Iterator[Column]:
+def model_errors(seen: Sequence[PixelSummary], tolerance: float) -> Iterator[Column]:
     """Errors of any model: position and tilt of each surface, scale of the noise, smooth errors of a surface."""
     if tolerance <= 0:
         return

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray
-from tofmix.reconciliation.likelihood.joint import View, views
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.likelihood.joint import RecordingView, views
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.memory import inflation, one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.likelihood.pixel_pattern import pixel_biases
@@ -27,7 +27,7 @@ _LEAST = 1e-10  # least information of a cell with data, 1/mm2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Summary:
+class PixelSummary:
     """The summary of one recording's pixels that see one surface.
 
     Parameters
@@ -44,7 +44,7 @@ class Summary:
         Mean time of the frames of the tenth.
     """
 
-    view: View
+    view: RecordingView
     used: BoolArray
     bias_mm: FloatArray
     bias_information: FloatArray
@@ -53,7 +53,7 @@ class Summary:
     elapsed_s: FloatArray
 
 
-def summaries(likelihood: Likelihood, state: State, part: Part) -> list[Summary]:
+def summaries(likelihood: Likelihood, state: ModelState, part: Part) -> list[PixelSummary]:
     """Summarise a part of each recording, relative to a state.
 
     Parameters
@@ -79,7 +79,7 @@ def summaries(likelihood: Likelihood, state: State, part: Part) -> list[Summary]
     return [_summed(likelihood, state, mixture, view) for view in views(likelihood, mixture, part)]
 
 
-def _summed(likelihood: Likelihood, state: State, mixture: Mixture, view: View) -> Summary:
+def _summed(likelihood: Likelihood, state: ModelState, mixture: Mixture, view: RecordingView) -> PixelSummary:
     whole = pixel_biases(likelihood, mixture, state, view.part_of_all)
     m = view.mixture
     used = one_surface(m) & m.of_main(m.lit).astype(bool) & (whole.information > _LEAST)
@@ -97,7 +97,7 @@ def _summed(likelihood: Likelihood, state: State, mixture: Mixture, view: View) 
     about = [(part, state.pixel_bias + whole.bias + move) for part, move in zip(tenths, moved, strict=True)]
     width, known = _widths(likelihood, state, mixture, about)
     width += 0.5 / max(len(view.part[0]), 1)  # a spread about the mean of the same samples is too small by this
-    return Summary(
+    return PixelSummary(
         view=view, used=used, bias_mm=np.where(used, np.stack(shifts) - state.pixel_bias, 0.0),
         bias_information=np.stack(information), width=np.where(used, width, 0.0),
         width_information=np.where(used, known / overstated, 0.0),
@@ -105,7 +105,7 @@ def _summed(likelihood: Likelihood, state: State, mixture: Mixture, view: View) 
     )  # fmt: skip
 
 
-def _surfaces_move(view: View, change: FloatArray, information: FloatArray) -> FloatArray:
+def _surfaces_move(view: RecordingView, change: FloatArray, information: FloatArray) -> FloatArray:
     """Shift of each surface in each tenth against the whole recording (tenth, pixel), mm: a mean over its pixels."""
     seen = view.mixture.of_main(view.mixture.surface)
     out = np.zeros_like(change)
@@ -117,7 +117,7 @@ def _surfaces_move(view: View, change: FloatArray, information: FloatArray) -> F
 
 
 def _widths(
-    likelihood: Likelihood, state: State, mixture: Mixture, about: Sequence[tuple[Part, FloatArray]]
+    likelihood: Likelihood, state: ModelState, mixture: Mixture, about: Sequence[tuple[Part, FloatArray]]
 ) -> tuple[FloatArray, FloatArray]:
     """Logarithm (pixel,) of the noise's width, over the predicted one, and its information, at given biases."""
     width, information = np.zeros(state.pixel_bias.size), np.zeros(state.pixel_bias.size)
@@ -132,7 +132,7 @@ def _widths(
     return width, information
 
 
-def surfaces_of(summary: Summary) -> Iterator[tuple[str, BoolArray]]:
+def surfaces_of(summary: PixelSummary) -> Iterator[tuple[str, BoolArray]]:
     """Each surface's name, and the pixels (pixel,) with data that see it."""
     m = summary.view.mixture
     seen = m.of_main(m.surface)

@@ -15,12 +15,12 @@ from scipy.stats import norm
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.comparison.compare import Compared
 from tofmix.reconciliation.comparison.localise import disagreements
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, State
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.parameters.latent_errors import latent_errors
 from tofmix.reconciliation.parameters.standard_errors import standard_errors
 from tofmix.reconciliation.search.add import Added
-from tofmix.reconciliation.search.name import PRICE_NATS, Candidate, moves_by_itself
+from tofmix.reconciliation.search.name import PRICE_NATS, TriedEffect, moves_by_itself
 from tofmix.reconciliation.search.refit import begin, numbers, refit, without, without_pattern
 from tofmix.reconciliation.search.search_state import Settings, fit_part, held_out
 from tofmix.reconciliation.verdict import LAW
@@ -71,7 +71,7 @@ def contradictions(likelihood: Likelihood, added: Added, settings: Settings) -> 
     return tuple(found or _unknown(likelihood, added, settings))
 
 
-def _implausible(chosen: Sequence[Candidate]) -> Iterator[Contradiction]:
+def _implausible(chosen: Sequence[TriedEffect]) -> Iterator[Contradiction]:
     """Effects with numbers beyond what their prior has."""
     for number, candidate in enumerate(chosen):
         effect = candidate.effect
@@ -85,14 +85,16 @@ def _possible(effect: Effect, name: str, limits: tuple[float, float]) -> bool:
     return bool(limits[0] <= getattr(effect, name) <= limits[1])
 
 
-def _refuted(likelihood: Likelihood, chosen: Sequence[Candidate], alpha: float) -> Iterator[Contradiction]:
+def _refuted(likelihood: Likelihood, chosen: Sequence[TriedEffect], alpha: float) -> Iterator[Contradiction]:
     """Effects that are less likely than none by the recorded amplitudes, by odds of more than 1 / alpha."""
     for number, candidate in enumerate(chosen):
         if sum(side.log_odds(candidate.effect) for side in likelihood.side_information) < math.log(alpha):
             yield Contradiction(number=number, reason="would change amplitudes; the recorded ones did not change so")
 
 
-def _instead_of_means(likelihood: Likelihood, state: State, panel: Compared, alpha: float) -> Iterator[Contradiction]:
+def _instead_of_means(
+    likelihood: Likelihood, state: ModelState, panel: Compared, alpha: float
+) -> Iterator[Contradiction]:
     """Effects that widen the samples' distribution, and stand for a mean that changes with the frame or the pixel.
 
     Noise and random values have no means. If means of frames and pixels make up more than `LAW` of the variance that

@@ -12,8 +12,8 @@ from scipy.stats import kruskal
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.reconciliation.comparison.compare import FARTHEST_SCORE
 from tofmix.reconciliation.comparison.localise import SMALLEST_P, Place
-from tofmix.reconciliation.likelihood.joint import View, views
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, State
+from tofmix.reconciliation.likelihood.joint import RecordingView, views
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
 
 _PARTS = 10  # of the time
 _LEAST_FRAMES = 3  # of a part, for a median with a scatter
@@ -21,7 +21,7 @@ _PIXELS = 256  # enough for a median
 _POLISHED = 30  # turns of the levels of pixels and frames
 
 
-def far_trends(likelihood: Likelihood, state: State, alpha: float) -> list[Place]:
+def far_trends(likelihood: Likelihood, state: ModelState, alpha: float) -> list[Place]:
     """The change in time of each recording whose ranges leave the reach of scores; none for most recordings.
 
     Parameters
@@ -43,7 +43,7 @@ def far_trends(likelihood: Likelihood, state: State, alpha: float) -> list[Place
     return [place for place in found if place is not None]
 
 
-def _far_trend(view: View, alpha: float) -> Place | None:
+def _far_trend(view: RecordingView, alpha: float) -> Place | None:
     medians, frames, sigma = _medians(view)
     parts = min(_PARTS, medians.size // _LEAST_FRAMES)
     if parts < 2:  # noqa: PLR2004  two parts of the time to compare
@@ -64,7 +64,7 @@ def _far_trend(view: View, alpha: float) -> Place | None:
     )  # fmt: skip
 
 
-def _medians(view: View) -> tuple[FloatArray, IntArray, float]:
+def _medians(view: RecordingView) -> tuple[FloatArray, IntArray, float]:
     """Median difference from the model of some frames, mm; the frames; and the typical sigma, mm.
 
     Each pixel has its own level, found together with those of the frames: it does not matter which pixels are valid

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from tofmix.reconciliation.likelihood.joint import Recording, joint_likelihood
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
-from tofmix.reconciliation.search.name import PRICE_NATS, Candidate, begin_trial, candidates
+from tofmix.reconciliation.search.name import PRICE_NATS, TriedEffect, begin_trial, candidates
 from tofmix.reconciliation.search.refit import begin
 from tofmix.reconciliation.search.search_state import Settings, fit_part, name_of
 from tofmix.reconciliation.verification.smooth_laws import CLEARLY_NATS
@@ -20,7 +20,7 @@ from tofmix.simulation.model import Model
 def better_model_effect(
     recordings: Sequence[Recording],
     likelihood: Likelihood,
-    added: tuple[float, Sequence[Candidate]],
+    added: tuple[float, Sequence[TriedEffect]],
     settings: Settings,
 ) -> Effect | None:
     """The model's own effect with numbers that are better than all added effects; None without one.

@@ -10,14 +10,14 @@ from scipy.stats import norm
 
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.reconciliation.comparison.localise import disagreements
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, State
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
 from tofmix.reconciliation.parameters.planes import PlanePose, measured_pose
 from tofmix.reconciliation.search.add import Added
 from tofmix.reconciliation.search.folding import fold
-from tofmix.reconciliation.search.name import Candidate
+from tofmix.reconciliation.search.name import TriedEffect
 from tofmix.reconciliation.search.refit import begin
 from tofmix.reconciliation.search.search_state import Settings, fit_part, name_of
-from tofmix.reconciliation.search.summaries import Summary, summaries, surfaces_of
+from tofmix.reconciliation.search.summaries import PixelSummary, summaries, surfaces_of
 from tofmix.reconciliation.verification.aliases import Alias
 from tofmix.reconciliation.verification.far_trend import far_trends
 from tofmix.reconciliation.verification.verify import Verified
@@ -172,7 +172,7 @@ def worse(verified: Verified) -> Iterator[str]:
         )
 
 
-def _turn_mm(folded: Candidate) -> float:
+def _turn_mm(folded: TriedEffect) -> float:
     return float(getattr(folded.effect, "unambiguous_range_mm", math.nan))
 
 
@@ -305,7 +305,7 @@ def effect_line(found: FoundPose) -> str:
     return "[[effect]] " + "; ".join(['kind = "surface_pose"', *(f"{k} = {json.dumps(v)}" for k, v in values.items())])
 
 
-def common_offset(likelihood: Likelihood, settings: Settings, state: State) -> RangeOffset | None:
+def common_offset(likelihood: Likelihood, settings: Settings, state: ModelState) -> RangeOffset | None:
     """The offset that explains most of the remaining biases of several surfaces; None for one surface, or else.
 
     By the same share of the weighted squares that a pose must explain of one surface.
@@ -325,7 +325,7 @@ def common_offset(likelihood: Likelihood, settings: Settings, state: State) -> R
     return RangeOffset(offset_mm=float(f"{offset:.4g}")) if clear else None
 
 
-def poses_win(likelihood: Likelihood, settings: Settings, state: State, poses: Sequence[FoundPose]) -> bool:
+def poses_win(likelihood: Likelihood, settings: Settings, state: ModelState, poses: Sequence[FoundPose]) -> bool:
     """Whether the poses explain more of the biases than one smooth function of place in the image.
 
     Each by the squares that it leaves, with half the logarithm of the number of pixels for each of its numbers (BIC).
@@ -351,14 +351,14 @@ def poses_win(likelihood: Likelihood, settings: Settings, state: State, poses: S
     return gain > 0
 
 
-def _of_pixels(summary: Summary, own: BoolArray) -> tuple[FloatArray, FloatArray]:
+def _of_pixels(summary: PixelSummary, own: BoolArray) -> tuple[FloatArray, FloatArray]:
     """Information (n,), 1/mm2, and mean bias, mm, of some pixels (pixel,)."""
     information = summary.bias_information[:, own].sum(axis=0)
     bias = (summary.bias_information * summary.bias_mm)[:, own].sum(axis=0) / np.maximum(information, _LEAST)
     return information, bias
 
 
-def found_poses(likelihood: Likelihood, settings: Settings, state: State | None = None) -> list[FoundPose]:
+def found_poses(likelihood: Likelihood, settings: Settings, state: ModelState | None = None) -> list[FoundPose]:
     """Surfaces for which another pose explains most of the remaining biases.
 
     Parameters

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.likelihood.pixel_pattern import pixel_biases
 from tofmix.reconciliation.parameters.pattern_errors import pattern_of
-from tofmix.reconciliation.search.name import PRICE_NATS, Candidate
+from tofmix.reconciliation.search.name import PRICE_NATS, TriedEffect
 from tofmix.reconciliation.search.pattern_fits import settled_within, worth
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.base import Target
@@ -41,8 +41,8 @@ _ALONE = 0.98  # least share of the beam of a pixel that sees one surface
 
 def better_law(
     likelihood: Likelihood,
-    state: State,
-    chosen: Sequence[Candidate],
+    state: ModelState,
+    chosen: Sequence[TriedEffect],
     parts: tuple[Part, Part],
     tolerance: float,
     *,
@@ -101,21 +101,21 @@ def _stays(effect: Effect, duration_s: float) -> bool:
     )
 
 
-_Bent = tuple[State, Mixture, int]
+_Bent = tuple[ModelState, Mixture, int]
 """State and prediction with a law, and its number of parameters."""
 
 
-def _by_plane(likelihood: Likelihood, state: State, mixture: Mixture, part: Part) -> _Bent:
+def _by_plane(likelihood: Likelihood, state: ModelState, mixture: Mixture, part: Part) -> _Bent:
     """A polynomial of first degree in row and column."""
     return _polynomial(likelihood, state, mixture, part, 1)
 
 
-def _by_bowl(likelihood: Likelihood, state: State, mixture: Mixture, part: Part) -> _Bent:
+def _by_bowl(likelihood: Likelihood, state: ModelState, mixture: Mixture, part: Part) -> _Bent:
     """A polynomial of second degree in row and column."""
     return _polynomial(likelihood, state, mixture, part, 2)
 
 
-def _polynomial(likelihood: Likelihood, state: State, mixture: Mixture, part: Part, degree: int) -> _Bent:
+def _polynomial(likelihood: Likelihood, state: ModelState, mixture: Mixture, part: Part, degree: int) -> _Bent:
     rows, cols = likelihood.evidence.image
     row, col = np.divmod(np.arange(rows * cols), cols)
     v, u = 2 * row / max(rows - 1, 1) - 1, 2 * col / max(cols - 1, 1) - 1
@@ -127,7 +127,7 @@ def _polynomial(likelihood: Likelihood, state: State, mixture: Mixture, part: Pa
     return state, mixture, columns.shape[1]
 
 
-def _by_range(likelihood: Likelihood, state: State, mixture: Mixture, part: Part) -> _Bent | None:
+def _by_range(likelihood: Likelihood, state: ModelState, mixture: Mixture, part: Part) -> _Bent | None:
     """A polynomial of second degree in the range of each surface; for one recording only."""
     lit = mixture.of_main(mixture.lit).astype(bool)
     if len(likelihood.scene.members) > 1 or not lit.any():
@@ -147,7 +147,7 @@ def _by_range(likelihood: Likelihood, state: State, mixture: Mixture, part: Part
     return state, mixture, 3
 
 
-_LAWS: Sequence[tuple[str, Callable[[Likelihood, State, Mixture, Part], _Bent | None]]] = (
+_LAWS: Sequence[tuple[str, Callable[[Likelihood, ModelState, Mixture, Part], _Bent | None]]] = (
     ("place in the image", _by_plane),
     ("place in the image", _by_bowl),
     ("range", _by_range),
@@ -155,7 +155,7 @@ _LAWS: Sequence[tuple[str, Callable[[Likelihood, State, Mixture, Part], _Bent | 
 
 
 def _fitted(
-    likelihood: Likelihood, state: State, mixture: Mixture, part: Part, by: tuple[FloatArray, BoolArray]
+    likelihood: Likelihood, state: ModelState, mixture: Mixture, part: Part, by: tuple[FloatArray, BoolArray]
 ) -> FloatArray:
     """The numbers of a law that is linear in columns (pixel, number), from the biases of some pixels."""
     columns, use = by

@@ -13,7 +13,7 @@ from tofmix.arrays import FloatArray
 from tofmix.reconciliation.comparison.compare import Compared, compare
 from tofmix.reconciliation.comparison.localise import disagreements
 from tofmix.reconciliation.likelihood.joint import views
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.memory import independent, memory_left, memory_of
 from tofmix.reconciliation.likelihood.mixture import LINKING, Scene
 from tofmix.reconciliation.search import links
@@ -21,7 +21,7 @@ from tofmix.reconciliation.search.add import Added
 from tofmix.reconciliation.search.name import tolerated
 from tofmix.reconciliation.search.refit import begin, latent_states
 from tofmix.reconciliation.search.search_state import Settings, fit_part, held_out
-from tofmix.reconciliation.verdict import Findings, judge, share_closed
+from tofmix.reconciliation.verdict import VerdictData, judge, share_closed
 from tofmix.reconciliation.verification.contradictions import Contradiction, contradictions
 from tofmix.reconciliation.verification.far_trend import far_trends
 from tofmix.reconciliation.verification.pattern_shape import smooth, tilted
@@ -65,12 +65,12 @@ class Verified:
     """
 
     verdict: str
-    state: State
-    start: State
+    state: ModelState
+    start: ModelState
     before: Compared
     after: Compared
     floor: Compared
-    findings: Findings
+    findings: VerdictData
     against: tuple[Contradiction, ...] = ()
 
     @property
@@ -123,7 +123,7 @@ def verify(
     after = compare(likelihood, added.state, held, seed=settings.seed) if added.chosen else before
     floor = simulated(likelihood, added.state, settings)
     part = likelihood.evidence.part(fit=False, split=settings.split)
-    found = Findings(
+    found = VerdictData(
         chosen=added.chosen, before=before, after=after, floor=floor, near=added.panel, alpha=settings.alpha,
         samples=int((likelihood.evidence.samples[held[0]][:, held[1]] > 0).sum()),
         frames=likelihood.evidence.shape[0],
@@ -157,7 +157,7 @@ def verify(
     return revoked(likelihood, out, settings) if added.chosen and verdict in ("agree", "unexplained") else out
 
 
-def _nulls(likelihood: Likelihood, state: State, settings: Settings, found: Findings) -> tuple[Compared, ...]:
+def _nulls(likelihood: Likelihood, state: ModelState, settings: Settings, found: VerdictData) -> tuple[Compared, ...]:
     """Simulations of the refined model: several if the first one also shows a deviation of the recording.
 
     Several too if hidden states link samples, because simulations then differ from each other.
@@ -175,13 +175,13 @@ def revoked(likelihood: Likelihood, found: Verified, settings: Settings) -> Veri
     return replace(found, state=start, after=found.before, floor=simulated(likelihood, start, settings))
 
 
-def _echoes(likelihood: Likelihood, state: State, settings: Settings) -> bool:
+def _echoes(likelihood: Likelihood, state: ModelState, settings: Settings) -> bool:
     """Whether a correlation at any lag remains after a memory of one frame."""
     coefficient = memory_of(state)
     return bool(coefficient) and memory_left(likelihood, state, coefficient, settings.seed) > ECHO
 
 
-def _shaped(likelihood: Likelihood, state: State, held: Part) -> bool:
+def _shaped(likelihood: Likelihood, state: ModelState, held: Part) -> bool:
     """Whether a pattern of pixels is a smooth law of place."""
     known = (state.pixel_variance > 0).reshape(likelihood.evidence.image)
     maps = [e.map for e in state.effects if isinstance(e, FixedPattern) and e.map is not None]
@@ -193,7 +193,7 @@ def _shaped(likelihood: Likelihood, state: State, held: Part) -> bool:
     return any(smooth(v, known) or any(tilted(v, known, s) for s in surfaces) for v in values)
 
 
-def changes_in_time(state: State, found: Findings, gain: float) -> bool:
+def changes_in_time(state: ModelState, found: VerdictData, gain: float) -> bool:
     """Whether means of frames or pixels still change in time; laws in time are exact, so another cause remains.
 
     If frames are disturbed, or noise has a memory, these means change for that reason, and the answer is no.
@@ -219,13 +219,13 @@ def changes_in_time(state: State, found: Findings, gain: float) -> bool:
     return max(left, default=0.0) > IN_TIME * gain or same > max(IN_TIME * gain, stays)
 
 
-def refined_model(scene: Scene, state: State) -> Model:
+def refined_model(scene: Scene, state: ModelState) -> Model:
     """The model of a scene with the effects of a state that act in it."""
     effects: tuple[Effect, ...] = (*scene.model.effects, *scene.own(state.effects))
     return replace(scene.model, effects=effects)
 
 
-def simulated(likelihood: Likelihood, state: State, settings: Settings, number: int = 0) -> Compared:
+def simulated(likelihood: Likelihood, state: ModelState, settings: Settings, number: int = 0) -> Compared:
     """Panel of a simulation of a model. Its hidden states are estimated from the simulation, as from a recording.
 
     Parameters
@@ -256,7 +256,7 @@ def _as_recorded(model: Model, time_s: FloatArray) -> Model:
     return replace(model, recording=replace(model.recording, frame_rate_hz=(time_s.size - 1) / duration))
 
 
-def _as_found(model: Model, state: State) -> Model:
+def _as_found(model: Model, state: ModelState) -> Model:
     """The model with maps from the recording instead of patterns that are drawn from a seed."""
     image = model.sensor.rows, model.sensor.cols
 

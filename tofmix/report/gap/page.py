@@ -2,7 +2,7 @@
 
 from importlib import import_module
 
-from tofmix.reconciliation.search.name import Candidate
+from tofmix.reconciliation.search.name import TriedEffect
 from tofmix.reconciliation.words import closed_text, effect_tables, effect_text, headline, in_words, p_text, where_text
 from tofmix.reconciliation.workflow import NamedEffect, Reconciliation
 from tofmix.report.page.templates import load_template
@@ -52,7 +52,7 @@ def render_gap(result: Reconciliation, *, source: str) -> str:
     )
 
 
-def _fitted(candidate: Candidate, result: Reconciliation) -> str:
+def _fitted(candidate: TriedEffect, result: Reconciliation) -> str:
     """The parameters of a candidate in words; nothing is known of their errors."""
     everywhere = tuple(range(len(result.models)))
     alone = NamedEffect(effect=candidate.effect, stderr={}, heldout_gain_nats=candidate.gain, recordings=everywhere)

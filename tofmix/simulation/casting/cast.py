@@ -113,7 +113,7 @@ class MovingCaster:
         kept = ~reached.ravel()[still.pixel]
         truth = truth_of(
             model,
-            Seen(
+            SeenSurfaces(
                 pixel=np.concatenate([fresh.pixel, still.pixel[kept]]),
                 surface=np.concatenate([fresh.surface, still.surface[kept]]),
                 share=np.concatenate([fresh.share, still.share[kept]]),
@@ -132,7 +132,7 @@ def _placed(model: Model, time_s: float) -> Model:
     return replace(model, surfaces=model.placed(time_s)) if model.effects else model
 
 
-class Seen(NamedTuple):
+class SeenSurfaces(NamedTuple):
     """One entry for each surface that a pixel sees, and the pixels' shares without a surface."""
 
     pixel: IntArray
@@ -143,7 +143,7 @@ class Seen(NamedTuple):
     nothing: FloatArray
 
 
-def _cast(model: Model, wanted: BoolArray | None = None) -> Seen:
+def _cast(model: Model, wanted: BoolArray | None = None) -> SeenSurfaces:
     """Cast row by row, so that memory does not grow with pixels times surfaces; only the pixels (row, col) wanted."""
     sensor, scene = model.sensor, scene_arrays(model)
     if wanted is None:
@@ -154,7 +154,7 @@ def _cast(model: Model, wanted: BoolArray | None = None) -> Seen:
         sums = np.zeros((sensor.cols, len(model.surfaces), 3))
         cast(row, wanted[row], sums)
         rows.append(sift(sums, row * sensor.cols))
-    return Seen(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
+    return SeenSurfaces(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
 
 
 def _row_caster(sensor: SensorProfile, scene: SceneArrays) -> Callable[[int, BoolArray, FloatArray], None]:
@@ -191,7 +191,7 @@ def _angles(sensor: SensorProfile, optics: Equiangular) -> tuple[FloatArray, Flo
     return azimuths, (np.arange(sensor.rows, dtype=np.float64) - (sensor.rows - 1) / 2) * height
 
 
-def sift(sums: FloatArray, first_pixel: int) -> Seen:
+def sift(sums: FloatArray, first_pixel: int) -> SeenSurfaces:
     """The surfaces in a row's pixels, without shares below `MIN_SHARE`; the others fill the pixel."""
     share = sums[:, :, 0]
     nothing = 1.0 - share.sum(axis=1)
@@ -200,7 +200,7 @@ def sift(sums: FloatArray, first_pixel: int) -> Seen:
     whole = share.sum(axis=1) + nothing
     col, surface = np.nonzero(share)
     weight, weighted_range, weighted_cosine = sums[col, surface].T
-    return Seen(
+    return SeenSurfaces(
         pixel=first_pixel + col,
         surface=surface,
         share=share[col, surface] / whole[col],
@@ -210,7 +210,7 @@ def sift(sums: FloatArray, first_pixel: int) -> Seen:
     )
 
 
-def truth_of(model: Model, seen: Seen) -> Truth:
+def truth_of(model: Model, seen: SeenSurfaces) -> Truth:
     """Sort the surfaces of each pixel from near to far."""
     sensor = model.sensor
     counts = np.bincount(seen.pixel, minlength=sensor.rows * sensor.cols)
@@ -241,7 +241,7 @@ def truth_of(model: Model, seen: Seen) -> Truth:
     )
 
 
-def _amplitude(model: Model, seen: Seen) -> FloatArray:
+def _amplitude(model: Model, seen: SeenSurfaces) -> FloatArray:
     """``1000 * reflectivity * cos(incidence) * (1000 / r_mm)^2 * tau_ms / 1.2`` of each entry."""
     reflectivity = np.array([surface.reflectivity for surface in model.surfaces], dtype=np.float64)[seen.surface]
     gain = 1000.0 * model.sensor.integration_time_ms / 1.2

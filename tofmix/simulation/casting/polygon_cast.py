@@ -14,7 +14,7 @@ from tofmix.arrays import FloatArray
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import Projection, cell_nodes, pixel_extent_rad
 from tofmix.sensors.profile import SensorProfile
-from tofmix.simulation.casting.cast import Seen, cast_scene, sift, truth_of
+from tofmix.simulation.casting.cast import SeenSurfaces, cast_scene, sift, truth_of
 from tofmix.simulation.casting.cast_cells import BULGE
 from tofmix.simulation.casting.polygon_kernel import cast_polygons
 from tofmix.simulation.casting.scene import scene_arrays
@@ -72,7 +72,7 @@ class PolygonCaster:
             if crowded:
                 return cast_scene(model)
             found.append(sift(sums, start))
-        return truth_of(model, Seen(*(np.concatenate(values) for values in zip(*found, strict=True))))
+        return truth_of(model, SeenSurfaces(*(np.concatenate(values) for values in zip(*found, strict=True))))
 
 
 @lru_cache(maxsize=2)
