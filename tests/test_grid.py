@@ -9,9 +9,13 @@ from tofmix.windows import plan_windows
 
 
 @given(
-    count=st.integers(1, 40), stride=st.integers(1, 20), length=st.integers(1, 20), rows=st.integers(1, 300),
-    cols=st.integers(1, 300), row_step=st.integers(1, 60),
-)  # fmt: skip
+    count=st.integers(1, 40),
+    stride=st.integers(1, 20),
+    length=st.integers(1, 20),
+    rows=st.integers(1, 300),
+    cols=st.integers(1, 300),
+    row_step=st.integers(1, 60),
+)
 def test_cells_cover_each_window_and_row_once(
     count: int, stride: int, length: int, rows: int, cols: int, row_step: int
 ) -> None:

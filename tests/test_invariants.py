@@ -25,9 +25,13 @@ def layers() -> Layers:
     made.n_modes[PLACE] = 2
     made.status[PLACE] = Status.OK
     for name, values in (
-        ("range", [1000, 2000]), ("sigma", [5, 5]), ("weight", [0.5, 0.4]), ("range_stderr", [1, 1]),
-        ("weight_stderr", [0.1, 0.1]), ("probability", [1, 0.9]),
-    ):  # fmt: skip
+        ("range", [1000, 2000]),
+        ("sigma", [5, 5]),
+        ("weight", [0.5, 0.4]),
+        ("range_stderr", [1, 1]),
+        ("weight_stderr", [0.1, 0.1]),
+        ("probability", [1, 0.9]),
+    ):
         getattr(made, name)[PLACE] = [*values, np.nan, np.nan]
     made.weight_outlier[PLACE], made.weight_no_return[PLACE] = 0.05, 0.05
     return made
@@ -82,7 +86,7 @@ def test_estimated_layers_pass_all_invariants(
         ("invalid_share", (), 0.5, "without one of the n_samples"),
         ("log_likelihood", (), np.nan, "finite where a pixel was fitted"),
     ],
-)  # fmt: skip
+)
 def test_each_breach_is_noticed_where_it_is(
     layers: Layers, name: str, index: tuple[int, ...], value: float, rule: str
 ) -> None:

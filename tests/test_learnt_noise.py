@@ -55,11 +55,16 @@ def test_equal_numbers_are_the_same_noise() -> None:
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("background", None), ("background", (1.0, 9.5)), ("memory", 0.3), ("drift_mm", [3.0, 0.0, 1.5]),
-        ("gain_samples", [10.0, 101.0]), ("gain_background", [0.0, 0.1, 0.7]),
-        ("gain_more", np.arange(6.0 * CHANCES).reshape(2, 3, CHANCES) + 1e-9), ("gain_first", np.ones((2, CHANCES))),
+        ("background", None),
+        ("background", (1.0, 9.5)),
+        ("memory", 0.3),
+        ("drift_mm", [3.0, 0.0, 1.5]),
+        ("gain_samples", [10.0, 101.0]),
+        ("gain_background", [0.0, 0.1, 0.7]),
+        ("gain_more", np.arange(6.0 * CHANCES).reshape(2, 3, CHANCES) + 1e-9),
+        ("gain_first", np.ones((2, CHANCES))),
     ],
-)  # fmt: skip
+)
 def test_any_other_number_is_another_noise(name: str, value: object) -> None:
     one, other = LearntNoise(**_values()), LearntNoise(**_values(**{name: value}))
     assert not one.same_as(other)

@@ -42,12 +42,15 @@ def test_quantile_undoes_cdf_where_density_has_a_corner_or_is_0() -> None:
 @pytest.mark.parametrize(
     ("z", "density", "text"),
     [
-        ([0.0, 1.0], [1.0, 1.0], "at least 3"), ([0.0, 2.0, 1.0], [1.0, 1.0, 1.0], "ascend"),
-        ([-1.0, 0.0, 1.0], [1.0, -1.0, 1.0], "at least 0"), ([-1.0, 0.0, 1.0], [0.0, 0.0, 0.0], "above 0"),
-        ([-1.0, 0.0, np.inf], [1.0, 1.0, 1.0], "finite"), (Z + 1.0, stats.norm.pdf(Z), "got 1 and 1"),
+        ([0.0, 1.0], [1.0, 1.0], "at least 3"),
+        ([0.0, 2.0, 1.0], [1.0, 1.0, 1.0], "ascend"),
+        ([-1.0, 0.0, 1.0], [1.0, -1.0, 1.0], "at least 0"),
+        ([-1.0, 0.0, 1.0], [0.0, 0.0, 0.0], "above 0"),
+        ([-1.0, 0.0, np.inf], [1.0, 1.0, 1.0], "finite"),
+        (Z + 1.0, stats.norm.pdf(Z), "got 1 and 1"),
         (2.0 * Z, stats.norm.pdf(Z), "and 2"),
     ],
-)  # fmt: skip
+)
 def test_invalid_noise_shapes_are_refused_with_the_reason(z: list[float], density: list[float], text: str) -> None:
     with pytest.raises(ValueError, match=text):
         NoiseShape(np.array(z), np.array(density))

@@ -45,12 +45,19 @@ def test_unfit_curves_are_refused(range_mm: list[float], sigma_mm: list[float], 
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        ("modulation_frequency_hz", 0.0), ("modulation_frequency_hz", 1e300), ("modulation_frequency_hz", 1e-300),
-        ("integration_time_ms", -1.0), ("range_max_mm", np.inf),
-        ("fov_vertical_deg", np.nan), ("range_min_mm", np.nan), ("range_min_mm", 9000.0),
-        ("outlier_probability", 1.0), ("outlier_probability", -0.1), ("outlier_probability", np.nan),
+        ("modulation_frequency_hz", 0.0),
+        ("modulation_frequency_hz", 1e300),
+        ("modulation_frequency_hz", 1e-300),
+        ("integration_time_ms", -1.0),
+        ("range_max_mm", np.inf),
+        ("fov_vertical_deg", np.nan),
+        ("range_min_mm", np.nan),
+        ("range_min_mm", 9000.0),
+        ("outlier_probability", 1.0),
+        ("outlier_probability", -0.1),
+        ("outlier_probability", np.nan),
     ],
-)  # fmt: skip
+)
 def test_unfit_sensors_are_refused(key: str, value: float) -> None:
     settings: dict[str, Any] = {"name": "x", "range_max_mm": 5000.0, key: value}
     with pytest.raises(ValueError, match=key):

@@ -18,12 +18,20 @@ def test_one_is_singular_and_all_else_plural() -> None:
 @pytest.mark.parametrize(
     ("value", "form", "text"),
     [
-        (-0.0, "", "0.0"), (-0.0, ".2f", "0.00"), (-0.004, ".2f", "0.00"), (0.004, "+.2f", "0.00"),
-        (-0.4, ",.0f", "0"), (-0.006, ".2f", "-0.01"), (-0.0, "+.3g", "0"), (-1e-9, ".3g", "-1e-09"),
+        (-0.0, "", "0.0"),
+        (-0.0, ".2f", "0.00"),
+        (-0.004, ".2f", "0.00"),
+        (0.004, "+.2f", "0.00"),
+        (-0.4, ",.0f", "0"),
+        (-0.006, ".2f", "-0.01"),
+        (-0.0, "+.3g", "0"),
+        (-1e-9, ".3g", "-1e-09"),
         (12.5, "", "12.5"),
-        (float("nan"), ".1f", "nan"), (float("-inf"), ".1f", "-inf"), (-1200.0, ",.0f", "-1,200"),
+        (float("nan"), ".1f", "nan"),
+        (float("-inf"), ".1f", "-inf"),
+        (-1200.0, ",.0f", "-1,200"),
     ],
-)  # fmt: skip
+)
 def test_zero_has_no_sign(value: float, form: str, text: str) -> None:
     assert number(value, form) == text
 
@@ -31,6 +39,10 @@ def test_zero_has_no_sign(value: float, form: str, text: str) -> None:
 def test_only_counted_makes_plurals() -> None:
     """`counted` is the one place: a plural by hand is wrong for 1, or for 0."""
     by_hand = re.compile(r"['\"]s['\"] ?\*|['\"]s['\"] if ")
-    found = [f"{p}:{n}" for p in PACKAGE.rglob("*.py") for n, line in enumerate(p.read_text().splitlines(), 1)
-             if by_hand.search(line) and p.name not in ("import_.py", "wording.py")]  # fmt: skip
+    found = [
+        f"{p}:{n}"
+        for p in PACKAGE.rglob("*.py")
+        for n, line in enumerate(p.read_text().splitlines(), 1)
+        if by_hand.search(line) and p.name not in ("import_.py", "wording.py")
+    ]
     assert found == []

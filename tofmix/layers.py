@@ -95,9 +95,13 @@ SUSPECT = LayerField(
 """Where any layer is suspect."""
 
 SUSPECT_FRAMES = LayerField(
-    name="suspect_frames", dtype="u4", units="1", long_name="first and last frame of a passing layer", per_layer=True,
+    name="suspect_frames",
+    dtype="u4",
+    units="1",
+    long_name="first and last frame of a passing layer",
+    per_layer=True,
     ends=True,
-)  # fmt: skip
+)
 """Where any layer is a passing one; 0 for all others."""
 
 OPTIONAL_FIELDS = (NOISE_WIDTH, INVALID_SHARE, AMPLITUDE, MIXING, SUSPECT, SUSPECT_FRAMES)

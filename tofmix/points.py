@@ -212,9 +212,12 @@ class LayerPoints:
         """Points of one window after the other, (point,) records of `fields`; by row, column and layer within each."""
         for window in self._windows:
             yield window_points(
-                self._source.read_window(window), self._directions, window=window, chosen=self._chosen,
+                self._source.read_window(window),
+                self._directions,
+                window=window,
+                chosen=self._chosen,
                 fields=self.fields,
-            )  # fmt: skip
+            )
 
     def count(self) -> int:
         """Count the points, for a header that precedes them; reads every window."""
@@ -226,9 +229,13 @@ class LayerPoints:
 
 
 def window_points(
-    layers: Layers, directions: FloatArray, *, window: int, chosen: PointFilter,
+    layers: Layers,
+    directions: FloatArray,
+    *,
+    window: int,
+    chosen: PointFilter,
     fields: Sequence[PointField] = POINT_FIELDS,
-) -> PointArray:  # fmt: skip
+) -> PointArray:
     """Points of one window.
 
     Parameters

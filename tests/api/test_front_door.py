@@ -152,8 +152,9 @@ def test_from_array_turns_depths_along_z_into_ranges_as_import_does(tmp_path: Pa
         tm.from_array(flat, units="mm", depth_axis="z")
     np.save(tmp_path / "a.npy", flat)
     lenses: tuple[tuple[str, dict[str, Any]], ...] = (
-        ("--intrinsics=9,8,3.5,2.5", {"intrinsics": (9.0, 8.0, 3.5, 2.5)}), ("--fov=70x55", {"fov_deg": (70.0, 55.0)})
-    )  # fmt: skip
+        ("--intrinsics=9,8,3.5,2.5", {"intrinsics": (9.0, 8.0, 3.5, 2.5)}),
+        ("--fov=70x55", {"fov_deg": (70.0, 55.0)}),
+    )
     for option, lens in lenses:
         done = tm.from_array(flat, units="mm", depth_axis="z", **lens)
         succeed("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5", "--overwrite", "--depth-axis", "z", option)
@@ -170,9 +171,7 @@ def test_from_array_puts_frames_in_order_and_says_so() -> None:
     frames = np.random.default_rng(3).normal(1500.0, 4.0, (5, 2, 3))
     swapped, stamps = [0, 2, 1, 3, 4, 4], np.array([7.0, 7.1, 7.2, 7.3, 7.4])
     with pytest.warns(DoubtWarning) as said:
-        rec = tm.from_array(
-            frames[swapped], units="mm", amplitude=frames[swapped] / 10, time_s=stamps[swapped]
-        )  # fmt: skip
+        rec = tm.from_array(frames[swapped], units="mm", amplitude=frames[swapped] / 10, time_s=stamps[swapped])
     assert [str(one.message) for one in said] == [
         "from_array: 1 frame equal to another of the same time left out",
         "from_array: 2 frames out of order sorted by time",

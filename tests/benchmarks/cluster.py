@@ -48,16 +48,37 @@ def main() -> None:
         subprocess.run([*TOFMIX, "warmup"], check=True, stdout=subprocess.DEVNULL)
         python, scheduler, worker = DASK[0], DASK[2] + "scheduler", DASK[2] + "worker"
         start(
-            stack, folder, python, "-m", scheduler, "--host", "127.0.0.1", "--port", "0", "--no-dashboard",
-            "--scheduler-file", file,
-        )  # fmt: skip
+            stack,
+            folder,
+            python,
+            "-m",
+            scheduler,
+            "--host",
+            "127.0.0.1",
+            "--port",
+            "0",
+            "--no-dashboard",
+            "--scheduler-file",
+            file,
+        )
         workers = [
             start(
-                stack, folder, python, "-m", worker, "--scheduler-file", file, "--nthreads", "1", "--no-nanny",
-                "--no-dashboard", "--local-directory", str(folder / "scratch"),
+                stack,
+                folder,
+                python,
+                "-m",
+                worker,
+                "--scheduler-file",
+                file,
+                "--nthreads",
+                "1",
+                "--no-nanny",
+                "--no-dashboard",
+                "--local-directory",
+                str(folder / "scratch"),
             )
             for _ in range(2)
-        ]  # fmt: skip
+        ]
         while not Path(file).exists():
             time.sleep(0.1)
         small = str(folder / "small.h5")

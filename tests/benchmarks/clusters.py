@@ -166,9 +166,13 @@ def judge_recording(
         if own and passed[pixel] and len(own) <= len((Kind.SINGLE, Kind.DOUBLE)):
             kind[pixel] = list(Kind).index((Kind.SINGLE, Kind.DOUBLE)[len(own) - 1])
     return Judged(
-        kind=kind, clusters=found, half_width_mm=width, step_mm=step, background=background,
+        kind=kind,
+        clusters=found,
+        half_width_mm=width,
+        step_mm=step,
+        background=background,
         faint=np.array([faint for _, faint in searched]),
-    )  # fmt: skip
+    )
 
 
 def step_of(samples: FloatArray) -> float:

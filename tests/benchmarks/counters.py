@@ -59,14 +59,29 @@ PAIR, BOARDS = 2, 3
 
 _COLOURS = {"density": "#0072b2", "CPDF": "#d55e00", "Fourier": "#009e73"}  # Okabe and Ito
 _LINES = ("-", "--", ":", "-.")
-_DRAWN = ("density", "density, gamma 0.1", "CPDF, 15 bins", "CPDF, 60 bins", "CPDF, 60 bins, k 1.02",
-          "Fourier, order 8", "Fourier, order 16", "Fourier, order 32")  # fmt: skip
+_DRAWN = (
+    "density",
+    "density, gamma 0.1",
+    "CPDF, 15 bins",
+    "CPDF, 60 bins",
+    "CPDF, 60 bins, k 1.02",
+    "Fourier, order 8",
+    "Fourier, order 16",
+    "Fourier, order 32",
+)
 _INK, _GRID_COLOUR = "#1f2328", "#e3e7eb"
 _SETTINGS = {
-    "font.size": 9.5, "axes.titlesize": 10.5, "axes.spines.top": False, "axes.spines.right": False,
-    "axes.edgecolor": _INK, "axes.labelcolor": _INK, "text.color": _INK, "xtick.color": _INK, "ytick.color": _INK,
+    "font.size": 9.5,
+    "axes.titlesize": 10.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": _INK,
+    "axes.labelcolor": _INK,
+    "text.color": _INK,
+    "xtick.color": _INK,
+    "ytick.color": _INK,
     "legend.frameon": False,
-}  # fmt: skip
+}
 _SIZE_INCH, _DPI = (8.4, 3.7), 120.0
 
 

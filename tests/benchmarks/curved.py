@@ -70,9 +70,11 @@ def estimated(one: Scene) -> tm.Estimate:
 
 
 def scored(
-    names: Sequence[str], seeds: Sequence[int], scenes: dict[str, tuple[list[Thing], list[float]]] = SCENES,
+    names: Sequence[str],
+    seeds: Sequence[int],
+    scenes: dict[str, tuple[list[Thing], list[float]]] = SCENES,
     **choices: float,
-) -> Score:  # fmt: skip
+) -> Score:
     """Estimate scenes and compare them with their truth."""
     total = Score()
     for name in names:

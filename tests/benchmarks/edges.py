@@ -64,8 +64,12 @@ DISKS: dict[str, Maker] = {"disks": plates.disks}
 BARS: dict[str, Maker] = {f"bars of {width}": plates.bars(width) for width in (0.5, 0.8)}
 MAKERS = TILTED | THREE | DISKS | BARS
 
-AIMS = {"wrong": (0.04, 0.02, 0.012), "three": (0.08, 0.06, 0.06), "disks": (0.042, 0.026, 0.012),
-        "bars of 0.8": (0.03, 0.015)}  # fmt: skip
+AIMS = {
+    "wrong": (0.04, 0.02, 0.012),
+    "three": (0.08, 0.06, 0.06),
+    "disks": (0.042, 0.026, 0.012),
+    "bars of 0.8": (0.03, 0.015),
+}
 """Most wrong parts at 40, 100 and 400 frames."""
 
 HALF_PLANES = 8
@@ -106,9 +110,15 @@ def aim(name: str, frames: int) -> str:
 
 
 def print_wrong(
-    options: argparse.Namespace, title: str, families: tuple[str, ...], *, aims: str | None = None, surfaces: int = 2,
-    frame_counts: list[int] | None = None, q: float = 0.0,
-) -> None:  # fmt: skip
+    options: argparse.Namespace,
+    title: str,
+    families: tuple[str, ...],
+    *,
+    aims: str | None = None,
+    surfaces: int = 2,
+    frame_counts: list[int] | None = None,
+    q: float = 0.0,
+) -> None:
     """A row for each family and number of frames."""
     print(f"\n**{title}**\n")
     names = [*RIVALS, "tofmix"]
@@ -149,8 +159,10 @@ def print_row(name: str, frames: int, wrong: dict[str, Wrong], most: str) -> Non
 def print_half_planes(options: argparse.Namespace, *, frame_counts: list[int] | None = None, q: float = 0.0) -> None:
     """Distances from true edges of the points between the two surfaces; edges of anything else are counted."""
     print("\n**Half-planes" + (", phasor sums" if q else "") + ": points of edges, distances in pixels**\n")
-    print("| frames | points | rms | at most | in stated errors, rms | 0.8 to 1.2 | above 0.25 off | points of false"
-          " edges | mixed pixels with a point | Youngs, rms |\n|---|---|---|---|---|---|---|---|---|---|")  # fmt: skip
+    print(
+        "| frames | points | rms | at most | in stated errors, rms | 0.8 to 1.2 | above 0.25 off | points of false"
+        " edges | mixed pixels with a point | Youngs, rms |\n|---|---|---|---|---|---|---|---|---|---|"
+    )
     for frames in frame_counts or options.frames:
         ours, theirs = Places(), Places()
         for seed in options.seeds:

@@ -100,11 +100,14 @@ def further_layers(
                 alone = True
         strange += alone
     return FurtherLayers(
-        beside=beside, around=around, scene=at_scene, elsewhere=elsewhere,
+        beside=beside,
+        around=around,
+        scene=at_scene,
+        elsewhere=elsewhere,
         around_by_chance=float(np.mean(cover_around)) if cover_around else np.nan,
         scene_by_chance=float(np.mean(cover_scene)) if cover_scene else np.nan,
         pixels_elsewhere=strange / max(single.size, 1),
-    )  # fmt: skip
+    )
 
 
 def _covered(judged: Judged, pixels: list[int], places: FloatArray) -> BoolArray:

@@ -72,13 +72,21 @@ def _read(frames: int) -> tuple[Calibrated, list[Surface]]:
     scale = (noise["reference_integration_time_ms"] / tau_ms) ** noise["exponent"]
     curve = NoiseTable(range_mm=np.array(noise["range_mm"]), sigma_mm=scale * np.array(noise["sigma_mm"]))
     device = Calibrated(
-        name="hidden effect", rows=sensor["rows"], cols=sensor["cols"],
-        fov_horizontal_deg=sensor["fov_horizontal_deg"], fov_vertical_deg=sensor["fov_vertical_deg"],
-        frequency_hz=sensor["modulation_frequency_hz"], integration_time_ms=tau_ms,
-        frame_rate_hz=model["recording"]["frame_rate_hz"], frames=frames,
-        range_min_mm=sensor["range_min_mm"], range_max_mm=sensor["range_max_mm"],
-        outlier_probability=sensor["outlier_probability"], electrons=2.0e5, curve=curve,
-    )  # fmt: skip
+        name="hidden effect",
+        rows=sensor["rows"],
+        cols=sensor["cols"],
+        fov_horizontal_deg=sensor["fov_horizontal_deg"],
+        fov_vertical_deg=sensor["fov_vertical_deg"],
+        frequency_hz=sensor["modulation_frequency_hz"],
+        integration_time_ms=tau_ms,
+        frame_rate_hz=model["recording"]["frame_rate_hz"],
+        frames=frames,
+        range_min_mm=sensor["range_min_mm"],
+        range_max_mm=sensor["range_max_mm"],
+        outlier_probability=sensor["outlier_probability"],
+        electrons=2.0e5,
+        curve=curve,
+    )
     surfaces = [
         Surface(**s | {"center_mm": tuple(s["center_mm"]), "size_mm": tuple(s["size_mm"])}) for s in model["surface"]
     ]

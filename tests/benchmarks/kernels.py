@@ -230,9 +230,13 @@ def reading(samples: Float32Array, folder: Path) -> Callable[[], None]:
     path = folder / "samples.h5"
     with h5py.File(path, "w") as root:
         root.create_dataset(
-            "range", data=samples.astype(np.uint16), chunks=(FRAMES, 16, 22), compression=1, shuffle=True,
+            "range",
+            data=samples.astype(np.uint16),
+            chunks=(FRAMES, 16, 22),
+            compression=1,
+            shuffle=True,
             fletcher32=True,
-        )  # fmt: skip
+        )
 
     def run() -> None:
         with h5py.File(path) as root:
@@ -280,8 +284,10 @@ def main() -> None:
     pixel = sklearn_seconds(samples, chosen)
     if pixel is not None:
         took = pixel * ROWS * COLS
-        print(f"| scikit-learn, from {len(chosen)} pixels | {took:.0f} | {samples.size / took / 1e6:.4f} |"
-              f" {took / ours:.0f} |")  # fmt: skip
+        print(
+            f"| scikit-learn, from {len(chosen)} pixels | {took:.0f} | {samples.size / took / 1e6:.4f} |"
+            f" {took / ours:.0f} |"
+        )
     vectorised, scalar, terms = rates(arguments.rounds, rng)
     print(
         f"\nexponentials, one core: {vectorised / 1e6:.0f} million/s vectorised, {scalar / 1e6:.0f} scalar"

@@ -104,17 +104,29 @@ def judged(name: str, size: float, case: Case, seed: int) -> dict[str, Any]:
     oracle = known(case)
     outcome = score(case, gap, oracle)
     own = next((e for e in gap["effects"] if e["kind"] == hidden.kind), None)
-    off = {} if own is None else {
-        n: (own["parameters"][n] - getattr(hidden, n)) / e for n, e in own["stderr"].items() if e
-    }  # fmt: skip
+    off = (
+        {}
+        if own is None
+        else {n: (own["parameters"][n] - getattr(hidden, n)) / e for n, e in own["stderr"].items() if e}
+    )
     listed = any(hidden.kind in kinds for kinds in alternatives(gap))
     return {
-        "name": name, "law": hidden.kind, "size": size, "result": outcome.result, "why": outcome.why,
-        "verdict": gap["verdict"], "named": sorted(e["kind"] for e in gap["effects"]), "listed": listed,
-        "hidden": {n: getattr(hidden, n) for n in hidden.parameters()}, "off": off, "effects": gap["effects"],
-        "aliases": [a["kinds"] for a in gap["aliases"]], "far": far_off(gap), "identifiable": oracle.identifiable,
+        "name": name,
+        "law": hidden.kind,
+        "size": size,
+        "result": outcome.result,
+        "why": outcome.why,
+        "verdict": gap["verdict"],
+        "named": sorted(e["kind"] for e in gap["effects"]),
+        "listed": listed,
+        "hidden": {n: getattr(hidden, n) for n in hidden.parameters()},
+        "off": off,
+        "effects": gap["effects"],
+        "aliases": [a["kinds"] for a in gap["aliases"]],
+        "far": far_off(gap),
+        "identifiable": oracle.identifiable,
         "seconds": round(seconds, 1),
-    }  # fmt: skip
+    }
 
 
 def far_off(gap: Mapping[str, Any]) -> bool:

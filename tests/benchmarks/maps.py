@@ -62,10 +62,14 @@ def record(corridor: Corridor, truth: Truth, seed: int, *, averaged: bool) -> Ar
     """Record a corridor by single samples or on-board averages."""
     blocks = list(
         render_blocks(
-            corridor.model, truth, n_frames=ON_BOARD_FRAMES if averaged else FRAMES, seed=1000 * SEED + seed,
-            averaged=averaged, threads=2,
+            corridor.model,
+            truth,
+            n_frames=ON_BOARD_FRAMES if averaged else FRAMES,
+            seed=1000 * SEED + seed,
+            averaged=averaged,
+            threads=2,
         )
-    )  # fmt: skip
+    )
     return ArrayRecording(
         np.concatenate([block.range_mm for block in blocks]),
         recording_sensor(corridor.model, averaged=averaged),

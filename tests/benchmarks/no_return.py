@@ -32,9 +32,11 @@ def sensor_at(tau_ms: float) -> Sensor:
     """An SR-3000 at an integration time."""
     profile = load_profile("sr3000")
     return Sensor(
-        name=profile.name, range_min_mm=profile.range_min_mm, range_max_mm=profile.range_max_mm,
+        name=profile.name,
+        range_min_mm=profile.range_min_mm,
+        range_max_mm=profile.range_max_mm,
         noise=profile.noise_at(tau_ms),
-    )  # fmt: skip
+    )
 
 
 def draw(

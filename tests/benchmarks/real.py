@@ -131,8 +131,11 @@ def counts(layers: IntArray | None, pixels: IntArray) -> Row:
         return {}
     of = layers[pixels]
     return {
-        "none": percent(of == 0), "one": percent(of == 1), "two": percent(of == 2), "three or more": percent(of > 2)
-    }  # fmt: skip
+        "none": percent(of == 0),
+        "one": percent(of == 1),
+        "two": percent(of == 2),
+        "three or more": percent(of > 2),
+    }
 
 
 def centre_mm(judged: Judged, pixel: int) -> float:
@@ -181,11 +184,17 @@ def run_real(chosen: argparse.Namespace) -> Iterator[Row]:
         real, judged, found, noise = one.real, one.judged, one.found, one.noise
         single, double = judged.pixels(Kind.SINGLE), judged.pixels(Kind.DOUBLE)
         row: Row = {
-            "recording": real.name, "noise": noise or "default", "single": single.size, "double": double.size,
-            "undecided": len(judged.kind) - single.size - double.size, "half-width, mm": judged.half_width_mm,
-            "single: aim": 100.0 * real.most_split, "double: aim": 100.0 * (real.least_double or 0.0) or None,
-            "sigma": sigma_ratio(real, judged, found.curve), "said": found.said,
-        }  # fmt: skip
+            "recording": real.name,
+            "noise": noise or "default",
+            "single": single.size,
+            "double": double.size,
+            "undecided": len(judged.kind) - single.size - double.size,
+            "half-width, mm": judged.half_width_mm,
+            "single: aim": 100.0 * real.most_split,
+            "double: aim": 100.0 * (real.least_double or 0.0) or None,
+            "sigma": sigma_ratio(real, judged, found.curve),
+            "said": found.said,
+        }
         if found.layers is not None:
             row["single: more than one"] = percent(found.layers[single] > 1)
             clear, pair = judged.clear(Kind.SINGLE), judged.clear(Kind.DOUBLE)
@@ -200,13 +209,24 @@ def run_real(chosen: argparse.Namespace) -> Iterator[Row]:
 
 
 REAL: Columns = {
-    "recording": "recording", "noise": "noise", "single": "single", "more than one, %": "single: more than one",
-    "single beside no faint cluster": "clear single", "of these more than one, %": "clear single: more than one",
-    "aim, at most": "single: aim", "no layer, %": "single: none", "double": "double", "two, %": "double: two",
-    "aim, at least": "double: aim", "one, %": "double: one", "other, %": "double: other",
-    "double beside no faint cluster": "clear double", "of these two, %": "clear double: two", "undecided": "undecided",
+    "recording": "recording",
+    "noise": "noise",
+    "single": "single",
+    "more than one, %": "single: more than one",
+    "single beside no faint cluster": "clear single",
+    "of these more than one, %": "clear single: more than one",
+    "aim, at most": "single: aim",
+    "no layer, %": "single: none",
+    "double": "double",
+    "two, %": "double: two",
+    "aim, at least": "double: aim",
+    "one, %": "double: one",
+    "other, %": "double: other",
+    "double beside no faint cluster": "clear double",
+    "of these two, %": "clear double: two",
+    "undecided": "undecided",
     "sigma (aim 0.97 to 1.03)": "sigma",
-}  # fmt: skip
+}
 
 
 def run_spliced(chosen: argparse.Namespace) -> Iterator[Row]:
@@ -224,10 +244,14 @@ def run_spliced(chosen: argparse.Namespace) -> Iterator[Row]:
             )
             found = estimated(made.recording, chosen.workers)
             row: Row = {
-                "recording": real.name, "share": share, "apart": distance, "as made": made.distance,
-                "spliced": made.spliced.size, "aim": 95.0 if (share, distance) == (0.5, 3.0) else None,
+                "recording": real.name,
+                "share": share,
+                "apart": distance,
+                "as made": made.distance,
+                "spliced": made.spliced.size,
+                "aim": 95.0 if (share, distance) == (0.5, 3.0) else None,
                 "said": found.said,
-            }  # fmt: skip
+            }
             if found.layers is not None and found.curve is not None:
                 row |= counts(found.layers, made.spliced)
                 single = np.setdiff1d(np.arange(found.layers.size), made.spliced)
@@ -254,14 +278,21 @@ def run_further(chosen: argparse.Namespace) -> Iterator[Row]:
         double = judged.pixels(Kind.DOUBLE)
         narrow = double[widest_mm(judged, double) <= widest]
         yield {
-            "recording": one.real.name, "noise": one.noise or "default", "beside": groups.beside,
-            "around": groups.around, "around by chance": 100.0 * groups.around_by_chance, "scene": groups.scene,
-            "scene by chance": 100.0 * groups.scene_by_chance, "elsewhere": groups.elsewhere,
-            "pixels elsewhere": 100.0 * groups.pixels_elsewhere, "narrow": narrow.size,
-            "narrow: two": percent(found.layers[narrow] == 2), "narrow: one": percent(found.layers[narrow] == 1),
+            "recording": one.real.name,
+            "noise": one.noise or "default",
+            "beside": groups.beside,
+            "around": groups.around,
+            "around by chance": 100.0 * groups.around_by_chance,
+            "scene": groups.scene,
+            "scene by chance": 100.0 * groups.scene_by_chance,
+            "elsewhere": groups.elsewhere,
+            "pixels elsewhere": 100.0 * groups.pixels_elsewhere,
+            "narrow": narrow.size,
+            "narrow: two": percent(found.layers[narrow] == 2),
+            "narrow: one": percent(found.layers[narrow] == 1),
             "wide": double.size - narrow.size,
             "wide: two": percent(found.layers[np.setdiff1d(double, narrow)] == 2),
-        }  # fmt: skip
+        }
 
 
 def widest_mm(judged: Judged, pixels: IntArray) -> FloatArray:
@@ -270,22 +301,40 @@ def widest_mm(judged: Judged, pixels: IntArray) -> FloatArray:
 
 
 FURTHER: Columns = {
-    "recording": "recording", "noise": "noise", "further layers of single pixels: beside the first": "beside",
-    "at a surface of pixels around": "around", "by chance, %": "around by chance",
-    "at another surface of the scene": "scene", "by chance, % ": "scene by chance", "elsewhere": "elsewhere",
+    "recording": "recording",
+    "noise": "noise",
+    "further layers of single pixels: beside the first": "beside",
+    "at a surface of pixels around": "around",
+    "by chance, %": "around by chance",
+    "at another surface of the scene": "scene",
+    "by chance, % ": "scene by chance",
+    "elsewhere": "elsewhere",
     "single pixels with one elsewhere, %": "pixels elsewhere",
-    "double, clusters as narrow as of 99 % of the single": "narrow", "of these two, %": "narrow: two",
-    "one, %": "narrow: one", "double, wider": "wide", "of these two, % ": "wide: two",
-}  # fmt: skip
+    "double, clusters as narrow as of 99 % of the single": "narrow",
+    "of these two, %": "narrow: two",
+    "one, %": "narrow: one",
+    "double, wider": "wide",
+    "of these two, % ": "wide: two",
+}
 
 
 SPLICED: Columns = {
-    "recording": "recording", "lesser share": "share", "sigma apart": "apart", "as made": "as made",
-    "spliced": "spliced", "exactly two, %": "two", "aim, at least": "aim", "one, %": "one",
-    "three or more, %": "three or more", "none, %": "none", "single": "single",
+    "recording": "recording",
+    "lesser share": "share",
+    "sigma apart": "apart",
+    "as made": "as made",
+    "spliced": "spliced",
+    "exactly two, %": "two",
+    "aim, at least": "aim",
+    "one, %": "one",
+    "three or more, %": "three or more",
+    "none, %": "none",
+    "single": "single",
     "split, % (aim at most 1.5)": "split",
-    "split beside no faint cluster, %": "clear: split", "no layer, %": "lost", "sigma": "sigma",
-}  # fmt: skip
+    "split beside no faint cluster, %": "clear: split",
+    "no layer, %": "lost",
+    "sigma": "sigma",
+}
 
 
 def image(samples: FloatArray) -> FloatArray:
@@ -351,9 +400,12 @@ def run_simulated(chosen: argparse.Namespace) -> Iterator[Row]:
                 layers, background = np.concatenate(tally.layers), np.concatenate(tally.background)
                 enough = np.concatenate(tally.of_surface) >= ENOUGH
                 row |= {
-                    "pixels": layers.size, "more than one": percent(layers > 1), "none": percent(layers == 0),
-                    "enough": percent(layers[enough] == 1), "sigma": float(np.median(tally.sigma)),
-                }  # fmt: skip
+                    "pixels": layers.size,
+                    "more than one": percent(layers > 1),
+                    "none": percent(layers == 0),
+                    "enough": percent(layers[enough] == 1),
+                    "sigma": float(np.median(tally.sigma)),
+                }
                 third = np.minimum(3.0 * background / max(noise.most_background, 1e-9), 2.0).astype(np.int64)
                 for k, part in enumerate(("low", "middle", "high") if noise.most_background > 0 else ()):
                     row[part] = percent(layers[third == k] > 1)
@@ -361,10 +413,18 @@ def run_simulated(chosen: argparse.Namespace) -> Iterator[Row]:
 
 
 SIMULATED: Columns = {
-    "noise": "noise", "frames": "frames", "pixels": "pixels", "more than one, % (aim 0.05 to 0.2)": "more than one",
-    "background < 0.3": "low", "0.3 to 0.6": "middle", "> 0.6": "high", "no layer, %": "none",
-    "one, of those with 15 samples or more, % (aim 99.5)": "enough", "sigma": "sigma", "refused": "refused",
-}  # fmt: skip
+    "noise": "noise",
+    "frames": "frames",
+    "pixels": "pixels",
+    "more than one, % (aim 0.05 to 0.2)": "more than one",
+    "background < 0.3": "low",
+    "0.3 to 0.6": "middle",
+    "> 0.6": "high",
+    "no layer, %": "none",
+    "one, of those with 15 samples or more, % (aim 99.5)": "enough",
+    "sigma": "sigma",
+    "refused": "refused",
+}
 
 
 def run_three(chosen: argparse.Namespace) -> Iterator[Row]:
@@ -382,9 +442,16 @@ def run_three(chosen: argparse.Namespace) -> Iterator[Row]:
 
 
 THREE: Columns = {
-    "frames": "frames", "sigma apart": "apart", "pixels": "pixels", "three, % (aim 99)": "three", "one, %": "one",
-    "two, %": "two", "none, %": "none", "sigma (aim 0.95 to 1.05)": "sigma", "refused": "refused",
-}  # fmt: skip
+    "frames": "frames",
+    "sigma apart": "apart",
+    "pixels": "pixels",
+    "three, % (aim 99)": "three",
+    "one, %": "one",
+    "two, %": "two",
+    "none, %": "none",
+    "sigma (aim 0.95 to 1.05)": "sigma",
+    "refused": "refused",
+}
 
 
 def adversaries(rng: np.random.Generator) -> dict[str, FloatArray]:
@@ -412,9 +479,13 @@ def run_adversarial(chosen: argparse.Namespace) -> Iterator[Row]:
             tofmix.from_array(samples, units="mm", sensor=CAMERA).save(source)
             command = [sys.executable, "-m", "tofmix", "estimate", str(source), "-o", str(output)]
             ended = subprocess.run(
-                [*command, "--workers", str(chosen.workers)], capture_output=True, text=True, check=False, cwd=PROJECT,
+                [*command, "--workers", str(chosen.workers)],
+                capture_output=True,
+                text=True,
+                check=False,
+                cwd=PROJECT,
                 env=os.environ | {"PYTHONPATH": str(PROJECT)},
-            )  # fmt: skip
+            )
             said = [line.replace(f"{folder}/", "") for line in ended.stderr.splitlines() if line.strip()]
             row: Row = {"recording": name, "exit": ended.returncode, "said": said}
             if output.exists():
@@ -429,10 +500,15 @@ def run_adversarial(chosen: argparse.Namespace) -> Iterator[Row]:
 
 
 ADVERSARIAL: Columns = {
-    "recording": "recording", "exit code": "exit", "no layer, %": "none", "one, %": "one", "two, %": "two",
-    "three or more, %": "three or more", "left half, more than one": "left half: more than one",
+    "recording": "recording",
+    "exit code": "exit",
+    "no layer, %": "none",
+    "one, %": "one",
+    "two, %": "two",
+    "three or more, %": "three or more",
+    "left half, more than one": "left half: more than one",
     "right half": "right half: more than one",
-}  # fmt: skip
+}
 
 
 def run_speed(chosen: argparse.Namespace) -> Iterator[Row]:
@@ -442,10 +518,11 @@ def run_speed(chosen: argparse.Namespace) -> Iterator[Row]:
     recordings = {
         name: tofmix.from_array(
             draw(Noise(errors=errors), chosen.frames, rows * cols, rng).samples.reshape(-1, rows, cols),
-            units="mm", sensor=CAMERA,
+            units="mm",
+            sensor=CAMERA,
         )
         for name, errors in (("Gaussian", gaussian), ("skewness 1", skewed))
-    }  # fmt: skip
+    }
     learnt = {name: estimated(recording, chosen.workers).curve for name, recording in recordings.items()}
     seconds: dict[tuple[str, str], float] = {}
     for _ in range(chosen.rounds):
@@ -459,15 +536,23 @@ def run_speed(chosen: argparse.Namespace) -> Iterator[Row]:
         given, whole = seconds[name, "learnt before"], seconds[name, "learning"]
         shape = None if curve is None else curve.shape
         yield {
-            "noise": name, "shape": "refused" if curve is None else "Gaussian" if shape is None else "learnt",
-            "seconds": given, "ratio": given / plain, "learning": whole - given, "learning ratio": whole / plain,
-        }  # fmt: skip
+            "noise": name,
+            "shape": "refused" if curve is None else "Gaussian" if shape is None else "learnt",
+            "seconds": given,
+            "ratio": given / plain,
+            "learning": whole - given,
+            "learning ratio": whole / plain,
+        }
 
 
 SPEED: Columns = {
-    "noise": "noise", "shape": "shape", "estimate, s": "seconds", "over Gaussian (aim at most 3)": "ratio",
-    "learning, s": "learning", "all over Gaussian": "learning ratio",
-}  # fmt: skip
+    "noise": "noise",
+    "shape": "shape",
+    "estimate, s": "seconds",
+    "over Gaussian (aim at most 3)": "ratio",
+    "learning, s": "learning",
+    "all over Gaussian": "learning ratio",
+}
 
 PARTS: dict[str, list[tuple[str, Callable[[argparse.Namespace], Iterator[Row]], Columns]]] = {
     "real": [

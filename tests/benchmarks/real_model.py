@@ -50,7 +50,7 @@ SEEN = (
     Seen("left wall", ((8, 9, 1, 5), (9, 11, 1, 4), (11, 12, 0, 3), (12, 13, 0, 2)), (-1.5, 12.5, -1.5, 4.5)),
     Seen("right wall", ((1, 9, 12, 16), (14, 16, 12, 16), (14, 16, 3, 5))),
     Seen("upper panel", ((0, 2, 9, 12),), (-1.5, 1.5, 8.5, 11.5)),
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,15 +99,22 @@ def surface_table(seen: Seen, view: View, samples: Array) -> str:
     print(f"{seen.name}: {picked.sum()} pixels, rms {rms:.1f} mm, drift {drift:+.1f} mm")
     normal = plane / np.linalg.norm(plane)
     yaw, pitch = np.arcsin(normal[0]), np.arctan2(-normal[1], normal[2])
-    axes = np.array([[np.cos(yaw), np.sin(yaw) * np.sin(pitch), -np.sin(yaw) * np.cos(pitch)],
-                     [0.0, np.cos(pitch), np.sin(pitch)]])  # fmt: skip
+    axes = np.array(
+        [[np.cos(yaw), np.sin(yaw) * np.sin(pitch), -np.sin(yaw) * np.cos(pitch)], [0.0, np.cos(pitch), np.sin(pitch)]]
+    )
     low, high = _ends(seen, view, plane, axes)
     center = plane / (plane @ plane) + axes.T @ ((low + high) / 2)
-    return "\n".join([
-        "[[surface]]", f'name = "{seen.name}"', f"center_mm = {np.round(center, 1).tolist()}",
-        f"size_mm = {np.round(high - low, 1).tolist()}",
-        f"yaw_deg = {np.degrees(yaw):.2f}", f"pitch_deg = {np.degrees(pitch):.2f}", "",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            "[[surface]]",
+            f'name = "{seen.name}"',
+            f"center_mm = {np.round(center, 1).tolist()}",
+            f"size_mm = {np.round(high - low, 1).tolist()}",
+            f"yaw_deg = {np.degrees(yaw):.2f}",
+            f"pitch_deg = {np.degrees(pitch):.2f}",
+            "",
+        ]
+    )
 
 
 def _ends(seen: Seen, view: View, plane: Array, axes: Array) -> tuple[Array, Array]:
@@ -126,16 +133,27 @@ def _ends(seen: Seen, view: View, plane: Array, axes: Array) -> tuple[Array, Arr
 
 def sensor_table(view: View, noise: MeasuredNoise, name: str) -> str:
     """The [sensor] of the camera, its noise as the recording shows it."""
-    return "\n".join([
-        "[sensor]", f'name = "{name}"', f"rows = {view.rows}", f"cols = {view.cols}",
-        f"fov_horizontal_deg = {view.fov_horizontal_deg:.3f}", f"fov_vertical_deg = {view.fov_vertical_deg:.3f}",
-        "range_min_mm = 0.0", f"range_max_mm = {RANGE_MAX_MM}  # beyond all that the recording shows",
-        "integration_time_ms = 1.0  # not known: the noise is that of this recording, whatever it was",
-        f"outlier_probability = {noise.outlier_probability:.5f}", "", "[sensor.noise]",
-        f"range_mm = {np.round(noise.curve.range_mm, 1).tolist()}",
-        f"sigma_mm = {np.round(noise.curve.sigma_mm, 3).tolist()}",
-        "reference_integration_time_ms = 1.0", "exponent = 0.5", "",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            "[sensor]",
+            f'name = "{name}"',
+            f"rows = {view.rows}",
+            f"cols = {view.cols}",
+            f"fov_horizontal_deg = {view.fov_horizontal_deg:.3f}",
+            f"fov_vertical_deg = {view.fov_vertical_deg:.3f}",
+            "range_min_mm = 0.0",
+            f"range_max_mm = {RANGE_MAX_MM}  # beyond all that the recording shows",
+            "integration_time_ms = 1.0  # not known: the noise is that of this recording, whatever it was",
+            f"outlier_probability = {noise.outlier_probability:.5f}",
+            "",
+            "[sensor.noise]",
+            f"range_mm = {np.round(noise.curve.range_mm, 1).tolist()}",
+            f"sigma_mm = {np.round(noise.curve.sigma_mm, 3).tolist()}",
+            "reference_integration_time_ms = 1.0",
+            "exponent = 0.5",
+            "",
+        ]
+    )
 
 
 def misfit_map(model: Path, range_mm: Array) -> Array:

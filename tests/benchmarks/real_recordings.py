@@ -152,9 +152,8 @@ class SinglePixels:
         self.pixels = [samples[np.isfinite(samples[:, pixel]), pixel] for pixel in chosen]
         ends = [judged.clusters[pixel][0] for pixel in chosen]
         near = [
-            members(x, own.low_mm, own.high_mm, judged.half_width_mm)
-            for x, own in zip(self.pixels, ends, strict=True)
-        ]  # fmt: skip
+            members(x, own.low_mm, own.high_mm, judged.half_width_mm) for x, own in zip(self.pixels, ends, strict=True)
+        ]
         # The mean of a cluster's samples: medians of whole mm are too coarse for a distance.
         self.centre_mm = np.array([x[inside].mean() for x, inside in zip(self.pixels, near, strict=True)])
 

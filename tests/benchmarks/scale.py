@@ -78,9 +78,15 @@ def write(path: Path, samples: Float32Array, sensor: Sensor, n_frames: int, case
     part = np.resize(samples[:, : case.rows, : case.cols], (frames, case.rows, case.cols)).astype("u2")
     with h5py.File(path, "w") as root:
         dataset = root.create_dataset(
-            "range", (n_frames, case.rows, case.cols), "u2", chunks=(frames, *case.chunks[1:]),
-            compression="gzip", compression_opts=1, shuffle=True, fletcher32=True,
-        )  # fmt: skip
+            "range",
+            (n_frames, case.rows, case.cols),
+            "u2",
+            chunks=(frames, *case.chunks[1:]),
+            compression="gzip",
+            compression_opts=1,
+            shuffle=True,
+            fletcher32=True,
+        )
         dataset[:frames] = part
         first = [dataset.id.get_chunk_info(k).chunk_offset for k in range(dataset.id.get_num_chunks())]
         packed = {offset: dataset.id.read_direct_chunk(offset)[1] for offset in first}
@@ -179,9 +185,19 @@ def main() -> None:
             kernel = 0.0 if arguments.no_kernels else in_memory(samples, sensor, case, arguments.window, workers)
             stride = max(1, int(arguments.window * case.stride))
             command = [
-                sys.executable, *program, "estimate", str(path), "--overwrite", "--window", str(arguments.window),
-                "--stride", str(stride), "--workers", str(workers), *case.arguments,
-            ]  # fmt: skip
+                sys.executable,
+                *program,
+                "estimate",
+                str(path),
+                "--overwrite",
+                "--window",
+                str(arguments.window),
+                "--stride",
+                str(stride),
+                "--workers",
+                str(workers),
+                *case.arguments,
+            ]
             seconds, busy, memory = measure(command)
             windows = plan_windows(n_frames, window=arguments.window, stride=stride)
             rate = windows.count * arguments.window * case.rows * case.cols / seconds

@@ -51,9 +51,13 @@ def judged(case: Case) -> Iterator[tuple[str, bool, str]]:
     every = terms(likelihood, state, [summary], KINDS)
     shadow = Shadow(summary, every, Settings(kinds=KINDS).tolerance, exact)
     oracle = known(case) if case.hidden else None
-    traces = frozenset() if oracle is None else frozenset(
-        (e.kind, getattr(e, "surface", "")) for e in case.hidden if summed_up(e.kind) and e.kind in oracle.traces
-    )  # fmt: skip
+    traces = (
+        frozenset()
+        if oracle is None
+        else frozenset(
+            (e.kind, getattr(e, "surface", "")) for e in case.hidden if summed_up(e.kind) and e.kind in oracle.traces
+        )
+    )
     found, count = shadow.finalists([traces])
     nothing = next(s for s in found if not s.names and not s.laws)
     if oracle is None:

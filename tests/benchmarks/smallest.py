@@ -59,9 +59,12 @@ def _evidence(model: Model, measured: Path) -> Evidence:
     with open_recording(measured) as file:
         amplitude = file.read_amplitude(every, every) if file.has_amplitude else None
         return make_evidence(
-            model, file.read_range(every, every), time_s=file.read_time(), amplitude=amplitude,
+            model,
+            file.read_range(every, every),
+            time_s=file.read_time(),
+            amplitude=amplitude,
             temperature_c=file.read_temperature(),
-        )  # fmt: skip
+        )
 
 
 def trials(path: Path, cell: Cell, master: int) -> Iterator[dict[str, Any]]:
@@ -83,8 +86,13 @@ def searched(path: Path, cell: Cell, recordings: int, master: int) -> tuple[Sear
         octaves = search.next()
         said = named(cell, octaves, seed, master, path.parent / "work")
         search.add(octaves, named=said == [cell.kind])
-        entry = {"cell": [cell.kind, cell.frames, cell.rows, cell.cols, master], "seed": seed, "octaves": octaves,
-                 "strength": cell.strength(octaves), "named": said}  # fmt: skip
+        entry = {
+            "cell": [cell.kind, cell.frames, cell.rows, cell.cols, master],
+            "seed": seed,
+            "octaves": octaves,
+            "strength": cell.strength(octaves),
+            "named": said,
+        }
         with path.open("a", encoding="utf-8") as out:
             out.write(json.dumps(entry) + "\n")
         print(f"{cell.kind} {cell.rows}x{cell.cols}x{cell.frames} {entry['strength']:.3g} {said}", file=sys.stderr)

@@ -40,10 +40,14 @@ BEFORE = "94252c5f"
 
 RECORDINGS = ("three_boards.h5", "tmf8829_edge.h5")
 BOUNDS = {
-    ("three_boards.h5", "first"): (0.6, 0.5), ("three_boards.h5", "kept"): (0.1, 0.1),
-    ("three_boards.h5", "later"): (0.65, 0.65), ("tmf8829_edge.h5", "first"): (0.7, 0.7),
-    ("tmf8829_edge.h5", "later"): (1.0, 1.0), ("", "--help"): (1.0, 1.0), ("", "import"): (1.0, 1.0),
-}  # fmt: skip
+    ("three_boards.h5", "first"): (0.6, 0.5),
+    ("three_boards.h5", "kept"): (0.1, 0.1),
+    ("three_boards.h5", "later"): (0.65, 0.65),
+    ("tmf8829_edge.h5", "first"): (0.7, 0.7),
+    ("tmf8829_edge.h5", "later"): (1.0, 1.0),
+    ("", "--help"): (1.0, 1.0),
+    ("", "import"): (1.0, 1.0),
+}
 """Largest ratios of CPU and wall-clock time, by the recording and the job; on two processors."""
 
 PACKAGES = ("click", "h5py", "numba", "numpy", "scipy", "tofmix", "tqdm")
@@ -113,16 +117,23 @@ class State:
         kept = {name: value for name, value in os.environ.items() if not name.startswith(hidden)}
         nowhere = str(self._folder / "no-cache")
         return kept | {
-            "PYTHONPATH": str(self.copy), "NUMBA_CACHE_DIR": str(kernels), "XDG_CACHE_HOME": nowhere, "HOME": nowhere,
-        }  # fmt: skip
+            "PYTHONPATH": str(self.copy),
+            "NUMBA_CACHE_DIR": str(kernels),
+            "XDG_CACHE_HOME": nowhere,
+            "HOME": nowhere,
+        }
 
     def take(self, times: Times | None, kernels: Path, *arguments: str) -> str:
         """Run Python with these arguments; return its standard error."""
         begun, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
         done = subprocess.run(
-            [sys.executable, "-P", *arguments], env=self._environment(kernels), cwd=self._folder, capture_output=True,
-            text=True, check=True,
-        )  # fmt: skip
+            [sys.executable, "-P", *arguments],
+            env=self._environment(kernels),
+            cwd=self._folder,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         if times is not None:
             times.wall.append(time.perf_counter() - begun)

@@ -177,9 +177,15 @@ def main() -> None:
             for step in map(float, chosen.steps.split(",")):
                 for form in ("common",) if step == 0.0 else chosen.forms.split(","):
                     r = row(
-                        form, step, samples, chosen.pixels, chosen.apart, Path(folder), tested=chosen.tested,
+                        form,
+                        step,
+                        samples,
+                        chosen.pixels,
+                        chosen.apart,
+                        Path(folder),
+                        tested=chosen.tested,
                         seed=chosen.seed,
-                    )  # fmt: skip
+                    )
                     print(
                         f"| {samples} | {form if step else '-'} | {step:g} | {r['found']:.3g} | {r['sigma']:.3f} |"
                         f" {100 * r['more']:.2f} | {100 * r['none']:.2f} | {r['power']:.3f} | {r['ratio']:.3f} |"

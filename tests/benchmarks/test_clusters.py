@@ -37,9 +37,14 @@ def share(found: Judged, kind: Kind) -> float:
 
 
 def surfaces(
-    rng: np.random.Generator, *, pixels: int, frames: int = 100, apart: float = 0.0, lesser: float = 0.5,
+    rng: np.random.Generator,
+    *,
+    pixels: int,
+    frames: int = 100,
+    apart: float = 0.0,
+    lesser: float = 0.5,
     background: float = 0.0,
-) -> FloatArray:  # fmt: skip
+) -> FloatArray:
     """Samples (frame, pixel) of two surfaces `apart` sigma from each other, on uniform background."""
     second = rng.random((frames, pixels)) < lesser
     place = rng.uniform(1000.0, 5000.0, pixels) + apart * SIGMA * second
@@ -73,10 +78,12 @@ def test_background_alone_is_neither_single_nor_double() -> None:
 @pytest.mark.parametrize(("lesser", "background"), [(0.5, 0.0), (0.2, 0.0), (0.5, 0.4), (0.2, 0.4)])
 def test_two_surfaces_far_apart_are_double(lesser: float, background: float) -> None:
     rng = np.random.default_rng(4)
-    samples = np.hstack([
-        surfaces(rng, pixels=200, apart=40.0, lesser=lesser, background=background),
-        surfaces(rng, pixels=200, background=background),
-    ])  # fmt: skip
+    samples = np.hstack(
+        [
+            surfaces(rng, pixels=200, apart=40.0, lesser=lesser, background=background),
+            surfaces(rng, pixels=200, background=background),
+        ]
+    )
     found = judged(samples)
     double = found.kind[:200] == list(Kind).index(Kind.DOUBLE)
     assert double.mean() > (0.9 if lesser * (1.0 - background) < 0.15 else 0.98)

@@ -16,9 +16,13 @@ def sorted_with(*further_mm: float, pixel: int = BESIDE_THE_BOARD) -> FurtherLay
     """A wall at 4000 mm, a board at 2000 mm in columns 5 to 9; one pixel of the wall has further layers."""
     clusters = [[BOARD] if 5 <= p % COLS < 10 else [WALL] for p in range(ROWS * COLS)]
     judged = Judged(
-        kind=np.full(ROWS * COLS, list(Kind).index(Kind.SINGLE)), clusters=clusters, half_width_mm=5.0, step_mm=0.0,
-        background=np.zeros(ROWS * COLS), faint=np.zeros(ROWS * COLS, dtype=bool),
-    )  # fmt: skip
+        kind=np.full(ROWS * COLS, list(Kind).index(Kind.SINGLE)),
+        clusters=clusters,
+        half_width_mm=5.0,
+        step_mm=0.0,
+        background=np.zeros(ROWS * COLS),
+        faint=np.zeros(ROWS * COLS, dtype=bool),
+    )
     range_mm = np.full((ROWS * COLS, 1 + len(further_mm)), np.nan)
     range_mm[:, 0] = [own[0].low_mm + 10.0 for own in clusters]
     range_mm[pixel, 1:] = further_mm

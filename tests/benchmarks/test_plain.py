@@ -92,12 +92,16 @@ def test_as_many_components_as_samples() -> None:
 @pytest.mark.parametrize(
     ("samples", "k", "settings", "text"),
     [
-        ([1.0, 2.0], 3, {}, "k: 3"), ([1.0, 2.0], 0, {}, "k: 0"), ([2.0, 2.0], 1, {}, "all are equal"),
-        ([np.nan], 1, {}, "none is finite"), ([1.0, 2.0], 1, {"floor": 0.0}, "floor"),
-        ([1.0, 2.0], 1, {"max_iter": 1}, "max_iter"), ([1.0, 2.0], 1, {"tol": 0.0}, "tol"),
+        ([1.0, 2.0], 3, {}, "k: 3"),
+        ([1.0, 2.0], 0, {}, "k: 0"),
+        ([2.0, 2.0], 1, {}, "all are equal"),
+        ([np.nan], 1, {}, "none is finite"),
+        ([1.0, 2.0], 1, {"floor": 0.0}, "floor"),
+        ([1.0, 2.0], 1, {"max_iter": 1}, "max_iter"),
+        ([1.0, 2.0], 1, {"tol": 0.0}, "tol"),
         ([1.0, 2.0], 1, {"variances": "tied"}, "tied"),
     ],
-)  # fmt: skip
+)
 def test_plain_mixture_refuses_invalid_samples_and_numbers(
     samples: list[float], k: int, settings: dict[str, float], text: str
 ) -> None:

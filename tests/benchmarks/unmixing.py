@@ -103,8 +103,10 @@ def print_row(name: str, r: Judged) -> None:
 def print_laws(options: argparse.Namespace) -> None:
     """A row for each share of phasor sums."""
     print("\n**The law of mixing**\n")
-    print("| q | measured, least and most of the scenes | exactly both | false layers a mixed pixel | sure and false |"
-          "\n|---|---|---|---|---|")  # fmt: skip
+    print(
+        "| q | measured, least and most of the scenes | exactly both | false layers a mixed pixel | sure and false |"
+        "\n|---|---|---|---|---|"
+    )
     for q in SHARES:
         result, measured = Judged(), []
         for family in options.scenes or LAW_SCENES:
@@ -138,8 +140,10 @@ def print_open(options: argparse.Namespace) -> None:
                 both = some & (flat.n_modes == 1) & (flat.weight_no_return > 0)
                 off = flat.weight[both, 0] - beams.share[0, both]
                 cells.append((both.sum() / max(some.sum(), 1), float(np.sqrt(np.mean(off**2))) if both.any() else 0.0))
-            print(f"| {family} {seed} | {some.sum()} | {cells[0][0]:.3f} | {cells[0][1]:.4f} | {cells[1][0]:.3f} |",
-                  flush=True)  # fmt: skip
+            print(
+                f"| {family} {seed} | {some.sum()} | {cells[0][0]:.3f} | {cells[0][1]:.4f} | {cells[1][0]:.3f} |",
+                flush=True,
+            )
 
 
 def print_events(options: argparse.Namespace) -> None:
@@ -170,9 +174,10 @@ SLAT_FRAMES = 40
 def print_pickets(options: argparse.Namespace) -> None:
     """A row for each direction and width of slats."""
     print(f"\n**Slats, {SLAT_FRAMES} frames**\n")
-    print("| slats | pixels wide | asked for | exactly both | false layers a mixed pixel | undecided of mixed |"
-          " share, rms | split of single | sure and false | wrong parts | at the ends |\n"
-          + "|---" * 11 + "|")  # fmt: skip
+    print(
+        "| slats | pixels wide | asked for | exactly both | false layers a mixed pixel | undecided of mixed |"
+        " share, rms | split of single | sure and false | wrong parts | at the ends |\n" + "|---" * 11 + "|"
+    )
     for direction in DIRECTIONS:
         for width in WIDTHS:
             total, wrong, at_ends = Judged(), [], []
@@ -198,8 +203,13 @@ def judged_slats(
     surfaces = slats(np.random.default_rng([seed, 5]), width, direction, ends=ends)
     one = made(surfaces, seed, view=SLATS, frames=SLAT_FRAMES)
     layers = first(estimated(one))
-    view = View(rows=SLATS[0], cols=SLATS[1], fov_horizontal_deg=SLATS[2], fov_vertical_deg=SLATS[3],
-                range_max_mm=one.device.range_max_mm)  # fmt: skip
+    view = View(
+        rows=SLATS[0],
+        cols=SLATS[1],
+        fov_horizontal_deg=SLATS[2],
+        fov_vertical_deg=SLATS[3],
+        range_max_mm=one.device.range_max_mm,
+    )
     cast = plates.scene([plates.Plate.of(surface) for surface in surfaces], view)
     wrong = wrong_parts(cast, reconstruct(layers, camera(view)).range_fine, SLAT_FRAMES)
     if ends:

@@ -59,11 +59,20 @@ def agreeing(number: int, seed: int, scenes: str) -> dict[str, Any]:
     seconds = time.perf_counter() - start
     named = sorted(e["kind"] for e in gap["effects"])
     return {
-        "number": number, "name": case.name, "scene": case.scene, "sort": case.sort, "kinds": list(case.kinds),
-        "result": "right" if gap["verdict"] == "agree" else "wrong" if named else "open", "why": " + ".join(named),
-        "verdict": gap["verdict"], "named": named, "aliases": [], "identifiable": None, "seconds": round(seconds, 1),
+        "number": number,
+        "name": case.name,
+        "scene": case.scene,
+        "sort": case.sort,
+        "kinds": list(case.kinds),
+        "result": "right" if gap["verdict"] == "agree" else "wrong" if named else "open",
+        "why": " + ".join(named),
+        "verdict": gap["verdict"],
+        "named": named,
+        "aliases": [],
+        "identifiable": None,
+        "seconds": round(seconds, 1),
         "told_apart": [],
-    }  # fmt: skip
+    }
 
 
 def judged(number: int, seed: int, scenes: str) -> dict[str, Any]:
@@ -77,13 +86,21 @@ def judged(number: int, seed: int, scenes: str) -> dict[str, Any]:
     oracle = known(case) if case.hidden else None
     outcome = score(case, gap, oracle)
     return {
-        "number": number, "name": case.name, "scene": case.scene, "sort": case.sort, "kinds": list(case.kinds),
-        "result": outcome.result, "why": outcome.why, "verdict": gap["verdict"],
-        "named": sorted(e["kind"] for e in gap["effects"]), "aliases": [a["kinds"] for a in gap["aliases"]],
-        "identifiable": None if oracle is None else oracle.identifiable, "seconds": round(seconds, 1),
+        "number": number,
+        "name": case.name,
+        "scene": case.scene,
+        "sort": case.sort,
+        "kinds": list(case.kinds),
+        "result": outcome.result,
+        "why": outcome.why,
+        "verdict": gap["verdict"],
+        "named": sorted(e["kind"] for e in gap["effects"]),
+        "aliases": [a["kinds"] for a in gap["aliases"]],
+        "identifiable": None if oracle is None else oracle.identifiable,
+        "seconds": round(seconds, 1),
         "told_apart": told_apart(case, found, seed),
         "followed": followed(case, found, samples) if outcome.result == "open" else [],
-    }  # fmt: skip
+    }
 
 
 def followed(case: Case, found: Reconciliation, samples: Float32Array) -> list[dict[str, Any]]:
@@ -117,9 +134,13 @@ def by_bic(number: int, seed: int, scenes: str) -> dict[str, Any]:
     seconds = time.perf_counter() - start
     outcome = score(case, gap, known(case) if case.hidden else None)
     return {
-        "number": number, "name": case.name, "result": outcome.result, "why": outcome.why,
-        "named": sorted(e["kind"] for e in gap["effects"]), "seconds": round(seconds, 1),
-    }  # fmt: skip
+        "number": number,
+        "name": case.name,
+        "result": outcome.result,
+        "why": outcome.why,
+        "named": sorted(e["kind"] for e in gap["effects"]),
+        "seconds": round(seconds, 1),
+    }
 
 
 def told_apart(case: Case, found: Reconciliation, seed: int) -> list[str]:

@@ -36,8 +36,13 @@ def _one(job: _Job) -> dict[str, Any]:
             built = replace(built, device=replace(built.device, **SMALL))
         result = score(built, work, plan)
     except Exception as error:  # noqa: BLE001  one case must not end the others
-        result = {"case": case.name, "half": case.half, "sort": case.sort, "level": case.level,
-                  "broken": f"{type(error).__name__}: {error}"}  # fmt: skip
+        result = {
+            "case": case.name,
+            "half": case.half,
+            "sort": case.sort,
+            "level": case.level,
+            "broken": f"{type(error).__name__}: {error}",
+        }
     return result | {"master": master}
 
 

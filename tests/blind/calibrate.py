@@ -30,14 +30,27 @@ def flat_field(device: Device, range_mm: float, samples: int, seed: int, *, glos
     shape = (1, samples)
     away = np.full(shape, range_mm, dtype=np.float32)
     board = np.full(shape, gloss, dtype=np.float32)
-    nothing = Beams(share=np.zeros((1, 1)), range_mm=np.zeros((1, 1)), cosine=np.zeros((1, 1)),
-                    surface=np.zeros((1, 1)), nothing=np.zeros(1))  # fmt: skip
+    nothing = Beams(
+        share=np.zeros((1, 1)),
+        range_mm=np.zeros((1, 1)),
+        cosine=np.zeros((1, 1)),
+        surface=np.zeros((1, 1)),
+        nothing=np.zeros(1),
+    )
     x = Exposure(
-        device=device, surfaces=[], time_s=np.zeros(1), rng=np.random.default_rng(0), key_beams=[nothing],
-        key=np.zeros(1, int), layer=np.zeros(shape, np.int8), surface=np.zeros(shape, np.int8), true_mm=away,
+        device=device,
+        surfaces=[],
+        time_s=np.zeros(1),
+        rng=np.random.default_rng(0),
+        key_beams=[nothing],
+        key=np.zeros(1, int),
+        layer=np.zeros(shape, np.int8),
+        surface=np.zeros(shape, np.int8),
+        true_mm=away,
         z=(device.amplitude(away, board) * device.phasor(away)).astype(np.complex64),
-        charge=device.charge(away, board).astype(np.float32), lost=np.zeros(shape, dtype=bool),
-    )  # fmt: skip
+        charge=device.charge(away, board).astype(np.float32),
+        lost=np.zeros(shape, dtype=bool),
+    )
     phasor, _ = integrate(x, (), np.random.default_rng([seed, 11]))
     return np.asarray(demodulate(x, phasor)[0])
 

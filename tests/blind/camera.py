@@ -262,10 +262,20 @@ def expose(device: Device, surfaces: list[Surface], mechanisms: Sequence[Mechani
     charge = device.charge(true_mm, gloss).astype(np.float32)
     charge[layer < 0] = device.charge(np.array(device.range_max_mm), np.array(STANDARD_GLOSS))
     return Exposure(
-        device=device, surfaces=surfaces, time_s=time_s, rng=np.random.default_rng([seed, 2]), key_beams=key_beams,
-        key=key, layer=layer, surface=surface, true_mm=true_mm, z=z, charge=charge, lost=np.zeros(shape, dtype=bool),
+        device=device,
+        surfaces=surfaces,
+        time_s=time_s,
+        rng=np.random.default_rng([seed, 2]),
+        key_beams=key_beams,
+        key=key,
+        layer=layer,
+        surface=surface,
+        true_mm=true_mm,
+        z=z,
+        charge=charge,
+        lost=np.zeros(shape, dtype=bool),
         seed=seed,
-    )  # fmt: skip
+    )
 
 
 def _glide(

@@ -34,14 +34,27 @@ NONE_OF_EACH = 8  # without an effect
 OBJECTS = 12
 DEVICES = 10
 PAIRS: tuple[tuple[str, str], ...] = (
-    ("wiggling", "temperature_drift"), ("range_offset", "excess_noise"), ("wiggling", "stuck_pixels"),
-    ("scattering", "dropout"), ("amplitude_walk", "temporal_correlation"), ("surface_pose", "vignetting"),
-    ("multipath", "interference"), ("fixed_pattern", "temperature_drift"), ("flying_pixels", "excess_noise"),
-    ("pixel_crosstalk", "outliers"), ("saturation", "wiggling"), ("motion", "outliers"),
-    ("quantisation", "range_offset"), ("phase_wrapping", "excess_noise"), ("temporal_correlation", "dropout"),
-    ("interference", "vignetting"), ("fixed_pattern", "wiggling"), ("surface_pose", "temperature_drift"),
-    ("multipath", "stuck_pixels"), ("scattering", "temporal_correlation"),
-)  # fmt: skip
+    ("wiggling", "temperature_drift"),
+    ("range_offset", "excess_noise"),
+    ("wiggling", "stuck_pixels"),
+    ("scattering", "dropout"),
+    ("amplitude_walk", "temporal_correlation"),
+    ("surface_pose", "vignetting"),
+    ("multipath", "interference"),
+    ("fixed_pattern", "temperature_drift"),
+    ("flying_pixels", "excess_noise"),
+    ("pixel_crosstalk", "outliers"),
+    ("saturation", "wiggling"),
+    ("motion", "outliers"),
+    ("quantisation", "range_offset"),
+    ("phase_wrapping", "excess_noise"),
+    ("temporal_correlation", "dropout"),
+    ("interference", "vignetting"),
+    ("fixed_pattern", "wiggling"),
+    ("surface_pose", "temperature_drift"),
+    ("multipath", "stuck_pixels"),
+    ("scattering", "temporal_correlation"),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,14 +101,19 @@ class Built:
         """What is hidden, physically and in the model files' terms."""
         place = self.place()
         effects: list[dict[str, Any]] = [
-            {"kind": m.kind, "mechanism": type(m).__name__, "physical": m.physical(),
-             "parameters": m.equivalent(place)}
-            for m in self.mechanisms if isinstance(m, Effect)
-        ]  # fmt: skip
+            {"kind": m.kind, "mechanism": type(m).__name__, "physical": m.physical(), "parameters": m.equivalent(place)}
+            for m in self.mechanisms
+            if isinstance(m, Effect)
+        ]
         out: dict[str, Any] = {
-            "case": self.case.name, "sort": self.case.sort, "level": self.case.level, "half": self.case.half,
-            "kinds": list(self.case.kinds), "effects": effects, "scenes": list(self.families),
-        }  # fmt: skip
+            "case": self.case.name,
+            "sort": self.case.sort,
+            "level": self.case.level,
+            "half": self.case.half,
+            "kinds": list(self.case.kinds),
+            "effects": effects,
+            "scenes": list(self.families),
+        }
         if self.case.setting != "ordinary":
             out["setting"] = self.case.setting
         for effect, mechanism in zip(effects, self.mechanisms, strict=False):
@@ -106,8 +124,11 @@ class Built:
             out["kinds"] = []
         elif self.case.sort == "stranger":
             (stranger,) = self.mechanisms
-            out["stranger"] = {"name": self.case.kinds[0], "axes": list(getattr(stranger, "axes", ())),
-                               "size": getattr(stranger, "size", 0.0)}  # fmt: skip
+            out["stranger"] = {
+                "name": self.case.kinds[0],
+                "axes": list(getattr(stranger, "axes", ())),
+                "size": getattr(stranger, "size", 0.0),
+            }
             out["kinds"] = []
         return out
 
@@ -135,8 +156,9 @@ def all_cases() -> list[Case]:
                 for seed in range(5):
                     name = f"{kind}-{level}-{slot}-{seed}"
                     half = _half(slot * 5 + seed + (level == "faint"))
-                    out.append(Case(name=name, sort="single", kinds=(kind,), level=level, slot=slot, seed=seed,
-                                    half=half))  # fmt: skip
+                    out.append(
+                        Case(name=name, sort="single", kinds=(kind,), level=level, slot=slot, seed=seed, half=half)
+                    )
     for k, pair in enumerate(PAIRS):
         out.append(Case(name=f"pair-{k}", sort="pair", kinds=pair, level="clear", slot=k, seed=k, half=_half(k)))
     out += [
@@ -157,20 +179,46 @@ def _other_settings() -> list[Case]:
     out = []
     for setting, eligible in (("room_light", ROOM_LIGHT), ("pinhole", FAMILIES)):
         out += [
-            Case(name=f"{setting}-{kind}-clear-{k}", sort="single", kinds=(kind,), level="clear", slot=k, seed=k,
-                 half=_half(k), setting=setting)
-            for kind in KINDS if kind in eligible for k in range(OF_EACH)
-        ]  # fmt: skip
+            Case(
+                name=f"{setting}-{kind}-clear-{k}",
+                sort="single",
+                kinds=(kind,),
+                level="clear",
+                slot=k,
+                seed=k,
+                half=_half(k),
+                setting=setting,
+            )
+            for kind in KINDS
+            if kind in eligible
+            for k in range(OF_EACH)
+        ]
         out += [
-            Case(name=f"{setting}-none-{k}", sort="none", kinds=(), level="", slot=k, seed=k, half=_half(k),
-                 setting=setting)
+            Case(
+                name=f"{setting}-none-{k}",
+                sort="none",
+                kinds=(),
+                level="",
+                slot=k,
+                seed=k,
+                half=_half(k),
+                setting=setting,
+            )
             for k in range(NONE_OF_EACH)
-        ]  # fmt: skip
+        ]
     out += [
-        Case(name=f"{MISSING_OBJECT}-{k}", sort="stranger", kinds=(MISSING_OBJECT,), level="clear", slot=k, seed=k,
-             half=_half(k), setting=MISSING_OBJECT)
+        Case(
+            name=f"{MISSING_OBJECT}-{k}",
+            sort="stranger",
+            kinds=(MISSING_OBJECT,),
+            level="clear",
+            slot=k,
+            seed=k,
+            half=_half(k),
+            setting=MISSING_OBJECT,
+        )
         for k in range(OBJECTS)
-    ]  # fmt: skip
+    ]
     return out
 
 
@@ -186,15 +234,20 @@ def draw_device(master: int, number: int, *, far: bool = False) -> Device:
     rng = np.random.default_rng([master, number, int(far), 31])
     rows, cols = [(48, 64), (56, 72), (64, 80)][number % 3]
     return Device(
-        name=f"camera {number + 1}", rows=rows, cols=cols,
-        fov_horizontal_deg=round(float(rng.uniform(56, 62)), 2), fov_vertical_deg=round(float(rng.uniform(44, 50)), 2),
+        name=f"camera {number + 1}",
+        rows=rows,
+        cols=cols,
+        fov_horizontal_deg=round(float(rng.uniform(56, 62)), 2),
+        fov_vertical_deg=round(float(rng.uniform(44, 50)), 2),
         frequency_hz=float(rng.choice([19.0e6, 20.0e6, 21.0e6])),
         integration_time_ms=float(rng.choice([0.8, 1.2, 2.0])),
-        frame_rate_hz=float(rng.choice([15.0, 25.0, 30.0])), frames=int(rng.choice([200, 250, 300])),
-        range_min_mm=300.0, range_max_mm=11200.0 if far else 7200.0,
+        frame_rate_hz=float(rng.choice([15.0, 25.0, 30.0])),
+        frames=int(rng.choice([200, 250, 300])),
+        range_min_mm=300.0,
+        range_max_mm=11200.0 if far else 7200.0,
         noise_linear=round(float(rng.uniform(1.5, 2.5)), 3),
         noise_square=round(float(rng.uniform(0.8, 1.0) if far else rng.uniform(1.1, 1.8)), 3),
-    )  # fmt: skip
+    )
 
 
 def _families(case: Case, rng: np.random.Generator) -> tuple[str, str]:
@@ -240,9 +293,15 @@ def build(case: Case, master: int, *, strength: float | None = None, camera: Map
         models = (nearly(scenes[0], device, rng), nearly(scenes[1], device, rng))
         noise = replace(noise, sigma_mm=noise.sigma_mm * (1 + 0.01 * float(rng.choice([-1, 1]))))
     return Built(
-        case=case, device=device, noise=noise, scenes=(scenes[0], scenes[1]), models=models, families=families,
-        mechanisms=mechanisms, seeds=tuple(int(s) for s in rng.integers(2**31, size=6)),
-    )  # fmt: skip
+        case=case,
+        device=device,
+        noise=noise,
+        scenes=(scenes[0], scenes[1]),
+        models=models,
+        families=families,
+        mechanisms=mechanisms,
+        seeds=tuple(int(s) for s in rng.integers(2**31, size=6)),
+    )
 
 
 def _fitted(device: Device, setting: str, rng: np.random.Generator) -> Device:
@@ -270,9 +329,10 @@ def draw_lens(device: Device, rng: np.random.Generator) -> Lens:
     half = np.radians(device.fov_horizontal_deg) / 2, np.radians(device.fov_vertical_deg) / 2
     focal = float(0.5 / np.tan(half[0])), float(0.5 / np.tan(half[1]))
     return Lens(
-        focal=focal, off_center=(float(rng.uniform(-0.03, 0.03)), float(rng.uniform(-0.03, 0.03))),
+        focal=focal,
+        off_center=(float(rng.uniform(-0.03, 0.03)), float(rng.uniform(-0.03, 0.03))),
         radial=(float(rng.uniform(-0.25, -0.12)), float(rng.uniform(0.02, 0.05)), float(rng.uniform(-0.005, 0.005))),
-    )  # fmt: skip
+    )
 
 
 def _mechanisms(

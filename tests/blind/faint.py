@@ -28,9 +28,17 @@ from blind.strength import make
 
 NULLS, RESPONSES, CHECKS = 12, 6, 12
 TEMPLATES = (
-    "range_offset", "surface_pose", "wiggling", "amplitude_walk", "temperature_drift", "scattering", "multipath",
-    "motion", "pixel_crosstalk", "internal_reflection",
-)  # fmt: skip
+    "range_offset",
+    "surface_pose",
+    "wiggling",
+    "amplitude_walk",
+    "temperature_drift",
+    "scattering",
+    "multipath",
+    "motion",
+    "pixel_crosstalk",
+    "internal_reflection",
+)
 SQUARES = ("fixed_pattern", "interference", "quantisation")  # the statistic grows with the strength's square
 
 

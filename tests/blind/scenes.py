@@ -29,19 +29,26 @@ def _u(rng: np.random.Generator, low: float, high: float) -> float:
 
 def _backdrop(rng: np.random.Generator, range_mm: float, yaw: float = 0.0) -> Surface:
     return Surface(
-        name="back wall", center_mm=(0.0, 0.0, range_mm), size_mm=(40000.0, 40000.0), yaw_deg=yaw,
-        pitch_deg=_u(rng, -6, 6), reflectivity=_u(rng, 0.4, 0.8),
-    )  # fmt: skip
+        name="back wall",
+        center_mm=(0.0, 0.0, range_mm),
+        size_mm=(40000.0, 40000.0),
+        yaw_deg=yaw,
+        pitch_deg=_u(rng, -6, 6),
+        reflectivity=_u(rng, 0.4, 0.8),
+    )
 
 
 def _panel(rng: np.random.Generator, side: float, away: float) -> Surface:
     """A slanted board at one side: its ranges and angles span enough to tell its own effects from a constant."""
     yaw = side * _u(rng, 42, 52)
     return Surface(
-        name=TARGET, center_mm=(-side * 0.28 * away, _u(rng, -0.05, 0.05) * away, away),
-        size_mm=(round(0.75 * away, 1), round(0.62 * away, 1)), yaw_deg=yaw, pitch_deg=_u(rng, -5, 5),
+        name=TARGET,
+        center_mm=(-side * 0.28 * away, _u(rng, -0.05, 0.05) * away, away),
+        size_mm=(round(0.75 * away, 1), round(0.62 * away, 1)),
+        yaw_deg=yaw,
+        pitch_deg=_u(rng, -5, 5),
         reflectivity=_u(rng, 0.5, 0.8),
-    )  # fmt: skip
+    )
 
 
 def boards(rng: np.random.Generator) -> list[Surface]:
@@ -49,28 +56,45 @@ def boards(rng: np.random.Generator) -> list[Surface]:
     side = float(rng.choice([-1, 1]))
     return [
         _panel(rng, side, _u(rng, 2600, 3200)),
-        Surface(name="near board", center_mm=(side * _u(rng, 350, 480), _u(rng, -500, -250), _u(rng, 1200, 1600)),
-                size_mm=(_u(rng, 320, 480), _u(rng, 300, 460)), pitch_deg=_u(rng, -12, 12),
-                reflectivity=_u(rng, 0.3, 0.9)),
-        Surface(name="middle board", center_mm=(side * _u(rng, 700, 1000), _u(rng, 300, 600), _u(rng, 3300, 3900)),
-                size_mm=(_u(rng, 900, 1300), _u(rng, 800, 1200)), yaw_deg=_u(rng, -20, 20),
-                reflectivity=_u(rng, 0.3, 0.9)),
+        Surface(
+            name="near board",
+            center_mm=(side * _u(rng, 350, 480), _u(rng, -500, -250), _u(rng, 1200, 1600)),
+            size_mm=(_u(rng, 320, 480), _u(rng, 300, 460)),
+            pitch_deg=_u(rng, -12, 12),
+            reflectivity=_u(rng, 0.3, 0.9),
+        ),
+        Surface(
+            name="middle board",
+            center_mm=(side * _u(rng, 700, 1000), _u(rng, 300, 600), _u(rng, 3300, 3900)),
+            size_mm=(_u(rng, 900, 1300), _u(rng, 800, 1200)),
+            yaw_deg=_u(rng, -20, 20),
+            reflectivity=_u(rng, 0.3, 0.9),
+        ),
         _backdrop(rng, _u(rng, 4600, 5100), _u(rng, -6, 6)),
-    ]  # fmt: skip
+    ]
 
 
 def slanted_wall(rng: np.random.Generator) -> list[Surface]:
     """One long wall aslant through the image, a board before it, a wall behind."""
     side = float(rng.choice([-1, 1]))
     return [
-        Surface(name=TARGET, center_mm=(-side * 900.0, 0.0, _u(rng, 3000, 3400)),
-                size_mm=(_u(rng, 4200, 4800), 9000.0), yaw_deg=side * _u(rng, 52, 60), pitch_deg=_u(rng, -4, 4),
-                reflectivity=_u(rng, 0.5, 0.9)),
-        Surface(name="board", center_mm=(side * _u(rng, 250, 400), _u(rng, -200, 200), _u(rng, 1900, 2300)),
-                size_mm=(_u(rng, 500, 700), _u(rng, 600, 900)), yaw_deg=_u(rng, -15, 15),
-                reflectivity=_u(rng, 0.3, 0.9)),
+        Surface(
+            name=TARGET,
+            center_mm=(-side * 900.0, 0.0, _u(rng, 3000, 3400)),
+            size_mm=(_u(rng, 4200, 4800), 9000.0),
+            yaw_deg=side * _u(rng, 52, 60),
+            pitch_deg=_u(rng, -4, 4),
+            reflectivity=_u(rng, 0.5, 0.9),
+        ),
+        Surface(
+            name="board",
+            center_mm=(side * _u(rng, 250, 400), _u(rng, -200, 200), _u(rng, 1900, 2300)),
+            size_mm=(_u(rng, 500, 700), _u(rng, 600, 900)),
+            yaw_deg=_u(rng, -15, 15),
+            reflectivity=_u(rng, 0.3, 0.9),
+        ),
         _backdrop(rng, _u(rng, 4800, 5200)),
-    ]  # fmt: skip
+    ]
 
 
 def corridor(rng: np.random.Generator) -> list[Surface]:
@@ -78,46 +102,92 @@ def corridor(rng: np.random.Generator) -> list[Surface]:
     half = _u(rng, 900, 1200)
     side = float(rng.choice([-1, 1]))
     return [
-        Surface(name="left wall", center_mm=(-half, 0.0, 3200.0), size_mm=(6000.0, 6000.0),
-                yaw_deg=-90.0 + _u(rng, -2, 2), reflectivity=_u(rng, 0.5, 0.9)),
-        Surface(name="right wall", center_mm=(half, 0.0, 3200.0), size_mm=(6000.0, 6000.0),
-                yaw_deg=90.0 + _u(rng, -2, 2), reflectivity=_u(rng, 0.5, 0.9)),
-        Surface(name="floor", center_mm=(0.0, _u(rng, 900, 1200), 3200.0), size_mm=(6000.0, 6000.0), pitch_deg=90.0,
-                reflectivity=_u(rng, 0.3, 0.6)),
-        Surface(name=TARGET, center_mm=(side * half * 0.35, 0.0, _u(rng, 2400, 3000)),
-                size_mm=(_u(rng, 900, 1100), _u(rng, 1500, 1900)), yaw_deg=side * _u(rng, 38, 50),
-                reflectivity=_u(rng, 0.5, 0.8)),
-    ]  # fmt: skip
+        Surface(
+            name="left wall",
+            center_mm=(-half, 0.0, 3200.0),
+            size_mm=(6000.0, 6000.0),
+            yaw_deg=-90.0 + _u(rng, -2, 2),
+            reflectivity=_u(rng, 0.5, 0.9),
+        ),
+        Surface(
+            name="right wall",
+            center_mm=(half, 0.0, 3200.0),
+            size_mm=(6000.0, 6000.0),
+            yaw_deg=90.0 + _u(rng, -2, 2),
+            reflectivity=_u(rng, 0.5, 0.9),
+        ),
+        Surface(
+            name="floor",
+            center_mm=(0.0, _u(rng, 900, 1200), 3200.0),
+            size_mm=(6000.0, 6000.0),
+            pitch_deg=90.0,
+            reflectivity=_u(rng, 0.3, 0.6),
+        ),
+        Surface(
+            name=TARGET,
+            center_mm=(side * half * 0.35, 0.0, _u(rng, 2400, 3000)),
+            size_mm=(_u(rng, 900, 1100), _u(rng, 1500, 1900)),
+            yaw_deg=side * _u(rng, 38, 50),
+            reflectivity=_u(rng, 0.5, 0.8),
+        ),
+    ]
 
 
 def corner(rng: np.random.Generator) -> list[Surface]:
     """Two walls that meet, and a board before them."""
     turn, deep = _u(rng, -8, 8), _u(rng, 4200, 4800)
     return [
-        Surface(name=TARGET, center_mm=(-1500.0, 0.0, deep - 1500.0), size_mm=(4600.0, 9000.0), yaw_deg=-45.0 + turn,
-                reflectivity=_u(rng, 0.5, 0.9)),
-        Surface(name="right wall", center_mm=(1500.0, 0.0, deep - 1500.0), size_mm=(4600.0, 9000.0),
-                yaw_deg=45.0 + turn, reflectivity=_u(rng, 0.4, 0.8)),
-        Surface(name="board", center_mm=(_u(rng, -200, 200), _u(rng, 100, 350), _u(rng, 1700, 2200)),
-                size_mm=(_u(rng, 450, 650), _u(rng, 400, 600)), pitch_deg=_u(rng, -20, 20),
-                reflectivity=_u(rng, 0.3, 0.9)),
+        Surface(
+            name=TARGET,
+            center_mm=(-1500.0, 0.0, deep - 1500.0),
+            size_mm=(4600.0, 9000.0),
+            yaw_deg=-45.0 + turn,
+            reflectivity=_u(rng, 0.5, 0.9),
+        ),
+        Surface(
+            name="right wall",
+            center_mm=(1500.0, 0.0, deep - 1500.0),
+            size_mm=(4600.0, 9000.0),
+            yaw_deg=45.0 + turn,
+            reflectivity=_u(rng, 0.4, 0.8),
+        ),
+        Surface(
+            name="board",
+            center_mm=(_u(rng, -200, 200), _u(rng, 100, 350), _u(rng, 1700, 2200)),
+            size_mm=(_u(rng, 450, 650), _u(rng, 400, 600)),
+            pitch_deg=_u(rng, -20, 20),
+            reflectivity=_u(rng, 0.3, 0.9),
+        ),
         _backdrop(rng, 6000.0),
-    ]  # fmt: skip
+    ]
 
 
 def near_far(rng: np.random.Generator) -> list[Surface]:
     """A bright board near the camera, dark things far behind."""
     side = float(rng.choice([-1, 1]))
     return [
-        Surface(name="bright board", center_mm=(side * _u(rng, 330, 400), 0.0, _u(rng, 850, 1050)),
-                size_mm=(_u(rng, 520, 620), _u(rng, 700, 900)), yaw_deg=_u(rng, -15, 15),
-                reflectivity=_u(rng, 0.8, 0.95)),
+        Surface(
+            name="bright board",
+            center_mm=(side * _u(rng, 330, 400), 0.0, _u(rng, 850, 1050)),
+            size_mm=(_u(rng, 520, 620), _u(rng, 700, 900)),
+            yaw_deg=_u(rng, -15, 15),
+            reflectivity=_u(rng, 0.8, 0.95),
+        ),
         _panel(rng, side, _u(rng, 2700, 3300)),
-        Surface(name="dark board", center_mm=(side * 300.0, _u(rng, -600, 600), _u(rng, 3800, 4200)),
-                size_mm=(1300.0, 1100.0), pitch_deg=_u(rng, -10, 10), reflectivity=_u(rng, 0.08, 0.15)),
-        Surface(name="back wall", center_mm=(0.0, 0.0, _u(rng, 4700, 5200)), size_mm=(40000.0, 40000.0),
-                reflectivity=_u(rng, 0.15, 0.3)),
-    ]  # fmt: skip
+        Surface(
+            name="dark board",
+            center_mm=(side * 300.0, _u(rng, -600, 600), _u(rng, 3800, 4200)),
+            size_mm=(1300.0, 1100.0),
+            pitch_deg=_u(rng, -10, 10),
+            reflectivity=_u(rng, 0.08, 0.15),
+        ),
+        Surface(
+            name="back wall",
+            center_mm=(0.0, 0.0, _u(rng, 4700, 5200)),
+            size_mm=(40000.0, 40000.0),
+            reflectivity=_u(rng, 0.15, 0.3),
+        ),
+    ]
 
 
 def stairs(rng: np.random.Generator) -> list[Surface]:
@@ -127,12 +197,25 @@ def stairs(rng: np.random.Generator) -> list[Surface]:
     for k, away in enumerate((1500.0, 2200.0, 3700.0, 4500.0)):
         depth = away * _u(rng, 0.94, 1.06)
         azimuth = side * (-0.42 + (0.17 * k if k < 2 else 0.24 + 0.17 * (k - 1)))
-        out.append(Surface(name=f"strip {k + 1}", center_mm=(round(depth * float(np.tan(azimuth)), 1), 0.0, depth),
-                           size_mm=(round(0.17 * depth, 1), 9000.0), pitch_deg=_u(rng, -8, 8),
-                           reflectivity=_u(rng, 0.3, 0.9)))  # fmt: skip
+        out.append(
+            Surface(
+                name=f"strip {k + 1}",
+                center_mm=(round(depth * float(np.tan(azimuth)), 1), 0.0, depth),
+                size_mm=(round(0.17 * depth, 1), 9000.0),
+                pitch_deg=_u(rng, -8, 8),
+                reflectivity=_u(rng, 0.3, 0.9),
+            )
+        )
     away = _u(rng, 2700, 3200)
-    out.append(Surface(name=TARGET, center_mm=(0.0, 0.0, away), size_mm=(round(0.42 * away, 1), 9000.0),
-                       yaw_deg=side * _u(rng, 42, 54), reflectivity=_u(rng, 0.5, 0.8)))  # fmt: skip
+    out.append(
+        Surface(
+            name=TARGET,
+            center_mm=(0.0, 0.0, away),
+            size_mm=(round(0.42 * away, 1), 9000.0),
+            yaw_deg=side * _u(rng, 42, 54),
+            reflectivity=_u(rng, 0.5, 0.8),
+        )
+    )
     out.append(_backdrop(rng, _u(rng, 4900, 5200)))
     return out
 
@@ -141,18 +224,36 @@ def room(rng: np.random.Generator) -> list[Surface]:
     """A room from inside: side wall, floor, back wall, a cupboard and a bright screen."""
     side = float(rng.choice([-1, 1]))
     return [
-        Surface(name=TARGET, center_mm=(-side * _u(rng, 1100, 1400), 0.0, 3000.0), size_mm=(8000.0, 8000.0),
-                yaw_deg=side * _u(rng, 82, 90), reflectivity=_u(rng, 0.5, 0.9)),
-        Surface(name="floor", center_mm=(0.0, _u(rng, 1000, 1300), 3000.0), size_mm=(8000.0, 8000.0),
-                pitch_deg=90.0 - _u(rng, 3, 9), reflectivity=_u(rng, 0.3, 0.6)),
-        Surface(name="cupboard", center_mm=(side * _u(rng, 900, 1200), _u(rng, 100, 300), _u(rng, 3000, 3500)),
-                size_mm=(_u(rng, 900, 1200), _u(rng, 1200, 1600)), yaw_deg=_u(rng, -12, 12),
-                reflectivity=_u(rng, 0.15, 0.4)),
-        Surface(name="screen", center_mm=(side * _u(rng, 100, 250), _u(rng, -350, -200), _u(rng, 1500, 1900)),
-                size_mm=(_u(rng, 350, 500), _u(rng, 300, 400)), pitch_deg=_u(rng, -10, 10),
-                reflectivity=_u(rng, 0.7, 0.95)),
+        Surface(
+            name=TARGET,
+            center_mm=(-side * _u(rng, 1100, 1400), 0.0, 3000.0),
+            size_mm=(8000.0, 8000.0),
+            yaw_deg=side * _u(rng, 82, 90),
+            reflectivity=_u(rng, 0.5, 0.9),
+        ),
+        Surface(
+            name="floor",
+            center_mm=(0.0, _u(rng, 1000, 1300), 3000.0),
+            size_mm=(8000.0, 8000.0),
+            pitch_deg=90.0 - _u(rng, 3, 9),
+            reflectivity=_u(rng, 0.3, 0.6),
+        ),
+        Surface(
+            name="cupboard",
+            center_mm=(side * _u(rng, 900, 1200), _u(rng, 100, 300), _u(rng, 3000, 3500)),
+            size_mm=(_u(rng, 900, 1200), _u(rng, 1200, 1600)),
+            yaw_deg=_u(rng, -12, 12),
+            reflectivity=_u(rng, 0.15, 0.4),
+        ),
+        Surface(
+            name="screen",
+            center_mm=(side * _u(rng, 100, 250), _u(rng, -350, -200), _u(rng, 1500, 1900)),
+            size_mm=(_u(rng, 350, 500), _u(rng, 300, 400)),
+            pitch_deg=_u(rng, -10, 10),
+            reflectivity=_u(rng, 0.7, 0.95),
+        ),
         _backdrop(rng, _u(rng, 4700, 5100), _u(rng, -4, 4)),
-    ]  # fmt: skip
+    ]
 
 
 def open_hall(rng: np.random.Generator) -> list[Surface]:
@@ -160,15 +261,28 @@ def open_hall(rng: np.random.Generator) -> list[Surface]:
     side = float(rng.choice([-1, 1]))
     return [
         _panel(rng, side, _u(rng, 2500, 3000)),
-        Surface(name="board", center_mm=(side * _u(rng, 500, 700), _u(rng, -400, 0), _u(rng, 2000, 2600)),
-                size_mm=(_u(rng, 500, 800), _u(rng, 600, 900)), yaw_deg=_u(rng, -20, 20),
-                reflectivity=_u(rng, 0.3, 0.9)),
-        Surface(name="far board", center_mm=(side * _u(rng, 300, 700), _u(rng, 500, 800), _u(rng, 4200, 4900)),
-                size_mm=(_u(rng, 1600, 2200), _u(rng, 1100, 1600)), pitch_deg=_u(rng, -20, 20),
-                reflectivity=_u(rng, 0.3, 0.9)),
-        Surface(name="ground", center_mm=(0.0, _u(rng, 1200, 1500), 3000.0), size_mm=(9000.0, 6000.0), pitch_deg=90.0,
-                reflectivity=_u(rng, 0.3, 0.6)),
-    ]  # fmt: skip
+        Surface(
+            name="board",
+            center_mm=(side * _u(rng, 500, 700), _u(rng, -400, 0), _u(rng, 2000, 2600)),
+            size_mm=(_u(rng, 500, 800), _u(rng, 600, 900)),
+            yaw_deg=_u(rng, -20, 20),
+            reflectivity=_u(rng, 0.3, 0.9),
+        ),
+        Surface(
+            name="far board",
+            center_mm=(side * _u(rng, 300, 700), _u(rng, 500, 800), _u(rng, 4200, 4900)),
+            size_mm=(_u(rng, 1600, 2200), _u(rng, 1100, 1600)),
+            pitch_deg=_u(rng, -20, 20),
+            reflectivity=_u(rng, 0.3, 0.9),
+        ),
+        Surface(
+            name="ground",
+            center_mm=(0.0, _u(rng, 1200, 1500), 3000.0),
+            size_mm=(9000.0, 6000.0),
+            pitch_deg=90.0,
+            reflectivity=_u(rng, 0.3, 0.6),
+        ),
+    ]
 
 
 def far_hall(rng: np.random.Generator) -> list[Surface]:
@@ -176,27 +290,43 @@ def far_hall(rng: np.random.Generator) -> list[Surface]:
     side = float(rng.choice([-1, 1]))
     return [
         _panel(rng, side, _u(rng, 3000, 4000)),
-        Surface(name="far wall", center_mm=(0.0, 0.0, _u(rng, 8150, 8450)), size_mm=(60000.0, 60000.0),
-                yaw_deg=_u(rng, -5, 5), reflectivity=_u(rng, 0.5, 0.9)),
-        Surface(name="board", center_mm=(side * _u(rng, 800, 1300), _u(rng, -500, 500), _u(rng, 4500, 5500)),
-                size_mm=(_u(rng, 1000, 1500), _u(rng, 900, 1300)), yaw_deg=_u(rng, -20, 20),
-                reflectivity=_u(rng, 0.3, 0.9)),
-    ]  # fmt: skip
+        Surface(
+            name="far wall",
+            center_mm=(0.0, 0.0, _u(rng, 8150, 8450)),
+            size_mm=(60000.0, 60000.0),
+            yaw_deg=_u(rng, -5, 5),
+            reflectivity=_u(rng, 0.5, 0.9),
+        ),
+        Surface(
+            name="board",
+            center_mm=(side * _u(rng, 800, 1300), _u(rng, -500, 500), _u(rng, 4500, 5500)),
+            size_mm=(_u(rng, 1000, 1500), _u(rng, 900, 1300)),
+            yaw_deg=_u(rng, -20, 20),
+            reflectivity=_u(rng, 0.3, 0.9),
+        ),
+    ]
 
 
 def far_gate(rng: np.random.Generator) -> list[Surface]:
     """A wall within a turn of the phase, and in it a gate through which a board beyond the turn is seen."""
     wall, gate, side = _u(rng, 5200, 6000), _u(rng, 0.03, 0.05), float(rng.choice([-1, 1]))
     half = round(gate * wall, 1)
-    left, right = (Surface(name=name, center_mm=(sign * (20000.0 + half), 0.0, wall), size_mm=(40000.0, 60000.0),
-                           reflectivity=0.6) for name, sign in (("left wall", -1), ("right wall", 1)))  # fmt: skip
+    left, right = (
+        Surface(name=name, center_mm=(sign * (20000.0 + half), 0.0, wall), size_mm=(40000.0, 60000.0), reflectivity=0.6)
+        for name, sign in (("left wall", -1), ("right wall", 1))
+    )
     return [
         _panel(rng, side, _u(rng, 3000, 4000)),
         left,
         right,
-        Surface(name="board beyond", center_mm=(0.0, 0.0, _u(rng, 8200, 8600)), size_mm=(60000.0, 60000.0),
-                pitch_deg=_u(rng, -8, 8), reflectivity=_u(rng, 0.5, 0.9)),
-    ]  # fmt: skip
+        Surface(
+            name="board beyond",
+            center_mm=(0.0, 0.0, _u(rng, 8200, 8600)),
+            size_mm=(60000.0, 60000.0),
+            pitch_deg=_u(rng, -8, 8),
+            reflectivity=_u(rng, 0.5, 0.9),
+        ),
+    ]
 
 
 def dark_and_bright(rng: np.random.Generator) -> list[Surface]:
@@ -204,15 +334,28 @@ def dark_and_bright(rng: np.random.Generator) -> list[Surface]:
     side, away, above = float(rng.choice([-1, 1])), _u(rng, 1800, 2300), float(rng.choice([-1, 1]))
     return [
         _panel(rng, side, _u(rng, 2700, 3300)),
-        Surface(name="bright board", center_mm=(side * 0.25 * away, above * 0.2 * away, away),
-                size_mm=(_u(rng, 550, 750), _u(rng, 500, 700)), yaw_deg=_u(rng, -20, 20),
-                reflectivity=_u(rng, 0.8, 0.95)),
-        Surface(name="dark board", center_mm=(side * 0.25 * away, -above * 0.2 * away, away * _u(rng, 0.95, 1.05)),
-                size_mm=(_u(rng, 550, 750), _u(rng, 500, 700)), yaw_deg=_u(rng, -20, 20),
-                reflectivity=_u(rng, 0.1, 0.16)),
-        Surface(name="back wall", center_mm=(0.0, 0.0, _u(rng, 4400, 4800)), size_mm=(40000.0, 40000.0),
-                yaw_deg=_u(rng, -6, 6), reflectivity=_u(rng, 0.3, 0.45)),
-    ]  # fmt: skip
+        Surface(
+            name="bright board",
+            center_mm=(side * 0.25 * away, above * 0.2 * away, away),
+            size_mm=(_u(rng, 550, 750), _u(rng, 500, 700)),
+            yaw_deg=_u(rng, -20, 20),
+            reflectivity=_u(rng, 0.8, 0.95),
+        ),
+        Surface(
+            name="dark board",
+            center_mm=(side * 0.25 * away, -above * 0.2 * away, away * _u(rng, 0.95, 1.05)),
+            size_mm=(_u(rng, 550, 750), _u(rng, 500, 700)),
+            yaw_deg=_u(rng, -20, 20),
+            reflectivity=_u(rng, 0.1, 0.16),
+        ),
+        Surface(
+            name="back wall",
+            center_mm=(0.0, 0.0, _u(rng, 4400, 4800)),
+            size_mm=(40000.0, 40000.0),
+            yaw_deg=_u(rng, -6, 6),
+            reflectivity=_u(rng, 0.3, 0.45),
+        ),
+    ]
 
 
 FAMILIES: dict[str, Callable[[np.random.Generator], list[Surface]]] = {
@@ -261,10 +404,13 @@ def with_object(surfaces: list[Surface], view: View, seed: list[int]) -> list[Su
         shape = float(np.sqrt(rng.uniform(0.7, 1.4)))
         ray = direction(np.array(azimuth), np.array(elevation)) * away
         board = Surface(
-            name="object", center_mm=(round(float(ray[0]), 1), round(float(ray[1]), 1), round(float(ray[2]), 1)),
-            size_mm=(round(side * shape, 1), round(side / shape, 1)), yaw_deg=_u(rng, -25, 25),
-            pitch_deg=_u(rng, -15, 15), reflectivity=_u(rng, 0.2, 0.9),
-        )  # fmt: skip
+            name="object",
+            center_mm=(round(float(ray[0]), 1), round(float(ray[1]), 1), round(float(ray[2]), 1)),
+            size_mm=(round(side * shape, 1), round(side / shape, 1)),
+            yaw_deg=_u(rng, -25, 25),
+            pitch_deg=_u(rng, -15, 15),
+            reflectivity=_u(rng, 0.2, 0.9),
+        )
         area = _areas(cast([*surfaces, board], coarse), len(surfaces) + 1)
         if 0.05 < area[-1] < 0.15 and (area[:-1] >= 0.5 * whole).all():
             return [*surfaces, board]

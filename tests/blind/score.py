@@ -95,11 +95,18 @@ def _score(built: Built, folder: Path, plan: Plan) -> dict[str, Any]:
     third, fourth = built.record(2), built.record(3)
     panel = compare(third, plan.simulate(model, 101))
     out: dict[str, Any] = {
-        "case": built.case.name, "half": built.case.half, "sort": built.case.sort, "level": built.case.level,
-        "truth": built.truth(), "frames": built.device.frames, "image": [built.device.rows, built.device.cols],
+        "case": built.case.name,
+        "half": built.case.half,
+        "sort": built.case.sort,
+        "level": built.case.level,
+        "truth": built.truth(),
+        "frames": built.device.frames,
+        "image": [built.device.rows, built.device.cols],
         "panel": [[s.statistic, s.axis, round(s.distance, 4), round(s.z, 3)] for s in panel],
-        "before": gap(panel), "floor": gap(compare(third, fourth)), "setting": built.case.setting,
-    }  # fmt: skip
+        "before": gap(panel),
+        "floor": gap(compare(third, fourth)),
+        "setting": built.case.setting,
+    }
     if plan.ceiling and built.truth()["kinds"]:
         true_model = folder / "true.toml"
         text = model_text(built.device, built.models[0], built.noise, effects=true_effects(built, folder))

@@ -43,9 +43,14 @@ class Cell:
     def built(self, octaves: float, seed: int, master: int) -> Built:
         """A recording of a magnitude: the same device and scene at every one."""
         case = Case(
-            name=f"{self.kind}-smallest-{seed}", sort="single", kinds=(self.kind,), level="clear", slot=seed % _SLOTS,
-            seed=seed // _SLOTS, half="open",
-        )  # fmt: skip
+            name=f"{self.kind}-smallest-{seed}",
+            sort="single",
+            kinds=(self.kind,),
+            level="clear",
+            slot=seed % _SLOTS,
+            seed=seed // _SLOTS,
+            half="open",
+        )
         camera = {"frames": self.frames, "rows": self.rows, "cols": self.cols}
         return build(case, master, strength=self.strength(octaves), camera=camera)
 

@@ -77,8 +77,9 @@ def _wiggling(size: float, rng: np.random.Generator, place: Place) -> Effect:
     share = size * image_sigma(place) * 2 * math.pi / place.device.unambiguous_mm
     third, fifth = rng.uniform(0, 2 * math.pi, 2)
     sum_of_both = abs(-np.exp(1j * third) + 0.25 * np.exp(1j * fifth))
-    return fx.Harmonics(third=share / sum_of_both, third_phase=float(third), fifth=0.25 * share / sum_of_both,
-                        fifth_phase=float(fifth))  # fmt: skip
+    return fx.Harmonics(
+        third=share / sum_of_both, third_phase=float(third), fifth=0.25 * share / sum_of_both, fifth_phase=float(fifth)
+    )
 
 
 def _walk(size: float, rng: np.random.Generator, place: Place) -> Effect:
@@ -91,8 +92,11 @@ def _walk(size: float, rng: np.random.Generator, place: Place) -> Effect:
 def _drift(size: float, rng: np.random.Generator, place: Place) -> Effect:
     rise = float(rng.uniform(8, 20))
     seconds = place.device.frames / place.device.frame_rate_hz
-    return fx.WarmUp(delay_mm_per_kelvin=_sign(rng) * size * image_sigma(place) / rise, rise_kelvin=rise,
-                     time_constant_s=seconds * float(rng.uniform(0.2, 0.5)))  # fmt: skip
+    return fx.WarmUp(
+        delay_mm_per_kelvin=_sign(rng) * size * image_sigma(place) / rise,
+        rise_kelvin=rise,
+        time_constant_s=seconds * float(rng.uniform(0.2, 0.5)),
+    )
 
 
 def _pattern(size: float, rng: np.random.Generator, place: Place) -> Effect:

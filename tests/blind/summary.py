@@ -151,9 +151,13 @@ def score_table(said: list[Result]) -> str:
         [f"{level}: named first", _share([r for r in single if r["level"] == level], lambda r: r.get("first", False))]
         for level in ("clear", "faint")
     ]
-    rows += [[f"{level}: named, and nothing else", _share([r for r in single if r["level"] == level],
-                                                         lambda r: r.get("right", False))]
-             for level in ("clear", "faint")]  # fmt: skip
+    rows += [
+        [
+            f"{level}: named, and nothing else",
+            _share([r for r in single if r["level"] == level], lambda r: r.get("right", False)),
+        ]
+        for level in ("clear", "faint")
+    ]
     rows += [
         ["none: agree", _share(_of(said, "none"), lambda r: r.get("verdict") == "agree")],
         ["none: a name", _share(_of(said, "none"), lambda r: bool(r.get("named")))],
@@ -168,7 +172,7 @@ def score_table(said: list[Result]) -> str:
         ["parameters right", f"{sum(p['right'] for p in parameters)}/{len(parameters)}"],
         ["seconds, median and largest", f"{_median(seconds)}, {max(seconds):.0f}"],
         ["failed", _share(said, lambda r: "failed" in r)],
-    ]  # fmt: skip
+    ]
     return table(["criterion", "result"], rows)
 
 
@@ -193,17 +197,26 @@ def kind_table(said: list[Result]) -> str:
             continue
         right = [r for r in of if r.get("right")]
         parameters = [r["parameters"][kind] for r in right if kind in r["parameters"]]
-        rows.append([
-            kind,
-            *(_share([r for r in of if r["level"] == level], lambda r: r.get("first", False))
-              for level in ("clear", "faint")),
-            f"{sum(p['right'] for p in parameters)}/{len(parameters)}",
-            _median([p["off"] for p in parameters if p["off"] is not None]),
-            _median([r["closed"] for r in right if r.get("closed") is not None]),
-            _median([r["ceiling"] for r in right if r.get("ceiling") is not None]),
-            _median([r["second_scene"]["closed"] for r in right
-                     if (r.get("second_scene") or {}).get("closed") is not None]),
-        ])  # fmt: skip
+        rows.append(
+            [
+                kind,
+                *(
+                    _share([r for r in of if r["level"] == level], lambda r: r.get("first", False))
+                    for level in ("clear", "faint")
+                ),
+                f"{sum(p['right'] for p in parameters)}/{len(parameters)}",
+                _median([p["off"] for p in parameters if p["off"] is not None]),
+                _median([r["closed"] for r in right if r.get("closed") is not None]),
+                _median([r["ceiling"] for r in right if r.get("ceiling") is not None]),
+                _median(
+                    [
+                        r["second_scene"]["closed"]
+                        for r in right
+                        if (r.get("second_scene") or {}).get("closed") is not None
+                    ]
+                ),
+            ]
+        )
     head = ["kind", "clear", "faint", "parameters right", "off (median)", "closed", "ceiling", "second scene"]
     return "### By kind\n\n" + table(head, rows) if rows else ""
 
@@ -227,6 +240,13 @@ def stranger_table(said: list[Result]) -> str:
     for r in said:
         if r["sort"] == "stranger":
             where = ", ".join(f"{w['statistic']}/{w['axis']}" for w in r.get("where", [])[:2])
-            rows.append([r["case"], r.get("verdict", "failed"), "+".join(r.get("named", [])) or "-", where,
-                         "yes" if r.get("axis_right") else "no"])  # fmt: skip
+            rows.append(
+                [
+                    r["case"],
+                    r.get("verdict", "failed"),
+                    "+".join(r.get("named", [])) or "-",
+                    where,
+                    "yes" if r.get("axis_right") else "no",
+                ]
+            )
     return "### Strangers\n\n" + table(["case", "verdict", "named", "where", "right axis"], rows) if rows else ""

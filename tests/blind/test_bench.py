@@ -97,11 +97,22 @@ def test_each_beginning_of_the_order_has_the_shares_of_all_cases() -> None:
 
 def test_summary_has_a_section_and_two_sample_columns_for_each_setting() -> None:
     line = {
-        "case": "pinhole-none-0", "half": "open", "sort": "none", "level": "", "setting": "pinhole", "verdict": "agree",
-        "named": [], "before": 1.0, "seconds": 1.0, "truth": {"kinds": []}, "panel": [["bias", "all", 1.0, 0.5]],
-        "two_samples": {when: {"energy": [0.3, 2.4, 0.4], "energy_pixel": [9.0, 8.0, 0.01],
-                               "classifier": [0.501, 0.505, 0.3]} for when in ("before", "after")},
-    }  # fmt: skip
+        "case": "pinhole-none-0",
+        "half": "open",
+        "sort": "none",
+        "level": "",
+        "setting": "pinhole",
+        "verdict": "agree",
+        "named": [],
+        "before": 1.0,
+        "seconds": 1.0,
+        "truth": {"kinds": []},
+        "panel": [["bias", "all", 1.0, 0.5]],
+        "two_samples": {
+            when: {"energy": [0.3, 2.4, 0.4], "energy_pixel": [9.0, 8.0, 0.01], "classifier": [0.501, 0.505, 0.3]}
+            for when in ("before", "after")
+        },
+    }
     said = summary([line, {**line, "case": "none-0", "setting": "ordinary"}])
     assert "## open half, pinhole" in said
     assert "## open half\n" in said

@@ -48,8 +48,12 @@ def test_list_of_cases_has_each_kind_level_and_half_in_the_stated_number() -> No
     cases = [c for c in all_cases() if c.setting == "ordinary"]
     assert cases == all_cases()[: len(cases)]
     assert Counter(c.sort for c in cases) == {
-        "single": len(KINDS) * 2 * 5 * 3, "pair": 20, "none": 30, "nearly": 30, "stranger": 4 * len(STRANGERS),
-    }  # fmt: skip
+        "single": len(KINDS) * 2 * 5 * 3,
+        "pair": 20,
+        "none": 30,
+        "nearly": 30,
+        "stranger": 4 * len(STRANGERS),
+    }
     assert len(STRANGERS) >= 15
     assert abs(Counter(c.half for c in cases)["open"] - len(cases) / 2) < len(KINDS)
     assert len(set(EVERY)) >= 8
@@ -93,9 +97,12 @@ def test_case_is_a_function_of_its_name_and_the_master_seed() -> None:
 def test_other_settings_have_each_kind_as_often_in_either_half() -> None:
     cases = [c for c in all_cases() if c.setting != "ordinary"]
     assert Counter((c.setting, c.sort) for c in cases) == {
-        ("room_light", "single"): 4 * (len(KINDS) - 1), ("room_light", "none"): 8,
-        ("pinhole", "single"): 4 * len(KINDS), ("pinhole", "none"): 8, ("missing_object", "stranger"): 12,
-    }  # fmt: skip
+        ("room_light", "single"): 4 * (len(KINDS) - 1),
+        ("room_light", "none"): 8,
+        ("pinhole", "single"): 4 * len(KINDS),
+        ("pinhole", "none"): 8,
+        ("missing_object", "stranger"): 12,
+    }
     assert 2 * Counter(c.half for c in cases)["open"] == len(cases)
     assert {k for c in cases for k in c.kinds if c.setting == "room_light"} == set(KINDS) - {"phase_wrapping"}
 
@@ -153,9 +160,18 @@ def test_missing_object_is_in_the_scene_and_not_in_the_model(master: int) -> Non
 
 @pytest.mark.parametrize(
     "name",
-    ["fixed_pattern-clear-0-0", "pair-0", "nearly-1", "tripod-2", "dropout-clear-2-0", "room_light-none-1",
-     "room_light-dropout-clear-1", "pinhole-multipath-clear-3", "missing_object-2"],
-)  # fmt: skip
+    [
+        "fixed_pattern-clear-0-0",
+        "pair-0",
+        "nearly-1",
+        "tripod-2",
+        "dropout-clear-2-0",
+        "room_light-none-1",
+        "room_light-dropout-clear-1",
+        "pinhole-multipath-clear-3",
+        "missing_object-2",
+    ],
+)
 def test_folder_of_a_case_fits_the_contract_and_hides_its_truth(name: str, tmp_path: Path) -> None:
     built = _small(name)
     write_case(tmp_path, built)

@@ -51,8 +51,10 @@ def test_rays_and_solid_angles_equal_those_of_opencv() -> None:
 
 def test_same_lens_sees_the_same_scene_with_other_numbers_of_rows_and_columns() -> None:
     board = [Surface(name="board", center_mm=(200.0, 100.0, 2000.0), size_mm=(700.0, 500.0))]
-    filled = [cast(board, replace(VIEW, rows=rows, cols=cols)).share.sum(axis=0).mean() for rows, cols in
-              ((18, 24), (36, 48), (30, 30))]  # fmt: skip
+    filled = [
+        cast(board, replace(VIEW, rows=rows, cols=cols)).share.sum(axis=0).mean()
+        for rows, cols in ((18, 24), (36, 48), (30, 30))
+    ]
     np.testing.assert_allclose(filled, filled[0], atol=2e-4)
 
 

@@ -86,9 +86,21 @@ def _said(kind: str, parameters: dict[str, Any], stderr: dict[str, float] | None
 
 @pytest.mark.parametrize(
     "name",
-    [f"{kind}-clear-0-0" for kind in ("wiggling", "multipath", "amplitude_walk", "dropout", "saturation", "motion",
-                                      "scattering", "interference", "temperature_drift")],
-)  # fmt: skip
+    [
+        f"{kind}-clear-0-0"
+        for kind in (
+            "wiggling",
+            "multipath",
+            "amplitude_walk",
+            "dropout",
+            "saturation",
+            "motion",
+            "scattering",
+            "interference",
+            "temperature_drift",
+        )
+    ],
+)
 def test_parameter_is_right_if_it_is_the_truth_and_wrong_if_off_by_30_percent(name: str, tmp_path: Path) -> None:
     built = _built(name, 24, 32, 60)
     (effect,) = built.truth()["effects"]
@@ -96,8 +108,12 @@ def test_parameter_is_right_if_it_is_the_truth_and_wrong_if_off_by_30_percent(na
     good = judge(_said(kind, truth), built, tmp_path)
     assert good["right"]
     assert good["parameters"][kind]["right"]
-    names = {"multipath": ["share"], "amplitude_walk": ["scale_mm"], "dropout": ["probability", "threshold"],
-             "saturation": ["full_well_amplitude"]}  # fmt: skip
+    names = {
+        "multipath": ["share"],
+        "amplitude_walk": ["scale_mm"],
+        "dropout": ["probability", "threshold"],
+        "saturation": ["full_well_amplitude"],
+    }
     off = {**truth, **{n: truth[n] * 1.3 for n in names.get(kind, [k for k in truth if k != "surface"])}}
     assert not judge(_said(kind, off), built, tmp_path)["parameters"][kind]["right"]
 

@@ -42,11 +42,16 @@ def model_text(
 ) -> str:
     """A model file of the ideal camera before a scene; `effects` are [[effect]] tables."""
     sensor = {
-        "profile": "sr3000", "rows": device.rows, "cols": device.cols, **_optics(device),
-        "range_min_mm": device.range_min_mm, "range_max_mm": device.range_max_mm,
-        "modulation_frequency_hz": device.frequency_hz, "integration_time_ms": device.integration_time_ms,
+        "profile": "sr3000",
+        "rows": device.rows,
+        "cols": device.cols,
+        **_optics(device),
+        "range_min_mm": device.range_min_mm,
+        "range_max_mm": device.range_max_mm,
+        "modulation_frequency_hz": device.frequency_hz,
+        "integration_time_ms": device.integration_time_ms,
         "outlier_probability": device.outlier_probability,
-    }  # fmt: skip
+    }
     curve = {
         "range_mm": [round(float(r), 3) for r in noise.range_mm],
         "sigma_mm": [round(float(s), 5) for s in noise.sigma_mm],
@@ -57,8 +62,14 @@ def model_text(
     recording = {"frames": device.frames, "frame_rate_hz": device.frame_rate_hz, "seed": seed}
     parts = [_table("[sensor]", sensor), _table("[sensor.noise]", curve), _table("[recording]", recording)]
     for s in surfaces:
-        values = {"name": s.name, "center_mm": s.center_mm, "size_mm": s.size_mm, "yaw_deg": s.yaw_deg,
-                  "pitch_deg": s.pitch_deg, "reflectivity": s.reflectivity}  # fmt: skip
+        values = {
+            "name": s.name,
+            "center_mm": s.center_mm,
+            "size_mm": s.size_mm,
+            "yaw_deg": s.yaw_deg,
+            "pitch_deg": s.pitch_deg,
+            "reflectivity": s.reflectivity,
+        }
         parts.append(_table("[[surface]]", values))
     return "\n".join([*parts, effect_tables(effects or [])])
 
@@ -99,8 +110,9 @@ def write_recording(path: Path, recording: Recording, device: Device, noise: Noi
         for name, length in zip(("frame", "row", "col"), shape, strict=True):
             root.create_dataset(name, data=np.arange(length, dtype=np.int32)).make_scale(name)
         stored, fill = _stored(recording, variant)
-        data = root.create_dataset("range", data=stored, chunks=(shape[0], 8, shape[2]), compression="gzip",
-                                   compression_opts=1, shuffle=True)  # fmt: skip
+        data = root.create_dataset(
+            "range", data=stored, chunks=(shape[0], 8, shape[2]), compression="gzip", compression_opts=1, shuffle=True
+        )
         data.attrs.update({"units": "mm", "long_name": "radial range"})
         if fill is not None:
             data.attrs["_FillValue"] = np.array([fill], dtype=stored.dtype)
@@ -133,11 +145,15 @@ def _per_frame(root: h5py.File, name: str, values: Any, units: str) -> None:  # 
 def _write_sensor(group: h5py.Group, device: Device, noise: NoiseTable) -> None:
     group.attrs.update(
         {
-            "name": device.name, "modulation_frequency_hz": device.frequency_hz,
-            "integration_time_ms": device.integration_time_ms, "range_min_mm": device.range_min_mm,
-            "range_max_mm": device.range_max_mm, **_optics(device), "outlier_probability": device.outlier_probability,
+            "name": device.name,
+            "modulation_frequency_hz": device.frequency_hz,
+            "integration_time_ms": device.integration_time_ms,
+            "range_min_mm": device.range_min_mm,
+            "range_max_mm": device.range_max_mm,
+            **_optics(device),
+            "outlier_probability": device.outlier_probability,
         }
-    )  # fmt: skip
+    )
     for name, values in (("noise_range", noise.range_mm), ("noise_sigma", noise.sigma_mm)):
         group.create_dataset(name, data=values).attrs["units"] = "mm"
     for key, numbers in _by_amplitude(noise).items():

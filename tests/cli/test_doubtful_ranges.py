@@ -45,8 +45,13 @@ def test_metres_without_units_are_refused_by_every_command(
     model.write_text(MODEL)
     view = {"fov_horizontal_deg": 12.0, "fov_vertical_deg": 8.0}
     assert tofmix("estimate", write_recording(tmp_path / "a.h5", boards(40), attributes=view)).code == 0
-    names = {"METRES": metres, "OUT": tmp_path / "out", "OUT.yaml": tmp_path / "out.yaml", "LAYERS": layers,
-             "MODEL": model}  # fmt: skip
+    names = {
+        "METRES": metres,
+        "OUT": tmp_path / "out",
+        "OUT.yaml": tmp_path / "out.yaml",
+        "LAYERS": layers,
+        "MODEL": model,
+    }
     before = sorted(tmp_path.iterdir())
     done = tofmix(*(names.get(word, word) for word in line.split()))
     assert done.code == ExitCode.BAD_INPUT

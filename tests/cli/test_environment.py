@@ -77,10 +77,12 @@ def test_variables_of_no_option_are_named_and_those_of_options_are_not() -> None
     assert unknown_variables(dict.fromkeys(names, "1")) == {}
     no_name, typed = "no option has this name", "is for the command line alone"
     wrong = {
-        "TOFMIX_WORKERS": no_name, "TOFMIX_ESTIMATE_WORKER": no_name,
-        "TOFMIX_ESTIMATE_OVERWRITE": f"--overwrite {typed}", "TOFMIX_SENSORS_TOML": f"--toml {typed}",
+        "TOFMIX_WORKERS": no_name,
+        "TOFMIX_ESTIMATE_WORKER": no_name,
+        "TOFMIX_ESTIMATE_OVERWRITE": f"--overwrite {typed}",
+        "TOFMIX_SENSORS_TOML": f"--toml {typed}",
         "TOFMIX_MERGE_QUIET": f"--quiet {typed}",
-    }  # fmt: skip
+    }
     assert unknown_variables(dict.fromkeys(wrong, "1")) == wrong
 
 

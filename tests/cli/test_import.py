@@ -137,9 +137,21 @@ def test_array_depths_along_z_become_ranges(
 def test_scale_invalid_and_frame_rate_options_are_applied(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
     np.save(tmp_path / "a.npy", samples())
     done = tofmix(
-        "import", tmp_path / "a.npy", "-o", tmp_path / "r.h5", "--sensor", sensor, "--scale", 0.5, "--invalid", 65535,
-        "--invalid", int(samples()[0, 0, 0]), "--frame-rate", 20,
-    )  # fmt: skip
+        "import",
+        tmp_path / "a.npy",
+        "-o",
+        tmp_path / "r.h5",
+        "--sensor",
+        sensor,
+        "--scale",
+        0.5,
+        "--invalid",
+        65535,
+        "--invalid",
+        int(samples()[0, 0, 0]),
+        "--frame-rate",
+        20,
+    )
     assert done.code == 0, done.err
     with h5py.File(tmp_path / "r.h5") as root:
         read = root["range"][...]

@@ -67,9 +67,17 @@ def test_a_centre_far_outside_of_the_image_is_said(tofmix: Tofmix, tmp_path: Pat
     for centre, said in (("40,30", True), ("5.5,4.5", False)):
         output = tmp_path / f"{said}.h5"
         done = tofmix(
-            "import", depths(tmp_path), "-o", output, "--units", "mm", "--depth-axis", "z",
-            "--intrinsics", f"60,60,{centre}",
-        )  # fmt: skip
+            "import",
+            depths(tmp_path),
+            "-o",
+            output,
+            "--units",
+            "mm",
+            "--depth-axis",
+            "z",
+            "--intrinsics",
+            f"60,60,{centre}",
+        )
         assert done.code == 0, done.err
         assert ("--intrinsics: the centre, column 40, row 30, is far outside of the image" in done.err) == said
 

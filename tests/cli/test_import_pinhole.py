@@ -17,8 +17,11 @@ from tofmix.errors import ExitCode
 
 SHAPE = (144, 176)
 LENS: dict[str, Any] = {
-    "fx": 88.0 / math.tan(math.radians(35.0)), "fy": 72.0 / math.tan(math.radians(27.5)), "cx": 87.5, "cy": 71.5
-}  # fmt: skip
+    "fx": 88.0 / math.tan(math.radians(35.0)),
+    "fy": 72.0 / math.tan(math.radians(27.5)),
+    "cx": 87.5,
+    "cy": 71.5,
+}
 """70 x 55 degrees over 176 x 144 pixels, before the lens bends them."""
 
 K1 = (-0.1, 0.0, 0.0, 0.0, 0.0)

@@ -135,9 +135,14 @@ def test_columns_are_named_as_the_header_writes_them_and_codes_by_either_name(to
     lines = [f"{k},0,{col},{60 + k},{5 if col else 7}" for k in range(5) for col in range(2)]
     (tmp_path / "a.csv").write_text("\n".join(["Shot,Y,X [px],Depth [cm],Flag (raw)", *lines]))
     arguments = (
-        "import", tmp_path / "a.csv", "-o", tmp_path / "a.h5", "--overwrite",
-        "--columns", "Shot=frame,Y=row,X [px]=col,Depth [cm]=range,Flag (raw)=status",
-    )  # fmt: skip
+        "import",
+        tmp_path / "a.csv",
+        "-o",
+        tmp_path / "a.h5",
+        "--overwrite",
+        "--columns",
+        "Shot=frame,Y=row,X [px]=col,Depth [cm]=range,Flag (raw)=status",
+    )
     for name in ("Flag (raw)", "status", "flag_raw"):
         done = tofmix(*arguments, "--valid-status", f"{name}=5")
         assert done.code == 0, done.err

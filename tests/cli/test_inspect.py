@@ -42,8 +42,13 @@ def test_inspect_prints_the_numbers_of_the_files(tofmix: Tofmix, layers: Path, t
             place = 1, 2, pixel["col"]
             assert len(pixel["layers"]) == root["n_modes"][place]
             for k, layer in enumerate(pixel["layers"]):
-                for name, field in (("range_mm", "range"), ("range_stderr_mm", "range_stderr"), ("weight", "weight"),
-                                    ("weight_stderr", "weight_stderr"), ("probability", "probability")):  # fmt: skip
+                for name, field in (
+                    ("range_mm", "range"),
+                    ("range_stderr_mm", "range_stderr"),
+                    ("weight", "weight"),
+                    ("weight_stderr", "weight_stderr"),
+                    ("probability", "probability"),
+                ):
                     assert layer[name] == pytest.approx(float(root[field][(*place, k)]))
             assert pixel["samples_mm"] == boards(60)[30:, 2, pixel["col"]].tolist()
     text = tofmix("inspect", layers, "--pixel", "2,3", "--window", 1).out

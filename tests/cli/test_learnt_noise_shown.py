@@ -66,9 +66,17 @@ def test_info_prints_learnt_noise_in_a_line_and_by_part(tofmix: Tofmix, paths: t
     assert found is not None
     assert LINE.search(found[1])
     assert [line.split()[0] for line in found[1].splitlines()] == [
-        "found", "shape", "skewness", "excess_kurtosis", "width_spread", "drift_mm", "memory", "background_q05",
-        "background_q50", "background_q95",
-    ]  # fmt: skip
+        "found",
+        "shape",
+        "skewness",
+        "excess_kurtosis",
+        "width_spread",
+        "drift_mm",
+        "memory",
+        "background_q05",
+        "background_q50",
+        "background_q95",
+    ]
     noise = json.loads(tofmix("info", paths[1], "--json").out)["noise"]
     assert LINE.fullmatch(noise["found"])
     assert noise["shape"] == "skewed (1.0)"

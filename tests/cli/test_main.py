@@ -75,11 +75,16 @@ def test_the_bare_command_prints_its_help_as_help_does(tofmix: Tofmix) -> None:
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["nonsense"], ["estimate"], ["estimate", "a.h5", "--nonsense"], ["estimate", "a.h5", "--window", "0"],
-        ["estimate", "a.h5", "--sigma", "loose"], ["simulate", "corridor"], ["simulate", "corridor", "-o"],
+        ["nonsense"],
+        ["estimate"],
+        ["estimate", "a.h5", "--nonsense"],
+        ["estimate", "a.h5", "--window", "0"],
+        ["estimate", "a.h5", "--sigma", "loose"],
+        ["simulate", "corridor"],
+        ["simulate", "corridor", "-o"],
         ["report", "a.h5", "--window", "-1"],
     ],
-)  # fmt: skip
+)
 def test_usage_errors_leave_with_2(tofmix: Tofmix, arguments: list[str]) -> None:
     outcome = tofmix(*arguments)
     assert outcome.code == ExitCode.USAGE

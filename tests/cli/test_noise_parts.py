@@ -203,8 +203,14 @@ def test_reconcile_refuses_a_background_with_a_memory(tofmix: Tofmix, recording:
 def test_models_of_cameras_with_different_noise_are_refused(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     (tmp_path / "other.toml").write_text(model_text(PARTS))
     said = tofmix(
-        "reconcile", tmp_path / "model.toml", recording, "-o", tmp_path / "gap", "--also", tmp_path / "other.toml",
+        "reconcile",
+        tmp_path / "model.toml",
         recording,
-    )  # fmt: skip
+        "-o",
+        tmp_path / "gap",
+        "--also",
+        tmp_path / "other.toml",
+        recording,
+    )
     assert said.code == ExitCode.BAD_INPUT
     assert "the noise curves differ" in said.err

@@ -110,8 +110,13 @@ def test_each_writing_command_describes_its_output_in_json(tofmix: Tofmix, tmp_p
     twice = tofmix("simulate", tmp_path / "m.toml", "-o", tmp_path / "a.h5", "--repeat", 2, "--json")
     first, second = (json.loads(line) for line in twice.out.splitlines())
     assert first == {
-        "output": str(tmp_path / "a_001.h5"), "frames": 20, "rows": 4, "cols": 6, "seed": 1, "averaged": False,
-    }  # fmt: skip
+        "output": str(tmp_path / "a_001.h5"),
+        "frames": 20,
+        "rows": 4,
+        "cols": 6,
+        "seed": 1,
+        "averaged": False,
+    }
     assert second["seed"] == 2
     layers = tmp_path / "a_001.layers.h5"
     assert tofmix("estimate", tmp_path / "a_001.h5").code == 0
@@ -135,9 +140,13 @@ def test_help_describes_completion_and_environment(tofmix: Tofmix) -> None:
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_completion_prints_its_script(shell: str) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "tofmix"], env=os.environ | {"_TOFMIX_COMPLETE": f"{shell}_source"},
-        capture_output=True, text=True, check=False, timeout=60,
-    )  # fmt: skip
+        [sys.executable, "-m", "tofmix"],
+        env=os.environ | {"_TOFMIX_COMPLETE": f"{shell}_source"},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
     assert done.returncode == 0, done.stderr
     assert "_TOFMIX_COMPLETE" in done.stdout
 

@@ -290,8 +290,16 @@ def test_different_maps_of_one_name_are_refused(tofmix: Tofmix, files: tuple[Pat
         models.append(folder / "model.toml")
         models[-1].write_text(MODEL + '[[effect]]\nkind = "fixed_pattern"\nmap = "map.npy"\n')
     done = tofmix(
-        "reconcile", models[0], files[1], "--also", models[1], files[1], "-o", tmp_path / "gap",
-        "--effects", "range_offset",
-    )  # fmt: skip
+        "reconcile",
+        models[0],
+        files[1],
+        "--also",
+        models[1],
+        files[1],
+        "-o",
+        tmp_path / "gap",
+        "--effects",
+        "range_offset",
+    )
     assert done.code == 3
     assert "two models of one camera have different maps with the name map.npy" in done.err

@@ -172,9 +172,12 @@ def test_the_default_name_is_that_of_the_layers(tofmix: Tofmix, layers: Path, tm
 @pytest.mark.parametrize("command", ["report", "map", "surfaces", "inspect", "compare", "estimate"])
 def test_wrong_commands_name_the_command_for_a_surfaces_file(tofmix: Tofmix, path: Path, command: str) -> None:
     more = {
-        "map": ("-o", path.with_name("a.yaml")), "surfaces": ("-o", path.with_name("b.h5")), "compare": (path,),
-        "inspect": ("--pixel", "1,1"), "estimate": ("-o", path.with_name("b.h5")),
-    }.get(command, ())  # fmt: skip
+        "map": ("-o", path.with_name("a.yaml")),
+        "surfaces": ("-o", path.with_name("b.h5")),
+        "compare": (path,),
+        "inspect": ("--pixel", "1,1"),
+        "estimate": ("-o", path.with_name("b.h5")),
+    }.get(command, ())
     refused = tofmix(command, path, *more)
     assert refused.code == ExitCode.BAD_INPUT
     assert f"is a surfaces file, not a {'recording' if command == 'estimate' else 'layers file'}" in refused.err
@@ -186,9 +189,15 @@ def test_info_describes_a_surfaces_file(tofmix: Tofmix, three: Path) -> None:
     described = json.loads(tofmix("info", three, "--json").out)
     assert described["kind"] == "surfaces"
     assert described["sizes"] == {
-        "windows": 3, "rows": 6, "cols": 8, "max_layers": 3, "file_bytes": three.stat().st_size,
-        "factor": 4, "rows_fine": 24, "cols_fine": 32,
-    }  # fmt: skip
+        "windows": 3,
+        "rows": 6,
+        "cols": 8,
+        "max_layers": 3,
+        "file_bytes": three.stat().st_size,
+        "factor": 4,
+        "rows_fine": 24,
+        "cols_fine": 32,
+    }
     assert described["found"] == {"surfaces": 4, "smooth_surfaces": 0, "edge_lines": 4, "edge_points": 14}
     assert described["made_from"]["source"] == "a.layers.h5"
     assert described["options"] == {"factor": 4}

@@ -46,9 +46,17 @@ def made(tofmix: Tofmix, tmp_path: Path, tmp_path_factory: pytest.TempPathFactor
 def _make(tofmix: Tofmix, folder: Path) -> Path:
     np.save(folder / "t.npy", samples())
     imported = tofmix(
-        "import", folder / "t.npy", "-o", folder / "t.h5", "--axes", "frame,target,row,col", "--sensor", "vl53l5cx",
-        "--frame-rate", 15,
-    )  # fmt: skip
+        "import",
+        folder / "t.npy",
+        "-o",
+        folder / "t.h5",
+        "--axes",
+        "frame,target,row,col",
+        "--sensor",
+        "vl53l5cx",
+        "--frame-rate",
+        15,
+    )
     assert imported.code == 0, imported.err
     assert "90 frames of 6 x 8 pixels of 3 targets" in imported.out
     estimated = tofmix("estimate", folder / "t.h5")
@@ -94,8 +102,12 @@ def test_every_command_explains_shares_of_detections(tofmix: Tofmix, made: Path,
         described = json.loads(tofmix("info", path, "--json").out)
         assert "shares_of_detections" in {warning["code"] for warning in described["warnings"]}
     assert described["sizes"] == {
-        "frames": 90, "rows": 6, "cols": 8, "targets": 3, "file_bytes": recording.stat().st_size
-    }  # fmt: skip
+        "frames": 90,
+        "rows": 6,
+        "cols": 8,
+        "targets": 3,
+        "file_bytes": recording.stat().st_size,
+    }
 
 
 def test_both_files_pass_verify(tofmix: Tofmix, made: Path) -> None:
@@ -238,9 +250,17 @@ def test_strongest_target_has_its_own_amplitude_and_needs_amplitudes(
     light = np.random.default_rng(3).uniform(1, 99, SHAPE).astype(np.float32)
     np.save(tmp_path / "a.npy", light)
     done = tofmix(
-        "import", made / "t.npy", "-o", tmp_path / "s.h5", "--target", "strongest", "--amplitude", tmp_path / "a.npy",
-        "--axes", "frame,target,row,col",
-    )  # fmt: skip
+        "import",
+        made / "t.npy",
+        "-o",
+        tmp_path / "s.h5",
+        "--target",
+        "strongest",
+        "--amplitude",
+        tmp_path / "a.npy",
+        "--axes",
+        "frame,target,row,col",
+    )
     assert done.code == 0, done.err
     best = np.where(samples() > 0, light, -1.0).argmax(axis=1)[:, None]
     with h5py.File(tmp_path / "s.h5") as root:

@@ -49,9 +49,14 @@ def test_after_warmup_no_option_of_estimate_compiles_a_kernel(tofmix: Tofmix, tm
     assert tofmix("warmup").code == 0
     recording = write_recording(tmp_path / "a.h5", boards())
     for options in (
-        ["--sigma", "tied"], ["--sigma", "free", "--refine", "none"], ["--counter", "cpdf"], ["--counter", "fourier"],
-        ["--max-layers", "1"], ["--outliers", "0.01"], ["--window", "7"],
-    ):  # fmt: skip
+        ["--sigma", "tied"],
+        ["--sigma", "free", "--refine", "none"],
+        ["--counter", "cpdf"],
+        ["--counter", "fourier"],
+        ["--max-layers", "1"],
+        ["--outliers", "0.01"],
+        ["--window", "7"],
+    ):
         with nothing_compiled():
             assert tofmix("estimate", recording, *options, "--overwrite").code == 0
 
@@ -87,10 +92,20 @@ def test_after_warmup_edges_maps_and_moving_scenes_compile_no_kernel(tofmix: Tof
                 ("estimate", recording, "-o", layers, "--overwrite"),
                 ("surfaces", layers, "--overwrite"),
                 ("map", layers, "-o", tmp_path / "map.yaml", "--cell", 100, "--overwrite"),
-                ("inspect", layers, "--recording", recording, "--pixel", "8,8", "--over-frames", "--overwrite",
-                 "-o", tmp_path / "pixel.svg"),
+                (
+                    "inspect",
+                    layers,
+                    "--recording",
+                    recording,
+                    "--pixel",
+                    "8,8",
+                    "--over-frames",
+                    "--overwrite",
+                    "-o",
+                    tmp_path / "pixel.svg",
+                ),
                 ("report", layers, "--recording", recording, "--html", tmp_path / "page.html", "--overwrite"),
-            ):  # fmt: skip
+            ):
                 done = tofmix(*command)
                 assert done.code == 0, done.err
 
@@ -124,7 +139,13 @@ def test_after_warmup_reconciling_compiles_no_kernel(tofmix: Tofmix, tmp_path: P
         model.write_text(f"{text}[[effect]]\n{effect}")
         with nothing_compiled():
             done = tofmix(
-                "reconcile", model, measured, "-o", tmp_path / "gap", "--overwrite",
-                "--effects", "interference,range_offset,temporal_correlation",
-            )  # fmt: skip
+                "reconcile",
+                model,
+                measured,
+                "-o",
+                tmp_path / "gap",
+                "--overwrite",
+                "--effects",
+                "interference,range_offset,temporal_correlation",
+            )
         assert done.code == 0, done.err

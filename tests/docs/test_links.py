@@ -100,6 +100,10 @@ def test_a_wrong_option_or_command_has_a_fault() -> None:
 @pytest.mark.parametrize("kind", ["README.md", "docs/tutorials", "docs/how-to", "docs/reference", "docs/explanation"])
 def test_every_command_of_a_shell_fence_is_one_that_click_takes(kind: str) -> None:
     pages = [(p, n) for p, n in zip(PAGES, NAMES, strict=True) if n.startswith(kind)]
-    faults = [f"{name}: {' '.join(words)}: {fault}"
-              for page, name in pages for words in commands(page) if (fault := fault_of(words))]  # fmt: skip
+    faults = [
+        f"{name}: {' '.join(words)}: {fault}"
+        for page, name in pages
+        for words in commands(page)
+        if (fault := fault_of(words))
+    ]
     assert not faults, "\n".join(faults)

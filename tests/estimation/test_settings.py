@@ -11,11 +11,15 @@ from tofmix.estimation.settings import EstimateOptions, SigmaMode
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("max_layers", 0), ("max_layers", 33),
-        ("max_iter", 0), ("max_iter", 65536), ("tol", 0.0), ("tol", 1.0),
+        ("max_layers", 0),
+        ("max_layers", 33),
+        ("max_iter", 0),
+        ("max_iter", 65536),
+        ("tol", 0.0),
+        ("tol", 1.0),
         ("min_samples", 1),
     ],
-)  # fmt: skip
+)
 def test_options_out_of_bounds_are_named(name: str, value: float) -> None:
     options: dict[str, Any] = {name: value}
     with pytest.raises(ValueError, match=name):

@@ -102,6 +102,10 @@ def _remove(path: Path, _: Path) -> None:
 
 
 _CHANGES: dict[str, Callable[[Path, Path], None]] = {
-    "cut": _cut, "lengthened": _append, "written over": _overwrite, "replaced": _replace, "damaged": _damage,
+    "cut": _cut,
+    "lengthened": _append,
+    "written over": _overwrite,
+    "replaced": _replace,
+    "damaged": _damage,
     "removed": _remove,
-}  # fmt: skip
+}

@@ -61,10 +61,17 @@ def _source(path: Path) -> None:
 
 
 READERS: dict[str, tuple[str, Callable[[Path], None]]] = {
-    "recording.h5": (".h5", _recording), "foreign.h5": (".h5", _recording), "layers.h5": (".h5", _layers),
-    "model.toml": (".toml", _model), "1.part": (".part", _part), "a.npy": (".npy", _source), "a.npz": (".npz", _source),
-    "b.mat": (".mat", _source), "a.tif": (".tif", _source), "bag.bag": (".bag", _source),
-}  # fmt: skip
+    "recording.h5": (".h5", _recording),
+    "foreign.h5": (".h5", _recording),
+    "layers.h5": (".h5", _layers),
+    "model.toml": (".toml", _model),
+    "1.part": (".part", _part),
+    "a.npy": (".npy", _source),
+    "a.npz": (".npz", _source),
+    "b.mat": (".mat", _source),
+    "a.tif": (".tif", _source),
+    "bag.bag": (".bag", _source),
+}
 """Originals by their names, the ends that a reader knows them by, and what reads them. The first byte of an input
 chooses."""
 

@@ -60,15 +60,45 @@ def _replaced(dataset: h5py.Dataset) -> Iterator[tuple[h5py.Group, str, dict[str
 
 def _odd_values(chance: Chance) -> tuple[Any, str]:
     values: tuple[Any, ...] = (
-        float("nan"), float("inf"), -float("inf"), -1, 0, 1e308, 1 << 63, -(1 << 62), "text", "", "mm", "m",
+        float("nan"),
+        float("inf"),
+        -float("inf"),
+        -1,
+        0,
+        1e308,
+        1 << 63,
+        -(1 << 62),
+        "text",
+        "",
+        "mm",
+        "m",
         "x" * 60_000,
-        "\u00b5\U0001f600", b"\xff\xfe\x00", "[" * 5000, "null", "3.0", "1.0", "2", ["a", "b"],
-        np.zeros(0), np.zeros((3, 3)), np.arange(5000.0), np.ones(1, "?")[0], np.complex128(1j), np.float16(2),
-        np.longdouble(3), np.void(b"opaque"), h5py.Empty("f8"), h5py.Empty("S10"), np.array([1 << 63], "u8"),
-        np.array([(1, 2.0)], dtype=[("a", "i4"), ("b", "f8")]), '{"window": "x", "stride": -1}',
-        '{"unambiguous_range_mm": 1e999}', '{"stride": 1e400, "max_layers": "many"}', "tofmix-layers",
+        "\u00b5\U0001f600",
+        b"\xff\xfe\x00",
+        "[" * 5000,
+        "null",
+        "3.0",
+        "1.0",
+        "2",
+        ["a", "b"],
+        np.zeros(0),
+        np.zeros((3, 3)),
+        np.arange(5000.0),
+        np.ones(1, "?")[0],
+        np.complex128(1j),
+        np.float16(2),
+        np.longdouble(3),
+        np.void(b"opaque"),
+        h5py.Empty("f8"),
+        h5py.Empty("S10"),
+        np.array([1 << 63], "u8"),
+        np.array([(1, 2.0)], dtype=[("a", "i4"), ("b", "f8")]),
+        '{"window": "x", "stride": -1}',
+        '{"unambiguous_range_mm": 1e999}',
+        '{"stride": 1e400, "max_layers": "many"}',
+        "tofmix-layers",
         "tofmix-recording",
-    )  # fmt: skip
+    )
     value = chance.choice(values)
     return value, repr(value)[:30]
 
@@ -136,9 +166,14 @@ def dataset_made_link(root: h5py.File, chance: Chance) -> str:
     name = str(_dataset(root, chance).name)
     del root[name]
     links = (
-        h5py.SoftLink(name), h5py.SoftLink("/nowhere"), h5py.SoftLink("/"), h5py.ExternalLink("/etc/hostname", "/"),
-        h5py.ExternalLink("/dev/zero", "/"), h5py.ExternalLink("recording.h5", name), h5py.ExternalLink("", ""),
-    )  # fmt: skip
+        h5py.SoftLink(name),
+        h5py.SoftLink("/nowhere"),
+        h5py.SoftLink("/"),
+        h5py.ExternalLink("/etc/hostname", "/"),
+        h5py.ExternalLink("/dev/zero", "/"),
+        h5py.ExternalLink("recording.h5", name),
+        h5py.ExternalLink("", ""),
+    )
     link = chance.choice(links)
     root[name] = link
     return f"{name}: {type(link).__name__} to {getattr(link, 'filename', '')}{link.path}"
@@ -165,10 +200,26 @@ def dataset_made_datatype(root: h5py.File, chance: Chance) -> str:
 @_hostile
 def other_type(root: h5py.File, chance: Chance) -> str:
     types: tuple[Any, ...] = (
-        "f2", ">f4", "f8", "g", "i1", ">i8", "u8", "?", "c8", "S5", h5py.string_dtype(), h5py.vlen_dtype("f8"),
-        h5py.ref_dtype, h5py.enum_dtype({"a": 1, "b": 2}, basetype="u1"), h5py.opaque_dtype("M8[s]"),
-        [("a", "f4"), ("b", "u2")], "(3,)f4", "u2", "f4",
-    )  # fmt: skip
+        "f2",
+        ">f4",
+        "f8",
+        "g",
+        "i1",
+        ">i8",
+        "u8",
+        "?",
+        "c8",
+        "S5",
+        h5py.string_dtype(),
+        h5py.vlen_dtype("f8"),
+        h5py.ref_dtype,
+        h5py.enum_dtype({"a": 1, "b": 2}, basetype="u1"),
+        h5py.opaque_dtype("M8[s]"),
+        [("a", "f4"), ("b", "u2")],
+        "(3,)f4",
+        "u2",
+        "f4",
+    )
     dtype = chance.choice(types)
     with _replaced(_dataset(root, chance)) as (parent, name, _, values):
         new = parent.create_dataset(name, shape=values.shape, dtype=dtype)
@@ -185,9 +236,21 @@ def other_shape(root: h5py.File, chance: Chance) -> str:
         if shape:
             first, *rest, last = shape if len(shape) > 1 else (*shape, 1)
             shapes = (
-                (), (0,), (1,), shape[::-1], (*shape, 1), shape[:-1], (0, *rest, last), (first, *rest, 0), (1,) * 32,
-                (first, *rest, 2 * last), (first + 1, *rest, last), (1 << 20, 1, 1), (1, 1, 300_000), (1, 3000, 1),
-            )  # fmt: skip
+                (),
+                (0,),
+                (1,),
+                shape[::-1],
+                (*shape, 1),
+                shape[:-1],
+                (0, *rest, last),
+                (first, *rest, 0),
+                (1,) * 32,
+                (first, *rest, 2 * last),
+                (first + 1, *rest, last),
+                (1 << 20, 1, 1),
+                (1, 1, 300_000),
+                (1, 3000, 1),
+            )
         new = chance.choice(shapes)
         parent.create_dataset(name, data=np.resize(values, new))
         return f"{name}: {new}"
@@ -205,9 +268,16 @@ def huge_declared_shape(root: h5py.File, chance: Chance) -> str:
     """Nothing is stored; reading all would give fill values without end."""
     with _replaced(_dataset(root, chance)) as (parent, name, _, values):
         sides: tuple[Any, ...] = (
-            (_MANY, 6, 8), (20, _MANY, 8), (20, 6, _MANY), (1 << 20, 1 << 20, 1 << 20), (_MANY,), (1 << 33, 144, 176),
-            (50_000, 3000, 4000), (1 << 62, 1, 1), (2, 6, 8, 1 << 44),
-        )  # fmt: skip
+            (_MANY, 6, 8),
+            (20, _MANY, 8),
+            (20, 6, _MANY),
+            (1 << 20, 1 << 20, 1 << 20),
+            (_MANY,),
+            (1 << 33, 144, 176),
+            (50_000, 3000, 4000),
+            (1 << 62, 1, 1),
+            (2, 6, 8, 1 << 44),
+        )
         shape = chance.choice(sides)
         chunks = chance.choice((True, tuple(min(n, 8) for n in shape), (1,) * len(shape)))
         parent.create_dataset(name, shape=shape, dtype=values.dtype, chunks=chunks, compression="gzip")
@@ -260,9 +330,14 @@ def odd_chunks(root: h5py.File, chance: Chance) -> str:
 def filters(root: h5py.File, chance: Chance) -> str:
     with _replaced(_dataset(root, chance)) as (parent, name, _, values):
         options: tuple[dict[str, Any], ...] = (
-            {"compression": "lzf"}, {"compression": "szip"}, {"scaleoffset": 0}, {"scaleoffset": 2}, {"shuffle": True},
-            {"fletcher32": True}, {"compression": "gzip", "compression_opts": 9, "shuffle": True, "fletcher32": True},
-        )  # fmt: skip
+            {"compression": "lzf"},
+            {"compression": "szip"},
+            {"scaleoffset": 0},
+            {"scaleoffset": 2},
+            {"shuffle": True},
+            {"fletcher32": True},
+            {"compression": "gzip", "compression_opts": 9, "shuffle": True, "fletcher32": True},
+        )
         chosen = chance.choice(options)
         parent.create_dataset(name, data=values, chunks=True, **chosen)
         return f"{name}: {chosen}"

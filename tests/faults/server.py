@@ -135,9 +135,12 @@ def _in_a_fork(run: Any, job: dict[str, Any]) -> dict[str, Any]:  # noqa: ANN401
     os.close(waiting)
     code = os.waitstatus_to_exitcode(status)
     return {
-        "code": code, "hung": hung or code == -signal.SIGXCPU, "cpu_s": usage.ru_utime + usage.ru_stime,
-        "extra_bytes": max(0, usage.ru_maxrss * 1024 - _resident()), "calls": _calls(job),
-    }  # fmt: skip
+        "code": code,
+        "hung": hung or code == -signal.SIGXCPU,
+        "cpu_s": usage.ru_utime + usage.ru_stime,
+        "extra_bytes": max(0, usage.ru_maxrss * 1024 - _resident()),
+        "calls": _calls(job),
+    }
 
 
 def _give_up_privileges() -> None:

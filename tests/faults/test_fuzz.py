@@ -54,7 +54,7 @@ def test_mutants_of_parts_with_learnt_noise_are_done_or_refused(pool: Pool, tmp_
         (GOOD, {".out.csv.partial"}, "files left"),
         (REFUSED, {"out.csv"}, "output of a failed run"),
     ],
-)  # fmt: skip
+)
 def test_each_fault_is_seen(outcome: Outcome, names: set[str], fault: str) -> None:
     assert judge(outcome, names, mutant="mutant.h5") == fault
 

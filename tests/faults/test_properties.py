@@ -38,9 +38,11 @@ RANGE_MAX_MM = 7500.0
 def examples(count: int) -> settings:
     """So many examples, the same ones every time, or more of them at random."""
     return settings(
-        max_examples=count * TIMES, derandomize=TIMES == 1, deadline=None,
+        max_examples=count * TIMES,
+        derandomize=TIMES == 1,
+        deadline=None,
         suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True)
@@ -63,9 +65,15 @@ class Storage:
             return write_recording(path, values.astype(self.dtype), fill=self.fill, units="mm")
         chunks = tuple(min(a, b) for a, b in zip(self.chunks, samples.shape, strict=True))
         return write_recording(
-            path, values.astype(self.dtype), fill=self.fill, units="mm", chunks=chunks, compression=self.compression,
-            fletcher32=self.fletcher32, shuffle=self.shuffle,
-        )  # fmt: skip
+            path,
+            values.astype(self.dtype),
+            fill=self.fill,
+            units="mm",
+            chunks=chunks,
+            compression=self.compression,
+            fletcher32=self.fletcher32,
+            shuffle=self.shuffle,
+        )
 
 
 STORAGES = st.builds(

@@ -297,5 +297,5 @@ CASES: Mapping[str, Case] = {
         """,
         is_stored=True,
     ),
-}  # fmt: skip
+}
 """All cases, by name."""

@@ -28,13 +28,22 @@ CURVE: Mapping[str, Sequence[float]] = {
 }
 """Sigma at some ranges, mm."""
 CAMERA: Mapping[str, Any] = {
-    "range_min_mm": 300.0, "range_max_mm": 7000.0, "fov_horizontal_deg": 20.0, "fov_vertical_deg": 16.0,
+    "range_min_mm": 300.0,
+    "range_max_mm": 7000.0,
+    "fov_horizontal_deg": 20.0,
+    "fov_vertical_deg": 16.0,
     "outlier_probability": 1e-3,
-}  # fmt: skip
+}
 PINHOLE: Mapping[str, Any] = {
-    "range_min_mm": 300.0, "range_max_mm": 7000.0, "projection": "pinhole", "fx": 40.0, "fy": 41.0, "cx": 9.8,
-    "cy": 7.6, "distortion": (-0.1, 0.02, 0.001, -0.001, 0.0),
-}  # fmt: skip
+    "range_min_mm": 300.0,
+    "range_max_mm": 7000.0,
+    "projection": "pinhole",
+    "fx": 40.0,
+    "fy": 41.0,
+    "cx": 9.8,
+    "cy": 7.6,
+    "distortion": (-0.1, 0.02, 0.001, -0.001, 0.0),
+}
 LOCK_IN = Device(
     name="lock-in", rows=24, cols=32, fov_horizontal_deg=8.5, fov_vertical_deg=6.5, frames=40, range_max_mm=7000.0
 )
@@ -142,9 +151,11 @@ def by_amplitude(folder: Path) -> None:
     factor = np.where(bright > 100.0, 1.0, 2.0)
     samples = 2000.0 + 15.0 * factor * rng.standard_normal((60, 8, 10))
     law = {
-        **CURVE, "noise_reference_amplitude": (400.0, 400.0, 400.0), "noise_amplitude": (60.0, 400.0),
+        **CURVE,
+        "noise_reference_amplitude": (400.0, 400.0, 400.0),
+        "noise_amplitude": (60.0, 400.0),
         "noise_amplitude_factor": (2.0, 1.0),
-    }  # fmt: skip
+    }
     amplitude = (bright * rng.normal(1.0, 0.02, samples.shape)).astype("f4")
     write(folder / "by_amplitude.h5", samples, noise=law, amplitude=amplitude)
 
@@ -360,8 +371,27 @@ def gaps(folder: Path) -> None:
 INPUTS: Mapping[str, Callable[[Path], None]] = {
     make.__name__: make
     for make in (
-        boards, small, three_boards, real, unknown, folded, open_space, by_amplitude, shaped, targets, coarse, passing,
-        filtered, pinhole, ball, lock_in, averaged, damaged, sources, models, gaps,
+        boards,
+        small,
+        three_boards,
+        real,
+        unknown,
+        folded,
+        open_space,
+        by_amplitude,
+        shaped,
+        targets,
+        coarse,
+        passing,
+        filtered,
+        pinhole,
+        ball,
+        lock_in,
+        averaged,
+        damaged,
+        sources,
+        models,
+        gaps,
     )
-}  # fmt: skip
+}
 """What writes the inputs into a folder, by name."""

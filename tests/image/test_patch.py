@@ -27,12 +27,20 @@ def seen(thing: Thing, noise_mm: float, seed: int = 1) -> View:
     light = np.where(hit, np.log(np.maximum(cosine, 1e-9)) - 2.0 * np.log(range_mm), 0.0)
     flat = [part.reshape(-1, 3) for part in (ways, right, below)]
     return View(
-        shape=(SIZE, SIZE), scale_mm=1192.8, valid=hit.ravel(), range_mm=range_mm.ravel(),
-        range_variance=np.full(SIZE * SIZE, noise_mm**2), log_amplitude=light.ravel(),
-        amplitude_variance=np.full(SIZE * SIZE, (noise_mm / 1192.8) ** 2), pattern_variance=0.0, texture_variance=0.0,
-        direction=flat[0], right=flat[1],
-        below=flat[2], pitch=np.full(SIZE * SIZE, 1.0 / FOCAL),
-    )  # fmt: skip
+        shape=(SIZE, SIZE),
+        scale_mm=1192.8,
+        valid=hit.ravel(),
+        range_mm=range_mm.ravel(),
+        range_variance=np.full(SIZE * SIZE, noise_mm**2),
+        log_amplitude=light.ravel(),
+        amplitude_variance=np.full(SIZE * SIZE, (noise_mm / 1192.8) ** 2),
+        pattern_variance=0.0,
+        texture_variance=0.0,
+        direction=flat[0],
+        right=flat[1],
+        below=flat[2],
+        pitch=np.full(SIZE * SIZE, 1.0 / FOCAL),
+    )
 
 
 def one_state(*numbers: float) -> tuple[TangentFrame, NDArray[np.float64]]:

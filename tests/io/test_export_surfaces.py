@@ -86,8 +86,12 @@ def test_edges_as_geojson_are_lines_of_the_image(file: SurfacesFile, tmp_path: P
     assert {feature["geometry"]["type"] for feature in content["features"]} == {"LineString"}
     assert first["geometry"]["coordinates"] == [[1.25, 0.25], [1.25, 1.5], [1.25, 3.75], [4.0, 3.75], [5.5, 3.75]]
     assert first["properties"] == {
-        "line": 0, "near": 0, "far": 1, "window": 0, "stderr": [0.02, 0.03, 0.02, 0.05, None]
-    }  # fmt: skip
+        "line": 0,
+        "near": 0,
+        "far": 1,
+        "window": 0,
+        "stderr": [0.02, 0.03, 0.02, 0.05, None],
+    }
     assert second["geometry"]["coordinates"] == [[6.5, -0.5], [6.5, 5.5]]
     assert (second["properties"]["near"], second["properties"]["far"]) == (1, -1)
     # shapely reads it as any GeoJSON.
@@ -101,8 +105,10 @@ def test_a_line_that_passes_to_another_surface_has_no_gap(tmp_path: Path) -> Non
     with open_surfaces(path) as file:
         pieces = edge_lines(file, [0])
     assert [(piece.line, piece.near, piece.far, len(piece.row)) for piece in pieces] == [
-        (0, 0, 1, 3), (0, 0, -1, 3), (1, 1, -1, 2)
-    ]  # fmt: skip
+        (0, 0, 1, 3),
+        (0, 0, -1, 3),
+        (1, 1, -1, 2),
+    ]
     assert (pieces[0].row[-1], pieces[0].col[-1]) == (pieces[1].row[0], pieces[1].col[0])
 
 
@@ -198,8 +204,11 @@ def test_lines_of_several_windows_are_numbered_as_in_the_file(three: SurfacesFil
     export_edges(tmp_path / "a.json", edge_lines(three, range(3)), title="a test")
     properties = [feature["properties"] for feature in json.loads((tmp_path / "a.json").read_text())["features"]]
     assert [(p["window"], p["line"], p["near"], p["far"]) for p in properties] == [
-        (0, 0, 0, 1), (0, 1, 1, -1), (2, 2, 2, 3), (2, 3, 3, -1)
-    ]  # fmt: skip
+        (0, 0, 0, 1),
+        (0, 1, 1, -1),
+        (2, 2, 2, 3),
+        (2, 3, 3, -1),
+    ]
     assert [line.line for line in edge_lines(three, [2])] == [2, 3]
 
 
@@ -217,9 +226,11 @@ def test_fine_image_is_exported_as_points(three: SurfacesFile, tmp_path: Path, s
     assert set(read["window"][half:]) == {2}
     row, col = np.nonzero(np.isfinite(found.range_fine))
     for name, values in (
-        ("range", found.range_fine[row, col]), ("surface", found.surface_fine[row, col]),
-        ("row", (row + 0.5) / FACTOR - 0.5), ("col", (col + 0.5) / FACTOR - 0.5),
-    ):  # fmt: skip
+        ("range", found.range_fine[row, col]),
+        ("surface", found.surface_fine[row, col]),
+        ("row", (row + 0.5) / FACTOR - 0.5),
+        ("col", (col + 0.5) / FACTOR - 0.5),
+    ):
         np.testing.assert_array_equal(read[name][:half], values, err_msg=name)
     np.testing.assert_array_equal(read["surface"][half:], found.surface_fine[row, col] + 2)
     place = np.stack([read[axis][:half] for axis in "xyz"], axis=-1)
@@ -309,9 +320,12 @@ def test_planes_json_holds_planes_and_outlines(file: SurfacesFile, tmp_path: Pat
     board, wall = json.loads(out.read_text())["surfaces"]
     assert [surface["surface"] for surface in (board, wall)] == [0, 1]
     assert {key: board[key] for key in ("window", "normal", "offset_mm", "rms_mm", "n_pixels")} == {
-        "window": 0, "normal": [0.0, 0.0, 1.0], "offset_mm": 1000.0, "rms_mm": 1.5,
+        "window": 0,
+        "normal": [0.0, 0.0, 1.0],
+        "offset_mm": 1000.0,
+        "rms_mm": 1.5,
         "n_pixels": int((board_and_wall().surface == 0).sum()),
-    }  # fmt: skip
+    }
     (polygon,) = board["polygons"]
     assert polygon["outline"][0] == polygon["outline"][-1]
     corners = seen_from([TOP, TOP, BOTTOM, BOTTOM], [LEFT, RIGHT, RIGHT, LEFT], BOARD_MM / 1000)
@@ -416,12 +430,19 @@ def test_las_refuses_points_of_surfaces(file: SurfacesFile, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("name", "what", "expected"),
     [
-        ("a.geojson", None, "edges"), ("a.json", None, "edges"), ("a.json", "planes", "planes"),
-        ("a.obj", None, "edges"), ("a.OBJ", "planes", "planes"), ("a.ply", None, "edges"),
+        ("a.geojson", None, "edges"),
+        ("a.json", None, "edges"),
+        ("a.json", "planes", "planes"),
+        ("a.obj", None, "edges"),
+        ("a.OBJ", "planes", "planes"),
+        ("a.ply", None, "edges"),
         ("a.ply", "points", "points"),
-        ("a.pcd", None, "points"), ("a.csv", None, "points"), ("a.png", None, "image"), ("a.tif", "image", "image"),
+        ("a.pcd", None, "points"),
+        ("a.csv", None, "points"),
+        ("a.png", None, "image"),
+        ("a.tif", "image", "image"),
     ],
-)  # fmt: skip
+)
 def test_export_content_follows_the_extension_or_the_option(name: str, what: str | None, expected: str) -> None:
     assert choose_what(Path(name), what, OF_SURFACES) == expected
 

@@ -26,9 +26,14 @@ def samples() -> NDArray[np.float32]:
 def recording(tmp_path: Path) -> Path:
     path = tmp_path / "r.h5"
     writer = RecordingWriter(
-        path, shape=(FRAMES, ROWS, COLS), targets=TARGETS, sensor=Sensor(name="zones"), has_time=True, dtype="f4",
+        path,
+        shape=(FRAMES, ROWS, COLS),
+        targets=TARGETS,
+        sensor=Sensor(name="zones"),
+        has_time=True,
+        dtype="f4",
         chunk_frames=2,
-    )  # fmt: skip
+    )
     with writer:
         for start in range(0, FRAMES, 2):
             part = samples()[start : start + 2]

@@ -14,9 +14,13 @@ from tofmix.sensor import NoiseCurve, Sensor
 def camera() -> Sensor:
     """8 degrees wide and high, 6 m far; sigma 10 mm, so that space without a return is free up to 5980 mm."""
     return Sensor(
-        name="small", range_min_mm=100.0, range_max_mm=6000.0, fov_horizontal_deg=8.0, fov_vertical_deg=8.0,
+        name="small",
+        range_min_mm=100.0,
+        range_max_mm=6000.0,
+        fov_horizontal_deg=8.0,
+        fov_vertical_deg=8.0,
         noise=NoiseCurve(np.array([1000.0]), np.array([10.0])),
-    )  # fmt: skip
+    )
 
 
 @pytest.fixture
@@ -24,9 +28,15 @@ def make_layers() -> MakeLayers:
     """Layers that are the same in every pixel of an image of `size` x `size`."""
 
     def make(
-        ranges: Sequence[float], weights: Sequence[float], *, no_return: float = 0.0, samples: int = 100,
-        stderr: float = 0.0, probability: float = 1.0, size: int = 8,
-    ) -> Layers:  # fmt: skip
+        ranges: Sequence[float],
+        weights: Sequence[float],
+        *,
+        no_return: float = 0.0,
+        samples: int = 100,
+        stderr: float = 0.0,
+        probability: float = 1.0,
+        size: int = 8,
+    ) -> Layers:
         layers = Layers.empty((size, size), max(len(ranges), 1) + 1)
         layers.n_modes[:] = len(ranges)
         for k, (range_mm, weight) in enumerate(zip(ranges, weights, strict=True)):

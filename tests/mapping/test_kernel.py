@@ -72,8 +72,11 @@ def test_uncertain_range_frees_no_space_before_the_surface(make_layers: MakeLaye
 @pytest.mark.parametrize("cell", [15.0, 60.0, 240.0])
 def test_a_sample_counts_once_however_large_the_cells(make_layers: MakeLayers, camera: Sensor, cell: float) -> None:
     beams = beams_from_layers(make_layers([5000.0], [1.0]), camera)
-    slab = VoxelGrid(cell_mm=cell, first=(round(2400 / cell), -round(480 / cell), -round(480 / cell)),
-                shape=(1, 2 * round(480 / cell), 2 * round(480 / cell)))  # fmt: skip
+    slab = VoxelGrid(
+        cell_mm=cell,
+        first=(round(2400 / cell), -round(480 / cell), -round(480 / cell)),
+        shape=(1, 2 * round(480 / cell), 2 * round(480 / cell)),
+    )
     total = count_light(beams, Pose(), slab).passed.sum()
     # Oblique rays cross more than one cell of the slab: a few per cent in a field of view of 8 degrees.
     assert total * 1.02 >= 100 * 64

@@ -55,9 +55,13 @@ def test_wall_behind_a_partial_one_is_occupied_with_free_space_between(make_laye
     row = project(map_beams(beams, Pose(), grid), (0.0, 50.0)).cells[:, -grid.first[1]]
     states = dict(zip((grid.centres_mm(0) - 25).astype(int), row, strict=True))
     for place, state in (
-        (1000, State.FREE), (2000, State.OCCUPIED), (3000, State.FREE), (4000, State.OCCUPIED), (5000, State.FREE),
+        (1000, State.FREE),
+        (2000, State.OCCUPIED),
+        (3000, State.FREE),
+        (4000, State.OCCUPIED),
+        (5000, State.FREE),
         (6000, State.UNKNOWN),
-    ):  # fmt: skip
+    ):
         assert states[place] == state, place
 
 

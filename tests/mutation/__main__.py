@@ -202,8 +202,11 @@ class Study:
     def _keep(self, result: dict[str, Any]) -> None:
         with self._lock, (self._folder / "results.jsonl").open("a") as file:
             file.write(json.dumps(result) + "\n")
-        said = ", ".join(f"{suite}: {result[suite]['how']} {result[suite]['seconds']:.0f} s"
-                         for suite in ("quick", "earlier", "whole") if suite in result)  # fmt: skip
+        said = ", ".join(
+            f"{suite}: {result[suite]['how']} {result[suite]['seconds']:.0f} s"
+            for suite in ("quick", "earlier", "whole")
+            if suite in result
+        )
         print(f"{result['number']:4d} {result['file']}:{result['line']} {result['kind']}: {said}", flush=True)
 
 
@@ -276,9 +279,12 @@ def _print_missed(result: dict[str, Any]) -> None:
 
 def _entry(ended: Ended, choice: Choice) -> dict[str, Any]:
     return {
-        "killed_by": ended.killed_by, "how": ended.how, "seconds": ended.seconds,
-        "tests": len(choice.tests), "left_out": choice.left_out,
-    }  # fmt: skip
+        "killed_by": ended.killed_by,
+        "how": ended.how,
+        "seconds": ended.seconds,
+        "tests": len(choice.tests),
+        "left_out": choice.left_out,
+    }
 
 
 if __name__ == "__main__":

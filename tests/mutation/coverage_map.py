@@ -202,9 +202,10 @@ def gathered(folder: Path, checkout: Path, names: Names, failing: Iterable[str])
     found: dict[str, dict[str, Any]] = {label: test for one in noted.values() for label, test in one["tests"].items()}
     left_out = set(failing)
     labels = [
-        label for label, test in found.items()
+        label
+        for label, test in found.items()
         if "end" in test and "skipped" not in test["outcomes"] and test["id"] not in left_out
-    ]  # fmt: skip
+    ]
     places = {label: place for place, label in enumerate(labels)}
     owned = _tests_of_owners(noted, places)
     lines: dict[str, dict[int, int]] = defaultdict(lambda: defaultdict(int))

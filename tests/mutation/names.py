@@ -107,9 +107,14 @@ class Names:
             body = frozenset() if kind == "kernel" else frozenset(_body_lines(node))
             for name in names or [f"line {node.lineno}"]:
                 yield Definition(
-                    module=module, file=file, name=name, kind=kind, lines=range(first, (node.end_lineno or first) + 1),
-                    body=body, uses=uses,
-                )  # fmt: skip
+                    module=module,
+                    file=file,
+                    name=name,
+                    kind=kind,
+                    lines=range(first, (node.end_lineno or first) + 1),
+                    body=body,
+                    uses=uses,
+                )
 
     def _uses(self, node: ast.stmt, module: str, imports: dict[str, Name], own: set[str]) -> Iterator[Name]:
         for part in ast.walk(node):

@@ -96,9 +96,22 @@ class Slot:
         folder.mkdir(parents=True)
         environment = self.environment(MUTATION_MAP=str(folder), MUTATION_SOURCE=str(self.checkout / "tofmix"))
         command = [
-            sys.executable, "-m", "pytest", "-q", "-p", "mutation.follow", "-p", "no:cacheprovider", "--no-header",
-            "--tb=short", "--numprocesses", str(jobs), "--dist", "worksteal", *tests,
-        ]  # fmt: skip
+            sys.executable,
+            "-m",
+            "pytest",
+            "-q",
+            "-p",
+            "mutation.follow",
+            "-p",
+            "no:cacheprovider",
+            "--no-header",
+            "--tb=short",
+            "--numprocesses",
+            str(jobs),
+            "--dist",
+            "worksteal",
+            *tests,
+        ]
         return subprocess.run(command, cwd=self.checkout, env=environment, check=False).returncode
 
     def compile_kernels(self) -> Path:
@@ -160,9 +173,12 @@ class Slot:
         place.mkdir(exist_ok=True)
         path = os.pathsep.join([str(self.checkout), str(self._plugins)])
         ours = {
-            "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(self.folder / "kernels"),
-            "NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "TMPDIR": str(place),
-        }  # fmt: skip
+            "PYTHONPATH": path,
+            "NUMBA_CACHE_DIR": str(self.folder / "kernels"),
+            "NUMBA_NUM_THREADS": "1",
+            "OPENBLAS_NUM_THREADS": "1",
+            "TMPDIR": str(place),
+        }
         return os.environ | ours | more
 
     def run(self, tests: Sequence[KnownTest], *, compiling_s: float = 60.0) -> Ended:
@@ -178,9 +194,21 @@ class Slot:
             environment = self.environment(MUTATION_CHOSEN=str(chosen), MUTATION_OUTCOMES=str(outcomes))
             environment["TMPDIR"] = name
             command = [
-                sys.executable, "-m", "pytest", "-q", "-x", "-p", "mutation.chosen", "-p", "no:cacheprovider",
-                "-p", "no:faulthandler", "--no-header", "--tb=no", *dict.fromkeys(test.file for test in tests),
-            ]  # fmt: skip
+                sys.executable,
+                "-m",
+                "pytest",
+                "-q",
+                "-x",
+                "-p",
+                "mutation.chosen",
+                "-p",
+                "no:cacheprovider",
+                "-p",
+                "no:faulthandler",
+                "--no-header",
+                "--tb=no",
+                *dict.fromkeys(test.file for test in tests),
+            ]
             whole_s = _START_S + compiling_s + 20.0 * sum(test.seconds for test in tests) + 20.0
             with log.open("wb") as file:
                 code = _run(command, self.checkout, environment, file, whole_s)
@@ -210,9 +238,14 @@ def judged(code: int | None, notes: list[list[str]]) -> Ended:
 def _run(command: list[str], folder: Path, environment: dict[str, str], log: IO[bytes], limit_s: float) -> int | None:
     """Run a process in a session of its own, and end whatever it leaves behind."""
     process = subprocess.Popen(
-        command, cwd=folder, env=environment, stdout=log, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
+        command,
+        cwd=folder,
+        env=environment,
+        stdout=log,
+        stderr=subprocess.STDOUT,
+        stdin=subprocess.DEVNULL,
         start_new_session=True,
-    )  # fmt: skip
+    )
     try:
         return process.wait(limit_s)
     except subprocess.TimeoutExpired:

@@ -169,10 +169,11 @@ def test_a_seen_line_has_the_tests_that_run_it_alone(top: Path) -> None:
 def test_a_kernel_has_the_tests_of_the_functions_above_it_and_of_files_that_import_it(top: Path) -> None:
     table, module = _line("users.py", 'TABLE["outer"](x)'), _line("users.py", "kernels.inner(x)")
     tests: dict[str, tuple[str, Iterable[int]]] = {
-        "table": ("users.py", [table]), "module": ("users.py", [module]),
+        "table": ("users.py", [table]),
+        "module": ("users.py", [module]),
         "unrelated": ("users.py", [_line("users.py", "return one(x)")]),
         "tests/test_it.py::test": ("kernels.py", []),
-    }  # fmt: skip
+    }
     found = _map(tests, imports={"tests/test_it.py": {("tofmix.kernels", "inner")}})
     noticing = _noticing(found, top, "kernels.py", "return x + LIMIT")
     assert noticing == {"table", "module", "tests/test_it.py::test"}

@@ -46,8 +46,9 @@ small = st.floats(-0.005, 0.005)
 
 @given(
     k=st.tuples(coefficient, coefficient, small, small, coefficient, coefficient, coefficient, coefficient),
-    radius=st.floats(0, 1.5), angle=st.floats(0, 7),
-)  # fmt: skip
+    radius=st.floats(0, 1.5),
+    angle=st.floats(0, 7),
+)
 def test_undistorting_gives_a_place_that_is_imaged_there_or_none(
     k: tuple[float, ...], radius: float, angle: float
 ) -> None:
@@ -63,13 +64,14 @@ def test_undistorting_gives_a_place_that_is_imaged_there_or_none(
 @pytest.mark.parametrize(
     ("k", "radius"),
     [
-        ((), math.inf), ((0.1, 0.0, 0.0, 0.0), math.inf),
+        ((), math.inf),
+        ((0.1, 0.0, 0.0, 0.0), math.inf),
         ((-0.1, 0.0, 0.0, 0.0), math.sqrt(1 / 0.3)),  # d/dr (r - 0.1 r^3) = 0
         ((0.0, 0.0, 0.0, 0.0, 0.0, -0.25, 0.0, 0.0), 2.0),  # a pole at 1 - r^2 / 4 = 0
         ((0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0), 1.0),  # d/dr r / (1 + r^2) = 0
         ((1e-300, 0.0, 0.0, 0.0, -1e-300), math.inf),
     ],
-)  # fmt: skip
+)
 def test_fold_radius_is_where_the_formula_turns(k: tuple[float, ...], radius: float) -> None:
     assert Distortion(k).fold_radius() == pytest.approx(min(radius, 1000.0), rel=1e-9)
 

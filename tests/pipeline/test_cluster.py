@@ -60,9 +60,13 @@ def test_a_worker_of_another_version_refuses(job: Job, name: str) -> None:
 
 
 @given(
-    frames=st.integers(1, 3000), window=st.integers(1, 200), rows=st.integers(1, 300), cols=st.integers(1, 300),
-    chunk=st.integers(1, 2000), wanted_step=st.integers(1, 3),
-)  # fmt: skip
+    frames=st.integers(1, 3000),
+    window=st.integers(1, 200),
+    rows=st.integers(1, 300),
+    cols=st.integers(1, 300),
+    chunk=st.integers(1, 2000),
+    wanted_step=st.integers(1, 3),
+)
 def test_blocks_hold_each_wanted_cell_once_and_enough_of_them(
     frames: int, window: int, rows: int, cols: int, chunk: int, wanted_step: int
 ) -> None:

@@ -24,13 +24,18 @@ def _estimate(folder: Path, name: str, processors: int) -> tuple[bytes, set[str]
     """Bytes of the layers of a first run on so many processors, and the kernels that it kept."""
     output, kernels = folder / f"{name}.h5", folder / name
     environment = os.environ | {
-        "PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(kernels), "XDG_CACHE_HOME": str(folder / "none"),
-    }  # fmt: skip
+        "PYTHONPATH": str(folder),
+        "NUMBA_CACHE_DIR": str(kernels),
+        "XDG_CACHE_HOME": str(folder / "none"),
+    }
     allowed = sorted(os.sched_getaffinity(0))[:processors]
     subprocess.run(
         [sys.executable, "-P", "-m", "tofmix", "estimate", str(SAMPLE), "-o", str(output), "--noise", "file"],
-        env=environment, check=True, capture_output=True, preexec_fn=lambda: os.sched_setaffinity(0, allowed),
-    )  # fmt: skip
+        env=environment,
+        check=True,
+        capture_output=True,
+        preexec_fn=lambda: os.sched_setaffinity(0, allowed),
+    )
     return output.read_bytes(), {path.name.rpartition("-")[0] for path in kernels.rglob(f"*{kept.SUFFIX}")}
 
 

@@ -29,9 +29,14 @@ GIVEN: dict[str, Effect] = {name: effects[0] for name, effects in EFFECTS_OF.ite
     "quantisation, coarse": MAKE["quantisation"](step_mm=80.0),
 }
 VARIANTS = (
-    "temperature_drift, slow", "multipath, faint", "dropout of dark samples", "motion, fast", "pixel_crosstalk, strong",
-    "temporal_correlation, strong", "quantisation, coarse",
-)  # fmt: skip
+    "temperature_drift, slow",
+    "multipath, faint",
+    "dropout of dark samples",
+    "motion, fast",
+    "pixel_crosstalk, strong",
+    "temporal_correlation, strong",
+    "quantisation, coarse",
+)
 """Further magnitudes of kinds that are given once anyway."""
 RIVALS = ("range_offset", "surface_pose", "excess_noise", "fixed_pattern", "temporal_correlation", "temperature_drift")
 

@@ -25,9 +25,11 @@ PARTS: dict[str, dict[str, Any]] = {
     "widths": {"width_spread": 0.2},
     "all": {"shape": skewed(), "background": np.array(0.05), "width_spread": 0.2},
     "all, strong": {
-        "shape": long_tailed(), "background": np.linspace(0.0, 0.6, 252).reshape(14, 18), "width_spread": 0.4,
+        "shape": long_tailed(),
+        "background": np.linspace(0.0, 0.6, 252).reshape(14, 18),
+        "width_spread": 0.4,
     },
-}  # fmt: skip
+}
 
 
 def outcome(

@@ -25,9 +25,15 @@ def curve(statistic: str, size: float) -> Curve:
     """A curve of twelve bins, each of 10,000 samples, that all lie at `size` sigma."""
     ones = np.ones(BINS)
     return Curve(
-        statistic=statistic, axis="range", lower=ones, upper=ones, value=size * ones, variance=1e-4 * ones, unit="mm",
+        statistic=statistic,
+        axis="range",
+        lower=ones,
+        upper=ones,
+        value=size * ones,
+        variance=1e-4 * ones,
+        unit="mm",
         scale_mm=ones,
-    )  # fmt: skip
+    )
 
 
 def panel(**sizes: float) -> Compared:
@@ -39,9 +45,15 @@ def panel(**sizes: float) -> Compared:
 def chosen(kind: str = "range_offset", gain: float = 60_000.0, **values: float) -> TriedEffect:
     nothing = np.zeros(1)
     state = ModelState(
-        effects=(), given=(), pixel_bias=nothing, pixel_variance=nothing, stuck_mm=nothing, disturbed=nothing,
-        log_width=nothing, log_width_error=nothing,
-    )  # fmt: skip
+        effects=(),
+        given=(),
+        pixel_bias=nothing,
+        pixel_variance=nothing,
+        stuck_mm=nothing,
+        disturbed=nothing,
+        log_width=nothing,
+        log_width_error=nothing,
+    )
     return TriedEffect(effect=MAKE[kind](**(values or {"offset_mm": 9.0})), gain=gain, parameters=1, state=state)
 
 
@@ -93,9 +105,16 @@ def test_inexact_law_may_leave_a_hundredth_of_a_spread_that_comes_from_a_bias(ow
 def test_curve_without_bins_leaves_nothing_to_an_inexact_law() -> None:
     nothing = np.zeros(0)
     empty = Curve(
-        statistic="spread", axis="row", lower=nothing, upper=nothing, value=nothing, variance=nothing, unit="1",
-        scale_mm=nothing, information=0.0,
-    )  # fmt: skip
+        statistic="spread",
+        axis="row",
+        lower=nothing,
+        upper=nothing,
+        value=nothing,
+        variance=nothing,
+        unit="1",
+        scale_mm=nothing,
+        information=0.0,
+    )
     assert inexact(empty, replace(panel(), curves=(empty,))) == LEAST_SIZE
 
 
@@ -110,8 +129,12 @@ def test_unsigned_has_the_numbers_of_effects_whose_statistics_still_stand_out() 
 
 
 AGAINST: tuple[dict[str, object], ...] = (
-    {"law": "range"}, {"own": MAKE["range_offset"](offset_mm=3.0)}, {"bound": True}, {"echo": True}, {"shaped": True}
-)  # fmt: skip
+    {"law": "range"},
+    {"own": MAKE["range_offset"](offset_mm=3.0)},
+    {"bound": True},
+    {"echo": True},
+    {"shaped": True},
+)
 
 
 @pytest.mark.parametrize("against", AGAINST, ids=str)

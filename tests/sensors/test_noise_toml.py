@@ -15,9 +15,10 @@ LAW = AmplitudeLaw(
 WIDE = np.linspace(-6, 6, 121)
 SHAPE = NoiseShape(z=WIDE, density=np.exp(-0.5 * WIDE**2) + 1e-4)
 CURVES = (
-    NoiseCurve(RANGE, SIGMA), NoiseCurve(RANGE, SIGMA, law=LAW),
+    NoiseCurve(RANGE, SIGMA),
+    NoiseCurve(RANGE, SIGMA, law=LAW),
     NoiseCurve(RANGE, SIGMA, shape=SHAPE, width_spread=0.125, background=np.array(0.03125)),
-)  # fmt: skip
+)
 
 
 @pytest.mark.parametrize("curve", CURVES, ids=["sigma", "amplitude", "shape, widths, background"])

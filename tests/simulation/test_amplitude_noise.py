@@ -79,8 +79,9 @@ def test_the_prediction_has_the_same_noise() -> None:
     truth = cast_scene(scene)
     np.testing.assert_allclose(
         prediction.sigma_mm[0].reshape(8, 12)[0, 0],
-        sigma_by_hand(truth.range_true[0, 0, 0], truth.amplitude[0, 0, 0]), rtol=1e-6,
-    )  # fmt: skip
+        sigma_by_hand(truth.range_true[0, 0, 0], truth.amplitude[0, 0, 0]),
+        rtol=1e-6,
+    )
     transform = pit(prediction, samples.reshape(500, -1).astype(np.uint16), np.random.default_rng(3))
     assert stats.kstest(transform.ravel(), "uniform").pvalue > 1e-3
     plain = pit(predict(model(law="")), samples.reshape(500, -1).astype(np.uint16), np.random.default_rng(3))

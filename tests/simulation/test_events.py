@@ -79,11 +79,13 @@ def test_events_come_with_their_shares(drawn: Drawn) -> None:
     model, truth, table, frames = drawn
     events = np.stack([frame.event for frame in frames])
     layers = truth.range_true.shape[2]
-    shares = np.vstack([
-        np.nan_to_num(truth.weight_true).reshape(-1, layers).T,
-        truth.weight_no_return.ravel(),
-        np.full(events.shape[1], model.sensor.outlier_probability),
-    ])  # fmt: skip
+    shares = np.vstack(
+        [
+            np.nan_to_num(truth.weight_true).reshape(-1, layers).T,
+            truth.weight_no_return.ravel(),
+            np.full(events.shape[1], model.sensor.outlier_probability),
+        ]
+    )
     counts = np.stack([(events == k).sum(axis=0) for k in range(layers + 2)])
     assert not counts[shares == 0].any()
     expected = shares * FRAMES

@@ -26,10 +26,15 @@ def frames(model: Model, *, block_frames: int = FRAMES, averaged: bool = False, 
     """Ranges and amplitudes (frame, pixel)."""
     blocks = list(
         render_blocks(
-            model, cast_scene(model), n_frames=FRAMES, seed=3, block_frames=block_frames, averaged=averaged,
+            model,
+            cast_scene(model),
+            n_frames=FRAMES,
+            seed=3,
+            block_frames=block_frames,
+            averaged=averaged,
             threads=threads,
         )
-    )  # fmt: skip
+    )
     ranges, amplitudes = (np.concatenate([getattr(b, name) for b in blocks]) for name in ("range_mm", "amplitude"))
     return ranges.reshape(FRAMES, -1).astype(np.float64), amplitudes.reshape(FRAMES, -1).astype(np.float64)
 

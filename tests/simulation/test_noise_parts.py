@@ -25,9 +25,11 @@ from tofmix.simulation.render import recording_sensor, render_blocks
 
 SEED = 11
 GAUSSIAN_Z = np.linspace(-9.0, 9.0, 1801)
-SHAPES = {"skewed": skewed(), "long-tailed": long_tailed(), "with a corner": NoiseShape.standardised(
-    [-2.0, -1.0, 0.5, 3.0], [0.0, 0.7, 0.2, 0.0]
-)}  # fmt: skip
+SHAPES = {
+    "skewed": skewed(),
+    "long-tailed": long_tailed(),
+    "with a corner": NoiseShape.standardised([-2.0, -1.0, 0.5, 3.0], [0.0, 0.7, 0.2, 0.0]),
+}
 LIMIT = 1.63
 """Of sqrt(n) times the Kolmogorov-Smirnov distance: 1 % of samples that are of the distribution exceed it."""
 

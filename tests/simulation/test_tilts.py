@@ -17,9 +17,13 @@ TILT = st.floats(-15, 15)
 
 def surface(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Surface:
     return Surface(
-        name="s", center_mm=(0.0, 0.0, 2000.0), size_mm=(1000.0, 1000.0),
-        yaw_deg=yaw_deg, pitch_deg=pitch_deg, roll_deg=roll_deg,
-    )  # fmt: skip
+        name="s",
+        center_mm=(0.0, 0.0, 2000.0),
+        size_mm=(1000.0, 1000.0),
+        yaw_deg=yaw_deg,
+        pitch_deg=pitch_deg,
+        roll_deg=roll_deg,
+    )
 
 
 def turned(one: Surface, changes: tuple[float, float, float]) -> Surface:

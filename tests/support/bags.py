@@ -57,9 +57,14 @@ class Bag:
         lines[:, : cols * raw.itemsize] = raw.view(np.uint8).reshape(rows, -1)
         data = lines.ravel()[: lines.size - lost_bytes]
         message = self._store.types["sensor_msgs/msg/Image"](
-            header=self._header(stamp_ns), height=rows, width=cols, encoding=encoding or ENCODINGS[raw.dtype.str[1:]],
-            is_bigendian=int(big_endian), step=lines.shape[1], data=data,
-        )  # fmt: skip
+            header=self._header(stamp_ns),
+            height=rows,
+            width=cols,
+            encoding=encoding or ENCODINGS[raw.dtype.str[1:]],
+            is_bigendian=int(big_endian),
+            step=lines.shape[1],
+            data=data,
+        )
         self._write(topic, "sensor_msgs/msg/Image", message, stamp_ns if bag_ns is None else bag_ns)
 
     def info(
@@ -93,9 +98,15 @@ class Bag:
             names["p"]: np.array([projection[0], 0, projection[2], 0, 0, projection[1], projection[3], 0] + [0.0] * 4),
         }
         message = types["sensor_msgs/msg/CameraInfo"](
-            header=self._header(stamp_ns), height=size[0], width=size[1], distortion_model=model, binning_x=binning[1],
-            binning_y=binning[0], roi=roi, **matrices,
-        )  # fmt: skip
+            header=self._header(stamp_ns),
+            height=size[0],
+            width=size[1],
+            distortion_model=model,
+            binning_x=binning[1],
+            binning_y=binning[0],
+            roi=roi,
+            **matrices,
+        )
         self._write(topic, "sensor_msgs/msg/CameraInfo", message, stamp_ns if bag_ns is None else bag_ns)
 
     def number(self, topic: str, value: float, *, bag_ns: int = 1) -> None:

@@ -53,9 +53,14 @@ def _filled(beams: Floats, radius: float, scene: SceneArrays) -> tuple[NDArray[n
 
 
 def cast_row(
-    elevation: float, azimuths: Floats, width: float, height: float, scene: SceneArrays, wanted: NDArray[np.bool_],
+    elevation: float,
+    azimuths: Floats,
+    width: float,
+    height: float,
+    scene: SceneArrays,
+    wanted: NDArray[np.bool_],
     sums: Floats,
-) -> None:  # fmt: skip
+) -> None:
     """Twin of `tofmix.simulation.casting.cast_kernel.cast_row`."""
     if len(scene.distance) == 0:
         return

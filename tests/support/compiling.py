@@ -59,8 +59,13 @@ def scenes() -> None:
 
 
 PARTS: tuple[Callable[[], None], ...] = (
-    layers, noise_and_reconciliation, images, scenes, further_options, learnt_noise
-)  # fmt: skip
+    layers,
+    noise_and_reconciliation,
+    images,
+    scenes,
+    further_options,
+    learnt_noise,
+)
 """The first three take nearly as long together as the last three."""
 
 

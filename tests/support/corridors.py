@@ -84,12 +84,19 @@ def draw_corridor(seed: int, *, blocked: bool) -> Corridor:
         boards.append(("barrier", (rng.uniform(-50.0, 50.0), camera - height / 2, z), (width - 200.0, height), 0.0))
     boards += _obstacles(rng, width, side, (near, far), camera)
     surfaces = [
-        _pitched(Surface(
-            name=name, center_mm=centre, size_mm=size, yaw_deg=0.0 if yaw == _LYING else yaw,
-            pitch_deg=90.0 if yaw == _LYING else 0.0, reflectivity=rng.uniform(0.2, 0.9),
-        ), pitch)
+        _pitched(
+            Surface(
+                name=name,
+                center_mm=centre,
+                size_mm=size,
+                yaw_deg=0.0 if yaw == _LYING else yaw,
+                pitch_deg=90.0 if yaw == _LYING else 0.0,
+                reflectivity=rng.uniform(0.2, 0.9),
+            ),
+            pitch,
+        )
         for name, centre, size, yaw in boards
-    ]  # fmt: skip
+    ]
     return Corridor(
         model=Model(sensor=_camera(), surfaces=tuple(surfaces)),
         pitch_deg=pitch,

@@ -43,11 +43,15 @@ def camera(view: View = FULL) -> Sensor:
     """The camera of all scenes, with the noise of `blind.camera.Device`."""
     ranges = np.array(RANGES_MM)
     return Sensor(
-        name=DEVICE.name, modulation_frequency_hz=DEVICE.frequency_hz, range_min_mm=DEVICE.range_min_mm,
-        range_max_mm=DEVICE.range_max_mm, fov_horizontal_deg=view.fov_horizontal_deg,
-        fov_vertical_deg=view.fov_vertical_deg, outlier_probability=DEVICE.outlier_probability,
+        name=DEVICE.name,
+        modulation_frequency_hz=DEVICE.frequency_hz,
+        range_min_mm=DEVICE.range_min_mm,
+        range_max_mm=DEVICE.range_max_mm,
+        fov_horizontal_deg=view.fov_horizontal_deg,
+        fov_vertical_deg=view.fov_vertical_deg,
+        outlier_probability=DEVICE.outlier_probability,
         noise=NoiseCurve(ranges, DEVICE.design_sigma(ranges)),
-    )  # fmt: skip
+    )
 
 
 def recorded(
@@ -212,9 +216,7 @@ def judge_parts(one: Scene, range_fine: np.ndarray, frames: int, *, surfaces: in
     shares = wrong_parts(one, range_fine, frames, surfaces=surfaces)
     there = ~np.isnan(shares)
     none = np.isnan(by_parts(range_fine, there)) & (by_parts(one.truth.part_surface, there) != NOTHING)
-    return Wrong(
-        pixels=int(there.sum()), share_sum=float(shares[there].sum()), none_sum=float(none.sum()) / PARTS**2
-    )  # fmt: skip
+    return Wrong(pixels=int(there.sum()), share_sum=float(shares[there].sum()), none_sum=float(none.sum()) / PARTS**2)
 
 
 def worst_pixels(one: Scene, layers: Layers, shares: FloatArray, count: int) -> list[str]:
@@ -280,10 +282,13 @@ def judge_links(one: Scene, layers: Layers, surface: np.ndarray) -> Links:
     asked = sizes >= LEAST_LAYERS
     largest = table.max(axis=0, initial=0)
     return Links(
-        linked=int(table.sum()), own=int(table.max(axis=1, initial=0).sum()), visible=int(sizes[asked].sum()),
-        in_largest=int(largest[asked].sum()), surfaces=int((table.sum(axis=1) > 0).sum()),
+        linked=int(table.sum()),
+        own=int(table.max(axis=1, initial=0).sum()),
+        visible=int(sizes[asked].sum()),
+        in_largest=int(largest[asked].sum()),
+        surfaces=int((table.sum(axis=1) > 0).sum()),
         true_surfaces=int(asked.sum()),
-    )  # fmt: skip
+    )
 
 
 def _table(one: Scene, true: IntArray, surface: np.ndarray) -> IntArray:
@@ -351,6 +356,11 @@ def judge_places(
     touched[down[inside], across[inside]] = True
     z = off / stderr if stderr is not None else np.full(off.shape, np.nan)
     return Places(
-        points=len(off), elsewhere=elsewhere, squares=float((off**2).sum()), z_squares=float((z**2).sum()),
-        far_off=int((np.abs(off) > 0.25).sum()), pixels=int(pixels.sum()), with_point=int((touched & pixels).sum()),
-    )  # fmt: skip
+        points=len(off),
+        elsewhere=elsewhere,
+        squares=float((off**2).sum()),
+        z_squares=float((z**2).sum()),
+        far_off=int((np.abs(off) > 0.25).sum()),
+        pixels=int(pixels.sum()),
+        with_point=int((touched & pixels).sum()),
+    )

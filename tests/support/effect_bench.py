@@ -82,13 +82,23 @@ class Bench:
         self._casts: dict[str, Truth] = {}
         base = replace(load_profile("sr3000"), integration_time_ms=1.2, reference_integration_time_ms=1.2)
         self.wall_sensor: SensorProfile = replace(
-            base, rows=6, cols=40, fov_horizontal_deg=50.0, fov_vertical_deg=8.0, outlier_probability=0.0,
+            base,
+            rows=6,
+            cols=40,
+            fov_horizontal_deg=50.0,
+            fov_vertical_deg=8.0,
+            outlier_probability=0.0,
             noise=NoiseCurve(np.array([1000.0, 8000.0]), np.array([4.0, 60.0])),
-        )  # fmt: skip
+        )
         self.boards_sensor: SensorProfile = replace(
-            base, rows=9, cols=11, fov_vertical_deg=39.0 * 9 / 144, fov_horizontal_deg=47.0 * 11 / 176,
-            noise=base.noise_at(1.2), outlier_probability=0.02,
-        )  # fmt: skip
+            base,
+            rows=9,
+            cols=11,
+            fov_vertical_deg=39.0 * 9 / 144,
+            fov_horizontal_deg=47.0 * 11 / 176,
+            noise=base.noise_at(1.2),
+            outlier_probability=0.02,
+        )
 
     def wall(self, *effects: Effect, frames: int = 20, seed: int = 3, **sensor: Any) -> Recorded:  # noqa: ANN401  fields of a SensorProfile
         """The slanted wall: 1.8 to 6.2 m, one surface a pixel, no random values."""

@@ -8,9 +8,11 @@ from tofmix.sensor import NoiseCurve, Sensor
 
 TOP_MM, BASE_MM, SLOPE = 7000.0, 5.0, 0.003
 SENSOR = Sensor(
-    name="filtered", range_min_mm=300.0, range_max_mm=TOP_MM,
+    name="filtered",
+    range_min_mm=300.0,
+    range_max_mm=TOP_MM,
     noise=NoiseCurve(np.array([0.0, TOP_MM]), BASE_MM + SLOPE * np.array([0.0, TOP_MM])),
-)  # fmt: skip
+)
 FIRST = 60
 """Frames before the first stored one: the filter has forgotten its start."""
 

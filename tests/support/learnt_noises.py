@@ -42,9 +42,12 @@ def camera(parts: Parts, image: tuple[int, int]) -> Sensor:
     flat = flat_thresholds()
     background = np.full(image, parts.background) if parts.background else None
     curve = NoiseCurve(
-        np.array([500.0, 5000.0]), np.array([SIGMA_MM, SIGMA_MM]), shape=parts.shape, width_spread=parts.width_spread,
+        np.array([500.0, 5000.0]),
+        np.array([SIGMA_MM, SIGMA_MM]),
+        shape=parts.shape,
+        width_spread=parts.width_spread,
         background=background,
-    )  # fmt: skip
+    )
     learnt = LearntNoise(
         background=(20.0 * parts.background, 20.0 * (1.0 - parts.background)) if parts.background else None,
         drift_mm=np.array(parts.drift_mm),
@@ -90,24 +93,28 @@ def made(parts: Parts, *, frames: int, image: tuple[int, int], seed: int = 1) ->
     samples = range_mm + np.einsum("dt,drc->trc", polynomials, drift_mm) + SIGMA_MM * width * errors
     random = rng.random(size) < parts.background
     samples[random] = rng.uniform(*SPAN_MM, int(random.sum()))
-    return Made(
-        sensor=camera(parts, image), samples_mm=samples, range_mm=range_mm, width=width, drift_mm=drift_mm
-    )  # fmt: skip
+    return Made(sensor=camera(parts, image), samples_mm=samples, range_mm=range_mm, width=width, drift_mm=drift_mm)
 
 
 def write_files(folder: Path, case: Made) -> tuple[Path, Path]:
     """A recording without a noise curve, and its layers file as `tofmix estimate --noise auto` writes it."""
     frames, rows, cols = case.samples_mm.shape
     recording = write_recording(
-        folder / "a.h5", case.samples_mm.astype("f4"), noise=None,
+        folder / "a.h5",
+        case.samples_mm.astype("f4"),
+        noise=None,
         attributes={"range_min_mm": SPAN_MM[0], "range_max_mm": SPAN_MM[1]},
-    )  # fmt: skip
+    )
     layers = case.layers()
     path = folder / "a.layers.h5"
     made_from = replace(case.provenance(), source_sha256=file_sha256(recording))
     with LayersWriter(
-        path, windows=plan_windows(frames, window=frames), image=(rows, cols), max_layers=layers.max_layers,
-        tile=(1, rows), provenance=made_from,
-    ) as writer:  # fmt: skip
+        path,
+        windows=plan_windows(frames, window=frames),
+        image=(rows, cols),
+        max_layers=layers.max_layers,
+        tile=(1, rows),
+        provenance=made_from,
+    ) as writer:
         writer.write(slice(0, 1), slice(0, rows), layers.reshaped((1, rows, cols)))
     return recording, path

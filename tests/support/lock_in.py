@@ -107,36 +107,68 @@ def random_boards(rng: np.random.Generator) -> list[Surface]:
 def two_boards(rng: np.random.Generator) -> list[Surface]:
     """Two boards in the middle of the image before a wall: for a small image."""
     return [
-        Surface(name="near", center_mm=(-110.0, -60.0, float(rng.uniform(1600, 1800))), size_mm=(170.0, 260.0),
-                yaw_deg=12.0, pitch_deg=5.0, reflectivity=0.5),
-        Surface(name="far", center_mm=(170.0, 60.0, float(rng.uniform(2200, 2600))), size_mm=(330.0, 300.0),
-                yaw_deg=-20.0, reflectivity=0.8),
+        Surface(
+            name="near",
+            center_mm=(-110.0, -60.0, float(rng.uniform(1600, 1800))),
+            size_mm=(170.0, 260.0),
+            yaw_deg=12.0,
+            pitch_deg=5.0,
+            reflectivity=0.5,
+        ),
+        Surface(
+            name="far",
+            center_mm=(170.0, 60.0, float(rng.uniform(2200, 2600))),
+            size_mm=(330.0, 300.0),
+            yaw_deg=-20.0,
+            reflectivity=0.8,
+        ),
         Surface(name="wall", center_mm=(0.0, 0.0, 3600.0), size_mm=(9000.0, 9000.0), yaw_deg=5.0, reflectivity=0.6),
-    ]  # fmt: skip
+    ]
 
 
 def one_wall(rng: np.random.Generator) -> list[Surface]:
     """A slanted wall, and nothing else."""
-    return [Surface(name="wall", center_mm=(0.0, 0.0, 2500.0), size_mm=(20000.0, 20000.0),
-                    yaw_deg=float(rng.uniform(30, 50)), reflectivity=0.6)]  # fmt: skip
+    return [
+        Surface(
+            name="wall",
+            center_mm=(0.0, 0.0, 2500.0),
+            size_mm=(20000.0, 20000.0),
+            yaw_deg=float(rng.uniform(30, 50)),
+            reflectivity=0.6,
+        )
+    ]
 
 
 def crease(rng: np.random.Generator) -> list[Surface]:
     """Two walls that meet in the middle of the image."""
     turn = float(rng.uniform(-5, 5))
     return [
-        Surface(name="left", center_mm=(-1500.0, 0.0, 1000.0), size_mm=(4242.64, 9000.0), yaw_deg=-45.0 + turn,
-                reflectivity=0.5),
-        Surface(name="right", center_mm=(1500.0, 0.0, 1000.0), size_mm=(4242.64, 9000.0), yaw_deg=45.0 + turn,
-                reflectivity=0.7),
+        Surface(
+            name="left",
+            center_mm=(-1500.0, 0.0, 1000.0),
+            size_mm=(4242.64, 9000.0),
+            yaw_deg=-45.0 + turn,
+            reflectivity=0.5,
+        ),
+        Surface(
+            name="right",
+            center_mm=(1500.0, 0.0, 1000.0),
+            size_mm=(4242.64, 9000.0),
+            yaw_deg=45.0 + turn,
+            reflectivity=0.7,
+        ),
         Surface(name="behind", center_mm=(0.0, 0.0, 4000.0), size_mm=(90000.0, 90000.0), reflectivity=0.5),
-    ]  # fmt: skip
+    ]
 
 
 def _wall(rng: np.random.Generator, range_mm: float) -> Surface:
-    return Surface(name="back wall", center_mm=(0.0, 0.0, range_mm), size_mm=(40000.0, 40000.0),
-                   pitch_deg=round(float(rng.uniform(-6, 6)), 3), reflectivity=round(float(rng.uniform(0.4, 0.8)), 3)
-                   )  # fmt: skip
+    return Surface(
+        name="back wall",
+        center_mm=(0.0, 0.0, range_mm),
+        size_mm=(40000.0, 40000.0),
+        pitch_deg=round(float(rng.uniform(-6, 6)), 3),
+        reflectivity=round(float(rng.uniform(0.4, 0.8)), 3),
+    )
 
 
 FAMILIES = {
@@ -184,24 +216,41 @@ class Scene:
 
 
 def made(
-    surfaces: list[Surface], seed: int, *, view: tuple[int, int, float, float] = FULL, frames: int = 50,
-    q: float = 1.0, texture: float = 0.0, frequency_hz: float = 20.0e6, wraps: bool = False,
-) -> Scene:  # fmt: skip
+    surfaces: list[Surface],
+    seed: int,
+    *,
+    view: tuple[int, int, float, float] = FULL,
+    frames: int = 50,
+    q: float = 1.0,
+    texture: float = 0.0,
+    frequency_hz: float = 20.0e6,
+    wraps: bool = False,
+) -> Scene:
     """Record a scene."""
     device = Device(
-        name="lock-in", frames=frames, rows=view[0], cols=view[1], fov_horizontal_deg=view[2],
-        fov_vertical_deg=view[3], frequency_hz=frequency_hz,
-    )  # fmt: skip
+        name="lock-in",
+        frames=frames,
+        rows=view[0],
+        cols=view[1],
+        fov_horizontal_deg=view[2],
+        fov_vertical_deg=view[3],
+        frequency_hz=frequency_hz,
+    )
     mechanisms: list[Mechanism] = [WholeBeam(probability=q)] if q > 0 else []
     mechanisms += [Texture(texture, seed)] if texture else []
     mechanisms += [OneFrequency()] if wraps else []
     raw = record(device, surfaces, mechanisms, seed=seed)
     top = device.range_max_mm
     sensor = Sensor(
-        name=device.name, modulation_frequency_hz=frequency_hz, range_min_mm=device.range_min_mm, range_max_mm=top,
-        fov_horizontal_deg=view[2], fov_vertical_deg=view[3], outlier_probability=device.outlier_probability,
+        name=device.name,
+        modulation_frequency_hz=frequency_hz,
+        range_min_mm=device.range_min_mm,
+        range_max_mm=top,
+        fov_horizontal_deg=view[2],
+        fov_vertical_deg=view[3],
+        outlier_probability=device.outlier_probability,
         noise=NoiseCurve(np.array(RANGES_MM), device.design_sigma(np.array(RANGES_MM))),
-    )  # fmt: skip
+    )
     recording = ArrayRecording(raw.range_mm, sensor, amplitude=raw.amplitude)
     return Scene(recording=recording, beams=cast(surfaces, device.view), device=device)
 
@@ -306,8 +355,14 @@ def write_sums(path: Path, source: ArrayRecording, *, amplitude: bool = True, fr
         if amplitude:
             root["amplitude"] = source.read_amplitude(slice(0, frames), slice(None))
         sensor, camera = root.create_group("sensor"), source.sensor
-        for name in ("modulation_frequency_hz", "range_min_mm", "range_max_mm", "fov_horizontal_deg",
-                     "fov_vertical_deg", "outlier_probability"):  # fmt: skip
+        for name in (
+            "modulation_frequency_hz",
+            "range_min_mm",
+            "range_max_mm",
+            "fov_horizontal_deg",
+            "fov_vertical_deg",
+            "outlier_probability",
+        ):
             sensor.attrs[name] = getattr(camera, name)
         assert camera.noise is not None
         sensor["noise_range"], sensor["noise_sigma"] = camera.noise.range_mm, camera.noise.sigma_mm

@@ -14,9 +14,12 @@ def made_up_layers(shape: tuple[int, ...], max_layers: int, seed: int = 3) -> La
     layers.n_peaks[...] = layers.n_modes
     present = np.arange(max_layers) < layers.n_modes[..., None]
     for name, low, high in (
-        ("range", 300.0, 7400.0), ("sigma", 5.0, 90.0), ("range_stderr", 0.1, 9.0), ("weight_stderr", 0.0, 0.1),
+        ("range", 300.0, 7400.0),
+        ("sigma", 5.0, 90.0),
+        ("range_stderr", 0.1, 9.0),
+        ("weight_stderr", 0.0, 0.1),
         ("probability", 0.9, 1.0),
-    ):  # fmt: skip
+    ):
         values = rng.uniform(low, high, present.shape)
         getattr(layers, name)[present] = (np.sort(values, axis=-1) if name == "range" else values)[present]
     layers.weight[present] = 0.99 * rng.dirichlet(np.ones(max_layers), shape)[present].astype("f4")

@@ -130,8 +130,16 @@ def light(
         el, az = (down + 0.5 - rows / 2) * height, (right + 0.5 - cols / 2) * width
         return np.array([np.sin(az) * np.cos(el), np.sin(el), np.cos(az) * np.cos(el)])
 
-    corners = np.stack(np.meshgrid(*[np.array(f) + np.arange(n) for f, n in zip(grid.first, grid.shape, strict=True)],
-                                   indexing="ij"), axis=-1) * grid.cell_mm - pose.position()  # fmt: skip
+    corners = (
+        np.stack(
+            np.meshgrid(
+                *[np.array(f) + np.arange(n) for f, n in zip(grid.first, grid.shape, strict=True)], indexing="ij"
+            ),
+            axis=-1,
+        )
+        * grid.cell_mm
+        - pose.position()
+    )
     stopped, passed = np.zeros(grid.shape), np.zeros(grid.shape)
     for number in np.ndindex(rows * rays, cols * rays):
         row, col = number[0] // rays, number[1] // rays

@@ -80,13 +80,15 @@ def nothing_found() -> WindowSurfaces:
     return WindowSurfaces(
         surface=np.full((ROWS, COLS, LAYERS), -1, dtype=np.int32),
         planes=Planes(
-            n_pixels=np.zeros(0, np.uint32), normal=np.zeros((0, 3), np.float32), offset_mm=np.zeros(0, np.float32),
+            n_pixels=np.zeros(0, np.uint32),
+            normal=np.zeros((0, 3), np.float32),
+            offset_mm=np.zeros(0, np.float32),
             rms_mm=np.zeros(0, np.float32),
         ),
         edges=no_edges(),
         range_fine=np.full((ROWS * FACTOR, COLS * FACTOR), np.nan, dtype=np.float32),
         surface_fine=np.full((ROWS * FACTOR, COLS * FACTOR), -1, dtype=np.int32),
-    )  # fmt: skip
+    )
 
 
 def write_surfaces(path: Path, *windows: WindowSurfaces, **settings: Any) -> Path:  # noqa: ANN401  the writer's own

@@ -62,9 +62,12 @@ class Plate:
     def of(cls, surface: Surface) -> "Plate":
         """The same rectangle as one of tests/blind."""
         return cls(
-            center_mm=surface.center_mm, half_mm=(surface.size_mm[0] / 2, surface.size_mm[1] / 2),
-            yaw_deg=surface.yaw_deg, pitch_deg=surface.pitch_deg, reflectivity=surface.reflectivity,
-        )  # fmt: skip
+            center_mm=surface.center_mm,
+            half_mm=(surface.size_mm[0] / 2, surface.size_mm[1] / 2),
+            yaw_deg=surface.yaw_deg,
+            pitch_deg=surface.pitch_deg,
+            reflectivity=surface.reflectivity,
+        )
 
     def axes(self) -> FloatArray:
         """Axes u, v and normal (3, 3) as rows."""
@@ -122,10 +125,17 @@ def rays(view: View, row: ArrayLike, col: ArrayLike) -> FloatArray:
 
 
 def facing(
-    view: View, row: float, col: float, range_mm: float, *, size_pixels: tuple[float, float],
-    tilt_deg: tuple[float, float] = (0.0, 0.0), roll_deg: float = 0.0, reflectivity: float = 0.6,
+    view: View,
+    row: float,
+    col: float,
+    range_mm: float,
+    *,
+    size_pixels: tuple[float, float],
+    tilt_deg: tuple[float, float] = (0.0, 0.0),
+    roll_deg: float = 0.0,
+    reflectivity: float = 0.6,
     outline: Outline = "rectangle",
-) -> Plate:  # fmt: skip
+) -> Plate:
     """A plate at a place of the image that faces the camera but for `tilt_deg`; sides (disk: diameters) in pixels."""
     toward = rays(view, np.array(row), np.array(col))
     pixel_mm = view.cell_rad[0] * range_mm
@@ -134,16 +144,21 @@ def facing(
         half_mm=(size_pixels[0] * pixel_mm / 2, size_pixels[1] * pixel_mm / 2),
         yaw_deg=math.degrees(math.asin(toward[0])) + tilt_deg[0],
         pitch_deg=math.degrees(math.atan2(-toward[1], toward[2])) + tilt_deg[1],
-        roll_deg=roll_deg, reflectivity=reflectivity, outline=outline,
-    )  # fmt: skip
+        roll_deg=roll_deg,
+        reflectivity=reflectivity,
+        outline=outline,
+    )
 
 
 def wall(range_mm: float, *, yaw_deg: float = 0.0, pitch_deg: float = 0.0, reflectivity: float = 0.6) -> Plate:
     """A wall that fills the image."""
     return Plate(
-        center_mm=(0.0, 0.0, range_mm), half_mm=(20000.0, 20000.0), yaw_deg=yaw_deg, pitch_deg=pitch_deg,
+        center_mm=(0.0, 0.0, range_mm),
+        half_mm=(20000.0, 20000.0),
+        yaw_deg=yaw_deg,
+        pitch_deg=pitch_deg,
         reflectivity=reflectivity,
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -305,18 +320,24 @@ def crossing_boards(rng: np.random.Generator, view: View) -> list[Plate]:
 def _rolled(rng: np.random.Generator, view: View, k: int, sides: tuple[float, float]) -> Plate:
     sign = 1.0 if k % 2 else -1.0
     return facing(
-        view, float(rng.uniform(0, view.rows)), float(rng.uniform(0, view.cols)), float(rng.uniform(1200, 3600)),
+        view,
+        float(rng.uniform(0, view.rows)),
+        float(rng.uniform(0, view.cols)),
+        float(rng.uniform(1200, 3600)),
         size_pixels=(float(rng.uniform(*sides)), float(rng.uniform(*sides))),
         tilt_deg=(float(rng.uniform(-30, 30)), float(rng.uniform(-30, 30))),
-        roll_deg=sign * float(rng.uniform(5, 40)), reflectivity=float(rng.uniform(0.2, 0.9)),
-    )  # fmt: skip
+        roll_deg=sign * float(rng.uniform(5, 40)),
+        reflectivity=float(rng.uniform(0.2, 0.9)),
+    )
 
 
 def lattice(rng: np.random.Generator, view: View) -> list[Plate]:
     """Slats of 6 to 9 pixels across others behind them, all rolled, each at its own range, before a wall."""
     out = []
-    for turn, (least, most) in ((float(rng.uniform(3, 15)), (1300.0, 1700.0)), (90.0 + float(rng.uniform(3, 15)),
-                                                                               (2200.0, 2800.0))):  # fmt: skip
+    for turn, (least, most) in (
+        (float(rng.uniform(3, 15)), (1300.0, 1700.0)),
+        (90.0 + float(rng.uniform(3, 15)), (2200.0, 2800.0)),
+    ):
         across = np.array([math.cos(math.radians(turn)), math.sin(math.radians(turn))])  # col, row
         reach = math.hypot(view.rows, view.cols) / 2
         for place in np.arange(-reach + float(rng.uniform(0, 16)), reach, 18.0):
@@ -324,9 +345,16 @@ def lattice(rng: np.random.Generator, view: View) -> list[Plate]:
             if not (-10 < row < view.rows + 10 and -10 < col < view.cols + 10):
                 continue
             out.append(
-                facing(view, row, col, float(rng.uniform(least, most)), roll_deg=turn,
-                       size_pixels=(float(rng.uniform(6, 9)), 6.0 * reach), reflectivity=float(rng.uniform(0.3, 0.9)))
-            )  # fmt: skip
+                facing(
+                    view,
+                    row,
+                    col,
+                    float(rng.uniform(least, most)),
+                    roll_deg=turn,
+                    size_pixels=(float(rng.uniform(6, 9)), 6.0 * reach),
+                    reflectivity=float(rng.uniform(0.3, 0.9)),
+                )
+            )
     return [*out, wall(4600.0, pitch_deg=float(rng.uniform(-6, 6)), reflectivity=0.6)]
 
 
@@ -339,10 +367,17 @@ def disks(rng: np.random.Generator, view: View) -> list[Plate]:
         row = (k // cols + 0.5) * view.rows / rows + float(rng.uniform(-2, 2))
         col = (k % cols + 0.5) * view.cols / cols + float(rng.uniform(-2, 2))
         out.append(
-            facing(view, row, col, float(rng.uniform(1300, 3200)), size_pixels=(diameter, diameter), outline="disk",
-                   tilt_deg=(float(rng.uniform(-15, 15)), float(rng.uniform(-15, 15))),
-                   reflectivity=float(rng.uniform(0.3, 0.9)))
-        )  # fmt: skip
+            facing(
+                view,
+                row,
+                col,
+                float(rng.uniform(1300, 3200)),
+                size_pixels=(diameter, diameter),
+                outline="disk",
+                tilt_deg=(float(rng.uniform(-15, 15)), float(rng.uniform(-15, 15))),
+                reflectivity=float(rng.uniform(0.3, 0.9)),
+            )
+        )
     return [*out, wall(4500.0, yaw_deg=float(rng.uniform(-6, 6)))]
 
 
@@ -368,9 +403,13 @@ def _bar(
     rng: np.random.Generator, view: View, place: tuple[float, float], size: tuple[float, float], most_deg: float = 20.0
 ) -> Plate:
     return facing(
-        view, *place, float(rng.uniform(1300, 2500)), size_pixels=size, reflectivity=float(rng.uniform(0.3, 0.9)),
+        view,
+        *place,
+        float(rng.uniform(1300, 2500)),
+        size_pixels=size,
+        reflectivity=float(rng.uniform(0.3, 0.9)),
         roll_deg=float(rng.choice([-1.0, 1.0]) * rng.uniform(2.0, most_deg)),
-    )  # fmt: skip
+    )
 
 
 def half_plane(rng: np.random.Generator, view: View) -> list[Plate]:
@@ -378,8 +417,14 @@ def half_plane(rng: np.random.Generator, view: View) -> list[Plate]:
     row = (view.rows - 1) / 2 + float(rng.uniform(-4, 4))
     col = (view.cols - 1) / 2 + float(rng.uniform(-4, 4))
     near = facing(
-        view, row, col, float(rng.uniform(1300, 2500)), size_pixels=(1.0, 1.0), outline="half-plane",
-        tilt_deg=(float(rng.uniform(-20, 20)), float(rng.uniform(-20, 20))), roll_deg=float(rng.uniform(0, 360)),
+        view,
+        row,
+        col,
+        float(rng.uniform(1300, 2500)),
+        size_pixels=(1.0, 1.0),
+        outline="half-plane",
+        tilt_deg=(float(rng.uniform(-20, 20)), float(rng.uniform(-20, 20))),
+        roll_deg=float(rng.uniform(0, 360)),
         reflectivity=float(rng.uniform(0.3, 0.9)),
-    )  # fmt: skip
+    )
     return [near, wall(4500.0, yaw_deg=float(rng.uniform(-6, 6)))]

@@ -53,7 +53,8 @@ EFFECTS_OF: dict[str, tuple[Effect, ...]] = {
     "quantisation": (MAKE["quantisation"](step_mm=9.3),),
     "fixed_pattern": (MAKE["fixed_pattern"](pixel_sigma_mm=6.0, column_sigma_mm=2.0, row_sigma_mm=2.0),),
     "range_offset and wiggling": (
-        MAKE["range_offset"](offset_mm=8.0), MAKE["wiggling"](amplitude_mm=10.0, phase_rad=0.7),
+        MAKE["range_offset"](offset_mm=8.0),
+        MAKE["wiggling"](amplitude_mm=10.0, phase_rad=0.7),
     ),
     "range_offset and fixed_pattern": (
         MAKE["range_offset"](offset_mm=8.0),
@@ -67,7 +68,7 @@ EFFECTS_OF: dict[str, tuple[Effect, ...]] = {
         MAKE["wiggling"](amplitude_mm=20.0, phase_rad=0.7),
         MAKE["fixed_pattern"](pixel_sigma_mm=2.0, column_sigma_mm=4.0, row_sigma_mm=1.0),
     ),
-}  # fmt: skip
+}
 """Effects that are hidden together."""
 
 
@@ -75,10 +76,18 @@ def scene(*, rows: int = 16, cols: int = 20, frames: int = FRAMES) -> Model:
     """Two boards and a slanted wall before a small camera."""
     ranges = np.linspace(500.0, 6000.0, 12)
     sensor = replace(
-        load_profile("sr3000"), rows=rows, cols=cols, fov_horizontal_deg=50.0, fov_vertical_deg=40.0,
-        range_min_mm=300.0, range_max_mm=7000.0, noise=NoiseCurve(ranges, 3.0 + (ranges / 1000) ** 2),
-        reference_integration_time_ms=1.0, integration_time_ms=1.0, modulation_frequency_hz=20e6,
-    )  # fmt: skip
+        load_profile("sr3000"),
+        rows=rows,
+        cols=cols,
+        fov_horizontal_deg=50.0,
+        fov_vertical_deg=40.0,
+        range_min_mm=300.0,
+        range_max_mm=7000.0,
+        noise=NoiseCurve(ranges, 3.0 + (ranges / 1000) ** 2),
+        reference_integration_time_ms=1.0,
+        integration_time_ms=1.0,
+        modulation_frequency_hz=20e6,
+    )
     surfaces = (
         Surface(name="near", center_mm=(-500.0, 0.0, 1300.0), size_mm=(700.0, 700.0), reflectivity=0.9),
         Surface(name="middle", center_mm=(600.0, 100.0, 2300.0), size_mm=(900.0, 900.0), reflectivity=0.3),

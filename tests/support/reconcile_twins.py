@@ -59,11 +59,27 @@ def _cdf_of(table: ShapeTable) -> Callable[[Array], Array]:
 
 
 def log_likelihood(
-    samples: NDArray[np.uint16], pixels: Any_, frames: Any_, key: Any_, since: Array, frame_bias: Array,
-    extra_variance: Array, pixel_bias: Array, weight: Array, mean: Array, sigma: Array, rate: Array, lit: Any_,
-    invalid: Array, random_density: Array, step: float, period: float, table: ShapeTable, by_pixel: Array,
+    samples: NDArray[np.uint16],
+    pixels: Any_,
+    frames: Any_,
+    key: Any_,
+    since: Array,
+    frame_bias: Array,
+    extra_variance: Array,
+    pixel_bias: Array,
+    weight: Array,
+    mean: Array,
+    sigma: Array,
+    rate: Array,
+    lit: Any_,
+    invalid: Array,
+    random_density: Array,
+    step: float,
+    period: float,
+    table: ShapeTable,
+    by_pixel: Array,
     by_frame: Array,
-) -> None:  # fmt: skip
+) -> None:
     """Twin of `tofmix.reconciliation.likelihood.kernel.log_likelihood`."""
     value = samples[np.ix_(frames, pixels)].astype(np.float64)
     if value.size == 0:
@@ -114,11 +130,28 @@ def uniform(seed: int, frames: Any_, pixels: Any_) -> Array:
 
 
 def transform(
-    samples: NDArray[np.uint16], pixels: Any_, frames: Any_, key: Any_, since: Array, frame_bias: Array,
-    extra_variance: Array, pixel_bias: Array, weight: Array, mean: Array, sigma: Array, rate: Array, lit: Any_,
-    random_share: Array, low: float, high: float, step: float, period: float, table: ShapeTable, seed: int,
+    samples: NDArray[np.uint16],
+    pixels: Any_,
+    frames: Any_,
+    key: Any_,
+    since: Array,
+    frame_bias: Array,
+    extra_variance: Array,
+    pixel_bias: Array,
+    weight: Array,
+    mean: Array,
+    sigma: Array,
+    rate: Array,
+    lit: Any_,
+    random_share: Array,
+    low: float,
+    high: float,
+    step: float,
+    period: float,
+    table: ShapeTable,
+    seed: int,
     out: NDArray[np.float32],
-) -> None:  # fmt: skip
+) -> None:
     """Twin of `tofmix.reconciliation.likelihood.kernel.transform`."""
     value = samples[np.ix_(frames, pixels)].astype(np.float64)
     if value.size == 0:

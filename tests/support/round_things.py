@@ -27,9 +27,12 @@ PARTS = 36
 """Parts of a pixel along each side: at a limb the range goes as a square root, so a coarse sum errs by millimetres."""
 
 CAMERA = Sensor(
-    name="round things", modulation_frequency_hz=FREQUENCY_HZ, range_min_mm=300.0, range_max_mm=7000.0,
+    name="round things",
+    modulation_frequency_hz=FREQUENCY_HZ,
+    range_min_mm=300.0,
+    range_max_mm=7000.0,
     projection=Pinhole(fx=FOCAL, fy=FOCAL, cx=(COLS - 1) / 2, cy=(ROWS - 1) / 2),
-)  # fmt: skip
+)
 
 Floats = NDArray[np.float64]
 
@@ -176,9 +179,16 @@ class Scene:
 
 
 def render(
-    things: Sequence[Thing], reflectivity: Sequence[float], *, noise_mm: float, frames: int = 100, seed: int = 1,
-    power: float = 1.0, texture: float = 0.0, threshold: float = 0.0,
-) -> Scene:  # fmt: skip
+    things: Sequence[Thing],
+    reflectivity: Sequence[float],
+    *,
+    noise_mm: float,
+    frames: int = 100,
+    seed: int = 1,
+    power: float = 1.0,
+    texture: float = 0.0,
+    threshold: float = 0.0,
+) -> Scene:
     """Record things, the wall first.
 
     Parameters

@@ -58,10 +58,13 @@ def test_shares_of_a_half_plane_are_the_areas_behind_its_edge(half: Scene) -> No
     plate = half.plates[0]
     step = 1e-3
     away = plate.edge_distance(TINY, row, col)
-    slope = np.stack([
-        (plate.edge_distance(TINY, row + step, col) - away) / step,
-        (plate.edge_distance(TINY, row, col + step) - away) / step,
-    ], axis=-1)  # fmt: skip
+    slope = np.stack(
+        [
+            (plate.edge_distance(TINY, row + step, col) - away) / step,
+            (plate.edge_distance(TINY, row, col + step) - away) / step,
+        ],
+        axis=-1,
+    )
     share = half.truth.share[0, row, col]
     slope /= np.linalg.norm(slope, axis=-1, keepdims=True)
     np.testing.assert_allclose(reach_of_area(slope, share), -away, atol=3e-3)

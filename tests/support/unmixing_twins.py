@@ -86,8 +86,9 @@ def _predict_together(image: PhasorImage, pixel: int, line: list[dict[str, Any]]
     slope = 0.25 * image.pitch[pixel] * (near / cosine).mean()
     light_slope = 2.0 * image.pitch[pixel] + 0.005
     for name, values, spread, steepest in (
-        ("value", near / cosine, variance, slope), ("light", image.log_light[other], noise, light_slope),
-    ):  # fmt: skip
+        ("value", near / cosine, variance, slope),
+        ("light", image.log_light[other], noise, light_slope),
+    ):
         level = values.mean()
         fit, covariance, residuals = least_squares(x, y, values - level, 1.0 / spread, steepest**-2)
         error = widened(covariance, residuals, 1.0 / spread, spread)[0, 0]
@@ -115,8 +116,18 @@ def _place(
     light_error += (down**2 + right**2) * (2.0 * image.pitch[pixel] + 0.005) ** 2
     line = int(members.line[other])
     lit = {"light": image.log_light[other], "light_error": light_error, "line": line}
-    return lit | {"other": other, "down": down, "right": right, "cosine": cosine, "x": x, "y": y, "near": near,
-            "variance": variance, "value": value, "error": error}  # fmt: skip
+    return lit | {
+        "other": other,
+        "down": down,
+        "right": right,
+        "cosine": cosine,
+        "x": x,
+        "y": y,
+        "near": near,
+        "variance": variance,
+        "value": value,
+        "error": error,
+    }
 
 
 def _surface(
@@ -137,8 +148,13 @@ def _surface(
     kept = residuals**2 * weights <= 16.0
     weights = np.where(kept, weights, 0.0) if 2 * kept.sum() >= len(group) else weights
     coefficients, covariance, residuals = least_squares(x, y, values, weights, slope**-2)
-    own = np.array([plane @ image.directions[pixel], plane @ image.across[pixel] * image.pitch_across[pixel],
-                    plane @ image.down[pixel] * image.pitch_down[pixel]])  # fmt: skip
+    own = np.array(
+        [
+            plane @ image.directions[pixel],
+            plane @ image.across[pixel] * image.pitch_across[pixel],
+            plane @ image.down[pixel] * image.pitch_down[pixel],
+        ]
+    )
     noise = image.light_variance[other] + 9.0 * image.range_variance[other] * near**2 + seeds.texture_variance
     lit = (weights > 0) & members.has_light[other]
     used = lit if lit.any() else weights > 0
@@ -151,14 +167,22 @@ def _surface(
     most = {
         name: 2 * getattr(members, name)[other].sum() >= len(group) for name in ("is_known", "is_trusted", "is_fresh")
     }
-    means = {name: getattr(image, name)[other].mean()
-             for name in ("noise_radial", "noise_tangential", "scatter_radial", "scatter_tangential")}  # fmt: skip
-    return most | means | {
-        "near": coefficients + own, "near_covariance": widened(covariance, residuals, weights, variance),
-        "light": light + np.array([level, 0.0, 0.0]),
-        "light_covariance": widened(light_covariance, light_residuals, fade, noise),
-        "row": down.mean(), "col": right.mean(),
-    }  # fmt: skip
+    means = {
+        name: getattr(image, name)[other].mean()
+        for name in ("noise_radial", "noise_tangential", "scatter_radial", "scatter_tangential")
+    }
+    return (
+        most
+        | means
+        | {
+            "near": coefficients + own,
+            "near_covariance": widened(covariance, residuals, weights, variance),
+            "light": light + np.array([level, 0.0, 0.0]),
+            "light_covariance": widened(light_covariance, light_residuals, fade, noise),
+            "row": down.mean(),
+            "col": right.mean(),
+        }
+    )
 
 
 def widened(covariance: FloatArray, residuals: FloatArray, weights: FloatArray, variance: FloatArray) -> FloatArray:

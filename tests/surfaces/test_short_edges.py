@@ -39,9 +39,7 @@ def _grid() -> FloatArray:
 def _line(angle: float, offset: float) -> FloatArray:
     """An edge (PLACES, 3) in each place of the window."""
     down, right = math.cos(angle), math.sin(angle)
-    return np.array([
-        (down, right, down * PLACE_DOWN[k] + right * PLACE_RIGHT[k] - offset) for k in range(PLACES)
-    ])  # fmt: skip
+    return np.array([(down, right, down * PLACE_DOWN[k] + right * PLACE_RIGHT[k] - offset) for k in range(PLACES)])
 
 
 def _fitted(side: float, one: FloatArray, other: FloatArray, share: FloatArray, samples: float) -> FloatArray:

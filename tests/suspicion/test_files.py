@@ -26,9 +26,13 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tofmix.Estimat
     range_mm += rng.normal(0, 10, range_mm.shape)
     noise = NoiseCurve(np.array([1000.0]), np.array([10.0]))
     sensor = Sensor(
-        name="made up", fov_horizontal_deg=40.0, fov_vertical_deg=40.0, range_min_mm=100.0, range_max_mm=7000.0,
+        name="made up",
+        fov_horizontal_deg=40.0,
+        fov_vertical_deg=40.0,
+        range_min_mm=100.0,
+        range_max_mm=7000.0,
         noise=noise,
-    )  # fmt: skip
+    )
     recording = tofmix.from_array(range_mm, units="mm", sensor=sensor)
     folder = tmp_path_factory.mktemp("passing")
     path = recording.save(folder / "passing.h5")

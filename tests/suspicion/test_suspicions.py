@@ -23,8 +23,15 @@ TURN_MM = 7495.0
 OPTICS = Equiangular(fov_horizontal_deg=47.0, fov_vertical_deg=39.0)
 
 
-def scene(range_mm: FloatArray, amplitude: FloatArray | None = None, *, view: bool = True, weight: float = 0.5,
-          clusters: FloatArray = NO_CLUSTERS, memory: FloatArray | None = None) -> WindowScene:  # fmt: skip
+def scene(
+    range_mm: FloatArray,
+    amplitude: FloatArray | None = None,
+    *,
+    view: bool = True,
+    weight: float = 0.5,
+    clusters: FloatArray = NO_CLUSTERS,
+    memory: FloatArray | None = None,
+) -> WindowScene:
     """Layers (row, col, layer) with a sigma of 10 mm and a standard error of 1 mm."""
     there = np.isfinite(range_mm)
     return WindowScene(

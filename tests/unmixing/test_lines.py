@@ -85,11 +85,12 @@ def test_neighbours_that_were_judged_to_be_mixtures_show_the_surface(rng: np.ran
     ends = np.array([NEAR_MM, FAR_MM, np.nan])
     share = np.broadcast_to(shares, SHAPE).ravel()
     mixtures = Mixtures(
-        is_mixed=(share > 0) & (share < 1), range_mm=np.tile(ends, (image.count, 1)),
+        is_mixed=(share > 0) & (share < 1),
+        range_mm=np.tile(ends, (image.count, 1)),
         range_variance=np.full((image.count, 3), 1.0),
         share=np.stack([share, 1.0 - share, np.full(image.count, np.nan)], axis=1),
         share_variance=np.full((image.count, 3), 1.0e-6),
-    )  # fmt: skip
+    )
     found = (find_lines(image, seeds, mixtures) >= 0).reshape(SHAPE)
     assert found[:, shares == 1.0].mean() > 0.95
     assert not found[:, (shares > 0) & (shares < 1)].any()

@@ -52,8 +52,12 @@ def _scene_image(recorded: Scene) -> PhasorImage:
     )
     optics = source.sensor.optics
     assert optics is not None
-    return make_image(phasors, beam_directions_of(optics, source.shape[1:]), scale_mm=SCALE,
-                      open_space=np.zeros(source.shape[1:], bool))  # fmt: skip
+    return make_image(
+        phasors,
+        beam_directions_of(optics, source.shape[1:]),
+        scale_mm=SCALE,
+        open_space=np.zeros(source.shape[1:], bool),
+    )
 
 
 def test_fit_is_weighted_least_squares_with_a_prior(rng: np.random.Generator) -> None:
@@ -103,10 +107,16 @@ def test_neighbouring_surfaces_equal_those_of_the_twin(family: str, rng: np.rand
     seeds = find_seeds(image)
     drawn = rng.random((4, image.count)) < 0.9
     members = Members(
-        is_member=image.valid & drawn[0], has_plane=seeds.has_plane & drawn[1], has_light=drawn[2],
-        is_known=drawn[3], is_trusted=rng.random(image.count) < 0.5, is_fresh=rng.random(image.count) < 0.3,
-        plane=seeds.plane, middle=seeds.middle, line=find_lines(image, seeds),
-    )  # fmt: skip
+        is_member=image.valid & drawn[0],
+        has_plane=seeds.has_plane & drawn[1],
+        has_light=drawn[2],
+        is_known=drawn[3],
+        is_trusted=rng.random(image.count) < 0.5,
+        is_fresh=rng.random(image.count) < 0.3,
+        plane=seeds.plane,
+        middle=seeds.middle,
+        line=find_lines(image, seeds),
+    )
     doubtful = np.flatnonzero(image.valid & ~seeds.certain)
     pixels = np.concatenate([rng.choice(doubtful, 30), [0, image.count - 1]])
     found = find_neighbours(image, pixels, members, seeds)

@@ -24,8 +24,19 @@ def _folded(range_mm: np.ndarray, rng: np.random.Generator) -> PhasorImage:
     return make_image(phasors, ways, scale_mm=SCALE, open_space=np.zeros(range_mm.shape, bool))
 
 
-@pytest.mark.parametrize(("ahead", "slope"), [(700.0, 0.3), (1500.0, 0.3), (3000.0, 0.3), (4950.0, 0.3), (5200.0, 0.3),
-                                              (5600.0, 0.8), (1000.0, 0.0), (5100.0, 0.0)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("ahead", "slope"),
+    [
+        (700.0, 0.3),
+        (1500.0, 0.3),
+        (3000.0, 0.3),
+        (4950.0, 0.3),
+        (5200.0, 0.3),
+        (5600.0, 0.8),
+        (1000.0, 0.0),
+        (5100.0, 0.0),
+    ],
+)
 def test_unfolding_restores_the_ranges_of_a_folded_plane(ahead: float, slope: float, rng: np.random.Generator) -> None:
     ways = beam_directions_of(Equiangular(fov_horizontal_deg=12.0, fov_vertical_deg=9.0), (36, 48))
     range_mm = 1.0 / (ways @ np.array([slope / ahead, 0.1 * slope / ahead, 1.0 / ahead]))

@@ -57,10 +57,15 @@ def test_long_edges_of_each_half_of_an_image_have_their_own_share_of_sums(sums: 
     single = small(1, q=0.0)
     half = sums.recording.shape[2] // 2
     parts = [
-        np.concatenate([getattr(one, read)(slice(None), slice(None))[..., columns] for one, columns in
-                        ((sums.recording, slice(None, half)), (single.recording, slice(half, None)))], axis=2)
+        np.concatenate(
+            [
+                getattr(one, read)(slice(None), slice(None))[..., columns]
+                for one, columns in ((sums.recording, slice(None, half)), (single.recording, slice(half, None)))
+            ],
+            axis=2,
+        )
         for read in ("read_range", "read_amplitude")
-    ]  # fmt: skip
+    ]
     both = ArrayRecording(parts[0], sums.sensor, amplitude=parts[1])
     found, summed, events = (
         first(estimate_windows(recording, options))
@@ -205,8 +210,9 @@ def test_ranges_that_fold_are_unmixed_and_stay_on_the_circle() -> None:
 def test_wall_beyond_the_fold_is_a_plane_of_its_true_ranges() -> None:
     boards = two_boards(np.random.default_rng(6))[:2]
     for range_mm in (4980.0, 5150.0):  # across the fold of 4997 mm, and beyond it
-        wall = Surface(name="wall", center_mm=(0.0, 0.0, range_mm), size_mm=(9000.0, 9000.0), yaw_deg=5.0,
-                       reflectivity=0.6)  # fmt: skip
+        wall = Surface(
+            name="wall", center_mm=(0.0, 0.0, range_mm), size_mm=(9000.0, 9000.0), yaw_deg=5.0, reflectivity=0.6
+        )
         one = made([*boards, wall], 6, view=SMALL, frequency_hz=30.0e6, wraps=True)
         length = one.device.unambiguous_mm
         result = estimate_windows(one.recording, EstimateOptions(unambiguous_range_mm=length))
@@ -244,19 +250,23 @@ def test_images_too_small_for_a_plane_are_unchanged(sums: Scene) -> None:
     source = sums.recording
     for rows, cols in ((1, 60), (2, 2), (48, 1)):
         part = ArrayRecording(
-            source.read_range(slice(0, 20), slice(0, rows))[:, :, :cols], source.sensor,
+            source.read_range(slice(0, 20), slice(0, rows))[:, :, :cols],
+            source.sensor,
             amplitude=source.read_amplitude(slice(0, 20), slice(0, rows))[:, :, :cols],
-        )  # fmt: skip
+        )
         result, events = estimate_windows(part), estimate_windows(part, EVENTS)
         assert np.isnan(result.phasor_share).all()  # type: ignore[arg-type]  # measured
         np.testing.assert_array_equal(result.layers.n_modes, events.layers.n_modes)
 
 
-@pytest.mark.parametrize(("share", "pixels", "text"), [
-    (1.0, 2016, "100 % of the samples at edges are phasor sums (2,016 pixels)"),
-    (-0.004, 34, "0 % of the samples at edges are phasor sums (34 pixels)"),
-    (float("nan"), 0, "no edge shows"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("share", "pixels", "text"),
+    [
+        (1.0, 2016, "100 % of the samples at edges are phasor sums (2,016 pixels)"),
+        (-0.004, 34, "0 % of the samples at edges are phasor sums (34 pixels)"),
+        (float("nan"), 0, "no edge shows"),
+    ],
+)
 def test_mixing_is_described_in_one_line(share: float, pixels: int, text: str) -> None:
     assert MixingLaw(phasor_share=share, pixels=pixels).words().startswith(text)
 

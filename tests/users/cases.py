@@ -131,9 +131,11 @@ MAGNITUDES: dict[str, _Drawn] = {
     "pixel_crosstalk": {"share": _uniform(0.02, 0.05)},
     "vignetting": {"corner_factor": _uniform(1.3, 2.2)},
     "fixed_pattern": {
-        "pixel_sigma_mm": _uniform(6, 15), "column_sigma_mm": _uniform(4, 10), "row_sigma_mm": _uniform(4, 10)
+        "pixel_sigma_mm": _uniform(6, 15),
+        "column_sigma_mm": _uniform(4, 10),
+        "row_sigma_mm": _uniform(4, 10),
     },
-}  # fmt: skip
+}
 """How large each kind is, drawn uniformly."""
 
 _OF_A_SURFACE = ("surface_pose", "multipath", "motion")
@@ -176,14 +178,26 @@ def draw(seed: int, number: int, scenes: str = "boards") -> Case:
 
 
 def _case(
-    number: int, scene: str, sort: str, given: Model, true: Model, hidden: tuple[Effect, ...], seed: int,
+    number: int,
+    scene: str,
+    sort: str,
+    given: Model,
+    true: Model,
+    hidden: tuple[Effect, ...],
+    seed: int,
     stranger: Stranger | None = None,
-) -> Case:  # fmt: skip
+) -> Case:
     what = "+".join(sorted(e.kind for e in hidden)) or (sort if stranger is None else stranger.name)
     return Case(
-        name=f"{number:03d} {scene}: {what}", scene=scene, sort=sort, given=given, true=true, hidden=hidden, seed=seed,
+        name=f"{number:03d} {scene}: {what}",
+        scene=scene,
+        sort=sort,
+        given=given,
+        true=true,
+        hidden=hidden,
+        seed=seed,
         stranger=stranger,
-    )  # fmt: skip
+    )
 
 
 def _effects(rng: np.random.Generator, model: Model, count: int) -> tuple[Effect, ...]:

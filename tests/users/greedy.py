@@ -66,9 +66,14 @@ def _all_samples(likelihood: Likelihood, state: ModelState, whole: Part, seed: i
     """A round in which each effect is fitted to all samples, and gains on all samples."""
     mixture = likelihood.mixture(state)
     return Trial(
-        likelihood=likelihood, state=state, mixture=mixture, scores=likelihood.scores(state, whole, seed, mixture),
-        fit_part=whole, test_part=whole, base=likelihood.value(state, whole, mixture),
-    )  # fmt: skip
+        likelihood=likelihood,
+        state=state,
+        mixture=mixture,
+        scores=likelihood.scores(state, whole, seed, mixture),
+        fit_part=whole,
+        test_part=whole,
+        base=likelihood.value(state, whole, mixture),
+    )
 
 
 def _described(

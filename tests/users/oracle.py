@@ -40,9 +40,14 @@ _TOLERANCE, _NOISE = 0.1, 0.01  # errors of the model: of poses, sigma; of the n
 _SMALL = 0.01
 _MAKE: Mapping[str, Callable[..., Effect]] = EFFECTS
 _BY_THEMSELVES = (
-    "outliers", "near_return", "temporal_correlation", "interference", "quantisation", "fixed_pattern",
+    "outliers",
+    "near_return",
+    "temporal_correlation",
+    "interference",
+    "quantisation",
+    "fixed_pattern",
     "pixel_crosstalk",
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,9 +109,10 @@ def known(case: Case) -> Known:
                     aliases.append((loss, kinds))
     aliases.sort()
     return Known(
-        traces=tuple(sorted([*traces, *own])), identifiable=not aliases,
+        traces=tuple(sorted([*traces, *own])),
+        identifiable=not aliases,
         aliases=tuple(tuple(sorted([*kinds, *own])) for _, kinds in aliases),
-    )  # fmt: skip
+    )
 
 
 def _needed(truth: Sequence[str], loss: Callable[[Sequence[str]], float]) -> list[str]:
@@ -188,10 +194,14 @@ class _Laws:
         true_sigma = sigma * np.exp(each[0][1])
         n = FRAMES / TENTHS / slower
         return _Seen(
-            use=use, surface=surface, sigma=sigma, bias=np.stack([b for b, _ in each]),
-            information=np.tile(n / true_sigma**2, (TENTHS, 1)), width=each[0][1],
+            use=use,
+            surface=surface,
+            sigma=sigma,
+            bias=np.stack([b for b, _ in each]),
+            information=np.tile(n / true_sigma**2, (TENTHS, 1)),
+            width=each[0][1],
             width_information=np.full(sigma.size, 2.0 * FRAMES / slower),
-        )  # fmt: skip
+        )
 
     def losses(self, seen: _Seen) -> Callable[[Sequence[str]], float]:
         """Nats that the best set of laws of some kinds is behind the truth, as a function of the kinds."""

@@ -28,29 +28,41 @@ def _box_of_walls(
 
     def side(name: str, x: float, yaw: float) -> Surface:
         return Surface(
-            name=name, center_mm=(x, mean, middle), size_mm=(length, height), yaw_deg=yaw,
+            name=name,
+            center_mm=(x, mean, middle),
+            size_mm=(length, height),
+            yaw_deg=yaw,
             reflectivity=_uniform(rng, 0.4, 0.9),
-        )  # fmt: skip
+        )
 
     def level(name: str, y: float, pitch: float) -> Surface:
         return Surface(
-            name=name, center_mm=(across, y, middle), size_mm=(width, length), pitch_deg=pitch,
+            name=name,
+            center_mm=(across, y, middle),
+            size_mm=(width, length),
+            pitch_deg=pitch,
             reflectivity=_uniform(rng, 0.3, 0.8),
-        )  # fmt: skip
+        )
 
     return (
         _facing(rng, "back wall", (across, mean, depth), (width, height)),
-        side("left wall", -left, 90.0), side("right wall", right, -90.0),
-        level("floor", down, 90.0), level("ceiling", -up, -90.0),
-    )  # fmt: skip
+        side("left wall", -left, 90.0),
+        side("right wall", right, -90.0),
+        level("floor", down, 90.0),
+        level("ceiling", -up, -90.0),
+    )
 
 
 def room(rng: _Draw) -> tuple[Surface, ...]:
     """A back wall 3 to 6 m away, two side walls, a floor and a ceiling."""
     return _box_of_walls(
-        rng, _uniform(rng, 900, 1700), _uniform(rng, 900, 1700), _uniform(rng, 3000, 6000), _uniform(rng, 2300, 2800),
+        rng,
+        _uniform(rng, 900, 1700),
+        _uniform(rng, 900, 1700),
+        _uniform(rng, 3000, 6000),
+        _uniform(rng, 2300, 2800),
         _uniform(rng, 900, 1500),
-    )  # fmt: skip
+    )
 
 
 def corridor(rng: _Draw) -> tuple[Surface, ...]:
@@ -74,9 +86,13 @@ def alcove(rng: _Draw) -> tuple[Surface, ...]:
 
     def inner(name: str, at: tuple[float, float], length: tuple[float, float], yaw: float, pitch: float) -> Surface:
         return Surface(
-            name=name, center_mm=(*at, away + 0.5 * deep), size_mm=length, yaw_deg=yaw, pitch_deg=pitch,
+            name=name,
+            center_mm=(*at, away + 0.5 * deep),
+            size_mm=length,
+            yaw_deg=yaw,
+            pitch_deg=pitch,
             reflectivity=_uniform(rng, 0.4, 0.9),
-        )  # fmt: skip
+        )
 
     left, right, top, bottom = x - 0.5 * wide, x + 0.5 * wide, y - 0.5 * high, y + 0.5 * high
     return (

@@ -65,9 +65,11 @@ def score(case: Case, gap: Mapping[str, Any], known: Known | None) -> Score:
 
 
 def _missing(
-    case: Case, gap: Mapping[str, Any], named: frozenset[str],
+    case: Case,
+    gap: Mapping[str, Any],
+    named: frozenset[str],
     sets: tuple[Sequence[frozenset[str]], Sequence[frozenset[str]]],
-) -> str:  # fmt: skip
+) -> str:
     """Of what has no false name: what is missing for it to be right; empty if nothing is."""
     truth, explanations = sets
     if gap["verdict"] not in ("explained", "partly_explained"):

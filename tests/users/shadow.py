@@ -88,8 +88,9 @@ class Shadow:
         gained = self._blocks.density(at) - self._blocks.density(nothing)
         return Scored(
             names=frozenset(t.name for t in terms if t not in self.laws),
-            laws=tuple(t.kind for t in terms if t in self.laws), blocks=gained,
-        )  # fmt: skip
+            laws=tuple(t.kind for t in terms if t in self.laws),
+            blocks=gained,
+        )
 
     def finalists(self, also: Sequence[frozenset[tuple[str, str]]] = ()) -> tuple[list[Scored], int]:
         """The best sets by evidence, those of some names, and none, alone and with laws; and how many there were."""

@@ -119,11 +119,12 @@ class Estimate(Layers):
             raise ModuleNotFoundError("to_xarray needs xarray: pip install 'tofmix[notebook]'") from error
         variables: dict[str, Any] = {
             spec.name: (
-                spec.dims, getattr(self, spec.name),
+                spec.dims,
+                getattr(self, spec.name),
                 {"units": spec.units, "long_name": spec.long_name},
             )
             for spec in self.fields
-        }  # fmt: skip
+        }
         for name, text in (("start", "first frame of the window"), ("stop", "one past the last frame of the window")):
             attributes = {"units": "1", "long_name": text}
             variables[f"window_{name}"] = ("window", getattr(self, f"window_{name}"), attributes)
@@ -165,9 +166,15 @@ class Estimate(Layers):
         grid = plan_grid(windows, image)
         source = None if self.recording is None else self.recording.path
         writer = LayersWriter(
-            target, windows=windows, image=image, max_layers=self.max_layers, tile=grid.step,
-            provenance=self.provenance, overwrite=overwrite, inputs=() if source is None else (source,),
-        )  # fmt: skip
+            target,
+            windows=windows,
+            image=image,
+            max_layers=self.max_layers,
+            tile=grid.step,
+            provenance=self.provenance,
+            overwrite=overwrite,
+            inputs=() if source is None else (source,),
+        )
         with writer:
             if self.phasor_share is not None and self.phasor_pixels is not None:
                 for number, (share, pixels) in enumerate(zip(self.phasor_share, self.phasor_pixels, strict=True)):
@@ -250,23 +257,36 @@ def estimate(
     source = recording if isinstance(recording, Recording) else opened_recording(Path(recording))
     options, reporter = EstimateOptions(**choices), PythonReporter()  # type: ignore[arg-type]  # texts become members of their enumerations there
     request = EstimateRequest(
-        options=options, noise=noise, outliers=outliers, noise_shape=noise_shape, noise_widths=noise_widths,
-        window=window, stride=stride, force=force, workers=workers or os.cpu_count() or 1,
-    )  # fmt: skip
+        options=options,
+        noise=noise,
+        outliers=outliers,
+        noise_shape=noise_shape,
+        noise_widths=noise_widths,
+        window=window,
+        stride=stride,
+        force=force,
+        workers=workers or os.cpu_count() or 1,
+    )
     check_request(request, reporter)
     with source.opened() as samples:
         ready = prepare(samples, request, reporter)
         windows, provenance = ready.windows, ready.job.provenance
         found = estimate_windows(
-            ready.source, ready.job.options, windows=windows.of_samples(provenance.samples_a_frame),
+            ready.source,
+            ready.job.options,
+            windows=windows.of_samples(provenance.samples_a_frame),
             workers=request.workers,
-        )  # fmt: skip
+        )
         starts = np.arange(windows.count, dtype=np.uint64) * np.uint64(windows.stride)
         made = Estimate(
-            **_arrays(found.layers), provenance=provenance, window_start=starts,
-            window_stop=starts + np.uint64(windows.length), phasor_share=found.phasor_share,
-            phasor_pixels=found.phasor_pixels, recording=source.with_sensor(ready.source.sensor),
-        )  # fmt: skip
+            **_arrays(found.layers),
+            provenance=provenance,
+            window_start=starts,
+            window_stop=starts + np.uint64(windows.length),
+            phasor_share=found.phasor_share,
+            phasor_pixels=found.phasor_pixels,
+            recording=source.with_sensor(ready.source.sensor),
+        )
         say_findings(made, source.name, ready, reporter)
     return made
 
@@ -284,9 +304,13 @@ def read_estimate(path: Path) -> Estimate:
     with open_layers(path) as file:
         layers = file.read_block(slice(None), slice(None))
         return Estimate(
-            **_arrays(layers), provenance=file.provenance, window_start=file.window_start, window_stop=file.window_stop,
-            phasor_share=file.phasor_share, phasor_pixels=file.phasor_pixels,
-        )  # fmt: skip
+            **_arrays(layers),
+            provenance=file.provenance,
+            window_start=file.window_start,
+            window_stop=file.window_stop,
+            phasor_share=file.phasor_share,
+            phasor_pixels=file.phasor_pixels,
+        )
 
 
 def _arrays(layers: Layers) -> dict[str, Any]:

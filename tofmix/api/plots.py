@@ -63,9 +63,14 @@ def plot(layers: "Estimate", *, pixel: tuple[int, int] | None = None, window: in
             )
     circle_mm = layers.provenance.unambiguous_range_mm
     views = view_pixels(
-        one, row=row, cols=neighbour_columns(col, cols=cols, neighbours=neighbours), samples=samples,
-        noise=layers.sensor.noise, unambiguous_range_mm=circle_mm, learnt=learnt_sensor(layers.provenance),
-    )  # fmt: skip
+        one,
+        row=row,
+        cols=neighbour_columns(col, cols=cols, neighbours=neighbours),
+        samples=samples,
+        noise=layers.sensor.noise,
+        unambiguous_range_mm=circle_mm,
+        learnt=learnt_sensor(layers.provenance),
+    )
     with drawing(LIGHT):
         figure = neighbours_figure(views, noise=layers.sensor.noise, theme=LIGHT, unambiguous_range_mm=circle_mm)
         return _shown(figure)

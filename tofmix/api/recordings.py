@@ -130,9 +130,16 @@ class Recording:
         """
         changed = replace(sensor or self._sensor, **changes)
         return type(self)(
-            self._source, changed, shape=self._shape, targets=self._targets, time_s=self._time_s, truth=self._truth,
-            model_text=self._model_text, averaged=self.averaged, dropped=self._dropped,
-        )  # fmt: skip
+            self._source,
+            changed,
+            shape=self._shape,
+            targets=self._targets,
+            time_s=self._time_s,
+            truth=self._truth,
+            model_text=self._model_text,
+            averaged=self.averaged,
+            dropped=self._dropped,
+        )
 
     @contextmanager
     def opened(self) -> Iterator[CameraSource]:
@@ -219,17 +226,28 @@ class Recording:
         target, range_mm, amplitude, time_s = Path(path), self.range_mm, self.amplitude, self.time_s
         temperature_c = self.temperature_c
         writer = RecordingWriter(
-            target, shape=self._shape, targets=self._targets, sensor=self._sensor, truth=self._truth,
+            target,
+            shape=self._shape,
+            targets=self._targets,
+            sensor=self._sensor,
+            truth=self._truth,
             model_text=self._model_text,
-            has_amplitude=amplitude is not None, has_time=time_s is not None,
-            has_temperature=temperature_c is not None, dtype="f4", overwrite=overwrite,
-            inputs=() if self.path is None else (self.path,), attributes={"averaged": int(self.averaged)},
-        )  # fmt: skip
+            has_amplitude=amplitude is not None,
+            has_time=time_s is not None,
+            has_temperature=temperature_c is not None,
+            dtype="f4",
+            overwrite=overwrite,
+            inputs=() if self.path is None else (self.path,),
+            attributes={"averaged": int(self.averaged)},
+        )
         with writer:
             writer.write(
-                0, range_mm, amplitude=amplitude, time_s=time_s,
+                0,
+                range_mm,
+                amplitude=amplitude,
+                time_s=time_s,
                 temperature_c=None if temperature_c is None else temperature_c.astype(np.float32),
-            )  # fmt: skip
+            )
         return target
 
 

@@ -54,13 +54,20 @@ def simulate(
     blocks = list(made.blocks())
     stored = np.concatenate([block.range_mm for block in blocks])
     samples = ArrayRecording(
-        np.where(stored > 0, stored, np.float32(np.nan)), made.sensor,
-        np.concatenate([block.amplitude for block in blocks]), averaged=averaged,
-    )  # fmt: skip
+        np.where(stored > 0, stored, np.float32(np.nan)),
+        made.sensor,
+        np.concatenate([block.amplitude for block in blocks]),
+        averaged=averaged,
+    )
     return Recording(
-        samples, made.sensor, shape=samples.shape, time_s=np.concatenate([block.time_s for block in blocks]),
-        truth=made.truth, model_text=scene.text, averaged=averaged,
-    )  # fmt: skip
+        samples,
+        made.sensor,
+        shape=samples.shape,
+        time_s=np.concatenate([block.time_s for block in blocks]),
+        truth=made.truth,
+        model_text=scene.text,
+        averaged=averaged,
+    )
 
 
 def reconcile(
@@ -123,9 +130,13 @@ def reconcile(
 
     reporter, (name, scene) = PythonReporter(), _model(model)
     settings = Settings(
-        kinds=kinds_of(effects, reporter), max_effects=max_effects, alpha=alpha, tolerance=tolerance, split=split,
+        kinds=kinds_of(effects, reporter),
+        max_effects=max_effects,
+        alpha=alpha,
+        tolerance=tolerance,
+        split=split,
         seed=seed,
-    )  # fmt: skip
+    )
     check_models([(name, scene)])
     measured = recording if isinstance(recording, Recording) else opened_recording(Path(recording))
     with measured.opened() as samples:

@@ -21,13 +21,19 @@ tofmix compare monday.layers.h5 tuesday.layers.h5 --allow 0.05 --json
 @click.argument("a", type=PATH)
 @click.argument("b", type=PATH)
 @click.option(
-    "--tolerance", type=click.FloatRange(0), default=3.0, show_default=True,
+    "--tolerance",
+    type=click.FloatRange(0),
+    default=3.0,
+    show_default=True,
     help="Largest difference of equal ranges, in combined standard errors.",
-)  # fmt: skip
+)
 @click.option(
-    "--allow", type=click.FloatRange(0, 1), default=0.0, show_default=True,
+    "--allow",
+    type=click.FloatRange(0, 1),
+    default=0.0,
+    show_default=True,
     help="Largest share of differing pixels for exit code 0.",
-)  # fmt: skip
+)
 @click.option("--html", type=PATH, help="Write a self-contained page with pictures.")
 @click.option("--window", type=click.IntRange(0), help="The window that the page shows.  [default: the most different]")
 @json_option

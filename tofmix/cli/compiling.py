@@ -19,10 +19,18 @@ SAID_AFTER_S = 4.0
 """Time in seconds after which a script is told, with one line."""
 
 _PARTS = {
-    "estimation.layering": "layers", "estimation.peaks": "peaks", "estimation.paper": "the paper's procedure",
-    "estimation.learnt": "learnt noise", "estimation": "noise", "unmixing": "unmixing", "surfaces": "edges",
-    "suspicion": "suspicions", "mapping": "maps", "simulation": "scenes", "reconciliation": "likelihoods",
-}  # fmt: skip
+    "estimation.layering": "layers",
+    "estimation.peaks": "peaks",
+    "estimation.paper": "the paper's procedure",
+    "estimation.learnt": "learnt noise",
+    "estimation": "noise",
+    "unmixing": "unmixing",
+    "surfaces": "edges",
+    "suspicion": "suspicions",
+    "mapping": "maps",
+    "simulation": "scenes",
+    "reconciliation": "likelihoods",
+}
 """Parts of the program by the start of a kernel's name, longest first."""
 
 

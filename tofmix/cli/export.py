@@ -40,25 +40,30 @@ tofmix export boards.surfaces.h5 -o boards.obj --what planes
 @click.command(short_help="Write layers and surfaces for other programs: points, images, edges, planes.")
 @click.argument("file", type=PATH)
 @click.option(
-    "-o", "--output", type=PATH, required=True,
+    "-o",
+    "--output",
+    type=PATH,
+    required=True,
     help="File to write; the extension sets the format: .las, .laz, .ply, .pcd, .csv; .png, .tif; .geojson, .json,"
     " .obj.",
-)  # fmt: skip
+)
 @click.option(
-    "--what", type=click.Choice(_WHAT),
+    "--what",
+    type=click.Choice(_WHAT),
     help="Content to write; edges and planes need a surfaces file.  [default: by the extension, in the order edges,"
     " planes, image, points]",
-)  # fmt: skip
+)
 @click.option(
     "--window", type=click.IntRange(0), help="Window to write; an image of several windows needs it.  [default: all]"
 )
 @click.option("--min-weight", type=click.FloatRange(0, 1), help="Points: smallest share of a layer.")
 @click.option("--min-probability", type=click.FloatRange(0, 1), help="Points: smallest probability of a layer.")
 @click.option(
-    "--fields", metavar="NAMES",
+    "--fields",
+    metavar="NAMES",
     help="Points: further datasets of the layers file, with commas between them: amplitude, n_samples, invalid_share,"
     " mixing, suspect, ..., or all that it has.",
-)  # fmt: skip
+)
 @click.option("--undecided", is_flag=True, help="Write undecided pixels too.")
 @suspect_option
 @click.option(
@@ -112,9 +117,7 @@ def export(
     from tofmix.points import PointFilter
 
     # Those of the environment are for outputs of any kind: they give way where they do not belong.
-    given = {
-        name for name in context.params if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
-    }  # fmt: skip
+    given = {name for name in context.params if context.get_parameter_source(name) is ParameterSource.COMMANDLINE}
     of_surfaces = format_of(file) == SURFACES_FORMAT
     if not of_surfaces:
         _check_not_of_surfaces(file, output, what)
@@ -122,10 +125,18 @@ def export(
     _check_options(given, what, output, of_surfaces=of_surfaces)
     chosen = PointFilter(min_weight=min_weight, min_probability=min_probability, undecided=undecided, suspect=suspect)
     asked = ExportRequest(
-        file=file, output=output, what=what, window=window, chosen=chosen,
-        fields=[part.strip() for part in fields.split(",")] if fields else (), view_deg=view_of(fov),
-        projection=projection, layer=layer, scale_mm=scale, overwrite=overwrite,
-    )  # fmt: skip
+        file=file,
+        output=output,
+        what=what,
+        window=window,
+        chosen=chosen,
+        fields=[part.strip() for part in fields.split(",")] if fields else (),
+        view_deg=view_of(fov),
+        projection=projection,
+        layer=layer,
+        scale_mm=scale,
+        overwrite=overwrite,
+    )
     line, made = export_file(asked, CommandReporter(), of_surfaces=of_surfaces)
     click.echo(json.dumps({"output": str(output), **made}) if as_json else line)
 
@@ -136,8 +147,10 @@ def _check_not_of_surfaces(layers: Path, output: Path, what: str | None) -> None
     from tofmix.io.next_command import next_command
     from tofmix.jobs.layers_files import surfaces_path
 
-    ends = {name: {end for of_one in known.values() for end in of_one} for name, known in
-            (("layers", OF_LAYERS), ("surfaces", OF_SURFACES))}  # fmt: skip
+    ends = {
+        name: {end for of_one in known.values() for end in of_one}
+        for name, known in (("layers", OF_LAYERS), ("surfaces", OF_SURFACES))
+    }
     if what is None and output.suffix.lower() in ends["surfaces"] - ends["layers"]:
         what = EDGES
     elif what is None or what in OF_LAYERS:

@@ -52,83 +52,102 @@ tofmix import targets.h5 -o nearest.h5 --target nearest
 @click.argument("source", type=PATH)
 @click.option("-o", "--output", type=HDF5_PATH, required=True, help="Recording to write.")
 @click.option(
-    "--sensor", metavar="PROFILE|FILE",
+    "--sensor",
+    metavar="PROFILE|FILE",
     help="The camera: a built-in sensor such as sr3000, or a TOML file with a [sensor] table.  [default: not known]",
-)  # fmt: skip
+)
 @click.option(
-    "--dataset", "--topic", "topic", metavar="NAME",
+    "--dataset",
+    "--topic",
+    "topic",
+    metavar="NAME",
     help="Dataset, array, topic, channel or sequence of images with the depths; of a file of one stream its name, if"
     " that says something else.  [default: the only one that fits]",
-)  # fmt: skip
+)
 @click.option(
-    "--amplitude", metavar="NAME|PATH",
+    "--amplitude",
+    metavar="NAME|PATH",
     help="Topic or array of the amplitudes; for images, .npy and CSV the path of their source.",
-)  # fmt: skip
+)
 @click.option(
-    "--modulation-frequency", metavar="HZ", type=click.FloatRange(0, min_open=True),
+    "--modulation-frequency",
+    metavar="HZ",
+    type=click.FloatRange(0, min_open=True),
     help="The one modulation frequency of a lock-in camera's ranges and amplitudes.  [default: the source's, else the"
     " sensor's]",
-)  # fmt: skip
+)
 @shares_option
 @click.option(
     "--camera-info", metavar="TOPIC", help="Bags: topic of the intrinsics.  [default: camera_info beside the depths]"
 )
 @click.option(
-    "--depth-axis", type=click.Choice(["z", "ray"]),
+    "--depth-axis",
+    type=click.Choice(["z", "ray"]),
     help="Direction of the depths: along z, or along each pixel's ray.  [default: z in images and bags, else ray]",
-)  # fmt: skip
+)
 @click.option(
-    "--intrinsics", metavar="FX,FY,CX,CY|FILE",
+    "--intrinsics",
+    metavar="FX,FY,CX,CY|FILE",
     help="Pinhole camera, in pixels, or a file with its calibration and distortion: YAML of ROS or OpenCV (extra"
     " tofmix[ros]).",
-)  # fmt: skip
+)
 @click.option(
-    "--fov", metavar="HxV",
+    "--fov",
+    metavar="HxV",
     help="Full field of view, degrees, such as 70x55: an ideal pinhole's if depths are along z, else of equal angles.",
-)  # fmt: skip
+)
 @click.option(
     "--units", type=click.Choice(["mm", "cm", "m"]), help="Unit of the depths.  [default: the source's, else mm]"
 )
 @click.option(
-    "--scale", type=click.FloatRange(0, min_open=True),
+    "--scale",
+    type=click.FloatRange(0, min_open=True),
     help="Millimetres of one unit of the depths, instead of --units. A scale_factor of the source is applied before.",
-)  # fmt: skip
+)
 @click.option(
-    "--invalid", type=float, multiple=True,
+    "--invalid",
+    type=float,
+    multiple=True,
     help="Value of invalid samples, in the source's units; repeatable. 0, NaN and infinities are always invalid.",
-)  # fmt: skip
+)
 @click.option(
-    "--valid-status", metavar="NAME=CODES",
+    "--valid-status",
+    metavar="NAME=CODES",
     help="Column, dataset or array of status codes beside the ranges, and the codes of valid samples: status=5,9."
     "  [default: codes of the sensor's profile for status]",
-)  # fmt: skip
+)
 @click.option(
-    "--keep-values", is_flag=True,
+    "--keep-values",
+    is_flag=True,
     help="Keep zeros and fill values, such as 65535 and netCDF's, as ranges. NaN, infinite and negative ones cannot be"
     " kept.",
-)  # fmt: skip
+)
 @click.option(
-    "--columns", metavar="THEIRS=OURS,...",
+    "--columns",
+    metavar="THEIRS=OURS,...",
     help="CSV with a sample a line: meanings of its columns, as in y=row,x=col,depth=range. Ours are frame, time, row,"
     " col, target, range, amplitude, status.",
-)  # fmt: skip
+)
 @click.option(
-    "--axes", metavar="NAMES",
+    "--axes",
+    metavar="NAMES",
     help="Order of an array's axes: frame,row,col in any order, with target if a pixel returns several."
     "  [default: frame,row,col; .mat by size]",
-)  # fmt: skip
+)
 @click.option(
     "--shape", metavar="ROWSxCOLS", help="Image size; needed if the source stores a frame as one line or one axis."
 )
 @click.option(
-    "--target", type=click.Choice(["nearest", "strongest"]),
+    "--target",
+    type=click.Choice(["nearest", "strongest"]),
     help="Keep one of several targets of each pixel and frame: the nearest, or the one of the largest amplitude."
     "  [default: keep all]",
-)  # fmt: skip
+)
 @click.option(
-    "--time-unit", type=click.Choice(["s", "ms", "us", "ns"]),
+    "--time-unit",
+    type=click.Choice(["s", "ms", "us", "ns"]),
     help="Unit of the times.  [default: the source's, else s]",
-)  # fmt: skip
+)
 @click.option(
     "--frame-rate", type=click.FloatRange(0, min_open=True), help="Frames per second, for a source without times."
 )
@@ -185,28 +204,58 @@ def import_(
     lens = Lens(intrinsics=_intrinsics_of(intrinsics), view_deg=view_of(fov))
     unit_mm = scale if units is None else UNITS_MM[units]
     request = SourceRequest(
-        topic=topic, amplitude=amplitude, camera_info=camera_info, axes=None if axes is None else check_axes(axes),
-        shape=_shape_of(shape), unit_mm=unit_mm, lens_given=intrinsics is not None or fov is not None,
+        topic=topic,
+        amplitude=amplitude,
+        camera_info=camera_info,
+        axes=None if axes is None else check_axes(axes),
+        shape=_shape_of(shape),
+        unit_mm=unit_mm,
+        lens_given=intrinsics is not None or fov is not None,
         image=None if camera.rows is None or camera.cols is None else (camera.rows, camera.cols),
-        columns=columns_of(columns), valid_status=status_of(valid_status), status_codes=camera.valid_status or (),
-        time_unit_s=None if time_unit is None else TIME_UNITS_S[time_unit], keep_values=keep_values,
-    )  # fmt: skip
+        columns=columns_of(columns),
+        valid_status=status_of(valid_status),
+        status_codes=camera.valid_status or (),
+        time_unit_s=None if time_unit is None else TIME_UNITS_S[time_unit],
+        keep_values=keep_values,
+    )
     inputs = [Path(name) for name in (source, sensor, amplitude, intrinsics) if name is not None]
     inputs += [file for folder in inputs if folder.is_dir() for file in folder.iterdir()]
     asked = ImportRequest(
-        source=source, output=output, request=request, sensor=sensor, camera=camera, lens=lens, inputs=inputs,
-        unit_mm=unit_mm, scale=scale, modulation_frequency_hz=modulation_frequency, shares=shares,
-        depth_axis=depth_axis, invalid=invalid, target=target, frame_rate_hz=frame_rate, overwrite=overwrite,
-    )  # fmt: skip
+        source=source,
+        output=output,
+        request=request,
+        sensor=sensor,
+        camera=camera,
+        lens=lens,
+        inputs=inputs,
+        unit_mm=unit_mm,
+        scale=scale,
+        modulation_frequency_hz=modulation_frequency,
+        shares=shares,
+        depth_axis=depth_axis,
+        invalid=invalid,
+        target=target,
+        frame_rate_hz=frame_rate,
+        overwrite=overwrite,
+    )
     reporter = CommandReporter()
     made = import_file(asked, reporter)
     (rows, cols), imported = made.image, made.imported
     if as_json:
         said = {
-            "source": str(source), "output": str(output), "frames": imported.frames, "rows": rows, "cols": cols,
-            "targets": made.targets, "kind": made.kind, "unit_mm": made.unit_mm, "geometry": made.geometry,
-            "not_known": made.unknown, "dropped": imported.dropped, "notes": made.notes,
-        }  # fmt: skip
+            "source": str(source),
+            "output": str(output),
+            "frames": imported.frames,
+            "rows": rows,
+            "cols": cols,
+            "targets": made.targets,
+            "kind": made.kind,
+            "unit_mm": made.unit_mm,
+            "geometry": made.geometry,
+            "not_known": made.unknown,
+            "dropped": imported.dropped,
+            "notes": made.notes,
+        }
         click.echo(json.dumps(said))
         return
     of_targets = f" of {made.targets} targets" if made.targets else f", the {target} target," if target else ""

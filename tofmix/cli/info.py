@@ -122,7 +122,8 @@ def _of_hdf5(path: Path) -> "Description":
     with open_recording(path, check_units=False) as recording:
         found = look(recording)
         doubts = {
-            "range_units": unit_doubt(recording, found), "range_zeros": zeros_doubt(recording, found),
+            "range_units": unit_doubt(recording, found),
+            "range_zeros": zeros_doubt(recording, found),
             "range_distance": distance_doubt(recording, found),
-        }  # fmt: skip
+        }
         return describe_recording(recording, name=str(path), file_bytes=size, doubts=doubts)

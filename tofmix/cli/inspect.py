@@ -33,14 +33,19 @@ tofmix inspect boards.layers.h5 --pixel 72,92 --recording boards.h5 --over-frame
 @click.option("--pixel", metavar="ROW,COL", required=True, help="The pixel, from 0; row 0 is at the top.")
 @click.option("--recording", type=PATH, help="The recording of these layers, for samples and density.")
 @click.option(
-    "--neighbours", type=click.IntRange(0, 15), default=3, show_default=True,
+    "--neighbours",
+    type=click.IntRange(0, 15),
+    default=3,
+    show_default=True,
     help="Number of neighbours in the same row to show too, nearest first.",
-)  # fmt: skip
+)
 @click.option("--window", type=click.IntRange(0), default=0, show_default=True, help="The window.")
 @click.option(
-    "--over-frames", is_flag=True, allow_from_autoenv=False,
+    "--over-frames",
+    is_flag=True,
+    allow_from_autoenv=False,
     help="Draw the peaks of the density over the number of samples; needs --recording.",
-)  # fmt: skip
+)
 @click.option("-o", "--output", type=PATH, help="Figure to write, .png or .svg.")
 @json_option
 @overwrite_option
@@ -92,9 +97,14 @@ def inspect(
         try:
             found = file.read_window(window)
             views = view_pixels(
-                found, row=row, cols=cols, samples=samples, noise=file.provenance.sensor.noise,
-                unambiguous_range_mm=file.provenance.unambiguous_range_mm, learnt=learnt_sensor(file.provenance),
-            )  # fmt: skip
+                found,
+                row=row,
+                cols=cols,
+                samples=samples,
+                noise=file.provenance.sensor.noise,
+                unambiguous_range_mm=file.provenance.unambiguous_range_mm,
+                learnt=learnt_sensor(file.provenance),
+            )
             plane = None
             if output is not None and source is not None and not over_frames:
                 plane = _plane(found, file, source, window, (row, col))
@@ -165,9 +175,13 @@ def _write_figure(
     kind = FIGURE_SUFFIXES[output.suffix.lower()]
     made = file.provenance
     content = pixel_figure(
-        views, noise=made.sensor.noise, growth=growth, kind=kind, unambiguous_range_mm=made.unambiguous_range_mm,
+        views,
+        noise=made.sensor.noise,
+        growth=growth,
+        kind=kind,
+        unambiguous_range_mm=made.unambiguous_range_mm,
         plane=plane,
-    )  # fmt: skip
+    )
     with AtomicFile(output, overwrite=overwrite, inputs=inputs) as target:
         target.sink.write(content)
         target.commit()

@@ -94,9 +94,22 @@ def main(context: click.Context, /) -> None:
 
 
 for _command in (
-    simulate, estimate, report, reconcile, inspect, info, verify, compare, import_, export, map_, surfaces, sensors,
-    merge, warmup,
-):  # fmt: skip
+    simulate,
+    estimate,
+    report,
+    reconcile,
+    inspect,
+    info,
+    verify,
+    compare,
+    import_,
+    export,
+    map_,
+    surfaces,
+    sensors,
+    merge,
+    warmup,
+):
     main.add_command(_command)
     quiet_option(_command)
     for _option in _command.params:

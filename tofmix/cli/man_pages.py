@@ -24,10 +24,17 @@ def _page(command: DescribedCommand, last: list[str]) -> str:
     name = _name(command)
     lines = [
         f'.TH {name.upper()} 1 "" "{PROGRAM} {__version__}" "{PROGRAM} manual"',
-        ".SH NAME", f"{_text(name)} \\- {_text(command.summary.rstrip('.'))}",
-        ".SH SYNOPSIS", f".B {_text(command.usage)}",
-        ".SH DESCRIPTION", *_paragraphs(command), ".SH OPTIONS", *_options(command), *_examples(command), *last,
-    ]  # fmt: skip
+        ".SH NAME",
+        f"{_text(name)} \\- {_text(command.summary.rstrip('.'))}",
+        ".SH SYNOPSIS",
+        f".B {_text(command.usage)}",
+        ".SH DESCRIPTION",
+        *_paragraphs(command),
+        ".SH OPTIONS",
+        *_options(command),
+        *_examples(command),
+        *last,
+    ]
     return "\n".join(lines) + "\n"
 
 

@@ -60,35 +60,55 @@ tofmix map boards.layers.h5 -o averaged.yaml --from averaged --recording boards.
 @click.option("-o", "--output", type=PATH, help="2-D map to write, .yaml; its image gets the same name with .pgm.")
 @click.option("--voxels", type=PATH, help="3-D map to write: occupied voxels as .ply, or the whole grid as .npz.")
 @click.option(
-    "--from", type=click.Choice(["layers", "averaged", "thin-beam"]), default="layers", show_default=True,
+    "--from",
+    type=click.Choice(["layers", "averaged", "thin-beam"]),
+    default="layers",
+    show_default=True,
     help="Ranges to map. layers: all surfaces. For comparison: averaged (mean of the samples), thin-beam (one fitted"
     " surface).",
-)  # fmt: skip
+)
 @click.option("--recording", type=PATH, help="The samples, for --from averaged and thin-beam.")
 @click.option("--window", type=click.IntRange(0), default=0, show_default=True, help="Window to map.")
 @click.option(
     "--cell", type=click.FloatRange(1.0, 10_000.0), default=50.0, show_default=True, help="Edge of a cell, mm."
 )
 @click.option(
-    "--height", type=_Numbers("A,B"), metavar="A,B", default="-250,250", show_default=True,
+    "--height",
+    type=_Numbers("A,B"),
+    metavar="A,B",
+    default="-250,250",
+    show_default=True,
     help="Heights in the 2-D map, mm above the camera; rounded outward to whole cells.",
-)  # fmt: skip
+)
 @click.option(
-    "--pose", type=_Numbers("X,Y,YAW"), metavar="X,Y,YAW", default="0,0,0", show_default=True,
+    "--pose",
+    type=_Numbers("X,Y,YAW"),
+    metavar="X,Y,YAW",
+    default="0,0,0",
+    show_default=True,
     help="Pose of the camera in the map: mm, mm, and degrees anticlockwise from x.",
-)  # fmt: skip
+)
 @click.option(
-    "--pitch", type=click.FloatRange(-89.0, 89.0), default=0.0, show_default=True,
+    "--pitch",
+    type=click.FloatRange(-89.0, 89.0),
+    default=0.0,
+    show_default=True,
     help="Downward pitch of the camera, degrees.",
-)  # fmt: skip
+)
 @click.option(
-    "--min-share", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=0.05, show_default=True,
+    "--min-share",
+    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    default=0.05,
+    show_default=True,
     help="Smallest share of light that an obstacle blocks; a cell that blocks less is free.",
-)  # fmt: skip
+)
 @click.option(
-    "--min-probability", type=click.FloatRange(0, 1), default=0.9999, show_default=True,
+    "--min-probability",
+    type=click.FloatRange(0, 1),
+    default=0.9999,
+    show_default=True,
     help="Layers with a smaller probability are ignored.",
-)  # fmt: skip
+)
 @suspect_option
 @click.option(
     "--workers", type=click.IntRange(1), help="Threads; their number changes no result.  [default: all cores]"
@@ -122,11 +142,22 @@ def map_(
     from tofmix.jobs.map import MapRequest, write_map
 
     asked = MapRequest(
-        layers=layers, output=output, voxels=voxels, source=choices["from"], recording=recording, window=window,
-        cell_mm=cell, height_mm=height, pose=pose, pitch_deg=pitch,
-        min_share=min_share, min_probability=min_probability, suspect=suspect, workers=workers or default_workers(),
+        layers=layers,
+        output=output,
+        voxels=voxels,
+        source=choices["from"],
+        recording=recording,
+        window=window,
+        cell_mm=cell,
+        height_mm=height,
+        pose=pose,
+        pitch_deg=pitch,
+        min_share=min_share,
+        min_probability=min_probability,
+        suspect=suspect,
+        workers=workers or default_workers(),
         overwrite=overwrite,
-    )  # fmt: skip
+    )
     floor, space, left_out = write_map(asked, CommandReporter())
     _say(output, floor, voxels, space, left_out, as_json)
 

@@ -39,10 +39,33 @@ _MOST_DEG = 360.0, 180.0
 
 _OTHER_KINDS = frozenset(
     (
-        ".npy", ".npz", ".mat", ".csv", ".tsv", ".txt", ".png", ".tif", ".tiff", ".bag", ".mcap", ".db3", ".toml",
-        ".json", ".geojson", ".html", ".yaml", ".yml", ".pgm", ".las", ".laz", ".ply", ".pcd", ".obj", ".svg",
+        ".npy",
+        ".npz",
+        ".mat",
+        ".csv",
+        ".tsv",
+        ".txt",
+        ".png",
+        ".tif",
+        ".tiff",
+        ".bag",
+        ".mcap",
+        ".db3",
+        ".toml",
+        ".json",
+        ".geojson",
+        ".html",
+        ".yaml",
+        ".yml",
+        ".pgm",
+        ".las",
+        ".laz",
+        ".ply",
+        ".pcd",
+        ".obj",
+        ".svg",
     )
-)  # fmt: skip
+)
 """Ends of names of all that tofmix reads or writes and that is no HDF5."""
 
 PATH = _Path(path_type=Path)
@@ -205,9 +228,14 @@ def _hush(context: click.Context, _: click.Parameter, wanted: bool) -> None:
 
 
 quiet_option = click.option(
-    "-q", "--quiet", is_flag=True, expose_value=False, callback=_hush, allow_from_autoenv=False,
+    "-q",
+    "--quiet",
+    is_flag=True,
+    expose_value=False,
+    callback=_hush,
+    allow_from_autoenv=False,
     help="No progress bar and no notes on stderr; results, warnings and errors stay.",
-)  # fmt: skip
+)
 
 
 def is_quiet() -> bool:
@@ -233,17 +261,21 @@ def say_written(what: str, path: Path, *, beside_json: bool) -> None:
 def shares_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add ``--shares``, the law by which samples share out among the surfaces of a pixel."""
     return click.option(
-        "--shares", type=click.Choice([law.value for law in ShareLaw]),
+        "--shares",
+        type=click.Choice([law.value for law in ShareLaw]),
         help="What a share of the samples measures. area: the part of the pixel that the surface covers. detections:"
         " that part times the brightness (single photons). strongest: the camera keeps the brightest return.  [default:"
         " the file's or the sensor's; else area]",
-    )(command)  # fmt: skip
+    )(command)
 
 
 projection_option = click.option(
-    "--projection", type=click.Choice(["equiangular", "pinhole"]), default="equiangular", show_default=True,
+    "--projection",
+    type=click.Choice(["equiangular", "pinhole"]),
+    default="equiangular",
+    show_default=True,
     help="What --fov is of: equal angles between pixels, or an ideal pinhole.",
-)  # fmt: skip
+)
 
 
 def examples(text: str) -> Callable[[click.Command], click.Command]:

@@ -34,29 +34,42 @@ tofmix simulate gap/model.toml -o refined.h5
     help="Folder for model.toml, suggested_model.toml, gap.json and report.html.",
 )
 @click.option(
-    "--also", type=(str, PATH), multiple=True, metavar="MODEL MEASURED",
+    "--also",
+    type=(str, PATH),
+    multiple=True,
+    metavar="MODEL MEASURED",
     help="Another recording of the same camera, with the model of its scene. Repeatable.",
-)  # fmt: skip
+)
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Seed of every random draw.")
 @click.option("--effects", metavar="A,B,...", help="Kinds of effects to try.  [default: all]")
 @click.option("--max-effects", type=click.IntRange(0, 10), default=3, show_default=True, help="Most effects to add.")
 @click.option(
-    "--alpha", type=click.FloatRange(0, 0.5, min_open=True), default=0.01, show_default=True,
+    "--alpha",
+    type=click.FloatRange(0, 0.5, min_open=True),
+    default=0.01,
+    show_default=True,
     help="Significance level of the tests, corrected for their number.",
-)  # fmt: skip
+)
 @click.option(
-    "--tolerance", type=click.FloatRange(0, 1), default=0.1, show_default=True,
+    "--tolerance",
+    type=click.FloatRange(0, 1),
+    default=0.1,
+    show_default=True,
     help="Accepted model error: pose errors up to this many sigma, and sigma errors up to a tenth of this share.",
-)  # fmt: skip
+)
 @click.option(
-    "--noise", metavar="model|measured|LAYERS.h5",
+    "--noise",
+    metavar="model|measured|LAYERS.h5",
     help="The model's noise, noise learnt from MEASURED, or that of a layers file.  [default: model; where this"
     " explains nothing, measured is tried too]",
-)  # fmt: skip
+)
 @click.option(
-    "--split", type=click.Choice(["frames,pixels", "frames", "pixels"]), default="frames,pixels", show_default=True,
+    "--split",
+    type=click.Choice(["frames,pixels", "frames", "pixels"]),
+    default="frames,pixels",
+    show_default=True,
     help="Data held out from the fit: frames, pixels or both.",
-)  # fmt: skip
+)
 @json_option
 @overwrite_option
 def reconcile(

@@ -29,9 +29,14 @@ tofmix report boards.layers.h5 --json | python -m json.tool
 @json_option
 @overwrite_option
 def report(
-    layers: Path, recording: Path | None, surfaces: Path | None, html: Path | None, window: int, as_json: bool,
+    layers: Path,
+    recording: Path | None,
+    surfaces: Path | None,
+    html: Path | None,
+    window: int,
+    as_json: bool,
     overwrite: bool,
-) -> None:  # fmt: skip
+) -> None:
     """Summarise LAYERS, a file that tofmix estimate wrote.
 
     Prints pixels by number of surfaces, the layers' ranges, shares and sigmas, and pixels by status. The page (--html)
@@ -43,9 +48,14 @@ def report(
     if surfaces is not None and html is None:
         raise UsageError("--surfaces needs --html: only the page shows surfaces")
     summary = report_layers(
-        layers, CommandReporter(), recording=recording, surfaces=surfaces, html=html, window=window,
+        layers,
+        CommandReporter(),
+        recording=recording,
+        surfaces=surfaces,
+        html=html,
+        window=window,
         overwrite=overwrite,
-    )  # fmt: skip
+    )
     said = json.dumps(summary.as_dict(), indent=2, allow_nan=False) if as_json else format_table(summary)
     click.echo(said)
     if html is not None:

@@ -24,9 +24,12 @@ tofmix sensors --json
 @click.command(short_help="List the built-in cameras, or print one.")
 @click.argument("name", required=False)
 @click.option(
-    "--toml", "as_toml", is_flag=True, help="Print the file of the camera, as a start for your own --sensor file.",
+    "--toml",
+    "as_toml",
+    is_flag=True,
+    help="Print the file of the camera, as a start for your own --sensor file.",
     allow_from_autoenv=False,
-)  # fmt: skip
+)
 @json_option
 def sensors(name: str | None, as_toml: bool, as_json: bool) -> None:
     """List the built-in cameras, or print the data of the camera NAME with the source of each number.
@@ -66,17 +69,27 @@ def _as_dict(name: str, sheet: "CameraSheet") -> dict[str, Any]:
     """Properties of a camera for JSON; None if not known."""
     noise = sheet.noise
     return {
-        "profile": name, "name": sheet.name, "measurement": sheet.measurement, "rows": sheet.rows, "cols": sheet.cols,
-        "fov_horizontal_deg": sheet.fov_horizontal_deg, "fov_vertical_deg": sheet.fov_vertical_deg,
+        "profile": name,
+        "name": sheet.name,
+        "measurement": sheet.measurement,
+        "rows": sheet.rows,
+        "cols": sheet.cols,
+        "fov_horizontal_deg": sheet.fov_horizontal_deg,
+        "fov_vertical_deg": sheet.fov_vertical_deg,
         "projection": None if sheet.projection is None else _optics(sheet.projection),
-        "range_min_mm": sheet.range_min_mm, "range_max_mm": sheet.range_max_mm,
-        "modulation_frequency_hz": sheet.modulation_frequency_hz, "integration_time_ms": sheet.integration_time_ms,
+        "range_min_mm": sheet.range_min_mm,
+        "range_max_mm": sheet.range_max_mm,
+        "modulation_frequency_hz": sheet.modulation_frequency_hz,
+        "integration_time_ms": sheet.integration_time_ms,
         "outlier_probability": sheet.outlier_probability,
         "noise_range_mm": None if noise is None else noise.range_mm.tolist(),
         "noise_sigma_mm": None if noise is None else noise.sigma_mm.tolist(),
-        "reference_integration_time_ms": sheet.reference_integration_time_ms, "exponent": sheet.exponent,
-        "valid_status": sheet.valid_status, "confirmed": sheet.confirmed, "sources": list(sheet.sources),
-    }  # fmt: skip
+        "reference_integration_time_ms": sheet.reference_integration_time_ms,
+        "exponent": sheet.exponent,
+        "valid_status": sheet.valid_status,
+        "confirmed": sheet.confirmed,
+        "sources": list(sheet.sources),
+    }
 
 
 def _optics(projection: "Projection") -> dict[str, Any]:

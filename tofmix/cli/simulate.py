@@ -45,17 +45,26 @@ tofmix simulate my_scene.toml -o my_scene.h5 --repeat 3
     "--print-model", is_flag=True, allow_from_autoenv=False, help="Print the model as TOML, as a start for your own."
 )
 @click.option(
-    "--explain", is_flag=True, allow_from_autoenv=False,
+    "--explain",
+    is_flag=True,
+    allow_from_autoenv=False,
     help="Describe the simulation in words, effect by effect, and write nothing.",
-)  # fmt: skip
+)
 @click.option(
-    "--repeat", type=click.IntRange(1, 999), metavar="N",
+    "--repeat",
+    type=click.IntRange(1, 999),
+    metavar="N",
     help="Write N recordings, OUTPUT_001.h5 and so on, with ascending seeds.",
-)  # fmt: skip
+)
 @click.option(
-    "--list", is_flag=True, is_eager=True, expose_value=False, callback=_list_models, allow_from_autoenv=False,
+    "--list",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_list_models,
+    allow_from_autoenv=False,
     help="List the built-in models.",
-)  # fmt: skip
+)
 @json_option
 @overwrite_option
 def simulate(

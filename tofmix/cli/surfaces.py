@@ -32,9 +32,12 @@ tofmix export boards.surfaces.h5 -o boards.obj --what planes
 @click.argument("layers", type=PATH)
 @click.option("-o", "--output", type=HDF5_PATH, help="Surfaces file to write.  [default: LAYERS with .surfaces.h5]")
 @click.option(
-    "--factor", type=click.IntRange(2, 32), default=8, show_default=True,
+    "--factor",
+    type=click.IntRange(2, 32),
+    default=8,
+    show_default=True,
     help="Subdivision of a pixel in the fine range image: FACTOR x FACTOR parts.",
-)  # fmt: skip
+)
 @click.option(
     "--fov", metavar="HxV", help="Full field of view in degrees, by --projection.  [default: the layers file's]"
 )
@@ -43,9 +46,15 @@ tofmix export boards.surfaces.h5 -o boards.obj --what planes
 @json_option
 @overwrite_option
 def surfaces(
-    layers: Path, output: Path | None, factor: int, fov: str | None, projection: str, suspect: bool, as_json: bool,
+    layers: Path,
+    output: Path | None,
+    factor: int,
+    fov: str | None,
+    projection: str,
+    suspect: bool,
+    as_json: bool,
     overwrite: bool,
-) -> None:  # fmt: skip
+) -> None:
     """Find the surfaces in LAYERS, a file that tofmix estimate wrote.
 
     The command joins layers of neighbouring pixels into surfaces: planes, and smooth
@@ -60,9 +69,15 @@ def surfaces(
 
     output, view = output or surfaces_path(layers), view_of(fov)
     values, placed = write_surfaces(
-        layers, output, CommandReporter(), factor=factor, view_deg=view, projection=projection, suspect=suspect,
+        layers,
+        output,
+        CommandReporter(),
+        factor=factor,
+        view_deg=view,
+        projection=projection,
+        suspect=suspect,
         overwrite=overwrite,
-    )  # fmt: skip
+    )
     left_out = left_out_words(values.get("suspect_left_out", 0))
     said = json.dumps({"output": str(output), **values}) if as_json else f"{output}: {_line(values)}{left_out}{placed}"
     click.echo(said)

@@ -192,10 +192,18 @@ def _key() -> str:
     """Hash of all that compiled code depends on."""
     config: Any = numba.config
     parts = (
-        sys.implementation.cache_tag, numba.__version__, llvmlite.__version__, __version__, sources(),
-        processor_class(), config.USING_SVML, config.OPT, config.LOOP_VECTORIZE, config.SLP_VECTORIZE,
+        sys.implementation.cache_tag,
+        numba.__version__,
+        llvmlite.__version__,
+        __version__,
+        sources(),
+        processor_class(),
+        config.USING_SVML,
+        config.OPT,
+        config.LOOP_VECTORIZE,
+        config.SLP_VECTORIZE,
         config.BOUNDSCHECK,
-    )  # fmt: skip
+    )
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
 

@@ -19,9 +19,23 @@ import numba.core.registry
 
 V3 = "x86-64-v3"
 _OF_V3 = (
-    "avx", "avx2", "bmi", "bmi2", "cx16", "f16c", "fma", "lzcnt", "movbe", "popcnt", "sahf", "sse3", "sse4.1", "sse4.2",
-    "ssse3", "xsave",
-)  # fmt: skip
+    "avx",
+    "avx2",
+    "bmi",
+    "bmi2",
+    "cx16",
+    "f16c",
+    "fma",
+    "lzcnt",
+    "movbe",
+    "popcnt",
+    "sahf",
+    "sse3",
+    "sse4.1",
+    "sse4.2",
+    "ssse3",
+    "xsave",
+)
 
 config: Any = numba.config  # its settings are made at run time, unknown to a type checker
 _core: Any = numba.core  # it has no types

@@ -18,9 +18,16 @@ from tofmix.layers import Layers
 
 @jit
 def _add_amplitudes(
-    samples: Float32Array, light: Float32Array, n_modes: NDArray[np.uint8], mean: Float32Array, sigma: Float32Array,
-    weight: Float32Array, circle: float, total: FloatArray, count: FloatArray,
-) -> None:  # fmt: skip
+    samples: Float32Array,
+    light: Float32Array,
+    n_modes: NDArray[np.uint8],
+    mean: Float32Array,
+    sigma: Float32Array,
+    weight: Float32Array,
+    circle: float,
+    total: FloatArray,
+    count: FloatArray,
+) -> None:
     """Add up the amplitudes of the samples of each layer (pixel, layer), and count them."""
     for t in range(samples.shape[0]):
         for pixel in range(samples.shape[1]):

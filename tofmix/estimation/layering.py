@@ -218,8 +218,22 @@ def _layer_block(
     table: FloatArray,
 ) -> None:
     """Fill `out`, the arrays of `Layers` in their order, for the pixels of a block and their peaks."""
-    (n_modes, n_peaks, mean, sigma, weight, range_stderr, weight_stderr, probability, no_return, outlier, likelihood,
-     n_samples, n_iter, status) = out  # fmt: skip
+    (
+        n_modes,
+        n_peaks,
+        mean,
+        sigma,
+        weight,
+        range_stderr,
+        weight_stderr,
+        probability,
+        no_return,
+        outlier,
+        likelihood,
+        n_samples,
+        n_iter,
+        status,
+    ) = out
     columns = padded(block.values.shape[1])
     value, count = np.empty(columns), np.empty(columns)
     range_errors, weight_errors = np.zeros(MAX_PEAKS), np.zeros(MAX_PEAKS)

@@ -178,9 +178,10 @@ def choose_sensor(
     chooser = _Chooser(name, use, options, request, spell, progress, before_learning)
     chosen = chooser.choose(sensor)
     return NoiseChoice(
-        sensor=chosen, notes=tuple(chooser.notes),
+        sensor=chosen,
+        notes=tuple(chooser.notes),
         from_samples=request.noise == AUTO or (request.noise == FILE and chooser.replaced),
-    )  # fmt: skip
+    )
 
 
 class _Chooser:
@@ -391,17 +392,23 @@ class _Chooser:
         from tofmix.estimation.learnt.recordings import calibrated
 
         return calibrated(
-            self._ranges(sensor), window_frames=self.request.window_frames, step=self._step_for(sensor.noise),
-            min_samples=self.options.min_samples, workers=self.request.workers, progress=self.progress,
-        )  # fmt: skip
+            self._ranges(sensor),
+            window_frames=self.request.window_frames,
+            step=self._step_for(sensor.noise),
+            min_samples=self.options.min_samples,
+            workers=self.request.workers,
+            progress=self.progress,
+        )
 
     def _is_contradicted(self, sensor: Sensor) -> bool:
         request = self.request
         try:
             return is_contradicted(
-                self._ranges(sensor), window_frames=request.window_frames, stride_frames=request.stride_frames,
+                self._ranges(sensor),
+                window_frames=request.window_frames,
+                stride_frames=request.stride_frames,
                 step=self._step_for(sensor.noise),
-            )  # fmt: skip
+            )
         except ValueError as error:
             raise self._unmeasured(error) from error
 
@@ -415,11 +422,19 @@ class _Chooser:
             self.before_learning()
         try:
             return learn(
-                self._ranges(sensor), window_frames=request.window_frames, stride_frames=request.stride_frames,
-                shape=request.shape == AUTO, widths=None if request.widths == AUTO else request.widths == "own",
-                drift=self.circle_mm is None, density=self.circle_mm is None, step=self.step, step_of_type=self.of_type,
-                min_samples=self.options.min_samples, workers=request.workers, progress=self.progress,
-            )  # fmt: skip
+                self._ranges(sensor),
+                window_frames=request.window_frames,
+                stride_frames=request.stride_frames,
+                shape=request.shape == AUTO,
+                widths=None if request.widths == AUTO else request.widths == "own",
+                drift=self.circle_mm is None,
+                density=self.circle_mm is None,
+                step=self.step,
+                step_of_type=self.of_type,
+                min_samples=self.options.min_samples,
+                workers=request.workers,
+                progress=self.progress,
+            )
         except ValueError as error:
             raise self._unmeasured(error) from error
 

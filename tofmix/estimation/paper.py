@@ -168,20 +168,51 @@ def _iterate(values: FloatArray, n: int, k: int, fit: FloatArray, beam: Beam, su
 def _with_sigma_0(beam: Beam, sigma_0: float) -> Beam:
     """The same beam with another spread of c_0, mm."""
     return Beam(
-        beam.curve_range, beam.curve_sigma, beam.range_max, sigma_0, beam.no_return_from, beam.no_return_to,
-        beam.surface_end, beam.p_outlier, beam.outlier_density, beam.range_min, beam.range_top, beam.pixel_curves,
-        beam.steps, beam.background,
-    )  # fmt: skip
+        beam.curve_range,
+        beam.curve_sigma,
+        beam.range_max,
+        sigma_0,
+        beam.no_return_from,
+        beam.no_return_to,
+        beam.surface_end,
+        beam.p_outlier,
+        beam.outlier_density,
+        beam.range_min,
+        beam.range_top,
+        beam.pixel_curves,
+        beam.steps,
+        beam.background,
+    )
 
 
 @jit
 def _paper_block(
-    block: SortedSamples, out: tuple[NDArray[Any], ...], beam: Beam, gamma: float, spacing: float, max_layers: int,
-    min_samples: int, table: FloatArray,
-) -> None:  # fmt: skip
+    block: SortedSamples,
+    out: tuple[NDArray[Any], ...],
+    beam: Beam,
+    gamma: float,
+    spacing: float,
+    max_layers: int,
+    min_samples: int,
+    table: FloatArray,
+) -> None:
     """Fill `out`, the arrays of `Layers` in their order, for the pixels of a block."""
-    (n_modes, n_peaks, mean, sigma, weight, range_stderr, weight_stderr, probability, no_return, outlier, likelihood,
-     n_samples, n_iter, status) = out  # fmt: skip
+    (
+        n_modes,
+        n_peaks,
+        mean,
+        sigma,
+        weight,
+        range_stderr,
+        weight_stderr,
+        probability,
+        no_return,
+        outlier,
+        likelihood,
+        n_samples,
+        n_iter,
+        status,
+    ) = out
     columns = padded(block.values.shape[1])
     value, times = np.empty(columns), np.empty(columns)
     place, height = np.empty(MAX_PEAKS), np.empty(MAX_PEAKS)

@@ -4,17 +4,24 @@ UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 """mm of one unit."""
 
 _LENGTHS_MM = {
-    **UNITS_MM, "nm": 1e-6, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "micron": 1e-3, "dm": 100.0, "km": 1e6,
-    "inch": 25.4, "foot": 304.8, "ft": 304.8,
-}  # fmt: skip
+    **UNITS_MM,
+    "nm": 1e-6,
+    "um": 1e-3,
+    "µm": 1e-3,
+    "μm": 1e-3,
+    "micron": 1e-3,
+    "dm": 100.0,
+    "km": 1e6,
+    "inch": 25.4,
+    "foot": 304.8,
+    "ft": 304.8,
+}
 """mm of each unit that a file may name."""
 
 _PREFIXES_MM = {"": 1000.0, "nano": 1e-6, "micro": 1e-3, "milli": 1.0, "centi": 10.0, "deci": 100.0, "kilo": 1e6}
 _SPELT = {
-    f"{prefix}{metre}": mm
-    for prefix, mm in _PREFIXES_MM.items()
-    for metre in ("meter", "metre", "meters", "metres")
-}  # fmt: skip
+    f"{prefix}{metre}": mm for prefix, mm in _PREFIXES_MM.items() for metre in ("meter", "metre", "meters", "metres")
+}
 _SPELT |= {"microns": 1e-3, "inches": 25.4, "feet": 304.8}
 
 

@@ -221,10 +221,16 @@ def read_sensor(root: h5py.File, path: Path) -> Sensor:
         noise, projection = _read_noise(group, path), _read_projection(group, path)
         learnt = _read_learnt(group, path)
         return Sensor(
-            name=text_attribute(group, "name") or "unknown", measurement=_read_measurement(group),
-            share_law=_read_share_law(group), noise=noise, projection=projection, learnt=learnt,
-            range_step_mm=_read_step(group, path), temporal_filter=_read_filter(group, path), **known,
-        )  # fmt: skip
+            name=text_attribute(group, "name") or "unknown",
+            measurement=_read_measurement(group),
+            share_law=_read_share_law(group),
+            noise=noise,
+            projection=projection,
+            learnt=learnt,
+            range_step_mm=_read_step(group, path),
+            temporal_filter=_read_filter(group, path),
+            **known,
+        )
     except ValueError as error:
         raise BadInputError(f"{path}: sensor: {error}") from error
 

@@ -131,10 +131,15 @@ def prepare(source: CameraSource, request: EstimateRequest, reporter: Reporter) 
     asked = request.noise if request.noise is not None else AUTO if source.sensor.noise is None else FILE
     with reporter.aside():
         wanted = NoiseRequest(
-            noise=_named(source, asked, reporter), outliers=request.outliers, asked=request.noise is not None,
-            window_frames=windows.length, stride_frames=windows.stride, shape=request.noise_shape,
-            widths=request.noise_widths, workers=request.workers,
-        )  # fmt: skip
+            noise=_named(source, asked, reporter),
+            outliers=request.outliers,
+            asked=request.noise is not None,
+            window_frames=windows.length,
+            stride_frames=windows.stride,
+            shape=request.noise_shape,
+            widths=request.noise_widths,
+            workers=request.workers,
+        )
         choice = choose_camera(source, options, wanted, reporter)
         sensor = choice.sensor
         if options.unambiguous_range_mm is None and not options.paper and sensor.no_return_mm is None:
@@ -145,9 +150,14 @@ def prepare(source: CameraSource, request: EstimateRequest, reporter: Reporter) 
         source = source.with_sensor(sensor)
         noise = AUTO if choice.from_samples else asked if isinstance(asked, str) else "given"
         remedy = Remedy(
-            recording=source.name, noise=noise, window_frames=windows.length, windows=windows.count,
-            paper=options.paper, unmix=options.mixing == MixingChoice.AUTO, has_amplitude=source.has_amplitude,
-        )  # fmt: skip
+            recording=source.name,
+            noise=noise,
+            window_frames=windows.length,
+            windows=windows.count,
+            paper=options.paper,
+            unmix=options.mixing == MixingChoice.AUTO,
+            has_amplitude=source.has_amplitude,
+        )
         findings = findings_of_samples(source, sensor, options.unambiguous_range_mm, remedy)
     for finding in findings:
         reporter.finding(source.name, finding)
@@ -177,9 +187,16 @@ def estimate_file(
         ready = prepare(source, request, reporter)
         job, engine = ready.job, cluster or _local_engine(ready, request, files, target, reporter)
         outcome = run_job(
-            job, engine, target, shard=files.shard, overwrite=files.overwrite, resume=files.resume,
-            progress=reporter.progress, say=reporter.warn, verify_source=source.verify_unchanged,
-        )  # fmt: skip
+            job,
+            engine,
+            target,
+            shard=files.shard,
+            overwrite=files.overwrite,
+            resume=files.resume,
+            progress=reporter.progress,
+            say=reporter.warn,
+            verify_source=source.verify_unchanged,
+        )
         if outcome.mixture is not None:
             reporter.note(f"{recording}: mixing: {outcome.mixture.words()}")
         if outcome.continued:
@@ -243,9 +260,15 @@ def choose_camera(
     """Choose the recording's camera, and say what there is to say of its noise."""
     with reporter.learning() as progress:
         choice = choose_sensor(
-            source.name, source.with_sensor, source.sensor, options, wanted, spell=reporter.spell, progress=progress,
+            source.name,
+            source.with_sensor,
+            source.sensor,
+            options,
+            wanted,
+            spell=reporter.spell,
+            progress=progress,
             before_learning=reporter.before_learning,
-        )  # fmt: skip
+        )
     for said in choice.notes:
         (reporter.warn if said.is_warning else reporter.note)(said.text)
     return choice

@@ -82,9 +82,13 @@ def _export_points(file: LayersFile, asked: ExportRequest, reporter: Reporter) -
                 f"{file.path}: sensor: no field of view, so points cannot be placed; give it with --fov HxV"
             )
         points = LayerPoints(
-            file, optics=sensor.optics, windows=windows, chosen=asked.chosen, further=further,
+            file,
+            optics=sensor.optics,
+            windows=windows,
+            chosen=asked.chosen,
+            further=further,
             intensity=output.suffix.lower() in _WITH_INTENSITY,
-        )  # fmt: skip
+        )
     except ValueError as error:
         raise (OptionError if view else BadInputError)(f"{'--fov' if view else file.path}: {error}") from error
     count = _write_points(points, len(windows), f"layers of {file.provenance.source}", "window", asked, reporter)
@@ -103,9 +107,13 @@ def _write_points(
 ) -> int:
     with reporter.steps(steps, "export", unit):
         return exporters.export_points(
-            asked.output, points, title=title, progress=reporter.progress, overwrite=asked.overwrite,
+            asked.output,
+            points,
+            title=title,
+            progress=reporter.progress,
+            overwrite=asked.overwrite,
             inputs=(asked.file,),
-        )  # fmt: skip
+        )
 
 
 def _export_image(file: LayersFile, asked: ExportRequest, reporter: Reporter) -> Made:

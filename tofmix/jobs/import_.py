@@ -89,36 +89,61 @@ def import_file(asked: ImportRequest, reporter: Reporter) -> ImportedFile:
         geometry = geometry_of(frames, known, asked.lens, asked.depth_axis, source)
         used_mm = asked.unit_mm or frames.unit_mm or 1.0
         conversion = Conversion(
-            dtype=frames.dtype, unit_mm=used_mm * frames.scale_factor, offset_mm=used_mm * frames.add_offset,
-            invalid=(*frames.invalid, *asked.invalid), valid_span=frames.valid_span, status_valid=frames.status_valid,
-            ray_over_depth=geometry.factor, unit_known=asked.unit_mm is not None or frames.unit_mm is not None,
+            dtype=frames.dtype,
+            unit_mm=used_mm * frames.scale_factor,
+            offset_mm=used_mm * frames.add_offset,
+            invalid=(*frames.invalid, *asked.invalid),
+            valid_span=frames.valid_span,
+            status_valid=frames.status_valid,
+            ray_over_depth=geometry.factor,
+            unit_known=asked.unit_mm is not None or frames.unit_mm is not None,
             keep_values=request.keep_values,
-        )  # fmt: skip
+        )
         attributes: dict[str, str | int | float] = {
-            "source": readable(source.name), "source_kind": frames.kind, "unit_mm": conversion.unit_mm,
+            "source": readable(source.name),
+            "source_kind": frames.kind,
+            "unit_mm": conversion.unit_mm,
             "geometry": geometry.text,
-        }  # fmt: skip
+        }
         with reporter.steps(frames.shape[0], "import", "frame"):
             imported = write_recording(
-                frames, asked.output, what=source, sensor=geometry.sensor, conversion=conversion,
-                again=lambda: open_source(source, request), target=asked.target, frame_rate_hz=asked.frame_rate_hz,
-                attributes=attributes, progress=reporter.progress, overwrite=asked.overwrite, inputs=inputs,
-            )  # fmt: skip
+                frames,
+                asked.output,
+                what=source,
+                sensor=geometry.sensor,
+                conversion=conversion,
+                again=lambda: open_source(source, request),
+                target=asked.target,
+                frame_rate_hz=asked.frame_rate_hz,
+                attributes=attributes,
+                progress=reporter.progress,
+                overwrite=asked.overwrite,
+                inputs=inputs,
+            )
         how = [*frames.notes, *imported.remarks, *_unused(asked, frames)]
         doubts = [*geometry.notes, *_doubts(frames, imported, camera, geometry.sensor, source, used_mm)]
         has_time = frames.has_time or asked.frame_rate_hz is not None or imported.frames == 1
         unknown = not_known(
-            geometry.sensor, has_optics=geometry.sensor.optics is not None, has_amplitude=frames.has_amplitude,
-            targets=targets, has_time=has_time,
-        )  # fmt: skip
+            geometry.sensor,
+            has_optics=geometry.sensor.optics is not None,
+            has_amplitude=frames.has_amplitude,
+            targets=targets,
+            has_time=has_time,
+        )
     for line in how:
         reporter.note(line)
     for line in doubts:
         reporter.warn(line)
     return ImportedFile(
-        imported=imported, kind=frames.kind, image=shape, targets=targets, unit_mm=conversion.unit_mm,
-        geometry=geometry.text, unknown=unknown, notes=[*how, *doubts],
-    )  # fmt: skip
+        imported=imported,
+        kind=frames.kind,
+        image=shape,
+        targets=targets,
+        unit_mm=conversion.unit_mm,
+        geometry=geometry.text,
+        unknown=unknown,
+        notes=[*how, *doubts],
+    )
 
 
 def _unused(asked: ImportRequest, frames: FrameSource) -> list[str]:

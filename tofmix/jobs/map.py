@@ -147,9 +147,10 @@ def _averaged(file: LayersFile, samples: RecordingFile, frames: tuple[int, int])
     mean = average_samples(samples, start=start, stop=stop, unambiguous_range_mm=circle_mm).range_mm
     noise = samples.sensor.noise or file.provenance.sensor.noise
     return beams_from_ranges(
-        mean, count_samples(samples, start=start, stop=stop),
+        mean,
+        count_samples(samples, start=start, stop=stop),
         replace(file.provenance.sensor, noise=noise, range_step_mm=None),
-    )  # fmt: skip
+    )
 
 
 def _thin_beam(

@@ -69,9 +69,13 @@ def check_models(models: Sequence[tuple[str, Model]]) -> None:
 
 
 def read_evidence(
-    model: Model, source: CameraSource, reporter: Reporter, *, time_s: FloatArray | None,
+    model: Model,
+    source: CameraSource,
+    reporter: Reporter,
+    *,
+    time_s: FloatArray | None,
     temperature_c: FloatArray | None,
-) -> Evidence:  # fmt: skip
+) -> Evidence:
     """Read a recording into memory, and say where it and the model differ."""
     name, every = source.name, slice(None)
     if source.targets:
@@ -101,9 +105,13 @@ def read_evidence(
         )
     try:
         return make_evidence(
-            model, range_mm, time_s=time_s, amplitude=amplitude, temperature_c=temperature_c,
+            model,
+            range_mm,
+            time_s=time_s,
+            amplitude=amplitude,
+            temperature_c=temperature_c,
             integration_time_ms=source.sensor.integration_time_ms,
-        )  # fmt: skip
+        )
     except BadInputError as error:
         raise BadInputError(f"{name}: {error}") from error
 
@@ -208,9 +216,15 @@ def write_reconciliation(
     page = render_gap(result, source=" and ".join(measured.name for _, measured in files))
     inputs = tuple(path for model, measured in files for path in (Path(model), measured) if path.exists())
     write_folder(
-        output, model_texts=texts(effect_tables), maps=maps, gap=result.as_dict(), page=page, overwrite=overwrite,
-        inputs=inputs, suggested_texts=texts(suggested_tables) if result.suggested else (),
-    )  # fmt: skip
+        output,
+        model_texts=texts(effect_tables),
+        maps=maps,
+        gap=result.as_dict(),
+        page=page,
+        overwrite=overwrite,
+        inputs=inputs,
+        suggested_texts=texts(suggested_tables) if result.suggested else (),
+    )
 
 
 def _maps(result: "Reconciliation") -> dict[str, FloatArray]:

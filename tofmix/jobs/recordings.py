@@ -30,9 +30,13 @@ def findings_of_samples(source: SampleSource, sensor: Sensor, circle_mm: float |
     from tofmix.independent_samples import independent_samples
 
     seen = check_consistency(
-        independent_samples(source, for_noise=True), sensor.noise, step=sensor.step, window_frames=remedy.window_frames,
-        unambiguous_range_mm=circle_mm, follows_drift=sensor.follows_drift,
-    )  # fmt: skip
+        independent_samples(source, for_noise=True),
+        sensor.noise,
+        step=sensor.step,
+        window_frames=remedy.window_frames,
+        unambiguous_range_mm=circle_mm,
+        follows_drift=sensor.follows_drift,
+    )
     scatter = None if remedy.noise == "auto" else seen.scatter_over_curve  # a curve that the samples gave is theirs
     return sample_findings(scatter_over_curve=scatter, drift_sigmas=seen.drift_sigmas, remedy=remedy)
 

@@ -26,9 +26,15 @@ if TYPE_CHECKING:
 
 
 def report_layers(
-    layers: Path, reporter: Reporter, *, recording: Path | None, surfaces: Path | None, html: Path | None, window: int,
+    layers: Path,
+    reporter: Reporter,
+    *,
+    recording: Path | None,
+    surfaces: Path | None,
+    html: Path | None,
+    window: int,
     overwrite: bool,
-) -> Summary:  # fmt: skip
+) -> Summary:
     """Summarise a layers file, and write the page `html` of one window and its `surfaces`, if it is wanted."""
     inputs = tuple(path for path in (layers, recording, surfaces) if path is not None)
     with ExitStack() as stack:

@@ -46,23 +46,37 @@ class Simulation:
         """The frames in blocks, which a file stores together."""
         frames, seed = self.model.recording.frames, self.model.recording.seed
         return render_blocks(
-            self.model, self.truth, n_frames=frames, seed=seed, averaged=self.averaged, block_frames=CHUNK_FRAMES,
+            self.model,
+            self.truth,
+            n_frames=frames,
+            seed=seed,
+            averaged=self.averaged,
+            block_frames=CHUNK_FRAMES,
             threads=self.threads,
-        )  # fmt: skip
+        )
 
     def write(self, output: Path, name: str, reporter: Reporter, *, overwrite: bool) -> None:
         """Write the recording of a model named `name`; each frame is a step of progress."""
         model, frames, seed = self.model, self.model.recording.frames, self.model.recording.seed
         writer = RecordingWriter(
-            output, shape=(frames, model.sensor.rows, model.sensor.cols), sensor=self.sensor, truth=self.truth,
-            model_text=model.text, effect_truth=drawn_truth(model, seed=seed, n_frames=frames), moving=model.moves,
-            title=f"synthetic recording of {Path(name).name}", overwrite=overwrite,
+            output,
+            shape=(frames, model.sensor.rows, model.sensor.cols),
+            sensor=self.sensor,
+            truth=self.truth,
+            model_text=model.text,
+            effect_truth=drawn_truth(model, seed=seed, n_frames=frames),
+            moving=model.moves,
+            title=f"synthetic recording of {Path(name).name}",
+            overwrite=overwrite,
             attributes={"seed": seed, "averaged": int(self.averaged)},
-        )  # fmt: skip
+        )
         with reporter.steps(frames, "simulate", "frame"), writer:  # the bar stays until the file has its name
             for block in self.blocks():
                 writer.write(
-                    block.start, block.range_mm, time_s=block.time_s, amplitude=block.amplitude,
+                    block.start,
+                    block.range_mm,
+                    time_s=block.time_s,
+                    amplitude=block.amplitude,
                     range_true=block.range_true,
-                )  # fmt: skip
+                )
                 reporter.progress(len(block.range_mm))

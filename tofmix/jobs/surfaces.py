@@ -19,9 +19,16 @@ from tofmix.version import __version__
 
 
 def write_surfaces(
-    layers: Path, output: Path, reporter: Reporter, *, factor: int, view_deg: tuple[float, float] | None,
-    projection: str, suspect: bool, overwrite: bool,
-) -> tuple[dict[str, Any], str]:  # fmt: skip
+    layers: Path,
+    output: Path,
+    reporter: Reporter,
+    *,
+    factor: int,
+    view_deg: tuple[float, float] | None,
+    projection: str,
+    suspect: bool,
+    overwrite: bool,
+) -> tuple[dict[str, Any], str]:
     """Write the surfaces file of a layers file.
 
     Returns
@@ -35,15 +42,23 @@ def write_surfaces(
         sensor = sensor_of_view(file, view_deg, projection, reporter)
         options: dict[str, str | int | float] = {"factor": factor, **({"suspect": 1} if suspect else {})}
         provenance = SurfacesProvenance(
-            source=layers.name, source_sha256=file_sha256(layers), version=__version__, sensor=sensor,
+            source=layers.name,
+            source_sha256=file_sha256(layers),
+            version=__version__,
+            sensor=sensor,
             options=options,
-        )  # fmt: skip
+        )
         windows, rows, cols = file.shape
         tally, left_out = _Tally(), 0
         writer = SurfacesWriter(
-            output, shape=file.shape, max_layers=file.max_layers, factor=factor, provenance=provenance,
-            overwrite=overwrite, inputs=(layers,),
-        )  # fmt: skip
+            output,
+            shape=file.shape,
+            max_layers=file.max_layers,
+            factor=factor,
+            provenance=provenance,
+            overwrite=overwrite,
+            inputs=(layers,),
+        )
         with reporter.steps(windows, "surfaces", "window"), writer:
             for window in range(windows):
                 left_out += 0 if suspect else file.suspects(window)
@@ -52,8 +67,11 @@ def write_surfaces(
                 tally.add(one)
                 reporter.progress(1)
         values = tally.values() | {
-            "rows_fine": rows * factor, "cols_fine": cols * factor, "factor": factor, "windows": windows
-        }  # fmt: skip
+            "rows_fine": rows * factor,
+            "cols_fine": cols * factor,
+            "factor": factor,
+            "windows": windows,
+        }
         values |= {"suspect_left_out": left_out} if left_out else {}
         return values, placed_words(sensor, view_deg, (rows, cols))
 
@@ -86,6 +104,10 @@ class _Tally:
         known = stderr[np.isfinite(stderr)]
         median = float(np.median(known)) if len(known) else None
         return {
-            "surfaces": self._surfaces, "smooth_surfaces": self._smooth, "edge_lines": self._lines,
-            "edge_points": len(stderr), "edge_stderr_median": median, "pixels_shares_assumed_areas": self._assumed,
-        }  # fmt: skip
+            "surfaces": self._surfaces,
+            "smooth_surfaces": self._smooth,
+            "edge_lines": self._lines,
+            "edge_points": len(stderr),
+            "edge_stderr_median": median,
+            "pixels_shares_assumed_areas": self._assumed,
+        }

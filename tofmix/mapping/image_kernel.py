@@ -13,10 +13,23 @@ from tofmix.optics.cells import fill_patch, patch_direction
 
 @jit
 def _look_at_cell(
-    outline: FloatArray, nodes: FloatArray, low: FloatArray, high: FloatArray, rotation: FloatArray,
-    near: FloatArray, far: FloatArray, clear: FloatArray, samples: FloatArray, probability: FloatArray,
-    no_return: FloatArray, lost: FloatArray, free_to: float, patch: FloatArray, work: FloatArray, light: FloatArray,
-) -> None:  # fmt: skip
+    outline: FloatArray,
+    nodes: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    rotation: FloatArray,
+    near: FloatArray,
+    far: FloatArray,
+    clear: FloatArray,
+    samples: FloatArray,
+    probability: FloatArray,
+    no_return: FloatArray,
+    lost: FloatArray,
+    free_to: float,
+    patch: FloatArray,
+    work: FloatArray,
+    light: FloatArray,
+) -> None:
     """Sum the light of all pixels that see the cell, weighted by the part of the pixel's image area in the cell."""
     rows, cols = no_return.shape
     left = outline[0]
@@ -45,17 +58,40 @@ def _look_at_cell(
                         )
                     if meets(direction, low, high, span):
                         look(
-                            row, col, dx * dy, span, near, far, clear, samples, probability, no_return, lost, free_to,
+                            row,
+                            col,
+                            dx * dy,
+                            span,
+                            near,
+                            far,
+                            clear,
+                            samples,
+                            probability,
+                            no_return,
+                            lost,
+                            free_to,
                             light,
-                        )  # fmt: skip
+                        )
 
 
 @jit
 def count_cells(
-    lows: FloatArray, outlines: FloatArray, nodes: FloatArray, cell: float, reach: float, rotation: FloatArray,
-    near: FloatArray, far: FloatArray, clear: FloatArray, samples: FloatArray, probability: FloatArray,
-    no_return: FloatArray, lost: FloatArray, free_to: float, out: FloatArray,
-) -> None:  # fmt: skip
+    lows: FloatArray,
+    outlines: FloatArray,
+    nodes: FloatArray,
+    cell: float,
+    reach: float,
+    rotation: FloatArray,
+    near: FloatArray,
+    far: FloatArray,
+    clear: FloatArray,
+    samples: FloatArray,
+    probability: FloatArray,
+    no_return: FloatArray,
+    lost: FloatArray,
+    free_to: float,
+    out: FloatArray,
+) -> None:
     """Count the light in some cells of a grid.
 
     Parameters
@@ -81,6 +117,20 @@ def count_cells(
             nearest += max(lows[k, axis], -high[axis], 0.0) ** 2
         if nearest <= reach * reach and outlines[k, 0] < outlines[k, 1]:
             _look_at_cell(
-                outlines[k], nodes, lows[k], high, rotation, near, far, clear, samples, probability, no_return,
-                lost, free_to, patch, work, out[k],
-            )  # fmt: skip
+                outlines[k],
+                nodes,
+                lows[k],
+                high,
+                rotation,
+                near,
+                far,
+                clear,
+                samples,
+                probability,
+                no_return,
+                lost,
+                free_to,
+                patch,
+                work,
+                out[k],
+            )

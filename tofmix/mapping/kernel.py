@@ -41,10 +41,20 @@ def meets(direction: FloatArray, low: FloatArray, high: FloatArray, span: FloatA
 
 @jit
 def look(
-    row: int, col: int, part: float, span: FloatArray, near: FloatArray, far: FloatArray, clear: FloatArray,
-    samples: FloatArray, probability: FloatArray, no_return: FloatArray, lost: FloatArray, free_to: float,
+    row: int,
+    col: int,
+    part: float,
+    span: FloatArray,
+    near: FloatArray,
+    far: FloatArray,
+    clear: FloatArray,
+    samples: FloatArray,
+    probability: FloatArray,
+    no_return: FloatArray,
+    lost: FloatArray,
+    free_to: float,
     light: FloatArray,
-) -> None:  # fmt: skip
+) -> None:
     """Add a part of one pixel's samples to a cell's `light`: stopped, passed, surest stop, and lost anywhere."""
     for layer in range(near.shape[2]):
         if clear[row, col, layer] > span[1]:
@@ -102,10 +112,23 @@ def sampled(start: float, end: float, n: int) -> tuple[int, int, int]:
 
 @jit
 def _look_at_cell(
-    angles: FloatArray, low: FloatArray, high: FloatArray, rotation: FloatArray, width: float, height: float,
-    near: FloatArray, far: FloatArray, clear: FloatArray, samples: FloatArray, probability: FloatArray,
-    no_return: FloatArray, lost: FloatArray, free_to: float, work: FloatArray, light: FloatArray,
-) -> None:  # fmt: skip
+    angles: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    rotation: FloatArray,
+    width: float,
+    height: float,
+    near: FloatArray,
+    far: FloatArray,
+    clear: FloatArray,
+    samples: FloatArray,
+    probability: FloatArray,
+    no_return: FloatArray,
+    lost: FloatArray,
+    free_to: float,
+    work: FloatArray,
+    light: FloatArray,
+) -> None:
     """Sum the light of all pixels that see the cell, weighted by the area of the pixel in the cell."""
     rows, cols = no_return.shape
     left = angles[0] / width + 0.5 * cols
@@ -134,17 +157,42 @@ def _look_at_cell(
                         )
                     if meets(direction, low, high, span):
                         look(
-                            row, col, dx * dy, span, near, far, clear, samples, probability, no_return, lost, free_to,
+                            row,
+                            col,
+                            dx * dy,
+                            span,
+                            near,
+                            far,
+                            clear,
+                            samples,
+                            probability,
+                            no_return,
+                            lost,
+                            free_to,
                             light,
-                        )  # fmt: skip
+                        )
 
 
 @jit
 def count_levels(
-    levels: FloatArray, xs: FloatArray, ys: FloatArray, cell: float, reach: float, rotation: FloatArray,
-    width: float, height: float, near: FloatArray, far: FloatArray, clear: FloatArray, samples: FloatArray,
-    probability: FloatArray, no_return: FloatArray, lost: FloatArray, free_to: float, out: FloatArray,
-) -> None:  # fmt: skip
+    levels: FloatArray,
+    xs: FloatArray,
+    ys: FloatArray,
+    cell: float,
+    reach: float,
+    rotation: FloatArray,
+    width: float,
+    height: float,
+    near: FloatArray,
+    far: FloatArray,
+    clear: FloatArray,
+    samples: FloatArray,
+    probability: FloatArray,
+    no_return: FloatArray,
+    lost: FloatArray,
+    free_to: float,
+    out: FloatArray,
+) -> None:
     """Count the light in some levels of a grid.
 
     Parameters
@@ -184,6 +232,20 @@ def count_levels(
                     nearest += max(low[axis], -high[axis], 0.0) ** 2
                 if nearest <= reach * reach and _outline(low, high, rotation, angles):
                     _look_at_cell(
-                        angles, low, high, rotation, width, height, near, far, clear, samples, probability,
-                        no_return, lost, free_to, work, out[k, i, j],
-                    )  # fmt: skip
+                        angles,
+                        low,
+                        high,
+                        rotation,
+                        width,
+                        height,
+                        near,
+                        far,
+                        clear,
+                        samples,
+                        probability,
+                        no_return,
+                        lost,
+                        free_to,
+                        work,
+                        out[k, i, j],
+                    )

@@ -147,18 +147,22 @@ def _level_counter(beams: Beams, pose: Pose, grid: VoxelGrid) -> Callable[[int, 
     low = [grid.centres_mm(axis) - grid.cell_mm / 2 - pose.position()[axis] for axis in range(3)]
     rotation, cell, optics = pose.rotation(), grid.cell_mm, beams.optics
     light = (
-        beams.near_mm, beams.far_mm, beams.clear_to_mm, beams.samples, beams.probability_within(cell),
-        beams.samples_no_return, beams.samples_lost, beams.free_to_mm,
-    )  # fmt: skip
+        beams.near_mm,
+        beams.far_mm,
+        beams.clear_to_mm,
+        beams.samples,
+        beams.probability_within(cell),
+        beams.samples_no_return,
+        beams.samples_lost,
+        beams.free_to_mm,
+    )
 
     if isinstance(optics, Equiangular):
         width, height = beams.pixel_size_rad
 
         def count_angles(k: int, out: FloatArray) -> None:
             level = low[2][k : k + 1]
-            count_levels(
-                level, low[0], low[1], cell, beams.reach_mm, rotation, width, height, *light, out[np.newaxis]
-            )  # fmt: skip
+            count_levels(level, low[0], low[1], cell, beams.reach_mm, rotation, width, height, *light, out[np.newaxis])
 
         return count_angles
     nodes = image_nodes(optics, beams.shape)

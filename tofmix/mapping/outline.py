@@ -41,9 +41,13 @@ def image_cone(nodes: FloatArray) -> tuple[FloatArray, float]:
 
 
 def cell_outlines(
-    optics: Projection, shape: tuple[int, int], low: FloatArray, cell_mm: float, rotation: FloatArray,
+    optics: Projection,
+    shape: tuple[int, int],
+    low: FloatArray,
+    cell_mm: float,
+    rotation: FloatArray,
     cone: tuple[FloatArray, float],
-) -> FloatArray:  # fmt: skip
+) -> FloatArray:
     """Rectangles in the image that contain the visible parts of cells.
 
     Parameters

@@ -44,12 +44,15 @@ def fill_patch(nodes: FloatArray, first: int, patch: FloatArray) -> None:
 def patch_ray(patch: FloatArray, u: float, v: float, axis: int) -> float:
     """One component of the ray at a place of a cell."""
     return float(
-        patch[0, 0, axis] + u * (patch[0, 1, axis] + u * patch[0, 2, axis])
-        + v * (
-            patch[1, 0, axis] + u * (patch[1, 1, axis] + u * patch[1, 2, axis])
+        patch[0, 0, axis]
+        + u * (patch[0, 1, axis] + u * patch[0, 2, axis])
+        + v
+        * (
+            patch[1, 0, axis]
+            + u * (patch[1, 1, axis] + u * patch[1, 2, axis])
             + v * (patch[2, 0, axis] + u * (patch[2, 1, axis] + u * patch[2, 2, axis]))
         )
-    )  # fmt: skip
+    )
 
 
 @borrowing
@@ -73,23 +76,35 @@ def patch_solid_angle(patch: FloatArray, u: float, v: float, direction: FloatArr
     The ray P(u, v) sweeps |det(P, dP/du, dP/dv)| / |P|^3.
     """
     size = patch_direction(patch, u, v, direction)
-    ux = patch[0, 1, 0] + 2.0 * u * patch[0, 2, 0] + v * (
-        patch[1, 1, 0] + 2.0 * u * patch[1, 2, 0] + v * (patch[2, 1, 0] + 2.0 * u * patch[2, 2, 0])
-    )  # fmt: skip
-    uy = patch[0, 1, 1] + 2.0 * u * patch[0, 2, 1] + v * (
-        patch[1, 1, 1] + 2.0 * u * patch[1, 2, 1] + v * (patch[2, 1, 1] + 2.0 * u * patch[2, 2, 1])
-    )  # fmt: skip
-    uz = patch[0, 1, 2] + 2.0 * u * patch[0, 2, 2] + v * (
-        patch[1, 1, 2] + 2.0 * u * patch[1, 2, 2] + v * (patch[2, 1, 2] + 2.0 * u * patch[2, 2, 2])
-    )  # fmt: skip
-    vx = patch[1, 0, 0] + u * (patch[1, 1, 0] + u * patch[1, 2, 0]) + 2.0 * v * (
-        patch[2, 0, 0] + u * (patch[2, 1, 0] + u * patch[2, 2, 0])
-    )  # fmt: skip
-    vy = patch[1, 0, 1] + u * (patch[1, 1, 1] + u * patch[1, 2, 1]) + 2.0 * v * (
-        patch[2, 0, 1] + u * (patch[2, 1, 1] + u * patch[2, 2, 1])
-    )  # fmt: skip
-    vz = patch[1, 0, 2] + u * (patch[1, 1, 2] + u * patch[1, 2, 2]) + 2.0 * v * (
-        patch[2, 0, 2] + u * (patch[2, 1, 2] + u * patch[2, 2, 2])
-    )  # fmt: skip
+    ux = (
+        patch[0, 1, 0]
+        + 2.0 * u * patch[0, 2, 0]
+        + v * (patch[1, 1, 0] + 2.0 * u * patch[1, 2, 0] + v * (patch[2, 1, 0] + 2.0 * u * patch[2, 2, 0]))
+    )
+    uy = (
+        patch[0, 1, 1]
+        + 2.0 * u * patch[0, 2, 1]
+        + v * (patch[1, 1, 1] + 2.0 * u * patch[1, 2, 1] + v * (patch[2, 1, 1] + 2.0 * u * patch[2, 2, 1]))
+    )
+    uz = (
+        patch[0, 1, 2]
+        + 2.0 * u * patch[0, 2, 2]
+        + v * (patch[1, 1, 2] + 2.0 * u * patch[1, 2, 2] + v * (patch[2, 1, 2] + 2.0 * u * patch[2, 2, 2]))
+    )
+    vx = (
+        patch[1, 0, 0]
+        + u * (patch[1, 1, 0] + u * patch[1, 2, 0])
+        + 2.0 * v * (patch[2, 0, 0] + u * (patch[2, 1, 0] + u * patch[2, 2, 0]))
+    )
+    vy = (
+        patch[1, 0, 1]
+        + u * (patch[1, 1, 1] + u * patch[1, 2, 1])
+        + 2.0 * v * (patch[2, 0, 1] + u * (patch[2, 1, 1] + u * patch[2, 2, 1]))
+    )
+    vz = (
+        patch[1, 0, 2]
+        + u * (patch[1, 1, 2] + u * patch[1, 2, 2])
+        + 2.0 * v * (patch[2, 0, 2] + u * (patch[2, 1, 2] + u * patch[2, 2, 2]))
+    )
     swept = direction[0] * (uy * vz - uz * vy) + direction[1] * (uz * vx - ux * vz) + direction[2] * (ux * vy - uy * vx)
     return float(abs(swept) / (size * size))

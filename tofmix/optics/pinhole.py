@@ -73,9 +73,11 @@ class Distortion:
         """Numerator and denominator of f, and their derivatives by s."""
         k1, k2, _, _, k3, k4, k5, k6 = self._all
         return (
-            1 + s * (k1 + s * (k2 + s * k3)), 1 + s * (k4 + s * (k5 + s * k6)),
-            k1 + s * (2 * k2 + 3 * s * k3), k4 + s * (2 * k5 + 3 * s * k6),
-        )  # fmt: skip
+            1 + s * (k1 + s * (k2 + s * k3)),
+            1 + s * (k4 + s * (k5 + s * k6)),
+            k1 + s * (2 * k2 + 3 * s * k3),
+            k4 + s * (2 * k5 + 3 * s * k6),
+        )
 
     def _derivatives(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Of the distorted place: x' by x, x' by y (which is y' by x), y' by y."""

@@ -100,10 +100,12 @@ def _encoded(
         for window, result in enumerate(results)
     ):
         return encoded
-    part = Layers(**{
-        spec.name: np.stack([getattr(result.layers, spec.name)[cell.rows] for result in results])
-        for spec in provenance.fields
-    })  # fmt: skip
+    part = Layers(
+        **{
+            spec.name: np.stack([getattr(result.layers, spec.name)[cell.rows] for result in results])
+            for spec in provenance.fields
+        }
+    )
     return encode_cell(part, shape=(*grid.step, grid.image[1]))
 
 
@@ -123,8 +125,9 @@ def _whole(
         size = (cell.windows.stop - cell.windows.start, cell.rows.stop - cell.rows.start, grid.image[1])
         most = int(provenance.options["max_layers"])
         parts.append(decode_cell(encoded, fields, shape=(*grid.step, grid.image[1]), max_layers=most, cell=size))
-    layers = Layers(**{spec.name: np.concatenate([getattr(part, spec.name) for part, _ in parts], axis=1)
-                       for spec in fields})  # fmt: skip
+    layers = Layers(
+        **{spec.name: np.concatenate([getattr(part, spec.name) for part, _ in parts], axis=1) for spec in fields}
+    )
     known = [phasors for _, phasors in parts if phasors is not None]
     return layers, np.concatenate(known, axis=1) if known else None
 
@@ -135,7 +138,10 @@ def _finished(
     """Finish one window of layers (window, row, col) and their mean phasors."""
     part = Layers(**{spec.name: getattr(layers, spec.name)[window] for spec in layers.fields})
     return finish_window(
-        part, None if phasors is None else phasors[window], provenance.sensor,
+        part,
+        None if phasors is None else phasors[window],
+        provenance.sensor,
         frames=grid.windows.length // provenance.samples_a_frame,
-        insist=provenance.options.get("mixing") == MixingChoice.PHASOR, circle_mm=provenance.unambiguous_range_mm,
-    )  # fmt: skip
+        insist=provenance.options.get("mixing") == MixingChoice.PHASOR,
+        circle_mm=provenance.unambiguous_range_mm,
+    )

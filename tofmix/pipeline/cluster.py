@@ -138,9 +138,13 @@ class ClusterEngine:
         job = replace(job, recording=job.recording.absolute())
         status = job.recording.stat()
         block = Block(
-            job=job, cells=(), memory_bytes=self.memory_bytes, identity=identity(), size=status.st_size,
+            job=job,
+            cells=(),
+            memory_bytes=self.memory_bytes,
+            identity=identity(),
+            size=status.st_size,
             mtime_ns=status.st_mtime_ns,
-        )  # fmt: skip
+        )
         run = secrets.token_hex(6)
         futures = [
             self.client.submit(run_block, replace(block, cells=cells), key=f"tofmix-{run}-{number}", pure=False)

@@ -21,13 +21,16 @@ from tofmix.sensor import Sensor
 _LAYERS = "estimation.layering._layer_block"
 _UNMIXING = ("unmixing.seeds._fit_windows", "unmixing.surface_fit.fill_surfaces")
 _LEARNT_FIRST = (
-    "estimation.learnt.clusters.find_clusters", "estimation.learnt.clusters.fit_clusters",
+    "estimation.learnt.clusters.find_clusters",
+    "estimation.learnt.clusters.fit_clusters",
     "estimation.learnt.held_out.held_out_scores",
-)  # fmt: skip
+)
 _LEARNT_LATER = (
-    "estimation.learnt.shares.background_shares", "estimation.learnt.shares.pixel_widths",
-    "estimation.learnt.blocks.fill_layers", "estimation.learnt.bootstrap._gains",
-)  # fmt: skip
+    "estimation.learnt.shares.background_shares",
+    "estimation.learnt.shares.pixel_widths",
+    "estimation.learnt.blocks.fill_layers",
+    "estimation.learnt.bootstrap._gains",
+)
 
 _POLL_S = 0.02  # between two looks for a kernel
 
@@ -47,9 +50,12 @@ class CompilerProcess:
         self._kernels = frozenset(kernels)
         path = os.pathsep.join(filter(None, (str(PACKAGE.parent), os.environ.get("PYTHONPATH"))))
         self._process = subprocess.Popen(  # noqa: S603  this very file
-            [sys.executable, "-P", str(Path(__file__).with_name("first_run.py")), *tasks], stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ | {"PYTHONPATH": path},
-        )  # fmt: skip
+            [sys.executable, "-P", str(Path(__file__).with_name("first_run.py")), *tasks],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env=os.environ | {"PYTHONPATH": path},
+        )
         compiled_elsewhere(self._wait_for)
 
     def _wait_for(self, kernel: str) -> bool:

@@ -107,9 +107,14 @@ def run_job(
         remove_journal(journal_path(real))
         progress(sum(job.grid.pixels(job.grid.cell(index)) for index in cells))
         return Outcome(
-            target=target, grid=job.grid, tally=finished[0], cells=len(cells), continued=len(cells), targets=targets,
+            target=target,
+            grid=job.grid,
+            tally=finished[0],
+            cells=len(cells),
+            continued=len(cells),
+            targets=targets,
             mixture=finished[1],
-        )  # fmt: skip
+        )
     check_output(target, overwrite=overwrite, inputs=(job.recording,))
     with _open(journal_path(real), header, shard, resume=resume, say=say) as journal, _left_as_fits(journal):
         done = journal.done()
@@ -131,9 +136,14 @@ def run_job(
             check_output(target, overwrite=overwrite)
             journal.publish(real)
     return Outcome(
-        target=target, grid=job.grid, tally=tally, cells=len(cells), continued=len(done), targets=targets,
+        target=target,
+        grid=job.grid,
+        tally=tally,
+        cells=len(cells),
+        continued=len(done),
+        targets=targets,
         mixture=mixture,
-    )  # fmt: skip
+    )
 
 
 @contextmanager

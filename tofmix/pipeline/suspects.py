@@ -45,9 +45,12 @@ class Marks:
         stride = self.grid.windows.stride // self.provenance.samples_a_frame
         for number, (image, parts) in enumerate(zip(layers, pieces, strict=True), start=first):
             flags, frames = judge(
-                image, joined(parts), self.provenance.sensor,
-                first_frame=number * stride, circle_mm=self.provenance.unambiguous_range_mm,
-            )  # fmt: skip
+                image,
+                joined(parts),
+                self.provenance.sensor,
+                first_frame=number * stride,
+                circle_mm=self.provenance.unambiguous_range_mm,
+            )
             place = np.flatnonzero(flags).astype(np.int64)
             self._found.append((place, flags.ravel()[place], frames.reshape(-1, 2)[place]))
 

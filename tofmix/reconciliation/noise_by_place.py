@@ -107,11 +107,14 @@ def _ratios(given: Sequence[Recording], measured: Sequence[Recording], state: Mo
         row, col = np.divmod(np.flatnonzero(lit), cols)
         curve, samples = with_noise.model.sensor.noise, given[number][1].samples[:, lit]
         yield _Ratios(
-            value=ratio[lit], by=_arguments(now, lit, by_amplitude=curve.law is not None),
-            surface=now.of_main(now.surface)[lit], tile=row * _TILES // rows * _TILES + col * _TILES // cols,
-            names=tuple(s.name for s in given[number][0].surfaces), image=(rows, cols),
+            value=ratio[lit],
+            by=_arguments(now, lit, by_amplitude=curve.law is not None),
+            surface=now.of_main(now.surface)[lit],
+            tile=row * _TILES // rows * _TILES + col * _TILES // cols,
+            names=tuple(s.name for s in given[number][0].surfaces),
+            image=(rows, cols),
             error=math.sqrt(curve.range_mm.size / max(2 * int((samples > 0).sum()), 1)),
-        )  # fmt: skip
+        )
 
 
 def _arguments(mixture: Mixture, lit: BoolArray, *, by_amplitude: bool) -> tuple[FloatArray, ...]:
@@ -165,9 +168,10 @@ def _tiles(ratios: _Ratios, own: BoolArray, limits: tuple[float, float]) -> Iter
         error = float(rest[inside].std()) / math.sqrt(n)
         if abs(there - elsewhere) > limit * error + spread + least:
             yield Uneven(
-                place=_words(int(k), ratios.image), ratio=math.exp(float(y[inside].mean())),
+                place=_words(int(k), ratios.image),
+                ratio=math.exp(float(y[inside].mean())),
                 elsewhere=math.exp(float(y[~inside].mean())),
-            )  # fmt: skip
+            )
 
 
 def _words(tile: int, image: tuple[int, int]) -> str:

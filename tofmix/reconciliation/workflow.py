@@ -142,14 +142,22 @@ class Reconciliation:
             ],
             "aliases": [_alias(group) for group in self.aliases],
             "panel": [line | self._in_recording(number) for number, line in _panel(v.before, v.after, v.floor)],
-            "gap": {"before": _short(v.before.gap), "after": _short(v.after.gap), "floor": _short(v.floor.gap),
-                    "closed": None if v.closed is None else _short(v.closed)},
+            "gap": {
+                "before": _short(v.before.gap),
+                "after": _short(v.after.gap),
+                "floor": _short(v.floor.gap),
+                "closed": None if v.closed is None else _short(v.closed),
+            },
             "next_steps": list(self.next_steps),
-        }  # fmt: skip
+        }
 
     def _effect(self, named: NamedEffect) -> dict[str, Any]:
-        said = {"kind": named.effect.kind, "parameters": named.parameters, "stderr": _rounded(named.stderr),
-                "heldout_gain_nats": _short(named.heldout_gain_nats)}  # fmt: skip
+        said = {
+            "kind": named.effect.kind,
+            "parameters": named.parameters,
+            "stderr": _rounded(named.stderr),
+            "heldout_gain_nats": _short(named.heldout_gain_nats),
+        }
         return said | ({"recordings": [k + 1 for k in named.recordings]} if len(self.models) > 1 else {})
 
     def _also(self) -> dict[str, Any]:
@@ -167,24 +175,40 @@ class Reconciliation:
 
 def _alias(alias: Alias) -> dict[str, Any]:
     sets = [[{"kind": kind} | ({"surface": of} if of else {}) for kind, of in named] for named in alias.sets]
-    return {"kinds": alias.kinds, "gains": [_short(g) for g in alias.gains], "separate_by": alias.separate_by,
-            "effects": sets}  # fmt: skip
+    return {
+        "kinds": alias.kinds,
+        "gains": [_short(g) for g in alias.gains],
+        "separate_by": alias.separate_by,
+        "effects": sets,
+    }
 
 
 def _place(place: Place) -> dict[str, Any]:
     return {
-        "axis": place.axis, "interval": [_short(x) for x in place.interval], "statistic": place.statistic,
-        "size": _short(place.size), "unit": place.unit, "p_value": float(f"{place.p_value:.3g}"),
-    }  # fmt: skip
+        "axis": place.axis,
+        "interval": [_short(x) for x in place.interval],
+        "statistic": place.statistic,
+        "size": _short(place.size),
+        "unit": place.unit,
+        "p_value": float(f"{place.p_value:.3g}"),
+    }
 
 
 def _panel(before: Compared, after: Compared, floor: Compared) -> list[tuple[int, dict[str, Any]]]:
     now, chance = ({c.name: c.distance for c in part.curves} for part in (after, floor))
     return [
-        (c.recording, {"statistic": c.statistic, "axis": c.axis, "before": _short(c.distance),
-                       "after": _short(now.get(c.name, 1.0)), "floor": _short(chance.get(c.name, 1.0))})
+        (
+            c.recording,
+            {
+                "statistic": c.statistic,
+                "axis": c.axis,
+                "before": _short(c.distance),
+                "after": _short(now.get(c.name, 1.0)),
+                "floor": _short(chance.get(c.name, 1.0)),
+            },
+        )
         for c in before.curves
-    ]  # fmt: skip
+    ]
 
 
 def _short(value: float) -> float:

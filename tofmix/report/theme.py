@@ -65,13 +65,25 @@ class Theme:
 
 
 LIGHT = Theme(
-    ink="#1f2328", paper="#ffffff", grid="#d8dee4", no_data="#e4e7eb", hatch="#8c959f", no_surface="#ffffff",
-    accent="#d55e00", layers=("#0072b2", "#e69f00", "#009e73"),
-)  # fmt: skip
+    ink="#1f2328",
+    paper="#ffffff",
+    grid="#d8dee4",
+    no_data="#e4e7eb",
+    hatch="#8c959f",
+    no_surface="#ffffff",
+    accent="#d55e00",
+    layers=("#0072b2", "#e69f00", "#009e73"),
+)
 DARK = Theme(
-    ink="#e6edf3", paper="#161b22", grid="#343b44", no_data="#2b323b", hatch="#6e7681", no_surface="#05070a",
-    accent="#ff8c42", layers=("#56b4e9", "#f0b429", "#1fc79a"),
-)  # fmt: skip
+    ink="#e6edf3",
+    paper="#161b22",
+    grid="#343b44",
+    no_data="#2b323b",
+    hatch="#6e7681",
+    no_surface="#05070a",
+    accent="#ff8c42",
+    layers=("#56b4e9", "#f0b429", "#1fc79a"),
+)
 
 
 @contextmanager

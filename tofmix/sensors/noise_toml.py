@@ -33,9 +33,10 @@ def noise_toml(
         lines += [f"reference_integration_time_ms = {integration_time_ms!r}", f"exponent = {exponent!r}"]
     if curve.law is not None:
         lines += [
-            f"reference_amplitude = {_list(curve.law.reference)}", f"amplitude = {_list(curve.law.amplitude)}",
+            f"reference_amplitude = {_list(curve.law.reference)}",
+            f"amplitude = {_list(curve.law.amplitude)}",
             f"amplitude_factor = {_list(curve.law.factor)}",
-        ]  # fmt: skip
+        ]
     if curve.shape is not None:
         lines += [f"shape_z = {_list(curve.shape.z)}", f"shape_density = {_list(curve.shape.density)}"]
     lines.append(f"width_spread = {_number(curve.width_spread)}")

@@ -218,9 +218,12 @@ class SensorProfile:
 
 
 def recorded_sensor(
-    camera: "SensorProfile | CameraSheet", *, outlier_probability: float, noise: NoiseCurve | None,
+    camera: "SensorProfile | CameraSheet",
+    *,
+    outlier_probability: float,
+    noise: NoiseCurve | None,
     share_law: ShareLaw | None = None,
-) -> Sensor:  # fmt: skip
+) -> Sensor:
     """Make the sensor of a recording by a camera, with the numbers that a recording has.
 
     Parameters

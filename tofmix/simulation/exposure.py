@@ -243,10 +243,13 @@ def drawn_truth(model: Model, *, seed: int, n_frames: int) -> tuple[EffectTruth,
     if width is not None:
         drawn.append(
             EffectTruth(
-                name="noise_width", dims=("row", "col"), values=width.astype(np.float32), unit="1",
+                name="noise_width",
+                dims=("row", "col"),
+                values=width.astype(np.float32),
+                unit="1",
                 long_name="pixel's own width, a factor on sigma",
             )
-        )  # fmt: skip
+        )
     return tuple(replace(truth, values=truth.values.reshape([shape[dim] for dim in truth.dims])) for truth in drawn)
 
 

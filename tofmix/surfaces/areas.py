@@ -35,9 +35,13 @@ class Areas(NamedTuple):
 
 
 def to_areas(
-    shares: Shares, law: ShareLaw | None, layers: Layers, nodes: Nodes, linked: Linked,
+    shares: Shares,
+    law: ShareLaw | None,
+    layers: Layers,
+    nodes: Nodes,
+    linked: Linked,
     settings: BrightnessSettings = DEFAULT_SETTINGS.brightness,
-) -> Areas:  # fmt: skip
+) -> Areas:
     """Turn the shares of a window into areas.
 
     Parameters

@@ -71,18 +71,20 @@ def make_cuts(shares: Shares, planes: Shapes, directions: FloatArray, settings: 
     first[border] = number[len(row) :]
     last = entry == shares.count[row, col] - 2
     return Cuts(
-        row=np.concatenate([row, border[0]]).astype(np.int32), col=np.concatenate([col, border[1]]).astype(np.int32),
+        row=np.concatenate([row, border[0]]).astype(np.int32),
+        col=np.concatenate([col, border[1]]).astype(np.int32),
         near=np.concatenate([shares.label[row, col, entry], shares.label[(*border, 0)]]),
-        far=np.concatenate([shares.label[row, col, entry + 1], behind[border]]), first=first,
+        far=np.concatenate([shares.label[row, col, entry + 1], behind[border]]),
+        first=first,
         following=np.concatenate([np.where(last, -1, inner + 1), np.full(len(border[0]), -1)]).astype(np.int32),
         entry=np.concatenate([entry, np.zeros(len(border[0]))]).astype(np.int32),
         margin=np.where(number < len(row), 0.0, settings.border_margin),
-    )  # fmt: skip
+    )
 
 
 def _borders(
     shares: Shares, planes: Shapes, directions: FloatArray, crease: float
-) -> tuple[BoolArray, NDArray[np.int32]]:  # fmt: skip
+) -> tuple[BoolArray, NDArray[np.int32]]:
     """Pixels (row, col) that one surface fills and next to which it is not seen, and the surface behind it there."""
     rows, cols = shares.count.shape
     alone = (shares.count == 1) & (shares.label[..., 0] != NO_SURFACE)

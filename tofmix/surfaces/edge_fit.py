@@ -87,9 +87,18 @@ def _first_bar(pixels: FloatArray, count: int, start: FloatArray) -> None:
 
 @borrowing
 def _best_start(
-    kind: int, pixels: FloatArray, count: int, start: FloatArray, trial: FloatArray, best: FloatArray,
-    normal: FloatArray, right: FloatArray, out: FloatArray, work: FloatArray, settings: EdgeSettings,
-) -> None:  # fmt: skip
+    kind: int,
+    pixels: FloatArray,
+    count: int,
+    start: FloatArray,
+    trial: FloatArray,
+    best: FloatArray,
+    normal: FloatArray,
+    right: FloatArray,
+    out: FloatArray,
+    work: FloatArray,
+    settings: EdgeSettings,
+) -> None:
     """Move a first guess to the best of a few fits of the nearest pixels.
 
     Arcs begin with several curvatures. Bars begin from the guess and from both sides of it: one that lies within a
@@ -117,9 +126,17 @@ def _best_start(
 
 @borrowing
 def _grow(
-    kind: int, pixels: FloatArray, count: int, fit: FloatArray, start: FloatArray, normal: FloatArray,
-    right: FloatArray, out: FloatArray, work: FloatArray, settings: EdgeSettings,
-) -> None:  # fmt: skip
+    kind: int,
+    pixels: FloatArray,
+    count: int,
+    fit: FloatArray,
+    start: FloatArray,
+    normal: FloatArray,
+    right: FloatArray,
+    out: FloatArray,
+    work: FloatArray,
+    settings: EdgeSettings,
+) -> None:
     """Fit an edge to the pixel and its neighbours, then to a run as long as the shares agree with it."""
     back, ahead = (2.0, 2.0) if kind == ARC else (1.0, 1.0)
     for i in range(FIT_COLUMNS):
@@ -171,12 +188,25 @@ def _near_line_first(pixels: FloatArray, count: int, start: FloatArray, settings
 
 @jit
 def fit_edges(
-    which: NDArray[np.int64], fits: FloatArray, nearer: FloatArray, first_cut: NDArray[np.int32],
+    which: NDArray[np.int64],
+    fits: FloatArray,
+    nearer: FloatArray,
+    first_cut: NDArray[np.int32],
     next_cut: NDArray[np.int32],
-    rows: NDArray[np.int32], cols: NDArray[np.int32], cut_labels: NDArray[np.int32], count: NDArray[np.int32],
-    labels: NDArray[np.int32], inverses: FloatArray, up_to: FloatArray, samples: FloatArray, floor: FloatArray,
-    planes: Shapes, directions: FloatArray, rays: FloatArray, settings: EdgeSettings,
-) -> None:  # fmt: skip
+    rows: NDArray[np.int32],
+    cols: NDArray[np.int32],
+    cut_labels: NDArray[np.int32],
+    count: NDArray[np.int32],
+    labels: NDArray[np.int32],
+    inverses: FloatArray,
+    up_to: FloatArray,
+    samples: FloatArray,
+    floor: FloatArray,
+    planes: Shapes,
+    directions: FloatArray,
+    rays: FloatArray,
+    settings: EdgeSettings,
+) -> None:
     """Fit an edge in each of some pixels.
 
     Parameters
@@ -209,9 +239,25 @@ def fit_edges(
     start, line, other, best = np.empty((4, FIT_COLUMNS))
     for cut in which:
         found = collect(
-            cut_labels[cut], rows[cut], cols[cut], settings.longest_run, count, labels, inverses, up_to, samples, floor,
-            planes, directions, rays, first_cut, next_cut, nearer, frame, pixels,
-        )  # fmt: skip
+            cut_labels[cut],
+            rows[cut],
+            cols[cut],
+            settings.longest_run,
+            count,
+            labels,
+            inverses,
+            up_to,
+            samples,
+            floor,
+            planes,
+            directions,
+            rays,
+            first_cut,
+            next_cut,
+            nearer,
+            frame,
+            pixels,
+        )
         fit = fits[cut]
         if not _first_guess(pixels, found, start):
             fit[:] = start

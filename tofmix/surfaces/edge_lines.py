@@ -61,9 +61,13 @@ def trace(cuts: Cuts, regions: FloatArray, kept: int) -> Edges:
 
 @jit
 def _pieces(
-    rows: NDArray[np.int32], cols: NDArray[np.int32], first_cut: NDArray[np.int32], next_cut: NDArray[np.int32],
-    margin: FloatArray, regions: FloatArray,
-) -> tuple[FloatArray, NDArray[np.int64]]:  # fmt: skip
+    rows: NDArray[np.int32],
+    cols: NDArray[np.int32],
+    first_cut: NDArray[np.int32],
+    next_cut: NDArray[np.int32],
+    margin: FloatArray,
+    regions: FloatArray,
+) -> tuple[FloatArray, NDArray[np.int64]]:
     """Visible pieces (piece, 7): begin, middle, end (row, col of each) and variance; and the cut of each.
 
     The covered side is to the left, as rows run downward.
@@ -192,7 +196,10 @@ def _edges(pieces: FloatArray, owner: IntArray, cuts: Cuts, chains: list[list[in
     order_, place_ = np.array(order), np.array(place)
     cut = owner[order_]
     return Edges(
-        row=pieces[order_, 2 * place_].astype(np.float32), col=pieces[order_, 2 * place_ + 1].astype(np.float32),
-        stderr=np.sqrt(pieces[order_, 6]).astype(np.float32), near=cuts.near[cut], far=cuts.far[cut],
+        row=pieces[order_, 2 * place_].astype(np.float32),
+        col=pieces[order_, 2 * place_ + 1].astype(np.float32),
+        stderr=np.sqrt(pieces[order_, 6]).astype(np.float32),
+        near=cuts.near[cut],
+        far=cuts.far[cut],
         line=np.array(line, dtype=np.int32),
-    )  # fmt: skip
+    )

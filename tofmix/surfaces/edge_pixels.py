@@ -29,9 +29,16 @@ from tofmix.surfaces.shapes import Shapes, inverse_of
 
 @borrowing
 def share_of(
-    label: int, row: int, col: int, count: NDArray[np.int32], labels: NDArray[np.int32], inverses: FloatArray,
-    up_to: FloatArray, planes: Shapes, directions: FloatArray,
-) -> float:  # fmt: skip
+    label: int,
+    row: int,
+    col: int,
+    count: NDArray[np.int32],
+    labels: NDArray[np.int32],
+    inverses: FloatArray,
+    up_to: FloatArray,
+    planes: Shapes,
+    directions: FloatArray,
+) -> float:
     """Share (0 to 1) that a surface and all nearer ones have in a pixel; -1 if unknown.
 
     In a pixel without the surface the share is 0 if all its surfaces are farther than the surface would be there;
@@ -49,11 +56,25 @@ def share_of(
 
 @borrowing
 def collect(
-    label: int, row: int, col: int, reach: int, count: NDArray[np.int32], labels: NDArray[np.int32],
-    inverses: FloatArray, up_to: FloatArray, samples: FloatArray, floor: FloatArray, planes: Shapes,
-    directions: FloatArray, rays: FloatArray, first_cut: NDArray[np.int32], next_cut: NDArray[np.int32],
-    nearer: FloatArray, frame: FloatArray, pixels: FloatArray,
-) -> int:  # fmt: skip
+    label: int,
+    row: int,
+    col: int,
+    reach: int,
+    count: NDArray[np.int32],
+    labels: NDArray[np.int32],
+    inverses: FloatArray,
+    up_to: FloatArray,
+    samples: FloatArray,
+    floor: FloatArray,
+    planes: Shapes,
+    directions: FloatArray,
+    rays: FloatArray,
+    first_cut: NDArray[np.int32],
+    next_cut: NDArray[np.int32],
+    nearer: FloatArray,
+    frame: FloatArray,
+    pixels: FloatArray,
+) -> int:
     """Fill `pixels` with those around (row, col) with a known share of a surface; return their number.
 
     The pixel itself comes first. `rays` is (row, col, 3, 3): the ray of the centre, and its change down and across;
@@ -94,9 +115,15 @@ def collect(
 
 @borrowing
 def _hide(
-    label: int, row: int, col: int, labels: NDArray[np.int32], first_cut: NDArray[np.int32],
-    next_cut: NDArray[np.int32], fits: FloatArray, pixel: FloatArray,
-) -> bool:  # fmt: skip
+    label: int,
+    row: int,
+    col: int,
+    labels: NDArray[np.int32],
+    first_cut: NDArray[np.int32],
+    next_cut: NDArray[np.int32],
+    fits: FloatArray,
+    pixel: FloatArray,
+) -> bool:
     """Set the edge of the surface before a label's in its pixel; return whether it is known."""
     cut, entry = first_cut[row, col], 1
     while cut >= 0 and labels[row, col, entry] != label:

@@ -44,9 +44,15 @@ def _variance(share: float, pixel: FloatArray, bend: float) -> float:
 
 @borrowing
 def is_of_run(
-    kind: int, fit: FloatArray, down: float, right: float, pixel: FloatArray, back: float, ahead: float,
+    kind: int,
+    fit: FloatArray,
+    down: float,
+    right: float,
+    pixel: FloatArray,
+    back: float,
+    ahead: float,
     settings: EdgeSettings,
-) -> bool:  # fmt: skip
+) -> bool:
     """Whether a collected pixel lies at the edge of normal (down, right), not farther along it than the run."""
     along = -right * pixel[X] + down * pixel[Y]
     if along < -back - 0.5 or along > ahead + 0.5:
@@ -65,9 +71,19 @@ def is_of_run(
 
 @borrowing
 def _equations(
-    kind: int, pixels: FloatArray, count: int, fit: FloatArray, start: FloatArray, back: float, ahead: float,
-    normal: FloatArray, right: FloatArray, out: FloatArray, work: FloatArray, settings: EdgeSettings,
-) -> float:  # fmt: skip
+    kind: int,
+    pixels: FloatArray,
+    count: int,
+    fit: FloatArray,
+    start: FloatArray,
+    back: float,
+    ahead: float,
+    normal: FloatArray,
+    right: FloatArray,
+    out: FloatArray,
+    work: FloatArray,
+    settings: EdgeSettings,
+) -> float:
     """Fill the normal equations of a run about the numbers of `fit`; return chi-square, the first guess's included."""
     numbers = 2 if kind == LINE else 3
     down, across = math.cos(fit[ANGLE]), math.sin(fit[ANGLE])
@@ -94,9 +110,20 @@ def _equations(
 
 @borrowing
 def adjust(
-    kind: int, pixels: FloatArray, count: int, fit: FloatArray, start: FloatArray, back: float, ahead: float,
-    steps: int, normal: FloatArray, right: FloatArray, out: FloatArray, work: FloatArray, settings: EdgeSettings,
-) -> None:  # fmt: skip
+    kind: int,
+    pixels: FloatArray,
+    count: int,
+    fit: FloatArray,
+    start: FloatArray,
+    back: float,
+    ahead: float,
+    steps: int,
+    normal: FloatArray,
+    right: FloatArray,
+    out: FloatArray,
+    work: FloatArray,
+    settings: EdgeSettings,
+) -> None:
     """Fit the numbers of an edge to its run, from those of `fit`, which is changed; its variances are filled.
 
     Levenberg and Marquardt's method.
@@ -140,9 +167,18 @@ def adjust(
 
 @borrowing
 def disagreement(
-    kind: int, pixels: FloatArray, count: int, fit: FloatArray, back: float, ahead: float, inner_back: float,
-    inner_ahead: float, out: FloatArray, work: FloatArray, settings: EdgeSettings,
-) -> float:  # fmt: skip
+    kind: int,
+    pixels: FloatArray,
+    count: int,
+    fit: FloatArray,
+    back: float,
+    ahead: float,
+    inner_back: float,
+    inner_ahead: float,
+    out: FloatArray,
+    work: FloatArray,
+    settings: EdgeSettings,
+) -> float:
     """Chi-square of the pixels of a run that are not of the inner run, in standard deviations of the normal law.
 
     Pixels that are pure, as they should be, count neither way.
@@ -173,9 +209,16 @@ def disagreement(
 
 @borrowing
 def chi_square(
-    kind: int, pixels: FloatArray, count: int, fit: FloatArray, back: float, ahead: float, out: FloatArray,
-    work: FloatArray, settings: EdgeSettings,
-) -> float:  # fmt: skip
+    kind: int,
+    pixels: FloatArray,
+    count: int,
+    fit: FloatArray,
+    back: float,
+    ahead: float,
+    out: FloatArray,
+    work: FloatArray,
+    settings: EdgeSettings,
+) -> float:
     """Chi-square of a run."""
     down, right = math.cos(fit[ANGLE]), math.sin(fit[ANGLE])
     total = 0.0

@@ -32,7 +32,7 @@ and ahead, pixels; variances; 1 if the fit agrees with its run."""
 @borrowing
 def predict(
     kind: int, angle: float, offset: float, third: float, pixel: FloatArray, out: FloatArray, work: FloatArray
-) -> None:  # fmt: skip
+) -> None:
     """Fill `out` (7,): the share of a collected pixel, and its change with angle, offset and third number.
 
     The rest of `out` is scratch. Where a nearer surface hides a part of the pixel, the share is that of both. `work` is
@@ -89,7 +89,7 @@ def own_area(fit: FloatArray, pixel: FloatArray, out: FloatArray, work: FloatArr
 @borrowing
 def _mean_square(
     a: float, b: float, c: float, pixel: FloatArray, by_row: float, by_col: float, place: FloatArray
-) -> float:  # fmt: skip
+) -> float:
     """Mean square distance, along an edge's tangent in a pixel, from the place where it touches: of the part inside.
 
     Half of it times the curvature is the mean distance of the arc from the tangent, and so the area that the arc covers
@@ -105,9 +105,7 @@ def _mean_square(
 
 
 @borrowing
-def _covered_with_nearer(
-    a: float, b: float, c: float, pixel: FloatArray, work: FloatArray, place: FloatArray
-) -> float:  # fmt: skip
+def _covered_with_nearer(a: float, b: float, c: float, pixel: FloatArray, work: FloatArray, place: FloatArray) -> float:
     """Area of a half-plane and of a nearer surface; `place` is filled as by `chord`, where the edge is not hidden."""
     if pixel[HIDES] == 0.0:
         chord(a, b, c, place)

@@ -32,9 +32,17 @@ class Painted(NamedTuple):
 
 
 def continue_edges(
-    shares: Shares, cuts: Cuts, fits: FloatArray, lines: FloatArray, regions: FloatArray, planes: Shapes,
-    directions: FloatArray, rays: FloatArray, silent: BoolArray, settings: EdgeSettings,
-) -> Painted:  # fmt: skip
+    shares: Shares,
+    cuts: Cuts,
+    fits: FloatArray,
+    lines: FloatArray,
+    regions: FloatArray,
+    planes: Shapes,
+    directions: FloatArray,
+    rays: FloatArray,
+    silent: BoolArray,
+    settings: EdgeSettings,
+) -> Painted:
     """Continue edges into neighbouring pixels of one surface, or without known shares.
 
     Parameters
@@ -54,9 +62,25 @@ def continue_edges(
         With a further entry and cut where an edge continues.
     """
     found, more = _continue(
-        shares.count, shares.label, shares.inverse, shares.samples, shares.floor, cuts.near, cuts.far, cuts.row,
-        cuts.col, cuts.first, cuts.following, fits, lines, planes, directions, rays, silent, settings,
-    )  # fmt: skip
+        shares.count,
+        shares.label,
+        shares.inverse,
+        shares.samples,
+        shares.floor,
+        cuts.near,
+        cuts.far,
+        cuts.row,
+        cuts.col,
+        cuts.first,
+        cuts.following,
+        fits,
+        lines,
+        planes,
+        directions,
+        rays,
+        silent,
+        settings,
+    )
     row, col, near, far = found.T
     count, first = shares.count.copy(), cuts.first.copy()
     label = np.concatenate([shares.label, np.full((*count.shape, 1), NO_SURFACE, np.int32)], axis=2)
@@ -68,23 +92,39 @@ def continue_edges(
     count[row, col] = 2
     first[row, col] = np.arange(len(cuts), len(cuts) + len(row))
     both = Cuts(
-        row=np.concatenate([cuts.row, row]), col=np.concatenate([cuts.col, col]),
-        near=np.concatenate([cuts.near, near]), far=np.concatenate([cuts.far, far]), first=first,
+        row=np.concatenate([cuts.row, row]),
+        col=np.concatenate([cuts.col, col]),
+        near=np.concatenate([cuts.near, near]),
+        far=np.concatenate([cuts.far, far]),
+        first=first,
         following=np.concatenate([cuts.following, np.full(len(row), -1, np.int32)]),
         entry=np.concatenate([cuts.entry, np.zeros(len(row), np.int32)]),
         margin=np.concatenate([cuts.margin, np.zeros(len(row))]),
-    )  # fmt: skip
+    )
     return Painted(count, label, inverse, both, np.concatenate([regions, more]))
 
 
 @jit
 def _continue(
-    count: NDArray[np.int32], labels: NDArray[np.int32], inverses: FloatArray, samples: FloatArray,
-    floor: FloatArray, near: NDArray[np.int32], far: NDArray[np.int32], cut_rows: NDArray[np.int32],
-    cut_cols: NDArray[np.int32], first_cut: NDArray[np.int32], next_cut: NDArray[np.int32], fits: FloatArray,
-    lines: FloatArray, planes: Shapes, directions: FloatArray, rays: FloatArray, silent: BoolArray,
+    count: NDArray[np.int32],
+    labels: NDArray[np.int32],
+    inverses: FloatArray,
+    samples: FloatArray,
+    floor: FloatArray,
+    near: NDArray[np.int32],
+    far: NDArray[np.int32],
+    cut_rows: NDArray[np.int32],
+    cut_cols: NDArray[np.int32],
+    first_cut: NDArray[np.int32],
+    next_cut: NDArray[np.int32],
+    fits: FloatArray,
+    lines: FloatArray,
+    planes: Shapes,
+    directions: FloatArray,
+    rays: FloatArray,
+    silent: BoolArray,
     settings: EdgeSettings,
-) -> tuple[NDArray[np.int32], FloatArray]:  # fmt: skip
+) -> tuple[NDArray[np.int32], FloatArray]:
     """Edges that go on: (row, col, near, far), (edge, 4) int32, and their regions."""
     rows, cols = count.shape
     found = np.empty((rows * cols, 4), np.int32)

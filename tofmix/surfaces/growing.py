@@ -22,7 +22,7 @@ _FEW = 32
 @borrowing
 def begin(
     inverse: float, direction: FloatArray, information: FloatArray, right: FloatArray, prior_slope: float
-) -> None:  # fmt: skip
+) -> None:
     """Set the normal equations to those of a plane that faces the beam, with slopes of `prior_slope`."""
     weight = 1.0 / (prior_slope * inverse) ** 2
     for i in range(3):
@@ -32,9 +32,7 @@ def begin(
 
 
 @borrowing
-def add(
-    inverse: float, variance: float, direction: FloatArray, information: FloatArray, right: FloatArray
-) -> None:  # fmt: skip
+def add(inverse: float, variance: float, direction: FloatArray, information: FloatArray, right: FloatArray) -> None:
     """Add a node to the normal equations."""
     for i in range(3):
         right[i] += direction[i] * inverse / variance
@@ -43,9 +41,7 @@ def add(
 
 
 @borrowing
-def own_variance(
-    variance: float, shift: float, down: FloatArray, across: FloatArray, plane: FloatArray
-) -> float:  # fmt: skip
+def own_variance(variance: float, shift: float, down: FloatArray, across: FloatArray, plane: FloatArray) -> float:
     """Variance of a node's inverse range about a plane: a part of a pixel may be seen off the pixel's centre."""
     if shift == 0.0:
         return variance
@@ -54,9 +50,7 @@ def own_variance(
 
 
 @borrowing
-def misfit(
-    inverse: float, variance: float, direction: FloatArray, plane: FloatArray, covariance: FloatArray
-) -> float:  # fmt: skip
+def misfit(inverse: float, variance: float, direction: FloatArray, plane: FloatArray, covariance: FloatArray) -> float:
     """Squared distance of a node from a plane in units of the variance of both."""
     spread = 0.0
     for i in range(3):
@@ -67,10 +61,17 @@ def misfit(
 
 @jit
 def flatness(
-    index: NDArray[np.int32], row: NDArray[np.int32], col: NDArray[np.int32], inverse: FloatArray,
-    variance: FloatArray, shift: FloatArray, direction: FloatArray, down: FloatArray, across: FloatArray,
+    index: NDArray[np.int32],
+    row: NDArray[np.int32],
+    col: NDArray[np.int32],
+    inverse: FloatArray,
+    variance: FloatArray,
+    shift: FloatArray,
+    direction: FloatArray,
+    down: FloatArray,
+    across: FloatArray,
     settings: LinkSettings,
-) -> FloatArray:  # fmt: skip
+) -> FloatArray:
     """How flat the eight neighbours of each node are: the mean of their squared misfits, a missing one counted as bad.
 
     Parameters are those of `Nodes`.
@@ -95,9 +96,11 @@ def flatness(
                 best = -1
                 for k in range(depth):
                     other = index[r, c, k]
-                    if other >= 0 and other != node and (
-                        best < 0 or abs(inverse[other] - inverse[node]) < abs(inverse[best] - inverse[node])
-                    ):  # fmt: skip
+                    if (
+                        other >= 0
+                        and other != node
+                        and (best < 0 or abs(inverse[other] - inverse[node]) < abs(inverse[best] - inverse[node]))
+                    ):
                         best = other
                 if best >= 0 and not (r == row[node] and c == col[node]):
                     add(inverse[best], variance[best], direction[best], information, right)
@@ -117,10 +120,18 @@ def flatness(
 
 @jit
 def grow(
-    index: NDArray[np.int32], row: NDArray[np.int32], col: NDArray[np.int32], inverse: FloatArray,
-    variance: FloatArray, shift: FloatArray, direction: FloatArray, down: FloatArray, across: FloatArray,
-    order: NDArray[np.int64], settings: LinkSettings,
-) -> NDArray[np.int32]:  # fmt: skip
+    index: NDArray[np.int32],
+    row: NDArray[np.int32],
+    col: NDArray[np.int32],
+    inverse: FloatArray,
+    variance: FloatArray,
+    shift: FloatArray,
+    direction: FloatArray,
+    down: FloatArray,
+    across: FloatArray,
+    order: NDArray[np.int64],
+    settings: LinkSettings,
+) -> NDArray[np.int32]:
     """Grow surfaces, each from the first node in `order` that is of none yet.
 
     Parameters
@@ -187,9 +198,16 @@ def grow(
 
 @jit
 def fit(
-    label: NDArray[np.int32], count: int, inverse: FloatArray, variance: FloatArray, shift: FloatArray,
-    direction: FloatArray, down: FloatArray, across: FloatArray, settings: LinkSettings,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:  # fmt: skip
+    label: NDArray[np.int32],
+    count: int,
+    inverse: FloatArray,
+    variance: FloatArray,
+    shift: FloatArray,
+    direction: FloatArray,
+    down: FloatArray,
+    across: FloatArray,
+    settings: LinkSettings,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Fit the plane of each surface to its nodes.
 
     Parameters
@@ -234,10 +252,21 @@ def fit(
 
 @jit
 def reassign(
-    index: NDArray[np.int32], row: NDArray[np.int32], col: NDArray[np.int32], inverse: FloatArray,
-    variance: FloatArray, shift: FloatArray, direction: FloatArray, down: FloatArray, across: FloatArray,
-    label: NDArray[np.int32], planes: FloatArray, covariances: FloatArray, sizes: FloatArray, settings: LinkSettings,
-) -> int:  # fmt: skip
+    index: NDArray[np.int32],
+    row: NDArray[np.int32],
+    col: NDArray[np.int32],
+    inverse: FloatArray,
+    variance: FloatArray,
+    shift: FloatArray,
+    direction: FloatArray,
+    down: FloatArray,
+    across: FloatArray,
+    label: NDArray[np.int32],
+    planes: FloatArray,
+    covariances: FloatArray,
+    sizes: FloatArray,
+    settings: LinkSettings,
+) -> int:
     """Give each node the surface of its neighbourhood that fits it best; return how many changed.
 
     A surface's cost is the squared misfit, `apart_cost` for each of the eight neighbouring pixels without that

@@ -46,7 +46,7 @@ def chord(a: float, b: float, c: float, out: FloatArray) -> None:
 @borrowing
 def chord_outside(
     a: float, b: float, c: float, a_other: float, b_other: float, c_other: float, out: FloatArray
-) -> None:  # fmt: skip
+) -> None:
     """Fill `out` (3,) as `chord` does, with the part of the line alone on which the other line's value is negative."""
     square = a * a + b * b
     u, v = -a * c / square, -b * c / square  # the line's place nearest to the centre; it runs along (-b, a)
@@ -116,7 +116,7 @@ def polygon_area(corners: FloatArray, count: int) -> float:
 @borrowing
 def covered_by_both(
     a: float, b: float, c: float, a_other: float, b_other: float, c_other: float, work: FloatArray
-) -> float:  # fmt: skip
+) -> float:
     """Area of the part of a pixel on the positive side of two lines; `work` is (3, 8, 2)."""
     one, other = covered(a, b, c), covered(a_other, b_other, c_other)
     if one == 0.0 or other == 0.0:

@@ -42,8 +42,13 @@ class Linked:
 def link(nodes: Nodes, settings: LinkSettings = DEFAULT_SETTINGS.link) -> Linked:
     """Link nodes into surfaces; every node is of one, and may be its only one."""
     if not len(nodes):
-        return Linked(label=np.zeros(0, np.int32), planes=np.zeros((0, 3)), covariances=np.zeros((0, 3, 3)),
-                      sizes=np.zeros(0, np.int64), smooth=np.zeros(0, np.int32))  # fmt: skip
+        return Linked(
+            label=np.zeros(0, np.int32),
+            planes=np.zeros((0, 3)),
+            covariances=np.zeros((0, 3, 3)),
+            sizes=np.zeros(0, np.int64),
+            smooth=np.zeros(0, np.int32),
+        )
     places = (nodes.index, nodes.row, nodes.col)
     values = (nodes.inverse, nodes.variance, nodes.shift, nodes.direction, nodes.down, nodes.across)
     order = np.argsort(flatness(*places, *values, settings), kind="stable")
@@ -57,9 +62,12 @@ def link(nodes: Nodes, settings: LinkSettings = DEFAULT_SETTINGS.link) -> Linked
     label = numbered(_joined(planes, covariances, sizes, settings)[label])
     planes, covariances, sizes, _ = fit(label, int(label.max()) + 1, *values, settings)
     return Linked(
-        label=label, planes=planes, covariances=covariances, sizes=sizes.astype(np.int64),
+        label=label,
+        planes=planes,
+        covariances=covariances,
+        sizes=sizes.astype(np.int64),
         smooth=np.full(len(planes), -1, np.int32),
-    )  # fmt: skip
+    )
 
 
 def numbered(label: NDArray[np.integer]) -> NDArray[np.int32]:
@@ -73,7 +81,7 @@ def numbered(label: NDArray[np.integer]) -> NDArray[np.int32]:
 
 def _joined(
     planes: FloatArray, covariances: FloatArray, sizes: FloatArray, settings: LinkSettings
-) -> NDArray[np.int32]:  # fmt: skip
+) -> NDArray[np.int32]:
     """New number of each surface: pieces of one plane, such as a wall behind slats, get that of the largest.
 
     Two pieces are joined if their planes agree within their errors, and if this is unlikely by chance: the density of
@@ -90,9 +98,13 @@ def _joined(
 
 
 def _odds(
-    plane: FloatArray, covariance: FloatArray, size: float, planes: FloatArray, covariances: FloatArray,
+    plane: FloatArray,
+    covariance: FloatArray,
+    size: float,
+    planes: FloatArray,
+    covariances: FloatArray,
     settings: LinkSettings,
-) -> FloatArray:  # fmt: skip
+) -> FloatArray:
     """Odds (whole,) that a piece belongs to each of the planes and not to a separate one."""
     both = covariances + covariance
     miss = planes - plane

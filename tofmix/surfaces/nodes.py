@@ -87,15 +87,25 @@ def make_nodes(layers: Layers, directions: FloatArray, settings: LinkSettings = 
     error = np.where(np.isfinite(error) & (error > 0), error, settings.unknown_error * range_mm)
     inverse, variance = 1.0 / range_mm, (error / range_mm**2) ** 2
     alone = used.sum(axis=-1) == 1
-    variance *= _excess(np.where(alone, 1.0 / np.where(used, layers.range, np.inf).min(axis=-1), np.nan),
-                        _pixels(variance, index, alone), directions)  # fmt: skip
+    variance *= _excess(
+        np.where(alone, 1.0 / np.where(used, layers.range, np.inf).min(axis=-1), np.nan),
+        _pixels(variance, index, alone),
+        directions,
+    )
     share = layers.weight[row, col, layer].astype(np.float64)
     shift = np.where(alone[row, col], 0.0, math.sqrt(UNIFORM_VARIANCE) * np.clip(1.0 - share, 0.0, 1.0))
     down, across = (_gradient(directions, axis)[row, col] for axis in (0, 1))
     return Nodes(
-        index=index, row=row.astype(np.int32), col=col.astype(np.int32), inverse=inverse, variance=variance,
-        shift=shift, direction=np.ascontiguousarray(directions[row, col]), down=down, across=across,
-    )  # fmt: skip
+        index=index,
+        row=row.astype(np.int32),
+        col=col.astype(np.int32),
+        inverse=inverse,
+        variance=variance,
+        shift=shift,
+        direction=np.ascontiguousarray(directions[row, col]),
+        down=down,
+        across=across,
+    )
 
 
 def _gradient(directions: FloatArray, axis: int) -> FloatArray:

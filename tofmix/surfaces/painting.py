@@ -12,11 +12,23 @@ from tofmix.surfaces.shapes import Shapes, inverse_of
 
 @jit
 def paint_row(
-    row: int, factor: int, regions: FloatArray, first_cut: NDArray[np.int32], next_cut: NDArray[np.int32],
-    count: NDArray[np.int32], labels: NDArray[np.int32], inverses: FloatArray, planes: Shapes,
-    directions: FloatArray, fine: FloatArray, items: NDArray[np.int32], smooth: FloatArray,
-    range_fine: NDArray[np.float32], surface_fine: NDArray[np.int32], most_off: float,
-) -> None:  # fmt: skip
+    row: int,
+    factor: int,
+    regions: FloatArray,
+    first_cut: NDArray[np.int32],
+    next_cut: NDArray[np.int32],
+    count: NDArray[np.int32],
+    labels: NDArray[np.int32],
+    inverses: FloatArray,
+    planes: Shapes,
+    directions: FloatArray,
+    fine: FloatArray,
+    items: NDArray[np.int32],
+    smooth: FloatArray,
+    range_fine: NDArray[np.float32],
+    surface_fine: NDArray[np.int32],
+    most_off: float,
+) -> None:
     """Paint one row of pixels, from the nearest surface to the farthest.
 
     Parameters
@@ -75,7 +87,7 @@ def paint_row(
 @jit
 def share_out(
     factor: int, silent: NDArray[np.bool_], range_fine: NDArray[np.float32], surface_fine: NDArray[np.int32]
-) -> None:  # fmt: skip
+) -> None:
     """Divide unknown pixels with samples among the surfaces of their known neighbours.
 
     Each part gets the surface of the nearest part across the pixel's border, if that pixel is known. A pixel's surfaces

@@ -84,10 +84,22 @@ def reconstruct(
         part = slice(row * factor, (row + 1) * factor)
         fine = _part_directions(optics, row, factor, (rows, cols))
         paint_row(
-            row, factor, painted.regions, painted.cuts.first, painted.cuts.following, painted.entries, painted.label,
-            painted.inverse, shapes, directions, fine, *_smooth_parts(smooth_fits, row, fine), range_fine[part],
-            surface_fine[part], settings.share.most_off,
-        )  # fmt: skip
+            row,
+            factor,
+            painted.regions,
+            painted.cuts.first,
+            painted.cuts.following,
+            painted.entries,
+            painted.label,
+            painted.inverse,
+            shapes,
+            directions,
+            fine,
+            *_smooth_parts(smooth_fits, row, fine),
+            range_fine[part],
+            surface_fine[part],
+            settings.share.most_off,
+        )
     share_out(factor, silent & (painted.entries == 0), range_fine, surface_fine)
     kept = int((linked.sizes >= settings.link.least_layers).sum())
     edges = trace(painted.cuts, painted.regions, kept)
@@ -96,9 +108,12 @@ def reconstruct(
     surface = np.where(nodes.index >= 0, np.append(linked.label, NO_SURFACE)[nodes.index], NO_SURFACE)
     return WindowSurfaces(
         surface=np.where(surface < kept, surface, NO_SURFACE).astype(np.int32),
-        planes=_planes(nodes, linked, smooth_fits, kept), edges=edges, range_fine=range_fine, surface_fine=surface_fine,
+        planes=_planes(nodes, linked, smooth_fits, kept),
+        edges=edges,
+        range_fine=range_fine,
+        surface_fine=surface_fine,
         assumed=areas.assumed,
-    )  # fmt: skip
+    )
 
 
 def _fit(cuts: Cuts, *arrays: Any) -> FloatArray:  # noqa: ANN401  those of `fit_edges`

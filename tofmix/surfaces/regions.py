@@ -62,9 +62,7 @@ across it, (DOWN, RIGHT) of length 1, and s along it; VARIANCE is that of AT."""
 
 
 @jit
-def ray_lines(
-    fits: FloatArray, rows: NDArray[np.int32], cols: NDArray[np.int32], frames: FloatArray
-) -> FloatArray:  # fmt: skip
+def ray_lines(fits: FloatArray, rows: NDArray[np.int32], cols: NDArray[np.int32], frames: FloatArray) -> FloatArray:
     """Edges as planes through the camera: g . ray >= 0 on the covered side.
 
     Parameters
@@ -94,9 +92,7 @@ def ray_lines(
 
 
 @borrowing
-def continue_edge(
-    fit: FloatArray, g: FloatArray, ray: FloatArray, down: int, right: int, out: FloatArray
-) -> None:  # fmt: skip
+def continue_edge(fit: FloatArray, g: FloatArray, ray: FloatArray, down: int, right: int, out: FloatArray) -> None:
     """Fill `out` (3,): a fit's edge in a pixel (down, right) away: its slopes down and right, its value at the centre.
 
     The slopes are of length 1. An arc turns on its way; in each pixel it is straight.
@@ -144,12 +140,24 @@ def _own_region(fit: FloatArray, region: FloatArray) -> None:
 
 @jit
 def choose_regions(
-    fits: FloatArray, lines: FloatArray, rows: NDArray[np.int32], cols: NDArray[np.int32],
-    cut_labels: NDArray[np.int32], first_cut: NDArray[np.int32], next_cut: NDArray[np.int32],
-    count: NDArray[np.int32], labels: NDArray[np.int32], inverses: FloatArray, up_to: FloatArray,
-    samples: FloatArray, floor: FloatArray, planes: Shapes, directions: FloatArray, rays: FloatArray,
+    fits: FloatArray,
+    lines: FloatArray,
+    rows: NDArray[np.int32],
+    cols: NDArray[np.int32],
+    cut_labels: NDArray[np.int32],
+    first_cut: NDArray[np.int32],
+    next_cut: NDArray[np.int32],
+    count: NDArray[np.int32],
+    labels: NDArray[np.int32],
+    inverses: FloatArray,
+    up_to: FloatArray,
+    samples: FloatArray,
+    floor: FloatArray,
+    planes: Shapes,
+    directions: FloatArray,
+    rays: FloatArray,
     settings: EdgeSettings,
-) -> FloatArray:  # fmt: skip
+) -> FloatArray:
     """Choose the area of each surface in its pixel.
 
     Parameters
@@ -182,11 +190,32 @@ def choose_regions(
             continue
         used = _gather(
             cut, fits, lines, rows, cols, cut_labels, first_cut, next_cut, rays, chosen, sides, local, here, settings
-        )  # fmt: skip
+        )
         _look(
-            0, NEAREST, cut_labels[cut], row, col, used, chosen, sides, fits, lines, rows, cols, count, labels,
-            inverses, up_to, samples, floor, planes, directions, rays, told, local,
-        )  # fmt: skip
+            0,
+            NEAREST,
+            cut_labels[cut],
+            row,
+            col,
+            used,
+            chosen,
+            sides,
+            fits,
+            lines,
+            rows,
+            cols,
+            count,
+            labels,
+            inverses,
+            up_to,
+            samples,
+            floor,
+            planes,
+            directions,
+            rays,
+            told,
+            local,
+        )
         if fits[cut, AGREES] > 0.0 and told[MIDDLE, 0] < 0.0:
             continue
         own = 0.0
@@ -199,13 +228,34 @@ def choose_regions(
         # An edge that is fitted, and a corner, cost as much: nothing else could be better.
         if 2.0 * settings.corner_gain < min(least, own):
             _look(
-                NEAREST, PLACES, cut_labels[cut], row, col, used, chosen, sides, fits, lines, rows, cols, count, labels,
-                inverses, up_to, samples, floor, planes, directions, rays, told, local,
-            )  # fmt: skip
+                NEAREST,
+                PLACES,
+                cut_labels[cut],
+                row,
+                col,
+                used,
+                chosen,
+                sides,
+                fits,
+                lines,
+                rows,
+                cols,
+                count,
+                labels,
+                inverses,
+                up_to,
+                samples,
+                floor,
+                planes,
+                directions,
+                rays,
+                told,
+                local,
+            )
             to_plane(rays[row, col], frame)
             least = _best_short(
                 used, local, told, frame, rays, row, col, work, scratch, trial, short, best, min(least, own), settings
-            )  # fmt: skip
+            )
         if least < own and not (fits[cut, AGREES] > 0.0 and best[0] == ONE):
             # A neighbour's edge by itself is no better than an own one that agrees.
             region[SHAPE] = best[0]
@@ -221,10 +271,21 @@ def choose_regions(
 
 @borrowing
 def _gather(
-    cut: int, fits: FloatArray, lines: FloatArray, rows: NDArray[np.int32], cols: NDArray[np.int32],
-    cut_labels: NDArray[np.int32], first_cut: NDArray[np.int32], next_cut: NDArray[np.int32], rays: FloatArray,
-    chosen: NDArray[np.int64], sides: NDArray[np.int64], local: FloatArray, here: FloatArray, settings: EdgeSettings,
-) -> int:  # fmt: skip
+    cut: int,
+    fits: FloatArray,
+    lines: FloatArray,
+    rows: NDArray[np.int32],
+    cols: NDArray[np.int32],
+    cut_labels: NDArray[np.int32],
+    first_cut: NDArray[np.int32],
+    next_cut: NDArray[np.int32],
+    rays: FloatArray,
+    chosen: NDArray[np.int64],
+    sides: NDArray[np.int64],
+    local: FloatArray,
+    here: FloatArray,
+    settings: EdgeSettings,
+) -> int:
     """Collect edges of the same surface around a cut, those with the longest runs first; return how many."""
     height, width = first_cut.shape
     row, col = rows[cut], cols[cut]
@@ -263,12 +324,30 @@ def _is_new(here: FloatArray, local: FloatArray, used: int, settings: EdgeSettin
 
 @borrowing
 def _look(
-    begin: int, end: int, label: int, row: int, col: int, used: int, chosen: NDArray[np.int64],
-    sides: NDArray[np.int64], fits: FloatArray, lines: FloatArray, rows: NDArray[np.int32], cols: NDArray[np.int32],
-    count: NDArray[np.int32], labels: NDArray[np.int32], inverses: FloatArray, up_to: FloatArray, samples: FloatArray,
-    floor: FloatArray, planes: Shapes, directions: FloatArray, rays: FloatArray, told: FloatArray,
+    begin: int,
+    end: int,
+    label: int,
+    row: int,
+    col: int,
+    used: int,
+    chosen: NDArray[np.int64],
+    sides: NDArray[np.int64],
+    fits: FloatArray,
+    lines: FloatArray,
+    rows: NDArray[np.int32],
+    cols: NDArray[np.int32],
+    count: NDArray[np.int32],
+    labels: NDArray[np.int32],
+    inverses: FloatArray,
+    up_to: FloatArray,
+    samples: FloatArray,
+    floor: FloatArray,
+    planes: Shapes,
+    directions: FloatArray,
+    rays: FloatArray,
+    told: FloatArray,
     local: FloatArray,
-) -> None:  # fmt: skip
+) -> None:
     """Fill the shares of a cut's surface, and the chosen edges, in places of the window around it.
 
     Partly hidden shares are unknown.
@@ -290,7 +369,7 @@ def _look(
 @borrowing
 def _best(
     used: int, local: FloatArray, told: FloatArray, work: FloatArray, best: NDArray[np.int64], settings: EdgeSettings
-) -> float:  # fmt: skip
+) -> float:
     """Fill `best` (4,): shape and edges of the region that fits the nine pixels best, and 0; return its chi-square."""
     least = np.inf
     best[0] = best[1] = best[2] = best[3] = 0
@@ -311,10 +390,21 @@ def _best(
 
 @borrowing
 def _best_short(
-    used: int, local: FloatArray, told: FloatArray, frame: FloatArray, rays: FloatArray, row: int, col: int,
-    work: FloatArray, scratch: FloatArray, trial: FloatArray, short: FloatArray, best: NDArray[np.int64],
-    least: float, settings: EdgeSettings,
-) -> float:  # fmt: skip
+    used: int,
+    local: FloatArray,
+    told: FloatArray,
+    frame: FloatArray,
+    rays: FloatArray,
+    row: int,
+    col: int,
+    work: FloatArray,
+    scratch: FloatArray,
+    trial: FloatArray,
+    short: FloatArray,
+    best: NDArray[np.int64],
+    least: float,
+    settings: EdgeSettings,
+) -> float:
     """Fill `best`, 1 last, and `short` by an area of one or two edges and a short one, where it fits better.
 
     Each corner costs `corner_gain`, and so do the numbers of the short edge.
@@ -351,9 +441,15 @@ def _set_short(region: FloatArray, at: int, short: FloatArray, place: FloatArray
 
 @borrowing
 def _own_area(
-    fit: FloatArray, lines: FloatArray, ray: FloatArray, down: int, right: int, here: FloatArray, there: FloatArray,
+    fit: FloatArray,
+    lines: FloatArray,
+    ray: FloatArray,
+    down: int,
+    right: int,
+    here: FloatArray,
+    there: FloatArray,
     work: FloatArray,
-) -> float:  # fmt: skip
+) -> float:
     """Area that a pixel's own fit covers in a pixel around it, (down, right) away."""
     continue_edge(fit, lines[0], ray, down, right, here)
     if fit[KIND] != BAR:

@@ -60,9 +60,7 @@ def _excess(fits: FloatArray, cuts: Cuts, shares: Shares, reach: int) -> FloatAr
     if not chosen.size:
         return out
     row, col, near = row[chosen], col[chosen], cuts.near[chosen]
-    squares = _squares(
-        fits[chosen], shares.up_to[row, col, 0], shares.samples[row, col], shares.floor[row, col]
-    )  # fmt: skip
+    squares = _squares(fits[chosen], shares.up_to[row, col, 0], shares.samples[row, col], shares.floor[row, col])
     # Surfaces are far apart in the third coordinate, so that edges of one alone are neighbours.
     places = np.column_stack([row, col, near.astype(np.float64) * 4.0 * reach])
     for cut, others in zip(chosen, cKDTree(places).query_ball_point(places, reach), strict=True):

@@ -94,7 +94,7 @@ def make_shares(layers: Layers, nodes: Nodes, linked: Linked, settings: ShareSet
 
 def _errors(
     layers: Layers, share: FloatArray, count: NDArray[np.int32], total_samples: FloatArray, unseen: float
-) -> dict[str, FloatArray]:  # fmt: skip
+) -> dict[str, FloatArray]:
     """Effective samples of the shares of each pixel, and the share that may be missed."""
     error = layers.weight_stderr.astype(np.float64)
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -69,9 +69,20 @@ def misfit(area: float, told: FloatArray) -> float:
 
 @borrowing
 def _fill_areas(
-    side: float, one: FloatArray, other: FloatArray, angle: float, offset: float, frame: FloatArray, rays: FloatArray,
-    row: int, col: int, told: FloatArray, work: FloatArray, lines: FloatArray, areas: FloatArray,
-) -> float:  # fmt: skip
+    side: float,
+    one: FloatArray,
+    other: FloatArray,
+    angle: float,
+    offset: float,
+    frame: FloatArray,
+    rays: FloatArray,
+    row: int,
+    col: int,
+    told: FloatArray,
+    work: FloatArray,
+    lines: FloatArray,
+    areas: FloatArray,
+) -> float:
     """Fill the area within three edges in each pixel of the window; return chi-square of the shares."""
     down, right = math.cos(angle), math.sin(angle)
     g, local = lines[:3], lines[3:6]
@@ -90,9 +101,18 @@ def _fill_areas(
 
 @borrowing
 def _first_guess(
-    side: float, one: FloatArray, other: FloatArray, frame: FloatArray, rays: FloatArray, row: int, col: int,
-    told: FloatArray, work: FloatArray, scratch: FloatArray, fit: FloatArray,
-) -> None:  # fmt: skip
+    side: float,
+    one: FloatArray,
+    other: FloatArray,
+    frame: FloatArray,
+    rays: FloatArray,
+    row: int,
+    col: int,
+    told: FloatArray,
+    work: FloatArray,
+    scratch: FloatArray,
+    fit: FloatArray,
+) -> None:
     """Set the best of a few edges across the middle between the known ones, or at a right angle to a single one."""
     down, right = one[MIDDLE, 0] - other[MIDDLE, 0], one[MIDDLE, 1] - other[MIDDLE, 1]
     if down * down + right * right < _STEP:
@@ -103,16 +123,27 @@ def _first_guess(
         for offset in _FIRST_OFFSETS:
             total = _fill_areas(
                 side, one, other, angle, offset, frame, rays, row, col, told, work, scratch[3], scratch[0]
-            )  # fmt: skip
+            )
             if total < least:
                 fit[SHORT_ANGLE], fit[SHORT_OFFSET], least = angle, offset, total
 
 
 @borrowing
 def _equations(
-    side: float, one: FloatArray, other: FloatArray, frame: FloatArray, rays: FloatArray, row: int, col: int,
-    told: FloatArray, work: FloatArray, scratch: FloatArray, fit: FloatArray, angle: float, offset: float,
-) -> float:  # fmt: skip
+    side: float,
+    one: FloatArray,
+    other: FloatArray,
+    frame: FloatArray,
+    rays: FloatArray,
+    row: int,
+    col: int,
+    told: FloatArray,
+    work: FloatArray,
+    scratch: FloatArray,
+    fit: FloatArray,
+    angle: float,
+    offset: float,
+) -> float:
     """Fill normal equations (scratch[3, 6:11]) about a fit; return chi-square, that of the first guess included."""
     lines, equations = scratch[3], scratch[3, 6:11]
     here, there = fit[SHORT_ANGLE], fit[SHORT_OFFSET]
@@ -137,9 +168,18 @@ def _equations(
 
 @borrowing
 def fit_short_edge(
-    side: float, one: FloatArray, other: FloatArray, frame: FloatArray, rays: FloatArray, row: int, col: int,
-    told: FloatArray, work: FloatArray, scratch: FloatArray, fit: FloatArray,
-) -> float:  # fmt: skip
+    side: float,
+    one: FloatArray,
+    other: FloatArray,
+    frame: FloatArray,
+    rays: FloatArray,
+    row: int,
+    col: int,
+    told: FloatArray,
+    work: FloatArray,
+    scratch: FloatArray,
+    fit: FloatArray,
+) -> float:
     """Fit a short edge beside known ones.
 
     Parameters
@@ -167,9 +207,7 @@ def fit_short_edge(
     _first_guess(side, one, other, frame, rays, row, col, told, work, scratch, fit)
     first_angle, first_offset = fit[SHORT_ANGLE], fit[SHORT_OFFSET]
     equations, damping = scratch[3, 6:11], 0.0
-    total = _equations(
-        side, one, other, frame, rays, row, col, told, work, scratch, fit, first_angle, first_offset
-    )  # fmt: skip
+    total = _equations(side, one, other, frame, rays, row, col, told, work, scratch, fit, first_angle, first_offset)
     for _ in range(_STEPS):
         angle, offset = fit[SHORT_ANGLE], fit[SHORT_OFFSET]
         a, b, c = equations[0] * (1.0 + damping), equations[1], equations[2] * (1.0 + damping)
@@ -177,15 +215,13 @@ def fit_short_edge(
         turn, move = (c * equations[3] - b * equations[4]) / whole, (a * equations[4] - b * equations[3]) / whole
         fit[SHORT_ANGLE] += min(max(turn, -0.3), 0.3)
         fit[SHORT_OFFSET] += min(max(move, -0.4), 0.4)
-        new = _equations(
-            side, one, other, frame, rays, row, col, told, work, scratch, fit, first_angle, first_offset
-        )  # fmt: skip
+        new = _equations(side, one, other, frame, rays, row, col, told, work, scratch, fit, first_angle, first_offset)
         if new > total:
             fit[SHORT_ANGLE], fit[SHORT_OFFSET] = angle, offset
             damping = max(10.0 * damping, 0.1)
             total = _equations(
                 side, one, other, frame, rays, row, col, told, work, scratch, fit, first_angle, first_offset
-            )  # fmt: skip
+            )
         else:
             total, damping = new, 0.1 * damping
         if abs(turn) < _STEP and abs(move) < _STEP:

@@ -106,11 +106,20 @@ def view_of_nodes(nodes: Nodes, alone: IntArray, rays: FloatArray) -> View:
     direction, below, right = np.moveaxis((rays / length).reshape(-1, 3, 3), 1, 0)
     size = valid.size
     return View(
-        shape=rays.shape[:2], scale_mm=np.inf, valid=valid, range_mm=range_mm,
-        range_variance=np.where(valid, nodes.variance[alone] * range_mm**4, 1.0), log_amplitude=np.zeros(size),
-        amplitude_variance=np.ones(size), pattern_variance=0.0, texture_variance=0.0, direction=direction, right=right,
-        below=below, pitch=np.maximum(*(np.linalg.norm(part, axis=1) for part in (below, right))),
-    )  # fmt: skip
+        shape=rays.shape[:2],
+        scale_mm=np.inf,
+        valid=valid,
+        range_mm=range_mm,
+        range_variance=np.where(valid, nodes.variance[alone] * range_mm**4, 1.0),
+        log_amplitude=np.zeros(size),
+        amplitude_variance=np.ones(size),
+        pattern_variance=0.0,
+        texture_variance=0.0,
+        direction=direction,
+        right=right,
+        below=below,
+        pitch=np.maximum(*(np.linalg.norm(part, axis=1) for part in (below, right))),
+    )
 
 
 def _of(values: BoolArray, number: IntArray) -> BoolArray:
@@ -135,9 +144,15 @@ class _Rim:
     """Growth of smooth surfaces at their rims; changes the segments."""
 
     def __init__(
-        self, view: View, nodes: Nodes, linked: Linked, alone: IntArray, segment: IntArray, scales: Scales,
+        self,
+        view: View,
+        nodes: Nodes,
+        linked: Linked,
+        alone: IntArray,
+        segment: IntArray,
+        scales: Scales,
         settings: SurfaceSettings,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._view, self._nodes, self._linked, self._alone = view, nodes, linked, alone
         self._segment, self._scales, self._settings = segment, scales, settings.link
         self._planes = len(linked.sizes)
@@ -265,6 +280,4 @@ def _renumbered(nodes: Nodes, label: IntArray, planes: int, settings: SurfaceSet
     place[new] = np.where(label >= planes, label - planes, -1)
     values = (nodes.inverse, nodes.variance, nodes.shift, nodes.direction, nodes.down, nodes.across)
     fitted, covariances, sizes, _ = fit(new, len(place), *values, settings.link)
-    return Linked(
-        label=new, planes=fitted, covariances=covariances, sizes=sizes.astype(np.int64), smooth=place
-    )  # fmt: skip
+    return Linked(label=new, planes=fitted, covariances=covariances, sizes=sizes.astype(np.int64), smooth=place)

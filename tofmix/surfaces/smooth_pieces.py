@@ -15,9 +15,9 @@ from tofmix.image.smooth.segments import around
 from tofmix.image.smooth.view import View
 from tofmix.surfaces.settings import LinkSettings
 
-_TRIALS = np.array([
-    (BENDS[0], THIRDS[0]), (BENDS[2], THIRDS[0]), (UNKNOWN[0], THIRDS[0]), UNKNOWN, (BENDS[-1], THIRDS[-1])
-])  # fmt: skip
+_TRIALS = np.array(
+    [(BENDS[0], THIRDS[0]), (BENDS[2], THIRDS[0]), (UNKNOWN[0], THIRDS[0]), UNKNOWN, (BENDS[-1], THIRDS[-1])]
+)
 """Scales of curvatures and cubic terms that pieces are tried with, the same for one piece and for both."""
 
 _REACH = 3  # of these windows: more takes in the next border
@@ -133,7 +133,7 @@ def _best_of(view: View, at: IntArray, members: IntArray, owner: IntArray, count
     for number, (bend, third) in enumerate(_TRIALS):
         fitted = fit_patches(
             view, at, members, np.full(at.size, bend), np.full(at.size, third), robust=False, third_of_bend=0.0
-        )  # fmt: skip
+        )
         evidence[number] = fitted.log_evidence + fitted.log_slope
     sums = np.stack([np.bincount(owner, weights=row, minlength=count) for row in evidence])
     return np.asarray(evidence[sums.argmax(axis=0)[owner], np.arange(at.size)])

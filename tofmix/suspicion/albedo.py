@@ -106,8 +106,10 @@ def find_surfaces(scene: WindowScene, bright: FloatArray) -> Surfaces:
     index[known] = np.arange(len(row))
     light = bright - 2.0 * np.log(np.where(known, scene.range_mm, 1.0))
     one, other = [], []
-    for near, far in (((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
-                      ((slice(None, -1), slice(None)), (slice(1, None), slice(None)))):  # fmt: skip
+    for near, far in (
+        ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
+        ((slice(None, -1), slice(None)), (slice(1, None), slice(None))),
+    ):
         a, b = scene.range_mm[near][..., :, np.newaxis], scene.range_mm[far][..., np.newaxis, :]
         noise = 3.0 * np.hypot(scene.stderr_mm[near][..., :, np.newaxis], scene.stderr_mm[far][..., np.newaxis, :])
         dark = np.abs(light[near][..., :, np.newaxis] - light[far][..., np.newaxis, :])

@@ -61,9 +61,15 @@ def _signed(count: int) -> int:
 
 @jit
 def _clusters(
-    samples: Float32Array, pixels: NDArray[np.int64], targets: int, n_modes: NDArray[np.uint8], mean: Float32Array,
-    sigma: Float32Array, weight: Float32Array, circle: float,
-) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    samples: Float32Array,
+    pixels: NDArray[np.int64],
+    targets: int,
+    n_modes: NDArray[np.uint8],
+    mean: Float32Array,
+    sigma: Float32Array,
+    weight: Float32Array,
+    circle: float,
+) -> tuple[FloatArray, FloatArray]:
     """Layers of some pixels whose samples come close in time, and the memory (4,) of samples.
 
     A line (n, 8) of the former is the pixel, and `CLUSTER_FIELDS` from the layer on.
@@ -97,9 +103,16 @@ def _clusters(
 
 @borrowing
 def _sort_by_layer(
-    series: Float32Array, targets: int, k: int, of_pixel: tuple[Float32Array, Float32Array, Float32Array],
-    circle: float, rank: NDArray[np.int64], where: NDArray[np.int64], count: NDArray[np.int64], memory: FloatArray,
-) -> None:  # fmt: skip
+    series: Float32Array,
+    targets: int,
+    k: int,
+    of_pixel: tuple[Float32Array, Float32Array, Float32Array],
+    circle: float,
+    rank: NDArray[np.int64],
+    where: NDArray[np.int64],
+    count: NDArray[np.int64],
+    memory: FloatArray,
+) -> None:
     """Fill `where` (layer, frame) and `count` (layer,) with the frames that show each layer; add to the memory."""
     mean, sigma, weight = of_pixel
     main = 0

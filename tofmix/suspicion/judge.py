@@ -51,9 +51,13 @@ def judge(
 
 
 def judge_windows(
-    layers: Layers, evidence: Sequence[WindowSamples], sensor: Sensor, *, first_frames: Sequence[int],
+    layers: Layers,
+    evidence: Sequence[WindowSamples],
+    sensor: Sensor,
+    *,
+    first_frames: Sequence[int],
     circle_mm: float | None = None,
-) -> Layers:  # fmt: skip
+) -> Layers:
     """Layers (window, row, col) with their marks, if there is any: `judge` on each window."""
     flags = np.zeros(layers.range.shape, np.uint8)
     frames = np.zeros((*flags.shape, 2), np.uint32)

@@ -14,8 +14,16 @@ from tofmix.optics.ranging import unambiguous_range_mm
 from tofmix.sensor import Sensor
 
 CLUSTER_FIELDS = (
-    "row", "col", "layer", "frames", "samples", "outside", "length", "first", "last",
-)  # fmt: skip
+    "row",
+    "col",
+    "layer",
+    "frames",
+    "samples",
+    "outside",
+    "length",
+    "first",
+    "last",
+)
 """Values of a layer whose samples come close in time.
 
 Its place; frames that could show it; frames that do; how many of these lie outside the shortest interval; its length,

@@ -42,10 +42,17 @@ class Surroundings(NamedTuple):
 
 
 def weigh_planes(
-    image: PhasorImage, kind: IntArray, probability: FloatArray, log_evidence: FloatArray, doubtful: IntArray,
-    members: Members, seeds: Seeds, planes: tuple[DistantPlane, ...], spaces: tuple[OpenSpace, ...],
+    image: PhasorImage,
+    kind: IntArray,
+    probability: FloatArray,
+    log_evidence: FloatArray,
+    doubtful: IntArray,
+    members: Members,
+    seeds: Seeds,
+    planes: tuple[DistantPlane, ...],
+    spaces: tuple[OpenSpace, ...],
     settings: UnmixSettings,
-) -> Surroundings:  # fmt: skip
+) -> Surroundings:
     """Weigh both models around each pixel.
 
     Parameters
@@ -86,9 +93,14 @@ _MOST_LOG = 500.0
 
 
 def judge_bending(
-    image: PhasorImage, pixels: IntArray, members: Members, seeds: Seeds, planes: tuple[DistantPlane, ...],
-    spaces: tuple[OpenSpace, ...], settings: UnmixSettings,
-) -> LikeliestHypotheses:  # fmt: skip
+    image: PhasorImage,
+    pixels: IntArray,
+    members: Members,
+    seeds: Seeds,
+    planes: tuple[DistantPlane, ...],
+    spaces: tuple[OpenSpace, ...],
+    settings: UnmixSettings,
+) -> LikeliestHypotheses:
     """Judge pixels (n,) beside surfaces that bend, from the pixels that were sure before any were judged by planes.
 
     Here large surfaces are flat. In `weigh_planes` they bend as all others do, so that what they alone explain does not
@@ -96,9 +108,18 @@ def judge_bending(
     """
     near_sure = settings.neighbours._replace(beside=2)
     return judge(
-        image, pixels, members, seeds, planes, spaces, settings.hypotheses, near_sure, bends=True, flat=planes,
+        image,
+        pixels,
+        members,
+        seeds,
+        planes,
+        spaces,
+        settings.hypotheses,
+        near_sure,
+        bends=True,
+        flat=planes,
         unseen=settings.hypotheses.unseen,
-    )  # fmt: skip
+    )
 
 
 def mixed_probability(bends: FloatArray, planes: FloatArray, bent: FloatArray, same: BoolArray) -> FloatArray:

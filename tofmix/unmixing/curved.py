@@ -44,8 +44,13 @@ class Bent(IntEnum):
 
 
 PRIORS = {
-    Bent.NEW: 0.01, Bent.ONE: 0.5, Bent.LIMB: 0.2, Bent.CUT: 0.25, Bent.EMPTY: 0.5, Bent.UNSEEN: 0.01,
-}  # fmt: skip
+    Bent.NEW: 0.01,
+    Bent.ONE: 0.5,
+    Bent.LIMB: 0.2,
+    Bent.CUT: 0.25,
+    Bent.EMPTY: 0.5,
+    Bent.UNSEEN: 0.01,
+}
 """Prior probabilities; that of one surface, and of one beside an unseen one, is shared by those nearby.
 
 Of the pairs, one in 50 has a surface that no pixel within two sees alone: none beside spheres and columns, 0.05 at a
@@ -119,9 +124,14 @@ class _Seen:
 
 
 def judge_bent(
-    image: PhasorImage, view: View, segment: IntArray, pixels: IntArray, scales: Scales, apart: float,
+    image: PhasorImage,
+    view: View,
+    segment: IntArray,
+    pixels: IntArray,
+    scales: Scales,
+    apart: float,
     space: OpenSpace | None = None,
-) -> Verdicts:  # fmt: skip
+) -> Verdicts:
     """Find the most probable hypothesis of each pixel.
 
     Parameters
@@ -264,10 +274,14 @@ def _see(view: View, at: IntArray, lit: Lit, places: FloatArray) -> _Seen:
     range_mm = np.where(hit, range_mm, 0.0)
     phasor = np.where(hit, cosine, 0.0) / np.where(hit, range_mm, 1.0) ** 2 * np.exp(1j * range_mm / view.scale_mm)
     return _Seen(
-        hit=hit, range_mm=range_mm, phasor=phasor,
+        hit=hit,
+        range_mm=range_mm,
+        phasor=phasor,
         log_cosine=np.where(hit, np.log(np.where(hit, cosine, 1.0) + 1e-6), 0.0),
-        level=draws[..., STATE], gamma=draws[..., -1], usable=lit.fitted,
-    )  # fmt: skip
+        level=draws[..., STATE],
+        gamma=draws[..., -1],
+        usable=lit.fitted,
+    )
 
 
 class _Sums(NamedTuple):
@@ -279,9 +293,14 @@ class _Sums(NamedTuple):
 
 
 def _means(
-    phasor: ComplexArray, range_mm: FloatArray, log_cosine: FloatArray, count: FloatArray, level: FloatArray,
-    gamma: FloatArray, scale_mm: float,
-) -> _Sums:  # fmt: skip
+    phasor: ComplexArray,
+    range_mm: FloatArray,
+    log_cosine: FloatArray,
+    count: FloatArray,
+    level: FloatArray,
+    gamma: FloatArray,
+    scale_mm: float,
+) -> _Sums:
     """Means of sums over `count` parts."""
     whole = np.maximum(count, 1)
     area = range_mm / whole
@@ -294,9 +313,14 @@ def _means(
 def _totals(seen: _Seen, which: IntArray, view: View) -> _Sums:
     """Means over all parts that are hit, (item, draw)."""
     return _means(
-        seen.phasor[which].sum(axis=2), seen.range_mm[which].sum(axis=2), seen.log_cosine[which].sum(axis=2),
-        seen.hit[which].sum(axis=2), seen.level[which], seen.gamma[which], view.scale_mm,
-    )  # fmt: skip
+        seen.phasor[which].sum(axis=2),
+        seen.range_mm[which].sum(axis=2),
+        seen.log_cosine[which].sum(axis=2),
+        seen.hit[which].sum(axis=2),
+        seen.level[which],
+        seen.gamma[which],
+        view.scale_mm,
+    )
 
 
 def _moments(sums: _Sums, ok: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -352,9 +376,7 @@ def _one(seen: _Seen, phasor: ComplexArray, noise: FloatArray, view: View) -> Fl
     return np.where(possible, log + np.log(ok.mean(axis=1) + 0.01), -np.inf)
 
 
-def _beside_unseen(
-    seen: _Seen, phasor: ComplexArray, noise: FloatArray, largest: float, view: View
-) -> FloatArray:  # fmt: skip
+def _beside_unseen(seen: _Seen, phasor: ComplexArray, noise: FloatArray, largest: float, view: View) -> FloatArray:
     """Log evidence (item,) of one surface that shares the pixel with one that no pixel nearby sees alone."""
     ok = seen.share > 0.5  # noqa: PLR2004  half
     mean, covariance, _ = _moments(_totals(seen, np.arange(len(phasor)), view), ok)
@@ -437,9 +459,14 @@ def _cut(seen: _Seen, which: IntArray, order: IntArray, view: View) -> _Ends:
     last = np.arange(1, _PARTS, 2)
     counts = hit.cumsum(axis=2)[..., last]
     sums = _means(
-        phasor.cumsum(axis=2)[..., last], range_mm.cumsum(axis=2)[..., last], log_cosine.cumsum(axis=2)[..., last],
-        counts, seen.level[which][..., np.newaxis], seen.gamma[which][..., np.newaxis], view.scale_mm,
-    )  # fmt: skip
+        phasor.cumsum(axis=2)[..., last],
+        range_mm.cumsum(axis=2)[..., last],
+        log_cosine.cumsum(axis=2)[..., last],
+        counts,
+        seen.level[which][..., np.newaxis],
+        seen.gamma[which][..., np.newaxis],
+        view.scale_mm,
+    )
     ok = counts / (last + 1) > _ALL
     n, bins = len(which), len(last)
     flat = _Sums(*(np.swapaxes(part, 1, 2).reshape(n * bins, -1) for part in sums))
@@ -453,9 +480,13 @@ def _cut(seen: _Seen, which: IntArray, order: IntArray, view: View) -> _Ends:
     offsets = offset.reshape(n, bins)
     weight = mass / np.maximum(mass.sum(axis=1, keepdims=True), 1e-30)
     return _Ends(
-        np.broadcast_to((last + 0.5) / _PARTS, (n, bins)), width, mass, mean.reshape(n, bins, 2),
-        covariance.reshape(n, bins, 2, 2), (weight * offsets).sum(axis=1),
-    )  # fmt: skip
+        np.broadcast_to((last + 0.5) / _PARTS, (n, bins)),
+        width,
+        mass,
+        mean.reshape(n, bins, 2),
+        covariance.reshape(n, bins, 2, 2),
+        (weight * offsets).sum(axis=1),
+    )
 
 
 class _Found(NamedTuple):
@@ -468,9 +499,15 @@ class _Found(NamedTuple):
 
 
 def _pair(
-    seen: _Seen, a: IntArray, b: "IntArray | _Behind", way: FloatArray, kind: Bent, phasor: ComplexArray,
-    noise: FloatArray, view: View,
-) -> _Found:  # fmt: skip
+    seen: _Seen,
+    a: IntArray,
+    b: "IntArray | _Behind",
+    way: FloatArray,
+    kind: Bent,
+    phasor: ComplexArray,
+    noise: FloatArray,
+    view: View,
+) -> _Found:
     """Evidence of pairs, and share, light and ranges of both surfaces, or of one before open space."""
     toward = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
     order = np.argsort(-(toward @ _PLACES.T + 1e-6 * _PLACES[:, 0]), axis=1, kind="stable")
@@ -530,9 +567,14 @@ def _far(
         for part in (seen.hit, seen.phasor, seen.range_mm, seen.log_cosine)
     )
     sums = _means(
-        phasor, range_mm, log_cosine, hit, seen.level[which][..., np.newaxis], seen.gamma[which][..., np.newaxis],
+        phasor,
+        range_mm,
+        log_cosine,
+        hit,
+        seen.level[which][..., np.newaxis],
+        seen.gamma[which][..., np.newaxis],
         view.scale_mm,
-    )  # fmt: skip
+    )
     n = len(which)
     flat = _Sums(*(np.swapaxes(part, 1, 2).reshape(n * _PARTS, -1) for part in sums))
     fits = (ok[..., np.newaxis] & (hit > 0)).swapaxes(1, 2).reshape(n * _PARTS, -1)
@@ -584,10 +626,15 @@ class _Best:
         """The most probable ones."""
         count = len(self._one)
         out = Verdicts(
-            kind=np.zeros(count, np.int64), probability=np.zeros(count), one=np.full(count, -1),
-            pair=np.full((count, 2), -1), mean=np.full((count, 5), np.nan), covariance=np.full((count, 5, 5), np.nan),
-            chord=np.zeros(count, np.complex128), log_density=np.zeros(count),
-        )  # fmt: skip
+            kind=np.zeros(count, np.int64),
+            probability=np.zeros(count),
+            one=np.full(count, -1),
+            pair=np.full((count, 2), -1),
+            mean=np.full((count, 5), np.nan),
+            covariance=np.full((count, 5, 5), np.nan),
+            chord=np.zeros(count, np.complex128),
+            log_density=np.zeros(count),
+        )
         for place in range(count):
             ones, twos = self._one[place], self._two[place]
             logs = np.array([self._new[place], self.empty[place], *(one[0] for one in ones), *(two[0] for two in twos)])
@@ -612,9 +659,11 @@ class _Best:
 
     @staticmethod
     def _mix(
-        out: Verdicts, place: int, some: list[tuple[float, Bent, tuple[int, int], FloatArray, FloatArray, complex]],
+        out: Verdicts,
+        place: int,
+        some: list[tuple[float, Bent, tuple[int, int], FloatArray, FloatArray, complex]],
         weight: FloatArray,
-    ) -> None:  # fmt: skip
+    ) -> None:
         part = weight / weight.sum()
         mean = sum(w * one[3] for w, one in zip(part, some, strict=True))
         spread = [one[4] + np.outer(one[3] - mean, one[3] - mean) for one in some]

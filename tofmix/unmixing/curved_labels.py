@@ -84,9 +84,14 @@ def label_curved(image: PhasorImage, labels: Labels, settings: UnmixSettings = D
 
 
 def _parted(
-    image: PhasorImage, view: View, labels: Labels, segment: IntArray, scales: Scales, bent: BoolArray,
+    image: PhasorImage,
+    view: View,
+    labels: Labels,
+    segment: IntArray,
+    scales: Scales,
+    bent: BoolArray,
     settings: UnmixSettings,
-) -> tuple[IntArray, Scales, BoolArray]:  # fmt: skip
+) -> tuple[IntArray, Scales, BoolArray]:
     """Segments, their scales, and which bend, with flat ones parted at creases: no patch goes round a corner.
 
     Two walls that meet seem to bend. A segment is one of walls if parts that do not bend have nearly all its pixels.
@@ -127,17 +132,20 @@ def _undecided(image: PhasorImage, labels: Labels, settings: CurvedSettings) -> 
 
 def _mostly(segment: IntArray, mask: BoolArray, shape: tuple[int, int], numbers: IntArray) -> BoolArray:
     """Segments (m,) beside which a mask has more pixels than the segment."""
-    return np.array([
-        (mask & near((segment == number).reshape(shape), REACH).ravel()).sum() > (segment == number).sum()
-        for number in numbers.tolist()
-    ], dtype=np.bool_)  # fmt: skip
+    return np.array(
+        [
+            (mask & near((segment == number).reshape(shape), REACH).ravel()).sum() > (segment == number).sum()
+            for number in numbers.tolist()
+        ],
+        dtype=np.bool_,
+    )
 
 
 def _beside_bent(segment: IntArray, gain: FloatArray, shape: tuple[int, int], numbers: IntArray) -> BoolArray:
     """Segments (m,) beside which surfaces that bend explain the pixels better than planes do."""
-    total = np.array([
-        gain[near((segment == number).reshape(shape), REACH).ravel()].sum() for number in numbers.tolist()
-    ])  # fmt: skip
+    total = np.array(
+        [gain[near((segment == number).reshape(shape), REACH).ravel()].sum() for number in numbers.tolist()]
+    )
     return np.asarray(LOG_ODDS_OF_PLANES + total < 0.0)
 
 
@@ -149,14 +157,20 @@ def _beside(segment: IntArray, bent: BoolArray, shape: tuple[int, int], reach: i
 def view_of(image: PhasorImage, labels: Labels) -> View:
     """The image as smooth surfaces take it."""
     return View(
-        shape=image.shape, scale_mm=image.scale_mm, valid=image.valid, range_mm=image.range_mm,
+        shape=image.shape,
+        scale_mm=image.scale_mm,
+        valid=image.valid,
+        range_mm=image.range_mm,
         range_variance=image.range_variance + labels.seeds.pattern_variance,
         log_amplitude=np.log(np.where(image.valid, image.amplitude, 1.0)),
         amplitude_variance=image.light_variance + labels.seeds.texture_variance,
-        pattern_variance=labels.seeds.pattern_variance, texture_variance=labels.seeds.texture_variance,
-        direction=image.directions, right=image.across * image.pitch_across[:, np.newaxis],
-        below=image.down * image.pitch_down[:, np.newaxis], pitch=image.pitch,
-    )  # fmt: skip
+        pattern_variance=labels.seeds.pattern_variance,
+        texture_variance=labels.seeds.texture_variance,
+        direction=image.directions,
+        right=image.across * image.pitch_across[:, np.newaxis],
+        below=image.down * image.pitch_down[:, np.newaxis],
+        pitch=image.pitch,
+    )
 
 
 class _Judged:
@@ -194,9 +208,14 @@ _CHUNK = 128
 
 
 def _grown(
-    image: PhasorImage, view: View, segment: IntArray, scales: Scales, bent: BoolArray,
-    space: OpenSpace | None, settings: UnmixSettings,
-) -> tuple[IntArray, IntArray, Verdicts]:  # fmt: skip
+    image: PhasorImage,
+    view: View,
+    segment: IntArray,
+    scales: Scales,
+    bent: BoolArray,
+    space: OpenSpace | None,
+    settings: UnmixSettings,
+) -> tuple[IntArray, IntArray, Verdicts]:
     """Segments with the pixels that joined, and the verdicts on those beside bent ones that are in none."""
     judged = _Judged(image, view, settings.hypotheses.apart, space)
     first, segment = segment, segment.copy()
@@ -250,20 +269,42 @@ def _open_pixels(segment: IntArray, area: BoolArray, view: View, reach: int) -> 
 
 def _nothing() -> Verdicts:
     return Verdicts(
-        np.zeros(0, np.int64), np.zeros(0), np.zeros(0, np.int64), np.zeros((0, 2), np.int64), np.zeros((0, 5)),
-        np.zeros((0, 5, 5)), np.zeros(0, np.complex128), np.zeros(0),
-    )  # fmt: skip
+        np.zeros(0, np.int64),
+        np.zeros(0),
+        np.zeros(0, np.int64),
+        np.zeros((0, 2), np.int64),
+        np.zeros((0, 5)),
+        np.zeros((0, 5, 5)),
+        np.zeros(0, np.complex128),
+        np.zeros(0),
+    )
 
 
 def _merged(
-    image: PhasorImage, labels: Labels, segment: IntArray, bent: BoolArray, space: OpenSpace | None, pixels: IntArray,
-    verdicts: Verdicts, settings: CurvedSettings,
-) -> Labels:  # fmt: skip
+    image: PhasorImage,
+    labels: Labels,
+    segment: IntArray,
+    bent: BoolArray,
+    space: OpenSpace | None,
+    pixels: IntArray,
+    verdicts: Verdicts,
+    settings: CurvedSettings,
+) -> Labels:
     """Labels of planes, in the area replaced by those of smooth surfaces where one of these bends."""
     names = (
-        "kind", "probability", "range_mm", "range_variance", "share", "share_variance", "is_known", "is_fresh", "chord",
-        "scatter", "log_density", "is_surface",
-    )  # fmt: skip
+        "kind",
+        "probability",
+        "range_mm",
+        "range_variance",
+        "share",
+        "share_variance",
+        "is_known",
+        "is_fresh",
+        "chord",
+        "scatter",
+        "log_density",
+        "is_surface",
+    )
     out = {name: getattr(labels, name).copy() for name in names}
 
     def clear(which: IntArray) -> None:
@@ -335,9 +376,14 @@ def _seen_probability(mean: FloatArray, covariance: FloatArray, least: float) ->
 
 
 def _scatter(
-    image: PhasorImage, segment: IntArray, pixels: IntArray, pair: IntArray, mean: FloatArray, chord: ComplexArray,
+    image: PhasorImage,
+    segment: IntArray,
+    pixels: IntArray,
+    pair: IntArray,
+    mean: FloatArray,
+    chord: ComplexArray,
     space: OpenSpace | None,
-) -> FloatArray:  # fmt: skip
+) -> FloatArray:
     """Variance (n,) along the chord of samples of one surface each, by the noise of both segments where seen alone."""
     count = int(segment.max()) + 1
     inside = segment >= 0

@@ -52,8 +52,9 @@ def distant_planes(
     certain = np.flatnonzero(seeds.certain)
     rng = np.random.default_rng(0)
     sizes = np.bincount(region[certain], minlength=int(region.max()) + 1)
-    regions = [certain[region[certain] == number]
-               for number in np.argsort(-sizes, kind="stable")[: settings.most_regions]]  # fmt: skip
+    regions = [
+        certain[region[certain] == number] for number in np.argsort(-sizes, kind="stable")[: settings.most_regions]
+    ]
     found = []
     lines = np.flatnonzero(line >= 0)
     for tries, pixels in (*((settings.tries, one) for one in regions), (settings.line_tries, lines)):
@@ -143,9 +144,14 @@ def _sigmas(image: PhasorImage, seeds: Seeds, pixels: IntArray) -> FloatArray:
 
 
 def _consensus(
-    image: PhasorImage, seeds: Seeds, pixels: IntArray, line: IntArray | None, rng: np.random.Generator, tries: int,
+    image: PhasorImage,
+    seeds: Seeds,
+    pixels: IntArray,
+    line: IntArray | None,
+    rng: np.random.Generator,
+    tries: int,
     settings: PlaneSettings,
-) -> BoolArray | None:  # fmt: skip
+) -> BoolArray | None:
     """Pixels of the plane that most of them lie on, or with `line` most narrow surfaces; None if they are too few."""
     if len(pixels) < settings.least_pixels:
         return None

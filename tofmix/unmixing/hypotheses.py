@@ -152,19 +152,30 @@ class _Best:
         self._logs: list[FloatArray] = []
         ends = (count, ENDS)
         self._kept: dict[str, NDArray[Any]] = {
-            "kind": np.zeros(count, np.int64), "plane": np.zeros((count, 3)), "is_distant": np.zeros(count, bool),
-            "range_mm": np.full(ends, np.nan), "range_variance": np.full(ends, np.nan), "share": np.full(ends, np.nan),
-            "share_variance": np.full(ends, np.nan), "is_known": np.ones(count, bool),
+            "kind": np.zeros(count, np.int64),
+            "plane": np.zeros((count, 3)),
+            "is_distant": np.zeros(count, bool),
+            "range_mm": np.full(ends, np.nan),
+            "range_variance": np.full(ends, np.nan),
+            "share": np.full(ends, np.nan),
+            "share_variance": np.full(ends, np.nan),
+            "is_known": np.ones(count, bool),
             "is_fresh": np.zeros(count, bool),
-            "chord": np.zeros(count, np.complex128), "scatter": np.zeros(count),
+            "chord": np.zeros(count, np.complex128),
+            "scatter": np.zeros(count),
             "log_density": np.full(count, np.nan),
-        }  # fmt: skip
+        }
         self._blank = {name: values[:1].copy() for name, values in self._kept.items()}
 
     def put(
-        self, kind: Kind, log_prior: FloatArray, log_density: FloatArray, *, which: IntArray | None = None,
+        self,
+        kind: Kind,
+        log_prior: FloatArray,
+        log_density: FloatArray,
+        *,
+        which: IntArray | None = None,
         **values: NDArray[Any],
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Put one hypothesis of each pixel, or of `which`: log prior and density (n,), and its values by field."""
         rows = np.arange(len(self._log)) if which is None else which
         log = log_prior + np.where(np.isfinite(log_density), log_density, -np.inf)
@@ -191,10 +202,19 @@ class _Best:
 
 
 def judge(
-    image: PhasorImage, pixels: IntArray, members: Members, seeds: Seeds, planes: tuple[DistantPlane, ...],
-    spaces: tuple[OpenSpace, ...], settings: HypothesisSettings, neighbourhood: NeighbourSettings, *,
-    bends: bool = False, flat: tuple[DistantPlane, ...] = (), unseen: float = 0.0,
-) -> LikeliestHypotheses:  # fmt: skip
+    image: PhasorImage,
+    pixels: IntArray,
+    members: Members,
+    seeds: Seeds,
+    planes: tuple[DistantPlane, ...],
+    spaces: tuple[OpenSpace, ...],
+    settings: HypothesisSettings,
+    neighbourhood: NeighbourSettings,
+    *,
+    bends: bool = False,
+    flat: tuple[DistantPlane, ...] = (),
+    unseen: float = 0.0,
+) -> LikeliestHypotheses:
     """Find the most probable hypothesis of each pixel.
 
     Parameters
@@ -231,11 +251,14 @@ def judge(
     best = _Best(len(pixels), settings.likely)
     largest = 1.5 * float(np.quantile(image.amplitude[image.valid], 0.999))
     best.put(
-        Kind.NEW, np.full(len(pixels), math.log(PRIORS[Kind.NEW])),
+        Kind.NEW,
+        np.full(len(pixels), math.log(PRIORS[Kind.NEW])),
         np.full(len(pixels), -math.log(math.pi * largest**2)),
-    )  # fmt: skip
-    here = [predict(neighbours, k, np.zeros(len(pixels)), np.zeros(len(pixels)), image=image, seeds=seeds)
-            for k in range(MOST_SURFACES)]  # fmt: skip
+    )
+    here = [
+        predict(neighbours, k, np.zeros(len(pixels)), np.zeros(len(pixels)), image=image, seeds=seeds)
+        for k in range(MOST_SURFACES)
+    ]
     _put_continued(best, image, pixels, neighbours, here, largest, settings.aside)
     _put_distant(best, image, pixels, planes, seeds, settings.distant_prior)
     _put_empty(best, image, pixels, spaces)
@@ -248,9 +271,12 @@ def judge(
 
 
 def _bending(
-    image: PhasorImage, pixels: IntArray, neighbours: NeighbourSurfaces, planes: tuple[DistantPlane, ...],
+    image: PhasorImage,
+    pixels: IntArray,
+    neighbours: NeighbourSurfaces,
+    planes: tuple[DistantPlane, ...],
     settings: HypothesisSettings,
-) -> NeighbourSurfaces:  # fmt: skip
+) -> NeighbourSurfaces:
     """The surfaces, if they bend as a thing of a few pixels does.
 
     A circle of radius R, pixels, recedes by x = d^2 / 2 R^2 of its radius, d pixels from its middle, and the cosine of
@@ -275,9 +301,13 @@ def _bending(
 
 
 def _on_planes(
-    image: PhasorImage, pixels: IntArray, neighbours: NeighbourSurfaces, planes: tuple[DistantPlane, ...],
-    back: FloatArray, sigmas: float,
-) -> BoolArray:  # fmt: skip
+    image: PhasorImage,
+    pixels: IntArray,
+    neighbours: NeighbourSurfaces,
+    planes: tuple[DistantPlane, ...],
+    back: FloatArray,
+    sigmas: float,
+) -> BoolArray:
     """Which surfaces (n, surface) go on in the pixels as one of the planes does, as far as errors and bending tell."""
     out = np.zeros(neighbours.found.shape, bool)
     ways = image.directions[pixels]
@@ -318,9 +348,14 @@ def _form(covariance: FloatArray, one: ComplexArray, other: ComplexArray) -> Flo
 
 
 def _put_continued(
-    best: _Best, image: PhasorImage, pixels: IntArray, neighbours: NeighbourSurfaces, here: list[Predictions],
-    largest: float, aside: float,
-) -> None:  # fmt: skip
+    best: _Best,
+    image: PhasorImage,
+    pixels: IntArray,
+    neighbours: NeighbourSurfaces,
+    here: list[Predictions],
+    largest: float,
+    aside: float,
+) -> None:
     """A trusted neighbouring surface fills the pixel, with its light or with any light."""
     phasor = image.phasor[pixels]
     chances = _place_chance(neighbours, aside) * (neighbours.found & neighbours.is_trusted)
@@ -333,10 +368,12 @@ def _put_continued(
         radial = seen.radial + neighbours.noise_radial[:, k]
         plane = plane_vector(image, pixels, neighbours.near[:, k])
         best.put(
-            Kind.CONTINUED, _log_share(PRIORS[Kind.CONTINUED], chance, total),
-            _log_normal(phasor - seen.phasor, polar_covariance(seen.phasor, tangential, radial)), plane=plane,
+            Kind.CONTINUED,
+            _log_share(PRIORS[Kind.CONTINUED], chance, total),
+            _log_normal(phasor - seen.phasor, polar_covariance(seen.phasor, tangential, radial)),
+            plane=plane,
             is_fresh=neighbours.is_fresh[:, k],
-        )  # fmt: skip
+        )
         along = seen.phasor / np.maximum(np.abs(seen.phasor), _TINY)
         turned = phasor * np.conj(along)
         # With other light the noise is other, too: the pixel's own.
@@ -345,29 +382,41 @@ def _put_continued(
         log_density = -0.5 * turned.imag**2 / across - 0.5 * np.log(2.0 * math.pi * across) - math.log(largest)
         best.put(
             Kind.OTHER_REFLECTANCE,
-            _log_share(PRIORS[Kind.OTHER_REFLECTANCE], chance * (turned.real > 0), total), log_density, plane=plane,
+            _log_share(PRIORS[Kind.OTHER_REFLECTANCE], chance * (turned.real > 0), total),
+            log_density,
+            plane=plane,
             is_fresh=neighbours.is_fresh[:, k],
-        )  # fmt: skip
+        )
 
 
 def _put_distant(
-    best: _Best, image: PhasorImage, pixels: IntArray, planes: tuple[DistantPlane, ...], seeds: Seeds,
+    best: _Best,
+    image: PhasorImage,
+    pixels: IntArray,
+    planes: tuple[DistantPlane, ...],
+    seeds: Seeds,
     prior: float,
-) -> None:  # fmt: skip
+) -> None:
     """A large surface that is seen elsewhere in the image fills the pixel."""
     ways, phasor = image.directions[pixels], image.phasor[pixels]
     for plane in planes:
         even = np.ones(len(pixels))
         seen = phasor_of(
-            ways @ plane.plane, np.einsum("ni,ik,nk->n", ways, plane.covariance, ways), plane.log_light * even,
-            plane.light_variance * even, image=image, seeds=seeds,
-        )  # fmt: skip
+            ways @ plane.plane,
+            np.einsum("ni,ik,nk->n", ways, plane.covariance, ways),
+            plane.log_light * even,
+            plane.light_variance * even,
+            image=image,
+            seeds=seeds,
+        )
         covariance = polar_covariance(seen.phasor, seen.tangential, seen.radial) + image.mean_covariance[pixels]
         best.put(
-            Kind.CONTINUED, _log_share(prior, even > 0, even * len(planes)),
-            _log_normal(phasor - seen.phasor, covariance), plane=np.broadcast_to(plane.plane, (len(pixels), 3)),
+            Kind.CONTINUED,
+            _log_share(prior, even > 0, even * len(planes)),
+            _log_normal(phasor - seen.phasor, covariance),
+            plane=np.broadcast_to(plane.plane, (len(pixels), 3)),
             is_distant=even > 0,
-        )  # fmt: skip
+        )
 
 
 def _put_empty(best: _Best, image: PhasorImage, pixels: IntArray, spaces: tuple[OpenSpace, ...]) -> None:
@@ -375,19 +424,30 @@ def _put_empty(best: _Best, image: PhasorImage, pixels: IntArray, spaces: tuple[
     only = np.tile([1.0, np.nan, np.nan], (len(pixels), 1))
     for space in spaces:
         best.put(
-            Kind.EMPTY, _log_share(PRIORS[Kind.EMPTY], space.nearby[pixels], np.full(len(pixels), float(len(spaces)))),
-            space.log_density(image, pixels), range_mm=only * np.inf, range_variance=only * 0.0, share=only,
+            Kind.EMPTY,
+            _log_share(PRIORS[Kind.EMPTY], space.nearby[pixels], np.full(len(pixels), float(len(spaces)))),
+            space.log_density(image, pixels),
+            range_mm=only * np.inf,
+            range_variance=only * 0.0,
+            share=only,
             share_variance=only * 0.0,
-        )  # fmt: skip
+        )
 
 
 class _Ends:
     """Neighbouring surfaces and open space, as ends of chords and corners of triangles."""
 
     def __init__(
-        self, image: PhasorImage, pixels: IntArray, neighbours: NeighbourSurfaces, here: list[Predictions],
-        seeds: Seeds, spaces: tuple[OpenSpace, ...], settings: HypothesisSettings, bends: bool,
-    ) -> None:  # fmt: skip
+        self,
+        image: PhasorImage,
+        pixels: IntArray,
+        neighbours: NeighbourSurfaces,
+        here: list[Predictions],
+        seeds: Seeds,
+        spaces: tuple[OpenSpace, ...],
+        settings: HypothesisSettings,
+        bends: bool,
+    ) -> None:
         self.image, self.pixels, self.neighbours, self.here, self.seeds = image, pixels, neighbours, here, seeds
         self.settings, self.bends = settings, bends
         self.phasor, self.covariance = image.phasor[pixels], image.mean_covariance[pixels]
@@ -414,10 +474,13 @@ class _Ends:
     def some(self, which: IntArray) -> "_Ends":
         """The ends of some of the pixels."""
         neighbours = NeighbourSurfaces(**{name: part[which] for name, part in self.neighbours._asdict().items()})
-        here = [Predictions(**{field.name: getattr(part, field.name)[which] for field in fields(Predictions)})
-                for part in self.here]  # fmt: skip
-        return _Ends(self.image, self.pixels[which], neighbours, here, self.seeds, self._spaces, self.settings,
-                     self.bends)  # fmt: skip
+        here = [
+            Predictions(**{field.name: getattr(part, field.name)[which] for field in fields(Predictions)})
+            for part in self.here
+        ]
+        return _Ends(
+            self.image, self.pixels[which], neighbours, here, self.seeds, self._spaces, self.settings, self.bends
+        )
 
     def at(self, number: int) -> Predictions:
         """The end's phasor where it fills the pixel."""
@@ -507,9 +570,11 @@ def _chord(ends: _Ends, one: int, other: int, plane: DistantPlane | None = None)
     error = np.sqrt(variance)
     inside = ndtr(share / error) - ndtr((share - 1.0) / error)
     log_density = (
-        -0.5 * _form(covariance, across, across) - 0.5 * np.log(2.0 * math.pi * np.maximum(narrow, _TINY))
-        - np.log(length) + np.log(np.maximum(inside, _TINY))
-    )  # fmt: skip
+        -0.5 * _form(covariance, across, across)
+        - 0.5 * np.log(2.0 * math.pi * np.maximum(narrow, _TINY))
+        - np.log(length)
+        + np.log(np.maximum(inside, _TINY))
+    )
     return _Chord(share=share, variance=variance, log_density=log_density, one=a, other=b)
 
 
@@ -517,15 +582,20 @@ def _elsewhere(ends: _Ends, plane: DistantPlane, row: FloatArray, col: FloatArra
     """The return of a large surface from places (n,), `row` and `col` off the pixels."""
     image, pixels = ends.image, ends.pixels
     ways = (
-        image.directions[pixels] + (row * image.pitch_down[pixels])[:, np.newaxis] * image.down[pixels]
+        image.directions[pixels]
+        + (row * image.pitch_down[pixels])[:, np.newaxis] * image.down[pixels]
         + (col * image.pitch_across[pixels])[:, np.newaxis] * image.across[pixels]
-    )  # fmt: skip
+    )
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     even = np.ones(len(pixels))
     return phasor_of(
-        ways @ plane.plane, np.einsum("ni,ik,nk->n", ways, plane.covariance, ways), plane.log_light * even,
-        plane.light_variance * even, image=image, seeds=ends.seeds,
-    )  # fmt: skip
+        ways @ plane.plane,
+        np.einsum("ni,ik,nk->n", ways, plane.covariance, ways),
+        plane.log_light * even,
+        plane.light_variance * even,
+        image=image,
+        seeds=ends.seeds,
+    )
 
 
 def _put_distant_pairs(best: _Best, ends: _Ends, planes: tuple[DistantPlane, ...]) -> None:
@@ -571,29 +641,35 @@ def _near_chord(ends: _Ends, one: Predictions, other: Predictions) -> BoolArray:
     length = np.maximum(np.abs(chord), _TINY)
     share = (offset * np.conj(chord)).real / length**2
     across = np.abs((offset * np.conj(chord)).imag) / length
-    noise = np.max([ends.covariance[:, 0] + ends.covariance[:, 1], one.tangential + one.radial,
-                    other.tangential + other.radial], axis=0)  # fmt: skip
+    noise = np.max(
+        [ends.covariance[:, 0] + ends.covariance[:, 1], one.tangential + one.radial, other.tangential + other.radial],
+        axis=0,
+    )
     reach = 6.0 * np.sqrt(noise) + ends.settings.near_chord * length
     return np.asarray((across < reach) & (share > -reach / length) & (share < 1.0 + reach / length))
 
 
 def _put_distant_pair(
     best: _Best, ends: _Ends, one: int, plane: DistantPlane, which: IntArray, total: FloatArray
-) -> None:  # fmt: skip
+) -> None:
     """Put the pair of one end and a large surface, of `which` of the pixels that are judged."""
     chord = _chord(ends, one, _OPEN, plane)
     possible = chord.share <= 1.0 - ends.settings.same_sigmas * np.sqrt(chord.variance)
     share, none = np.clip(chord.share, 0.0, 1.0), np.full(len(which), np.nan)
     best.put(
-        Kind.PAIR, _log_share(ends.settings.distant_prior, possible * ends.chance[:, one], total), chord.log_density,
+        Kind.PAIR,
+        _log_share(ends.settings.distant_prior, possible * ends.chance[:, one], total),
+        chord.log_density,
         which=which,
         range_mm=np.column_stack([chord.one.range_mm, chord.other.range_mm, none]),
         range_variance=np.column_stack([chord.one.range_variance, chord.other.range_variance, none]),
         share=np.column_stack([share, 1.0 - share, none]),
         share_variance=np.column_stack([chord.variance, chord.variance, none]),
-        is_known=ends.known[:, one], is_fresh=ends.fresh[:, one], chord=chord.one.phasor - chord.other.phasor,
+        is_known=ends.known[:, one],
+        is_fresh=ends.fresh[:, one],
+        chord=chord.one.phasor - chord.other.phasor,
         scatter=np.full(len(which), np.inf),
-    )  # fmt: skip
+    )
 
 
 def _put_pairs(best: _Best, ends: _Ends) -> None:
@@ -621,15 +697,19 @@ def _put_pairs(best: _Best, ends: _Ends) -> None:
     for one, other, which, here, chance, chord in pairs:
         share, none = np.clip(chord.share, 0.0, 1.0), np.full(len(which), np.nan)
         best.put(
-            Kind.PAIR, _log_share(PRIORS[Kind.PAIR], chance, total[which]), chord.log_density, which=which,
+            Kind.PAIR,
+            _log_share(PRIORS[Kind.PAIR], chance, total[which]),
+            chord.log_density,
+            which=which,
             range_mm=np.column_stack([chord.one.range_mm, chord.other.range_mm, none]),
             range_variance=np.column_stack([chord.one.range_variance, chord.other.range_variance, none]),
             share=np.column_stack([share, 1.0 - share, none]),
             share_variance=np.column_stack([chord.variance, chord.variance, none]),
             is_known=here.known[:, one] & here.known[:, other] & here.apart(one, other) & here.is_told(chord),
             is_fresh=here.fresh[:, one] | here.fresh[:, other],
-            chord=chord.one.phasor - chord.other.phasor, scatter=_noise_along(here, one, other, chord, share),
-        )  # fmt: skip
+            chord=chord.one.phasor - chord.other.phasor,
+            scatter=_noise_along(here, one, other, chord, share),
+        )
 
 
 def _put_unseen(best: _Best, ends: _Ends, largest: float, prior: float) -> None:
@@ -674,13 +754,17 @@ def _likeliest(chords: list[_Chord]) -> _Chord:
 
     def end(name: str) -> Predictions:
         parts = [getattr(chord, name) for chord in chords]
-        return Predictions(**{field.name: chosen([getattr(part, field.name) for part in parts])
-                              for field in fields(Predictions)})  # fmt: skip
+        return Predictions(
+            **{field.name: chosen([getattr(part, field.name) for part in parts]) for field in fields(Predictions)}
+        )
 
     return _Chord(
-        share=chosen([chord.share for chord in chords]), variance=chosen([chord.variance for chord in chords]),
-        log_density=logsumexp(np.asarray(densities)) - math.log(len(chords)), one=end("one"), other=end("other"),
-    )  # fmt: skip
+        share=chosen([chord.share for chord in chords]),
+        variance=chosen([chord.variance for chord in chords]),
+        log_density=logsumexp(np.asarray(densities)) - math.log(len(chords)),
+        one=end("one"),
+        other=end("other"),
+    )
 
 
 def _noise_along(ends: _Ends, one: int, other: int, chord: _Chord, share: FloatArray) -> FloatArray:
@@ -712,11 +796,15 @@ def _put_triples(best: _Best, ends: _Ends) -> None:
                 triples.append((chance, corners, shares, errors, log_density, fresh))
     for chance, corners, shares, errors, log_density, fresh in triples:
         best.put(
-            Kind.TRIPLE, _log_share(PRIORS[Kind.TRIPLE], chance, total), log_density,
+            Kind.TRIPLE,
+            _log_share(PRIORS[Kind.TRIPLE], chance, total),
+            log_density,
             range_mm=np.column_stack([corner.range_mm for corner in corners]),
             range_variance=np.column_stack([corner.range_variance for corner in corners]),
-            share=np.clip(shares, 0.0, 1.0), share_variance=errors**2, is_fresh=fresh,
-        )  # fmt: skip
+            share=np.clip(shares, 0.0, 1.0),
+            share_variance=errors**2,
+            is_fresh=fresh,
+        )
 
 
 def _barycentric(

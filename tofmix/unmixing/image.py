@@ -151,9 +151,15 @@ class PhasorImage:
     def measured(self) -> Measured:
         """The measurements, for kernels."""
         return Measured(
-            self.range_mm, self.range_variance, self.log_light, self.light_variance, self.noise_radial,
-            self.noise_tangential, self.scatter_radial, self.scatter_tangential,
-        )  # fmt: skip
+            self.range_mm,
+            self.range_variance,
+            self.log_light,
+            self.light_variance,
+            self.noise_radial,
+            self.noise_tangential,
+            self.scatter_radial,
+            self.scatter_tangential,
+        )
 
     @property
     def pitch(self) -> FloatArray:
@@ -171,8 +177,10 @@ def polar_covariance(phasor: ComplexArray, tangential: FloatArray, radial: Float
     """Covariance (..., 3) of phasors with a variance across and one along their direction."""
     along = phasor / np.maximum(np.abs(phasor), np.finfo(float).tiny)
     x, y = along.real, along.imag
-    return np.stack([radial * x * x + tangential * y * y, radial * y * y + tangential * x * x,
-                     (radial - tangential) * x * y], axis=-1)  # fmt: skip
+    return np.stack(
+        [radial * x * x + tangential * y * y, radial * y * y + tangential * x * x, (radial - tangential) * x * y],
+        axis=-1,
+    )
 
 
 def _level_of_neighbours(image: PhasorImage) -> FloatArray:
@@ -230,11 +238,22 @@ def make_image(
     valid = (flat[:, 5] >= settings.least_samples) & (np.abs(phasor) > 0) & (range_mm > 0) & ~empty
     unit = float(np.median(np.abs(phasor[valid]))) if valid.any() else 1.0
     return PhasorImage(
-        shape=shape, scale_mm=scale_mm, phasor=phasor / unit, covariance=flat[:, 2:5] / unit**2, samples=flat[:, 5],
-        unit=unit, directions=ways,
-        range_mm=np.where(valid, range_mm, 1.0), valid=valid, open_space=empty, across=across, down=down,
-        pitch_across=pitch_across, pitch_down=pitch_down, settings=settings,
-    )  # fmt: skip
+        shape=shape,
+        scale_mm=scale_mm,
+        phasor=phasor / unit,
+        covariance=flat[:, 2:5] / unit**2,
+        samples=flat[:, 5],
+        unit=unit,
+        directions=ways,
+        range_mm=np.where(valid, range_mm, 1.0),
+        valid=valid,
+        open_space=empty,
+        across=across,
+        down=down,
+        pitch_across=pitch_across,
+        pitch_down=pitch_down,
+        settings=settings,
+    )
 
 
 def _tangents(ways: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -84,19 +84,31 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
     doubtful = np.flatnonzero(image.valid & ~alone)
     member = seeds.has_plane | is_line
     members = Members(
-        is_member=member, has_plane=seeds.has_plane, has_light=alone, is_known=member, is_trusted=member,
-        is_fresh=np.zeros(image.count, bool), plane=seeds.plane, middle=seeds.middle, line=line,
-    )  # fmt: skip
+        is_member=member,
+        has_plane=seeds.has_plane,
+        has_light=alone,
+        is_known=member,
+        is_trusted=member,
+        is_fresh=np.zeros(image.count, bool),
+        plane=seeds.plane,
+        middle=seeds.middle,
+        line=line,
+    )
     sure = judged_by = members
     planes: tuple[DistantPlane, ...] = ()
     kind = np.where(alone, int(Kind.CONTINUED), int(Kind.UNKNOWN))
     count = image.count
     arrays: dict[str, NDArray[Any]] = {
-        "kind": kind, "probability": np.where(alone, 1.0, 0.0), "is_known": np.ones(count, bool),
-        "is_fresh": np.zeros(count, bool), "chord": np.zeros(count, np.complex128), "scatter": np.zeros(count),
-        "log_density": np.full(count, np.nan), "log_evidence": np.zeros(count),
+        "kind": kind,
+        "probability": np.where(alone, 1.0, 0.0),
+        "is_known": np.ones(count, bool),
+        "is_fresh": np.zeros(count, bool),
+        "chord": np.zeros(count, np.complex128),
+        "scatter": np.zeros(count),
+        "log_density": np.full(count, np.nan),
+        "log_evidence": np.zeros(count),
         **{name: np.full((count, ENDS), np.nan) for name in _ENDS},
-    }  # fmt: skip
+    }
     plane, is_distant = np.zeros((count, 3)), np.zeros(count, bool)
     square = np.zeros(count, bool)
     pixels = doubtful if alone.any() else doubtful[:0]
@@ -125,23 +137,41 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
     kind = arrays["kind"]
     kind[(line >= 0) & (kind == Kind.NEW)] = Kind.CONTINUED
     around = weigh_planes(
-        image, kind, arrays["probability"], arrays["log_evidence"], doubtful if alone.any() else doubtful[:0],
-        judged_by, seeds, planes, spaces, settings,
-    )  # fmt: skip
-    bent = _put_bent(image, arrays, np.flatnonzero(image.valid & ~seeds.certain), around.bends, sure, seeds, planes,
-                     spaces, settings)  # fmt: skip
+        image,
+        kind,
+        arrays["probability"],
+        arrays["log_evidence"],
+        doubtful if alone.any() else doubtful[:0],
+        judged_by,
+        seeds,
+        planes,
+        spaces,
+        settings,
+    )
+    bent = _put_bent(
+        image, arrays, np.flatnonzero(image.valid & ~seeds.certain), around.bends, sure, seeds, planes, spaces, settings
+    )
     is_surface = (
-        seeds.certain | ((line >= 0) & ~bent) | np.isin(kind, (Kind.CONTINUED, Kind.OTHER_REFLECTANCE))
+        seeds.certain
+        | ((line >= 0) & ~bent)
+        | np.isin(kind, (Kind.CONTINUED, Kind.OTHER_REFLECTANCE))
         | ((kind == Kind.NEW) & square & ~bent)
-    )  # fmt: skip
+    )
     arrays.pop("log_evidence")
     return Labels(**arrays, is_surface=is_surface, planes_gain=around.gain, bends=bent, seeds=seeds)
 
 
 def _put_bent(
-    image: PhasorImage, arrays: "dict[str, NDArray[Any]]", uncertain: IntArray, bends: FloatArray, sure: Members,
-    seeds: Seeds, planes: tuple[DistantPlane, ...], spaces: tuple[OpenSpace, ...], settings: UnmixSettings,
-) -> BoolArray:  # fmt: skip
+    image: PhasorImage,
+    arrays: "dict[str, NDArray[Any]]",
+    uncertain: IntArray,
+    bends: FloatArray,
+    sure: Members,
+    seeds: Seeds,
+    planes: tuple[DistantPlane, ...],
+    spaces: tuple[OpenSpace, ...],
+    settings: UnmixSettings,
+) -> BoolArray:
     """Put the labels of surfaces that bend over those of planes, where they are likelier: in the mask (pixel,)."""
     bent = np.zeros(image.count, bool)
     pixels = uncertain[bends[uncertain] > 0.0]
@@ -205,12 +235,16 @@ def _next_members(
     is_line = line >= 0
     is_known = kept | joined | (fresh & square) | is_line
     next_members = Members(
-        is_member=kept | joined | (fresh & agrees) | is_line, has_plane=kept | joined,
+        is_member=kept | joined | (fresh & agrees) | is_line,
+        has_plane=kept | joined,
         has_light=seeds.certain | (kind == Kind.CONTINUED) | (fresh & agrees),
-        is_known=is_known, is_trusted=kept | (joined & is_distant) | (fresh & square) | is_line,
-        is_fresh=fresh & square, plane=np.where(joined[:, np.newaxis], plane, seeds.plane),
-        middle=np.where(joined, np.arange(image.count), seeds.middle), line=line,
-    )  # fmt: skip
+        is_known=is_known,
+        is_trusted=kept | (joined & is_distant) | (fresh & square) | is_line,
+        is_fresh=fresh & square,
+        plane=np.where(joined[:, np.newaxis], plane, seeds.plane),
+        middle=np.where(joined, np.arange(image.count), seeds.middle),
+        line=line,
+    )
     return next_members, square
 
 

@@ -117,7 +117,7 @@ def _error(image: PhasorImage, labels: Labels, share: FloatArray, settings: LawS
 
 def _error_of(
     image: PhasorImage, parallel: FloatArray, noise: FloatArray, jump: FloatArray, least: float
-) -> FloatArray:  # fmt: skip
+) -> FloatArray:
     free = np.maximum(image.samples - 1.0, 1.0)
     return np.asarray(np.hypot(np.sqrt(2.0 / free) * np.hypot(parallel, noise) / jump, least))
 

@@ -47,9 +47,12 @@ class Mixtures:
 
 
 def find_lines(
-    image: PhasorImage, seeds: Seeds, mixtures: Mixtures | None = None,
-    settings: LabelSettings = DEFAULT_SETTINGS.labels, reach: int = DEFAULT_SETTINGS.neighbours.reach,
-) -> IntArray:  # fmt: skip
+    image: PhasorImage,
+    seeds: Seeds,
+    mixtures: Mixtures | None = None,
+    settings: LabelSettings = DEFAULT_SETTINGS.labels,
+    reach: int = DEFAULT_SETTINGS.neighbours.reach,
+) -> IntArray:
     """Find narrow surfaces.
 
     Parameters
@@ -97,8 +100,10 @@ def find_lines(
 def neighbour_pairs(shape: tuple[int, int]) -> tuple[IntArray, IntArray]:
     """Pixels (pair,) to the left of others, then above them, and these."""
     index = np.arange(shape[0] * shape[1]).reshape(shape)
-    return (np.concatenate([index[:, :-1].ravel(), index[:-1].ravel()]),
-            np.concatenate([index[:, 1:].ravel(), index[1:].ravel()]))  # fmt: skip
+    return (
+        np.concatenate([index[:, :-1].ravel(), index[:-1].ravel()]),
+        np.concatenate([index[:, 1:].ravel(), index[1:].ravel()]),
+    )
 
 
 def agree(
@@ -138,9 +143,14 @@ def _is_between(
 
 
 def _see_some(
-    image: PhasorImage, seeds: Seeds, mixtures: Mixtures | None, pixels: IntArray, axis: int, side: int,
+    image: PhasorImage,
+    seeds: Seeds,
+    mixtures: Mixtures | None,
+    pixels: IntArray,
+    axis: int,
+    side: int,
     settings: LabelSettings,
-) -> tuple[BoolArray, BoolArray, BoolArray, IntArray]:  # fmt: skip
+) -> tuple[BoolArray, BoolArray, BoolArray, IntArray]:
     """Whether the neighbours of pixels (n,) on a side see some of the pixel's surface, and agree with it; and exist.
 
     The last array is the pixel of the surface beyond, where the neighbour is a mixture with it; else -1.

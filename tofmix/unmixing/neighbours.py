@@ -38,9 +38,14 @@ class Predictions:
 
 
 def phasor_of(
-    near: FloatArray, near_variance: FloatArray, light: FloatArray, light_variance: FloatArray, *,
-    image: PhasorImage, seeds: Seeds,
-) -> Predictions:  # fmt: skip
+    near: FloatArray,
+    near_variance: FloatArray,
+    light: FloatArray,
+    light_variance: FloatArray,
+    *,
+    image: PhasorImage,
+    seeds: Seeds,
+) -> Predictions:
     """Phasors (n,) of surfaces, from 1 / r (1 / mm), u, and their variances."""
     range_mm = 1.0 / np.maximum(near, _LEAST_NEAR)
     range_variance = near_variance * range_mm**4 + seeds.pattern_variance
@@ -48,9 +53,11 @@ def phasor_of(
     radial = light_variance + seeds.texture_variance + 9.0 * range_variance / range_mm**2
     return Predictions(
         phasor=amplitude * np.exp(1j * range_mm / image.scale_mm),
-        tangential=amplitude**2 * range_variance / image.scale_mm**2, radial=amplitude**2 * radial,
-        range_mm=range_mm, range_variance=range_variance,
-    )  # fmt: skip
+        tangential=amplitude**2 * range_variance / image.scale_mm**2,
+        radial=amplitude**2 * radial,
+        range_mm=range_mm,
+        range_variance=range_variance,
+    )
 
 
 _LEAST_NEAR = 1.0e-7
@@ -76,19 +83,32 @@ def predict(
 
 
 def find_neighbours(
-    image: PhasorImage, pixels: IntArray, members: Members, seeds: Seeds,
+    image: PhasorImage,
+    pixels: IntArray,
+    members: Members,
+    seeds: Seeds,
     settings: NeighbourSettings = DEFAULT_SETTINGS.neighbours,
-) -> NeighbourSurfaces:  # fmt: skip
+) -> NeighbourSurfaces:
     """Find the neighbouring surfaces of pixels (n,)."""
     shape = (len(pixels), MOST_SURFACES)
     vectors, matrices = (*shape, 3), (*shape, 3, 3)
     out = NeighbourSurfaces(
-        found=np.zeros(shape, bool), near=np.zeros(vectors), near_covariance=np.zeros(matrices),
-        light=np.zeros(vectors), light_covariance=np.zeros(matrices), is_known=np.zeros(shape, bool),
-        is_trusted=np.zeros(shape, bool), is_fresh=np.zeros(shape, bool), row=np.zeros(shape), col=np.zeros(shape),
-        touches=np.zeros(shape, bool), noise_radial=np.zeros(shape), noise_tangential=np.zeros(shape),
-        scatter_radial=np.zeros(shape), scatter_tangential=np.zeros(shape),
-    )  # fmt: skip
+        found=np.zeros(shape, bool),
+        near=np.zeros(vectors),
+        near_covariance=np.zeros(matrices),
+        light=np.zeros(vectors),
+        light_covariance=np.zeros(matrices),
+        is_known=np.zeros(shape, bool),
+        is_trusted=np.zeros(shape, bool),
+        is_fresh=np.zeros(shape, bool),
+        row=np.zeros(shape),
+        col=np.zeros(shape),
+        touches=np.zeros(shape, bool),
+        noise_radial=np.zeros(shape),
+        noise_tangential=np.zeros(shape),
+        scatter_radial=np.zeros(shape),
+        scatter_tangential=np.zeros(shape),
+    )
     fill_surfaces(
         pixels,
         *image.shape,

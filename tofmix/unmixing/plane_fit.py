@@ -15,9 +15,16 @@ _LEAST = float(np.finfo(np.float64).tiny)
 
 @borrowing
 def fit_plane(
-    x: FloatArray, y: FloatArray, values: FloatArray, weights: FloatArray, slope_weight: float, normal: FloatArray,
-    coefficients: FloatArray, covariance: FloatArray, residuals: FloatArray,
-) -> None:  # fmt: skip
+    x: FloatArray,
+    y: FloatArray,
+    values: FloatArray,
+    weights: FloatArray,
+    slope_weight: float,
+    normal: FloatArray,
+    coefficients: FloatArray,
+    covariance: FloatArray,
+    residuals: FloatArray,
+) -> None:
     """Fit one window.
 
     Parameters

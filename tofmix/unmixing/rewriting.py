@@ -36,9 +36,16 @@ class Rewritten:
 
 
 def rewrite(
-    layers: Layers, image: PhasorImage, labels: Labels, law: MixingLaw, sensor: Sensor, *, insist: bool,
-    circle_mm: float | None = None, settings: UnmixSettings = DEFAULT_SETTINGS,
-) -> Rewritten:  # fmt: skip
+    layers: Layers,
+    image: PhasorImage,
+    labels: Labels,
+    law: MixingLaw,
+    sensor: Sensor,
+    *,
+    insist: bool,
+    circle_mm: float | None = None,
+    settings: UnmixSettings = DEFAULT_SETTINGS,
+) -> Rewritten:
     """Write the surfaces of mixed pixels over layers.
 
     Parameters
@@ -100,9 +107,14 @@ def _alone(labels: Labels, image: PhasorImage) -> Labels:
 
 
 def _write(
-    flat: Layers, pixels: BoolArray, image: PhasorImage, labels: Labels, sensor: Sensor, circle_mm: float | None,
+    flat: Layers,
+    pixels: BoolArray,
+    image: PhasorImage,
+    labels: Labels,
+    sensor: Sensor,
+    circle_mm: float | None,
     most_fresh: float,
-) -> None:  # fmt: skip
+) -> None:
     """Write the surfaces of decided pixels."""
     chosen = np.flatnonzero(pixels)
     if not chosen.size:
@@ -131,10 +143,13 @@ def _write(
     )
     columns = min(flat.max_layers, range_mm.shape[1])
     written = {
-        "range": range_mm, "sigma": sigma, "weight": share * returned, "range_stderr": np.sqrt(variance),
+        "range": range_mm,
+        "sigma": sigma,
+        "weight": share * returned,
+        "range_stderr": np.sqrt(variance),
         "weight_stderr": np.sqrt(share_variance) * returned,
         "probability": np.repeat(sure[:, np.newaxis], range_mm.shape[1], axis=1),
-    }  # fmt: skip
+    }
     for name, values in written.items():
         target = getattr(flat, name)
         target[chosen] = np.nan

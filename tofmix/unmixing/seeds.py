@@ -94,15 +94,23 @@ def find_seeds(image: PhasorImage, settings: SeedSettings = DEFAULT_SETTINGS.see
     unlike = _unlike(image, np.flatnonzero(certain & ~surely), planes, surely, pattern, settings)
     has_plane[unlike] = certain[unlike] = False
     return Seeds(
-        plane=np.where(has_plane[:, np.newaxis], planes[middle], 0.0), middle=middle, has_plane=has_plane,
-        certain=certain, pattern_variance=pattern, texture_variance=texture,
-    )  # fmt: skip
+        plane=np.where(has_plane[:, np.newaxis], planes[middle], 0.0),
+        middle=middle,
+        has_plane=has_plane,
+        certain=certain,
+        pattern_variance=pattern,
+        texture_variance=texture,
+    )
 
 
 def _unlike(
-    image: PhasorImage, pixels: IntArray, planes: FloatArray, surely: BoolArray, pattern: float,
+    image: PhasorImage,
+    pixels: IntArray,
+    planes: FloatArray,
+    surely: BoolArray,
+    pattern: float,
     settings: SeedSettings,
-) -> IntArray:  # fmt: skip
+) -> IntArray:
     """Pixels at the border of a surface that may not belong to it, by the planes of neighbouring windows.
 
     A slope takes up a column of mixed pixels at a window's side. The neighbouring windows, two pixels away, do not
@@ -204,8 +212,14 @@ def _goes_on(
 
 @jit
 def _fit_windows(
-    rows: int, cols: int, valid: BoolArray, beams: PixelDirections, measured: Measured, plane: FloatArray, scatters: FloatArray
-) -> IntArray:  # fmt: skip
+    rows: int,
+    cols: int,
+    valid: BoolArray,
+    beams: PixelDirections,
+    measured: Measured,
+    plane: FloatArray,
+    scatters: FloatArray,
+) -> IntArray:
     """Fit planes to the 3 x 3 pixels around each pixel whose window is whole, and return those pixels.
 
     `plane` (pixel, 3) and `scatters` (pixel, 4) are filled there: m, and the mean squares of residuals and of noise, of
@@ -323,9 +337,11 @@ def _line_scatters(image: PhasorImage, axis: int) -> tuple[FloatArray, FloatArra
     noise = image.range_variance[pixels]
     light = image.light_variance[pixels] + 9.0 * noise * near**2
     return (
-        _about_line(x, near / cosine) * image.range_mm[middle] ** 4, noise.mean(axis=1),
-        _about_line(x, image.log_light[pixels]), light.mean(axis=1),
-    )  # fmt: skip
+        _about_line(x, near / cosine) * image.range_mm[middle] ** 4,
+        noise.mean(axis=1),
+        _about_line(x, image.log_light[pixels]),
+        light.mean(axis=1),
+    )
 
 
 def _about_line(x: FloatArray, values: FloatArray) -> FloatArray:

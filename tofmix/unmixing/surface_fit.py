@@ -113,9 +113,17 @@ class NeighbourSurfaces(NamedTuple):
 
 @jit
 def fill_surfaces(
-    pixels: IntArray, rows: int, cols: int, beams: PixelDirections, measured: Measured, members: Members,
-    pattern_variance: float, texture_variance: float, out: NeighbourSurfaces, settings: NeighbourSettings,
-) -> None:  # fmt: skip
+    pixels: IntArray,
+    rows: int,
+    cols: int,
+    beams: PixelDirections,
+    measured: Measured,
+    members: Members,
+    pattern_variance: float,
+    texture_variance: float,
+    out: NeighbourSurfaces,
+    settings: NeighbourSettings,
+) -> None:
     """Fill the neighbouring surfaces of pixels (n,) of an image of `rows` x `cols`; `out` holds zeros before.
 
     The variances are those of ranges (mm^2) and of ln A from pixel to pixel, beyond noise.
@@ -125,8 +133,9 @@ def fill_surfaces(
     normal, fit = np.empty((4, 3)), np.empty((4, 3))
     for at in range(len(pixels)):
         pixel = pixels[at]
-        count = _gather(pixel, rows, cols, beams, measured, members, pattern_variance, texture_variance, numbers,
-                        indices, settings)  # fmt: skip
+        count = _gather(
+            pixel, rows, cols, beams, measured, members, pattern_variance, texture_variance, numbers, indices, settings
+        )
         _predict_lines(pixel, count, texture_variance, beams, measured, numbers, indices, normal, fit, settings)
         groups = _sort(count, numbers, indices, settings)
         _measure(count, groups, indices, settings.near)
@@ -137,8 +146,21 @@ def fill_surfaces(
             out.found[at, number] = True
             size = _collect(count, group, _GROUP, indices)
             _fit_ranges(pixel, at, number, size, beams, members, numbers, indices, normal, out, settings)
-            _fit_light(pixel, at, number, size, texture_variance, beams, measured, members, numbers, indices, normal,
-                       out, settings)  # fmt: skip
+            _fit_light(
+                pixel,
+                at,
+                number,
+                size,
+                texture_variance,
+                beams,
+                measured,
+                members,
+                numbers,
+                indices,
+                normal,
+                out,
+                settings,
+            )
             _describe(at, number, size, measured, members, indices, out, settings.beside)
 
 
@@ -150,9 +172,18 @@ def _pitch(pixel: int, beams: PixelDirections) -> float:
 
 @borrowing
 def _gather(
-    pixel: int, rows: int, cols: int, beams: PixelDirections, measured: Measured, members: Members, pattern_variance: float,
-    texture_variance: float, numbers: FloatArray, indices: IntArray, settings: NeighbourSettings,
-) -> int:  # fmt: skip
+    pixel: int,
+    rows: int,
+    cols: int,
+    beams: PixelDirections,
+    measured: Measured,
+    members: Members,
+    pattern_variance: float,
+    texture_variance: float,
+    numbers: FloatArray,
+    indices: IntArray,
+    settings: NeighbourSettings,
+) -> int:
     """Collect the members around a pixel: where they are, and their prediction of 1 / r there with its variance."""
     row, col = pixel // cols, pixel % cols
     own = beams.direction[pixel]
@@ -193,9 +224,17 @@ def _gather(
 
 @borrowing
 def _predict_lines(
-    pixel: int, count: int, texture_variance: float, beams: PixelDirections, measured: Measured, numbers: FloatArray,
-    indices: IntArray, normal: FloatArray, fit: FloatArray, settings: NeighbourSettings,
-) -> None:  # fmt: skip
+    pixel: int,
+    count: int,
+    texture_variance: float,
+    beams: PixelDirections,
+    measured: Measured,
+    numbers: FloatArray,
+    indices: IntArray,
+    normal: FloatArray,
+    fit: FloatArray,
+    settings: NeighbourSettings,
+) -> None:
     """Let the members of each narrow surface predict together: 1 / r and u at the pixel, with their variances.
 
     A line of pixels determines the slope along itself. Across it a small slope is expected: any two lines lie on a
@@ -208,18 +247,28 @@ def _predict_lines(
         if line >= 0 and is_first:
             size = _collect(count, line, _LINE, indices)
             _predict_ranges(size, _pitch(pixel, beams), numbers, indices, normal, fit, settings)
-            _predict_light(size, _pitch(pixel, beams), texture_variance, measured, numbers, indices, normal, fit,
-                           settings)  # fmt: skip
+            _predict_light(
+                size, _pitch(pixel, beams), texture_variance, measured, numbers, indices, normal, fit, settings
+            )
 
 
 @borrowing
 def _predict_ranges(
-    size: int, pitch: float, numbers: FloatArray, indices: IntArray, normal: FloatArray, fit: FloatArray,
+    size: int,
+    pitch: float,
+    numbers: FloatArray,
+    indices: IntArray,
+    normal: FloatArray,
+    fit: FloatArray,
     settings: NeighbourSettings,
-) -> None:  # fmt: skip
+) -> None:
     """Predict 1 / r at the pixel from the members of a narrow surface."""
-    x, y, value, weight = numbers[_OWN_X, :size], numbers[_OWN_Y, :size], numbers[_OWN_VALUE, :size], \
-        numbers[_OWN_WEIGHT, :size]  # fmt: skip
+    x, y, value, weight = (
+        numbers[_OWN_X, :size],
+        numbers[_OWN_Y, :size],
+        numbers[_OWN_VALUE, :size],
+        numbers[_OWN_WEIGHT, :size],
+    )
     variance, residual = numbers[_OWN_VARIANCE, :size], numbers[_RESIDUAL, :size]
     coefficients, covariance, level = fit[0], fit[1:], 0.0
     for k in range(size):
@@ -239,12 +288,23 @@ def _predict_ranges(
 
 @borrowing
 def _predict_light(
-    size: int, pitch: float, texture_variance: float, measured: Measured, numbers: FloatArray, indices: IntArray,
-    normal: FloatArray, fit: FloatArray, settings: NeighbourSettings,
-) -> None:  # fmt: skip
+    size: int,
+    pitch: float,
+    texture_variance: float,
+    measured: Measured,
+    numbers: FloatArray,
+    indices: IntArray,
+    normal: FloatArray,
+    fit: FloatArray,
+    settings: NeighbourSettings,
+) -> None:
     """Predict u at the pixel from the members of a narrow surface, at the places of `_predict_ranges`."""
-    x, y, value, weight = numbers[_OWN_X, :size], numbers[_OWN_Y, :size], numbers[_OWN_VALUE, :size], \
-        numbers[_OWN_WEIGHT, :size]  # fmt: skip
+    x, y, value, weight = (
+        numbers[_OWN_X, :size],
+        numbers[_OWN_Y, :size],
+        numbers[_OWN_VALUE, :size],
+        numbers[_OWN_WEIGHT, :size],
+    )
     variance, residual = numbers[_OWN_VARIANCE, :size], numbers[_RESIDUAL, :size]
     coefficients, covariance, level = fit[0], fit[1:], 0.0
     for k in range(size):
@@ -318,9 +378,7 @@ def _find_steps(count: int, numbers: FloatArray, indices: IntArray, settings: Ne
 
 
 @borrowing
-def _contradicts(
-    one: int, other: int, numbers: FloatArray, indices: IntArray, settings: NeighbourSettings
-) -> bool:  # fmt: skip
+def _contradicts(one: int, other: int, numbers: FloatArray, indices: IntArray, settings: NeighbourSettings) -> bool:
     """Whether two predictions, one of them of a narrow surface, differ by more than both errors.
 
     The slope across a narrow surface may be that to a pixel of another one, so the predictions of light count there.
@@ -353,9 +411,11 @@ def _next_largest(groups: int, indices: IntArray, places: int) -> int:
     size, close = indices[_SIZE], indices[_CLOSE]
     best = -1
     for number in range(groups):
-        if close[number] > 0 and size[number] > 1 and (
-            best < 0 or close[number] * places + size[number] > close[best] * places + size[best]
-        ):  # fmt: skip
+        if (
+            close[number] > 0
+            and size[number] > 1
+            and (best < 0 or close[number] * places + size[number] > close[best] * places + size[best])
+        ):
             best = number
     if best >= 0:
         close[best] = 0
@@ -375,12 +435,25 @@ def _collect(count: int, number: int, row: int, indices: IntArray) -> int:
 
 @borrowing
 def _fit_ranges(
-    pixel: int, at: int, number: int, size: int, beams: PixelDirections, members: Members, numbers: FloatArray,
-    indices: IntArray, normal: FloatArray, out: NeighbourSurfaces, settings: NeighbourSettings,
-) -> None:  # fmt: skip
+    pixel: int,
+    at: int,
+    number: int,
+    size: int,
+    beams: PixelDirections,
+    members: Members,
+    numbers: FloatArray,
+    indices: IntArray,
+    normal: FloatArray,
+    out: NeighbourSurfaces,
+    settings: NeighbourSettings,
+) -> None:
     """Fit a plane to the ranges of a surface, relative to the mean of the planes of its pixels."""
-    x, y, value, weight = numbers[_OWN_X, :size], numbers[_OWN_Y, :size], numbers[_OWN_VALUE, :size], \
-        numbers[_OWN_WEIGHT, :size]  # fmt: skip
+    x, y, value, weight = (
+        numbers[_OWN_X, :size],
+        numbers[_OWN_Y, :size],
+        numbers[_OWN_VALUE, :size],
+        numbers[_OWN_WEIGHT, :size],
+    )
     variance, residual = numbers[_OWN_VARIANCE, :size], numbers[_RESIDUAL, :size]
     coefficients, covariance = out.near[at, number], out.near_covariance[at, number]
     plane = normal[0]
@@ -422,13 +495,27 @@ def _fit_ranges(
 
 @borrowing
 def _fit_light(
-    pixel: int, at: int, number: int, size: int, texture_variance: float, beams: PixelDirections, measured: Measured,
-    members: Members, numbers: FloatArray, indices: IntArray, normal: FloatArray, out: NeighbourSurfaces,
+    pixel: int,
+    at: int,
+    number: int,
+    size: int,
+    texture_variance: float,
+    beams: PixelDirections,
+    measured: Measured,
+    members: Members,
+    numbers: FloatArray,
+    indices: IntArray,
+    normal: FloatArray,
+    out: NeighbourSurfaces,
     settings: NeighbourSettings,
-) -> None:  # fmt: skip
+) -> None:
     """Fit u = ln A + 3 ln r of a surface, over its pixels that were not left out of its plane."""
-    x, y, value, weight = numbers[_OWN_X, :size], numbers[_OWN_Y, :size], numbers[_OWN_VALUE, :size], \
-        numbers[_OWN_WEIGHT, :size]  # fmt: skip
+    x, y, value, weight = (
+        numbers[_OWN_X, :size],
+        numbers[_OWN_Y, :size],
+        numbers[_OWN_VALUE, :size],
+        numbers[_OWN_WEIGHT, :size],
+    )
     variance, residual = numbers[_OWN_VARIANCE, :size], numbers[_RESIDUAL, :size]
     coefficients, covariance = out.light[at, number], out.light_covariance[at, number]
     lit = False
@@ -456,9 +543,13 @@ def _fit_light(
 
 @borrowing
 def _widen(
-    size: int, residual: FloatArray, weight: FloatArray, variance: FloatArray, covariance: FloatArray,
+    size: int,
+    residual: FloatArray,
+    weight: FloatArray,
+    variance: FloatArray,
+    covariance: FloatArray,
     chance_sigmas: float,
-) -> None:  # fmt: skip
+) -> None:
     """Widen a fit's covariance where its residuals scatter more than noise.
 
     The whole covariance is multiplied by the excess, at least 1. The variance of the value also includes the deviation
@@ -486,9 +577,15 @@ def _widen(
 
 @borrowing
 def _describe(
-    at: int, number: int, size: int, measured: Measured, members: Members, indices: IntArray, out: NeighbourSurfaces,
+    at: int,
+    number: int,
+    size: int,
+    measured: Measured,
+    members: Members,
+    indices: IntArray,
+    out: NeighbourSurfaces,
     beside: int,
-) -> None:  # fmt: skip
+) -> None:
     """Fill the properties of most pixels of a surface, and the means over the pixels."""
     known, trusted, fresh, part = 0, 0, 0, 1.0 / size
     for k in range(size):

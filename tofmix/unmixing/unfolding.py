@@ -48,8 +48,10 @@ def unfolded(
 def _neighbours(image: PhasorImage, step: int) -> tuple[IntArray, IntArray]:
     """Pixels (pair,) some steps to the left of others and above them, and these."""
     index = np.arange(image.count).reshape(image.shape)
-    return (np.concatenate([index[:, :-step].ravel(), index[:-step].ravel()]),
-            np.concatenate([index[:, step:].ravel(), index[step:].ravel()]))  # fmt: skip
+    return (
+        np.concatenate([index[:, :-step].ravel(), index[:-step].ravel()]),
+        np.concatenate([index[:, step:].ravel(), index[step:].ravel()]),
+    )
 
 
 def _is_smoother(
@@ -61,9 +63,13 @@ def _is_smoother(
 
 
 def _is_smoother_over(
-    image: PhasorImage, number: IntArray, near: BoolArray, circle_mm: float, stride: int,
+    image: PhasorImage,
+    number: IntArray,
+    near: BoolArray,
+    circle_mm: float,
+    stride: int,
     settings: UnfoldingSettings,
-) -> BoolArray:  # fmt: skip
+) -> BoolArray:
     """Likewise, between pixels that are `stride` apart."""
     one, other = _neighbours(image, stride)
     same = near[one] & near[other] & (number[one] == number[other])

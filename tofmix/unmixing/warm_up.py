@@ -23,9 +23,13 @@ def warm_up_curved() -> None:
 def warm_up() -> None:
     """Unmix the pixels between two surfaces that share the middle column."""
     sensor = Sensor(
-        name="warm-up", range_max_mm=2.0 * _RANGE_MM, fov_horizontal_deg=10.0, fov_vertical_deg=10.0,
-        modulation_frequency_hz=_FREQUENCY_HZ, noise=NoiseCurve(np.array([_RANGE_MM]), np.array([_SIGMA_MM])),
-    )  # fmt: skip
+        name="warm-up",
+        range_max_mm=2.0 * _RANGE_MM,
+        fov_horizontal_deg=10.0,
+        fov_vertical_deg=10.0,
+        modulation_frequency_hz=_FREQUENCY_HZ,
+        noise=NoiseCurve(np.array([_RANGE_MM]), np.array([_SIGMA_MM])),
+    )
     share = np.repeat([1.0, 0.5, 0.0], [_SIDE // 2, 1, _SIDE // 2 - 1])
     scale = phase_scale_mm(_FREQUENCY_HZ)
     sums = share * np.exp(1j * _RANGE_MM / scale) + (1.0 - share) * np.exp(1.5j * _RANGE_MM / scale)

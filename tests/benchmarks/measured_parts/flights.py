@@ -22,8 +22,10 @@ from tofmix.simulation.surface import Surface
 FLIGHTS = ("A0", "A1", "A2", "A3", "A4")
 VALID = (5, 9)  # status of a zone
 NOISES: dict[str, tuple[float, ...]] = {
-    "5 to 40 mm": (5.0, 8.0, 15.0, 40.0), "15 mm": (15.0,) * 4, "20 to 160 mm": (20.0, 40.0, 80.0, 160.0)
-}  # fmt: skip
+    "5 to 40 mm": (5.0, 8.0, 15.0, 40.0),
+    "15 mm": (15.0,) * 4,
+    "20 to 160 mm": (20.0, 40.0, 80.0, 160.0),
+}
 """Sigma of the model at 200, 1000, 2000 and 4000 mm: the sensor's is not published."""
 
 STRETCHES = ("approach", "whole flight")
@@ -34,11 +36,20 @@ _LEFT_MM = 60.0  # from the start: it flies
 
 def _model(start_mm: float, frames: int, sigma: tuple[float, ...]) -> Model:
     sensor = SensorProfile(
-        name="VL53L5CX", rows=8, cols=8, fov_horizontal_deg=45.0, fov_vertical_deg=45.0, range_min_mm=20.0,
-        range_max_mm=4000.0, integration_time_ms=20.0, default_integration_time_ms=20.0,
-        reference_integration_time_ms=20.0, exponent=0.5, outlier_probability=1e-3,
+        name="VL53L5CX",
+        rows=8,
+        cols=8,
+        fov_horizontal_deg=45.0,
+        fov_vertical_deg=45.0,
+        range_min_mm=20.0,
+        range_max_mm=4000.0,
+        integration_time_ms=20.0,
+        default_integration_time_ms=20.0,
+        reference_integration_time_ms=20.0,
+        exponent=0.5,
+        outlier_probability=1e-3,
         noise=NoiseCurve(np.array([200.0, 1000.0, 2000.0, 4000.0]), np.array(sigma)),
-    )  # fmt: skip
+    )
     wall = Surface(name="wall", center_mm=(0.0, 0.0, start_mm), size_mm=(8000.0, 8000.0), reflectivity=0.7)
     return Model(sensor=sensor, surfaces=(wall,), recording=RecordingSettings(frames=frames, frame_rate_hz=15.0))
 

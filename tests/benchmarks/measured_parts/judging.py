@@ -31,10 +31,13 @@ def reconciled(
     except BadInputError as error:
         gap = {"verdict": "refused", "effects": [], "where": [], "next_steps": [str(error)]}
     return {
-        "verdict": gap["verdict"], "named": sorted(e["kind"] for e in gap["effects"]),
+        "verdict": gap["verdict"],
+        "named": sorted(e["kind"] for e in gap["effects"]),
         "effects": [{key: e[key] for key in ("kind", "parameters", "stderr")} for e in gap["effects"]],
-        "where": gap["where"][:3], "next": list(gap["next_steps"]), "seconds": round(time.perf_counter() - start, 1),
-    }  # fmt: skip
+        "where": gap["where"][:3],
+        "next": list(gap["next_steps"]),
+        "seconds": round(time.perf_counter() - start, 1),
+    }
 
 
 def far_pose(line: Mapping[str, Any]) -> bool:

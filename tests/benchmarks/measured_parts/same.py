@@ -78,18 +78,29 @@ def model_of(half: FloatArray) -> Model:
     sigma = float(np.sqrt(np.nanmean(np.nanvar(half, axis=0, ddof=1))))
     distance = max(float(np.nanmedian(mean)), 1.0)
     sensor = SensorProfile(
-        name="measured", rows=rows, cols=cols, fov_horizontal_deg=40.0, fov_vertical_deg=40.0 * rows / cols,
-        range_min_mm=0.0, range_max_mm=min(2 * float(np.nanmax(half)) + 1000.0, 65_000.0), integration_time_ms=1.0,
-        default_integration_time_ms=1.0, reference_integration_time_ms=1.0, exponent=0.5, outlier_probability=1e-3,
+        name="measured",
+        rows=rows,
+        cols=cols,
+        fov_horizontal_deg=40.0,
+        fov_vertical_deg=40.0 * rows / cols,
+        range_min_mm=0.0,
+        range_max_mm=min(2 * float(np.nanmax(half)) + 1000.0, 65_000.0),
+        integration_time_ms=1.0,
+        default_integration_time_ms=1.0,
+        reference_integration_time_ms=1.0,
+        exponent=0.5,
+        outlier_probability=1e-3,
         noise=NoiseCurve(np.array([1.0, 60_000.0]), np.array([sigma, sigma])),
-    )  # fmt: skip
+    )
     wall = Surface(name="wall", center_mm=(0.0, 0.0, distance), size_mm=(1e5, 1e5), reflectivity=0.7)
     bare = Model(sensor=sensor, surfaces=(wall,), recording=RecordingSettings(frames=len(half), frame_rate_hz=RATE_HZ))
     plane = np.nan_to_num(mean - cast_scene(bare).range_true[..., 0]).astype(np.float32)
     return Model(
-        sensor=sensor, surfaces=(wall,), recording=bare.recording,
+        sensor=sensor,
+        surfaces=(wall,),
+        recording=bare.recording,
         effects=(FixedPattern(map=PixelMap("means.npy", plane)),),
-    )  # fmt: skip
+    )
 
 
 def judged(number: int, seed: int) -> dict[str, Any] | None:

@@ -56,12 +56,21 @@ def sigma_of(amplitude: float, turn_mm: float) -> float:
 
 def _sensor(image: tuple[int, int], frequency_hz: float, sigma_mm: float) -> SensorProfile:
     return SensorProfile(
-        name="taps", rows=image[0], cols=image[1], fov_horizontal_deg=min(1.0 * image[1], 40.0),
-        fov_vertical_deg=min(1.0 * image[0], 40.0), range_min_mm=0.0, range_max_mm=RANGE_MAX_MM,
-        integration_time_ms=1.0, default_integration_time_ms=1.0, reference_integration_time_ms=1.0, exponent=0.5,
-        modulation_frequency_hz=frequency_hz, outlier_probability=1e-4,
+        name="taps",
+        rows=image[0],
+        cols=image[1],
+        fov_horizontal_deg=min(1.0 * image[1], 40.0),
+        fov_vertical_deg=min(1.0 * image[0], 40.0),
+        range_min_mm=0.0,
+        range_max_mm=RANGE_MAX_MM,
+        integration_time_ms=1.0,
+        default_integration_time_ms=1.0,
+        reference_integration_time_ms=1.0,
+        exponent=0.5,
+        modulation_frequency_hz=frequency_hz,
+        outlier_probability=1e-4,
         noise=NoiseCurve(np.array([100.0, RANGE_MAX_MM]), np.array([sigma_mm, sigma_mm])),
-    )  # fmt: skip
+    )
 
 
 def draw(seed: int, number: int) -> Case:
@@ -82,9 +91,7 @@ def draw(seed: int, number: int) -> Case:
     own = int(rng.integers(1, 2**31))
     seen = _from_taps(model, bias, amplitude, own) if raw else _simulated(model, bias, own)
     given = replace(model, effects=(PhaseWrapping(unambiguous_range_mm=turn),)) if states else model
-    return Case(
-        model=given, range_mm=seen, amplitude=np.full_like(seen, amplitude), small=small, raw=raw, wraps=states
-    )  # fmt: skip
+    return Case(model=given, range_mm=seen, amplitude=np.full_like(seen, amplitude), small=small, raw=raw, wraps=states)
 
 
 def _from_taps(model: Model, bias: tuple[float, FloatArray], amplitude: float, seed: int) -> Float32Array:
@@ -122,12 +129,18 @@ def judged(number: int, seed: int) -> dict[str, Any]:
     wrapped = case.wraps or "phase_wrapping" in named
     rows, cols = case.model.sensor.shape
     return {
-        "number": number, "small": case.small, "raw": case.raw, "wraps": case.wraps, "pixels": rows * cols,
-        "sigma_mm": round(float(case.model.sensor.noise.sigma_mm[0]), 2), **found, "wrapped": wrapped,
+        "number": number,
+        "small": case.small,
+        "raw": case.raw,
+        "wraps": case.wraps,
+        "pixels": rows * cols,
+        "sigma_mm": round(float(case.model.sensor.noise.sigma_mm[0]), 2),
+        **found,
+        "wrapped": wrapped,
         "all": wrapped and bool(named & {"range_offset", "surface_pose"}) and "fixed_pattern" in named,
         "bad": "multipath" in named or far_pose(found),
         "false": found["verdict"] == "explained" and bool(named - EXPECTED),
-    }  # fmt: skip
+    }
 
 
 def order(count: int) -> Sequence[int]:

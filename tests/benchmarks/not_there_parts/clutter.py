@@ -162,8 +162,13 @@ def judged(layers: Path, seen: Seen, weather: Weather) -> Outcome:
     return Outcome(
         false=float(false.sum() / false[..., 0].size),
         sure=float((false & (probability > 0.5)).sum() / false[..., 0].size),
-        net=there[0], wall=there[1], inside=there[2], share=share, learnt=learnt, seconds=0.0,
-    )  # fmt: skip
+        net=there[0],
+        wall=there[1],
+        inside=there[2],
+        share=share,
+        learnt=learnt,
+        seconds=0.0,
+    )
 
 
 def estimated(weather: Weather, seed: int, folder: Path, options: list[str]) -> Outcome:
@@ -202,8 +207,10 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--curve", action="store_true", help="the recordings have their noise curve")
     parser.add_argument("--options", nargs=argparse.REMAINDER, default=[], help="further options of `tofmix estimate`")
     chosen = parser.parse_args(arguments)
-    print("| clutter | in frames | kept | frames, pixels | false layers a pixel | of p > 0.5 | net | wall | inside fog"
-          " | background share | density learnt | s |\n|---|---|---|---|---|---|---|---|---|---|---|---|")  # fmt: skip
+    print(
+        "| clutter | in frames | kept | frames, pixels | false layers a pixel | of p > 0.5 | net | wall | inside fog"
+        " | background share | density learnt | s |\n|---|---|---|---|---|---|---|---|---|---|---|---|"
+    )
     with tempfile.TemporaryDirectory() as folder:
         for number in chosen.cases or range(len(CASES)):
             case = replace(CASES[number], with_curve=chosen.curve)

@@ -59,9 +59,13 @@ def scored(scene: Scene, found: tofmix.Estimate) -> dict[str, float]:
     range_z = (away / found.range_stderr[0][..., :2])[both]
     share_z = ((found.weight[0][..., :2] - shares) / found.weight_stderr[0][..., :2])[both]
     return {
-        "both": float(both[scene.mixed].mean()), "more": float((sure > 2)[scene.mixed].mean()), "undecided": undecided,
-        "false": float((sure > 1)[~scene.mixed].mean()), "range_z": _rms(range_z), "share_z": _rms(share_z),
-    }  # fmt: skip
+        "both": float(both[scene.mixed].mean()),
+        "more": float((sure > 2)[scene.mixed].mean()),
+        "undecided": undecided,
+        "false": float((sure > 1)[~scene.mixed].mean()),
+        "range_z": _rms(range_z),
+        "share_z": _rms(share_z),
+    }
 
 
 def _rms(values: FloatArray) -> float:

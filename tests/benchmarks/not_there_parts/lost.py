@@ -26,9 +26,14 @@ FOV_DEG = (48.0, 36.0)  # one degree a pixel
 WALL_MM, BOX_MM, SIGMA_MM = 4000.0, 1500.0, 30.0
 CELL_MM = 50.0
 SENSOR = Sensor(
-    name="box", range_min_mm=300.0, range_max_mm=7500.0, fov_horizontal_deg=FOV_DEG[0], fov_vertical_deg=FOV_DEG[1],
-    outlier_probability=1e-4, noise=NoiseCurve(np.array([1000.0, 7500.0]), np.array([SIGMA_MM, SIGMA_MM])),
-)  # fmt: skip
+    name="box",
+    range_min_mm=300.0,
+    range_max_mm=7500.0,
+    fov_horizontal_deg=FOV_DEG[0],
+    fov_vertical_deg=FOV_DEG[1],
+    outlier_probability=1e-4,
+    noise=NoiseCurve(np.array([1000.0, 7500.0]), np.array([SIGMA_MM, SIGMA_MM])),
+)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -76,9 +76,10 @@ def record(case: Case, *, seed: int, texture: float = TEXTURE, dims: bool = Fals
     lens = Pinhole(fx=FOCAL, fy=FOCAL, cx=(COLS - 1) / 2, cy=(ROWS - 1) / 2)
     length = np.linalg.norm(lens.rays(*np.mgrid[0.0:ROWS, 0.0:COLS], shape=(ROWS, COLS)), axis=-1)
     range_mm = np.where(
-        near, NEAR_MM * length + NEAR_SIGMA_MM * draw.standard_normal(near.shape),
+        near,
+        NEAR_MM * length + NEAR_SIGMA_MM * draw.standard_normal(near.shape),
         FAR_MM * length + FAR_SIGMA_MM * draw.standard_normal(near.shape),
-    )  # fmt: skip
+    )
     camera = Sensor(name="edges", range_min_mm=100.0, range_max_mm=6000.0, projection=lens, measurement="pulses")  # type: ignore[arg-type]
     return tm.from_array(range_mm, units="mm", sensor=camera, amplitude=np.where(near, returned[0], returned[1]))
 
@@ -107,9 +108,12 @@ def errors_of(edges: Edges) -> Errors:
     ours = np.abs(off) < NEAR_ENOUGH
     off, stated = off[ours], edges.stderr[ours]
     return Errors(
-        median=float(np.median(off)), rms=float(np.sqrt(np.mean(off**2))), stated=float(np.nanmedian(stated)),
-        within=float(np.mean(np.abs(off) < 2.0 * stated)), points=len(off),
-    )  # fmt: skip
+        median=float(np.median(off)),
+        rms=float(np.sqrt(np.mean(off**2))),
+        stated=float(np.nanmedian(stated)),
+        within=float(np.mean(np.abs(off) < 2.0 * stated)),
+        points=len(off),
+    )
 
 
 def edges_of(recording: tm.Recording, law: ShareLaw | None) -> Edges:

@@ -60,9 +60,13 @@ def beams(rows: int, cols: int, fov_deg: tuple[float, float]) -> NDArray[np.floa
 
 def _sensor(fov_deg: tuple[float, float], *, lock_in: bool, noise: NoiseCurve | None = None) -> Sensor:
     return Sensor(
-        name="simulated", fov_horizontal_deg=fov_deg[0], fov_vertical_deg=fov_deg[1], noise=noise,
-        modulation_frequency_hz=20.0e6 if lock_in else None, range_max_mm=7500.0 if lock_in else None,
-    )  # fmt: skip
+        name="simulated",
+        fov_horizontal_deg=fov_deg[0],
+        fov_vertical_deg=fov_deg[1],
+        noise=noise,
+        modulation_frequency_hz=20.0e6 if lock_in else None,
+        range_max_mm=7500.0 if lock_in else None,
+    )
 
 
 def ghost(seed: int, frames: int = 100, *, lock_in: bool = False, retro_mm: float = 1200.0) -> Situation:
@@ -186,9 +190,11 @@ def drifting(seed: int, frames: int = 100, *, by_mm: float = 60.0, sigma_mm: flo
     curve = NoiseCurve(np.array([500.0, 7000.0]), np.full(2, sigma_mm))
     recording = tofmix.from_array(range_mm, units="mm", sensor=_sensor((45.0, 45.0), lock_in=False, noise=curve))
     return Situation(
-        name=f"wall that drifts by {by_mm / sigma_mm:.0f} sigma, noise of the file", recording=recording,
-        absent=lambda found: np.zeros(found.shape, bool), options={"noise": "file"},
-    )  # fmt: skip
+        name=f"wall that drifts by {by_mm / sigma_mm:.0f} sigma, noise of the file",
+        recording=recording,
+        absent=lambda found: np.zeros(found.shape, bool),
+        options={"noise": "file"},
+    )
 
 
 SITUATIONS: tuple[Callable[[int], Situation], ...] = (

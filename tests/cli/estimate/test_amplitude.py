@@ -86,16 +86,32 @@ def test_the_bytes_do_not_depend_on_workers_or_chunks(tofmix: Tofmix, tmp_path: 
     ("law", "reason"),
     [
         ({"noise_amplitude": [1.0, 2.0]}, "go together"),
-        ({"noise_reference_amplitude": [1.0, 2.0], "noise_amplitude": [2.0, 1.0], "noise_amplitude_factor": [1.0, 1.0]},
-         "do not ascend"),
-        ({"noise_reference_amplitude": [1.0], "noise_amplitude": [1.0, 2.0], "noise_amplitude_factor": [1.0, 1.0]},
-         "2 ranges, but 1 reference amplitude"),
-        ({"noise_reference_amplitude": [1.0, 2.0], "noise_amplitude": [1.0, 2.0], "noise_amplitude_factor": [1.0]},
-         "2 amplitudes, but 1 factor"),
-        ({"noise_reference_amplitude": [1.0, 2.0], "noise_amplitude": [1.0, 2.0], "noise_amplitude_factor": [0.0, 1.0]},
-         "factor must be a list of finite numbers above 0"),
+        (
+            {
+                "noise_reference_amplitude": [1.0, 2.0],
+                "noise_amplitude": [2.0, 1.0],
+                "noise_amplitude_factor": [1.0, 1.0],
+            },
+            "do not ascend",
+        ),
+        (
+            {"noise_reference_amplitude": [1.0], "noise_amplitude": [1.0, 2.0], "noise_amplitude_factor": [1.0, 1.0]},
+            "2 ranges, but 1 reference amplitude",
+        ),
+        (
+            {"noise_reference_amplitude": [1.0, 2.0], "noise_amplitude": [1.0, 2.0], "noise_amplitude_factor": [1.0]},
+            "2 amplitudes, but 1 factor",
+        ),
+        (
+            {
+                "noise_reference_amplitude": [1.0, 2.0],
+                "noise_amplitude": [1.0, 2.0],
+                "noise_amplitude_factor": [0.0, 1.0],
+            },
+            "factor must be a list of finite numbers above 0",
+        ),
     ],
-)  # fmt: skip
+)
 def test_unfit_laws_are_refused(tofmix: Tofmix, tmp_path: Path, law: dict[str, list[float]], reason: str) -> None:
     curve = {"noise_range": [500.0, 5000.0], "noise_sigma": [10.0, 20.0]} | law
     path = write_reflective(tmp_path / "a.h5", 0.0, {name: np.array(values) for name, values in curve.items()})

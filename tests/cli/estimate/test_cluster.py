@@ -214,8 +214,11 @@ def test_path_missing_on_worker_exits_with_3(cluster: Cluster, recording: Path, 
         os.dup2(file.fileno(), 77)
         done = subprocess.run(
             command(*arguments(Path("/proc/self/fd/77"), tmp_path / "out", "--scheduler", cluster.file)),
-            capture_output=True, text=True, check=False, pass_fds=(77,),
-        )  # fmt: skip
+            capture_output=True,
+            text=True,
+            check=False,
+            pass_fds=(77,),
+        )
         os.close(77)
     assert done.returncode == ExitCode.BAD_INPUT
     assert done.stderr.startswith("tofmix: /proc/self/fd/77: ")

@@ -38,10 +38,21 @@ def test_estimate_finds_the_surfaces_of_the_model(tofmix: Tofmix, recording: Pat
     assert found["source_sha256"] == file_sha256(recording)
     options = json.loads(found["options"])
     assert options == {
-        "sigma": "prior", "refine": "likelihood", "false_alarm": 0.001, "counter": "kde", "gamma": 0.02,
-        "epsilon": 0.01, "max_layers": 6, "max_iter": 50,
-        "tol": 0.001, "min_samples": 3, "noise": "file", "outliers": "file", "window": 40, "stride": 40,
-    }  # fmt: skip
+        "sigma": "prior",
+        "refine": "likelihood",
+        "false_alarm": 0.001,
+        "counter": "kde",
+        "gamma": 0.02,
+        "epsilon": 0.01,
+        "max_layers": 6,
+        "max_iter": 50,
+        "tol": 0.001,
+        "min_samples": 3,
+        "noise": "file",
+        "outliers": "file",
+        "window": 40,
+        "stride": 40,
+    }
 
 
 def test_bytes_do_not_depend_on_workers_memory_or_time(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
@@ -62,13 +73,22 @@ def test_frames_after_the_last_window_are_left_out_with_a_note(tofmix: Tofmix, r
 @pytest.mark.parametrize(
     ("option", "value", "changes"),
     [
-        ("--sigma", "free", "sigma"), ("--max-layers", 1, "n_modes"), ("--noise", "sr3000", "sigma"),
-        *(pytest.param(*one, marks=pytest.mark.slow) for one in (
-            ("--sigma", "tied", "sigma"), ("--gamma", 0.9, "n_peaks"), ("--max-iter", 1, "n_iter"),
-            ("--tol", 1e-12, "n_iter"), ("--min-samples", 41, "status"), ("--epsilon", 5.0, "n_peaks"),
-        )),
+        ("--sigma", "free", "sigma"),
+        ("--max-layers", 1, "n_modes"),
+        ("--noise", "sr3000", "sigma"),
+        *(
+            pytest.param(*one, marks=pytest.mark.slow)
+            for one in (
+                ("--sigma", "tied", "sigma"),
+                ("--gamma", 0.9, "n_peaks"),
+                ("--max-iter", 1, "n_iter"),
+                ("--tol", 1e-12, "n_iter"),
+                ("--min-samples", 41, "status"),
+                ("--epsilon", 5.0, "n_peaks"),
+            )
+        ),
     ],
-)  # fmt: skip
+)
 def test_every_option_of_estimate_changes_its_layers(
     tofmix: Tofmix, recording: Path, tmp_path: Path, option: str, value: object, changes: str
 ) -> None:

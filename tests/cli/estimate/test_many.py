@@ -36,8 +36,11 @@ def test_failed_recording_does_not_stop_the_others(tofmix: Tofmix, recordings: l
     assert outcome.code == ExitCode.SOME_FAILED
     said = [json.loads(line) for line in outcome.out.splitlines()]
     assert [(Path(one["recording"]).stem, one["status"], one["exit_code"]) for one in said] == [
-        ("a", "done", 0), ("b", "failed", 3), ("c", "done", 0), ("none", "failed", 3),
-    ]  # fmt: skip
+        ("a", "done", 0),
+        ("b", "failed", 3),
+        ("c", "done", 0),
+        ("none", "failed", 3),
+    ]
     assert "not an HDF5 file" in said[1]["error"]
     assert sum(said[0]["pixels_by_surfaces"]) == 4 * 3
     assert outcome.err.splitlines()[-1] == "tofmix: 2 of 4 recordings failed; the others are done"

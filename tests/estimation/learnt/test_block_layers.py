@@ -21,10 +21,13 @@ PLAIN = Sensor(name="plain", range_max_mm=6000.0, noise=NoiseCurve(np.array([100
 @pytest.mark.parametrize(
     ("options", "counts"),
     [
-        ({}, True), ({"sigma": SigmaMode.TIED}, True), ({"sigma": SigmaMode.FREE}, False),
-        ({"refine": Refine.NONE}, False), ({"paper": True}, False),
+        ({}, True),
+        ({"sigma": SigmaMode.TIED}, True),
+        ({"sigma": SigmaMode.FREE}, False),
+        ({"refine": Refine.NONE}, False),
+        ({"paper": True}, False),
     ],
-)  # fmt: skip
+)
 def test_paper_options_use_a_gaussian_alone(options: dict[str, Any], counts: bool) -> None:
     assert counts_with_learnt(WIDE, EstimateOptions(**options)) is counts
     assert not counts_with_learnt(PLAIN, EstimateOptions(**options))

@@ -44,10 +44,13 @@ def test_same_noise_gives_the_same_gains_for_any_workers() -> None:
 @pytest.mark.parametrize(
     ("samples", "numbers"),
     [
-        ((10, 40), [10, 12, 25, 40]), ((100, 100), [100]), ((1, 2), [3]), ((3, 5000), list(SAMPLES)),
+        ((10, 40), [10, 12, 25, 40]),
+        ((100, 100), [100]),
+        ((1, 2), [3]),
+        ((3, 5000), list(SAMPLES)),
         ((30, 10), [10]),
     ],
-)  # fmt: skip
+)
 def test_gains_are_drawn_for_the_numbers_of_samples_that_pixels_have(
     samples: tuple[int, int], numbers: list[int]
 ) -> None:

@@ -131,10 +131,14 @@ def best_of_scipy(samples: FloatArray, noise: PixelNoise, start: Fitted) -> tupl
             at += k
         return Fitted(sigma * x[:k], shares[:k], 0.0, float(shares[k]), float(x[2 * k]) if own else 0.0, drifts)
 
-    x = np.concatenate([
-        start.means / sigma, np.log(start.shares / start.background), [start.log_width] if own else [],
-        *[start.drifts[:, d] / sigma for d in moving],
-    ])  # fmt: skip
+    x = np.concatenate(
+        [
+            start.means / sigma,
+            np.log(start.shares / start.background),
+            [start.log_width] if own else [],
+            *[start.drifts[:, d] / sigma for d in moving],
+        ]
+    )
     for _ in range(3):
         for way in ("Nelder-Mead", "BFGS"):
             x = optimize.minimize(lambda x: -written_out(samples, noise, of(x)), x, method=way).x
@@ -278,9 +282,11 @@ def test_layers_state_the_objective_of_their_fit(rng: np.random.Generator) -> No
     np.testing.assert_array_equal(layers.n_modes, 2)
     for pixel in range(8):
         fitted = Fitted(
-            layers.range[pixel, :2].astype(np.float64), layers.weight[pixel, :2].astype(np.float64),
-            float(layers.weight_no_return[pixel]), float(layers.weight_outlier[pixel]),
-        )  # fmt: skip
+            layers.range[pixel, :2].astype(np.float64),
+            layers.weight[pixel, :2].astype(np.float64),
+            float(layers.weight_no_return[pixel]),
+            float(layers.weight_outlier[pixel]),
+        )
         assert layers.log_likelihood[pixel] == pytest.approx(written_out(samples[:, pixel], noise, fitted), abs=0.05)
 
 

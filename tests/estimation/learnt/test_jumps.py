@@ -24,11 +24,16 @@ def _layers(path_sigmas: FloatArray, rng: np.random.Generator) -> Layers:
 @pytest.mark.parametrize(
     "path",
     [
-        0.0 * TIME, 1.5 * TIME, 3.0 * TIME, -3.0 * TIME, 2.0 * TIME**2, 1.5 * np.sin(2.0 * TIME),
+        0.0 * TIME,
+        1.5 * TIME,
+        3.0 * TIME,
+        -3.0 * TIME,
+        2.0 * TIME**2,
+        1.5 * np.sin(2.0 * TIME),
         2.0 * TIME + 1.0 * (2.5 * TIME**3 - 1.5 * TIME),
     ],
     ids=["none", "slow", "fast", "backward", "there and back", "slowing", "of third degree"],
-)  # fmt: skip
+)
 def test_smooth_drift_is_one_surface(path: FloatArray, rng: np.random.Generator) -> None:
     layers = _layers(path, rng)
     assert (layers.n_modes == 1).mean() >= 0.97

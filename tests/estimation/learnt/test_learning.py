@@ -154,9 +154,14 @@ def test_all_parts_together_are_all_learnt(rng: np.random.Generator) -> None:
     frames, pixels = 80, 450
     drift = 1.5 * SIGMA_MM * rng.choice([-1.0, 1.0], pixels) * np.linspace(-1.0, 1.0, frames)[:, np.newaxis]
     samples = surfaces(
-        rng, (frames, pixels), (2000.0,), errors=KNOWN["skewed"].draw, width=np.exp(0.3 * rng.standard_normal(pixels)),
-        background=rng.uniform(0.0, 0.9, pixels), drift_mm=drift,
-    )  # fmt: skip
+        rng,
+        (frames, pixels),
+        (2000.0,),
+        errors=KNOWN["skewed"].draw,
+        width=np.exp(0.3 * rng.standard_normal(pixels)),
+        background=rng.uniform(0.0, 0.9, pixels),
+        drift_mm=drift,
+    )
     model = _learnt(samples)
     assert _parts(model) - {"memory"} == {"shape", "widths", "background", "drift"}
     assert model.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.1)

@@ -33,11 +33,14 @@ def test_gains_come_back_as_the_kernels_read_them() -> None:
 @pytest.mark.parametrize(
     ("noise", "gaussian"),
     [
-        (pixel_noise(), True), (pixel_noise("skewed"), False), (pixel_noise(width_spread=0.1), False),
-        (pixel_noise(background=(1.0, 2.0)), False), (pixel_noise(memory=0.1), False),
+        (pixel_noise(), True),
+        (pixel_noise("skewed"), False),
+        (pixel_noise(width_spread=0.1), False),
+        (pixel_noise(background=(1.0, 2.0)), False),
+        (pixel_noise(memory=0.1), False),
         (pixel_noise(drift_mm=(0.0, 0.0, 1.0)), False),
     ],
-)  # fmt: skip
+)
 def test_any_part_beside_the_curve_makes_the_noise_more_than_a_gaussian(noise: PixelNoise, gaussian: bool) -> None:
     assert noise.is_gaussian is gaussian
 

@@ -23,10 +23,16 @@ def mixture(
     """A pixel with surfaces of equal shares, and 10 % of background."""
     count = len(ranges)
     return pixel_mixture(
-        camera(parts, (1, 1)), range_mm=np.array(ranges), sigma_mm=np.full(count, SIGMA_MM),
-        weight=np.full(count, 0.9 / count), width=1.0, background=0.1, no_return=0.0, samples_mm=samples,
+        camera(parts, (1, 1)),
+        range_mm=np.array(ranges),
+        sigma_mm=np.full(count, SIGMA_MM),
+        weight=np.full(count, 0.9 / count),
+        width=1.0,
+        background=0.1,
+        no_return=0.0,
+        samples_mm=samples,
         unambiguous_range_mm=circle,
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("parts", [Parts(), ALL])
@@ -53,9 +59,15 @@ def test_background_lies_within_the_working_range_alone() -> None:
 
 def test_share_without_a_return_lies_at_the_end_of_the_range() -> None:
     shown = pixel_mixture(
-        camera(Parts(), (1, 1)), range_mm=np.zeros(0), sigma_mm=np.zeros(0), weight=np.zeros(0), width=np.nan,
-        background=np.nan, no_return=1.0, samples_mm=None,
-    )  # fmt: skip
+        camera(Parts(), (1, 1)),
+        range_mm=np.zeros(0),
+        sigma_mm=np.zeros(0),
+        weight=np.zeros(0),
+        width=np.nan,
+        background=np.nan,
+        no_return=1.0,
+        samples_mm=None,
+    )
     range_mm = np.linspace(5000.0, 5600.0, 6001)
     density = shown.total(range_mm)
     assert range_mm[density.argmax()] == pytest.approx(SPAN_MM[1])
@@ -104,9 +116,13 @@ def test_drift_takes_fewer_degrees_of_freedom_with_a_narrow_prior() -> None:
     taken = []
     for known in (law, narrow):
         _, freedom = drifts_of(
-            samples, range_mm=np.zeros((1, 1)), sigma_mm=np.full((1, 1), SIGMA_MM), weight=np.ones((1, 1)),
-            rest=np.zeros((1, 100)), law=known,
-        )  # fmt: skip
+            samples,
+            range_mm=np.zeros((1, 1)),
+            sigma_mm=np.full((1, 1), SIGMA_MM),
+            weight=np.ones((1, 1)),
+            rest=np.zeros((1, 100)),
+            law=known,
+        )
         taken.append(float(freedom[0, 0]))
     assert 2.5 < taken[0] < 3.0
     assert 0.0 < taken[1] < 0.5
@@ -123,9 +139,15 @@ def test_the_drift_is_that_of_the_estimator() -> None:
         samples = case.samples_mm[:, row, col].astype(np.float32).astype(np.float64)
         first = {name: getattr(layers, name)[row, col, :1].astype(float) for name in ("range", "sigma", "weight")}
         shown = pixel_mixture(
-            sensor, range_mm=first["range"], sigma_mm=first["sigma"], weight=first["weight"], width=1.0,
-            background=float(layers.weight_outlier[row, col]), no_return=0.0, samples_mm=samples,
-        )  # fmt: skip
+            sensor,
+            range_mm=first["range"],
+            sigma_mm=first["sigma"],
+            weight=first["weight"],
+            width=1.0,
+            background=float(layers.weight_outlier[row, col]),
+            no_return=0.0,
+            samples_mm=samples,
+        )
         still = samples - shown.drift_mm[0] @ legendre(times(60))
         z = (still - shown.range_mm[0]) / shown.sigma_mm[0]
         density = shown.weight[0] * np.exp(-0.5 * z * z) / (np.sqrt(2 * np.pi) * shown.sigma_mm[0])

@@ -151,7 +151,7 @@ def test_constant_samples_are_reported_and_are_one_surface() -> None:
         (np.full((30, 300), np.nan), "0 valid samples, 0 in a pixel at most"),
     ],
     ids=["three samples a pixel", "three pixels", "none"],
-)  # fmt: skip
+)
 def test_too_few_samples_are_refused_with_their_number(samples: FloatArray, text: str) -> None:
     with pytest.raises(ValueError, match=f"noise: {text}.*at least 100 and 5 are needed to tell one sigma"):
         learn_noise(_recording(samples), window_frames=len(samples))
@@ -239,8 +239,11 @@ def test_share_of_outliers_is_the_counted_one_where_nothing_is_stated_and_chance
 ) -> None:
     counted = (count + 0.5) / (samples + 1.0)
     measured = MeasuredNoise(
-        curve=pixel_noise().curve, pixels=np.ones(1, dtype=np.int64), outlier_probability=counted,
-        outlier_samples=count, step_mm=1.0,
-    )  # fmt: skip
+        curve=pixel_noise().curve,
+        pixels=np.ones(1, dtype=np.int64),
+        outlier_probability=counted,
+        outlier_samples=count,
+        step_mm=1.0,
+    )
     found = share_of_outliers(replace(CAMERA, outlier_probability=stated), measured)
     assert found == (counted if replaced else stated)

@@ -92,9 +92,12 @@ def test_a_bend_is_measured(rng: np.random.Generator) -> None:
 
 LAW = AmplitudeLaw(np.full(2, 100.0), np.array([10.0, 1000.0]), np.array([10.0, 0.1]))
 CAMERA = Sensor(
-    name="law", range_min_mm=300.0, range_max_mm=6000.0, outlier_probability=0.0,
+    name="law",
+    range_min_mm=300.0,
+    range_max_mm=6000.0,
+    outlier_probability=0.0,
     noise=NoiseCurve(np.array([1000.0, 3000.0]), np.array([10.0, 30.0]), LAW),
-)  # fmt: skip
+)
 
 
 def test_each_surface_of_a_pixel_has_its_own_sigma(rng: np.random.Generator) -> None:

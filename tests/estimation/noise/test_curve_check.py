@@ -15,9 +15,7 @@ FRAMES, PIXELS = 80, 200
 
 
 def _doubts(samples: FloatArray, sigma_mm: float = SIGMA_MM, outliers: float = 1e-4) -> list[str]:
-    sensor = replace(
-        CAMERA, noise=NoiseCurve(np.array([2000.0]), np.array([sigma_mm])), outlier_probability=outliers
-    )  # fmt: skip
+    sensor = replace(CAMERA, noise=NoiseCurve(np.array([2000.0]), np.array([sigma_mm])), outlier_probability=outliers)
     return doubts(Pixels(samples=np.ascontiguousarray(samples.T, dtype=np.float32)), sensor)
 
 

@@ -29,8 +29,11 @@ def test_only_the_guard_opens_files_for_reading() -> None:
     found = {str(path.relative_to(PACKAGE)): _calls(path) & openers for path in MODULES}
     # hdf5.py wraps a new file that it has created, hdf5_memory.py makes empty ones; the child is the one that looks.
     assert {name for name, calls in found.items() if calls} == {
-        "io/guard/guard.py", "io/guard/structure_process.py", "io/hdf5.py", "io/guard/hdf5_memory.py",
-    }  # fmt: skip
+        "io/guard/guard.py",
+        "io/guard/structure_process.py",
+        "io/hdf5.py",
+        "io/guard/hdf5_memory.py",
+    }
     source = (PACKAGE / "io/guard/hdf5_memory.py").read_text()
     assert source.count("h5py.File(") == source.count('h5py.File(io.BytesIO(), "w")') == 1
     source = (PACKAGE / "io/hdf5.py").read_text()

@@ -86,7 +86,7 @@ def _filtered(*filters: tuple[int, tuple[int, ...]]) -> Change:
         (_dataset((1 << 25,), chunks=(1,), dtype="u1"), "x: 33554432 chunks of 1 bytes"),
         (_dataset((1,), dtype="S2000000"), "x: one value takes 2 MB"),
     ],
-)  # fmt: skip
+)
 def test_excessive_header_values_are_refused_at_any_depth(tmp_path: Path, change: Change, reason: str) -> None:
     path = write_recording(tmp_path / "r.h5", boards())
     with open_recording(path):
@@ -107,7 +107,7 @@ def test_excessive_header_values_are_refused_at_any_depth(tmp_path: Path, change
         (_numbers, "attribute_bytes", "the file: attribute x takes 400 bytes"),
         (lambda root: root.attrs.create("x", ["a" * 30] * 5), "attribute_bytes", "attribute x takes 150 bytes"),
     ],
-)  # fmt: skip
+)
 def test_counts_and_attributes_are_bounded(tmp_path: Path, change: Change, bound: str, reason: str) -> None:
     path = write_recording(tmp_path / "r.h5", boards())
     with h5py.File(path, "r+") as root:

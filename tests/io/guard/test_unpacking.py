@@ -72,9 +72,19 @@ def test_valid_chunks_are_read_in_every_way(tmp_path: Path, settings: dict[str, 
     with h5py.File(path) as root:
         dataset = unpacking.BoundedDataset(root["range"].id)
         parts = (
-            (), ..., 3, -1, slice(5, 30), (slice(None), 2), (..., 5), (slice(0, 40, 7), slice(3, 9)), (slice(9, 9),),
-            ([1, 5],), (0, ..., slice(2, 3)), (np.int64(4), -2),
-        )  # fmt: skip
+            (),
+            ...,
+            3,
+            -1,
+            slice(5, 30),
+            (slice(None), 2),
+            (..., 5),
+            (slice(0, 40, 7), slice(3, 9)),
+            (slice(9, 9),),
+            ([1, 5],),
+            (0, ..., slice(2, 3)),
+            (np.int64(4), -2),
+        )
         for part in parts:
             np.testing.assert_array_equal(dataset[part], samples[part])
 

@@ -25,9 +25,13 @@ with AtomicFile(Path(sys.argv[1]) / "out", overwrite=False), watched("a.h5: rang
 
 def test_a_read_that_hangs_ends_the_program(tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-c", PROGRAM, str(tmp_path)], capture_output=True, text=True, check=False, timeout=60,
+        [sys.executable, "-c", PROGRAM, str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
         env={"TOFMIX_READ_TIMEOUT": "0.3", "PYTHONPATH": ":".join(sys.path)} | coverage_environment(),
-    )  # fmt: skip
+    )
     assert done.returncode == ExitCode.STORAGE
     assert done.stderr == "tofmix: a.h5: range: reading returned no data for 0.3 s; given up\n"
     assert list(tmp_path.iterdir()) == []

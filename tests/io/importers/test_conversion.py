@@ -58,14 +58,12 @@ def _walls() -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
     beams = np.stack([(col - 2.5) / 4.0, (row - 1.0) / 5.0, np.ones((4, 6))], axis=-1)
     azimuth, elevation = np.deg2rad((col - 2.5) * 60 / 6), np.deg2rad((row - 1.5) * 40 / 4)
     return {
-        "pinhole": (
-            ray_over_depth(beam_directions_of(pinhole, (4, 6))), np.linalg.norm(beams, axis=-1)
-        ),
+        "pinhole": (ray_over_depth(beam_directions_of(pinhole, (4, 6))), np.linalg.norm(beams, axis=-1)),
         "grid": (
             ray_over_depth(beam_directions(4, 6, fov_horizontal_deg=60.0, fov_vertical_deg=40.0)),
             1 / (np.cos(azimuth) * np.cos(elevation)),
         ),
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.parametrize("geometry", ["pinhole", "grid"])

@@ -123,9 +123,14 @@ def test_raw_images_take_the_lens_and_rectified_ones_the_projection(tmp_path: Pa
     lens = (-0.1, 0.02, 0.001, -0.001, 0.003)
     with new_bag(tmp_path, kind) as (bag, path):
         bag.info(
-            INFO, (480, 640), (600.0, 610.0, 320.0, 240.0), distortion=lens, projection=(570.0, 580.0, 330.0, 250.0),
-            region=(100, 200, 8, 18), binning=(2, 3),
-        )  # fmt: skip
+            INFO,
+            (480, 640),
+            (600.0, 610.0, 320.0, 240.0),
+            distortion=lens,
+            projection=(570.0, 580.0, 330.0, 250.0),
+            region=(100, 200, 8, 18),
+            binning=(2, 3),
+        )
         bag.image(topic, images()[0], stamp_ns=SECOND)
     source, _ = read_source(path)
     if "rect" in topic:
@@ -142,9 +147,13 @@ def test_equidistant_lenses_are_refused_unless_rectified_or_overridden(tmp_path:
         folder.mkdir()
         with new_bag(folder, "mcap") as (bag, path):
             bag.info(
-                INFO, (4, 6), (5.0, 5.0, 2.5, 1.5), distortion=(0.1, 0.0, 0.0, 0.0), model="equidistant",
+                INFO,
+                (4, 6),
+                (5.0, 5.0, 2.5, 1.5),
+                distortion=(0.1, 0.0, 0.0, 0.0),
+                model="equidistant",
                 projection=(4.0, 4.0, 2.0, 1.0),
-            )  # fmt: skip
+            )
             bag.image(f"/camera/depth/{name}", images()[0], stamp_ns=SECOND)
         if name == "image_rect":
             assert read_source(path)[0].pinhole == Pinhole(fx=4.0, fy=4.0, cx=2.0, cy=1.0)

@@ -47,10 +47,13 @@ def test_camera_info_is_found_under_the_names_of_drivers(tmp_path: Path, topic: 
 @pytest.mark.parametrize(
     ("topic", "expected"),
     [
-        ("/d/image_rect", True), ("/d/image_rect_raw", True), ("/d/image_direct", False), ("/rect/image_raw", False),
+        ("/d/image_rect", True),
+        ("/d/image_rect_raw", True),
+        ("/d/image_direct", False),
+        ("/rect/image_raw", False),
         ("/d/rectangle", False),
     ],
-)  # fmt: skip
+)
 def test_rectified_is_a_word_of_the_topics_last_part(topic: str, *, expected: bool) -> None:
     assert _is_rectified(topic) == expected
 

@@ -104,10 +104,15 @@ def test_whole_numbers_that_are_marked_as_unsigned_are_read_so(tmp_path: Path, *
     with h5py.File(path, "w") as root:
         for number, stored in enumerate(counts.view(np.int16) if images else [counts.view(np.int16)]):
             dataset = root.create_dataset(f"frame_{number}/depth" if images else "range", data=stored)
-            dataset.attrs.update({
-                "_Unsigned": "true", "scale_factor": 0.05, "units": "mm", "_FillValue": np.int16(65000 - 65536),
-                "valid_max": np.int16(59999 - 65536),
-            })  # fmt: skip
+            dataset.attrs.update(
+                {
+                    "_Unsigned": "true",
+                    "scale_factor": 0.05,
+                    "units": "mm",
+                    "_FillValue": np.int16(65000 - 65536),
+                    "valid_max": np.int16(59999 - 65536),
+                }
+            )
     np.testing.assert_allclose(imported_mm(path), expected, rtol=1e-6)
 
 
@@ -207,12 +212,15 @@ def test_scale_in_the_text_of_an_image_is_used(tmp_path: Path) -> None:
         np.testing.assert_array_equal(frames[0].depth, WALL[0] * 8)
 
 
-@pytest.mark.parametrize(("lines", "unit_mm", "factor", "offset"), [
-    ("cf=0\nc0=100.0\nc1=0.25\nvunit=mm\n", 1.0, 0.25, 100.0),
-    ("cf=0\nc0=0.0\nc1=0.001\nvunit=m\n", 1000.0, 0.001, 0.0),
-    ("vunit=mm\n", 1.0, 1.0, 0.0),
-    ("cf=20\nc0=1.0\nc1=2.0\nvunit=Gray Value\n", None, 1.0, 0.0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("lines", "unit_mm", "factor", "offset"),
+    [
+        ("cf=0\nc0=100.0\nc1=0.25\nvunit=mm\n", 1.0, 0.25, 100.0),
+        ("cf=0\nc0=0.0\nc1=0.001\nvunit=m\n", 1000.0, 0.001, 0.0),
+        ("vunit=mm\n", 1.0, 1.0, 0.0),
+        ("cf=20\nc0=1.0\nc1=2.0\nvunit=Gray Value\n", None, 1.0, 0.0),
+    ],
+)
 def test_calibration_of_imagej_is_used(
     tmp_path: Path, lines: str, unit_mm: float | None, factor: float, offset: float
 ) -> None:
@@ -233,17 +241,26 @@ def test_channels_of_imagej_have_no_names_and_are_refused(tmp_path: Path) -> Non
         opened(tmp_path / "a.tif")
 
 
-@pytest.mark.parametrize(("channel", "annotation", "unit_mm"), [
-    ("Depth [cm]", "", 10.0), ("depth_m", "mm", 1000.0), ("Depth", "mm", 1.0), ("Depth", "", None),
-    ("Depth", "V", None),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("channel", "annotation", "unit_mm"),
+    [
+        ("Depth [cm]", "", 10.0),
+        ("depth_m", "mm", 1000.0),
+        ("Depth", "mm", 1.0),
+        ("Depth", "", None),
+        ("Depth", "V", None),
+    ],
+)
 def test_unit_of_an_ome_tiff_is_that_of_its_channel_or_of_an_annotation(
     tmp_path: Path, channel: str, annotation: str, unit_mm: float | None
 ) -> None:
     metadata = {
-        "axes": "TYX", "Channel": {"Name": channel}, "PhysicalSizeX": 3.0, "PhysicalSizeXUnit": "m",
+        "axes": "TYX",
+        "Channel": {"Name": channel},
+        "PhysicalSizeX": 3.0,
+        "PhysicalSizeXUnit": "m",
         **({"MapAnnotation": {"Unit": annotation}} if annotation else {}),
-    }  # fmt: skip
+    }
     tifffile.imwrite(tmp_path / "a.ome.tif", WALL.astype("f4"), metadata=metadata, ome=True)
     assert opened(tmp_path / "a.ome.tif")[0].unit_mm == unit_mm
 
@@ -337,11 +354,14 @@ def test_names_that_say_nothing_are_taken_where_none_says_depth() -> None:
     assert depths_among(["a", "my_range"]) == ["my_range"]
 
 
-@pytest.mark.parametrize("texts", [
-    ("radial range, 1 count = 0.25 mm", "radial range, 1 count = 0.125 mm"),
-    ("radial range, 1 count = 0.25 mm", "1 count = 0.25 mm"),
-    ("1 count = 2 mm", ""),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "texts",
+    [
+        ("radial range, 1 count = 0.25 mm", "radial range, 1 count = 0.125 mm"),
+        ("radial range, 1 count = 0.25 mm", "1 count = 0.25 mm"),
+        ("1 count = 2 mm", ""),
+    ],
+)
 @pytest.mark.parametrize("kind", ["png", "tif"])
 def test_images_of_different_scales_are_no_sequence(tmp_path: Path, kind: str, texts: tuple[str, str]) -> None:
     for k, text in enumerate(texts):
@@ -386,12 +406,15 @@ def test_attribute_of_the_unit_is_read_in_any_case(tmp_path: Path, key: str) -> 
     np.testing.assert_allclose(imported_mm(write_hdf5(tmp_path / "a.h5", WALL / 10, **{key: "cm"})), WALL, rtol=1e-6)
 
 
-@pytest.mark.parametrize("limits", [
-    {"valid_range": np.array([1.95, 2.2])},
-    {"valid_min": np.float64(1.95), "valid_max": np.float64(2.2)},
-    {"valid_range": np.array([1.95, 2.2], "f4")},
-    {"valid_range": np.array([150, 400], "i2")},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "limits",
+    [
+        {"valid_range": np.array([1.95, 2.2])},
+        {"valid_min": np.float64(1.95), "valid_max": np.float64(2.2)},
+        {"valid_range": np.array([1.95, 2.2], "f4")},
+        {"valid_range": np.array([150, 400], "i2")},
+    ],
+)
 def test_limits_of_the_unpacked_type_are_values(tmp_path: Path, limits: dict[str, object]) -> None:
     # Stored numbers count mm above 1.8 m: 1.95 m is 150.
     stored = WALL.astype("i2") - 1800

@@ -16,9 +16,18 @@ def distinct(count: int) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("text", "unit_s"),
-    [("s", 1.0), ("ms", 1e-3), ("Seconds", 1.0), ("milliseconds since 2021-05-01 00:00:00", 1e-3), ("µs", 1e-6),
-     ("ns", 1e-9), ("days since 1970-01-01", 86400.0), ("fortnight", None), ("", None)],
-)  # fmt: skip
+    [
+        ("s", 1.0),
+        ("ms", 1e-3),
+        ("Seconds", 1.0),
+        ("milliseconds since 2021-05-01 00:00:00", 1e-3),
+        ("µs", 1e-6),
+        ("ns", 1e-9),
+        ("days since 1970-01-01", 86400.0),
+        ("fortnight", None),
+        ("", None),
+    ],
+)
 def test_units_of_time_are_read_as_cf_and_people_write_them(text: str, unit_s: float | None) -> None:
     assert time_unit_s(text) == unit_s
 

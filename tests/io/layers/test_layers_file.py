@@ -43,16 +43,25 @@ def made_up_layers() -> Layers:
 def provenance() -> Provenance:
     sensor = Sensor(name="camera", range_max_mm=7500.0, noise=NoiseCurve(np.array([1.0, 2.0]), np.array([3.0, 4.0])))
     return Provenance(
-        source="a.h5", source_sha256="ab" * 32, version="9.9", sensor=sensor, options={"gamma": 0.02, "sigma": "tied"},
+        source="a.h5",
+        source_sha256="ab" * 32,
+        version="9.9",
+        sensor=sensor,
+        options={"gamma": 0.02, "sigma": "tied"},
         frames_left_out=2,
-    )  # fmt: skip
+    )
 
 
 def write(path: Path, layers: Layers, **settings: Any) -> None:  # noqa: ANN401  the writer's own
     writer = LayersWriter(
-        path, windows=plan_windows(62, window=20), image=SHAPE[1:], max_layers=MAX_LAYERS, tile=(1, 2),
-        provenance=provenance(), **settings,
-    )  # fmt: skip
+        path,
+        windows=plan_windows(62, window=20),
+        image=SHAPE[1:],
+        max_layers=MAX_LAYERS,
+        tile=(1, 2),
+        provenance=provenance(),
+        **settings,
+    )
     with writer:
         for k in range(SHAPE[0]):
             part = Layers(**{spec.name: getattr(layers, spec.name)[k : k + 1] for spec in LAYER_FIELDS})

@@ -202,9 +202,11 @@ def test_file_of_another_kind_is_refused(tmp_path: Path) -> None:
     empty.touch()
     folder.mkdir()
     for path, reason in (
-        (text, "not an HDF5 file"), (empty, "not an HDF5 file"), (folder, "a folder, not a file"),
+        (text, "not an HDF5 file"),
+        (empty, "not an HDF5 file"),
+        (folder, "a folder, not a file"),
         (tmp_path / "none.h5", "No such file"),
-    ):  # fmt: skip
+    ):
         with pytest.raises(BadInputError, match=f"{path.name}: {reason}"), open_recording(path):
             pass
 
@@ -238,9 +240,12 @@ def test_file_sha256_equals_hashlib(tmp_path: Path) -> None:
 
 
 CAMERA = Sensor(
-    name="camera", modulation_frequency_hz=20e6, range_min_mm=300.0, range_max_mm=7500.0,
+    name="camera",
+    modulation_frequency_hz=20e6,
+    range_min_mm=300.0,
+    range_max_mm=7500.0,
     noise=NoiseCurve(np.array([500.0, 5000.0]), np.array([10.0, 80.0])),
-)  # fmt: skip
+)
 
 
 def _write(path: Path, samples: np.ndarray, **settings: Any) -> None:  # noqa: ANN401  the writer's own
@@ -248,9 +253,12 @@ def _write(path: Path, samples: np.ndarray, **settings: Any) -> None:  # noqa: A
         for start in range(0, len(samples), 100):
             part = samples[start : start + 100]
             writer.write(
-                start, part, time_s=(start + np.arange(len(part))) / 25.0,
-                amplitude=np.float32(1 / 7) * part.astype(np.float32), temperature_c=np.full(len(part), 31.5, "f4"),
-            )  # fmt: skip
+                start,
+                part,
+                time_s=(start + np.arange(len(part))) / 25.0,
+                amplitude=np.float32(1 / 7) * part.astype(np.float32),
+                temperature_c=np.full(len(part), 31.5, "f4"),
+            )
 
 
 def test_a_written_recording_reads_back(tmp_path: Path) -> None:

@@ -75,8 +75,11 @@ def test_provenance_reads_back(path: Path) -> None:
         read = file.provenance
     written = provenance()
     assert (read.source, read.source_sha256, read.version, read.options) == (
-        written.source, written.source_sha256, written.version, written.options,
-    )  # fmt: skip
+        written.source,
+        written.source_sha256,
+        written.version,
+        written.options,
+    )
     assert read.sensor.optics == written.sensor.optics
 
 

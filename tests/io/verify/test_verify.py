@@ -43,18 +43,24 @@ def recording(tmp_path: Path) -> Path:
     path = tmp_path / "a.h5"
     image = (16, 20)
     truth = Truth(
-        n_modes=np.ones(image, "u1"), range_true=np.full((*image, 2), [1000.0, np.nan], "f4"),
-        weight_true=np.full((*image, 2), [0.9, np.nan], "f4"), weight_no_return=np.full(image, 0.1, "f4"),
-        surface=np.full((*image, 2), [0, -1], "i2"), amplitude=np.full((*image, 2), [9.0, 0.0], "f4"),
-    )  # fmt: skip
+        n_modes=np.ones(image, "u1"),
+        range_true=np.full((*image, 2), [1000.0, np.nan], "f4"),
+        weight_true=np.full((*image, 2), [0.9, np.nan], "f4"),
+        weight_no_return=np.full(image, 0.1, "f4"),
+        surface=np.full((*image, 2), [0, -1], "i2"),
+        amplitude=np.full((*image, 2), [9.0, 0.0], "f4"),
+    )
     samples = boards(120, *image)
     with RecordingWriter(path, shape=samples.shape, sensor=CAMERA, truth=truth, has_temperature=True) as writer:
         for start in (0, 100):
             part = samples[start : start + 100]
             writer.write(
-                start, part, time_s=(start + np.arange(len(part))) / 25.0, amplitude=part.astype("f4"),
+                start,
+                part,
+                time_s=(start + np.arange(len(part))) / 25.0,
+                amplitude=part.astype("f4"),
                 temperature_c=np.full(len(part), 30.0, "f4"),
-            )  # fmt: skip
+            )
     return path
 
 
@@ -184,7 +190,7 @@ def test_each_fault_of_layers_is_named(layers: Path, change: Change, line: str) 
         (reshaped("truth/range_true", (16, 20)), r"truth/range_true: shape \(16, 20\) does not match range"),
         (reshaped("truth/weight_true", (16, 20, 3)), r"truth/weight_true: shape \(16, 20, 3\) differs from range_true"),
     ],
-)  # fmt: skip
+)
 def test_each_fault_of_recordings_is_named(recording: Path, change: Change, line: str) -> None:
 
     with h5py.File(recording, "r+") as root:
@@ -226,9 +232,14 @@ def test_every_value_is_read_once_and_in_small_blocks(layers: Path, monkeypatch:
 
 
 GAP = {
-    "verdict": "agree", "effects": [], "where": [], "candidates": [], "aliases": [], "panel": [],
+    "verdict": "agree",
+    "effects": [],
+    "where": [],
+    "candidates": [],
+    "aliases": [],
+    "panel": [],
     "gap": {"before": 1.0, "after": 1.0, "floor": 1.0, "closed": None},
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(

@@ -22,8 +22,15 @@ def scored(z: FloatArray) -> Scored:
         Axis(name=name, unit="1", bin=b, lower=np.arange(b.max() + 1.0), upper=np.arange(b.max() + 1.0) + 1)
         for name, b in bins.items()
     )
-    return Scored(z=values, ok=np.isfinite(values), sigma=SIGMA, axes=axes, pixels=np.arange(ROWS * COLS),
-                  image=(ROWS, COLS), frames=np.arange(FRAMES))  # fmt: skip
+    return Scored(
+        z=values,
+        ok=np.isfinite(values),
+        sigma=SIGMA,
+        axes=axes,
+        pixels=np.arange(ROWS * COLS),
+        image=(ROWS, COLS),
+        frames=np.arange(FRAMES),
+    )
 
 
 def planted(name: str, rng: np.random.Generator) -> FloatArray:
@@ -46,9 +53,18 @@ def planted(name: str, rng: np.random.Generator) -> FloatArray:
 
 @pytest.mark.parametrize(
     "name",
-    ["common_mode of frame", "common_mode of row", "bias of row", "bias of all", "spread of col", "spread of time",
-     "spread of all", "tails of all", "pattern of all"],
-)  # fmt: skip
+    [
+        "common_mode of frame",
+        "common_mode of row",
+        "bias of row",
+        "bias of all",
+        "spread of col",
+        "spread of time",
+        "spread of all",
+        "tails of all",
+        "pattern of all",
+    ],
+)
 def test_planted_change_is_ranked_first_on_its_axis(name: str, rng: np.random.Generator) -> None:
     told = information(scored(planted(name, rng)))
     statistic, axis = max(told, key=lambda key: told[key])

@@ -14,9 +14,15 @@ def curve(value: np.ndarray, *, statistic: str = "bias", axis: str = "range") ->
     """A curve with errors of 0.01 in each bin."""
     edges = np.linspace(1000.0, 4000.0, BINS + 1)
     return Curve(
-        statistic=statistic, axis=axis, lower=edges[:-1], upper=edges[1:], value=value,
-        variance=np.full(BINS, 1e-4), unit="mm", scale_mm=np.full(BINS, 20.0),
-    )  # fmt: skip
+        statistic=statistic,
+        axis=axis,
+        lower=edges[:-1],
+        upper=edges[1:],
+        value=value,
+        variance=np.full(BINS, 1e-4),
+        unit="mm",
+        scale_mm=np.full(BINS, 20.0),
+    )
 
 
 def panel(*curves: Curve) -> Compared:

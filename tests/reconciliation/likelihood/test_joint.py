@@ -89,9 +89,7 @@ def test_second_recording_makes_standard_errors_smaller(model: Model, other: Mod
     first, second = recorded(model, hidden), recorded(other, hidden, seed=6)
     settings = Settings(kinds=("wiggling",))
     both = reconcile(model, first, settings, also=[(other, second)])
-    alone = [
-        reconciled(model, hidden, kinds=settings.kinds), reconciled(other, hidden, seed=6, kinds=settings.kinds)
-    ]  # fmt: skip
+    alone = [reconciled(model, hidden, kinds=settings.kinds), reconciled(other, hidden, seed=6, kinds=settings.kinds)]
     assert [_kinds(r) for r in (both, *alone)] == [["wiggling"]] * 3
     for name, wanted in numeric(hidden).items():
         error = both.named[0].stderr[name]

@@ -41,11 +41,20 @@ def _scene(rng: np.random.Generator, *, step: float, period: float, spread: floa
     if period > 0:
         mean[:, 0] += period  # lights that are a turn ahead
     scene = (
-        samples.astype(np.uint16), np.arange(0, PIXELS, dtype=np.int64), np.array([0, 1, 2, 4, 5, 8]),
-        np.array([0] * 5 + [1] * 4), np.linspace(0.0, 1.0, FRAMES), rng.normal(0, 3, FRAMES),
-        np.where(np.arange(FRAMES) % 2, 0.0, 100.0), rng.normal(0, 3, PIXELS), weight, mean,
-        rng.uniform(0.3, 3.0, shape) * spread, rng.normal(0, 2, shape), lit,
-    )  # fmt: skip
+        samples.astype(np.uint16),
+        np.arange(0, PIXELS, dtype=np.int64),
+        np.array([0, 1, 2, 4, 5, 8]),
+        np.array([0] * 5 + [1] * 4),
+        np.linspace(0.0, 1.0, FRAMES),
+        rng.normal(0, 3, FRAMES),
+        np.where(np.arange(FRAMES) % 2, 0.0, 100.0),
+        rng.normal(0, 3, PIXELS),
+        weight,
+        mean,
+        rng.uniform(0.3, 3.0, shape) * spread,
+        rng.normal(0, 2, shape),
+        lit,
+    )
     return scene, rng.uniform(0.0, 0.2, (TIMES, PIXELS))
 
 

@@ -15,10 +15,11 @@ TIME_S = np.arange(40) / 10.0
 POSE = MAKE["surface_pose"](surface="near", shift_mm=35.0, yaw_deg=3.0, pitch_deg=-2.0)
 MOTION = MAKE["motion"](surface="middle", velocity_mm_s=20.0)
 OTHERS = (
-    MAKE["surface_pose"](surface="near", shift_mm=-200.0), MAKE["range_offset"](offset_mm=5.0),
+    MAKE["surface_pose"](surface="near", shift_mm=-200.0),
+    MAKE["range_offset"](offset_mm=5.0),
     MAKE["surface_pose"](surface="wall", shift_mm=90.0, yaw_deg=4.0),
     MAKE["motion"](surface="near", velocity_mm_s=-60.0),
-)  # fmt: skip
+)
 
 
 @pytest.fixture

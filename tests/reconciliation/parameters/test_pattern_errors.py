@@ -40,9 +40,14 @@ def under(
     by_pixel = np.stack([nothing, pulls, 1 / noise, nothing], axis=1)
     top = Value(total=0.0, by_pixel=by_pixel, by_frame=np.zeros((1, 4)))
     about = Parabola(
-        steps=np.ones(len(moves)), top=top, slope=moves @ pulls, hessian=(moves / noise) @ moves.T, cross=moves / noise,
-        by_pixel=np.zeros((len(moves), PIXELS)), by_frame=np.zeros((len(moves), 1)),
-    )  # fmt: skip
+        steps=np.ones(len(moves)),
+        top=top,
+        slope=moves @ pulls,
+        hessian=(moves / noise) @ moves.T,
+        cross=moves / noise,
+        by_pixel=np.zeros((len(moves), PIXELS)),
+        by_frame=np.zeros((len(moves), 1)),
+    )
     likelihood = some_likelihood()
     state = replace(likelihood.start(), pixel_bias=values)
     part = np.arange(likelihood.evidence.shape[0]), np.arange(PIXELS)

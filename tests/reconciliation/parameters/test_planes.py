@@ -35,8 +35,11 @@ def test_slopes_are_the_differences_of_ranges_to_moved_planes(yaw: float, pitch:
 
 
 @given(
-    shift=st.floats(-80, 80), about_u=st.floats(-5, 5), about_v=st.floats(-5, 5), strange=st.floats(0, 0.3),
-)  # fmt: skip
+    shift=st.floats(-80, 80),
+    about_u=st.floats(-5, 5),
+    about_v=st.floats(-5, 5),
+    strange=st.floats(0, 0.3),
+)
 def test_pose_of_a_plane_is_found_although_a_third_of_its_pixels_see_another_surface(
     shift: float, about_u: float, about_v: float, strange: float
 ) -> None:

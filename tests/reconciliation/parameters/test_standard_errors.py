@@ -85,8 +85,10 @@ def test_error_of_an_offset_under_an_unknown_pattern_is_the_patterns_spread_over
 
     More, because columns and rows may differ too, by what the pixels' pattern would hide.
     """
-    evidence = record(MAKE["range_offset"](offset_mm=4.0), MAKE["fixed_pattern"](
-        pixel_sigma_mm=8.0, column_sigma_mm=0.0, row_sigma_mm=0.0))  # fmt: skip
+    evidence = record(
+        MAKE["range_offset"](offset_mm=4.0),
+        MAKE["fixed_pattern"](pixel_sigma_mm=8.0, column_sigma_mm=0.0, row_sigma_mm=0.0),
+    )
     likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
     alone = fitted_offset(model, likelihood, 0.4)
     pattern = MAKE["fixed_pattern"](pixel_sigma_mm=8.0)

@@ -45,7 +45,7 @@ def added(model: Model, hidden: tuple[Effect, ...], kinds: tuple[str, ...]) -> S
         ((OFFSET, LITTLE), ("excess_noise", "range_offset"), ["excess_noise", "range_offset"]),
         ((LARGE, LITTLE), ("excess_noise", "wiggling"), ["wiggling"]),  # faint beside the wave
     ],
-)  # fmt: skip
+)
 def test_effect_that_is_not_hidden_is_dropped_and_others_are_kept(
     model: Model, small: Model, hidden: tuple[Effect, ...], kinds: tuple[str, ...], kept: list[str]
 ) -> None:

@@ -13,9 +13,16 @@ from tofmix.simulation.model import Model
 
 COLUMNS = MAKE["fixed_pattern"](pixel_sigma_mm=2.0, column_sigma_mm=10.0, row_sigma_mm=2.0)
 KINDS = (
-    "range_offset", "surface_pose", "wiggling", "amplitude_walk", "scattering", "multipath", "temperature_drift",
-    "fixed_pattern", "excess_noise",
-)  # fmt: skip
+    "range_offset",
+    "surface_pose",
+    "wiggling",
+    "amplitude_walk",
+    "scattering",
+    "multipath",
+    "temperature_drift",
+    "fixed_pattern",
+    "excess_noise",
+)
 slow = pytest.mark.slow
 
 

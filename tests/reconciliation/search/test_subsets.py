@@ -72,11 +72,13 @@ def test_evidence_is_the_density_of_the_data_with_the_coefficients_integrated_ou
     few = replace(seen, used=use, bias_mm=np.where(use, bias, 0.0), bias_information=np.where(use, 0.2, 0.0 * bias))
     columns = tuple(
         Column(
-            bias_mm=(rng.normal(0, 1, use.size),), profile=(rng.normal(1, 0.3, len(bias)),),
-            width=(np.zeros(use.size),), prior=prior,
+            bias_mm=(rng.normal(0, 1, use.size),),
+            profile=(rng.normal(1, 0.3, len(bias)),),
+            width=(np.zeros(use.size),),
+            prior=prior,
         )
         for prior in (0.5, 2.0)
-    )  # fmt: skip
+    )
     term = Term(kind="any", surface="", columns=columns, make=lambda _: MAKE["range_offset"](offset_mm=1.0))
     found = Subsets([few], [term], 0.0).explained([0]).evidence
     design = np.stack([np.outer(c.profile[0], c.bias_mm[0][some]).ravel() for c in columns], axis=1)

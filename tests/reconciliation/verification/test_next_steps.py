@@ -137,8 +137,9 @@ def test_advice_leads_from_a_room_with_four_faults_to_all_of_them() -> None:
     hidden = (
         MAKE["surface_pose"](surface="table", shift_mm=12.0),
         MAKE["surface_pose"](surface="left wall", shift_mm=0.0, yaw_deg=0.8),
-        MAKE["wiggling"](amplitude_mm=12.0, phase_rad=0.7), MAKE["excess_noise"](factor=1.4),
-    )  # fmt: skip
+        MAKE["wiggling"](amplitude_mm=12.0, phase_rad=0.7),
+        MAKE["excess_noise"](factor=1.4),
+    )
     evidence = recorded(given, *hidden, seed=9)
     first = reconcile(given, evidence, settings)
     assert first.verified.verdict == "unexplained"
@@ -148,8 +149,11 @@ def test_advice_leads_from_a_room_with_four_faults_to_all_of_them() -> None:
     second = reconcile(given, evidence, replace(settings, max_effects=4))
     assert second.verified.verdict == "explained"
     assert sorted((n.effect.kind, getattr(n.effect, "surface", "")) for n in second.named) == [
-        ("excess_noise", ""), ("surface_pose", "left wall"), ("surface_pose", "table"), ("wiggling", ""),
-    ]  # fmt: skip
+        ("excess_noise", ""),
+        ("surface_pose", "left wall"),
+        ("surface_pose", "table"),
+        ("wiggling", ""),
+    ]
     poses = {getattr(n.effect, "surface", ""): n for n in second.named if n.effect.kind == "surface_pose"}
     for surface, true in (("left wall", {"shift_mm": 0.0, "yaw_deg": 0.8}), ("table", {"shift_mm": 12.0})):
         found = poses[surface]  # only four columns see the wall: its shift and its tilt have joint errors

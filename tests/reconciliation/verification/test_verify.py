@@ -127,6 +127,12 @@ def _curve(statistic: str, nats: float) -> Curve:
     axis = {"memory": "frame"}.get(statistic, "all")
     one = np.ones(1)
     return Curve(
-        statistic=statistic, axis=axis, lower=one, upper=one, value=np.sqrt(2 * nats + one), variance=one, unit="",
+        statistic=statistic,
+        axis=axis,
+        lower=one,
+        upper=one,
+        value=np.sqrt(2 * nats + one),
+        variance=one,
+        unit="",
         scale_mm=0 * one,
-    )  # fmt: skip
+    )

@@ -20,9 +20,14 @@ def made(
 ) -> Explorer | None:
     layers = source.read_window(window)
     return make_explorer(
-        source, recording=recording, window=window, layers=layers, averaged=average_layers(layers), scale=(700, 7000),
+        source,
+        recording=recording,
+        window=window,
+        layers=layers,
+        averaged=average_layers(layers),
+        scale=(700, 7000),
         limits=limits,
-    )  # fmt: skip
+    )
 
 
 def content(found: Explorer | None) -> dict[str, Any]:

@@ -212,12 +212,14 @@ def test_samples_and_density_are_those_of_the_estimator(
     noise = [curve.range_mm.tolist(), curve.sigma_mm.tolist()]
     places = np.linspace(2200, 3900, 60)
     answer = browser.call(
-        "Runtime.evaluate", returnByValue=True, awaitPromise=True,
+        "Runtime.evaluate",
+        returnByValue=True,
+        awaitPromise=True,
         expression=f"(async () => {{{read_part('explorer/explorer_data.js')}\n"
         "const settings = JSON.parse(document.getElementById('explorer-data').textContent);"
         f"const samples = (await WindowData.read(settings.windows[1], {ROWS * COLS})).samples(40);"
         f"return [[...samples], densityAt(samples, {json.dumps(places.tolist())}, {json.dumps(noise)})];}})()",
-    )  # fmt: skip
+    )
     samples, p = answer["result"]["value"]
     expected = make_recording((100, ROWS, COLS)).read_range(slice(50, 100), slice(0, ROWS)).reshape(50, -1)[:, 40]
     expected = np.sort(expected[np.isfinite(expected)]).astype(np.float64)

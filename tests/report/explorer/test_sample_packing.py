@@ -69,10 +69,14 @@ def test_frames_of_long_windows_are_thinned_evenly(make_recording: Callable[...,
     samples = np.arange(100.0)[:, None, None] + np.ones((100, 2, 3))
     for block in (1 << 21, 7):
         packed = pack_samples(
-            ArrayRecording(samples, Sensor(name="x")), start=0, stop=100, noise=None, characters=10**6,
+            ArrayRecording(samples, Sensor(name="x")),
+            start=0,
+            stop=100,
+            noise=None,
+            characters=10**6,
             limits=PageLimits(samples=20 * 6),
             block_samples=block,
-        )  # fmt: skip
+        )
         assert packed is not None
         assert (packed.frames_kept, packed.frames) == (20, 100)
         found = unpacked(packed, 4, 6)

@@ -90,8 +90,10 @@ def test_a_page_without_learnt_noise_has_no_part_about_it(
     page = render_page(make_source(make_layers()))
     assert "<h2>Noise</h2>" not in page
     assert not any(title in page for title in PANELS)
-    assert page.endswith("</div>\n</main>\n<footer>Made by tofmix report. Ranges are radial, along each pixel's beam."
-                         "</footer>\n</body>\n</html>")  # fmt: skip
+    assert page.endswith(
+        "</div>\n</main>\n<footer>Made by tofmix report. Ranges are radial, along each pixel's beam."
+        "</footer>\n</body>\n</html>"
+    )
 
 
 @pytest.mark.slow
@@ -110,8 +112,12 @@ def test_the_map_shows_the_background_of_each_pixel(make_source: MakeSource) -> 
     expected = share / 0.32 * (shades.max() - shades.min()) / (0.3 / 0.32)
     np.testing.assert_allclose(shades - shades[0, 0], expected, atol=1.5)
     assert re.findall(r"<span>([^<]*)</span>", picture.partition('class="bar-labels"')[2])[:5] == [
-        "0", "8", "16", "24", "32 %",
-    ]  # fmt: skip
+        "0",
+        "8",
+        "16",
+        "24",
+        "32 %",
+    ]
 
 
 def drawn(figure: Figure) -> Figure:

@@ -236,9 +236,11 @@ def test_file_with_mixing_has_a_map_of_it(
     part = text.partition("<h2>Mixing</h2>")[2]
     assert "97 % of the samples at edges are phasor sums (1,234 pixels). A phasor sum is a sample" in page.text
     assert re.findall(r"<tr><td>([a-z ]+)</td><td>(\d+)</td><td>([\d.]+ %)</td></tr>", part) == [
-        ("one surface", "83", "83.8 %"), ("events", "1", "1.0 %"), ("phasor", "11", "11.1 %"),
+        ("one surface", "83", "83.8 %"),
+        ("events", "1", "1.0 %"),
+        ("phasor", "11", "11.1 %"),
         ("undecided", "4", "4.0 %"),
-    ]  # fmt: skip
+    ]
     assert "one surface: 83 pixels; events: 1 pixel; phasor: 11 pixels; undecided: 4 pixels." in part
     pictures = re.findall(r'(?:src|srcset)="data:image/png;base64,([^"]+)"', part)[:2]
     assert len(set(pictures)) == 2  # dark and light

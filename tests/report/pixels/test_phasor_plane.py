@@ -226,15 +226,25 @@ def made_plane(mixing: Mixing, ends: Sequence[tuple[float, complex | None]], *, 
     noise = spread * (rng.standard_normal(40) + 1j * rng.standard_normal(40))
     beside = np.asarray(np.repeat(known, 6) + 0.5 * noise[: 6 * len(known)], np.complex128)
     return PhasorPlane(
-        row=3, col=5, mixing=mixing, n_layers=len(ends), samples=np.asarray(mean + noise, np.complex128), mean=mean,
-        mean_covariance=np.eye(2) * spread**2 / 40, neighbours=beside,
+        row=3,
+        col=5,
+        mixing=mixing,
+        n_layers=len(ends),
+        samples=np.asarray(mean + noise, np.complex128),
+        mean=mean,
+        mean_covariance=np.eye(2) * spread**2 / 40,
+        neighbours=beside,
         neighbour_is_single=np.arange(len(beside)) % 3 > 0,
         ends=tuple(
-            PhasorEnd(share=1.0 / len(ends), range_mm=range_mm, phase=1.0 if z is None else float(np.angle(z)),
-                      amplitude=None if z is None else abs(z))
+            PhasorEnd(
+                share=1.0 / len(ends),
+                range_mm=range_mm,
+                phase=1.0 if z is None else float(np.angle(z)),
+                amplitude=None if z is None else abs(z),
+            )
             for range_mm, z in ends
         ),
-    )  # fmt: skip
+    )
 
 
 def main_axes(figure: Figure) -> Axes:
@@ -320,7 +330,12 @@ def test_a_surface_of_unknown_amplitude_is_a_direction_and_no_chord() -> None:
 def test_a_pixel_without_samples_or_neighbours_is_drawn_empty() -> None:
     nothing = np.zeros(0, np.complex128)
     plane = replace(
-        made_plane(Mixing.ONE_SURFACE, []), n_layers=0, samples=nothing, mean=None, mean_covariance=np.zeros((2, 2)),
-        neighbours=nothing, neighbour_is_single=np.zeros(0, bool),
-    )  # fmt: skip
+        made_plane(Mixing.ONE_SURFACE, []),
+        n_layers=0,
+        samples=nothing,
+        mean=None,
+        mean_covariance=np.zeros((2, 2)),
+        neighbours=nothing,
+        neighbour_is_single=np.zeros(0, bool),
+    )
     assert main_axes(drawn(plane)).get_title(loc="left").endswith("no surface")

@@ -34,9 +34,14 @@ def viewed(
     sensor: Sensor, layers: Layers, samples: FloatArray | None = None, circle_mm: float | None = None
 ) -> PixelView:
     (view,) = view_pixels(
-        layers, row=0, cols=[0], samples=None if samples is None else samples[:, np.newaxis], noise=sensor.noise,
-        unambiguous_range_mm=circle_mm, learnt=sensor,
-    )  # fmt: skip
+        layers,
+        row=0,
+        cols=[0],
+        samples=None if samples is None else samples[:, np.newaxis],
+        noise=sensor.noise,
+        unambiguous_range_mm=circle_mm,
+        learnt=sensor,
+    )
     return view
 
 
@@ -100,8 +105,10 @@ def test_each_component_is_drawn_with_the_shape() -> None:
     parts = [np.asarray(line.get_ydata()) for line in axes.lines if line.get_color() in LIGHT.layers[:2]]
     parts = [part for part in parts if part.size == range_mm.size]
     np.testing.assert_allclose(sum(parts), total, atol=1e-9)
-    above = [float(trapezoid(np.where(range_mm > at, part, 0.0), range_mm)) for at, part in zip((2000, 2300), parts,
-                                                                                              strict=True)]  # fmt: skip
+    above = [
+        float(trapezoid(np.where(range_mm > at, part, 0.0), range_mm))
+        for at, part in zip((2000, 2300), parts, strict=True)
+    ]
     assert above == pytest.approx([250.0, 250.0], rel=0.02)  # the median is at the layer, whatever the skewness
     assert range_mm[parts[0].argmax()] < 1998.0  # the mode is before it
 

@@ -86,9 +86,14 @@ def test_contradiction_of_the_curve_is_reported(scatter: float | None, drift: fl
 def test_thresholds_set_when_close_layers_are_a_finding() -> None:
     def codes(thresholds: FindingThresholds) -> list[str]:
         found = count_findings(
-            pixels=100, by_status={}, by_surfaces=[0, 90, 10], max_layers=6, close=10, remedy=Remedy(recording="a.h5"),
+            pixels=100,
+            by_status={},
+            by_surfaces=[0, 90, 10],
+            max_layers=6,
+            close=10,
+            remedy=Remedy(recording="a.h5"),
             thresholds=thresholds,
-        )  # fmt: skip
+        )
         return [finding.code for finding in found]
 
     assert codes(FindingThresholds()) == ["close_layers"]

@@ -81,8 +81,10 @@ def test_a_longer_window_is_advised_where_the_recording_has_frames(total: int, w
 def test_more_frames_are_asked_for_where_the_window_is_the_whole_recording() -> None:
     (finding,) = frame_findings(sums=True, total=6, remedy=Remedy(recording="a.h5", window_frames=6))
     assert finding.commands == ()
-    assert finding.text.endswith("less than 98 % are found with 6 frames, and 99 % with 10"
-                                 " (docs/results/mixing.md#by-number-of-frames). Record more frames.")  # fmt: skip
+    assert finding.text.endswith(
+        "less than 98 % are found with 6 frames, and 99 % with 10"
+        " (docs/results/mixing.md#by-number-of-frames). Record more frames."
+    )
 
 
 @pytest.mark.parametrize(
@@ -95,10 +97,16 @@ def test_more_frames_are_asked_for_where_the_window_is_the_whole_recording() -> 
     ],
 )
 def test_the_law_of_mixing_or_the_option_settles_which_frames_are_asked_for(
-    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource], options: dict[str, str],
-    share: float, asked: int,
-) -> None:  # fmt: skip
-    source = replace(make_source(make_layers(), options={"window": 9} | options), frames=9,
-                     law=MixingLaw(phasor_share=share, pixels=70))  # type: ignore[type-var]  # fmt: skip
+    make_layers: Callable[..., Layers],
+    make_source: Callable[..., LayersSource],
+    options: dict[str, str],
+    share: float,
+    asked: int,
+) -> None:
+    source = replace(
+        make_source(make_layers(), options={"window": 9} | options),
+        frames=9,
+        law=MixingLaw(phasor_share=share, pixels=70),
+    )  # type: ignore[type-var]
     (note,) = summarise(source).notes
     assert f"9 frames a window; tofmix asks for {asked} or more." in note.text

@@ -127,9 +127,14 @@ def test_json_has_every_key_and_no_nan(
     assert list(values) == [f.name for f in fields(Summary)]
     assert values["options"] == {"gamma": 0.02, "tol": None}
     assert set(values["layers"][0]) == {
-        "layer", "count", "range_mm", "weight_median", "range_stderr_median_mm", "sigma_median_mm",
+        "layer",
+        "count",
+        "range_mm",
+        "weight_median",
+        "range_stderr_median_mm",
+        "sigma_median_mm",
         "sigma_over_curve_median",
-    }  # fmt: skip
+    }
 
 
 def test_no_surface_anywhere_gives_none_not_nan(make_source: Callable[..., LayersSource]) -> None:

@@ -240,11 +240,14 @@ def test_rows_are_those_of_the_twin(make_model: MakeModel, seed: int) -> None:
     rng = np.random.default_rng(seed)
     boards = [
         Surface(
-            name=str(k), center_mm=tuple(rng.uniform((-120, -90, 1500), (120, 90, 3800))),
-            size_mm=tuple(rng.uniform(20, 400, 2)), yaw_deg=rng.uniform(-70, 70), pitch_deg=rng.uniform(-50, 50),
+            name=str(k),
+            center_mm=tuple(rng.uniform((-120, -90, 1500), (120, 90, 3800))),
+            size_mm=tuple(rng.uniform(20, 400, 2)),
+            yaw_deg=rng.uniform(-70, 70),
+            pitch_deg=rng.uniform(-50, 50),
         )
         for k in range(3)
-    ]  # fmt: skip
+    ]
     model = make_model(*boards, *([WALL, replace(WALL, name="the same plane")] if seed % 2 else []))
     scene, size = scene_arrays(model), (PIXEL, ROW)
     azimuths = (np.arange(11) - 5) * PIXEL

@@ -23,9 +23,7 @@ from tofmix.simulation.surface import Surface
 Floats = NDArray[np.float64]
 SHARE = 0.001  # the contract
 P_R = 1.0e-4
-LENS: dict[str, Any] = {
-    "fx": 18.0, "fy": 17.0, "cx": 5.6, "cy": 3.9, "distortion": (-0.1, 0.02, 0.003, -0.002, 0.0)
-}  # fmt: skip
+LENS: dict[str, Any] = {"fx": 18.0, "fy": 17.0, "cx": 5.6, "cy": 3.9, "distortion": (-0.1, 0.02, 0.003, -0.002, 0.0)}
 BOARDS = (
     Surface(name="right", center_mm=(200, 100, 2000), size_mm=(900, 700), yaw_deg=30, pitch_deg=10),
     Surface(name="left", center_mm=(-300, -200, 2500), size_mm=(900, 700), yaw_deg=-30, pitch_deg=10),

@@ -43,12 +43,14 @@ def boards(rng: np.random.Generator, count: int, size_mm: float = 500.0) -> tupl
     """Boards that hide parts of each other, and cut through each other."""
     return tuple(
         Surface(
-            name=f"board {k}", size_mm=(float(rng.uniform(0.3, 1) * size_mm), float(rng.uniform(0.3, 1) * size_mm)),
+            name=f"board {k}",
+            size_mm=(float(rng.uniform(0.3, 1) * size_mm), float(rng.uniform(0.3, 1) * size_mm)),
             center_mm=tuple(rng.uniform((-300, -200, 1500), (300, 200, 2200)).tolist()),
-            yaw_deg=float(rng.normal(0, 25)), pitch_deg=float(rng.normal(0, 25)),
+            yaw_deg=float(rng.normal(0, 25)),
+            pitch_deg=float(rng.normal(0, 25)),
         )
         for k in range(count)
-    )  # fmt: skip
+    )
 
 
 def compare(model: Model, share: float, range_mm: float) -> None:

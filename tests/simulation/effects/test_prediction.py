@@ -45,7 +45,7 @@ CASES: list[dict[str, Any]] = [
     *({"kind": "saturation", "full_well_amplitude": x} for x in (1e9, 80, 36)),
     *({"kind": "quantisation", "step_mm": x} for x in (0, 7.3, 100)),
     *({"kind": "pixel_crosstalk", "share": x} for x in (0, 0.01, 0.03)),
-]  # fmt: skip
+]
 
 
 def effects(*tables: dict[str, Any]) -> list[Effect]:

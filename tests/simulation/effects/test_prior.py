@@ -13,17 +13,24 @@ from tofmix.simulation.effects.parameter import Holds
 from tofmix.simulation.effects.prior import FARTHEST, Prior, StudentPrior, UniformPrior, about
 
 ANY_MAGNITUDE = {
-    ("amplitude_walk", "reference_amplitude"), ("dropout", "threshold"), ("dropout", "threshold_noise"),
-    ("phase_wrapping", "unambiguous_range_mm"), ("saturation", "full_well_amplitude"), ("stuck_pixels", "value_mm"),
-}  # fmt: skip
+    ("amplitude_walk", "reference_amplitude"),
+    ("dropout", "threshold"),
+    ("dropout", "threshold_noise"),
+    ("phase_wrapping", "unambiguous_range_mm"),
+    ("saturation", "full_well_amplitude"),
+    ("stuck_pixels", "value_mm"),
+}
 """Numbers in a unit of the camera's own, or fixed by its frequency."""
 
 PRIORS: tuple[tuple[Prior, float, float], ...] = (
-    (StudentPrior(scale=25.0), -math.inf, math.inf), (StudentPrior(scale=25.0, dof=2), -math.inf, math.inf),
-    (StudentPrior(scale=0.2, dof=3, half=True), 0.0, math.inf), (about(120.0, 10.0), 0.0, math.inf),
-    (StudentPrior(scale=0.7, log=True, half=True), 1.0, math.inf), (UniformPrior(low=0.0, high=0.5), 0.0, 0.5),
+    (StudentPrior(scale=25.0), -math.inf, math.inf),
+    (StudentPrior(scale=25.0, dof=2), -math.inf, math.inf),
+    (StudentPrior(scale=0.2, dof=3, half=True), 0.0, math.inf),
+    (about(120.0, 10.0), 0.0, math.inf),
+    (StudentPrior(scale=0.7, log=True, half=True), 1.0, math.inf),
+    (UniformPrior(low=0.0, high=0.5), 0.0, 0.5),
     (UniformPrior(low=1.0, high=1000.0, log=True), 1.0, 1000.0),
-)  # fmt: skip
+)
 
 
 @pytest.mark.parametrize(("prior", "low", "high"), PRIORS, ids=[p.words("mm") for p, _, _ in PRIORS])

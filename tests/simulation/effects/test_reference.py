@@ -42,15 +42,20 @@ def test_every_effect_is_drawn_by_the_command() -> None:
         ("wiggling", "60 mm", TURN * 0.05 / (2 * math.pi)),
         ("wiggling", "1.874 m", TURN / 4 / 1000),
         ("range_offset", "67 ps", 2 * 10 / SPEED_OF_LIGHT_MM_S * 1e12),
-        ("multipath", "44 mm", TURN / (2 * math.pi) * math.atan2(
-            0.1 * math.sin(math.pi * 1000 / TURN), 1 + 0.1 * math.cos(math.pi * 1000 / TURN))),
+        (
+            "multipath",
+            "44 mm",
+            TURN
+            / (2 * math.pi)
+            * math.atan2(0.1 * math.sin(math.pi * 1000 / TURN), 1 + 0.1 * math.cos(math.pi * 1000 / TURN)),
+        ),
         ("phase_wrapping", "7.495 m", TURN / 1000),
         ("interference", "120 mm", TURN / (2 * math.pi) * math.asin(0.1)),
         ("vignetting", "1.8", (math.cos(math.radians(47 / 2)) * math.cos(math.radians(39 / 2))) ** -4),
         ("excess_noise", "2", math.sqrt(4)),
         *(("quantisation", f"{step}", TURN / 2**bits) for step, bits in ((1.8, 12), (7.3, 10), (29, 8))),
     ],
-)  # fmt: skip
+)
 def test_figures_of_physics_follow_from_their_formula(kind: str, shown: str, value: float) -> None:
     number = shown.split(maxsplit=1)[0]
     assert number in EFFECTS[kind].typical

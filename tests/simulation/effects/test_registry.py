@@ -109,8 +109,11 @@ def test_bounds_are_refused_with_value_and_bound(kind: str) -> None:
     bounded = [p for p in EFFECTS[kind].parameters().values() if p.holds is Holds.NUMBER]
     assert bounded
     for parameter in bounded:
-        needed = {p.name: "board" if p.holds is Holds.SURFACE else (p.zero or p.low or 1) for p in
-                  EFFECTS[kind].parameters().values() if p.required}  # fmt: skip
+        needed = {
+            p.name: "board" if p.holds is Holds.SURFACE else (p.zero or p.low or 1)
+            for p in EFFECTS[kind].parameters().values()
+            if p.required
+        }
         value = parameter.high * 2 + 1
         text = MODEL + table(kind, **(needed | {parameter.name: value}))
         message = f"m: [[effect]] 1: {parameter.name}: {value:g} is not in {parameter.bounds}"
@@ -187,8 +190,11 @@ def test_one_more_effect_is_one_class_and_one_line(bench: Bench, monkeypatch: py
 def test_every_effect_is_explained_with_its_values() -> None:
     text = MODEL
     for kind, cls in EFFECTS.items():
-        values = {p.name: "board" if p.holds is Holds.SURFACE else min(0.125, p.high) if p.low < 0.125 else p.low
-                  for p in cls.parameters().values() if p.required}  # fmt: skip
+        values = {
+            p.name: "board" if p.holds is Holds.SURFACE else min(0.125, p.high) if p.low < 0.125 else p.low
+            for p in cls.parameters().values()
+            if p.required
+        }
         text += table(kind, **values)
     lines = explain(parse_model(text, source="m")).splitlines()
     named = [line.split(": ")[1] for line in lines if line.startswith("  ")]

@@ -29,8 +29,17 @@ COUNTER_OPTIONS = {"kde": ("gamma", "epsilon"), "cpdf": ("bins", "ratio"), "four
 """The counters and their options: `tofmix.estimation.peaks.counters.COUNTERS` in words, for it imports numba."""
 
 _NOT_OF_THE_PAPER = (
-    "sigma", "refine", "false_alarm", "counter", "epsilon", "max_iter", "tol", "unambiguous_range", "wrap", "mixing"
-)  # fmt: skip
+    "sigma",
+    "refine",
+    "false_alarm",
+    "counter",
+    "epsilon",
+    "max_iter",
+    "tol",
+    "unambiguous_range",
+    "wrap",
+    "mixing",
+)
 """Options that the paper's algorithm does not have."""
 
 
@@ -63,88 +72,134 @@ tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
     help="Sigma of a surface. tied: the noise curve. prior: pulled towards the curve. free: fitted, as in the paper.",
 )
 @click.option(
-    "--noise", metavar="file|auto|PROFILE",
+    "--noise",
+    metavar="file|auto|PROFILE",
     help="Source of the noise curve: the file, its samples (auto), or a built-in sensor such as sr3000."
     "  [default: file; auto where the file has no curve]",
-)  # fmt: skip
+)
 @click.option(
-    "--noise-shape", type=click.Choice(["gaussian", "auto"]), default="auto", show_default=True,
+    "--noise-shape",
+    type=click.Choice(["gaussian", "auto"]),
+    default="auto",
+    show_default=True,
     help="Shape of the error in measured noise: Gaussian, or learnt from the samples.",
-)  # fmt: skip
+)
 @click.option(
-    "--noise-widths", type=click.Choice(["common", "own", "auto"]), default="auto", show_default=True,
+    "--noise-widths",
+    type=click.Choice(["common", "own", "auto"]),
+    default="auto",
+    show_default=True,
     help="Width of measured noise: one of all pixels (common), of each pixel (own), or as the samples show (auto).",
-)  # fmt: skip
+)
 @click.option(
-    "--outliers", default="file", show_default=True, metavar="file|auto|P",
+    "--outliers",
+    default="file",
+    show_default=True,
+    metavar="file|auto|P",
     help="Share of random values p(c_r): from the file, counted in its samples (auto), or a number.",
-)  # fmt: skip
+)
 @click.option(
     "--max-layers", type=click.IntRange(1, 32), default=6, show_default=True, help="Most surfaces in a pixel."
 )
 @click.option(
-    "--refine", type=click.Choice(["likelihood", "none"]), default="likelihood", show_default=True,
+    "--refine",
+    type=click.Choice(["likelihood", "none"]),
+    default="likelihood",
+    show_default=True,
     help="likelihood: count surfaces by likelihood, from the peaks on. none: count the peaks, as in the paper.",
-)  # fmt: skip
+)
 @click.option(
-    "--false-alarm", type=click.FloatRange(1e-6, 0.1), default=0.001, show_default=True,
+    "--false-alarm",
+    type=click.FloatRange(1e-6, 0.1),
+    default=0.001,
+    show_default=True,
     help="Probability that a pixel with one surface gets more than one; with --refine likelihood.",
-)  # fmt: skip
+)
 @click.option(
-    "--counter", type=click.Choice(tuple(COUNTER_OPTIONS)), default="kde", show_default=True,
+    "--counter",
+    type=click.Choice(tuple(COUNTER_OPTIONS)),
+    default="kde",
+    show_default=True,
     help="Method that finds the peaks: the kernel density, or one of the paper's two others, for comparison.",
-)  # fmt: skip
+)
 @click.option(
-    "--gamma", type=click.FloatRange(0, 1, max_open=True), default=0.02, show_default=True,
+    "--gamma",
+    type=click.FloatRange(0, 1, max_open=True),
+    default=0.02,
+    show_default=True,
     help="kde: smallest share of the samples in a peak of the density.",
-)  # fmt: skip
+)
 @click.option(
-    "--epsilon", type=click.FloatRange(0, min_open=True), default=0.01, show_default=True,
+    "--epsilon",
+    type=click.FloatRange(0, min_open=True),
+    default=0.01,
+    show_default=True,
     help="kde: largest slope at a peak, in units of p(r) / h(r).",
-)  # fmt: skip
+)
 @click.option(
-    "--bins", type=click.IntRange(2, 100), default=15, show_default=True,
+    "--bins",
+    type=click.IntRange(2, 100),
+    default=15,
+    show_default=True,
     help="cpdf: bins of the cumulative distribution over the working range.",
-)  # fmt: skip
+)
 @click.option(
-    "--ratio", type=click.FloatRange(1, 10, min_open=True), default=1.1, show_default=True,
+    "--ratio",
+    type=click.FloatRange(1, 10, min_open=True),
+    default=1.1,
+    show_default=True,
     help="cpdf: k of F(r) = P(k r) - P(r).",
-)  # fmt: skip
+)
 @click.option(
     "--order", type=click.IntRange(1, 64), default=16, show_default=True, help="fourier: last term of the series."
 )
 @click.option(
-    "--level", type=click.FloatRange(0, 1, max_open=True), default=0.1, show_default=True,
+    "--level",
+    type=click.FloatRange(0, 1, max_open=True),
+    default=0.1,
+    show_default=True,
     help="fourier: smallest share of the samples in a peak of the series.",
-)  # fmt: skip
+)
 @click.option(
-    "--unambiguous-range", type=click.FloatRange(0, min_open=True), metavar="MM",
+    "--unambiguous-range",
+    type=click.FloatRange(0, min_open=True),
+    metavar="MM",
     help="Unambiguous range, mm. Ranges fold at this length; a surface at the fold counts once.",
-)  # fmt: skip
+)
 @click.option(
     "--wrap",
     is_flag=True,
     help="Set --unambiguous-range to c / 2f, from the recording's modulation frequency f.",
 )
 @click.option(
-    "--mixing", type=click.Choice(["auto", "events", "phasor"]), default="auto", show_default=True,
+    "--mixing",
+    type=click.Choice(["auto", "events", "phasor"]),
+    default="auto",
+    show_default=True,
     help="How surfaces mix in a sample. events: each sample shows one surface. phasor: light adds up, and neighbours"
     " help to unmix it. auto: measure.",
-)  # fmt: skip
+)
 @shares_option
 @click.option(
-    "--paper", is_flag=True,
+    "--paper",
+    is_flag=True,
     help="Use the paper's own algorithm, for comparison; --gamma is its threshold.",
-)  # fmt: skip
+)
 @click.option("--max-iter", type=click.IntRange(1, 65535), default=50, show_default=True, help="Most EM iterations.")
 @click.option(
-    "--tol", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=1e-3, show_default=True,
+    "--tol",
+    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    default=1e-3,
+    show_default=True,
     help="EM stops when each mean moves by less than this many sigma, and each share by less than this.",
-)  # fmt: skip
+)
 @click.option(
-    "--min-samples", type=click.IntRange(2), default=3, show_default=True,
+    "--min-samples",
+    type=click.IntRange(2),
+    default=3,
+    show_default=True,
     help="Fewest valid samples of a fitted pixel.",
-)  # fmt: skip
+)
 @click.option(
     "--force",
     is_flag=True,
@@ -155,21 +210,30 @@ tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
     "--workers", type=click.IntRange(1), help="Threads; their number changes no result.  [default: all cores]"
 )
 @click.option(
-    "--memory", type=MEMORY, default="1GB", show_default=True, metavar="SIZE",
+    "--memory",
+    type=MEMORY,
+    default="1GB",
+    show_default=True,
+    metavar="SIZE",
     help="Limit of the memory, such as 300MB or 1.5GB; the limit changes no result.",
-)  # fmt: skip
+)
 @click.option(
-    "--resume", is_flag=True, allow_from_autoenv=False,
+    "--resume",
+    is_flag=True,
+    allow_from_autoenv=False,
     help="Continue an interrupted run of the same options; a finished output stays.",
-)  # fmt: skip
+)
 @click.option(
-    "--shard", type=SHARD, metavar="I/N",
+    "--shard",
+    type=SHARD,
+    metavar="I/N",
     help="Compute only part I of N, for job arrays; `tofmix merge` joins the parts.",
-)  # fmt: skip
+)
 @click.option(
-    "--scheduler", metavar="ADDRESS|FILE",
+    "--scheduler",
+    metavar="ADDRESS|FILE",
     help="Compute on the workers of a dask.distributed scheduler: its address or its scheduler file.",
-)  # fmt: skip
+)
 @json_option
 @overwrite_option
 @click.pass_context
@@ -234,14 +298,26 @@ def estimate(
     except ValueError as error:
         raise UsageError(str(error)) from error
     request = EstimateRequest(
-        options=options, noise=noise, outliers=_number(outliers), noise_shape=noise_shape, noise_widths=noise_widths,
-        shares=shares, wrap=wrap, window=window, stride=stride, force=force, workers=workers or default_workers(),
-    )  # fmt: skip
+        options=options,
+        noise=noise,
+        outliers=_number(outliers),
+        noise_shape=noise_shape,
+        noise_widths=noise_widths,
+        shares=shares,
+        wrap=wrap,
+        window=window,
+        stride=stride,
+        force=force,
+        workers=workers or default_workers(),
+    )
     check_request(request, CommandReporter())
     files = FileRequest(
-        memory_bytes=memory, shard=WHOLE if shard is None else Shard(number=shard[0], count=shard[1]), resume=resume,
-        overwrite=overwrite, scheduler=scheduler,
-    )  # fmt: skip
+        memory_bytes=memory,
+        shard=WHOLE if shard is None else Shard(number=shard[0], count=shard[1]),
+        resume=resume,
+        overwrite=overwrite,
+        scheduler=scheduler,
+    )
     estimate_files(recordings, output, output_dir, request, files, as_json=as_json)
 
 

@@ -30,11 +30,19 @@ def describe(outcome: "Outcome", findings: Sequence["Finding"], shard: "Shard") 
     )
     warnings, notes = split_notes(findings)
     said: dict[str, Any] = {
-        "status": "done", "exit_code": 0, "rows": rows, "cols": cols, "windows": windows.count,
-        "window_frames": windows.length, "frames_left_out": windows.frames_left_out,
-        "pixels_by_surfaces": list(outcome.tally), "blocks": outcome.cells, "blocks_continued": outcome.continued,
-        "warnings": [finding.as_dict() for finding in warnings], "notes": [finding.as_dict() for finding in notes],
-    }  # fmt: skip
+        "status": "done",
+        "exit_code": 0,
+        "rows": rows,
+        "cols": cols,
+        "windows": windows.count,
+        "window_frames": windows.length,
+        "frames_left_out": windows.frames_left_out,
+        "pixels_by_surfaces": list(outcome.tally),
+        "blocks": outcome.cells,
+        "blocks_continued": outcome.continued,
+        "warnings": [finding.as_dict() for finding in warnings],
+        "notes": [finding.as_dict() for finding in notes],
+    }
     if outcome.mixture is not None:
         said["mixing"] = outcome.mixture.as_dict()
         said["undecided_by_surfaces"] = list(undecided)

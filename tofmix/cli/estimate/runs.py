@@ -18,9 +18,14 @@ if TYPE_CHECKING:
 
 
 def estimate_files(
-    recordings: Sequence[Path], output: Path | None, output_dir: Path | None, request: "EstimateRequest",
-    files: "FileRequest", *, as_json: bool,
-) -> None:  # fmt: skip
+    recordings: Sequence[Path],
+    output: Path | None,
+    output_dir: Path | None,
+    request: "EstimateRequest",
+    files: "FileRequest",
+    *,
+    as_json: bool,
+) -> None:
     """Estimate recordings, and print the results on stdout."""
     from tofmix.jobs.estimate import estimate_file
 

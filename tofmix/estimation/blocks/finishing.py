@@ -22,9 +22,14 @@ class FinishedWindow(NamedTuple):
 
 
 def finish_window(
-    layers: Layers, phasors: Float32Array | None, sensor: Sensor, *, frames: int, insist: bool = False,
+    layers: Layers,
+    phasors: Float32Array | None,
+    sensor: Sensor,
+    *,
+    frames: int,
+    insist: bool = False,
     circle_mm: float | None = None,
-) -> FinishedWindow:  # fmt: skip
+) -> FinishedWindow:
     """Finish the layers of a window.
 
     Parameters

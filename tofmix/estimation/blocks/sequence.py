@@ -138,9 +138,17 @@ class _Work(Generic[T]):
     """
 
     def __init__(
-        self, sensor: Sensor, grid: Grid, options: EstimateOptions, finish: Callable[..., T], *, phasors: bool,
-        each: int, has_light: bool, evidence: bool,
-    ) -> None:  # fmt: skip
+        self,
+        sensor: Sensor,
+        grid: Grid,
+        options: EstimateOptions,
+        finish: Callable[..., T],
+        *,
+        phasors: bool,
+        each: int,
+        has_light: bool,
+        evidence: bool,
+    ) -> None:
         self._sensor, self._grid, self._options, self._finish = sensor, grid, options, finish
         self._phasors, self._each, self._has_light, self._evidence = phasors, each, has_light, evidence
 
@@ -285,9 +293,15 @@ def estimate_windows(
     out = Layers.empty(shape, options.max_layers, layer_fields(source.sensor, amplitude=has_light, mixing=measured))
     phasors = np.empty((*shape, FIELD_COUNT), np.float32) if measured else None
     cells = estimate_cells(
-        source, grid, options, lambda *parts: parts, workers=workers, buffer_bytes=buffer_bytes, phasors=measured,
+        source,
+        grid,
+        options,
+        lambda *parts: parts,
+        workers=workers,
+        buffer_bytes=buffer_bytes,
+        phasors=measured,
         evidence=True,
-    )  # fmt: skip
+    )
     pieces: list[list[tuple[int, int, WindowSamples]]] = [[] for _ in range(windows.count)]
     for cell, (layers, *found) in cells:
         for window, part in enumerate(found[1], start=cell.windows.start):
@@ -303,11 +317,14 @@ def estimate_windows(
     done = [
         finish_window(
             Layers(**{spec.name: getattr(out, spec.name)[window] for spec in before}),
-            None if phasors is None else phasors[window], source.sensor, insist=insist,
-            frames=windows.length // samples_a_frame(source), circle_mm=options.unambiguous_range_mm,
+            None if phasors is None else phasors[window],
+            source.sensor,
+            insist=insist,
+            frames=windows.length // samples_a_frame(source),
+            circle_mm=options.unambiguous_range_mm,
         )
         for window in range(windows.count)
-    ]  # fmt: skip
+    ]
     for window, one in enumerate(done):
         for spec in out.fields:
             getattr(out, spec.name)[window] = getattr(one.layers, spec.name)

@@ -73,8 +73,22 @@ def fill_layers(  # noqa: PLR0915  one pass over the pixels
     `block` (pixel, frame) are samples, mm, NaN where invalid. `out` are the arrays of `tofmix.layers.Layers` in their
     order, and `width` (pixel,) factors on sigma(r).
     """
-    (n_modes, n_peaks, mean, sigma, weight, range_stderr, weight_stderr, probability, no_return, outlier, likelihood,
-     n_samples, n_iter, status) = out  # fmt: skip
+    (
+        n_modes,
+        n_peaks,
+        mean,
+        sigma,
+        weight,
+        range_stderr,
+        weight_stderr,
+        probability,
+        no_return,
+        outlier,
+        likelihood,
+        n_samples,
+        n_iter,
+        status,
+    ) = out
     pixels, frames = block.shape
     value, time = np.empty(frames), np.empty(frames)
     capacity = options.max_layers + 1

@@ -219,10 +219,21 @@ def fit_clusters(samples: Float32Array, clusters: Clusters, law: Law, beam: Beam
         data = Samples(value[first:stop], time[first:stop])
         common = beam_of_pixel(beam, clusters.pixel[c])
         own = Beam(
-            common.curve_range, common.curve_sigma, np.inf, 1.0, np.inf, np.inf, np.inf, beam.p_outlier,
+            common.curve_range,
+            common.curve_sigma,
+            np.inf,
+            1.0,
+            np.inf,
+            np.inf,
+            np.inf,
+            beam.p_outlier,
             beam.outlier_density,
-            clusters.low[c], clusters.high[c], beam.pixel_curves, common.steps, uniform,
-        )  # fmt: skip
+            clusters.low[c],
+            clusters.high[c],
+            beam.pixel_curves,
+            common.steps,
+            uniform,
+        )
         fill_times(data, scratch)
         fill_cells(data, own, scratch)
         for row in range(ROWS):

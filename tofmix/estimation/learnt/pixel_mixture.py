@@ -177,9 +177,13 @@ def pixel_mixture(
     known = np.isfinite(samples_mm)
     samples = np.where(known, samples_mm, 0.0)
     found = drifts_of(
-        samples_mm[np.newaxis], range_mm=range_mm[np.newaxis], sigma_mm=sigma_mm[np.newaxis],
-        weight=weight[np.newaxis], rest=mixture.floor(samples)[np.newaxis], law=law,
-    )[0]  # fmt: skip
+        samples_mm[np.newaxis],
+        range_mm=range_mm[np.newaxis],
+        sigma_mm=sigma_mm[np.newaxis],
+        weight=weight[np.newaxis],
+        rest=mixture.floor(samples)[np.newaxis],
+        law=law,
+    )[0]
     time = times(len(samples_mm))[known]
     some = np.unique(np.linspace(0, max(0, len(time) - 1), min(len(time), _MOST_TIMES)).astype(int))
     return replace(mixture, drift_mm=found[0], time=time[some])

@@ -120,9 +120,18 @@ def population_likelihoods(
         for p in range(len(pairs)):
             for u in range(len(log_widths)):
                 out[c, p, u] = _mean_over_places(
-                    level, times, levels, n, own_half, math.exp(log_widths[u]), pairs[p, 0], pairs[p, 1], rest[c],
-                    uniform, law,
-                )  # fmt: skip
+                    level,
+                    times,
+                    levels,
+                    n,
+                    own_half,
+                    math.exp(log_widths[u]),
+                    pairs[p, 0],
+                    pairs[p, 1],
+                    rest[c],
+                    uniform,
+                    law,
+                )
     return out
 
 

@@ -174,10 +174,16 @@ def learn_noise(
         kept = source.sensor if instead_of is not None else replace(sensor, noise=measured.curve)
         return FoundNoise(sensor=kept, measured=measured, model=None)
     model = learn_pixel_noise(
-        pixels, sensor, None if measured is None else measured.curve, shape=shape, widths=widths,
-        drift=drift, density=density, instead_of=instead_of,
+        pixels,
+        sensor,
+        None if measured is None else measured.curve,
+        shape=shape,
+        widths=widths,
+        drift=drift,
+        density=density,
+        instead_of=instead_of,
         workers=workers,
-    )  # fmt: skip
+    )
     noise = model.noise
     if model.given_holds:
         return FoundNoise(sensor=source.sensor, measured=measured, model=model)
@@ -191,9 +197,15 @@ def learn_noise(
     steps = None if pixels.step is None else pixels.step.without_pixels()
     beam = beam_of(replace(sensor, noise=noise.curve))._replace(steps=steps_of(steps, noise.curve))
     thresholds = known_thresholds(
-        noise, beam, model.ranges_mm, samples=sample_numbers(pixels, min_samples, window),
-        pixel_effects=model.pixel_effects, rounding_mm=pixels.rounding_mm, workers=workers, progress=progress,
-    )  # fmt: skip
+        noise,
+        beam,
+        model.ranges_mm,
+        samples=sample_numbers(pixels, min_samples, window),
+        pixel_effects=model.pixel_effects,
+        rounding_mm=pixels.rounding_mm,
+        workers=workers,
+        progress=progress,
+    )
     curve = noise.curve
     if noise.background is not None:
         curve = replace(curve, background=background_map(source, noise, beam, window))

@@ -323,9 +323,14 @@ class _Em:
         return np.asarray(np.max(np.abs([step, wider - log_width, share - background]), axis=0))
 
     def _move_drift(
-        self, data: _Windows, part: FloatArray, pull: FloatArray, width: FloatArray, support: FloatArray,
+        self,
+        data: _Windows,
+        part: FloatArray,
+        pull: FloatArray,
+        width: FloatArray,
+        support: FloatArray,
         push: FloatArray,
-    ) -> FloatArray:  # fmt: skip
+    ) -> FloatArray:
         """One step of scoring of each drift; return what it takes from the step of the mean (m,), in widths."""
         weighted = part * data.basis
         middle = np.stack([data.summed(row) for row in weighted], axis=1)

@@ -153,9 +153,7 @@ def single_surface(found: SeriesStatistics, settings: NoiseSettings = DEFAULT_SE
     return chosen[np.argsort(found.range_mm[chosen], kind="stable")]
 
 
-def _what_is_missing(
-    source: SampleSource, found: SeriesStatistics, chosen: IntArray, settings: CurveSettings
-) -> str:  # fmt: skip
+def _what_is_missing(source: SampleSource, found: SeriesStatistics, chosen: IntArray, settings: CurveSettings) -> str:
     frames = source.shape[0]
     if frames < LEAST_SAMPLES:
         return f"noise: {counted(frames, 'frame')}; at least {LEAST_SAMPLES} are needed to measure it"
@@ -173,9 +171,14 @@ class _Spread:
     """The series that measure the noise, by range, in bins."""
 
     def __init__(
-        self, series: Series, found: SeriesStatistics, chosen: IntArray, bins: Sequence[slice], step: FloatArray,
+        self,
+        series: Series,
+        found: SeriesStatistics,
+        chosen: IntArray,
+        bins: Sequence[slice],
+        step: FloatArray,
         settings: NoiseSettings,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._settings = settings
         self._bins = bins
         self._range, self._variance, self._memory = (

@@ -65,9 +65,12 @@ class Pixels:
             None if values is None else np.ascontiguousarray(values[which]) for values in (self.amplitude, self.spread)
         )
         return Pixels(
-            samples=np.ascontiguousarray(self.samples[which]), amplitude=light, rounding_mm=self.rounding_mm,
-            step=None if self.step is None else self.step.chosen(which), spread=spread,
-        )  # fmt: skip
+            samples=np.ascontiguousarray(self.samples[which]),
+            amplitude=light,
+            rounding_mm=self.rounding_mm,
+            step=None if self.step is None else self.step.chosen(which),
+            spread=spread,
+        )
 
     @property
     def smooth(self) -> Float32Array:
@@ -151,9 +154,12 @@ def pixels_of(
     pixel = np.broadcast_to(np.arange(len(samples))[:, None], samples.shape)
     smooth = samples + own.at(samples, pixel) * rng.uniform(-0.5, 0.5, samples.shape)
     return Pixels(
-        samples=np.ascontiguousarray(samples, dtype=np.float32), amplitude=light, rounding_mm=step.typical(), step=own,
+        samples=np.ascontiguousarray(samples, dtype=np.float32),
+        amplitude=light,
+        rounding_mm=step.typical(),
+        step=own,
         spread=np.ascontiguousarray(smooth, dtype=np.float32),
-    )  # fmt: skip
+    )
 
 
 class _AmplitudesAsRanges:
@@ -162,8 +168,11 @@ class _AmplitudesAsRanges:
     def __init__(self, amplitudes: AmplitudeSource, source: SampleSource) -> None:
         self._amplitudes = amplitudes
         self.shape, self.row_step, self.frame_step, self.sensor = (
-            source.shape, source.row_step, source.frame_step, source.sensor
-        )  # fmt: skip
+            source.shape,
+            source.row_step,
+            source.frame_step,
+            source.sensor,
+        )
 
     def read_range(self, frames: slice, rows: slice) -> Float32Array:
         """Amplitudes of some frames and rows."""

@@ -29,9 +29,13 @@ _DIMENSIONS = 2  # (frame, pixel)
 
 @jit
 def _add(
-    block: FloatArray, grid: FloatArray, h: FloatArray, ends: tuple[FloatArray, FloatArray],
-    sums: tuple[FloatArray, FloatArray], n_samples: IntArray,
-) -> None:  # fmt: skip
+    block: FloatArray,
+    grid: FloatArray,
+    h: FloatArray,
+    ends: tuple[FloatArray, FloatArray],
+    sums: tuple[FloatArray, FloatArray],
+    n_samples: IntArray,
+) -> None:
     """Add the kernels of a block (frame, pixel) to the sums of e and e z, with z = (r - r_j) / h."""
     total, moment = sums
     lowest, highest = ends
@@ -54,9 +58,14 @@ def _add(
 
 @jit
 def _peaks(
-    grid: FloatArray, h: FloatArray, total: FloatArray, moment: FloatArray, limits: tuple[float, float],
-    place: FloatArray, height: FloatArray,
-) -> int:  # fmt: skip
+    grid: FloatArray,
+    h: FloatArray,
+    total: FloatArray,
+    moment: FloatArray,
+    limits: tuple[float, float],
+    place: FloatArray,
+    height: FloatArray,
+) -> int:
     """Test (5) on the grid, as `find_peaks` applies it along its walk: see there for the runs."""
     threshold, epsilon = limits
     count, in_run = 0, False
@@ -242,9 +251,13 @@ class IncrementalDensity:
         return out
 
     def _peaks_round(
-        self, sums: tuple[FloatArray, FloatArray], tests: tuple[float, float], place: FloatArray, height: FloatArray,
+        self,
+        sums: tuple[FloatArray, FloatArray],
+        tests: tuple[float, float],
+        place: FloatArray,
+        height: FloatArray,
         length: float,
-    ) -> int:  # fmt: skip
+    ) -> int:
         """Find the peaks on a circle: as on a line that starts where the density is lowest, and ends there."""
         start = int(np.argmin(sums[0]))
         round_it = np.r_[start : len(self._h), 0 : start + 1]

@@ -135,9 +135,14 @@ def _middle_light(view: View, patches: Patches, pixel: IntArray, ray: FloatArray
 
 
 def _linear(
-    frame: TangentFrame, state: FloatArray, sd: FloatArray, ray: FloatArray, down: IntArray, right: IntArray,
+    frame: TangentFrame,
+    state: FloatArray,
+    sd: FloatArray,
+    ray: FloatArray,
+    down: IntArray,
+    right: IntArray,
     usable: BoolArray,
-) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:  # fmt: skip
+) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
     """Design (n, place, 13) about states, ln(cos / r^2) and ln cos (n, place), and where all of it is known."""
     step = np.minimum(_STEP * sd, _LARGEST_STEP)
     offsets = np.concatenate([np.eye(STATE), -np.eye(STATE), np.zeros((1, STATE))])

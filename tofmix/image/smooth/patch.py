@@ -109,10 +109,16 @@ class Patches(NamedTuple):
     def some(self, which: IntArray) -> "Patches":
         """Some of the patches, perhaps several times."""
         return Patches(
-            TangentFrame(*(part[which] for part in self.frame)), self.state[which], self.covariance[which],
-            self.members[which], self.kept[which], self.third[which], self.log_evidence[which],
-            self.log_ways[which], self.log_slope[which],
-        )  # fmt: skip
+            TangentFrame(*(part[which] for part in self.frame)),
+            self.state[which],
+            self.covariance[which],
+            self.members[which],
+            self.kept[which],
+            self.third[which],
+            self.log_evidence[which],
+            self.log_ways[which],
+            self.log_slope[which],
+        )
 
 
 def bend_term(k11: FloatArray, k12: FloatArray, k22: FloatArray) -> FloatArray:
@@ -166,9 +172,15 @@ def _steadied(covariance: FloatArray) -> FloatArray:
 
 @jit
 def _meet(
-    origin: FloatArray, e1: FloatArray, e2: FloatArray, normal: FloatArray, state: FloatArray, rays: FloatArray,
-    range_mm: FloatArray, cosine: FloatArray,
-) -> None:  # fmt: skip
+    origin: FloatArray,
+    e1: FloatArray,
+    e2: FloatArray,
+    normal: FloatArray,
+    state: FloatArray,
+    rays: FloatArray,
+    range_mm: FloatArray,
+    cosine: FloatArray,
+) -> None:
     """Fill ranges and cosines (n, sample, ray), as `meet` gives them."""
     conic = np.empty(state.shape[1])
     for i in range(len(origin)):
@@ -186,13 +198,25 @@ def _meet(
                 skew, skew_0 = p * du + q * dv, p * u0 + q * v0
                 alpha = -0.5 * (g * dh * dh + k11 * du * du + 2.0 * k12 * du * dv + k22 * dv * dv) - dh * skew
                 beta = (
-                    dh + g * dh * h0 - b * du - c * dv + k11 * du * u0 + k12 * (du * v0 + dv * u0) + k22 * dv * v0
-                    + dh * skew_0 + h0 * skew
-                )  # fmt: skip
+                    dh
+                    + g * dh * h0
+                    - b * du
+                    - c * dv
+                    + k11 * du * u0
+                    + k12 * (du * v0 + dv * u0)
+                    + k22 * dv * v0
+                    + dh * skew_0
+                    + h0 * skew
+                )
                 gamma = (
-                    -h0 - 0.5 * g * h0 * h0 - h0 * skew_0 - a + b * u0 + c * v0
+                    -h0
+                    - 0.5 * g * h0 * h0
+                    - h0 * skew_0
+                    - a
+                    + b * u0
+                    + c * v0
                     - 0.5 * (k11 * u0 * u0 + 2.0 * k12 * u0 * v0 + k22 * v0 * v0)
-                )  # fmt: skip
+                )
                 below = beta * beta - 4.0 * alpha * gamma
                 root = math.sqrt(below) if below >= 0.0 else math.nan
                 t = 2.0 * gamma / (root - beta) if root != beta else math.nan
@@ -207,9 +231,16 @@ def _meet(
 
 
 def fit_patches(
-    view: View, at: IntArray, members: IntArray, bend: FloatArray, third: FloatArray, *, robust: bool = True,
-    third_of_bend: float = THIRD_OF_BEND, quadric: bool = False,
-) -> Patches:  # fmt: skip
+    view: View,
+    at: IntArray,
+    members: IntArray,
+    bend: FloatArray,
+    third: FloatArray,
+    *,
+    robust: bool = True,
+    third_of_bend: float = THIRD_OF_BEND,
+    quadric: bool = False,
+) -> Patches:
     """Fit a patch through members of one surface each.
 
     Parameters
@@ -274,10 +305,16 @@ def fit_patches(
     evidence, ways = _log_evidence(design[..., :BENT], cubic, value, variance, there, bend)
     chi = np.where(keep, residual**2, 0.0).sum(axis=1) / np.maximum(keep.sum(axis=1) - 4, 1)
     return Patches(
-        frame, state, covariance * np.maximum(1.0, chi)[:, np.newaxis, np.newaxis], members, keep, cubed,
-        evidence, ways,
+        frame,
+        state,
+        covariance * np.maximum(1.0, chi)[:, np.newaxis, np.newaxis],
+        members,
+        keep,
+        cubed,
+        evidence,
+        ways,
         np.where(there, 0.5 * np.log(steep), 0.0).sum(axis=1),
-    )  # fmt: skip
+    )
 
 
 def _first_plane(points: FloatArray, few: BoolArray, fewest: BoolArray) -> tuple[FloatArray, FloatArray]:
@@ -305,9 +342,14 @@ def _tangents(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _equations(
-    frame: TangentFrame, ray: FloatArray, range_mm: FloatArray, noise: FloatArray, bent: FloatArray, third: FloatArray,
+    frame: TangentFrame,
+    ray: FloatArray,
+    range_mm: FloatArray,
+    noise: FloatArray,
+    bent: FloatArray,
+    third: FloatArray,
     slope_of_quadric: float,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:  # fmt: skip
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Design (n, place, 9), cubic terms (n, place, 4 or 6), values and variances (n, place).
 
     Last the squares (n, place) of the change of a height with the range.

@@ -69,6 +69,12 @@ def _lines_of_window(file: SurfacesFile, window: int) -> Iterator[EdgeLine]:
         row, col = edges.row[part], edges.col[part]
         on = np.full(len(row), near if near >= 0 else far)
         yield EdgeLine(
-            window=window, line=int(edges.line[start]), near=near, far=far, row=row, col=col,
-            stderr=edges.stderr[part], place_m=on_surfaces(file, window, on, row, col),
-        )  # fmt: skip
+            window=window,
+            line=int(edges.line[start]),
+            near=near,
+            far=far,
+            row=row,
+            col=col,
+            stderr=edges.stderr[part],
+            place_m=on_surfaces(file, window, on, row, col),
+        )

@@ -107,9 +107,13 @@ def on_surfaces(
 
 
 def _nearest_ranges(
-    numbers: NDArray[np.int32], ranges: NDArray[np.float32], factor: int, surface: NDArray[np.integer],
-    row: NDArray[np.floating], col: NDArray[np.floating],
-) -> FloatArray:  # fmt: skip
+    numbers: NDArray[np.int32],
+    ranges: NDArray[np.float32],
+    factor: int,
+    surface: NDArray[np.integer],
+    row: NDArray[np.floating],
+    col: NDArray[np.floating],
+) -> FloatArray:
     """Range (n,) of the part of each surface that is nearest to a place, within a pixel; NaN without one."""
     out = np.full(len(surface), np.nan)
     places = np.stack([row, col], axis=1).astype(np.float64)

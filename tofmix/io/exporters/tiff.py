@@ -13,7 +13,12 @@ def write(file: AtomicFile, image: RangeImage) -> None:
     tifffile = need("tifffile", extra="export", what="TIFF")
     buffer = io.BytesIO()
     tifffile.imwrite(
-        buffer, counts, photometric="minisblack", compression="zlib", description=image.description(),
-        metadata=None, software=False,
-    )  # fmt: skip
+        buffer,
+        counts,
+        photometric="minisblack",
+        compression="zlib",
+        description=image.description(),
+        metadata=None,
+        software=False,
+    )
     file.sink.write(buffer.getvalue())

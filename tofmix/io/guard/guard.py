@@ -96,9 +96,14 @@ class StructureChecker:
             try:
                 # In a separate session, so that Ctrl-C reaches only this process; the checker ends with its pipe.
                 self._process = subprocess.Popen(  # noqa: S603  our own program
-                    self._program, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True,
-                    start_new_session=True, env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
-                )  # fmt: skip
+                    self._program,
+                    stdin=pipe,
+                    stdout=pipe,
+                    stderr=subprocess.DEVNULL,
+                    text=True,
+                    start_new_session=True,
+                    env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+                )
             except OSError as error:
                 raise StorageError(f"{what}: {os_error_text(error, 'the structure checker')}") from error
             self._owner = os.getpid()

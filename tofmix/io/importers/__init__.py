@@ -21,8 +21,8 @@ from tofmix.io.next_command import import_command
 class Importer:
     """One kind of source.
 
-    `names` are options of `SourceRequest` that it understands; where ``amplitude`` is not among them, the amplitudes are
-    another source of the same kind.
+    `names` are options of `SourceRequest` that it understands; where ``amplitude`` is not among them, the amplitudes
+    are another source of the same kind.
     """
 
     suffixes: tuple[str, ...]
@@ -44,9 +44,13 @@ IMPORTERS: tuple[Importer, ...] = (
     ),
 )
 _OPTIONS = {
-    "topic": "dataset", "camera_info": "camera-info", "axes": "axes", "shape": "shape", "columns": "columns",
+    "topic": "dataset",
+    "camera_info": "camera-info",
+    "axes": "axes",
+    "shape": "shape",
+    "columns": "columns",
     "time_unit_s": "time-unit",
-}  # fmt: skip
+}
 """Options that some kinds of source alone understand, by their field of `SourceRequest`."""
 
 _FOLDER = Importer(suffixes=(), open=folder.open_folder, names=frozenset({"topic"}))

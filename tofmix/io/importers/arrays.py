@@ -238,11 +238,15 @@ def arrays_beside(
         raise BadInputError(f"{path}: --valid-status: no array {request.valid_status[0]!r} beside {name}")
     time = f"{group}/{TIME}" if group else TIME
     left = [
-        one for one in others if one not in (status, time) and one not in used and (
+        one
+        for one in others
+        if one not in (status, time)
+        and one not in used
+        and (
             shapes[one] == shapes[name]
             or (one.rpartition("/")[0] == group and (is_status_name(one) or is_time_name(one)))
         )
-    ]  # fmt: skip
+    ]
     codes = [one for one in left if is_status_name(one) and shapes[one] == shapes[name]]
     times = [one for one in left if is_time_name(one) and shapes[one] != shapes[name]]
     lights = [one for one in left if one.rpartition("/")[2] == "amplitude" and shapes[one] == shapes[name]]

@@ -16,10 +16,27 @@ IMAGE_DIMENSIONS, STACK_DIMENSIONS = len(IMAGE), len(FRAMES_FIRST.split(","))
 _KNOWN = ("frame", "target", *IMAGE)
 _WITH_ZONES = ({"frame", "zone"}, {"frame", "zone", "target"})
 _SPELT = {
-    "time": "frame", "t": "frame", "frames": "frame", "index": "frame", "y": "row", "rows": "row", "height": "row",
-    "v": "row", "x": "col", "cols": "col", "column": "col", "columns": "col", "width": "col", "u": "col",
-    "targets": "target", "return": "target", "returns": "target", "echo": "target", "pixel": "zone", "zones": "zone",
-}  # fmt: skip
+    "time": "frame",
+    "t": "frame",
+    "frames": "frame",
+    "index": "frame",
+    "y": "row",
+    "rows": "row",
+    "height": "row",
+    "v": "row",
+    "x": "col",
+    "cols": "col",
+    "column": "col",
+    "columns": "col",
+    "width": "col",
+    "u": "col",
+    "targets": "target",
+    "return": "target",
+    "returns": "target",
+    "echo": "target",
+    "pixel": "zone",
+    "zones": "zone",
+}
 """Other names of axes, as files and people have them."""
 
 

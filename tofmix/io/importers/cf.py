@@ -19,9 +19,15 @@ from numpy.typing import NDArray
 from tofmix.errors import BadInputError
 
 _DEFAULT_FILLS = {
-    "i1": -127, "u1": 255, "i2": -32767, "u2": 65535, "i4": -2147483647, "u4": 4294967295,
-    "i8": -9223372036854775806, "u8": 18446744073709551614,
-}  # fmt: skip
+    "i1": -127,
+    "u1": 255,
+    "i2": -32767,
+    "u2": 65535,
+    "i4": -2147483647,
+    "u4": 4294967295,
+    "i8": -9223372036854775806,
+    "u8": 18446744073709551614,
+}
 """netCDF's fill values of whole numbers; that of real ones is above any range."""
 
 _DIGITS = 6
@@ -103,9 +109,12 @@ def packing_of(dataset: h5py.Dataset, path: Path, *, netcdf: bool) -> Packing:
     if dtype is not None:
         fills = tuple(_as_marked(fill, dtype) for fill in fills)
     return Packing(
-        scale_factor=scale[0], add_offset=offset[0], invalid=tuple(fill for fill in fills if not math.isnan(fill)),
-        valid_span=_span(dataset, path, dtype, scale[0], offset[0]), dtype=dtype,
-    )  # fmt: skip
+        scale_factor=scale[0],
+        add_offset=offset[0],
+        invalid=tuple(fill for fill in fills if not math.isnan(fill)),
+        valid_span=_span(dataset, path, dtype, scale[0], offset[0]),
+        dtype=dtype,
+    )
 
 
 def _marked_dtype(dataset: h5py.Dataset) -> np.dtype[Any] | None:

@@ -87,9 +87,13 @@ class Conversion:
             Ranges of `stored_dtype`; in `f4` rounded once, from float64.
         """
         bad, dropped = no_sample(
-            depth, unit_mm=self.unit_mm, offset_mm=self.offset_mm, invalid=self.invalid, valid_span=self.valid_span,
+            depth,
+            unit_mm=self.unit_mm,
+            offset_mm=self.offset_mm,
+            invalid=self.invalid,
+            valid_span=self.valid_span,
             keep_values=self.keep_values,
-        )  # fmt: skip
+        )
         if status is not None:
             unfit = ~bad & ~np.isin(status, self.status_valid)
             if count := int(np.count_nonzero(unfit)):

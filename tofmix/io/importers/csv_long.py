@@ -211,16 +211,18 @@ def _not_used(path: Path, names: list[str], wanted: dict[str, int], layout: Layo
     """Note on columns of numbers that are not used; remarks in words may stand beside them."""
     first = _first_cells(path, layout)
     left = [
-        name.removeprefix(_OTHER) for k, name in enumerate(names)
+        name.removeprefix(_OTHER)
+        for k, name in enumerate(names)
         if k not in wanted.values()
         and (
             name.startswith(_OTHER)
             or (
-                not is_status_name(name) and name not in INDEX_NAMES
+                not is_status_name(name)
+                and name not in INDEX_NAMES
                 and (len(first) <= k or _is_number(first[k], layout))
             )
         )
-    ]  # fmt: skip
+    ]
     return [unused(path, "column", left)] if left else []
 
 
@@ -302,9 +304,14 @@ class _Table:
                     return
                 with foreign(f"{self.path}: after {before} samples" if before else self.path):
                     found = np.loadtxt(
-                        text, delimiter=self._layout.delimiter, usecols=list(self._columns.values()),
-                        converters=converters, ndmin=2, comments="#", quotechar='"',
-                    )  # fmt: skip
+                        text,
+                        delimiter=self._layout.delimiter,
+                        usecols=list(self._columns.values()),
+                        converters=converters,
+                        ndmin=2,
+                        comments="#",
+                        quotechar='"',
+                    )
                 before += len(found)
                 yield self._piece(dict(zip(self._columns, np.asarray(found, dtype=np.float64).T, strict=True)), last)
 
@@ -375,9 +382,12 @@ def _ends(pieces: Iterable[Piece]) -> _Ends | None:
                 return None
             again = int(here.frame[0] == found.frame[1])  # a frame whose lines lie in both pieces
             here = _Ends(
-                found.frames + here.frames - again, _both(found.frame, here.frame), _both(found.row, here.row),
-                _both(found.col, here.col), _both(found.target, here.target),
-            )  # fmt: skip
+                found.frames + here.frames - again,
+                _both(found.frame, here.frame),
+                _both(found.row, here.row),
+                _both(found.col, here.col),
+                _both(found.target, here.target),
+            )
         found = here
     return found
 
@@ -497,9 +507,12 @@ class _Samples:
         status = self._image(place, lines.values["status"]) if "status" in lines.values else None
         amplitude = self._image(place, lines.values["amplitude"]) if "amplitude" in lines.values else None
         return Frame(
-            depth=self._image(place, lines.values["range"]), amplitude=amplitude, time_s=time_s, status=status,
+            depth=self._image(place, lines.values["range"]),
+            amplitude=amplitude,
+            time_s=time_s,
+            status=status,
             new_start=int(lines.frame[0]) in self._new_starts,
-        )  # fmt: skip
+        )
 
     def _refuse_twins(self, lines: Piece, place: IntArray) -> None:
         _, first, count = np.unique(place, return_index=True, return_counts=True)

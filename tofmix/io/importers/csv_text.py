@@ -19,10 +19,31 @@ from tofmix.io.importers.base import foreign
 _NUMBER = re.compile(r"[+-]?\d+(?:[.,]\d+)?(?:e[+-]?\d+)?", re.IGNORECASE)
 _NUMBER_WITH_COMMA = re.compile(r"[+-]?\d*,\d+(?:e[+-]?\d+)?", re.IGNORECASE)
 _MARKS = (";", "\t", ",")
-_MISSING = frozenset({
-    "", "-", "--", "---", "?", "*", "n/a", "#n/a", "na", "<na>", "#na", "nat", "null", "none", "nil", "missing",
-    "invalid", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#ind",
-})  # fmt: skip
+_MISSING = frozenset(
+    {
+        "",
+        "-",
+        "--",
+        "---",
+        "?",
+        "*",
+        "n/a",
+        "#n/a",
+        "na",
+        "<na>",
+        "#na",
+        "nat",
+        "null",
+        "none",
+        "nil",
+        "missing",
+        "invalid",
+        "nan(ind)",
+        "-nan(ind)",
+        "1.#qnan",
+        "-1.#ind",
+    }
+)
 """Words for a sample that is missing, lower case."""
 
 _DAY_FIRST = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})(?:[ T]+|$)")
@@ -122,9 +143,14 @@ def layout_of(path: Path) -> Layout:
     if decimal_comma:
         notes.append(f"{path}: commas in its numbers are decimal commas")
     layout = Layout(
-        encoding=encoding, delimiter=delimiter, decimal_comma=decimal_comma, head=head, has_header=False, below=below,
+        encoding=encoding,
+        delimiter=delimiter,
+        decimal_comma=decimal_comma,
+        head=head,
+        has_header=False,
+        below=below,
         notes=(),
-    )  # fmt: skip
+    )
     has_header, guessed = _is_header(layout)
     if guessed:
         notes.append(f"{path}: its first line, {head[0] or head[-1]} to {head[-1]}, is taken as a header")

@@ -71,9 +71,12 @@ def _source(root: h5py.File, path: Path, request: SourceRequest) -> FrameSource:
     if of_frames is not None:
         return _one_dataset_a_frame(root, of_frames, path, request)
     name = choose(
-        shapes, wanted, path, _axes_asked(root, shapes, request),
+        shapes,
+        wanted,
+        path,
+        _axes_asked(root, shapes, request),
         {name for name in shapes if root[name].dtype.itemsize == 1},
-    )  # fmt: skip
+    )
     of_range = name.rpartition("/")[2] == _RANGE and request.amplitude is None
     beside = arrays_beside(shapes, name, request, path, (_companion(name, _AMPLITUDE),) if of_range else ())
     notes = [*_axes_guessed(root, name, request, path), *beside.notes]

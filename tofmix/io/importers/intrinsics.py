@@ -72,9 +72,12 @@ class Calibration:
         """Its parts in words, `what` apart."""
         fx, _, cx, _, fy, cy = self.matrix[:6]
         parts = (
-            ("distortion", self.distortion), ("P", self.projection), ("region of interest", self.region),
-            ("binning", self.binning), ("image", self.image or ()),
-        )  # fmt: skip
+            ("distortion", self.distortion),
+            ("P", self.projection),
+            ("region of interest", self.region),
+            ("binning", self.binning),
+            ("image", self.image or ()),
+        )
         return (
             f"fx {fx:.10g} fy {fy:.10g} cx {cx:.10g} cy {cy:.10g}",
             *(f"{name} {' '.join(f'{number:.10g}' for number in numbers) or 'unknown'}" for name, numbers in parts),
@@ -119,9 +122,12 @@ class Calibration:
         down, across = self.binning
         try:
             return Pinhole(
-                fx=fx / across, fy=fy / down, cx=(cx - left) / across, cy=(cy - top) / down,
+                fx=fx / across,
+                fy=fy / down,
+                cx=(cx - left) / across,
+                cy=(cy - top) / down,
                 distortion=() if rectified else self._coefficients(),
-            )  # fmt: skip
+            )
         except ValueError as error:
             raise BadInputError(f"{self.what}: {error}") from error
 
@@ -161,11 +167,15 @@ def from_camera_info(message: Any, what: str) -> Calibration:  # noqa: ANN401  a
     """
     roi = message.roi
     return _calibration(
-        what, image=(int(message.height), int(message.width)), matrix=_either(message, "k"),
-        distortion=_either(message, "d"), model=str(message.distortion_model), projection=_either(message, "p"),
+        what,
+        image=(int(message.height), int(message.width)),
+        matrix=_either(message, "k"),
+        distortion=_either(message, "d"),
+        model=str(message.distortion_model),
+        projection=_either(message, "p"),
         region=(int(roi.y_offset), int(roi.x_offset), int(roi.height), int(roi.width)),
         binning=(int(message.binning_y), int(message.binning_x)),
-    )  # fmt: skip
+    )
 
 
 def _either(message: Any, key: str) -> Any:  # noqa: ANN401  a ROS message
@@ -174,18 +184,31 @@ def _either(message: Any, key: str) -> Any:  # noqa: ANN401  a ROS message
 
 
 def _calibration(
-    what: str, *, image: tuple[int, int] | None, matrix: object, distortion: object, model: str, projection: object,
-    region: tuple[int, int, int, int] = (0, 0, 0, 0), binning: tuple[int, int] = (0, 0),
-) -> Calibration:  # fmt: skip
+    what: str,
+    *,
+    image: tuple[int, int] | None,
+    matrix: object,
+    distortion: object,
+    model: str,
+    projection: object,
+    region: tuple[int, int, int, int] = (0, 0, 0, 0),
+    binning: tuple[int, int] = (0, 0),
+) -> Calibration:
     k, d, p = (_numbers(values, what) for values in (matrix, distortion, projection))
     if len(k) != _MATRIX or len(p) not in (0, _PROJECTION):
         raise BadInputError(f"{what}: a camera matrix of {len(k)} and a projection of {len(p)} numbers, not 9 and 12")
     if min(*region, *binning) < 0:
         raise BadInputError(f"{what}: its region of interest or its binning is negative")
     return Calibration(
-        what=what, image=image if image and min(image) > 0 else None, matrix=k, distortion=d, model=model,
-        projection=p, region=region, binning=(max(1, binning[0]), max(1, binning[1])),
-    )  # fmt: skip
+        what=what,
+        image=image if image and min(image) > 0 else None,
+        matrix=k,
+        distortion=d,
+        model=model,
+        projection=p,
+        region=region,
+        binning=(max(1, binning[0]), max(1, binning[1])),
+    )
 
 
 def _numbers(values: object, what: str) -> tuple[float, ...]:
@@ -238,12 +261,15 @@ def _calibration_of(found: object, path: Path) -> Calibration:
     region = [_whole(roi.get(key), path) for key in ("y_offset", "x_offset", "height", "width")]
     rows, cols = (_whole(value, path) for value in size)
     return _calibration(
-        str(path), image=(rows, cols), matrix=_flat(matrix),
+        str(path),
+        image=(rows, cols),
+        matrix=_flat(matrix),
         distortion=_flat(_first(found, "distortion_coefficients", "d", "D")),
-        model=str(found.get("distortion_model") or ""), projection=_flat(_first(found, "projection_matrix", "p", "P")),
+        model=str(found.get("distortion_model") or ""),
+        projection=_flat(_first(found, "projection_matrix", "p", "P")),
         region=(region[0], region[1], region[2], region[3]),
         binning=(_whole(found.get("binning_y"), path), _whole(found.get("binning_x"), path)),
-    )  # fmt: skip
+    )
 
 
 _XML_MATRIX = re.compile(r"<(\w+)[^<>]*>(?:(?!</\1>).)*?<data>([^<>]*)</data>\s*</\1>", re.DOTALL)

@@ -42,8 +42,17 @@ _BYTES = ("int8", "uint8", "logical", "char")
 """MATLAB's classes of 8 bits."""
 
 _NUMBERS = (
-    *_BYTES, "int16", "uint16", "int32", "uint32", "int64", "uint64", "single", "double", "sparse",
-)  # fmt: skip
+    *_BYTES,
+    "int16",
+    "uint16",
+    "int32",
+    "uint32",
+    "int64",
+    "uint64",
+    "single",
+    "double",
+    "sparse",
+)
 _STRUCTS = ("struct", "object", "cell", "opaque", "unknown")
 """MATLAB's classes of variables that hold others."""
 

@@ -151,9 +151,10 @@ def _depth_topic(bag: _Bag, wanted: str | None) -> tuple[str, list[str]]:
         return wanted, []
     encodings = {topic: " ".join(str(bag.first(topic)[0].encoding).split()) for topic in bag.topics(_IMAGE)}
     fitting = [
-        topic for topic, encoding in encodings.items()
+        topic
+        for topic, encoding in encodings.items()
         if encoding in _SURE or (encoding in DEPTH_UNITS_MM and stream_of(topic) == "depth")
-    ]  # fmt: skip
+    ]
     depths = depths_among(fitting)
     if len(depths) == 1:
         beside = [t for t, e in encodings.items() if t in fitting or (e in _DTYPES and stream_of(t) == "other")]
@@ -188,9 +189,10 @@ def _compressed(bag: _Bag) -> str:
 def _stated_unit_mm(bag: _Bag, topic: str) -> float | None:
     """Mm of one count by the message of a RealSense bag that belongs to the topic's sensor; None without one."""
     near = [
-        name for name in bag.topics(_NUMBER)
+        name
+        for name in bag.topics(_NUMBER)
         if name.endswith(_UNIT_TOPIC) and topic.startswith(name.removesuffix(_UNIT_TOPIC) + "/")
-    ]  # fmt: skip
+    ]
     if not near:
         return None
     # The shortest text of a float32 is the number that was meant: 0.00025, not 0.000250000012.

@@ -7,16 +7,50 @@ from typing import Literal
 Stream = Literal["depth", "other", "unknown"]
 
 _DEPTH = frozenset({"depth", "depths", "range", "ranges", "distance", "distances", "dist", "z", "tof"})
-_LIGHT = frozenset({
-    "ir", "infra", "infrared", "nir", "amplitude", "amplitudes", "amp", "intensity", "intensities", "color", "colour",
-    "rgb", "bgr", "grey", "gray", "mono", "reflectivity", "reflectance", "ambient", "signal", "active", "brightness",
-})  # fmt: skip
+_LIGHT = frozenset(
+    {
+        "ir",
+        "infra",
+        "infrared",
+        "nir",
+        "amplitude",
+        "amplitudes",
+        "amp",
+        "intensity",
+        "intensities",
+        "color",
+        "colour",
+        "rgb",
+        "bgr",
+        "grey",
+        "gray",
+        "mono",
+        "reflectivity",
+        "reflectance",
+        "ambient",
+        "signal",
+        "active",
+        "brightness",
+    }
+)
 """Images of another kind; before a word of depth they say what it was made of, as in ``ir_depth``."""
 
-_PROPERTY = frozenset({
-    "confidence", "confidences", "conf", "disparity", "status", "quality", "mask", "noise", "sigma", "variance",
-    "temperature", "valid",
-})  # fmt: skip
+_PROPERTY = frozenset(
+    {
+        "confidence",
+        "confidences",
+        "conf",
+        "disparity",
+        "status",
+        "quality",
+        "mask",
+        "noise",
+        "sigma",
+        "variance",
+        "temperature",
+        "valid",
+    }
+)
 """Properties of samples; beside a word of depth they are properties of it, as in ``depth_confidence``, ``sigma_z``."""
 
 _OTHER = _LIGHT | _PROPERTY
@@ -28,10 +62,31 @@ _OF_A_SCENE = frozenset(
 )
 """Words that in the name of a file may describe what was recorded rather than how."""
 
-_BESIDE = frozenset({
-    "image", "images", "img", "imgs", "frame", "frames", "map", "maps", "data", "raw", "stack", "stream", "video",
-    "seq", "sequence", "left", "right", "cam", "camera", "sensor", "ome",
-})  # fmt: skip
+_BESIDE = frozenset(
+    {
+        "image",
+        "images",
+        "img",
+        "imgs",
+        "frame",
+        "frames",
+        "map",
+        "maps",
+        "data",
+        "raw",
+        "stack",
+        "stream",
+        "video",
+        "seq",
+        "sequence",
+        "left",
+        "right",
+        "cam",
+        "camera",
+        "sensor",
+        "ome",
+    }
+)
 """Words beside which the name of a file still says no more than its stream."""
 
 _NOT_A_STREAM = re.compile(

@@ -121,9 +121,19 @@ def write_recording(
 
     def written(frames: FrameSource, clock: "_Clock") -> Imported:
         return _write(
-            frames, output, what=what, sensor=sensor, conversion=conversion, clock=clock, target=target,
-            frame_rate_hz=frame_rate_hz, attributes=attributes, progress=progress, overwrite=overwrite, inputs=inputs,
-        )  # fmt: skip
+            frames,
+            output,
+            what=what,
+            sensor=sensor,
+            conversion=conversion,
+            clock=clock,
+            target=target,
+            frame_rate_hz=frame_rate_hz,
+            attributes=attributes,
+            progress=progress,
+            overwrite=overwrite,
+            inputs=inputs,
+        )
 
     clock = _Clock()
     try:
@@ -158,11 +168,19 @@ def _write(
     block_frames = max(1, min(CHUNK_FRAMES, BLOCK_BYTES // (rows * cols * layers * SAMPLE_BYTES)))
     kind: Literal["u2", "f4"] = "u2" if conversion.stored_dtype == "u2" else "f4"
     writer = RecordingWriter(
-        output, shape=source.shape, targets=source.targets if target is None else 0, sensor=sensor,
+        output,
+        shape=source.shape,
+        targets=source.targets if target is None else 0,
+        sensor=sensor,
         title=f"recording imported from {what.name}",
-        has_amplitude=source.has_amplitude, has_time=source.has_time or frame_rate_hz is not None, dtype=kind,
-        chunk_frames=block_frames, attributes=attributes, overwrite=overwrite, inputs=inputs,
-    )  # fmt: skip
+        has_amplitude=source.has_amplitude,
+        has_time=source.has_time or frame_rate_hz is not None,
+        dtype=kind,
+        chunk_frames=block_frames,
+        attributes=attributes,
+        overwrite=overwrite,
+        inputs=inputs,
+    )
     tally, doubtful = _Tally(sensor), conversion.is_doubtful
     with writer:
         start = 0

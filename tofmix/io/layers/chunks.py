@@ -35,9 +35,12 @@ class EncodedCell(NamedTuple):
 
 
 def encode_cell(
-    layers: Layers, phasors: Float32Array | None = None, evidence: Sequence[WindowSamples] = (), *,
+    layers: Layers,
+    phasors: Float32Array | None = None,
+    evidence: Sequence[WindowSamples] = (),
+    *,
     shape: tuple[int, int, int],
-) -> EncodedCell:  # fmt: skip
+) -> EncodedCell:
     """Encode the layers of a cell.
 
     Parameters
@@ -66,9 +69,13 @@ def encode_cell(
 
 
 def decode_cell(
-    encoded: EncodedCell, fields: tuple[LayerField, ...], *, shape: tuple[int, int, int], max_layers: int,
+    encoded: EncodedCell,
+    fields: tuple[LayerField, ...],
+    *,
+    shape: tuple[int, int, int],
+    max_layers: int,
     cell: tuple[int, int, int],
-) -> tuple[Layers, Float32Array | None]:  # fmt: skip
+) -> tuple[Layers, Float32Array | None]:
     """Decode a cell that `encode_cell` made with evidence, with its mean phasors if it has any.
 
     Parameters

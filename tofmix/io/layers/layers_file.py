@@ -117,9 +117,15 @@ class LayersWriter:
         chunks = (min(self._tile[0], whole[0]), min(self._tile[1], whole[1]), *whole[2:])
         fill = np.nan if spec.dtype.startswith("f") else None
         dataset = hdf5.add_variable(
-            self._root, spec.name, dims=dims, dtype=spec.dtype, units=spec.units, long_name=spec.long_name,
-            chunks=chunks, fill=fill,
-        )  # fmt: skip
+            self._root,
+            spec.name,
+            dims=dims,
+            dtype=spec.dtype,
+            units=spec.units,
+            long_name=spec.long_name,
+            chunks=chunks,
+            fill=fill,
+        )
         if spec.name == "status":
             dataset.attrs["flag_values"] = np.array([int(s) for s in Status], dtype=spec.dtype)
             dataset.attrs["flag_meanings"] = " ".join(status_name(s) for s in Status)

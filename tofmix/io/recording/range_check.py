@@ -102,8 +102,9 @@ def _blocks(recording: FloatRecording) -> Iterator[tuple[slice, slice]]:
     high = min(high, max(1, _BLOCK_SAMPLES // cols))
     deep = min(frames, max(1, _BLOCK_SAMPLES // (high * cols)))
     for k, row in enumerate((0, 2, 1, 3)):  # the later frames of a scene that changes are not all of its lower rows
-        first, top = ((size - part) * place // (_BLOCKS - 1) for size, part, place in
-                      ((frames, deep, k), (rows, high, row)))  # fmt: skip
+        first, top = (
+            (size - part) * place // (_BLOCKS - 1) for size, part, place in ((frames, deep, k), (rows, high, row))
+        )
         yield slice(first, first + deep), slice(top, top + high)
 
 
@@ -168,9 +169,10 @@ def implausible(median_mm: float, sensor: Sensor, *, unit_mm: float, path: Path 
         return ""
     value = median_mm / unit_mm
     fits = [
-        (option, text) for option, text, mm in _UNITS_MM
+        (option, text)
+        for option, text, mm in _UNITS_MM
         if mm != unit_mm and max(NEAREST_MM, least) <= value * mm <= min(FARTHEST_MM, most)
-    ]  # fmt: skip
+    ]
     if not fits:
         return f"{said}; check the units, and the camera"
     option, text = fits[0]

@@ -206,14 +206,31 @@ def _write_truth(root: h5py.File, truth: Truth, model_text: str) -> None:
         group, "n_modes", dims=image, dtype="u1", units="1", long_name="surfaces in the beam", data=truth.n_modes
     )
     hdf5.add_variable(
-        group, "range_true", dims=layered, dtype="f4", units="mm", long_name="range of each surface, near to far",
-        fill=np.nan, data=truth.range_true,
-    )  # fmt: skip
+        group,
+        "range_true",
+        dims=layered,
+        dtype="f4",
+        units="mm",
+        long_name="range of each surface, near to far",
+        fill=np.nan,
+        data=truth.range_true,
+    )
     hdf5.add_variable(
-        group, "weight_true", dims=layered, dtype="f4", units="1", long_name="share of the beam, p(c_i)",
-        fill=np.nan, data=truth.weight_true,
-    )  # fmt: skip
+        group,
+        "weight_true",
+        dims=layered,
+        dtype="f4",
+        units="1",
+        long_name="share of the beam, p(c_i)",
+        fill=np.nan,
+        data=truth.weight_true,
+    )
     hdf5.add_variable(
-        group, "weight_no_return", dims=image, dtype="f4", units="1", long_name="share without a return, p(c_0)",
+        group,
+        "weight_no_return",
+        dims=image,
+        dtype="f4",
+        units="1",
+        long_name="share without a return, p(c_0)",
         data=truth.weight_no_return,
-    )  # fmt: skip
+    )

@@ -58,10 +58,14 @@ FIELDS: tuple[SurfaceField, ...] = (
         name="rms_mm", dtype="f4", units="mm", dims=_OF_SURFACE, long_name="rms distance of layers along the beams"
     ),
     SurfaceField(
-        name="surface_window", dtype="u4", units="1", dims=_OF_SURFACE, long_name="window of the surface",
+        name="surface_window",
+        dtype="u4",
+        units="1",
+        dims=_OF_SURFACE,
+        long_name="window of the surface",
         of_windows=True,
     ),
-)  # fmt: skip
+)
 """Every dataset, in the order of the file."""
 
 EDGE_KEYS = ("row", "col", "stderr", "near", "far", "line")

@@ -52,10 +52,16 @@ class SurfacesFile:
     def _check_lengths(self, specs: list[SurfaceField]) -> None:
         windows, rows, cols = self.shape
         lengths = {
-            "window": windows, "row": rows, "col": cols, "layer": self.max_layers, "axis": AXIS,
-            "row_fine": rows * self.factor, "col_fine": cols * self.factor,
-            "edge_point": len(self._datasets["edge_row"]), "surface_index": len(self._datasets["n_pixels"]),
-        }  # fmt: skip
+            "window": windows,
+            "row": rows,
+            "col": cols,
+            "layer": self.max_layers,
+            "axis": AXIS,
+            "row_fine": rows * self.factor,
+            "col_fine": cols * self.factor,
+            "edge_point": len(self._datasets["edge_row"]),
+            "surface_index": len(self._datasets["n_pixels"]),
+        }
         for spec in specs:
             shape, expected = self._datasets[spec.name].shape, tuple(lengths[name] for name in spec.dims)
             if shape != expected:

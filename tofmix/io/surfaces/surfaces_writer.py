@@ -60,9 +60,14 @@ class SurfacesWriter:
     ) -> None:
         windows, rows, cols = shape
         self._dims = {
-            "window": windows, "row": rows, "col": cols, "layer": max_layers,
-            "row_fine": rows * factor, "col_fine": cols * factor, "axis": AXIS,
-        }  # fmt: skip
+            "window": windows,
+            "row": rows,
+            "col": cols,
+            "layer": max_layers,
+            "row_fine": rows * factor,
+            "col_fine": cols * factor,
+            "axis": AXIS,
+        }
         self._factor = factor
         self._provenance = provenance
         self._found: list[tuple[Planes, Edges]] = []
@@ -104,9 +109,15 @@ class SurfacesWriter:
         row_bytes = np.dtype(spec.dtype).itemsize * math.prod(whole[2:])
         chunks = (1, min(whole[1], max(1, _CHUNK_BYTES // row_bytes)), *whole[2:])
         hdf5.add_variable(
-            self._root, spec.name, dims=dims, dtype=spec.dtype, units=spec.units, long_name=spec.long_name,
-            chunks=chunks, fill=np.nan if spec.dtype.startswith("f") else None,
-        )  # fmt: skip
+            self._root,
+            spec.name,
+            dims=dims,
+            dtype=spec.dtype,
+            units=spec.units,
+            long_name=spec.long_name,
+            chunks=chunks,
+            fill=np.nan if spec.dtype.startswith("f") else None,
+        )
 
     def write(self, found: WindowSurfaces) -> None:
         """Write the next window, its surfaces and lines numbered from 0; in the file they follow those before.
@@ -149,9 +160,15 @@ class SurfacesWriter:
                 dims = {name: self._dims[name] for name in spec.dims}
                 chunks = (max(1, min(len(arrays[spec.name]), _CHUNK_BYTES // 16)), *list(dims.values())[1:])
                 hdf5.add_variable(
-                    self._root, spec.name, dims=dims, dtype=spec.dtype, units=spec.units, long_name=spec.long_name,
-                    data=arrays[spec.name].astype(spec.dtype), chunks=chunks,
-                )  # fmt: skip
+                    self._root,
+                    spec.name,
+                    dims=dims,
+                    dtype=spec.dtype,
+                    units=spec.units,
+                    long_name=spec.long_name,
+                    data=arrays[spec.name].astype(spec.dtype),
+                    chunks=chunks,
+                )
         self._file.check()
 
     def __exit__(
@@ -170,6 +187,10 @@ def _shifted(numbers: NDArray[np.int32], first: int) -> NDArray[np.int32]:
 
 def _renumbered(edges: Edges, surfaces: int, lines: int) -> Edges:
     return Edges(
-        row=edges.row, col=edges.col, stderr=edges.stderr, line=(edges.line + lines).astype(np.int32),
-        near=_shifted(edges.near, surfaces), far=_shifted(edges.far, surfaces),
-    )  # fmt: skip
+        row=edges.row,
+        col=edges.col,
+        stderr=edges.stderr,
+        line=(edges.line + lines).astype(np.int32),
+        near=_shifted(edges.near, surfaces),
+        far=_shifted(edges.far, surfaces),
+    )

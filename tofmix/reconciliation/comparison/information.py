@@ -222,8 +222,13 @@ def information_of(z: Float32Array, evidence: Evidence, m: Mixture, part: Part) 
     axes = tuple(panel_axes(evidence, m, part, bins=FINE))
     ok = np.isfinite(z)
     scored = Scored(
-        z=np.where(ok, z, np.float32(0)), ok=ok, sigma=m.of_main(m.sigma)[part[1]], axes=axes, pixels=part[1],
-        image=evidence.image, frames=part[0],
-    )  # fmt: skip
+        z=np.where(ok, z, np.float32(0)),
+        ok=ok,
+        sigma=m.of_main(m.sigma)[part[1]],
+        axes=axes,
+        pixels=part[1],
+        image=evidence.image,
+        frames=part[0],
+    )
     lost = evidence.samples[part[0]][:, part[1]] == 0
     return information(scored) | of_losses(lost, m.invalid[0][part[1]], axes)

@@ -20,9 +20,21 @@ LEAST_SIZE = 0.02
 """Smaller deviations, in sigma, do not count."""
 
 _IN_SIGMA = (
-    "bias", "spread", "skew", "tails", "pattern", "spread_pattern", "skew_pattern", "tails_pattern", "common_mode",
-    "bursts", "trend", "memory", "neighbour_correlation", "widths",
-)  # fmt: skip
+    "bias",
+    "spread",
+    "skew",
+    "tails",
+    "pattern",
+    "spread_pattern",
+    "skew_pattern",
+    "tails_pattern",
+    "common_mode",
+    "bursts",
+    "trend",
+    "memory",
+    "neighbour_correlation",
+    "widths",
+)
 SMALLEST_P = 1.0e-300
 """Smallest p-value, above 0, which some JSON readers take as a missing value."""
 
@@ -66,9 +78,10 @@ def disagreements(compared: Compared, alpha: float) -> list[Curve]:
     curves = compared.curves
     limit = float(norm.isf(alpha / max(len(curves), 1)))
     loud = [
-        c for c in curves
+        c
+        for c in curves
         if c.dof and c.z > limit and c.excess_nats > 0 and (c.largest > LEAST_SIZE or c.statistic not in _IN_SIGMA)
-    ]  # fmt: skip
+    ]
     return sorted(loud, key=lambda c: -c.excess_nats)
 
 
@@ -112,8 +125,12 @@ def _strongest(curve: Curve, looked_at: int) -> Place:
     in_mm = curve.statistic in ("bias", "trend", "common_mode", "pattern")
     scale = float(np.average(curve.scale_mm[a:b], weights=weight[a:b])) if in_mm else 1.0
     return Place(
-        axis=curve.axis, statistic=curve.statistic,
+        axis=curve.axis,
+        statistic=curve.statistic,
         interval=(0.0, 1.0) if whole else (float(curve.lower[a]), float(curve.upper[b - 1])),
-        size=float((curve.size if whole else value) * scale), unit="mm" if in_mm else "1",
-        p_value=max(min(math.exp(max(min(log_p, 0.0), -690.0)), 1.0), SMALLEST_P), z=best, recording=curve.recording,
-    )  # fmt: skip
+        size=float((curve.size if whole else value) * scale),
+        unit="mm" if in_mm else "1",
+        p_value=max(min(math.exp(max(min(log_p, 0.0), -690.0)), 1.0), SMALLEST_P),
+        z=best,
+        recording=curve.recording,
+    )

@@ -81,9 +81,13 @@ class Curve:
         if some.all():
             return self
         return replace(
-            self, lower=self.lower[some], upper=self.upper[some], value=self.value[some],
-            variance=self.variance[some], scale_mm=self.scale_mm[some],
-        )  # fmt: skip
+            self,
+            lower=self.lower[some],
+            upper=self.upper[some],
+            value=self.value[some],
+            variance=self.variance[some],
+            scale_mm=self.scale_mm[some],
+        )
 
     @property
     def chi2(self) -> float:
@@ -199,8 +203,16 @@ def shapes(
         number = part[1][enough].astype(np.float64)
         own = "pattern" if name == "bias" else f"{name}_pattern"
         spread = 1.0 / count[enough] + errors[enough]
-        yield Curve(statistic=own, axis="all", lower=number, upper=number + 1,
-                    value=value, variance=spread, unit="1", scale_mm=sigma[enough])  # fmt: skip
+        yield Curve(
+            statistic=own,
+            axis="all",
+            lower=number,
+            upper=number + 1,
+            value=value,
+            variance=spread,
+            unit="1",
+            scale_mm=sigma[enough],
+        )
 
 
 def widths(state: ModelState, spread: float, recording: int = 0) -> Iterator[Curve]:
@@ -225,9 +237,16 @@ def widths(state: ModelState, spread: float, recording: int = 0) -> Iterator[Cur
         return
     square = np.minimum(found[told] ** 2 / expected[told], _FAR_WIDTH**2)
     value = (float(square.mean()) - _CLIPPED_MEAN) / _CLIPPED_SPREAD
-    yield Curve(statistic="widths", axis="all", lower=np.zeros(1), upper=np.ones(1),
-                value=np.array([value]), variance=np.array([1.0 / told.sum()]), unit="1",
-                scale_mm=np.ones(1))  # fmt: skip
+    yield Curve(
+        statistic="widths",
+        axis="all",
+        lower=np.zeros(1),
+        upper=np.ones(1),
+        value=np.array([value]),
+        variance=np.array([1.0 / told.sum()]),
+        unit="1",
+        scale_mm=np.ones(1),
+    )
 
 
 def sigma_of_lit(m: Mixture, part: Part) -> FloatArray:
@@ -244,8 +263,16 @@ def _curve(name: str, axis: Axis, total: FloatArray, known: tuple[FloatArray, Fl
     per_mm = np.bincount(axis.bin, count / sigma, minlength=n.size)[some] / n[some]
     scale = np.where(per_mm > 0, 1.0 / np.maximum(per_mm, 1e-9), 0.0)
     shared = np.bincount(axis.bin, count**2 * unknown, minlength=n.size)[some] / n[some] ** 2
-    return Curve(statistic=name, axis=axis.name, lower=axis.lower[some], upper=axis.upper[some], value=value,
-                 variance=1.0 / n[some] + shared, unit=axis.unit, scale_mm=scale)  # fmt: skip
+    return Curve(
+        statistic=name,
+        axis=axis.name,
+        lower=axis.lower[some],
+        upper=axis.upper[some],
+        value=value,
+        variance=1.0 / n[some] + shared,
+        unit=axis.unit,
+        scale_mm=scale,
+    )
 
 
 def invalid(evidence: Evidence, m: Mixture, state: ModelState, axes: list[Axis], part: Part) -> Iterator[Curve]:
@@ -259,20 +286,37 @@ def invalid(evidence: Evidence, m: Mixture, state: ModelState, axes: list[Axis],
         wanted = np.bincount(use, expected[working], minlength=axis.lower.size)
         found = np.bincount(use, seen[working], minlength=axis.lower.size)
         n = np.bincount(use, minlength=axis.lower.size) * len(part[0])
-        share = np.bincount(use, (m.invalid[0][part[1]] * (1 - m.invalid[0][part[1]]))[working] * len(part[0]),
-                            minlength=axis.lower.size)  # fmt: skip
+        share = np.bincount(
+            use,
+            (m.invalid[0][part[1]] * (1 - m.invalid[0][part[1]]))[working] * len(part[0]),
+            minlength=axis.lower.size,
+        )
         some = n >= _ENOUGH
         n = n[some]
-        yield Curve(statistic="invalid", axis=axis.name, lower=axis.lower[some], upper=axis.upper[some],
-                    value=(found - wanted)[some] / n, variance=np.maximum(share[some], 1.0) / n**2, unit=axis.unit,
-                    scale_mm=np.ones(n.size))  # fmt: skip
+        yield Curve(
+            statistic="invalid",
+            axis=axis.name,
+            lower=axis.lower[some],
+            upper=axis.upper[some],
+            value=(found - wanted)[some] / n,
+            variance=np.maximum(share[some], 1.0) / n**2,
+            unit=axis.unit,
+            scale_mm=np.ones(n.size),
+        )
     by_frame = lost[:, working].sum(axis=1) - expected[working].sum() / len(part[0])
     level = max(float(lost[:, working].sum(axis=1).mean()), 1.0)
     size = float(working.sum())
     frame = part[0].astype(np.float64)
-    yield Curve(statistic="invalid", axis="frame", lower=frame, upper=frame + 1,
-                value=by_frame / size, variance=np.full(len(part[0]), level / size**2), unit="1",
-                scale_mm=np.ones(len(part[0])))  # fmt: skip
+    yield Curve(
+        statistic="invalid",
+        axis="frame",
+        lower=frame,
+        upper=frame + 1,
+        value=by_frame / size,
+        variance=np.full(len(part[0]), level / size**2),
+        unit="1",
+        scale_mm=np.ones(len(part[0])),
+    )
 
 
 def neighbours(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
@@ -294,8 +338,16 @@ def neighbours(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curv
             continue
         n = max(int(((a != 0) & (b != 0)).sum()), 1)
         value = float((a * b).sum(dtype=np.float64)) / n + 1.0 / part[1].size
-        yield Curve(statistic="neighbour_correlation", axis=axis, lower=np.zeros(1), upper=np.ones(1),
-                    value=np.array([value]), variance=np.array([1.0 / n]), unit="1", scale_mm=np.ones(1))  # fmt: skip
+        yield Curve(
+            statistic="neighbour_correlation",
+            axis=axis,
+            lower=np.zeros(1),
+            upper=np.ones(1),
+            value=np.array([value]),
+            variance=np.array([1.0 / n]),
+            unit="1",
+            scale_mm=np.ones(1),
+        )
 
 
 def discreteness(evidence: Evidence, part: Part, m: Mixture, state: ModelState) -> Iterator[Curve]:
@@ -309,9 +361,16 @@ def discreteness(evidence: Evidence, part: Part, m: Mixture, state: ModelState) 
         value = np.arange(1.0, 65_536.0)
         off = float(count[np.rint(np.rint(value / m.step) * m.step) != value].sum())
         n = max(float(count.sum()), 1.0)
-        yield Curve(statistic="discreteness", axis="all", lower=np.zeros(1), upper=np.ones(1),
-                    value=np.array([off / n]), variance=np.array([max(off, 1.0) / n**2]), unit="1",
-                    scale_mm=np.ones(1))  # fmt: skip
+        yield Curve(
+            statistic="discreteness",
+            axis="all",
+            lower=np.zeros(1),
+            upper=np.ones(1),
+            value=np.array([off / n]),
+            variance=np.array([max(off, 1.0) / n**2]),
+            unit="1",
+            scale_mm=np.ones(1),
+        )
         return
     yield from _combs(evidence, part, m, state)
     curl = count[1:-1] - (count[:-2] + count[2:]) / 2
@@ -319,8 +378,16 @@ def discreteness(evidence: Evidence, part: Part, m: Mixture, state: ModelState) 
     full = variance >= _ENOUGH
     curl, variance = curl[full][::3], variance[full][::3]  # every third, so that they share no counts
     at: FloatArray = (np.flatnonzero(full) + 2.0)[::3].astype(np.float64)
-    yield Curve(statistic="discreteness", axis="range", lower=at, upper=at + 1, value=curl / variance,
-                variance=1.0 / variance, unit="mm", scale_mm=np.ones(at.size))  # fmt: skip
+    yield Curve(
+        statistic="discreteness",
+        axis="range",
+        lower=at,
+        upper=at + 1,
+        value=curl / variance,
+        variance=1.0 / variance,
+        unit="mm",
+        scale_mm=np.ones(at.size),
+    )
 
 
 _PERIODS = range(2, 17)  # mm
@@ -355,5 +422,13 @@ def _combs(evidence: Evidence, part: Part, m: Mixture, state: ModelState) -> Ite
             turns += [period / k] * len(both)
     order = np.argsort(turns, kind="stable")  # periods of k turns lie between those of one turn
     at, power = np.array(turns)[order], np.maximum(np.array(counts)[order], 1)
-    yield Curve(statistic="discreteness", axis="all", lower=at, upper=at, value=np.array(sums)[order] / power,
-                variance=1.0 / power, unit="mm", scale_mm=np.ones(at.size))  # fmt: skip
+    yield Curve(
+        statistic="discreteness",
+        axis="all",
+        lower=at,
+        upper=at,
+        value=np.array(sums)[order] / power,
+        variance=1.0 / power,
+        unit="mm",
+        scale_mm=np.ones(at.size),
+    )

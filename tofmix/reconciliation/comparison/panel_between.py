@@ -48,8 +48,16 @@ def bridging(evidence: Evidence, m: Mixture, state: ModelState, axes: Sequence[A
     # Few are expected, so the squared deviation of their number is no chi-square; a variance that also follows the
     # number found keeps it small
     variance = (np.maximum(0.5 * (found + expected), expected) + 1.0) / n**2
-    yield Curve(statistic="bridging", axis=axis.name, lower=axis.lower[some], upper=axis.upper[some],
-                value=(found - expected) / n, variance=variance, unit=axis.unit, scale_mm=np.ones(n.size))  # fmt: skip
+    yield Curve(
+        statistic="bridging",
+        axis=axis.name,
+        lower=axis.lower[some],
+        upper=axis.upper[some],
+        value=(found - expected) / n,
+        variance=variance,
+        unit=axis.unit,
+        scale_mm=np.ones(n.size),
+    )
 
 
 def _valleys(m: Mixture) -> tuple[FloatArray, FloatArray, BoolArray]:

@@ -42,5 +42,13 @@ def lines(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
         lost = 1.0 - 1.0 / image.shape[3 - axis]  # the part that the means of frames removed
         value = (square[some] / frames[some] / level[some] / lost - 1) / np.sqrt(2)
         at = np.flatnonzero(some).astype(np.float64)
-        yield Curve(statistic="common_mode", axis=name, lower=at, upper=at + 1, value=value,
-                    variance=1.0 / frames[some], unit="1", scale_mm=np.broadcast_to(sigma, at.shape))  # fmt: skip
+        yield Curve(
+            statistic="common_mode",
+            axis=name,
+            lower=at,
+            upper=at + 1,
+            value=value,
+            variance=1.0 / frames[some],
+            unit="1",
+            scale_mm=np.broadcast_to(sigma, at.shape),
+        )

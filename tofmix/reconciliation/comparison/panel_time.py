@@ -37,8 +37,16 @@ def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture) -> Iter
     mean = flat.sum(axis=1, dtype=np.float64)[some] / n[some]
     square = ((flat**2).sum(axis=1, dtype=np.float64)[some] / n[some] - _mean_square(flat, ok)) / np.sqrt(2)
     for name, value, extra in (("common_mode", mean, 1.0), ("bursts", square, _kurtosis(flat, ok))):
-        yield Curve(statistic=name, axis="frame", lower=frame[some], upper=frame[some] + 1, value=value,
-                    variance=extra / n[some], unit="1", scale_mm=sigma)  # fmt: skip
+        yield Curve(
+            statistic=name,
+            axis="frame",
+            lower=frame[some],
+            upper=frame[some] + 1,
+            value=value,
+            variance=extra / n[some],
+            unit="1",
+            scale_mm=sigma,
+        )
     told = int(some.sum())
     tenth = np.arange(told) * min(_PARTS, told) // told
     for name, value in (("trend", mean), ("spread", square)):
@@ -46,8 +54,16 @@ def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture) -> Iter
         start = np.array([now[some][tenth == k][0] for k in range(tenth.max() + 1)])
         end = np.array([now[some][tenth == k][-1] for k in range(tenth.max() + 1)])
         mean_value = np.bincount(tenth, value * n[some]) / size
-        yield Curve(statistic=name, axis="time", lower=start, upper=end, value=mean_value,
-                    variance=1.0 / size, unit="s", scale_mm=sigma[: size.size])  # fmt: skip
+        yield Curve(
+            statistic=name,
+            axis="time",
+            lower=start,
+            upper=end,
+            value=mean_value,
+            variance=1.0 / size,
+            unit="s",
+            scale_mm=sigma[: size.size],
+        )
 
 
 def burst_share(disturbed: FloatArray, effect: Interference) -> Iterator[Curve]:
@@ -63,8 +79,16 @@ def burst_share(disturbed: FloatArray, effect: Interference) -> Iterator[Curve]:
     p = effect.probability
     bursts = disturbed.size / max(2 * effect.burst_frames * (1 - p) - 1, 1.0)  # number of independent frames
     share = (float(disturbed.sum()) * bursts / disturbed.size + _MORE * p) / (bursts + _MORE)
-    yield Curve(statistic="bursts", axis="all", lower=np.zeros(1), upper=np.ones(1), value=np.array([share - p]),
-                variance=np.array([p * (1 - p) / max(bursts, 1.0)]), unit="1", scale_mm=np.ones(1))  # fmt: skip
+    yield Curve(
+        statistic="bursts",
+        axis="all",
+        lower=np.zeros(1),
+        upper=np.ones(1),
+        value=np.array([share - p]),
+        variance=np.array([p * (1 - p) / max(bursts, 1.0)]),
+        unit="1",
+        scale_mm=np.ones(1),
+    )
 
 
 def _mean_square(flat: Float32Array, ok: BoolArray) -> float:
@@ -86,5 +110,13 @@ def _memory(flat: Float32Array, ok: BoolArray, frames: IntArray) -> Iterator[Cur
         value.append(product / max(n, 1) + 1.0 / max(len(frames), 1))  # the removed mean lowers the correlation by this
         variance.append(1.0 / max(n, 1))
     lag_axis = np.array(lags, dtype=np.float64)
-    yield Curve(statistic="memory", axis="frame", lower=lag_axis, upper=lag_axis, value=np.array(value),
-                variance=np.array(variance), unit="1", scale_mm=np.ones(len(lags)))  # fmt: skip
+    yield Curve(
+        statistic="memory",
+        axis="frame",
+        lower=lag_axis,
+        upper=lag_axis,
+        value=np.array(value),
+        variance=np.array(variance),
+        unit="1",
+        scale_mm=np.ones(len(lags)),
+    )

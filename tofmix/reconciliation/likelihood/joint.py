@@ -82,8 +82,16 @@ class Scenes:
         return replace(parts[0], **changed)
 
 
-_BY_COMPONENT = {"weight": 0.0, "mean": 1.0, "sigma": 1.0, "rate": 0.0, "lit": False, "surface": -1, "amplitude": 0.0,
-                 "true_range": 1.0}  # fmt: skip
+_BY_COMPONENT = {
+    "weight": 0.0,
+    "mean": 1.0,
+    "sigma": 1.0,
+    "rate": 0.0,
+    "lit": False,
+    "surface": -1,
+    "amplitude": 0.0,
+    "true_range": 1.0,
+}
 
 
 def _padded(part: Mixture, name: str, components: int) -> NDArray[Any]:
@@ -128,9 +136,13 @@ def views(likelihood: Likelihood, mixture: Mixture, part: Part) -> Iterator[Reco
         own = part[0][(part[0] >= frames.start) & (part[0] < frames.stop)] - frames.start
         if own.size:
             yield RecordingView(
-                number=number, frames=frames, scene=scene, evidence=evidence.recording(frames),
-                mixture=mixture.of_frames(frames), part=(own, part[1]),
-            )  # fmt: skip
+                number=number,
+                frames=frames,
+                scene=scene,
+                evidence=evidence.recording(frames),
+                mixture=mixture.of_frames(frames),
+                part=(own, part[1]),
+            )
 
 
 def acting_part(likelihood: Likelihood, effect: Effect, part: Part) -> Part:

@@ -136,11 +136,27 @@ def sort_pixels(
 
 
 def log_likelihood(
-    samples: NDArray[np.uint16], pixels: Sorted, frames: IntArray, key: IntArray, since: FloatArray,
-    frame_bias: FloatArray, extra_variance: FloatArray, pixel_bias: FloatArray, weight: FloatArray, mean: FloatArray,
-    sigma: FloatArray, rate: FloatArray, lit: BoolArray, invalid: FloatArray, random_density: FloatArray, step: float,
-    period: float, table: ShapeTable, by_pixel: FloatArray, by_frame: FloatArray,
-) -> None:  # fmt: skip
+    samples: NDArray[np.uint16],
+    pixels: Sorted,
+    frames: IntArray,
+    key: IntArray,
+    since: FloatArray,
+    frame_bias: FloatArray,
+    extra_variance: FloatArray,
+    pixel_bias: FloatArray,
+    weight: FloatArray,
+    mean: FloatArray,
+    sigma: FloatArray,
+    rate: FloatArray,
+    lit: BoolArray,
+    invalid: FloatArray,
+    random_density: FloatArray,
+    step: float,
+    period: float,
+    table: ShapeTable,
+    by_pixel: FloatArray,
+    by_frame: FloatArray,
+) -> None:
     """Add up log-likelihoods and their slopes against a bias.
 
     Parameters
@@ -173,9 +189,16 @@ def log_likelihood(
     scene = key, since, frame_bias, extra_variance, pixel_bias, weight, mean, sigma, rate, lit
     if pixels.narrow.size:
         smooth_log_likelihood(
-            samples, pixels.narrow, frames, *scene, pixels.log_invalid, random_density + _FLOOR, pixels.ends, by_pixel,
+            samples,
+            pixels.narrow,
+            frames,
+            *scene,
+            pixels.log_invalid,
+            random_density + _FLOOR,
+            pixels.ends,
+            by_pixel,
             by_frame,
-        )  # fmt: skip
+        )
     if pixels.others.size:
         any_log_likelihood(
             samples, pixels.others, frames, *scene, invalid, random_density, step, period, table, by_pixel, by_frame
@@ -184,11 +207,27 @@ def log_likelihood(
 
 @jit
 def any_log_likelihood(  # noqa: C901  one pass, kept in one place
-    samples: NDArray[np.uint16], pixels: IntArray, frames: IntArray, key: IntArray, since: FloatArray,
-    frame_bias: FloatArray, extra_variance: FloatArray, pixel_bias: FloatArray, weight: FloatArray, mean: FloatArray,
-    sigma: FloatArray, rate: FloatArray, lit: BoolArray, invalid: FloatArray, random_density: FloatArray, step: float,
-    period: float, table: ShapeTable, by_pixel: FloatArray, by_frame: FloatArray,
-) -> None:  # fmt: skip
+    samples: NDArray[np.uint16],
+    pixels: IntArray,
+    frames: IntArray,
+    key: IntArray,
+    since: FloatArray,
+    frame_bias: FloatArray,
+    extra_variance: FloatArray,
+    pixel_bias: FloatArray,
+    weight: FloatArray,
+    mean: FloatArray,
+    sigma: FloatArray,
+    rate: FloatArray,
+    lit: BoolArray,
+    invalid: FloatArray,
+    random_density: FloatArray,
+    step: float,
+    period: float,
+    table: ShapeTable,
+    by_pixel: FloatArray,
+    by_frame: FloatArray,
+) -> None:
     """As `log_likelihood`, sample by sample, for cells and sigmas of any size."""
     components = weight.shape[1]
     for t in frames:
@@ -299,11 +338,28 @@ def _opposite(g: int, p: int, weight: FloatArray, mean: FloatArray, lit: BoolArr
 
 @jit
 def transform(  # noqa: C901  as above
-    samples: NDArray[np.uint16], pixels: IntArray, frames: IntArray, key: IntArray, since: FloatArray,
-    frame_bias: FloatArray, extra_variance: FloatArray, pixel_bias: FloatArray, weight: FloatArray, mean: FloatArray,
-    sigma: FloatArray, rate: FloatArray, lit: BoolArray, random_share: FloatArray, low: float, high: float, step: float,
-    period: float, table: ShapeTable, seed: int, out: Float32Array,
-) -> None:  # fmt: skip
+    samples: NDArray[np.uint16],
+    pixels: IntArray,
+    frames: IntArray,
+    key: IntArray,
+    since: FloatArray,
+    frame_bias: FloatArray,
+    extra_variance: FloatArray,
+    pixel_bias: FloatArray,
+    weight: FloatArray,
+    mean: FloatArray,
+    sigma: FloatArray,
+    rate: FloatArray,
+    lit: BoolArray,
+    random_share: FloatArray,
+    low: float,
+    high: float,
+    step: float,
+    period: float,
+    table: ShapeTable,
+    seed: int,
+    out: Float32Array,
+) -> None:
     """Probability integral transform of each sample, drawn within its cell, given that it is valid; NaN where not.
 
     Parameters as for `log_likelihood`; random values have the share `random_share` (pixel,) between `low` and

@@ -107,9 +107,13 @@ def _in_rows(mixture: Mixture) -> Mixture:
     """The same with rows of pixels in memory, whatever made it: kernels are compiled for this one order."""
     m = mixture
     return replace(
-        mixture, weight=np.ascontiguousarray(m.weight), mean=np.ascontiguousarray(m.mean),
-        sigma=np.ascontiguousarray(m.sigma), rate=np.ascontiguousarray(m.rate), lit=np.ascontiguousarray(m.lit),
-    )  # fmt: skip
+        mixture,
+        weight=np.ascontiguousarray(m.weight),
+        mean=np.ascontiguousarray(m.mean),
+        sigma=np.ascontiguousarray(m.sigma),
+        rate=np.ascontiguousarray(m.rate),
+        lit=np.ascontiguousarray(m.lit),
+    )
 
 
 @dataclass(eq=False)
@@ -157,9 +161,14 @@ class Likelihood:
         return mixture.widened(log_width[times][:, None])
 
     def sums(
-        self, mixture: Mixture, state: ModelState, part: Part, *, variance: FloatArray | None = None,
+        self,
+        mixture: Mixture,
+        state: ModelState,
+        part: Part,
+        *,
+        variance: FloatArray | None = None,
         bias: FloatArray | None = None,
-    ) -> Sums:  # fmt: skip
+    ) -> Sums:
         """One pass over a part, without stuck pixels.
 
         Parameters
@@ -207,9 +216,27 @@ class Likelihood:
         added, shift, density = more
         by_pixel, by_frame = empty_sums(*self.evidence.shape)
         log_likelihood(
-            self.evidence.samples, pixels, frames, m.key, m.since, m.frame_bias, added, shift, m.weight, m.mean,
-            m.sigma, m.rate, m.lit, m.invalid, density, m.step, m.period, m.table, by_pixel, by_frame,
-        )  # fmt: skip
+            self.evidence.samples,
+            pixels,
+            frames,
+            m.key,
+            m.since,
+            m.frame_bias,
+            added,
+            shift,
+            m.weight,
+            m.mean,
+            m.sigma,
+            m.rate,
+            m.lit,
+            m.invalid,
+            density,
+            m.step,
+            m.period,
+            m.table,
+            by_pixel,
+            by_frame,
+        )
         return by_pixel, by_frame
 
     def _variance(self, state: ModelState) -> FloatArray:
@@ -264,9 +291,28 @@ class Likelihood:
 
         def run(m: Mixture, bias: FloatArray, into: Float32Array, some: IntArray) -> None:
             transform(
-                self.evidence.samples, pixels, some, m.key, m.since, m.frame_bias, added, bias, m.weight, m.mean,
-                m.sigma, m.rate, m.lit, m.outlier, m.low, m.high, m.step, m.period, m.table, seed, into,
-            )  # fmt: skip
+                self.evidence.samples,
+                pixels,
+                some,
+                m.key,
+                m.since,
+                m.frame_bias,
+                added,
+                bias,
+                m.weight,
+                m.mean,
+                m.sigma,
+                m.rate,
+                m.lit,
+                m.outlier,
+                m.low,
+                m.high,
+                m.step,
+                m.period,
+                m.table,
+                seed,
+                into,
+            )
 
         chunks = np.array_split(frames, _CHUNKS)
         list(_pool().map(partial(run, m, state.pixel_bias, out), chunks))

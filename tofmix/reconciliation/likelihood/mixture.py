@@ -107,11 +107,20 @@ class Mixture:
         first, last = int(self.key[frames].min()), int(self.key[frames].max())
         times = slice(first, last + 1)
         return replace(
-            self, weight=self.weight[times], mean=self.mean[times], sigma=self.sigma[times], rate=self.rate[times],
-            lit=self.lit[times], surface=self.surface[times], amplitude=self.amplitude[times],
-            true_range=self.true_range[times], invalid=self.invalid[times], key=self.key[frames] - first,
-            since=self.since[frames], frame_bias=self.frame_bias[frames],
-        )  # fmt: skip
+            self,
+            weight=self.weight[times],
+            mean=self.mean[times],
+            sigma=self.sigma[times],
+            rate=self.rate[times],
+            lit=self.lit[times],
+            surface=self.surface[times],
+            amplitude=self.amplitude[times],
+            true_range=self.true_range[times],
+            invalid=self.invalid[times],
+            key=self.key[frames] - first,
+            since=self.since[frames],
+            frame_bias=self.frame_bias[frames],
+        )
 
     def near_turn(self, off_mm: NDArray[Any]) -> NDArray[Any]:
         """Differences of samples from a mean, mm, of any shape: on the turn nearest the mean, if the axis folds."""
@@ -300,13 +309,27 @@ class Scene:
         share = 0.0 if sensor.noise.background is None else sensor.noise.background
         background = np.broadcast_to(share, sensor.shape).ravel().astype(np.float64)
         return Mixture(
-            weight=stack("weight", 0.0), mean=stack("range_mm", 1.0), sigma=np.maximum(stack("sigma_mm", 1.0), 0.05),
-            rate=rate, lit=surface >= 0, surface=surface, amplitude=stack("amplitude", 0.0), true_range=true_range,
-            invalid=np.stack([p.invalid for p in parts]), outlier=np.zeros(pixels) + first.outlier,
-            background=background, low=first.limits_mm[0], high=first.limits_mm[1], step=first.step_mm,
-            period=first.period_mm or 0.0, key=key, since=self.time_s - times[key], frame_bias=bias,
-            shape=first.error_shape, table=self._table,
-        )  # fmt: skip
+            weight=stack("weight", 0.0),
+            mean=stack("range_mm", 1.0),
+            sigma=np.maximum(stack("sigma_mm", 1.0), 0.05),
+            rate=rate,
+            lit=surface >= 0,
+            surface=surface,
+            amplitude=stack("amplitude", 0.0),
+            true_range=true_range,
+            invalid=np.stack([p.invalid for p in parts]),
+            outlier=np.zeros(pixels) + first.outlier,
+            background=background,
+            low=first.limits_mm[0],
+            high=first.limits_mm[1],
+            step=first.step_mm,
+            period=first.period_mm or 0.0,
+            key=key,
+            since=self.time_s - times[key],
+            frame_bias=bias,
+            shape=first.error_shape,
+            table=self._table,
+        )
 
 
 def _mapped_bias(effect: Effect) -> bool:

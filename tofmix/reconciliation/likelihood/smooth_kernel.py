@@ -26,11 +26,25 @@ _Now = tuple[FloatArray, FloatArray]
 
 @jit
 def smooth_log_likelihood(
-    samples: NDArray[np.uint16], pixels: IntArray, frames: IntArray, key: IntArray, since: FloatArray,
-    frame_bias: FloatArray, extra_variance: FloatArray, pixel_bias: FloatArray, weight: FloatArray, mean: FloatArray,
-    sigma: FloatArray, rate: FloatArray, lit: BoolArray, log_invalid: FloatArray, random_density: FloatArray,
-    ends: IntArray, by_pixel: FloatArray, by_frame: FloatArray,
-) -> None:  # fmt: skip
+    samples: NDArray[np.uint16],
+    pixels: IntArray,
+    frames: IntArray,
+    key: IntArray,
+    since: FloatArray,
+    frame_bias: FloatArray,
+    extra_variance: FloatArray,
+    pixel_bias: FloatArray,
+    weight: FloatArray,
+    mean: FloatArray,
+    sigma: FloatArray,
+    rate: FloatArray,
+    lit: BoolArray,
+    log_invalid: FloatArray,
+    random_density: FloatArray,
+    ends: IntArray,
+    by_pixel: FloatArray,
+    by_frame: FloatArray,
+) -> None:
     """Add up log-likelihoods and their slopes against a bias, for cells of one mm.
 
     Parameters
@@ -46,8 +60,12 @@ def smooth_log_likelihood(
     """
     n, ranks = len(pixels), len(ends)
     parts = (
-        np.empty((ranks, n)), np.empty((ranks, n)), np.empty((ranks, n)), np.empty((ranks, n)), np.empty((ranks, n))
-    )  # fmt: skip
+        np.empty((ranks, n)),
+        np.empty((ranks, n)),
+        np.empty((ranks, n)),
+        np.empty((ranks, n)),
+        np.empty((ranks, n)),
+    )
     found = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     now = np.empty((ranks, n)), np.empty((ranks, n))
     lost, valid, log_total, bias, sums = np.empty(n), np.empty(n), np.empty(n), pixel_bias[pixels], np.zeros((4, n))

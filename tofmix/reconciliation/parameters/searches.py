@@ -333,8 +333,11 @@ def _dropout(s: Setting) -> Iterator[Problem]:
     levels = np.quantile(s.amplitudes[s.amplitudes > 0], (0.005, 0.02, 0.06, 0.15, 0.4))
     starts = tuple(
         (math.log(level * part), math.log(rest * lost), width)
-        for level in levels for part in (0.8, 1.0) for rest in (0.02, 0.5) for width in (-3.5, -2.0)
-    )  # fmt: skip
+        for level in levels
+        for part in (0.8, 1.0)
+        for rest in (0.02, 0.5)
+        for width in (-3.5, -2.0)
+    )
     yield Problem(make=weak, starts=starts, steps=(0.05, 0.4, 0.4))
 
 

@@ -270,10 +270,13 @@ def _followed(search: SearchState) -> Added:
     kept = {c.kind for c in search.chosen}
     told = any(summed_up(c.kind) for c in search.chosen) or bool(disagreements(panel, settings.alpha))
     return Added(
-        state=search.state, chosen=tuple(search.chosen), first=search.first,
-        aliases=tuple(group for group in search.aliases if group[0].kind in kept), panel=panel,
+        state=search.state,
+        chosen=tuple(search.chosen),
+        first=search.first,
+        aliases=tuple(group for group in search.aliases if group[0].kind in kept),
+        panel=panel,
         sets=alternatives(likelihood, search.state, search.chosen, settings) if told else None,
-    )  # fmt: skip
+    )
 
 
 def _panel(likelihood: Likelihood, settings: Settings, state: ModelState, chosen: Sequence[TriedEffect]) -> Compared:
@@ -320,10 +323,13 @@ def without_faint(likelihood: Likelihood, settings: Settings, added: Added, fail
     state, chosen = refit(likelihood, state, chosen, fit_part(likelihood, settings))
     kinds = {c.kind for c in chosen}
     return replace(
-        added, state=state, chosen=tuple(chosen), panel=_panel(likelihood, settings, state, chosen),
+        added,
+        state=state,
+        chosen=tuple(chosen),
+        panel=_panel(likelihood, settings, state, chosen),
         aliases=tuple(group for group in added.aliases if group[0].kind in kinds),
         sets=alternatives(likelihood, state, chosen, settings) if any(summed_up(k) for k in kinds) else None,
-    )  # fmt: skip
+    )
 
 
 def _covered(likelihood: Likelihood, state: ModelState, part: Part) -> Part:

@@ -203,9 +203,11 @@ def _with(state: ModelState, effect: Effect) -> ModelState:
 def _offset(make: ColumnMaker) -> Iterator[Term]:
     size, prior = make.scales.sigma_mm, _prior("range_offset", "offset_mm")
     yield Term(
-        kind="range_offset", surface="", make=lambda c: _effect("range_offset", offset_mm=float(c[0])),
+        kind="range_offset",
+        surface="",
+        make=lambda c: _effect("range_offset", offset_mm=float(c[0])),
         columns=(make.column(_effect("range_offset", offset_mm=size), size, prior),),
-    )  # fmt: skip
+    )
 
 
 def _pose(make: ColumnMaker) -> Iterator[Term]:

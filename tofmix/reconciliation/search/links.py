@@ -124,8 +124,10 @@ def fit_interference(likelihood: Likelihood, mixture: Mixture, state: ModelState
     middle = math.log(best[1].sigma_mm)
     finer: Any = minimize_scalar(
         lambda size: -at(math.exp(size), start)[0],
-        bounds=(middle - _NEXT, middle + _NEXT), method="bounded", options={"xatol": 2e-3, "maxiter": 12},
-    )  # fmt: skip
+        bounds=(middle - _NEXT, middle + _NEXT),
+        method="bounded",
+        options={"xatol": 2e-3, "maxiter": 12},
+    )
     best = max(best, at(math.exp(float(finer.x)), start), key=lambda pair: pair[0])
     lasting = best[1].burst_frames > _LONGEST * len(likelihood.evidence.samples)
     if lasting or best[1].probability > _MOST_FRAMES:

@@ -120,10 +120,14 @@ def begin_trial(likelihood: Likelihood, state: ModelState, split: str, seed: int
     frames, pixels = likelihood.evidence.shape
     whole = np.arange(frames), np.arange(pixels)
     return Trial(
-        likelihood=likelihood, state=state, mixture=mixture, scores=likelihood.scores(state, whole, seed, mixture),
-        fit_part=_thinned(likelihood.evidence, likelihood.evidence.part(fit=True, split=split)), test_part=test,
+        likelihood=likelihood,
+        state=state,
+        mixture=mixture,
+        scores=likelihood.scores(state, whole, seed, mixture),
+        fit_part=_thinned(likelihood.evidence, likelihood.evidence.part(fit=True, split=split)),
+        test_part=test,
         base=likelihood.value(state, test, mixture),
-    )  # fmt: skip
+    )
 
 
 def _thinned(evidence: Evidence, part: Part) -> Part:

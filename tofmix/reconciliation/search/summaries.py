@@ -98,11 +98,14 @@ def _summed(likelihood: Likelihood, state: ModelState, mixture: Mixture, view: R
     width, known = _widths(likelihood, state, mixture, about)
     width += 0.5 / max(len(view.part[0]), 1)  # a spread about the mean of the same samples is too small by this
     return PixelSummary(
-        view=view, used=used, bias_mm=np.where(used, np.stack(shifts) - state.pixel_bias, 0.0),
-        bias_information=np.stack(information), width=np.where(used, width, 0.0),
+        view=view,
+        used=used,
+        bias_mm=np.where(used, np.stack(shifts) - state.pixel_bias, 0.0),
+        bias_information=np.stack(information),
+        width=np.where(used, width, 0.0),
         width_information=np.where(used, known / overstated, 0.0),
         elapsed_s=np.array([float(likelihood.evidence.time_s[frames].mean()) for frames, _ in tenths]),
-    )  # fmt: skip
+    )
 
 
 def _surfaces_move(view: RecordingView, change: FloatArray, information: FloatArray) -> FloatArray:

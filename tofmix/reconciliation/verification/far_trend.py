@@ -59,9 +59,15 @@ def _far_trend(view: RecordingView, alpha: float) -> Place | None:
         return None
     now = view.evidence.time_s[frames]
     return Place(
-        axis="time", statistic="trend", interval=(float(now[part == first][0]), float(now[part == last][-1])),
-        size=change, unit="mm", p_value=max(p, SMALLEST_P), z=abs(change) / sigma, recording=view.number,
-    )  # fmt: skip
+        axis="time",
+        statistic="trend",
+        interval=(float(now[part == first][0]), float(now[part == last][-1])),
+        size=change,
+        unit="mm",
+        p_value=max(p, SMALLEST_P),
+        z=abs(change) / sigma,
+        recording=view.number,
+    )
 
 
 def _medians(view: RecordingView) -> tuple[FloatArray, IntArray, float]:

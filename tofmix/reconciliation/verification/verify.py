@@ -124,18 +124,29 @@ def verify(
     floor = simulated(likelihood, added.state, settings)
     part = likelihood.evidence.part(fit=False, split=settings.split)
     found = VerdictData(
-        chosen=added.chosen, before=before, after=after, floor=floor, near=added.panel, alpha=settings.alpha,
+        chosen=added.chosen,
+        before=before,
+        after=after,
+        floor=floor,
+        near=added.panel,
+        alpha=settings.alpha,
         samples=int((likelihood.evidence.samples[held[0]][:, held[1]] > 0).sum()),
         frames=likelihood.evidence.shape[0],
         independent=independent(likelihood, added.state, settings.alpha, settings.seed),
         judged=len(held[0]) * len(held[1]) / max(len(part[0]) * len(part[1]), 1),
         law=better_law(
-            likelihood, added.state, added.chosen, (fit_part(likelihood, settings), held), settings.tolerance,
+            likelihood,
+            added.state,
+            added.chosen,
+            (fit_part(likelihood, settings), held),
+            settings.tolerance,
             stood=law_stood,
         ),
-        own=own, bound=any(c.fitted is not None and c.fitted.at_a_bound for c in added.chosen),
-        echo=_echoes(likelihood, added.state, settings), shaped=_shaped(likelihood, added.state, held),
-    )  # fmt: skip
+        own=own,
+        bound=any(c.fitted is not None and c.fitted.at_a_bound for c in added.chosen),
+        echo=_echoes(likelihood, added.state, settings),
+        shaped=_shaped(likelihood, added.state, held),
+    )
     # Gains of exact laws do not limit the remaining deviation
     gain = sum(c.gain for c in added.chosen if not (c.exact or c.loses))
     found = replace(found, nulls=_nulls(likelihood, added.state, settings, found))

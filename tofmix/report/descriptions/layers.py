@@ -48,31 +48,43 @@ def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Descri
             by_status[status_name(known)] += int((status == known).sum())
     sections: dict[str, Section] = {
         "sizes": {
-            "windows": windows, "rows": rows, "cols": cols, "max_layers": file.max_layers, "file_bytes": file_bytes,
+            "windows": windows,
+            "rows": rows,
+            "cols": cols,
+            "max_layers": file.max_layers,
+            "file_bytes": file_bytes,
             "window_frames": frames,
             "frames_left_out": provenance.frames_left_out,
         },
         "units": {"range": "mm", "sigma": "mm", "range_stderr": "mm", "weight": "1"},
         "made_from": {
-            "source": provenance.source, "source_sha256": provenance.source_sha256, "tofmix_version": provenance.version
+            "source": provenance.source,
+            "source_sha256": provenance.source_sha256,
+            "tofmix_version": provenance.version,
         },
         "options": dict(sorted(provenance.options.items())),
         "sensor": sensor_section(provenance.sensor),
-    }  # fmt: skip
+    }
     if (losses := lost.numbers()) is not None:
         sections["lost_samples"] = {
-            "mean_share": losses.mean_share, "median_share": losses.share.q50,
-            "pixels_without_sample": losses.pixels_without_sample, "pixels_at_limit": losses.pixels_at_limit,
-        }  # fmt: skip
+            "mean_share": losses.mean_share,
+            "median_share": losses.share.q50,
+            "pixels_without_sample": losses.pixels_without_sample,
+            "pixels_at_limit": losses.pixels_at_limit,
+        }
     noise = noise_section(provenance.sensor)
     sections |= {"noise": noise} if noise else {}
     law = file.mixing_law
     sections |= {"mixing": {"law": law.words(), **law.as_dict()}} if law is not None else {}
     sections |= {"suspect_layers": {**suspects}} if any(suspects.values()) else {}
     warnings = count_findings(
-        pixels=windows * rows * cols, by_status=by_status, by_surfaces=surfaces.tolist(), max_layers=file.max_layers,
-        remedy=remedy_for(provenance, windows), lost=lost.too_few,
-    )  # fmt: skip
+        pixels=windows * rows * cols,
+        by_status=by_status,
+        by_surfaces=surfaces.tolist(),
+        max_layers=file.max_layers,
+        remedy=remedy_for(provenance, windows),
+        lost=lost.too_few,
+    )
     of_losses = [finding for finding in lost.findings() if not finding.is_note]
     return Description(
         kind="layers",

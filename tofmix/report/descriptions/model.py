@@ -31,12 +31,14 @@ def describe_model(model: Model, *, name: str, sample_bytes: int = 6) -> Descrip
     size = plan.frames * camera.rows * camera.cols * sample_bytes
     sections: dict[str, Section] = {
         "recording": {
-            "frames": plan.frames, "frame_rate_hz": plan.frame_rate_hz, "seed": plan.seed,
+            "frames": plan.frames,
+            "frame_rate_hz": plan.frame_rate_hz,
+            "seed": plan.seed,
             "bytes_before_compression": size,
         },
         "scene": {"surfaces": surfaces, "effects": effects},
         "sensor": profile_section(camera),
-    }  # fmt: skip
+    }
     warnings = list(profile_findings(camera))
     if not model.surfaces:
         warnings.append(Finding(code="no_surface", text="The model has no surface: no pixel returns a range."))

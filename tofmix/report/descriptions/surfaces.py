@@ -41,20 +41,30 @@ def describe_surfaces(file: SurfacesHeader, *, name: str, file_bytes: int) -> De
     provenance = file.provenance
     sections: dict[str, Section] = {
         "sizes": {
-            "windows": windows, "rows": rows, "cols": cols, "max_layers": file.max_layers, "file_bytes": file_bytes,
-            "factor": file.factor, "rows_fine": rows * file.factor, "cols_fine": cols * file.factor,
+            "windows": windows,
+            "rows": rows,
+            "cols": cols,
+            "max_layers": file.max_layers,
+            "file_bytes": file_bytes,
+            "factor": file.factor,
+            "rows_fine": rows * file.factor,
+            "cols_fine": cols * file.factor,
         },
         "found": {
-            "surfaces": file.surfaces, "smooth_surfaces": file.smooth_surfaces, "edge_lines": file.edge_lines,
+            "surfaces": file.surfaces,
+            "smooth_surfaces": file.smooth_surfaces,
+            "edge_lines": file.edge_lines,
             "edge_points": file.edge_points,
         },
         "units": {"range_fine": "mm", "edge_row": "pixel", "edge_stderr": "pixel", "plane_offset_mm": "mm"},
         "made_from": {
-            "source": provenance.source, "source_sha256": provenance.source_sha256, "tofmix_version": provenance.version
+            "source": provenance.source,
+            "source_sha256": provenance.source_sha256,
+            "tofmix_version": provenance.version,
         },
         "options": dict(sorted(provenance.options.items())),
         "sensor": sensor_section(provenance.sensor),
-    }  # fmt: skip
+    }
     noise = noise_section(provenance.sensor)
     sections |= {"noise": noise} if noise else {}
     found = tuple(view_findings(provenance.sensor, (rows, cols)))

@@ -23,11 +23,21 @@ from tofmix.report.theme import DARK, LIGHT
 from tofmix.sensor import Sensor
 
 _PIXEL_UNITS = {
-    "n_modes": 1.0, "n_peaks": 1.0, "status": 1.0, "n_samples": 1.0, "weight_no_return": 1e-4, "weight_outlier": 1e-7,
-}  # fmt: skip
+    "n_modes": 1.0,
+    "n_peaks": 1.0,
+    "status": 1.0,
+    "n_samples": 1.0,
+    "weight_no_return": 1e-4,
+    "weight_outlier": 1e-7,
+}
 _LAYER_UNITS = {
-    "range": 0.01, "range_stderr": 0.01, "weight": 1e-4, "weight_stderr": 1e-4, "sigma": 0.01, "probability": 1e-6,
-}  # fmt: skip
+    "range": 0.01,
+    "range_stderr": 0.01,
+    "weight": 1e-4,
+    "weight_stderr": 1e-4,
+    "sigma": 0.01,
+    "probability": 1e-6,
+}
 _AVERAGED_UNIT_MM = 0.1
 """Resolution of averaged ranges in a page, mm."""
 
@@ -97,9 +107,14 @@ def make_explorer(
             start, stop = held["frames"]
             noise = layers_file.provenance.sensor.noise
             samples = pack_samples(
-                recording, start=start, stop=stop, noise=noise, characters=characters, windows=len(windows),
+                recording,
+                start=start,
+                stop=stop,
+                noise=noise,
+                characters=characters,
+                windows=len(windows),
                 limits=limits,
-            )  # fmt: skip
+            )
             held["samples"] = None if samples is None else _pack_samples(samples)
     most = max(held["most_layers"] for held in windows)
     content = _settings(layers_file, scale, most) | {"shown": window, "windows": windows}
@@ -152,8 +167,13 @@ def _pack_window(
     specs, text = pack_numbers(arrays)
     most = int(layers.n_modes.max(initial=0))
     return {
-        "window": number, "frames": [start, stop], "most_layers": most, "arrays": specs, "data": text, "samples": None
-    }  # fmt: skip
+        "window": number,
+        "frames": [start, stop],
+        "most_layers": most,
+        "arrays": specs,
+        "data": text,
+        "samples": None,
+    }
 
 
 def _pack_samples(samples: PackedSamples) -> dict[str, Any]:

@@ -48,9 +48,14 @@ def weight_histogram(layers: Layers, *, theme: Theme, bins: int = 25) -> Figure:
     _layer_steps(axes, np.clip(np.asarray(layers.weight, dtype=np.float64), 0.0, 1.0), edges, theme)
     no_return = np.clip(layers.weight_no_return[np.isfinite(layers.weight_no_return)], 0.0, 1.0)
     axes.stairs(
-        np.histogram(no_return, edges)[0], edges, baseline=None, color=theme.ink, linewidth=1.2, linestyle="-.",
+        np.histogram(no_return, edges)[0],
+        edges,
+        baseline=None,
+        color=theme.ink,
+        linewidth=1.2,
+        linestyle="-.",
         label="no return",
-    )  # fmt: skip
+    )
     axes.set(xlim=(-0.02, 1.02), xticks=np.linspace(0.0, 1.0, 6))
     figure.legend(loc="outside upper center", ncols=4, columnspacing=1.0)
     return figure
@@ -74,9 +79,14 @@ def sigma_figure(layers: Layers, *, curve: NoiseCurve | None, theme: Theme, bins
     counts = np.histogram2d(range_mm, sigma_mm, bins=edges)[0].T
     # `none` stores the counts pixel by pixel inside the SVG instead of thousands of rectangles.
     image = axes.imshow(
-        np.ma.masked_equal(counts, 0), cmap=DENSITY_MAP, norm=LogNorm(1, max(10.0, float(counts.max()))),
-        origin="lower", extent=(grid[0], grid[-1], 0.0, top), aspect="auto", interpolation="none",
-    )  # fmt: skip
+        np.ma.masked_equal(counts, 0),
+        cmap=DENSITY_MAP,
+        norm=LogNorm(1, max(10.0, float(counts.max()))),
+        origin="lower",
+        extent=(grid[0], grid[-1], 0.0, top),
+        aspect="auto",
+        interpolation="none",
+    )
     bar = figure.colorbar(image, ax=axes, label="components", pad=0.02, format=_PLAIN_NUMBER)
     bar.outline.set_visible(False)
     if curve is not None:
@@ -106,9 +116,12 @@ def gap_histogram(gap_errors: FloatArray, *, tolerance: float, theme: Theme, lea
     axes.plot(middles, normal, color=theme.ink, linestyle="-.", linewidth=1.2, label="two recordings, noise alone")
     for side in (-1, 1):
         axes.axvline(
-            side * tolerance, color=theme.accent, linestyle="--", linewidth=1.2,
+            side * tolerance,
+            color=theme.accent,
+            linestyle="--",
+            linewidth=1.2,
             label="tolerance" if side > 0 else None,
-        )  # fmt: skip
+        )
     axes.set_ylim(bottom=0.7, top=3.0 * max(10, int(counts.max(initial=0)), float(normal.max(initial=0.0))))
     axes.set_xlim(-most, most)
     outside = int((np.abs(finite) > most).sum())
@@ -139,7 +152,12 @@ def _layer_steps(axes: Axes, values: FloatArray, edges: FloatArray, theme: Theme
         counts = np.histogram(layer[np.isfinite(layer)], edges)[0]
         tallest = max(tallest, int(counts.max()))
         axes.stairs(
-            counts, edges, baseline=None, color=theme.layers[k], linestyle=LAYER_LINES[k], linewidth=1.8,
+            counts,
+            edges,
+            baseline=None,
+            color=theme.layers[k],
+            linestyle=LAYER_LINES[k],
+            linewidth=1.8,
             label=f"{ordinal(k + 1)} layer",
-        )  # fmt: skip
+        )
     axes.set_ylim(top=3.0 * max(10, tallest))

@@ -80,9 +80,11 @@ def gap_image(gap_mm: FloatArray, *, no_data: str, theme: Theme, least_gap_mm: f
     cmap = colormaps[GAP_MAP]
     axes.imshow(np.ma.masked_invalid(gap_mm), cmap=cmap, norm=norm, interpolation="nearest", aspect="auto")
     bar = figure.colorbar(
-        ScalarMappable(norm=norm, cmap=cmap), cax=_bar_axes(figure, axes), extend=_extend(finite, (-most, most)),
+        ScalarMappable(norm=norm, cmap=cmap),
+        cax=_bar_axes(figure, axes),
+        extend=_extend(finite, (-most, most)),
         label="difference (mm)",
-    )  # fmt: skip
+    )
     bar.outline.set_visible(False)
     if finite.size < gap_mm.size:
         _legend_below(figure, [no_data_patch(theme, no_data)])

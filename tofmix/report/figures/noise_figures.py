@@ -44,9 +44,15 @@ def curve_figure(curve: NoiseCurve, singles: SinglePixels, *, theme: Theme, most
     said = "samples of a pixel" if singles.from_samples else "a pixel's fitted sigma"
     if shown.any():
         axes.plot(
-            singles.range_mm[shown], singles.sigma_mm[shown], "o", color=theme.layers[0], markersize=3.0,
-            markeredgewidth=0, alpha=0.6, label=said,
-        )  # fmt: skip
+            singles.range_mm[shown],
+            singles.sigma_mm[shown],
+            "o",
+            color=theme.layers[0],
+            markersize=3.0,
+            markeredgewidth=0,
+            alpha=0.6,
+            label=said,
+        )
     axes.plot(grid, expected, color=theme.accent, linewidth=2.0, label="the curve")
     axes.set(xlim=(grid[0], grid[-1]), ylim=(0.0, top))
     if not shown.all():
@@ -69,8 +75,9 @@ def shape_figure(shape: NoiseShape, singles: SinglePixels, *, theme: Theme, bins
         bars = np.histogram(singles.errors, edges)[0] / (singles.errors.size * np.diff(edges))
         bars = np.maximum((bars - singles.background) / singles.held, 0.0)
         axes.stairs(bars, edges, fill=True, color=theme.grid, label="samples", baseline=_LEAST_DENSITY)
-    axes.plot(z, np.where(gaussian > 0, gaussian, np.nan), color=theme.ink, linestyle="--", linewidth=1.2,
-              label="Gaussian")  # fmt: skip
+    axes.plot(
+        z, np.where(gaussian > 0, gaussian, np.nan), color=theme.ink, linestyle="--", linewidth=1.2, label="Gaussian"
+    )
     axes.plot(z, np.where(density > 0, density, np.nan), color=theme.accent, linewidth=2.0, label="learnt")
     axes.set_yscale("log")
     axes.set(xlim=(low, high), ylim=(_LEAST_DENSITY, 2.0 * max(float(density.max()), float(gaussian.max()))))

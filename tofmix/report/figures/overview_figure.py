@@ -40,9 +40,11 @@ def overview_figure(layers: Layers, *, name: str, theme: Theme, height_inch: flo
     figure.suptitle(name, x=0.01, ha="left", fontweight="bold")
     _style(left, "nearest range", theme)
     shown = left.imshow(
-        np.ma.masked_invalid(nearest) / MM_A_METRE, cmap=colormaps[RANGE_MAP],
-        norm=Normalize(low / MM_A_METRE, high / MM_A_METRE), interpolation="nearest",
-    )  # fmt: skip
+        np.ma.masked_invalid(nearest) / MM_A_METRE,
+        cmap=colormaps[RANGE_MAP],
+        norm=Normalize(low / MM_A_METRE, high / MM_A_METRE),
+        interpolation="nearest",
+    )
     figure.colorbar(shown, ax=left, label="range (m)", shrink=0.8)
     _style(right, "number of surfaces", theme)
     most = max(1, int(layers.n_modes.max()))

@@ -117,9 +117,7 @@ def _range_picture(range_mm: FloatArray, scale: tuple[float, float], *, no_data:
         (NO_DATA, no_data) if bool(np.isnan(range_mm).any()) else None,
     ]
     entries = tuple(entry for entry in legend if entry is not None)
-    return ImagePicture(
-        light=uri, dark=uri, rows=rows, cols=cols, bar=bar_labels(scale), legend=entries, **words
-    )  # fmt: skip
+    return ImagePicture(light=uri, dark=uri, rows=rows, cols=cols, bar=bar_labels(scale), legend=entries, **words)
 
 
 _LAYER_WORDS: dict[int, dict[str, str]] = {

@@ -66,29 +66,47 @@ def draw_surfaces(
     whole = np.repeat(np.repeat(layers.range[..., 0], found.factor, axis=0), found.factor, axis=1).astype(np.float64)
     edges, fine = range_uri(whole, scale=scale, marked=marked), range_uri(found.range_fine.astype(float), scale=scale)
     shape = {"rows": rows, "cols": cols}
-    return SurfacesPart(line=text, images=(
-        ImagePicture(
-            title="Surfaces", alt=f"Surface of each part of a pixel over the image plane. {text}",
-            shows="The nearest surface in each part of a pixel; colours repeat after twenty.",
-            good="One colour on each object, and walls behind others in one colour.",
-            bad="Speckles, or one object in many colours: noise above its standard errors, or creases.",
-            light=uri, dark=uri, bar=(), legend=legend, **shape,
+    return SurfacesPart(
+        line=text,
+        images=(
+            ImagePicture(
+                title="Surfaces",
+                alt=f"Surface of each part of a pixel over the image plane. {text}",
+                shows="The nearest surface in each part of a pixel; colours repeat after twenty.",
+                good="One colour on each object, and walls behind others in one colour.",
+                bad="Speckles, or one object in many colours: noise above its standard errors, or creases.",
+                light=uri,
+                dark=uri,
+                bar=(),
+                legend=legend,
+                **shape,
+            ),
+            ImagePicture(
+                title="Edges over the nearest layers",
+                alt=f"Lines where surfaces end, over the nearest layer of each pixel. {text}",
+                shows="Where surfaces end within the pixels, from the shares of the beam.",
+                good="Straight or smooth lines along the objects.",
+                bad="Lines that jump from pixel to pixel.",
+                light=edges,
+                dark=edges,
+                bar=bar_labels(scale),
+                legend=((MARK, "edge"),),
+                **shape,
+            ),
+            ImagePicture(
+                title="Range below a pixel",
+                alt=f"Range of the nearest surface in {found.factor} x {found.factor} parts of each pixel.",
+                shows="The range of the nearest surface in each part of a pixel, on its plane or its smooth fit.",
+                good="Sharp edges without steps of pixels.",
+                bad="Steps and gaps at edges.",
+                light=fine,
+                dark=fine,
+                bar=bar_labels(scale),
+                legend=(),
+                **shape,
+            ),
         ),
-        ImagePicture(
-            title="Edges over the nearest layers",
-            alt=f"Lines where surfaces end, over the nearest layer of each pixel. {text}",
-            shows="Where surfaces end within the pixels, from the shares of the beam.",
-            good="Straight or smooth lines along the objects.", bad="Lines that jump from pixel to pixel.",
-            light=edges, dark=edges, bar=bar_labels(scale), legend=((MARK, "edge"),), **shape,
-        ),
-        ImagePicture(
-            title="Range below a pixel",
-            alt=f"Range of the nearest surface in {found.factor} x {found.factor} parts of each pixel.",
-            shows="The range of the nearest surface in each part of a pixel, on its plane or its smooth fit.",
-            good="Sharp edges without steps of pixels.", bad="Steps and gaps at edges.",
-            light=fine, dark=fine, bar=bar_labels(scale), legend=(), **shape,
-        ),
-    ))  # fmt: skip
+    )
 
 
 def edge_parts(edges: Edges, shape: tuple[int, ...], factor: int) -> BoolArray:

@@ -92,9 +92,13 @@ def _curve(before: Curve, after: Curve | None, names: list[str]) -> Callable[[Th
         error = 2 * np.sqrt(before.variance) * scale
         edges = np.stack([before.lower, before.upper], axis=1).ravel()
         axes.fill_between(
-            edges, np.repeat(-error, 2), np.repeat(error, 2), color=theme.grid, label="noise alone, 2 standard errors",
+            edges,
+            np.repeat(-error, 2),
+            np.repeat(error, 2),
+            color=theme.grid,
+            label="noise alone, 2 standard errors",
             linewidth=0,
-        )  # fmt: skip
+        )
         _steps(axes, before, scale, color=theme.accent, label="before")
         if after is not None:
             now = after.scale_mm if after.statistic in _IN_MM else np.ones(after.dof)
@@ -152,8 +156,9 @@ def map_pictures(result: Reconciliation) -> list[GapPicture]:
     several = len(result.models) > 1
     return [
         _picture(f"{title}, recording {k + 1}" if several else title, alt, _map(pattern.reshape(shape), limit), "png")
-        for title, part in parts for k, pattern in enumerate(part.pattern)
-    ]  # fmt: skip
+        for title, part in parts
+        for k, pattern in enumerate(part.pattern)
+    ]
 
 
 def _map(values: FloatArray, limit: float) -> Callable[[Theme], Figure]:

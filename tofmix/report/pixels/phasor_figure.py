@@ -101,9 +101,16 @@ def title(plane: PhasorPlane) -> str:
 def _draw_samples(axes: Axes, plane: PhasorPlane, theme: Theme) -> None:
     z = plane.samples
     axes.plot(
-        z.real, z.imag, "o", color=theme.hatch, markersize=2.6, markeredgewidth=0, alpha=0.8, zorder=2.4,
+        z.real,
+        z.imag,
+        "o",
+        color=theme.hatch,
+        markersize=2.6,
+        markeredgewidth=0,
+        alpha=0.8,
+        zorder=2.4,
         label=counted(len(z), "sample"),
-    )  # fmt: skip
+    )
 
 
 def _draw_neighbours(axes: Axes, plane: PhasorPlane, theme: Theme) -> None:
@@ -114,10 +121,17 @@ def _draw_neighbours(axes: Axes, plane: PhasorPlane, theme: Theme) -> None:
     ):
         if mask.any():
             axes.plot(
-                plane.neighbours[mask].real, plane.neighbours[mask].imag, "o", markerfacecolor=face,
-                markeredgecolor=theme.ink, markeredgewidth=0.8, markersize=3.6, alpha=0.75, zorder=2.2,
+                plane.neighbours[mask].real,
+                plane.neighbours[mask].imag,
+                "o",
+                markerfacecolor=face,
+                markeredgecolor=theme.ink,
+                markeredgewidth=0.8,
+                markersize=3.6,
+                alpha=0.75,
+                zorder=2.2,
                 label=f"{said}\nwithin {REACH} pixels, mean phasors",
-            )  # fmt: skip
+            )
 
 
 def _principal(plane: PhasorPlane) -> tuple[FloatArray, FloatArray]:
@@ -132,13 +146,27 @@ def _draw_mean(axes: Axes, mean: complex, plane: PhasorPlane, theme: Theme) -> N
     width, height = (2.0 * _ERRORS * math.sqrt(float(value)) for value in values)
     turn = math.degrees(math.atan2(vectors[1, 0], vectors[0, 0]))
     axes.add_patch(
-        Ellipse((mean.real, mean.imag), width, height, angle=turn, facecolor="none", edgecolor=theme.accent,
-                linewidth=1.4, zorder=3.6)
-    )  # fmt: skip
+        Ellipse(
+            (mean.real, mean.imag),
+            width,
+            height,
+            angle=turn,
+            facecolor="none",
+            edgecolor=theme.accent,
+            linewidth=1.4,
+            zorder=3.6,
+        )
+    )
     axes.plot(
-        [mean.real], [mean.imag], "+", color=theme.accent, markersize=9.0, markeredgewidth=1.4, zorder=3.7,
+        [mean.real],
+        [mean.imag],
+        "+",
+        color=theme.accent,
+        markersize=9.0,
+        markeredgewidth=1.4,
+        zorder=3.7,
         label=f"mean of the samples, and\nan ellipse of {_ERRORS:.0f} standard errors",
-    )  # fmt: skip
+    )
 
 
 def _known(plane: PhasorPlane) -> list[tuple[PhasorEnd, complex]]:
@@ -160,9 +188,15 @@ def _draw_ends(axes: Axes, plane: PhasorPlane, theme: Theme) -> None:
             _draw_direction(axes, plane, end, colour)
         else:
             axes.plot(
-                [place.real], [place.imag], "D", markerfacecolor="none", markersize=10.0, markeredgewidth=2.2,
-                markeredgecolor=theme.ink if math.isinf(end.range_mm) else colour, zorder=3.4,
-            )  # fmt: skip
+                [place.real],
+                [place.imag],
+                "D",
+                markerfacecolor="none",
+                markersize=10.0,
+                markeredgewidth=2.2,
+                markeredgecolor=theme.ink if math.isinf(end.range_mm) else colour,
+                zorder=3.4,
+            )
 
 
 def _draw_direction(axes: Axes, plane: PhasorPlane, end: PhasorEnd, colour: str) -> None:
@@ -170,10 +204,14 @@ def _draw_direction(axes: Axes, plane: PhasorPlane, end: PhasorEnd, colour: str)
     shown: FloatArray = np.abs(np.concatenate([plane.samples, plane.neighbours]))
     far = float(shown.max(initial=0.0))
     axes.plot(
-        [0.0, far * math.cos(end.phase)], [0.0, far * math.sin(end.phase)], ":", color=colour, linewidth=1.8,
-        zorder=3.0, label=f"{_said(end).replace(chr(10), ', ')}:\nphase alone, no neighbour within\n"
-        f"{REACH} pixels shows it alone",
-    )  # fmt: skip
+        [0.0, far * math.cos(end.phase)],
+        [0.0, far * math.sin(end.phase)],
+        ":",
+        color=colour,
+        linewidth=1.8,
+        zorder=3.0,
+        label=f"{_said(end).replace(chr(10), ', ')}:\nphase alone, no neighbour within\n{REACH} pixels shows it alone",
+    )
 
 
 def _said(end: PhasorEnd) -> str:
@@ -207,16 +245,23 @@ def _label_ends(axes: Axes, plane: PhasorPlane, theme: Theme) -> None:
         close = [
             other.real
             for _, other in known
-            if other != place and points * abs(other.real - place.real) < width
+            if other != place
+            and points * abs(other.real - place.real) < width
             and points * abs(other.imag - place.imag) < height
-        ]  # fmt: skip
+        ]
         right = place.real >= (min(close) if close else middle.real)
         below = [at + height for side, beside, at in written if side == right and abs(beside - x) < width]
         at = max([y, *below])
         written.append((right, x, at))
         axes.annotate(
-            _said(end), (place.real, place.imag), xytext=(11.0 if right else -11.0, at - y),
-            textcoords="offset points", ha="left" if right else "right", va="center", fontsize=9.0, zorder=5.0,
+            _said(end),
+            (place.real, place.imag),
+            xytext=(11.0 if right else -11.0, at - y),
+            textcoords="offset points",
+            ha="left" if right else "right",
+            va="center",
+            fontsize=9.0,
+            zorder=5.0,
             bbox={"facecolor": theme.paper, "edgecolor": "none", "alpha": 0.8, "pad": 1.0},
             arrowprops={"arrowstyle": "-", "color": theme.ink, "linewidth": 0.6} if at > y else None,
-        )  # fmt: skip
+        )

@@ -190,9 +190,13 @@ def phasor_plane(
     if mixing == Mixing.PHASOR:
         known = neighbours & single
         ends = _ends(
-            layers, (row, col), np.abs(means[known]), layers.range[patch][..., 0][known].astype(np.float64),
-            scale_mm, unambiguous_range_mm,
-        )  # fmt: skip
+            layers,
+            (row, col),
+            np.abs(means[known]),
+            layers.range[patch][..., 0][known].astype(np.float64),
+            scale_mm,
+            unambiguous_range_mm,
+        )
     own = phasors[here]
     range_mm, light = (part[:, *here].astype(np.float64) for part in (around.range_mm, around.amplitude))
     valid = np.isfinite(range_mm) & np.isfinite(light)

@@ -59,9 +59,14 @@ def draw_modes(axes: Axes, range_m: FloatArray, p: FloatArray, modes_m: FloatArr
     if len(modes_m) == 0:
         return  # an empty line without clipping makes the layout collapse
     axes.plot(
-        modes_m, np.interp(modes_m, range_m, p) + 0.05 * axes.get_ylim()[1], "v", color=theme.accent, markersize=6.5,
-        zorder=4, clip_on=False,
-    )  # fmt: skip
+        modes_m,
+        np.interp(modes_m, range_m, p) + 0.05 * axes.get_ylim()[1],
+        "v",
+        color=theme.accent,
+        markersize=6.5,
+        zorder=4,
+        clip_on=False,
+    )
 
 
 def neighbours_figure(

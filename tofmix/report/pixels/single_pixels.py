@@ -115,9 +115,15 @@ def single_pixels(
     sigma_mm = layers.sigma[..., 0].ravel()[chosen].astype(np.float64)
     if recording is None or chosen.size == 0:
         return SinglePixels(
-            range_mm=range_mm, sigma_mm=sigma_mm, over_curve=sigma_mm / curve.sigma(range_mm), errors=np.zeros(0),
-            background=0.0, held=1.0, pixels_of_one_layer=one.size, from_samples=recording is not None,
-        )  # fmt: skip
+            range_mm=range_mm,
+            sigma_mm=sigma_mm,
+            over_curve=sigma_mm / curve.sigma(range_mm),
+            errors=np.zeros(0),
+            background=0.0,
+            held=1.0,
+            pixels_of_one_layer=one.size,
+            from_samples=recording is not None,
+        )
     samples = _samples(recording, chosen, slice(start * each, stop * each), step)
     away = samples - range_mm[:, np.newaxis]
     if length is not None:
@@ -174,9 +180,13 @@ def _without_drift(
 ) -> tuple[FloatArray, FloatArray]:
     """Errors (pixel, frame) minus the drift of each pixel, and the degrees of freedom of the drift."""
     drift, freedom = drifts_of(
-        away, range_mm=np.zeros((len(away), 1)), sigma_mm=sigma_mm[:, np.newaxis], weight=weight[:, np.newaxis],
-        rest=np.repeat(density[:, np.newaxis], away.shape[1], axis=1), law=law,
-    )  # fmt: skip
+        away,
+        range_mm=np.zeros((len(away), 1)),
+        sigma_mm=sigma_mm[:, np.newaxis],
+        weight=weight[:, np.newaxis],
+        rest=np.repeat(density[:, np.newaxis], away.shape[1], axis=1),
+        law=law,
+    )
     return away - drift[:, 0] @ legendre(times(away.shape[1])), freedom[:, 0]
 
 

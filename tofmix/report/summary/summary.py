@@ -361,9 +361,15 @@ class _FindingTally:
         )
         of_filter = filter_findings(provenance.sensor.temporal_filter, remedy.window_frames)
         return (
-            *of_filter, *of_sigma, *of_losses, *of_counts, *of_light, *of_frames,
-            *target_findings(provenance.targets), *suspect_findings(self.suspicions),
-        )  # fmt: skip
+            *of_filter,
+            *of_sigma,
+            *of_losses,
+            *of_counts,
+            *of_light,
+            *of_frames,
+            *target_findings(provenance.targets),
+            *suspect_findings(self.suspicions),
+        )
 
     def by_status(self) -> dict[str, int]:
         named = {status_name(s): self._status.get(int(s), 0) for s in Status}

@@ -77,9 +77,16 @@ def _cast_smooth(patch: FloatArray, scene: SceneArrays, surface: int, work: Floa
 
 @jit
 def _cast_lattice(
-    patch: FloatArray, i: int, j: int, weight: float, scene: SceneArrays, candidates: IntArray, count: int,
-    beam: FloatArray, sums: FloatArray,
-) -> None:  # fmt: skip
+    patch: FloatArray,
+    i: int,
+    j: int,
+    weight: float,
+    scene: SceneArrays,
+    candidates: IntArray,
+    count: int,
+    beam: FloatArray,
+    sums: FloatArray,
+) -> None:
     """A part of a cell that an edge crosses: a shifted lattice of 64 beams, which share its solid angle."""
     shift = j * SUBCELLS + i
     for k in range(LATTICE):
@@ -93,9 +100,15 @@ def _cast_lattice(
 
 @jit
 def _cast_mixed(
-    patch: FloatArray, scene: SceneArrays, candidates: IntArray, count: int, kept: IntArray, corners: FloatArray,
-    work: FloatArray, sums: FloatArray,
-) -> float:  # fmt: skip
+    patch: FloatArray,
+    scene: SceneArrays,
+    candidates: IntArray,
+    count: int,
+    kept: IntArray,
+    corners: FloatArray,
+    work: FloatArray,
+    sums: FloatArray,
+) -> float:
     """A cell that an edge crosses: 32 x 32 parts, one beam in each that is whole, 64 in each that is not.
 
     Returns the sum of the weights of all beams, those that meet nothing included.

@@ -144,9 +144,16 @@ def _cast_smooth(
 
 @jit
 def _cast_lattice(
-    left: float, top: float, width: float, height: float, shift: int, scene: SceneArrays, candidates: IntArray,
-    count: int, sums: FloatArray,
-) -> None:  # fmt: skip
+    left: float,
+    top: float,
+    width: float,
+    height: float,
+    shift: int,
+    scene: SceneArrays,
+    candidates: IntArray,
+    count: int,
+    sums: FloatArray,
+) -> None:
     """A cell of a pixel that an edge crosses: a shifted lattice of 64 beams."""
     for i in range(LATTICE):
         across = ((i + 0.5) / LATTICE + shift * SHIFT_ACROSS) % 1.0
@@ -163,9 +170,16 @@ def _cast_lattice(
 
 @jit
 def _cast_mixed(
-    azimuth: float, elevation: float, width: float, height: float, scene: SceneArrays, candidates: IntArray,
-    count: int, kept: IntArray, sums: FloatArray,
-) -> None:  # fmt: skip
+    azimuth: float,
+    elevation: float,
+    width: float,
+    height: float,
+    scene: SceneArrays,
+    candidates: IntArray,
+    count: int,
+    kept: IntArray,
+    sums: FloatArray,
+) -> None:
     """A pixel that an edge crosses: 32 x 32 cells, one beam in each that is whole, 64 in each that is not."""
     cell_width = width / SUBCELLS
     cell_height = height / SUBCELLS
@@ -194,9 +208,14 @@ def _cast_mixed(
 
 @jit
 def reached_row(
-    elevation: float, azimuths: FloatArray, width: float, height: float, scene: SceneArrays, moving: BoolArray,
+    elevation: float,
+    azimuths: FloatArray,
+    width: float,
+    height: float,
+    scene: SceneArrays,
+    moving: BoolArray,
     reached: BoolArray,
-) -> None:  # fmt: skip
+) -> None:
     """Find the pixels of one image row in which a moving surface may be seen.
 
     Parameters
@@ -225,9 +244,14 @@ def reached_row(
 
 @jit
 def cast_row(
-    elevation: float, azimuths: FloatArray, width: float, height: float, scene: SceneArrays, wanted: BoolArray,
+    elevation: float,
+    azimuths: FloatArray,
+    width: float,
+    height: float,
+    scene: SceneArrays,
+    wanted: BoolArray,
     sums: FloatArray,
-) -> None:  # fmt: skip
+) -> None:
     """Cast one image row.
 
     Parameters

@@ -66,9 +66,16 @@ class PolygonCaster:
             own = slice(start, start + step)
             sums = np.zeros((len(cells.radii[own]), len(model.surfaces), 3))
             crowded = cast_polygons(
-                cells.patches[own], cells.centres[own], cells.radii[own], cells.means[own], cells.spreads[own],
-                cells.weights[own], cells.parts, scene, sums,
-            )  # fmt: skip
+                cells.patches[own],
+                cells.centres[own],
+                cells.radii[own],
+                cells.means[own],
+                cells.spreads[own],
+                cells.weights[own],
+                cells.parts,
+                scene,
+                sums,
+            )
             if crowded:
                 return cast_scene(model)
             found.append(sift(sums, start))
@@ -86,9 +93,13 @@ def _cells(optics: Projection, shape: tuple[int, int]) -> _Cells:
     chord = np.linalg.norm(directions - centres[:, None, None], axis=-1).reshape(len(centres), 9)
     even = isinstance(optics, Equiangular)
     return _Cells(
-        patches, centres, BULGE * chord.max(axis=1), *_moments(patches, even=even), _weights(patches, even=even),
+        patches,
+        centres,
+        BULGE * chord.max(axis=1),
+        *_moments(patches, even=even),
+        _weights(patches, even=even),
         max(1, math.ceil(float(pixel_extent_rad(optics, shape).max()) / _STRAIGHT_RAD)),
-    )  # fmt: skip
+    )
 
 
 def _coefficients(nine: FloatArray) -> FloatArray:
@@ -106,9 +117,11 @@ def _at(patches: FloatArray, u: float, v: float) -> tuple[FloatArray, FloatArray
     powers, by_u, by_v = (
         np.outer(np.array(a), np.array(b))
         for a, b in (
-            ((1, v, v * v), (1, u, u * u)), ((1, v, v * v), (0, 1, 2 * u)), ((0, 1, 2 * v), (1, u, u * u)),
+            ((1, v, v * v), (1, u, u * u)),
+            ((1, v, v * v), (0, 1, 2 * u)),
+            ((0, 1, 2 * v), (1, u, u * u)),
         )
-    )  # fmt: skip
+    )
     ray, right, down = (np.einsum("pjia,ji->pa", patches[..., :3], p) for p in (powers, by_u, by_v))
     length = np.linalg.norm(ray, axis=1)
     swept = np.abs(np.einsum("pa,pa->p", ray, np.cross(right, down)))

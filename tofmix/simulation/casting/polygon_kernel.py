@@ -61,9 +61,10 @@ class Scratch(NamedTuple):
 def _value(q: FloatArray, u: float, v: float) -> float:
     """A polynomial (3, 3), [j, i] of v^j u^i, at a place."""
     return float(
-        q[0, 0] + u * (q[0, 1] + u * q[0, 2])
+        q[0, 0]
+        + u * (q[0, 1] + u * q[0, 2])
         + v * (q[1, 0] + u * (q[1, 1] + u * q[1, 2]) + v * (q[2, 0] + u * (q[2, 1] + u * q[2, 2])))
-    )  # fmt: skip
+    )
 
 
 @borrowing
@@ -165,9 +166,12 @@ def _add_part(
     patch: FloatArray, weight: FloatArray, scene: SceneArrays, surface: int, moments: FloatArray, sums: FloatArray
 ) -> None:
     """Add a surface's part of a cell: its share, and share times mean range and mean cosine, to second order."""
-    share = weight[0] * moments[0] + weight[1] * moments[1] + weight[2] * moments[2] + (
-        weight[3] * moments[3] + weight[4] * moments[4] + weight[5] * moments[5]
-    )  # fmt: skip
+    share = (
+        weight[0] * moments[0]
+        + weight[1] * moments[1]
+        + weight[2] * moments[2]
+        + (weight[3] * moments[3] + weight[4] * moments[4] + weight[5] * moments[5])
+    )
     if not (moments[0] > 0.0 and share > 0.0):
         return
     slope_u, slope_v = weight[1] / weight[0], weight[2] / weight[0]
@@ -179,12 +183,8 @@ def _add_part(
     yy = moments[5] / moments[0] - (moments[2] / moments[0]) ** 2
     u, v = x + 0.5, y + 0.5
     here = _cosine(patch, scene, surface, u, v)
-    right, left = (
-        _cosine(patch, scene, surface, u + _STEP, v), _cosine(patch, scene, surface, u - _STEP, v)
-    )  # fmt: skip
-    below, above = (
-        _cosine(patch, scene, surface, u, v + _STEP), _cosine(patch, scene, surface, u, v - _STEP)
-    )  # fmt: skip
+    right, left = (_cosine(patch, scene, surface, u + _STEP, v), _cosine(patch, scene, surface, u - _STEP, v))
+    below, above = (_cosine(patch, scene, surface, u, v + _STEP), _cosine(patch, scene, surface, u, v - _STEP))
     corner = _cosine(patch, scene, surface, u + _STEP, v + _STEP)
     by_u, by_v = (right - left) / (2 * _STEP), (below - above) / (2 * _STEP)
     by_uu, by_vv = (right + left - 2 * here) / _STEP**2, (below + above - 2 * here) / _STEP**2
@@ -200,7 +200,7 @@ def _add_part(
 @borrowing
 def _hiding(
     patch: FloatArray, scene: SceneArrays, front: int, back: int, centre: FloatArray, radius: float, scratch: Scratch
-) -> int:  # fmt: skip
+) -> int:
     """The condition that `front` is nearer than `back`: how many it is; -1 where that holds nowhere in the cell."""
     size = 0.0
     for axis in range(3):
@@ -215,9 +215,14 @@ def _hiding(
 
 @borrowing
 def _find_conditions(
-    patch: FloatArray, scene: SceneArrays, centre: FloatArray, radius: float, seen: IntArray, n_seen: int,
+    patch: FloatArray,
+    scene: SceneArrays,
+    centre: FloatArray,
+    radius: float,
+    seen: IntArray,
+    n_seen: int,
     scratch: Scratch,
-) -> bool:  # fmt: skip
+) -> bool:
     """Fill the boundaries of each possible surface in the cell; return whether the largest range is one."""
     round_one = False
     for k in range(n_seen):
@@ -244,9 +249,16 @@ def _copy(polygons: FloatArray, source: int, target: int, corners: int) -> None:
 
 @borrowing
 def _find_hiders(
-    patch: FloatArray, scene: SceneArrays, centre: FloatArray, radius: float, seen: IntArray, n_seen: int, k: int,
-    corners: int, scratch: Scratch,
-) -> int:  # fmt: skip
+    patch: FloatArray,
+    scene: SceneArrays,
+    centre: FloatArray,
+    radius: float,
+    seen: IntArray,
+    n_seen: int,
+    k: int,
+    corners: int,
+    scratch: Scratch,
+) -> int:
     """Which surfaces hide a part of the polygon of the k-th; how many, -1 for too many."""
     n_hiders = 0
     for other in range(n_seen):
@@ -272,9 +284,16 @@ def _find_hiders(
 
 @borrowing
 def _cast_part(
-    patch: FloatArray, scene: SceneArrays, centre: FloatArray, radius: float, seen: IntArray, n_seen: int, k: int,
-    corners: int, scratch: Scratch,
-) -> int:  # fmt: skip
+    patch: FloatArray,
+    scene: SceneArrays,
+    centre: FloatArray,
+    radius: float,
+    seen: IntArray,
+    n_seen: int,
+    k: int,
+    corners: int,
+    scratch: Scratch,
+) -> int:
     """Add the moments of the visible part of the k-th surface in a polygon.
 
     By inclusion and exclusion over the subsets of those that hide. Returns 1 where they are too many, else 0.
@@ -304,9 +323,17 @@ def _cast_part(
 
 @borrowing
 def _cast_mixed(
-    patch: FloatArray, centre: FloatArray, radius: float, weight: FloatArray, parts: int, scene: SceneArrays,
-    seen: IntArray, n_seen: int, scratch: Scratch, sums: FloatArray,
-) -> int:  # fmt: skip
+    patch: FloatArray,
+    centre: FloatArray,
+    radius: float,
+    weight: FloatArray,
+    parts: int,
+    scene: SceneArrays,
+    seen: IntArray,
+    n_seen: int,
+    scratch: Scratch,
+    sums: FloatArray,
+) -> int:
     """A cell that an edge crosses, part by part. Returns 1 where too many surfaces are before one, else 0."""
     if _find_conditions(patch, scene, centre, radius, seen, n_seen, scratch):
         parts *= _ROUND_PARTS
@@ -326,9 +353,16 @@ def _cast_mixed(
 
 @jit
 def cast_polygons(
-    patches: FloatArray, centres: FloatArray, radii: FloatArray, means: FloatArray, spreads: FloatArray,
-    weights: FloatArray, parts: int, scene: SceneArrays, sums: FloatArray,
-) -> int:  # fmt: skip
+    patches: FloatArray,
+    centres: FloatArray,
+    radii: FloatArray,
+    means: FloatArray,
+    spreads: FloatArray,
+    weights: FloatArray,
+    parts: int,
+    scene: SceneArrays,
+    sums: FloatArray,
+) -> int:
     """Cast pixels.
 
     Parameters
@@ -359,10 +393,16 @@ def cast_polygons(
     everything = np.arange(count)
     seen = np.empty(count, dtype=np.int64)
     scratch = Scratch(
-        np.empty((count, _CONDITIONS, 3, 3)), np.empty(count, dtype=np.int64), np.empty((MOST_IN_FRONT, 3, 3)),
-        np.empty(MOST_IN_FRONT, dtype=np.int64), np.empty(MOST_IN_FRONT, dtype=np.int64),
-        np.empty((3, _CORNERS, 2)), np.empty(6), np.empty(4), np.empty((3, 3)),
-    )  # fmt: skip
+        np.empty((count, _CONDITIONS, 3, 3)),
+        np.empty(count, dtype=np.int64),
+        np.empty((MOST_IN_FRONT, 3, 3)),
+        np.empty(MOST_IN_FRONT, dtype=np.int64),
+        np.empty(MOST_IN_FRONT, dtype=np.int64),
+        np.empty((3, _CORNERS, 2)),
+        np.empty(6),
+        np.empty(4),
+        np.empty((3, 3)),
+    )
     crowded = 0
     for p in range(radii.shape[0]):
         x, y, z = centres[p, 0], centres[p, 1], centres[p, 2]

@@ -34,8 +34,13 @@ class Motion(Effect):
     surface: str = surface("The surface that moves.")
     velocity_mm_s: float = number(
         "Velocity along the surface's normal R (0, 0, 1): away from the sensor for a board that faces it.",
-        unit="mm/s", low=-100_000, high=100_000, zero=0, typical=(0.1, 1000), prior=StudentPrior(scale=300, dof=2),
-    )  # fmt: skip
+        unit="mm/s",
+        low=-100_000,
+        high=100_000,
+        zero=0,
+        typical=(0.1, 1000),
+        prior=StudentPrior(scale=300, dof=2),
+    )
 
     def explain(self) -> str:
         """One sentence."""

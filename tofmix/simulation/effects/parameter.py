@@ -132,9 +132,18 @@ def number(
     """A dataclass field that holds a number; see `Parameter`. One with a default is not required."""
     required = required and default is None
     declared = {
-        "sentence": sentence, "unit": unit, "low": low, "high": high, "low_open": low_open, "high_open": high_open,
-        "default": default, "required": required, "zero": zero, "typical": typical, "prior": prior,
-    }  # fmt: skip
+        "sentence": sentence,
+        "unit": unit,
+        "low": low,
+        "high": high,
+        "low_open": low_open,
+        "high_open": high_open,
+        "default": default,
+        "required": required,
+        "zero": zero,
+        "typical": typical,
+        "prior": prior,
+    }
     return field(default=MISSING if required else default, metadata={_METADATA: declared})
 
 

@@ -29,8 +29,12 @@ class PhaseWrapping(Effect):
 
     unambiguous_range_mm: float = number(
         "Range of one turn of the phase. Default: c / (2 f) of the sensor.",
-        unit="mm", low=0, high=1e6, low_open=True, required=False,
-    )  # fmt: skip
+        unit="mm",
+        low=0,
+        high=1e6,
+        low_open=True,
+        required=False,
+    )
 
     def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:
         """A camera without phase folds only at a given range."""

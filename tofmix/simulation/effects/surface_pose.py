@@ -36,8 +36,13 @@ class SurfacePose(Effect):
     surface: str = surface("The surface that is moved.")
     shift_mm: float = number(
         "Shift along the surface's normal R (0, 0, 1): away from the sensor for a board that faces it.",
-        unit="mm", low=-100_000, high=100_000, zero=0, typical=(2, 100), prior=StudentPrior(scale=50, dof=2),
-    )  # fmt: skip
+        unit="mm",
+        low=-100_000,
+        high=100_000,
+        zero=0,
+        typical=(2, 100),
+        prior=StudentPrior(scale=50, dof=2),
+    )
     yaw_deg: float = number(
         "Added to the surface's `yaw_deg`.",
         unit="degree",

@@ -75,9 +75,12 @@ def _insert(place: FloatArray, height: FloatArray, count: int, r: float, share: 
 
 @jit
 def _fill(
-    samples: SortedSamples, ends: tuple[float, float, float], tables: tuple[FloatArray, FloatArray], level: float,
+    samples: SortedSamples,
+    ends: tuple[float, float, float],
+    tables: tuple[FloatArray, FloatArray],
+    level: float,
     out: Peaks,
-) -> None:  # fmt: skip
+) -> None:
     low, high, reach = ends
     cosines, sines = tables
     points, order = cosines.shape
