@@ -41,7 +41,7 @@ def test_a_random_value_is_not_remembered() -> None:
     assert variance[2, 0] == pytest.approx(wider[2, 0], abs=1e-3)
 
 
-@given(share=st.floats(0.0, 0.1), below=st.floats(0.05, 0.95), u=st.floats(-3.5, 3.5))
+@given(share=st.floats(0.0, 0.1), below=st.floats(0.05, 0.95), u=st.floats(-3.2, 3.2))
 def test_noise_of_undoes_the_score_of_noise_with_random_values(share: float, below: float, u: float) -> None:
     from scipy.special import ndtr, ndtri
 

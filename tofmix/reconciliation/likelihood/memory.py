@@ -116,7 +116,7 @@ def noise_of(z: FloatArray, random: RandomValues) -> FloatArray:
     """The noise (frame, pixel), in units of its sigma, of samples with these scores; random values are far from 0.
 
     Solves share (below + density u) + (1 - share) Phi(u) = Phi(z) for u by substitution, because the first term hardly
-    changes over the width of the noise.
+    changes over the width of the noise: exact to 0.01 up to 3.2 sigma; beyond, a sample may as well be a random value.
     """
     if not random.share.any():
         return z
