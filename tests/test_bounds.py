@@ -31,7 +31,7 @@ from tofmix.estimation.noise.settings import AmplitudeSettings, CurveSettings, N
 from tofmix.io.guard.structure_rules import Limits
 from tofmix.reconciliation.search.search_state import Settings
 from tofmix.report.explorer.limits import PageLimits
-from tofmix.report.summary.thresholds import FindingThresholds
+from tofmix.report.summary.thresholds import Thresholds
 from tofmix.surfaces.settings import BrightnessSettings, EdgeSettings, LinkSettings, ShareSettings, SurfaceSettings
 from tofmix.unmixing.settings import (
     CurvedSettings,
@@ -56,7 +56,7 @@ CLASSES: tuple[type, ...] = (
     Settings,
     PageLimits,
     CurvedSettings,
-    FindingThresholds,
+    Thresholds,
     BrightnessSettings,
     EdgeSettings,
     FilterSettings,
@@ -200,7 +200,7 @@ def test_every_class_of_settings_is_checked() -> None:
         (CurveSettings, {"slopes": (1.0,)}, r"slopes is \(1.0,\); give 2 values"),
         (LinkSettings, {"sweeps": 4.0}, r"sweeps is 4.0; give a whole number of at least 0"),
         (
-            FindingThresholds,
+            Thresholds,
             {"scatter_factor": -math.inf},
             "scatter_factor is -inf; give a number of at least 1, or inf",
         ),
@@ -225,7 +225,7 @@ class Small(NamedTuple):
 @pytest.mark.parametrize(
     ("settings", "name", "off"),
     [
-        (FindingThresholds, "scatter_factor", math.inf),
+        (Thresholds, "scatter_factor", math.inf),
         (SeedSettings, "unlike_sigmas", math.inf),
         (LawSettings, "most_error", np.float32(math.inf)),
         (EdgeSettings, "corner_gain", math.inf),

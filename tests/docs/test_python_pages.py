@@ -64,7 +64,8 @@ def test_every_block_runs_without_a_warning(folder: Path, clone: Path, name: str
     }  # the package that this process tests, not an installed one
     ran = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env=environment)
     assert ran.returncode == 0, f"docs/{name} (line numbers are the page's):\n{ran.stderr}"
-    assert ran.stderr == ""
+    said = [line for line in ran.stderr.splitlines() if not line.startswith("tofmix: compiling the kernels")]
+    assert said == []  # but for what a first run says
     if name == "reference/formats.md":
         succeed("estimate", folder / "mine.h5", "--overwrite")
 

@@ -329,10 +329,10 @@ def _drift(laws: _Laws) -> Iterator[list[_Column]]:
 
 
 def _reflection(laws: _Laws) -> Iterator[list[_Column]]:
-    """The two components of the phasor, a thousandth of a typical amplitude large."""
+    """The phasor of a glass or a housing, a thousandth of a typical amplitude large, at each of some ranges."""
     small = 0.001 * float(np.median(laws.at_rest.amplitude[laws.at_rest.amplitude > 0]))
-    quarter = laws.given.sensor.turn_mm("the oracle") / 4
-    yield [laws.of(small, "internal_reflection", amplitude=small, range_mm=r) for r in (0.0, quarter)]
+    for range_mm in (0.0, 75.0, 150.0):  # those of `cases`
+        yield [laws.of(small, "internal_reflection", amplitude=small, range_mm=range_mm)]
 
 
 _COLUMNS: dict[str, Callable[[_Laws], Iterator[list[_Column]]]] = {

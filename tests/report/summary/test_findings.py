@@ -1,7 +1,7 @@
 import pytest
 
 from tofmix.report.summary.findings import Remedy, count_findings, sample_findings, sigma_findings
-from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, FindingThresholds
+from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
 
 REMEDY = Remedy(recording="a b.h5", window_frames=40, windows=2)
 
@@ -84,7 +84,7 @@ def test_contradiction_of_the_curve_is_reported(scatter: float | None, drift: fl
 
 
 def test_thresholds_set_when_close_layers_are_a_finding() -> None:
-    def codes(thresholds: FindingThresholds) -> list[str]:
+    def codes(thresholds: Thresholds) -> list[str]:
         found = count_findings(
             pixels=100,
             by_status={},
@@ -96,5 +96,5 @@ def test_thresholds_set_when_close_layers_are_a_finding() -> None:
         )
         return [finding.code for finding in found]
 
-    assert codes(FindingThresholds()) == ["close_layers"]
-    assert codes(FindingThresholds(close_share=0.1)) == []
+    assert codes(Thresholds()) == ["close_layers"]
+    assert codes(Thresholds(close_share=0.1)) == []

@@ -1,6 +1,6 @@
 """Warnings on a layers file, in one sentence each.
 
-A finding has a text and the commands to try. The thresholds (`FindingThresholds`) are for drawing attention, not tests:
+A finding has a text and the commands to try. The thresholds (`Thresholds`) are for drawing attention, not tests:
 nothing is refused here. `estimate`, `merge` and `report` print the same ones.
 """
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from tofmix.flags import Status, status_name
 from tofmix.layers import MAX_LAYERS_LIMIT
-from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, FindingThresholds
+from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from tofmix.suspicion.registry import SUSPICIONS
 from tofmix.temporal_filter import TemporalFilter
 from tofmix.wording import counted
@@ -99,7 +99,7 @@ def sample_findings(
     scatter_over_curve: float | None,
     drift_sigmas: float | None,
     remedy: Remedy,
-    thresholds: FindingThresholds = DEFAULT_THRESHOLDS,
+    thresholds: Thresholds = DEFAULT_THRESHOLDS,
 ) -> list[Finding]:
     """List contradictions between samples and noise curve, and drift within a window.
 
@@ -156,7 +156,7 @@ def count_findings(
     remedy: Remedy,
     close: int = 0,
     lost: int = 0,
-    thresholds: FindingThresholds = DEFAULT_THRESHOLDS,
+    thresholds: Thresholds = DEFAULT_THRESHOLDS,
 ) -> list[Finding]:
     """List findings from the counts of pixels.
 
@@ -248,7 +248,7 @@ def sigma_findings(
     median: float | None,
     has_curve: bool,
     remedy: Remedy,
-    thresholds: FindingThresholds = DEFAULT_THRESHOLDS,
+    thresholds: Thresholds = DEFAULT_THRESHOLDS,
 ) -> list[Finding]:
     """List contradictions between fitted sigma and the sensor's noise curve.
 

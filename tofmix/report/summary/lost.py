@@ -12,7 +12,7 @@ from tofmix.lost_samples import learn_losses
 from tofmix.recording import SampleSource, amplitude_source
 from tofmix.report.summary.findings import Finding
 from tofmix.report.summary.quantiles import Quantiles, ValueCounts, spread_of
-from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, FindingThresholds
+from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from tofmix.wording import counted
 
 Cause = Callable[[BoolArray], str]
@@ -99,9 +99,7 @@ class LostTally:
             pixels_at_limit=self._counts[1],
         )
 
-    def findings(
-        self, cause: Cause | None = None, *, thresholds: FindingThresholds = DEFAULT_THRESHOLDS
-    ) -> list[Finding]:
+    def findings(self, cause: Cause | None = None, *, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> list[Finding]:
         """Say how many pixels show nothing, or little, and why; a note where they are few.
 
         Parameters

@@ -31,7 +31,7 @@ from tofmix.report.summary.light import light_findings
 from tofmix.report.summary.lost import Cause, LostNumbers, LostTally
 from tofmix.report.summary.noise_numbers import NoiseNumbers, noise_numbers
 from tofmix.report.summary.quantiles import Quantiles, ValueCounts, spread_of
-from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, FindingThresholds
+from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from tofmix.sensor import NoiseCurve
 from tofmix.suspicion.counting import count_suspects
 from tofmix.suspicion.registry import SUSPICIONS
@@ -167,7 +167,7 @@ class Summary:
         return replace(self, warnings=warnings, notes=notes)
 
 
-def summarise(layers_file: LayersSource, *, thresholds: FindingThresholds = DEFAULT_THRESHOLDS) -> Summary:
+def summarise(layers_file: LayersSource, *, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> Summary:
     """Summarise a layers file, reading one window at a time.
 
     Quantiles are exact up to 65,536 different values and bounded in memory past
@@ -240,7 +240,7 @@ def find(
     remedy: Remedy | None = None,
     *,
     cause: Cause | None = None,
-    thresholds: FindingThresholds = DEFAULT_THRESHOLDS,
+    thresholds: Thresholds = DEFAULT_THRESHOLDS,
 ) -> tuple[Finding, ...]:
     """List the findings of a layers file, the same as in its summary, with less work.
 
@@ -294,7 +294,7 @@ def remedy_for(
 class _FindingTally:
     """Running counts over windows for the findings."""
 
-    def __init__(self, layers_file: LayersSource, thresholds: FindingThresholds) -> None:
+    def __init__(self, layers_file: LayersSource, thresholds: Thresholds) -> None:
         self._curve = noise_of(layers_file.provenance)
         self._length = layers_file.provenance.unambiguous_range_mm
         self._thresholds = thresholds
@@ -380,7 +380,7 @@ class _FindingTally:
 class _Tally(_FindingTally):
     """Running counts over windows for the summary."""
 
-    def __init__(self, layers_file: LayersSource, thresholds: FindingThresholds) -> None:
+    def __init__(self, layers_file: LayersSource, thresholds: Thresholds) -> None:
         super().__init__(layers_file, thresholds)
         self.peaks = [0]
         self._layers = [_LayerTally() for _ in range(layers_file.max_layers)]

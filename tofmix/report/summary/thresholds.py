@@ -7,7 +7,7 @@ from tofmix.bounds import Count, FactorThreshold, NotNegative, Share, Threshold,
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FindingThresholds:
+class Thresholds:
     """From where on a finding is made. They draw attention; they are no tests, and nothing is refused by them.
 
     Parameters
@@ -51,4 +51,4 @@ class FindingThresholds:
         return math.sqrt(12.0 * ((1.0 + self.sigma_tolerance) ** 2 - 1.0))
 
 
-DEFAULT_THRESHOLDS = FindingThresholds()
+DEFAULT_THRESHOLDS = Thresholds()
