@@ -30,6 +30,7 @@ from tofmix.reconciliation.search.name import (
     TriedEffect,
     begin_trial,
     candidates,
+    of_any_noise,
     tolerated,
 )
 from tofmix.reconciliation.search.pattern_fits import (
@@ -142,14 +143,14 @@ def _or_better(search: SearchState, added: Added) -> Added:
     part = None if enough is None else _elsewhere(search, added, enough)
     if part is not None and not _open(search, part.panel):
         return part
-    other = None
     for better in (*_of_more_numbers(sets, added), *_alternatives(sets, larger=stands_out)):
-        if better is not enough:  # this one has led back, or does not explain the recording
-            other = other or _elsewhere(search, added, better)
-    if other is None:
-        return added
-    larger = _numbers(other) > _numbers(added)  # effects that the search adds to the set count too
-    return other if (stands_out or not larger) and _leads(search, other, added) else added
+        other = None if better is enough else _elsewhere(search, added, better)  # `enough` did not explain it
+        if other is None:  # it leads back
+            continue
+        larger = _numbers(other) > _numbers(added)  # effects that the search adds to the set count too
+        if (stands_out or not larger) and _leads(search, other, added):
+            return other
+    return added
 
 
 def _of_more_numbers(sets: Alternatives, added: Added) -> list[Explained]:
@@ -164,9 +165,9 @@ def _of_more_numbers(sets: Alternatives, added: Added) -> list[Explained]:
 
 
 def _alternatives(sets: Alternatives, *, larger: bool) -> list[Explained]:
-    """The smallest better set, and the best set, in case the search from the smallest one leads back."""
-    smallest, best = sets.better(larger=larger), sets.best(larger=larger)
-    return [s for s in (smallest, best if best is not smallest else None) if s is not None]
+    """The smallest better set, the best set, and a simpler one, in case the search from the others leads back."""
+    ways_ = (sets.better(larger=larger), sets.best(larger=larger), sets.simpler)
+    return [s for k, s in enumerate(ways_) if s is not None and s not in ways_[:k]]
 
 
 def _elsewhere(search: SearchState, added: Added, begun: Explained) -> Added | None:
@@ -456,11 +457,12 @@ def _tolerant(
     scored = []
     for c in (*simple[:_TRIED], *offset):
         moved = settled_within(likelihood, c.state, [*search.chosen, c], part, tolerance)
-        scored.append((likelihood.value(moved, test) - PRICE_NATS * c.parameters, c))
+        level = of_any_noise(likelihood, moved, part) if len(simple) > 1 else moved
+        scored.append((likelihood.value(level, test) - PRICE_NATS * c.parameters, moved, c))
     if not scored:
         return found, -math.inf
-    score, best = max(scored, key=lambda pair: pair[0])
-    beyond = score - likelihood.value(near, test)
+    _, moved, best = max(scored, key=lambda tried: tried[0])
+    beyond = likelihood.value(moved, test) - PRICE_NATS * best.parameters - likelihood.value(near, test)
     if found[0].fitted is None:
         return found, beyond
     return [best, *(c for c in found if c is not best)], beyond

@@ -86,6 +86,13 @@ class Alternatives:
         best = max(self._of_size(larger=larger), key=lambda s: s.evidence, default=self.found)
         return best if best.evidence > self.found.evidence + _BETTER_NATS else None
 
+    @property
+    def simpler(self) -> Explained | None:
+        """The set of most evidence of those with fewer numbers, if it is clearly better than the found one."""
+        fewer = (s for s in self.sets if s.terms and s.numbers < self.found.numbers)
+        best = max(fewer, key=lambda s: s.evidence, default=self.found)
+        return best if best.evidence > self.found.evidence + _BETTER_NATS else None
+
     def _of_size(self, *, larger: bool) -> list[Explained]:
         return [s for s in self.sets if larger or s.numbers <= self.found.numbers]
 

@@ -5,10 +5,12 @@ are held out in blocks. The model moved within its tolerance (poses by a part of
 tenth of that part) is a rival, `tolerated`: an effect must explain more than this rival.
 """
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.reconciliation.evidence import BLOCK_FRAMES, Evidence
@@ -37,6 +39,7 @@ FAINT_SHARE = 0.01
 _MANY_FRAMES = 80  # with so many or more, half of them rank the candidates
 _STEPS = 2  # of poses, within the tolerance
 _HALVINGS = 6  # a sixty-fourth of a tolerated step changes nothing
+_ANY_NOISE = math.log(4)  # limit of the logarithm of a noise scale
 SLACK = 1.15
 """Factor on the tolerance, which is a typical error and not the largest one."""
 
@@ -322,6 +325,28 @@ def tolerated(likelihood: Likelihood, state: ModelState, part: Part, tolerance: 
     curve = less - 2 * value + more
     peak = 0.5 * (less - more) / curve if curve < 0 else float(np.sign(more - less))
     return scaled(1 + limit * float(np.clip(peak, -1, 1)))
+
+
+def of_any_noise(likelihood: Likelihood, state: ModelState, part: Part) -> ModelState:
+    """The state with the scale of the noise that fits best, in place of the tolerated one; parameters as above.
+
+    Static effects on light change the noise too. Noise has many causes, such as a pattern that is not fitted yet, so
+    effects are compared by their biases.
+    """
+    if state.bursts is not None or any(isinstance(e, ExcessNoise) for e in likelihood.scene.effects):
+        return state
+    others = tuple(e for e in state.effects if not isinstance(e, ExcessNoise))
+
+    def scaled(log_factor: float) -> ModelState:
+        return replace(state, effects=(*others, ExcessNoise(factor=math.exp(log_factor))))
+
+    best = minimize_scalar(
+        lambda x: -likelihood.value(scaled(x), part),
+        bounds=(-_ANY_NOISE, _ANY_NOISE),
+        method="bounded",
+        options={"xatol": 0.01},
+    )
+    return scaled(float(best.x))
 
 
 def _within(likelihood: Likelihood, state: ModelState, part: Part, tolerance: float) -> tuple[ModelState, float]:
