@@ -128,7 +128,8 @@ def _log_chances(found: FloatArray, memory_frames: float) -> list[float]:
         m = 1.0 + (line[_SAMPLES] - 1.0) / memory_frames
         outside = line[_OUTSIDE] / memory_frames
         length = max(line[_LENGTH] / memory_frames, m - outside)
-        out.append(log_chance(max(line[_FRAMES] / memory_frames, length, m), m, outside, length))
+        frames = max(line[_FRAMES] / memory_frames, length, m)
+        out.append(log_chance(float(frames), float(m), float(outside), float(length)))
     return out
 
 
