@@ -25,6 +25,7 @@ from tofmix.reconciliation.search.summaries import summaries
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.motion import Motion
 from tofmix.simulation.effects.range_offset import RangeOffset
+from tofmix.simulation.effects.search import Coefficient
 from tofmix.simulation.effects.surface_pose import SurfacePose
 from tofmix.simulation.effects.temperature_drift import TemperatureDrift
 
@@ -82,16 +83,15 @@ def judged(case: Case) -> Iterator[tuple[str, bool, str]]:
 
 def _exact(make: ColumnMaker, effect: Effect) -> Term:
     """A hidden effect as one column, of which about one is in the recording."""
+    one = Coefficient(effect=effect, size=1.0, spread=1.0)
     if isinstance(effect, TemperatureDrift):
         tau_s = effect.time_constant_s
-        column = make.column(
-            RangeOffset(offset_mm=effect.amplitude_mm), 1.0, 1.0, profile=lambda t: np.asarray(-np.expm1(-t / tau_s))
-        )
+        constant = RangeOffset(offset_mm=effect.amplitude_mm)
+        one = Coefficient(effect=constant, size=1.0, spread=1.0, course=lambda t: np.asarray(-np.expm1(-t / tau_s)))
     elif isinstance(effect, Motion):
         moved = SurfacePose(surface=effect.surface, shift_mm=effect.velocity_mm_s)
-        column = make.column(moved, 1.0, 1.0, profile=lambda t: t)
-    else:
-        column = make.column(effect, 1.0, 1.0)
+        one = Coefficient(effect=moved, size=1.0, spread=1.0, course=lambda t: t)
+    column = make.column(one)
     return Term(kind=effect.kind, surface=getattr(effect, "surface", ""), columns=(column,), make=lambda _: effect)
 
 

@@ -11,8 +11,8 @@ from support.recordings import MAKE
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.parameters.fits import Fitted
 from tofmix.reconciliation.parameters.profiles import ProfiledParameter, parabola_error, stretch
-from tofmix.reconciliation.parameters.searches import Problem
 from tofmix.simulation.effects import Effect
+from tofmix.simulation.effects.search import Problem
 
 
 def parameter(

@@ -10,9 +10,10 @@ from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.reconciliation.parameters.fits import fit
 from tofmix.reconciliation.parameters.profiles import numeric
-from tofmix.reconciliation.parameters.searches import problems, stray_phasor
+from tofmix.reconciliation.parameters.searches import problems
 from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.effects.base import Latent
+from tofmix.simulation.effects.internal_reflection import stray_phasor
 from tofmix.simulation.model import Model
 
 

@@ -10,8 +10,8 @@ from scipy.optimize import minimize
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.likelihood.joint import acting_part
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
-from tofmix.reconciliation.parameters.searches import Problem
 from tofmix.simulation.effects import Effect
+from tofmix.simulation.effects.search import Problem
 
 _MOST_CALLS = 90  # of the likelihood, for up to three numbers
 _NEAR = 0.1  # of a step, if the start is the end of another search

@@ -13,13 +13,14 @@ import numpy as np
 
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.parameters.fits import fit
-from tofmix.reconciliation.parameters.searches import Problem, problems
+from tofmix.reconciliation.parameters.searches import problems
 from tofmix.reconciliation.search.columns import Term, summed_up, terms
 from tofmix.reconciliation.search.name import FAINT_SHARE, TriedEffect
 from tofmix.reconciliation.search.search_state import Settings, fit_part, name_of
 from tofmix.reconciliation.search.subsets import Explained, Subsets
 from tofmix.reconciliation.search.summaries import summaries
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.search import Problem
 
 ALIAS_NATS = 4.0
 """Difference of evidence that does not separate two sets: odds of 55 to 1."""

@@ -7,41 +7,7 @@ from tofmix.reconciliation.search.add import Added
 from tofmix.reconciliation.search.alternatives import ALIAS_NATS, MOST_ALIASES
 from tofmix.reconciliation.search.columns import summed_up
 from tofmix.reconciliation.search.subsets import Explained
-
-_DARK = "a dark and a bright board at each of two distances, of which nothing else of the scene is near"
-
-_SEPARATE: tuple[tuple[frozenset[str], str], ...] = (
-    (frozenset({"range_offset", "surface_pose"}), "a second surface"),
-    (frozenset({"range_offset", "temperature_drift"}), "20 minutes from power-on"),
-    (frozenset({"temperature_drift", "motion"}), "20 minutes from power-on, or a second surface that stands still"),
-    (frozenset({"range_offset", "amplitude_walk"}), "a dark and a bright board at one distance"),
-    (frozenset({"range_offset", "wiggling"}), "more distances, spread over a quarter of the unambiguous range"),
-    (frozenset({"range_offset", "fixed_pattern"}), "another scene: the pattern stays with its pixels"),
-    (frozenset({"range_offset", "multipath"}), "a scene without a surface beside the one that is too far"),
-    (frozenset({"range_offset", "scattering"}), "the same scene without its brightest surface"),
-    (frozenset({"surface_pose", "multipath"}), "the same surface alone, without others around it"),
-    (frozenset({"surface_pose", "motion"}), "a longer recording"),
-    (frozenset({"surface_pose", "wiggling"}), "the same surface at a second distance"),
-    (frozenset({"surface_pose", "amplitude_walk"}), "the same surface with another reflectivity"),
-    (frozenset({"surface_pose", "scattering"}), "the same scene without its brightest surface"),
-    (frozenset({"wiggling", "amplitude_walk"}), "a dark and a bright board at one distance"),
-    (frozenset({"wiggling", "fixed_pattern"}), "the same image at a second distance"),
-    (frozenset({"wiggling", "scattering"}), "the same scene without its brightest surface"),
-    (frozenset({"wiggling", "multipath"}), "the same surface at a second distance, without others around it"),
-    (frozenset({"scattering", "multipath"}), "the same scene without its brightest surface"),
-    (frozenset({"scattering", "amplitude_walk"}), "the same scene without its brightest surface"),
-    (frozenset({"internal_reflection", "range_offset"}), _DARK),
-    (frozenset({"internal_reflection", "surface_pose"}), _DARK),
-    (frozenset({"internal_reflection", "wiggling"}), _DARK),
-    (frozenset({"internal_reflection", "amplitude_walk"}), _DARK),
-    (frozenset({"internal_reflection", "scattering"}), _DARK),
-    (frozenset({"internal_reflection", "multipath"}), _DARK),
-    (frozenset({"internal_reflection", "fixed_pattern"}), "another scene: the pattern stays with its pixels"),
-    (frozenset({"excess_noise", "multipath"}), "the same surface alone, without others around it"),
-    (frozenset({"dropout", "saturation"}), "surfaces of other reflectivities"),
-    (frozenset({"excess_noise", "vignetting"}), "a flat wall that fills the image"),
-    (frozenset({"flying_pixels", "pixel_crosstalk"}), "edges between surfaces of very different brightness"),
-)
+from tofmix.simulation.effects import EFFECTS
 
 NOTHING = "no effect"
 """Name of an explanation without any effect."""
@@ -85,9 +51,17 @@ class Alias:
 def separate_by(found: Iterable[str], others: Iterable[str]) -> str:
     """A recording that separates effects of some kinds from those of others."""
     pairs = [{one, other} for one in found for other in others]
-    wanted = dict.fromkeys(words for kinds in pairs for pair, words in _SEPARATE if pair == kinds)
+    wanted = dict.fromkeys(words for kinds in pairs for words in _recordings(kinds))
     whole = [words for words in wanted if not any(words != other and words in other for other in wanted)]
     return "; and ".join(whole) or "another scene, with other distances and reflectivities"
+
+
+def _recordings(kinds: set[str]) -> list[str]:
+    """The recordings that two kinds declare to tell them apart."""
+    known = [EFFECTS[kind] for kind in sorted(kinds & EFFECTS.keys())]
+    return [
+        words for effect in known for other, words in effect.separated_from.items() if {effect.kind, other} == kinds
+    ]
 
 
 def aliases(added: Added, *, named: bool) -> tuple[Alias, ...]:

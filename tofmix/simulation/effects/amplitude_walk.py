@@ -1,16 +1,36 @@
 """A bias that depends on the amplitude of a sample."""
 
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
 
+from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 from tofmix.simulation.effects.prior import StudentPrior
+from tofmix.simulation.effects.search import (
+    Coefficient,
+    FormFacts,
+    LinearForm,
+    Problem,
+    SearchFacts,
+    bounded,
+    spread_of,
+)
 
 _LARGEST_MM = 1.0e5  # beyond any range: amplitude 0 must not give infinity
+
+
+_FLAT = 0.1
+"""Exponent below which a walk is an offset."""
+
+_EXPONENTS = (0.5, 1.0, 1.6)
+"""Of linear forms, and where searches begin."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,6 +53,9 @@ class AmplitudeWalk(Effect):
     basis: ClassVar[str] = "reported"
     target: ClassVar[Target] = Target.BIAS
     shows_in: ClassVar[tuple[str, ...]] = ("bias", "pattern")
+    separated_from: ClassVar[Mapping[str, str]] = {
+        "range_offset": "a dark and a bright board at one distance",
+    }
 
     scale_mm: float = number(
         "Bias at the reference amplitude.",
@@ -55,6 +78,34 @@ class AmplitudeWalk(Effect):
         typical=(0.5, 2),
         prior=StudentPrior(center=1, scale=0.6),
     )
+
+    @classmethod
+    def problems(cls, facts: SearchFacts) -> Iterator[Problem]:
+        """From either sign and three exponents; the reference is a typical amplitude."""
+        lit = facts.lit_amplitudes
+        if lit.size == 0:
+            return
+        reference = float(f"{math.exp(np.log(lit).mean()):.4g}")
+
+        def make(x: FloatArray) -> Effect:
+            return cls(
+                scale_mm=float(x[0]) * facts.sigma_mm, reference_amplitude=reference, exponent=bounded(x[1], 0.05, 4.0)
+            )
+
+        starts = tuple((size, exponent) for size in (-0.5, 0.5) for exponent in _EXPONENTS)
+        yield Problem(make=make, starts=starts, steps=(0.2, 0.2), other=lambda x: bool(x[1] < _FLAT))
+
+    @classmethod
+    def linear_forms(cls, facts: FormFacts) -> Iterator[LinearForm]:
+        """The scale, for each of some exponents."""
+        size, spread = facts.sigma_mm, spread_of(cls, "scale_mm")
+
+        def made(exponent: float, c: FloatArray) -> Effect:
+            return cls(scale_mm=float(c[0]), reference_amplitude=facts.amplitude, exponent=exponent)
+
+        for exponent in _EXPONENTS:
+            scale = Coefficient(effect=made(exponent, np.array([size])), size=size, spread=spread)
+            yield LinearForm(coefficients=(scale,), make=partial(made, exponent), choices=len(_EXPONENTS))
 
     def explain(self) -> str:
         """One sentence."""

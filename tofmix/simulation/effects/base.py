@@ -9,7 +9,7 @@ override `sample` and `predict` as well.
 
 import math
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -21,13 +21,15 @@ from tofmix.arrays import FloatArray
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import beam_directions_of
 from tofmix.sensors.profile import SensorProfile
-from tofmix.simulation.effects.parameter import Parameter, declared_parameters
+from tofmix.simulation.effects.parameter import Holds, Parameter, declared_parameters
 from tofmix.simulation.effects.prior import FARTHEST, Prior
+from tofmix.simulation.effects.search import declared_forms, declared_problems
 from tofmix.toml_table import nearest
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
     from tofmix.simulation.echoes import Echoes, FrameSamples
+    from tofmix.simulation.effects.search import FormFacts, LinearForm, Problem, SearchFacts
     from tofmix.simulation.surface import Surface
 
 _RECORDING, _FRAME = 0, 1  # branches of an effect's random streams
@@ -200,9 +202,8 @@ class Effect:
         Statistics of `tofmix.reconciliation.comparison.panel` that it changes. It is never named for a deviation in
         other statistics. Empty for an exact law, which needs no such check.
     latent : Latent
-        Hidden state that links its samples. `reconcile` searches for a kind without one by its parameters. If the
-        likelihood has several maxima, as for a frequency, the search has several starts
-        (`tofmix.reconciliation.parameters.searches`).
+        Hidden state that links its samples. `reconcile` searches for a kind without one by its parameters
+        (`Effect.problems`).
     exact_law : bool
         Whether cameras follow its law exactly. Then a single sample that fits exactly gains as much as many samples
         that fit roughly.
@@ -217,6 +218,8 @@ class Effect:
         Whether a camera that averages on board can be simulated with it.
     magnitudes : tuple of str
         Numbers that are 0 together where the effect is absent; empty for the numbers that have a `zero`.
+    separated_from : mapping of str to str
+        For other kinds that one recording may not separate from it: a recording that does. Of two kinds one says it.
     remedy : str
         How a user measures or lessens it; empty for none. `reconcile` advises it where it names the kind.
     """
@@ -236,6 +239,7 @@ class Effect:
     acts_on_phase: ClassVar[bool] = False
     averages: ClassVar[bool] = True
     magnitudes: ClassVar[tuple[str, ...]] = ()
+    separated_from: ClassVar[Mapping[str, str]] = {}
     remedy: ClassVar[str] = ""
 
     def __post_init__(self) -> None:
@@ -247,6 +251,36 @@ class Effect:
     def parameters(cls) -> Mapping[str, Parameter]:
         """The declared parameters by name."""
         return {parameter.name: parameter for parameter in declared_parameters(cls)}
+
+    @classmethod
+    def problems(cls, facts: "SearchFacts") -> "Iterator[Problem]":
+        """The searches for its numbers; none if the recordings cannot show it."""
+        return declared_problems(cls, facts)
+
+    @classmethod
+    def linear_forms(cls, facts: "FormFacts") -> "Iterator[LinearForm]":  # noqa: ARG003  for laws that need them
+        """Its law for small numbers, as linear coefficients.
+
+        Raises
+        ------
+        ValueError
+            If the camera or the scene cannot have the effect.
+        """
+        return declared_forms(cls)
+
+    @classmethod
+    def has_linear_form(cls) -> bool:
+        """Whether it moves or widens the samples of a pixel by a law."""
+        own = any("linear_forms" in vars(c) for c in cls.__mro__ if c is not Effect)
+        return own or cls.number_of_form() is not None
+
+    @classmethod
+    def number_of_form(cls) -> Parameter | None:
+        """The number in proportion to which it moves or widens samples, by its declaration; None without one."""
+        if cls.latent is not Latent.NONE or cls.target not in (Target.BIAS, Target.SPREAD):
+            return None
+        numbers = [p for p in cls.parameters().values() if p.holds is not Holds.MAP]
+        return numbers[0] if len(numbers) == 1 and numbers[0].zero == 0 and numbers[0].typical[1] > 0 else None
 
     @property
     def outlier_share(self) -> float:

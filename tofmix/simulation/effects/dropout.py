@@ -1,15 +1,19 @@
 """Samples that are lost at random, or because they are dark."""
 
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from scipy.special import ndtr
 
+from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 from tofmix.simulation.effects.prior import UniformPrior
+from tofmix.simulation.effects.search import Problem, SearchFacts, bounded
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
@@ -31,6 +35,9 @@ class Dropout(Effect):
     basis: ClassVar[str] = "assumed"
     target: ClassVar[Target] = Target.LOSS
     shows_in: ClassVar[tuple[str, ...]] = ("invalid",)
+    separated_from: ClassVar[Mapping[str, str]] = {
+        "saturation": "surfaces of other reflectivities",
+    }
 
     probability: float = number(
         "Share of the samples that is lost at random.",
@@ -48,6 +55,35 @@ class Dropout(Effect):
     threshold_noise: float = number(
         "Standard deviation of the noise on the compared amplitude.", unit="1", low=0, high=1e9, default=0
     )
+
+    @classmethod
+    def problems(cls, facts: SearchFacts) -> Iterator[Problem]:
+        """At random, and with a threshold; only if samples are lost."""
+        lost = float(facts.lost_shares.mean())
+        if lost <= 0:
+            return
+
+        def by_chance(x: FloatArray) -> Effect:
+            return cls(probability=math.exp(bounded(x[0], -20, -0.01)))
+
+        def weak(x: FloatArray) -> Effect:
+            threshold = math.exp(x[0])
+            return cls(
+                probability=math.exp(bounded(x[1], -20, -0.01)),
+                threshold=threshold,
+                threshold_noise=threshold * math.exp(bounded(x[2], -7, 1)),
+            )
+
+        yield Problem(make=by_chance, starts=((math.log(lost),),), steps=(0.1,))
+        levels = np.quantile(facts.lit_amplitudes, (0.005, 0.02, 0.06, 0.15, 0.4))
+        starts = tuple(
+            (math.log(level * part), math.log(rest * lost), width)
+            for level in levels
+            for part in (0.8, 1.0)
+            for rest in (0.02, 0.5)
+            for width in (-3.5, -2.0)
+        )
+        yield Problem(make=weak, starts=starts, steps=(0.05, 0.4, 0.4))
 
     def explain(self) -> str:
         """One sentence."""

@@ -1,5 +1,7 @@
 """More noise than the sensor's curve gives."""
 
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -7,6 +9,18 @@ from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 from tofmix.simulation.effects.prior import about
+from tofmix.simulation.effects.search import (
+    Coefficient,
+    FormFacts,
+    LinearForm,
+    Problem,
+    SearchFacts,
+    of_logarithm,
+    spread_of_factor,
+)
+
+_WIDER = 0.05
+"""Logarithm of a factor, for slopes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,10 +42,24 @@ class ExcessNoise(Effect):
     basis: ClassVar[str] = "physics"
     target: ClassVar[Target] = Target.SPREAD
     shows_in: ClassVar[tuple[str, ...]] = ("spread", "tails", "skew", "spread_pattern", "memory")
+    separated_from: ClassVar[Mapping[str, str]] = {
+        "vignetting": "a flat wall that fills the image",
+    }
 
     factor: float = number(
         "Factor on sigma.", unit="1", low=0.01, high=100, zero=1, typical=(1.05, 3), prior=about(1, 2)
     )
+
+    @classmethod
+    def problems(cls, facts: SearchFacts) -> Iterator[Problem]:  # noqa: ARG003
+        """By the logarithm of the factor."""
+        yield of_logarithm(cls, "factor", (0.9, 1.1, 1.5))
+
+    @classmethod
+    def linear_forms(cls, facts: FormFacts) -> Iterator[LinearForm]:  # noqa: ARG003
+        """The logarithm of the factor."""
+        wider = Coefficient(effect=cls(factor=math.exp(_WIDER)), size=_WIDER, spread=spread_of_factor(cls, "factor"))
+        yield LinearForm(coefficients=(wider,), make=lambda c: cls(factor=math.exp(c[0])))
 
     def explain(self) -> str:
         """One sentence."""

@@ -1,5 +1,6 @@
 """A constant bias of each pixel, column and row."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -38,6 +39,9 @@ class FixedPattern(Effect):
         "exact for the map, or for the pattern that the seed draws; over all patterns a random effect that pixels of"
         " one column or row share"
     )
+    separated_from: ClassVar[Mapping[str, str]] = {
+        "range_offset": "another scene: the pattern stays with its pixels",
+    }
 
     pixel_sigma_mm: float = number(
         "Spread from pixel to pixel.",

@@ -1,5 +1,6 @@
 """Mixed pixels: the alternative to equation (1), in which one sample mixes all surfaces of the pixel."""
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -10,6 +11,7 @@ from tofmix.simulation.echoes import ComplexArray, Echoes, FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 from tofmix.simulation.effects.prior import UniformPrior
+from tofmix.simulation.effects.search import Problem, SearchFacts, of_logarithm
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
@@ -42,6 +44,9 @@ class FlyingPixels(Effect):
     target: ClassVar[Target] = Target.MIXTURE
     shows_in: ClassVar[tuple[str, ...]] = ("bias", "skew", "spread", "bridging")
     acts_on_phase: ClassVar[bool] = True
+    separated_from: ClassVar[Mapping[str, str]] = {
+        "pixel_crosstalk": "edges between surfaces of very different brightness",
+    }
 
     probability: float = number(
         "Share of the samples that mix.",
@@ -52,6 +57,11 @@ class FlyingPixels(Effect):
         typical=(0.05, 1),
         prior=UniformPrior(low=0, high=1),
     )
+
+    @classmethod
+    def problems(cls, facts: SearchFacts) -> Iterator[Problem]:  # noqa: ARG003
+        """By the logarithm of the probability."""
+        yield of_logarithm(cls, "probability", (0.01, 0.1, 0.6))
 
     def explain(self) -> str:
         """One sentence."""

@@ -2,13 +2,31 @@
 
 import cmath
 import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
+from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 from tofmix.simulation.effects.prior import StudentPrior
+from tofmix.simulation.effects.search import (
+    Coefficient,
+    FormFacts,
+    LinearForm,
+    Problem,
+    SearchFacts,
+    bounded,
+    spread_of,
+)
+
+_SMALL = 0.01
+"""Part of a typical amplitude, for slopes."""
+
+_DARK = "a dark and a bright board at each of two distances, of which nothing else of the scene is near"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,6 +64,15 @@ class InternalReflection(Effect):
     target: ClassVar[Target] = Target.BIAS
     shows_in: ClassVar[tuple[str, ...]] = ("bias", "pattern", "spread")
     acts_on_phase: ClassVar[bool] = True
+    separated_from: ClassVar[Mapping[str, str]] = {
+        "range_offset": _DARK,
+        "surface_pose": _DARK,
+        "wiggling": _DARK,
+        "amplitude_walk": _DARK,
+        "scattering": _DARK,
+        "multipath": _DARK,
+        "fixed_pattern": "another scene: the pattern stays with its pixels",
+    }
 
     amplitude: float = number(
         "Amplitude of the reflected light.",
@@ -65,6 +92,41 @@ class InternalReflection(Effect):
         prior=StudentPrior(center=50, scale=100, dof=3),
     )
 
+    @classmethod
+    def problems(cls, facts: SearchFacts) -> Iterator[Problem]:
+        """Two components of the phasor, in units that shift the range of a typical pixel by about sigma."""
+        lit = facts.lit_amplitudes
+        if lit.size == 0:
+            return
+        unit = max(float(np.median(lit)) * 2 * math.pi * facts.sigma_mm / facts.turn_mm, 1e-6)
+
+        def make(x: FloatArray) -> Effect:
+            size = bounded(math.hypot(x[0], x[1]) * unit, 0, 1e6)
+            return cls(amplitude=size, range_mm=math.atan2(x[1], x[0]) / (2 * math.pi) * facts.turn_mm)
+
+        stray = stray_phasor(facts.range_mm, facts.amplitude, facts.residual_mm, facts.noise_mm, facts.turn_mm)
+        starts = tuple((z.real, z.imag) for z in (stray / unit, 1, 1j, -1, -1j))
+        yield Problem(make=make, starts=starts, steps=(0.3, 0.3))
+
+    @classmethod
+    def linear_forms(cls, facts: FormFacts) -> Iterator[LinearForm]:
+        """The phasor's component at the most likely range, and that a quarter turn off, as the range is uncertain."""
+        turn_mm, size = facts.turn_mm, _SMALL * facts.amplitude
+        likely = cls.parameters()["range_mm"].prior
+        middle_mm = likely.center if isinstance(likely, StudentPrior) else 0.0
+
+        def make(c: FloatArray) -> Effect:
+            range_mm = middle_mm + math.atan2(c[1], c[0]) / (2 * math.pi) * turn_mm
+            return cls(amplitude=math.hypot(c[0], c[1]), range_mm=range_mm)
+
+        along = spread_of(cls, "amplitude")
+        across = along * 2 * math.pi / turn_mm * spread_of(cls, "range_mm")
+        both = (
+            Coefficient(effect=make(np.array((size, 0.0))), size=size, spread=along),
+            Coefficient(effect=make(np.array((0.0, size))), size=size, spread=across),
+        )
+        yield LinearForm(coefficients=both, make=make)
+
     def explain(self) -> str:
         """One sentence."""
         return (
@@ -77,3 +139,34 @@ class InternalReflection(Effect):
         z = echoes.phasor()
         reflected = cmath.rect(self.amplitude, 2 * math.pi * self.range_mm / context.turn_mm)
         echoes.replace_phasor(z, z + reflected)
+
+
+def stray_phasor(
+    range_mm: FloatArray, amplitude: FloatArray, residual_mm: FloatArray, sigma_mm: FloatArray, turn_mm: float
+) -> complex:
+    """The small phasor c that, added to every pixel's, explains most of the residuals: linear least squares.
+
+    Parameters
+    ----------
+    range_mm, amplitude : (pixel,) float64
+        Predicted range, mm, and amplitude.
+    residual_mm : (pixel,) float64
+        Measured minus predicted range, mm; NaN where it is not known.
+    sigma_mm : (pixel,) float64
+        Noise, mm.
+    turn_mm : float
+        d_u, mm.
+
+    Returns
+    -------
+    complex
+        To first order a pixel is moved by d_u / 2 pi Im(c exp(-2 pi i r / d_u)) / A. 0 if no pixel has an amplitude.
+    """
+    known = ~np.isnan(residual_mm) & (amplitude > 0)
+    if math.isnan(turn_mm) or not known.any():
+        return 0j
+    phase = 2 * math.pi * range_mm[known] / turn_mm
+    lever = turn_mm / (2 * math.pi) / (amplitude * sigma_mm)[known]
+    columns = np.stack([-np.sin(phase), np.cos(phase)], axis=1) * lever[:, None]
+    real, imaginary = np.linalg.lstsq(columns, residual_mm[known] / sigma_mm[known], rcond=None)[0]
+    return complex(real, imaginary)

@@ -1,12 +1,16 @@
 """A surface that moves during the recording."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
+from tofmix.arrays import FloatArray
 from tofmix.simulation.effects.base import Effect, Level, Target
 from tofmix.simulation.effects.parameter import number, surface
 from tofmix.simulation.effects.prior import StudentPrior
-from tofmix.simulation.effects.surface_pose import shifted
+from tofmix.simulation.effects.search import Coefficient, FormFacts, LinearForm, Problem, SearchFacts, spread_of
+from tofmix.simulation.effects.surface_pose import SurfacePose, shifted
 
 if TYPE_CHECKING:
     from tofmix.simulation.surface import Surface
@@ -41,6 +45,33 @@ class Motion(Effect):
         typical=(0.1, 1000),
         prior=StudentPrior(scale=300, dof=2),
     )
+
+    @classmethod
+    def problems(cls, facts: SearchFacts) -> Iterator[Problem]:
+        """The way of each surface within the recordings, in sigma."""
+
+        def moving(surface: str, scale: float, x: FloatArray) -> Effect:
+            return cls(surface=surface, velocity_mm_s=float(x[0]) * scale)
+
+        for seen in facts.surfaces:
+            there = ((seen.residual_mm / seen.sigma_mm * 2.0,),) if seen.far else ()  # twice the mean
+            make = partial(moving, seen.name, seen.sigma_mm / facts.duration_s)
+            yield Problem(make=make, starts=((-1.5,), (1.5,), *there), steps=(0.3,))
+
+    @classmethod
+    def linear_forms(cls, facts: FormFacts) -> Iterator[LinearForm]:
+        """The way within the recordings. It has the prior of a pose."""
+        size, duration_s = facts.sigma_mm, facts.duration_s
+
+        def moving(surface: str, c: FloatArray) -> Effect:
+            return cls(surface=surface, velocity_mm_s=float(c[0]) / duration_s)
+
+        for seen in facts.surfaces:
+            at_once = SurfacePose.tilted(seen, size)
+            way = Coefficient(
+                effect=at_once, size=size, spread=spread_of(SurfacePose, "shift_mm"), course=lambda t: t / duration_s
+            )
+            yield LinearForm(coefficients=(way,), make=partial(moving, seen.name), surface=seen.name)
 
     def explain(self) -> str:
         """One sentence."""

@@ -2,21 +2,37 @@
 
 import cmath
 import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
 
+from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number, surface
 from tofmix.simulation.effects.prior import Prior, StudentPrior, about
+from tofmix.simulation.effects.search import (
+    Coefficient,
+    FormFacts,
+    LinearForm,
+    Problem,
+    SearchFacts,
+    bounded,
+    spread_of,
+)
 
 _SHARE = 0.25
 """Scale of the share of a short second path: half of the light of a bright wall beside the surface."""
 
 _NEAR_MM = 2000.0
 """Distance of a surface in a room, from which the light of a second path spreads."""
+
+
+_SMALL = 0.01
+"""Share for slopes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,6 +60,11 @@ class Multipath(Effect):
     target: ClassVar[Target] = Target.BIAS
     shows_in: ClassVar[tuple[str, ...]] = ("bias", "pattern", "spread")
     acts_on_phase: ClassVar[bool] = True
+    separated_from: ClassVar[Mapping[str, str]] = {
+        "range_offset": "a scene without a surface beside the one that is too far",
+        "wiggling": "the same surface at a second distance, without others around it",
+        "excess_noise": "the same surface alone, without others around it",
+    }
 
     surface: str = surface("The surface that the second path leads to.")
     share: float = number(
@@ -63,6 +84,41 @@ class Multipath(Effect):
         typical=(200, 4000),
         prior=about(1000, 1.9),
     )
+
+    @classmethod
+    def problems(cls, facts: SearchFacts) -> Iterator[Problem]:
+        """Two components: in phase, which changes the amplitude, and a quarter turn off, which changes the range."""
+
+        def made(surface: str, unit: float, x: FloatArray) -> Effect:
+            path = bounded(math.atan2(x[1], x[0]) % (2 * math.pi) / math.pi, 0.02, 1.98) * facts.turn_mm
+            share = bounded(math.hypot(x[0], x[1]) * unit, 1e-4, 0.99)
+            return cls(surface=surface, share=share, extra_path_mm=path)
+
+        turns = [math.pi * path for path in (0.15, 0.35, 0.6, 0.85, 1.15, 1.5, 1.85)]
+        for seen in facts.surfaces:
+            unit = min(0.2, max(0.006, 2 * math.pi * seen.sigma_mm / facts.turn_mm))  # moves the range by about sigma
+            starts = [(size * math.cos(t), size * math.sin(t)) for size in (1.5, 4.5) for t in turns]
+            if seen.far:
+                slope = math.tan(2 * math.pi * min(max(seen.residual_mm / facts.turn_mm, -0.2), 0.2))
+                starts += [(along / unit, (1 + along) * slope / unit) for along in (-0.3, 0.0, 0.3)]
+            yield Problem(make=partial(made, seen.name, unit), starts=tuple(starts), steps=(0.3, 0.3))
+
+    @classmethod
+    def linear_forms(cls, facts: FormFacts) -> Iterator[LinearForm]:
+        """Components of the second path's phasor: in phase, which changes the noise, and a quarter turn off."""
+
+        def made(surface: str, c: FloatArray) -> Effect:
+            path_mm = math.atan2(c[1], c[0]) % (2 * math.pi) / math.pi * facts.turn_mm
+            return cls(surface=surface, share=math.hypot(c[0], c[1]), extra_path_mm=path_mm)
+
+        spread = spread_of(cls, "share")
+        for seen in facts.surfaces:
+            make = partial(made, seen.name)
+            both = tuple(
+                Coefficient(effect=make(np.array(c)), size=_SMALL, spread=spread)
+                for c in ((_SMALL, 0.0), (0.0, _SMALL))
+            )
+            yield LinearForm(coefficients=both, make=make, surface=seen.name)
 
     def priors(self) -> dict[str, Prior]:
         """A longer path has less light: it spreads over a square of the whole way, as from a surface at `_NEAR_MM`."""

@@ -1,14 +1,18 @@
 """Samples of a direct sensor that are of its own cover glass or housing."""
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 from tofmix.simulation.effects.prior import UniformPrior, about
+from tofmix.simulation.effects.search import Problem, SearchFacts, bounded
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
@@ -63,6 +67,20 @@ class NearReturn(Effect):
         typical=(1, 20),
         prior=about(5, 2.5),
     )
+
+    @classmethod
+    def problems(cls, facts: SearchFacts) -> Iterator[Problem]:
+        """From the samples before the scene; none without such samples."""
+        likely = cls.parameters()["range_mm"].prior
+        found = facts.nearer(*((0.0, math.inf) if likely is None else likely.farthest))
+        if found is None:
+            return
+
+        def make(x: FloatArray) -> Effect:
+            share, range_mm, sigma_mm = (math.exp(bounded(v, -25, 12)) for v in x)
+            return cls(share=share, range_mm=range_mm, sigma_mm=sigma_mm)
+
+        yield Problem(make=make, starts=(tuple(math.log(v) for v in found),), steps=(0.2, 0.05, 0.2))
 
     def explain(self) -> str:
         """One sentence."""

@@ -1,5 +1,6 @@
 """Random values in addition to the sensor's own."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -10,9 +11,14 @@ from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 from tofmix.simulation.effects.prior import UniformPrior
+from tofmix.simulation.effects.search import Problem, SearchFacts, of_logarithm
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
+
+
+_MOST = 0.5
+"""Largest share that is searched for."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,6 +49,11 @@ class Outliers(Effect):
         typical=(0.001, 0.05),
         prior=UniformPrior(low=0, high=0.5),
     )
+
+    @classmethod
+    def problems(cls, facts: SearchFacts) -> Iterator[Problem]:  # noqa: ARG003
+        """By the logarithm of the probability."""
+        yield of_logarithm(cls, "probability", (0.0005, 0.01), most=_MOST)
 
     @property
     def outlier_share(self) -> float:

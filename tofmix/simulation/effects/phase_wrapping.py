@@ -1,12 +1,23 @@
 """Ranges beyond the unambiguous one, folded back."""
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
+
+import numpy as np
 
 from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target, refuse_without_phase
 from tofmix.simulation.effects.parameter import number
+from tofmix.simulation.effects.search import Problem, SearchFacts
+
+_BY_CHANCE = 0.05
+"""Chance that a value lies so near a whole number."""
+
+_NEAR = 4.0
+"""Sigma below the turn, from which noise folds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,6 +46,20 @@ class PhaseWrapping(Effect):
         low_open=True,
         required=False,
     )
+
+    @classmethod
+    def problems(cls, facts: SearchFacts) -> Iterator[Problem]:
+        """At the camera's own turn, because a free one absorbs an offset; only if samples can fold.
+
+        They can if a surface is near enough to the turn, or if pixels are off by a whole turn, so closely that chance
+        gives this in 1 of 20.
+        """
+        if math.isnan(facts.turn_mm):
+            return
+        turns = facts.residual_mm / facts.turn_mm
+        whole = (np.rint(turns) != 0) & (np.abs(turns - np.rint(turns)) < 0.5 * _BY_CHANCE)
+        if facts.farthest_mm + _NEAR * facts.sigma_mm > facts.turn_mm or whole.any():
+            yield Problem(make=lambda _: cls(unambiguous_range_mm=facts.turn_mm), starts=((),), steps=())
 
     def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:
         """A camera without phase folds only at a given range."""

@@ -12,6 +12,7 @@ from tofmix.simulation.echoes import ComplexArray, Echoes, FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 from tofmix.simulation.effects.prior import StudentPrior
+from tofmix.simulation.effects.search import Problem, SearchFacts, of_logarithm
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
@@ -52,6 +53,11 @@ class PixelCrosstalk(Effect):
         typical=(0.002, 0.05),
         prior=StudentPrior(scale=0.025, half=True),
     )
+
+    @classmethod
+    def problems(cls, facts: SearchFacts) -> Iterator[Problem]:  # noqa: ARG003
+        """By the logarithm of the share."""
+        yield of_logarithm(cls, "share", (0.003, 0.03))
 
     def explain(self) -> str:
         """One sentence."""

@@ -1,5 +1,6 @@
 """A constant bias of every range."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -7,6 +8,15 @@ from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 from tofmix.simulation.effects.prior import StudentPrior
+from tofmix.simulation.effects.search import (
+    Coefficient,
+    FormFacts,
+    LinearForm,
+    Problem,
+    SearchFacts,
+    of_sigma,
+    spread_of,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,6 +51,18 @@ class RangeOffset(Effect):
         typical=(2, 50),
         prior=StudentPrior(scale=25, dof=2),
     )
+
+    @classmethod
+    def problems(cls, facts: SearchFacts) -> Iterator[Problem]:
+        """Below and above 0."""
+        yield of_sigma(cls, "offset_mm", (-0.3, 0.3), facts.sigma_mm)
+
+    @classmethod
+    def linear_forms(cls, facts: FormFacts) -> Iterator[LinearForm]:
+        """Every range moves by the coefficient."""
+        size = facts.sigma_mm
+        one = Coefficient(effect=cls(offset_mm=size), size=size, spread=spread_of(cls, "offset_mm"))
+        yield LinearForm(coefficients=(one,), make=lambda c: cls(offset_mm=float(c[0])))
 
     def explain(self) -> str:
         """One sentence."""

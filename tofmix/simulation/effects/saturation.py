@@ -1,16 +1,24 @@
 """Bright samples that exceed the full well of the pixel."""
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
+from tofmix.simulation.effects.search import Problem, SearchFacts
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
+
+
+_MOSTLY = 0.5
+"""Share of lost samples, above which a pixel is saturated."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,6 +43,21 @@ class Saturation(Effect):
     full_well_amplitude: float = number(
         "Largest amplitude that is valid.", unit="1", low=0, high=1e9, low_open=True, zero=1e9, typical=(100, 5000)
     )
+
+    @classmethod
+    def problems(cls, facts: SearchFacts) -> Iterator[Problem]:
+        """By the logarithm of the well, from amplitudes; only if samples are lost."""
+        if not facts.lost_shares.any():
+            return
+
+        def make(x: FloatArray) -> Effect:
+            return cls(full_well_amplitude=math.exp(x[0]))
+
+        hit = (facts.lost_shares > _MOSTLY) & (facts.amplitudes > 0)
+        spare = np.quantile(facts.lit_amplitudes, (0.5, 0.8, 0.9, 0.95, 0.98, 0.995))
+        of_hit = np.quantile(facts.amplitudes[hit], (0.0, 0.02, 0.1)) if hit.any() else spare[:0]
+        levels = np.concatenate([of_hit, spare])
+        yield Problem(make=make, starts=tuple((math.log(level),) for level in levels), steps=(0.02,))
 
     def explain(self) -> str:
         """One sentence."""

@@ -1,5 +1,6 @@
 """Stray light in the lens: every pixel gets a share of the whole image."""
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -7,9 +8,22 @@ from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 from tofmix.simulation.effects.prior import StudentPrior
+from tofmix.simulation.effects.search import (
+    Coefficient,
+    FormFacts,
+    LinearForm,
+    Problem,
+    SearchFacts,
+    of_logarithm,
+    spread_of,
+)
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
+
+
+_SMALL = 0.01
+"""Share for slopes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +53,12 @@ class Scattering(Effect):
     target: ClassVar[Target] = Target.BIAS
     shows_in: ClassVar[tuple[str, ...]] = ("bias", "pattern")
     acts_on_phase: ClassVar[bool] = True
+    separated_from: ClassVar[Mapping[str, str]] = {
+        "range_offset": "the same scene without its brightest surface",
+        "wiggling": "the same scene without its brightest surface",
+        "multipath": "the same scene without its brightest surface",
+        "amplitude_walk": "the same scene without its brightest surface",
+    }
 
     share: float = number(
         "Share of the mean phasor that each pixel gets.",
@@ -50,6 +70,17 @@ class Scattering(Effect):
         typical=(0.001, 0.1),
         prior=StudentPrior(scale=0.05, half=True),
     )
+
+    @classmethod
+    def problems(cls, facts: SearchFacts) -> Iterator[Problem]:  # noqa: ARG003
+        """By the logarithm of the share."""
+        yield of_logarithm(cls, "share", (0.002, 0.02, 0.1))
+
+    @classmethod
+    def linear_forms(cls, facts: FormFacts) -> Iterator[LinearForm]:  # noqa: ARG003
+        """The share."""
+        one = Coefficient(effect=cls(share=_SMALL), size=_SMALL, spread=spread_of(cls, "share"))
+        yield LinearForm(coefficients=(one,), make=lambda c: cls(share=float(c[0])))
 
     def explain(self) -> str:
         """One sentence."""

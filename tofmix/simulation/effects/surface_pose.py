@@ -1,17 +1,28 @@
 """A surface with another pose than in the model."""
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from tofmix.arrays import FloatArray
 from tofmix.simulation.effects.base import Effect, Level, Target
 from tofmix.simulation.effects.parameter import number, surface
 from tofmix.simulation.effects.prior import StudentPrior
+from tofmix.simulation.effects.search import Coefficient, FormFacts, LinearForm, Problem, SearchFacts, spread_of
 from tofmix.simulation.tilts import angle_changes
 
 if TYPE_CHECKING:
     from tofmix.simulation.surface import Surface
+
+
+_TURNED_NATS = 6.0
+"""Least evidence for tilts, two more numbers."""
+
+_TURN_DEG = 0.1
+"""Tilt for slopes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,6 +43,14 @@ class SurfacePose(Effect):
     target: ClassVar[Target] = Target.BIAS
     shows_in: ClassVar[tuple[str, ...]] = ("bias", "trend", "common_mode")
     magnitudes: ClassVar[tuple[str, ...]] = ("shift_mm", "yaw_deg", "pitch_deg")
+    separated_from: ClassVar[Mapping[str, str]] = {
+        "range_offset": "a second surface",
+        "multipath": "the same surface alone, without others around it",
+        "motion": "a longer recording",
+        "wiggling": "the same surface at a second distance",
+        "amplitude_walk": "the same surface with another reflectivity",
+        "scattering": "the same scene without its brightest surface",
+    }
 
     surface: str = surface("The surface that is moved.")
     shift_mm: float = number(
@@ -70,6 +89,47 @@ class SurfacePose(Effect):
         typical=(0.2, 4),
         prior=StudentPrior(scale=2, dof=2),
     )
+
+    @classmethod
+    def problems(cls, facts: SearchFacts) -> Iterator[Problem]:
+        """A shift; and a shift with tilts, if the plane of the surface is clearly tilted."""
+
+        def shifted_by(surface: str, sigma_mm: float, x: FloatArray) -> Effect:
+            return cls(surface=surface, shift_mm=float(x[0]) * sigma_mm)
+
+        def made(surface: "Surface", scales: tuple[float, float, float], x: FloatArray) -> Effect:
+            shift, about_u, about_v = (float(v) * scale for v, scale in zip(x, scales, strict=True))
+            return cls.tilted(surface, shift, (about_u, about_v))
+
+        for seen in facts.surfaces:
+            there = ((seen.residual_mm / seen.sigma_mm,),) if seen.far else ()
+            make = partial(shifted_by, seen.name, seen.sigma_mm)
+            yield Problem(make=make, starts=((-1.0,), (1.0,), *there), steps=(0.3,))
+        for seen in facts.surfaces:
+            if seen.turn_nats < _TURNED_NATS or min(seen.turned_deg) <= 0:
+                continue
+            scales = seen.sigma_mm, *seen.turned_deg
+            measured = (seen.shift_mm, *seen.tilts_deg)
+            start = tuple(value / scale for value, scale in zip(measured, scales, strict=True))
+            yield Problem(make=partial(made, seen.surface, scales), starts=(start,), steps=(0.3, 0.3, 0.3))
+
+    @classmethod
+    def linear_forms(cls, facts: FormFacts) -> Iterator[LinearForm]:
+        """A shift alone, or a shift with both tilts."""
+        size, shift, turn = facts.sigma_mm, spread_of(cls, "shift_mm"), spread_of(cls, "yaw_deg")
+
+        def made(surface: "Surface", c: FloatArray) -> Effect:
+            shift_mm, about_u, about_v = (*(float(v) for v in c), 0.0, 0.0)[:3]
+            return cls.tilted(surface, shift_mm, (about_u, about_v))
+
+        for seen in facts.surfaces:
+            away = Coefficient(effect=cls.tilted(seen, size), size=size, spread=shift)
+            tilts = tuple(
+                Coefficient(effect=cls.tilted(seen, 0.0, about), size=_TURN_DEG, spread=turn)
+                for about in ((_TURN_DEG, 0.0), (0.0, _TURN_DEG))
+            )
+            for coefficients in ((away,), (away, *tilts)):
+                yield LinearForm(coefficients=coefficients, make=partial(made, seen), surface=seen.name, choices=2)
 
     @classmethod
     def tilted(cls, surface: "Surface", shift_mm: float, tilts_deg: tuple[float, float] = (0.0, 0.0)) -> "SurfacePose":

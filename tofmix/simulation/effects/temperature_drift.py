@@ -1,6 +1,9 @@
 """Warm-up: a bias that grows and settles after power-on."""
 
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -10,6 +13,28 @@ from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 from tofmix.simulation.effects.prior import StudentPrior, about
+from tofmix.simulation.effects.range_offset import RangeOffset
+from tofmix.simulation.effects.search import (
+    Coefficient,
+    FormFacts,
+    LinearForm,
+    Problem,
+    SearchFacts,
+    bounded,
+    spread_of,
+)
+
+_TAUS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
+"""Time constants of linear forms, as parts of the duration."""
+
+_LEAST_FRAMES = 3.0
+"""Least time constant, in frames: a faster drift is an offset with a bad first frame."""
+
+_AT_ONCE = 1.2
+"""Of the shortest time constant, below which a drift is an offset."""
+
+_PAUSED = 1.5
+"""Times the duration of its frames, above which a recording has pauses."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,6 +58,10 @@ class TemperatureDrift(Effect):
     shows_in: ClassVar[tuple[str, ...]] = ("trend", "common_mode")
     changes_in_time: ClassVar[bool] = True
     static_partner: ClassVar[str] = "range_offset"
+    separated_from: ClassVar[Mapping[str, str]] = {
+        "range_offset": "20 minutes from power-on",
+        "motion": "20 minutes from power-on, or a second surface that stands still",
+    }
 
     amplitude_mm: float = number(
         "Final bias; negative if ranges become shorter.",
@@ -52,6 +81,43 @@ class TemperatureDrift(Effect):
         typical=(60, 1800),
         prior=about(120, 10),
     )
+
+    @classmethod
+    def problems(cls, facts: SearchFacts) -> Iterator[Problem]:
+        """The drift at the end, which is independent of the time constant, and the logarithm of the time constant."""
+        fastest = max(facts.recorded_s / 100, _LEAST_FRAMES * facts.interval_s)
+
+        def make(x: FloatArray) -> Effect:
+            tau = math.exp(bounded(x[1], math.log(fastest), math.log(facts.duration_s * 30)))
+            reached = -math.expm1(-facts.duration_s / tau)
+            return cls(amplitude_mm=float(x[0]) * facts.sigma_mm / reached, time_constant_s=tau)
+
+        paused = facts.duration_s > _PAUSED * facts.recorded_s
+        spans = {facts.recorded_s, facts.duration_s} if paused else {facts.duration_s}
+        taus = sorted({max(part * span, 1.1 * fastest) for part in (0.1, 0.4, 1.5) for span in spans})
+        yield Problem(
+            make=make,
+            starts=tuple((size, math.log(tau)) for size in (-1.0, 1.0) for tau in taus),
+            steps=(0.3, 0.4),
+            other=lambda x: bool(x[1] < math.log(_AT_ONCE * fastest)),
+        )
+
+    @classmethod
+    def linear_forms(cls, facts: FormFacts) -> Iterator[LinearForm]:
+        """The amplitude, for each of some time constants: an offset with its course in time."""
+        size, spread = facts.sigma_mm, spread_of(cls, "amplitude_mm")
+        constant = RangeOffset(offset_mm=size)
+
+        def made(tau_s: float, c: FloatArray) -> Effect:
+            return cls(amplitude_mm=float(c[0]), time_constant_s=tau_s)
+
+        def rise(tau_s: float, t: FloatArray) -> FloatArray:
+            return np.asarray(-np.expm1(-t / tau_s))
+
+        for part in _TAUS:
+            tau_s = part * facts.duration_s
+            one = Coefficient(effect=constant, size=size, spread=spread, course=partial(rise, tau_s))
+            yield LinearForm(coefficients=(one,), make=partial(made, tau_s), choices=len(_TAUS))
 
     def explain(self) -> str:
         """One sentence."""

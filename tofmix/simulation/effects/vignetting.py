@@ -1,6 +1,7 @@
 """Illumination and lens that are weaker towards the corners of the image."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -12,6 +13,18 @@ from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 from tofmix.simulation.effects.prior import StudentPrior
+from tofmix.simulation.effects.search import (
+    Coefficient,
+    FormFacts,
+    LinearForm,
+    Problem,
+    SearchFacts,
+    bounded,
+    spread_of_factor,
+)
+
+_WIDER = 0.05
+"""Logarithm of the factor, for slopes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,6 +53,23 @@ class Vignetting(Effect):
         typical=(1.1, 4),
         prior=StudentPrior(scale=0.5 * math.log(4), log=True, half=True),
     )
+
+    @classmethod
+    def problems(cls, facts: SearchFacts) -> Iterator[Problem]:  # noqa: ARG003
+        """By the logarithm of the factor in the corner."""
+
+        def make(x: FloatArray) -> Effect:
+            return cls(corner_factor=math.exp(bounded(x[0], 0, 4)))
+
+        yield Problem(make=make, starts=((0.05,), (0.3,), (0.8,)), steps=(0.1,))
+
+    @classmethod
+    def linear_forms(cls, facts: FormFacts) -> Iterator[LinearForm]:  # noqa: ARG003
+        """The logarithm of the factor in the corner."""
+        wider = Coefficient(
+            effect=cls(corner_factor=math.exp(_WIDER)), size=_WIDER, spread=spread_of_factor(cls, "corner_factor")
+        )
+        yield LinearForm(coefficients=(wider,), make=lambda c: cls(corner_factor=math.exp(c[0])))
 
     def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:  # noqa: ARG002
         """An image of one pixel has no corner."""

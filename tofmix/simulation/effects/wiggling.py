@@ -1,15 +1,18 @@
 """Harmonics of the modulation: a bias that is a sine of range."""
 
 import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
+from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 from tofmix.simulation.effects.prior import StudentPrior, UniformPrior
+from tofmix.simulation.effects.search import Coefficient, FormFacts, LinearForm, Problem, SearchFacts, spread_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,6 +39,11 @@ class Wiggling(Effect):
     target: ClassVar[Target] = Target.BIAS
     shows_in: ClassVar[tuple[str, ...]] = ("bias", "pattern")
     acts_on_phase: ClassVar[bool] = True
+    separated_from: ClassVar[Mapping[str, str]] = {
+        "range_offset": "more distances, spread over a quarter of the unambiguous range",
+        "amplitude_walk": "a dark and a bright board at one distance",
+        "fixed_pattern": "the same image at a second distance",
+    }
 
     amplitude_mm: float = number(
         "Largest bias.",
@@ -54,6 +62,29 @@ class Wiggling(Effect):
         default=0,
         prior=UniformPrior(low=-2 * math.pi, high=2 * math.pi),
     )
+
+    @classmethod
+    def problems(cls, facts: SearchFacts) -> Iterator[Problem]:
+        """Two components, from six phases."""
+
+        def make(x: FloatArray) -> Effect:
+            return cls(amplitude_mm=math.hypot(x[0], x[1]) * facts.sigma_mm, phase_rad=math.atan2(x[1], x[0]))
+
+        turns = np.linspace(0, 2 * np.pi, 6, endpoint=False)
+        yield Problem(make=make, starts=tuple((0.7 * math.cos(t), 0.7 * math.sin(t)) for t in turns), steps=(0.3, 0.3))
+
+    @classmethod
+    def linear_forms(cls, facts: FormFacts) -> Iterator[LinearForm]:
+        """Two components."""
+
+        def make(c: FloatArray) -> Effect:
+            return cls(amplitude_mm=math.hypot(c[0], c[1]), phase_rad=math.atan2(c[1], c[0]))
+
+        size, spread = facts.sigma_mm, spread_of(cls, "amplitude_mm")
+        both = tuple(
+            Coefficient(effect=make(np.array(c)), size=size, spread=spread) for c in ((size, 0.0), (0.0, size))
+        )
+        yield LinearForm(coefficients=both, make=make)
 
     def explain(self) -> str:
         """One sentence."""
