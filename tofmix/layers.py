@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from tofmix.sensor import Sensor
 
-MAX_LAYERS_LIMIT = 32  # layers of a pixel that a layers file may hold
-
 LAYER_DIMS = ("window", "row", "col", "layer")
 """Dimensions of layers; numbers of a pixel have the first three."""
 

@@ -8,7 +8,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, get_args
+
+from tofmix.choices import Mixing, Refine, Shape, Sigma, Split, Widths
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,9 +66,10 @@ class Option:
             return "" if value in self.choices else f"{name}: {value!r} is not one of {', '.join(self.choices)}"
         if not isinstance(value, Integral if self.whole else Real) or isinstance(value, bool):
             return f"{name}: {value!r} is not a {'whole number' if self.whole else 'number'}"
-        below = value <= self.low if self.low_open else value < self.low
-        above = value >= self.high if self.high_open or math.isinf(self.high) else value > self.high
-        return f"{name}: {value} is not {self.bounds}" if below or above or math.isnan(value) else ""
+        number = float(value)
+        below = number <= self.low if self.low_open else number < self.low
+        above = number >= self.high if self.high_open or math.isinf(self.high) else number > self.high
+        return f"{name}: {value} is not {self.bounds}" if below or above or math.isnan(number) else ""
 
 
 def check_options(settings: Any, options: Mapping[str, Option]) -> None:  # noqa: ANN401  of any class
@@ -89,9 +92,7 @@ KDE = {
     "gamma": Option(
         default=0.02, low=0, high=1, high_open=True, help="Smallest share of the samples in a peak of the density."
     ),
-    "epsilon": Option(
-        default=0.01, low=0, low_open=True, help="Largest slope at a peak, in units of p(r) / h(r)."
-    ),
+    "epsilon": Option(default=0.01, low=0, low_open=True, help="Largest slope at a peak, in units of p(r) / h(r)."),
 }
 CPDF = {
     "bins": Option(
@@ -112,16 +113,14 @@ COUNTERS = {"kde": KDE, "cpdf": CPDF, "fourier": FOURIER}
 ESTIMATE = {
     "sigma": Option(
         default="prior",
-        choices=("tied", "prior", "free"),
+        choices=get_args(Sigma),
         help="Sigma of a surface. tied: the noise curve. prior: pulled towards the curve. free: fitted, as in the"
         " paper.",
     ),
-    "max_layers": Option(
-        default=6, whole=True, low=1, high=MAX_LAYERS_LIMIT, help="Most surfaces in a pixel."
-    ),
+    "max_layers": Option(default=6, whole=True, low=1, high=MAX_LAYERS_LIMIT, help="Most surfaces in a pixel."),
     "refine": Option(
         default="likelihood",
-        choices=("likelihood", "none"),
+        choices=get_args(Refine),
         help="likelihood: count surfaces by likelihood, from the peaks on. none: count the peaks, as in the paper.",
     ),
     "false_alarm": Option(
@@ -148,7 +147,7 @@ ESTIMATE = {
     ),
     "mixing": Option(
         default="auto",
-        choices=("auto", "events", "phasor"),
+        choices=get_args(Mixing),
         help="How surfaces mix in a sample. events: each sample shows one surface. phasor: light adds up, and"
         " neighbours help to unmix it. auto: measure.",
     ),
@@ -159,12 +158,12 @@ ESTIMATE = {
 NOISE = {
     "noise_shape": Option(
         default="auto",
-        choices=("gaussian", "auto"),
+        choices=get_args(Shape),
         help="Shape of the error in measured noise: Gaussian, or learnt from the samples.",
     ),
     "noise_widths": Option(
         default="auto",
-        choices=("common", "own", "auto"),
+        choices=get_args(Widths),
         help="Width of measured noise: one of all pixels (common), of each pixel (own), or as the samples show (auto).",
     ),
 }
@@ -188,7 +187,7 @@ RECONCILE = {
     ),
     "split": Option(
         default="frames,pixels",
-        choices=("frames,pixels", "frames", "pixels"),
+        choices=get_args(Split),
         help="Data held out from the fit: frames, pixels or both.",
     ),
 }

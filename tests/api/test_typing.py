@@ -9,7 +9,6 @@ from typing import get_args
 import pytest
 
 from tofmix import choices
-from tofmix.estimation.noise_choice import SHAPES, WIDTHS
 from tofmix.estimation.settings import MixingChoice, Refine, SigmaMode
 from tofmix.io.length_units import UNITS_MM
 
@@ -25,8 +24,6 @@ def test_the_names_for_type_checkers_are_those_that_the_program_takes() -> None:
     assert set(get_args(choices.Sigma)) == set(SigmaMode)
     assert set(get_args(choices.Refine)) == set(Refine)
     assert set(get_args(choices.Mixing)) == set(MixingChoice)
-    assert set(get_args(choices.Shape)) == set(SHAPES)
-    assert set(get_args(choices.Widths)) == set(WIDTHS)
     assert set(get_args(choices.Units)) == set(UNITS_MM)
 
 

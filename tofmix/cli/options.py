@@ -1,15 +1,20 @@
 """Options of several commands, progress, and values from the shell."""
 
+import math
 import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import click
 
 from tofmix.errors import UsageError
+from tofmix.options import Option
 from tofmix.share_law import ShareLaw
+
+F = TypeVar("F", bound=Callable[..., Any])
+"""A command's function, or the command."""
 
 
 class _Path(click.Path):
@@ -119,6 +124,24 @@ overwrite_option = click.option(
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print JSON on stdout, for scripts.", allow_from_autoenv=False
 )
+
+
+def declared(options: Mapping[str, Option], name: str, *flags: str, **more: Any) -> Callable[[F], F]:  # noqa: ANN401  of click
+    """The decorator of an option that is declared in `tofmix.options`, with `more` that the command adds."""
+    option = options[name]
+    words: Any = {"help": more.pop("before", "") + option.help}
+    if option.is_flag:
+        words["is_flag"] = True
+    elif option.choices:
+        words["type"] = click.Choice(option.choices)
+    else:
+        high = None if math.isinf(option.high) else option.high
+        bounds = {"min_open": option.low_open, "max_open": option.high_open}
+        whole = click.IntRange(int(option.low), None if high is None else int(high), **bounds)
+        words["type"] = whole if option.whole else click.FloatRange(option.low, high, **bounds)
+    if option.default is not None and not option.is_flag:
+        words |= {"default": option.default, "show_default": True}
+    return click.option(*(flags or (f"--{name.replace('_', '-')}",)), **(words | more))
 
 
 suspect_option = click.option(

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tofmix.cli.options import PATH, examples, json_option, overwrite_option
+from tofmix.cli.options import PATH, declared, examples, json_option, overwrite_option
 from tofmix.cli.progress import Progress
 from tofmix.cli.reporter import CommandReporter
+from tofmix.options import RECONCILE
 
 if TYPE_CHECKING:
     from tofmix.sensor import Sensor
@@ -40,36 +41,18 @@ tofmix simulate gap/model.toml -o refined.h5
     metavar="MODEL MEASURED",
     help="Another recording of the same camera, with the model of its scene. Repeatable.",
 )
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Seed of every random draw.")
+@declared(RECONCILE, "seed")
 @click.option("--effects", metavar="A,B,...", help="Kinds of effects to try.  [default: all]")
-@click.option("--max-effects", type=click.IntRange(0, 10), default=3, show_default=True, help="Most effects to add.")
-@click.option(
-    "--alpha",
-    type=click.FloatRange(0, 0.5, min_open=True),
-    default=0.01,
-    show_default=True,
-    help="Significance level of the tests, corrected for their number.",
-)
-@click.option(
-    "--tolerance",
-    type=click.FloatRange(0, 1),
-    default=0.1,
-    show_default=True,
-    help="Accepted model error: pose errors up to this many sigma, and sigma errors up to a tenth of this share.",
-)
+@declared(RECONCILE, "max_effects")
+@declared(RECONCILE, "alpha")
+@declared(RECONCILE, "tolerance")
 @click.option(
     "--noise",
     metavar="model|measured|LAYERS.h5",
     help="The model's noise, noise learnt from MEASURED, or that of a layers file.  [default: model; where this"
     " explains nothing, measured is tried too]",
 )
-@click.option(
-    "--split",
-    type=click.Choice(["frames,pixels", "frames", "pixels"]),
-    default="frames,pixels",
-    show_default=True,
-    help="Data held out from the fit: frames, pixels or both.",
-)
+@declared(RECONCILE, "split")
 @json_option
 @overwrite_option
 def reconcile(

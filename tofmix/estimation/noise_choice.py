@@ -21,6 +21,7 @@ from tofmix.estimation.noise.steps import step_of_recording
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.estimation.unrolling import UnrolledSource
 from tofmix.independent_samples import independent_samples
+from tofmix.options import NOISE
 from tofmix.range_step import WHOLE_MM, RangeStep
 from tofmix.recording import SampleSource, TypedSource, amplitude_source, by_target, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
@@ -30,9 +31,6 @@ T = TypeVar("T")
 
 FILE, AUTO = "file", "auto"
 """Noise or outliers of the recording's own sensor, and of its samples."""
-
-SHAPES = ("gaussian", AUTO)
-WIDTHS = ("common", "own", AUTO)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,7 +54,7 @@ class NoiseRequest:
     asked : bool
         Whether the caller gave `noise`; if not, samples that contradict the file's curve replace it.
     shape, widths : str
-        One of `SHAPES`, and one of `WIDTHS`: parts of learnt noise.
+        Parts of learnt noise, as in `tofmix.options.NOISE`.
     window_frames, stride_frames : int
         The windows, in frames.
     workers : int
@@ -117,9 +115,9 @@ def check_parts(options: EstimateOptions, *, shape: str, widths: str, other_nois
     ValueError
         If an option needs learnt noise, and another option excludes it.
     """
-    for name, value, known in (("noise_shape", shape, SHAPES), ("noise_widths", widths, WIDTHS)):
-        if value not in known:
-            raise ValueError(f"{name}: {value!r} is not one of {', '.join(known)}")
+    for name, value in (("noise_shape", shape), ("noise_widths", widths)):
+        if refusal := NOISE[name].refusal(name, value):
+            raise ValueError(refusal)
     chosen = [spell(name, value) for name, value in (("noise_shape", shape), ("noise_widths", widths)) if value != AUTO]
     excludes = gaussian_option(options, spell) or (None if other_noise is None else spell("noise", other_noise))
     if chosen and excludes:

@@ -9,10 +9,10 @@ from tofmix.estimation.mixture.false_alarms import (
     FALSE_ALARMS,
     SAMPLES,
     chance_of,
-    check_false_alarm,
     gain_table,
     least_gain,
 )
+from tofmix.estimation.settings import EstimateOptions
 
 
 def test_rarer_alarms_and_more_samples_need_more_gain() -> None:
@@ -48,4 +48,4 @@ def test_chance_falls_from_one() -> None:
 @pytest.mark.parametrize("false_alarm", [0.0, 0.2, -1.0, math.nan])
 def test_false_alarm_rates_out_of_bounds_are_refused(false_alarm: float) -> None:
     with pytest.raises(ValueError, match="false_alarm"):
-        check_false_alarm(false_alarm)
+        EstimateOptions(false_alarm=false_alarm)

@@ -1,5 +1,6 @@
 """The command ``tofmix estimate``: a recording in, a layers file out."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,8 @@ from tofmix.cli.options import (
     MEMORY,
     PATH,
     SHARD,
+    F,
+    declared,
     default_workers,
     examples,
     give_way,
@@ -21,12 +24,10 @@ from tofmix.cli.options import (
 )
 from tofmix.cli.reporter import CommandReporter
 from tofmix.errors import UsageError
+from tofmix.options import COUNTERS, ESTIMATE, NOISE
 
 if TYPE_CHECKING:
     from tofmix.estimation.peaks.counters import Counter
-
-COUNTER_OPTIONS = {"kde": ("gamma", "epsilon"), "cpdf": ("bins", "ratio"), "fourier": ("order", "level")}
-"""The counters and their options: `tofmix.estimation.peaks.counters.COUNTERS` in words, for it imports numba."""
 
 _NOT_OF_THE_PAPER = (
     "sigma",
@@ -41,6 +42,11 @@ _NOT_OF_THE_PAPER = (
     "mixing",
 )
 """Options that the paper's algorithm does not have."""
+
+
+def _of_counter(kind: str, name: str) -> Callable[[F], F]:
+    """The decorator of an option of one counter."""
+    return declared(COUNTERS[kind], name, before=f"{kind}: ")
 
 
 @examples(
@@ -64,33 +70,15 @@ tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
 )
 @click.option("--window", type=click.IntRange(1), help="Frames of one estimate.  [default: all]")
 @click.option("--stride", type=click.IntRange(1), help="Frames from one window to the next.  [default: the window]")
-@click.option(
-    "--sigma",
-    type=click.Choice(["tied", "prior", "free"]),
-    default="prior",
-    show_default=True,
-    help="Sigma of a surface. tied: the noise curve. prior: pulled towards the curve. free: fitted, as in the paper.",
-)
+@declared(ESTIMATE, "sigma")
 @click.option(
     "--noise",
     metavar="file|auto|PROFILE",
     help="Source of the noise curve: the file, its samples (auto), or a built-in sensor such as sr3000."
     "  [default: file; auto where the file has no curve]",
 )
-@click.option(
-    "--noise-shape",
-    type=click.Choice(["gaussian", "auto"]),
-    default="auto",
-    show_default=True,
-    help="Shape of the error in measured noise: Gaussian, or learnt from the samples.",
-)
-@click.option(
-    "--noise-widths",
-    type=click.Choice(["common", "own", "auto"]),
-    default="auto",
-    show_default=True,
-    help="Width of measured noise: one of all pixels (common), of each pixel (own), or as the samples show (auto).",
-)
+@declared(NOISE, "noise_shape")
+@declared(NOISE, "noise_widths")
 @click.option(
     "--outliers",
     default="file",
@@ -98,108 +86,34 @@ tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
     metavar="file|auto|P",
     help="Share of random values p(c_r): from the file, counted in its samples (auto), or a number.",
 )
-@click.option(
-    "--max-layers", type=click.IntRange(1, 32), default=6, show_default=True, help="Most surfaces in a pixel."
-)
-@click.option(
-    "--refine",
-    type=click.Choice(["likelihood", "none"]),
-    default="likelihood",
-    show_default=True,
-    help="likelihood: count surfaces by likelihood, from the peaks on. none: count the peaks, as in the paper.",
-)
-@click.option(
-    "--false-alarm",
-    type=click.FloatRange(1e-6, 0.1),
-    default=0.001,
-    show_default=True,
-    help="Probability that a pixel with one surface gets more than one; with --refine likelihood.",
-)
+@declared(ESTIMATE, "max_layers")
+@declared(ESTIMATE, "refine")
+@declared(ESTIMATE, "false_alarm")
 @click.option(
     "--counter",
-    type=click.Choice(tuple(COUNTER_OPTIONS)),
+    type=click.Choice(tuple(COUNTERS)),
     default="kde",
     show_default=True,
     help="Method that finds the peaks: the kernel density, or one of the paper's two others, for comparison.",
 )
-@click.option(
-    "--gamma",
-    type=click.FloatRange(0, 1, max_open=True),
-    default=0.02,
-    show_default=True,
-    help="kde: smallest share of the samples in a peak of the density.",
-)
-@click.option(
-    "--epsilon",
-    type=click.FloatRange(0, min_open=True),
-    default=0.01,
-    show_default=True,
-    help="kde: largest slope at a peak, in units of p(r) / h(r).",
-)
-@click.option(
-    "--bins",
-    type=click.IntRange(2, 100),
-    default=15,
-    show_default=True,
-    help="cpdf: bins of the cumulative distribution over the working range.",
-)
-@click.option(
-    "--ratio",
-    type=click.FloatRange(1, 10, min_open=True),
-    default=1.1,
-    show_default=True,
-    help="cpdf: k of F(r) = P(k r) - P(r).",
-)
-@click.option(
-    "--order", type=click.IntRange(1, 64), default=16, show_default=True, help="fourier: last term of the series."
-)
-@click.option(
-    "--level",
-    type=click.FloatRange(0, 1, max_open=True),
-    default=0.1,
-    show_default=True,
-    help="fourier: smallest share of the samples in a peak of the series.",
-)
-@click.option(
-    "--unambiguous-range",
-    type=click.FloatRange(0, min_open=True),
-    metavar="MM",
-    help="Unambiguous range, mm. Ranges fold at this length; a surface at the fold counts once.",
-)
+@_of_counter("kde", "gamma")
+@_of_counter("kde", "epsilon")
+@_of_counter("cpdf", "bins")
+@_of_counter("cpdf", "ratio")
+@_of_counter("fourier", "order")
+@_of_counter("fourier", "level")
+@declared(ESTIMATE, "unambiguous_range_mm", "--unambiguous-range", metavar="MM")
 @click.option(
     "--wrap",
     is_flag=True,
     help="Set --unambiguous-range to c / 2f, from the recording's modulation frequency f.",
 )
-@click.option(
-    "--mixing",
-    type=click.Choice(["auto", "events", "phasor"]),
-    default="auto",
-    show_default=True,
-    help="How surfaces mix in a sample. events: each sample shows one surface. phasor: light adds up, and neighbours"
-    " help to unmix it. auto: measure.",
-)
+@declared(ESTIMATE, "mixing")
 @shares_option
-@click.option(
-    "--paper",
-    is_flag=True,
-    help="Use the paper's own algorithm, for comparison; --gamma is its threshold.",
-)
-@click.option("--max-iter", type=click.IntRange(1, 65535), default=50, show_default=True, help="Most EM iterations.")
-@click.option(
-    "--tol",
-    type=click.FloatRange(0, 1, min_open=True, max_open=True),
-    default=1e-3,
-    show_default=True,
-    help="EM stops when each mean moves by less than this many sigma, and each share by less than this.",
-)
-@click.option(
-    "--min-samples",
-    type=click.IntRange(2),
-    default=3,
-    show_default=True,
-    help="Fewest valid samples of a fitted pixel.",
-)
+@declared(ESTIMATE, "paper")
+@declared(ESTIMATE, "max_iter")
+@declared(ESTIMATE, "tol")
+@declared(ESTIMATE, "min_samples")
 @click.option(
     "--force",
     is_flag=True,
@@ -282,7 +196,7 @@ def estimate(
     if settled["refine"] == "none":
         settled = give_way(settled, "refine", ["false_alarm"])
     settled = give_way(
-        settled, "counter", [n for kind, names in COUNTER_OPTIONS.items() if kind != settled["counter"] for n in names]
+        settled, "counter", [n for kind, names in COUNTERS.items() if kind != settled["counter"] for n in names]
     )
     wrap, unambiguous_range = settled.pop("wrap"), settled.pop("unambiguous_range")
     choices = settled
@@ -340,14 +254,14 @@ def _check_paper(context: click.Context) -> None:
 
 def _counter(context: click.Context, choices: dict[str, Any]) -> "Counter":
     """Take the counter and its options out of the choices; options of another counter are refused."""
-    from tofmix.estimation.peaks.counters import COUNTERS
+    from tofmix.estimation.peaks.counters import COUNTERS as MAKERS
 
     kind, own = choices.pop("counter"), {}
-    for owner, names in COUNTER_OPTIONS.items():
+    for owner, names in COUNTERS.items():
         for name in names:
             value = choices.pop(name)
             if owner == kind:
                 own[name] = value
             elif context.get_parameter_source(name) is not ParameterSource.DEFAULT:
                 raise UsageError(f"--{name} belongs to --counter {owner}, not to --counter {kind}")
-    return COUNTERS[kind](**own)
+    return MAKERS[kind](**own)

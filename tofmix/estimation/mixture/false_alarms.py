@@ -13,6 +13,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
+from tofmix.options import ESTIMATE
 
 FALSE_ALARMS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0001)
 """Chances of a false alarm, a column each."""
@@ -20,7 +21,7 @@ FALSE_ALARMS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0001)
 SAMPLES = (5, 10, 15, 30, 60, 100, 200, 500, 1000)
 """Samples in the pixel, a row each."""
 
-LEAST_FALSE_ALARM, MOST_FALSE_ALARM = 1.0e-6, 0.1
+LEAST_FALSE_ALARM, MOST_FALSE_ALARM = ESTIMATE["false_alarm"].low, ESTIMATE["false_alarm"].high
 """Least and greatest probability of a false alarm that the table covers, the least by extrapolation."""
 
 _GAINS = np.array(
@@ -38,18 +39,6 @@ _GAINS = np.array(
 )
 
 _NATS_OF_CHANCE = -np.log(np.array(FALSE_ALARMS))
-
-
-def check_false_alarm(false_alarm: float) -> None:
-    """Refuse a chance that the table does not reach.
-
-    Raises
-    ------
-    ValueError
-        If it is not 10^-6 to 0.1.
-    """
-    if not LEAST_FALSE_ALARM <= false_alarm <= MOST_FALSE_ALARM:
-        raise ValueError(f"false_alarm: {false_alarm} is not {LEAST_FALSE_ALARM:g} to {MOST_FALSE_ALARM:g}")
 
 
 def gain_table(most_samples: int) -> FloatArray:

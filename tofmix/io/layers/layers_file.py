@@ -27,7 +27,6 @@ from tofmix.layers import (
     LAW_TEXTS,
     LAYER_DIMS,
     LAYER_FIELDS,
-    MAX_LAYERS_LIMIT,
     OPTIONAL_FIELDS,
     SUSPECT,
     SUSPECT_FRAMES,
@@ -36,6 +35,7 @@ from tofmix.layers import (
     Provenance,
 )
 from tofmix.mixing import MixingLaw, law_over_windows
+from tofmix.options import MAX_LAYERS_LIMIT
 from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
 from tofmix.suspicion.registry import SUSPICIONS
 from tofmix.windows import Windows

@@ -16,7 +16,7 @@ from tofmix.io.guard import guard
 from tofmix.io.layers.provenance import read_surfaces_provenance
 from tofmix.io.result_file import open_result, typed_dataset
 from tofmix.io.surfaces.fields import AXIS, EDGE_KEYS, FIELDS, FORMAT, MOST_FACTOR, PLANE_KEYS, SurfaceField
-from tofmix.layers import MAX_LAYERS_LIMIT
+from tofmix.options import MAX_LAYERS_LIMIT
 from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
 from tofmix.surfaces.found import NO_SURFACE, Edges, Planes, WindowSurfaces
 from tofmix.wording import counted

@@ -5,13 +5,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tofmix.bounds import NotNegative, Probability, WholeNumber, check_bounds, check_one_of
+from tofmix.errors import UsageError
+from tofmix.options import RECONCILE, check_options
 from tofmix.reconciliation.comparison.compare import Compared
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.search.name import TriedEffect
-
-SPLITS = ("frames,pixels", "frames", "pixels")
-"""Parts of the recording that may be held out."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,28 +20,27 @@ class Settings:
     ----------
     kinds : tuple of str
         Kinds of effects to try.
-    max_effects : int
-        Most effects that are added.
-    alpha : float
-        Level of all tests, after correction.
-    tolerance : float
-        Accepted error of the model: of a pose in sigma, of the scale of the noise in tenths.
-    split : str
-        Held-out data: ``frames``, ``pixels`` or ``frames,pixels``.
-    seed : int
-        Seed of every draw.
+    max_effects, alpha, tolerance, split, seed
+        See `tofmix.options.RECONCILE`.
+
+    Raises
+    ------
+    UsageError
+        If a value is out of its bounds.
     """
 
     kinds: tuple[str, ...]
-    max_effects: WholeNumber = 3
-    alpha: Probability = 0.01
-    tolerance: NotNegative = 0.1
-    split: str = "frames,pixels"
-    seed: WholeNumber = 1
+    max_effects: int = RECONCILE["max_effects"].default
+    alpha: float = RECONCILE["alpha"].default
+    tolerance: float = RECONCILE["tolerance"].default
+    split: str = RECONCILE["split"].default
+    seed: int = RECONCILE["seed"].default
 
     def __post_init__(self) -> None:
-        check_bounds(self)
-        check_one_of(self, "split", SPLITS)
+        try:
+            check_options(self, RECONCILE)
+        except ValueError as error:
+            raise UsageError(str(error)) from error
 
 
 @dataclass(slots=True, eq=False)

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from tofmix.flags import Status, status_name
-from tofmix.layers import MAX_LAYERS_LIMIT
+from tofmix.options import MAX_LAYERS_LIMIT
 from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from tofmix.suspicion.registry import SUSPICIONS
 from tofmix.temporal_filter import TemporalFilter

@@ -11,12 +11,13 @@ import pytest
 from support.drawing import draw
 from support.files import boards, write_recording
 
-from tofmix.cli.estimate.command import COUNTER_OPTIONS, estimate
+from tofmix.cli.estimate.command import estimate
 from tofmix.cli.main import run
 from tofmix.errors import ExitCode
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.peaks.counters import COUNTERS
 from tofmix.estimation.settings import EstimateOptions
+from tofmix.options import COUNTERS as COUNTER_OPTIONS
 from tofmix.sensor import Sensor
 
 OPTIONS = {option.name: option for option in estimate.params if isinstance(option, click.Option)}

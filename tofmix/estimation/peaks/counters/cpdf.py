@@ -14,9 +14,7 @@ from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.peaks.counters.base import SIGMAS_BEYOND, Peaks, no_peaks
 from tofmix.estimation.samples import SortedSamples
-
-FEWEST_BINS, MOST_BINS = 2, 100  # bounds of `bins`
-LARGEST_RATIO = 10.0  # upper bound of `ratio`: a wider step joins all surfaces of a working range
+from tofmix.options import CPDF, check_options
 
 LONE_SAMPLES = 1.0
 """A maximum must hold more samples than this: one alone is no surface."""
@@ -119,14 +117,11 @@ class Cpdf:
     Pathak, Birk and Poppinga, IROS 2008, section IV a.
     """
 
-    bins: int = 15
-    ratio: float = 1.1
+    bins: int = CPDF["bins"].default
+    ratio: float = CPDF["ratio"].default
 
     def __post_init__(self) -> None:
-        if not FEWEST_BINS <= self.bins <= MOST_BINS:
-            raise ValueError(f"bins: {self.bins} is not {FEWEST_BINS} to {MOST_BINS}")
-        if not 1 < self.ratio <= LARGEST_RATIO:
-            raise ValueError(f"ratio: {self.ratio} is not above 1 and at most {LARGEST_RATIO:g}")
+        check_options(self, CPDF)
 
     def as_dict(self) -> dict[str, float]:
         """Return the parameters by name."""

@@ -12,8 +12,9 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
-from tofmix.estimation.peaks.counters.base import MAX_PEAKS, SIGMAS_BEYOND, Peaks, no_peaks
+from tofmix.estimation.peaks.counters.base import SIGMAS_BEYOND, Peaks, no_peaks
 from tofmix.estimation.samples import SortedSamples
+from tofmix.options import FOURIER, check_options
 
 GRID = 16
 """Points of the grid to the shortest wavelength of the series."""
@@ -142,14 +143,11 @@ class Fourier:
     Pathak, Birk and Poppinga, IROS 2008, section IV b, equations (2) and (3).
     """
 
-    order: int = 16
-    level: float = 0.1
+    order: int = FOURIER["order"].default
+    level: float = FOURIER["level"].default
 
     def __post_init__(self) -> None:
-        if not 1 <= self.order <= MAX_PEAKS:
-            raise ValueError(f"order: {self.order} is not 1 to {MAX_PEAKS}")
-        if not 0 <= self.level < 1:
-            raise ValueError(f"level: {self.level} is not in [0, 1)")
+        check_options(self, FOURIER)
 
     def as_dict(self) -> dict[str, float]:
         """Return the parameters by name."""

@@ -13,6 +13,7 @@ from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.estimation.peaks.counters.base import Peaks, no_peaks
 from tofmix.estimation.peaks.modes import find_peaks
 from tofmix.estimation.samples import SortedSamples, gather, padded
+from tofmix.options import KDE, check_options
 
 
 @jit
@@ -53,14 +54,11 @@ class Kde:
         If a value is out of these bounds.
     """
 
-    gamma: float = 0.02
-    epsilon: float = 0.01
+    gamma: float = KDE["gamma"].default
+    epsilon: float = KDE["epsilon"].default
 
     def __post_init__(self) -> None:
-        if not 0 <= self.gamma < 1:
-            raise ValueError(f"gamma: {self.gamma} is not in [0, 1)")
-        if not 0 < self.epsilon < np.inf:
-            raise ValueError(f"epsilon: {self.epsilon} is not above 0")
+        check_options(self, KDE)
 
     def as_dict(self) -> dict[str, float]:
         """Return the parameters by name."""
