@@ -151,7 +151,7 @@ def _draw_layers(axes: Axes, seen: Points, undecided: int) -> None:
     area = _LARGEST_AREA * seen.share[mixed]
     axes.scatter(seen.x[mixed], seen.z[mixed], s=area, color=BLUE, alpha=_ALPHA, linewidths=0, zorder=3)
     text = f"{int(seen.nowhere.sum())} points where\nnothing stands"
-    text += f",\n{undecided} pixels of the image undecided" if undecided else ""
+    text += f",\n{undecided} pixel{'s' * (undecided > 1)} of the image undecided" if undecided else ""
     axes.text(0.02, 2.5, text, color=BLUE, va="center", ha="center")
     handles = [
         Line2D([], [], linestyle="", marker="o", color=BLUE, alpha=_ALPHA, markeredgewidth=0,
