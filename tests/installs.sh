@@ -25,12 +25,13 @@ open_folder() { mkdir -p "$1"; cp "$sample" "$1/a.h5"; chmod 777 "$1"; chmod 644
 
 # An environment of its own, whose Python any user may run; `nobody` and its programs have to reach it.
 for_nobody() {
+  [ ! -x "$work/nobody/bin/tofmix" ] || return 0  # made by another function, and in PATH since
   local python
   for python in python3 /usr/bin/python3; do
     python=$(command -v "$python") || continue
     as_nobody env "$(readlink -f "$python")" -c '' 2> /dev/null || continue
     "$python" -m venv "$work/nobody" 2> /dev/null || continue
-    "$work/nobody/bin/pip" install --quiet "$top"
+    "$work/nobody/bin/pip" install --quiet --no-compile "$top"  # the most part of it is never imported
     export PATH="$work/nobody/bin:$PATH"
     return
   done
