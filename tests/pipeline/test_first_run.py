@@ -41,6 +41,7 @@ def _estimate(folder: Path, name: str, processors: int) -> tuple[bytes, set[str]
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(not SAMPLE.exists(), reason="the samples of a checkout are not there")
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system binds no process to a processor")
 def test_two_processes_keep_every_kernel_that_one_needs_and_write_the_bytes_of_one(tmp_path: Path) -> None:
