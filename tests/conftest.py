@@ -51,10 +51,11 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put tests first that share processes, so that one worker starts them; skip what plain Python cannot do.
+    """Put tests first that share processes, so that one worker starts them, then long ones; skip some in plain Python.
 
-    Where kernels run as plain Python, that is what is about compiling or takes too many pixels.
+    Where kernels run as plain Python, those are skipped that are about compiling or take too many pixels.
     """
+    items.sort(key=lambda item: item.get_closest_marker("long") is None)
     items.sort(key=lambda item: SHARED_PROCESSES.isdisjoint(getattr(item, "fixturenames", ())))
     for item in items:
         mark = item.get_closest_marker("compiled")

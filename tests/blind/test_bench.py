@@ -45,6 +45,7 @@ def test_scored_case_is_one_line_that_is_summed_up_and_not_scored_again(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_tofmix_reconcile_names_a_hidden_wave_on_the_bench(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

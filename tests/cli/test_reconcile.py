@@ -174,6 +174,7 @@ def _blind(output: Path, *options: str) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_effect_hidden_in_the_sample_recording_is_found(tofmix: Tofmix, tmp_path: Path) -> None:
     files = SAMPLES / "three_boards_model.toml", SAMPLES / "hidden_effect.h5"
     done = tofmix("reconcile", *files, "-o", tmp_path / "gap")

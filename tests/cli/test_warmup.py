@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from numba.core import event
-from support.commandline import Tofmix
+from support.commandline import Tofmix, succeed
 from support.files import boards, write_recording
 from support.lock_in import small, write_sums
 from support.sizes import sized
@@ -43,10 +43,16 @@ def nothing_compiled() -> Iterator[None]:
     assert not [str(found.data) for _, found in record.buffer]
 
 
+@pytest.fixture(scope="module")
+def warm() -> None:
+    """What the command compiles is there once for all tests of this file; none of them compiles anything."""
+    succeed("warmup")
+
+
 @pytest.mark.slow
+@pytest.mark.usefixtures("warm")
 @pytest.mark.compiled("there is nothing to compile")
 def test_after_warmup_no_option_of_estimate_compiles_a_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
-    assert tofmix("warmup").code == 0
     recording = write_recording(tmp_path / "a.h5", boards())
     for options in (
         ["--sigma", "tied"],
@@ -61,10 +67,10 @@ def test_after_warmup_no_option_of_estimate_compiles_a_kernel(tofmix: Tofmix, tm
             assert tofmix("estimate", recording, *options, "--overwrite").code == 0
 
 
-@pytest.mark.compiled("there is nothing to compile")
 @pytest.mark.slow
+@pytest.mark.usefixtures("warm")
+@pytest.mark.compiled("there is nothing to compile")
 def test_after_warmup_measuring_noise_and_simulating_compile_no_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
-    assert tofmix("warmup").code == 0
     recording = write_recording(tmp_path / "a.h5", boards(60, 8, 12))
     stepped = write_recording(tmp_path / "stepped.h5", 25 * (boards(60, 8, 12) // 25))
     with nothing_compiled():
@@ -74,9 +80,9 @@ def test_after_warmup_measuring_noise_and_simulating_compile_no_kernel(tofmix: T
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("warm")
 @pytest.mark.compiled("there is nothing to compile")
 def test_after_warmup_edges_maps_and_moving_scenes_compile_no_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
-    assert tofmix("warmup").code == 0
     model, recording, layers = (tmp_path / name for name in ("model.toml", "a.h5", "a.layers.h5"))
     scene = (
         '[sensor]\nprofile = "sr4000"\nrows = 16\ncols = 16\n{lens}[recording]\nframes = 30\n'
@@ -111,9 +117,9 @@ def test_after_warmup_edges_maps_and_moving_scenes_compile_no_kernel(tofmix: Tof
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("warm")
 @pytest.mark.compiled("there is nothing to compile")
 def test_after_warmup_edges_of_unmixed_shares_compile_no_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
-    assert tofmix("warmup").code == 0
     sums, layers = write_sums(tmp_path / "sums.h5", small(11).recording), tmp_path / "sums.layers.h5"
     with nothing_compiled():
         assert tofmix("estimate", sums).code == 0
@@ -121,6 +127,7 @@ def test_after_warmup_edges_of_unmixed_shares_compile_no_kernel(tofmix: Tofmix, 
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("warm")
 @pytest.mark.compiled("there is nothing to compile")
 def test_after_warmup_reconciling_compiles_no_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
     model, measured = tmp_path / "model.toml", tmp_path / "measured.h5"
@@ -129,7 +136,6 @@ def test_after_warmup_reconciling_compiles_no_kernel(tofmix: Tofmix, tmp_path: P
         '[[surface]]\nname = "board"\ncenter_mm = [-300.0, 0.0, 1500.0]\nsize_mm = [500.0, 500.0]\n'
     )
     assert tofmix("simulate", model, "-o", measured).code == 0
-    assert tofmix("warmup").code == 0
     text = model.read_text()
     for effect in (
         'kind = "quantisation"\nstep_mm = 9.0\n',

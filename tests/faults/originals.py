@@ -138,29 +138,14 @@ def make(folder: Path, pool: Pool, *, learn: bool = False) -> dict[str, Original
 
     With `learn`, which takes seconds, there are parts with learnt noise as well.
     """
-
-    def run(*argv: object) -> None:
-        outcome = pool.run(Job(argv=tuple(map(str, argv)), cwd=str(folder)))
-        if outcome.code:
-            raise RuntimeError(outcome.err)
-
     model, recording, layers = folder / "model.toml", folder / "recording.h5", folder / "layers.h5"
     model.write_text(MODEL)
     (folder / "sensor.toml").write_text(SENSOR)
-    run("simulate", model, "-o", recording)
-    run("estimate", recording, "--window", 10, "-o", layers)
+    _run(folder, pool, "simulate", model, "-o", recording)
+    _run(folder, pool, "estimate", recording, "--window", 10, "-o", layers)
     parts = (folder / "1.part", folder / "2.part")
     for number, part in enumerate(parts, 1):
-        run("estimate", recording, "--window", 5, "--shard", f"{number}/2", "-o", part)
-    learnt = tuple(folder / f"learnt {number}.part" for number in ((1, 2) if learn else ()))
-    if learnt:
-        other = folder / "memory.toml", folder / "memory.h5"
-        other[0].write_text(MODEL + MEMORY)
-        run("simulate", other[0], "-o", other[1], "--frames", 40)
-        for number, part in enumerate(learnt, 1):
-            run("estimate", other[1], "--window", 20, "--shard", f"{number}/2", "-o", part)
-            if not has_learnt_noise(part):
-                raise RuntimeError(f"{part}: no learnt noise")
+        _run(folder, pool, "estimate", recording, "--window", 5, "--shard", f"{number}/2", "-o", part)
     return {
         "recording": Original((recording,), "hdf5", _with_verify(_READ_RECORDING), own=True),
         "foreign recording": Original((_foreign(folder / "foreign.h5"),), "hdf5", _with_verify(_READ_RECORDING)),
@@ -170,14 +155,30 @@ def make(folder: Path, pool: Pool, *, learn: bool = False) -> dict[str, Original
         ),
         "sensor": Original((folder / "sensor.toml",), "text", ("import %array -o out.h5 --sensor @", "info @")),
         "part": Original(parts, "bytes", ("merge @ %part -o out.layers.h5",)),
-        **(
-            {"part with learnt noise": Original(learnt, "bytes", ("merge @ %learnt -o out.layers.h5",))}
-            if learn
-            else {}
-        ),
+        **(parts_with_learnt_noise(folder, pool) if learn else {}),
         **_arrays(folder),
         **{f"bag {kind}": _bag(folder, kind) for kind in ("ros1", "sqlite3", "mcap")},
     }
+
+
+def parts_with_learnt_noise(folder: Path, pool: Pool) -> dict[str, Original]:
+    """Write the parts of a run that learns its noise into a folder."""
+    model, recording = folder / "memory.toml", folder / "memory.h5"
+    model.write_text(MODEL + MEMORY)
+    _run(folder, pool, "simulate", model, "-o", recording, "--frames", 40)
+    parts = (folder / "learnt 1.part", folder / "learnt 2.part")
+    for number, part in enumerate(parts, 1):
+        _run(folder, pool, "estimate", recording, "--window", 20, "--shard", f"{number}/2", "-o", part)
+        if not has_learnt_noise(part):
+            raise RuntimeError(f"{part}: no learnt noise")
+    return {"part with learnt noise": Original(parts, "bytes", ("merge @ %learnt -o out.layers.h5",))}
+
+
+def _run(folder: Path, pool: Pool, *argv: object) -> None:
+    """Run a command in the folder, which must succeed."""
+    outcome = pool.run(Job(argv=tuple(map(str, argv)), cwd=str(folder)))
+    if outcome.code:
+        raise RuntimeError(outcome.err)
 
 
 def has_learnt_noise(part: Path) -> bool:

@@ -8,7 +8,7 @@ import pytest
 
 from faults.fuzz import Fuzz, judge
 from faults.mutants import mutate
-from faults.originals import Original, make
+from faults.originals import Original, parts_with_learnt_noise
 from faults.pool import Outcome, Pool
 
 MUTANTS = 154
@@ -30,7 +30,7 @@ def test_mutants_are_done_or_refused(fuzz: Fuzz, originals: dict[str, Original])
 @pytest.mark.faults
 def test_mutants_of_parts_with_learnt_noise_are_done_or_refused(pool: Pool, tmp_path: Path) -> None:
     kind = "part with learnt noise"
-    verdicts = list(Fuzz(tmp_path, pool, make(tmp_path, pool, learn=True)).run([kind], 20, seed=0))
+    verdicts = list(Fuzz(tmp_path, pool, parts_with_learnt_noise(tmp_path, pool)).run([kind], 20, seed=0))
     faults = [f"{v.fault}: {v.mutant}: {v.command}: {v.change}: {v.outcome.err}" for v in verdicts if v.fault]
     assert not faults, "\n".join(faults)
     assert {v.result for v in verdicts} >= {"done", "refused"}

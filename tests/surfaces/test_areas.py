@@ -34,6 +34,7 @@ def bright() -> Bright:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_with_their_laws_the_edges_of_cameras_are_within_their_errors() -> None:
     """Errors along an edge go together, so that one image tells as little as some ten points: the mean is compared."""
     of_areas = errors_of(edges_of(record(BY_NAME["area"], seed=5), ShareLaw.AREA)).stated

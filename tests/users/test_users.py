@@ -112,6 +112,7 @@ def test_agree_is_right_without_effects_and_no_name_is_right_for_a_stranger() ->
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "hidden",
     [
@@ -121,21 +122,23 @@ def test_agree_is_right_without_effects_and_no_name_is_right_for_a_stranger() ->
     ids=lambda hidden: "+".join(e.kind for e in hidden),
 )
 def test_reconcile_is_right_on_a_wall_and_a_box(hidden: tuple[Effect, ...]) -> None:
-    one = case("wall and box", *hidden)
+    one = case("wall and box", *hidden, rows=32, cols=40)
     evidence = make_evidence(one.given, recorded(one), time_s=np.arange(120) / 25.0)
     found = reconcile(one.given, evidence, Settings(kinds=KINDS)).as_dict()
     assert score(one, found, known(one)).result == "right", found["effects"]
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_noise_and_offset_of_one_wall_are_never_a_second_path_alone() -> None:
-    one = case("wall", MAKE["excess_noise"](factor=1.3), MAKE["range_offset"](offset_mm=12.0))
+    one = case("wall", MAKE["excess_noise"](factor=1.3), MAKE["range_offset"](offset_mm=12.0), rows=32, cols=40)
     found = reconcile(one.given, make_evidence(one.given, recorded(one)), Settings(kinds=KINDS)).as_dict()
     assert [e["kind"] for e in found["effects"]] != ["multipath"]
     assert score(one, found, known(one)).result == "right", found["effects"]
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("number", [58, 182])
 def test_cases_with_a_false_name_at_32ff9fc_have_none(number: int) -> None:
     """By a place that no pixel sees, and by numbers of sets that were counted in two ways."""

@@ -150,8 +150,9 @@ def test_what_pixels_have_of_their_own_is_drawn_with_the_spread_and_the_tails_th
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_all_parts_together_are_all_learnt(rng: np.random.Generator) -> None:
-    frames, pixels = 80, 450
+    frames, pixels = 80, PIXELS
     drift = 1.5 * SIGMA_MM * rng.choice([-1.0, 1.0], pixels) * np.linspace(-1.0, 1.0, frames)[:, np.newaxis]
     samples = surfaces(
         rng,

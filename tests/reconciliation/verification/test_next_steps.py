@@ -129,9 +129,10 @@ ROOM = (
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_advice_leads_from_a_room_with_four_faults_to_all_of_them() -> None:
     """A table 12 mm off, a side wall turned by 0.8 degrees, and two effects: one more than are searched for."""
-    sensor = replace(load_profile("sr4000"), rows=40, cols=52)
+    sensor = replace(load_profile("sr4000"), rows=28, cols=52)
     settings = Settings(kinds=("excess_noise", "wiggling", "surface_pose", "range_offset", "vignetting"))
     given = Model(sensor=sensor, surfaces=ROOM, recording=RecordingSettings(frames=80, frame_rate_hz=25.0))
     hidden = (
