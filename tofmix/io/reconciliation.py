@@ -9,6 +9,7 @@ complete.
 import errno
 import io
 import json
+import math
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -18,14 +19,20 @@ from typing import Any
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.errors import StorageError, UsageError, os_error_text
+from tofmix.errors import BadInputError, StorageError, UsageError, os_error_text
 from tofmix.io.atomic.atomic_group import write_atomic_group
 from tofmix.io.atomic.locks import hold_lock, release_lock
-from tofmix.io.atomic.storage import sync_folder
+from tofmix.io.atomic.storage import read_text, sync_folder
 from tofmix.wording import readable
 
-FILES = ("report.html", "gap.json")
+GAP = "gap.json"
+
+FILES = ("report.html", GAP)
 """In addition to the models and their maps."""
+
+VERDICTS = ("agree", "explained", "partly_explained", "unexplained")
+_LISTS, _SIZES = ("effects", "where", "candidates", "aliases", "panel"), ("before", "after", "floor")
+"""Keys of `gap.json` that are lists, and those of its `gap` that are numbers of at least 0."""
 
 
 def model_names(models: int) -> list[str]:
@@ -59,6 +66,48 @@ def check_folder(folder: Path, *, overwrite: bool, models: int = 1) -> None:
     there = [name for name in (*model_names(models), *FILES) if (folder / name).exists()]
     if there and not overwrite:
         raise UsageError(f"{folder / there[0]} exists; pass --overwrite to replace it")
+
+
+def is_gap_folder(path: Path) -> bool:
+    """Whether a folder is an output of `tofmix reconcile`."""
+    try:
+        return (path / GAP).is_file()
+    except OSError:
+        return False
+
+
+def parse_gap(path: Path) -> dict[str, Any]:
+    """Read the table of keys of a `gap.json`."""
+    try:
+        gap = json.loads(read_text(path))
+    except (ValueError, RecursionError) as error:
+        raise BadInputError(f"{path}: not JSON: {' '.join(str(error).split())}") from error
+    if not isinstance(gap, dict):
+        raise BadInputError(f"{path}: expected an object")
+    return gap
+
+
+def gap_faults(gap: dict[str, Any]) -> Iterator[str]:
+    """What keys of `gap.json` are not as they should be."""
+    if gap.get("verdict") not in VERDICTS:
+        yield f"verdict {gap.get('verdict')!r}, expected one of {', '.join(VERDICTS)}"
+    for key in _LISTS:
+        if not isinstance(gap.get(key), list):
+            yield f"{key}: expected a list"
+    sizes = gap.get("gap")
+    for key in _SIZES:
+        value = sizes.get(key) if isinstance(sizes, dict) else None
+        if not isinstance(value, int | float) or not math.isfinite(value) or value < 0:
+            yield f"gap: {key}: expected a number of at least 0, got {value!r}"
+
+
+def read_gap(folder: Path) -> dict[str, Any]:
+    """Read `gap.json` of a folder; refuse one that lacks the verdict, the effects or the gap."""
+    gap = parse_gap(folder / GAP)
+    for key, kind in (("verdict", str), ("effects", list), ("gap", dict)):
+        if not isinstance(gap.get(key), kind):
+            raise BadInputError(f"{folder / GAP}: no {key}; expected a gap.json of tofmix reconcile")
+    return gap
 
 
 @contextmanager

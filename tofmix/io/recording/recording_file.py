@@ -24,12 +24,11 @@ from tofmix.io.guard.watchdog import watched
 from tofmix.io.length_units import UNITS_MM, unit_mm_of
 from tofmix.io.next_command import import_command
 from tofmix.io.recording.range_check import check_range
+from tofmix.io.schema import FRAME_DIMS, RECORDING, TARGET
 from tofmix.recording import DECODED_SAMPLES, MOST_FRAMES, MOST_PIXELS_A_SIDE, MOST_TARGETS
 from tofmix.sensor import Sensor
 
-FORMAT = "tofmix-recording"
-DIMS = ("frame", "row", "col")
-TARGET = "target"
+FORMAT, DIMS = RECORDING, FRAME_DIMS
 
 _HASHED_BYTES = 1 << 20  # bytes that are hashed at once
 
