@@ -226,13 +226,7 @@ def text_attribute(item: h5py.Group | h5py.Dataset, key: str) -> str | None:
 
 
 def check_format(root: h5py.File, path: Path, *, kind: str, required: bool) -> None:
-    """Refuse a file of another tofmix format, or of a later version of it.
-
-    Raises
-    ------
-    BadInputError
-        If the root attributes name another format or version, or are missing and `required`.
-    """
+    """Refuse a file of another tofmix format, or of a later version of it."""
     found = text_attribute(root, "format")
     if found is None and not required:
         return

@@ -46,15 +46,7 @@ def suggested_names(models: int) -> list[str]:
 
 
 def check_folder(folder: Path, *, overwrite: bool, models: int = 1) -> None:
-    """Refuse a folder that cannot or must not be written, before any work is done.
-
-    Raises
-    ------
-    UsageError
-        If it holds a reconciliation already and may not be overwritten.
-    StorageError
-        If it is a file or may not be written, or if its parent folder does not exist.
-    """
+    """Refuse a folder that cannot or must not be written, before any work is done."""
     if folder.exists() and not folder.is_dir():
         raise StorageError(f"{folder} exists and is not a folder")
     if not folder.exists() and not folder.parent.is_dir():
@@ -112,15 +104,7 @@ def read_gap(folder: Path) -> dict[str, Any]:
 
 @contextmanager
 def locked_folder(folder: Path, *, overwrite: bool, models: int = 1) -> Iterator[None]:
-    """Lock the folder before the work for it is done; a second run is refused at once.
-
-    Raises
-    ------
-    UsageError
-        As for `check_folder`, or if another run is writing it.
-    StorageError
-        As for `check_folder`.
-    """
+    """Lock the folder before the work for it is done; a second run is refused at once."""
     check_folder(folder, overwrite=overwrite, models=models)
     target = Path(os.path.realpath(folder))
     hold_lock(target)
@@ -159,11 +143,6 @@ def write_folder(
         As for `AtomicFile`.
     suggested_texts : sequence of str
         The models with what the next steps advise, one for each recording; empty if they advise no effect.
-
-    Raises
-    ------
-    UsageError, StorageError
-        As for `check_folder` and `AtomicFile`.
     """
     check_folder(folder, overwrite=overwrite, models=len(model_texts))
     contents: dict[Path, bytes] = {}

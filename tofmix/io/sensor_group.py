@@ -155,13 +155,7 @@ def _attach_image(dataset: h5py.Dataset) -> None:
 
 
 def read_sensor(root: h5py.File, path: Path) -> Sensor:
-    """Read the group `sensor`; a file without one gives a sensor of which nothing is known.
-
-    Raises
-    ------
-    BadInputError
-        If an attribute is not a number or out of bounds, or the noise curve is unfit.
-    """
+    """Read the group `sensor`; a file without one gives a sensor of which nothing is known."""
     group = root.get("sensor")
     if group is None:
         return Sensor(name="unknown")
@@ -273,11 +267,6 @@ def check_maps(sensor: Sensor, image: tuple[int, int], path: Path) -> None:
         Rows and columns of the file's image.
     path : Path
         The file.
-
-    Raises
-    ------
-    BadInputError
-        If it is.
     """
     background = None if sensor.noise is None else sensor.noise.background
     for name, values in ((_BACKGROUND, background), (_STEP, sensor.range_step_mm)):

@@ -81,11 +81,6 @@ def choose_what(path: Path, what: str | None, known: dict[str, tuple[str, ...]])
         A key of `OF_LAYERS` or `OF_SURFACES`; None: by the name.
     known : dict
         `OF_LAYERS` or `OF_SURFACES`.
-
-    Raises
-    ------
-    UsageError
-        With the known extensions, or the contents that the extension can hold.
     """
     suffix = path.suffix.lower()
     fitting = [one for one, suffixes in known.items() if suffix in suffixes]
@@ -125,15 +120,6 @@ def export_points(
         Called with 1 after each block.
     overwrite, inputs
         As for `AtomicFile`.
-
-    Raises
-    ------
-    UsageError
-        As for `AtomicFile`, or if the format needs a library that is not installed.
-    BadInputError
-        If the format cannot hold the points.
-    StorageError
-        If the disk is full or fails.
     """
     with AtomicFile(path, overwrite=overwrite, inputs=inputs) as file:
 
@@ -163,13 +149,7 @@ def export_image(path: Path, image: RangeImage, *, overwrite: bool = False, inpu
 def export_edges(
     path: Path, lines: Sequence[EdgeLine], *, title: str, overwrite: bool = False, inputs: tuple[Path, ...] = ()
 ) -> None:
-    """Write edges in the format of the extension, a key of `EDGE_WRITERS`.
-
-    Raises
-    ------
-    UsageError, StorageError
-        As for `export_points`.
-    """
+    """Write edges in the format of the extension, a key of `EDGE_WRITERS`."""
     with AtomicFile(path, overwrite=overwrite, inputs=inputs) as file:
         EDGE_WRITERS[path.suffix.lower()](file, lines, _one_line(title))
         file.commit()
@@ -178,13 +158,7 @@ def export_edges(
 def export_planes(
     path: Path, source: SurfacesFile, outlines: Sequence[Outline], *, title: str, overwrite: bool = False
 ) -> None:
-    """Write surfaces as planes with outlines in the format of the extension, a key of `PLANE_WRITERS`.
-
-    Raises
-    ------
-    UsageError, StorageError, BadInputError
-        As for `export_points`.
-    """
+    """Write surfaces as planes with outlines in the format of the extension, a key of `PLANE_WRITERS`."""
     with AtomicFile(path, overwrite=overwrite, inputs=(source.path,)) as file:
         PLANE_WRITERS[path.suffix.lower()](file, source, outlines, _one_line(title))
         file.commit()

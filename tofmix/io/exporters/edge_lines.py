@@ -47,11 +47,6 @@ def edge_lines(file: SurfacesFile, windows: Sequence[int]) -> list[EdgeLine]:
     """Lines of some windows, in the order of the file.
 
     Where a line passes from one pair of surfaces to another, both pieces have the first point of the second.
-
-    Raises
-    ------
-    BadInputError
-        If the edges cannot be read or placed.
     """
     return [line for window in windows for line in _lines_of_window(file, window)]
 

@@ -33,13 +33,7 @@ class RangeImage:
     none: str = "no layer"
 
     def counts(self) -> NDArray[np.uint16]:
-        """Nearest whole counts (row, col) uint16; 0 for none.
-
-        Raises
-        ------
-        BadInputError
-            If a range is not within 1 to 65,535 counts.
-        """
+        """Nearest whole counts (row, col) uint16; 0 for none."""
         known = np.isfinite(self.range_mm)
         counts = np.rint(self.range_mm.astype(np.float64) / self.scale_mm)
         bad = known & ~((counts >= 1) & (counts <= _LARGEST))

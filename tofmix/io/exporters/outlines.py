@@ -36,15 +36,7 @@ class Outline:
 
 
 def outlines(file: SurfacesFile, windows: Sequence[int]) -> list[Outline]:
-    """Outlines of the planes of some windows, those that are nowhere the nearest included; not of smooth surfaces.
-
-    Raises
-    ------
-    UsageError
-        If shapely is not installed.
-    BadInputError
-        If the file cannot be read.
-    """
+    """Outlines of the planes of some windows, those that are nowhere the nearest included; not of smooth surfaces."""
     found: list[Outline] = []
     for window in windows:
         polygons, numbers = trace(file.read_image("surface_fine", window), file.factor)
@@ -78,11 +70,6 @@ def trace(
         shapely polygons in pixels (col, row), by number and place.
     number : (n,) int32
         Of each polygon.
-
-    Raises
-    ------
-    UsageError
-        If shapely is not installed.
     """
     shapely = need("shapely", extra="export", what="the outline of a surface")
     faces = shapely.get_parts(shapely.polygonize(shapely.linestrings(_borders(numbers))))

@@ -40,13 +40,7 @@ _PREFERRED = "range"
 
 @contextmanager
 def open_npy(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
-    """Open an .npy, (frame, row, col) or (row, col), or of the requested axes.
-
-    Raises
-    ------
-    BadInputError
-        If it is damaged, holds objects, or is of another shape.
-    """
+    """Open an .npy, (frame, row, col) or (row, col), or of the requested axes."""
     with ExitStack() as stack:
         with foreign(path):
             file = stack.enter_context(path.open("rb"))
@@ -69,13 +63,7 @@ def open_npy(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
 
 @contextmanager
 def open_npz(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
-    """Open an .npz with the depths, and optionally amplitudes and `time`.
-
-    Raises
-    ------
-    BadInputError
-        If it is damaged, holds no fitting array or several, or arrays do not go together.
-    """
+    """Open an .npz with the depths, and optionally amplitudes and `time`."""
     with ExitStack() as stack:
         with foreign(path):
             archive = stack.enter_context(zipfile.ZipFile(path))
@@ -179,11 +167,6 @@ def choose(
     """Name of the array to read: the wanted one, else the only one of frames, else ``range``.
 
     Frames are arrays with as many axes as `axes` names, three without it; `bytewise` are those of 8 bits.
-
-    Raises
-    ------
-    BadInputError
-        If none fits, or several fit and names do not tell the depths; the text lists the candidates.
     """
     dimensions = len((axes or FRAMES_FIRST).split(","))
     images = [name for name, shape in shapes.items() if len(shape) == dimensions]
@@ -220,11 +203,6 @@ def arrays_beside(
     """Find the status codes of the depths `name`, and name the arrays that are not used.
 
     These are arrays of the same shape, and times and status codes beside the depths; `used` are others that are used.
-
-    Raises
-    ------
-    BadInputError
-        If ``--valid-status`` names an array that is not there, or of another shape.
     """
     group = name.rpartition("/")[0]
     others = [one for one in shapes if one != name and one != (request.amplitude or "").strip("/")]
@@ -311,13 +289,7 @@ def _in_order(shape: tuple[int, ...], request: SourceRequest, what: object) -> b
 
 
 def stack_of(array: NDArray[Any], request: SourceRequest, what: object) -> NDArray[Any]:
-    """View an array as (frame, row, col) or (frame, target, row, col); a single image is one frame.
-
-    Raises
-    ------
-    BadInputError
-        If it is of another shape, empty, or holds no numbers.
-    """
+    """View an array as (frame, row, col) or (frame, target, row, col); a single image is one frame."""
     check_numbers(array.dtype, what)
     return as_stack(array, axes_of(array.shape, request.axes, request.shape, what), request.shape, what)
 

@@ -29,11 +29,6 @@ class DatasetFrames:
         Rows and columns where an axis is ``zone``.
     path, name
         For messages.
-
-    Raises
-    ------
-    BadInputError
-        If it holds no numbers, or no samples.
     """
 
     def __init__(

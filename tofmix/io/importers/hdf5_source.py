@@ -37,13 +37,7 @@ _OF_OUR_OWN = ("truth/", "sensor/noise_")
 
 @contextmanager
 def open_hdf5(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
-    """Open an HDF5 file.
-
-    Raises
-    ------
-    BadInputError
-        If it is damaged, holds no fitting dataset or several, or datasets do not go together.
-    """
+    """Open an HDF5 file."""
     _refuse_classic(path)
     with guard.open_for_reading(path) as root:
         yield _source(root, path, request)

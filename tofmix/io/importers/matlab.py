@@ -35,24 +35,14 @@ from tofmix.io.importers.arrays import (
 from tofmix.io.importers.axes import FRAMES_FIRST, FRAMES_LAST, STACK_DIMENSIONS, axes_of
 from tofmix.io.importers.base import FrameSource, SourceRequest, foreign
 from tofmix.io.importers.datasets import DatasetFrames
+from tofmix.io.importers.streams import set_of
 from tofmix.io.importers.times import times_of_array
 from tofmix.io.importers.units import unit_in_name
 
-_BYTES = ("int8", "uint8", "logical", "char")
+_BYTES = set_of("int8 uint8 logical char")
 """MATLAB's classes of 8 bits."""
 
-_NUMBERS = (
-    *_BYTES,
-    "int16",
-    "uint16",
-    "int32",
-    "uint32",
-    "int64",
-    "uint64",
-    "single",
-    "double",
-    "sparse",
-)
+_NUMBERS = _BYTES | set_of("int16 uint16 int32 uint32 int64 uint64 single double sparse")
 _STRUCTS = ("struct", "object", "cell", "opaque", "unknown")
 """MATLAB's classes of variables that hold others."""
 
@@ -62,14 +52,7 @@ _UNPACKING_TIMES = 6.0
 
 @contextmanager
 def open_mat(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
-    """Open a .mat with the depths, and optionally amplitudes and `time`.
-
-    Raises
-    ------
-    BadInputError
-        If it is damaged, holds no fitting array or several, the order of its axes is not determined, or arrays do not
-        match.
-    """
+    """Open a .mat with the depths, and optionally amplitudes and `time`."""
     if guard.is_hdf5(path):
         with guard.open_for_reading(path) as root:
             yield _of_hdf5(root, path, request)

@@ -131,13 +131,7 @@ class LayersWriter(hdf5.FileWriter):
         self._file.check()
 
     def write_suspects(self, windows: slice, suspect: NDArray[np.uint8], frames: NDArray[np.uint32] | None) -> None:
-        """Write marks of windows (window, row, col, layer), and the frames of passing layers; files without have none.
-
-        Raises
-        ------
-        StorageError
-            If the disk is full or fails.
-        """
+        """Write marks of windows (window, row, col, layer), and the frames of passing layers if there are any."""
         for spec, values in ((SUSPECT, suspect), (SUSPECT_FRAMES, frames)):
             if values is not None:
                 if spec.name not in self._root:
@@ -146,25 +140,13 @@ class LayersWriter(hdf5.FileWriter):
         self._file.check()
 
     def write(self, windows: slice, rows: slice, layers: Layers) -> None:
-        """Write layers of the leading shape (window, row, col).
-
-        Raises
-        ------
-        StorageError
-            If the disk is full or fails.
-        """
+        """Write layers of the leading shape (window, row, col)."""
         for spec in layers.fields:
             self._root[spec.name][windows, rows] = getattr(layers, spec.name)
         self._file.check()
 
     def write_chunks(self, windows: slice, rows: slice, chunks: tuple[bytes, ...]) -> None:
-        """Write the chunks of one tile, as `tofmix.io.layers.chunks.encode_cell` makes them.
-
-        Raises
-        ------
-        StorageError
-            If the disk is full or fails.
-        """
+        """Write the chunks of one tile, as `tofmix.io.layers.chunks.encode_cell` makes them."""
         fields = self._provenance.fields
         for spec, data in zip(fields, chunks[: len(fields)], strict=True):
             place = (windows.start, rows.start, 0, 0)[: 4 if spec.per_layer else 3]

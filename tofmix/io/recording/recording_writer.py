@@ -162,11 +162,6 @@ class RecordingWriter(hdf5.FileWriter):
 
         range_mm (n, row, col) or (n, target, row, col) uint16, 0 where invalid, or float32, NaN where invalid;
         amplitude (n, row, col); time_s and temperature_c (n,); range_true (n, row, col, layer), where surfaces move.
-
-        Raises
-        ------
-        StorageError
-            If the disk is full or fails.
         """
         part = slice(start, start + len(range_mm))
         given = {"range": range_mm, "amplitude": amplitude, "time": time_s, "temperature": temperature_c}

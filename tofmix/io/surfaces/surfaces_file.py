@@ -125,13 +125,7 @@ class SurfacesWriter(hdf5.FileWriter):
         hdf5.add_field(self._root, spec, lengths, chunks=chunks)
 
     def write(self, found: WindowSurfaces) -> None:
-        """Write the next window, its surfaces and lines numbered from 0; in the file they follow those before.
-
-        Raises
-        ------
-        StorageError
-            If the disk is full or fails.
-        """
+        """Write the next window, its surfaces and lines numbered from 0; in the file they follow those before."""
         window = len(self._found)
         self._root["surface"][window] = _shifted(found.surface, self._surfaces)
         self._root["range_fine"][window] = found.range_fine
@@ -235,13 +229,7 @@ class SurfacesFile(ResultFile):
         return np.searchsorted(self.read_windows("edge_window"), np.arange(self.shape[0] + 1))
 
     def read_windows(self, name: str) -> NDArray[np.uint32]:
-        """Read the window of each surface (`surface_window`) or of each point of an edge (`edge_window`).
-
-        Raises
-        ------
-        BadInputError
-            If it cannot be read, is missing in a file of several windows, or is no ascending list of its windows.
-        """
+        """Read the window of each surface (`surface_window`) or of each point of an edge (`edge_window`)."""
         length = self.surfaces if name == "surface_window" else self.edge_points
         if name not in self._datasets:
             if self.shape[0] > 1 and length:
@@ -253,13 +241,7 @@ class SurfacesFile(ResultFile):
         return windows
 
     def read_edges(self, window: int) -> Edges:
-        """Read the edges of one window, numbered as in the file.
-
-        Raises
-        ------
-        BadInputError
-            If they cannot be read, have no place, or are of surfaces that are not in the file.
-        """
+        """Read the edges of one window, numbered as in the file."""
         part = slice(int(self._edge_starts[window]), int(self._edge_starts[window + 1]))
         arrays: dict[str, Any] = {key: self.read_dataset(name, part) for name, key in _EDGES.items()}
         for key in ("near", "far"):
@@ -270,26 +252,14 @@ class SurfacesFile(ResultFile):
         return Edges(**arrays)
 
     def read_image(self, name: str, window: int) -> NDArray[Any]:
-        """Read `surface`, `range_fine` or `surface_fine` of one window, numbered as in the file.
-
-        Raises
-        ------
-        BadInputError
-            If it cannot be read, or names surfaces that are not in the file.
-        """
+        """Read `surface`, `range_fine` or `surface_fine` of one window, numbered as in the file."""
         image = self.read_dataset(name, window)
         if image.dtype.kind == "i":
             self._check_numbers(name, image)
         return image
 
     def read_window(self, window: int) -> WindowSurfaces:
-        """Read one window; surfaces and lines are numbered as in the file, and `planes` are those of all windows.
-
-        Raises
-        ------
-        BadInputError
-            If it cannot be read, or names surfaces that are not in the file.
-        """
+        """Read one window; surfaces and lines are numbered as in the file, and `planes` are those of all windows."""
         images: dict[str, Any] = {spec.name: self.read_image(spec.name, window) for spec in IMAGE_FIELDS}
         return WindowSurfaces(planes=self.planes, edges=self.read_edges(window), **images)
 
