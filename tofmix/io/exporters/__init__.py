@@ -1,4 +1,4 @@
-"""Layers and surfaces in the formats of other programs: one file a format, one line each here.
+"""Layers and surfaces in the formats of other programs: one writer a format, one line each here.
 
 Point formats write every field of their points; image formats write ranges in 16 bits. Edges and planes are of surfaces
 files. All go through `tofmix.io.atomic.storage.AtomicFile`.
@@ -10,19 +10,7 @@ from pathlib import Path
 
 from tofmix.errors import UsageError
 from tofmix.io.atomic.storage import AtomicFile
-from tofmix.io.exporters import (
-    csv_points,
-    edges_geojson,
-    edges_obj,
-    edges_ply,
-    las,
-    pcd,
-    planes_json,
-    planes_obj,
-    ply,
-    png,
-    tiff,
-)
+from tofmix.io.exporters import clouds, edge_lines, image, las, outlines
 from tofmix.io.exporters.edge_lines import EdgeLine
 from tofmix.io.exporters.image import RangeImage
 from tofmix.io.exporters.outlines import Outline
@@ -41,20 +29,18 @@ PlaneWriter = Callable[[AtomicFile, SurfacesFile, Sequence[Outline], str], None]
 POINT_WRITERS: dict[str, PointWriter] = {
     ".las": las.write_las,
     ".laz": las.write_laz,
-    ".ply": ply.write,
-    ".pcd": pcd.write,
-    ".csv": csv_points.write,
+    ".ply": clouds.write_ply,
+    ".pcd": clouds.write_pcd,
+    ".csv": clouds.write_csv,
 }
-IMAGE_WRITERS: dict[str, ImageWriter] = {".png": png.write, ".tif": tiff.write, ".tiff": tiff.write}
-
-
+IMAGE_WRITERS: dict[str, ImageWriter] = {".png": image.write_png, ".tif": image.write_tiff, ".tiff": image.write_tiff}
 EDGE_WRITERS: dict[str, EdgeWriter] = {
-    ".geojson": edges_geojson.write,
-    ".json": edges_geojson.write,
-    ".obj": edges_obj.write,
-    ".ply": edges_ply.write,
+    ".geojson": edge_lines.write_geojson,
+    ".json": edge_lines.write_geojson,
+    ".obj": edge_lines.write_obj,
+    ".ply": edge_lines.write_ply,
 }
-PLANE_WRITERS: dict[str, PlaneWriter] = {".json": planes_json.write, ".obj": planes_obj.write}
+PLANE_WRITERS: dict[str, PlaneWriter] = {".json": outlines.write_json, ".obj": outlines.write_obj}
 
 POINTS, IMAGE, EDGES, PLANES = "points", "image", "edges", "planes"
 
@@ -138,8 +124,8 @@ def export_image(path: Path, image: RangeImage, *, overwrite: bool = False, inpu
 
     Raises
     ------
-    UsageError, BadInputError, StorageError
-        As for `export_points`.
+    BadInputError
+        If a range does not fit into 16 bits; the text names no file.
     """
     with AtomicFile(path, overwrite=overwrite, inputs=inputs) as file:
         IMAGE_WRITERS[path.suffix.lower()](file, replace(image, title=_one_line(image.title)))
