@@ -164,7 +164,7 @@ class RecordingWriter(hdf5.FileWriter):
         amplitude (n, row, col); time_s and temperature_c (n,); range_true (n, row, col, layer), where surfaces move.
         """
         part = slice(start, start + len(range_mm))
-        given = {"range": range_mm, "amplitude": amplitude, "time": time_s, "temperature": temperature_c}
+        given = {"range": range_mm, "time": time_s, "amplitude": amplitude, "temperature": temperature_c}
         for name, values in (given | {f"truth/{RANGE_TRUE_FRAMES.name}": range_true}).items():
             if values is not None:
                 self._root[name][part] = values
