@@ -45,8 +45,7 @@ from tofmix.io.exporters import (
 from tofmix.io.exporters.edge_lines import edge_lines
 from tofmix.io.exporters.fine_points import FIELDS, FinePoints
 from tofmix.io.exporters.image import RangeImage
-from tofmix.io.exporters.outlines import outlines, trace
-from tofmix.io.exporters.planes_obj import triangles
+from tofmix.io.exporters.outlines import outlines, trace, triangles
 from tofmix.io.surfaces.surfaces_file import SurfacesFile, open_surfaces
 from tofmix.io.verify.verify import verify
 

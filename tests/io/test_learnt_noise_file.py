@@ -98,7 +98,7 @@ def _memory(value: object) -> Callable[[h5py.Group], None]:
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (_without("noise_gain_of_first"), "sensor/noise_gain_of_first: missing; learnt noise needs"),
+        (_without("noise_gain_of_first"), "sensor/noise_gain_of_first: missing; noise_drift, "),
         (_without("noise_drift"), "sensor/noise_drift: missing"),
         (_with("noise_background_prior", [1.0, 2.0, 3.0]), r"sensor/noise_background_prior: shape \(3,\); two numbers"),
         (_with("noise_background_prior", [0.0, 2.0]), "background: two finite numbers above 0"),
@@ -158,7 +158,7 @@ def test_a_file_of_uniform_background_has_no_density(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "values", "said"),
     [
-        ("noise_background_range", None, "noise_background_density alone"),
+        ("noise_background_range", None, "noise_background_range: missing; .* go together"),
         ("noise_background_density", [1.0, -1.0, 1.0], "not above 0"),
         ("noise_background_range", [1.0, 3.0, 2.0], "do not ascend"),
         ("noise_background_density", [1.0, 1.0], "one length"),

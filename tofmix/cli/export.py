@@ -112,7 +112,7 @@ def export(
     """
     from tofmix.io.exporters import OF_LAYERS, OF_SURFACES, choose_what
     from tofmix.io.file_kind import format_of
-    from tofmix.io.surfaces.fields import FORMAT as SURFACES_FORMAT
+    from tofmix.io.surfaces.surfaces_file import FORMAT as SURFACES_FORMAT
     from tofmix.jobs.export import ExportRequest, export_file
     from tofmix.points import PointFilter
 

@@ -46,7 +46,7 @@ def info(file: Path, as_json: bool) -> None:
 
 
 def _describe(file: Path) -> "Description":
-    from tofmix.io.gap_file import is_gap_folder, read_gap
+    from tofmix.io.reconciliation import is_gap_folder, read_gap
     from tofmix.report.descriptions.reconciliation import describe_gap
     from tofmix.sensors import PROFILES
     from tofmix.simulation.builtin import BUILTIN_MODELS
@@ -106,7 +106,7 @@ def _of_hdf5(path: Path) -> "Description":
     from tofmix.io.layers.layers_file import open_layers
     from tofmix.io.recording.range_check import distance_doubt, look, unit_doubt, zeros_doubt
     from tofmix.io.recording.recording_file import open_recording
-    from tofmix.io.surfaces.fields import FORMAT as SURFACES_FORMAT
+    from tofmix.io.surfaces.surfaces_file import FORMAT as SURFACES_FORMAT
     from tofmix.io.surfaces.surfaces_file import open_surfaces
     from tofmix.report.descriptions.layers import describe_layers
     from tofmix.report.descriptions.recording import describe_recording

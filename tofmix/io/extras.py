@@ -7,13 +7,7 @@ from tofmix.errors import UsageError
 
 
 def need(module: str, *, extra: str, what: str) -> Any:  # noqa: ANN401  a module
-    """Import a library, or raise an error with the command that installs it.
-
-    Raises
-    ------
-    UsageError
-        If it is not installed.
-    """
+    """Import a library, or raise an error with the command that installs it."""
     try:
         return import_module(module)
     except ImportError as error:

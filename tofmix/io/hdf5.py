@@ -7,18 +7,22 @@ back as a wrong number in silence.
 """
 
 import io
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from types import TracebackType
+from typing import ClassVar, Self
 
 import h5py
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
 from tofmix.io.atomic.storage import AtomicFile, Sink
 from tofmix.io.guard.hdf5_memory import reserve_memory
 from tofmix.io.next_command import next_command
+from tofmix.io.schema import LAYERS, RECORDING, SURFACES, Field
 from tofmix.wording import readable
 
 FORMAT_VERSION = "1.0"
@@ -28,13 +32,65 @@ CONVENTIONS = "CF-1.11"
 _LIBVER = (h5py.h5f.LIBVER_V18, h5py.h5f.LIBVER_V110)
 
 
-_LAYERS, _SURFACES = "tofmix-layers", "tofmix-surfaces"
 _COMMANDS = {
-    "tofmix-recording": ("recording", "estimate"),
-    _LAYERS: ("layers file", "report"),
-    _SURFACES: ("surfaces file", "export"),
+    RECORDING: ("recording", "estimate"),
+    LAYERS: ("layers file", "report"),
+    SURFACES: ("surfaces file", "export"),
 }
 """Kind of file of each format, and the command that reads it."""
+
+
+class FileWriter(ABC):
+    """Writes a file of a tofmix format in parts; the file gets its name when the block ends without an exception.
+
+    Parameters
+    ----------
+    path : Path
+        The new file.
+    title, history : str
+        Root attributes.
+    overwrite, inputs, temporary
+        As for `AtomicFile`, also for its errors.
+    """
+
+    kind: ClassVar[str]
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        title: str,
+        history: str,
+        overwrite: bool,
+        inputs: tuple[Path, ...],
+        temporary: Path | None = None,
+    ) -> None:
+        self._texts = {"title": title, "history": history}
+        self._file = AtomicFile(path, overwrite=overwrite, inputs=inputs, temporary=temporary)
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:  # undone if anything below fails
+            stack.enter_context(self._file)
+            self._root = stack.enter_context(create(self._file, kind=self.kind, **self._texts))
+            self._begin(self._root)
+            self._stack = stack.pop_all()
+        return self
+
+    @abstractmethod
+    def _begin(self, root: h5py.File) -> None:
+        """Make what is known before the first part."""
+
+    def _end(self) -> None:  # noqa: B027  most have nothing to do
+        """Write what is known after the last part."""
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is not None:
+            self._stack.__exit__(kind, error, trace)
+            return
+        with self._stack:
+            self._end()
 
 
 @contextmanager
@@ -98,36 +154,48 @@ def _growable(shape: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
     return {"maxshape": tuple(max(1, n) for n in shape)} if 0 in shape else {}
 
 
-def add_variable(
+PACKED = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "fletcher32": True}
+
+
+def add_field(
     group: h5py.Group,
-    name: str,
+    spec: Field,
+    lengths: Mapping[str, int] | None = None,
     *,
-    dims: Mapping[str, int],
-    dtype: str,
-    units: str,
-    long_name: str,
     chunks: tuple[int, ...] | None = None,
-    fill: float | None = None,
-    data: ArrayLike | None = None,
+    data: NDArray[np.generic] | None = None,
 ) -> h5py.Dataset:
-    """Add a dataset attached to the dimension scales `dims` (name -> length) of the root or of `group`."""
-    shape = tuple(dims.values())
-    options = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "fletcher32": True}
+    """Add the dataset that `spec` declares, attached to the dimension scales of `group` or of the root.
+
+    Parameters
+    ----------
+    group : h5py.Group
+        The file, or a group of it.
+    spec : Field
+        The declaration.
+    lengths : mapping of str to int, optional
+        Length of each dimension; the shape of `data` without it.
+    chunks : tuple of int, optional
+        Shape of a stored chunk; one for all without it.
+    data : array, optional
+        Its values.
+    """
+    shape = tuple(lengths[dim] for dim in spec.dims) if lengths is not None else np.asarray(data).shape
     dataset = group.create_dataset(
-        name,
+        spec.name,
         shape=shape,
-        dtype=dtype,
+        dtype=spec.dtype,
         data=data,
         chunks=chunks or tuple(max(1, n) for n in shape),
-        fillvalue=fill,
+        fillvalue=spec.fill,
         **_growable(shape),
-        **options,
+        **PACKED,
     )
-    dataset.attrs["units"] = units
-    dataset.attrs["long_name"] = long_name
-    if fill is not None:
-        dataset.attrs["_FillValue"] = np.array([fill], dtype=dtype)
-    for axis, dim in enumerate(dims):
+    dataset.attrs["units"] = spec.units
+    dataset.attrs["long_name"] = spec.long_name
+    if spec.fill is not None:
+        dataset.attrs["_FillValue"] = np.array([spec.fill], dtype=spec.dtype)
+    for axis, dim in enumerate(spec.dims):
         dataset.dims[axis].attach_scale(group[dim] if dim in group else group.file[dim])
     return dataset
 
@@ -158,19 +226,13 @@ def text_attribute(item: h5py.Group | h5py.Dataset, key: str) -> str | None:
 
 
 def check_format(root: h5py.File, path: Path, *, kind: str, required: bool) -> None:
-    """Refuse a file of another tofmix format, or of a later version of it.
-
-    Raises
-    ------
-    BadInputError
-        If the root attributes name another format or version, or are missing and `required`.
-    """
+    """Refuse a file of another tofmix format, or of a later version of it."""
     found = text_attribute(root, "format")
     if found is None and not required:
         return
     if found != kind and found in _COMMANDS:
         what, command = _COMMANDS[found]
-        remedy = next_command("surfaces" if (found, kind) == (_LAYERS, _SURFACES) else command, path)
+        remedy = next_command("surfaces" if (found, kind) == (LAYERS, SURFACES) else command, path)
         raise BadInputError(f"{path} is a {what}, not a {_COMMANDS[kind][0]}: {remedy}")
     if found is None and "range" in root and "n_modes" not in root:
         raise BadInputError(f"{path}: not a layers file; if it is a recording: {next_command('estimate', path)}")

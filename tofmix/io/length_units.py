@@ -3,18 +3,17 @@
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 """mm of one unit."""
 
-_LENGTHS_MM = {
-    **UNITS_MM,
-    "nm": 1e-6,
-    "um": 1e-3,
-    "µm": 1e-3,
-    "μm": 1e-3,
-    "micron": 1e-3,
-    "dm": 100.0,
-    "km": 1e6,
-    "inch": 25.4,
-    "foot": 304.8,
-    "ft": 304.8,
+_LENGTHS_MM = UNITS_MM | {
+    name: mm
+    for mm, names in {
+        1e-6: "nm",
+        1e-3: "um µm μm micron",
+        100.0: "dm",
+        1e6: "km",
+        25.4: "inch",
+        304.8: "foot ft",
+    }.items()
+    for name in names.split()
 }
 """mm of each unit that a file may name."""
 

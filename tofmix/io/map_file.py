@@ -17,13 +17,7 @@ PIXEL: dict[State, int] = {State.OCCUPIED: 0, State.UNKNOWN: 205, State.FREE: 25
 
 
 def map_paths(path: Path) -> tuple[Path, Path]:
-    """Paths of the image and of the text of a map.
-
-    Raises
-    ------
-    UsageError
-        If `path` does not end in .yaml or .yml.
-    """
+    """Paths of the image and of the text of a map."""
     if path.suffix not in (".yaml", ".yml"):
         raise UsageError(f"{path}: the name of a map must end in .yaml; its image gets the same name with .pgm")
     return path.with_suffix(".pgm"), path
@@ -40,11 +34,6 @@ def encode_map(map_: FloorMap, path: Path, *, comment: str) -> dict[Path, bytes]
         The text's path, .yaml or .yml.
     comment : str
         One line about where the map is from.
-
-    Raises
-    ------
-    UsageError
-        If `path` does not end in .yaml or .yml.
     """
     image, text = map_paths(path)
     return {

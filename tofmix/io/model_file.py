@@ -20,13 +20,7 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 def load_model_text(name: str) -> str:
-    """Text of the model file `name`, or of the built-in model of that name; a file of that name wins.
-
-    Raises
-    ------
-    BadInputError
-        If there is neither, or the file cannot be read.
-    """
+    """Text of the model file `name`, or of the built-in model of that name; a file of that name wins."""
     if name in BUILTIN_MODELS and not Path(name).is_file():
         return builtin_text(name)
     if not Path(name).exists():
@@ -48,13 +42,7 @@ def _is_hdf5(path: Path) -> bool:
 
 
 def load_model(name: str) -> Model:
-    """Read the model `name`; see `load_model_text`.
-
-    Raises
-    ------
-    BadInputError
-        If it is missing, not TOML or not a model; the text names the line or the key.
-    """
+    """Read the model `name`; see `load_model_text`."""
     text = load_model_text(name)
     if not Path(name).is_file():
         return parse_model(text, source=name)

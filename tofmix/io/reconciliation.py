@@ -9,6 +9,7 @@ complete.
 import errno
 import io
 import json
+import math
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -18,14 +19,20 @@ from typing import Any
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.errors import StorageError, UsageError, os_error_text
+from tofmix.errors import BadInputError, StorageError, UsageError, os_error_text
 from tofmix.io.atomic.atomic_group import write_atomic_group
 from tofmix.io.atomic.locks import hold_lock, release_lock
-from tofmix.io.atomic.storage import sync_folder
+from tofmix.io.atomic.storage import read_text, sync_folder
 from tofmix.wording import readable
 
-FILES = ("report.html", "gap.json")
+GAP = "gap.json"
+
+FILES = ("report.html", GAP)
 """In addition to the models and their maps."""
+
+VERDICTS = ("agree", "explained", "partly_explained", "unexplained")
+_LISTS, _SIZES = ("effects", "where", "candidates", "aliases", "panel"), ("before", "after", "floor")
+"""Keys of `gap.json` that are lists, and those of its `gap` that are numbers of at least 0."""
 
 
 def model_names(models: int) -> list[str]:
@@ -39,15 +46,7 @@ def suggested_names(models: int) -> list[str]:
 
 
 def check_folder(folder: Path, *, overwrite: bool, models: int = 1) -> None:
-    """Refuse a folder that cannot or must not be written, before any work is done.
-
-    Raises
-    ------
-    UsageError
-        If it holds a reconciliation already and may not be overwritten.
-    StorageError
-        If it is a file or may not be written, or if its parent folder does not exist.
-    """
+    """Refuse a folder that cannot or must not be written, before any work is done."""
     if folder.exists() and not folder.is_dir():
         raise StorageError(f"{folder} exists and is not a folder")
     if not folder.exists() and not folder.parent.is_dir():
@@ -61,17 +60,51 @@ def check_folder(folder: Path, *, overwrite: bool, models: int = 1) -> None:
         raise UsageError(f"{folder / there[0]} exists; pass --overwrite to replace it")
 
 
+def is_gap_folder(path: Path) -> bool:
+    """Whether a folder is an output of `tofmix reconcile`."""
+    try:
+        return (path / GAP).is_file()
+    except OSError:
+        return False
+
+
+def parse_gap(path: Path) -> dict[str, Any]:
+    """Read the table of keys of a `gap.json`."""
+    try:
+        gap = json.loads(read_text(path))
+    except (ValueError, RecursionError) as error:
+        raise BadInputError(f"{path}: not JSON: {' '.join(str(error).split())}") from error
+    if not isinstance(gap, dict):
+        raise BadInputError(f"{path}: expected an object")
+    return gap
+
+
+def gap_faults(gap: dict[str, Any]) -> Iterator[str]:
+    """What keys of `gap.json` are not as they should be."""
+    if gap.get("verdict") not in VERDICTS:
+        yield f"verdict {gap.get('verdict')!r}, expected one of {', '.join(VERDICTS)}"
+    for key in _LISTS:
+        if not isinstance(gap.get(key), list):
+            yield f"{key}: expected a list"
+    sizes = gap.get("gap")
+    for key in _SIZES:
+        value = sizes.get(key) if isinstance(sizes, dict) else None
+        if not isinstance(value, int | float) or not math.isfinite(value) or value < 0:
+            yield f"gap: {key}: expected a number of at least 0, got {value!r}"
+
+
+def read_gap(folder: Path) -> dict[str, Any]:
+    """Read `gap.json` of a folder; refuse one that lacks the verdict, the effects or the gap."""
+    gap = parse_gap(folder / GAP)
+    for key, kind in (("verdict", str), ("effects", list), ("gap", dict)):
+        if not isinstance(gap.get(key), kind):
+            raise BadInputError(f"{folder / GAP}: no {key}; expected a gap.json of tofmix reconcile")
+    return gap
+
+
 @contextmanager
 def locked_folder(folder: Path, *, overwrite: bool, models: int = 1) -> Iterator[None]:
-    """Lock the folder before the work for it is done; a second run is refused at once.
-
-    Raises
-    ------
-    UsageError
-        As for `check_folder`, or if another run is writing it.
-    StorageError
-        As for `check_folder`.
-    """
+    """Lock the folder before the work for it is done; a second run is refused at once."""
     check_folder(folder, overwrite=overwrite, models=models)
     target = Path(os.path.realpath(folder))
     hold_lock(target)
@@ -110,11 +143,6 @@ def write_folder(
         As for `AtomicFile`.
     suggested_texts : sequence of str
         The models with what the next steps advise, one for each recording; empty if they advise no effect.
-
-    Raises
-    ------
-    UsageError, StorageError
-        As for `check_folder` and `AtomicFile`.
     """
     check_folder(folder, overwrite=overwrite, models=len(model_texts))
     contents: dict[Path, bytes] = {}

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from tofmix.background_density import BackgroundDensity
 from tofmix.errors import BadInputError
 from tofmix.io.guard import guard
-from tofmix.io.hdf5 import add_group, text_attribute
+from tofmix.io.hdf5 import PACKED, add_group, text_attribute
 from tofmix.learnt_noise import LearntNoise
-from tofmix.measurement import Measurement, measurement_of
+from tofmix.measurement import measurement_of
 from tofmix.noise_shape import NoiseShape
 from tofmix.optics.projection import (
     DEFAULT_PROJECTION,
@@ -32,39 +32,45 @@ from tofmix.sensor import (
     NoiseCurve,
     Sensor,
 )
-from tofmix.share_law import ShareLaw, share_law_of
-from tofmix.temporal_filter import TemporalFilter, make_filter
+from tofmix.share_law import share_law_of
+from tofmix.temporal_filter import make_filter
 
 _MOST_POINTS = 100_000  # of a list in the group `sensor`
 _MOST_COEFFICIENTS = 64  # of a lens; OpenCV has up to 14
 
-_LAW = {
-    "noise_reference_amplitude": "reference",
-    "noise_amplitude": "amplitude",
-    "noise_amplitude_factor": "factor",
+_Table = dict[str, tuple[str, str, str | None]]
+"""Datasets that go together: the field that each holds, its unit, and the dimension scale of its one axis."""
+
+_CURVE: _Table = {
+    "noise_range": ("range_mm", "mm", "noise_range"),
+    "noise_sigma": ("sigma_mm", "mm", "noise_range"),
 }
-"""Datasets of an `AmplitudeLaw` and its fields, in their order."""
-
-_SHAPE = {"noise_shape_z": "z", "noise_shape_density": "density"}
-"""Datasets of a `NoiseShape` and its fields, in their order."""
-
-_DENSITY = {"noise_background_range": "range_mm", "noise_background_density": "density"}
-"""Datasets of a `BackgroundDensity` and its fields, in their order."""
-
-_LEARNT = {
-    "noise_drift": "drift_mm",
-    "noise_gain_samples": "gain_samples",
-    "noise_gain_background": "gain_background",
-    "noise_gain_of_one_more": "gain_more",
-    "noise_gain_of_first": "gain_first",
+_LAW: _Table = {
+    "noise_reference_amplitude": ("reference", "1", "noise_range"),
+    "noise_amplitude": ("amplitude", "1", "noise_amplitude"),
+    "noise_amplitude_factor": ("factor", "1", "noise_amplitude"),
 }
-"""Datasets of learnt noise, and the fields of `LearntNoise`."""
-
-_PRIOR, _MEMORY = "noise_background_prior", "noise_memory"
-
-_WIDTH_SPREAD, _BACKGROUND, _STEP = "noise_width_spread", "noise_background", "range_step_mm"
+_SHAPE: _Table = {
+    "noise_shape_z": ("z", "1", "noise_shape_z"),
+    "noise_shape_density": ("density", "1", "noise_shape_z"),
+}
+_DENSITY: _Table = {
+    "noise_background_range": ("range_mm", "mm", "noise_background_range"),
+    "noise_background_density": ("density", "mm-1", "noise_background_range"),
+}
+_LEARNT: _Table = {
+    "noise_drift": ("drift_mm", "mm", None),
+    "noise_gain_samples": ("gain_samples", "1", None),
+    "noise_gain_background": ("gain_background", "1", None),
+    "noise_gain_of_one_more": ("gain_more", "nat", None),
+    "noise_gain_of_first": ("gain_first", "nat", None),
+}
+_PRIOR: _Table = {"noise_background_prior": ("background", "1", None)}
+_MEMORY, _WIDTH_SPREAD = "noise_memory", "noise_width_spread"
+_BACKGROUND, _STEP = "noise_background", "range_step_mm"
 _FILTER, _FILTER_PARAMETER = "temporal_filter", "temporal_filter_parameter"
 _IMAGE_RANK = 2  # (row, col)
+_MOST_OF_IMAGE = MOST_PIXELS_A_SIDE**2
 
 
 def write_sensor(root: h5py.File, sensor: Sensor, *, image: tuple[int, int]) -> None:
@@ -87,127 +93,69 @@ def write_sensor(root: h5py.File, sensor: Sensor, *, image: tuple[int, int]) -> 
     if sensor.noise is not None:
         _write_noise(group, sensor.noise, image)
     if sensor.learnt is not None:
-        _write_learnt(group, sensor.learnt)
-    if sensor.range_step_mm is not None:
-        _write_step(group, sensor.range_step_mm)
-    _write_filter(group, sensor.temporal_filter)
-
-
-def _write_filter(group: h5py.Group, found: TemporalFilter | None) -> None:
-    if found is not None:
-        group.attrs[_FILTER], group.attrs[_FILTER_PARAMETER] = found.kind, float(found.parameter)
-
-
-def _write_step(group: h5py.Group, step: NDArray[np.float64]) -> None:
-    """Write the step of the stored ranges: a number as an attribute, else a dataset."""
-    if step.ndim == 0:
-        group.attrs[_STEP] = float(step)
-        return
-    dataset = group.create_dataset(_STEP, data=step, chunks=step.shape, fletcher32=True)
-    dataset.attrs["units"] = "mm"
-    if step.ndim == 1:
-        dataset.dims[0].attach_scale(group["noise_range"])
-        return
-    for axis, name in enumerate(("row", "col")):
-        if name in group.file:
-            dataset.dims[axis].attach_scale(group.file[name])
-
-
-def _read_step(group: h5py.Group, path: Path) -> NDArray[np.float64] | None:
-    if _STEP in group:
-        return _numbers(group, _STEP, path, most=MOST_PIXELS_A_SIDE**2)
-    number = _number(group, _STEP, path)
-    return None if number is None else np.array(number)
+        group.attrs[_MEMORY] = float(sensor.learnt.memory)
+        _write_tables(group, (sensor.learnt, _LEARNT | ({} if sensor.learnt.background is None else _PRIOR)))
+    _write_samples(group, sensor)
 
 
 def _write_noise(group: h5py.Group, noise: NoiseCurve, image: tuple[int, int]) -> None:
     """Write a noise curve, with its law of amplitude, shape, widths and background."""
-    curve = {"noise_range": (noise.range_mm, "mm"), "noise_sigma": (noise.sigma_mm, "mm")}
-    if noise.law is not None:
-        curve |= {name: (getattr(noise.law, key), "1") for name, key in _LAW.items()}
-    for name, (values, units) in curve.items():
-        dataset = group.create_dataset(name, data=values, chunks=values.shape, fletcher32=True)
-        dataset.attrs["units"] = units
-    # sigma over range: readers of dimension scales draw the curve against range.
-    group["noise_range"].make_scale("noise_range")
-    group["noise_sigma"].dims[0].attach_scale(group["noise_range"])
-    if noise.law is not None:
-        group["noise_reference_amplitude"].dims[0].attach_scale(group["noise_range"])
-        group["noise_amplitude"].make_scale("noise_amplitude")
-        group["noise_amplitude_factor"].dims[0].attach_scale(group["noise_amplitude"])
-    _write_noise_parts(group, noise, image)
-
-
-def _write_learnt(group: h5py.Group, learnt: LearntNoise) -> None:
-    """Write learnt noise."""
-    group.attrs[_MEMORY] = float(learnt.memory)
-    arrays = {name: np.asarray(getattr(learnt, key)) for name, key in _LEARNT.items()}
-    if learnt.background is not None:
-        arrays[_PRIOR] = np.array(learnt.background)
-    for name, values in arrays.items():
-        dataset = group.create_dataset(name, data=values, chunks=values.shape, fletcher32=True)
-        dataset.attrs["units"] = "mm" if name == "noise_drift" else "nat" if name.startswith("noise_gain_of") else "1"
-
-
-def _read_learnt(group: h5py.Group, path: Path) -> LearntNoise | None:
-    if not any(name in group for name in _LEARNT):
-        return None
-    arrays: dict[str, NDArray[np.float64]] = {}
-    for name in (*_LEARNT, _PRIOR):
-        if name in group:
-            with guard.reading(path, f"sensor/{name}"):
-                arrays[name] = np.asarray(group[name], dtype=np.float64)
-        elif name != _PRIOR:
-            raise BadInputError(f"{path}: sensor/{name}: missing; learnt noise needs all its datasets")
-    prior = arrays.pop(_PRIOR, None)
-    if prior is not None and prior.shape != (2,):
-        raise BadInputError(f"{path}: sensor/{_PRIOR}: shape {prior.shape}; two numbers are expected")
-    values: dict[str, Any] = {_LEARNT[name]: array for name, array in arrays.items()}
-    try:
-        return LearntNoise(
-            background=None if prior is None else (float(prior[0]), float(prior[1])),
-            memory=float(group.attrs.get(_MEMORY, 0.0)),
-            **values,
-        )
-    except (TypeError, ValueError) as error:
-        raise BadInputError(f"{path}: sensor: {error}") from error
-
-
-def _write_noise_parts(group: h5py.Group, noise: NoiseCurve, image: tuple[int, int]) -> None:
-    """Write the shape, widths and background of a noise curve."""
-    if noise.background_density is not None:
-        for name, key in _DENSITY.items():
-            values = getattr(noise.background_density, key)
-            dataset = group.create_dataset(name, data=values, chunks=values.shape, fletcher32=True)
-            dataset.attrs["units"] = "mm" if key == "range_mm" else "mm-1"
-        group["noise_background_range"].make_scale("noise_background_range")
-        group["noise_background_density"].dims[0].attach_scale(group["noise_background_range"])
-    if noise.shape is not None:
-        for name, key in _SHAPE.items():
-            values = getattr(noise.shape, key)
-            group.create_dataset(name, data=values, chunks=values.shape, fletcher32=True).attrs["units"] = "1"
-        group["noise_shape_z"].make_scale("noise_shape_z")
-        group["noise_shape_density"].dims[0].attach_scale(group["noise_shape_z"])
+    _write_tables(group, (noise, _CURVE), (noise.law, _LAW))
+    _write_tables(group, (noise.background_density, _DENSITY))
+    _write_tables(group, (noise.shape, _SHAPE))
     if noise.width_spread:
         group.attrs[_WIDTH_SPREAD] = float(noise.width_spread)
     if noise.background is not None:
         of_each = np.broadcast_to(noise.background, image)
-        options = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "fletcher32": True}
-        share = group.create_dataset(_BACKGROUND, data=of_each, chunks=image, **options)
+        share = group.create_dataset(_BACKGROUND, data=of_each, chunks=image, **PACKED)
         share.attrs["units"] = "1"
-        for axis, name in enumerate(("row", "col")):
-            if name in group.file:
-                share.dims[axis].attach_scale(group.file[name])
+        _attach_image(share)
+
+
+def _write_tables(group: h5py.Group, *tables: tuple[object, _Table]) -> None:
+    """Write the datasets of objects that are there, then their scales: readers draw a curve against its range."""
+    there = [(found, table) for found, table in tables if found is not None]
+    for found, table in there:
+        for name, (key, units, _) in table.items():
+            values = np.asarray(getattr(found, key))
+            dataset = group.create_dataset(name, data=values, chunks=values.shape, fletcher32=True)
+            dataset.attrs["units"] = units
+    for name, (_, _, scale) in (item for _, table in there for item in table.items()):
+        if scale == name:
+            group[name].make_scale(name)
+        elif scale is not None:
+            group[name].dims[0].attach_scale(group[scale])
+
+
+def _write_samples(group: h5py.Group, sensor: Sensor) -> None:
+    """Write the step of the stored ranges, a number as an attribute, else a dataset; then the filter over time."""
+    step = sensor.range_step_mm
+    if step is not None and step.ndim == 0:
+        group.attrs[_STEP] = float(step)
+    elif step is not None:
+        _write_step(group, step)
+    if sensor.temporal_filter is not None:
+        group.attrs[_FILTER] = sensor.temporal_filter.kind
+        group.attrs[_FILTER_PARAMETER] = float(sensor.temporal_filter.parameter)
+
+
+def _write_step(group: h5py.Group, step: NDArray[np.float64]) -> None:
+    dataset = group.create_dataset(_STEP, data=step, chunks=step.shape, fletcher32=True)
+    dataset.attrs["units"] = "mm"
+    if step.ndim == 1:
+        dataset.dims[0].attach_scale(group["noise_range"])
+    else:
+        _attach_image(dataset)
+
+
+def _attach_image(dataset: h5py.Dataset) -> None:
+    for axis, name in enumerate(("row", "col")):
+        if name in dataset.file:
+            dataset.dims[axis].attach_scale(dataset.file[name])
 
 
 def read_sensor(root: h5py.File, path: Path) -> Sensor:
-    """Read the group `sensor`; a file without one gives a sensor of which nothing is known.
-
-    Raises
-    ------
-    BadInputError
-        If an attribute is not a number or out of bounds, or the noise curve is unfit.
-    """
+    """Read the group `sensor`; a file without one gives a sensor of which nothing is known."""
     group = root.get("sensor")
     if group is None:
         return Sensor(name="unknown")
@@ -217,37 +165,22 @@ def read_sensor(root: h5py.File, path: Path) -> Sensor:
     # NaN: not known; inf: no such limit, as for a stereo camera's [686, inf).
     known = {key: value for key, value in numbers.items() if value is not None and np.isfinite(value)}
     known.setdefault("outlier_probability", DEFAULT_OUTLIER_PROBABILITY)
+    texts = {key: text_attribute(group, key) for key in ("measurement", "share_law", _FILTER)}
+    measurement, share_law, kind = texts.values()
     try:
-        noise, projection = _read_noise(group, path), _read_projection(group, path)
-        learnt = _read_learnt(group, path)
         return Sensor(
             name=text_attribute(group, "name") or "unknown",
-            measurement=_read_measurement(group),
-            share_law=_read_share_law(group),
-            noise=noise,
-            projection=projection,
-            learnt=learnt,
+            measurement=measurement_of(measurement) if measurement else None,
+            share_law=share_law_of(share_law) if share_law else None,
+            noise=_read_noise(group, path),
+            projection=_read_projection(group, path),
+            learnt=_read_learnt(group, path),
             range_step_mm=_read_step(group, path),
-            temporal_filter=_read_filter(group, path),
+            temporal_filter=make_filter(kind, _number(group, _FILTER_PARAMETER, path) or 0.0) if kind else None,
             **known,
         )
-    except ValueError as error:
+    except (TypeError, ValueError) as error:
         raise BadInputError(f"{path}: sensor: {error}") from error
-
-
-def _read_filter(group: h5py.Group, path: Path) -> TemporalFilter | None:
-    kind = text_attribute(group, _FILTER)
-    return make_filter(kind, _number(group, _FILTER_PARAMETER, path) or 0.0) if kind else None
-
-
-def _read_measurement(group: h5py.Group) -> Measurement | None:
-    text = text_attribute(group, "measurement")
-    return measurement_of(text) if text else None
-
-
-def _read_share_law(group: h5py.Group) -> ShareLaw | None:
-    text = text_attribute(group, "share_law")
-    return share_law_of(text) if text else None
 
 
 def _read_projection(group: h5py.Group, path: Path) -> Projection | None:
@@ -280,52 +213,47 @@ def _short_list(group: h5py.Group, key: str, path: Path) -> list[float]:
 
 
 def _read_noise(group: h5py.Group, path: Path) -> NoiseCurve | None:
-    present = [name for name in ("noise_range", "noise_sigma") if name in group]
-    if not present:
+    curve = _read_table(group, _CURVE, path)
+    if curve is None:
         return None
-    if len(present) == 1:
-        raise BadInputError(f"{path}: sensor: {present[0]} alone; noise_range and noise_sigma go together")
-    range_mm, sigma_mm = (_numbers(group, name, path) for name in present)
+    law, shape, density = (_read_table(group, table, path) for table in (_LAW, _SHAPE, _DENSITY))
     return NoiseCurve(
-        range_mm,
-        sigma_mm,
-        _read_law(group, path),
-        shape=_read_shape(group, path),
+        **curve,
+        law=None if law is None else AmplitudeLaw(**law),
+        shape=None if shape is None else NoiseShape(**shape),
         width_spread=_number(group, _WIDTH_SPREAD, path) or 0.0,
-        background=_read_background(group, path),
-        background_density=_read_density(group, path),
+        background=_numbers(group, _BACKGROUND, path, most=_MOST_OF_IMAGE) if _BACKGROUND in group else None,
+        background_density=None if density is None else BackgroundDensity(**density),
     )
 
 
-def _read_law(group: h5py.Group, path: Path) -> AmplitudeLaw | None:
-    present = [name for name in _LAW if name in group]
-    if not present:
+def _read_learnt(group: h5py.Group, path: Path) -> LearntNoise | None:
+    learnt = _read_table(group, _LEARNT, path, most=_MOST_OF_IMAGE)
+    if learnt is None:
         return None
-    if len(present) < len(_LAW):
-        raise BadInputError(f"{path}: sensor: {present[0]} alone; {', '.join(_LAW)} go together")
-    return AmplitudeLaw(*(_numbers(group, name, path) for name in _LAW))
+    prior = _read_table(group, _PRIOR, path)
+    background = None if prior is None else prior["background"]
+    if background is not None and background.shape != (2,):
+        raise BadInputError(f"{path}: sensor/{next(iter(_PRIOR))}: shape {background.shape}; two numbers are expected")
+    pair = None if background is None else (float(background[0]), float(background[1]))
+    return LearntNoise(background=pair, memory=_number(group, _MEMORY, path) or 0.0, **learnt)
 
 
-def _read_shape(group: h5py.Group, path: Path) -> NoiseShape | None:
-    present = [name for name in _SHAPE if name in group]
-    if not present:
+def _read_step(group: h5py.Group, path: Path) -> NDArray[np.float64] | None:
+    if _STEP in group:
+        return _numbers(group, _STEP, path, most=_MOST_OF_IMAGE)
+    number = _number(group, _STEP, path)
+    return None if number is None else np.array(number)
+
+
+def _read_table(group: h5py.Group, table: _Table, path: Path, *, most: int = _MOST_POINTS) -> dict[str, Any] | None:
+    """Datasets that go together, by the fields that they hold; None without any."""
+    missing = [name for name in table if name not in group]
+    if len(missing) == len(table):
         return None
-    if len(present) < len(_SHAPE):
-        raise BadInputError(f"{path}: sensor: {present[0]} alone; {' and '.join(_SHAPE)} go together")
-    return NoiseShape(*(_numbers(group, name, path) for name in _SHAPE))
-
-
-def _read_density(group: h5py.Group, path: Path) -> BackgroundDensity | None:
-    present = [name for name in _DENSITY if name in group]
-    if not present:
-        return None
-    if len(present) < len(_DENSITY):
-        raise BadInputError(f"{path}: sensor: {present[0]} alone; {' and '.join(_DENSITY)} go together")
-    return BackgroundDensity(*(_numbers(group, name, path) for name in _DENSITY))
-
-
-def _read_background(group: h5py.Group, path: Path) -> NDArray[np.float64] | None:
-    return _numbers(group, _BACKGROUND, path, most=MOST_PIXELS_A_SIDE**2) if _BACKGROUND in group else None
+    if missing:
+        raise BadInputError(f"{path}: sensor/{missing[0]}: missing; {', '.join(table)} go together")
+    return {key: _numbers(group, name, path, most=most) for name, (key, _, _) in table.items()}
 
 
 def check_maps(sensor: Sensor, image: tuple[int, int], path: Path) -> None:
@@ -339,11 +267,6 @@ def check_maps(sensor: Sensor, image: tuple[int, int], path: Path) -> None:
         Rows and columns of the file's image.
     path : Path
         The file.
-
-    Raises
-    ------
-    BadInputError
-        If it is.
     """
     background = None if sensor.noise is None else sensor.noise.background
     for name, values in ((_BACKGROUND, background), (_STEP, sensor.range_step_mm)):

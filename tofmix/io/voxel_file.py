@@ -13,13 +13,7 @@ _MISSING_EXTRA = "PLY needs plyfile: pip install 'tofmix[export]', or write .npz
 
 
 def check_voxel_path(path: Path) -> None:
-    """Refuse a name of no known format, and PLY without its library.
-
-    Raises
-    ------
-    UsageError
-        If it ends in neither .ply nor .npz, or plyfile is not installed.
-    """
+    """Refuse a name of no known format, and PLY without its library."""
     if path.suffix not in (".ply", ".npz"):
         raise UsageError(f"{path}: voxels are written as .ply or .npz")
     if path.suffix == ".ply":
@@ -41,11 +35,6 @@ def encode_voxels(voxels: VoxelMap, path: Path, *, comment: str) -> bytes:
         Its name, .ply or .npz.
     comment : str
         One line about where the map is from; for PLY.
-
-    Raises
-    ------
-    UsageError
-        As for `check_voxel_path`.
     """
     check_voxel_path(path)
     return _npz(voxels) if path.suffix == ".npz" else _ply(voxels, comment)

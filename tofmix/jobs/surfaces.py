@@ -9,7 +9,7 @@ from tofmix.errors import BadInputError
 from tofmix.io.atomic.storage import locked
 from tofmix.io.layers.layers_file import LayersFile, open_layers
 from tofmix.io.recording.recording_file import file_sha256
-from tofmix.io.surfaces.surfaces_writer import SurfacesWriter
+from tofmix.io.surfaces.surfaces_file import SurfacesWriter
 from tofmix.jobs.layers_files import check_view, placed_words, sensor_of_view
 from tofmix.jobs.reporter import Reporter
 from tofmix.sensor import Sensor

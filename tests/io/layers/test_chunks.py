@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from tofmix.io import hdf5
 from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.layers.chunks import encode_cell, fill_of, fletcher32
-from tofmix.layers import LAYER_FIELDS, Layers
+from tofmix.io.schema import field_of
+from tofmix.layers import LAYER_DIMS, LAYER_FIELDS, Layers
 
 
 def made_up(shape: tuple[int, int, int], layers: int = 3) -> Layers:
@@ -33,13 +34,11 @@ def test_hdf5_reads_what_was_encoded(tmp_path: Path, cell: tuple[int, int, int])
         AtomicFile(tmp_path / "a.h5", overwrite=False) as file,
         hdf5.create(file, kind="x", title="", history="") as root,
     ):
-        for name, length in zip("wrcl", (*whole, 3), strict=True):
+        for name, length in zip(LAYER_DIMS, (*whole, 3), strict=True):
             hdf5.add_scale(root, name, length)
         for spec, chunk in zip(LAYER_FIELDS, encoded.chunks, strict=True):
-            dims = dict(zip("wrcl"[: 4 if spec.per_layer else 3], (*whole, 3), strict=False))
-            fill = np.nan if spec.dtype.startswith("f") else None
-            hdf5.add_variable(root, spec.name, dims=dims, dtype=spec.dtype, units="1", long_name="x", fill=fill)
-            root[spec.name].id.write_direct_chunk((0,) * len(dims), chunk)
+            hdf5.add_field(root, field_of(spec), dict(zip(LAYER_DIMS, (*whole, 3), strict=True)))
+            root[spec.name].id.write_direct_chunk((0,) * len(spec.dims), chunk)
     windows, rows, cols = cell
     with h5py.File(tmp_path / "a.h5") as root:  # reading checks Fletcher's sum
         for spec in LAYER_FIELDS:

@@ -22,11 +22,6 @@ def write_atomic_group(contents: dict[Path, bytes], *, overwrite: bool, inputs: 
         What to write.
     overwrite, inputs
         As for `tofmix.io.atomic.storage.AtomicFile`.
-
-    Raises
-    ------
-    UsageError, StorageError
-        As for `AtomicFile`.
     """
     with ExitStack() as stack:
         files = [AtomicFile(path, overwrite=overwrite, inputs=inputs) for path in contents]

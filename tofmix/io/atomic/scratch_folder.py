@@ -23,13 +23,7 @@ YOUNG_S = 60.0
 
 @contextmanager
 def scratch_folder() -> Iterator[Path]:
-    """Make a folder that is removed when the block ends, or the process.
-
-    Raises
-    ------
-    StorageError
-        If it cannot be made.
-    """
+    """Make a folder that is removed when the block ends, or the process."""
     root = Path(tempfile.gettempdir())
     _clear(root)
     try:

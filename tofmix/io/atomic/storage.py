@@ -194,11 +194,6 @@ def locked(*paths: Path, overwrite: bool, inputs: tuple[Path, ...] = ()) -> Iter
         The outputs.
     overwrite, inputs
         As for `AtomicFile`.
-
-    Raises
-    ------
-    UsageError, StorageError
-        As for `AtomicFile`.
     """
     for path in paths:
         check_output(path, overwrite=overwrite, inputs=inputs)
@@ -210,15 +205,7 @@ def locked(*paths: Path, overwrite: bool, inputs: tuple[Path, ...] = ()) -> Iter
 
 
 def check_output(path: Path, *, overwrite: bool, inputs: tuple[Path, ...] = ()) -> None:
-    """Refuse an output that cannot or must not be written, before any work is done.
-
-    Raises
-    ------
-    UsageError
-        If `path` exists and may not be replaced, or is one of `inputs`.
-    StorageError
-        If its folder does not exist, or `path` is not a regular file.
-    """
+    """Refuse an output that cannot or must not be written, before any work is done."""
     try:
         if any(path.exists() and other.exists() and path.samefile(other) for other in inputs):
             raise UsageError(f"{path} is the input; choose another output")
@@ -243,13 +230,7 @@ def write_text(path: Path, text: str, *, overwrite: bool, inputs: tuple[Path, ..
 
 
 def check_input(path: Path) -> None:
-    """Refuse an input that is no regular file: a pipe would be waited for without end.
-
-    Raises
-    ------
-    BadInputError
-        If it does not exist, cannot be reached, or is something else.
-    """
+    """Refuse an input that is no regular file: a pipe would be waited for without end."""
     try:
         mode = path.stat().st_mode
     except OSError as error:
@@ -259,13 +240,7 @@ def check_input(path: Path) -> None:
 
 
 def read_text(path: Path) -> str:
-    """Read a UTF-8 text file.
-
-    Raises
-    ------
-    BadInputError
-        If it cannot be read or is not UTF-8.
-    """
+    """Read a UTF-8 text file."""
     check_input(path)
     try:
         return path.read_text(encoding="utf-8")

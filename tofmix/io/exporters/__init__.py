@@ -1,4 +1,4 @@
-"""Layers and surfaces in the formats of other programs: one file a format, one line each here.
+"""Layers and surfaces in the formats of other programs: one writer a format, one line each here.
 
 Point formats write every field of their points; image formats write ranges in 16 bits. Edges and planes are of surfaces
 files. All go through `tofmix.io.atomic.storage.AtomicFile`.
@@ -10,19 +10,7 @@ from pathlib import Path
 
 from tofmix.errors import UsageError
 from tofmix.io.atomic.storage import AtomicFile
-from tofmix.io.exporters import (
-    csv_points,
-    edges_geojson,
-    edges_obj,
-    edges_ply,
-    las,
-    pcd,
-    planes_json,
-    planes_obj,
-    ply,
-    png,
-    tiff,
-)
+from tofmix.io.exporters import clouds, edge_lines, image, las, outlines
 from tofmix.io.exporters.edge_lines import EdgeLine
 from tofmix.io.exporters.image import RangeImage
 from tofmix.io.exporters.outlines import Outline
@@ -41,20 +29,18 @@ PlaneWriter = Callable[[AtomicFile, SurfacesFile, Sequence[Outline], str], None]
 POINT_WRITERS: dict[str, PointWriter] = {
     ".las": las.write_las,
     ".laz": las.write_laz,
-    ".ply": ply.write,
-    ".pcd": pcd.write,
-    ".csv": csv_points.write,
+    ".ply": clouds.write_ply,
+    ".pcd": clouds.write_pcd,
+    ".csv": clouds.write_csv,
 }
-IMAGE_WRITERS: dict[str, ImageWriter] = {".png": png.write, ".tif": tiff.write, ".tiff": tiff.write}
-
-
+IMAGE_WRITERS: dict[str, ImageWriter] = {".png": image.write_png, ".tif": image.write_tiff, ".tiff": image.write_tiff}
 EDGE_WRITERS: dict[str, EdgeWriter] = {
-    ".geojson": edges_geojson.write,
-    ".json": edges_geojson.write,
-    ".obj": edges_obj.write,
-    ".ply": edges_ply.write,
+    ".geojson": edge_lines.write_geojson,
+    ".json": edge_lines.write_geojson,
+    ".obj": edge_lines.write_obj,
+    ".ply": edge_lines.write_ply,
 }
-PLANE_WRITERS: dict[str, PlaneWriter] = {".json": planes_json.write, ".obj": planes_obj.write}
+PLANE_WRITERS: dict[str, PlaneWriter] = {".json": outlines.write_json, ".obj": outlines.write_obj}
 
 POINTS, IMAGE, EDGES, PLANES = "points", "image", "edges", "planes"
 
@@ -81,11 +67,6 @@ def choose_what(path: Path, what: str | None, known: dict[str, tuple[str, ...]])
         A key of `OF_LAYERS` or `OF_SURFACES`; None: by the name.
     known : dict
         `OF_LAYERS` or `OF_SURFACES`.
-
-    Raises
-    ------
-    UsageError
-        With the known extensions, or the contents that the extension can hold.
     """
     suffix = path.suffix.lower()
     fitting = [one for one, suffixes in known.items() if suffix in suffixes]
@@ -125,15 +106,6 @@ def export_points(
         Called with 1 after each block.
     overwrite, inputs
         As for `AtomicFile`.
-
-    Raises
-    ------
-    UsageError
-        As for `AtomicFile`, or if the format needs a library that is not installed.
-    BadInputError
-        If the format cannot hold the points.
-    StorageError
-        If the disk is full or fails.
     """
     with AtomicFile(path, overwrite=overwrite, inputs=inputs) as file:
 
@@ -152,8 +124,8 @@ def export_image(path: Path, image: RangeImage, *, overwrite: bool = False, inpu
 
     Raises
     ------
-    UsageError, BadInputError, StorageError
-        As for `export_points`.
+    BadInputError
+        If a range does not fit into 16 bits; the text names no file.
     """
     with AtomicFile(path, overwrite=overwrite, inputs=inputs) as file:
         IMAGE_WRITERS[path.suffix.lower()](file, replace(image, title=_one_line(image.title)))
@@ -163,13 +135,7 @@ def export_image(path: Path, image: RangeImage, *, overwrite: bool = False, inpu
 def export_edges(
     path: Path, lines: Sequence[EdgeLine], *, title: str, overwrite: bool = False, inputs: tuple[Path, ...] = ()
 ) -> None:
-    """Write edges in the format of the extension, a key of `EDGE_WRITERS`.
-
-    Raises
-    ------
-    UsageError, StorageError
-        As for `export_points`.
-    """
+    """Write edges in the format of the extension, a key of `EDGE_WRITERS`."""
     with AtomicFile(path, overwrite=overwrite, inputs=inputs) as file:
         EDGE_WRITERS[path.suffix.lower()](file, lines, _one_line(title))
         file.commit()
@@ -178,13 +144,7 @@ def export_edges(
 def export_planes(
     path: Path, source: SurfacesFile, outlines: Sequence[Outline], *, title: str, overwrite: bool = False
 ) -> None:
-    """Write surfaces as planes with outlines in the format of the extension, a key of `PLANE_WRITERS`.
-
-    Raises
-    ------
-    UsageError, StorageError, BadInputError
-        As for `export_points`.
-    """
+    """Write surfaces as planes with outlines in the format of the extension, a key of `PLANE_WRITERS`."""
     with AtomicFile(path, overwrite=overwrite, inputs=(source.path,)) as file:
         PLANE_WRITERS[path.suffix.lower()](file, source, outlines, _one_line(title))
         file.commit()

@@ -1,14 +1,19 @@
-"""Edges as lines, in the image and in space, for the formats that draw them."""
+"""Edges as lines, in the image and in space, and the formats that draw them: GeoJSON, Wavefront OBJ, binary PLY."""
 
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
+from tofmix.io.atomic.storage import AtomicFile
+from tofmix.io.exporters.clouds import described, ply_header
 from tofmix.io.exporters.placing import on_surfaces
 from tofmix.io.surfaces.surfaces_file import SurfacesFile
+from tofmix.points import PointArray, PointField, packed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,11 +52,6 @@ def edge_lines(file: SurfacesFile, windows: Sequence[int]) -> list[EdgeLine]:
     """Lines of some windows, in the order of the file.
 
     Where a line passes from one pair of surfaces to another, both pieces have the first point of the second.
-
-    Raises
-    ------
-    BadInputError
-        If the edges cannot be read or placed.
     """
     return [line for window in windows for line in _lines_of_window(file, window)]
 
@@ -78,3 +78,95 @@ def _lines_of_window(file: SurfacesFile, window: int) -> Iterator[EdgeLine]:
             stderr=edges.stderr[part],
             place_m=on_surfaces(file, window, on, row, col),
         )
+
+
+def write_geojson(file: AtomicFile, lines: Sequence[EdgeLine], title: str) -> None:
+    """Write GeoJSON (RFC 7946) in the image's coordinates in place of the earth's.
+
+    One LineString a line, a Point where it has but one; a standard error that is not known is null.
+    """
+    content = {
+        "type": "FeatureCollection",
+        "title": title,
+        "coordinates": "[col, row], pixels; the centre of the first pixel is at [0, 0], rows run downward",
+        "features": [_feature(line) for line in lines],
+    }
+    file.sink.write(f"{json.dumps(content, allow_nan=False)}\n".encode())
+
+
+def _feature(line: EdgeLine) -> dict[str, Any]:
+    points = [list(point) for point in zip(map(short, line.col), map(short, line.row), strict=True)]
+    one = len(points) == 1
+    shape = {"type": "Point" if one else "LineString", "coordinates": points[0] if one else points}
+    stderr = [short(value) for value in line.stderr]
+    properties = {"line": line.line, "near": line.near, "far": line.far, "window": line.window, "stderr": stderr}
+    return {"type": "Feature", "geometry": shape, "properties": properties}
+
+
+def short(value: np.float32) -> float | None:
+    """The shortest number that gives the float32 back; None for one that is not finite."""
+    return float(str(value)) if np.isfinite(value) else None
+
+
+def obj_header(title: str) -> list[str]:
+    """First lines of a Wavefront OBJ text."""
+    return [*described("#", title), "# metres: x to the right, y down, z away"]
+
+
+def obj_vertices(places_m: FloatArray) -> list[str]:
+    """Lines of vertices (n, 3), metres, to a micrometre; OBJ counts them from 1."""
+    return ["v {:.6f} {:.6f} {:.6f}".format(*place) for place in places_m.tolist()]
+
+
+def write_obj(file: AtomicFile, lines: Sequence[EdgeLine], title: str) -> None:
+    """Write one object a line, in space; points at which the beam does not meet the plane part it."""
+    text, first = obj_header(title), 1
+    for line in lines:
+        text.append(f"o line_{line.line}_near_{line.near}_far_{line.far}")
+        for run in line.runs():
+            count = run.stop - run.start
+            text += obj_vertices(line.place_m[run])
+            numbers = " ".join(str(first + k) for k in range(count))
+            text.append(f"{'l' if count > 1 else 'p'} {numbers}")
+            first += count
+    file.sink.write("\n".join([*text, ""]).encode("ascii"))
+
+
+FIELDS: tuple[PointField, ...] = (
+    PointField(name="x", dtype="<f4", units="m", long_name="to the right, on the plane of the nearer surface"),
+    PointField(name="y", dtype="<f4", units="m", long_name="down"),
+    PointField(name="z", dtype="<f4", units="m", long_name="away from the sensor"),
+    PointField(name="row", dtype="<f4", units="pixel", long_name="row in the image"),
+    PointField(name="col", dtype="<f4", units="pixel", long_name="column in the image"),
+    PointField(name="stderr", dtype="<f4", units="pixel", long_name="standard error across the edge"),
+    PointField(name="near", dtype="<i4", units="1", long_name="surface that ends at the edge"),
+    PointField(name="far", dtype="<i4", units="1", long_name="surface behind the edge, -1 = no return"),
+    PointField(name="line", dtype="<i4", units="1", long_name="line that the point belongs to"),
+    PointField(name="window", dtype="<u4", units="1", long_name="window of the layers file"),
+)
+"""Properties of a point of an edge."""
+
+
+def write_ply(file: AtomicFile, lines: Sequence[EdgeLine], title: str) -> None:
+    """Write the points that have a position in space as vertices, and the edges between them."""
+    runs = [_vertices(line, run) for line in lines for run in line.runs()]
+    vertices = np.concatenate([np.zeros(0, packed(FIELDS)), *runs])
+    joined = np.ones(len(vertices), dtype=np.bool_)  # to the next
+    joined[np.cumsum([len(run) for run in runs], dtype=np.intp) - 1] = False
+    start = np.flatnonzero(joined)
+    edges = f"element edge {len(start)}", "property int vertex1", "property int vertex2"
+    header = ply_header(title, FIELDS, len(vertices), *edges)
+    file.sink.write("\n".join([*header, ""]).encode("ascii"))
+    file.sink.write(vertices.tobytes())
+    file.sink.write(np.stack([start, start + 1], axis=-1).astype("<i4").tobytes())
+
+
+def _vertices(line: EdgeLine, run: slice) -> PointArray:
+    vertices = np.zeros(run.stop - run.start, dtype=packed(FIELDS))
+    for axis, values in zip("xyz", line.place_m[run].T, strict=True):
+        vertices[axis] = values
+    for name in ("row", "col", "stderr"):
+        vertices[name] = getattr(line, name)[run]
+    for name in ("near", "far", "line", "window"):
+        vertices[name] = getattr(line, name)
+    return vertices

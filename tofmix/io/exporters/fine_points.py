@@ -33,11 +33,6 @@ class FinePoints:
         The surfaces.
     windows : sequence of int
         Which windows.
-
-    Raises
-    ------
-    BadInputError
-        If the file lacks the directions of its pixels.
     """
 
     def __init__(self, file: SurfacesFile, windows: Sequence[int]) -> None:

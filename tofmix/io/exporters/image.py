@@ -1,5 +1,6 @@
-"""Ranges as whole numbers of 16 bits, for image formats."""
+"""Ranges as whole numbers of 16 bits, in grey PNG and TIFF whose text names the scale."""
 
+import io
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,6 +8,8 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array
 from tofmix.errors import BadInputError
+from tofmix.io.atomic.storage import AtomicFile
+from tofmix.io.extras import need
 
 _LARGEST = np.iinfo(np.uint16).max  # largest count that a 16-bit image stores
 
@@ -33,13 +36,7 @@ class RangeImage:
     none: str = "no layer"
 
     def counts(self) -> NDArray[np.uint16]:
-        """Nearest whole counts (row, col) uint16; 0 for none.
-
-        Raises
-        ------
-        BadInputError
-            If a range is not within 1 to 65,535 counts.
-        """
+        """Nearest whole counts (row, col) uint16; 0 for none."""
         known = np.isfinite(self.range_mm)
         counts = np.rint(self.range_mm.astype(np.float64) / self.scale_mm)
         bad = known & ~((counts >= 1) & (counts <= _LARGEST))
@@ -54,3 +51,31 @@ class RangeImage:
     def description(self) -> str:
         """Meaning of a count, in one line for the header of the file."""
         return f"{self.title}; radial range, 1 count = {self.scale_mm:.9g} mm, 0 = {self.none}"
+
+
+def write_png(file: AtomicFile, image: RangeImage) -> None:
+    """Write the image; its ``Description`` names the scale."""
+    counts = image.counts()
+    pillow = need("PIL.Image", extra="export", what="PNG")
+    text = need("PIL.PngImagePlugin", extra="export", what="PNG").PngInfo()
+    text.add_text("Description", image.description())
+    buffer = io.BytesIO()
+    pillow.fromarray(counts).save(buffer, format="PNG", pnginfo=text)
+    file.sink.write(buffer.getvalue())
+
+
+def write_tiff(file: AtomicFile, image: RangeImage) -> None:
+    """Write the image; its ``ImageDescription`` names the scale."""
+    counts = image.counts()
+    tifffile = need("tifffile", extra="export", what="TIFF")
+    buffer = io.BytesIO()
+    tifffile.imwrite(
+        buffer,
+        counts,
+        photometric="minisblack",
+        compression="zlib",
+        description=image.description(),
+        metadata=None,
+        software=False,
+    )
+    file.sink.write(buffer.getvalue())

@@ -1,9 +1,10 @@
-"""Outlines of surfaces as the fine image shows them, as polygons, by shapely.
+"""Outlines of surfaces as the fine image shows them, as polygons, by shapely; in space in JSON and Wavefront OBJ.
 
 The borders between surfaces are traced once for both sides: the polygons of neighbours have the same points along
 their common border, before and after points are left out, and there is no gap between them in the image.
 """
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,10 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
+from tofmix.io.atomic.storage import AtomicFile
+from tofmix.io.exporters.edge_lines import obj_header, obj_vertices, short
 from tofmix.io.exporters.placing import on_planes
 from tofmix.io.extras import need
 from tofmix.io.surfaces.surfaces_file import SurfacesFile
 from tofmix.surfaces.found import NO_SURFACE
+
+_DECIMALS = 6  # of a metre: micrometres
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,15 +41,7 @@ class Outline:
 
 
 def outlines(file: SurfacesFile, windows: Sequence[int]) -> list[Outline]:
-    """Outlines of the planes of some windows, those that are nowhere the nearest included; not of smooth surfaces.
-
-    Raises
-    ------
-    UsageError
-        If shapely is not installed.
-    BadInputError
-        If the file cannot be read.
-    """
+    """Outlines of the planes of some windows, those that are nowhere the nearest included; not of smooth surfaces."""
     found: list[Outline] = []
     for window in windows:
         polygons, numbers = trace(file.read_image("surface_fine", window), file.factor)
@@ -78,11 +75,6 @@ def trace(
         shapely polygons in pixels (col, row), by number and place.
     number : (n,) int32
         Of each polygon.
-
-    Raises
-    ------
-    UsageError
-        If shapely is not installed.
     """
     shapely = need("shapely", extra="export", what="the outline of a surface")
     faces = shapely.get_parts(shapely.polygonize(shapely.linestrings(_borders(numbers))))
@@ -108,3 +100,73 @@ def _borders(numbers: NDArray[np.int32]) -> FloatArray:
 def placed(file: SurfacesFile, surface: int, places: FloatArray) -> FloatArray:
     """Places (n, 2) of the image, (col, row), on the plane of a surface: (n, 3) metres, as `on_planes`."""
     return on_planes(file, np.full(len(places), surface), places[:, 1], places[:, 0])
+
+
+def write_json(file: AtomicFile, source: SurfacesFile, outlines: Sequence[Outline], title: str) -> None:
+    """Write one object a surface; the points of an outline are in metres, and the last is the first again."""
+    content = {
+        "title": title,
+        "frame": "of the sensor: x to the right, y down, z away; plane n . x = offset; outlines in metres",
+        "surfaces": [_surface(source, outline) for outline in outlines],
+    }
+    file.sink.write(f"{json.dumps(content, allow_nan=False)}\n".encode())
+
+
+def _surface(source: SurfacesFile, outline: Outline) -> dict[str, Any]:
+    planes, k = source.planes, outline.surface
+    return {
+        "surface": k,
+        "window": outline.window,
+        "normal": [short(value) for value in planes.normal[k]],
+        "offset_mm": short(planes.offset_mm[k]),
+        "rms_mm": short(planes.rms_mm[k]),
+        "n_pixels": int(planes.n_pixels[k]),
+        "polygons": [_polygon(source, k, polygon) for polygon in outline.polygons],
+    }
+
+
+def _polygon(source: SurfacesFile, surface: int, polygon: Any) -> dict[str, Any]:  # noqa: ANN401  shapely has no types
+    return {
+        "outline": _ring(source, surface, polygon.exterior),
+        "holes": [_ring(source, surface, ring) for ring in polygon.interiors],
+    }
+
+
+def _ring(source: SurfacesFile, surface: int, ring: Any) -> list[list[float]]:  # noqa: ANN401  shapely has no types
+    """Points of a ring that lie on the plane, closed; a beam next to a grazing one may miss the plane."""
+    places = placed(source, surface, np.asarray(ring.coords)[:-1])
+    known: list[list[float]] = np.round(places[np.isfinite(places).all(axis=-1)], _DECIMALS).tolist()
+    return [*known, *known[:1]]
+
+
+def write_obj(file: AtomicFile, source: SurfacesFile, outlines: Sequence[Outline], title: str) -> None:
+    """Write one object a surface. Faces of OBJ have no holes, so that polygons are cut into triangles."""
+    text, first = obj_header(title), 1
+    for outline in outlines:
+        text.append(f"o surface_{outline.surface}")
+        for polygon in outline.polygons:
+            vertices, faces = triangles(polygon)
+            places = placed(source, outline.surface, vertices)
+            known = np.isfinite(places[:, 0])
+            number = first + np.cumsum(known) - 1
+            text += obj_vertices(places[known])
+            text += ["f {} {} {}".format(*number[face]) for face in faces if known[face].all()]
+            first += int(known.sum())
+    file.sink.write("\n".join([*text, ""]).encode("ascii"))
+
+
+def triangles(polygon: Any) -> tuple[FloatArray, NDArray[np.intp]]:  # noqa: ANN401  shapely has no types
+    """Triangles of a polygon by constrained Delaunay triangulation.
+
+    Returns
+    -------
+    vertices : (n, 2) float64
+        Corners of the polygon (x, y).
+    faces : (m, 3) int
+        Corners of each triangle. In an image, whose y runs downward, they run anticlockwise.
+    """
+    shapely = need("shapely", extra="export", what="the outline of a surface")
+    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
+    corners = shapely.get_coordinates(shapely.orient_polygons(parts, exterior_cw=True)).reshape(-1, 4, 2)[:, :3]
+    vertices, index = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)
+    return vertices, index.reshape(-1, 3)

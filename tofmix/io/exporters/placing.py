@@ -15,13 +15,7 @@ from tofmix.surfaces.found import plane_ranges
 
 
 def optics_of(file: SurfacesFile) -> Projection:
-    """The projection of a surfaces file.
-
-    Raises
-    ------
-    BadInputError
-        If the file lacks them, or they are impossible.
-    """
+    """The projection of a surfaces file."""
     with _worded(file):
         optics = file.provenance.sensor.optics
     if optics is None:
@@ -30,13 +24,7 @@ def optics_of(file: SurfacesFile) -> Projection:
 
 
 def directions(file: SurfacesFile, row: ArrayLike, col: ArrayLike) -> FloatArray:
-    """Unit vectors (..., 3) along the beams at places of the image, in pixels.
-
-    Raises
-    ------
-    BadInputError
-        If the file lacks the directions of its pixels, or no beam passes there.
-    """
+    """Unit vectors (..., 3) along the beams at places of the image, in pixels."""
     optics = optics_of(file)
     with _worded(file):
         return unit(optics.rays(row, col, shape=file.shape[1:]))
@@ -60,11 +48,6 @@ def on_planes(
     -------
     (n, 3) float64
         Metres in the sensor's frame; NaN where a beam does not meet its plane, and without a surface.
-
-    Raises
-    ------
-    BadInputError
-        As `directions`.
     """
     along = directions(file, row, col)
     return np.asarray(along * (plane_ranges(file.planes, surface, along) / MM_A_METRE)[:, np.newaxis])
@@ -91,11 +74,6 @@ def on_surfaces(
     (n, 3) float64
         Metres in the sensor's frame: on the plane as `on_planes`, or in the range of the part of a smooth surface that
         is nearest, within a pixel; NaN without one.
-
-    Raises
-    ------
-    BadInputError
-        As `directions`, or if an image cannot be read.
     """
     out = on_planes(file, surface, row, col)
     bent = np.append(file.planes.is_smooth, False)[surface]

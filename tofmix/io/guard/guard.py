@@ -161,11 +161,6 @@ def open_for_reading(path: Path, *, verified: Callable[[], bool] = lambda: False
     """Open an HDF5 file, with one clear error for each way in which it can be unfit.
 
     At the end it must be unchanged, unless `verified` marks the data as valid and in use.
-
-    Raises
-    ------
-    BadInputError
-        If the file is missing, cannot be read, is not HDF5, is cut short, or breaks a rule of `structure_rules`.
     """
     with watched(str(path)):
         if path.is_dir():
@@ -217,13 +212,7 @@ def identity(file: h5py.File) -> list[int]:
 
 
 def check_unchanged(file: h5py.File, seen: list[int], path: Path) -> None:
-    """Refuse the data if the file was written to during reading.
-
-    Raises
-    ------
-    BadInputError
-        If its `identity` differs from `seen`.
-    """
+    """Refuse the data if the file was written to during reading."""
     if identity(file) != seen:
         raise BadInputError(f"{path}: the file changed during reading; try again when nothing writes to it")
 
@@ -239,13 +228,7 @@ def reading(path: Path, name: str) -> Iterator[None]:
 
 
 def checked_dataset(group: h5py.Group, name: str, path: Path) -> h5py.Dataset:
-    """Return the dataset `name`.
-
-    Raises
-    ------
-    BadInputError
-        If there is none, it is a group, or it breaks a rule.
-    """
+    """Return the dataset `name`."""
     with reading(path, name):
         link = group.get(name, getlink=True)
         if isinstance(link, h5py.ExternalLink):

@@ -57,15 +57,7 @@ _FOLDER = Importer(suffixes=(), open=folder.open_folder, names=frozenset({"topic
 
 
 def importer_for(path: Path) -> Importer:
-    """Find the importer of a source.
-
-    Raises
-    ------
-    BadInputError
-        If there is no such file or folder, or the file is empty.
-    UsageError
-        If its name is of no known kind.
-    """
+    """Find the importer of a source."""
     try:
         is_folder = path.is_dir()
     except OSError as error:
@@ -96,15 +88,7 @@ def takes_axes(path: Path) -> bool:
 
 @contextmanager
 def open_source(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
-    """Open a source of frames.
-
-    Raises
-    ------
-    BadInputError
-        If it is missing, damaged, or holds nothing that fits, or its name says that it holds no depths.
-    UsageError
-        If it is of no known kind, an option does not apply to it, or a library is missing.
-    """
+    """Open a source of frames."""
     importer = importer_for(path)
     for name, option in _OPTIONS.items():
         of_file = name == "topic" and request.topic in (path.name, path.stem)

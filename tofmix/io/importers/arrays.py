@@ -7,8 +7,11 @@ Both are read frame by frame. Where frames are not the first axis in memory, an
 import math
 import re
 import zipfile
-from collections.abc import Container, Iterable, Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Container as Names
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -38,116 +41,147 @@ _WITH_TARGETS = STACK_DIMENSIONS + 1  # frames, rows, columns and targets
 _PREFERRED = "range"
 
 
-@contextmanager
-def open_npy(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
-    """Open an .npy, (frame, row, col) or (row, col), or of the requested axes.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Frames:
+    """An array as frames, (row, col) or (target, row, col), in order; `shape` is (frames, rows, columns)."""
 
-    Raises
-    ------
-    BadInputError
-        If it is damaged, holds objects, or is of another shape.
-    """
-    with ExitStack() as stack:
-        with foreign(path):
-            file = stack.enter_context(path.open("rb"))
-            shape, fortran, dtype = _header(file)
-        check_numbers(dtype, path)
-        if _in_order(shape, request, path) and not fortran:
-            check_not_empty(shape, path)
-            found, targets = (shape[0], shape[1], shape[2]), 0
-            images = _unpacked(file, found, dtype, path)
-        else:
-            with foreign(path):
-                array = np.load(path, mmap_mode="r", allow_pickle=False)
-            frames = stack_of(array, request, path)
-            found, targets = sizes_of(frames)
-            images = iter(frames)
-        yield FrameSource(
-            kind="NumPy array", shape=found, targets=targets, dtype=dtype, frames=joined(images, None, None), stream=""
-        )
-
-
-@contextmanager
-def open_npz(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
-    """Open an .npz with the depths, and optionally amplitudes and `time`.
-
-    Raises
-    ------
-    BadInputError
-        If it is damaged, holds no fitting array or several, or arrays do not go together.
-    """
-    with ExitStack() as stack:
-        with foreign(path):
-            archive = stack.enter_context(zipfile.ZipFile(path))
-            members = {name.removesuffix(".npy"): name for name in archive.namelist() if name.endswith(".npy")}
-        shapes, bytewise = {}, set()
-        for name, member in members.items():
-            with foreign(f"{path}: {name}"), archive.open(member) as file:
-                shapes[name], _, dtype = _header(file)
-            if dtype.itemsize == 1:
-                bytewise.add(name)
-        name = choose(shapes, request.topic, path, request.axes, bytewise)
-        depth = _Member(archive, members[name], request, f"{path}: {name}", stack)
-        amplitude = None
-        if request.amplitude is not None:
-            other = choose(shapes, request.amplitude, path, request.axes)
-            amplitude = _Member(archive, members[other], request, f"{path}: {other}", stack)
-            check_shapes(depth.sizes, amplitude.sizes, f"{path}: {other}")
-        time_s: NDArray[Any] | None = None
-        said: tuple[str, ...] = ()
-        if TIME in members:
-            with foreign(f"{path}: {TIME}"), archive.open(members[TIME]) as file:
-                time_s = npy_format.read_array(file, allow_pickle=False)
-            time_s, said = times_of_array(time_s, depth.shape[0], f"{path}: {TIME}", request.time_unit_s)
-        beside = arrays_beside(shapes, name, request, path)
-        status = None
-        if beside.status is not None:
-            status = _Member(archive, members[beside.status], request, f"{path}: {beside.status}", stack)
-        yield FrameSource(
-            kind=f"array {name} of an .npz",
-            shape=depth.shape,
-            targets=depth.targets,
-            dtype=depth.dtype,
-            unit_mm=unit_in_name(name),
-            frames=joined(depth, amplitude, time_s, status),
-            status_valid=beside.codes,
-            has_amplitude=amplitude is not None,
-            has_time=time_s is not None,
-            stream=name,
-            notes=(*beside.notes, *said),
-        )
-
-
-class _Member:
-    """One array of an archive, frame by frame; an iterator of (row, col) or (target, row, col)."""
-
-    def __init__(
-        self, archive: zipfile.ZipFile, member: str, request: SourceRequest, what: str, stack: ExitStack
-    ) -> None:
-        with foreign(what):
-            file = stack.enter_context(archive.open(member))
-            shape, fortran, dtype = _header(file)
-        check_numbers(dtype, what)
-        if _in_order(shape, request, what) and not fortran:
-            check_not_empty(shape, what)
-            self.shape: tuple[int, int, int] = shape[0], shape[1], shape[2]
-            self.targets = 0
-            self._frames: Iterator[NDArray[Any]] = _unpacked(file, self.shape, dtype, what)
-        else:
-            with foreign(what), archive.open(member) as again:
-                whole = npy_format.read_array(again, allow_pickle=False)
-            frames = stack_of(whole, request, what)
-            self.shape, self.targets = sizes_of(frames)
-            self._frames = iter(frames)
-        self.dtype = dtype
+    images: Iterable[NDArray[Any]]
+    shape: tuple[int, int, int]
+    targets: int
+    dtype: np.dtype[Any]
 
     @property
     def sizes(self) -> tuple[int, ...]:
         """Sizes of all axes."""
         return (*self.shape, *(self.targets,) * (self.targets > 0))
 
-    def __iter__(self) -> Iterator[NDArray[Any]]:
-        return self._frames
+
+class Container(ABC):
+    """A file of named arrays.
+
+    Parameters
+    ----------
+    kind : str
+        The file in words.
+    shapes : dict
+        Shape of each array by its name.
+    bytewise : container of str
+        Arrays whose values have 8 bits.
+    """
+
+    def __init__(self, kind: str, shapes: dict[str, tuple[int, ...]], bytewise: Names[str]) -> None:
+        self.kind, self.shapes, self.bytewise = kind, shapes, bytewise
+
+    def load(self, names: list[str]) -> None:  # noqa: B027  most have nothing to do
+        """Make these arrays ready for reading."""
+
+    def with_axes(self, name: str, request: SourceRequest) -> SourceRequest:  # noqa: ARG002  MATLAB's differ
+        """The request with the axes of the depths."""
+        return request
+
+    @abstractmethod
+    def frames(self, name: str, request: SourceRequest) -> Frames:
+        """An array as frames."""
+
+    @abstractmethod
+    def values(self, name: str) -> NDArray[Any]:
+        """A whole array."""
+
+
+def source_of(arrays: Container, request: SourceRequest, path: Path) -> FrameSource:
+    """The depths of a file of arrays, with its amplitudes, status codes and times."""
+    shapes = arrays.shapes
+    name = choose(shapes, request.topic, path, request.axes, arrays.bytewise)
+    other = None if request.amplitude is None else choose(shapes, request.amplitude, path, request.axes)
+    beside = arrays_beside(shapes, name, request, path)
+    request = arrays.with_axes(name, request)
+    arrays.load([one for one in (name, other, beside.status, TIME if TIME in shapes else None) if one is not None])
+    depth = arrays.frames(name, request)
+    amplitude = None if other is None else arrays.frames(other, request)
+    if amplitude is not None and amplitude.sizes != depth.sizes:
+        raise BadInputError(f"{path}: {other}: shape {amplitude.sizes} differs from the depths' {depth.sizes}")
+    status = None if beside.status is None else arrays.frames(beside.status, request)
+    time_s: NDArray[Any] | None = None
+    said: tuple[str, ...] = ()
+    if TIME in shapes:
+        time_s, said = times_of_array(arrays.values(TIME), depth.shape[0], f"{path}: {TIME}", request.time_unit_s)
+    return FrameSource(
+        kind=f"array {name} of {arrays.kind}",
+        shape=depth.shape,
+        targets=depth.targets,
+        dtype=depth.dtype,
+        unit_mm=unit_in_name(name),
+        frames=joined(depth.images, amplitude and amplitude.images, time_s, status and status.images),
+        status_valid=beside.codes,
+        has_amplitude=amplitude is not None,
+        has_time=time_s is not None,
+        stream=name,
+        notes=(*beside.notes, *said),
+    )
+
+
+@contextmanager
+def open_npy(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
+    """Open an .npy, (frame, row, col) or (row, col), or of the requested axes."""
+    with ExitStack() as stack:
+        with foreign(path):
+            file = stack.enter_context(path.open("rb"))
+        depth = _read_frames(file, lambda: np.load(path, mmap_mode="r", allow_pickle=False), request, path)
+        yield FrameSource(
+            kind="NumPy array",
+            shape=depth.shape,
+            targets=depth.targets,
+            dtype=depth.dtype,
+            frames=joined(depth.images, None, None),
+            stream="",
+        )
+
+
+@contextmanager
+def open_npz(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
+    """Open an .npz with the depths, and optionally amplitudes and `time`."""
+    with ExitStack() as stack:
+        with foreign(path):
+            archive = stack.enter_context(zipfile.ZipFile(path))
+        yield source_of(_Archive(archive, path, stack), request, path)
+
+
+class _Archive(Container):
+    """An .npz."""
+
+    def __init__(self, archive: zipfile.ZipFile, path: Path, stack: ExitStack) -> None:
+        self._archive, self._path, self._stack = archive, path, stack
+        members = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
+        headers = {}
+        for name in members:
+            with foreign(f"{path}: {name}"), archive.open(f"{name}.npy") as file:
+                headers[name] = _header(file)
+        shapes = {name: shape for name, (shape, _, _) in headers.items()}
+        super().__init__("an .npz", shapes, {name for name, (_, _, dtype) in headers.items() if dtype.itemsize == 1})
+
+    def frames(self, name: str, request: SourceRequest) -> Frames:
+        what = f"{self._path}: {name}"
+        with foreign(what):
+            file = self._stack.enter_context(self._archive.open(f"{name}.npy"))
+        return _read_frames(file, lambda: self.values(name), request, what)
+
+    def values(self, name: str) -> NDArray[Any]:
+        with foreign(f"{self._path}: {name}"), self._archive.open(f"{name}.npy") as file:
+            return npy_format.read_array(file, allow_pickle=False)
+
+
+def _read_frames(file: IO[bytes], whole: Callable[[], NDArray[Any]], request: SourceRequest, what: object) -> Frames:
+    """Frames of an .npy, one by one from the file where they lie in order there, else of the whole array."""
+    with foreign(what):
+        shape, fortran, dtype = _header(file)
+    check_numbers(dtype, what)
+    if _in_order(shape, request, what) and not fortran:
+        check_not_empty(shape, what)
+        found = shape[0], shape[1], shape[2]
+        return Frames(images=_unpacked(file, found, dtype, what), shape=found, targets=0, dtype=dtype)
+    with foreign(what):
+        array = whole()
+    return frames_of(array, request, what)
 
 
 def _unpacked(
@@ -174,16 +208,11 @@ def choose(
     wanted: str | None,
     path: Path,
     axes: str | None = None,
-    bytewise: Container[str] = (),
+    bytewise: Names[str] = (),
 ) -> str:
     """Name of the array to read: the wanted one, else the only one of frames, else ``range``.
 
     Frames are arrays with as many axes as `axes` names, three without it; `bytewise` are those of 8 bits.
-
-    Raises
-    ------
-    BadInputError
-        If none fits, or several fit and names do not tell the depths; the text lists the candidates.
     """
     dimensions = len((axes or FRAMES_FIRST).split(","))
     images = [name for name, shape in shapes.items() if len(shape) == dimensions]
@@ -215,16 +244,11 @@ class SideArrays(NamedTuple):
 
 
 def arrays_beside(
-    shapes: dict[str, tuple[int, ...]], name: str, request: SourceRequest, path: Path, used: Container[str] = ()
+    shapes: dict[str, tuple[int, ...]], name: str, request: SourceRequest, path: Path, used: Names[str] = ()
 ) -> SideArrays:
     """Find the status codes of the depths `name`, and name the arrays that are not used.
 
     These are arrays of the same shape, and times and status codes beside the depths; `used` are others that are used.
-
-    Raises
-    ------
-    BadInputError
-        If ``--valid-status`` names an array that is not there, or of another shape.
     """
     group = name.rpartition("/")[0]
     others = [one for one in shapes if one != name and one != (request.amplitude or "").strip("/")]
@@ -310,22 +334,14 @@ def _in_order(shape: tuple[int, ...], request: SourceRequest, what: object) -> b
     return ",".join(names) == FRAMES_FIRST
 
 
-def stack_of(array: NDArray[Any], request: SourceRequest, what: object) -> NDArray[Any]:
-    """View an array as (frame, row, col) or (frame, target, row, col); a single image is one frame.
-
-    Raises
-    ------
-    BadInputError
-        If it is of another shape, empty, or holds no numbers.
-    """
+def frames_of(array: NDArray[Any], request: SourceRequest, what: object) -> Frames:
+    """Frames of an array in memory; a single image is one frame."""
     check_numbers(array.dtype, what)
-    return as_stack(array, axes_of(array.shape, request.axes, request.shape, what), request.shape, what)
-
-
-def sizes_of(stack: NDArray[Any]) -> tuple[tuple[int, int, int], int]:
-    """(frames, rows, columns) of a stack, and its targets."""
+    stack = as_stack(array, axes_of(array.shape, request.axes, request.shape, what), request.shape, what)
     targets = stack.shape[1] if stack.ndim > STACK_DIMENSIONS else 0
-    return (stack.shape[0], stack.shape[-2], stack.shape[-1]), targets
+    return Frames(
+        images=stack, shape=(stack.shape[0], stack.shape[-2], stack.shape[-1]), targets=targets, dtype=stack.dtype
+    )
 
 
 def check_not_empty(shape: tuple[int, ...], what: object) -> None:

@@ -16,26 +16,15 @@ IMAGE_DIMENSIONS, STACK_DIMENSIONS = len(IMAGE), len(FRAMES_FIRST.split(","))
 _KNOWN = ("frame", "target", *IMAGE)
 _WITH_ZONES = ({"frame", "zone"}, {"frame", "zone", "target"})
 _SPELT = {
-    "time": "frame",
-    "t": "frame",
-    "frames": "frame",
-    "index": "frame",
-    "y": "row",
-    "rows": "row",
-    "height": "row",
-    "v": "row",
-    "x": "col",
-    "cols": "col",
-    "column": "col",
-    "columns": "col",
-    "width": "col",
-    "u": "col",
-    "targets": "target",
-    "return": "target",
-    "returns": "target",
-    "echo": "target",
-    "pixel": "zone",
-    "zones": "zone",
+    name: axis
+    for axis, names in {
+        "frame": "time t frames index",
+        "row": "y rows height v",
+        "col": "x cols column columns width u",
+        "target": "targets return returns echo",
+        "zone": "pixel zones",
+    }.items()
+    for name in names.split()
 }
 """Other names of axes, as files and people have them."""
 
@@ -46,13 +35,7 @@ def axis_name(name: str) -> str:
 
 
 def check_axes(text: str) -> str:
-    """The requested order of axes, without blanks.
-
-    Raises
-    ------
-    UsageError
-        If it is not an order of frame, row and col, or of frame and zone, each with or without target.
-    """
+    """The requested order of axes, without blanks."""
     names = [axis_name(name) for name in text.split(",")]
     fits = {"frame", *IMAGE} <= set(names) <= set(_KNOWN) or set(names) in _WITH_ZONES
     if len(set(names)) < len(names) or not fits:
@@ -75,11 +58,6 @@ def axes_of(shape: tuple[int, ...], asked: str | None, image: tuple[int, int] | 
         Rows and columns, where the zones of a frame lie in one axis; the axis is then ``zone``.
     what : object
         The array, for messages.
-
-    Raises
-    ------
-    BadInputError
-        If the array has another number of axes, or their order is not determined.
     """
     if len(shape) == IMAGE_DIMENSIONS:
         if image is not None and shape != image and asked is None:
@@ -113,13 +91,7 @@ def _check_zones(zones: int, image: tuple[int, int] | None, what: object) -> Non
 def stack_shape(
     shape: tuple[int, ...], names: tuple[str, ...], image: tuple[int, int] | None, what: object
 ) -> tuple[int, int, tuple[int, int]]:
-    """Frames, targets (0 without such an axis) and (rows, columns) of an array with these axes.
-
-    Raises
-    ------
-    BadInputError
-        If it holds no sample, or more targets than any sensor returns.
-    """
+    """Frames, targets (0 without such an axis) and (rows, columns) of an array with these axes."""
     by_name = dict(zip(names, shape, strict=True))
     if 0 in shape:
         raise BadInputError(f"{what}: expected (frame, row, col), got shape {shape}")
@@ -132,13 +104,7 @@ def stack_shape(
 
 
 def as_stack(array: NDArray[Any], names: tuple[str, ...], image: tuple[int, int] | None, what: object) -> NDArray[Any]:
-    """View an array as (frame, row, col), or as (frame, target, row, col) where it has targets.
-
-    Raises
-    ------
-    BadInputError
-        As `stack_shape`.
-    """
+    """View an array as (frame, row, col), or as (frame, target, row, col) where it has targets."""
     frames, targets, pixels = stack_shape(array.shape, names, image, what)
     if "zone" in names:
         order = [names.index(name) for name in ("frame", "target", "zone") if name in names]

@@ -221,13 +221,7 @@ def _one_line(reason: object) -> str:
 
 
 def check_frame(depth: NDArray[Any], shape: tuple[int, int], dtype: np.dtype[Any], what: object) -> NDArray[Any]:
-    """Refuse a frame that differs from the first one.
-
-    Raises
-    ------
-    BadInputError
-        If its size or its type does.
-    """
+    """Refuse a frame that differs from the first one."""
     if depth.shape != shape:
         raise BadInputError(f"{what}: {_size(depth.shape)} pixels, the first frame has {_size(shape)}")
     if depth.dtype != dtype:
@@ -257,13 +251,7 @@ def _size(shape: tuple[int, ...]) -> str:
 
 
 def with_amplitude(source: FrameSource, amplitude: FrameSource, what: Path) -> FrameSource:
-    """Join the frames of a source that has depths and of one that has amplitudes.
-
-    Raises
-    ------
-    BadInputError
-        If they differ in shape.
-    """
+    """Join the frames of a source that has depths and of one that has amplitudes."""
     sizes = [(*one.shape, *(one.targets,) * (one.targets > 0)) for one in (amplitude, source)]
     if sizes[0] != sizes[1]:
         raise BadInputError(f"{what}: amplitudes {_size(sizes[0])}, depths {_size(sizes[1])}")

@@ -18,16 +18,8 @@ from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
 
-_DEFAULT_FILLS = {
-    "i1": -127,
-    "u1": 255,
-    "i2": -32767,
-    "u2": 65535,
-    "i4": -2147483647,
-    "u4": 4294967295,
-    "i8": -9223372036854775806,
-    "u8": 18446744073709551614,
-}
+_DEFAULT_FILLS = {f"i{n}": -(2 ** (8 * n - 1)) + 1 for n in (1, 2, 4)} | {f"u{n}": 2 ** (8 * n) - 1 for n in (1, 2, 4)}
+_DEFAULT_FILLS |= {"i8": -(2**63) + 2, "u8": 2**64 - 2}
 """netCDF's fill values of whole numbers; that of real ones is above any range."""
 
 _DIGITS = 6
@@ -86,11 +78,6 @@ def packing_of(dataset: h5py.Dataset, path: Path, *, netcdf: bool) -> Packing:
         For messages.
     netcdf : bool
         Whether netCDF's default fill values count where the dataset names none.
-
-    Raises
-    ------
-    BadInputError
-        If an attribute is not made of numbers, or a factor is not above 0.
     """
     scale = _numbers(dataset, "scale_factor", path, count=1) or (1.0,)
     offset = _numbers(dataset, "add_offset", path, count=1) or (0.0,)

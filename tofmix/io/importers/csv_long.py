@@ -48,13 +48,7 @@ _OTHER = "other "
 
 
 def named_columns(names: list[str], request: SourceRequest, path: Path) -> list[str]:
-    """Names of columns with the meanings that ``--columns`` gives them; a unit at the end of a name stays.
-
-    Raises
-    ------
-    BadInputError
-        If it names a column that is not there.
-    """
+    """Names of columns with the meanings that ``--columns`` gives them; a unit at the end of a name stays."""
     if lacking := [name for name in request.columns if name not in names]:
         raise BadInputError(f"{path}: --columns: no column {', '.join(lacking)}; its header names: {', '.join(names)}")
 
@@ -97,11 +91,6 @@ def time_unit_of(name: str, first: list[float], request: SourceRequest, path: Pa
         Its `time_unit_s` comes first.
     path : Path
         For messages.
-
-    Raises
-    ------
-    BadInputError
-        If nothing tells the unit, and frames would be too far apart in s.
     """
     if request.time_unit_s is not None:
         return request.time_unit_s, []
@@ -125,12 +114,6 @@ def open_long(path: Path, names: list[str], layout: Layout, request: SourceReque
         Its encoding and separators.
     request : Request
         Options; a given unit must not contradict the header.
-
-    Raises
-    ------
-    BadInputError
-        If a column is missing, the header names another unit, a number is none or out of bounds, or the file is too
-        long to be sorted.
     """
     column, named_mm = _range_column(path, names)
     if request.unit_mm is not None and named_mm is not None and request.unit_mm != named_mm:

@@ -30,13 +30,7 @@ _FLOAT = np.dtype(np.float64)
 
 @contextmanager
 def open_csv(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
-    """Open a text file of numbers.
-
-    Raises
-    ------
-    BadInputError
-        If it has other content, lines differ in length, or its layout is not determined.
-    """
+    """Open a text file of numbers."""
     layout = layout_of(path)
     if not layout.head:
         raise BadInputError(f"{path}: empty")

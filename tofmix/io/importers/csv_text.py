@@ -15,34 +15,13 @@ from pathlib import Path
 from typing import IO
 
 from tofmix.io.importers.base import foreign
+from tofmix.io.importers.streams import set_of
 
 _NUMBER = re.compile(r"[+-]?\d+(?:[.,]\d+)?(?:e[+-]?\d+)?", re.IGNORECASE)
 _NUMBER_WITH_COMMA = re.compile(r"[+-]?\d*,\d+(?:e[+-]?\d+)?", re.IGNORECASE)
 _MARKS = (";", "\t", ",")
-_MISSING = frozenset(
-    {
-        "",
-        "-",
-        "--",
-        "---",
-        "?",
-        "*",
-        "n/a",
-        "#n/a",
-        "na",
-        "<na>",
-        "#na",
-        "nat",
-        "null",
-        "none",
-        "nil",
-        "missing",
-        "invalid",
-        "nan(ind)",
-        "-nan(ind)",
-        "1.#qnan",
-        "-1.#ind",
-    }
+_MISSING = {""} | set_of(
+    "- -- --- ? * n/a #n/a na <na> #na nat null none nil missing invalid nan(ind) -nan(ind) 1.#qnan -1.#ind"
 )
 """Words for a sample that is missing, lower case."""
 
@@ -122,13 +101,7 @@ class Layout:
 
 
 def layout_of(path: Path) -> Layout:
-    """Look at a file: at its bytes, at its first lines, and for commas within numbers.
-
-    Raises
-    ------
-    BadInputError
-        If it cannot be read.
-    """
+    """Look at a file: at its bytes, at its first lines, and for commas within numbers."""
     with foreign(path):
         encoding, named = _encoding(path)
     notes = [f"{path}: read as {named}"] if named else []

@@ -37,15 +37,7 @@ _STAMP = re.compile(r"(\d+(?:\.\d+)?)|\D*(\d{9,}(?:\.\d+)?)\D*", re.ASCII)
 
 @contextmanager
 def open_folder(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
-    """Open a folder; its images are read one by one.
-
-    Raises
-    ------
-    BadInputError
-        If it holds no image or two kinds, or an image is damaged or differs from the first one.
-    UsageError
-        If the requested sequence is not there.
-    """
+    """Open a folder; its images are read one by one."""
     with foreign(path):
         files = [p for p in path.iterdir() if p.suffix.lower() in IMAGE_KINDS]
     kinds = sorted({_kind(file)[0] for file in files})
@@ -75,13 +67,6 @@ def _one_sequence(files: list[Path], folder: Path, request: SourceRequest) -> tu
     """Name of the sequence of depths, its images, and the names of the other sequences in the folder.
 
     Names that differ in numbers alone are one sequence; those without any number are one together.
-
-    Raises
-    ------
-    BadInputError
-        If there are several sequences, and names do not tell which is of depths.
-    UsageError
-        If the requested one is not there.
     """
     sequences: dict[str, list[Path]] = {}
     for file in files:

@@ -17,11 +17,19 @@ from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError, UsageError
 from tofmix.io import hdf5, sensor_group
 from tofmix.io.guard import guard
-from tofmix.io.importers.arrays import arrays_beside, check_shapes, choose, joined, kind_of_names, numbered_images
+from tofmix.io.importers.arrays import (
+    Frames,
+    arrays_beside,
+    check_shapes,
+    choose,
+    joined,
+    kind_of_names,
+    numbered_images,
+)
 from tofmix.io.importers.axes import FRAMES_FIRST, WITH_TARGETS, axes_of, axis_name
 from tofmix.io.importers.base import Frame, FrameSource, SourceRequest, check_frame, foreign, unused
 from tofmix.io.importers.cf import Packing, packing_of
-from tofmix.io.importers.datasets import DatasetFrames
+from tofmix.io.importers.datasets import dataset_frames
 from tofmix.io.importers.times import time_unit_s, times_of_array
 from tofmix.io.importers.units import unit_in_name
 from tofmix.io.layers.layers_file import FORMAT as LAYERS_FORMAT
@@ -37,13 +45,7 @@ _OF_OUR_OWN = ("truth/", "sensor/noise_")
 
 @contextmanager
 def open_hdf5(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
-    """Open an HDF5 file.
-
-    Raises
-    ------
-    BadInputError
-        If it is damaged, holds no fitting dataset or several, or datasets do not go together.
-    """
+    """Open an HDF5 file."""
     _refuse_classic(path)
     with guard.open_for_reading(path) as root:
         yield _source(root, path, request)
@@ -83,23 +85,26 @@ def _source(root: h5py.File, path: Path, request: SourceRequest) -> FrameSource:
     depth = _frames(root, name, shapes, path, request)
     dataset = guard.checked_dataset(root, name, path)
     packing = _packing(root, dataset, path)
-    amplitude = _amplitude(root, name, shapes, path, request)
-    light = None if amplitude is None else map(_packing(root, amplitude.dataset, path).unpacked, amplitude)
+    other = _amplitude(name, shapes, path, request)
+    light = None
+    if other is not None:
+        amplitude = _frames(root, other, shapes, path, request)
+        light = map(_packing(root, guard.checked_dataset(root, other, path), path).unpacked, amplitude.images)
     time_s = _time(root, name, shapes, depth.shape[0], path, request, notes)
     status = None if beside.status is None else _frames(root, beside.status, shapes, path, request)
     return FrameSource(
-        kind=f"dataset {name}{'' if amplitude is None else f' with {amplitude.name}'} of an HDF5 file",
+        kind=f"dataset {name}{'' if other is None else f' with {other}'} of an HDF5 file",
         shape=depth.shape,
         targets=depth.targets,
         dtype=packing.dtype or depth.dtype,
-        frames=joined(map(packing.as_marked, depth), light, time_s, status),
+        frames=joined(map(packing.as_marked, depth.images), light, time_s, status and status.images),
         unit_mm=_unit(dataset, name, path, request),
         scale_factor=packing.scale_factor,
         add_offset=packing.add_offset,
         invalid=packing.invalid,
         valid_span=packing.valid_span,
         status_valid=beside.codes,
-        has_amplitude=amplitude is not None,
+        has_amplitude=other is not None,
         has_time=time_s is not None,
         sensor=sensor_group.read_sensor(root, path) if isinstance(root.get("sensor"), h5py.Group) else None,
         stream=name,
@@ -213,26 +218,22 @@ def _axes_asked(root: h5py.File, shapes: dict[str, tuple[int, ...]], request: So
 
 def _frames(
     root: h5py.File, name: str, shapes: dict[str, tuple[int, ...]], path: Path, request: SourceRequest
-) -> DatasetFrames:
+) -> Frames:
     dataset = guard.checked_dataset(root, name, path)
     with guard.reading(path, name):
         asked = request.axes or _scales(dataset)
     names = axes_of(shapes[name], asked, request.shape, f"{path}: {name}")
-    return DatasetFrames(dataset, names, request.shape, path, name)
+    return dataset_frames(dataset, names, request.shape, path, name)
 
 
-def _amplitude(
-    root: h5py.File, name: str, shapes: dict[str, tuple[int, ...]], path: Path, request: SourceRequest
-) -> DatasetFrames | None:
+def _amplitude(name: str, shapes: dict[str, tuple[int, ...]], path: Path, request: SourceRequest) -> str | None:
     """The requested amplitudes, or those next to a dataset ``range``."""
     if request.amplitude is not None:
         other = choose(shapes, request.amplitude.strip("/"), path, request.axes)
         check_shapes(shapes[name], shapes[other], f"{path}: {other}")
-        return _frames(root, other, shapes, path, request)
+        return other
     other = _companion(name, _AMPLITUDE)
-    if name.rpartition("/")[2] == _RANGE and shapes.get(other) == shapes[name]:
-        return _frames(root, other, shapes, path, request)
-    return None
+    return other if name.rpartition("/")[2] == _RANGE and shapes.get(other) == shapes[name] else None
 
 
 def _companion(name: str, other: str) -> str:

@@ -62,11 +62,6 @@ def check_stated(stated: Stated, first: Stated, what: object, of_first: object, 
     """Refuse an image whose text states other numbers than that of the first one.
 
     A given unit takes the place of the stated ones.
-
-    Raises
-    ------
-    BadInputError
-        If it does.
     """
     if unit_given:
         stated, first = stated._replace(unit_mm=None), first._replace(unit_mm=None)

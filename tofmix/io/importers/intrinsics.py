@@ -102,11 +102,6 @@ class Calibration:
         rectified : bool
             Whether they are rectified: then by P and without distortion, or by K where there is no P; else by K and D.
             Images without K are taken as rectified.
-
-        Raises
-        ------
-        BadInputError
-            If they are of another image size, the model is no pinhole, or a number is out of bounds.
         """
         size = self.size()
         if size is not None and size != tuple(shape):
@@ -158,13 +153,7 @@ def differences(one: Calibration, other: Calibration) -> tuple[str, str]:
 
 
 def from_camera_info(message: Any, what: str) -> Calibration:  # noqa: ANN401  a ROS message
-    """Take a `sensor_msgs/CameraInfo` of ROS 1 or 2.
-
-    Raises
-    ------
-    BadInputError
-        If a matrix has another size, or a number is not finite.
-    """
+    """Take a `sensor_msgs/CameraInfo` of ROS 1 or 2."""
     roi = message.roi
     return _calibration(
         what,
@@ -222,15 +211,7 @@ def _numbers(values: object, what: str) -> tuple[float, ...]:
 
 
 def read_calibration(path: Path) -> Calibration:
-    """Read a calibration file: of ROS's `camera_calibration`, a `CameraInfo` as text, or OpenCV's own YAML.
-
-    Raises
-    ------
-    UsageError
-        If PyYAML is not installed.
-    BadInputError
-        If it cannot be read, is no YAML, or has no camera matrix.
-    """
+    """Read a calibration file: of ROS's `camera_calibration`, a `CameraInfo` as text, or OpenCV's own YAML."""
     _refuse_arrays(path)
     text = read_text(path)
     if len(text) > _MOST_CHARACTERS:

@@ -49,13 +49,7 @@ def is_bag_folder(path: Path) -> bool:
 
 @contextmanager
 def open_bag(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
-    """Open a bag.
-
-    Raises
-    ------
-    BadInputError
-        If it is damaged or cut short, has no depth topic or several, or its images are no depths.
-    """
+    """Open a bag."""
     need("rosbags.highlevel", extra="ros", what="a ROS bag")
     with _Bag(path) as bag:
         topic, unused_topics = _depth_topic(bag, request.topic)
@@ -336,13 +330,7 @@ def _calibrations(bag: _Bag, name: str) -> tuple[list[_Lens], int]:
 
 
 def _only_lens(bag: _Bag, topic: str, found: list[_Lens], what: str) -> _Lens:
-    """The one lens that describes all frames.
-
-    Raises
-    ------
-    BadInputError
-        If several do: with the frames and the command that cuts the bag.
-    """
+    """The one lens that describes all frames."""
     frames = [(_stamp(message, bag_ns), bag_ns) for _, bag_ns, message in bag.messages(topic)]
     used: list[_Lens] = []
     lenses = [found[0], *(_begin(lens, frames) for lens in found[1:])]

@@ -3,8 +3,9 @@
 import re
 
 from tofmix.io.importers.base import SourceRequest
+from tofmix.io.importers.streams import set_of
 
-_NAMES = frozenset({"status", "confidence", "quality", "valid", "validity", "flag", "flags", "error", "errors"})
+_NAMES = set_of("status confidence quality valid validity flag flags error errors")
 
 
 def is_status_name(name: str) -> bool:

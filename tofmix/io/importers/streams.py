@@ -6,86 +6,32 @@ from typing import Literal
 
 Stream = Literal["depth", "other", "unknown"]
 
-_DEPTH = frozenset({"depth", "depths", "range", "ranges", "distance", "distances", "dist", "z", "tof"})
-_LIGHT = frozenset(
-    {
-        "ir",
-        "infra",
-        "infrared",
-        "nir",
-        "amplitude",
-        "amplitudes",
-        "amp",
-        "intensity",
-        "intensities",
-        "color",
-        "colour",
-        "rgb",
-        "bgr",
-        "grey",
-        "gray",
-        "mono",
-        "reflectivity",
-        "reflectance",
-        "ambient",
-        "signal",
-        "active",
-        "brightness",
-    }
+
+def set_of(words: str) -> frozenset[str]:
+    """The words of a text."""
+    return frozenset(words.split())
+
+
+_DEPTH = set_of("depth depths range ranges distance distances dist z tof")
+_LIGHT = set_of(
+    "ir infra infrared nir amplitude amplitudes amp intensity intensities color colour rgb bgr grey gray mono"
+    " reflectivity reflectance ambient signal active brightness"
 )
 """Images of another kind; before a word of depth they say what it was made of, as in ``ir_depth``."""
 
-_PROPERTY = frozenset(
-    {
-        "confidence",
-        "confidences",
-        "conf",
-        "disparity",
-        "status",
-        "quality",
-        "mask",
-        "noise",
-        "sigma",
-        "variance",
-        "temperature",
-        "valid",
-    }
-)
+_PROPERTY = set_of("confidence confidences conf disparity status quality mask noise sigma variance temperature valid")
 """Properties of samples; beside a word of depth they are properties of it, as in ``depth_confidence``, ``sigma_z``."""
 
 _OTHER = _LIGHT | _PROPERTY
-_ADJECTIVES = frozenset({"valid", "active"})
+_ADJECTIVES = set_of("valid active")
 """Words that say nothing beside one of depth: ``depth_valid`` may be the depths that are valid."""
 
-_OF_A_SCENE = frozenset(
-    {"grey", "gray", "mono", "ambient", "signal", "active", "noise", "temperature", "quality", "valid"}
-)
+_OF_A_SCENE = set_of("grey gray mono ambient signal active noise temperature quality valid")
 """Words that in the name of a file may describe what was recorded rather than how."""
 
-_BESIDE = frozenset(
-    {
-        "image",
-        "images",
-        "img",
-        "imgs",
-        "frame",
-        "frames",
-        "map",
-        "maps",
-        "data",
-        "raw",
-        "stack",
-        "stream",
-        "video",
-        "seq",
-        "sequence",
-        "left",
-        "right",
-        "cam",
-        "camera",
-        "sensor",
-        "ome",
-    }
+_BESIDE = set_of(
+    "image images img imgs frame frames map maps data raw stack stream video seq sequence left right cam camera sensor"
+    " ome"
 )
 """Words beside which the name of a file still says no more than its stream."""
 

@@ -33,16 +33,7 @@ _LOGGER = "tifffile"
 
 @contextmanager
 def open_pages(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
-    """Open a TIFF of one page a frame.
-
-    Raises
-    ------
-    BadInputError
-        If it is damaged or cut short, a page is not grey or differs from the first one, or its pages are no one
-        sequence.
-    UsageError
-        If the requested channel is not there.
-    """
+    """Open a TIFF of one page a frame."""
     with _opened(path) as pages:
         first = _page(pages, 0, path)
         check_numbers(first.dtype, path)
@@ -119,15 +110,7 @@ def _of_tifffile(text: str) -> _Channels:
 
 
 def _depth_channel(channels: _Channels, count: int, path: Path, request: SourceRequest) -> tuple[int, tuple[str, ...]]:
-    """Number of the channel of the depths, and a note on other channels.
-
-    Raises
-    ------
-    BadInputError
-        If there are several channels, and their names do not tell which is of depths.
-    UsageError
-        If the requested one is not there.
-    """
+    """Number of the channel of the depths, and a note on other channels."""
     shown = [name or f"channel {k}" for k, name in enumerate(channels.names)]
     if len(shown) > 1 and count % (len(shown) * channels.stride):
         raise BadInputError(f"{path}: {count} pages, not a multiple of its {len(shown)} channels")
@@ -151,25 +134,13 @@ def _depth_channel(channels: _Channels, count: int, path: Path, request: SourceR
 
 
 def single_text(path: Path) -> str | None:
-    """The ``ImageDescription`` of a TIFF.
-
-    Raises
-    ------
-    BadInputError
-        If it is damaged.
-    """
+    """The ``ImageDescription`` of a TIFF."""
     with _opened(path) as pages, complaints_are_errors(_LOGGER, path), foreign(path):
         return str(pages[0].description or "")
 
 
 def read_single(path: Path) -> NDArray[Any]:
-    """Read a TIFF of one page, (row, col).
-
-    Raises
-    ------
-    BadInputError
-        If it is damaged, is not grey, or has several pages.
-    """
+    """Read a TIFF of one page, (row, col)."""
     with _opened(path) as pages:
         with complaints_are_errors(_LOGGER, path), foreign(path):
             count = len(pages)

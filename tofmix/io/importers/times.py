@@ -17,38 +17,17 @@ from tofmix.errors import BadInputError
 from tofmix.wording import counted
 
 _UNITS_S = {
-    "s": 1.0,
-    "sec": 1.0,
-    "secs": 1.0,
-    "second": 1.0,
-    "seconds": 1.0,
-    "ms": 1e-3,
-    "msec": 1e-3,
-    "millis": 1e-3,
-    "millisecond": 1e-3,
-    "milliseconds": 1e-3,
-    "us": 1e-6,
-    "µs": 1e-6,
-    "μs": 1e-6,
-    "usec": 1e-6,
-    "micros": 1e-6,
-    "microsecond": 1e-6,
-    "microseconds": 1e-6,
-    "ns": 1e-9,
-    "nsec": 1e-9,
-    "nanos": 1e-9,
-    "nanosecond": 1e-9,
-    "nanoseconds": 1e-9,
-    "min": 60.0,
-    "minute": 60.0,
-    "minutes": 60.0,
-    "h": 3600.0,
-    "hr": 3600.0,
-    "hour": 3600.0,
-    "hours": 3600.0,
-    "d": 86400.0,
-    "day": 86400.0,
-    "days": 86400.0,
+    name: unit_s
+    for unit_s, names in {
+        1.0: "s sec secs second seconds",
+        1e-3: "ms msec millis millisecond milliseconds",
+        1e-6: "us µs μs usec micros microsecond microseconds",
+        1e-9: "ns nsec nanos nanosecond nanoseconds",
+        60.0: "min minute minutes",
+        3600.0: "h hr hour hours",
+        86400.0: "d day days",
+    }.items()
+    for name in names.split()
 }
 
 SET_BACK_S = 1.0
@@ -107,11 +86,6 @@ def unit_of_stamps(stamps: FloatArray, what: str) -> tuple[float, tuple[str, ...
         Stamps of some frames, NaN where missing.
     what : str
         The source and the name of the stamps, for messages.
-
-    Raises
-    ------
-    BadInputError
-        If frames would be too far apart.
     """
     known = stamps[np.isfinite(stamps)]
     if not known.size:
@@ -148,11 +122,6 @@ def times_of_array(
         The source and the name of the array, for messages.
     unit_s : float, optional
         Unit of the numbers, where it is given or stated; `unit_of_stamps` decides without it.
-
-    Raises
-    ------
-    BadInputError
-        If it is not one entry a frame, or the unit is unknown.
     """
     if stored.size != frames or stored.dtype.kind not in "iufMm":
         raise BadInputError(f"{what}: expected {frames} numbers, got {stored.dtype} of shape {stored.shape}")

@@ -34,11 +34,6 @@ def refuse_metres(range_mm: NDArray[Any], sensor: Sensor, what: object) -> None:
         For its shortest range.
     what : object
         The source, for messages.
-
-    Raises
-    ------
-    BadInputError
-        If their median is below 50, or below a tenth of `range_min_mm`.
     """
     median = float(np.nanmedian(range_mm))
     if is_too_small(median, sensor):

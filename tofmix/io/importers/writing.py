@@ -110,13 +110,6 @@ def write_recording(
     -------
     Imported
         Counts.
-
-    Raises
-    ------
-    BadInputError
-        If the source is damaged, has fewer or more frames than it announces, or holds metres without saying so.
-    UsageError, StorageError
-        As for `AtomicFile`.
     """
 
     def written(frames: FrameSource, clock: "_Clock") -> Imported:

@@ -64,13 +64,7 @@ class Journal:
         return {cell: tuple(json.loads(tally)) for cell, tally in rows}
 
     def add(self, cell: int, encoded: EncodedCell) -> None:
-        """Add a finished cell; when this returns, killing the process does not lose it.
-
-        Raises
-        ------
-        StorageError
-            If the disk is full or fails.
-        """
+        """Add a finished cell; when this returns, killing the process does not lose it."""
         chunks = b"".join(encoded.chunks)
         sizes = json.dumps([len(chunk) for chunk in encoded.chunks])
         row = (cell, json.dumps(encoded.tally), sizes, zlib.crc32(chunks), chunks)
@@ -111,13 +105,7 @@ class Journal:
         remove_journal(self.path)
 
     def publish(self, target: Path) -> None:
-        """Give it its final name, as a shard's part.
-
-        Raises
-        ------
-        StorageError
-            If the disk fails.
-        """
+        """Give it its final name, as a shard's part."""
         with _faults(self.path):
             # Fetched to its end, because SQLite commits then, and reports failures.
             modes = self._database.execute("PRAGMA journal_mode = DELETE").fetchall()

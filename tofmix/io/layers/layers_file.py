@@ -5,10 +5,9 @@ any blocks of writing.
 """
 
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import h5py
 import numpy as np
@@ -18,13 +17,12 @@ from tofmix.errors import BadInputError
 from tofmix.flags import Mixing, Status, mixing_name, status_name
 from tofmix.grid import Grid
 from tofmix.io import hdf5, sensor_group
-from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.guard import guard
 from tofmix.io.layers.provenance import header_image, read_provenance, write_provenance
-from tofmix.io.result_file import open_result, typed_dataset
+from tofmix.io.result_file import ResultFile, open_result
+from tofmix.io.schema import LAW_FIELDS, LAYERS, WINDOW_FIELDS, Field, field_of
 from tofmix.layers import (
     ENDS,
-    LAW_TEXTS,
     LAYER_DIMS,
     LAYER_FIELDS,
     OPTIONAL_FIELDS,
@@ -35,15 +33,20 @@ from tofmix.layers import (
     Provenance,
 )
 from tofmix.mixing import MixingLaw, law_over_windows
-from tofmix.options import MAX_LAYERS_LIMIT
-from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
 from tofmix.suspicion.registry import SUSPICIONS
 from tofmix.windows import Windows
 
-FORMAT = "tofmix-layers"
+FORMAT = LAYERS
+
+_FLAGS: dict[str, dict[str, tuple[list[int], list[str]]]] = {
+    "status": {"flag_values": ([int(s) for s in Status], [status_name(s) for s in Status])},
+    "mixing": {"flag_values": ([int(s) for s in Mixing], [mixing_name(s) for s in Mixing])},
+    SUSPECT.name: {"flag_masks": ([s.flag for s in SUSPICIONS], [s.name for s in SUSPICIONS])},
+}
+"""CF's attributes of datasets of flags: values or masks, and their names."""
 
 
-class LayersWriter:
+class LayersWriter(hdf5.FileWriter):
     """Writes a layers file block by block; the file gets its name after the last block.
 
     Use it as a context manager. Blocks must come in one order for any number of workers.
@@ -63,13 +66,10 @@ class LayersWriter:
     provenance : Provenance
         Source and options of the layers.
     overwrite, inputs, temporary
-        As for `AtomicFile`.
-
-    Raises
-    ------
-    UsageError, StorageError
-        As for `AtomicFile`.
+        As for `AtomicFile`, also for its errors.
     """
+
+    kind = LAYERS
 
     def __init__(
         self,
@@ -84,81 +84,45 @@ class LayersWriter:
         inputs: tuple[Path, ...] = (),
         temporary: Path | None = None,
     ) -> None:
+        super().__init__(
+            path,
+            title=f"surfaces of {provenance.source}",
+            history=f"tofmix {provenance.version} estimate {provenance.source}",
+            overwrite=overwrite,
+            inputs=inputs,
+            temporary=temporary,
+        )
         self._windows = windows
         self._dims = dict(zip(LAYER_DIMS, (windows.count, *image, max_layers), strict=True))
         self._tile = tile
         self._provenance = provenance
-        self._file = AtomicFile(path, overwrite=overwrite, inputs=inputs, temporary=temporary)
 
-    def __enter__(self) -> Self:
-        history = f"tofmix {self._provenance.version} estimate {self._provenance.source}"
-        title = f"surfaces of {self._provenance.source}"
-        with ExitStack() as stack:  # undone if anything below fails
-            stack.enter_context(self._file)
-            self._root = stack.enter_context(hdf5.create(self._file, kind=FORMAT, title=title, history=history))
-            write_provenance(self._root, self._provenance)
-            for name, length in self._dims.items():
-                hdf5.add_scale(self._root, name, length)
-            for spec in self._provenance.fields:
-                self._add(spec)
-            self._add_windows()
-            if self._provenance.is_unmixed:
-                self._add_law()
-            sensor_group.write_sensor(self._root, self._provenance.sensor, image=(self._dims["row"], self._dims["col"]))
-            hdf5.add_nexus_view(self._root, name="layers", signal="range", axes=LAYER_DIMS)
-            self._stack = stack.pop_all()
-        return self
+    def _begin(self, root: h5py.File) -> None:
+        write_provenance(root, self._provenance)
+        for name, length in self._dims.items():
+            hdf5.add_scale(root, name, length)
+        for spec in self._provenance.fields:
+            self._add(spec)
+        plan = self._windows
+        starts = np.arange(plan.count, dtype=np.uint64) * np.uint64(plan.stride)
+        for field, values in zip(WINDOW_FIELDS, (starts, starts + np.uint64(plan.length)), strict=True):
+            hdf5.add_field(root, field, data=values)
+        for field in LAW_FIELDS if self._provenance.is_unmixed else ():
+            empty = np.nan if field.dtype == "f4" else 0
+            hdf5.add_field(root, field, data=np.full(plan.count, empty, dtype=field.dtype))
+        sensor_group.write_sensor(root, self._provenance.sensor, image=(self._dims["row"], self._dims["col"]))
+        hdf5.add_nexus_view(root, name="layers", signal="range", axes=LAYER_DIMS)
 
     def _add(self, spec: LayerField) -> None:
         if spec.ends and ENDS not in self._root:
             hdf5.add_scale(self._root, ENDS, 2)
-        dims = {name: 2 if name == ENDS else self._dims[name] for name in spec.dims}
-        whole = tuple(dims.values())
+        lengths = self._dims | {ENDS: 2}
+        whole = tuple(lengths[name] for name in spec.dims)
         chunks = (min(self._tile[0], whole[0]), min(self._tile[1], whole[1]), *whole[2:])
-        fill = np.nan if spec.dtype.startswith("f") else None
-        dataset = hdf5.add_variable(
-            self._root,
-            spec.name,
-            dims=dims,
-            dtype=spec.dtype,
-            units=spec.units,
-            long_name=spec.long_name,
-            chunks=chunks,
-            fill=fill,
-        )
-        if spec.name == "status":
-            dataset.attrs["flag_values"] = np.array([int(s) for s in Status], dtype=spec.dtype)
-            dataset.attrs["flag_meanings"] = " ".join(status_name(s) for s in Status)
-        if spec.name == "mixing":
-            dataset.attrs["flag_values"] = np.array([int(s) for s in Mixing], dtype=spec.dtype)
-            dataset.attrs["flag_meanings"] = " ".join(mixing_name(s) for s in Mixing)
-        if spec.name == SUSPECT.name:
-            dataset.attrs["flag_masks"] = np.array([s.flag for s in SUSPICIONS], dtype=spec.dtype)
-            dataset.attrs["flag_meanings"] = " ".join(s.name for s in SUSPICIONS)
-
-    def _add_windows(self) -> None:
-        plan = self._windows
-        starts = np.arange(plan.count, dtype=np.uint64) * np.uint64(plan.stride)
-        for name, values, text in (
-            ("window_start", starts, "first frame of the window"),
-            ("window_stop", starts + np.uint64(plan.length), "one past the last frame of the window"),
-        ):
-            hdf5.add_variable(
-                self._root, name, dims={"window": plan.count}, dtype="u8", units="1", long_name=text, data=values
-            )
-
-    def _add_law(self) -> None:
-        for (name, text), dtype in zip(LAW_TEXTS.items(), ("f4", "u4"), strict=True):
-            empty = np.full(self._windows.count, np.nan if dtype == "f4" else 0, dtype=dtype)
-            hdf5.add_variable(
-                self._root,
-                name,
-                dims={"window": self._windows.count},
-                dtype=dtype,
-                units="1",
-                long_name=text,
-                data=empty,
-            )
+        dataset = hdf5.add_field(self._root, field_of(spec), lengths, chunks=chunks)
+        for key, (values, names) in _FLAGS.get(spec.name, {}).items():
+            dataset.attrs[key] = np.array(values, dtype=spec.dtype)
+            dataset.attrs["flag_meanings"] = " ".join(names)
 
     def write_law(self, window: int, phasor_share: float, pixels: int) -> None:
         """Write the mixing of a window: share of phasor sums, and the pixels that determine it."""
@@ -167,13 +131,7 @@ class LayersWriter:
         self._file.check()
 
     def write_suspects(self, windows: slice, suspect: NDArray[np.uint8], frames: NDArray[np.uint32] | None) -> None:
-        """Write marks of windows (window, row, col, layer), and the frames of passing layers; files without have none.
-
-        Raises
-        ------
-        StorageError
-            If the disk is full or fails.
-        """
+        """Write marks of windows (window, row, col, layer), and the frames of passing layers if there are any."""
         for spec, values in ((SUSPECT, suspect), (SUSPECT_FRAMES, frames)):
             if values is not None:
                 if spec.name not in self._root:
@@ -182,89 +140,55 @@ class LayersWriter:
         self._file.check()
 
     def write(self, windows: slice, rows: slice, layers: Layers) -> None:
-        """Write layers of the leading shape (window, row, col).
-
-        Raises
-        ------
-        StorageError
-            If the disk is full or fails.
-        """
+        """Write layers of the leading shape (window, row, col)."""
         for spec in layers.fields:
             self._root[spec.name][windows, rows] = getattr(layers, spec.name)
         self._file.check()
 
     def write_chunks(self, windows: slice, rows: slice, chunks: tuple[bytes, ...]) -> None:
-        """Write the chunks of one tile, as `tofmix.io.layers.chunks.encode_cell` makes them.
-
-        Raises
-        ------
-        StorageError
-            If the disk is full or fails.
-        """
+        """Write the chunks of one tile, as `tofmix.io.layers.chunks.encode_cell` makes them."""
         fields = self._provenance.fields
         for spec, data in zip(fields, chunks[: len(fields)], strict=True):
             place = (windows.start, rows.start, 0, 0)[: 4 if spec.per_layer else 3]
             self._root[spec.name].id.write_direct_chunk(place, data)
         self._file.check()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stack.__exit__(kind, error, trace)
 
-
-class LayersFile:
+class LayersFile(ResultFile):
     """An open layers file; made by `open_layers`."""
 
     def __init__(self, root: h5py.File, path: Path) -> None:
-        self.path = path
         present = (*LAYER_FIELDS, *(spec for spec in OPTIONAL_FIELDS if spec.name in root))
-        self._datasets = {
-            spec.name: typed_dataset(root, spec.name, path, dtype=spec.dtype, dims=spec.dims) for spec in present
-        }
-        shape = self._datasets["range"].shape
-        self.shape: tuple[int, int, int] = shape[:3]
-        self.max_layers = int(shape[3])
-        if max(shape[1:3]) > MOST_PIXELS_A_SIDE or shape[0] > MOST_FRAMES or shape[3] > MAX_LAYERS_LIMIT:
-            raise BadInputError(
-                f"{path}: range: shape {shape}; no more than {MOST_FRAMES} windows of {MOST_PIXELS_A_SIDE} pixels"
-                f" a side and {MAX_LAYERS_LIMIT} layers"
-            )
-        if 0 in shape:
-            raise BadInputError(f"{path}: range: shape {shape} holds no layer")
-        for name, dataset in self._datasets.items():
-            if dataset.shape != (*shape, 2)[: dataset.ndim]:
-                raise BadInputError(f"{path}: {name}: shape {dataset.shape} does not match range {shape}")
-        self.window_start = _window_bounds(root, "window_start", shape[0], path)
-        self.window_stop = _window_bounds(root, "window_stop", shape[0], path)
+        super().__init__(root, path, map(field_of, present), "range")
+        self._check_lengths({ENDS: 2})
+        self.window_start, self.window_stop = (
+            self._of_windows(root, field).astype(np.uint64, copy=False) for field in WINDOW_FIELDS
+        )
         self.provenance = read_provenance(root, path)
-        self.phasor_share = _law(root, "phasor_share", shape[0], path)
-        self.phasor_pixels = _law(root, "phasor_pixels", shape[0], path)
+        self.phasor_share, self.phasor_pixels = (
+            self._of_windows(root, field) if field.name in root else None for field in LAW_FIELDS
+        )
         sensor_group.check_maps(self.provenance.sensor, self.shape[1:], path)
 
-    def read_window(self, window: int) -> Layers:
-        """Read the layers of one window, of the leading shape (row, col).
+    def _of_windows(self, root: h5py.File, field: Field) -> NDArray[Any]:
+        """Numbers of each window, of any type."""
+        name, expected = field.name, self.shape[:1]
+        dataset = guard.checked_dataset(root, name, self.path)
+        if dataset.shape != expected or dataset.dtype.kind not in "iuf":
+            raise BadInputError(
+                f"{self.path}: {name}: shape {dataset.shape} of {dataset.dtype}, expected numbers {expected}"
+            )
+        with guard.reading(self.path, name):
+            return np.asarray(dataset[...])
 
-        Raises
-        ------
-        BadInputError
-            If they cannot be read, for example because the file is damaged.
-        """
-        arrays: dict[str, Any] = {}
-        for name, dataset in self._datasets.items():
-            with guard.reading(self.path, name):
-                arrays[name] = dataset[window]
-        return Layers(**arrays)
+    def read_window(self, window: int) -> Layers:
+        """Read the layers of one window, of the leading shape (row, col)."""
+        return Layers(**{name: self.read_dataset(name, window) for name in self.names})
 
     @property
     def mixing_law(self) -> MixingLaw | None:
         """The law of mixing over all windows; None where it was not measured."""
         return law_over_windows(self.phasor_share, self.phasor_pixels)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the datasets of the layers, in their order."""
-        return tuple(self._datasets)
 
     @property
     def step(self) -> tuple[int, int]:
@@ -273,44 +197,18 @@ class LayersFile:
         return (int(chunks[0]), int(chunks[1])) if chunks else (1, 1)
 
     def read_block(self, windows: slice, rows: slice) -> Layers:
-        """Read the layers of some windows and rows, of the leading shape (window, row, col).
-
-        Raises
-        ------
-        BadInputError
-            If they cannot be read.
-        """
-        arrays: dict[str, Any] = {name: self.read_dataset(name, windows, rows) for name in self._datasets}
-        return Layers(**arrays)
-
-    def read_dataset(self, name: str, windows: slice, rows: slice) -> NDArray[Any]:
-        """Read one dataset for some windows and rows.
-
-        Raises
-        ------
-        BadInputError
-            If it cannot be read.
-        """
-        with guard.reading(self.path, name):
-            return np.asarray(self._datasets[name][windows, rows])
+        """Read the layers of some windows and rows, of the leading shape (window, row, col)."""
+        return Layers(**{name: self.read_dataset(name, windows, rows) for name in self.names})
 
     def read_field(self, name: str, window: int) -> NDArray[Any]:
-        """Read one dataset for one window, (row, col) or (row, col, layer).
-
-        Raises
-        ------
-        BadInputError
-            If it cannot be read.
-        """
-        with guard.reading(self.path, name):
-            return np.asarray(self._datasets[name][window])
+        """Read one dataset for one window, (row, col) or (row, col, layer)."""
+        return self.read_dataset(name, window)
 
     def tally(self) -> tuple[int, ...]:
         """Pixels by their number of surfaces, each window counted."""
         counts = np.zeros(self.max_layers + 1, dtype=np.int64)
         for window in range(self.shape[0]):
-            with guard.reading(self.path, "n_modes"):
-                counts += np.bincount(self._datasets["n_modes"][window].ravel(), minlength=len(counts))
+            counts += np.bincount(self.read_field("n_modes", window).ravel(), minlength=len(counts))
         return tuple(counts.tolist())
 
     def undecided_tally(self) -> tuple[int, ...]:
@@ -347,22 +245,3 @@ def open_layers(path: Path) -> Iterator[LayersFile]:
     """
     with open_result(path, kind=FORMAT, make=LayersFile) as layers:
         yield layers
-
-
-def _law(root: h5py.File, name: str, count: int, path: Path) -> NDArray[Any] | None:
-    """Law of mixing of each window; None in files without it."""
-    if name not in root:
-        return None
-    dataset = guard.checked_dataset(root, name, path)
-    if dataset.shape != (count,) or dataset.dtype.kind not in "fu":
-        raise BadInputError(f"{path}: {name}: {dataset.dtype} of shape {dataset.shape}, expected numbers ({count},)")
-    with guard.reading(path, name):
-        return np.asarray(dataset[...])
-
-
-def _window_bounds(root: h5py.File, name: str, count: int, path: Path) -> NDArray[np.uint64]:
-    dataset = guard.checked_dataset(root, name, path)
-    if dataset.shape != (count,):
-        raise BadInputError(f"{path}: {name}: shape {dataset.shape}, expected ({count},)")
-    with guard.reading(path, name):
-        return np.asarray(dataset[...], dtype=np.uint64)

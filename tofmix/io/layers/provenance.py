@@ -35,13 +35,7 @@ def header_image(provenance: Provenance, grid: Grid) -> bytes:
 
 
 def read_header_image(image: bytes, path: Path) -> tuple[Provenance, Grid]:
-    """Read the result of `header_image`; `path` is the file that holds it.
-
-    Raises
-    ------
-    BadInputError
-        If it is damaged.
-    """
+    """Read the result of `header_image`; `path` is the file that holds it."""
     with guard.open_image(image, path) as root:
         windows, rows_cols, step = (root.attrs[key].tolist() for key in ("windows", "image", "step"))
         grid = Grid(Windows(*windows), (rows_cols[0], rows_cols[1]), (step[0], step[1]))
@@ -79,13 +73,7 @@ def _checksum(root: h5py.File) -> int:
 
 
 def read_provenance(root: h5py.File, path: Path) -> Provenance:
-    """Read it from an open file.
-
-    Raises
-    ------
-    BadInputError
-        If it is damaged.
-    """
+    """Read it from an open file."""
     return Provenance(
         **_texts(root, path),
         sensor=sensor_group.read_sensor(root, path),
@@ -96,13 +84,7 @@ def read_provenance(root: h5py.File, path: Path) -> Provenance:
 
 
 def read_surfaces_provenance(root: h5py.File, path: Path) -> SurfacesProvenance:
-    """Read the source and options of surfaces.
-
-    Raises
-    ------
-    BadInputError
-        If it is damaged.
-    """
+    """Read the source and options of surfaces."""
     return SurfacesProvenance(**_texts(root, path), sensor=sensor_group.read_sensor(root, path))
 
 

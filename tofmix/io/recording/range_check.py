@@ -72,13 +72,7 @@ class RangeCheck:
 
 
 def look(recording: FloatRecording) -> RangeCheck:
-    """Look at some samples.
-
-    Raises
-    ------
-    BadInputError
-        If a block cannot be read.
-    """
+    """Look at some samples."""
     values = np.concatenate([recording.read_range(*block).ravel() for block in _blocks(recording)])
     some = values[np.isfinite(values) & (values != 0)]
     zeros = int((values == 0).sum())
@@ -227,11 +221,6 @@ def check_whole_numbers(recording: FloatRecording) -> tuple[str, ...]:
     """Notes on the distances and zeros of a recording of whole numbers, as `check_range` has them of floats.
 
     Apart from opening, since floats alone must be looked at before they are used.
-
-    Raises
-    ------
-    BadInputError
-        If the recording cannot be read.
     """
     if "float" in recording.stored_type:
         return ()
@@ -250,11 +239,6 @@ def check_range(recording: FloatRecording) -> tuple[str, ...]:
     -------
     tuple of str
         Notes for the user, each a line that names the file.
-
-    Raises
-    ------
-    BadInputError
-        If a float dataset without `units` holds ranges too small for mm, or cannot be read.
     """
     if "float" not in recording.stored_type:
         return ()

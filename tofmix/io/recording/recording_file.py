@@ -24,12 +24,11 @@ from tofmix.io.guard.watchdog import watched
 from tofmix.io.length_units import UNITS_MM, unit_mm_of
 from tofmix.io.next_command import import_command
 from tofmix.io.recording.range_check import check_range
+from tofmix.io.schema import FRAME_DIMS, RECORDING, TARGET
 from tofmix.recording import DECODED_SAMPLES, MOST_FRAMES, MOST_PIXELS_A_SIDE, MOST_TARGETS
 from tofmix.sensor import Sensor
 
-FORMAT = "tofmix-recording"
-DIMS = ("frame", "row", "col")
-TARGET = "target"
+FORMAT, DIMS = RECORDING, FRAME_DIMS
 
 _HASHED_BYTES = 1 << 20  # bytes that are hashed at once
 
@@ -90,34 +89,16 @@ class RecordingFile:
         return self.attributes().get("averaged", 0) not in (0, "0", "")
 
     def check_unchanged(self) -> None:
-        """Refuse the data if the file was written to during reading.
-
-        Raises
-        ------
-        BadInputError
-            If its size or the time of its last change is another than when it was opened.
-        """
+        """Refuse the data if the file was written to during reading."""
         guard.check_unchanged(self._root, self._identity, self.path)
 
     def verify_unchanged(self) -> None:
-        """Declare the end of reading: later changes of the file do not matter.
-
-        Raises
-        ------
-        BadInputError
-            If it was written to meanwhile.
-        """
+        """Declare the end of reading: later changes of the file do not matter."""
         self.check_unchanged()
         self.verified = True
 
     def sha256(self) -> str:
-        """SHA-256 of the open file, even if its path now leads to another one.
-
-        Raises
-        ------
-        BadInputError
-            If it cannot be read, or changes meanwhile.
-        """
+        """SHA-256 of the open file, even if its path now leads to another one."""
         try:
             with os.fdopen(os.dup(self._root.id.get_vfd_handle()), "rb", buffering=0) as file:
                 file.seek(0)
@@ -163,23 +144,11 @@ class RecordingFile:
         return found
 
     def read_time(self) -> FloatArray | None:
-        """Read the start of each frame (frame,) float64 in s; None if unknown.
-
-        Raises
-        ------
-        BadInputError
-            If it is not one number a frame.
-        """
+        """Read the start of each frame (frame,) float64 in s; None if unknown."""
         return self._by_frame("time")
 
     def read_temperature(self) -> FloatArray | None:
-        """Read the camera's temperature (frame,) float64 in degC; None if unknown.
-
-        Raises
-        ------
-        BadInputError
-            If it is not one number a frame.
-        """
+        """Read the camera's temperature (frame,) float64 in degC; None if unknown."""
         return self._by_frame("temperature")
 
     def _by_frame(self, name: str) -> FloatArray | None:
@@ -204,13 +173,7 @@ class RecordingFile:
         return (int(self._range.chunks[0]) if self._range.chunks else 1) * max(1, self.targets)
 
     def read_range(self, frames: slice, rows: slice) -> Float32Array:
-        """Read samples (frame, row, col) float32 in mm, NaN where invalid.
-
-        Raises
-        ------
-        BadInputError
-            If the block cannot be read, for example because it is damaged.
-        """
+        """Read samples (frame, row, col) float32 in mm, NaN where invalid."""
         first_frame, end, _ = frames.indices(self.shape[0])
         first_row, bottom, _ = rows.indices(self.shape[1])
         samples = np.empty((end - first_frame, bottom - first_row, self.shape[2]), dtype=np.float32)
@@ -242,13 +205,7 @@ class RecordingFile:
         out[invalid] = np.nan
 
     def read_amplitude(self, frames: slice, rows: slice) -> Float32Array:
-        """Read amplitudes (frame, row, col) float32, NaN where they have their `_FillValue`.
-
-        Raises
-        ------
-        BadInputError
-            If there are none, or the block cannot be read.
-        """
+        """Read amplitudes (frame, row, col) float32, NaN where they have their `_FillValue`."""
         if self._amplitude is None:
             raise BadInputError(f"{self.path}: no dataset amplitude")
         first, end, _ = frames.indices(self.shape[0])
@@ -289,13 +246,7 @@ def open_recording(path: Path, *, check_units: bool = True) -> Iterator[Recordin
 
 
 def file_sha256(path: Path) -> str:
-    """SHA-256 of a file's bytes, in hexadecimal.
-
-    Raises
-    ------
-    BadInputError
-        If it cannot be read.
-    """
+    """SHA-256 of a file's bytes, in hexadecimal."""
     try:
         with path.open("rb", buffering=0) as file:
             return _digest(file, path)

@@ -3,11 +3,9 @@
 Use `RecordingWriter`; `tofmix.io.recording.recording_file` reads its files. The contract is docs/reference/formats.md.
 """
 
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
-from typing import Literal, Self
+from typing import Literal
 
 import h5py
 import numpy as np
@@ -15,9 +13,15 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.io import hdf5, sensor_group
-from tofmix.io.atomic.storage import AtomicFile
-from tofmix.io.recording.recording_file import DIMS, FORMAT, TARGET
-from tofmix.io.recording.truth_effects import add_effect_truth, add_range_true_frames, write_range_true_frames
+from tofmix.io.schema import (
+    FRAME_DIMS,
+    RANGE_TRUE_FRAMES,
+    RECORDING,
+    RECORDING_FIELDS,
+    TARGET,
+    TRUTH_FIELDS,
+    Field,
+)
 from tofmix.sensor import Sensor
 from tofmix.simulation.effects import EffectTruth
 from tofmix.simulation.truth import Truth
@@ -28,10 +32,9 @@ CHUNK_FRAMES = 100
 
 _CHUNK_ROWS = 8  # rows of a chunk: a band of rows is read without the rest
 _CHUNK_COLS = 22  # columns of a chunk: an eighth of a 176-pixel row
-_NO_SAMPLE = 0  # value of a lost sample where ranges are uint16
 
 
-class RecordingWriter:
+class RecordingWriter(hdf5.FileWriter):
     """Streams frames into a new recording, which gets its name after the last frame.
 
     Use it as a context manager; write every frame, in order, in blocks of `chunk_frames`.
@@ -65,13 +68,10 @@ class RecordingWriter:
     attributes : dict, optional
         Further root attributes.
     overwrite, inputs
-        As for `AtomicFile`.
-
-    Raises
-    ------
-    UsageError, StorageError
-        As for `AtomicFile`.
+        As for `AtomicFile`, also for its errors.
     """
+
+    kind = RECORDING
 
     def __init__(
         self,
@@ -94,68 +94,59 @@ class RecordingWriter:
         overwrite: bool = False,
         inputs: tuple[Path, ...] = (),
     ) -> None:
+        history = f"written by tofmix {__version__}"
+        super().__init__(path, title=title, history=history, overwrite=overwrite, inputs=inputs)
         self._shape = shape
         self._sensor = sensor
-        self._targets = targets
         self._truth = truth
         self._model_text = model_text
         self._effect_truth = effect_truth
         self._moving = moving
-        self._title = title
-        self._has_amplitude = has_amplitude
-        self._has_time = has_time
-        self._has_temperature = has_temperature
-        self._dtype = dtype
-        self._chunk_frames = chunk_frames
         self._attributes = attributes or {}
-        self._file = AtomicFile(path, overwrite=overwrite, inputs=inputs)
+        rows, cols = min(shape[1], _CHUNK_ROWS), min(shape[2], _CHUNK_COLS)
+        self._chunks = {"frame": min(shape[0], chunk_frames), TARGET: targets, "row": rows, "col": cols}
+        dims = ("frame", TARGET, "row", "col") if targets else FRAME_DIMS
+        self._lengths = {
+            dim: {"frame": shape[0], TARGET: targets, "row": shape[1], "col": shape[2]}[dim] for dim in dims
+        }
+        there = {"range": True, "amplitude": has_amplitude, "time": has_time, "temperature": has_temperature}
+        self._fields = [
+            spec._replace(dims=dims) if spec.dims == FRAME_DIMS else spec
+            for spec in RECORDING_FIELDS
+            if there[spec.name]
+        ]
+        if dtype == "f4":
+            self._fields[0] = self._fields[0]._replace(dtype=dtype, fill=np.nan)
 
-    def __enter__(self) -> Self:
-        history = f"written by tofmix {__version__}"
-        with ExitStack() as stack:  # undone if anything below fails
-            stack.enter_context(self._file)
-            root = stack.enter_context(hdf5.create(self._file, kind=FORMAT, title=self._title, history=history))
-            root.attrs.update(self._attributes)
-            self._root = root
-            self._add_frames(root)
-            written = replace(self._sensor, temporal_filter=None)  # it is that of other samples
-            sensor_group.write_sensor(root, written, image=self._shape[1:])
-            if self._truth is not None:
-                _write_truth(root, self._truth, self._model_text)
-                self._add_more_truth(root["truth"], self._truth)
-            hdf5.add_nexus_view(root, name="recording", signal="range", axes=DIMS)
-            self._stack = stack.pop_all()
-        return self
-
-    def _add_more_truth(self, group: h5py.Group, truth: Truth) -> None:
-        if self._effect_truth:
-            add_effect_truth(group, self._effect_truth, CHUNK_FRAMES)
-        if self._moving:
-            frames, rows, cols = self._shape
-            layers = truth.range_true.shape[2]
-            chunks = (min(frames, CHUNK_FRAMES), min(rows, _CHUNK_ROWS), min(cols, _CHUNK_COLS), layers)
-            add_range_true_frames(group, (*self._shape, layers), chunks)
-
-    def _add_frames(self, root: h5py.File) -> None:
-        frames, rows, cols = self._shape
-        dims = dict(zip(DIMS, self._shape, strict=True))
-        chunks: tuple[int, ...] = (min(frames, self._chunk_frames), min(rows, _CHUNK_ROWS), min(cols, _CHUNK_COLS))
-        if self._targets:
-            dims = {"frame": frames, TARGET: self._targets, "row": rows, "col": cols}
-            chunks = (chunks[0], self._targets, *chunks[1:])
-        for name, length in dims.items():
+    def _begin(self, root: h5py.File) -> None:
+        root.attrs.update(self._attributes)
+        for name, length in self._lengths.items():
             hdf5.add_scale(root, name, length)
-        fill = _NO_SAMPLE if self._dtype == "u2" else np.nan
-        hdf5.add_variable(
-            root, "range", dims=dims, dtype=self._dtype, units="mm", long_name="radial range", chunks=chunks, fill=fill
-        )
-        if self._has_amplitude:
-            hdf5.add_variable(root, "amplitude", dims=dims, dtype="f4", units="1", long_name="amplitude", chunks=chunks)
-        frame = {"frame": frames}
-        if self._has_time:
-            hdf5.add_variable(root, "time", dims=frame, dtype="f8", units="s", long_name="start of the frame")
-        if self._has_temperature:
-            hdf5.add_variable(root, "temperature", dims=frame, dtype="f4", units="degC", long_name="temperature")
+        for spec in self._fields:
+            chunks = tuple(self._chunks[dim] for dim in spec.dims) if len(spec.dims) > 1 else None
+            hdf5.add_field(root, spec, self._lengths, chunks=chunks)
+        written = replace(self._sensor, temporal_filter=None)  # it is that of other samples
+        sensor_group.write_sensor(root, written, image=self._shape[1:])
+        if self._truth is not None:
+            self._write_truth(root, self._truth)
+        hdf5.add_nexus_view(root, name="recording", signal="range", axes=FRAME_DIMS)
+
+    def _write_truth(self, root: h5py.File, truth: Truth) -> None:
+        group = hdf5.add_group(root, "truth")
+        group.attrs["model"] = self._model_text
+        layers = truth.range_true.shape[2]
+        hdf5.add_scale(group, "layer", layers)
+        for spec in TRUTH_FIELDS:
+            hdf5.add_field(group, spec, data=getattr(truth, spec.name))
+        if self._effect_truth:
+            effects = hdf5.add_group(group, "effects")
+            for drawn in self._effect_truth:
+                _write_drawn(effects, drawn)
+        if self._moving:
+            lengths = self._lengths | {"layer": layers}
+            deep = {"frame": min(self._shape[0], CHUNK_FRAMES), "layer": layers}
+            chunks = tuple((self._chunks | deep)[dim] for dim in RANGE_TRUE_FRAMES.dims)
+            hdf5.add_field(group, RANGE_TRUE_FRAMES, lengths, chunks=chunks)
 
     def write(
         self,
@@ -171,66 +162,20 @@ class RecordingWriter:
 
         range_mm (n, row, col) or (n, target, row, col) uint16, 0 where invalid, or float32, NaN where invalid;
         amplitude (n, row, col); time_s and temperature_c (n,); range_true (n, row, col, layer), where surfaces move.
-
-        Raises
-        ------
-        StorageError
-            If the disk is full or fails.
         """
-        stop = start + len(range_mm)
-        self._root["range"][start:stop] = range_mm
-        if time_s is not None:
-            self._root["time"][start:stop] = time_s
-        if amplitude is not None:
-            self._root["amplitude"][start:stop] = amplitude
-        if temperature_c is not None:
-            self._root["temperature"][start:stop] = temperature_c
-        if range_true is not None:
-            write_range_true_frames(self._root["truth"], start, range_true)
+        part = slice(start, start + len(range_mm))
+        given = {"range": range_mm, "time": time_s, "amplitude": amplitude, "temperature": temperature_c}
+        for name, values in (given | {f"truth/{RANGE_TRUE_FRAMES.name}": range_true}).items():
+            if values is not None:
+                self._root[name][part] = values
         self._file.check()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stack.__exit__(kind, error, trace)
 
-
-def _write_truth(root: h5py.File, truth: Truth, model_text: str) -> None:
-    group = hdf5.add_group(root, "truth")
-    group.attrs["model"] = model_text
-    rows, cols, layers = truth.range_true.shape
-    hdf5.add_scale(group, "layer", layers)
-    image = {"row": rows, "col": cols}
-    layered = {**image, "layer": layers}
-    hdf5.add_variable(
-        group, "n_modes", dims=image, dtype="u1", units="1", long_name="surfaces in the beam", data=truth.n_modes
-    )
-    hdf5.add_variable(
-        group,
-        "range_true",
-        dims=layered,
-        dtype="f4",
-        units="mm",
-        long_name="range of each surface, near to far",
-        fill=np.nan,
-        data=truth.range_true,
-    )
-    hdf5.add_variable(
-        group,
-        "weight_true",
-        dims=layered,
-        dtype="f4",
-        units="1",
-        long_name="share of the beam, p(c_i)",
-        fill=np.nan,
-        data=truth.weight_true,
-    )
-    hdf5.add_variable(
-        group,
-        "weight_no_return",
-        dims=image,
-        dtype="f4",
-        units="1",
-        long_name="share without a return, p(c_0)",
-        data=truth.weight_no_return,
-    )
+def _write_drawn(group: h5py.Group, drawn: EffectTruth) -> None:
+    """Write what an effect has drawn once a recording."""
+    values = drawn.values
+    fill = np.nan if values.dtype.kind == "f" else None
+    spec = Field(drawn.name, values.dtype.str[1:], drawn.unit, drawn.dims, drawn.long_name, fill)
+    sizes = zip(drawn.dims, values.shape, strict=True)
+    chunks = tuple(min(n, CHUNK_FRAMES) if dim == "frame" else n for dim, n in sizes)
+    hdf5.add_field(group, spec, data=values, chunks=chunks)

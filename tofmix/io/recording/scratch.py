@@ -94,11 +94,6 @@ def on_scratch(
         The part that will be read.
     phasors : bool
         Whether amplitudes will be read too, even if the noise curve does not need them.
-
-    Raises
-    ------
-    StorageError
-        If there is not.
     """
     amplitudes = wanted_amplitudes(source, phasors=phasors)
     samples = len(range(rows.start, rows.stop)) * source.shape[0] * source.shape[2] * (2 if amplitudes else 1)

@@ -7,13 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray
-from tofmix.errors import BadInputError
-from tofmix.io import hdf5
-from tofmix.io.guard import guard
-from tofmix.io.surfaces.fields import FIELDS
+from tofmix.io.schema import IMAGE_FIELDS, LIST_FIELDS, OF_WINDOWS, SURFACES_FIELDS
 from tofmix.io.surfaces.surfaces_file import SurfacesFile
-from tofmix.io.verify.findings import Findings
-from tofmix.io.verify.storage import check_storage
+from tofmix.io.verify.findings import Findings, check_fields
 from tofmix.surfaces.found import NO_SURFACE
 
 _UNIT_TOLERANCE = 1e-5
@@ -22,53 +18,22 @@ _UNIT_TOLERANCE = 1e-5
 _MARGIN = 1.0
 """Pixels by which a point of an edge may lie outside the centres of the image's pixels: half of one, and rounding."""
 
-_LARGE = ("surface", "range_fine", "surface_fine")
-"""Datasets that are read window by window."""
-
 
 def verify_surfaces(root: h5py.File, file: SurfacesFile, findings: Findings) -> None:
-    """Check an open surfaces file: its header has passed already.
-
-    Parameters
-    ----------
-    root : h5py.File
-        The file.
-    file : SurfacesFile
-        The surfaces in it.
-    findings : Findings
-        Receives the findings.
-    """
-    for spec in FIELDS:
-        if spec.name in file.names:
-            with guard.reading(file.path, spec.name):
-                found = hdf5.text_attribute(root[spec.name], "units")
-                if found != spec.units:
-                    findings.add(spec.name, f"units {found!r}, expected {spec.units!r}")
-                check_storage(root[spec.name], spec.name, file.path, findings, ours=True)
-    small = _read_small(file, findings)
+    """Check an open surfaces file, whose header has passed already."""
+    check_fields(root, SURFACES_FIELDS, file.path, findings)
+    small: dict[str, NDArray[Any]] = {}
+    for name in (spec.name for spec in LIST_FIELDS if spec.name in file.names):
+        with findings.errors(file.path):
+            small[name] = file.read_dataset(name)
     _check_planes(small, findings)
     _check_edges(file, small, findings)
-    for name in ("surface_window", "edge_window"):
-        try:
+    for name in reversed(OF_WINDOWS):
+        with findings.errors(file.path):
             file.read_windows(name)
-        except BadInputError as error:
-            findings.add_error(error, file.path)
     _check_images(file, small, findings)
     findings.checked += len(file.names)
-    if len(file.provenance.source_sha256) != 64:  # noqa: PLR2004  digits of SHA-256
-        findings.notes.append("no checksum of the layers file that the surfaces were made from")
-
-
-def _read_small(file: SurfacesFile, findings: Findings) -> dict[str, NDArray[Any]]:
-    """Read every dataset of surfaces and of points; those that can be read."""
-    arrays = {}
-    for name in file.names:
-        if name not in _LARGE:
-            try:
-                arrays[name] = file.read_dataset(name)
-            except BadInputError as error:
-                findings.add_error(error, file.path)
-    return arrays
+    findings.check_source(file.provenance.source_sha256, "layers file that the surfaces")
 
 
 def _check_planes(small: dict[str, NDArray[Any]], findings: Findings) -> None:
@@ -121,34 +86,24 @@ def _is_known(numbers: NDArray[Any], file: SurfacesFile) -> BoolArray:
 def _check_images(file: SurfacesFile, small: dict[str, NDArray[Any]], findings: Findings) -> None:
     """Check the images of each window, then the number of layers of each surface."""
     counts = np.zeros(file.surfaces, dtype=np.int64)
-    fine = ("window", "row_fine", "col_fine")
     for window in range(file.shape[0]):
-        images = _read_images(file, window, findings)
-        at = (window, 0, 0)
-        if (range_fine := images.get("range_fine")) is not None:
-            broken = ~(np.isnan(range_fine) | ((range_fine > 0) & np.isfinite(range_fine)))
-            findings.add_broken("range_fine", "above 0 mm or NaN", broken[np.newaxis], fine, at)
-        if (numbers := images.get("surface")) is not None:
-            counts += np.bincount(numbers[(numbers >= 0) & (numbers < file.surfaces)], minlength=file.surfaces)
-        for name, dims in (("surface", ("window", "row", "col", "layer")), ("surface_fine", fine)):
-            if (numbers := images.get(name)) is not None:
-                place = at[: len(dims)] if len(dims) == len(at) else (*at, 0)
-                _check_numbers(file, name, numbers[np.newaxis], small.get("surface_window"), (dims, place), findings)
+        for spec in IMAGE_FIELDS:
+            with findings.errors(file.path, first=f"from window {window} on"):
+                values, place = file.read_dataset(spec.name, slice(window, window + 1)), (window, 0, 0, 0)
+                at = spec.dims, place[: len(spec.dims)]
+                if spec.name == "range_fine":
+                    broken = ~(np.isnan(values) | ((values > 0) & np.isfinite(values)))
+                    findings.add_broken(spec.name, "above 0 mm or NaN", broken, *at)
+                    continue
+                _check_numbers(file, spec.name, values, small.get("surface_window"), at, findings)
+                if spec.name == "surface":
+                    known = values[(values >= 0) & (values < file.surfaces)]
+                    counts += np.bincount(known, minlength=file.surfaces)
     n_pixels = small.get("n_pixels")
     is_counted = all(name != "surface" for name, _ in findings.faults)  # the count of a damaged image says nothing
     if n_pixels is not None and is_counted:
         broken = n_pixels != counts
         findings.add_broken("n_pixels", "the layers that are of the surface", broken, ("surface_index",), (0,))
-
-
-def _read_images(file: SurfacesFile, window: int, findings: Findings) -> dict[str, NDArray[Any]]:
-    images = {}
-    for name in _LARGE:
-        try:
-            images[name] = file.read_dataset(name, slice(window, window + 1))[0]
-        except BadInputError as error:
-            findings.add_error(error, file.path, first=f"from window {window} on")
-    return images
 
 
 def _check_numbers(
