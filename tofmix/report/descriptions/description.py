@@ -25,26 +25,13 @@ Section = dict[str, Value]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Description:
-    """A file in words and numbers.
+    """A file in words and numbers."""
 
-    Parameters
-    ----------
-    kind : str
-        ``recording``, ``layers``, ``surfaces``, ``model``, ``sensor``, ``source`` or ``reconciliation``.
-    name : str
-        The file, as given.
-    sections : dict of str to dict
-        Names of values within each section carry their units; None means unknown.
-    warnings : tuple of Finding
-        What to be wary of.
-    table : str
-        The noise curve with all its numbers, as a table of a model file, for the terminal alone; empty without one.
-    """
-
-    kind: str
-    name: str
-    sections: dict[str, Section]
-    warnings: tuple[Finding, ...]
+    kind: str  # ``recording``, ``layers``, ``surfaces``, ``model``, ``sensor``, ``source`` or ``reconciliation``
+    name: str  # the file, as given
+    sections: dict[str, Section]  # names of values within each section carry their units; None means unknown
+    warnings: tuple[Finding, ...]  # what to be wary of
+    # The noise curve with all its numbers, as a table of a model file, for the terminal alone; empty without one.
     table: str = ""
 
     def as_dict(self) -> dict[str, Any]:

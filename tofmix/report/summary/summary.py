@@ -57,98 +57,55 @@ class LayerSummary:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MixingNumbers:
-    """The law of mixing.
+    """The law of mixing."""
 
-    Parameters
-    ----------
-    line : str
-        The law in words.
-    phasor_share : float or None
-        Share of the samples at edges that are phasor sums; None if no pixel determines it.
-    telling_pixels : int
-        Pixels that determine it.
-    pixels : dict
-        Pixels by the names of `tofmix.flags.Mixing`.
-    """
-
-    line: str
-    phasor_share: float | None
-    telling_pixels: int
-    pixels: dict[str, int]
+    line: str  # the law in words
+    phasor_share: float | None  # share of the samples at edges that are phasor sums; None if no pixel determines it
+    telling_pixels: int  # pixels that determine it
+    pixels: dict[str, int]  # pixels by the names of `tofmix.flags.Mixing`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Summary:
-    """A layers file in numbers. Pixels are counted once a window.
+    """A layers file in numbers. Pixels are counted once a window."""
 
-    Parameters
-    ----------
-    source, source_sha256, version, options
-        From the file's provenance.
-    windows, window_frames, rows, cols, max_layers, frames_left_out : int
-        Its sizes; `window_frames` is the length of the first window.
-    pixels : int
-        windows * rows * cols.
-    pixels_by_surfaces, pixels_by_peaks : tuple of int
-        Entry n counts pixels with n surfaces; with n peaks of the density in step 1.
-    undecided_by_surfaces : tuple of int
-        Pixels of `pixels_by_surfaces` with undecided mixing: their layers are not reliable.
-    pixels_by_status : dict
-        By the names of `tofmix.flags.Status`; a value without a name is ``status_<value>``.
-    layers_by_suspicion : dict
-        Suspect layers by the names of `tofmix.suspicion.registry`; a layer may have several.
-    pixels_with_close_layers : int
-        Pixels with two layers within 5 sigma (of the wider one) of each other.
-    share_several_surfaces, share_no_surface : float
-        Shares of `pixels` with more than one surface, and with none.
-    layers : tuple of LayerSummary
-        One entry for each of `max_layers`, near to far.
-    weight_no_return : Quantiles
-        p(c_0) over the pixels where it is known.
-    sigma_over_curve : Quantiles
-        sigma / sigma(r) over components with a share above 0.5.
-    samples : Quantiles
-        Valid samples a pixel.
-    lost : LostNumbers or None
-        Lost samples; None where none was lost, and for layers of versions that did not count them.
-    noise : NoiseNumbers or None
-        The noise, where it has learnt parts, or parts of a file, beyond sigma by range and amplitude.
-    mixing : MixingNumbers or None
-        The measured mixing.
-    warnings : tuple of Finding
-        Warnings.
-    notes : tuple of Finding
-        What a recording of its kind cannot show.
-    """
-
+    # From the file's provenance.
     source: str
     source_sha256: str
     version: str
     options: dict[str, str | int | float | None]
+    # Its sizes; `window_frames` is the length of the first window.
     windows: int
     window_frames: int
     rows: int
     cols: int
     max_layers: int
     frames_left_out: int
-    pixels: int
+    pixels: int  # windows * rows * cols
+    # Entry n counts pixels with n surfaces; with n peaks of the density in step 1.
     pixels_by_surfaces: tuple[int, ...]
     pixels_by_peaks: tuple[int, ...]
+    # Pixels of `pixels_by_surfaces` with undecided mixing: their layers are not reliable.
     undecided_by_surfaces: tuple[int, ...]
+    # By the names of `tofmix.flags.Status`; a value without a name is ``status_<value>``.
     pixels_by_status: dict[str, int]
+    # Suspect layers by the names of `tofmix.suspicion.registry`; a layer may have several.
     layers_by_suspicion: dict[str, int]
-    pixels_with_close_layers: int
+    pixels_with_close_layers: int  # pixels with two layers within 5 sigma (of the wider one) of each other
+    # Shares of `pixels` with more than one surface, and with none.
     share_several_surfaces: float
     share_no_surface: float
-    layers: tuple[LayerSummary, ...]
-    weight_no_return: Quantiles
-    sigma_over_curve: Quantiles
-    samples: Quantiles
+    layers: tuple[LayerSummary, ...]  # one entry for each of `max_layers`, near to far
+    weight_no_return: Quantiles  # p(c_0) over the pixels where it is known
+    sigma_over_curve: Quantiles  # sigma / sigma(r) over components with a share above 0.5
+    samples: Quantiles  # valid samples a pixel
+    # Lost samples; None where none was lost, and for layers of versions that did not count them.
     lost: LostNumbers | None
+    # The noise, where it has learnt parts, or parts of a file, beyond sigma by range and amplitude.
     noise: NoiseNumbers | None
-    mixing: MixingNumbers | None
-    warnings: tuple[Finding, ...]
-    notes: tuple[Finding, ...] = ()
+    mixing: MixingNumbers | None  # the measured mixing
+    warnings: tuple[Finding, ...]  # warnings
+    notes: tuple[Finding, ...] = ()  # what a recording of its kind cannot show
 
     @property
     def decided_by_surfaces(self) -> tuple[int, ...]:
