@@ -17,7 +17,7 @@ from tofmix.layers import Layers
 from tofmix.report.comparison.window_difference import WindowDifference, compare_windows
 from tofmix.report.sources import LayersSource
 from tofmix.report.summary.quantiles import ValueCounts
-from tofmix.wording import counted
+from tofmix.wording import counted, finite_or_none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,7 +126,9 @@ def compare(a: LayersSource, b: LayersSource, *, tolerance: float = 3.0, shown_p
         tally.add(window, of_a, of_b, found)
     made = a.provenance, b.provenance
     names = sorted({*made[0].options, *made[1].options})
-    options = {name: (_no_nan(made[0].options.get(name)), _no_nan(made[1].options.get(name))) for name in names}
+    options = {
+        name: (finite_or_none(made[0].options.get(name)), finite_or_none(made[1].options.get(name))) for name in names
+    }
     return Comparison(
         tolerance=tolerance,
         windows=windows,
@@ -219,7 +221,3 @@ def _status(layers: Layers, place: tuple[int, int]) -> str:
 def _ranges(layers: Layers, place: tuple[int, int]) -> tuple[float | None, ...]:
     values = layers.range[place][: int(layers.n_modes[place])].astype(np.float64).tolist()
     return tuple(round(value, 3) if np.isfinite(value) else None for value in values)
-
-
-def _no_nan(value: object) -> object:
-    return None if isinstance(value, float) and not np.isfinite(value) else value

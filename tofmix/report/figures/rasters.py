@@ -25,6 +25,9 @@ BELOW, ABOVE = "#000a1f", "#fff7b8"
 """Colours of ranges beyond the scale: darker and lighter than the ends of the colour map, so such values are
 visible."""
 
+_WIDTH_REM = 26.0
+"""Width of an image in a card of the page, about, in the page's unit of text."""
+
 MARK = "#d55e00"
 """Colour of marked places in an image of ranges."""
 
@@ -45,17 +48,22 @@ class Plane:
     @property
     def col_ticks(self) -> list[tuple[float, int]]:
         """Place in per cent of the width, and column."""
-        return pixel_ticks(self.cols)
+        return pixel_ticks(self.cols, most=_room(34.0 * self.cols / self.rows, each=2.6))
 
     @property
     def row_ticks(self) -> list[tuple[float, int]]:
         """Place in per cent of the height, and row."""
-        return pixel_ticks(self.rows)
+        return pixel_ticks(self.rows, most=_room(_WIDTH_REM * self.rows / self.cols, each=1.5))
 
 
-def pixel_ticks(count: int) -> list[tuple[float, int]]:
-    """Round numbers along `count` pixels: the middle of each in per cent of the whole, and the number."""
-    places = MaxNLocator(nbins=6, integer=True, steps=[1, 2, 2.5, 5, 10]).tick_values(0, count - 1)
+def _room(length_rem: float, *, each: float) -> int:
+    """Steps between numbers of a size along an image that is so long, or as long as the page's style lets it be."""
+    return int(np.clip(min(_WIDTH_REM, max(3.0, length_rem)) / each, 1, 6))
+
+
+def pixel_ticks(count: int, *, most: int = 6) -> list[tuple[float, int]]:
+    """Round numbers along `count` pixels, in `most` steps: each's middle in per cent of the whole, and the number."""
+    places = MaxNLocator(nbins=most, integer=True, steps=[1, 2, 2.5, 5, 10]).tick_values(0, count - 1)
     return [(round(100 * (n + 0.5) / count, 2), int(n)) for n in places if 0 <= n < count and n == int(n)]
 
 

@@ -19,6 +19,7 @@ from tofmix.flags import Mixing, Status, mixing_name, status_name
 from tofmix.layers import Layers, Provenance
 from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.wording import finite_or_none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,7 +76,10 @@ class PixelView:
         ``learnt_noise`` is there with learnt noise alone: the pixel's own width, its background, and how far each of
         its layers drifts within the window. ``mixing`` is there where the file has it.
         """
-        layers = [{name: _number(getattr(self, name)[k]) for name in _PER_LAYER} for k in range(len(self.range_mm))]
+        layers = [
+            {name: finite_or_none(float(getattr(self, name)[k])) for name in _PER_LAYER}
+            for k in range(len(self.range_mm))
+        ]
         return {
             "row": self.row,
             "col": self.col,
@@ -84,8 +88,8 @@ class PixelView:
             "n_peaks": self.n_peaks,
             **({} if self.mixing is None else {"mixing": self.mixing}),
             "layers": layers,
-            "weight_no_return": _number(self.weight_no_return),
-            "weight_outlier": _number(self.weight_outlier),
+            "weight_no_return": finite_or_none(self.weight_no_return),
+            "weight_outlier": finite_or_none(self.weight_outlier),
             "samples_mm": None if self.samples_mm is None else self.samples_mm.tolist(),
             "modes_mm": None if self.modes_mm is None else self.modes_mm.tolist(),
             **({} if self.mixture is None else {"learnt_noise": _own_noise(self)}),
@@ -305,7 +309,3 @@ def grow_density(
         range_mm=live.range_mm,
         snapshots=tuple(snapshots),
     )
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
