@@ -16,7 +16,7 @@ project = "tofmix"
 author = "the tofmix authors"
 release = __version__
 root_doc = "index"
-exclude_patterns = ["figures"]
+exclude_patterns = ["figures", "generators"]
 
 extensions = ["myst_parser"]
 myst_heading_anchors = 4  # headings are anchors, named as a forge names them

@@ -28,8 +28,8 @@ settings.register_profile("tofmix", deadline=None, derandomize=True)
 settings.register_profile("plain", settings.get_profile("tofmix"), max_examples=10)
 settings.load_profile("plain" if PLAIN else "tofmix")
 
-# `import naive`, `import scenes_in_memory`: helpers beside the tests, not a package.
-sys.path.insert(0, str(Path(__file__).parent))
+# `import naive`, `import scenes_in_memory`, `import cli_page`: helpers beside the tests, and scripts of the docs.
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "docs/generators")]
 
 
 def pytest_configure(config: pytest.Config) -> None:

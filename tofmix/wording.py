@@ -1,6 +1,7 @@
 """Numbers and cells in texts: a count with its noun, numbers that are never ``-0``, shares, cells of Markdown."""
 
 import math
+from typing import Any
 
 
 def counted(count: int, noun: str, form: str = "") -> str:
@@ -23,25 +24,39 @@ def counted(count: int, noun: str, form: str = "") -> str:
     return f"{count:{form}} {noun}{'' if count == 1 else 's'}"
 
 
-def number(value: float, form: str = "") -> str:
+def number(value: float | None, form: str = "", *, missing: str = "-") -> str:
     """Format a number; a number that rounds to zero has no sign.
 
     Parameters
     ----------
-    value : float
+    value : float or None
         The number.
     form : str
         Format, such as ``.2f`` or ``+.3g``.
+    missing : str
+        Text of a number that is None.
 
     Returns
     -------
     str
         Such as ``0.00`` for -0.001 and ``.2f``.
     """
+    if value is None:
+        return missing
     text = f"{value:{form}}"
     if not math.isfinite(value) or any(digit in text for digit in "123456789"):
         return text
-    return f"{0.0:{form.replace('+', '')}}" if form else text.replace("-", "")
+    return f"{0 * abs(value):{form.replace('+', '')}}" if form else text.replace("-", "")
+
+
+def finite_or_none(value: object) -> Any:  # noqa: ANN401  a value of any type, for JSON
+    """The value, or None for a float that is NaN or infinite, which JSON has not."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def rounded(value: float, digits: int) -> float:
+    """A number with so many significant digits; never -0."""
+    return float(f"{value:.{digits}g}") + 0.0
 
 
 def percent_of(count: int, total: int) -> str:

@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
+from python_page import COMMAND, reference
+
 import tofmix
-from tofmix.api.reference import COMMAND, reference
 
 PAGE = Path(__file__).parents[2] / "docs/reference/python.md"
 

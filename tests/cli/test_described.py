@@ -1,8 +1,7 @@
 """Commands as their help describes them."""
 
 import click
-
-from tofmix.cli.described import described_commands, described_program
+from commands import described_commands, described_program
 
 
 @click.group()

@@ -7,10 +7,12 @@ import sys
 from pathlib import Path
 
 import pytest
+from man_pages import man_pages
 
 from tofmix.cli.main import main
-from tofmix.cli.man_pages import man_pages
 from tofmix.errors import EXIT_CODE_MEANINGS
+
+SCRIPT = Path(__file__).parents[2] / "docs/generators/man_pages.py"
 
 
 def shown(page: Path) -> str:
@@ -38,12 +40,12 @@ def test_page_of_the_program_lists_commands_and_exit_codes() -> None:
 
 
 def test_command_writes_the_pages_into_a_folder(tmp_path: Path) -> None:
-    subprocess.run([sys.executable, "-m", "tofmix.cli.man_pages", tmp_path / "man"], check=True)
+    subprocess.run([sys.executable, SCRIPT, tmp_path / "man"], check=True)
     assert {p.name: p.read_text() for p in (tmp_path / "man").iterdir()} == man_pages()
 
 
 def test_command_without_a_folder_prints_its_usage() -> None:
-    done = subprocess.run([sys.executable, "-m", "tofmix.cli.man_pages"], capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, SCRIPT], capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert "usage" in done.stderr
 

@@ -3,14 +3,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cli_page
 import click
 import pytest
 
-from tofmix.cli import reference
 from tofmix.cli.main import main
 from tofmix.errors import EXIT_CODE_MEANINGS
 
-PAGE = Path(__file__).parents[2] / "docs/reference/cli.md"
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE = DOCS / "reference/cli.md"
 OPTIONS = [
     (name, option)
     for name, command in main.commands.items()
@@ -20,19 +21,19 @@ OPTIONS = [
 
 
 def printed(**environment: str) -> bytes:
-    """What ``python -m tofmix.cli.reference`` prints."""
-    command = [sys.executable, "-m", "tofmix.cli.reference"]
+    """What the command of the page prints."""
+    command = [sys.executable, DOCS / "generators/cli_page.py"]
     return subprocess.run(command, capture_output=True, check=True, env=os.environ | environment).stdout
 
 
 def test_page_in_docs_equals_the_output_of_the_command() -> None:
     if PAGE.read_bytes() != printed():
-        pytest.fail(f"docs/reference/cli.md is not what the commands say; write it anew: {reference.COMMAND}")
+        pytest.fail(f"docs/reference/cli.md is not what the commands say; write it anew: {cli_page.COMMAND}")
 
 
 def test_page_of_exit_codes_equals_the_output_of_the_command() -> None:
     page = PAGE.with_name("exit-codes.md").read_text(encoding="utf-8")
-    assert page == reference.exit_codes(), f"run: {reference.EXIT_CODES_COMMAND}"
+    assert page == cli_page.exit_codes(), f"run: {cli_page.EXIT_CODES_COMMAND}"
     assert all(f"| {int(code)} | " in page for code in EXIT_CODE_MEANINGS)
 
 
@@ -43,7 +44,7 @@ def test_the_page_depends_on_neither_the_terminal_nor_the_environment() -> None:
 
 def _misprinted(command: str, option: click.Option) -> bool:
     """Whether the row of an option is not what its help and its default say."""
-    section = reference.reference().split(f"\n## tofmix {command}\n")[1].split("\n## ")[0]
+    section = cli_page.reference().split(f"\n## tofmix {command}\n")[1].split("\n## ")[0]
     rows = [line for line in section.splitlines() if f"`{option.opts[-1]}`" in line and line.startswith("| `-")]
     # A default that is no constant stands at the end of the help and has its own column on the page.
     text, _, default = (option.help or "").removesuffix("]").partition("  [default: ")
@@ -64,14 +65,14 @@ def test_the_rule_for_environment_variables_holds() -> None:
 
 
 def test_bounds_choices_and_defaults_are_in_words() -> None:
-    page = reference.reference()
+    page = cli_page.reference()
     assert "| `--window` | integer, at least 1 | all | Frames of one estimate. |" in page
     assert "| `--sigma` | tied\\|prior\\|free | prior |" in page
     assert "| `--memory` | SIZE | 1GB |" in page
 
 
 def test_page_has_examples_and_exit_codes() -> None:
-    page = reference.reference()
+    page = cli_page.reference()
     for command in main.commands.values():
         assert command.epilog
         for line in command.epilog.splitlines()[2:]:

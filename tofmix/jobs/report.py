@@ -19,7 +19,7 @@ from tofmix.jobs.recordings import check_recording, findings_of_samples, opened_
 from tofmix.jobs.reporter import Reporter
 from tofmix.recording import SampleSource
 from tofmix.report.summary.lost import cause_of_loss
-from tofmix.report.summary.summary import Summary, find, remedy_for, summarise
+from tofmix.report.summary.summary import Summary, remedy_for, summarise
 
 if TYPE_CHECKING:
     from tofmix.report.pixels.single_pixels import SinglePixels
@@ -45,12 +45,15 @@ def report_layers(
         check_window(file, window, reporter)
         if html is not None:
             stack.enter_context(locked(html, overwrite=overwrite, inputs=inputs))
-        summary, singles = summarise(file), None
-        if source is not None:
+        singles = None
+        if source is None:
+            summary = summarise(file)
+        else:
             made = file.provenance
             remedy = remedy_for(made, file.shape[0], str(recording), has_amplitude=source.has_amplitude)
             of_samples = findings_of_samples(source, made.sensor, made.unambiguous_range_mm, remedy)
-            summary = summary.with_findings((*of_samples, *find(file, remedy, cause=partial(cause_of_loss, source))))
+            summary = summarise(file, remedy, cause=partial(cause_of_loss, source))
+            summary = summary.with_findings((*of_samples, *summary.warnings, *summary.notes))
             if summary.noise is not None:
                 singles = _singles(file, window, source)
                 summary = replace(summary, noise=replace(summary.noise, scatter_over_sigma=singles.spread()))

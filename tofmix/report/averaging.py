@@ -70,11 +70,6 @@ def average_samples(
     -------
     AveragedImage
         (row, col), NaN where no sample is valid.
-
-    Raises
-    ------
-    UsageError
-        If the recording has no such frames.
     """
     n_samples, rows, cols = recording.shape
     each = samples_a_frame(recording)

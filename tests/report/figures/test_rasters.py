@@ -9,9 +9,12 @@ from tofmix.report.figures.rasters import (
     ABOVE,
     BELOW,
     bar_labels,
+    colour_scale,
     count_colours,
     count_label,
-    count_uri,
+    difference_shades,
+    difference_uri,
+    kinds_uri,
     pixel_ticks,
     range_shades,
     range_uri,
@@ -39,11 +42,25 @@ def test_images_keep_their_shape(shape: tuple[int, int]) -> None:
     assert {colour for row in found for colour in row} == {"none"}
 
 
-def test_counts_have_their_colours() -> None:
-    counts = np.array([[0, 1, 2, 9, 1]], dtype=np.uint8)
-    found = pixels(count_uri(counts, fitted=np.array([[True, True, True, True, False]]), theme=DARK))
+def test_kinds_have_their_colours_and_others_are_transparent() -> None:
     colours = count_colours(9, DARK)
-    assert found == [[DARK.no_surface, colours[1], colours[2], colours[6], "none"]]
+    kinds = np.array([[0, 1, 6, 7]], dtype=np.uint8)
+    assert pixels(kinds_uri(kinds, colours)) == [[DARK.no_surface, colours[1], colours[6], "none"]]
+
+
+def test_differences_have_zero_in_the_middle_of_the_colours() -> None:
+    shades = difference_shades()
+    found = pixels(difference_uri(np.array([[-9.0, -2.0, 0.0, 2.0, 9.0, np.nan]]), most=2.0))
+    assert found == [[shades[0], shades[0], shades[len(shades) // 2], shades[-1], shades[-1], "none"]]
+
+
+def test_colour_scale_holds_nearly_all() -> None:
+    values = np.append(np.linspace(1000, 2000, 10_000), [9e9, np.nan])
+    low, high = colour_scale(values, default=(0, 1))
+    assert low < 1010
+    assert 1990 < high < 2100
+    assert colour_scale(np.array([np.nan]), default=(5, 6)) == (5, 6)
+    assert colour_scale(np.array([7.0]), default=(5, 6)) == (6.0, 8.0)
 
 
 def test_count_colours_differ_and_grow_lighter() -> None:

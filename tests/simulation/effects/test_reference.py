@@ -4,10 +4,10 @@ import math
 from pathlib import Path
 
 import pytest
+from effects_page import COMMAND, reference
 
 from tofmix.optics.ranging import SPEED_OF_LIGHT_MM_S, unambiguous_range_mm
 from tofmix.simulation.effects import EFFECTS
-from tofmix.simulation.effects.reference import COMMAND, reference
 
 DOCS = Path(__file__).parents[3] / "docs"
 TURN = unambiguous_range_mm(20e6)

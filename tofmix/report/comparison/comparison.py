@@ -17,7 +17,7 @@ from tofmix.layers import Layers
 from tofmix.report.comparison.window_difference import WindowDifference, compare_windows
 from tofmix.report.sources import LayersSource
 from tofmix.report.summary.quantiles import ValueCounts
-from tofmix.wording import counted
+from tofmix.wording import counted, finite_or_none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,56 +36,32 @@ class PixelDifference:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """Two layers files against each other. Pixels are counted once a window.
+    """Two layers files against each other. Pixels are counted once a window."""
 
-    Parameters
-    ----------
-    tolerance : float
-        In combined standard errors.
-    windows, rows, cols, pixels : int
-        Sizes; pixels = windows * rows * cols.
-    different, count_differs, range_differs : int
-        Pixels that differ: in number of surfaces, or in a range. A status alone is no difference.
-    status_differs : int
-        Pixels with another status.
-    surfaces : tuple of (int, int, int)
-        Surfaces in A, in B, pixels; those that differ, most frequent first.
-    layers_compared, layers_differ : int
-        Pairs of layers in pixels with as many surfaces in both; pairs beyond the tolerance.
-    gap_median_mm, gap_largest_mm, gap_largest_errors : float or None
-        Size of the pairs' differences. None without a pair; the last also where an error is not known.
-    different_by_window : tuple of int
-        Pixels that differ in each window.
-    options : dict of str to (value, value)
-        Options of estimate that differ.
-    sources : (str, str)
-        The recordings.
-    same_recording : bool
-        Whether both were made from one recording, by its checksum.
-    pixels_shown : tuple of PixelDifference
-        The most different ones.
-    """
-
-    tolerance: float
+    tolerance: float  # in combined standard errors
+    # Sizes; pixels = windows * rows * cols.
     windows: int
     rows: int
     cols: int
     pixels: int
+    # Pixels that differ: in number of surfaces, or in a range. A status alone is no difference.
     different: int
     count_differs: int
     range_differs: int
-    status_differs: int
-    surfaces: tuple[tuple[int, int, int], ...]
+    status_differs: int  # pixels with another status
+    surfaces: tuple[tuple[int, int, int], ...]  # surfaces in A, in B, pixels; those that differ, most frequent first
+    # Pairs of layers in pixels with as many surfaces in both; pairs beyond the tolerance.
     layers_compared: int
     layers_differ: int
+    # Size of the pairs' differences. None without a pair; the last also where an error is not known.
     gap_median_mm: float | None
     gap_largest_mm: float | None
     gap_largest_errors: float | None
-    different_by_window: tuple[int, ...]
-    options: dict[str, tuple[Any, Any]]
-    sources: tuple[str, str]
-    same_recording: bool
-    pixels_shown: tuple[PixelDifference, ...]
+    different_by_window: tuple[int, ...]  # pixels that differ in each window
+    options: dict[str, tuple[Any, Any]]  # options of estimate that differ
+    sources: tuple[str, str]  # the recordings
+    same_recording: bool  # whether both were made from one recording, by its checksum
+    pixels_shown: tuple[PixelDifference, ...]  # the most different ones
 
     def as_dict(self) -> dict[str, Any]:
         """Return the same as dicts and lists, for JSON."""
@@ -150,7 +126,9 @@ def compare(a: LayersSource, b: LayersSource, *, tolerance: float = 3.0, shown_p
         tally.add(window, of_a, of_b, found)
     made = a.provenance, b.provenance
     names = sorted({*made[0].options, *made[1].options})
-    options = {name: (_no_nan(made[0].options.get(name)), _no_nan(made[1].options.get(name))) for name in names}
+    options = {
+        name: (finite_or_none(made[0].options.get(name)), finite_or_none(made[1].options.get(name))) for name in names
+    }
     return Comparison(
         tolerance=tolerance,
         windows=windows,
@@ -243,7 +221,3 @@ def _status(layers: Layers, place: tuple[int, int]) -> str:
 def _ranges(layers: Layers, place: tuple[int, int]) -> tuple[float | None, ...]:
     values = layers.range[place][: int(layers.n_modes[place])].astype(np.float64).tolist()
     return tuple(round(value, 3) if np.isfinite(value) else None for value in values)
-
-
-def _no_nan(value: object) -> object:
-    return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -35,11 +35,6 @@ def render_comparison(
     -------
     str
         HTML. The same input gives the same text.
-
-    Raises
-    ------
-    UsageError
-        If matplotlib or jinja2 is missing.
     """
     template = load_template("comparison/comparison.html")
     drawings = import_module("tofmix.report.comparison.pictures")

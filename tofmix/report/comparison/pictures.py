@@ -5,8 +5,14 @@ import numpy as np
 from tofmix.layers import Layers
 from tofmix.report.comparison.window_difference import WindowDifference
 from tofmix.report.figures.curves import gap_histogram
-from tofmix.report.figures.images import category_image, gap_image
-from tofmix.report.figures.picture import Picture, make_picture
+from tofmix.report.figures.picture import (
+    NO_SURFACE,
+    Picture,
+    difference_picture,
+    figure_picture,
+    kinds_picture,
+    most_of,
+)
 from tofmix.wording import counted
 
 _CATEGORIES = ("the same", "another range", "fewer in B", "more in B")
@@ -28,27 +34,29 @@ def draw_comparison(a: Layers, b: Layers, found: WindowDifference, *, tolerance:
     in_errors = np.abs(found.gap_errors[np.isfinite(found.gap_errors)])
     spread = f"{int((in_errors > tolerance).sum())} of {counted(in_errors.size, 'layer')} lie beyond the tolerance."
     return (
-        make_picture(
-            lambda theme: category_image(categories, names=_CATEGORIES, theme=theme),
-            "png",
+        kinds_picture(
+            categories,
+            names=_CATEGORIES,
+            colours=(NO_SURFACE, "var(--layer-3)", "var(--layer-1)", "var(--accent)"),
             title="Where they differ",
             alt=f"Differences over the image plane. {told}.",
             shows="Pixels that have fewer or more surfaces, or a range beyond the tolerance.",
             good="Few pixels, and those along edges.",
             bad="Whole areas: the two differ in surfaces, or in the scene.",
         ),
-        make_picture(
-            lambda theme: gap_image(first, no_data="no such pair", theme=theme),
-            "png",
+        difference_picture(
+            first,
+            most=most_of(first, least=0.1),
+            unit="mm",
+            no_data="no such pair",
             title="First layer, B minus A",
             alt=f"Difference of the first layer's range over the image plane. {size}",
             shows="Range of the nearest surface in B minus that in A, where both have equally many surfaces.",
             good="Only random noise, or nothing at all.",
             bad="Areas of one colour: one of the two is biased.",
         ),
-        make_picture(
+        figure_picture(
             lambda theme: gap_histogram(found.gap_errors, tolerance=tolerance, theme=theme),
-            "svg",
             title="Differences in standard errors",
             alt=f"Histogram of the differences of all layers in combined standard errors. {spread}",
             shows="All pairs of layers. The curve is the distribution for two recordings of one scene.",

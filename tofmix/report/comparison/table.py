@@ -2,7 +2,7 @@
 
 from tofmix.report.comparison.comparison import Comparison, PixelDifference
 from tofmix.report.summary.tables import printable
-from tofmix.wording import counted, percent_of
+from tofmix.wording import counted, number, percent_of
 
 
 def format_comparison(comparison: Comparison, *, names: tuple[str, str], allow: float, shown_pairs: int = 5) -> str:
@@ -28,8 +28,8 @@ def format_comparison(comparison: Comparison, *, names: tuple[str, str], allow: 
         ),
         "",
         f"layers compared   {c.layers_compared}, beyond tolerance {c.layers_differ}",
-        f"range differences median {_number(c.gap_median_mm)} mm, largest {_number(c.gap_largest_mm)} mm",
-        f"                  largest {_number(c.gap_largest_errors)} combined standard errors",
+        f"range differences median {number(c.gap_median_mm, '.3g')} mm, largest {number(c.gap_largest_mm, '.3g')} mm",
+        f"                  largest {number(c.gap_largest_errors, '.3g')} combined standard errors",
     ]
     lines += [f"surfaces {a} in A, {b} in B: {counted(count, 'pixel')}" for a, b, count in c.surfaces[:shown_pairs]]
     lines += [f"option {name}: {pair[0]} in A, {pair[1]} in B" for name, pair in c.options.items()]
@@ -43,13 +43,5 @@ def format_comparison(comparison: Comparison, *, names: tuple[str, str], allow: 
 
 
 def _pixel_line(pixel: PixelDifference) -> str:
-    sides = (
-        " ".join("-" if mm is None else f"{mm:.1f}" for mm in side) or "none"
-        for side in (pixel.range_a_mm, pixel.range_b_mm)
-    )
-    errors = "-" if pixel.gap_errors is None else f"{pixel.gap_errors:.1f}"
-    return f"{pixel.window:>6}{pixel.row:>6}{pixel.col:>6}{errors:>8}  {' | '.join(sides)}"
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3g}"
+    sides = (" ".join(number(mm, ".1f") for mm in side) or "none" for side in (pixel.range_a_mm, pixel.range_b_mm))
+    return f"{pixel.window:>6}{pixel.row:>6}{pixel.col:>6}{number(pixel.gap_errors, '.1f'):>8}  {' | '.join(sides)}"

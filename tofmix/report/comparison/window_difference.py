@@ -13,24 +13,17 @@ from tofmix.layers import Layers
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class WindowDifference:
-    """One window of A against one of B.
+    """One window of A against one of B."""
 
-    Parameters
-    ----------
-    count_differs, status_differs : (row, col) bool
-        Another number of surfaces; another status.
-    layer_differs : (row, col, layer) bool
-        As many surfaces in both, and this one's range beyond the tolerance.
-    gap_mm : (row, col, layer) float64
-        Range of B less that of A where both have as many surfaces, mm; NaN elsewhere.
-    gap_errors : (row, col, layer) float64
-        The same in combined standard errors; infinite where the errors are not known and the ranges differ.
-    """
-
+    # (row, col) bool: another number of surfaces; another status.
     count_differs: BoolArray
     status_differs: BoolArray
+    # (row, col, layer) bool: as many surfaces in both, and this one's range beyond the tolerance.
     layer_differs: BoolArray
+    # (row, col, layer) float64: range of B less that of A where both have as many surfaces, mm; NaN elsewhere.
     gap_mm: FloatArray
+    # (row, col, layer) float64: the same in combined standard errors; infinite where the errors are not known and the
+    # ranges differ.
     gap_errors: FloatArray
 
     @property

@@ -4,11 +4,9 @@ import textwrap
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from tofmix.report.summary.findings import Finding
 from tofmix.report.summary.tables import printable
-from tofmix.wording import number
+from tofmix.wording import finite_or_none, number
 
 _NAME_WIDTH = 26  # characters of the column of names
 _TEXT_WIDTH = 100  # characters of a line
@@ -25,32 +23,19 @@ Section = dict[str, Value]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Description:
-    """A file in words and numbers.
+    """A file in words and numbers."""
 
-    Parameters
-    ----------
-    kind : str
-        ``recording``, ``layers``, ``surfaces``, ``model``, ``sensor``, ``source`` or ``reconciliation``.
-    name : str
-        The file, as given.
-    sections : dict of str to dict
-        Names of values within each section carry their units; None means unknown.
-    warnings : tuple of Finding
-        What to be wary of.
-    table : str
-        The noise curve with all its numbers, as a table of a model file, for the terminal alone; empty without one.
-    """
-
-    kind: str
-    name: str
-    sections: dict[str, Section]
-    warnings: tuple[Finding, ...]
+    kind: str  # ``recording``, ``layers``, ``surfaces``, ``model``, ``sensor``, ``source`` or ``reconciliation``
+    name: str  # the file, as given
+    sections: dict[str, Section]  # names of values within each section carry their units; None means unknown
+    warnings: tuple[Finding, ...]  # what to be wary of
+    # The noise curve with all its numbers, as a table of a model file, for the terminal alone; empty without one.
     table: str = ""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the same for JSON: None for numbers that are not finite."""
         warnings = [{"code": finding.code, "text": finding.line} for finding in self.warnings]
-        sections = {title: {k: _no_nan(v) for k, v in part.items()} for title, part in self.sections.items()}
+        sections = {title: {k: finite_or_none(v) for k, v in part.items()} for title, part in self.sections.items()}
         return {"kind": self.kind, "file": self.name, **sections, "warnings": warnings}
 
 
@@ -73,10 +58,6 @@ def _wrapped(value: Value) -> list[str]:
     return textwrap.wrap(
         printable(str(value), _LONGEST_SENTENCE), _TEXT_WIDTH, initial_indent="  - ", subsequent_indent="    "
     )
-
-
-def _no_nan(value: Value) -> Value:
-    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 def _lines(key: str, value: Value) -> list[str]:

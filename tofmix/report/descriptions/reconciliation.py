@@ -1,9 +1,9 @@
 """Description of the folder of a reconciliation, from its `gap.json`."""
 
-import math
 from typing import Any
 
 from tofmix.report.descriptions.description import Description, Section, Value
+from tofmix.wording import finite_or_none
 
 
 def describe_gap(gap: dict[str, Any], *, name: str, most_shown: int = 20) -> Description:
@@ -37,6 +37,5 @@ def _flat(value: object) -> dict[str, Any]:
 
 
 def _plain(value: object) -> Value:
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value if isinstance(value, str | int | float | bool) or value is None else str(value)
+    known = finite_or_none(value)
+    return known if isinstance(known, str | int | float | None) else str(known)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,57 +11,17 @@ from tofmix.report.descriptions.description import Description, Section
 from tofmix.report.descriptions.sections import noise_table, sensor_section, view_findings
 from tofmix.report.summary.findings import Finding, Remedy, split_notes, target_findings
 from tofmix.report.summary.light import light_findings
-from tofmix.sensor import Sensor
 from tofmix.wording import counted
+
+if TYPE_CHECKING:
+    from tofmix.io.recording.recording_file import RecordingFile
 
 GAP = 1.5
 """A step of `time` longer than this many median steps is a gap."""
 
 
-class RecordingHeader(Protocol):
-    """Interface of a recording, as `tofmix.io.recording.recording_file.RecordingFile` has it."""
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """Samples of a pixel, rows, columns."""
-
-    @property
-    def frames(self) -> int:
-        """Frames."""
-
-    @property
-    def targets(self) -> int:
-        """Targets of a pixel and frame; 0 without such an axis."""
-
-    @property
-    def sensor(self) -> Sensor:
-        """The camera."""
-
-    @property
-    def stored_type(self) -> str:
-        """Type of the stored ranges."""
-
-    @property
-    def fill(self) -> float | None:
-        """Value of invalid samples in addition to NaN."""
-
-    @property
-    def has_amplitude(self) -> bool:
-        """Whether amplitudes are there."""
-
-    @property
-    def has_truth(self) -> bool:
-        """Whether the truth is there."""
-
-    def attributes(self) -> dict[str, str | int | float]:
-        """Root attributes."""
-
-    def read_time(self) -> FloatArray | None:
-        """Start of each frame, s."""
-
-
 def describe_recording(
-    file: RecordingHeader, *, name: str, file_bytes: int, doubts: Mapping[str, str | None] = MappingProxyType({})
+    file: "RecordingFile", *, name: str, file_bytes: int, doubts: Mapping[str, str | None] = MappingProxyType({})
 ) -> Description:
     """Describe a recording from its header and its frames' times.
 
@@ -115,7 +75,7 @@ def _time_findings(time_s: FloatArray | None) -> list[Finding]:
     return [Finding(code="time_gaps", text=text)]
 
 
-def _recording_findings(file: RecordingHeader, name: str) -> list[Finding]:
+def _recording_findings(file: "RecordingFile", name: str) -> list[Finding]:
     found = []
     sensor = file.sensor
     if sensor.noise is None:

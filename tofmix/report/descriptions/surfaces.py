@@ -1,41 +1,15 @@
 """Description of a surfaces file."""
 
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from tofmix.report.descriptions.description import Description, Section
 from tofmix.report.descriptions.sections import noise_section, noise_table, sensor_section, view_findings
-from tofmix.surfaces.found import SurfacesProvenance
+
+if TYPE_CHECKING:
+    from tofmix.io.surfaces.surfaces_file import SurfacesFile
 
 
-class SurfacesHeader(Protocol):
-    """Interface of a surfaces file, as `tofmix.io.surfaces.surfaces_file.SurfacesFile` has it."""
-
-    max_layers: int
-    factor: int
-    provenance: SurfacesProvenance
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """Windows, rows, columns."""
-
-    @property
-    def surfaces(self) -> int:
-        """Surfaces."""
-
-    @property
-    def smooth_surfaces(self) -> int:
-        """Surfaces that are smooth and no planes."""
-
-    @property
-    def edge_points(self) -> int:
-        """Points of edges."""
-
-    @property
-    def edge_lines(self) -> int:
-        """Lines of edges."""
-
-
-def describe_surfaces(file: SurfacesHeader, *, name: str, file_bytes: int) -> Description:
+def describe_surfaces(file: "SurfacesFile", *, name: str, file_bytes: int) -> Description:
     """Describe a surfaces file from its header."""
     windows, rows, cols = file.shape
     provenance = file.provenance

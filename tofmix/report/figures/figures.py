@@ -48,11 +48,6 @@ def pixel_figure(
     -------
     bytes
         The file; the same input gives the same bytes.
-
-    Raises
-    ------
-    UsageError
-        If matplotlib is missing.
     """
     try:
         drawings = import_module("tofmix.report.pixels.pixel_figures")

@@ -8,8 +8,7 @@ from tofmix.arrays import FloatArray
 from tofmix.layers import Layers, Provenance
 from tofmix.noise_shape import NoiseShape
 from tofmix.report.figures.noise_figures import curve_figure, shape_figure, width_figure
-from tofmix.report.figures.picture import Picture, make_picture
-from tofmix.report.figures.rasters import ImagePicture, range_uri
+from tofmix.report.figures.picture import Picture, figure_picture, range_picture
 from tofmix.report.pixels.pixels import drifts
 from tofmix.report.pixels.single_pixels import SinglePixels
 from tofmix.report.summary.noise_numbers import NoiseNumbers
@@ -26,7 +25,7 @@ class NoisePictures:
 
     notes: tuple[str, ...]
     pictures: tuple[Picture, ...]
-    images: tuple[ImagePicture, ...]
+    images: tuple[Picture, ...]
 
 
 def draw_noise(layers: Layers, provenance: Provenance, singles: SinglePixels, numbers: NoiseNumbers) -> NoisePictures:
@@ -95,9 +94,8 @@ def _curve_picture(curve: NoiseCurve, singles: SinglePixels) -> Picture:
         shows += " Noise by amplitude spreads them too."
     elif not singles.from_samples and not curve.width_spread:
         shows += " All widths are equal here, so all lie on the curve."
-    return make_picture(
+    return figure_picture(
         lambda theme: curve_figure(curve, singles, theme=theme),
-        "svg",
         title="Sigma of single pixels",
         alt=alt,
         shows=shows,
@@ -117,9 +115,8 @@ def _shape_picture(shape: NoiseShape, singles: SinglePixels) -> Picture:
         grey = " With --recording the samples are drawn too."
         good = "One smooth hump, near the Gaussian in its middle."
         bad = "Several humps: pixels with two close surfaces were used for the shape."
-    return make_picture(
+    return figure_picture(
         lambda theme: shape_figure(shape, singles, theme=theme),
-        "svg",
         title="Shape of the error",
         alt=f"Density of the error beside a Gaussian of the same central 68 %: skewness {skewness:.2f}, excess"
         f" kurtosis {kurtosis:.2f}.",
@@ -132,9 +129,8 @@ def _shape_picture(shape: NoiseShape, singles: SinglePixels) -> Picture:
 
 def _width_picture(widths: FloatArray, spread: float) -> Picture:
     low, middle, high = np.quantile(widths, (0.05, 0.5, 0.95)) if widths.size else (1.0, 1.0, 1.0)
-    return make_picture(
+    return figure_picture(
         lambda theme: width_figure(widths, spread, theme=theme),
-        "svg",
         title="Widths of the pixels",
         alt=f"Histogram of the pixels' own widths: median {middle:.2f}, 5 to 95 % from {low:.2f} to {high:.2f}; the"
         f" learnt spread is {100 * spread:.0f} %.",
@@ -144,13 +140,15 @@ def _width_picture(widths: FloatArray, spread: float) -> Picture:
     )
 
 
-def _background_picture(background: FloatArray, shape: tuple[int, ...]) -> ImagePicture:
+def _background_picture(background: FloatArray, shape: tuple[int, ...]) -> Picture:
     share = np.broadcast_to(background, shape)
     high = next(step for step in _SHARE_STEPS if step >= float(share.max()))
-    uri = range_uri(share, scale=(0.0, high))
     low, middle, most = 100.0 * np.quantile(share, (0.05, 0.5, 0.95))
-    rows, cols = shape
-    return ImagePicture(
+    return range_picture(
+        share,
+        scale=(0.0, high),
+        bar=tuple(f"{100 * value:.3g}" for value in np.linspace(0.0, high, 5)),
+        unit="%",
         title="Background",
         alt=f"Share of background over the image plane: median {middle:.1f} %, 5 to 95 % of the pixels from {low:.1f}"
         f" to {most:.1f} %.",
@@ -158,11 +156,4 @@ def _background_picture(background: FloatArray, shape: tuple[int, ...]) -> Image
         " stated by the file.",
         good="Smooth, or high where the scene is dark or far.",
         bad="High on single surfaces with plain edges: samples of a surface count as background.",
-        light=uri,
-        dark=uri,
-        rows=rows,
-        cols=cols,
-        bar=tuple(f"{100 * value:.3g}" for value in np.linspace(0.0, high, 5)),
-        legend=(),
-        unit="%",
     )

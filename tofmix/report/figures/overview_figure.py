@@ -10,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 from tofmix.flags import Status
 from tofmix.layers import Layers
 from tofmix.points import MM_A_METRE
-from tofmix.report.figures.images import colour_scale
+from tofmix.report.figures.rasters import colour_scale
 from tofmix.report.theme import COUNT_MAP, RANGE_MAP, Theme, mark_no_data, new_figure
 
 

@@ -1,42 +1,38 @@
-"""The pictures of one window, each with its text."""
+"""The pictures of one window, each with its words."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from tofmix.arrays import FloatArray
-from tofmix.flags import Status
+from tofmix.arrays import ByteArray, Float32Array, FloatArray
+from tofmix.flags import MIXING_MEANINGS, Mixing, Status, mixing_name
 from tofmix.layers import Layers
+from tofmix.lost_samples import learn_losses
 from tofmix.report.averaging import AveragedImage
 from tofmix.report.figures.curves import SHOWN_LAYERS, range_histogram, sigma_figure, weight_histogram
-from tofmix.report.figures.images import colour_scale
-from tofmix.report.figures.lost_pictures import lost_picture
-from tofmix.report.figures.picture import Picture, make_picture
-from tofmix.report.figures.rasters import (
-    ABOVE,
-    BELOW,
-    MANY,
-    ImagePicture,
-    bar_labels,
-    count_colours,
-    count_label,
-    count_uri,
-    range_uri,
+from tofmix.report.figures.picture import (
+    NO_DATA,
+    NO_SURFACE,
+    Legend,
+    Picture,
+    figure_picture,
+    kinds_picture,
+    range_picture,
 )
+from tofmix.report.figures.rasters import ABOVE, BELOW, MANY, colour_scale, count_colours, count_label
+from tofmix.report.summary.summary import MixingNumbers
 from tofmix.report.summary.tables import ordinal
-from tofmix.report.theme import DARK, LIGHT
+from tofmix.report.theme import LIGHT
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.wording import counted
-
-NO_DATA, NO_SURFACE = "var(--hatching)", "var(--no-surface)"
-"""Backgrounds of the legend, which the page's style has in both themes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gallery:
     """The pictures of a page: over the image plane, and histograms."""
 
-    images: tuple[ImagePicture, ...]
+    images: tuple[Picture, ...]
     histograms: tuple[Picture, ...]
 
 
@@ -64,7 +60,7 @@ def draw_gallery(
         All pictures; every first to third layer that the file can hold has one, and lost samples have one if there
         are any.
     """
-    lost = lost_picture(layers.invalid_share, frames)
+    lost = _lost_picture(layers.invalid_share, frames)
     return Gallery(
         images=(*_range_pictures(layers, averaged, scale), _count_picture(layers), *(() if lost is None else (lost,))),
         histograms=_histogram_pictures(layers, sensor.noise),
@@ -78,7 +74,7 @@ def range_scale(layers: Layers, averaged: AveragedImage, sensor: Sensor) -> tupl
     return colour_scale(ranges if np.isfinite(ranges).any() else averaged.range_mm, default=default)
 
 
-def _range_pictures(layers: Layers, averaged: AveragedImage, scale: tuple[float, float]) -> list[ImagePicture]:
+def _range_pictures(layers: Layers, averaged: AveragedImage, scale: tuple[float, float]) -> list[Picture]:
     pictures = [
         _range_picture(
             averaged.range_mm,
@@ -96,7 +92,7 @@ def _range_pictures(layers: Layers, averaged: AveragedImage, scale: tuple[float,
     return pictures + [_layer_picture(k + 1, layers.range[..., k].astype(np.float64), scale) for k in shown]
 
 
-def _layer_picture(layer: int, range_mm: FloatArray, scale: tuple[float, float]) -> ImagePicture:
+def _layer_picture(layer: int, range_mm: FloatArray, scale: tuple[float, float]) -> Picture:
     name = ordinal(layer)
     return _range_picture(
         range_mm,
@@ -108,16 +104,13 @@ def _layer_picture(layer: int, range_mm: FloatArray, scale: tuple[float, float])
     )
 
 
-def _range_picture(range_mm: FloatArray, scale: tuple[float, float], *, no_data: str, **words: str) -> ImagePicture:
-    uri = range_uri(range_mm, scale=scale)
-    rows, cols = range_mm.shape
-    legend = [
-        (BELOW, f"below {scale[0]:.0f} mm") if bool((range_mm < scale[0]).any()) else None,
-        (ABOVE, f"above {scale[1]:.0f} mm") if bool((range_mm > scale[1]).any()) else None,
-        (NO_DATA, no_data) if bool(np.isnan(range_mm).any()) else None,
-    ]
-    entries = tuple(entry for entry in legend if entry is not None)
-    return ImagePicture(light=uri, dark=uri, rows=rows, cols=cols, bar=bar_labels(scale), legend=entries, **words)
+def _range_picture(range_mm: FloatArray, scale: tuple[float, float], *, no_data: str, **words: str) -> Picture:
+    legend: Legend = (
+        *(((BELOW, f"below {scale[0]:.0f} mm"),) if bool((range_mm < scale[0]).any()) else ()),
+        *(((ABOVE, f"above {scale[1]:.0f} mm"),) if bool((range_mm > scale[1]).any()) else ()),
+        *(((NO_DATA, no_data),) if bool(np.isnan(range_mm).any()) else ()),
+    )
+    return range_picture(range_mm, scale=scale, legend=legend, **words)
 
 
 _LAYER_WORDS: dict[int, dict[str, str]] = {
@@ -149,27 +142,21 @@ def _extent(range_mm: FloatArray) -> str:
     return f"{values}; no data in {empty:.1f} % of the pixels."
 
 
-def _count_picture(layers: Layers) -> ImagePicture:
+def _count_picture(layers: Layers) -> Picture:
     fitted = layers.status != int(Status.TOO_FEW_SAMPLES)
-    counts = np.bincount(layers.n_modes[fitted], minlength=int(layers.n_modes.max(initial=0)) + 1)
-    found = "; ".join(f"{n}: {counted(count, 'pixel')}" for n, count in enumerate(counts.tolist()) if count)
-    light, dark = (count_uri(layers.n_modes, fitted=fitted, theme=theme) for theme in (LIGHT, DARK))
-    present = sorted({min(n, MANY) for n, count in enumerate(counts.tolist()) if count})
+    counts = np.bincount(layers.n_modes[fitted], minlength=int(layers.n_modes.max(initial=0)) + 1).tolist()
+    found = "; ".join(f"{n}: {counted(count, 'pixel')}" for n, count in enumerate(counts) if count)
     colours = [NO_SURFACE, *count_colours(len(counts) - 1, LIGHT)[1:]]
-    legend = [(colours[n], count_label(n)) for n in present]
-    rows, cols = layers.shape
-    return ImagePicture(
+    return kinds_picture(
+        np.where(fitted, np.minimum(layers.n_modes, MANY), len(colours)).astype(np.uint8),
+        names=[count_label(n) for n in range(len(colours))],
+        colours=colours,
+        no_data="not fitted",
         title="Number of surfaces",
         alt=f"Number of surfaces in each pixel over the image plane. {found or 'nothing was fitted'}.",
         shows="Number of surfaces in each pixel.",
         good="One on surfaces, two along edges, more where edges meet.",
         bad="Pixels with two surfaces scattered over a flat surface, or edges with one surface only.",
-        light=light,
-        dark=dark,
-        rows=rows,
-        cols=cols,
-        bar=(),
-        legend=(*legend, *(() if fitted.all() else ((NO_DATA, "not fitted"),))),
     )
 
 
@@ -180,27 +167,24 @@ def _histogram_pictures(layers: Layers, curve: NoiseCurve | None) -> tuple[Pictu
     weight_text = f"Median share {np.median(known):.2f}." if known.size else "No layer."
     sigma_text = f"Median sigma {np.median(sigma):.1f} mm." if sigma.size else "No component."
     return (
-        make_picture(
+        figure_picture(
             lambda theme: range_histogram(layers, theme=theme),
-            "svg",
             title="Ranges",
             alt=f"Histogram of the ranges of each layer. {_extent(ranges)}",
             shows="Number of pixels with a layer at each range.",
             good="A peak for each surface, none between them.",
             bad="Layers between the peaks, at ranges without a surface.",
         ),
-        make_picture(
+        figure_picture(
             lambda theme: weight_histogram(layers, theme=theme),
-            "svg",
             title="Shares",
             alt=f"Histogram of the shares of each layer and of no return. {weight_text}",
             shows="Share of the beam of each layer.",
             good="A first layer mostly at 1; the shares of mixed pixels spread evenly.",
             bad="Many layers at shares of a few per cent: outliers counted as surfaces.",
         ),
-        make_picture(
+        figure_picture(
             lambda theme: sigma_figure(layers, curve=curve, theme=theme),
-            "svg",
             title="Sigma",
             alt=f"Sigma of every component against its range{', with the noise curve' if curve else ''}. {sigma_text}",
             shows="The spread of each component against its range."
@@ -208,4 +192,73 @@ def _histogram_pictures(layers: Layers, curve: NoiseCurve | None) -> tuple[Pictu
             good="Components along the curve.",
             bad="Components off the curve: it does not fit this recording, or surfaces are merged (above the curve).",
         ),
+    )
+
+
+_LOSSES = ("most samples are valid", "at the limit of the camera", "no valid sample")
+
+
+def _lost_picture(invalid_share: Float32Array | None, frames: int) -> Picture | None:
+    """Pixels (row, col) that lose samples in a window of `frames`; None where none is lost, or it is not known."""
+    if invalid_share is None or not (invalid_share > 0).any():
+        return None
+    kinds = learn_losses(invalid_share, frames).is_at_limit(invalid_share).astype(np.uint8)
+    kinds[invalid_share >= 1.0] = 2
+    return kinds_picture(
+        kinds,
+        names=_LOSSES,
+        colours=("var(--no-data)", "var(--layer-3)", "var(--layer-2)"),
+        title="Lost samples",
+        alt=f"Pixels by their lost samples over the image plane. {_counted_kinds(kinds, _LOSSES)}.",
+        shows="Where samples are lost: too dark, saturated, or out of range. At the limit of the camera, a sample is"
+        " lost more often than valid, and layers are less probable.",
+        good="Open space at most, or a thing that is known to be dark or bright.",
+        bad="A closed shape in front of other surfaces: an obstacle that the camera does not see.",
+    )
+
+
+def _counted_kinds(kinds: ByteArray, names: Sequence[str]) -> str:
+    counts = np.bincount(kinds.ravel(), minlength=len(names)).tolist()
+    return "; ".join(f"{name}: {counted(count, 'pixel')}" for name, count in zip(names, counts, strict=False) if count)
+
+
+_MIXING_COLOURS = {
+    Mixing.ONE_SURFACE: "var(--no-data)",
+    Mixing.EVENTS: "var(--layer-3)",
+    Mixing.PHASOR: "var(--layer-1)",
+    Mixing.UNDECIDED: "var(--layer-2)",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MixingPart:
+    """The page's part about mixing."""
+
+    law: str  # a sentence
+    kinds: tuple[tuple[str, int, str], ...]  # of pixels: name, number, meaning
+    image: Picture
+
+
+def draw_mixing(mixing: ByteArray, numbers: MixingNumbers) -> MixingPart:
+    """Draw the kind of mixing (`tofmix.flags.Mixing`) of each pixel (row, col); `numbers` are those of the file."""
+    names = [mixing_name(kind).replace("_", " ") for kind in Mixing]
+    image = kinds_picture(
+        mixing,
+        names=names,
+        colours=[_MIXING_COLOURS[kind] for kind in Mixing],
+        title="Kind of mixing",
+        alt="Kind of mixing in each pixel over the image plane."
+        f" {_counted_kinds(mixing, names) or 'No pixel has a kind'}.",
+        shows="Whether a pixel sees one surface; several, one in each sample (events) or all in their sum (phasor); or"
+        " sums of surfaces that cannot be determined (undecided).",
+        good="Thin lines of one colour along edges, one surface elsewhere.",
+        bad="Mixed pixels scattered over plain surfaces; long lines or areas that are undecided.",
+    )
+    return MixingPart(
+        law=f"{numbers.line[:1].upper()}{numbers.line[1:]}.",
+        kinds=tuple(
+            (name, numbers.pixels[mixing_name(kind)], MIXING_MEANINGS[kind])
+            for kind, name in zip(Mixing, names, strict=True)
+        ),
+        image=image,
     )

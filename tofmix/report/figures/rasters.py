@@ -1,8 +1,6 @@
 """Images of a page, one picture element a pixel: small, sharp at any size, and of one colour scale.
 
-The page itself draws axes, colour bar and hatching around them (``macros.html``),
-so nothing is laid out here. For pictures with a legend of their own, or files, use
-`tofmix.report.figures.images`.
+The page itself draws axes, colour bar, legend and hatching around them (``macros.html``), so nothing is laid out here.
 """
 
 import base64
@@ -17,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tofmix.arrays import FloatArray
-from tofmix.report.theme import COUNT_MAP, DARK, LIGHT, RANGE_MAP, Theme
+from tofmix.report.theme import COUNT_MAP, DARK, GAP_MAP, LIGHT, RANGE_MAP, Theme
 from tofmix.wording import counted
 
 MANY = 6
@@ -27,8 +25,14 @@ BELOW, ABOVE = "#000a1f", "#fff7b8"
 """Colours of ranges beyond the scale: darker and lighter than the ends of the colour map, so such values are
 visible."""
 
+_WIDTH_REM = 26.0
+"""Width of an image in a card of the page, about, in the page's unit of text."""
+
 MARK = "#d55e00"
 """Colour of marked places in an image of ranges."""
+
+CLIPPED_PERCENT = (0.1, 99.9)
+"""Percentiles of the values between which the colours run."""
 
 _SHADES = 253  # colours of ranges; the other 3 of a byte mean no surface, below and above
 _NO_DATA, _BELOW_INDEX, _ABOVE_INDEX = 0, 1, 2  # then the shades
@@ -44,44 +48,41 @@ class Plane:
     @property
     def col_ticks(self) -> list[tuple[float, int]]:
         """Place in per cent of the width, and column."""
-        return pixel_ticks(self.cols)
+        return pixel_ticks(self.cols, most=_room(34.0 * self.cols / self.rows, each=2.6))
 
     @property
     def row_ticks(self) -> list[tuple[float, int]]:
         """Place in per cent of the height, and row."""
-        return pixel_ticks(self.rows)
+        return pixel_ticks(self.rows, most=_room(_WIDTH_REM * self.rows / self.cols, each=1.5))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ImagePicture(Plane):
-    """One image of a page and its words.
-
-    title; alt, its content in numbers for readers who do not see it; shows, good and bad, a line each; light and dark,
-    ``data:`` URIs, the same where no colour depends on the theme; bar, the labels of the colour bar or none; legend,
-    CSS colour and label; unit, that of the bar.
-    """
-
-    title: str
-    alt: str
-    shows: str
-    good: str
-    bad: str
-    light: str
-    dark: str
-    bar: tuple[str, ...]
-    legend: tuple[tuple[str, str], ...]
-    unit: str = "mm"
+def _room(length_rem: float, *, each: float) -> int:
+    """Steps between numbers of a size along an image that is so long, or as long as the page's style lets it be."""
+    return int(np.clip(min(_WIDTH_REM, max(3.0, length_rem)) / each, 1, 6))
 
 
-def pixel_ticks(count: int) -> list[tuple[float, int]]:
-    """Round numbers along `count` pixels: the middle of each in per cent of the whole, and the number."""
-    places = MaxNLocator(nbins=6, integer=True, steps=[1, 2, 2.5, 5, 10]).tick_values(0, count - 1)
+def pixel_ticks(count: int, *, most: int = 6) -> list[tuple[float, int]]:
+    """Round numbers along `count` pixels, in `most` steps: each's middle in per cent of the whole, and the number."""
+    places = MaxNLocator(nbins=most, integer=True, steps=[1, 2, 2.5, 5, 10]).tick_values(0, count - 1)
     return [(round(100 * (n + 0.5) / count, 2), int(n)) for n in places if 0 <= n < count and n == int(n)]
 
 
 def range_shades() -> list[str]:
     """Colours of the range scale, near to far, ``#rrggbb``."""
     return [to_hex(colour) for colour in colormaps[RANGE_MAP](np.linspace(0.0, 1.0, _SHADES))]
+
+
+def colour_scale(values: FloatArray, *, default: tuple[float, float]) -> tuple[float, float]:
+    """Limits of a colour scale: nearly all finite values, or `default` (mm) without one.
+
+    A few stray values would else leave one colour for all others.
+    """
+    finite = values[np.isfinite(values)]
+    if finite.size == 0:
+        return default
+    low, high = (float(v) for v in np.percentile(finite, CLIPPED_PERCENT))
+    margin = max(1.0, 0.02 * (high - low))
+    return low - margin, high + margin
 
 
 def bar_labels(scale: tuple[float, float]) -> tuple[str, ...]:
@@ -112,10 +113,16 @@ def range_uri(range_mm: FloatArray, *, scale: tuple[float, float], marked: NDArr
     return _png_uri(np.where(finite, index, _NO_DATA).astype(np.uint8), ["#000000", BELOW, ABOVE, *range_shades()])
 
 
-def count_uri(n_modes: NDArray[np.uint8], *, fitted: NDArray[np.bool_], theme: Theme) -> str:
-    """Draw the number of surfaces (row, col) as a ``data:`` URI of a PNG; transparent where nothing was fitted."""
-    index = np.where(fitted, np.minimum(n_modes, MANY) + 1, _NO_DATA).astype(np.uint8)
-    return _png_uri(index, ["#000000", *count_colours(int(n_modes.max(initial=0)), theme)])
+def difference_uri(values: FloatArray, *, most: float) -> str:
+    """Draw signed values (row, col), zero in the middle of the colours, which end at -+`most`; NaN is transparent."""
+    finite = np.isfinite(values)
+    shade = np.clip((np.where(finite, values, 0.0) / most + 1.0) / 2.0 * _SHADES, 0, _SHADES - 1)
+    return _png_uri(np.where(finite, shade + 1, _NO_DATA).astype(np.uint8), ["#000000", *difference_shades()])
+
+
+def difference_shades() -> list[str]:
+    """Colours of signed values, from negative to positive, ``#rrggbb``."""
+    return [to_hex(colour) for colour in colormaps[GAP_MAP](np.linspace(0.0, 1.0, _SHADES))]
 
 
 def kinds_uri(kinds: NDArray[np.uint8], colours: list[str]) -> str:

@@ -10,7 +10,8 @@ from scipy.ndimage import binary_dilation
 
 from tofmix.arrays import BoolArray
 from tofmix.layers import Layers
-from tofmix.report.figures.rasters import MARK, ImagePicture, bar_labels, kinds_uri, range_uri
+from tofmix.report.figures.picture import Picture, kinds_picture, range_picture
+from tofmix.report.figures.rasters import MARK
 from tofmix.surfaces.found import Edges, WindowSurfaces
 from tofmix.wording import counted
 
@@ -23,7 +24,7 @@ class SurfacesPart:
     """The part of the page: a sentence, and the images."""
 
     line: str
-    images: tuple[ImagePicture, ...]
+    images: tuple[Picture, ...]
 
 
 def draw_surfaces(
@@ -54,7 +55,6 @@ def draw_surfaces(
     text = f"{counted(len(numbers), 'surface', ',')}{bent}; {counted(len(lines), 'line', ',')} of edges{error}."
     shades = [to_hex(colour) for colour in colormaps[_COLOURS].colors]  # type: ignore[attr-defined]  # a listed map
     kind = np.where(found.surface_fine >= 0, (found.surface_fine - first) % len(shades), len(shades)).astype(np.uint8)
-    uri = kinds_uri(kind, shades)
     order = np.argsort(-sizes, kind="stable")[:most_named]
     legend = tuple(
         (shades[(numbers[k] - first) % len(shades)], f"surface {numbers[k]}: {counted(int(sizes[k]), 'layer', ',')}")
@@ -64,49 +64,42 @@ def draw_surfaces(
     # Half a pixel thick: the page shows an image smaller than its parts are many.
     marked = binary_dilation(marked, iterations=max(1, found.factor // 4))
     whole = np.repeat(np.repeat(layers.range[..., 0], found.factor, axis=0), found.factor, axis=1).astype(np.float64)
-    edges, fine = range_uri(whole, scale=scale, marked=marked), range_uri(found.range_fine.astype(float), scale=scale)
-    shape = {"rows": rows, "cols": cols}
-    return SurfacesPart(
-        line=text,
-        images=(
-            ImagePicture(
-                title="Surfaces",
-                alt=f"Surface of each part of a pixel over the image plane. {text}",
-                shows="The nearest surface in each part of a pixel; colours repeat after twenty.",
-                good="One colour on each object, and walls behind others in one colour.",
-                bad="Speckles, or one object in many colours: noise above its standard errors, or creases.",
-                light=uri,
-                dark=uri,
-                bar=(),
-                legend=legend,
-                **shape,
-            ),
-            ImagePicture(
-                title="Edges over the nearest layers",
-                alt=f"Lines where surfaces end, over the nearest layer of each pixel. {text}",
-                shows="Where surfaces end within the pixels, from the shares of the beam.",
-                good="Straight or smooth lines along the objects.",
-                bad="Lines that jump from pixel to pixel.",
-                light=edges,
-                dark=edges,
-                bar=bar_labels(scale),
-                legend=((MARK, "edge"),),
-                **shape,
-            ),
-            ImagePicture(
-                title="Range below a pixel",
-                alt=f"Range of the nearest surface in {found.factor} x {found.factor} parts of each pixel.",
-                shows="The range of the nearest surface in each part of a pixel, on its plane or its smooth fit.",
-                good="Sharp edges without steps of pixels.",
-                bad="Steps and gaps at edges.",
-                light=fine,
-                dark=fine,
-                bar=bar_labels(scale),
-                legend=(),
-                **shape,
-            ),
-        ),
+    image = (rows, cols)
+    surfaces = kinds_picture(
+        kind,
+        names=(),
+        colours=shades,
+        legend=legend,
+        image=image,
+        title="Surfaces",
+        alt=f"Surface of each part of a pixel over the image plane. {text}",
+        shows="The nearest surface in each part of a pixel; colours repeat after twenty.",
+        good="One colour on each object, and walls behind others in one colour.",
+        bad="Speckles, or one object in many colours: noise above its standard errors, or creases.",
     )
+    edges = range_picture(
+        whole,
+        scale=scale,
+        marked=marked,
+        legend=((MARK, "edge"),),
+        image=image,
+        title="Edges over the nearest layers",
+        alt=f"Lines where surfaces end, over the nearest layer of each pixel. {text}",
+        shows="Where surfaces end within the pixels, from the shares of the beam.",
+        good="Straight or smooth lines along the objects.",
+        bad="Lines that jump from pixel to pixel.",
+    )
+    fine = range_picture(
+        found.range_fine.astype(np.float64),
+        scale=scale,
+        image=image,
+        title="Range below a pixel",
+        alt=f"Range of the nearest surface in {found.factor} x {found.factor} parts of each pixel.",
+        shows="The range of the nearest surface in each part of a pixel, on its plane or its smooth fit.",
+        good="Sharp edges without steps of pixels.",
+        bad="Steps and gaps at edges.",
+    )
+    return SurfacesPart(line=text, images=(surfaces, edges, fine))
 
 
 def edge_parts(edges: Edges, shape: tuple[int, ...], factor: int) -> BoolArray:

@@ -23,11 +23,6 @@ def render_gap(result: Reconciliation, *, source: str) -> str:
     -------
     str
         HTML. The same input gives the same text.
-
-    Raises
-    ------
-    UsageError
-        If matplotlib or jinja2 is missing.
     """
     template = load_template("gap/gap.html")
     pictures = import_module("tofmix.report.gap.pictures")
@@ -47,7 +42,6 @@ def render_gap(result: Reconciliation, *, source: str) -> str:
         panel=said["panel"],
         curves=pictures.curve_pictures(result),
         maps=pictures.map_pictures(result),
-        number=number,
         closed_text=closed_text,
     )
 

@@ -1,7 +1,7 @@
 """Pictures of a reconciliation: statistics over their axes before and after, and maps of the residuals."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,7 +11,8 @@ from matplotlib.ticker import MaxNLocator
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.comparison.panel import Curve
 from tofmix.reconciliation.workflow import Reconciliation
-from tofmix.report.theme import GAP_MAP, Theme, drawn, mark_no_data
+from tofmix.report.figures.picture import Picture, difference_picture, figure_picture
+from tofmix.report.theme import Theme
 
 if TYPE_CHECKING:
     from tofmix.reconciliation.comparison.compare import Compared
@@ -33,22 +34,10 @@ _MEANINGS = {
     "memory": "correlation",
     "neighbour_correlation": "correlation",
 }
-_WIDE = 3.0  # columns a row from which the colours' bar goes below the map
 _WIDTH = 5.0  # in
 
 
-class GapPicture(NamedTuple):
-    """A picture in both themes, as ``data:`` URIs."""
-
-    title: str
-    alt: str
-    light: str
-    dark: str
-    width: int
-    height: int
-
-
-def curve_pictures(result: Reconciliation) -> list[GapPicture]:
+def curve_pictures(result: Reconciliation) -> list[Picture]:
     """Curves that disagree most, in the order of `where`, and the most telling one of each other statistic."""
     v = result.verified
     after = {c.name: c for c in v.after.curves} if result.named else {}
@@ -63,23 +52,18 @@ def curve_pictures(result: Reconciliation) -> list[GapPicture]:
     return [_curve_picture(c, after.get(c.name), result, several=several) for c in top]
 
 
-def _curve_picture(before: Curve, after: Curve | None, result: Reconciliation, *, several: bool) -> GapPicture:
+def _curve_picture(before: Curve, after: Curve | None, result: Reconciliation, *, several: bool) -> Picture:
     words = f"{before.statistic} against {_axis(before)}".replace("_", " ")
     title = f"{words}, recording {before.recording + 1}" if several else words
     now = "" if after is None else f", {after.distance:.1f} after"
     alt = f"{title}: {before.distance:.1f} times noise alone before{now}"
     names = [s.name for s in result.models[before.recording].surfaces]
-    return _picture(title, alt, _curve(before, after, names))
+    return figure_picture(_curve(before, after, names), title=title, alt=alt)
 
 
 def _axis(curve: Curve) -> str:
     """The axis of a curve; waves over whole mm have their periods."""
     return "period" if curve.axis == "all" else curve.axis.replace("_", " ")
-
-
-def _picture(title: str, alt: str, draw: Callable[[Theme], Figure], kind: str = "svg") -> GapPicture:
-    light, dark, (width, height) = drawn(draw, kind)  # type: ignore[arg-type]
-    return GapPicture(title, alt, light, dark, width, height)
 
 
 def _curve(before: Curve, after: Curve | None, names: list[str]) -> Callable[[Theme], Figure]:
@@ -143,7 +127,7 @@ def _count(axes: Axes, curve: Curve, names: list[str]) -> None:
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
-def map_pictures(result: Reconciliation) -> list[GapPicture]:
+def map_pictures(result: Reconciliation) -> list[Picture]:
     """Each pixel's mean score, before and after."""
     v = result.verified
     shape = (result.models[0].sensor.rows, result.models[0].sensor.cols)
@@ -151,30 +135,18 @@ def map_pictures(result: Reconciliation) -> list[GapPicture]:
     if result.named:
         parts.append(("residual of each pixel, after", v.after))
     finite = v.before.pattern[np.isfinite(v.before.pattern)]
-    limit = max(float(np.quantile(np.abs(finite), 0.98)) if finite.size else 1.0, 0.2)
-    alt = "map of the image: each pixel's mean score, 0 if the model is right"
+    most = max(float(np.quantile(np.abs(finite), 0.98)) if finite.size else 1.0, 0.2)
     several = len(result.models) > 1
     return [
-        _picture(f"{title}, recording {k + 1}" if several else title, alt, _map(pattern.reshape(shape), limit), "png")
+        difference_picture(
+            pattern.reshape(shape),
+            most=most,
+            unit="sigma",
+            no_data="no sample",
+            title=f"{title}, recording {k + 1}" if several else title,
+            alt="map of the image: each pixel's mean score, 0 if the model is right",
+            shows="Measured minus predicted.",
+        )
         for title, part in parts
         for k, pattern in enumerate(part.pattern)
     ]
-
-
-def _map(values: FloatArray, limit: float) -> Callable[[Theme], Figure]:
-    def draw(theme: Theme) -> Figure:
-        rows, cols = values.shape
-        wide = cols > _WIDE * rows
-        height = _WIDTH * rows / cols + 1.1 if wide else min(max(0.8 * _WIDTH * rows / cols, 2.0), 6.0)
-        figure = Figure(figsize=(_WIDTH, height), layout="constrained")
-        axes = figure.add_subplot()
-        mark_no_data(axes, theme)
-        shown = axes.imshow(values, cmap=GAP_MAP, vmin=-limit, vmax=limit, interpolation="nearest")
-        place: dict[str, Any] = {"location": "bottom", "aspect": 40} if wide else {"location": "right"}
-        bar = figure.colorbar(shown, ax=axes, extend="both", **place)
-        bar.set_label("measured minus predicted (sigma)")
-        axes.set_xlabel("col")
-        axes.set_ylabel("row")
-        return figure
-
-    return draw

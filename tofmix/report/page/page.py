@@ -62,11 +62,6 @@ def render_page(
     -------
     str
         HTML. The same input gives the same text.
-
-    Raises
-    ------
-    UsageError
-        If matplotlib or jinja2 is missing, there is no such window, or the recording is not of the layers' size.
     """
     n_windows, rows, cols = layers_file.shape
     if not 0 <= window < n_windows:
@@ -102,7 +97,7 @@ def render_page(
         noise_pictures = draw_noise(layers, provenance, singles, summary.noise)
     mixing = None
     if summary.mixing is not None and layers.mixing is not None:
-        mixing = import_module("tofmix.report.figures.mixing_pictures").draw_mixing(layers.mixing, summary.mixing)
+        mixing = pictures.draw_mixing(layers.mixing, summary.mixing)
     surfaces_part = None
     if surfaces is not None:
         draw_surfaces = import_module("tofmix.report.figures.surface_pictures").draw_surfaces
@@ -121,7 +116,6 @@ def render_page(
         plane=rasters.Plane(*layers.shape),
         script=script,
         script_sha256=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii"),
-        **rasters.style_colours(),
         options=[(name, str(value)) for name, value in sorted(provenance.options.items())],
         sensor=_sensor_rows(provenance),
         noise=_noise_rows(provenance),

@@ -1,24 +1,21 @@
 """The templates of the pages, which share one style sheet and a few macros."""
 
+from functools import partial
 from importlib import import_module, resources
 from typing import TYPE_CHECKING
 
 from tofmix.errors import UsageError
+from tofmix.wording import number, percent_of
 
 if TYPE_CHECKING:
     from jinja2 import Template
 
+_MISSING_NUMBER = "\N{EN DASH}"
 _MISSING_EXTRA = "the page needs matplotlib and jinja2: pip install 'tofmix[report]'"
 
 
 def load_template(name: str) -> "Template":
-    """Load a template of `tofmix.report`; `name` is its path there.
-
-    Raises
-    ------
-    UsageError
-        If matplotlib or jinja2 is missing.
-    """
+    """Load a template of `tofmix.report`; `name` is its path there."""
     try:
         import_module("matplotlib")  # told here, before minutes are spent on the numbers
         jinja2 = import_module("jinja2")
@@ -31,6 +28,8 @@ def load_template(name: str) -> "Template":
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    colours = import_module("tofmix.report.figures.rasters").style_colours()
+    environment.globals.update(colours, number=partial(number, missing=_MISSING_NUMBER), percent_of=percent_of)
     template: Template = environment.get_template(name)
     return template
 

@@ -35,24 +35,12 @@ _REAL, _IMAGINARY, _VARIANCE_REAL, _VARIANCE_IMAGINARY, _COVARIANCE, _SAMPLES = 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PhasorEnd:
-    """A surface of an unmixed pixel, or its open space.
+    """A surface of an unmixed pixel, or its open space."""
 
-    Parameters
-    ----------
-    share : float
-        Its share of the samples' sum, as the layers file has it.
-    range_mm : float
-        Of the layer; infinite for open space.
-    phase : float
-        range / K, radians.
-    amplitude : float or None
-        Median of the neighbours that see it alone; None if there are none. 0 for open space.
-    """
-
-    share: float
-    range_mm: float
-    phase: float
-    amplitude: float | None
+    share: float  # its share of the samples' sum, as the layers file has it
+    range_mm: float  # of the layer; infinite for open space
+    phase: float  # range / K, radians
+    amplitude: float | None  # median of the neighbours that see it alone; None if there are none. 0 for open space.
 
     @property
     def phasor(self) -> complex | None:
@@ -62,56 +50,31 @@ class PhasorEnd:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PhasorPlane:
-    """A pixel of one window in the complex plane, all in units of amplitude.
+    """A pixel of one window in the complex plane, all in units of amplitude."""
 
-    Parameters
-    ----------
-    row, col : int
-        The pixel.
-    mixing : Mixing
-        Its kind of mixing.
-    n_layers : int
-        Layers that it has.
-    samples : (sample,) complex128
-        z = A exp(i r / K) of each valid sample.
-    mean : complex or None
-        Their mean, without outliers; None without a sample.
-    mean_covariance : (2, 2) float64
-        Of the mean's real and imaginary part: that of a sample over their number.
-    neighbours : (neighbour,) complex128
-        Mean phasors of the pixels within `REACH`.
-    neighbour_is_single : (neighbour,) bool
-        Whether a neighbour sees one surface.
-    ends : tuple of PhasorEnd
-        The surfaces of an unmixed pixel, near to far, and open space last; none for any other pixel.
-    """
-
+    # The pixel.
     row: int
     col: int
-    mixing: Mixing
-    n_layers: int
-    samples: ComplexArray
-    mean: complex | None
+    mixing: Mixing  # its kind of mixing
+    n_layers: int  # layers that it has
+    samples: ComplexArray  # (sample,) complex128: z = A exp(i r / K) of each valid sample
+    mean: complex | None  # their mean, without outliers; None without a sample
+    # (2, 2) float64: of the mean's real and imaginary part: that of a sample over their number.
     mean_covariance: FloatArray
-    neighbours: ComplexArray
-    neighbour_is_single: BoolArray
+    neighbours: ComplexArray  # (neighbour,) complex128: mean phasors of the pixels within `REACH`
+    neighbour_is_single: BoolArray  # (neighbour,) bool: whether a neighbour sees one surface
+    # The surfaces of an unmixed pixel, near to far, and open space last; none for any other pixel.
     ends: tuple[PhasorEnd, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SamplesAround:
-    """Samples of the pixels around one.
+    """Samples of the pixels around one."""
 
-    Parameters
-    ----------
-    first_row, first_col : int
-        The pixel that ``[:, 0, 0]`` is of.
-    range_mm, amplitude : (frame, row, col) float32
-        Samples, mm, NaN where invalid, and their amplitudes.
-    """
-
+    # The pixel that ``[:, 0, 0]`` is of.
     first_row: int
     first_col: int
+    # (frame, row, col) float32: samples, mm, NaN where invalid, and their amplitudes.
     range_mm: Float32Array
     amplitude: Float32Array
 
@@ -167,11 +130,6 @@ def phasor_plane(
         The pixel.
     unambiguous_range_mm : float, optional
         Where ranges are on a circle: its length, mm.
-
-    Raises
-    ------
-    ValueError
-        If the layers have no `mixing`, or the modulation frequency is not known.
     """
     if layers.mixing is None:
         raise ValueError("the complex plane needs layers with mixing")

@@ -19,51 +19,37 @@ from tofmix.flags import Mixing, Status, mixing_name, status_name
 from tofmix.layers import Layers, Provenance
 from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.wording import finite_or_none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PixelView:
-    """A pixel in one window.
+    """A pixel in one window."""
 
-    Parameters
-    ----------
-    row, col : int
-        The pixel.
-    range_mm, range_stderr_mm, weight, weight_stderr, sigma_mm, probability : (layer,) float64
-        Its layers, near to far; NaN where not known.
-    weight_no_return, weight_outlier : float
-        p(c_0) and p(c_r).
-    status : str
-        Name of the estimator's outcome.
-    n_samples, n_peaks : int
-        Valid samples used; peaks of the density in step 1.
-    samples_mm : (sample,) float64 or None
-        Valid samples in the order of their frames; None without a recording.
-    modes_mm : (mode,) float64 or None
-        Peaks of the density of these samples; None without samples or without a noise curve.
-    mixture : PixelMixture or None
-        The fitted mixture under learnt noise; None if the pixel was fitted with Gaussians of the curve.
-    mixing : str or None
-        Name of its kind of mixing (`tofmix.flags.Mixing`); None in files without it.
-    """
-
+    # The pixel.
     row: int
     col: int
+    # (layer,) float64: its layers, near to far; NaN where not known.
     range_mm: FloatArray
     range_stderr_mm: FloatArray
     weight: FloatArray
     weight_stderr: FloatArray
     sigma_mm: FloatArray
     probability: FloatArray
+    # p(c_0) and p(c_r).
     weight_no_return: float
     weight_outlier: float
-    status: str
+    status: str  # name of the estimator's outcome
+    # Valid samples used; peaks of the density in step 1.
     n_samples: int
     n_peaks: int
+    # (sample,) float64 or None: valid samples in the order of their frames; None without a recording.
     samples_mm: FloatArray | None = None
+    # (mode,) float64 or None: peaks of the density of these samples; None without samples or without a noise curve.
     modes_mm: FloatArray | None = None
+    # The fitted mixture under learnt noise; None if the pixel was fitted with Gaussians of the curve.
     mixture: PixelMixture | None = None
-    mixing: str | None = None
+    mixing: str | None = None  # name of its kind of mixing (`tofmix.flags.Mixing`); None in files without it
 
     @property
     def name(self) -> str:
@@ -90,7 +76,10 @@ class PixelView:
         ``learnt_noise`` is there with learnt noise alone: the pixel's own width, its background, and how far each of
         its layers drifts within the window. ``mixing`` is there where the file has it.
         """
-        layers = [{name: _number(getattr(self, name)[k]) for name in _PER_LAYER} for k in range(len(self.range_mm))]
+        layers = [
+            {name: finite_or_none(float(getattr(self, name)[k])) for name in _PER_LAYER}
+            for k in range(len(self.range_mm))
+        ]
         return {
             "row": self.row,
             "col": self.col,
@@ -99,8 +88,8 @@ class PixelView:
             "n_peaks": self.n_peaks,
             **({} if self.mixing is None else {"mixing": self.mixing}),
             "layers": layers,
-            "weight_no_return": _number(self.weight_no_return),
-            "weight_outlier": _number(self.weight_outlier),
+            "weight_no_return": finite_or_none(self.weight_no_return),
+            "weight_outlier": finite_or_none(self.weight_outlier),
             "samples_mm": None if self.samples_mm is None else self.samples_mm.tolist(),
             "modes_mm": None if self.modes_mm is None else self.modes_mm.tolist(),
             **({} if self.mixture is None else {"learnt_noise": _own_noise(self)}),
@@ -113,24 +102,12 @@ _FIELDS = {"range_mm": "range", "range_stderr_mm": "range_stderr", "sigma_mm": "
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GrowingDensity:
-    """The density of one pixel over its number of samples.
+    """The density of one pixel over its number of samples."""
 
-    Parameters
-    ----------
-    n_samples : (step,) int64
-        Valid samples after each frame that has one.
-    modes_mm : tuple of (mode,) float64
-        Peaks of the density after each of them.
-    range_mm : (place,) float64
-        Where the density is taken.
-    snapshots : tuple of (int, (place,) float64)
-        Number of samples and density, 1/mm, at a few of them.
-    """
-
-    n_samples: tuple[int, ...]
-    modes_mm: tuple[FloatArray, ...]
-    range_mm: FloatArray
-    snapshots: tuple[tuple[int, FloatArray], ...]
+    n_samples: tuple[int, ...]  # (step,) int64: valid samples after each frame that has one
+    modes_mm: tuple[FloatArray, ...]  # peaks of the density after each of them
+    range_mm: FloatArray  # (place,) float64: where the density is taken
+    snapshots: tuple[tuple[int, FloatArray], ...]  # number of samples and density, 1/mm, at a few of them
 
     def opened(self, cut_mm: float, unambiguous_range_mm: float) -> "GrowingDensity":
         """Ranges on a line that begins at a cut of the circle, to be drawn; see `tofmix.circle.open_at`."""
@@ -314,11 +291,6 @@ def grow_density(
         Length of the circle that ranges are on, mm.
     shares : tuple of float
         Shares of the samples at which the density is kept, 0 to 1, as in docs/results/paper.md.
-
-    Raises
-    ------
-    ValueError
-        If there is no sample, the sensor has no noise curve or no working range, or the circle is too short.
     """
     if samples_mm.size == 0:
         raise ValueError("the pixel has no valid sample")
@@ -337,7 +309,3 @@ def grow_density(
         range_mm=live.range_mm,
         snapshots=tuple(snapshots),
     )
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

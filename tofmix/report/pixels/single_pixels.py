@@ -21,35 +21,20 @@ _FRAMES_A_BLOCK = 256  # frames that are read at once
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SinglePixels:
-    """Pixels of one layer in one window.
+    """Pixels of one layer in one window."""
 
-    Parameters
-    ----------
-    range_mm, sigma_mm : (pixel,) float64
-        Range, and half the width of the central 68 % of the pixel's samples, less their drift and background; without
-        a recording sigma as the layers file has it.
-    over_curve : (pixel,) float64
-        `sigma_mm` over sigma(r).
-    errors : (sample,) float64
-        Errors of the samples of all pixels, in units of the pixel's sigma; empty without a recording.
-    background : float
-        Expected density of background at any of them, over one unit of the errors, as a share of all errors.
-    held : float
-        Share of the errors that are the surfaces'.
-    pixels_of_one_layer : int
-        All of them in the window.
-    from_samples : bool
-        Whether there was a recording.
-    """
-
+    # (pixel,) float64: range, and half the width of the central 68 % of the pixel's samples, less their drift and
+    # background; without a recording sigma as the layers file has it.
     range_mm: FloatArray
     sigma_mm: FloatArray
-    over_curve: FloatArray
+    over_curve: FloatArray  # (pixel,) float64: `sigma_mm` over sigma(r)
+    # (sample,) float64: errors of the samples of all pixels, in units of the pixel's sigma; empty without a recording.
     errors: FloatArray
+    # Expected density of background at any of them, over one unit of the errors, as a share of all errors.
     background: float
-    held: float
-    pixels_of_one_layer: int
-    from_samples: bool
+    held: float  # share of the errors that are the surfaces'
+    pixels_of_one_layer: int  # all of them in the window
+    from_samples: bool  # whether there was a recording
 
     def spread(self) -> Quantiles | None:
         """Quantiles of `over_curve`; None without a pixel."""
@@ -94,11 +79,6 @@ def single_pixels(
         Fewest samples of a pixel for the width of their central 68 %: of 12, at least two lie outside on either side.
     reach_sigmas : float
         Samples more than this many sigma from the surface are background. Its part nearer to the surface is subtracted.
-
-    Raises
-    ------
-    ValueError
-        If the sensor has no noise curve.
     """
     sensor, length = provenance.sensor, provenance.unambiguous_range_mm
     curve = sensor.noise

@@ -46,31 +46,16 @@ def split_notes(findings: Iterable[Finding]) -> tuple[tuple[Finding, ...], tuple
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Remedy:
-    """The estimate that findings are about: their remedies are the same command with another option.
+    """The estimate that findings are about: their remedies are the same command with another option."""
 
-    Parameters
-    ----------
-    recording : str
-        The recording, as it is named in a command.
-    noise : str
-        Its option ``--noise``.
-    window_frames, windows : int
-        Frames of a window, and how many windows there are.
-    paper : bool
-        Its option ``--paper``.
-    unmix : bool
-        Whether pixels were to be unmixed where their samples are phasor sums.
-    has_amplitude : bool or None
-        Whether the recording has amplitudes; None if that is not known.
-    """
-
-    recording: str
-    noise: str = "file"
+    recording: str  # the recording, as it is named in a command
+    noise: str = "file"  # its option ``--noise``
+    # Frames of a window, and how many windows there are.
     window_frames: int = 2
     windows: int = 1
-    paper: bool = False
-    unmix: bool = True
-    has_amplitude: bool | None = None
+    paper: bool = False  # its option ``--paper``
+    unmix: bool = True  # whether pixels were to be unmixed where their samples are phasor sums
+    has_amplitude: bool | None = None  # whether the recording has amplitudes; None if that is not known
 
     def import_command(self, *options: str) -> str:
         """The command that makes the recording again, with other options."""

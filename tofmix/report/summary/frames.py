@@ -13,24 +13,12 @@ from tofmix.wording import counted
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AskedFrames:
-    """Frames that README asks for, and the share found with fewer.
+    """Frames that README asks for, and the share found with fewer."""
 
-    Parameters
-    ----------
-    frames : int
-        Frames that are asked for.
-    found : mapping of int to float
-        Share found by number of frames, ascending in both, up to `frames`.
-    what : str
-        What is found, in words.
-    page : str
-        The page with the table.
-    """
-
-    frames: int
-    found: MappingProxyType[int, float]
-    what: str
-    page: str
+    frames: int  # frames that are asked for
+    found: MappingProxyType[int, float]  # share found by number of frames, ascending in both, up to `frames`
+    what: str  # what is found, in words
+    page: str  # the page with the table
 
     def finding(self, remedy: Remedy, total: int) -> list[Finding]:
         """A note if the windows of an estimate are shorter; `total` is the recording's number of frames.

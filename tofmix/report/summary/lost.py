@@ -27,23 +27,12 @@ _SPREAD = (0.05, 0.95)  # quantiles of the valid amplitudes, beyond which a lost
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LostNumbers:
-    """Lost samples of all windows; pixels are counted once a window.
+    """Lost samples of all windows; pixels are counted once a window."""
 
-    Parameters
-    ----------
-    share : Quantiles
-        Share of the frames without a valid sample, over pixels.
-    mean_share : float
-        Of all samples.
-    pixels_without_sample : int
-        Pixels without any valid sample.
-    pixels_at_limit : int
-        Other pixels that lose so much that their light is at the limit of the camera (`tofmix.lost_samples`).
-    """
-
-    share: Quantiles
-    mean_share: float
-    pixels_without_sample: int
+    share: Quantiles  # share of the frames without a valid sample, over pixels
+    mean_share: float  # of all samples
+    pixels_without_sample: int  # pixels without any valid sample
+    # Other pixels that lose so much that their light is at the limit of the camera (`tofmix.lost_samples`).
     pixels_at_limit: int
 
     @property

@@ -12,47 +12,26 @@ from tofmix.sensor import Sensor
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseNumbers:
-    """Learnt noise, or noise with parts beyond a curve. None means that the part is missing.
+    """Learnt noise, or noise with parts beyond a curve. None means that the part is missing."""
 
-    Parameters
-    ----------
-    line : str
-        All parts in words, as in the line of `tofmix estimate`.
-    sigma_least_mm, sigma_most_mm : float
-        Least and largest sigma of the curve.
-    shape : str
-        ``Gaussian``, ``skewed (1.3)``, ``long-tailed`` or ``short-tailed``.
-    skewness, excess_kurtosis : float or None
-        Of the shape.
-    width_spread : float or None
-        Standard deviation of log width over the pixels.
-    widths : Quantiles or None
-        The pixels' own widths, of those with a surface.
-    background : Quantiles or None
-        Share of background over the pixels.
-    background_range_mm : (float, float) or None
-        Ranges, mm, between which 90 % of the background lies, where it is not uniform over the working range.
-    drift_mm : list of float or None
-        Scale of each polynomial of time that a pixel's ranges may follow within a window.
-    memory : float or None
-        Correlation of the error from one frame to the next.
-    scatter_over_sigma : Quantiles or None
-        Half the width of the central 68 % of a pixel's samples over sigma(r), over pixels of one layer; with the
-        recording alone.
-    """
-
-    line: str
+    line: str  # all parts in words, as in the line of `tofmix estimate`
+    # Least and largest sigma of the curve.
     sigma_least_mm: float
     sigma_most_mm: float
-    shape: str
+    shape: str  # ``Gaussian``, ``skewed (1.3)``, ``long-tailed`` or ``short-tailed``
+    # Of the shape.
     skewness: float | None = None
     excess_kurtosis: float | None = None
-    width_spread: float | None = None
-    widths: Quantiles | None = None
-    background: Quantiles | None = None
+    width_spread: float | None = None  # standard deviation of log width over the pixels
+    widths: Quantiles | None = None  # the pixels' own widths, of those with a surface
+    background: Quantiles | None = None  # share of background over the pixels
+    # Ranges, mm, between which 90 % of the background lies, where it is not uniform over the working range.
     background_range_mm: tuple[float, float] | None = None
+    # Scale of each polynomial of time that a pixel's ranges may follow within a window.
     drift_mm: list[float] | None = None
-    memory: float | None = None
+    memory: float | None = None  # correlation of the error from one frame to the next
+    # Half the width of the central 68 % of a pixel's samples over sigma(r), over pixels of one layer; with the
+    # recording alone.
     scatter_over_sigma: Quantiles | None = None
 
     def as_dict(self) -> dict[str, Any]:

@@ -10,8 +10,9 @@ from itertools import zip_longest
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import ByteArray, Float32Array, FloatArray
 from tofmix.circle import circular_noise
 from tofmix.flags import Mixing, Status, mixing_name, status_name
 from tofmix.layers import Layers, Provenance
@@ -36,6 +37,7 @@ from tofmix.sensor import NoiseCurve
 from tofmix.suspicion.counting import count_suspects
 from tofmix.suspicion.registry import SUSPICIONS
 from tofmix.unmixing.settings import DEFAULT_SETTINGS
+from tofmix.wording import finite_or_none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,98 +59,55 @@ class LayerSummary:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MixingNumbers:
-    """The law of mixing.
+    """The law of mixing."""
 
-    Parameters
-    ----------
-    line : str
-        The law in words.
-    phasor_share : float or None
-        Share of the samples at edges that are phasor sums; None if no pixel determines it.
-    telling_pixels : int
-        Pixels that determine it.
-    pixels : dict
-        Pixels by the names of `tofmix.flags.Mixing`.
-    """
-
-    line: str
-    phasor_share: float | None
-    telling_pixels: int
-    pixels: dict[str, int]
+    line: str  # the law in words
+    phasor_share: float | None  # share of the samples at edges that are phasor sums; None if no pixel determines it
+    telling_pixels: int  # pixels that determine it
+    pixels: dict[str, int]  # pixels by the names of `tofmix.flags.Mixing`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Summary:
-    """A layers file in numbers. Pixels are counted once a window.
+    """A layers file in numbers. Pixels are counted once a window."""
 
-    Parameters
-    ----------
-    source, source_sha256, version, options
-        From the file's provenance.
-    windows, window_frames, rows, cols, max_layers, frames_left_out : int
-        Its sizes; `window_frames` is the length of the first window.
-    pixels : int
-        windows * rows * cols.
-    pixels_by_surfaces, pixels_by_peaks : tuple of int
-        Entry n counts pixels with n surfaces; with n peaks of the density in step 1.
-    undecided_by_surfaces : tuple of int
-        Pixels of `pixels_by_surfaces` with undecided mixing: their layers are not reliable.
-    pixels_by_status : dict
-        By the names of `tofmix.flags.Status`; a value without a name is ``status_<value>``.
-    layers_by_suspicion : dict
-        Suspect layers by the names of `tofmix.suspicion.registry`; a layer may have several.
-    pixels_with_close_layers : int
-        Pixels with two layers within 5 sigma (of the wider one) of each other.
-    share_several_surfaces, share_no_surface : float
-        Shares of `pixels` with more than one surface, and with none.
-    layers : tuple of LayerSummary
-        One entry for each of `max_layers`, near to far.
-    weight_no_return : Quantiles
-        p(c_0) over the pixels where it is known.
-    sigma_over_curve : Quantiles
-        sigma / sigma(r) over components with a share above 0.5.
-    samples : Quantiles
-        Valid samples a pixel.
-    lost : LostNumbers or None
-        Lost samples; None where none was lost, and for layers of versions that did not count them.
-    noise : NoiseNumbers or None
-        The noise, where it has learnt parts, or parts of a file, beyond sigma by range and amplitude.
-    mixing : MixingNumbers or None
-        The measured mixing.
-    warnings : tuple of Finding
-        Warnings.
-    notes : tuple of Finding
-        What a recording of its kind cannot show.
-    """
-
+    # From the file's provenance.
     source: str
     source_sha256: str
     version: str
     options: dict[str, str | int | float | None]
+    # Its sizes; `window_frames` is the length of the first window.
     windows: int
     window_frames: int
     rows: int
     cols: int
     max_layers: int
     frames_left_out: int
-    pixels: int
+    pixels: int  # windows * rows * cols
+    # Entry n counts pixels with n surfaces; with n peaks of the density in step 1.
     pixels_by_surfaces: tuple[int, ...]
     pixels_by_peaks: tuple[int, ...]
+    # Pixels of `pixels_by_surfaces` with undecided mixing: their layers are not reliable.
     undecided_by_surfaces: tuple[int, ...]
+    # By the names of `tofmix.flags.Status`; a value without a name is ``status_<value>``.
     pixels_by_status: dict[str, int]
+    # Suspect layers by the names of `tofmix.suspicion.registry`; a layer may have several.
     layers_by_suspicion: dict[str, int]
-    pixels_with_close_layers: int
+    pixels_with_close_layers: int  # pixels with two layers within 5 sigma (of the wider one) of each other
+    # Shares of `pixels` with more than one surface, and with none.
     share_several_surfaces: float
     share_no_surface: float
-    layers: tuple[LayerSummary, ...]
-    weight_no_return: Quantiles
-    sigma_over_curve: Quantiles
-    samples: Quantiles
+    layers: tuple[LayerSummary, ...]  # one entry for each of `max_layers`, near to far
+    weight_no_return: Quantiles  # p(c_0) over the pixels where it is known
+    sigma_over_curve: Quantiles  # sigma / sigma(r) over components with a share above 0.5
+    samples: Quantiles  # valid samples a pixel
+    # Lost samples; None where none was lost, and for layers of versions that did not count them.
     lost: LostNumbers | None
+    # The noise, where it has learnt parts, or parts of a file, beyond sigma by range and amplitude.
     noise: NoiseNumbers | None
-    mixing: MixingNumbers | None
-    warnings: tuple[Finding, ...]
-    notes: tuple[Finding, ...] = ()
+    mixing: MixingNumbers | None  # the measured mixing
+    warnings: tuple[Finding, ...]  # warnings
+    notes: tuple[Finding, ...] = ()  # what a recording of its kind cannot show
 
     @property
     def decided_by_surfaces(self) -> tuple[int, ...]:
@@ -167,37 +126,29 @@ class Summary:
         return replace(self, warnings=warnings, notes=notes)
 
 
-def summarise(layers_file: LayersSource, *, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> Summary:
-    """Summarise a layers file, reading one window at a time.
+def summarise(
+    layers_file: LayersSource,
+    remedy: Remedy | None = None,
+    *,
+    cause: Cause | None = None,
+    thresholds: Thresholds = DEFAULT_THRESHOLDS,
+) -> Summary:
+    """Summarise a layers file over all windows, reading one at a time; the parameters are those of `find`.
 
     Quantiles are exact up to 65,536 different values and bounded in memory past
     that (see `ValueCounts`); all counts are exact.
-
-    Parameters
-    ----------
-    layers_file : LayersSource
-        For example an open `tofmix.io.layers.layers_file.LayersFile`.
-    thresholds : Thresholds
-        From where on a finding is made.
-
-    Returns
-    -------
-    Summary
-        Over all windows.
     """
     provenance = layers_file.provenance
     tally = _Tally(layers_file, thresholds)
+    tally.add_all()
     windows, rows, cols = layers_file.shape
-    for k in range(windows):
-        tally.add(layers_file.read_window(k))
     pixels = windows * rows * cols
-    summaries = tally.layer_summaries()
-    warnings, notes = split_notes(tally.findings(layers_file, pixels, remedy_for(provenance, windows)))
+    warnings, notes = split_notes(tally.findings(remedy, cause))
     return Summary(
         source=provenance.source,
         source_sha256=provenance.source_sha256,
         version=provenance.version,
-        options={name: _no_nan(value) for name, value in sorted(provenance.options.items())},
+        options={name: finite_or_none(value) for name, value in sorted(provenance.options.items())},
         windows=windows,
         window_frames=int(layers_file.window_stop[0] - layers_file.window_start[0]) if windows else 0,
         rows=rows,
@@ -213,7 +164,7 @@ def summarise(layers_file: LayersSource, *, thresholds: Thresholds = DEFAULT_THR
         pixels_with_close_layers=tally.close,
         share_several_surfaces=sum(tally.surfaces[2:]) / max(1, pixels),
         share_no_surface=sum(tally.surfaces[:1]) / max(1, pixels),
-        layers=summaries,
+        layers=tally.layer_summaries(),
         weight_no_return=spread_of(tally.no_return),
         sigma_over_curve=spread_of(tally.dominant_ratio),
         samples=spread_of(tally.samples),
@@ -255,12 +206,9 @@ def find(
     thresholds : Thresholds
         From where on a finding is made.
     """
-    provenance = layers_file.provenance
-    windows, rows, cols = layers_file.shape
     tally = _FindingTally(layers_file, thresholds)
-    for k in range(windows):
-        tally.add(layers_file.read_window(k))
-    return tally.findings(layers_file, windows * rows * cols, remedy or remedy_for(provenance, windows), cause)
+    tally.add_all()
+    return tally.findings(remedy, cause)
 
 
 def remedy_for(
@@ -268,16 +216,7 @@ def remedy_for(
 ) -> Remedy:
     """The estimate that made a layers file, for the commands of its findings.
 
-    Parameters
-    ----------
-    provenance : Provenance
-        The file's.
-    windows : int
-        Its windows.
-    recording : str, optional
-        The recording, as it is named in a command; by default the name in the file.
-    has_amplitude : bool, optional
-        Whether the recording has amplitudes, where it is at hand.
+    `recording` is the name that a recording at hand has in a command; without it, the name in the file is taken.
     """
     options = provenance.options
     return Remedy(
@@ -291,30 +230,58 @@ def remedy_for(
     )
 
 
-class _FindingTally:
+class Counts:
+    """Running counts over windows of what `info` tells of a layers file too."""
+
+    def __init__(self, layers_file: LayersSource) -> None:
+        self._frames = int(layers_file.window_stop[0] - layers_file.window_start[0])
+        self.surfaces = [0] * (layers_file.max_layers + 1)
+        self.suspicions = dict.fromkeys((suspicion.name for suspicion in SUSPICIONS), 0)
+        self.lost = LostTally()
+        self._status: dict[int, int] = {}
+
+    def count(
+        self,
+        n_modes: ByteArray,
+        status: ByteArray,
+        suspect: NDArray[np.unsignedinteger] | None,
+        invalid_share: Float32Array | None,
+    ) -> None:
+        """Count a window by its datasets; files of old versions lack the last two."""
+        self.surfaces = _added(self.surfaces, n_modes)
+        self.lost.add(invalid_share, status, self._frames)
+        for name, count in count_suspects(suspect).items():
+            self.suspicions[name] += count
+        values, counts = np.unique(status, return_counts=True)
+        for value, count in zip(values.tolist(), counts.tolist(), strict=True):
+            self._status[value] = self._status.get(value, 0) + count
+
+    def by_status(self) -> dict[str, int]:
+        """Pixels by the names of `tofmix.flags.Status`; a value without a name is ``status_<value>``."""
+        named = {status_name(s): self._status.get(int(s), 0) for s in Status}
+        unnamed = {f"status_{v}": n for v, n in sorted(self._status.items()) if v not in tuple(Status)}
+        return named | unnamed
+
+
+class _FindingTally(Counts):
     """Running counts over windows for the findings."""
 
     def __init__(self, layers_file: LayersSource, thresholds: Thresholds) -> None:
+        super().__init__(layers_file)
+        self._file = layers_file
         self._curve = noise_of(layers_file.provenance)
-        self._length = layers_file.provenance.unambiguous_range_mm
         self._thresholds = thresholds
-        self.surfaces = [0] * (layers_file.max_layers + 1)
         self.close = 0
-        self.suspicions = dict.fromkeys((suspicion.name for suspicion in SUSPICIONS), 0)
-        self._status: dict[int, int] = {}
         self.dominant_ratio = ValueCounts()
-        self.lost = LostTally()
-        self._frames = int(layers_file.window_stop[0] - layers_file.window_start[0])
+
+    def add_all(self) -> None:
+        """Add every window of the file."""
+        for window in range(self._file.shape[0]):
+            self.add(self._file.read_window(window))
 
     def add(self, window: Layers) -> None:
-        self.surfaces = _added(self.surfaces, window.n_modes)
-        self.close += _close(window, self._length, self._thresholds.close_sigmas)
-        self.lost.add(window.invalid_share, window.status, self._frames)
-        for name, count in count_suspects(window.suspect).items():
-            self.suspicions[name] += count
-        values, counts = np.unique(window.status, return_counts=True)
-        for value, count in zip(values.tolist(), counts.tolist(), strict=True):
-            self._status[value] = self._status.get(value, 0) + count
+        self.count(window.n_modes, window.status, window.suspect, window.invalid_share)
+        self.close += _close(window, self._file.provenance.unambiguous_range_mm, self._thresholds.close_sigmas)
         self.dominant_ratio.add(self.ratio(window)[window.weight > self._thresholds.dominant_weight])
 
     def ratio(self, window: Layers) -> FloatArray:
@@ -326,10 +293,11 @@ class _FindingTally:
             ratio[known] = window.sigma[known] / self._curve.sigma(range_mm[known])
         return ratio
 
-    def findings(
-        self, layers_file: LayersSource, pixels: int, remedy: Remedy, cause: Cause | None = None
-    ) -> tuple[Finding, ...]:
-        curve = layers_file.provenance.sensor.noise
+    def findings(self, remedy: Remedy | None, cause: Cause | None) -> tuple[Finding, ...]:
+        windows, rows, cols = self._file.shape
+        provenance, law = self._file.provenance, self._file.mixing_law
+        remedy = remedy or remedy_for(provenance, windows)
+        curve = provenance.sensor.noise
         # With a law of amplitude, sigma is that of each pixel's own amplitude, which a layers file does not hold.
         by_range = curve is None or curve.law is None
         of_sigma = sigma_findings(
@@ -340,23 +308,22 @@ class _FindingTally:
             thresholds=self._thresholds,
         )
         of_counts = count_findings(
-            pixels=pixels,
+            pixels=windows * rows * cols,
             by_status=self.by_status(),
             by_surfaces=self.surfaces,
-            max_layers=layers_file.max_layers,
+            max_layers=self._file.max_layers,
             close=self.close,
             lost=self.lost.too_few,
             remedy=remedy,
             thresholds=self._thresholds,
         )
         of_losses = self.lost.findings(cause, thresholds=self._thresholds)
-        provenance = layers_file.provenance
         of_light = light_findings(provenance.sensor, targets=provenance.targets, remedy=remedy)
-        law, insisted = layers_file.mixing_law, provenance.options.get("mixing") == "phasor"
+        insisted = provenance.options.get("mixing") == "phasor"
         measured = law is not None and law.phasor_share >= DEFAULT_SETTINGS.law.least_phasor_share
         of_frames = frame_findings(
             sums=insisted or measured,
-            total=int(layers_file.window_stop[-1]) + provenance.frames_left_out,
+            total=int(self._file.window_stop[-1]) + provenance.frames_left_out,
             remedy=remedy,
         )
         of_filter = filter_findings(provenance.sensor.temporal_filter, remedy.window_frames)
@@ -370,11 +337,6 @@ class _FindingTally:
             *target_findings(provenance.targets),
             *suspect_findings(self.suspicions),
         )
-
-    def by_status(self) -> dict[str, int]:
-        named = {status_name(s): self._status.get(int(s), 0) for s in Status}
-        unnamed = {f"status_{v}": n for v, n in sorted(self._status.items()) if v not in tuple(Status)}
-        return named | unnamed
 
 
 class _Tally(_FindingTally):
@@ -464,7 +426,3 @@ def _added(totals: list[int], values: np.ndarray[Any, np.dtype[np.uint8]]) -> li
     """Add the counts of small integers to running ones, lengthening as needed."""
     counts = np.bincount(values.ravel()).tolist()
     return [a + b for a, b in zip_longest(totals, counts, fillvalue=0)]
-
-
-def _no_nan(value: str | float) -> str | int | float | None:
-    return None if isinstance(value, float) and not np.isfinite(value) else value

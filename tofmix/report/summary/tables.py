@@ -69,7 +69,7 @@ def _head(summary: Summary) -> list[str]:
         f"source     {printable(summary.source)}",
         f"windows    {windows}",
         f"pixels     {summary.pixels} ({counted(summary.rows, 'row')} x {counted(summary.cols, 'column')} a window)",
-        f"samples    {_number(summary.samples.q50, '.0f')} valid a pixel (median)",
+        f"samples    {number(summary.samples.q50, '.0f')} valid a pixel (median)",
     ]
     if summary.lost is not None:
         head.append(f"lost       {summary.lost.line}")
@@ -125,8 +125,8 @@ def _layers(summary: Summary) -> list[str]:
 def _layer(layer: LayerSummary) -> str:
     return (
         f"{ordinal(layer.layer):<8}{layer.count:>9}{_triple(layer.range_mm, '.0f')}"
-        f"{_number(layer.weight_median, '.3f'):>8}{_number(layer.range_stderr_median_mm, '.2f'):>8}"
-        f"{_number(layer.sigma_median_mm, '.1f'):>8}{_number(layer.sigma_over_curve_median, '.3f'):>9}"
+        f"{number(layer.weight_median, '.3f'):>8}{number(layer.range_stderr_median_mm, '.2f'):>8}"
+        f"{number(layer.sigma_median_mm, '.1f'):>8}{number(layer.sigma_over_curve_median, '.3f'):>9}"
     )
 
 
@@ -145,8 +145,4 @@ def _folded(counts: tuple[int, ...]) -> list[int]:
 
 
 def _triple(quantiles: Quantiles, form: str) -> str:
-    return "".join(f"{_number(q, form):>8}" for q in (quantiles.q05, quantiles.q50, quantiles.q95))
-
-
-def _number(value: float | None, form: str) -> str:
-    return "-" if value is None else number(value, form)
+    return "".join(f"{number(q, form):>8}" for q in (quantiles.q05, quantiles.q50, quantiles.q95))

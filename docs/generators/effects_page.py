@@ -1,4 +1,4 @@
-"""The effects as a Markdown page: ``python -m tofmix.simulation.effects.reference > docs/reference/effects.md``.
+"""The effects as a Markdown page: ``python docs/generators/effects_page.py > docs/reference/effects.md``.
 
 The page consists of the docstrings, parameters, magnitudes and their basis in the registry. ``python
 docs/figures/effect_figures.py`` draws its figures.
@@ -13,7 +13,7 @@ from tofmix.simulation.effects.parameter import Holds, Parameter
 from tofmix.simulation.effects.registry import EFFECTS
 from tofmix.wording import table_cell
 
-COMMAND = "python -m tofmix.simulation.effects.reference > docs/reference/effects.md"
+COMMAND = "python docs/generators/effects_page.py > docs/reference/effects.md"
 
 _HEAD = f"""\
 # Effects of real cameras

@@ -1,4 +1,4 @@
-"""The Python functions as a Markdown page: ``python -m tofmix.api.reference > docs/reference/python.md``.
+"""The Python functions as a Markdown page: ``python docs/generators/python_page.py > docs/reference/python.md``.
 
 Made from the docstrings and signatures of `tofmix.__all__`. The tables of parameters are numpydoc's.
 """
@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 
 import tofmix
 
-COMMAND = "python -m tofmix.api.reference > docs/reference/python.md"
+COMMAND = "python docs/generators/python_page.py > docs/reference/python.md"
 
 _HEAD = f"""\
 # Python reference

@@ -1,4 +1,4 @@
-"""The command line as a Markdown page: ``python -m tofmix.cli.reference > docs/reference/cli.md``.
+"""The command line as a Markdown page: ``python docs/generators/cli_page.py > docs/reference/cli.md``.
 
 With the argument ``exit-codes`` it is the page of exit codes, with a remedy for each.
 """
@@ -7,13 +7,13 @@ import sys
 from collections.abc import Iterator
 
 import click
+from commands import PROGRAM, DescribedCommand, described_commands, described_program
 
-from tofmix.cli.described import PROGRAM, DescribedCommand, described_commands, described_program
 from tofmix.cli.main import main
 from tofmix.errors import EXIT_CODE_MEANINGS, EXIT_CODE_REMEDIES
 from tofmix.wording import table_cell
 
-COMMAND = "python -m tofmix.cli.reference > docs/reference/cli.md"
+COMMAND = "python docs/generators/cli_page.py > docs/reference/cli.md"
 
 _HEAD = f"""\
 # Command line
@@ -24,7 +24,7 @@ Every command shows its own part of it with `-h` or `--help`. An option that tak
 environment variable: `TOFMIX_ESTIMATE_MAX_LAYERS=4` stands for `{PROGRAM} estimate --max-layers 4`. The option on the
 command line wins.
 """
-EXIT_CODES_COMMAND = "python -m tofmix.cli.reference exit-codes > docs/reference/exit-codes.md"
+EXIT_CODES_COMMAND = "python docs/generators/cli_page.py exit-codes > docs/reference/exit-codes.md"
 _EXIT_CODES_HEAD = f"""\
 # Exit codes
 

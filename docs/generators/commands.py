@@ -1,8 +1,8 @@
 """A command as its help describes it, apart from any layout.
 
 Made from click's own objects: names, types, defaults and texts, never a formatted help. Neither the terminal, nor the
-environment, nor the layout of a click version changes a byte. `tofmix.cli.reference` writes Markdown from it, and
-`tofmix.cli.man_pages` manual pages.
+environment, nor the layout of a click version changes a byte. `cli_page` writes Markdown from it, and `man_pages`
+manual pages.
 """
 
 import inspect

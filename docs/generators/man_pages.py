@@ -1,4 +1,4 @@
-"""Manual pages: ``python -m tofmix.cli.man_pages FOLDER`` writes ``tofmix.1`` and one page for each command.
+"""Manual pages: ``python docs/generators/man_pages.py FOLDER`` writes ``tofmix.1`` and one page for each command.
 
 The pages are roff with the macros of man(7). `man -l FOLDER/tofmix-estimate.1` shows one.
 """
@@ -7,7 +7,8 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from tofmix.cli.described import PROGRAM, DescribedCommand, described_commands, described_program
+from commands import PROGRAM, DescribedCommand, described_commands, described_program
+
 from tofmix.cli.main import main
 from tofmix.errors import EXIT_CODE_MEANINGS
 from tofmix.version import __version__
@@ -97,5 +98,5 @@ def _write(folder: Path) -> None:
 
 if __name__ == "__main__":
     if len(sys.argv) != 2:  # noqa: PLR2004  the program and its argument
-        sys.exit("usage: python -m tofmix.cli.man_pages FOLDER")
+        sys.exit("usage: python docs/generators/man_pages.py FOLDER")
     _write(Path(sys.argv[1]))
