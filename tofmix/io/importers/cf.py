@@ -28,25 +28,15 @@ _DIGITS = 6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Packing:
-    """How stored numbers become values: ``scale_factor * number + add_offset``; some numbers are no values.
+    """How stored numbers become values: ``scale_factor * number + add_offset``; some numbers are no values."""
 
-    Parameters
-    ----------
-    scale_factor, add_offset : float
-        In the unit of the dataset.
-    invalid : tuple of float
-        Stored numbers that are fill values.
-    valid_span : (float, float)
-        Least and largest valid stored number.
-    dtype : dtype, optional
-        Whole numbers that the stored ones are to be read as: netCDF-3 has no unsigned ones, and marks them.
-    """
-
+    # scale_factor, add_offset: In the unit of the dataset.
     scale_factor: float = 1.0
     add_offset: float = 0.0
-    invalid: tuple[float, ...] = ()
-    valid_span: tuple[float, float] = (-math.inf, math.inf)
+    invalid: tuple[float, ...] = ()  # stored numbers that are fill values
+    valid_span: tuple[float, float] = (-math.inf, math.inf)  # least and largest valid stored number
     dtype: np.dtype[Any] | None = None
+    """Whole numbers that the stored ones are to be read as: netCDF-3 has no unsigned ones, and marks them."""
 
     def as_marked(self, stored: NDArray[Any]) -> NDArray[Any]:
         """Stored numbers as whole numbers with or without a sign, as the dataset marks them."""

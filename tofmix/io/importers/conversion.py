@@ -26,38 +26,18 @@ class Conversion:
     """How the depths of a source become ranges.
 
     `tofmix.io.samples.no_sample` says which values are no samples.
-
-    Parameters
-    ----------
-    dtype : dtype
-        Type of the depths.
-    unit_mm : float
-        mm of one unit, above 0.
-    offset_mm : float
-        Added after the unit, mm.
-    invalid : tuple of float
-        Further invalid values, in the source's numbers.
-    valid_span : (float, float)
-        Least and largest valid value, in the source's numbers.
-    status_valid : tuple of int
-        Status codes of valid samples.
-    ray_over_depth : (row, col) float64, optional
-        Range over depth, where depths are along z.
-    unit_known : bool
-        Whether the unit was given; if not, real numbers are checked.
-    keep_values : bool
-        Whether zeros and fill values are ranges.
     """
 
-    dtype: np.dtype[Any]
-    unit_mm: float = 1.0
-    offset_mm: float = 0.0
-    invalid: tuple[float, ...] = ()
-    valid_span: tuple[float, float] = (-math.inf, math.inf)
-    status_valid: tuple[int, ...] = ()
+    dtype: np.dtype[Any]  # type of the depths
+    unit_mm: float = 1.0  # mm of one unit, above 0
+    offset_mm: float = 0.0  # added after the unit, mm
+    invalid: tuple[float, ...] = ()  # further invalid values, in the source's numbers
+    valid_span: tuple[float, float] = (-math.inf, math.inf)  # least and largest valid value, in the source's numbers
+    status_valid: tuple[int, ...] = ()  # status codes of valid samples
     ray_over_depth: FloatArray | None = None
-    unit_known: bool = True
-    keep_values: bool = False
+    """(row, col) float64, optional: Range over depth, where depths are along z."""
+    unit_known: bool = True  # whether the unit was given; if not, real numbers are checked
+    keep_values: bool = False  # whether zeros and fill values are ranges
 
     @property
     def is_doubtful(self) -> bool:

@@ -34,32 +34,17 @@ _MEDIAN_SAMPLES = 1 << 14  # of a block, at most
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imported:
-    """Sizes of the written recording, and doubts.
+    """Sizes of the written recording, and doubts."""
 
-    Parameters
-    ----------
-    frames, samples, valid : int
-        Frames; samples; samples that are valid.
-    outside : int
-        Valid samples outside the sensor's working range.
-    without_amplitude : int
-        Frames without an amplitude where the source has some; they hold NaN.
-    dropped : dict
-        Values that were dropped, by reason.
-    median_mm : float or None
-        Median of some of the valid samples, mm; None without any.
-    remarks : tuple of str
-        Changes of the order and the times of frames.
-    """
-
+    # frames, samples, valid: Frames; samples; samples that are valid.
     frames: int
     samples: int
     valid: int
-    outside: int
-    without_amplitude: int
-    dropped: dict[str, int]
-    median_mm: float | None
-    remarks: tuple[str, ...] = ()
+    outside: int  # valid samples outside the sensor's working range
+    without_amplitude: int  # frames without an amplitude where the source has some; they hold NaN
+    dropped: dict[str, int]  # values that were dropped, by reason
+    median_mm: float | None  # median of some of the valid samples, mm; None without any
+    remarks: tuple[str, ...] = ()  # changes of the order and the times of frames
 
 
 def write_recording(

@@ -34,24 +34,12 @@ class Fault:
 
 @dataclass(slots=True)
 class Findings:
-    """Checked datasets, faults and notes.
+    """Checked datasets, faults and notes."""
 
-    Parameters
-    ----------
-    kind : str
-        Kind of the file.
-    checked : int
-        Datasets that were read whole.
-    faults : dict
-        Faults by dataset and rule.
-    notes : list of str
-        Remarks that are not faults.
-    """
-
-    kind: str
-    checked: int = 0
-    faults: dict[tuple[str, str], Fault] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
+    kind: str  # kind of the file
+    checked: int = 0  # datasets that were read whole
+    faults: dict[tuple[str, str], Fault] = field(default_factory=dict)  # faults by dataset and rule
+    notes: list[str] = field(default_factory=list)  # remarks that are not faults
 
     def add(self, name: str, text: str, *, first: str = "", count: int = 1) -> None:
         """Add places with a fault; the first report names the first place."""
