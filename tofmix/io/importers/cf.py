@@ -38,6 +38,10 @@ class Packing:
     dtype: np.dtype[Any] | None = None
     """Whole numbers that the stored ones are to be read as: netCDF-3 has no unsigned ones, and marks them."""
 
+    def stated(self) -> dict[str, Any]:
+        """Fields of a `FrameSource`."""
+        return {name: getattr(self, name) for name in ("scale_factor", "add_offset", "invalid", "valid_span")}
+
     def as_marked(self, stored: NDArray[Any]) -> NDArray[Any]:
         """Stored numbers as whole numbers with or without a sign, as the dataset marks them."""
         return stored if self.dtype is None else stored.view(self.dtype)
