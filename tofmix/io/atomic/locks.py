@@ -162,13 +162,7 @@ def _leads_to(path: Path, descriptor: int) -> bool:
 
 
 def clear_folder(folder: Path) -> None:
-    """Remove the temporary files of dead runs of this machine and user, once a process and folder.
-
-    Parameters
-    ----------
-    folder : Path
-        Where outputs are written.
-    """
+    """Remove the temporary files of dead runs of this machine and user from a folder of outputs, once a process."""
     folder = folder.absolute()
     if folder in _cleared:
         return
@@ -198,18 +192,8 @@ def remove_unlocked(
 ) -> None:
     """Remove a file or a folder of this user that no run has locked.
 
-    Parameters
-    ----------
-    path : Path
-        Where it is.
-    is_kind : callable
-        Whether a mode of a file is of the kind to remove.
-    flags : int
-        How it is opened for locking.
-    remove : callable
-        Removes it.
-    age_s : float
-        Seconds that it must be old, because its run may not have locked it yet.
+    `is_kind` tells by its mode whether it is of the kind to remove, `flags` open it for locking, and it must be `age_s`
+    seconds old, because its run may not have locked it yet.
     """
     try:
         status = path.lstat()

@@ -47,13 +47,7 @@ class Packing:
         return stored if self.dtype is None else stored.view(self.dtype)
 
     def unpacked(self, stored: NDArray[Any]) -> NDArray[Any]:
-        """Values of stored numbers, as they are where nothing is packed; fill values become NaN.
-
-        Parameters
-        ----------
-        stored : array of int or float
-            Numbers of the dataset.
-        """
+        """Values of stored numbers, as they are where nothing is packed; fill values become NaN."""
         if self == Packing():
             return stored
         stored = self.as_marked(stored)
@@ -62,17 +56,7 @@ class Packing:
 
 
 def packing_of(dataset: h5py.Dataset, path: Path, *, netcdf: bool) -> Packing:
-    """Read the packing of a dataset.
-
-    Parameters
-    ----------
-    dataset : h5py.Dataset
-        The dataset.
-    path : Path
-        For messages.
-    netcdf : bool
-        Whether netCDF's default fill values count where the dataset names none.
-    """
+    """Read the packing of a dataset; with `netcdf`, netCDF's default fill values count where it names none."""
     scale = _numbers(dataset, "scale_factor", path, count=1) or (1.0,)
     offset = _numbers(dataset, "add_offset", path, count=1) or (0.0,)
     if not (math.isfinite(scale[0]) and scale[0] > 0 and math.isfinite(offset[0])):

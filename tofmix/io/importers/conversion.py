@@ -52,19 +52,9 @@ class Conversion:
         return "u2" if whole and as_they_are else "f4"
 
     def __call__(self, depth: NDArray[Any], status: NDArray[Any] | None = None) -> Converted:
-        """Convert a frame.
+        """Convert a frame, (row, col) or (target, row, col), with status codes of the same shape.
 
-        Parameters
-        ----------
-        depth : (row, col) or (target, row, col) array
-            Numbers of the source.
-        status : array, optional
-            Status codes, of the same shape.
-
-        Returns
-        -------
-        Converted
-            Ranges of `stored_dtype`; in `f4` rounded once, from float64.
+        The ranges are of `stored_dtype`; in `f4` they are rounded once, from float64.
         """
         bad, dropped = no_sample(
             depth,

@@ -82,16 +82,7 @@ def _is_range(name: str) -> bool:
 def time_unit_of(name: str, first: list[float], request: SourceRequest, path: Path) -> tuple[float, list[str]]:
     """Unit of a column of times, s, and a note where it is told by the size of the numbers.
 
-    Parameters
-    ----------
-    name : str
-        Its name.
-    first : list of float
-        Its numbers in the first frames.
-    request : Request
-        Its `time_unit_s` comes first.
-    path : Path
-        For messages.
+    A given unit comes first, then that of the column's name; `first` are the numbers in the first frames.
     """
     if request.time_unit_s is not None:
         return request.time_unit_s, []
@@ -103,19 +94,7 @@ def time_unit_of(name: str, first: list[float], request: SourceRequest, path: Pa
 
 
 def open_long(path: Path, names: list[str], layout: Layout, request: SourceRequest) -> FrameSource:
-    """Open a file with a sample a line.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    names : list of str
-        Meanings of its columns, by `named_columns`.
-    layout : Layout
-        Its encoding and separators.
-    request : Request
-        Options; a given unit must not contradict the header.
-    """
+    """Open a file with a sample a line; `names` are the meanings of its columns, by `named_columns`."""
     column, named_mm = _range_column(path, names)
     if request.unit_mm is not None and named_mm is not None and request.unit_mm != named_mm:
         raise BadInputError(

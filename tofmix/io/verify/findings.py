@@ -116,20 +116,8 @@ def check_fields(
 ) -> None:
     """Check units and storage of the datasets that are there; no data are read.
 
-    Parameters
-    ----------
-    root : h5py.File
-        The file.
-    specs : iterable of Field
-        Declarations.
-    path : Path
-        Its path.
-    findings : Findings
-        Receives faults of a tofmix file, or notes on another program's.
-    ours : bool
-        Whether the file is marked as of a tofmix format; others need not have units.
-    group : str
-        Where the datasets are, as in ``truth/``.
+    Files of other programs, not `ours`, need not have units, and get notes in place of faults. `group` is where the
+    datasets are, as in ``truth/``.
     """
     for spec in specs:
         name = f"{group}{spec.name}"
