@@ -24,8 +24,8 @@ def encode_voxels(voxels: VoxelMap, path: Path, *, comment: str) -> bytes:
     """Encode a 3-D map in the format of the extension; the same map gives the same bytes.
 
     PLY: a vertex for each occupied voxel, its centre x, y, z in metres (float32), and its `probability` and
-    `log_odds` of being occupied; little-endian binary, with a line of comment. NPZ: `log_odds` (x, y, z) float32, 0 where
-    nothing is known; `origin_mm` (3,), the corner of least x, y and z; `cell_mm`; `occupied_thresh` and `free_thresh`,
+    `log_odds` of being occupied; little-endian binary, with a line of comment. NPZ: `log_odds` (x, y, z) float32, 0
+    where nothing is known; `origin_mm` (3,), the corner of least x, y and z; `cell_mm`; `occupied_thresh` and `free_thresh`,
     probabilities.
     """
     check_voxel_path(path)

@@ -43,8 +43,8 @@ def encode_cell(
 ) -> EncodedCell:
     """Encode the layers (window, row, col) of a cell.
 
-    `phasors` (window, row, col, 7) are the mean phasors of the same pixels (`tofmix.unmixing.phasors`), `evidence` is that
-    of each window. `shape` is the leading shape of a stored chunk; a cell at the far edge is filled up to it.
+    `phasors` (window, row, col, 7) are the mean phasors of the same pixels (`tofmix.unmixing.phasors`), `evidence` is
+    that of each window. `shape` is the leading shape of a stored chunk; a cell at the far edge is filled up to it.
     """
     tally = np.bincount(layers.n_modes.ravel(), minlength=layers.max_layers + 1)
     chunks = tuple(_chunks(layers, shape))
@@ -65,8 +65,8 @@ def decode_cell(
 ) -> tuple[Layers, Float32Array | None]:
     """Decode a cell that `encode_cell` made with evidence, with its mean phasors (window, row, col, 7) if it has any.
 
-    `fields` are the datasets of its layers, `shape` is the leading shape of a stored chunk, and `cell` are the windows, rows
-    and columns of the cell itself.
+    `fields` are the datasets of its layers, `shape` is the leading shape of a stored chunk, and `cell` are the windows,
+    rows and columns of the cell itself.
     """
     arrays: dict[str, Any] = {}
     for spec, chunk in zip(fields, encoded.chunks, strict=False):
