@@ -25,8 +25,8 @@ def encode_voxels(voxels: VoxelMap, path: Path, *, comment: str) -> bytes:
 
     PLY: a vertex for each occupied voxel, its centre x, y, z in metres (float32), and its `probability` and
     `log_odds` of being occupied; little-endian binary, with a line of comment. NPZ: `log_odds` (x, y, z) float32, 0
-    where nothing is known; `origin_mm` (3,), the corner of least x, y and z; `cell_mm`; `occupied_thresh` and `free_thresh`,
-    probabilities.
+    where nothing is known; `origin_mm` (3,), the corner of least x, y and z;
+    `cell_mm`; `occupied_thresh` and `free_thresh`, probabilities.
     """
     check_voxel_path(path)
     return _npz(voxels) if path.suffix == ".npz" else _ply(voxels, comment)

@@ -13,8 +13,7 @@ from support.planes_found import COLS, FACTOR, LAYERS, ROWS, board_and_wall, not
 
 from tofmix.errors import BadInputError, StorageError, UsageError
 from tofmix.io.layers.layers_file import open_layers
-from tofmix.io.surfaces.surfaces_file import open_surfaces
-from tofmix.io.surfaces.surfaces_file import SurfacesWriter
+from tofmix.io.surfaces.surfaces_file import SurfacesWriter, open_surfaces
 from tofmix.io.verify.verify import verify
 from tofmix.surfaces.found import Edges, Planes
 

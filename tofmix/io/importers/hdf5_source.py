@@ -97,7 +97,7 @@ def _source(root: h5py.File, path: Path, request: SourceRequest) -> FrameSource:
         shape=depth.shape,
         targets=depth.targets,
         dtype=packing.dtype or depth.dtype,
-        frames=joined(map(packing.as_marked, depth.images), light, time_s, status and status.images),
+        frames=joined(map(packing.as_marked, depth.images), light, time_s, None if status is None else status.images),
         unit_mm=_unit(dataset, name, path, request),
         **packing.stated(),
         status_valid=beside.codes,
