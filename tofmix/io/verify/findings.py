@@ -18,7 +18,7 @@ from tofmix.arrays import BoolArray
 from tofmix.errors import BadInputError
 from tofmix.io import hdf5
 from tofmix.io.guard import guard
-from tofmix.io.guard.unpacking import FLETCHER32
+from tofmix.io.guard.unpacking import FLETCHER32, filters_of
 from tofmix.io.schema import Field
 
 
@@ -133,8 +133,7 @@ def check_fields(
 
 def check_storage(dataset: h5py.Dataset, name: str, findings: Findings, *, ours: bool) -> None:
     """Check that each chunk of a dataset has a checksum, and that none is missing."""
-    plist = dataset.id.get_create_plist()
-    codes = [plist.get_filter(k)[0] for k in range(plist.get_nfilters())]
+    codes = filters_of(dataset.id)
     if FLETCHER32 not in codes:
         findings.note(name, "without checksum; a flipped bit would not be noticed", fault=False)
         return
