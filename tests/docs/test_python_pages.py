@@ -6,12 +6,21 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from support.commandline import succeed
 from support.files import boards, write_recording
 
 from tofmix.flags import STATUS_MEANINGS, status_name
-from tofmix.layers import LAYER_FIELDS
+from tofmix.io.schema import (
+    LAW_FIELDS,
+    LAYERS_FIELDS,
+    RANGE_TRUE_FRAMES,
+    RECORDING_FIELDS,
+    SURFACES_FIELDS,
+    TRUTH_FIELDS,
+    Field,
+)
 from tofmix.simulation.model_toml import parse_model
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -83,11 +92,21 @@ def test_the_model_of_the_page_is_read() -> None:
     assert parse_model(text, source="docs/reference/formats.md").surfaces[0].name == "white board"
 
 
-def test_the_tables_of_layers_and_statuses_are_those_of_the_code() -> None:
+FIELDS = (*RECORDING_FIELDS, *TRUTH_FIELDS, RANGE_TRUE_FRAMES, *LAYERS_FIELDS, *LAW_FIELDS, *SURFACES_FIELDS)
+
+
+@pytest.mark.parametrize("spec", FIELDS, ids=lambda spec: spec.name)
+def test_each_dataset_of_a_file_has_a_row_with_its_dimensions_type_and_unit(spec: Field) -> None:
     page = (DOCS / "reference/formats.md").read_text(encoding="utf-8")
-    types = {"u1": "uint8", "u2": "uint16", "u4": "uint32", "f4": "float32"}
-    for spec in LAYER_FIELDS:
-        dims = "window, row, col, layer" if spec.per_layer else "window, row, col"
-        assert f"| `{spec.name}` | {dims} | {types[spec.dtype]} | {spec.units} |" in page
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in page.splitlines() if line[:1] == "|"]
+    rows = [row[1:4] for row in cells if len(row) > 3 and f"`{spec.name}`" in row[0].split(", ")]
+    expected = [", ".join(spec.dims), spec.units]
+    assert any(
+        [dims, units] == expected and np.dtype(spec.dtype).name in kind.split(" or ") for dims, kind, units in rows
+    ), rows
+
+
+def test_the_table_of_statuses_is_that_of_the_code() -> None:
+    page = (DOCS / "reference/formats.md").read_text(encoding="utf-8")
     for status, meaning in STATUS_MEANINGS.items():
         assert f"| {int(status)} | {status_name(status)} | {meaning}" in page.replace("`", "")

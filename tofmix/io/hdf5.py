@@ -167,18 +167,7 @@ def add_field(
 ) -> h5py.Dataset:
     """Add the dataset that `spec` declares, attached to the dimension scales of `group` or of the root.
 
-    Parameters
-    ----------
-    group : h5py.Group
-        The file, or a group of it.
-    spec : Field
-        The declaration.
-    lengths : mapping of str to int, optional
-        Length of each dimension; the shape of `data` without it.
-    chunks : tuple of int, optional
-        Shape of a stored chunk; one for all without it.
-    data : array, optional
-        Its values.
+    Its shape is that of `data`, or given by the lengths of its dimensions; without `chunks` it is stored as one.
     """
     shape = tuple(lengths[dim] for dim in spec.dims) if lengths is not None else np.asarray(data).shape
     dataset = group.create_dataset(

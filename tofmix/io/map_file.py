@@ -24,16 +24,9 @@ def map_paths(path: Path) -> tuple[Path, Path]:
 
 
 def encode_map(map_: FloorMap, path: Path, *, comment: str) -> dict[Path, bytes]:
-    """Encode a map, ready for `atomic_group.write_atomic_group`: first the image, then the text that names it.
+    """Encode a map for `atomic_group.write_atomic_group`: first the image, then the text that names it, .yaml or .yml.
 
-    Parameters
-    ----------
-    map_ : FloorMap
-        The map.
-    path : Path
-        The text's path, .yaml or .yml.
-    comment : str
-        One line about where the map is from.
+    `comment` is one line about where the map is from.
     """
     image, text = map_paths(path)
     return {

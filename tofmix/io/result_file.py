@@ -36,18 +36,9 @@ def read_header(
 
 
 class ResultFile:
-    """An open file of results.
+    """An open file of results, which must have the datasets of `fields`.
 
-    Parameters
-    ----------
-    root : h5py.File
-        The file.
-    path : Path
-        Its path.
-    fields : iterable of Field
-        Datasets that it must have.
-    main : str
-        The dataset (window, row, col, layer) of which the others have the lengths.
+    `main` is the dataset (window, row, col, layer) of which the others have the lengths.
     """
 
     def __init__(self, root: h5py.File, path: Path, fields: Iterable[Field], main: str) -> None:

@@ -257,17 +257,7 @@ def _read_table(group: h5py.Group, table: _Table, path: Path, *, most: int = _MO
 
 
 def check_maps(sensor: Sensor, image: tuple[int, int], path: Path) -> None:
-    """Refuse a map of background shares, or of steps of the ranges, that is of another image.
-
-    Parameters
-    ----------
-    sensor : Sensor
-        The camera that was read from the file.
-    image : (int, int)
-        Rows and columns of the file's image.
-    path : Path
-        The file.
-    """
+    """Refuse a map of background shares, or of steps of the ranges, that is of another image than the file's."""
     background = None if sensor.noise is None else sensor.noise.background
     for name, values in ((_BACKGROUND, background), (_STEP, sensor.range_step_mm)):
         if values is not None and values.ndim == _IMAGE_RANK and values.shape != tuple(image):

@@ -24,17 +24,9 @@ def encode_voxels(voxels: VoxelMap, path: Path, *, comment: str) -> bytes:
     """Encode a 3-D map in the format of the extension; the same map gives the same bytes.
 
     PLY: a vertex for each occupied voxel, its centre x, y, z in metres (float32), and its `probability` and
-    `log_odds` of being occupied; little-endian binary. NPZ: `log_odds` (x, y, z) float32, 0 where nothing is known;
-    `origin_mm` (3,), the corner of least x, y and z; `cell_mm`; `occupied_thresh` and `free_thresh`, probabilities.
-
-    Parameters
-    ----------
-    voxels : VoxelMap
-        The map.
-    path : Path
-        Its name, .ply or .npz.
-    comment : str
-        One line about where the map is from; for PLY.
+    `log_odds` of being occupied; little-endian binary, with a line of comment. NPZ: `log_odds` (x, y, z) float32, 0
+    where nothing is known; `origin_mm` (3,), the corner of least x, y and z;
+    `cell_mm`; `occupied_thresh` and `free_thresh`, probabilities.
     """
     check_voxel_path(path)
     return _npz(voxels) if path.suffix == ".npz" else _ply(voxels, comment)

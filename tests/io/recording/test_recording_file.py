@@ -125,7 +125,7 @@ def _attribute(item: str, name: str, value: Any) -> Callable[[h5py.File], None]:
         (_put("sensor/noise_sigma", [10.0, -5.0]), "sensor: noise curve: sigma is -5 mm at 5000 mm"),
         (_put("sensor/noise_sigma", [10.0, np.nan]), "sensor: noise curve: sigma is nan"),
         (_put("sensor/noise_sigma", [10.0]), "sensor: noise curve"),
-        (_put("sensor/noise_sigma", None), "noise_range alone"),
+        (_put("sensor/noise_sigma", None), "sensor/noise_sigma: missing; noise_range, noise_sigma go together"),
         (_put("sensor/noise_range", [5000.0, 500.0]), "do not ascend"),
         (_put("sensor/noise_range", ["a", "b"]), "sensor/noise_range: expected numbers"),
         (_attribute("sensor", "range_max_mm", -4.0), "sensor: range_max_mm"),

@@ -14,14 +14,8 @@ def write_atomic_group(contents: dict[Path, bytes], *, overwrite: bool, inputs: 
     """Write several files; each gets its name only when all are completely on disk.
 
     The files get their names in the order of `contents`: put one that names another after it. Should a renaming
-    fail, files that did not exist before are removed again; one that was replaced by then stays replaced.
-
-    Parameters
-    ----------
-    contents : dict of Path to bytes
-        What to write.
-    overwrite, inputs
-        As for `tofmix.io.atomic.storage.AtomicFile`.
+    fail, files that did not exist before are removed again; one that was replaced by then stays replaced. The options
+    are those of `tofmix.io.atomic.storage.AtomicFile`.
     """
     with ExitStack() as stack:
         files = [AtomicFile(path, overwrite=overwrite, inputs=inputs) for path in contents]

@@ -13,6 +13,7 @@ import platform
 import secrets
 import stat
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -161,13 +162,7 @@ def _leads_to(path: Path, descriptor: int) -> bool:
 
 
 def clear_folder(folder: Path) -> None:
-    """Remove the temporary files of dead runs of this machine and user, once a process and folder.
-
-    Parameters
-    ----------
-    folder : Path
-        Where outputs are written.
-    """
+    """Remove the temporary files of dead runs of this machine and user from a folder of outputs, once a process."""
     folder = folder.absolute()
     if folder in _cleared:
         return
@@ -179,19 +174,37 @@ def clear_folder(folder: Path) -> None:
         _remove_if_dead(Path(entry.path))
 
 
+def try_lock(descriptor: int) -> bool:
+    """Lock an open file or folder; False if another run has it, or the disk does not support locks."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
 def _remove_if_dead(path: Path) -> None:
+    remove_unlocked(path, stat.S_ISREG, os.O_RDWR | os.O_NONBLOCK, lambda path: path.unlink(missing_ok=True))
+
+
+def remove_unlocked(
+    path: Path, is_kind: Callable[[int], bool], flags: int, remove: Callable[[Path], object], *, age_s: float = 0.0
+) -> None:
+    """Remove a file or a folder of this user that no run has locked.
+
+    `is_kind` tells by its mode whether it is of the kind to remove, `flags` open it for locking, and it must be `age_s`
+    seconds old, because its run may not have locked it yet.
+    """
     try:
         status = path.lstat()
-        if not stat.S_ISREG(status.st_mode) or status.st_uid != os.geteuid():
+        ours = is_kind(status.st_mode) and status.st_uid == os.geteuid()
+        if not ours or time.time() - status.st_ctime < age_s:
             return
-        descriptor = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+        descriptor = os.open(path, flags | os.O_NOFOLLOW)
     except OSError:
         return  # gone meanwhile, or not ours
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        if _leads_to(path, descriptor):
-            path.unlink()
-    except OSError:
-        return  # a live run's, or a disk without locks
+        if try_lock(descriptor) and _leads_to(path, descriptor):
+            remove(path)
     finally:
         os.close(descriptor)

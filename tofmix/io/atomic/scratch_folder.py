@@ -3,17 +3,16 @@
 A killed run cannot remove its own. As it is locked while its run lives, the next one that needs a folder removes it.
 """
 
-import fcntl
 import os
 import shutil
 import stat
 import tempfile
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from tofmix.errors import StorageError, os_error_text
+from tofmix.io.atomic.locks import remove_unlocked, try_lock
 from tofmix.io.atomic.partial_output import forget_partial_output, note_partial_output
 
 _PREFIX = "tofmix-scratch-"
@@ -33,7 +32,7 @@ def scratch_folder() -> Iterator[Path]:
     except OSError as error:
         raise StorageError(os_error_text(error, root)) from error
     try:
-        _lock(descriptor)
+        try_lock(descriptor)
         yield folder
     finally:
         shutil.rmtree(folder, ignore_errors=True)
@@ -41,28 +40,11 @@ def scratch_folder() -> Iterator[Path]:
         forget_partial_output(folder)
 
 
-def _lock(descriptor: int) -> bool:
-    """Lock an open folder; False if another run has it, or the disk does not support locks."""
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
-    return True
-
-
 def _clear(root: Path) -> None:
     """Remove folders of dead runs of this user."""
     for folder in root.glob(f"{_PREFIX}*"):
-        try:
-            status = folder.lstat()
-            ours = stat.S_ISDIR(status.st_mode) and status.st_uid == os.geteuid()
-            if not ours or time.time() - status.st_ctime < YOUNG_S:
-                continue
-            descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-        except OSError:
-            continue  # removed in the meantime
-        try:
-            if _lock(descriptor):
-                shutil.rmtree(folder, ignore_errors=True)
-        finally:
-            os.close(descriptor)
+        remove_unlocked(folder, stat.S_ISDIR, os.O_RDONLY | os.O_DIRECTORY, _remove, age_s=YOUNG_S)
+
+
+def _remove(folder: Path) -> None:
+    shutil.rmtree(folder, ignore_errors=True)

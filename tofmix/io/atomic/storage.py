@@ -186,14 +186,7 @@ class AtomicFile:
 def locked(*paths: Path, overwrite: bool, inputs: tuple[Path, ...] = ()) -> Iterator[None]:
     """Lock outputs before the work starts, so no other run can write them and a refusal comes at once.
 
-    Those that the block writes, through `AtomicFile`, pass to the writer.
-
-    Parameters
-    ----------
-    paths : Path
-        The outputs.
-    overwrite, inputs
-        As for `AtomicFile`.
+    Those that the block writes, through `AtomicFile`, pass to the writer; the options are those of `AtomicFile`.
     """
     for path in paths:
         check_output(path, overwrite=overwrite, inputs=inputs)

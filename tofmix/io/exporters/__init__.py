@@ -57,16 +57,9 @@ OF_SURFACES: dict[str, tuple[str, ...]] = {
 
 
 def choose_what(path: Path, what: str | None, known: dict[str, tuple[str, ...]]) -> str:
-    """Return the content to write to a file: the requested one, or that of the extension.
+    """Return the content to write to a file: `what`, or that of the extension.
 
-    Parameters
-    ----------
-    path : Path
-        The new file.
-    what : str or None
-        A key of `OF_LAYERS` or `OF_SURFACES`; None: by the name.
-    known : dict
-        `OF_LAYERS` or `OF_SURFACES`.
+    `known` are `OF_LAYERS` or `OF_SURFACES`, which have the contents as keys.
     """
     suffix = path.suffix.lower()
     fitting = [one for one, suffixes in known.items() if suffix in suffixes]
@@ -92,20 +85,10 @@ def export_points(
     overwrite: bool = False,
     inputs: tuple[Path, ...] = (),
 ) -> int:
-    """Write points in the format of the extension; return their number.
+    """Write points in the format of the extension, a key of `POINT_WRITERS`; return their number.
 
-    Parameters
-    ----------
-    path : Path
-        The new file, ending in a key of `POINT_WRITERS`.
-    points : LayerPoints
-        The points; read twice if a header holds their number.
-    title : str
-        Their source; characters other than ASCII become question marks.
-    progress : callable, optional
-        Called with 1 after each block.
-    overwrite, inputs
-        As for `AtomicFile`.
+    The points are read twice if a header holds their number; characters of the title other than ASCII become question
+    marks. `progress` is called with 1 after each block; `overwrite` and `inputs` are those of `AtomicFile`.
     """
     with AtomicFile(path, overwrite=overwrite, inputs=inputs) as file:
 

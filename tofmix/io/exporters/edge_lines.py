@@ -18,28 +18,19 @@ from tofmix.points import PointArray, PointField, packed
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EdgeLine:
-    """A piece of a line of an edge that has the same two surfaces on its sides.
+    """A piece of a line of an edge that has the same two surfaces on its sides."""
 
-    Parameters
-    ----------
-    window, line : int
-        Window; number of the line in the file.
-    near, far : int
-        Numbers of the surfaces, -1: none.
-    row, col, stderr : (n,) float32
-        Points, and their standard errors across the edge, pixels.
-    place_m : (n, 3) float64
-        Points on the nearer surface, metres; NaN where the beam does not meet it.
-    """
-
+    # window, line: Window; number of the line in the file.
     window: int
     line: int
+    # near, far: Numbers of the surfaces, -1: none.
     near: int
     far: int
+    # row, col, stderr: (n,) float32: Points, and their standard errors across the edge, pixels.
     row: NDArray[np.float32]
     col: NDArray[np.float32]
     stderr: NDArray[np.float32]
-    place_m: FloatArray
+    place_m: FloatArray  # (n, 3) float64: Points on the nearer surface, metres; NaN where the beam does not meet it
 
     def runs(self) -> list[slice]:
         """Runs of points that have a place in space."""

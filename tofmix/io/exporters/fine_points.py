@@ -25,15 +25,7 @@ BLOCK_PLACES = 1 << 18
 
 
 class FinePoints:
-    """Points of the parts of pixels that have a range, in blocks of rows.
-
-    Parameters
-    ----------
-    file : SurfacesFile
-        The surfaces.
-    windows : sequence of int
-        Which windows.
-    """
+    """Points of the parts of pixels that have a range, of some windows, in blocks of rows."""
 
     def __init__(self, file: SurfacesFile, windows: Sequence[int]) -> None:
         optics_of(file)

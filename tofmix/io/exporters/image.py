@@ -16,24 +16,12 @@ _LARGEST = np.iinfo(np.uint16).max  # largest count that a 16-bit image stores
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RangeImage:
-    """Ranges of one layer, or those of a finer image.
+    """Ranges of one layer, or those of a finer image."""
 
-    Parameters
-    ----------
-    range_mm : (row, col) float32
-        Ranges, mm; NaN for none.
-    scale_mm : float
-        mm of one count, above 0.
-    title : str
-        Where they are from; one line of ASCII.
-    none : str
-        Meaning of a count of 0.
-    """
-
-    range_mm: Float32Array
-    scale_mm: float
-    title: str
-    none: str = "no layer"
+    range_mm: Float32Array  # (row, col) float32: Ranges, mm; NaN for none
+    scale_mm: float  # mm of one count, above 0
+    title: str  # where they are from; one line of ASCII
+    none: str = "no layer"  # meaning of a count of 0
 
     def counts(self) -> NDArray[np.uint16]:
         """Nearest whole counts (row, col) uint16; 0 for none."""

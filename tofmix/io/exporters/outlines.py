@@ -25,19 +25,12 @@ _DECIMALS = 6  # of a metre: micrometres
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outline:
-    """Polygons of one surface in the image; holes are the parts that other surfaces hide.
+    """Polygons of one surface in the image; holes are the parts that other surfaces hide."""
 
-    Parameters
-    ----------
-    surface, window : int
-        Number of the surface, and its window.
-    polygons : list of shapely.Polygon
-        In pixels (col, row), the centre of the first pixel at (0, 0).
-    """
-
+    # surface, window: Number of the surface, and its window.
     surface: int
     window: int
-    polygons: list[Any]
+    polygons: list[Any]  # in pixels (col, row), the centre of the first pixel at (0, 0)
 
 
 def outlines(file: SurfacesFile, windows: Sequence[int]) -> list[Outline]:

@@ -35,19 +35,8 @@ def on_planes(
 ) -> FloatArray:
     """Points at which the beams at places of the image meet the planes of surfaces.
 
-    Parameters
-    ----------
-    file : SurfacesFile
-        The surfaces.
-    surface : (n,) int
-        Number of the surface at each place.
-    row, col : (n,) float
-        Places, pixels.
-
-    Returns
-    -------
-    (n, 3) float64
-        Metres in the sensor's frame; NaN where a beam does not meet its plane, and without a surface.
+    `surface` (n,) are numbers of surfaces, `row` and `col` (n,) places in pixels. The result (n, 3) is in metres in the
+    sensor's frame; NaN where a beam does not meet its plane, and without a surface.
     """
     along = directions(file, row, col)
     return np.asarray(along * (plane_ranges(file.planes, surface, along) / MM_A_METRE)[:, np.newaxis])
@@ -56,24 +45,10 @@ def on_planes(
 def on_surfaces(
     file: SurfacesFile, window: int, surface: NDArray[np.integer], row: NDArray[np.floating], col: NDArray[np.floating]
 ) -> FloatArray:
-    """Points of surfaces in the beams at places of the image.
+    """Points of surfaces of a window in the beams at places of the image; arguments as for `on_planes`.
 
-    Parameters
-    ----------
-    file : SurfacesFile
-        The surfaces.
-    window : int
-        Their window.
-    surface : (n,) int
-        Number of the surface at each place.
-    row, col : (n,) float
-        Places, pixels.
-
-    Returns
-    -------
-    (n, 3) float64
-        Metres in the sensor's frame: on the plane as `on_planes`, or in the range of the part of a smooth surface that
-        is nearest, within a pixel; NaN without one.
+    The result (n, 3) is in metres in the sensor's frame: on the plane as `on_planes`, or in the range of the part of a
+    smooth surface that is nearest, within a pixel; NaN without one.
     """
     out = on_planes(file, surface, row, col)
     bent = np.append(file.planes.is_smooth, False)[surface]

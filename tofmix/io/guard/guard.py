@@ -25,7 +25,7 @@ import h5py
 from tofmix.errors import BadInputError, StorageError, os_error_text
 from tofmix.io.atomic.storage import check_input
 from tofmix.io.guard.hdf5_memory import reserve_memory
-from tofmix.io.guard.library_reason import library_reason
+from tofmix.io.guard.structure_rules import library_reason
 from tofmix.io.guard.unpacking import BoundedDataset
 from tofmix.io.guard.watchdog import STRUCTURE_LIMIT_S, limit_s, watched
 from tofmix.io.next_command import folder_fault, foreign_fault
@@ -38,13 +38,7 @@ LIBRARY_FAULTS = (OSError, RuntimeError, KeyError, ValueError, TypeError, Memory
 
 
 class StructureChecker:
-    """The process that checks the structure of files first.
-
-    Parameters
-    ----------
-    program : sequence of str
-        Program to start instead of `tofmix.io.guard.structure_process`.
-    """
+    """The process that checks the structure of files first; `program` starts it."""
 
     def __init__(self, program: Sequence[str] = _PROGRAM) -> None:
         self._program = program
@@ -67,22 +61,10 @@ class StructureChecker:
         limit = limit_s(STRUCTURE_LIMIT_S)
         with self._lock:
             process = self._started(what)
-            line = json.dumps(request | {"limit_s": limit})
-            answer = _exchange(process, line, limit + GRACE_S)
+            answer = _exchange(process, json.dumps(request | {"limit_s": limit}), limit + GRACE_S)
             if not answer:
-                code = self._ended()
-                if code == -signal.SIGALRM or code is None:
-                    reason = f"its structure could not be read within {limit:g} s; given up, the file is damaged"
-                elif code == -signal.SIGKILL:
-                    raise StorageError(
-                        f"{what}: the structure checker was killed, perhaps because memory ran out; close other"
-                        " programs"
-                    )
-                elif code < 0:
-                    reason = "cannot be read: the HDF5 library crashed on it; the file is damaged"
-                else:
-                    raise StorageError(f"{what}: the structure checker ended with {code}; please report it")
-                raise BadInputError(f"{what}: {reason}")
+                self._process = None
+                raise _failure(_finish(process), what, limit)
         found = json.loads(answer)
         if "no_memory" in found:
             raise MemoryError
@@ -109,12 +91,6 @@ class StructureChecker:
             self._owner = os.getpid()
         return self._process
 
-    def _ended(self) -> int | None:
-        """End the process; return its exit code if it ended by itself, None if it had to be killed."""
-        process, self._process = self._process, None
-        assert process is not None  # noqa: S101  for the type checker: it was checked
-        return _finish(process)
-
     def close(self) -> None:
         """End the process, if this one has started it."""
         process, self._process = self._process, None
@@ -122,14 +98,25 @@ class StructureChecker:
             _finish(process)
 
 
+def _failure(code: int | None, what: Path, limit: float) -> BadInputError | StorageError:
+    """Error of a checker that ended by itself with a code, or had to be killed (None)."""
+    if code is None or code == -signal.SIGALRM:
+        text = f"its structure could not be read within {limit:g} s; given up, the file is damaged"
+        return BadInputError(f"{what}: {text}")
+    if code == -signal.SIGKILL:
+        text = "the structure checker was killed, perhaps because memory ran out; close other programs"
+        return StorageError(f"{what}: {text}")
+    if code < 0:
+        return BadInputError(f"{what}: cannot be read: the HDF5 library crashed on it; the file is damaged")
+    return StorageError(f"{what}: the structure checker ended with {code}; please report it")
+
+
 def _finish(process: "subprocess.Popen[str]") -> int | None:
     """Close the pipes, which ends the process; return its exit code, None if it had to be killed."""
     for pipe in (process.stdin, process.stdout):
-        try:
+        with suppress(OSError):  # data for a process that has ended
             if pipe is not None:
                 pipe.close()
-        except OSError:  # data for a process that has ended
-            continue
     try:
         return process.wait(GRACE_S)
     except subprocess.TimeoutExpired:
@@ -142,14 +129,12 @@ def _finish(process: "subprocess.Popen[str]") -> int | None:
 def _exchange(process: "subprocess.Popen[str]", line: str, seconds: float) -> str:
     """Send a line and return the answer; an empty text if none comes in time."""
     assert process.stdin is not None and process.stdout is not None  # noqa: S101, PT018  for the type checker: pipes
-    try:
+    with suppress(OSError):
         process.stdin.write(line + "\n")
         process.stdin.flush()
-    except OSError:
-        return ""
-    if not select.select([process.stdout], [], [], seconds)[0]:
-        return ""
-    return process.stdout.readline()
+        if select.select([process.stdout], [], [], seconds)[0]:
+            return process.stdout.readline()
+    return ""
 
 
 _checker = StructureChecker()

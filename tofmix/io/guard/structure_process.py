@@ -21,8 +21,7 @@ sys.path.append(str(Path(__file__).parents[3]))  # started with -P: the package 
 import h5py
 
 from tofmix.io.guard.hdf5_memory import reserve_memory
-from tofmix.io.guard.library_reason import library_reason
-from tofmix.io.guard.structure_rules import RefusedError, check_structure
+from tofmix.io.guard.structure_rules import RefusedError, check_structure, library_reason
 
 _MEMORY_BYTES = 1 << 30
 """Memory for the check of one file beyond the program itself, bytes."""
@@ -47,13 +46,8 @@ def _bound_memory() -> None:
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
     except OSError:  # not Linux
         return
-    _bound(resource.RLIMIT_AS, pages * os.sysconf("SC_PAGE_SIZE") + _MEMORY_BYTES)
-
-
-def _bound(what: int, limit: int) -> None:
-    """Set a limit of this process, no higher than the one that it may not leave."""
-    hard = resource.getrlimit(what)[1]
-    resource.setrlimit(what, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
+    limit, hard = pages * os.sysconf("SC_PAGE_SIZE") + _MEMORY_BYTES, resource.getrlimit(resource.RLIMIT_AS)[1]
+    resource.setrlimit(resource.RLIMIT_AS, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
 
 
 def _memory_is_free() -> bool:

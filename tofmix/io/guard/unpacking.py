@@ -31,7 +31,7 @@ class BoundedDataset(h5py.Dataset):  # type: ignore[misc]  # h5py has no types
 
     def __init__(self, bind: h5py.h5d.DatasetID) -> None:
         super().__init__(bind, readonly=True)
-        self._codes = _filters(bind)
+        self._codes = filters_of(bind)
         self._size = math.prod(self.chunks or ()) * self.dtype.itemsize
         self._passed: set[tuple[int, ...]] = set()
         self._may_burst = GZIP in self._codes and _largest_stored(bind) * MOST_GZIP > UNCHECKED_BYTES
@@ -79,7 +79,8 @@ class BoundedDataset(h5py.Dataset):  # type: ignore[misc]  # h5py has no types
                 piece = inflate.unconsumed_tail
 
 
-def _filters(bind: h5py.h5d.DatasetID) -> list[int]:
+def filters_of(bind: h5py.h5d.DatasetID) -> list[int]:
+    """Numbers of the filters of a dataset, in order."""
     plist = bind.get_create_plist()
     return [plist.get_filter(number)[0] for number in range(plist.get_nfilters())]
 

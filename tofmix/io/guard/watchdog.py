@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 
 from tofmix.errors import ExitCode
 from tofmix.io.atomic.partial_output import discard_partial_outputs, is_resumable
@@ -91,19 +91,8 @@ def arm() -> None:
 
 @contextmanager
 def watched(what: str, times: float = 1.0) -> Iterator[None]:
-    """Watch a block that reads, if the watchdog is armed.
-
-    Parameters
-    ----------
-    what : str
-        The file and the dataset, for the message.
-    times : float
-        Factor on the time limit of a single read.
-    """
-    if not _watchdog:
-        yield
-        return
-    with _watchdog[0].over(what, times):
+    """Watch a block that reads, `what`, if the watchdog is armed; it may take some times as long as a single read."""
+    with _watchdog[0].over(what, times) if _watchdog else nullcontext():
         yield
 
 

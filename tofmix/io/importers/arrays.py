@@ -111,7 +111,12 @@ def source_of(arrays: Container, request: SourceRequest, path: Path) -> FrameSou
         targets=depth.targets,
         dtype=depth.dtype,
         unit_mm=unit_in_name(name),
-        frames=joined(depth.images, amplitude and amplitude.images, time_s, status and status.images),
+        frames=joined(
+            depth.images,
+            None if amplitude is None else amplitude.images,
+            time_s,
+            None if status is None else status.images,
+        ),
         status_valid=beside.codes,
         has_amplitude=amplitude is not None,
         has_time=time_s is not None,

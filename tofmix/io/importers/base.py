@@ -27,55 +27,28 @@ DepthAxis = Literal["z", "ray"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceRequest:
-    """Options of an import.
-
-    Parameters
-    ----------
-    topic : str, optional
-        Topic, array, channel, sequence of images, or name of a file of one stream, with the depths, whatever its name
-        says; without it, the only fitting one.
-    amplitude : str, optional
-        Topic or array with the amplitudes; for sources with one array, the path of another source.
-    camera_info : str, optional
-        Topic with the intrinsics; the depth topic's sibling without it.
-    axes : str, optional
-        Order of the axes of an array, as `tofmix.io.importers.axes.check_axes` has it.
-    shape : (int, int), optional
-        Rows and columns of the image, if the source stores its pixels in one line or axis.
-    image : (int, int), optional
-        Rows and columns of the sensor, which determine the order of axes.
-    unit_mm : float, optional
-        Given unit of the depths, mm; it overrides that of the source.
-    lens_given : bool
-        Whether the directions of the pixels were given; they override those of the source.
-    columns : mapping of str to str
-        Columns of a table by their names there, lower case, and their meanings here, such as ``{"y": "row"}``.
-    valid_status : (str, tuple of int), optional
-        Name of a column, dataset or array of codes, and the codes of valid samples.
-    status_codes : tuple of int
-        Codes of valid samples by the camera's data sheet; empty where it names none.
-    time_unit_s : float, optional
-        Given unit of the times, s; it overrides that of the source.
-    keep_values : bool
-        Whether zeros of real numbers and fill values are kept as ranges.
-    as_amplitude : bool
-        Whether the frames are amplitudes, whose names need not say depth.
-    """
+    """Options of an import."""
 
     topic: str | None = None
+    """Topic, array, channel, sequence of images, or name of a file of one stream, with the depths, whatever its name
+    says; without it, the only fitting one."""
     amplitude: str | None = None
-    camera_info: str | None = None
-    axes: str | None = None
+    """Topic or array with the amplitudes; for sources with one array, the path of another source."""
+    camera_info: str | None = None  # topic with the intrinsics; the depth topic's sibling without it
+    axes: str | None = None  # order of the axes of an array, as `tofmix.io.importers.axes.check_axes` has it
     shape: tuple[int, int] | None = None
-    image: tuple[int, int] | None = None
-    unit_mm: float | None = None
-    lens_given: bool = False
+    """Rows and columns of the image, if the source stores its pixels in one line or axis."""
+    image: tuple[int, int] | None = None  # rows and columns of the sensor, which determine the order of axes
+    unit_mm: float | None = None  # given unit of the depths, mm; it overrides that of the source
+    lens_given: bool = False  # whether the directions of the pixels were given; they override those of the source
     columns: Mapping[str, str] = field(default_factory=dict)
+    """Columns of a table by their names there, lower case, and their meanings here, such as ``{"y": "row"}``."""
     valid_status: tuple[str, tuple[int, ...]] | None = None
-    status_codes: tuple[int, ...] = ()
-    time_unit_s: float | None = None
-    keep_values: bool = False
-    as_amplitude: bool = False
+    """Name of a column, dataset or array of codes, and the codes of valid samples."""
+    status_codes: tuple[int, ...] = ()  # codes of valid samples by the camera's data sheet; empty where it names none
+    time_unit_s: float | None = None  # given unit of the times, s; it overrides that of the source
+    keep_values: bool = False  # whether zeros of real numbers and fill values are kept as ranges
+    as_amplitude: bool = False  # whether the frames are amplitudes, whose names need not say depth
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -95,72 +68,35 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameSource:
-    """An open source.
+    """An open source."""
 
-    Parameters
-    ----------
-    kind : str
-        Description in words.
-    shape : (int, int, int)
-        Frames, rows, columns.
-    dtype : dtype
-        Type of the depths.
-    frames : iterator of Frame
-        The frames in order; read once.
-    targets : int
-        Length of the frames' axis of targets; 0 where they have none.
-    unit_mm : float, optional
-        mm of one unit, where the source says.
-    unit_unknown : str
-        Reason why the unit must be given, as in "mono16 without a unit"; empty where it is known or may be guessed.
-    scale_factor, add_offset : float
-        Packing: a depth in `unit_mm` is the stored number times the factor, plus the offset.
-    invalid : tuple of float
-        Values that the source says are no samples.
-    valid_span : (float, float)
-        Least and largest valid value that the source states, in its own numbers.
-    status_valid : tuple of int
-        Codes of valid samples, where frames carry `status`.
-    depth_axis : {"z", "ray"}
-        What its depths are along, where its kind says.
-    has_amplitude, has_time : bool
-        Whether frames carry them.
-    pinhole : Pinhole, optional
-        Directions of its pixels, if the source has them.
-    rectified : bool
-        Whether the source marks the lens distortion as removed.
-    lens_unknown : str
-        Reason why the source has no lens where one may be expected; empty otherwise.
-    sensor : Sensor, optional
-        Data of the camera in the source.
-    stream : str, optional
-        Name of the array, channel or sequence of the depths, which may say that it holds none; empty where the name of
-        the file is all there is, None where the depths have been told otherwise.
-    notes : tuple of str
-        Notes for the user.
-    """
-
-    kind: str
-    shape: tuple[int, int, int]
-    dtype: np.dtype[Any]
-    frames: Iterator[Frame]
-    targets: int = 0
-    unit_mm: float | None = None
+    kind: str  # description in words
+    shape: tuple[int, int, int]  # frames, rows, columns
+    dtype: np.dtype[Any]  # type of the depths
+    frames: Iterator[Frame]  # the frames in order; read once
+    targets: int = 0  # length of the frames' axis of targets; 0 where they have none
+    unit_mm: float | None = None  # mm of one unit, where the source says
     unit_unknown: str = ""
+    """Reason why the unit must be given, as in "mono16 without a unit"; empty where it is known or may be guessed."""
+    # scale_factor, add_offset: Packing: a depth in `unit_mm` is the stored number times the factor, plus the offset.
     scale_factor: float = 1.0
     add_offset: float = 0.0
-    invalid: tuple[float, ...] = ()
+    invalid: tuple[float, ...] = ()  # values that the source says are no samples
     valid_span: tuple[float, float] = (-math.inf, math.inf)
-    status_valid: tuple[int, ...] = ()
-    depth_axis: DepthAxis = "ray"
+    """Least and largest valid value that the source states, in its own numbers."""
+    status_valid: tuple[int, ...] = ()  # codes of valid samples, where frames carry `status`
+    depth_axis: DepthAxis = "ray"  # what its depths are along, where its kind says
+    # has_amplitude, has_time: Whether frames carry them.
     has_amplitude: bool = False
     has_time: bool = False
-    pinhole: Pinhole | None = None
-    rectified: bool = False
-    lens_unknown: str = ""
-    sensor: Sensor | None = None
+    pinhole: Pinhole | None = None  # directions of its pixels, if the source has them
+    rectified: bool = False  # whether the source marks the lens distortion as removed
+    lens_unknown: str = ""  # reason why the source has no lens where one may be expected; empty otherwise
+    sensor: Sensor | None = None  # data of the camera in the source
     stream: str | None = None
-    notes: tuple[str, ...] = ()
+    """Name of the array, channel or sequence of the depths, which may say that it holds none; empty where the name of
+    the file is all there is, None where the depths have been told otherwise."""
+    notes: tuple[str, ...] = ()  # notes for the user
 
     def check(self, what: object) -> "FrameSource":
         """Return the source itself; `BadInputError` if its images, or its number of frames, are too large."""

@@ -28,38 +28,26 @@ _DIGITS = 6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Packing:
-    """How stored numbers become values: ``scale_factor * number + add_offset``; some numbers are no values.
+    """How stored numbers become values: ``scale_factor * number + add_offset``; some numbers are no values."""
 
-    Parameters
-    ----------
-    scale_factor, add_offset : float
-        In the unit of the dataset.
-    invalid : tuple of float
-        Stored numbers that are fill values.
-    valid_span : (float, float)
-        Least and largest valid stored number.
-    dtype : dtype, optional
-        Whole numbers that the stored ones are to be read as: netCDF-3 has no unsigned ones, and marks them.
-    """
-
+    # scale_factor, add_offset: In the unit of the dataset.
     scale_factor: float = 1.0
     add_offset: float = 0.0
-    invalid: tuple[float, ...] = ()
-    valid_span: tuple[float, float] = (-math.inf, math.inf)
+    invalid: tuple[float, ...] = ()  # stored numbers that are fill values
+    valid_span: tuple[float, float] = (-math.inf, math.inf)  # least and largest valid stored number
     dtype: np.dtype[Any] | None = None
+    """Whole numbers that the stored ones are to be read as: netCDF-3 has no unsigned ones, and marks them."""
+
+    def stated(self) -> dict[str, Any]:
+        """Fields of a `FrameSource`."""
+        return {name: getattr(self, name) for name in ("scale_factor", "add_offset", "invalid", "valid_span")}
 
     def as_marked(self, stored: NDArray[Any]) -> NDArray[Any]:
         """Stored numbers as whole numbers with or without a sign, as the dataset marks them."""
         return stored if self.dtype is None else stored.view(self.dtype)
 
     def unpacked(self, stored: NDArray[Any]) -> NDArray[Any]:
-        """Values of stored numbers, as they are where nothing is packed; fill values become NaN.
-
-        Parameters
-        ----------
-        stored : array of int or float
-            Numbers of the dataset.
-        """
+        """Values of stored numbers, as they are where nothing is packed; fill values become NaN."""
         if self == Packing():
             return stored
         stored = self.as_marked(stored)
@@ -68,17 +56,7 @@ class Packing:
 
 
 def packing_of(dataset: h5py.Dataset, path: Path, *, netcdf: bool) -> Packing:
-    """Read the packing of a dataset.
-
-    Parameters
-    ----------
-    dataset : h5py.Dataset
-        The dataset.
-    path : Path
-        For messages.
-    netcdf : bool
-        Whether netCDF's default fill values count where the dataset names none.
-    """
+    """Read the packing of a dataset; with `netcdf`, netCDF's default fill values count where it names none."""
     scale = _numbers(dataset, "scale_factor", path, count=1) or (1.0,)
     offset = _numbers(dataset, "add_offset", path, count=1) or (0.0,)
     if not (math.isfinite(scale[0]) and scale[0] > 0 and math.isfinite(offset[0])):

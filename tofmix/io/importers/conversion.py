@@ -26,38 +26,18 @@ class Conversion:
     """How the depths of a source become ranges.
 
     `tofmix.io.samples.no_sample` says which values are no samples.
-
-    Parameters
-    ----------
-    dtype : dtype
-        Type of the depths.
-    unit_mm : float
-        mm of one unit, above 0.
-    offset_mm : float
-        Added after the unit, mm.
-    invalid : tuple of float
-        Further invalid values, in the source's numbers.
-    valid_span : (float, float)
-        Least and largest valid value, in the source's numbers.
-    status_valid : tuple of int
-        Status codes of valid samples.
-    ray_over_depth : (row, col) float64, optional
-        Range over depth, where depths are along z.
-    unit_known : bool
-        Whether the unit was given; if not, real numbers are checked.
-    keep_values : bool
-        Whether zeros and fill values are ranges.
     """
 
-    dtype: np.dtype[Any]
-    unit_mm: float = 1.0
-    offset_mm: float = 0.0
-    invalid: tuple[float, ...] = ()
-    valid_span: tuple[float, float] = (-math.inf, math.inf)
-    status_valid: tuple[int, ...] = ()
+    dtype: np.dtype[Any]  # type of the depths
+    unit_mm: float = 1.0  # mm of one unit, above 0
+    offset_mm: float = 0.0  # added after the unit, mm
+    invalid: tuple[float, ...] = ()  # further invalid values, in the source's numbers
+    valid_span: tuple[float, float] = (-math.inf, math.inf)  # least and largest valid value, in the source's numbers
+    status_valid: tuple[int, ...] = ()  # status codes of valid samples
     ray_over_depth: FloatArray | None = None
-    unit_known: bool = True
-    keep_values: bool = False
+    """(row, col) float64, optional: Range over depth, where depths are along z."""
+    unit_known: bool = True  # whether the unit was given; if not, real numbers are checked
+    keep_values: bool = False  # whether zeros and fill values are ranges
 
     @property
     def is_doubtful(self) -> bool:
@@ -72,19 +52,9 @@ class Conversion:
         return "u2" if whole and as_they_are else "f4"
 
     def __call__(self, depth: NDArray[Any], status: NDArray[Any] | None = None) -> Converted:
-        """Convert a frame.
+        """Convert a frame, (row, col) or (target, row, col), with status codes of the same shape.
 
-        Parameters
-        ----------
-        depth : (row, col) or (target, row, col) array
-            Numbers of the source.
-        status : array, optional
-            Status codes, of the same shape.
-
-        Returns
-        -------
-        Converted
-            Ranges of `stored_dtype`; in `f4` rounded once, from float64.
+        The ranges are of `stored_dtype`; in `f4` they are rounded once, from float64.
         """
         bad, dropped = no_sample(
             depth,

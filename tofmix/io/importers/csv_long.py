@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,7 +31,8 @@ MOST_WHOLE_BYTES = 4 << 30
 """A file that is read whole: its numbers take about as much memory as their text."""
 
 _PLACE = ("row", "col")
-_WHOLE = ("frame", *_PLACE, "target", "zone")
+_INDICES = ("frame", *_PLACE, "target")
+_WHOLE = (*_INDICES, "zone")
 _FLOAT = np.dtype(np.float64)
 TIME_NAMES = frozenset(
     f"{stem}{unit}"
@@ -81,16 +82,7 @@ def _is_range(name: str) -> bool:
 def time_unit_of(name: str, first: list[float], request: SourceRequest, path: Path) -> tuple[float, list[str]]:
     """Unit of a column of times, s, and a note where it is told by the size of the numbers.
 
-    Parameters
-    ----------
-    name : str
-        Its name.
-    first : list of float
-        Its numbers in the first frames.
-    request : Request
-        Its `time_unit_s` comes first.
-    path : Path
-        For messages.
+    A given unit comes first, then that of the column's name; `first` are the numbers in the first frames.
     """
     if request.time_unit_s is not None:
         return request.time_unit_s, []
@@ -102,19 +94,7 @@ def time_unit_of(name: str, first: list[float], request: SourceRequest, path: Pa
 
 
 def open_long(path: Path, names: list[str], layout: Layout, request: SourceRequest) -> FrameSource:
-    """Open a file with a sample a line.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    names : list of str
-        Meanings of its columns, by `named_columns`.
-    layout : Layout
-        Its encoding and separators.
-    request : Request
-        Options; a given unit must not contradict the header.
-    """
+    """Open a file with a sample a line; `names` are the meanings of its columns, by `named_columns`."""
     column, named_mm = _range_column(path, names)
     if request.unit_mm is not None and named_mm is not None and request.unit_mm != named_mm:
         raise BadInputError(
@@ -227,32 +207,16 @@ def _is_number(cell: str, layout: Layout) -> bool:
     return True
 
 
-class Piece(NamedTuple):
-    """Columns of some lines: `frame`, `row`, `col`, `target` (line,) whole numbers; the others by name, float64."""
-
-    frame: IntArray
-    row: IntArray
-    col: IntArray
-    target: IntArray
-    values: dict[str, FloatArray]
-
-    def taken(self, lines: IntArray | slice) -> "Piece":
-        """Some of the lines."""
-        values = {name: part[lines] for name, part in self.values.items()}
-        return Piece(self.frame[lines], self.row[lines], self.col[lines], self.target[lines], values)
+Piece = dict[str, "np.ndarray[Any, Any]"]
+"""Columns of some lines: `frame`, `row`, `col`, `target` (line,) whole numbers; the others float64."""
 
 
-def _joined(pieces: Iterable[Piece]) -> Piece:
-    parts = list(pieces)
-    if len(parts) == 1:
-        return parts[0]
-    return Piece(
-        frame=np.concatenate([part.frame for part in parts]),
-        row=np.concatenate([part.row for part in parts]),
-        col=np.concatenate([part.col for part in parts]),
-        target=np.concatenate([part.target for part in parts]),
-        values={name: np.concatenate([part.values[name] for part in parts]) for name in parts[0].values},
-    )
+def _taken(piece: Piece, lines: IntArray | slice) -> Piece:
+    return {name: values[lines] for name, values in piece.items()}
+
+
+def _joined(pieces: list[Piece]) -> Piece:
+    return {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
 
 
 class _Table:
@@ -307,7 +271,7 @@ class _Table:
             row, col = (self._index(name, held[name], MOST_PIXELS_A_SIDE) for name in _PLACE)
         target = self._index("target", held["target"], MOST_TARGETS) if "target" in held else np.zeros_like(row)
         values = {name: held[name] for name in held if name not in _WHOLE}
-        return Piece(frame, row, col, target, values)
+        return {"frame": frame, "row": row, "col": col, "target": target, **values}
 
     def _index(self, name: str, values: FloatArray, most: int | None) -> IntArray:
         bad = ~(np.isfinite(values) & (values == np.floor(values)) & (values >= 0) & (values < 2**53))
@@ -334,44 +298,29 @@ class _LastTime:
 
 
 class _Ends(NamedTuple):
-    """Number of frames, the first and the last; least and largest row, column and target."""
+    """Number of frames; the least and the largest `frame`, `row`, `col` and `target`."""
 
     frames: int
-    frame: tuple[int, int]
-    row: tuple[int, int]
-    col: tuple[int, int]
-    target: tuple[int, int]
-
-
-def _range(values: IntArray) -> tuple[int, int]:
-    return int(values.min()), int(values.max())
-
-
-def _both(one: tuple[int, int], other: tuple[int, int]) -> tuple[int, int]:
-    return min(one[0], other[0]), max(one[1], other[1])
+    least: dict[str, int]
+    most: dict[str, int]
 
 
 def _ends(pieces: Iterable[Piece]) -> _Ends | None:
     """Read the pieces once; None if a frame comes after a later one, or there is no line."""
     found: _Ends | None = None
     for piece in pieces:
-        if (np.diff(piece.frame) < 0).any():
+        if (np.diff(piece["frame"]) < 0).any():
             return None
-        here = _Ends(
-            len(np.unique(piece.frame)), _range(piece.frame), _range(piece.row), _range(piece.col), _range(piece.target)
-        )
+        frames = len(np.unique(piece["frame"]))
+        least, most = ({name: int(end(piece[name])) for name in _INDICES} for end in (np.min, np.max))
         if found is not None:
-            if here.frame[0] < found.frame[1]:
+            if least["frame"] < found.most["frame"]:
                 return None
-            again = int(here.frame[0] == found.frame[1])  # a frame whose lines lie in both pieces
-            here = _Ends(
-                found.frames + here.frames - again,
-                _both(found.frame, here.frame),
-                _both(found.row, here.row),
-                _both(found.col, here.col),
-                _both(found.target, here.target),
-            )
-        found = here
+            # A frame whose lines lie in both pieces counts once.
+            frames += found.frames - int(least["frame"] == found.most["frame"])
+            least = {name: min(value, found.least[name]) for name, value in least.items()}
+            most = {name: max(value, found.most[name]) for name, value in most.items()}
+        found = _Ends(frames, least, most)
     return found
 
 
@@ -391,10 +340,9 @@ class _Samples:
         if ends is None:
             raise BadInputError(f"{self._path}: no sample below its header")
         self.notes: list[str] = []
-        rows, cols = ends.row[1], ends.col[1]
-        self._first = int(
-            min(ends.row[0], ends.col[0]) >= 1 and (shape is None or rows >= shape[0] or cols >= shape[1])
-        )
+        rows, cols = ends.most["row"], ends.most["col"]
+        counts_from_1 = min(ends.least["row"], ends.least["col"]) >= 1
+        self._first = int(counts_from_1 and (shape is None or rows >= shape[0] or cols >= shape[1]))
         if self._first:
             self.notes.append(f"{self._path}: rows and columns are taken to start at 1, because none is 0")
         self._pixels = shape or (rows - self._first + 1, cols - self._first + 1)
@@ -403,11 +351,11 @@ class _Samples:
                 f"{self._path}: row {rows - self._first}, column {cols - self._first} are outside of --shape"
                 f" {self._pixels[0]}x{self._pixels[1]}"
             )
-        self._first_target = int(ends.target[0] >= 1)
-        self._targets = ends.target[1] - self._first_target + 1 if "target" in table.names else 0
+        self._first_target = int(ends.least["target"] >= 1)
+        self._targets = ends.most["target"] - self._first_target + 1 if "target" in table.names else 0
         if ends.frames > MOST_FRAMES:
             raise BadInputError(f"{self._path}: {ends.frames} frames; no more than {MOST_FRAMES}")
-        if missing := ends.frame[1] - ends.frame[0] + 1 - ends.frames:
+        if missing := ends.most["frame"] - ends.least["frame"] + 1 - ends.frames:
             self.notes.append(f"{self._path}: {missing} frame numbers between the first and the last have no line")
         self._frames = ends.frames
 
@@ -421,35 +369,34 @@ class _Samples:
         pieces = list(self._table.pieces())
         if not pieces:
             raise BadInputError(f"{self._path}: no sample below its header")
-        whole = _joined(pieces)
-        whole = self._counted_on(whole)
-        return whole.taken(np.argsort(whole.frame, kind="stable"))
+        whole = self._counted_on(_joined(pieces))
+        return _taken(whole, np.argsort(whole["frame"], kind="stable"))
 
     def _counted_on(self, whole: Piece) -> Piece:
         """Lines whose frames count on where the counter starts again, which shows by samples that occur twice."""
-        keys = np.stack([whole.frame, whole.row, whole.col, whole.target])
+        keys = np.stack([whole[name] for name in _INDICES])
         if np.unique(keys, axis=1).shape[1] == keys.shape[1]:
             return whole
-        starts = np.flatnonzero(np.diff(whole.frame) < 0) + 1
-        run = np.zeros(whole.frame.size, dtype=np.int64)
+        starts = np.flatnonzero(np.diff(whole["frame"]) < 0) + 1
+        run = np.zeros(whole["frame"].size, dtype=np.int64)
         run[starts] = 1
         run = np.cumsum(run)
         if np.unique(np.vstack([run, keys]), axis=1).shape[1] < keys.shape[1]:
             return whole  # twins within a run are refused with their place
-        ends = np.maximum.reduceat(whole.frame, np.r_[0, starts]) + 1
+        ends = np.maximum.reduceat(whole["frame"], np.r_[0, starts]) + 1
         first = np.r_[0, np.cumsum(ends)[:-1]]
         times = "once" if starts.size == 1 else f"{starts.size} times"
         self.restarted = f"{self._path}: its frame counter starts again {times}; the frames are counted on"
-        frame = whole.frame + first[run]
+        frame = whole["frame"] + first[run]
         self._new_starts = frozenset(np.minimum.reduceat(frame, starts).tolist())
-        return whole._replace(frame=frame)
+        return whole | {"frame": frame}
 
     def first_times(self, *, frames: int = 20) -> list[float]:
         """Times of the first frames, in the file's unit."""
         with foreign(self._path):
             piece = next(iter(self._pieces()))
-        _, first = np.unique(piece.frame, return_index=True)
-        return [float(time) for time in piece.values["time"][np.sort(first)[:frames]]]
+        _, first = np.unique(piece["frame"], return_index=True)
+        return [float(time) for time in piece["time"][np.sort(first)[:frames]]]
 
     def source(
         self, unit_mm: float | None, time_unit_s: float, status_valid: tuple[int, ...], notes: tuple[str, ...]
@@ -473,39 +420,39 @@ class _Samples:
         """Frames in order; the lines of a frame may lie in several pieces."""
         waiting: list[Piece] = []
         for piece in self._pieces():
-            starts = np.flatnonzero(np.diff(piece.frame)) + 1
-            for first, stop in zip([0, *starts], [*starts, len(piece.frame)], strict=True):
-                if waiting and waiting[0].frame[0] != piece.frame[first]:
+            starts = np.flatnonzero(np.diff(piece["frame"])) + 1
+            for first, stop in zip([0, *starts], [*starts, len(piece["frame"])], strict=True):
+                if waiting and waiting[0]["frame"][0] != piece["frame"][first]:
                     yield self._frame(_joined(waiting))
                     waiting = []
-                waiting.append(piece.taken(slice(first, stop)))
+                waiting.append(_taken(piece, slice(first, stop)))
         if waiting:
             yield self._frame(_joined(waiting))
 
     def _frame(self, lines: Piece) -> Frame:
-        where = lines.target - self._first_target, lines.row - self._first, lines.col - self._first
+        where = lines["target"] - self._first_target, lines["row"] - self._first, lines["col"] - self._first
         place = np.ravel_multi_index(where, (max(1, self._targets), *self._pixels))
         self._refuse_twins(lines, place)
-        time_s = float(lines.values["time"][0]) * self._time_unit_s if "time" in lines.values else None
-        status = self._image(place, lines.values["status"]) if "status" in lines.values else None
-        amplitude = self._image(place, lines.values["amplitude"]) if "amplitude" in lines.values else None
+        time_s = float(lines["time"][0]) * self._time_unit_s if "time" in lines else None
+        status = self._image(place, lines["status"]) if "status" in lines else None
+        amplitude = self._image(place, lines["amplitude"]) if "amplitude" in lines else None
         return Frame(
-            depth=self._image(place, lines.values["range"]),
+            depth=self._image(place, lines["range"]),
             amplitude=amplitude,
             time_s=time_s,
             status=status,
-            new_start=int(lines.frame[0]) in self._new_starts,
+            new_start=int(lines["frame"][0]) in self._new_starts,
         )
 
     def _refuse_twins(self, lines: Piece, place: IntArray) -> None:
         _, first, count = np.unique(place, return_index=True, return_counts=True)
         if (count > 1).any():
             k = int(first[np.argmax(count > 1)])
-            row, col = int(lines.row[k]) - self._first, int(lines.col[k]) - self._first
-            of = f", target {int(lines.target[k]) - self._first_target}" if self._targets else ""
+            row, col = int(lines["row"][k]) - self._first, int(lines["col"][k]) - self._first
+            of = f", target {int(lines['target'][k]) - self._first_target}" if self._targets else ""
             remedy = "" if self._targets else "; several targets of a pixel need a column target"
             raise BadInputError(
-                f"{self._path}: frame {int(lines.frame[k])} has two samples of row {row}, column {col}{of}{remedy}"
+                f"{self._path}: frame {int(lines['frame'][k])} has two samples of row {row}, column {col}{of}{remedy}"
             )
 
     def _image(self, place: IntArray, values: FloatArray) -> FloatArray:

@@ -41,33 +41,15 @@ _PIECE_BYTES = 1 << 20
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """Layout of a file.
+    """Layout of a file."""
 
-    Parameters
-    ----------
-    encoding : str
-        Its encoding.
-    delimiter : str or None
-        Separator of cells; None for blanks.
-    decimal_comma : bool
-        Whether numbers have a comma for a point.
-    head : list of str
-        Cells of the first line that has any; empty where there is none.
-    has_header : bool
-        Whether this line is a header.
-    below : tuple of list of str
-        Cells of some lines below it.
-    notes : tuple of str
-        The guesses.
-    """
-
-    encoding: str
-    delimiter: str | None
-    decimal_comma: bool
-    head: list[str]
-    has_header: bool
-    below: tuple[list[str], ...]
-    notes: tuple[str, ...]
+    encoding: str  # its encoding
+    delimiter: str | None  # separator of cells; None for blanks
+    decimal_comma: bool  # whether numbers have a comma for a point
+    head: list[str]  # cells of the first line that has any; empty where there is none
+    has_header: bool  # whether this line is a header
+    below: tuple[list[str], ...]  # cells of some lines below it
+    notes: tuple[str, ...]  # the guesses
 
     def open(self, path: Path) -> IO[str]:
         """Open the file as text."""

@@ -22,16 +22,7 @@ def dataset_frames(
 ) -> Frames:
     """The frames of a dataset that `tofmix.io.guard.guard` has checked.
 
-    Parameters
-    ----------
-    dataset : h5py.Dataset
-        The dataset.
-    names : tuple of str
-        Its axes, in the order in which they are stored.
-    image : (int, int), optional
-        Rows and columns where an axis is ``zone``.
-    path, name
-        For messages.
+    `names` are its axes, in the order in which they are stored; `image` are rows and columns where an axis is ``zone``.
     """
     what = f"{path}: {name}"
     check_numbers(dataset.dtype, what)

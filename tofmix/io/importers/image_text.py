@@ -24,7 +24,7 @@ _STRAIGHT_LINE = "0"  # ImageJ's number of this function
 
 
 class Stated(NamedTuple):
-    """mm of one unit, None where the text does not say; factor and offset of a count; direction of the depths."""
+    """Fields of a `FrameSource` that a text states; no unit where it does not say."""
 
     unit_mm: float | None
     depth_axis: DepthAxis

@@ -31,37 +31,18 @@ _MATRIX, _PROJECTION = 9, 12  # numbers of K (3 x 3) and P (3 x 4) in ROS's came
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
-    """A calibrated camera, and the window of its sensor that images show.
+    """A calibrated camera, and the window of its sensor that images show."""
 
-    Parameters
-    ----------
-    what : str
-        Its source, for messages.
-    image : (int, int) or None
-        Rows and columns at full resolution; None if unknown.
-    matrix : tuple of float
-        K, 3 x 3 in rows: of images as the lens makes them.
-    distortion : tuple of float
-        D of these images.
-    model : str
-        Name of the distortion model; empty if none is said.
-    projection : tuple of float
-        P, 3 x 4 in rows: of rectified images; empty if not known.
-    region : (int, int, int, int)
-        First row, first column, rows and columns of the region of interest at full resolution; no rows and columns
-        for the whole image.
-    binning : (int, int)
-        Pixels that are joined, down and across.
-    """
-
-    what: str
-    image: tuple[int, int] | None
-    matrix: tuple[float, ...]
-    distortion: tuple[float, ...] = ()
-    model: str = ""
-    projection: tuple[float, ...] = ()
+    what: str  # its source, for messages
+    image: tuple[int, int] | None  # rows and columns at full resolution; None if unknown
+    matrix: tuple[float, ...]  # K, 3 x 3 in rows: of images as the lens makes them
+    distortion: tuple[float, ...] = ()  # D of these images
+    model: str = ""  # name of the distortion model; empty if none is said
+    projection: tuple[float, ...] = ()  # P, 3 x 4 in rows: of rectified images; empty if not known
     region: tuple[int, int, int, int] = (0, 0, 0, 0)
-    binning: tuple[int, int] = (1, 1)
+    """First row, first column, rows and columns of the region of interest at full resolution; no rows and columns for
+    the whole image."""
+    binning: tuple[int, int] = (1, 1)  # pixels that are joined, down and across
 
     @property
     def calibrated(self) -> bool:

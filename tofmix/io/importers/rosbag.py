@@ -296,22 +296,13 @@ def _lens_topics(bag: _Bag, topic: str, request: SourceRequest) -> list[str]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Lens:
-    """A calibration from its first message on.
+    """A calibration from its first message on."""
 
-    Parameters
-    ----------
-    calibration : Calibration
-        The camera.
-    stamp, bag_ns : int
-        Time stamp of the message and the bag's time of it, ns.
-    frame : int
-        Number of the first frame that it describes.
-    """
-
-    calibration: Calibration
+    calibration: Calibration  # the camera
+    # stamp, bag_ns: Time stamp of the message and the bag's time of it, ns.
     stamp: int
     bag_ns: int
-    frame: int = 0
+    frame: int = 0  # number of the first frame that it describes
 
 
 def _calibrations(bag: _Bag, name: str) -> tuple[list[_Lens], int]:

@@ -15,19 +15,9 @@ def is_status_name(name: str) -> bool:
 
 
 def codes_of(name: str, request: SourceRequest) -> tuple[int, ...] | None:
-    """Codes of valid samples in a column, dataset or array.
+    """Codes of valid samples in a column, dataset or array of a name or path; None where nothing tells them.
 
-    Parameters
-    ----------
-    name : str
-        Its name, or the path that ends in it.
-    request : Request
-        Its `valid_status` is used first, then the camera's codes for whatever is called ``status``.
-
-    Returns
-    -------
-    tuple of int or None
-        None where nothing tells the codes.
+    `valid_status` of the request is used first, then the camera's codes for whatever is called ``status``.
     """
     last = name.rpartition("/")[2].lower()
     if request.valid_status is not None:

@@ -24,17 +24,7 @@ def unit_in_name(name: str) -> float | None:
 
 
 def refuse_metres(range_mm: NDArray[Any], sensor: Sensor, what: object) -> None:
-    """Refuse ranges without a unit if they are too small for mm.
-
-    Parameters
-    ----------
-    range_mm : array of float
-        Ranges, taken as mm; NaN where invalid, but not everywhere.
-    sensor : Sensor
-        For its shortest range.
-    what : object
-        The source, for messages.
-    """
+    """Refuse ranges without a unit, taken as mm and not all NaN, if half of them are too small for mm."""
     median = float(np.nanmedian(range_mm))
     if is_too_small(median, sensor):
         raise BadInputError(

@@ -34,32 +34,17 @@ _MEDIAN_SAMPLES = 1 << 14  # of a block, at most
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imported:
-    """Sizes of the written recording, and doubts.
+    """Sizes of the written recording, and doubts."""
 
-    Parameters
-    ----------
-    frames, samples, valid : int
-        Frames; samples; samples that are valid.
-    outside : int
-        Valid samples outside the sensor's working range.
-    without_amplitude : int
-        Frames without an amplitude where the source has some; they hold NaN.
-    dropped : dict
-        Values that were dropped, by reason.
-    median_mm : float or None
-        Median of some of the valid samples, mm; None without any.
-    remarks : tuple of str
-        Changes of the order and the times of frames.
-    """
-
+    # frames, samples, valid: Frames; samples; samples that are valid.
     frames: int
     samples: int
     valid: int
-    outside: int
-    without_amplitude: int
-    dropped: dict[str, int]
-    median_mm: float | None
-    remarks: tuple[str, ...] = ()
+    outside: int  # valid samples outside the sensor's working range
+    without_amplitude: int  # frames without an amplitude where the source has some; they hold NaN
+    dropped: dict[str, int]  # values that were dropped, by reason
+    median_mm: float | None  # median of some of the valid samples, mm; None without any
+    remarks: tuple[str, ...] = ()  # changes of the order and the times of frames
 
 
 def write_recording(
@@ -111,22 +96,28 @@ def write_recording(
     Imported
         Counts.
     """
+    layers = max(1, source.targets)
+    frame_bytes = source.shape[1] * source.shape[2] * layers * SAMPLE_BYTES
+    step = max(1, min(CHUNK_FRAMES, BLOCK_BYTES // frame_bytes))
 
-    def written(frames: FrameSource, clock: "_Clock") -> Imported:
-        return _write(
-            frames,
+    def written(frames: FrameSource, clock: _Clock) -> Imported:
+        blocks = _Blocks(frames, what, sensor, conversion, clock, target, frame_rate_hz)
+        with RecordingWriter(
             output,
-            what=what,
+            shape=frames.shape,
+            targets=source.targets if target is None else 0,
             sensor=sensor,
-            conversion=conversion,
-            clock=clock,
-            target=target,
-            frame_rate_hz=frame_rate_hz,
+            title=f"recording imported from {what.name}",
+            has_amplitude=source.has_amplitude,
+            has_time=source.has_time or frame_rate_hz is not None,
+            dtype="u2" if conversion.stored_dtype == "u2" else "f4",
+            chunk_frames=step,
             attributes=attributes,
-            progress=progress,
             overwrite=overwrite,
             inputs=inputs,
-        )
+        ) as writer:
+            blocks.write(writer, step, progress)
+        return blocks.tally.result(frames.shape[0])
 
     clock = _Clock()
     try:
@@ -140,68 +131,57 @@ def write_recording(
     return replace(imported, remarks=tuple(f"{what}: {remark}" for remark in order.remarks))
 
 
-def _write(
-    source: FrameSource,
-    output: Path,
-    *,
-    what: Path,
-    sensor: Sensor,
-    conversion: Conversion,
-    clock: "_Clock",
-    target: Target | None,
-    frame_rate_hz: float | None,
-    attributes: dict[str, str | int | float] | None,
-    progress: Callable[[int], object] | None,
-    overwrite: bool,
-    inputs: tuple[Path, ...],
-) -> Imported:
-    """Write frames in the order in which they come; `_UnsettledError` at the end if their times do not ascend."""
-    frames, rows, cols = source.shape
-    layers = max(1, source.targets)
-    block_frames = max(1, min(CHUNK_FRAMES, BLOCK_BYTES // (rows * cols * layers * SAMPLE_BYTES)))
-    kind: Literal["u2", "f4"] = "u2" if conversion.stored_dtype == "u2" else "f4"
-    writer = RecordingWriter(
-        output,
-        shape=source.shape,
-        targets=source.targets if target is None else 0,
-        sensor=sensor,
-        title=f"recording imported from {what.name}",
-        has_amplitude=source.has_amplitude,
-        has_time=source.has_time or frame_rate_hz is not None,
-        dtype=kind,
-        chunk_frames=block_frames,
-        attributes=attributes,
-        overwrite=overwrite,
-        inputs=inputs,
-    )
-    tally, doubtful = _Tally(sensor), conversion.is_doubtful
-    with writer:
-        start = 0
-        for block in _blocks(source.frames, block_frames):
+class _Blocks:
+    """Converts frames in the order in which they come; arguments are those of `write_recording`."""
+
+    def __init__(
+        self,
+        source: FrameSource,
+        what: Path,
+        sensor: Sensor,
+        conversion: Conversion,
+        clock: "_Clock",
+        target: Target | None,
+        rate: float | None,
+    ) -> None:
+        self._source, self._what, self._sensor, self._conversion = source, what, sensor, conversion
+        self._clock, self._target, self._rate = clock, target, rate
+        self._doubtful = conversion.is_doubtful
+        self.tally = _Tally(sensor)
+
+    def write(self, writer: RecordingWriter, step: int, progress: Callable[[int], object] | None) -> None:
+        """Write all frames, `step` at once; `_UnsettledError` at the end if their times do not ascend."""
+        frames, start = self._source.shape[0], 0
+        while block := list(islice(self._source.frames, step)):
             if start + len(block) > frames:
-                raise BadInputError(f"{what}: {counted(frames, 'frame')} declared, more found; write the source again")
-            if start == 0 and source.shape == _MATRIX:
-                _refuse_matrix(block[0].depth, what)
-            converted = [conversion(frame.depth, frame.status) for frame in block]
-            ranges: Any = np.stack([one.range_mm for one in converted])
-            light: Any = _amplitude(block) if source.has_amplitude else None
-            if target is not None:
-                ranges, light = one_target(ranges, light, target)
-            if doubtful and np.isfinite(ranges).any():
-                refuse_metres(ranges, sensor, what)
-                doubtful = False
-            tally.add(ranges, block if source.has_amplitude else [])
-            tally.drop(one.dropped for one in converted)
-            time_s = clock.times_of(block) if source.has_time else _time(start, len(block), frame_rate_hz)
-            writer.write(start, ranges, time_s=time_s, amplitude=light)
+                text = f"{counted(frames, 'frame')} declared, more found; write the source again"
+                raise BadInputError(f"{self._what}: {text}")
+            if start == 0 and self._source.shape == _MATRIX:
+                _refuse_matrix(block[0].depth, self._what)
+            ranges, amplitude = self._converted(block)
+            time_s = self._clock.times_of(block) if self._source.has_time else _time(start, len(block), self._rate)
+            writer.write(start, ranges, time_s=time_s, amplitude=amplitude)
             start += len(block)
             if progress is not None:
                 progress(len(block))
         if start < frames:
-            raise BadInputError(f"{what}: ends after {start} of {frames} frames; the rest of it is missing")
-        if not clock.ascends:
+            raise BadInputError(f"{self._what}: ends after {start} of {frames} frames; the rest of it is missing")
+        if not self._clock.ascends:
             raise _UnsettledError
-    return tally.result(frames)
+
+    def _converted(self, block: list[Frame]) -> tuple[Any, Any]:
+        """Ranges, mm, and amplitudes, if there are any."""
+        converted = [self._conversion(frame.depth, frame.status) for frame in block]
+        ranges: Any = np.stack([one.range_mm for one in converted])
+        amplitude: Any = _amplitude(block) if self._source.has_amplitude else None
+        if self._target is not None:
+            ranges, amplitude = one_target(ranges, amplitude, self._target)
+        if self._doubtful and np.isfinite(ranges).any():
+            refuse_metres(ranges, self._sensor, self._what)
+            self._doubtful = False
+        self.tally.add(ranges, block if self._source.has_amplitude else [])
+        self.tally.drop(one.dropped for one in converted)
+        return ranges, amplitude
 
 
 def one_target(
@@ -303,11 +283,6 @@ def _refuse_matrix(depth: "np.ndarray[Any, Any]", what: Path) -> None:
     """Refuse a camera matrix, which is no image."""
     if is_camera_matrix(depth):
         raise BadInputError(f"{what}: one 3 x 3 array that ends in 0 0 1 is a camera matrix, not depths")
-
-
-def _blocks(frames: Iterator[Frame], length: int) -> Iterator[list[Frame]]:
-    while block := list(islice(frames, length)):
-        yield block
 
 
 def _time(start: int, count: int, rate: float | None) -> "np.ndarray[Any, Any] | None":

@@ -41,23 +41,10 @@ def encode_cell(
     *,
     shape: tuple[int, int, int],
 ) -> EncodedCell:
-    """Encode the layers of a cell.
+    """Encode the layers (window, row, col) of a cell.
 
-    Parameters
-    ----------
-    layers : Layers
-        Of the leading shape (window, row, col).
-    phasors : (window, row, col, 7) float32, optional
-        Mean phasors of the same pixels (`tofmix.unmixing.phasors`).
-    evidence : sequence of Evidence, optional
-        Evidence of each window of the cell.
-    shape : (int, int, int)
-        The leading shape of a stored chunk; a cell at the far edge is filled up to it.
-
-    Returns
-    -------
-    EncodedCell
-        The cell.
+    `phasors` (window, row, col, 7) are the mean phasors of the same pixels (`tofmix.unmixing.phasors`), `evidence` is
+    that of each window. `shape` is the leading shape of a stored chunk; a cell at the far edge is filled up to it.
     """
     tally = np.bincount(layers.n_modes.ravel(), minlength=layers.max_layers + 1)
     chunks = tuple(_chunks(layers, shape))
@@ -76,25 +63,10 @@ def decode_cell(
     max_layers: int,
     cell: tuple[int, int, int],
 ) -> tuple[Layers, Float32Array | None]:
-    """Decode a cell that `encode_cell` made with evidence, with its mean phasors if it has any.
+    """Decode a cell that `encode_cell` made with evidence, with its mean phasors (window, row, col, 7) if it has any.
 
-    Parameters
-    ----------
-    encoded : EncodedCell
-        The cell.
-    fields : tuple of LayerField
-        Datasets of its layers.
-    shape : (int, int, int)
-        The leading shape of a stored chunk.
-    max_layers : int
-        Length of the layer axis.
-    cell : (int, int, int)
-        Windows, rows and columns of the cell itself.
-
-    Returns
-    -------
-    (Layers, (window, row, col, 7) float32 or None)
-        Of the leading shape `cell`.
+    `fields` are the datasets of its layers, `shape` is the leading shape of a stored chunk, and `cell` are the windows,
+    rows and columns of the cell itself.
     """
     arrays: dict[str, Any] = {}
     for spec, chunk in zip(fields, encoded.chunks, strict=False):
@@ -159,17 +131,9 @@ def _shuffled(values: NDArray[Any]) -> bytes:
 
 
 def fletcher32(data: bytes) -> int:
-    """Fletcher's checksum as HDF5 computes it, over big-endian words of 16 bits.
+    """Fletcher's checksum as HDF5 computes it, over big-endian words of 16 bits, of at most 2^25 bytes.
 
-    Parameters
-    ----------
-    data : bytes
-        At most 2^25 bytes; an odd last one is the high byte of a word.
-
-    Returns
-    -------
-    int
-        32 bits.
+    An odd last byte is the high one of a word.
 
     References
     ----------

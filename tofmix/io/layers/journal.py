@@ -163,21 +163,9 @@ def remove_journal(journal: Path) -> None:
 
 
 def open_journal(path: Path, header: bytes, shard: Shard = WHOLE) -> Journal:
-    """Open the journal of a run, or make it.
+    """Open the journal of a run at a `journal_path`, or make it with the header of the run and the part that it makes.
 
-    Parameters
-    ----------
-    path : Path
-        From `journal_path`.
-    header : bytes
-        Source and options of the run.
-    shard : Shard
-        Which part it makes.
-
-    Returns
-    -------
-    Journal
-        Its header and shard are those in the file, which may differ from the given ones.
+    Its header and shard are those in the file, which may differ from the given ones.
 
     Raises
     ------

@@ -42,28 +42,19 @@ def read_header_image(image: bytes, path: Path) -> tuple[Provenance, Grid]:
         return read_provenance(root, path), grid
 
 
-def write_provenance(root: h5py.File, provenance: Provenance) -> None:
+def write_provenance(root: h5py.File, provenance: Provenance | SurfacesProvenance) -> None:
     """Write it as root attributes, with a checksum; the sensor is written elsewhere."""
-    _write_texts(root, provenance)
-    root.attrs["frames_left_out"] = provenance.frames_left_out
-    if provenance.targets:
-        root.attrs["targets"] = provenance.targets
-    if provenance.has_amplitude:
-        root.attrs["has_amplitude"] = np.uint8(1)
-    root.attrs[_CHECKSUM] = np.uint32(_checksum(root))
-
-
-def write_surfaces_provenance(root: h5py.File, provenance: SurfacesProvenance) -> None:
-    """Write the source and options of surfaces, likewise."""
-    _write_texts(root, provenance)
-    root.attrs[_CHECKSUM] = np.uint32(_checksum(root))
-
-
-def _write_texts(root: h5py.File, provenance: Provenance | SurfacesProvenance) -> None:
     root.attrs["source"] = readable(provenance.source)
     root.attrs["source_sha256"] = provenance.source_sha256
     root.attrs["tofmix_version"] = provenance.version
     root.attrs["options"] = json.dumps(provenance.options, sort_keys=True)
+    if isinstance(provenance, Provenance):
+        root.attrs["frames_left_out"] = provenance.frames_left_out
+        if provenance.targets:
+            root.attrs["targets"] = provenance.targets
+        if provenance.has_amplitude:
+            root.attrs["has_amplitude"] = np.uint8(1)
+    root.attrs[_CHECKSUM] = np.uint32(_checksum(root))
 
 
 def _checksum(root: h5py.File) -> int:

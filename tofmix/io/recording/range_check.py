@@ -55,20 +55,13 @@ class FloatRecording(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RangeCheck:
-    """Statistics of the blocks.
+    """Statistics of the blocks."""
 
-    Parameters
-    ----------
-    samples, zeros : int
-        Samples that were looked at, and those of them that are exactly 0; none where as many lie within `NEAREST_MM` of
-        0, as the ranges of a surface at the fold do.
-    median : float or None
-        Of the valid samples other than 0, as they are stored; None without any.
-    """
-
+    # samples, zeros: Samples that were looked at, and those of them that are exactly 0; none where as many lie within
+    # `NEAREST_MM` of 0, as the ranges of a surface at the fold do.
     samples: int
     zeros: int
-    median: float | None
+    median: float | None  # of the valid samples other than 0, as they are stored; None without any
 
 
 def look(recording: FloatRecording) -> RangeCheck:

@@ -82,18 +82,14 @@ class ScratchRecording:
 def on_scratch(
     source: SampleSource, folder: Path, *, frames: slice, rows: slice, phasors: bool = False
 ) -> Iterator[ScratchRecording]:
-    """Lay a part of a recording out on disk, each stored chunk read once.
+    """Lay a part of a recording out on disk, each stored chunk read once; a sample takes 4 bytes in `folder`.
 
-    Parameters
-    ----------
-    source : SampleSource
-        The recording.
-    folder : Path
-        Folder with room for 4 bytes a sample.
-    frames, rows : slice
-        The part that will be read.
-    phasors : bool
-        Whether amplitudes will be read too, even if the noise curve does not need them.
+    With `phasors`, amplitudes will be read too, even if the noise curve does not need them.
+
+    Raises
+    ------
+    StorageError
+        If there is no room.
     """
     amplitudes = wanted_amplitudes(source, phasors=phasors)
     samples = len(range(rows.start, rows.stop)) * source.shape[0] * source.shape[2] * (2 if amplitudes else 1)

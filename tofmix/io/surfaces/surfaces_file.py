@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
 from tofmix.io import hdf5, sensor_group
-from tofmix.io.layers.provenance import read_surfaces_provenance, write_surfaces_provenance
+from tofmix.io.layers.provenance import read_surfaces_provenance, write_provenance
 from tofmix.io.result_file import ResultFile, open_result
 from tofmix.io.schema import (
     AXIS,
@@ -97,7 +97,7 @@ class SurfacesWriter(hdf5.FileWriter):
         self._surfaces = self._lines = 0
 
     def _begin(self, root: h5py.File) -> None:
-        write_surfaces_provenance(root, self._provenance)
+        write_provenance(root, self._provenance)
         for name, length in self._dims.items():
             hdf5.add_scale(root, name, length)
         root["axis"].attrs["long_name"] = "x to the right, y down, z away from the sensor"

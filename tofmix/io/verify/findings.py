@@ -18,7 +18,7 @@ from tofmix.arrays import BoolArray
 from tofmix.errors import BadInputError
 from tofmix.io import hdf5
 from tofmix.io.guard import guard
-from tofmix.io.guard.unpacking import FLETCHER32
+from tofmix.io.guard.unpacking import FLETCHER32, filters_of
 from tofmix.io.schema import Field
 
 
@@ -34,24 +34,12 @@ class Fault:
 
 @dataclass(slots=True)
 class Findings:
-    """Checked datasets, faults and notes.
+    """Checked datasets, faults and notes."""
 
-    Parameters
-    ----------
-    kind : str
-        Kind of the file.
-    checked : int
-        Datasets that were read whole.
-    faults : dict
-        Faults by dataset and rule.
-    notes : list of str
-        Remarks that are not faults.
-    """
-
-    kind: str
-    checked: int = 0
-    faults: dict[tuple[str, str], Fault] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
+    kind: str  # kind of the file
+    checked: int = 0  # datasets that were read whole
+    faults: dict[tuple[str, str], Fault] = field(default_factory=dict)  # faults by dataset and rule
+    notes: list[str] = field(default_factory=list)  # remarks that are not faults
 
     def add(self, name: str, text: str, *, first: str = "", count: int = 1) -> None:
         """Add places with a fault; the first report names the first place."""
@@ -128,20 +116,8 @@ def check_fields(
 ) -> None:
     """Check units and storage of the datasets that are there; no data are read.
 
-    Parameters
-    ----------
-    root : h5py.File
-        The file.
-    specs : iterable of Field
-        Declarations.
-    path : Path
-        Its path.
-    findings : Findings
-        Receives faults of a tofmix file, or notes on another program's.
-    ours : bool
-        Whether the file is marked as of a tofmix format; others need not have units.
-    group : str
-        Where the datasets are, as in ``truth/``.
+    Files of other programs, not `ours`, need not have units, and get notes in place of faults. `group` is where the
+    datasets are, as in ``truth/``.
     """
     for spec in specs:
         name = f"{group}{spec.name}"
@@ -157,8 +133,7 @@ def check_fields(
 
 def check_storage(dataset: h5py.Dataset, name: str, findings: Findings, *, ours: bool) -> None:
     """Check that each chunk of a dataset has a checksum, and that none is missing."""
-    plist = dataset.id.get_create_plist()
-    codes = [plist.get_filter(k)[0] for k in range(plist.get_nfilters())]
+    codes = filters_of(dataset.id)
     if FLETCHER32 not in codes:
         findings.note(name, "without checksum; a flipped bit would not be noticed", fault=False)
         return

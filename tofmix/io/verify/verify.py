@@ -28,18 +28,7 @@ from tofmix.wording import counted
 
 
 def verify(path: Path) -> Findings:
-    """Check a file, or a folder that `reconcile` wrote.
-
-    Parameters
-    ----------
-    path : Path
-        The file or folder.
-
-    Returns
-    -------
-    Findings
-        Its faults; also for a missing or unreadable file.
-    """
+    """Check a file, or a folder that `reconcile` wrote; a missing or unreadable one has faults too."""
     findings = Findings("unknown")
     with findings.errors(path):
         if path.is_dir():
