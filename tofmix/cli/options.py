@@ -26,7 +26,7 @@ class _Hdf5Path(_Path):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ANN401  as click has it
         path = super().convert(value, param, ctx)
-        if path.suffix.lower() in _OTHER_KINDS:
+        if _OTHER_KINDS.fullmatch(path.suffix):
             self.fail(
                 f"{path}: the file will be HDF5, so its name must not end in {path.suffix}; choose .h5.", param, ctx
             )
@@ -37,34 +37,9 @@ _PAIR = re.compile(r"\s*([0-9.eE+-]+)\s*[x,]\s*([0-9.eE+-]+)\s*")
 _MOST_DEG = 360.0, 180.0
 """Largest field of view, degrees: a whole turn, and from pole to pole."""
 
-_OTHER_KINDS = frozenset(
-    (
-        ".npy",
-        ".npz",
-        ".mat",
-        ".csv",
-        ".tsv",
-        ".txt",
-        ".png",
-        ".tif",
-        ".tiff",
-        ".bag",
-        ".mcap",
-        ".db3",
-        ".toml",
-        ".json",
-        ".geojson",
-        ".html",
-        ".yaml",
-        ".yml",
-        ".pgm",
-        ".las",
-        ".laz",
-        ".ply",
-        ".pcd",
-        ".obj",
-        ".svg",
-    )
+_OTHER_KINDS = re.compile(
+    r"\.(npy|npz|mat|csv|tsv|txt|png|tiff?|bag|mcap|db3|toml|json|geojson|html|ya?ml|pgm|la[sz]|ply|pcd|obj|svg)",
+    re.IGNORECASE,
 )
 """Ends of names of all that tofmix reads or writes and that is no HDF5."""
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tofmix.errors import BadInputError
-from tofmix.flags import Status, status_name
+from tofmix.flags import status_name
 from tofmix.layers import Layers
 from tofmix.report.comparison.window_difference import WindowDifference, compare_windows
 from tofmix.report.sources import LayersSource
@@ -206,16 +206,11 @@ def _pixel(window: int, place: tuple[int, int], a: Layers, b: Layers, gap_errors
         row=place[0],
         col=place[1],
         surfaces=counts,
-        status=(_status(a, place), _status(b, place)),
+        status=(status_name(int(a.status[place])), status_name(int(b.status[place]))),
         range_a_mm=_ranges(a, place),
         range_b_mm=_ranges(b, place),
         gap_errors=gap_errors if known else None,
     )
-
-
-def _status(layers: Layers, place: tuple[int, int]) -> str:
-    value = int(layers.status[place])
-    return status_name(value) if value in tuple(Status) else f"status_{value}"
 
 
 def _ranges(layers: Layers, place: tuple[int, int]) -> tuple[float | None, ...]:

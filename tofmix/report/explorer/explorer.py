@@ -12,7 +12,7 @@ import numpy as np
 from tofmix.flags import STATUS_MEANINGS, Status, status_name
 from tofmix.layers import Layers, Provenance
 from tofmix.recording import SampleSource
-from tofmix.report.averaging import AveragedImage, average_layers, average_samples
+from tofmix.report.averaging import AveragedImage, average_window
 from tofmix.report.explorer.limits import DEFAULT_LIMITS, PageLimits
 from tofmix.report.explorer.packing import pack_numbers
 from tofmix.report.explorer.sample_packing import PackedSamples, pack_samples
@@ -152,12 +152,8 @@ def _pack_window(
 ) -> dict[str, Any]:
     start, stop = int(layers_file.window_start[number]), int(layers_file.window_stop[number])
     if known is None:
-        layers, circle_mm = layers_file.read_window(number), layers_file.provenance.unambiguous_range_mm
-        mean = (
-            average_layers(layers, unambiguous_range_mm=circle_mm)
-            if recording is None
-            else average_samples(recording, start=start, stop=stop, unambiguous_range_mm=circle_mm)
-        )
+        layers = layers_file.read_window(number)
+        mean = average_window(layers_file, number, layers, recording)
     else:
         layers, mean = known
     arrays = {name: (getattr(layers, name), unit) for name, unit in _PIXEL_UNITS.items()}

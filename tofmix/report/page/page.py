@@ -13,7 +13,7 @@ from tofmix.errors import UsageError
 from tofmix.layers import Provenance
 from tofmix.optics.projection import projection_values
 from tofmix.recording import SampleSource
-from tofmix.report.averaging import AveragedImage, average_layers, average_samples
+from tofmix.report.averaging import AveragedImage, average_window
 from tofmix.report.page.templates import load_template, read_part
 from tofmix.report.pixels.single_pixels import SinglePixels, single_pixels
 from tofmix.report.sources import LayersSource
@@ -75,12 +75,7 @@ def render_page(
     layers = layers_file.read_window(window)
     frames = int(layers_file.window_start[window]), int(layers_file.window_stop[window])
     provenance = layers_file.provenance
-    circle_mm = provenance.unambiguous_range_mm
-    averaged = (
-        average_layers(layers, unambiguous_range_mm=circle_mm)
-        if recording is None
-        else average_samples(recording, start=frames[0], stop=frames[1], unambiguous_range_mm=circle_mm)
-    )
+    averaged = average_window(layers_file, window, layers, recording)
     summary = summary or summarise(layers_file)
     pictures = import_module("tofmix.report.figures.pictures")
     rasters = import_module("tofmix.report.figures.rasters")
