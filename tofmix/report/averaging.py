@@ -91,22 +91,10 @@ def average_samples(
 
 
 def average_layers(layers: Layers, *, unambiguous_range_mm: float | None = None) -> AveragedImage:
-    """Average the layers of each pixel by their shares, sum(w r) / sum(w); on a circle, by their directions.
+    """Average the layers (row, col) of each pixel by their shares, sum(w r) / sum(w); on a circle, by their directions.
 
     Use it without the recording. It has the comet tail, but neither the samples without a return nor the weighting by
-    amplitude.
-
-    Parameters
-    ----------
-    layers : Layers
-        Of the leading shape (row, col).
-    unambiguous_range_mm : float, optional
-        Length of the circle that the layers are on, mm.
-
-    Returns
-    -------
-    AveragedImage
-        (row, col), NaN where there is no layer.
+    amplitude. The image is NaN where there is no layer.
     """
     weight = np.where(np.isfinite(layers.range), layers.weight, 0.0).astype(np.float64)
     range_mm = np.where(np.isfinite(layers.range), layers.range, 0.0).astype(np.float64)

@@ -95,7 +95,7 @@ def common_circle(a: LayersSource, b: LayersSource) -> float | None:
 
 
 def compare(a: LayersSource, b: LayersSource, *, tolerance: float = 3.0, shown_pixels: int = 20) -> Comparison:
-    """Compare two layers files.
+    """Compare all windows of two layers files.
 
     Parameters
     ----------
@@ -105,11 +105,6 @@ def compare(a: LayersSource, b: LayersSource, *, tolerance: float = 3.0, shown_p
         Largest difference of equal ranges, in combined standard errors, at least 0.
     shown_pixels : int
         Pixels that are listed, the most different first.
-
-    Returns
-    -------
-    Comparison
-        Over all windows.
 
     Raises
     ------

@@ -70,27 +70,10 @@ def make_explorer(
     scale: tuple[float, float],
     limits: PageLimits = DEFAULT_LIMITS,
 ) -> Explorer | None:
-    """Pack windows for the page.
+    """Pack windows for the page; None for an image of more than `limits.image_pixels`.
 
-    Parameters
-    ----------
-    layers_file : LayersSource
-        The file.
-    recording : SampleSource, optional
-        Source of the layers; without it there are no samples.
-    window : int
-        The window shown first.
-    layers, averaged : Layers, AveragedImage
-        Of that window.
-    scale : (float, float)
-        Limits of the colours, mm.
-    limits : PageLimits
-        How much a page holds.
-
-    Returns
-    -------
-    Explorer or None
-        None for an image of more than `limits.image_pixels`.
+    `window` is shown first, with its `layers` and `averaged` image; `scale` are the limits of the colours, mm. Without
+    a `recording` there are no samples.
     """
     if layers.n_modes.size > limits.image_pixels:
         return None

@@ -39,7 +39,7 @@ def render_page(
     surfaces: WindowSurfaces | None = None,
     first_surface: int = 0,
 ) -> str:
-    """Render the page of a layers file.
+    """Render the page of a layers file as HTML; the same input gives the same text.
 
     Parameters
     ----------
@@ -49,19 +49,10 @@ def render_page(
         Source of the layers, for the averaged image; without it that image is the mean of the layers.
     window : int
         The window of the pictures, from 0.
-    summary : Summary, optional
-        From `summarise`, if available; otherwise all windows are read for it.
-    singles : SinglePixels, optional
-        From `single_pixels` of this window, if available.
-    surfaces : WindowSurfaces, optional
-        Surfaces of this window; without it the page has no part about them.
-    first_surface : int
-        Number of the first of them.
-
-    Returns
-    -------
-    str
-        HTML. The same input gives the same text.
+    summary, singles : Summary, SinglePixels, optional
+        From `summarise` and from `single_pixels` of this window; without them they are made.
+    surfaces, first_surface : WindowSurfaces, int, optional
+        Surfaces of this window, and the number of the first; without them the page has no part about surfaces.
     """
     n_windows, rows, cols = layers_file.shape
     if not 0 <= window < n_windows:

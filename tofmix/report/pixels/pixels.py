@@ -286,6 +286,11 @@ def grow_density(
         Length of the circle that ranges are on, mm.
     shares : tuple of float
         Shares of the samples at which the density is kept, 0 to 1, as in docs/results/paper.md.
+
+    Raises
+    ------
+    ValueError
+        If a noise curve, a working range or a sample is missing, or the circle is too short.
     """
     if samples_mm.size == 0:
         raise ValueError("the pixel has no valid sample")

@@ -46,14 +46,9 @@ def has_more_than_a_curve(sensor: Sensor) -> bool:
 
 
 def noise_numbers(sensor: Sensor, widths: ValueCounts | None = None) -> NoiseNumbers | None:
-    """The numbers of a sensor's noise; None where it is a Gaussian of a curve, or there is no curve.
+    """The numbers of a sensor's noise, with the pixels' own widths.
 
-    Parameters
-    ----------
-    sensor : Sensor
-        Of a layers file.
-    widths : ValueCounts, optional
-        The pixels' own widths.
+    None where it is a Gaussian of a curve, or there is no curve.
     """
     curve, learnt = sensor.noise, sensor.learnt
     if curve is None or not has_more_than_a_curve(sensor):
