@@ -1,11 +1,12 @@
 """Counts with their nouns, and numbers without a sign that says nothing."""
 
+import math
 import re
 from pathlib import Path
 
 import pytest
 
-from tofmix.wording import counted, number
+from tofmix.wording import counted, finite_or_none, number, rounded
 
 PACKAGE = Path(__file__).parents[1] / "tofmix"
 
@@ -34,6 +35,19 @@ def test_one_is_singular_and_all_else_plural() -> None:
 )
 def test_zero_has_no_sign(value: float, form: str, text: str) -> None:
     assert number(value, form) == text
+
+
+def test_number_that_is_missing_has_the_text_for_it_and_a_whole_zero_no_digits() -> None:
+    assert number(None, ".2f") == "-"
+    assert number(None, missing="none") == "none"
+    assert number(0, ",") == "0"
+
+
+def test_values_for_json_are_finite_and_rounded_without_a_negative_zero() -> None:
+    assert [finite_or_none(value) for value in (math.nan, math.inf, 1.5, "nan", 2)] == [None, None, 1.5, "nan", 2]
+    assert rounded(1.23456789) == 1.23457
+    assert rounded(1234.5, 2) == 1200.0
+    assert math.copysign(1.0, rounded(-0.0)) == 1.0
 
 
 def test_only_counted_makes_plurals() -> None:

@@ -47,10 +47,10 @@ MIXING_MEANINGS: dict[Mixing, str] = {
 
 
 def mixing_name(value: int) -> str:
-    """``one_surface`` for 0 and so on, as in the files' ``flag_meanings``."""
-    return Mixing(value).name.lower()
+    """``one_surface`` for 0 and so on, as in the files' ``flag_meanings``; ``mixing_9`` for a value without a name."""
+    return Mixing(value).name.lower() if value in tuple(Mixing) else f"mixing_{value}"
 
 
 def status_name(value: int) -> str:
-    """``too_few_samples`` for 1 and so on, as in the files' ``flag_meanings``."""
-    return Status(value).name.lower()
+    """``too_few_samples`` for 1 and so on, as in the files' ``flag_meanings``; ``status_9`` without a name."""
+    return Status(value).name.lower() if value in tuple(Status) else f"status_{value}"

@@ -54,7 +54,7 @@ def finite_or_none(value: object) -> Any:  # noqa: ANN401  a value of any type, 
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def rounded(value: float, digits: int) -> float:
+def rounded(value: float, digits: int = 6) -> float:
     """A number with so many significant digits; never -0."""
     return float(f"{value:.{digits}g}") + 0.0
 

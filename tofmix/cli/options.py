@@ -31,7 +31,7 @@ class _Hdf5Path(_Path):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ANN401  as click has it
         path = super().convert(value, param, ctx)
-        if path.suffix.lower() in _OTHER_KINDS:
+        if _OTHER_KINDS.fullmatch(path.suffix):
             self.fail(
                 f"{path}: the file will be HDF5, so its name must not end in {path.suffix}; choose .h5.", param, ctx
             )
@@ -42,34 +42,9 @@ _PAIR = re.compile(r"\s*([0-9.eE+-]+)\s*[x,]\s*([0-9.eE+-]+)\s*")
 _MOST_DEG = 360.0, 180.0
 """Largest field of view, degrees: a whole turn, and from pole to pole."""
 
-_OTHER_KINDS = frozenset(
-    (
-        ".npy",
-        ".npz",
-        ".mat",
-        ".csv",
-        ".tsv",
-        ".txt",
-        ".png",
-        ".tif",
-        ".tiff",
-        ".bag",
-        ".mcap",
-        ".db3",
-        ".toml",
-        ".json",
-        ".geojson",
-        ".html",
-        ".yaml",
-        ".yml",
-        ".pgm",
-        ".las",
-        ".laz",
-        ".ply",
-        ".pcd",
-        ".obj",
-        ".svg",
-    )
+_OTHER_KINDS = re.compile(
+    r"\.(npy|npz|mat|csv|tsv|txt|png|tiff?|bag|mcap|db3|toml|json|geojson|html|ya?ml|pgm|la[sz]|ply|pcd|obj|svg)",
+    re.IGNORECASE,
 )
 """Ends of names of all that tofmix reads or writes and that is no HDF5."""
 
@@ -157,15 +132,8 @@ def default_workers() -> int:
 def nearer_of(**values: Any) -> tuple[Any, ...]:  # noqa: ANN401  values of any options
     """Values of options that exclude one another: those of the environment give way to those of the command line.
 
-    Parameters
-    ----------
-    **values
-        Values of the running command's parameters, by name; None where one is not given.
-
-    Returns
-    -------
-    tuple
-        The same values in their order, None in place of each that gives way.
+    `values` are those of the running command's parameters, by name. They return in their order, None in place of each
+    that is not given or gives way.
     """
     context = click.get_current_context()
     line = click.core.ParameterSource.COMMANDLINE
@@ -174,15 +142,7 @@ def nearer_of(**values: Any) -> tuple[Any, ...]:  # noqa: ANN401  values of any 
 
 
 def only_one_of(what: str, **values: Any) -> tuple[Any, ...]:  # noqa: ANN401  values of any options
-    """Values of options that set the same, of which one may be given; as `nearer_of` has them.
-
-    Parameters
-    ----------
-    what : str
-        What they set, for the error.
-    **values
-        Values of the running command's parameters, by name; None where one is not given.
-    """
+    """Values of options that set the same, `what`, of which one may be given; as `nearer_of` has them."""
     nearer = nearer_of(**values)
     given = [f"--{name.replace('_', '-')}" for name, value in zip(values, nearer, strict=True) if value is not None]
     if others := given[1:]:
@@ -194,16 +154,8 @@ def only_one_of(what: str, **values: Any) -> tuple[Any, ...]:  # noqa: ANN401  v
 def give_way(values: dict[str, Any], ruling: str, others: Iterable[str]) -> dict[str, Any]:
     """Values in which an option of the environment gives way to one of the command line that excludes it.
 
-    What gives way has its default, and counts as not given.
-
-    Parameters
-    ----------
-    values : dict
-        Values of the running command's parameters, by name.
-    ruling : str
-        Name of the parameter that excludes others.
-    others : iterable of str
-        Their names.
+    What gives way has its default, and counts as not given. `values` are those of the running command's parameters, by
+    name; the parameter `ruling` excludes the `others`.
     """
     context, others = click.get_current_context(), tuple(others)
     line, environment = click.core.ParameterSource.COMMANDLINE, click.core.ParameterSource.ENVIRONMENT

@@ -12,7 +12,7 @@ from tofmix.reconciliation.workflow import NamedEffect, Reconciliation
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.stuck_pixels import StuckPixels
-from tofmix.wording import counted, number
+from tofmix.wording import counted, number, rounded
 
 _TITLES = {
     "agree": "Simulation and measurement agree",
@@ -61,7 +61,7 @@ def headline(result: Reconciliation) -> str:
 def in_words(effect: Effect) -> str:
     """The sentence of an effect, its numbers with four digits."""
     numbers = {name: getattr(effect, name) for name in effect.parameters()}
-    short = {name: float(f"{value:.4g}") + 0.0 for name, value in numbers.items() if isinstance(value, float)}
+    short = {name: rounded(value, 4) for name, value in numbers.items() if isinstance(value, float)}
     return replace(effect, **short).explain()
 
 

@@ -32,6 +32,7 @@ from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.parameter import PixelMap
 from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 from tofmix.simulation.model import Model
+from tofmix.wording import rounded
 
 DONE = ("agree", "explained")
 """Verdicts after which no further search runs."""
@@ -68,7 +69,7 @@ class NamedEffect:
                 continue
             values[name] = value.path if isinstance(value, PixelMap) else value
             if isinstance(value, float | int):
-                values[name] = float(f"{float(value):.8g}") + 0.0
+                values[name] = rounded(float(value), 8)
         return values if "map" not in values else {"map": values["map"]}
 
 
@@ -137,16 +138,16 @@ class Reconciliation:
             "where": [_place(p) | self._in_recording(p.recording) for p in self.where],
             "left": [_place(p) | self._in_recording(p.recording) for p in self.left],
             "candidates": [
-                {"kind": c.kind, "heldout_gain_nats": _short(c.gain), "parameters": c.parameters}
+                {"kind": c.kind, "heldout_gain_nats": rounded(c.gain), "parameters": c.parameters}
                 for c in self.candidates
             ],
             "aliases": [_alias(group) for group in self.aliases],
             "panel": [line | self._in_recording(number) for number, line in _panel(v.before, v.after, v.floor)],
             "gap": {
-                "before": _short(v.before.gap),
-                "after": _short(v.after.gap),
-                "floor": _short(v.floor.gap),
-                "closed": None if v.closed is None else _short(v.closed),
+                "before": rounded(v.before.gap),
+                "after": rounded(v.after.gap),
+                "floor": rounded(v.floor.gap),
+                "closed": None if v.closed is None else rounded(v.closed),
             },
             "next_steps": list(self.next_steps),
         }
@@ -156,7 +157,7 @@ class Reconciliation:
             "kind": named.effect.kind,
             "parameters": named.parameters,
             "stderr": _rounded(named.stderr),
-            "heldout_gain_nats": _short(named.heldout_gain_nats),
+            "heldout_gain_nats": rounded(named.heldout_gain_nats),
         }
         return said | ({"recordings": [k + 1 for k in named.recordings]} if len(self.models) > 1 else {})
 
@@ -177,7 +178,7 @@ def _alias(alias: Alias) -> dict[str, Any]:
     sets = [[{"kind": kind} | ({"surface": of} if of else {}) for kind, of in named] for named in alias.sets]
     return {
         "kinds": alias.kinds,
-        "gains": [_short(g) for g in alias.gains],
+        "gains": [rounded(g) for g in alias.gains],
         "separate_by": alias.separate_by,
         "effects": sets,
     }
@@ -186,11 +187,11 @@ def _alias(alias: Alias) -> dict[str, Any]:
 def _place(place: Place) -> dict[str, Any]:
     return {
         "axis": place.axis,
-        "interval": [_short(x) for x in place.interval],
+        "interval": [rounded(x) for x in place.interval],
         "statistic": place.statistic,
-        "size": _short(place.size),
+        "size": rounded(place.size),
         "unit": place.unit,
-        "p_value": float(f"{place.p_value:.3g}"),
+        "p_value": rounded(place.p_value, 3),
     }
 
 
@@ -202,21 +203,17 @@ def _panel(before: Compared, after: Compared, floor: Compared) -> list[tuple[int
             {
                 "statistic": c.statistic,
                 "axis": c.axis,
-                "before": _short(c.distance),
-                "after": _short(now.get(c.name, 1.0)),
-                "floor": _short(chance.get(c.name, 1.0)),
+                "before": rounded(c.distance),
+                "after": rounded(now.get(c.name, 1.0)),
+                "floor": rounded(chance.get(c.name, 1.0)),
             },
         )
         for c in before.curves
     ]
 
 
-def _short(value: float) -> float:
-    return float(f"{value:.6g}") + 0.0  # never -0
-
-
 def _rounded(values: dict[str, float]) -> dict[str, float]:
-    return {name: float(f"{v:.3g}") + 0.0 for name, v in values.items()}
+    return {name: rounded(v, 3) for name, v in values.items()}
 
 
 def reconcile(

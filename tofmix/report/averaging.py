@@ -15,7 +15,8 @@ from tofmix.circle import fold
 from tofmix.errors import UsageError
 from tofmix.layers import Layers
 from tofmix.optics.ranging import unambiguous_range_mm
-from tofmix.recording import AmplitudeSource, SampleSource, samples_a_frame
+from tofmix.recording import AmplitudeSource, SampleSource, amplitude_source, samples_a_frame
+from tofmix.report.sources import LayersSource
 
 
 class Averaging(StrEnum):
@@ -79,7 +80,7 @@ def average_samples(
             " pass the one the layers were made from"
         )
     start, stop = start * each, stop * each
-    amplitudes = _amplitudes(recording)
+    amplitudes = None if recording.sensor.modulation_frequency_hz is None else amplitude_source(recording)
     band, depth = _block(recording, stop - start, block_samples)
     range_mm = np.empty((rows, cols))
     for row in range(0, rows, band):
@@ -90,22 +91,10 @@ def average_samples(
 
 
 def average_layers(layers: Layers, *, unambiguous_range_mm: float | None = None) -> AveragedImage:
-    """Average the layers of each pixel by their shares, sum(w r) / sum(w); on a circle, by their directions.
+    """Average the layers (row, col) of each pixel by their shares, sum(w r) / sum(w); on a circle, by their directions.
 
     Use it without the recording. It has the comet tail, but neither the samples without a return nor the weighting by
-    amplitude.
-
-    Parameters
-    ----------
-    layers : Layers
-        Of the leading shape (row, col).
-    unambiguous_range_mm : float, optional
-        Length of the circle that the layers are on, mm.
-
-    Returns
-    -------
-    AveragedImage
-        (row, col), NaN where there is no layer.
+    amplitude. The image is NaN where there is no layer.
     """
     weight = np.where(np.isfinite(layers.range), layers.weight, 0.0).astype(np.float64)
     range_mm = np.where(np.isfinite(layers.range), layers.range, 0.0).astype(np.float64)
@@ -118,11 +107,15 @@ def average_layers(layers: Layers, *, unambiguous_range_mm: float | None = None)
     return AveragedImage(range_mm=_ratio((weight * range_mm).sum(axis=-1), total), averaging=Averaging.LAYERS)
 
 
-def _amplitudes(recording: SampleSource) -> AmplitudeSource | None:
-    """Return the recording if it has the data for phasors."""
-    if recording.sensor.modulation_frequency_hz is None or not isinstance(recording, AmplitudeSource):
-        return None
-    return recording if recording.has_amplitude else None
+def average_window(
+    layers_file: LayersSource, window: int, layers: Layers, recording: SampleSource | None
+) -> AveragedImage:
+    """Average the samples of a window of a file, or its layers where there is no recording."""
+    circle_mm = layers_file.provenance.unambiguous_range_mm
+    if recording is None:
+        return average_layers(layers, unambiguous_range_mm=circle_mm)
+    start, stop = int(layers_file.window_start[window]), int(layers_file.window_stop[window])
+    return average_samples(recording, start=start, stop=stop, unambiguous_range_mm=circle_mm)
 
 
 def _block(recording: SampleSource, n_frames: int, block_samples: int) -> tuple[int, int]:

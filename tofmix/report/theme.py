@@ -105,14 +105,7 @@ def drawing(theme: Theme) -> Iterator[None]:
 
 
 def drawn(draw: Callable[[Theme], Figure], kind: Format) -> tuple[str, str, tuple[int, int]]:
-    """Draw a picture in both themes.
-
-    Parameters
-    ----------
-    draw : callable
-        Makes the figure in the colours of a theme.
-    kind : {"png", "svg"}
-        PNG for images, SVG for curves.
+    """Draw a picture in both themes: PNG for images, SVG for curves.
 
     Returns
     -------

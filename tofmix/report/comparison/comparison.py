@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tofmix.errors import BadInputError
-from tofmix.flags import Status, status_name
+from tofmix.flags import status_name
 from tofmix.layers import Layers
 from tofmix.report.comparison.window_difference import WindowDifference, compare_windows
 from tofmix.report.sources import LayersSource
@@ -95,7 +95,7 @@ def common_circle(a: LayersSource, b: LayersSource) -> float | None:
 
 
 def compare(a: LayersSource, b: LayersSource, *, tolerance: float = 3.0, shown_pixels: int = 20) -> Comparison:
-    """Compare two layers files.
+    """Compare all windows of two layers files.
 
     Parameters
     ----------
@@ -105,11 +105,6 @@ def compare(a: LayersSource, b: LayersSource, *, tolerance: float = 3.0, shown_p
         Largest difference of equal ranges, in combined standard errors, at least 0.
     shown_pixels : int
         Pixels that are listed, the most different first.
-
-    Returns
-    -------
-    Comparison
-        Over all windows.
 
     Raises
     ------
@@ -206,16 +201,11 @@ def _pixel(window: int, place: tuple[int, int], a: Layers, b: Layers, gap_errors
         row=place[0],
         col=place[1],
         surfaces=counts,
-        status=(_status(a, place), _status(b, place)),
+        status=(status_name(int(a.status[place])), status_name(int(b.status[place]))),
         range_a_mm=_ranges(a, place),
         range_b_mm=_ranges(b, place),
         gap_errors=gap_errors if known else None,
     )
-
-
-def _status(layers: Layers, place: tuple[int, int]) -> str:
-    value = int(layers.status[place])
-    return status_name(value) if value in tuple(Status) else f"status_{value}"
 
 
 def _ranges(layers: Layers, place: tuple[int, int]) -> tuple[float | None, ...]:

@@ -18,23 +18,9 @@ if TYPE_CHECKING:
 def render_comparison(
     a: LayersSource, b: LayersSource, *, comparison: Comparison, window: int | None, names: tuple[str, str]
 ) -> str:
-    """Render the page of two layers files.
+    """Render the page of two layers files as HTML; the same input gives the same text.
 
-    Parameters
-    ----------
-    a, b : LayersSource
-        The files.
-    comparison : Comparison
-        Of these two.
-    window : int, optional
-        The window of the pictures; the one with most differences without it.
-    names : (str, str)
-        Names of the files.
-
-    Returns
-    -------
-    str
-        HTML. The same input gives the same text.
+    The pictures are of `window`, or of the window with most differences.
     """
     template = load_template("comparison/comparison.html")
     drawings = import_module("tofmix.report.comparison.pictures")

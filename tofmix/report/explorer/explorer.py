@@ -12,7 +12,7 @@ import numpy as np
 from tofmix.flags import STATUS_MEANINGS, Status, status_name
 from tofmix.layers import Layers, Provenance
 from tofmix.recording import SampleSource
-from tofmix.report.averaging import AveragedImage, average_layers, average_samples
+from tofmix.report.averaging import AveragedImage, average_window
 from tofmix.report.explorer.limits import DEFAULT_LIMITS, PageLimits
 from tofmix.report.explorer.packing import pack_numbers
 from tofmix.report.explorer.sample_packing import PackedSamples, pack_samples
@@ -70,27 +70,10 @@ def make_explorer(
     scale: tuple[float, float],
     limits: PageLimits = DEFAULT_LIMITS,
 ) -> Explorer | None:
-    """Pack windows for the page.
+    """Pack windows for the page; None for an image of more than `limits.image_pixels`.
 
-    Parameters
-    ----------
-    layers_file : LayersSource
-        The file.
-    recording : SampleSource, optional
-        Source of the layers; without it there are no samples.
-    window : int
-        The window shown first.
-    layers, averaged : Layers, AveragedImage
-        Of that window.
-    scale : (float, float)
-        Limits of the colours, mm.
-    limits : PageLimits
-        How much a page holds.
-
-    Returns
-    -------
-    Explorer or None
-        None for an image of more than `limits.image_pixels`.
+    `window` is shown first, with its `layers` and `averaged` image; `scale` are the limits of the colours, mm. Without
+    a `recording` there are no samples.
     """
     if layers.n_modes.size > limits.image_pixels:
         return None
@@ -152,12 +135,8 @@ def _pack_window(
 ) -> dict[str, Any]:
     start, stop = int(layers_file.window_start[number]), int(layers_file.window_stop[number])
     if known is None:
-        layers, circle_mm = layers_file.read_window(number), layers_file.provenance.unambiguous_range_mm
-        mean = (
-            average_layers(layers, unambiguous_range_mm=circle_mm)
-            if recording is None
-            else average_samples(recording, start=start, stop=stop, unambiguous_range_mm=circle_mm)
-        )
+        layers = layers_file.read_window(number)
+        mean = average_window(layers_file, number, layers, recording)
     else:
         layers, mean = known
     arrays = {name: (getattr(layers, name), unit) for name, unit in _PIXEL_UNITS.items()}

@@ -9,10 +9,11 @@ function drawn(name, attributes, text) {
   return element;
 }
 
-function roundTicks(low, high, most) {
+/** Round numbers within limits; of an axis of pixels whole ones. */
+function roundTicks(low, high, most, ofPixels = false) {
   const rough = (high - low) / most;
   const power = 10 ** Math.floor(Math.log10(rough));
-  const step = power * [1, 2, 2.5, 5, 10].find((factor) => factor * power >= rough);
+  const step = [1, 2, 2.5, 5, 10].map((factor) => factor * power).find((round) => round >= rough && (!ofPixels || Number.isInteger(round)));
   const ticks = [];
   for (let k = Math.ceil(low / step); k * step <= high + 1e-9 * step; k++) ticks.push(k * step);
   return ticks;
@@ -41,7 +42,7 @@ class Plot {
 
   axes(xLabel, yLabel) {
     const { left, right, top, bottom, svg } = this;
-    for (const tick of roundTicks(...this.limits.x, 7)) {
+    for (const tick of roundTicks(...this.limits.x, 7, ["row", "column"].includes(xLabel))) {
       svg.append(drawn("line", { class: "grid", x1: this.x(tick), x2: this.x(tick), y1: top, y2: bottom }));
       svg.append(drawn("text", { x: this.x(tick), y: bottom + 16, "text-anchor": "middle" }, told(tick)));
     }

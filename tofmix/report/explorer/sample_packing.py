@@ -64,14 +64,9 @@ def pack_samples(
     windows : int
         Windows that share the limit of samples.
     limits : PageLimits
-        How much a page holds.
+        How much a page holds. None returns where fewer than `limits.least_frames` samples a pixel would fit.
     block_samples : int
         Samples read at once, at 4 bytes each. It changes no value.
-
-    Returns
-    -------
-    PackedSamples or None
-        None where the image is so large that fewer than `limits.least_frames` samples a pixel would fit.
     """
     each = samples_a_frame(recording)
     start, stop = start * each, stop * each

@@ -31,7 +31,7 @@ def range_histogram(layers: Layers, *, theme: Theme, bins: int = 80) -> Figure:
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
     margin = max(1.0, 0.02 * (high - low))
     edges = np.linspace(low - margin, high + margin, bins + 1)
-    figure, axes = _curve_axes("range (mm)", "pixels")
+    figure, axes = curve_axes("range (mm)", "pixels")
     _layer_steps(axes, np.asarray(layers.range, dtype=np.float64), edges, theme)
     figure.legend(loc="outside upper center", ncols=4, columnspacing=1.0)
     return figure
@@ -43,7 +43,7 @@ def weight_histogram(layers: Layers, *, theme: Theme, bins: int = 25) -> Figure:
     `bins` are those of the axis of shares.
     """
     edges = np.linspace(0.0, 1.0, bins + 1)
-    figure, axes = _curve_axes("share of the beam (1)", "pixels")
+    figure, axes = curve_axes("share of the beam (1)", "pixels")
     # A share of 1 + rounding belongs into the last bin.
     _layer_steps(axes, np.clip(np.asarray(layers.weight, dtype=np.float64), 0.0, 1.0), edges, theme)
     no_return = np.clip(layers.weight_no_return[np.isfinite(layers.weight_no_return)], 0.0, 1.0)
@@ -69,7 +69,7 @@ def sigma_figure(layers: Layers, *, curve: NoiseCurve | None, theme: Theme, bins
     known = np.isfinite(layers.range) & np.isfinite(layers.sigma)
     range_mm = layers.range[known].astype(np.float64)
     sigma_mm = layers.sigma[known].astype(np.float64)
-    figure, axes = _curve_axes("range (mm)", "sigma (mm)", log=False)
+    figure, axes = curve_axes("range (mm)", "sigma (mm)", log=False)
     low, high = (float(range_mm.min()), float(range_mm.max())) if range_mm.size else (0.0, 1.0)
     margin = max(1.0, 0.05 * (high - low))
     grid = np.linspace(low - margin, high + margin, 200)
@@ -107,7 +107,7 @@ def gap_histogram(gap_errors: FloatArray, *, tolerance: float, theme: Theme, lea
     """
     finite = gap_errors[np.isfinite(gap_errors)]
     most = max(least_errors, 1.3 * tolerance)
-    figure, axes = _curve_axes("range in B minus range in A (combined standard errors)", "layers")
+    figure, axes = curve_axes("range in B minus range in A (combined standard errors)", "layers")
     edges = np.linspace(-most, most, _GAP_BINS + 1)
     counts = np.histogram(finite, edges)[0]
     axes.stairs(counts, edges, baseline=None, color=theme.layers[0], linewidth=1.8, label="layers")
@@ -131,7 +131,8 @@ def gap_histogram(gap_errors: FloatArray, *, tolerance: float, theme: Theme, lea
     return figure
 
 
-def _curve_axes(xlabel: str, ylabel: str, *, log: bool = True) -> tuple[Figure, Axes]:
+def curve_axes(xlabel: str, ylabel: str, *, log: bool = True) -> tuple[Figure, Axes]:
+    """Axes with a grid, the vertical one logarithmic, in a figure of the size of all histograms."""
     figure = Figure(figsize=_HISTOGRAM_INCH, layout="constrained")
     axes = figure.add_subplot(xlabel=xlabel, ylabel=ylabel)
     if log:

@@ -27,27 +27,9 @@ def pixel_figure(
     unambiguous_range_mm: float | None = None,
     plane: PhasorPlane | None = None,
 ) -> bytes:
-    """Draw neighbouring pixels, or how the density of the first one grew; see `tofmix.report.pixels.pixel_figures`.
+    """Draw neighbouring pixels, or how the density of the first one grew over its layers, as a file.
 
-    Parameters
-    ----------
-    views : list of PixelView
-        The pixels.
-    noise : NoiseCurve, optional
-        sigma(r).
-    growth : GrowingDensity, optional
-        Draw this instead, over the layers of ``views[0]``.
-    kind : {"png", "svg"}
-        Format.
-    unambiguous_range_mm : float, optional
-        Length of the circle that ranges are on, mm.
-    plane : PhasorPlane, optional
-        One of the pixels in the complex plane, drawn below the neighbouring pixels.
-
-    Returns
-    -------
-    bytes
-        The file; the same input gives the same bytes.
+    The parameters are those of `tofmix.report.pixels.pixel_figures`; the same input gives the same bytes.
     """
     try:
         drawings = import_module("tofmix.report.pixels.pixel_figures")

@@ -3,18 +3,17 @@
 import math
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from tofmix.arrays import FloatArray
 from tofmix.noise_shape import NoiseShape
+from tofmix.report.figures.curves import curve_axes
 from tofmix.report.pixels.single_pixels import SinglePixels
 from tofmix.report.theme import Theme
 from tofmix.sensor import NoiseCurve
 from tofmix.wording import counted
 
-_INCH = (5.0, 3.3)  # width and height
 _PLACES = 400  # points of a drawn curve
 
 _LEAST_DENSITY = 1.0e-5
@@ -29,7 +28,7 @@ def curve_figure(curve: NoiseCurve, singles: SinglePixels, *, theme: Theme, most
 
     Pixels wider than `most_medians` times the median are above the view, unless the curve is there.
     """
-    figure, axes = _axes("range (mm)", "sigma (mm)")
+    figure, axes = curve_axes("range (mm)", "sigma (mm)", log=False)
     seen = singles.range_mm if singles.range_mm.size else curve.range_mm
     low, high = float(seen.min()), float(seen.max())
     margin = max(1.0, 0.05 * (high - low))
@@ -66,7 +65,7 @@ def shape_figure(shape: NoiseShape, singles: SinglePixels, *, theme: Theme, bins
 
     `bins` are those of the errors of the samples.
     """
-    figure, axes = _axes("error (sigma)", "density (1/sigma)")
+    figure, axes = curve_axes("error (sigma)", "density (1/sigma)", log=False)
     low, high = _reach(shape)
     z = np.linspace(low, high, _PLACES)
     density, gaussian = shape.pdf(z), np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
@@ -94,7 +93,7 @@ def width_figure(
 
     `bins` are those of log width, which is drawn to `least_log_width` at least to either side of 0.
     """
-    figure, axes = _axes("own width (1)", "pixels")
+    figure, axes = curve_axes("own width (1)", "pixels", log=False)
     log_width = np.log(widths)
     reach = max(least_log_width, 4.0 * spread, float(np.abs(log_width).max(initial=0.0)) * 1.05)
     edges = np.linspace(-reach, reach, bins + 1)
@@ -129,12 +128,3 @@ def _width_ticks(reach: float) -> list[float]:
     if len(inside) <= 7:  # noqa: PLR2004  labels that fit
         return inside
     return [tick for tick in inside if tick in (0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0, 10.0)]
-
-
-def _axes(xlabel: str, ylabel: str) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=_INCH, layout="constrained")
-    axes = figure.add_subplot(xlabel=xlabel, ylabel=ylabel)
-    axes.xaxis.set_major_locator(MaxNLocator(nbins=8))
-    axes.grid(linewidth=0.6)
-    axes.set_axisbelow(True)
-    return figure, axes

@@ -29,19 +29,7 @@ class NoisePictures:
 
 
 def draw_noise(layers: Layers, provenance: Provenance, singles: SinglePixels, numbers: NoiseNumbers) -> NoisePictures:
-    """Draw the parts that there are.
-
-    Parameters
-    ----------
-    layers : Layers
-        One window, of the leading shape (row, col).
-    provenance : Provenance
-        Of the layers; its sensor has a noise curve.
-    singles : SinglePixels
-        Its pixels of one layer.
-    numbers : NoiseNumbers
-        Of the file.
-    """
+    """Draw the parts that there are of a window (row, col); the sensor of its file has a noise curve."""
     curve = provenance.sensor.noise
     assert curve is not None  # noqa: S101  its numbers are there
     pictures = [_curve_picture(curve, singles)]

@@ -15,23 +15,9 @@ from tofmix.report.theme import COUNT_MAP, RANGE_MAP, Theme, mark_no_data, new_f
 
 
 def overview_figure(layers: Layers, *, name: str, theme: Theme, height_inch: float = 3.6) -> Figure:
-    """Draw the nearest range and the number of surfaces of each pixel, side by side.
+    """Draw the nearest range and the number of surfaces of each pixel (row, col), side by side.
 
-    Parameters
-    ----------
-    layers : Layers
-        Of the leading shape (row, col).
-    name : str
-        Title.
-    theme : Theme
-        Colours.
-    height_inch : float
-        Height of the figure, inch.
-
-    Returns
-    -------
-    Figure
-        Hatched where a pixel has no surface, or too few samples.
+    It is hatched where a pixel has no surface, or too few samples.
     """
     figure = new_figure(height_inch)
     left, right = figure.subplots(1, 2)

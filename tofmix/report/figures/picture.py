@@ -113,11 +113,14 @@ def difference_picture(values: FloatArray, *, most: float, unit: str, no_data: s
         Texts of `Picture`.
     """
     uri, digits = difference_uri(values, most=most), max(0, 1 - math.floor(math.log10(most)))
+    bar = [number(value, f".{digits}f") for value in np.linspace(-most, most, 5)]
+    bar[0] = f"≤ {bar[0]}" if (values < -most).any() else bar[0]
+    bar[-1] = f"≥ {bar[-1]}" if (values > most).any() else bar[-1]
     return Picture(
         light=uri,
         dark=uri,
         plane=Plane(*values.shape),
-        bar=tuple(number(value, f".{digits}f") for value in np.linspace(-most, most, 5)),
+        bar=tuple(bar),
         unit=unit,
         shades=tuple(difference_shades()[::21]),
         legend=() if np.isfinite(values).all() else ((NO_DATA, no_data),),

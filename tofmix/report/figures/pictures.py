@@ -39,26 +39,10 @@ class Gallery:
 def draw_gallery(
     layers: Layers, averaged: AveragedImage, sensor: Sensor, *, scale: tuple[float, float], frames: int
 ) -> Gallery:
-    """Draw every picture of a window.
+    """Draw every picture of a window (row, col) of so many frames.
 
-    Parameters
-    ----------
-    layers : Layers
-        Of the leading shape (row, col).
-    averaged : AveragedImage
-        The averaged image of the same window.
-    sensor : Sensor
-        For the noise curve.
-    scale : (float, float)
-        Limits of the colours of all range images, mm; see `range_scale`.
-    frames : int
-        Frames of the window.
-
-    Returns
-    -------
-    Gallery
-        All pictures; every first to third layer that the file can hold has one, and lost samples have one if there
-        are any.
+    Every first to third layer that the file can hold has one, and lost samples if there are any. `scale` are the limits
+    in mm of the colours of all range images; see `range_scale`.
     """
     lost = _lost_picture(layers.invalid_share, frames)
     return Gallery(

@@ -32,18 +32,8 @@ def draw_surfaces(
 ) -> SurfacesPart:
     """Draw the surfaces of a window.
 
-    Parameters
-    ----------
-    found : WindowSurfaces
-        Of the window; its numbers may be those of the file.
-    layers : Layers
-        Of the window, of the leading shape (row, col).
-    first : int
-        Number of the window's first surface.
-    scale : (float, float)
-        Limits of the colours of ranges, mm.
-    most_named : int
-        Surfaces in the legend: the largest.
+    `first` is the number of its first surface: numbers may be those of the file. `scale` are the limits of the colours
+    of ranges, mm. The legend names the `most_named` largest surfaces.
     """
     rows, cols = found.surface.shape[:2]
     numbers, sizes = np.unique(found.surface[found.surface >= 0], return_counts=True)

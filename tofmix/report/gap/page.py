@@ -10,20 +10,7 @@ from tofmix.wording import number
 
 
 def render_gap(result: Reconciliation, *, source: str) -> str:
-    """Render the page of a reconciliation.
-
-    Parameters
-    ----------
-    result : Reconciliation
-        From `tofmix.reconciliation.workflow.reconcile`.
-    source : str
-        Name of the recording, or names.
-
-    Returns
-    -------
-    str
-        HTML. The same input gives the same text.
-    """
+    """Render the page of a reconciliation of recordings named `source` as HTML; the same input gives the same text."""
     template = load_template("gap/gap.html")
     pictures = import_module("tofmix.report.gap.pictures")
     said = result.as_dict()

@@ -13,7 +13,7 @@ from tofmix.errors import UsageError
 from tofmix.layers import Provenance
 from tofmix.optics.projection import projection_values
 from tofmix.recording import SampleSource
-from tofmix.report.averaging import AveragedImage, average_layers, average_samples
+from tofmix.report.averaging import AveragedImage, average_window
 from tofmix.report.page.templates import load_template, read_part
 from tofmix.report.pixels.single_pixels import SinglePixels, single_pixels
 from tofmix.report.sources import LayersSource
@@ -39,7 +39,7 @@ def render_page(
     surfaces: WindowSurfaces | None = None,
     first_surface: int = 0,
 ) -> str:
-    """Render the page of a layers file.
+    """Render the page of a layers file as HTML; the same input gives the same text.
 
     Parameters
     ----------
@@ -49,19 +49,10 @@ def render_page(
         Source of the layers, for the averaged image; without it that image is the mean of the layers.
     window : int
         The window of the pictures, from 0.
-    summary : Summary, optional
-        From `summarise`, if available; otherwise all windows are read for it.
-    singles : SinglePixels, optional
-        From `single_pixels` of this window, if available.
-    surfaces : WindowSurfaces, optional
-        Surfaces of this window; without it the page has no part about them.
-    first_surface : int
-        Number of the first of them.
-
-    Returns
-    -------
-    str
-        HTML. The same input gives the same text.
+    summary, singles : Summary, SinglePixels, optional
+        From `summarise` and from `single_pixels` of this window; without them they are made.
+    surfaces, first_surface : WindowSurfaces, int, optional
+        Surfaces of this window, and the number of the first; without them the page has no part about surfaces.
     """
     n_windows, rows, cols = layers_file.shape
     if not 0 <= window < n_windows:
@@ -75,12 +66,7 @@ def render_page(
     layers = layers_file.read_window(window)
     frames = int(layers_file.window_start[window]), int(layers_file.window_stop[window])
     provenance = layers_file.provenance
-    circle_mm = provenance.unambiguous_range_mm
-    averaged = (
-        average_layers(layers, unambiguous_range_mm=circle_mm)
-        if recording is None
-        else average_samples(recording, start=frames[0], stop=frames[1], unambiguous_range_mm=circle_mm)
-    )
+    averaged = average_window(layers_file, window, layers, recording)
     summary = summary or summarise(layers_file)
     pictures = import_module("tofmix.report.figures.pictures")
     rasters = import_module("tofmix.report.figures.rasters")

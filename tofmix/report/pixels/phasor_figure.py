@@ -42,20 +42,10 @@ _SAID = {
 def draw_plane(
     figure: Figure | SubFigure, plane: PhasorPlane, *, theme: Theme, zoom_errors: float = 8.0, zoom_part: float = 0.25
 ) -> None:
-    """Draw a pixel in the complex plane, with equal axes.
+    """Draw a pixel in the complex plane into an empty figure, with equal axes; a surface has the colour of its layer.
 
-    Parameters
-    ----------
-    figure : Figure or SubFigure
-        Empty.
-    plane : PhasorPlane
-        The data.
-    theme : Theme
-        Colours; a surface has the colour of its layer.
-    zoom_errors : float
-        Half the width of the enlarged part around the mean, in standard errors.
-    zoom_part : float
-        Part of the whole extent from which on nothing is enlarged.
+    The part around the mean is enlarged, `zoom_errors` standard errors to either side, if it is less than `zoom_part`
+    of the whole extent.
     """
     grid = figure.add_gridspec(2, 2, width_ratios=_WIDTHS, height_ratios=_HEIGHTS)
     axes = figure.add_subplot(grid[:, 0])

@@ -118,18 +118,8 @@ def phasor_plane(
 ) -> PhasorPlane:
     """Collect the data of a pixel in the complex plane.
 
-    Parameters
-    ----------
-    layers : Layers
-        One window, of the leading shape (row, col), with `mixing`.
-    around : SamplesAround
-        Samples of the same window.
-    sensor : Sensor
-        Its modulation frequency must be known.
-    row, col : int
-        The pixel.
-    unambiguous_range_mm : float, optional
-        Where ranges are on a circle: its length, mm.
+    The `layers` (row, col) have `mixing`, the samples `around` are of the same window, and the sensor's modulation
+    frequency is known. On a circle of ranges its length is `unambiguous_range_mm`.
     """
     if layers.mixing is None:
         raise ValueError("the complex plane needs layers with mixing")

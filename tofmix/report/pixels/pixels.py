@@ -15,7 +15,7 @@ from tofmix.estimation.learnt.pixel_mixture import PixelMixture, pixel_mixture
 from tofmix.estimation.peaks.incremental import IncrementalDensity
 from tofmix.estimation.peaks.modes import find_modes
 from tofmix.estimation.settings import Refine, SigmaMode
-from tofmix.flags import Mixing, Status, mixing_name, status_name
+from tofmix.flags import mixing_name, status_name
 from tofmix.layers import Layers, Provenance
 from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
@@ -186,7 +186,6 @@ def view_pixels(
         if learnt is not None:
             of_frames = None if samples is None else samples[:, col].astype(np.float64)
             mixture = _mixture(layers, (row, col), of_layers, of_frames, learnt, unambiguous_range_mm)
-        value = int(layers.status[row, col])
         views.append(
             PixelView(
                 row=row,
@@ -194,13 +193,13 @@ def view_pixels(
                 **of_layers,
                 weight_no_return=float(layers.weight_no_return[row, col]),
                 weight_outlier=float(layers.weight_outlier[row, col]),
-                status=status_name(value) if value in tuple(Status) else f"status_{value}",
+                status=status_name(int(layers.status[row, col])),
                 n_samples=int(layers.n_samples[row, col]),
                 n_peaks=int(layers.n_peaks[row, col]),
                 samples_mm=valid,
                 modes_mm=modes,
                 mixture=mixture,
-                mixing=None if layers.mixing is None else _mixing(int(layers.mixing[row, col])),
+                mixing=None if layers.mixing is None else mixing_name(int(layers.mixing[row, col])),
             )
         )
     return views
@@ -222,10 +221,6 @@ def drifts(provenance: Provenance) -> bool:
     sensor = learnt_sensor(provenance)
     on_line = provenance.unambiguous_range_mm is None
     return on_line and sensor is not None and sensor.learnt is not None and bool(sensor.learnt.drift_mm.any())
-
-
-def _mixing(value: int) -> str:
-    return mixing_name(value) if value in tuple(Mixing) else f"mixing_{value}"
 
 
 def _mixture(
@@ -291,6 +286,11 @@ def grow_density(
         Length of the circle that ranges are on, mm.
     shares : tuple of float
         Shares of the samples at which the density is kept, 0 to 1, as in docs/results/paper.md.
+
+    Raises
+    ------
+    ValueError
+        If a noise curve, a working range or a sample is missing, or the circle is too short.
     """
     if samples_mm.size == 0:
         raise ValueError("the pixel has no valid sample")

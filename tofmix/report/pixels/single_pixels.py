@@ -14,7 +14,7 @@ from tofmix.layers import Layers, Provenance
 from tofmix.noise_shape import CENTRAL
 from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.report.pixels.pixels import drifts
-from tofmix.report.summary.quantiles import Quantiles
+from tofmix.report.summary.quantiles import Quantiles, spread_of
 
 _FRAMES_A_BLOCK = 256  # frames that are read at once
 
@@ -38,10 +38,7 @@ class SinglePixels:
 
     def spread(self) -> Quantiles | None:
         """Quantiles of `over_curve`; None without a pixel."""
-        if self.over_curve.size == 0:
-            return None
-        low, middle, high = (float(q) for q in np.quantile(self.over_curve, (0.05, 0.5, 0.95)))
-        return Quantiles(count=self.over_curve.size, q05=low, q50=middle, q95=high)
+        return spread_of(self.over_curve) if self.over_curve.size else None
 
 
 def single_pixels(

@@ -18,14 +18,9 @@ def format_pixels(views: list[PixelView], chosen: int) -> str:
 
 
 def why_layers_stand(views: list[PixelView], options: Mapping[str, str | float]) -> str | None:
-    """Text on the probability of kept layers; None if surfaces were not counted by likelihood.
+    """Text on the probability of kept layers; None if surfaces were not counted by likelihood, with these options.
 
-    Parameters
-    ----------
-    views : list of PixelView
-        The pixels. Layers of phasor sums, and undecided ones, are kept by other rules.
-    options : mapping
-        Those of `tofmix estimate`.
+    Layers of phasor sums, and undecided ones, are kept by other rules.
     """
     if options.get("refine") != "likelihood" or options.get("paper"):
         return None

@@ -94,15 +94,8 @@ def sample_findings(
         Standard deviation of a pixel's samples over the curve's sigma (median).
     drift_sigmas : float or None
         How far the ranges of a quarter of the pixels or more change over a window, in sigmas.
-    remedy : Remedy
-        The estimate.
-    thresholds : Thresholds
-        From where on a finding is made.
-
-    Returns
-    -------
-    list of Finding
-        Empty if all is well.
+    remedy, thresholds : Remedy, Thresholds
+        The estimate; from where on a finding is made.
     """
     found = []
     factor, drift = thresholds.scatter_factor, thresholds.drift_sigmas
@@ -143,31 +136,24 @@ def count_findings(
     lost: int = 0,
     thresholds: Thresholds = DEFAULT_THRESHOLDS,
 ) -> list[Finding]:
-    """List findings from the counts of pixels.
+    """List findings from the counts of pixels over all windows.
 
     Parameters
     ----------
     pixels : int
-        Pixels over all windows.
+        All pixels.
     by_status : mapping of str to int
-        Pixels of each status name.
+        Those of each status name.
     by_surfaces : sequence of int
-        Pixels with 0, 1, 2, ... surfaces.
+        Those with 0, 1, 2, ... surfaces.
     max_layers : int
         Layers that the file can hold.
-    remedy : Remedy
-        The estimate.
     close : int
         Pixels with two layers within `close_sigmas` of each other.
     lost : int
         Pixels with too few samples for which more frames would not help: their light is not enough.
-    thresholds : Thresholds
-        From where on a finding is made.
-
-    Returns
-    -------
-    list of Finding
-        Empty if all is well.
+    remedy, thresholds : Remedy, Thresholds
+        The estimate; from where on a finding is made.
     """
     found = []
     for status, (said, commands) in _status_texts(remedy, thresholds.more_iterations).items():
@@ -235,23 +221,9 @@ def sigma_findings(
     remedy: Remedy,
     thresholds: Thresholds = DEFAULT_THRESHOLDS,
 ) -> list[Finding]:
-    """List contradictions between fitted sigma and the sensor's noise curve.
+    """List contradictions between fitted sigma and the sensor's noise curve, if it has one.
 
-    Parameters
-    ----------
-    count, median : int, float or None
-        Components compared, and the median of their sigma over the curve.
-    has_curve : bool
-        Whether there is a curve.
-    remedy : Remedy
-        The estimate.
-    thresholds : Thresholds
-        From where on a finding is made.
-
-    Returns
-    -------
-    list of Finding
-        Empty if all is well.
+    `count` components were compared; `median` is that of their sigma over the curve.
     """
     if not has_curve:
         return [Finding(code="no_noise_curve", text="The file has no noise curve, so the report cannot check sigma.")]

@@ -62,13 +62,6 @@ PHASOR_SUMS = AskedFrames(
 def frame_findings(*, sums: bool, total: int, remedy: Remedy) -> list[Finding]:
     """Say that the windows have fewer frames than README asks for.
 
-    Parameters
-    ----------
-    sums : bool
-        Whether samples at edges are phasor sums.
-    total : int
-        Frames of the recording.
-    remedy : Remedy
-        The estimate.
+    `sums`: samples at edges are phasor sums; `total`: frames of the recording.
     """
     return (PHASOR_SUMS if sums else SINGLE_SAMPLES).finding(remedy, total)

@@ -11,14 +11,9 @@ OPTIONS = {AMPLITUDES: ("--amplitude", "AMPLITUDES"), FREQUENCY: ("--modulation-
 
 
 def lacking(sensor: Sensor, *, has_amplitude: bool | None) -> tuple[str, ...]:
-    """What a recording of one sample a frame lacks to be unmixed; amplitudes of which nothing is known are not named.
+    """What a recording of one sample a frame lacks to be unmixed.
 
-    Parameters
-    ----------
-    sensor : Sensor
-        The camera.
-    has_amplitude : bool or None
-        Whether the recording has amplitudes; None if that is not known.
+    Amplitudes of which nothing is known (`has_amplitude` is None) are not named.
     """
     amplitudes = (AMPLITUDES,) if has_amplitude is False else ()
     return (*amplitudes, *((FREQUENCY,) if sensor.modulation_frequency_hz is None else ()))
@@ -27,20 +22,9 @@ def lacking(sensor: Sensor, *, has_amplitude: bool | None) -> tuple[str, ...]:
 def light_findings(sensor: Sensor, *, targets: int, remedy: Remedy) -> list[Finding]:
     """Say that flying pixels are counted as surfaces, where layers are not unmixed though light may add up.
 
-    Parameters
-    ----------
-    sensor : Sensor
-        The camera of the recording.
-    targets : int
-        Targets of a pixel and frame, 0 without such an axis. A camera that returns several measures no phase.
-    remedy : Remedy
-        The estimate.
-
-    Returns
-    -------
-    list of Finding
-        A warning for a camera that is known as a lock-in camera, a note where the kind of camera is not known. Empty
-        for other cameras, and where nobody wanted unmixing.
+    A warning for a camera that is known as a lock-in camera, a note where the kind of camera is not known. Nothing for
+    other cameras, such as those that return several `targets` a frame, which measure no phase, and where nobody wanted
+    unmixing.
     """
     if sensor.is_lock_in is False or targets or not remedy.unmix:
         return []

@@ -89,15 +89,7 @@ class LostTally:
         )
 
     def findings(self, cause: Cause | None = None, *, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> list[Finding]:
-        """Say how many pixels show nothing, or little, and why; a note where they are few.
-
-        Parameters
-        ----------
-        cause : callable, optional
-            Tells why, from the recording.
-        thresholds : Thresholds
-            From where on it is a warning.
-        """
+        """Say how many pixels show nothing, or little, and why, told by `cause`; a note where they are few."""
         found, most = [], thresholds.status_share * self._pixels
         if self._empty is not None and self._counts[0]:
             text = (

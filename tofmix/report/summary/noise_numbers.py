@@ -3,8 +3,6 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
 from tofmix.estimation.learnt.words import noise_words, shape_words
 from tofmix.report.summary.quantiles import Quantiles, ValueCounts, spread_of
 from tofmix.sensor import Sensor
@@ -48,23 +46,14 @@ def has_more_than_a_curve(sensor: Sensor) -> bool:
 
 
 def noise_numbers(sensor: Sensor, widths: ValueCounts | None = None) -> NoiseNumbers | None:
-    """The numbers of a sensor's noise; None where it is a Gaussian of a curve, or there is no curve.
+    """The numbers of a sensor's noise, with the pixels' own widths.
 
-    Parameters
-    ----------
-    sensor : Sensor
-        Of a layers file.
-    widths : ValueCounts, optional
-        The pixels' own widths.
+    None where it is a Gaussian of a curve, or there is no curve.
     """
     curve, learnt = sensor.noise, sensor.learnt
     if curve is None or not has_more_than_a_curve(sensor):
         return None
     skewness, kurtosis = (None, None) if curve.shape is None else (float(m) for m in curve.shape.moments()[2:])
-    shares = None
-    if curve.background is not None:
-        low, middle, high = (float(q) for q in np.quantile(curve.background, (0.05, 0.5, 0.95)))
-        shares = Quantiles(count=curve.background.size, q05=low, q50=middle, q95=high)
     ends = None
     if curve.background_density is not None:
         near, far = (float(q) for q in curve.background_density.quantile((0.05, 0.95)))
@@ -78,7 +67,7 @@ def noise_numbers(sensor: Sensor, widths: ValueCounts | None = None) -> NoiseNum
         excess_kurtosis=kurtosis,
         width_spread=curve.width_spread or None,
         widths=spread_of(widths) if widths is not None and widths.count else None,
-        background=shares,
+        background=None if curve.background is None else spread_of(curve.background),
         background_range_mm=ends,
         drift_mm=learnt.drift_mm.tolist() if learnt is not None and learnt.drift_mm.any() else None,
         memory=float(learnt.memory) if learnt is not None and learnt.memory else None,

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray, IntArray
 
+_SPREAD = (0.05, 0.5, 0.95)  # probabilities of `Quantiles`
 _SIGN = np.uint32(0x8000_0000)
 _LARGEST_FINITE_KEY = np.uint32(0xFF7F_FFFF)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Quantiles:
     """How values spread: their count, and the values below which 5, 50 and 95 % lie (None without a value)."""
 
@@ -125,7 +126,8 @@ def _interpolated(values: FloatArray, last_rank: IntArray, probability: float) -
     return float(low + (high - low) * (position - below))
 
 
-def spread_of(values: ValueCounts) -> Quantiles:
-    """Count and quantiles of values."""
-    q05, q50, q95 = values.quantiles(0.05, 0.5, 0.95)
-    return Quantiles(count=values.count, q05=q05, q50=q50, q95=q95)
+def spread_of(values: ValueCounts | FloatArray) -> Quantiles:
+    """Count and quantiles of values; an array has at least one, all finite."""
+    if isinstance(values, ValueCounts):
+        return Quantiles(values.count, *values.quantiles(*_SPREAD))
+    return Quantiles(values.size, *(float(q) for q in np.quantile(values, _SPREAD)))

@@ -258,9 +258,8 @@ class Counts:
 
     def by_status(self) -> dict[str, int]:
         """Pixels by the names of `tofmix.flags.Status`; a value without a name is ``status_<value>``."""
-        named = {status_name(s): self._status.get(int(s), 0) for s in Status}
-        unnamed = {f"status_{v}": n for v, n in sorted(self._status.items()) if v not in tuple(Status)}
-        return named | unnamed
+        values = dict.fromkeys((*map(int, Status), *sorted(self._status)))
+        return {status_name(value): self._status.get(value, 0) for value in values}
 
 
 class _FindingTally(Counts):

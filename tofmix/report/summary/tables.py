@@ -25,18 +25,7 @@ def ordinal(layer: int) -> str:
 
 
 def format_table(summary: Summary) -> str:
-    """Format a summary.
-
-    Parameters
-    ----------
-    summary : Summary
-        From `summarise`.
-
-    Returns
-    -------
-    str
-        About 25 lines of at most 80 ASCII characters, but for commands; without a newline at the end.
-    """
+    """Format a summary: about 25 lines of at most 80 ASCII characters, but for commands; no newline at the end."""
     lines = [
         *_head(summary),
         "",
