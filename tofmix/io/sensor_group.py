@@ -1,7 +1,8 @@
 """The group `sensor` of recordings, layers and surfaces files: the camera, its noise, and the learnt noise."""
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import h5py
 import numpy as np
@@ -24,32 +25,20 @@ from tofmix.optics.projection import (
     projection_values,
 )
 from tofmix.recording import MOST_PIXELS_A_SIDE
-from tofmix.sensor import (
-    DEFAULT_OUTLIER_PROBABILITY,
-    RARE_SENSOR_NUMBERS,
-    SENSOR_NUMBERS,
-    AmplitudeLaw,
-    NoiseCurve,
-    Sensor,
-)
+from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, AmplitudeLaw, NoiseCurve, Sensor
+from tofmix.sensor_schema import DENSITY_LISTS, LAW_LISTS, RARE_SENSOR_NUMBERS, SENSOR_NUMBERS, SHAPE_LISTS
 from tofmix.share_law import ShareLaw, share_law_of
 from tofmix.temporal_filter import TemporalFilter, make_filter
+
+T = TypeVar("T")
 
 _MOST_POINTS = 100_000  # of a list in the group `sensor`
 _MOST_COEFFICIENTS = 64  # of a lens; OpenCV has up to 14
 
-_LAW = {
-    "noise_reference_amplitude": "reference",
-    "noise_amplitude": "amplitude",
-    "noise_amplitude_factor": "factor",
-}
-"""Datasets of an `AmplitudeLaw` and its fields, in their order."""
-
-_SHAPE = {"noise_shape_z": "z", "noise_shape_density": "density"}
-"""Datasets of a `NoiseShape` and its fields, in their order."""
-
-_DENSITY = {"noise_background_range": "range_mm", "noise_background_density": "density"}
-"""Datasets of a `BackgroundDensity` and its fields, in their order."""
+_LAW, _SHAPE, _DENSITY = (
+    {f"noise_{name}": key for name, key in lists.items()} for lists in (LAW_LISTS, SHAPE_LISTS, DENSITY_LISTS)
+)
+"""Datasets of an `AmplitudeLaw`, a `NoiseShape` and a `BackgroundDensity`, and their fields, in their order."""
 
 _LEARNT = {
     "noise_drift": "drift_mm",
@@ -289,39 +278,23 @@ def _read_noise(group: h5py.Group, path: Path) -> NoiseCurve | None:
     return NoiseCurve(
         range_mm,
         sigma_mm,
-        _read_law(group, path),
-        shape=_read_shape(group, path),
+        _read_part(group, path, AmplitudeLaw, _LAW),
+        shape=_read_part(group, path, NoiseShape, _SHAPE),
         width_spread=_number(group, _WIDTH_SPREAD, path) or 0.0,
         background=_read_background(group, path),
-        background_density=_read_density(group, path),
+        background_density=_read_part(group, path, BackgroundDensity, _DENSITY),
     )
 
 
-def _read_law(group: h5py.Group, path: Path) -> AmplitudeLaw | None:
-    present = [name for name in _LAW if name in group]
+def _read_part(group: h5py.Group, path: Path, part: Callable[..., T], names: Mapping[str, str]) -> T | None:
+    """A part of the noise from its datasets, in the order of its fields; None without any of them."""
+    present = [name for name in names if name in group]
     if not present:
         return None
-    if len(present) < len(_LAW):
-        raise BadInputError(f"{path}: sensor: {present[0]} alone; {', '.join(_LAW)} go together")
-    return AmplitudeLaw(*(_numbers(group, name, path) for name in _LAW))
-
-
-def _read_shape(group: h5py.Group, path: Path) -> NoiseShape | None:
-    present = [name for name in _SHAPE if name in group]
-    if not present:
-        return None
-    if len(present) < len(_SHAPE):
-        raise BadInputError(f"{path}: sensor: {present[0]} alone; {' and '.join(_SHAPE)} go together")
-    return NoiseShape(*(_numbers(group, name, path) for name in _SHAPE))
-
-
-def _read_density(group: h5py.Group, path: Path) -> BackgroundDensity | None:
-    present = [name for name in _DENSITY if name in group]
-    if not present:
-        return None
-    if len(present) < len(_DENSITY):
-        raise BadInputError(f"{path}: sensor: {present[0]} alone; {' and '.join(_DENSITY)} go together")
-    return BackgroundDensity(*(_numbers(group, name, path) for name in _DENSITY))
+    if len(present) < len(names):
+        together = ", ".join(names) if len(names) > 2 else " and ".join(names)  # noqa: PLR2004  both of two
+        raise BadInputError(f"{path}: sensor: {present[0]} alone; {together} go together")
+    return part(*(_numbers(group, name, path) for name in names))
 
 
 def _read_background(group: h5py.Group, path: Path) -> NDArray[np.float64] | None:

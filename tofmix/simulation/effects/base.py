@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import FloatArray
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import beam_directions_of
-from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.effects.parameter import Parameter, declared_parameters
 from tofmix.simulation.effects.prior import FARTHEST, Prior
 from tofmix.toml_table import nearest
@@ -79,7 +79,7 @@ class Context:
 
     Parameters
     ----------
-    sensor : SensorProfile
+    sensor : CompleteCamera
         The camera.
     surfaces : tuple of str
         Names of the model's surfaces, in its order.
@@ -97,7 +97,7 @@ class Context:
         Number of the exposure within an averaged frame; 0 for a single sample.
     """
 
-    sensor: SensorProfile
+    sensor: CompleteCamera
     surfaces: tuple[str, ...]
     seed: int
     frame: int = 0
@@ -262,7 +262,7 @@ class Effect:
         """The action of the effect with its values, in one sentence."""
         raise NotImplementedError
 
-    def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:
+    def check(self, sensor: CompleteCamera, surfaces: tuple[str, ...]) -> None:
         """Refuse an effect that does not fit the camera or the scene.
 
         Raises
@@ -332,7 +332,7 @@ class Effect:
         self.act(prediction, context)
 
 
-def refuse_without_phase(kind: str, sensor: SensorProfile) -> None:
+def refuse_without_phase(kind: str, sensor: CompleteCamera) -> None:
     """Raise ValueError, a message that begins with the key, if the camera has no modulation frequency."""
     if sensor.modulation_frequency_hz is None:
         raise ValueError(f"kind: {kind} acts on the phase, and {sensor.name} has no modulation_frequency_hz")

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target, refuse_without_phase
 from tofmix.simulation.effects.parameter import number
@@ -36,7 +36,7 @@ class PhaseWrapping(Effect):
         required=False,
     )
 
-    def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:
+    def check(self, sensor: CompleteCamera, surfaces: tuple[str, ...]) -> None:
         """A camera without phase folds only at a given range."""
         Effect.check(self, sensor, surfaces)
         if self.unambiguous_range_mm is None:
