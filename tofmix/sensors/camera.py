@@ -48,14 +48,14 @@ class Camera:
     ----------
     name : str
         The camera's name.
-    measurement : Measurement, optional
-        What the camera measures.
     rows, cols : int, optional
         Size of the image, 1 to 4096 pixels each.
     fov_horizontal_deg, fov_vertical_deg : float, optional
         Full field of view, above 0, up to 360 and 180; left out where there is a `projection`.
     projection : Projection, optional
         Where the pixels look, if not with equal angles over the field of view.
+    measurement : Measurement, optional
+        What the camera measures.
     range_min_mm, range_max_mm : float, optional
         Working range, mm.
     integration_time_ms : float, optional
@@ -88,12 +88,12 @@ class Camera:
     """
 
     name: str
-    measurement: Measurement | None = None
     rows: int | None = None
     cols: int | None = None
     fov_horizontal_deg: float | None = None
     fov_vertical_deg: float | None = None
     projection: Projection | None = None
+    measurement: Measurement | None = None
     range_min_mm: float | None = None
     range_max_mm: float | None = None
     integration_time_ms: float | None = None
