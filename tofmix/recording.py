@@ -14,10 +14,11 @@ from numpy.typing import ArrayLike
 
 from tofmix.arrays import Float32Array
 from tofmix.sensor import Sensor
+from tofmix.sensor_schema import NUMBERS
 
 _DIMS = ("frame", "row", "col")
 
-MOST_PIXELS_A_SIDE = 4096
+MOST_PIXELS_A_SIDE = int(NUMBERS["rows"].high)
 """Of an image, as for a camera; a damaged header must not ask for terabytes."""
 
 MOST_FRAMES = 1 << 26  # of a recording: a month at 25 Hz

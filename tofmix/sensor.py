@@ -5,7 +5,6 @@ described in a file is read by `tofmix.io`; the built-in ones are in
 `tofmix.sensors`.
 """
 
-import math
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -18,27 +17,16 @@ from tofmix.learnt_noise import LearntNoise
 from tofmix.measurement import Measurement, measurement_of
 from tofmix.noise_shape import NoiseShape
 from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import Projection
+from tofmix.optics.view import PINHOLE, ideal_pinhole
 from tofmix.range_step import RangeStep
+from tofmix.sensor_schema import NUMBERS, RARE_SENSOR_NUMBERS, SENSOR_NUMBERS
 from tofmix.share_law import ShareLaw, share_law_of
 from tofmix.temporal_filter import TemporalFilter
 from tofmix.wording import counted
 
 DEFAULT_OUTLIER_PROBABILITY = 1.0e-4  # p(c_r) where neither file nor option gives one
-
-SENSOR_NUMBERS = (
-    "modulation_frequency_hz",
-    "integration_time_ms",
-    "range_min_mm",
-    "range_max_mm",
-    "fov_horizontal_deg",
-    "fov_vertical_deg",
-    "outlier_probability",
-)
-"""Numbers of a `Sensor` that every file has; NaN means an unknown number."""
-
-RARE_SENSOR_NUMBERS = ("no_return_mm", "sample_min_mm", "sample_max_mm")
-"""Numbers of a `Sensor` that a file leaves out if they are not known."""
 
 _LEAST_FREQUENCY_HZ, _MOST_FREQUENCY_HZ = 1.0, 1e12  # of modulation; anything else is a wrong unit
 
@@ -46,14 +34,6 @@ MOST_WIDTH_SPREAD = 2.0
 """Standard deviation of log width: widths that differ by a factor of e^2 from pixel to pixel are no camera's."""
 
 _IMAGE_RANK = 2  # (row, col)
-
-_POSITIVE = (
-    "modulation_frequency_hz",
-    "integration_time_ms",
-    "range_max_mm",
-    "fov_horizontal_deg",
-    "fov_vertical_deg",
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -301,10 +281,10 @@ class Sensor:
     temporal_filter: TemporalFilter | None = None
 
     def __post_init__(self) -> None:
-        for key in _POSITIVE:
+        for key in (*SENSOR_NUMBERS, *RARE_SENSOR_NUMBERS):
             value = getattr(self, key)
-            if value is not None and not (math.isfinite(value) and value > 0):
-                raise ValueError(f"{key}: {value} is not a finite number above 0")
+            if value is not None and (reason := NUMBERS[key].refusal(value, limited=False)):
+                raise ValueError(f"{key}: {reason}")
         if self.measurement is not None:
             object.__setattr__(self, "measurement", measurement_of(self.measurement))
         if self.share_law is not None:
@@ -312,21 +292,10 @@ class Sensor:
         frequency = self.modulation_frequency_hz
         if frequency is not None and not _LEAST_FREQUENCY_HZ <= frequency <= _MOST_FREQUENCY_HZ:
             raise ValueError(f"modulation_frequency_hz: {frequency:g} is not between 1 Hz and 1 THz")
-        self._check_limits()
-        for key in ("no_return_mm", "sample_min_mm", "sample_max_mm"):
-            value = getattr(self, key)
-            if value is not None and not math.isfinite(value):
-                raise ValueError(f"{key}: {value} is not finite")
-        if not 0 <= self.outlier_probability < 1:
-            raise ValueError(f"outlier_probability: {self.outlier_probability} is not in [0, 1)")
-        if self.range_step_mm is not None:
-            self._check_step(self.range_step_mm)
-
-    def _check_limits(self) -> None:
-        if self.range_min_mm is not None and not math.isfinite(self.range_min_mm):
-            raise ValueError(f"range_min_mm: {self.range_min_mm} is not finite")
         if self.range_max_mm is not None and (self.range_min_mm or 0.0) >= self.range_max_mm:
             raise ValueError(f"range_min_mm: {self.range_min_mm} is not below range_max_mm {self.range_max_mm}")
+        if self.range_step_mm is not None:
+            self._check_step(self.range_step_mm)
 
     def _check_step(self, range_step_mm: ArrayLike) -> None:
         step = np.array(range_step_mm, dtype=np.float64, copy=True)
@@ -377,6 +346,35 @@ class Sensor:
         if self.projection is not None or self.fov_horizontal_deg is None or self.fov_vertical_deg is None:
             return self.projection
         return Equiangular(fov_horizontal_deg=self.fov_horizontal_deg, fov_vertical_deg=self.fov_vertical_deg)
+
+
+def with_lens(sensor: Sensor, lens: Pinhole) -> Sensor:
+    """The sensor with the directions of its pixels by a lens."""
+    return replace(sensor, projection=lens, fov_horizontal_deg=None, fov_vertical_deg=None)
+
+
+def with_view(sensor: Sensor, view_deg: tuple[float, float], projection: str, shape: tuple[int, int]) -> Sensor:
+    """The sensor with the directions of an image's pixels by a field of view.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The camera.
+    view_deg : (float, float)
+        Full field of view, horizontal and vertical, degrees.
+    projection : {"equiangular", "pinhole"}
+        Equal angles between pixels, or an ideal pinhole.
+    shape : (int, int)
+        Rows and columns of the image.
+
+    Raises
+    ------
+    ValueError
+        If no pinhole sees that much.
+    """
+    if projection == PINHOLE:
+        return with_lens(sensor, ideal_pinhole(view_deg, shape))
+    return replace(sensor, projection=None, fov_horizontal_deg=view_deg[0], fov_vertical_deg=view_deg[1])
 
 
 def sensor_of_part(sensor: Sensor, rows: slice, cols: slice) -> Sensor:

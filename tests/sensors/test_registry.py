@@ -4,31 +4,37 @@ import numpy as np
 import pytest
 
 from tofmix.errors import BadInputError
-from tofmix.sensors import PROFILES, load_profile, load_sheet, profiles_with_noise
-from tofmix.sensors.profile_toml import parse_profile
-from tofmix.sensors.sensor_file import parse_sensor, sensor_of
+from tofmix.sensors import (
+    PROFILES,
+    camera_of_model,
+    load_camera,
+    load_profile,
+    parse_camera,
+    parse_profile,
+    profiles_with_noise,
+)
 from tofmix.simulation.model_toml import parse_model
 from tofmix.toml_table import parse_toml
 
 
 @pytest.mark.parametrize("name", PROFILES)
 def test_every_profile_reads_and_has_sources(name: str) -> None:
-    sheet = load_sheet(name)
-    assert sheet.sources
-    assert sheet.integration_time_ms == sheet.default_integration_time_ms
+    camera = load_camera(name)
+    assert camera.sources
+    assert camera.integration_time_ms == camera.default_integration_time_ms
 
 
-@pytest.mark.parametrize("name", [name for name in PROFILES if load_sheet(name).missing()])
+@pytest.mark.parametrize("name", [name for name in PROFILES if load_camera(name).missing()])
 def test_each_number_of_a_profile_with_gaps_has_a_source_and_each_gap_a_note(name: str) -> None:
-    sheet = load_sheet(name)
-    numbers = set(sheet.known()) - {"name", "confirmed", "sources"}
-    named = {key.strip() for text in sheet.sources for key in text.split(":")[0].replace(". ", ", ").split(",")}
-    assert numbers <= named | {part for text in sheet.sources for part in text.replace(":", " ").split()}
-    assert any(text.startswith("Not known:") for text in sheet.sources)
-    sensor = sheet.sensor()
+    camera = load_camera(name)
+    numbers = set(camera.known()) - {"name", "confirmed", "sources"}
+    named = {key.strip() for text in camera.sources for key in text.split(":")[0].replace(". ", ", ").split(",")}
+    assert numbers <= named | {part for text in camera.sources for part in text.replace(":", " ").split()}
+    assert any(text.startswith("Not known:") for text in camera.sources)
+    sensor = camera.sensor()
     assert sensor.noise is None
     for key in ("range_min_mm", "range_max_mm", "fov_horizontal_deg", "fov_vertical_deg", "projection"):
-        assert getattr(sensor, key) == getattr(sheet, key)
+        assert getattr(sensor, key) == getattr(camera, key)
 
 
 def test_profile_with_gaps_is_refused_for_simulation_with_its_gaps() -> None:
@@ -48,19 +54,19 @@ exponent = 0.5
 """
     with pytest.raises(BadInputError, match=r"missing integration_time_ms, noise.range_mm, noise.sigma_mm, outlier_pr"):
         parse_model('[sensor]\nprofile = "vl53l5cx"\n', source="m")
-    camera = sensor_of(parse_toml('[sensor]\nprofile = "vl53l5cx"\n' + gaps, source="m"))
+    camera = camera_of_model(parse_toml('[sensor]\nprofile = "vl53l5cx"\n' + gaps, source="m"))
     assert (camera.rows, camera.fov_vertical_deg, camera.range_max_mm) == (8, 45.0, 4000.0)
     assert float(camera.noise.sigma(4000.0)) == 40.0
 
 
 @pytest.mark.parametrize(("name", "view"), [("kinect-v2", "70.6 x 60.0"), ("l515", "70.0 x 55.0")])
 def test_a_derived_pinhole_spans_the_field_of_view_that_its_source_gives(name: str, view: str) -> None:
-    sheet = load_sheet(name)
-    assert sheet.projection is not None
-    assert sheet.rows is not None
-    assert sheet.cols is not None
-    assert sheet.projection.words((sheet.rows, sheet.cols)) == f"{view} degrees of a pinhole"
-    assert f"{view.replace('.0', '')} degrees" in " ".join(sheet.sources)
+    camera = load_camera(name)
+    assert camera.projection is not None
+    assert camera.rows is not None
+    assert camera.cols is not None
+    assert camera.projection.words((camera.rows, camera.cols)) == f"{view} degrees of a pinhole"
+    assert f"{view.replace('.0', '')} degrees" in " ".join(camera.sources)
 
 
 def test_only_profiles_with_a_curve_are_offered_for_noise() -> None:
@@ -137,14 +143,14 @@ PULSES = {"l515", "vl53l0x", "vl53l1x", "vl53l5cx", "vl53l8cx", "tmf8828", "tmf8
 @pytest.mark.parametrize("name", PROFILES)
 def test_each_profile_declares_what_its_camera_measures(name: str) -> None:
     expected = "pulses" if name in PULSES else "stereo" if name == "stoc" else "lock-in"
-    sensor = load_sheet(name).sensor()
+    sensor = load_camera(name).sensor()
     assert sensor.measurement == expected
     assert sensor.is_lock_in is (expected == "lock-in")
 
 
 def test_a_file_inherits_or_overrides_the_measurement_of_its_profile() -> None:
-    assert parse_sensor('[sensor]\nprofile = "tmf8828"\n', source="a.toml").measurement == "pulses"
+    assert parse_camera('[sensor]\nprofile = "tmf8828"\n', source="a.toml").measurement == "pulses"
     own = '[sensor]\nprofile = "tmf8828"\nmeasurement = "lock-in"\n'
-    assert parse_sensor(own, source="a.toml").sensor().measurement == "lock-in"
+    assert parse_camera(own, source="a.toml").sensor().measurement == "lock-in"
     with pytest.raises(BadInputError, match=r'a\.toml: \[sensor\]: measurement: "Lock-In" is not one of lock-in, '):
-        parse_sensor('[sensor]\nmeasurement = "Lock-In"\n', source="a.toml")
+        parse_camera('[sensor]\nmeasurement = "Lock-In"\n', source="a.toml")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tofmix.sensors import SensorProfile, load_profile
+from tofmix.sensors import CompleteCamera, load_profile
 from tofmix.simulation.builtin import builtin_text
 from tofmix.simulation.casting import cast, cast_cells, cast_kernel
 from tofmix.simulation.casting.cast import cast_scene
@@ -30,7 +30,7 @@ def kernel_casts(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def sensor() -> SensorProfile:
+def sensor() -> CompleteCamera:
     """9 x 11 pixels of the SR-3000's size at 1.2 ms."""
     return replace(
         load_profile("sr3000"),
@@ -43,7 +43,7 @@ def sensor() -> SensorProfile:
 
 
 @pytest.fixture
-def make_model(sensor: SensorProfile) -> MakeModel:
+def make_model(sensor: CompleteCamera) -> MakeModel:
     """Build a model of surfaces before the small sensor; keywords change the sensor."""
 
     def make(*surfaces: Surface, **changes: float | None) -> Model:

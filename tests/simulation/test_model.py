@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tofmix.sensors import SensorProfile
+from tofmix.sensors import CompleteCamera
 from tofmix.simulation.model import Model, RecordingSettings
 from tofmix.simulation.surface import Surface
 
@@ -59,6 +59,6 @@ def test_recording_settings_refuse_values_out_of_bounds(change: dict[str, Any]) 
         RecordingSettings(**change)
 
 
-def test_model_refuses_two_surfaces_of_one_name(sensor: SensorProfile) -> None:
+def test_model_refuses_two_surfaces_of_one_name(sensor: CompleteCamera) -> None:
     with pytest.raises(ValueError, match='surfaces 1 and 2 are both named "board"'):
         Model(sensor=sensor, surfaces=(BOARD, BOARD))

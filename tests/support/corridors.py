@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from tofmix.mapping.occupancy import FloorMap, State
-from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.camera import CompleteCamera
 from tofmix.sensors.registry import load_profile
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface
@@ -113,7 +113,7 @@ _LYING = -1.0  # in place of a yaw: floor and ceiling
 _Board = tuple[str, tuple[float, float, float], tuple[float, float], float]
 
 
-def _camera() -> SensorProfile:
+def _camera() -> CompleteCamera:
     return replace(load_profile("sr3000"), integration_time_ms=1.2)
 
 

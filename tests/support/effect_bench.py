@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.sensor import NoiseCurve
-from tofmix.sensors import SensorProfile, load_profile
+from tofmix.sensors import CompleteCamera, load_profile
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.model import Model, RecordingSettings
@@ -81,7 +81,7 @@ class Bench:
     def __init__(self) -> None:
         self._casts: dict[str, Truth] = {}
         base = replace(load_profile("sr3000"), integration_time_ms=1.2, reference_integration_time_ms=1.2)
-        self.wall_sensor: SensorProfile = replace(
+        self.wall_sensor: CompleteCamera = replace(
             base,
             rows=6,
             cols=40,
@@ -90,7 +90,7 @@ class Bench:
             outlier_probability=0.0,
             noise=NoiseCurve(np.array([1000.0, 8000.0]), np.array([4.0, 60.0])),
         )
-        self.boards_sensor: SensorProfile = replace(
+        self.boards_sensor: CompleteCamera = replace(
             base,
             rows=9,
             cols=11,
@@ -100,11 +100,11 @@ class Bench:
             outlier_probability=0.02,
         )
 
-    def wall(self, *effects: Effect, frames: int = 20, seed: int = 3, **sensor: Any) -> Recorded:  # noqa: ANN401  fields of a SensorProfile
+    def wall(self, *effects: Effect, frames: int = 20, seed: int = 3, **sensor: Any) -> Recorded:  # noqa: ANN401  fields of a CompleteCamera
         """The slanted wall: 1.8 to 6.2 m, one surface a pixel, no random values."""
         return self._record(replace(self.wall_sensor, **sensor), (WALL,), effects, frames, seed)
 
-    def boards(self, *effects: Effect, frames: int = 20, seed: int = 3, **sensor: Any) -> Recorded:  # noqa: ANN401  fields of a SensorProfile
+    def boards(self, *effects: Effect, frames: int = 20, seed: int = 3, **sensor: Any) -> Recorded:  # noqa: ANN401  fields of a CompleteCamera
         """Three boards: one to three surfaces a pixel, gaps, and one random value in 50 samples."""
         return self._record(replace(self.boards_sensor, **sensor), BOARDS, effects, frames, seed)
 
@@ -118,7 +118,7 @@ class Bench:
         return self._casts[key]
 
     def _record(
-        self, sensor: SensorProfile, surfaces: tuple[Surface, ...], effects: tuple[Effect, ...], frames: int, seed: int
+        self, sensor: CompleteCamera, surfaces: tuple[Surface, ...], effects: tuple[Effect, ...], frames: int, seed: int
     ) -> Recorded:
         recording = RecordingSettings(frames=frames, seed=seed, frame_rate_hz=10.0)
         model = Model(sensor=sensor, surfaces=surfaces, effects=effects, recording=recording)

@@ -18,7 +18,7 @@ from tofmix.recording import ArrayRecording, CameraSource
 from tofmix.sensor import NoiseCurve, Sensor
 
 if TYPE_CHECKING:
-    from tofmix.sensors import CameraSheet
+    from tofmix.sensors import Camera
     from tofmix.simulation.truth import Truth
 
 _IMAGE_DIMENSIONS = 2
@@ -356,7 +356,6 @@ def from_array(
     if units not in UNITS_MM:
         raise ValueError(f"units: {units!r} is not one of {', '.join(UNITS_MM)}")
     from tofmix.io.samples import is_camera_matrix
-    from tofmix.sensors.view import sensor_of, turned
 
     masked: np.ma.MaskedArray[Any, Any] = np.ma.asarray(ranges)
     raw = np.asarray(masked.data)
@@ -370,18 +369,18 @@ def from_array(
         unfit = ~bad & ~np.isin(_status(status, raw.shape), _valid_codes(valid_status, sensor))
         bad, dropped = bad | unfit, _counted(dropped, status=unfit)
     range_mm[bad] = np.nan
-    sheet = _sheet(sensor, integration_time_ms)
-    camera = sheet.sensor() if sensor is None or isinstance(sensor, str) else sensor
+    built_in = _built_in(sensor, integration_time_ms)
+    camera = built_in.sensor() if sensor is None or isinstance(sensor, str) else sensor
     if integration_time_ms is not None:
         camera = replace(camera, integration_time_ms=integration_time_ms)
     if range_mm.ndim >= _IMAGE_DIMENSIONS:
         image = range_mm.shape[-2], range_mm.shape[-1]
-        if reason := turned(image, sheet):
+        if reason := built_in.turned(image):
             raise ValueError(f"ranges: {reason}; give ranges.swapaxes(-2, -1)")
-        camera = sensor_of(sheet, image) if isinstance(sensor, str) else camera
+        camera = built_in.sensor_of(image) if isinstance(sensor, str) else camera
         camera, along = _seen_by(camera, depth_axis, intrinsics, fov_deg, image)
         range_mm *= along
-    _say_doubts(range_mm, sheet, camera, dropped, UNITS_MM[units])
+    _say_doubts(range_mm, built_in, camera, dropped, UNITS_MM[units])
     if noise is not None:
         camera = replace(camera, noise=noise)
     light = None if amplitude is None else np.asarray(amplitude)
@@ -422,7 +421,7 @@ def _seen_by(
     """The camera with its lens, and the range of each pixel over its number in the array."""
     from tofmix.optics.pinhole import Pinhole
     from tofmix.optics.view import centre_doubt, projection_of_view, ray_factor, view_doubt
-    from tofmix.sensors.view import with_lens, with_view
+    from tofmix.sensor import with_lens, with_view
 
     if depth_axis not in get_args(DepthAxis):
         raise ValueError(f"depth_axis: {depth_axis!r} is not one of {', '.join(get_args(DepthAxis))}")
@@ -508,23 +507,22 @@ def _status(status: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
 
 def _valid_codes(given: tuple[int, ...] | None, sensor: Sensor | str | None) -> tuple[int, ...]:
     """Codes of valid samples: the given ones, or those of a built-in camera."""
-    from tofmix.sensors import load_sheet
+    from tofmix.sensors import load_camera
 
-    of_camera = load_sheet(sensor).valid_status if given is None and isinstance(sensor, str) else given
+    of_camera = load_camera(sensor).valid_status if given is None and isinstance(sensor, str) else given
     if not of_camera:
         raise ValueError("status: no codes of valid samples are known; give valid_status=(5, 9), or the sensor's own")
     return of_camera
 
 
 def _say_doubts(
-    range_mm: FloatArray, sheet: "CameraSheet", camera: Sensor, dropped: dict[str, int], unit_mm: float
+    range_mm: FloatArray, built_in: "Camera", camera: Sensor, dropped: dict[str, int], unit_mm: float
 ) -> None:
     """Warn of an image of another size, of values dropped unnamed, and of ranges that are not the camera's."""
     from tofmix.io.recording.range_check import implausible, outside_doubt
     from tofmix.io.samples import guessed
-    from tofmix.sensors.view import size_doubt
 
-    doubts = [size_doubt(sheet, (range_mm.shape[-2], range_mm.shape[-1])) if range_mm.ndim >= _IMAGE_DIMENSIONS else ""]
+    doubts = [built_in.size_doubt(range_mm.shape[-2:]) if range_mm.ndim >= _IMAGE_DIMENSIONS else ""]
     if unnamed := guessed(dropped):
         doubts.append(f"no samples: {unnamed}; keep_values=True keeps fill values")
     seen = range_mm[np.isfinite(range_mm)]
@@ -538,12 +536,11 @@ def _say_doubts(
         warnings.warn(f"from_array: {text}", DoubtWarning, stacklevel=3)
 
 
-def _sheet(sensor: Sensor | str | None, integration_time_ms: float | None) -> "CameraSheet":
+def _built_in(sensor: Sensor | str | None, integration_time_ms: float | None) -> "Camera":
     """The built-in camera of a name; empty for any other."""
-    from tofmix.sensors import load_sheet
-    from tofmix.sensors.sheet import UNKNOWN
+    from tofmix.sensors import UNKNOWN, load_camera
 
     if not isinstance(sensor, str):
         return UNKNOWN
-    sheet = load_sheet(sensor)
-    return sheet if integration_time_ms is None else replace(sheet, integration_time_ms=integration_time_ms)
+    camera = load_camera(sensor)
+    return camera if integration_time_ms is None else replace(camera, integration_time_ms=integration_time_ms)

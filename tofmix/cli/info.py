@@ -58,9 +58,9 @@ def _describe(file: Path) -> "Description":
         return _of_text(name)
     if name in PROFILES and not file.exists():
         from tofmix.report.descriptions.camera import describe_sensor
-        from tofmix.sensors import load_sheet
+        from tofmix.sensors import load_camera
 
-        return describe_sensor(load_sheet(name), name=name)
+        return describe_sensor(load_camera(name), name=name)
     return _of_source(file) if _is_foreign(file) else _of_hdf5(file)
 
 
@@ -91,7 +91,7 @@ def _of_text(name: str) -> "Description":
     from tofmix.io.model_file import load_model, load_model_text
     from tofmix.report.descriptions.camera import describe_sensor
     from tofmix.report.descriptions.model import describe_model
-    from tofmix.sensors.profile_toml import parse_profile
+    from tofmix.sensors import parse_profile
     from tofmix.toml_table import parse_toml
 
     text = load_model_text(name)

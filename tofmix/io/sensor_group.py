@@ -1,7 +1,7 @@
 """The group `sensor` of recordings, layers and surfaces files: the camera, its noise, and the learnt noise."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import h5py
 import numpy as np
@@ -24,16 +24,12 @@ from tofmix.optics.projection import (
     projection_values,
 )
 from tofmix.recording import MOST_PIXELS_A_SIDE
-from tofmix.sensor import (
-    DEFAULT_OUTLIER_PROBABILITY,
-    RARE_SENSOR_NUMBERS,
-    SENSOR_NUMBERS,
-    AmplitudeLaw,
-    NoiseCurve,
-    Sensor,
-)
+from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, AmplitudeLaw, NoiseCurve, Sensor
+from tofmix.sensor_schema import RARE_SENSOR_NUMBERS, SENSOR_NUMBERS
 from tofmix.share_law import share_law_of
 from tofmix.temporal_filter import make_filter
+
+T = TypeVar("T")
 
 _MOST_POINTS = 100_000  # of a list in the group `sensor`
 _MOST_COEFFICIENTS = 64  # of a lens; OpenCV has up to 14

@@ -22,12 +22,8 @@ from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import Projection
 from tofmix.optics.view import centre_doubt, projection_of_view, ray_factor
 from tofmix.report.summary.light import OPTIONS, lacking
-from tofmix.sensor import Sensor
-from tofmix.sensors import PROFILES, CameraSheet, load_sheet
-from tofmix.sensors.profile_toml import parse_profile
-from tofmix.sensors.sensor_file import parse_sensor
-from tofmix.sensors.sheet import UNKNOWN
-from tofmix.sensors.view import sensor_of, size_doubt, turned, with_lens
+from tofmix.sensor import Sensor, with_lens
+from tofmix.sensors import PROFILES, UNKNOWN, Camera, load_camera, parse_camera, parse_profile
 from tofmix.share_law import share_law_of
 from tofmix.toml_table import parse_toml
 from tofmix.wording import readable
@@ -41,7 +37,7 @@ class ImportRequest:
     output: Path
     request: SourceRequest
     sensor: str | None  # a built-in camera, or a TOML file; None: not known
-    camera: CameraSheet  # of `sensor`
+    camera: Camera  # of `sensor`
     lens: "Lens"
     inputs: Sequence[Path]  # files that are read, which the output must not be
     unit_mm: float | None  # mm of one unit; the source's without it
@@ -76,7 +72,7 @@ def import_file(asked: ImportRequest, reporter: Reporter) -> ImportedFile:
     with locked(asked.output, overwrite=asked.overwrite, inputs=inputs), open_source(source, request) as frames:
         shape = frames.shape[1:]
         targets = _targets_kept(asked.target, frames, source)
-        known = frames.sensor if asked.sensor is None and frames.sensor is not None else sensor_of(camera, shape)
+        known = frames.sensor if asked.sensor is None and frames.sensor is not None else camera.sensor_of(shape)
         known = with_frequency(known, asked.modulation_frequency_hz)
         if asked.shares is not None:
             known = replace(known, share_law=share_law_of(asked.shares))
@@ -84,7 +80,7 @@ def import_file(asked: ImportRequest, reporter: Reporter) -> ImportedFile:
         if frames.unit_unknown and asked.unit_mm is None:
             raise BadInputError(f"{source}: {frames.unit_unknown}; give --scale, mm of one count, or --units")
         # Images of a turned camera are read as they are.
-        if request.axes is None and takes_axes(source) and (reason := turned(shape, camera)):
+        if request.axes is None and takes_axes(source) and (reason := camera.turned(shape)):
             raise BadInputError(f"{source}: {reason}; give their order: --axes frame,col,row")
         geometry = geometry_of(frames, known, asked.lens, asked.depth_axis, source)
         used_mm = asked.unit_mm or frames.unit_mm or 1.0
@@ -173,10 +169,10 @@ def _targets_kept(target: Target | None, frames: FrameSource, source: Path) -> i
 
 
 def _doubts(
-    frames: FrameSource, imported: Imported, camera: CameraSheet, sensor: Sensor, source: Path, unit_mm: float
+    frames: FrameSource, imported: Imported, camera: Camera, sensor: Sensor, source: Path, unit_mm: float
 ) -> list[str]:
     """Doubts about a source, each a line for the user."""
-    notes = [size_doubt(camera, frames.shape[1:])]
+    notes = [camera.size_doubt(frames.shape[1:])]
     doubt = "" if imported.median_mm is None else implausible(imported.median_mm, sensor, unit_mm=unit_mm, path=source)
     if dropped := guessed(imported.dropped):
         notes.append(f"no samples: {dropped} (--keep-values keeps fill values)")
@@ -190,18 +186,18 @@ def _doubts(
     return [f"{source}: {text}" for text in notes if text]
 
 
-def camera_of(name: str | None) -> CameraSheet:
+def camera_of(name: str | None) -> Camera:
     """Properties of the camera of ``--sensor``; empty without it."""
     if name is None:
         return UNKNOWN
     if name in PROFILES and not Path(name).is_file():
-        return load_sheet(name)
+        return load_camera(name)
     if not Path(name).exists():
         raise BadInputError(f"--sensor: {name}: no such file, and not a built-in sensor ({', '.join(PROFILES)})")
     text = read_text(Path(name))
     if "about" in parse_toml(text, source=name):
         return parse_profile(text, source=name)
-    return parse_sensor(text, source=name, read_map=maps_of_model(Path(name)))
+    return parse_camera(text, source=name, read_map=maps_of_model(Path(name)))
 
 
 def with_frequency(sensor: Sensor, frequency_hz: float | None) -> Sensor:

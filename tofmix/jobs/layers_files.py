@@ -9,8 +9,7 @@ from tofmix.jobs.reporter import OptionError, Reporter
 from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import Projection
 from tofmix.optics.view import view_doubt
-from tofmix.sensor import Sensor
-from tofmix.sensors.view import with_view
+from tofmix.sensor import Sensor, with_view
 
 _VIEW_REMEDY = "import the recording with --fov HxV or --intrinsics, and estimate again"
 

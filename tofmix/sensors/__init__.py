@@ -1,28 +1,33 @@
-"""Built-in cameras: the data of each, in one TOML file a camera.
+"""Cameras: the types `Camera` and `CompleteCamera`, their TOML files, and the built-in ones, one file a camera.
 
-Use `load_profile` where a user names a camera (``--noise sr3000``, ``profile =
-"sr3000"``). A recording carries its own `tofmix.sensor.Sensor`; do not look a
-camera up here to read one.
+Use `load_profile` where a user names a camera (``--noise sr3000``, ``profile = "sr3000"``). A recording carries its own
+`tofmix.sensor.Sensor`; do not look a camera up here to read one.
 """
 
-from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.camera import UNKNOWN, Camera, CompleteCamera
 from tofmix.sensors.registry import (
     PROFILES,
+    camera_of_model,
+    load_camera,
     load_profile,
-    load_sheet,
     noise_of_profile,
+    parse_camera,
+    parse_profile,
     profile_text,
     profiles_with_noise,
 )
-from tofmix.sensors.sheet import CameraSheet
 
 __all__ = [
     "PROFILES",
-    "CameraSheet",
-    "SensorProfile",
+    "UNKNOWN",
+    "Camera",
+    "CompleteCamera",
+    "camera_of_model",
+    "load_camera",
     "load_profile",
-    "load_sheet",
     "noise_of_profile",
+    "parse_camera",
+    "parse_profile",
     "profile_text",
     "profiles_with_noise",
 ]

@@ -1,14 +1,17 @@
-"""The built-in cameras by name: one file and one line each."""
+"""The built-in cameras by name, one file and one line each; and the camera that a file describes.
 
+A file is a model, another camera's file, or a built-in camera's own; its text is read elsewhere.
+"""
+
+from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 
 from tofmix.errors import BadInputError
 from tofmix.sensor import NoiseCurve
-from tofmix.sensors.profile import SensorProfile
-from tofmix.sensors.profile_toml import parse_profile
-from tofmix.sensors.sheet import CameraSheet
-from tofmix.toml_table import nearest
+from tofmix.sensors.camera import Camera, CompleteCamera
+from tofmix.sensors.camera_toml import read_camera, read_complete
+from tofmix.toml_table import MapReader, TomlTable, nearest, parse_toml
 
 PROFILES: dict[str, str] = {
     "sr3000": "sr3000.toml",
@@ -30,7 +33,7 @@ PROFILES: dict[str, str] = {
 }
 
 
-def load_sheet(name: str) -> CameraSheet:
+def load_camera(name: str) -> Camera:
     """Read the data of a built-in camera.
 
     Parameters
@@ -40,7 +43,7 @@ def load_sheet(name: str) -> CameraSheet:
 
     Returns
     -------
-    CameraSheet
+    Camera
         The camera at its default integration time.
 
     Raises
@@ -58,7 +61,7 @@ def profile_text(name: str) -> str:
     return (files("tofmix.sensors") / PROFILES[name]).read_text(encoding="utf-8")
 
 
-def load_profile(name: str) -> SensorProfile:
+def load_profile(name: str) -> CompleteCamera:
     """Read a built-in camera of which all is known that a simulation needs.
 
     Parameters
@@ -68,7 +71,7 @@ def load_profile(name: str) -> SensorProfile:
 
     Returns
     -------
-    SensorProfile
+    CompleteCamera
         The camera at its default integration time.
 
     Raises
@@ -77,7 +80,7 @@ def load_profile(name: str) -> SensorProfile:
         If there is no camera of this name, or something of it is not known.
     """
     try:
-        return load_sheet(name).profile()
+        return load_camera(name).complete()
     except ValueError as error:
         raise BadInputError(f"profile {name}: {error}") from None
 
@@ -85,7 +88,7 @@ def load_profile(name: str) -> SensorProfile:
 @cache
 def profiles_with_noise() -> tuple[str, ...]:
     """Names of the cameras whose profile has a noise curve."""
-    return tuple(name for name in PROFILES if load_sheet(name).noise is not None)
+    return tuple(name for name in PROFILES if load_camera(name).noise is not None)
 
 
 def noise_of_profile(name: str, integration_time_ms: float | None) -> tuple[NoiseCurve, str | None]:
@@ -112,14 +115,87 @@ def noise_of_profile(name: str, integration_time_ms: float | None) -> tuple[Nois
     ValueError
         If its noise is not known.
     """
-    sheet = load_sheet(name)
-    if sheet.noise is None:
+    camera = load_camera(name)
+    if camera.noise is None:
         raise ValueError(
-            f"the noise of {sheet.name} is not known; auto measures it, {', '.join(profiles_with_noise())} have a curve"
+            f"the noise of {camera.name} is not known; auto measures it,"
+            f" {', '.join(profiles_with_noise())} have a curve"
         )
-    profile = sheet.profile()
+    own_ms = camera.complete().integration_time_ms
     doubt = None
     if integration_time_ms is None:
-        default = f"{profile.integration_time_ms:g} ms"
-        doubt = f"sensor: no integration_time_ms; the curve of {name} is taken at its default, {default}"
-    return profile.noise_at(integration_time_ms or profile.integration_time_ms), doubt
+        doubt = f"sensor: no integration_time_ms; the curve of {name} is taken at its default, {own_ms:g} ms"
+    return camera.noise_at(integration_time_ms or own_ms), doubt
+
+
+def parse_profile(text: str, *, source: str) -> Camera:
+    """Read a built-in camera's file: ``[about]`` and a ``[sensor]`` with the keys that are known.
+
+    Parameters
+    ----------
+    text : str
+        The file's text.
+    source : str
+        Its name, for messages.
+
+    Raises
+    ------
+    BadInputError
+        If it is not TOML or not such a file.
+    """
+    root = parse_toml(text, source=source)
+    root.refuse_unknown({"about", "sensor"})
+    about = root.table("about")
+    about.refuse_unknown({"confirmed", "sources"})
+    if "sensor" not in root:
+        raise root.error("no table [sensor], so no camera")
+    camera = read_camera(root.table("sensor"), None)
+    return replace(camera, confirmed=about.boolean("confirmed"), sources=about.texts("sources"))
+
+
+def camera_of_model(root: TomlTable, *, read_map: MapReader | None = None) -> CompleteCamera:
+    """Read the table ``[sensor]``, whose key ``profile`` names a built-in camera that its other keys override.
+
+    `read_map` is as for `read_camera`.
+
+    Raises
+    ------
+    BadInputError
+        If a key is unknown, missing, of a wrong type or outside its bounds.
+    """
+    table = root.table("sensor")
+    return read_complete(table, _base_of(table), more_keys=("profile",), read_map=read_map)
+
+
+def _base_of(table: TomlTable) -> Camera | None:
+    if "profile" not in table:
+        return None
+    name = table.text("profile")
+    try:
+        return load_camera(name)
+    except BadInputError as error:
+        raise table.error(str(error), "profile") from None
+
+
+def parse_camera(text: str, *, source: str, read_map: MapReader | None = None) -> Camera:
+    """Read the camera of a TOML file; other tables of a model than ``[sensor]`` are ignored.
+
+    Parameters
+    ----------
+    text : str
+        The file's text.
+    source : str
+        Its name, for messages.
+    read_map : callable, optional
+        As for `read_camera`.
+
+    Raises
+    ------
+    BadInputError
+        If it is not TOML or holds no camera.
+    """
+    root = parse_toml(text, source=source)
+    if "sensor" not in root:
+        raise root.error("no table [sensor], so no camera")
+    table = root.table("sensor")
+    return read_camera(table, _base_of(table), more_keys=("profile",), read_map=read_map)

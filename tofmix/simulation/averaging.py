@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.errors import BadInputError
 from tofmix.noise_shape import NoiseShape
-from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.events import EventTable, draw
 
 MAX_EXPOSURES = 1000  # the SR-3000 sets its time in steps of 0.2 ms: 50 of them in its default time
@@ -37,12 +37,12 @@ class Exposure:
     sigma_mm: FloatArray
 
 
-def exposure_times(sensor: SensorProfile) -> tuple[float, ...]:
+def exposure_times(sensor: CompleteCamera) -> tuple[float, ...]:
     """Integration times in ms of the samples within the default one: whole samples, then the rest.
 
     Parameters
     ----------
-    sensor : SensorProfile
+    sensor : CompleteCamera
         The camera, at the integration time of one sample.
 
     Returns
@@ -71,7 +71,7 @@ def exposure_times(sensor: SensorProfile) -> tuple[float, ...]:
     return (tau,) * whole + ((rest,) if rest > _NEGLIGIBLE * tau else ())
 
 
-def exposures(table: EventTable, sensor: SensorProfile, width: FloatArray | None = None) -> tuple[Exposure, ...]:
+def exposures(table: EventTable, sensor: CompleteCamera, width: FloatArray | None = None) -> tuple[Exposure, ...]:
     """The samples within the on-board integration, each with its noise, times the pixels' own widths (pixel,).
 
     The shorter last one has the noise of its own time by the tau law. Its weight in the mean is its time, so that

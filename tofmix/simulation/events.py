@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.noise_shape import NoiseShape
 from tofmix.sensor import NoiseCurve
-from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.noise import shaped
 from tofmix.simulation.truth import Truth
 
@@ -77,14 +77,14 @@ class EventSamples:
     sigma_mm: FloatArray
 
 
-def event_table(truth: Truth, sensor: SensorProfile, *, outlier_share: float | FloatArray | None = None) -> EventTable:
+def event_table(truth: Truth, sensor: CompleteCamera, *, outlier_share: float | FloatArray | None = None) -> EventTable:
     """Prepare the events of a scene for drawing.
 
     Parameters
     ----------
     truth : Truth
         Result of `tofmix.simulation.casting.cast.cast_scene`.
-    sensor : SensorProfile
+    sensor : CompleteCamera
         The camera it was cast for.
     outlier_share : float or (row, col), optional
         Difference between 1 and the sum of the true shares, if effects add random values to the camera's; the table is

@@ -12,7 +12,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
-from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.surface import Surface
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class Model:
 
     Parameters
     ----------
-    sensor : SensorProfile
+    sensor : CompleteCamera
         The camera, at the integration time of one sample.
     surfaces : tuple of Surface
         The scene; it may be empty, and then no pixel has a return.
@@ -75,7 +75,7 @@ class Model:
         another surface.
     """
 
-    sensor: SensorProfile
+    sensor: CompleteCamera
     surfaces: tuple[Surface, ...] = ()
     recording: RecordingSettings = RecordingSettings()
     text: str = ""

@@ -10,7 +10,7 @@ import numpy as np
 
 from tofmix.errors import BadInputError
 from tofmix.sensor import AmplitudeLaw, NoiseCurve
-from tofmix.sensors.noise_toml import noise_toml
+from tofmix.sensors.camera_toml import noise_toml
 from tofmix.simulation.effects.quantisation import Quantisation
 from tofmix.simulation.model import Model
 from tofmix.toml_table import parse_toml

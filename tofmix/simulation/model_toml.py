@@ -7,8 +7,8 @@ Reading the file itself is left to the caller, and the built-in models to
 import json
 from typing import Any
 
-from tofmix.sensors.profile import SensorProfile
-from tofmix.sensors.sensor_file import sensor_of
+from tofmix.sensors import camera_of_model
+from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.effects import EFFECTS, Effect, PixelMap
 from tofmix.simulation.effects.parameter import Holds, Parameter
 from tofmix.simulation.model import Model, RecordingSettings
@@ -40,7 +40,7 @@ def parse_model(text: str, *, source: str, read_map: MapReader | None = None) ->
     """
     root = parse_toml(text, source=source)
     root.refuse_unknown({"sensor", "recording", "surface", "effect"})
-    sensor = sensor_of(root, read_map=read_map)
+    sensor = camera_of_model(root, read_map=read_map)
     surfaces = tuple(_read_surface(table, number) for number, table in enumerate(root.tables("surface"), 1))
     recording = _read_recording(root.table("recording"))
     effects = tuple(_read_effect(table, sensor, read_map) for table in root.tables("effect"))
@@ -63,7 +63,7 @@ def _one_line(text: str) -> str:
     return " ".join(text.split())
 
 
-def _read_effect(table: TomlTable, sensor: SensorProfile, read_map: MapReader | None) -> Effect:
+def _read_effect(table: TomlTable, sensor: CompleteCamera, read_map: MapReader | None) -> Effect:
     kind = table.text("kind")
     if kind not in EFFECTS:
         raise table.error(f"{json.dumps(kind)} is not an effect{nearest(kind, EFFECTS)}", "kind")
@@ -81,7 +81,7 @@ def _read_effect(table: TomlTable, sensor: SensorProfile, read_map: MapReader | 
 
 
 def _read_parameter(
-    table: TomlTable, parameter: Parameter, sensor: SensorProfile, read_map: MapReader | None
+    table: TomlTable, parameter: Parameter, sensor: CompleteCamera, read_map: MapReader | None
 ) -> float | str | PixelMap:
     if parameter.holds is Holds.NUMBER:
         return table.number(parameter.name)

@@ -12,7 +12,7 @@ from scipy.special import ndtr
 
 from tofmix.arrays import FloatArray
 from tofmix.noise_shape import NoiseShape
-from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.camera import CompleteCamera
 
 _STREAM = (zlib.crc32(b"noise width"), 0)
 """Where the widths' random stream is among those of a recording: no frame and no effect has it."""
@@ -59,12 +59,12 @@ def shaped(noise: FloatArray, shape: NoiseShape | None) -> FloatArray:
     return noise if shape is None else shape.quantile(ndtr(noise))
 
 
-def drawn_widths(sensor: SensorProfile, *, seed: int) -> FloatArray | None:
+def drawn_widths(sensor: CompleteCamera, *, seed: int) -> FloatArray | None:
     """Each pixel's own width, a factor on sigma for a whole recording.
 
     Parameters
     ----------
-    sensor : SensorProfile
+    sensor : CompleteCamera
         The camera.
     seed : int
         The recording's seed.

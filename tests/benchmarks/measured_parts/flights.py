@@ -15,7 +15,7 @@ from benchmarks.real_recordings import FOLDER
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.optics.projection import beam_directions_of
 from tofmix.sensor import NoiseCurve
-from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.model import Model, RecordingSettings
 from tofmix.simulation.surface import Surface
 
@@ -35,7 +35,7 @@ _LEFT_MM = 60.0  # from the start: it flies
 
 
 def _model(start_mm: float, frames: int, sigma: tuple[float, ...]) -> Model:
-    sensor = SensorProfile(
+    sensor = CompleteCamera(
         name="VL53L5CX",
         rows=8,
         cols=8,

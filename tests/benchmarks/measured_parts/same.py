@@ -19,7 +19,7 @@ from scipy.ndimage import median_filter
 
 from tofmix.arrays import FloatArray
 from tofmix.sensor import NoiseCurve
-from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.parameter import PixelMap
@@ -77,7 +77,7 @@ def model_of(half: FloatArray) -> Model:
     mean = np.nanmean(half, axis=0)
     sigma = float(np.sqrt(np.nanmean(np.nanvar(half, axis=0, ddof=1))))
     distance = max(float(np.nanmedian(mean)), 1.0)
-    sensor = SensorProfile(
+    sensor = CompleteCamera(
         name="measured",
         rows=rows,
         cols=cols,

@@ -17,7 +17,7 @@ from benchmarks.measured_parts.judging import far_pose, reconciled
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.optics.ranging import unambiguous_range_mm
 from tofmix.sensor import NoiseCurve
-from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.parameter import PixelMap
@@ -54,8 +54,8 @@ def sigma_of(amplitude: float, turn_mm: float) -> float:
     return turn_mm / (2 * math.pi) / math.sqrt(amplitude * ELECTRONS)
 
 
-def _sensor(image: tuple[int, int], frequency_hz: float, sigma_mm: float) -> SensorProfile:
-    return SensorProfile(
+def _sensor(image: tuple[int, int], frequency_hz: float, sigma_mm: float) -> CompleteCamera:
+    return CompleteCamera(
         name="taps",
         rows=image[0],
         cols=image[1],

@@ -12,7 +12,7 @@ from support.sizes import sized
 
 from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import cell_nodes
-from tofmix.sensors import SensorProfile, load_profile
+from tofmix.sensors import CompleteCamera, load_profile
 from tofmix.simulation.casting import cast_cells
 from tofmix.simulation.casting.cast import MovingCaster, cast_scene
 from tofmix.simulation.casting.scene import scene_arrays
@@ -33,7 +33,7 @@ BOARDS = (
 pytestmark = pytest.mark.usefixtures("kernel_casts")
 
 
-def camera(**changes: Any) -> SensorProfile:  # noqa: ANN401  keys of a pinhole
+def camera(**changes: Any) -> CompleteCamera:  # noqa: ANN401  keys of a pinhole
     """9 x 11 pixels of about 3 degrees each, through a lens."""
     return replace(load_profile("sr3000"), rows=9, cols=11, projection=Pinhole(**(LENS | changes)))
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tofmix.optics.pinhole import Pinhole
-from tofmix.sensors import SensorProfile, load_profile
+from tofmix.sensors import CompleteCamera, load_profile
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.casting.polygon_cast import PolygonCaster
 from tofmix.simulation.casting.polygon_kernel import MOST_IN_FRONT
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.compiled("thousands of pixels are cut")
 Floats = NDArray[np.float64]
 
 
-def camera(**changes: object) -> SensorProfile:
+def camera(**changes: object) -> CompleteCamera:
     """26 x 34 pixels of 0.6 degrees."""
     settings: dict[str, object] = {"rows": 26, "cols": 34, "fov_horizontal_deg": 20.4, "fov_vertical_deg": 15.6}
     return replace(load_profile("sr3000"), **(settings | changes))  # type: ignore[arg-type]

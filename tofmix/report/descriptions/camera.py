@@ -3,11 +3,10 @@
 from tofmix.report.descriptions.description import Description, Section
 from tofmix.report.descriptions.sections import noise_table, sensor_section
 from tofmix.report.summary.findings import Finding
-from tofmix.sensors.profile import SensorProfile
-from tofmix.sensors.sheet import CameraSheet
+from tofmix.sensors.camera import Camera
 
 
-def describe_sensor(camera: CameraSheet, *, name: str) -> Description:
+def describe_sensor(camera: Camera, *, name: str) -> Description:
     """Describe a camera's own file."""
     sections = {"sensor": profile_section(camera) | {"outlier_probability": camera.outlier_probability}}
     if camera.sources:
@@ -21,12 +20,12 @@ def describe_sensor(camera: CameraSheet, *, name: str) -> Description:
     )
 
 
-def profile_section(camera: SensorProfile | CameraSheet) -> Section:
+def profile_section(camera: Camera) -> Section:
     """The section of a camera with its image."""
     return {"rows": camera.rows, "cols": camera.cols} | sensor_section(camera.sensor())
 
 
-def profile_findings(camera: SensorProfile | CameraSheet) -> tuple[Finding, ...]:
+def profile_findings(camera: Camera) -> tuple[Finding, ...]:
     """A warning if nobody has confirmed the figures of a camera that names its sources."""
     if camera.confirmed or not camera.sources:
         return ()

@@ -1,13 +1,18 @@
 """Sections that descriptions of several kinds of files have: the camera, its noise, its view."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from tofmix.background_density import BackgroundDensity
+from tofmix.noise_shape import NoiseShape
 from tofmix.optics.projection import projection_values
 from tofmix.report.descriptions.description import Section
 from tofmix.report.summary.findings import Finding
 from tofmix.report.summary.noise_numbers import noise_numbers
-from tofmix.sensor import RARE_SENSOR_NUMBERS, SENSOR_NUMBERS, NoiseCurve, Sensor
-from tofmix.sensors.noise_toml import noise_toml
+from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
+from tofmix.sensor_schema import DENSITY_LISTS, LAW_LISTS, RARE_SENSOR_NUMBERS, SENSOR_NUMBERS, SHAPE_LISTS
+from tofmix.sensors.camera_toml import noise_toml
 
 
 def sensor_section(sensor: Sensor) -> Section:
@@ -25,9 +30,7 @@ def sensor_section(sensor: Sensor) -> Section:
     section["noise_range_mm"] = None if noise is None else noise.range_mm.tolist()
     section["noise_sigma_mm"] = None if noise is None else noise.sigma_mm.tolist()
     if noise is not None and noise.law is not None:
-        section["noise_reference_amplitude"] = noise.law.reference.tolist()
-        section["noise_amplitude"] = noise.law.amplitude.tolist()
-        section["noise_amplitude_factor"] = noise.law.factor.tolist()
+        section |= _lists(noise.law, LAW_LISTS)
     if noise is not None:
         section |= _noise_parts(noise)
     if sensor.range_step_mm is not None:
@@ -39,8 +42,7 @@ def _noise_parts(noise: NoiseCurve) -> Section:
     """Parts of a noise curve beyond sigma; empty if the error is Gaussian and equal in all pixels."""
     parts: Section = {}
     if noise.shape is not None:
-        parts["noise_shape_z"] = noise.shape.z.tolist()
-        parts["noise_shape_density"] = noise.shape.density.tolist()
+        parts |= _lists(noise.shape, SHAPE_LISTS)
         parts["noise_shape_skewness"], parts["noise_shape_excess_kurtosis"] = noise.shape.moments()[2:]
     if noise.width_spread:
         parts["noise_width_spread"] = noise.width_spread
@@ -48,9 +50,13 @@ def _noise_parts(noise: NoiseCurve) -> Section:
         low, middle, high = np.quantile(noise.background, (0.0, 0.5, 1.0))
         parts |= {"noise_background_least": low, "noise_background_median": middle, "noise_background_most": high}
     if noise.background_density is not None:
-        parts["noise_background_range"] = noise.background_density.range_mm.tolist()
-        parts["noise_background_density"] = noise.background_density.density.tolist()
+        parts |= _lists(noise.background_density, DENSITY_LISTS)
     return {key: float(value) if isinstance(value, np.floating) else value for key, value in parts.items()}
+
+
+def _lists(part: AmplitudeLaw | NoiseShape | BackgroundDensity, names: Mapping[str, str]) -> Section:
+    """The lists of a part of a noise curve, under their names in files."""
+    return {f"noise_{name}": getattr(part, key).tolist() for name, key in names.items()}
 
 
 def noise_table(sensor: Sensor) -> str:

@@ -15,7 +15,7 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.errors import BadInputError
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import cell_nodes
-from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.casting.cast_cells import cast_cells, reached_cells
 from tofmix.simulation.casting.cast_kernel import cast_row, reached_row
 from tofmix.simulation.casting.scene import SceneArrays, scene_arrays
@@ -157,7 +157,7 @@ def _cast(model: Model, wanted: BoolArray | None = None) -> SeenSurfaces:
     return SeenSurfaces(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
 
 
-def _row_caster(sensor: SensorProfile, scene: SceneArrays) -> Callable[[int, BoolArray, FloatArray], None]:
+def _row_caster(sensor: CompleteCamera, scene: SceneArrays) -> Callable[[int, BoolArray, FloatArray], None]:
     """Function that casts one image row, from its number and the wanted pixels (col,), into zeros (col, S, 3).
 
     Cells of equal angles have kernels of their own, which take sines and cosines once a row and once a column.
@@ -184,7 +184,7 @@ def _reached(model: Model, moving: BoolArray) -> BoolArray:
     return reached
 
 
-def _angles(sensor: SensorProfile, optics: Equiangular) -> tuple[FloatArray, FloatArray]:
+def _angles(sensor: CompleteCamera, optics: Equiangular) -> tuple[FloatArray, FloatArray]:
     """Azimuth (col,) of each column's centre and elevation (row,) of each row's, rad."""
     width, height = optics.pixel_size_rad(sensor.shape)
     azimuths = (np.arange(sensor.cols, dtype=np.float64) - (sensor.cols - 1) / 2) * width

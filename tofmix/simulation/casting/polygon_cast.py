@@ -13,7 +13,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import Projection, cell_nodes, pixel_extent_rad
-from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.casting.cast import SeenSurfaces, cast_scene, sift, truth_of
 from tofmix.simulation.casting.cast_cells import BULGE
 from tofmix.simulation.casting.polygon_kernel import cast_polygons
@@ -48,11 +48,11 @@ class PolygonCaster:
 
     Parameters
     ----------
-    sensor : SensorProfile
+    sensor : CompleteCamera
         The camera.
     """
 
-    def __init__(self, sensor: SensorProfile) -> None:
+    def __init__(self, sensor: CompleteCamera) -> None:
         self._coarse = float(pixel_extent_rad(sensor.optics, sensor.shape).max()) > _COARSE_RAD
         self._cells = _cells(sensor.optics, sensor.shape)  # type: ignore[arg-type]  # a frozen dataclass
 

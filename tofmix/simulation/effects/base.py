@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import FloatArray
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import beam_directions_of
-from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.effects.parameter import Holds, Parameter, declared_parameters
 from tofmix.simulation.effects.prior import FARTHEST, Prior
 from tofmix.simulation.effects.search import declared_forms, declared_problems
@@ -81,7 +81,7 @@ class Context:
 
     Parameters
     ----------
-    sensor : SensorProfile
+    sensor : CompleteCamera
         The camera.
     surfaces : tuple of str
         Names of the model's surfaces, in its order.
@@ -99,7 +99,7 @@ class Context:
         Number of the exposure within an averaged frame; 0 for a single sample.
     """
 
-    sensor: SensorProfile
+    sensor: CompleteCamera
     surfaces: tuple[str, ...]
     seed: int
     frame: int = 0
@@ -296,7 +296,7 @@ class Effect:
         """The action of the effect with its values, in one sentence."""
         raise NotImplementedError
 
-    def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:
+    def check(self, sensor: CompleteCamera, surfaces: tuple[str, ...]) -> None:
         """Refuse an effect that does not fit the camera or the scene.
 
         Raises
@@ -366,7 +366,7 @@ class Effect:
         self.act(prediction, context)
 
 
-def refuse_without_phase(kind: str, sensor: SensorProfile) -> None:
+def refuse_without_phase(kind: str, sensor: CompleteCamera) -> None:
     """Raise ValueError, a message that begins with the key, if the camera has no modulation frequency."""
     if sensor.modulation_frequency_hz is None:
         raise ValueError(f"kind: {kind} acts on the phase, and {sensor.name} has no modulation_frequency_hz")

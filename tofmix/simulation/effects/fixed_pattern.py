@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Latent, Level, Target
 from tofmix.simulation.effects.parameter import PixelMap, number, pixel_map
@@ -77,7 +77,7 @@ class FixedPattern(Effect):
         "Bias of each pixel; replaces the drawn biases."
     )
 
-    def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:
+    def check(self, sensor: CompleteCamera, surfaces: tuple[str, ...]) -> None:
         """Refuse a map that has no value somewhere."""
         Effect.check(self, sensor, surfaces)
         if self.map is not None and not np.isfinite(self.map.values).all():

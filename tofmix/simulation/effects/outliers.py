@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
@@ -60,7 +60,7 @@ class Outliers(Effect):
         """Probability."""
         return self.probability
 
-    def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:  # noqa: ARG002
+    def check(self, sensor: CompleteCamera, surfaces: tuple[str, ...]) -> None:  # noqa: ARG002
         """Refuse to leave no sample to the surfaces."""
         rest = 1 - float(np.max(sensor.random_share))
         if self.probability >= rest:

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target, refuse_without_phase
 from tofmix.simulation.effects.parameter import number
@@ -61,7 +61,7 @@ class PhaseWrapping(Effect):
         if facts.farthest_mm + _NEAR * facts.sigma_mm > facts.turn_mm or whole.any():
             yield Problem(make=lambda _: cls(unambiguous_range_mm=facts.turn_mm), starts=((),), steps=())
 
-    def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:
+    def check(self, sensor: CompleteCamera, surfaces: tuple[str, ...]) -> None:
         """A camera without phase folds only at a given range."""
         Effect.check(self, sensor, surfaces)
         if self.unambiguous_range_mm is None:

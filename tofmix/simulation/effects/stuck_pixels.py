@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Latent, Level, Target
 from tofmix.simulation.effects.parameter import PixelMap, number, pixel_map
@@ -53,7 +53,7 @@ class StuckPixels(Effect):
         "Value of each stuck pixel, NaN for working pixels; replaces the other parameters."
     )
 
-    def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:
+    def check(self, sensor: CompleteCamera, surfaces: tuple[str, ...]) -> None:
         """Refuse values that a recording cannot store."""
         Effect.check(self, sensor, surfaces)
         if self.map is not None:

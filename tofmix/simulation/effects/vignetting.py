@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
@@ -71,7 +71,7 @@ class Vignetting(Effect):
         )
         yield LinearForm(coefficients=(wider,), make=lambda c: cls(corner_factor=math.exp(c[0])))
 
-    def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:  # noqa: ARG002
+    def check(self, sensor: CompleteCamera, surfaces: tuple[str, ...]) -> None:  # noqa: ARG002
         """An image of one pixel has no corner."""
         if sensor.rows == sensor.cols == 1:
             raise ValueError("corner_factor: an image of one pixel has no corner")

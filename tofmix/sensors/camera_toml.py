@@ -1,16 +1,16 @@
-"""The ``[sensor]`` table of profiles and models, into a `SensorProfile` or a `CameraSheet`.
+"""The table ``[sensor]`` of a TOML file, into a camera; and a noise curve as the table ``[sensor.noise]``.
 
-Use `read_sensor` for a model, whose keys may override a built-in camera, `read_sheet` where a camera is only
-described, and `parse_profile` for a built-in camera's own file.
+`read_camera` and `read_complete` read a table whose keys may override a camera; `tofmix.sensors.registry` finds that
+camera. Use `noise_toml` where a curve is printed to be pasted, or written into a model.
 """
 
-from dataclasses import replace
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
 
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.measurement import Measurement, measurement_of
+from tofmix.measurement import measurement_of
 from tofmix.noise_shape import NoiseShape
 from tofmix.optics.projection import (
     DEFAULT_PROJECTION,
@@ -21,47 +21,48 @@ from tofmix.optics.projection import (
     number_keys,
 )
 from tofmix.sensor import AmplitudeLaw, NoiseCurve
-from tofmix.sensors.profile import SensorProfile
-from tofmix.sensors.sheet import VIEW_KEYS, CameraSheet
-from tofmix.share_law import ShareLaw, share_law_of
-from tofmix.toml_table import MapReader, TomlTable, nearest, parse_toml
-
-_WHOLE = ("rows", "cols")
-_NUMBERS = (
-    *VIEW_KEYS,
-    "range_min_mm",
-    "range_max_mm",
-    "integration_time_ms",
-    "outlier_probability",
+from tofmix.sensor_schema import (
+    CURVE_LISTS,
+    LAW_LISTS,
+    LAW_NUMBERS,
+    NOT_NEEDED,
+    NUMBERS,
+    RARE_SENSOR_NUMBERS,
+    SHAPE_LISTS,
+    VIEW_NUMBERS,
 )
-_MAY_BE_LEFT_OUT = ("modulation_frequency_hz", "default_integration_time_ms")  # a camera without phase has no frequency
-_NOISE_LISTS = ("range_mm", "sigma_mm")
-_LAW = {"reference_amplitude": "reference", "amplitude": "amplitude", "amplitude_factor": "factor"}
-"""Keys of an `AmplitudeLaw` and its fields; they go together."""
+from tofmix.sensors.camera import Camera, CompleteCamera
+from tofmix.share_law import ShareLaw, share_law_of
+from tofmix.toml_table import MapReader, TomlTable, nearest
 
-_SHAPE = {"shape_z": "z", "shape_density": "density"}
-"""Keys of a `NoiseShape` and its fields; they go together."""
+T = TypeVar("T")
 
-_NOISE_PARTS = (*_SHAPE, "width_spread", "background")
+_TABLE_NUMBERS = tuple(key for key in NUMBERS if key not in (*LAW_NUMBERS, *RARE_SENSOR_NUMBERS))
+"""Keys of ``[sensor]`` that hold a number."""
+
+_NEEDED = tuple(key for key in _TABLE_NUMBERS if key not in NOT_NEEDED)
+"""Those of them that a camera without a profile needs."""
+
+_NOISE_PARTS = (*SHAPE_LISTS, "width_spread", "background")
 """Keys of the shape, widths and background of a noise curve."""
 
 _INHERITED = ("shape", "width_spread", "background")
 """Their fields in a `NoiseCurve`, which a base camera hands on."""
 
-_NOISE_NUMBERS = ("reference_integration_time_ms", "exponent")
 _UNNAMED = "unnamed"
+_DIGITS = ".6g"  # a millionth of a sigma is below what any recording shows
 
 
-def read_sheet(
-    table: TomlTable, base: CameraSheet | None, *, more_keys: tuple[str, ...] = (), read_map: MapReader | None = None
-) -> CameraSheet:
+def read_camera(
+    table: TomlTable, base: Camera | None, *, more_keys: tuple[str, ...] = (), read_map: MapReader | None = None
+) -> Camera:
     """Read ``[sensor]`` and ``[sensor.noise]``, none of whose keys is needed; they override `base`.
 
     Parameters
     ----------
     table : TomlTable
         The ``[sensor]`` table.
-    base : CameraSheet or None
+    base : Camera or None
         Values of keys that are left out.
     more_keys : tuple of str
         Keys that the caller reads itself.
@@ -74,58 +75,40 @@ def read_sheet(
         If a key is unknown, of a wrong type or outside its bounds.
     """
     noise = table.table("noise")
+    texts: dict[str, Callable[[str], object]] = {"measurement": measurement_of, "share_law": share_law_of}
     optics = {"projection", *_optics_keys()}
-    table.refuse_unknown(
-        {
-            *_WHOLE,
-            *_NUMBERS,
-            *_MAY_BE_LEFT_OUT,
-            "name",
-            "measurement",
-            "share_law",
-            "noise",
-            "valid_status",
-            *optics,
-            *more_keys,
-        }
-    )
-    noise.refuse_unknown({*_NOISE_LISTS, *_LAW, *_NOISE_PARTS, *_NOISE_NUMBERS})
+    table.refuse_unknown({*_TABLE_NUMBERS, "name", *texts, "noise", "valid_status", *optics, *more_keys})
+    noise.refuse_unknown({*CURVE_LISTS, *LAW_LISTS, *_NOISE_PARTS, *LAW_NUMBERS})
     settings: dict[str, Any] = {"name": _UNNAMED} if base is None else base.known()
     if "name" in table:
         settings["name"] = table.text("name")
-    if "measurement" in table:
-        settings["measurement"] = _measurement(table)
-    if "share_law" in table:
-        settings["share_law"] = _share_law(table)
-    settings |= {key: table.integer(key) for key in _WHOLE if key in table}
-    settings |= {key: table.number(key) for key in (*_NUMBERS, *_MAY_BE_LEFT_OUT) if key in table}
-    settings |= {key: noise.number(key) for key in _NOISE_NUMBERS if key in noise}
+    settings |= {key: _meaning(table, key, of_text) for key, of_text in texts.items() if key in table}
+    settings |= {key: _number(table, key) for key in _TABLE_NUMBERS if key in table}
+    settings |= {key: noise.number(key) for key in LAW_NUMBERS if key in noise}
     if "valid_status" in table:
         settings["valid_status"] = _codes(table)
-    if any(key in noise for key in (*_NOISE_LISTS, *_LAW, *_NOISE_PARTS)):
+    if any(key in noise for key in (*CURVE_LISTS, *LAW_LISTS, *_NOISE_PARTS)):
         rows, cols = settings.get("rows"), settings.get("cols")
         image = None if rows is None or cols is None else (rows, cols)
         settings["noise"] = _noise_curve(noise, settings.get("noise"), _background(noise, image, read_map))
     settings["projection"] = _projection(table, base)
     if settings["projection"] is not None:
-        settings |= dict.fromkeys(VIEW_KEYS)  # it says where the pixels look; a field of view beside it says nothing
+        settings |= dict.fromkeys(VIEW_NUMBERS)  # it says where the pixels look; a field of view beside it says nothing
     try:
-        return CameraSheet(**settings)
+        return Camera(**settings)
     except ValueError as error:
         where = noise if str(error).startswith(("reference", "exponent", "noise curve", "background")) else table
         raise where.error(str(error)) from None
 
 
-def _measurement(table: TomlTable) -> Measurement:
-    try:
-        return measurement_of(table.text("measurement"))
-    except ValueError as error:
-        raise table.error(str(error)) from None
+def _number(table: TomlTable, key: str) -> float:
+    return table.integer(key) if NUMBERS[key].is_whole else table.number(key)
 
 
-def _share_law(table: TomlTable) -> ShareLaw:
+def _meaning(table: TomlTable, key: str, of_text: Callable[[str], T]) -> T:
+    """The value that a text stands for."""
     try:
-        return share_law_of(table.text("share_law"))
+        return of_text(table.text(key))
     except ValueError as error:
         raise table.error(str(error)) from None
 
@@ -137,15 +120,15 @@ def _codes(table: TomlTable) -> tuple[int, ...]:
     return tuple(int(code) for code in codes)
 
 
-def read_sensor(
-    table: TomlTable, base: CameraSheet | None, *, more_keys: tuple[str, ...] = (), read_map: MapReader | None = None
-) -> SensorProfile:
+def read_complete(
+    table: TomlTable, base: Camera | None, *, more_keys: tuple[str, ...] = (), read_map: MapReader | None = None
+) -> CompleteCamera:
     """Read ``[sensor]`` and ``[sensor.noise]`` of a camera that is simulated; their keys override `base`.
 
     Parameters
     ----------
     table, base, more_keys, read_map
-        As for `read_sheet`.
+        As for `read_camera`.
 
     Raises
     ------
@@ -155,13 +138,13 @@ def read_sensor(
     noise = table.table("noise")
     if base is None:
         _refuse_missing(table, noise, seen=_projection(table, None) is not None)
-    if "share_law" in table and _share_law(table) is not ShareLaw.AREA:
+    if "share_law" in table and _meaning(table, "share_law", share_law_of) is not ShareLaw.AREA:
         raise table.error("samples are simulated by area alone; leave the key out", "share_law")
-    sheet = read_sheet(table, base, more_keys=more_keys, read_map=read_map)
-    if lacking := sheet.missing():
+    camera = read_camera(table, base, more_keys=more_keys, read_map=read_map)
+    if lacking := camera.missing():
         keys = ", ".join("noise.range_mm, noise.sigma_mm" if key == "noise" else key for key in lacking)
-        raise table.error(f"missing {keys}; the profile of {sheet.name} lacks them: give them")
-    return sheet.profile()
+        raise table.error(f"missing {keys}; the profile of {camera.name} lacks them: give them")
+    return camera.complete()
 
 
 def _optics_keys() -> tuple[str, ...]:
@@ -170,7 +153,7 @@ def _optics_keys() -> tuple[str, ...]:
     return tuple(key for name in others for key in (*number_keys(name), *list_keys(name)))
 
 
-def _projection(table: TomlTable, base: CameraSheet | None) -> Projection | None:
+def _projection(table: TomlTable, base: Camera | None) -> Projection | None:
     """The projection; None for equal angles over the field of view."""
     before = None if base is None else base.projection
     name = DEFAULT_PROJECTION if before is None else before.name
@@ -198,16 +181,16 @@ def _projection(table: TomlTable, base: CameraSheet | None) -> Projection | None
 
 def _refuse_missing(table: TomlTable, noise: TomlTable, *, seen: bool) -> None:
     """Refuse a table that leaves out a key; the field of view is not needed where the optics are `seen` without."""
-    missing = [key for key in (*_WHOLE, *_NUMBERS) if key not in table and not (seen and key in VIEW_KEYS)]
-    missing += [f"noise.{key}" for key in (*_NOISE_LISTS, *_NOISE_NUMBERS) if key not in noise]
+    missing = [key for key in _NEEDED if key not in table and not (seen and key in VIEW_NUMBERS)]
+    missing += [f"noise.{key}" for key in (*CURVE_LISTS, *LAW_NUMBERS) if key not in noise]
     if missing:
         raise table.error(f'missing {", ".join(missing)}; give them, or profile = "sr3000" for what is left out')
 
 
 def _noise_curve(noise: TomlTable, base: NoiseCurve | None, background: FloatArray | None) -> NoiseCurve:
     lists = {} if base is None else {"range_mm": base.range_mm, "sigma_mm": base.sigma_mm}
-    given: dict[str, Any] = {key: noise.numbers(key) for key in _NOISE_LISTS if key in noise}
-    if lacking := [key for key in _NOISE_LISTS if key not in lists | given]:
+    given: dict[str, Any] = {key: noise.numbers(key) for key in CURVE_LISTS if key in noise}
+    if lacking := [key for key in CURVE_LISTS if key not in lists | given]:
         raise noise.error(f"missing {lacking[0]}; range_mm and sigma_mm go together")
     parts: dict[str, Any] = {} if base is None else {key: getattr(base, key) for key in _INHERITED}
     if "width_spread" in noise:
@@ -223,15 +206,15 @@ def _noise_curve(noise: TomlTable, base: NoiseCurve | None, background: FloatArr
 
 def _shape(noise: TomlTable) -> dict[str, NoiseShape]:
     """The shape of the error under its field's name; empty without one."""
-    present = [key for key in _SHAPE if key in noise]
+    present = [key for key in SHAPE_LISTS if key in noise]
     if not present:
         return {}
-    if len(present) < len(_SHAPE):
-        raise noise.error(f"{present[0]} alone; {' and '.join(_SHAPE)} go together")
+    if len(present) < len(SHAPE_LISTS):
+        raise noise.error(f"{present[0]} alone; {' and '.join(SHAPE_LISTS)} go together")
     try:
-        return {"shape": NoiseShape(**{name: np.array(noise.numbers(key)) for key, name in _SHAPE.items()})}
+        return {"shape": NoiseShape(**{name: np.array(noise.numbers(key)) for key, name in SHAPE_LISTS.items()})}
     except ValueError as error:
-        raise noise.error(str(error).removeprefix("noise shape: "), " and ".join(_SHAPE)) from None
+        raise noise.error(str(error).removeprefix("noise shape: "), " and ".join(SHAPE_LISTS)) from None
 
 
 def _background(noise: TomlTable, image: tuple[int, int] | None, read_map: MapReader | None) -> FloatArray | None:
@@ -252,36 +235,52 @@ def _background(noise: TomlTable, image: tuple[int, int] | None, read_map: MapRe
 def _amplitude_law(noise: TomlTable, base: NoiseCurve | None) -> AmplitudeLaw | None:
     """Law of amplitude of the noise at the reference integration time; None without one."""
     before = None if base is None or base.law is None else base.law
-    given = {key: noise.numbers(key) for key in _LAW if key in noise}
+    given = {key: noise.numbers(key) for key in LAW_LISTS if key in noise}
     if before is not None:
-        given = {key: tuple(getattr(before, name).tolist()) for key, name in _LAW.items()} | given
+        given = {key: tuple(getattr(before, name).tolist()) for key, name in LAW_LISTS.items()} | given
     if not given:
         return None
-    if lacking := [key for key in _LAW if key not in given]:
-        raise noise.error(f"missing {lacking[0]}; {', '.join(_LAW)} go together")
-    return AmplitudeLaw(**{name: np.array(given[key]) for key, name in _LAW.items()})
+    if lacking := [key for key in LAW_LISTS if key not in given]:
+        raise noise.error(f"missing {lacking[0]}; {', '.join(LAW_LISTS)} go together")
+    return AmplitudeLaw(**{name: np.array(given[key]) for key, name in LAW_LISTS.items()})
 
 
-def parse_profile(text: str, *, source: str) -> CameraSheet:
-    """Read a built-in camera's file: ``[about]`` and a ``[sensor]`` with the keys that are known.
+def noise_toml(
+    curve: NoiseCurve, *, integration_time_ms: float | None, exponent: float = 0.5, background: str | None = None
+) -> str:
+    """The table ``[sensor.noise]`` of a curve, each list on one line, ending in a newline.
 
     Parameters
     ----------
-    text : str
-        The file's text.
-    source : str
-        Its name, for messages.
-
-    Raises
-    ------
-    BadInputError
-        If it is not TOML or not such a file.
+    curve : NoiseCurve
+        Sigma (mm) at some ranges (mm), and its further parts.
+    integration_time_ms : float or None
+        The integration time of one sample at which the curve holds, ms; None if it is not known: the table then leaves
+        it out.
+    exponent : float
+        That of the law of the integration time.
+    background : str, optional
+        Path of the .npy file with the map of background shares, relative to the model's folder. Without it one share
+        is written for all pixels, the mean of a map.
     """
-    root = parse_toml(text, source=source)
-    root.refuse_unknown({"about", "sensor"})
-    about = root.table("about")
-    about.refuse_unknown({"confirmed", "sources"})
-    if "sensor" not in root:
-        raise root.error("no table [sensor], so no camera")
-    sheet = read_sheet(root.table("sensor"), None)
-    return replace(sheet, confirmed=about.boolean("confirmed"), sources=about.texts("sources"))
+    lines = ["[sensor.noise]", *(f"{key} = {_list(getattr(curve, key))}" for key in CURVE_LISTS)]
+    if integration_time_ms is not None:
+        lines += [f"reference_integration_time_ms = {integration_time_ms!r}", f"exponent = {exponent!r}"]
+    if curve.law is not None:
+        lines += [f"{key} = {_list(getattr(curve.law, name))}" for key, name in LAW_LISTS.items()]
+    if curve.shape is not None:
+        lines += [f"{key} = {_list(getattr(curve.shape, name))}" for key, name in SHAPE_LISTS.items()]
+    lines.append(f"width_spread = {_shown(curve.width_spread)}")
+    if background is not None:
+        lines.append(f'background = "{background}"')
+    elif curve.background is not None:
+        lines.append(f"background = {_shown(float(curve.background.mean()))}")
+    return "\n".join(lines) + "\n"
+
+
+def _list(values: Iterable[float]) -> str:
+    return f"[{', '.join(_shown(v) for v in values)}]"
+
+
+def _shown(value: float) -> str:
+    return repr(float(format(float(value), _DIGITS)))
