@@ -8,8 +8,10 @@ from tofmix.report.theme import DARK, LIGHT, Theme, drawing
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("shape", [(144, 176), (1, 176), (40, 1), (1, 1), (3, 500)])
-@pytest.mark.parametrize("theme", [LIGHT, DARK])
+@pytest.mark.parametrize(
+    ("shape", "theme"),
+    [((144, 176), LIGHT), ((144, 176), DARK), *((shape, LIGHT) for shape in ((1, 176), (40, 1), (1, 1), (3, 500)))],
+)
 def test_images_of_any_shape_are_drawn(shape: tuple[int, int], theme: Theme) -> None:
     gap_mm = np.full(shape, 2.0)
     gap_mm.flat[0] = np.nan
