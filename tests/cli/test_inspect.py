@@ -8,16 +8,15 @@ import h5py
 import numpy as np
 import pytest
 from PIL import Image
-from support.commandline import Tofmix
+from support.commandline import Estimated, Tofmix
 from support.files import boards, write_recording
 
 from tofmix.errors import ExitCode
 
 
 @pytest.fixture
-def layers(tofmix: Tofmix, tmp_path: Path) -> Path:
-    assert tofmix("estimate", write_recording(tmp_path / "a.h5", boards(60)), "--window", 30).code == 0
-    return tmp_path / "a.layers.h5"
+def layers(estimated: Estimated) -> Path:
+    return estimated(boards(60), window=30)
 
 
 def test_inspect_prints_the_numbers_of_the_files(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from support.commandline import Tofmix
+from support.commandline import Estimated, Tofmix
 from support.files import boards, write_recording
 
 from tofmix.errors import ExitCode
@@ -15,10 +15,8 @@ SEES = {"fov_horizontal_deg": 12.0, "fov_vertical_deg": 8.0}
 
 
 @pytest.fixture
-def layers(tofmix: Tofmix, tmp_path: Path) -> Path:
-    recording = write_recording(tmp_path / "a.h5", boards(40), attributes=SEES)
-    assert tofmix("estimate", recording, "--window", 20).code == 0
-    return tmp_path / "a.layers.h5"
+def layers(estimated: Estimated) -> Path:
+    return estimated(boards(40), window=20, attributes=SEES)
 
 
 def grey(text: Path) -> np.ndarray:

@@ -20,17 +20,22 @@ CONTRACT = Path(__file__).parents[3] / "shared" / "check_contract.py"
 PARTS = shape_keys(skewed()) + "width_spread = 0.2\n"
 
 
-_MADE: dict[str, bytes] = {}  # layers of the recording, estimated once
+_MADE: dict[str, bytes] = {}  # the recording and its layers, by file name
+
+
+def _made_once(tofmix: Tofmix, path: Path, *arguments: object) -> Path:
+    """The file that a command writes; the command runs for the first test alone."""
+    if path.name not in _MADE:
+        outcome = tofmix(*arguments, "-o", path)
+        assert outcome.code == 0, outcome.err
+        _MADE[path.name] = path.read_bytes()
+    path.write_bytes(_MADE[path.name])
+    return path
 
 
 @pytest.fixture
 def layers(tofmix: Tofmix, recording: Path, tmp_path: Path) -> Path:
-    path = tmp_path / "a.layers.h5"
-    if "layers" not in _MADE:
-        assert tofmix("estimate", recording, "-o", path, "--noise", "file").code == 0
-        _MADE["layers"] = path.read_bytes()
-    path.write_bytes(_MADE["layers"])
-    return path
+    return _made_once(tofmix, tmp_path / "a.layers.h5", "estimate", recording, "--noise", "file")
 
 
 @pytest.fixture
@@ -38,10 +43,7 @@ def recording(tofmix: Tofmix, tmp_path: Path) -> Path:
     np.save(tmp_path / "share.npy", np.linspace(0.0, 0.3, 96, dtype=np.float32).reshape(8, 12))
     text = model_text(PARTS + 'background = "share.npy"\n').replace("frames = 60", "frames = 20")
     (tmp_path / "model.toml").write_text(text)  # few samples a pixel: thresholds are drawn for fewer counts
-    path = tmp_path / "a.h5"
-    outcome = tofmix("simulate", tmp_path / "model.toml", "-o", path)
-    assert outcome.code == 0, outcome.err
-    return path
+    return _made_once(tofmix, tmp_path / "a.h5", "simulate", tmp_path / "model.toml")
 
 
 def test_recording_has_the_parts_under_the_names_of_the_contract(recording: Path) -> None:

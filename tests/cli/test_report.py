@@ -5,16 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.commandline import Tofmix
+from support.commandline import Estimated, Tofmix
 from support.files import boards, write_recording
 
 from tofmix.errors import ExitCode
 
 
 @pytest.fixture
-def layers(tofmix: Tofmix, tmp_path: Path) -> Path:
-    assert tofmix("estimate", write_recording(tmp_path / "a.h5", boards(40)), "--window", 20).code == 0
-    return tmp_path / "a.layers.h5"
+def layers(estimated: Estimated) -> Path:
+    return estimated(boards(40), window=20)
 
 
 def test_the_table_counts_pixels(tofmix: Tofmix, layers: Path) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import plyfile
 import pytest
 from support import naive_png
-from support.commandline import Tofmix
+from support.commandline import Estimated, Tofmix
 from support.files import boards, write_recording
 from support.planes_found import board_and_wall, nothing_found, write_surfaces
 
@@ -26,11 +26,9 @@ CONTRACT = Path(__file__).parents[3] / "shared" / "check_contract.py"
 
 
 @pytest.fixture
-def layers(tofmix: Tofmix, tmp_path: Path) -> Path:
+def layers(estimated: Estimated) -> Path:
     """Layers of two windows of two boards side by side, mixed in the middle columns."""
-    recording = write_recording(tmp_path / "a.h5", boards(80, 12, 14), attributes=FOV)
-    assert tofmix("estimate", recording, "--window", 40).code == 0
-    return tmp_path / "a.layers.h5"
+    return estimated(boards(80, 12, 14), window=40, attributes=FOV)
 
 
 @pytest.fixture

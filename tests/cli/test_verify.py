@@ -5,16 +5,15 @@ from pathlib import Path
 
 import h5py
 import pytest
-from support.commandline import Tofmix
-from support.files import boards, write_recording
+from support.commandline import Estimated, Tofmix
+from support.files import boards
 
 from tofmix.errors import ExitCode
 
 
 @pytest.fixture
-def layers(tofmix: Tofmix, tmp_path: Path) -> Path:
-    assert tofmix("estimate", write_recording(tmp_path / "a.h5", boards(40)), "--window", 20).code == 0
-    return tmp_path / "a.layers.h5"
+def layers(estimated: Estimated) -> Path:
+    return estimated(boards(40), window=20)
 
 
 def test_verify_of_valid_files_exits_with_0(tofmix: Tofmix, layers: Path) -> None:

@@ -4,6 +4,7 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TypeAlias
 
 from tofmix.cli.main import run
@@ -20,6 +21,9 @@ class Outcome:
 
 Tofmix: TypeAlias = Callable[..., Outcome]
 """What the fixture `tofmix` of tests/cli returns."""
+
+Estimated: TypeAlias = Callable[..., Path]
+"""What the fixture `estimated` of tests/cli returns."""
 
 
 @contextmanager
