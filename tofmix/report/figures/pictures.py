@@ -80,14 +80,9 @@ def _range_pictures(layers: Layers, averaged: AveragedImage, scale: tuple[float,
 
 def _layer_picture(layer: int, range_mm: FloatArray, scale: tuple[float, float]) -> Picture:
     name = ordinal(layer)
-    return _range_picture(
-        range_mm,
-        scale,
-        no_data=f"no {name} layer",
-        title=f"{name.capitalize()} layer",
-        alt=f"Range of the {name} layer over the image plane. {_extent(range_mm)}",
-        **_LAYER_WORDS[layer],
-    )
+    title, alt = f"{name.capitalize()} layer", f"Range of the {name} layer over the image plane. {_extent(range_mm)}"
+    words: Words = {**_LAYER_WORDS[layer], "title": title, "alt": alt}
+    return _range_picture(range_mm, scale, no_data=f"no {name} layer", **words)
 
 
 def _range_picture(
