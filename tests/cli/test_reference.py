@@ -22,7 +22,7 @@ OPTIONS = [
 
 def printed(**environment: str) -> bytes:
     """What the command of the page prints."""
-    command = [sys.executable, DOCS / "generators/cli_page.py"]
+    command: list[str | Path] = [sys.executable, DOCS / "generators/cli_page.py"]
     return subprocess.run(command, capture_output=True, check=True, env=os.environ | environment).stdout
 
 

@@ -1,6 +1,6 @@
 """Description of a layers file. `tofmix.report.summary.summary` describes the results of an estimate."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tofmix.report.descriptions.description import Description, Section
 from tofmix.report.descriptions.sections import noise_section, noise_table, sensor_section, view_findings
@@ -19,7 +19,9 @@ def describe_layers(file: "LayersFile", *, name: str, file_bytes: int) -> Descri
     provenance = file.provenance
     counts = Counts(file)
     for window in range(windows):
-        read = {field: file.read_field(field, window) if field in file.names else None for field in _COUNTED}
+        read: dict[str, Any] = {
+            field: file.read_field(field, window) if field in file.names else None for field in _COUNTED
+        }
         counts.count(**read)
     sections: dict[str, Section] = {
         "sizes": {

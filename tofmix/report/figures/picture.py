@@ -7,6 +7,7 @@ colour bar and legend: of ranges, of signed differences, or of a few kinds of pi
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypedDict, Unpack
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -29,6 +30,16 @@ NO_DATA, NO_SURFACE = "var(--hatching)", "var(--no-surface)"
 
 Legend = tuple[tuple[str, str], ...]
 """CSS colour and label of each entry."""
+
+
+class Words(TypedDict, total=False):
+    """Texts of a picture; see `Picture`."""
+
+    title: str
+    alt: str
+    shows: str
+    good: str
+    bad: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +65,7 @@ class Picture:
     legend: Legend = ()
 
 
-def figure_picture(draw: Callable[[Theme], Figure], **words: str) -> Picture:
+def figure_picture(draw: Callable[[Theme], Figure], **words: Unpack[Words]) -> Picture:
     """Draw a figure in both themes; `words` are the texts of `Picture`."""
     light, dark, (width, height) = drawn(draw, "svg")
     return Picture(light=light, dark=dark, width=width, height=height, **words)
@@ -69,7 +80,7 @@ def range_picture(
     legend: Legend = (),
     marked: BoolArray | None = None,
     image: tuple[int, int] | None = None,
-    **words: str,
+    **words: Unpack[Words],
 ) -> Picture:
     """Picture of ranges, or of other values that are not signed.
 
@@ -96,7 +107,7 @@ def range_picture(
     return Picture(light=uri, dark=uri, plane=plane, bar=labels, unit=unit, legend=legend, **words)
 
 
-def difference_picture(values: FloatArray, *, most: float, unit: str, no_data: str, **words: str) -> Picture:
+def difference_picture(values: FloatArray, *, most: float, unit: str, no_data: str, **words: Unpack[Words]) -> Picture:
     """Picture of signed values (row, col), zero in the middle of the colours.
 
     Parameters
@@ -142,7 +153,7 @@ def kinds_picture(
     no_data: str = "",
     image: tuple[int, int] | None = None,
     legend: Legend | None = None,
-    **words: str,
+    **words: Unpack[Words],
 ) -> Picture:
     """Picture of a few kinds of pixels, each in its colour.
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Unpack
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from tofmix.report.figures.picture import (
     NO_SURFACE,
     Legend,
     Picture,
+    Words,
     figure_picture,
     kinds_picture,
     range_picture,
@@ -78,17 +80,14 @@ def _range_pictures(layers: Layers, averaged: AveragedImage, scale: tuple[float,
 
 def _layer_picture(layer: int, range_mm: FloatArray, scale: tuple[float, float]) -> Picture:
     name = ordinal(layer)
-    return _range_picture(
-        range_mm,
-        scale,
-        no_data=f"no {name} layer",
-        title=f"{name.capitalize()} layer",
-        alt=f"Range of the {name} layer over the image plane. {_extent(range_mm)}",
-        **_LAYER_WORDS[layer],
-    )
+    title, alt = f"{name.capitalize()} layer", f"Range of the {name} layer over the image plane. {_extent(range_mm)}"
+    words: Words = {**_LAYER_WORDS[layer], "title": title, "alt": alt}
+    return _range_picture(range_mm, scale, no_data=f"no {name} layer", **words)
 
 
-def _range_picture(range_mm: FloatArray, scale: tuple[float, float], *, no_data: str, **words: str) -> Picture:
+def _range_picture(
+    range_mm: FloatArray, scale: tuple[float, float], *, no_data: str, **words: Unpack[Words]
+) -> Picture:
     legend: Legend = (
         *(((BELOW, f"below {scale[0]:.0f} mm"),) if bool((range_mm < scale[0]).any()) else ()),
         *(((ABOVE, f"above {scale[1]:.0f} mm"),) if bool((range_mm > scale[1]).any()) else ()),
@@ -97,7 +96,7 @@ def _range_picture(range_mm: FloatArray, scale: tuple[float, float], *, no_data:
     return range_picture(range_mm, scale=scale, legend=legend, **words)
 
 
-_LAYER_WORDS: dict[int, dict[str, str]] = {
+_LAYER_WORDS: dict[int, Words] = {
     1: {
         "shows": "The nearest surface of each pixel.",
         "good": "Every surface in one colour up to its edge; hatching only where there is open space.",

@@ -1,5 +1,6 @@
 """Pictures of a reconciliation: statistics over their axes before and after, and maps of the residuals."""
 
+import textwrap
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +36,7 @@ _MEANINGS = {
     "neighbour_correlation": "correlation",
 }
 _WIDTH = 5.0  # in
+_LABEL = 28  # characters of a line beside an axis: a longer one reaches the legend
 
 
 def curve_pictures(result: Reconciliation) -> list[Picture]:
@@ -89,7 +91,8 @@ def _curve(before: Curve, after: Curve | None, names: list[str]) -> Callable[[Th
             _steps(axes, after, now, color=theme.layers[0], label="after")
         axes.set_xlabel(_axis(before) + (f" ({before.unit})" if before.unit != "1" else ""))
         meaning = _MEANINGS.get(before.statistic, before.statistic.replace("_", " "))
-        axes.set_ylabel(f"{meaning} (mm)" if before.statistic in _IN_MM else meaning, fontsize=8)
+        label = f"{meaning} (mm)" if before.statistic in _IN_MM else meaning
+        axes.set_ylabel(textwrap.fill(label, _LABEL), fontsize=8)
         if before.axis in _COUNTED:
             _count(axes, before, names)
         figure.legend(loc="outside upper left", ncols=3, fontsize=8)
