@@ -141,7 +141,7 @@ def test_import_takes_the_parts_from_a_camera_file(tofmix: Tofmix, recording: Pa
 @pytest.mark.parametrize(
     ("name", "values", "reason"),
     [
-        ("noise_shape_z", None, "noise_shape_density alone"),
+        ("noise_shape_z", None, "noise_shape_z: missing; noise_shape_z, noise_shape_density go together"),
         ("noise_shape_z", np.linspace(9.0, -9.0, 121), "its z do not ascend"),
         ("noise_shape_z", np.linspace(-9.0, 9.0, 121), "expected median 0"),
         ("noise_shape_density", np.full(121, -1.0), "a density must be at least 0"),
