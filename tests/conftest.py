@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from tofmix.compiled.processor import config as numba_config
+from tofmix.compiled.kept import config as numba_config
 from tofmix.sensor import NoiseCurve, Sensor
 
 PLAIN = bool(numba_config.DISABLE_JIT)

@@ -131,7 +131,7 @@ def test_imports_point_one_way() -> None:
 
 ORDER = {
     "estimation": ("noise", "peaks", "mixture", "learnt", "blocks"),
-    "io": ("atomic", "guard", "recording", "layers", "surfaces", "importers", "exporters", "verify"),
+    "io": ("guard", "recording", "layers", "importers", "exporters"),
     "report": ("summary", "descriptions", "pixels", "figures", "explorer", "page", "comparison", "gap"),
     "reconciliation": ("likelihood", "comparison", "parameters", "search", "verification"),
     "simulation": ("casting", "effects"),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tofmix.background_density import BackgroundDensity
+from tofmix.noise_shape import BackgroundDensity
 
 FOG = BackgroundDensity(np.array([0.0, 200.0, 700.0, 2000.0, 9000.0]), np.array([1e-3, 8.0, 3.0, 0.2, 0.01]))
 

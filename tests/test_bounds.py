@@ -30,7 +30,7 @@ from tofmix.estimation.noise.curve_check import CurveTolerances
 from tofmix.estimation.noise.settings import AmplitudeSettings, CurveSettings, NoiseSettings, OutlierSettings
 from tofmix.io.guard.structure_rules import Limits
 from tofmix.reconciliation.search.search_state import Settings
-from tofmix.report.explorer.limits import PageLimits
+from tofmix.report.explorer.packing import PageLimits
 from tofmix.report.summary.thresholds import Thresholds
 from tofmix.surfaces.settings import BrightnessSettings, EdgeSettings, LinkSettings, ShareSettings, SurfaceSettings
 from tofmix.unmixing.settings import (

@@ -20,7 +20,7 @@ KEEPS_CODE = {"compiled/kept.py"}
 CALLS_C = {"io/guard/hdf5_memory.py"}
 """Modules that call C themselves: one function of the HDF5 library that h5py has loaded."""
 
-IMPORTS_BY_NAME = {"__init__.py", "io/extras.py"}
+IMPORTS_BY_NAME = {"__init__.py", "io/next_command.py"}
 """Optional libraries, backends and the public names of the package, by names that stand in our own code."""
 
 

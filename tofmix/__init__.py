@@ -30,7 +30,7 @@ from tofmix.version import __version__
 
 if TYPE_CHECKING:
     from tofmix.api.estimates import Estimate, estimate
-    from tofmix.api.files import open_file as open  # noqa: A004  tofmix.open reads well, as gzip.open does
+    from tofmix.api.estimates import open_file as open  # noqa: A004  tofmix.open reads well, as gzip.open does
     from tofmix.api.plots import plot
     from tofmix.api.recordings import Recording, from_array
     from tofmix.api.simulations import reconcile, simulate
@@ -43,7 +43,7 @@ _LAZY = {
     "Sensor": ("tofmix.sensor", "Sensor"),
     "estimate": ("tofmix.api.estimates", "estimate"),
     "from_array": ("tofmix.api.recordings", "from_array"),
-    "open": ("tofmix.api.files", "open_file"),
+    "open": ("tofmix.api.estimates", "open_file"),
     "plot": ("tofmix.api.plots", "plot"),
     "reconcile": ("tofmix.api.simulations", "reconcile"),
     "simulate": ("tofmix.api.simulations", "simulate"),

@@ -1,6 +1,6 @@
 """Rules of every result, for any data; `tofmix verify` and the property tests apply them.
 
-Numbers alone; files are read in `tofmix.io.verify.verify`.
+Numbers alone; files are read in `tofmix.io.verify`.
 """
 
 from collections.abc import Iterator

@@ -1,16 +1,24 @@
 """Options that commands and Python functions share, each declared once: default, bounds, choices and help.
 
 A command makes its options from these rows, and a class of settings takes its defaults and its checks from them. The
-module imports nothing that a command's ``--help`` would wait for.
+names of choices are types too: for a type checker, ``sigma="tide"`` is an error before it runs. The module imports
+nothing that a command's ``--help`` would wait for.
 """
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Integral, Real
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
-from tofmix.choices import Mixing, Refine, Shape, Sigma, Split, Widths
+Sigma = Literal["tied", "prior", "free"]
+Refine = Literal["likelihood", "none"]
+Mixing = Literal["auto", "events", "phasor"]
+Shape = Literal["gaussian", "auto"]
+Widths = Literal["common", "own", "auto"]
+Units = Literal["mm", "cm", "m"]
+DepthAxis = Literal["ray", "z"]
+Split = Literal["frames,pixels", "frames", "pixels"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

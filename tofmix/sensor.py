@@ -12,17 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
-from tofmix.background_density import BackgroundDensity
-from tofmix.learnt_noise import LearntNoise
-from tofmix.measurement import Measurement, measurement_of
-from tofmix.noise_shape import NoiseShape
+from tofmix.learnt_noise import LearntNoise, RangeStep
+from tofmix.measurement import Measurement, ShareLaw, measurement_of, share_law_of
+from tofmix.noise_shape import BackgroundDensity, NoiseShape
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.pinhole import Pinhole
-from tofmix.optics.projection import Projection
-from tofmix.optics.view import PINHOLE, ideal_pinhole
-from tofmix.range_step import RangeStep
+from tofmix.optics.projection import PINHOLE, Projection, ideal_pinhole
 from tofmix.sensor_schema import NUMBERS, RARE_SENSOR_NUMBERS, SENSOR_NUMBERS
-from tofmix.share_law import ShareLaw, share_law_of
 from tofmix.temporal_filter import TemporalFilter
 from tofmix.wording import counted
 

@@ -24,16 +24,14 @@ from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.estimation.settings import EstimateOptions, SigmaMode
 from tofmix.io.model_file import load_model
 from tofmix.mapping.beams import Beams, beams_from_layers, beams_from_ranges
-from tofmix.mapping.grid import plan_grid
+from tofmix.mapping.grid import Pose, plan_grid
 from tofmix.mapping.occupancy import FREE_THRESH, OCCUPIED_THRESH, FloorMap, VoxelMap, map_beams, project
-from tofmix.mapping.pose import Pose
 from tofmix.recording import ArrayRecording
 from tofmix.report.averaging import average_samples
 from tofmix.report.theme import LIGHT, drawing
 from tofmix.simulation.casting.cast import cast_scene
+from tofmix.simulation.model import Surface, Truth
 from tofmix.simulation.render import recording_sensor, render_blocks
-from tofmix.simulation.surface import Surface
-from tofmix.simulation.truth import Truth
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 

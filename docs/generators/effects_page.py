@@ -8,9 +8,9 @@ import inspect
 import sys
 from collections.abc import Iterator
 
+from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.effects.base import LEVEL_NAMES, Effect, Level
 from tofmix.simulation.effects.parameter import Holds, Parameter
-from tofmix.simulation.effects.registry import EFFECTS
 from tofmix.wording import table_cell
 
 COMMAND = "python docs/generators/effects_page.py > docs/reference/effects.md"

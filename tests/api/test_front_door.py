@@ -15,9 +15,9 @@ from support.commandline import succeed
 from support.files import boards, write_recording
 
 import tofmix as tm
-from tofmix.choices import Units
 from tofmix.errors import BadInputError, DoubtWarning, UsageError
 from tofmix.layers import LAYER_FIELDS
+from tofmix.options import Units
 from tofmix.sensor import NoiseCurve
 
 

@@ -8,9 +8,9 @@ from typing import get_args
 
 import pytest
 
-from tofmix import choices
+from tofmix import options
 from tofmix.estimation.settings import MixingChoice, Refine, SigmaMode
-from tofmix.io.length_units import UNITS_MM
+from tofmix.io.units import UNITS_MM
 
 RIGHT = """\
 import tofmix as tm
@@ -21,10 +21,10 @@ WRONG = ('sigma="tide"', 'refine="none "', 'mixing="phasors"', 'noise_shape="gau
 
 
 def test_the_names_for_type_checkers_are_those_that_the_program_takes() -> None:
-    assert set(get_args(choices.Sigma)) == set(SigmaMode)
-    assert set(get_args(choices.Refine)) == set(Refine)
-    assert set(get_args(choices.Mixing)) == set(MixingChoice)
-    assert set(get_args(choices.Units)) == set(UNITS_MM)
+    assert set(get_args(options.Sigma)) == set(SigmaMode)
+    assert set(get_args(options.Refine)) == set(Refine)
+    assert set(get_args(options.Mixing)) == set(MixingChoice)
+    assert set(get_args(options.Units)) == set(UNITS_MM)
 
 
 @pytest.mark.slow

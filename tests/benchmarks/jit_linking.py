@@ -1,4 +1,4 @@
-"""What `tofmix.compiled.linking` gains: the first compile and the time of an estimate, with it and with plain numba.
+"""What `tofmix.compiled.jit` gains: the first compile and the time of an estimate, with it and with plain numba.
 
 Usage: python tests/benchmarks/jit_linking.py [--rounds 3]
 

@@ -35,15 +35,14 @@ from tofmix.arrays import FloatArray
 from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.estimation.settings import EstimateOptions, MixingChoice, SigmaMode
 from tofmix.mapping.beams import Beams, beams_from_layers, beams_from_ranges
-from tofmix.mapping.grid import plan_grid
+from tofmix.mapping.grid import Pose, plan_grid
 from tofmix.mapping.occupancy import FloorMap, State, map_beams, project
-from tofmix.mapping.pose import Pose
 from tofmix.recording import ArrayRecording
 from tofmix.report.averaging import average_samples
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects.flying_pixels import FlyingPixels
+from tofmix.simulation.model import Truth
 from tofmix.simulation.render import recording_sensor, render_blocks
-from tofmix.simulation.truth import Truth
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 

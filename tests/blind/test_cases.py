@@ -17,7 +17,7 @@ from blind.scenes import FAMILIES as SCENES
 from blind.strangers import STRANGERS
 from blind.strength import KINDS, NO_BLIND_TWIN, UNITS
 from blind.write import read_recording
-from tofmix.simulation.effects.registry import EFFECTS
+from tofmix.simulation.effects import EFFECTS
 
 pytestmark = pytest.mark.usefixtures("quick_calibration")
 CAMERA = {"rows": 16, "cols": 20, "frames": 40}

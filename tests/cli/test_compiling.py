@@ -4,8 +4,8 @@ import time
 
 import pytest
 
-from tofmix.cli import compiling
-from tofmix.cli.compiling import Announcement
+from tofmix.cli import reporter
+from tofmix.cli.reporter import Announcement
 from tofmix.compiled.kept import CANNOT_KEEP
 from tofmix.compiled.watching import FIRST_RUN
 
@@ -13,8 +13,8 @@ from tofmix.compiled.watching import FIRST_RUN
 @pytest.fixture(autouse=True)
 def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Show and say at once."""
-    monkeypatch.setattr(compiling, "SHOWN_AFTER_S", 0.0)
-    monkeypatch.setattr(compiling, "SAID_AFTER_S", 0.05)
+    monkeypatch.setattr(reporter, "SHOWN_AFTER_S", 0.0)
+    monkeypatch.setattr(reporter, "SAID_AFTER_S", 0.05)
 
 
 def _compile(said: Announcement) -> None:
@@ -54,7 +54,7 @@ def test_quiet_shows_nothing_but_that_no_code_is_kept(is_terminal: bool, capsys:
 
 
 def test_every_part_of_the_program_with_kernels_has_a_name() -> None:
-    named = tuple(compiling._PARTS)
+    named = tuple(reporter._PARTS)
     from tofmix.compiled.kept import _KERNEL_FOLDERS
 
     assert all(any(start.split(".")[0] == folder for start in named) for folder in _KERNEL_FOLDERS[1:])

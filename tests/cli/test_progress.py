@@ -16,7 +16,7 @@ from support.commandline import Tofmix
 from support.files import boards, write_recording
 
 from tofmix.cli.main import main
-from tofmix.cli.progress import Progress
+from tofmix.cli.reporter import Progress
 from tofmix.errors import ExitCode
 
 MODEL = """\
@@ -155,7 +155,7 @@ def test_where_stderr_is_no_terminal_a_line_a_minute_says_how_far(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     now = [0.0]
-    monkeypatch.setattr("tofmix.cli.progress.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("tofmix.cli.reporter.time.monotonic", lambda: now[0])
     with Progress(4000, "estimate", "px") as bar:
         for now[0] in (30.0, 61.0, 90.0, 130.0):
             bar.update(1000)

@@ -14,7 +14,7 @@ from support.files import boards, write_recording
 FOV = {"fov_horizontal_deg": 40.0, "fov_vertical_deg": 30.0}
 AT_COMMIT = """
 import os, sys, time
-from tofmix.io.atomic.storage import AtomicFile
+from tofmix.io.storage import AtomicFile
 number = int(sys.argv[1])
 def stop(self):
     print(*os.listdir(self.path.parent), sep="\\n", flush=True)

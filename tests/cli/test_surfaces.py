@@ -19,7 +19,7 @@ from support.planes_found import board_and_wall, nothing_found, write_surfaces
 from tofmix.cli.main import main
 from tofmix.errors import ExitCode
 from tofmix.io.exporters import OF_SURFACES
-from tofmix.io.verify.verify import verify
+from tofmix.io.verify import verify
 
 FOV = {"fov_horizontal_deg": 14.0, "fov_vertical_deg": 12.0}
 CONTRACT = Path(__file__).parents[3] / "shared" / "check_contract.py"

@@ -13,7 +13,7 @@ from support.lock_in import small, write_sums
 
 from tofmix.compiled.kept import SUFFIX, cache_folder
 from tofmix.pipeline import kernels
-from tofmix.reconciliation import warm_up
+from tofmix.reconciliation import workflow
 
 KERNELS = 24
 """Kernels that commands call: other kernels are compiled inside these."""
@@ -32,7 +32,9 @@ def test_warmup_compiles_all_and_prints_folder_kernels_and_size(
     """What it compiles, the other tests hold."""
     compiled: list[str] = []
     monkeypatch.setattr(kernels, "compile_all", lambda: compiled.append("all commands but reconcile"))
-    monkeypatch.setattr(warm_up, "warm_up", lambda model: compiled.append(f"reconcile: {len(model.surfaces)} surfaces"))
+    monkeypatch.setattr(
+        workflow, "warm_up", lambda model: compiled.append(f"reconcile: {len(model.surfaces)} surfaces")
+    )
     before = _count()
     outcome = tofmix("warmup")
     assert outcome.code == 0, outcome.err

@@ -127,7 +127,7 @@ def test_where_nothing_can_be_kept_one_line_names_the_variable(tmp_path: Path) -
 
 def test_another_package_that_compiles_first_does_no_harm(tmp_path: Path) -> None:
     environment = _environment(Path(tofmix.__file__).parents[1], NUMBA_CACHE_DIR=str(tmp_path))
-    told = "from tofmix.compiled.processor import processor_class, V3\nprint(processor_class() == V3)\n"
+    told = "from tofmix.compiled.kept import processor_class, V3\nprint(processor_class() == V3)\n"
     first = "import numba\n@numba.njit\ndef half(x):\n    return 0.5 * x\nhalf(1.0)\n"
     assert _run(first + SCRIPT + told, environment)[0] == "42\nFalse\n"
     assert _run(SCRIPT + told, environment)[0].startswith("42\n")

@@ -11,7 +11,7 @@ from numba.core.errors import NumbaError
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
-from tofmix.compiled.processor import config
+from tofmix.compiled.kept import config
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="there is no compiler to look at")
 

@@ -23,8 +23,7 @@ from tofmix.flags import Status
 from tofmix.io.layers.layers_file import open_layers
 from tofmix.io.recording.recording_file import open_recording
 from tofmix.layers import LAYER_FIELDS, Layers
-from tofmix.pipeline.job import plan_job
-from tofmix.pipeline.local import LocalEngine
+from tofmix.pipeline.job import LocalEngine, plan_job
 from tofmix.pipeline.run import run_job
 from tofmix.windows import plan_windows
 

@@ -5,11 +5,10 @@ import pytest
 from numpy.typing import NDArray
 from support.round_things import Thing, cylinder, ellipsoid, rays_of, sphere, wall
 
-from tofmix.image.smooth.light import with_light
-from tofmix.image.smooth.patch import STATE, TangentFrame, bend_term, fit_patches, meet
-from tofmix.image.smooth.scales import UNKNOWN, learn_scales, may_bend
-from tofmix.image.smooth.segments import around, segments_of
-from tofmix.image.smooth.view import View, grid_of_places, lattice_of_places
+from tofmix.image.light import with_light
+from tofmix.image.patch import STATE, TangentFrame, bend_term, fit_patches, meet
+from tofmix.image.scales import UNKNOWN, learn_scales, may_bend
+from tofmix.image.segments import View, around, grid_of_places, lattice_of_places, segments_of
 
 SIZE, FOCAL = 24, 75.0
 

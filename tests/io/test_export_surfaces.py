@@ -43,11 +43,11 @@ from tofmix.io.exporters import (
     export_points,
 )
 from tofmix.io.exporters.edge_lines import edge_lines
-from tofmix.io.exporters.fine_points import FIELDS, FinePoints
 from tofmix.io.exporters.image import RangeImage
 from tofmix.io.exporters.outlines import outlines, trace, triangles
-from tofmix.io.surfaces.surfaces_file import SurfacesFile, open_surfaces
-from tofmix.io.verify.verify import verify
+from tofmix.io.exporters.placing import FIELDS, FinePoints
+from tofmix.io.surfaces_file import SurfacesFile, open_surfaces
+from tofmix.io.verify import verify
 
 FOV_DEG = (16.0, 12.0)
 DEPTH_M = (BOARD_MM / 1000, WALL_MM / 1000)
@@ -256,7 +256,7 @@ def test_points_come_in_blocks_of_rows_that_make_no_difference(
     file: SurfacesFile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (whole,) = list(FinePoints(file, [0]))
-    monkeypatch.setattr("tofmix.io.exporters.fine_points.BLOCK_PLACES", 5 * COLS * FACTOR)
+    monkeypatch.setattr("tofmix.io.exporters.placing.BLOCK_PLACES", 5 * COLS * FACTOR)
     blocks = list(FinePoints(file, [0]))
     assert len(blocks) == len(FinePoints(file, [0])) == 5
     np.testing.assert_array_equal(np.concatenate(blocks), whole)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from support.learnt_pixels import camera_with, flat, pixel_noise
 
-from tofmix.background_density import BackgroundDensity
 from tofmix.errors import BadInputError
 from tofmix.io.sensor_group import read_sensor, write_sensor
 from tofmix.learnt_noise import LearntNoise
+from tofmix.noise_shape import BackgroundDensity
 from tofmix.sensor import Sensor
 
 FULL = camera_with(

@@ -58,7 +58,7 @@ def test_a_second_run_is_refused_at_once(tmp_path: Path) -> None:
 
 
 def _lock_anew(folder: Path) -> None:
-    from tofmix.io.atomic import locks
+    from tofmix.io import locks
 
     held = locks._held.pop(Path(os.path.realpath(folder)))
     try:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tofmix.mapping.averages import count_samples
+from tofmix.mapping.beams import count_samples
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import Sensor
 

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from support.alike import MakeLayers
 
 from tofmix.mapping.beams import beams_from_layers
-from tofmix.mapping.grid import VoxelGrid, lattice_span, plan_grid
-from tofmix.mapping.pose import Pose
+from tofmix.mapping.grid import Pose, VoxelGrid, lattice_span, plan_grid
 from tofmix.sensor import Sensor
 
 

@@ -8,9 +8,8 @@ from support import naive
 from support.alike import MakeLayers
 
 from tofmix.mapping.beams import Beams, beams_from_layers
-from tofmix.mapping.grid import VoxelGrid, plan_grid
+from tofmix.mapping.grid import Pose, VoxelGrid, plan_grid
 from tofmix.mapping.occupancy import LightCounts, count_light
-from tofmix.mapping.pose import Pose
 from tofmix.sensor import Sensor
 
 PIXEL = math.radians(1.0)

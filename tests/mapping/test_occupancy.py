@@ -10,9 +10,8 @@ from scipy.stats import beta
 from support.alike import MakeLayers
 
 from tofmix.mapping.beams import beams_from_layers
-from tofmix.mapping.grid import VoxelGrid, plan_grid
+from tofmix.mapping.grid import Pose, VoxelGrid, plan_grid
 from tofmix.mapping.occupancy import MAX_LOG_ODDS, State, VoxelMap, log_odds, map_beams, project
-from tofmix.mapping.pose import Pose
 from tofmix.sensor import Sensor
 
 

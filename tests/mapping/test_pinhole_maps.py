@@ -12,10 +12,8 @@ from support.sizes import sized
 
 from tofmix.arrays import FloatArray
 from tofmix.mapping.beams import beams_from_layers
-from tofmix.mapping.grid import VoxelGrid, plan_grid
+from tofmix.mapping.grid import Pose, VoxelGrid, cell_outlines, image_cone, image_nodes, plan_grid
 from tofmix.mapping.occupancy import count_light
-from tofmix.mapping.outline import cell_outlines, image_cone, image_nodes
-from tofmix.mapping.pose import Pose
 from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import pixel_extent_rad
 from tofmix.sensor import Sensor

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from tofmix.mapping.pose import Pose
+from tofmix.mapping.grid import Pose
 
 
 def test_a_level_camera_looks_along_x_with_y_to_its_left_and_z_up() -> None:

@@ -172,7 +172,7 @@ def _names_file(test: str, file: str) -> bool:
 
 
 def _is_of_module(test_file: str, file: str) -> bool:
-    """Whether tests/io/atomic/test_storage.py, or test_storage_full.py, is of tofmix/io/atomic/storage.py."""
+    """Whether tests/io/test_storage.py, or test_storage_full.py, is of tofmix/io/storage.py."""
     test, module = Path(test_file), Path(file)
     if test.parts[1:-1] != module.parts[1:-1]:
         return False

@@ -30,7 +30,7 @@ from mutation.coverage_map import KnownTest
 from mutation.draw import Mutant
 from mutation.names import Names
 
-_KERNEL_WIDE = "tofmix/compiled/jit.py", "tofmix/compiled/linking.py"
+_KERNEL_WIDE = ("tofmix/compiled/jit.py",)
 """How kernels are compiled: a change concerns them all."""
 _START_S = 60.0
 """What a process of pytest may take beside its tests, on a busy machine."""

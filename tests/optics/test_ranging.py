@@ -3,7 +3,7 @@
 import pytest
 from scipy.constants import c
 
-from tofmix.optics.ranging import unambiguous_range_mm
+from tofmix.optics.geometry import unambiguous_range_mm
 
 
 def test_unambiguous_range_is_half_a_wavelength() -> None:

@@ -14,8 +14,7 @@ from tofmix.estimation.settings import EstimateOptions
 from tofmix.io.layers.chunks import EncodedCell
 from tofmix.io.recording.recording_file import RecordingFile, open_recording
 from tofmix.io.recording.scratch import on_scratch
-from tofmix.pipeline.job import plan_job
-from tofmix.pipeline.local import PROGRAM_BYTES, LocalEngine
+from tofmix.pipeline.job import PROGRAM_BYTES, LocalEngine, plan_job
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import Sensor
 from tofmix.windows import plan_windows
@@ -94,7 +93,7 @@ def test_scratch_holds_the_samples_of_its_part(tmp_path: Path, rng: np.random.Ge
 
 def test_a_recording_stored_in_tall_chunks_needs_no_scratch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tofmix.grid.CELL_PIXELS", 24)
-    monkeypatch.setattr("tofmix.pipeline.local.on_scratch", None)
+    monkeypatch.setattr("tofmix.pipeline.job.on_scratch", None)
     path = write_recording(tmp_path / "a.h5", boards(90, 20, 8), chunks=(90, 3, 8))
     with open_recording(path) as source:
         assert isinstance(source, RecordingFile)

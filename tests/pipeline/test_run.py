@@ -9,8 +9,7 @@ from tofmix.errors import BadInputError
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.io.layers.journal import journal_path
 from tofmix.io.recording.recording_file import RecordingFile, open_recording
-from tofmix.pipeline.job import plan_job
-from tofmix.pipeline.local import PROGRAM_BYTES, LocalEngine
+from tofmix.pipeline.job import PROGRAM_BYTES, LocalEngine, plan_job
 from tofmix.pipeline.run import run_job
 from tofmix.windows import plan_windows
 

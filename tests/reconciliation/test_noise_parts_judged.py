@@ -9,14 +9,14 @@ from support.noise_parts import long_tailed, skewed, with_noise
 from support.recordings import MAKE, recorded, simulated
 
 from tofmix.errors import BadInputError
-from tofmix.reconciliation.comparison.localise import disagreements
+from tofmix.reconciliation.comparison.compare import disagreements
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
 from tofmix.reconciliation.search.refit import begin
 from tofmix.reconciliation.search.search_state import Settings, fit_part
 from tofmix.reconciliation.workflow import Reconciliation, reconcile
 from tofmix.simulation.effects import Effect
+from tofmix.simulation.events import drawn_widths
 from tofmix.simulation.model import Model
-from tofmix.simulation.noise import drawn_widths
 
 RIVALS = ("range_offset", "surface_pose", "excess_noise", "fixed_pattern", "outliers", "temperature_drift")
 PARTS: dict[str, dict[str, Any]] = {

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from support.recordings import MAKE, Record
 
-from tofmix.reconciliation.comparison.compare import Compared, compare
-from tofmix.reconciliation.comparison.localise import LEAST_SIZE
+from tofmix.reconciliation.comparison.compare import LEAST_SIZE, Compared, compare
 from tofmix.reconciliation.comparison.panel import Curve
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
 from tofmix.reconciliation.likelihood.mixture import Scene

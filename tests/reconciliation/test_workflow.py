@@ -9,9 +9,9 @@ from scipy.stats import norm
 from support.reconcile_errors import in_errors
 from support.recordings import MAKE, Record, reconciled, recorded
 
-from tofmix.reconciliation.comparison.localise import localise
+from tofmix.reconciliation.comparison.compare import localise
 from tofmix.reconciliation.evidence import Evidence
-from tofmix.reconciliation.parameters.profiles import numeric
+from tofmix.reconciliation.parameters.standard_errors import numeric
 from tofmix.reconciliation.search.name import KINDS
 from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.words import headline

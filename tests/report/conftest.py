@@ -8,9 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array
-from tofmix.flags import Status
+from tofmix.flags import MixingLaw, Status
 from tofmix.layers import Layers, Provenance
-from tofmix.mixing import MixingLaw
 from tofmix.report.sources import LayersSource
 from tofmix.sensor import NoiseCurve, Sensor
 

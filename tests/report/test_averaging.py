@@ -7,7 +7,7 @@ import pytest
 
 from tofmix.errors import UsageError
 from tofmix.layers import Layers
-from tofmix.optics.ranging import unambiguous_range_mm
+from tofmix.optics.geometry import unambiguous_range_mm
 from tofmix.recording import ArrayRecording
 from tofmix.report.averaging import Averaging, average_layers, average_samples
 from tofmix.sensor import Sensor

@@ -19,9 +19,9 @@ from tofmix.sensor import AmplitudeLaw
 from tofmix.simulation.averaging import exposures
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.events import event_table
+from tofmix.simulation.exposure import predict
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import parse_model
-from tofmix.simulation.prediction import predict
 from tofmix.simulation.render import recording_sensor, render_blocks
 
 LAW = """

@@ -8,8 +8,7 @@ import pytest
 from tofmix.errors import BadInputError
 from tofmix.sensor import NoiseCurve
 from tofmix.simulation.model import Model
-from tofmix.simulation.model_noise import BACKGROUND_MAP, with_noise
-from tofmix.simulation.model_toml import background_path, parse_model
+from tofmix.simulation.model_toml import BACKGROUND_MAP, background_path, parse_model, with_noise
 
 TEXT = """\
 [sensor]

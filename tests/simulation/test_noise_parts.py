@@ -16,11 +16,9 @@ from tofmix.io.model_file import load_model
 from tofmix.noise_shape import NoiseShape
 from tofmix.sensor import NoiseCurve
 from tofmix.simulation.casting.cast import cast_scene
-from tofmix.simulation.explain import explain
-from tofmix.simulation.exposure import drawn_truth
+from tofmix.simulation.exposure import drawn_truth, predict
 from tofmix.simulation.model import Model
-from tofmix.simulation.model_toml import parse_model
-from tofmix.simulation.prediction import predict
+from tofmix.simulation.model_toml import explain, parse_model
 from tofmix.simulation.render import recording_sensor, render_blocks
 
 SEED = 11

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from tofmix.simulation.surface import Surface
-from tofmix.simulation.tilts import angle_changes, tilts_to
+from tofmix.simulation.model import Surface, angle_changes, tilts_to
 
 ANGLE = st.floats(-180, 180)
 TILT = st.floats(-15, 15)

@@ -24,7 +24,7 @@ def noise_and_reconciliation() -> None:
     """Compile what needs no layers."""
     from tofmix.io.model_file import load_model
     from tofmix.pipeline.kernels import compile_noise
-    from tofmix.reconciliation.warm_up import warm_up
+    from tofmix.reconciliation.workflow import warm_up
 
     compile_noise()
     warm_up(load_model("three-boards"))

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from tofmix.mapping.occupancy import FloorMap, State
+from tofmix.sensors import load_profile
 from tofmix.sensors.camera import CompleteCamera
-from tofmix.sensors.registry import load_profile
-from tofmix.simulation.model import Model
-from tofmix.simulation.surface import Surface
+from tofmix.simulation.model import Model, Surface
 
 Bools = NDArray[np.bool_]
 

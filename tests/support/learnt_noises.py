@@ -9,7 +9,7 @@ from support.files import write_recording
 from support.noise_parts import skewed
 from tofmix.arrays import FloatArray
 from tofmix.estimation.blocks.sequence import estimate_layers
-from tofmix.estimation.learnt.held_out import flat_thresholds
+from tofmix.estimation.learnt.folds import flat_thresholds
 from tofmix.io.layers.layers_file import LayersWriter
 from tofmix.io.recording.recording_file import file_sha256
 from tofmix.layers import Layers, Provenance

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.io.surfaces.surfaces_file import SurfacesWriter
+from tofmix.io.surfaces_file import SurfacesWriter
 from tofmix.sensor import Sensor
 from tofmix.surfaces.found import Edges, Planes, SurfacesProvenance, WindowSurfaces, no_edges
 

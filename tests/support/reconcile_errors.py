@@ -9,19 +9,16 @@ from support.recordings import MAKE, simulated
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.mixture import Scene
-from tofmix.reconciliation.parameters.curvature import Numbers
-from tofmix.reconciliation.parameters.fits import Fitted, fit
-from tofmix.reconciliation.parameters.profiles import numeric
+from tofmix.reconciliation.parameters.fits import Fitted, Numbers, fit
 from tofmix.reconciliation.parameters.searches import problems
-from tofmix.reconciliation.parameters.standard_errors import standard_errors
+from tofmix.reconciliation.parameters.standard_errors import numeric, standard_errors
 from tofmix.reconciliation.search.refit import latent_states, settle
 from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.sensor import NoiseCurve
-from tofmix.sensors.registry import load_profile
+from tofmix.sensors import load_profile
 from tofmix.simulation.effects import Effect
-from tofmix.simulation.model import Model, RecordingSettings
-from tofmix.simulation.surface import Surface
+from tofmix.simulation.model import Model, RecordingSettings, Surface
 
 FRAMES = 120
 MEMORY = MAKE["temporal_correlation"](coefficient=0.5)

@@ -2,7 +2,7 @@
 
 from typing import TypeVar
 
-from tofmix.compiled.processor import config
+from tofmix.compiled.kept import config
 
 T = TypeVar("T")
 

@@ -21,8 +21,8 @@ from benchmarks.not_there_parts.shares import (
 import tofmix as tm
 from tofmix.flags import Mixing
 from tofmix.layers import Layers
+from tofmix.measurement import ShareLaw
 from tofmix.sensor import NoiseCurve, Sensor
-from tofmix.share_law import ShareLaw
 from tofmix.surfaces.reconstruct import reconstruct
 
 BY_NAME = {case.name: case for case in CASES}

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from tofmix.surfaces.half_plane import chord, chord_outside, covered, covered_by_both, covered_by_three
+from tofmix.surfaces.edge_shape import chord, chord_outside, covered, covered_by_both, covered_by_three
 
 if TYPE_CHECKING:
     from tofmix.arrays import FloatArray

@@ -8,7 +8,7 @@ from support.edges import by_parts, camera, counted, wrong_parts
 from support.plates import SMALL, Plate, facing, rays, scene, wall
 
 from tofmix.arrays import FloatArray
-from tofmix.surfaces.half_plane import covered_by_three
+from tofmix.surfaces.edge_shape import covered_by_three
 from tofmix.surfaces.reconstruct import reconstruct
 from tofmix.surfaces.short_edges import (
     PLACE_DOWN,

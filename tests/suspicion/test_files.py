@@ -11,7 +11,7 @@ from click.testing import CliRunner
 import tofmix
 from tofmix.cli.main import main
 from tofmix.errors import DoubtWarning
-from tofmix.io.verify.verify import verify
+from tofmix.io.verify import verify
 from tofmix.sensor import NoiseCurve, Sensor
 
 FRAMES, START, STOP = 100, 20, 32

@@ -10,13 +10,12 @@ from tofmix.arrays import BoolArray, FloatArray
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import beam_directions_of
 from tofmix.suspicion.albedo import ALBEDO_SPREAD, AlbedoLaw
-from tofmix.suspicion.declaration import FALSE_MARKS
 from tofmix.suspicion.folded import mark_folded
 from tofmix.suspicion.near_return import mark_near_return
 from tofmix.suspicion.passing import mark_passing
 from tofmix.suspicion.registry import SUSPICIONS
 from tofmix.suspicion.scattered_light import mark_scattered
-from tofmix.suspicion.scene import NO_CLUSTERS, WindowScene
+from tofmix.suspicion.scene import FALSE_MARKS, NO_CLUSTERS, WindowScene
 from tofmix.suspicion.time_clusters import log_chance
 
 TURN_MM = 7495.0

@@ -8,6 +8,7 @@ from blind.geometry import Surface
 from support.lock_in import FAMILIES, SLATS, SMALL, Scene, crease, made, one_wall, slats
 from support.unmixing_twins import least_squares, local, surfaces_beside
 
+from tofmix.compiled.plane import fit_plane
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import Projection, beam_directions_of
@@ -16,7 +17,6 @@ from tofmix.unmixing.labels import label
 from tofmix.unmixing.lines import find_lines
 from tofmix.unmixing.neighbours import find_neighbours
 from tofmix.unmixing.phasors import mean_phasors, phase_scale_mm
-from tofmix.unmixing.plane_fit import fit_plane
 from tofmix.unmixing.seeds import find_seeds, plane_vector
 from tofmix.unmixing.surface_fit import Members
 

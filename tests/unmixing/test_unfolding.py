@@ -6,7 +6,7 @@ import pytest
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import beam_directions_of
 from tofmix.unmixing.image import PhasorImage, make_image
-from tofmix.unmixing.unfolding import unfolded
+from tofmix.unmixing.unmix import unfolded
 
 LENGTH = 5000.0
 SCALE = LENGTH / (2.0 * np.pi)

@@ -12,10 +12,9 @@ from tofmix.arrays import Float32Array
 from tofmix.bounds import declared
 from tofmix.estimation.blocks.sequence import EstimatedWindows, estimate_windows, resolved_mixing
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
-from tofmix.flags import Mixing
+from tofmix.flags import Mixing, MixingLaw
 from tofmix.invariants import layer_rules
 from tofmix.layers import Layers
-from tofmix.mixing import MixingLaw
 from tofmix.recording import ArrayRecording
 from tofmix.unmixing.phasors import mean_phasors
 from tofmix.unmixing.settings import LawSettings, UnmixSettings

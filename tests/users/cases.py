@@ -11,16 +11,15 @@ from typing import Any
 import numpy as np
 
 from tofmix.arrays import Float32Array
-from tofmix.sensors.registry import load_profile
+from tofmix.sensors import load_profile
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import EFFECTS, Effect, PixelMap
 from tofmix.simulation.effects.base import Context
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.surface_pose import SurfacePose
-from tofmix.simulation.model import Model, RecordingSettings
-from tofmix.simulation.prediction import predict
+from tofmix.simulation.exposure import predict
+from tofmix.simulation.model import Model, RecordingSettings, Surface
 from tofmix.simulation.render import render_blocks
-from tofmix.simulation.surface import Surface
 from users.rooms import ROOMS
 from users.strangers import STRANGERS, Stranger
 

@@ -14,7 +14,7 @@ import numpy as np
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
-from tofmix.reconciliation.parameters.latent_errors import latent_errors
+from tofmix.reconciliation.parameters.pattern_errors import latent_errors
 from tofmix.reconciliation.parameters.standard_errors import standard_errors
 from tofmix.reconciliation.search.name import Trial, TriedEffect, candidates
 from tofmix.reconciliation.search.refit import begin, numbers, refit

@@ -23,8 +23,8 @@ import numpy as np
 from scipy.stats import norm
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.reconciliation.search.alternatives import Explained, Subsets, model_errors
 from tofmix.reconciliation.search.columns import Column, Term
-from tofmix.reconciliation.search.subsets import Explained, Subsets, model_errors
 from tofmix.reconciliation.search.summaries import PixelSummary
 from tofmix.simulation.effects import Effect
 

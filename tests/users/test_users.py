@@ -14,7 +14,7 @@ from tofmix.reconciliation.search.name import KINDS
 from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.effects import Effect
-from tofmix.simulation.prediction import predict
+from tofmix.simulation.exposure import predict
 from users.cases import COLS, MAGNITUDES, ROWS, SCENES, Case, draw, recorded
 from users.greedy import greedy_bic
 from users.oracle import Known, known

@@ -1,4 +1,7 @@
-"""Layers in memory: estimated from a recording, or read from a layers file."""
+"""Layers in memory: estimated from a recording, or read from a layers file.
+
+One function that opens recordings and layers files.
+"""
 
 import os
 from dataclasses import dataclass, fields
@@ -9,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.api.recordings import Recording, opened_recording
-from tofmix.choices import Mixing, Refine, Shape, Sigma, Widths
+from tofmix.flags import MixingLaw, law_over_windows
 from tofmix.layers import LAW_TEXTS, Layers, Provenance
-from tofmix.mixing import MixingLaw, law_over_windows
+from tofmix.options import Mixing, Refine, Shape, Sigma, Widths
 from tofmix.sensor import NoiseCurve, Sensor
 
 if TYPE_CHECKING:
@@ -315,3 +318,33 @@ def read_estimate(path: Path) -> Estimate:
 
 def _arrays(layers: Layers) -> dict[str, Any]:
     return {field.name: getattr(layers, field.name) for field in fields(Layers)}
+
+
+def open_file(path: str | Path) -> Recording | Estimate:
+    """Open a recording, or the layers that `tofmix estimate` or `Estimate.save` wrote.
+
+    Parameters
+    ----------
+    path : str or Path
+        An HDF5 file.
+
+    Returns
+    -------
+    Recording or Estimate
+        Samples of a recording are read on access; layers are read at once.
+
+    Raises
+    ------
+    BadInputError
+        If the file is missing, damaged or neither of the two, or its ranges are probably not in mm.
+
+    Warns
+    -----
+    DoubtWarning
+        If many of a recording's samples are exactly 0 and count as ranges.
+    """
+    from tofmix.io.hdf5 import format_of
+    from tofmix.io.layers.layers_file import FORMAT
+
+    file = Path(path)
+    return read_estimate(file) if format_of(file) == FORMAT else opened_recording(file)

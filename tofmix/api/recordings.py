@@ -12,14 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from tofmix.api.doubts import PythonReporter
 from tofmix.arrays import Float32Array, FloatArray, IntArray
-from tofmix.choices import DepthAxis, Units
 from tofmix.errors import BadInputError, DoubtWarning
+from tofmix.options import DepthAxis, Units
 from tofmix.recording import ArrayRecording, CameraSource
 from tofmix.sensor import NoiseCurve, Sensor
 
 if TYPE_CHECKING:
     from tofmix.sensors import Camera
-    from tofmix.simulation.truth import Truth
+    from tofmix.simulation.model import Truth
 
 _IMAGE_DIMENSIONS = 2
 """Rows and columns."""
@@ -264,13 +264,13 @@ def opened_recording(path: Path) -> Recording:
     DoubtWarning
         If samples are exactly 0 and count as ranges, or no camera measures its median.
     """
-    from tofmix.io.file_kind import format_of
+    from tofmix.io.hdf5 import format_of
     from tofmix.io.layers.layers_file import FORMAT
-    from tofmix.jobs import recordings
+    from tofmix.jobs import files
 
     if format_of(path) == FORMAT:
         raise BadInputError(f"{path}: a layers file, not a recording; tofmix.open reads it as it is")
-    with recordings.opened_recording(path, PythonReporter()) as source:
+    with files.opened_recording(path, PythonReporter()) as source:
         shape = source.frames, *source.shape[1:]
         return Recording(path, source.sensor, shape=shape, targets=source.targets, averaged=source.averaged)
 
@@ -420,7 +420,7 @@ def _seen_by(
 ) -> tuple[Sensor, FloatArray | float]:
     """The camera with its lens, and the range of each pixel over its number in the array."""
     from tofmix.optics.pinhole import Pinhole
-    from tofmix.optics.view import centre_doubt, projection_of_view, ray_factor, view_doubt
+    from tofmix.optics.projection import centre_doubt, projection_of_view, ray_factor, view_doubt
     from tofmix.sensor import with_lens, with_view
 
     if depth_axis not in get_args(DepthAxis):
@@ -447,7 +447,7 @@ def _seen_by(
 def _seconds(times: ArrayLike) -> FloatArray:
     """Times as numbers of s: dates count from the first one; NaN where one is missing."""
     from tofmix.io.importers.times import epoch_unit_s, times_of_array
-    from tofmix.io.importers.units import TIME_UNITS_S
+    from tofmix.io.units import TIME_UNITS_S
 
     stamps = np.asarray(times)
     if stamps.dtype.kind not in "mM":

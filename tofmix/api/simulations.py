@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tofmix.api.recordings import Recording
-from tofmix.choices import Split
+from tofmix.options import Split
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import Sensor
 

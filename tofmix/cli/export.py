@@ -111,8 +111,8 @@ def export(
     LAS, LAZ, PNG, TIFF and planes need the extra tofmix[export].
     """
     from tofmix.io.exporters import OF_LAYERS, OF_SURFACES, choose_what
-    from tofmix.io.file_kind import format_of
-    from tofmix.io.surfaces.surfaces_file import FORMAT as SURFACES_FORMAT
+    from tofmix.io.hdf5 import format_of
+    from tofmix.io.surfaces_file import FORMAT as SURFACES_FORMAT
     from tofmix.jobs.export import ExportRequest, export_file
     from tofmix.points import PointFilter
 
@@ -145,7 +145,7 @@ def _check_not_of_surfaces(layers: Path, output: Path, what: str | None) -> None
     """Refuse content that only a surfaces file has; the message names the commands that make one and export it."""
     from tofmix.io.exporters import EDGES, OF_LAYERS, OF_SURFACES
     from tofmix.io.next_command import next_command
-    from tofmix.jobs.layers_files import surfaces_path
+    from tofmix.jobs.files import surfaces_path
 
     ends = {
         name: {end for of_one in known.values() for end in of_one}

@@ -190,9 +190,8 @@ def import_(
     """
     from tofmix.io.importers.axes import check_axes
     from tofmix.io.importers.base import SourceRequest
-    from tofmix.io.importers.units import TIME_UNITS_S
-    from tofmix.io.length_units import UNITS_MM
     from tofmix.io.samples import guessed
+    from tofmix.io.units import TIME_UNITS_S, UNITS_MM
     from tofmix.jobs.import_ import ImportRequest, Lens, camera_of, import_file
 
     for name, value in (("--scale", scale), ("--frame-rate", frame_rate)):

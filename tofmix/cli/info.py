@@ -47,7 +47,7 @@ def info(file: Path, as_json: bool) -> None:
 
 def _describe(file: Path) -> "Description":
     from tofmix.io.reconciliation import is_gap_folder, read_gap
-    from tofmix.report.descriptions.reconciliation import describe_gap
+    from tofmix.report.descriptions.results import describe_gap
     from tofmix.sensors import PROFILES
     from tofmix.simulation.builtin import BUILTIN_MODELS
 
@@ -57,7 +57,7 @@ def _describe(file: Path) -> "Description":
     if file.suffix == _TOML or (name in BUILTIN_MODELS and not file.exists()):
         return _of_text(name)
     if name in PROFILES and not file.exists():
-        from tofmix.report.descriptions.camera import describe_sensor
+        from tofmix.report.descriptions.sources import describe_sensor
         from tofmix.sensors import load_camera
 
         return describe_sensor(load_camera(name), name=name)
@@ -66,8 +66,8 @@ def _describe(file: Path) -> "Description":
 
 def _is_foreign(path: Path) -> bool:
     """Whether it is for `tofmix import`: a folder, a kind of file that is no HDF5, or HDF5 without ``range``."""
-    from tofmix.io.file_kind import is_foreign_hdf5
     from tofmix.io.guard import guard
+    from tofmix.io.hdf5 import is_foreign_hdf5
     from tofmix.io.importers import is_importable
 
     if path.is_dir():
@@ -81,7 +81,7 @@ def _of_source(path: Path) -> "Description":
     from tofmix.io.importers import open_source
     from tofmix.io.importers.base import SourceRequest
     from tofmix.io.next_command import import_command
-    from tofmix.report.descriptions.foreign import describe_source
+    from tofmix.report.descriptions.sources import describe_source
 
     with open_source(path, SourceRequest()) as source:
         return describe_source(source, name=str(path), command=import_command(path))
@@ -89,8 +89,7 @@ def _of_source(path: Path) -> "Description":
 
 def _of_text(name: str) -> "Description":
     from tofmix.io.model_file import load_model, load_model_text
-    from tofmix.report.descriptions.camera import describe_sensor
-    from tofmix.report.descriptions.model import describe_model
+    from tofmix.report.descriptions.sources import describe_model, describe_sensor
     from tofmix.sensors import parse_profile
     from tofmix.toml_table import parse_toml
 
@@ -101,16 +100,15 @@ def _of_text(name: str) -> "Description":
 
 
 def _of_hdf5(path: Path) -> "Description":
-    from tofmix.io.file_kind import format_of
+    from tofmix.io.hdf5 import format_of
     from tofmix.io.layers import layers_file
     from tofmix.io.layers.layers_file import open_layers
     from tofmix.io.recording.range_check import distance_doubt, look, unit_doubt, zeros_doubt
     from tofmix.io.recording.recording_file import open_recording
-    from tofmix.io.surfaces.surfaces_file import FORMAT as SURFACES_FORMAT
-    from tofmix.io.surfaces.surfaces_file import open_surfaces
-    from tofmix.report.descriptions.layers import describe_layers
-    from tofmix.report.descriptions.recording import describe_recording
-    from tofmix.report.descriptions.surfaces import describe_surfaces
+    from tofmix.io.surfaces_file import FORMAT as SURFACES_FORMAT
+    from tofmix.io.surfaces_file import open_surfaces
+    from tofmix.report.descriptions.results import describe_layers, describe_surfaces
+    from tofmix.report.descriptions.sources import describe_recording
 
     kind, size = format_of(path), path.stat().st_size
     if kind == layers_file.FORMAT:

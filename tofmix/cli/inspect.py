@@ -68,9 +68,9 @@ def inspect(
     pixel's width, background and drift. If mixing was measured, a second panel shows the pixel in the complex plane:
     the phasors of its samples and of its neighbours, and the chord or triangle of its unmixing.
     """
-    from tofmix.io.atomic.storage import locked
     from tofmix.io.layers.layers_file import open_layers
-    from tofmix.jobs.layers_files import check_window
+    from tofmix.io.storage import locked
+    from tofmix.jobs.files import check_window
     from tofmix.report.figures.figures import FIGURE_SUFFIXES
 
     inputs = tuple(path for path in (layers, recording) if path is not None)
@@ -84,7 +84,7 @@ def inspect(
         check_window(file, window, CommandReporter())
         samples = source = None
         if recording is not None:
-            from tofmix.jobs.recordings import check_recording, opened_recording
+            from tofmix.jobs.files import check_recording, opened_recording
             from tofmix.report.pixels.pixels import row_samples
 
             source = stack.enter_context(opened_recording(recording, CommandReporter()))
@@ -169,7 +169,7 @@ def _write_figure(
     inputs: tuple[Path, ...],
     overwrite: bool,
 ) -> None:
-    from tofmix.io.atomic.storage import AtomicFile
+    from tofmix.io.storage import AtomicFile
     from tofmix.report.figures.figures import FIGURE_SUFFIXES, pixel_figure
 
     kind = FIGURE_SUFFIXES[output.suffix.lower()]
@@ -190,7 +190,7 @@ def _write_figure(
 def _print(
     views: "list[PixelView]", col: int, growth: "GrowingDensity | None", made: "Provenance", as_json: bool
 ) -> None:
-    from tofmix.report.pixels.table import format_growth, format_pixels, why_layers_stand
+    from tofmix.report.pixels.pixels import format_growth, format_pixels, why_layers_stand
 
     targets = made.targets
     if as_json:

@@ -11,8 +11,7 @@ from typing import NoReturn, TextIO
 import click
 
 from tofmix.cli.compare import compare
-from tofmix.cli.compiling import announced
-from tofmix.cli.estimate.command import estimate
+from tofmix.cli.estimate import estimate
 from tofmix.cli.export import export
 from tofmix.cli.import_ import import_
 from tofmix.cli.info import info
@@ -22,14 +21,15 @@ from tofmix.cli.merge import merge
 from tofmix.cli.options import from_environment, quiet_option, running_command, variables_of
 from tofmix.cli.reconcile import reconcile
 from tofmix.cli.report import report
+from tofmix.cli.reporter import announced
 from tofmix.cli.sensors import sensors
 from tofmix.cli.simulate import simulate
 from tofmix.cli.surfaces import surfaces
 from tofmix.cli.verify import verify
 from tofmix.cli.warmup import warmup
 from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode, TofmixError, os_error_text
-from tofmix.io.atomic.partial_output import discard_partial_outputs, is_resumable
 from tofmix.io.guard import watchdog
+from tofmix.io.locks import discard_partial_outputs, is_resumable
 from tofmix.version import __version__
 
 _EPILOG = """\b

@@ -25,7 +25,7 @@ def merge(parts: tuple[Path, ...], output: Path, *, as_json: bool, overwrite: bo
     The layers file has the same bytes as the result of a single run. Missing or duplicate parts, and parts of another
     run, are refused. The parts are kept.
     """
-    from tofmix.cli.estimate.results import describe
+    from tofmix.cli.estimate_runs import describe
     from tofmix.io.layers.journal import WHOLE
     from tofmix.jobs.estimate import merge_files
 

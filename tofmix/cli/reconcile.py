@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tofmix.cli.options import PATH, declared, examples, json_option, overwrite_option
-from tofmix.cli.progress import Progress
-from tofmix.cli.reporter import CommandReporter
+from tofmix.cli.reporter import CommandReporter, Progress
 from tofmix.options import RECONCILE
 
 if TYPE_CHECKING:
@@ -82,9 +81,9 @@ def reconcile(
     from tofmix.io.reconciliation import locked_folder, model_names, suggested_names
     from tofmix.io.recording.recording_file import open_recording
     from tofmix.jobs.estimate import learnt_sensor
+    from tofmix.jobs.files import opened_recording
     from tofmix.jobs.reconcile import check_models, kinds_of, read_evidence, write_reconciliation
     from tofmix.jobs.reconcile import reconcile as run
-    from tofmix.jobs.recordings import opened_recording
     from tofmix.reconciliation.search.search_state import Settings
     from tofmix.reconciliation.words import summary_lines
 

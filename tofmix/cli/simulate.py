@@ -98,12 +98,12 @@ def simulate(
         raise click.UsageError("Missing option '-o' / '--output'.")
     scene = load_model(model).with_recording(frames=frames, seed=seed)
     if output is None or explain:
-        from tofmix.simulation.explain import explain as explained
+        from tofmix.simulation.model_toml import explain as explained
 
         click.echo(explained(scene))
         return
 
-    from tofmix.io.atomic.storage import check_output, locked
+    from tofmix.io.storage import check_output, locked
     from tofmix.jobs.simulate import Simulation
 
     outputs = [output] if repeat is None else [_numbered(output, k) for k in range(1, repeat + 1)]

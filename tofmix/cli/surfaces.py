@@ -64,7 +64,7 @@ def surfaces(
     camera's field of view. docs/how-to/surfaces.md shows how other programs read
     the file.
     """
-    from tofmix.jobs.layers_files import surfaces_path
+    from tofmix.jobs.files import surfaces_path
     from tofmix.jobs.surfaces import write_surfaces
 
     output, view = output or surfaces_path(layers), view_of(fov)

@@ -11,7 +11,7 @@ from tofmix.errors import ExitCode
 from tofmix.wording import counted
 
 if TYPE_CHECKING:
-    from tofmix.io.verify.findings import Findings
+    from tofmix.io.findings import Findings
 
 
 @examples(
@@ -32,7 +32,7 @@ def verify(files: tuple[Path, ...], as_json: bool) -> ExitCode:
     the stated number of layers. Prints one line for each fault. Exit code 0: no fault; 3: a fault; 5: a fault in some
     of several files.
     """
-    from tofmix.io.verify.verify import verify as verify_file
+    from tofmix.io.verify import verify as verify_file
 
     found = {}
     for path in files:

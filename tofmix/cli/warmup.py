@@ -28,7 +28,7 @@ def warmup(*, as_json: bool) -> None:
     from tofmix.compiled.kept import CANNOT_KEEP, gather
     from tofmix.io.model_file import load_model
     from tofmix.pipeline.kernels import compile_all
-    from tofmix.reconciliation.warm_up import warm_up
+    from tofmix.reconciliation.workflow import warm_up
 
     compile_all()
     warm_up(load_model("three-boards"))

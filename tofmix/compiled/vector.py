@@ -6,14 +6,26 @@ from 0: an index that may be negative, as one from a parameter, stops it, so loo
 group of 8 are computed one by one, each at the cost of 8: `samples.gather` leaves nothing over. Sums are kept in four
 or eight parts, always the same ones: a sum in one part waits for each addition, and a sum that the compiler may reorder
 would differ from machine to machine. `range` with a step of 4 would cost as much as the sum.
+
+From a median absolute deviation to a standard deviation.
 """
 
 import math
+from statistics import NormalDist
 
 import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
+
+MAD_TO_SIGMA = round(1.0 / NormalDist().inv_cdf(0.75), 4)
+"""Sigma of Gaussian samples by their median absolute deviation, 1 / Phi^-1(3/4), to four decimals.
+
+References
+----------
+Rousseeuw and Croux, Journal of the American Statistical Association 88, 1993, doi:10.1080/01621459.1993.10476408.
+"""
+
 
 LANES = 8
 """Loops over a multiple of this many numbers leave nothing over."""

@@ -1,4 +1,7 @@
-"""The fixed part of equation (1), as the kernels read it: the same for every pixel, but for its noise curve."""
+"""The fixed part of equation (1), as the kernels read it: the same for every pixel, but for its noise curve.
+
+The noise curve as kernels read it.
+"""
 
 import math
 from typing import NamedTuple
@@ -8,9 +11,28 @@ import numpy as np
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.circle import NO_RETURN_SIGMAS, circular_noise, has_no_return
 from tofmix.compiled.jit import borrowing
-from tofmix.estimation.noise.kernel import sigma_at
-from tofmix.range_step import RangeStep
+from tofmix.learnt_noise import RangeStep
 from tofmix.sensor import NoiseCurve, Sensor
+
+
+@borrowing
+def sigma_at(range_mm: float, curve_range: FloatArray, curve_sigma: FloatArray) -> float:
+    """sigma(r), linear between the curve's points and constant past its ends."""
+    last = len(curve_range) - 1
+    if range_mm <= curve_range[0]:
+        return float(curve_sigma[0])
+    if range_mm >= curve_range[last]:
+        return float(curve_sigma[last])
+    low, high = 0, last
+    while high - low > 1:
+        middle = (low + high) // 2
+        if curve_range[middle] <= range_mm:
+            low = middle
+        else:
+            high = middle
+    share = (range_mm - curve_range[low]) / (curve_range[high] - curve_range[low])
+    return float(curve_sigma[low] + share * (curve_sigma[high] - curve_sigma[low]))
+
 
 NO_RETURN_REACH = 6.0
 """Without a sample this near to range_max, in sigmas, p(c_0) is 0 from the start."""

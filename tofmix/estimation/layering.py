@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.compiled.vector import least_of, product_of
-from tofmix.estimation.beam import Beam, beam_of, is_no_return, is_uniform, reaches_no_return
-from tofmix.estimation.filtered_layers import layers_before_filter
-from tofmix.estimation.mixture.acceleration import maximise_likelihood
+from tofmix.estimation.beam import Beam, beam_of, is_no_return, is_uniform, reaches_no_return, sigma_at
+from tofmix.estimation.filters import layers_before_filter
 from tofmix.estimation.mixture.components import (
     GAIN,
     MEAN,
@@ -51,17 +50,16 @@ from tofmix.estimation.mixture.em import (
     expectation_maximisation,
     gaussians,
     log_likelihood,
+    maximise_likelihood,
     mix,
     new_sigma,
     start_at,
 )
 from tofmix.estimation.mixture.false_alarms import chance_of, gain_table, least_gain
 from tofmix.estimation.mixture.uncertainty import standard_errors
-from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel, pixel_curves
 from tofmix.estimation.paper import paper_pixels
-from tofmix.estimation.peaks.counters import Kde
-from tofmix.estimation.peaks.counters.base import MAX_PEAKS, Peaks, no_peaks
+from tofmix.estimation.peaks.counters import MAX_PEAKS, Kde, Peaks, no_peaks
 from tofmix.estimation.samples import Readings, SortedSamples, gather, invalid_share, padded, sort_samples
 from tofmix.estimation.settings import (
     MODE_PRIOR,
@@ -331,7 +329,7 @@ def layer_pixels(
             amplitudes = np.asarray(amplitude, np.float32).reshape(block.shape)
             beam = beam._replace(pixel_curves=pixel_curves(block, amplitudes, sensor.noise))
         if counts_with_learnt(sensor, options):
-            from tofmix.estimation.learnt.block_layers import layers_with_learnt
+            from tofmix.estimation.learnt.blocks import layers_with_learnt
 
             layers_with_learnt(np.ascontiguousarray(block.T), beam, sensor, options, out)
         else:
@@ -354,7 +352,7 @@ def _layers_on_circle(
     for part in unrolled(samples, sensor, length):
         found = Layers.empty((len(part.pixels),), options.max_layers, out.fields)
         if counts_with_learnt(sensor, options):
-            from tofmix.estimation.learnt.block_layers import layers_with_learnt
+            from tofmix.estimation.learnt.blocks import layers_with_learnt
 
             steps, beam = part.beam.steps, part.beam
             if len(steps.of_pixel):

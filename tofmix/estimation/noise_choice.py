@@ -21,8 +21,8 @@ from tofmix.estimation.noise.steps import step_of_recording
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.estimation.unrolling import UnrolledSource
 from tofmix.independent_samples import independent_samples
+from tofmix.learnt_noise import WHOLE_MM, RangeStep
 from tofmix.options import NOISE
-from tofmix.range_step import WHOLE_MM, RangeStep
 from tofmix.recording import SampleSource, TypedSource, amplitude_source, by_target, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.temporal_filter import ApartMedians, RunningMedian

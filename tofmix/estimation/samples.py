@@ -4,6 +4,8 @@ Sorted once, one pixel after the other in memory. The steps then neither skip in
 the frames. They read a pixel as `Readings`: values that are equal are one value with a count, and where a window is
 long, so are values that differ by a small part of sigma. The time of a pixel then no longer grows with its samples, and
 beyond 10,000 by their fourth root.
+
+Which of a pixel's sorted samples lie near a range: the part of them that a sum over a narrow kernel needs.
 """
 
 import math
@@ -15,7 +17,30 @@ from numpy.typing import ArrayLike, NDArray
 from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.compiled.vector import LANES
-from tofmix.estimation.noise.kernel import sigma_at
+from tofmix.estimation.beam import sigma_at
+
+
+@borrowing
+def whole_lanes(first: int, stop: int, n: int) -> tuple[int, int]:
+    """Widen [first, stop) of n values to whole `LANES`, within n: a few more values cost less than a partial lane."""
+    return first // LANES * LANES, min((stop + LANES - 1) // LANES * LANES, n)
+
+
+@borrowing
+def within_reach(values: FloatArray, first: int, stop: int, low: float, high: float) -> tuple[int, int]:
+    """Move [first, stop) to the ascending values in [low, high]; cheap when it moves little."""
+    n = len(values)
+    while first > 0 and values[first - 1] >= low:
+        first -= 1
+    while first < n and values[first] < low:
+        first += 1
+    stop = max(stop, first)
+    while stop > first and values[stop - 1] > high:
+        stop -= 1
+    while stop < n and values[stop] <= high:
+        stop += 1
+    return first, stop
+
 
 FARTHEST_MM = 1.0e9
 """A value beyond this is no range of any camera, and is skipped as invalid."""

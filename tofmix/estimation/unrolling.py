@@ -19,9 +19,8 @@ import numpy as np
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.circle import FOLD_SIGMAS, fold, unseen_zone
 from tofmix.compiled.jit import jit
-from tofmix.compiled.robust import MAD_TO_SIGMA
-from tofmix.estimation.beam import Beam, beam_of
-from tofmix.estimation.noise.kernel import sigma_at
+from tofmix.compiled.vector import MAD_TO_SIGMA
+from tofmix.estimation.beam import Beam, beam_of, sigma_at
 from tofmix.estimation.samples import FARTHEST_MM, SortedSamples
 from tofmix.layers import LAYER_FIELDS, Layers
 from tofmix.recording import SampleSource

@@ -4,25 +4,32 @@ Files written here follow HDF5 dimension scales and CF-1.11, so that xarray and
 netCDF-4 open them with named dimensions, and NeXus, so that its viewers find a
 default signal. Every chunk has a checksum: without one, a flipped bit is read
 back as a wrong number in silence.
+
+Which of the tofmix formats an HDF5 file is, for commands that take any of them.
+
+Files of results, layers or surfaces, open for reading: their datasets are held against `tofmix.io.schema`.
 """
 
 import io
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self, TypeVar
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
-from tofmix.io.atomic.storage import AtomicFile, Sink
+from tofmix.io.guard import guard
 from tofmix.io.guard.hdf5_memory import reserve_memory
 from tofmix.io.next_command import next_command
 from tofmix.io.schema import LAYERS, RECORDING, SURFACES, Field
+from tofmix.io.storage import AtomicFile, Sink
+from tofmix.options import MAX_LAYERS_LIMIT
+from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
 from tofmix.wording import readable
 
 FORMAT_VERSION = "1.0"
@@ -247,3 +254,84 @@ def fill_value(dataset: h5py.Dataset) -> NDArray[np.generic] | None:
     if fill.size == 0 or fill.dtype.kind not in "iuf":
         raise BadInputError(f"{dataset.name.lstrip('/')}: _FillValue: expected a number, got {value!r}")
     return fill
+
+
+def format_of(path: Path) -> str | None:
+    """Root attribute ``format`` of an HDF5 file; None where it has none, as a recording from elsewhere may."""
+    with guard.open_for_reading(path) as root, guard.reading(path, "format"):
+        return text_attribute(root, "format")
+
+
+def is_foreign_hdf5(path: Path) -> bool:
+    """Whether an HDF5 file is neither of a tofmix format nor has a dataset ``range``, as a recording does."""
+    with guard.open_for_reading(path) as root, guard.reading(path, "format"):
+        return text_attribute(root, "format") is None and "range" not in root
+
+
+T = TypeVar("T")
+
+
+@contextmanager
+def open_result(path: Path, *, kind: str, make: Callable[[h5py.File, Path], T]) -> Iterator[T]:
+    """Open a file of a format, and return the result of `make` for its header."""
+    with guard.open_for_reading(path) as root:
+        yield read_header(root, path, kind=kind, make=make)
+
+
+def read_header(
+    root: h5py.File, path: Path, *, kind: str, make: Callable[[h5py.File, Path], T], required: bool = True
+) -> T:
+    """The result of `make` for the header of an open file, whose format is checked first."""
+    with guard.reading(path, "header"):
+        check_format(root, path, kind=kind, required=required)
+        return make(root, path)
+
+
+class ResultFile:
+    """An open file of results, which must have the datasets of `fields`.
+
+    `main` is the dataset (window, row, col, layer) of which the others have the lengths.
+    """
+
+    def __init__(self, root: h5py.File, path: Path, fields: Iterable[Field], main: str) -> None:
+        self.path = path
+        self._fields = {spec.name: spec for spec in fields}
+        self._datasets = {name: _typed(root, spec, path) for name, spec in self._fields.items()}
+        shape = self._datasets[main].shape
+        self.shape: tuple[int, int, int] = shape[:3]
+        self.max_layers = int(shape[3])
+        if max(shape[1:3]) > MOST_PIXELS_A_SIDE or shape[0] > MOST_FRAMES or shape[3] > MAX_LAYERS_LIMIT:
+            raise BadInputError(
+                f"{path}: {main}: shape {shape}; no more than {MOST_FRAMES} windows of {MOST_PIXELS_A_SIDE} pixels"
+                f" a side and {MAX_LAYERS_LIMIT} layers"
+            )
+        if 0 in shape:
+            raise BadInputError(f"{path}: {main}: shape {shape} holds no layer")
+
+    def _check_lengths(self, more: Mapping[str, int]) -> None:
+        """Refuse a dataset that has not the lengths of its dimensions."""
+        windows, rows, cols = self.shape
+        lengths = {"window": windows, "row": rows, "col": cols, "layer": self.max_layers, **more}
+        for name, spec in self._fields.items():
+            shape, expected = self._datasets[name].shape, tuple(lengths[dim] for dim in spec.dims)
+            if shape != expected:
+                raise BadInputError(f"{self.path}: {name}: shape {shape}, expected {spec.dims} = {expected}")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the datasets, in their order."""
+        return tuple(self._datasets)
+
+    def read_dataset(self, name: str, *part: slice | int) -> NDArray[Any]:
+        """Read one dataset, or a part along its first dimensions, without a look at its values."""
+        with guard.reading(self.path, name):
+            return np.asarray(self._datasets[name][part])
+
+
+def _typed(root: h5py.File, spec: Field, path: Path) -> h5py.Dataset:
+    """A dataset of its type and of as many dimensions as it has names of them."""
+    dataset = guard.checked_dataset(root, spec.name, path)
+    if dataset.ndim != len(spec.dims) or dataset.dtype != np.dtype(spec.dtype):
+        got = f"{dataset.dtype} of shape {dataset.shape}"
+        raise BadInputError(f"{path}: {spec.name}: expected {spec.dtype} {spec.dims}, got {got}")
+    return dataset

@@ -6,8 +6,8 @@ import numpy as np
 
 from tofmix.arrays import Float32Array
 from tofmix.errors import BadInputError
-from tofmix.io.atomic.storage import check_input, read_text
 from tofmix.io.next_command import next_command
+from tofmix.io.storage import check_input, read_text
 from tofmix.simulation.builtin import BUILTIN_MODELS, builtin_text
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import parse_model

@@ -1,7 +1,24 @@
-"""The command that mends a fault, as a user types it: errors end in one of these."""
+"""Remedies at the end of errors: the command that mends a fault, and the installation of a missing library.
+
+Commands are as a user types them. Libraries that only some formats need are optional extras of the package.
+"""
 
 import shlex
+from importlib import import_module
 from pathlib import Path
+from typing import Any
+
+from tofmix.errors import UsageError
+
+
+def need(module: str, *, extra: str, what: str) -> Any:  # noqa: ANN401  a module
+    """Import a library, or raise an error with the command that installs it."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        name = module.split(".", maxsplit=1)[0]
+        raise UsageError(f"{what} needs {name}: pip install 'tofmix[{extra}]'") from error
+
 
 _ARRAYS = (".npy", ".npz", ".mat")
 _TABLES = (".csv", ".tsv")

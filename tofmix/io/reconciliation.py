@@ -20,9 +20,8 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError, StorageError, UsageError, os_error_text
-from tofmix.io.atomic.atomic_group import write_atomic_group
-from tofmix.io.atomic.locks import hold_lock, release_lock
-from tofmix.io.atomic.storage import read_text, sync_folder
+from tofmix.io.locks import hold_lock, release_lock
+from tofmix.io.storage import read_text, sync_folder, write_atomic_group
 from tofmix.wording import readable
 
 GAP = "gap.json"

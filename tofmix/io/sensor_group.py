@@ -7,13 +7,12 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.background_density import BackgroundDensity
 from tofmix.errors import BadInputError
 from tofmix.io.guard import guard
 from tofmix.io.hdf5 import PACKED, add_group, text_attribute
 from tofmix.learnt_noise import LearntNoise
-from tofmix.measurement import measurement_of
-from tofmix.noise_shape import NoiseShape
+from tofmix.measurement import measurement_of, share_law_of
+from tofmix.noise_shape import BackgroundDensity, NoiseShape
 from tofmix.optics.projection import (
     DEFAULT_PROJECTION,
     PROJECTIONS,
@@ -26,7 +25,6 @@ from tofmix.optics.projection import (
 from tofmix.recording import MOST_PIXELS_A_SIDE
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, AmplitudeLaw, NoiseCurve, Sensor
 from tofmix.sensor_schema import RARE_SENSOR_NUMBERS, SENSOR_NUMBERS
-from tofmix.share_law import share_law_of
 from tofmix.temporal_filter import make_filter
 
 T = TypeVar("T")

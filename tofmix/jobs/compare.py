@@ -4,9 +4,9 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from tofmix.errors import BadInputError
-from tofmix.io.atomic.storage import locked, write_text
 from tofmix.io.layers.layers_file import open_layers
-from tofmix.jobs.layers_files import check_window
+from tofmix.io.storage import locked, write_text
+from tofmix.jobs.files import check_window
 from tofmix.jobs.reporter import Reporter
 from tofmix.report.comparison.comparison import Comparison, compare
 

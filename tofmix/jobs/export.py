@@ -10,14 +10,14 @@ import numpy as np
 from tofmix.errors import BadInputError
 from tofmix.flags import Mixing
 from tofmix.io import exporters
-from tofmix.io.atomic.storage import locked
 from tofmix.io.exporters.edge_lines import edge_lines
-from tofmix.io.exporters.fine_points import FinePoints
 from tofmix.io.exporters.image import RangeImage
 from tofmix.io.exporters.outlines import outlines
+from tofmix.io.exporters.placing import FinePoints
 from tofmix.io.layers.layers_file import LayersFile, open_layers
-from tofmix.io.surfaces.surfaces_file import SurfacesFile, open_surfaces
-from tofmix.jobs.layers_files import check_window, placed_words, sensor_of_view
+from tofmix.io.storage import locked
+from tofmix.io.surfaces_file import SurfacesFile, open_surfaces
+from tofmix.jobs.files import check_window, placed_words, sensor_of_view
 from tofmix.jobs.reporter import OptionError, Reporter
 from tofmix.layers import SUSPECT
 from tofmix.points import LayerPoints, PointFilter, PointSource, fields_of_names

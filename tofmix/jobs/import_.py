@@ -6,7 +6,6 @@ from pathlib import Path
 
 from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
-from tofmix.io.atomic.storage import locked, read_text
 from tofmix.io.importers import open_source, takes_axes
 from tofmix.io.importers.base import FrameSource, SourceRequest
 from tofmix.io.importers.conversion import Conversion
@@ -16,15 +15,15 @@ from tofmix.io.model_file import maps_of_model
 from tofmix.io.recording.range_check import implausible, outside_doubt
 from tofmix.io.samples import guessed
 from tofmix.io.sensor_group import check_maps
-from tofmix.jobs.layers_files import view_note, view_words, viewed
+from tofmix.io.storage import locked, read_text
+from tofmix.jobs.files import view_note, view_words, viewed
 from tofmix.jobs.reporter import OptionError, Reporter
+from tofmix.measurement import share_law_of
 from tofmix.optics.pinhole import Pinhole
-from tofmix.optics.projection import Projection
-from tofmix.optics.view import centre_doubt, projection_of_view, ray_factor
-from tofmix.report.summary.light import OPTIONS, lacking
+from tofmix.optics.projection import Projection, centre_doubt, projection_of_view, ray_factor
+from tofmix.report.summary.findings import OPTIONS, lacking
 from tofmix.sensor import Sensor, with_lens
 from tofmix.sensors import PROFILES, UNKNOWN, Camera, load_camera, parse_camera, parse_profile
-from tofmix.share_law import share_law_of
 from tofmix.toml_table import parse_toml
 from tofmix.wording import readable
 

@@ -7,20 +7,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tofmix.errors import BadInputError
-from tofmix.io.atomic.atomic_group import write_atomic_group
-from tofmix.io.atomic.storage import locked
 from tofmix.io.layers.layers_file import LayersFile, open_layers
-from tofmix.io.map_file import encode_map, map_paths
+from tofmix.io.map_file import check_voxel_path, encode_map, encode_voxels, map_paths
 from tofmix.io.recording.recording_file import RecordingFile, file_sha256
-from tofmix.io.voxel_file import check_voxel_path, encode_voxels
-from tofmix.jobs.layers_files import check_view, check_window
-from tofmix.jobs.recordings import opened_recording
+from tofmix.io.storage import locked, write_atomic_group
+from tofmix.jobs.files import check_view, check_window, opened_recording
 from tofmix.jobs.reporter import OptionError, Reporter
 from tofmix.layers import Layers
 from tofmix.mapping.beams import Beams, beams_from_layers, beams_from_ranges
-from tofmix.mapping.grid import plan_grid
+from tofmix.mapping.grid import Pose, plan_grid
 from tofmix.mapping.occupancy import FloorMap, VoxelMap, map_beams, project
-from tofmix.mapping.pose import Pose
 from tofmix.recording import FrameSpan
 from tofmix.sensor import Sensor
 from tofmix.version import __version__
@@ -139,7 +135,7 @@ def _frames(file: LayersFile, window: int, samples: RecordingFile, reporter: Rep
 
 def _averaged(file: LayersFile, samples: RecordingFile, frames: tuple[int, int]) -> Beams:
 
-    from tofmix.mapping.averages import count_samples
+    from tofmix.mapping.beams import count_samples
     from tofmix.report.averaging import average_samples
 
     start, stop = frames

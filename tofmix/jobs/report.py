@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tofmix.errors import BadInputError
-from tofmix.io.atomic.storage import locked, write_text
 from tofmix.io.layers.layers_file import LayersFile, open_layers
 from tofmix.io.recording.recording_file import file_sha256
-from tofmix.io.surfaces.surfaces_file import open_surfaces
-from tofmix.jobs.layers_files import check_window
-from tofmix.jobs.recordings import check_recording, findings_of_samples, opened_recording
+from tofmix.io.storage import locked, write_text
+from tofmix.io.surfaces_file import open_surfaces
+from tofmix.jobs.files import check_recording, check_window, findings_of_samples, opened_recording
 from tofmix.jobs.reporter import Reporter
 from tofmix.recording import SampleSource
 from tofmix.report.summary.lost import cause_of_loss

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 
 from tofmix.errors import BadInputError
-from tofmix.io.atomic.storage import locked
 from tofmix.io.layers.layers_file import LayersFile, open_layers
 from tofmix.io.recording.recording_file import file_sha256
-from tofmix.io.surfaces.surfaces_file import SurfacesWriter
-from tofmix.jobs.layers_files import check_view, placed_words, sensor_of_view
+from tofmix.io.storage import locked
+from tofmix.io.surfaces_file import SurfacesWriter
+from tofmix.jobs.files import check_view, placed_words, sensor_of_view
 from tofmix.jobs.reporter import Reporter
 from tofmix.sensor import Sensor
 from tofmix.surfaces.found import SurfacesProvenance, WindowSurfaces

@@ -1,18 +1,155 @@
-"""The cells of a map: cubes on a lattice that does not move with the camera.
+"""The cells of a map, the camera among them, and the part of its image that a cell may cover.
+
+The cells of a map: cubes on a lattice that does not move with the camera.
 
 Cell k of an axis spans [k cell_mm, (k + 1) cell_mm), so maps of several poses lie on the same grid.
+
+Position and direction of the camera in the map.
+
+Map frame (as in ROS): x and y level, z up. The camera is at height 0 of the map;
+with yaw 0 it looks along x, and y is to its left.
+
+Which part of an image each cell of a map may cover, for any projection.
+
+`cell_outlines` gives rectangles in the image; the kernel then looks along the pixels
+in them. Images of equal angles have their own outlines, in the kernel itself.
 """
 
 import math
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.mapping.beams import Beams
-from tofmix.mapping.pose import Pose
 from tofmix.optics.equiangular import Equiangular
-from tofmix.optics.projection import unit
+from tofmix.optics.projection import Projection, cell_nodes, unit
+
+MAX_PITCH_DEG = 89.0  # a vertical view has no yaw
+MAX_POSITION_MM = 1.0e7  # 10 km from the map's origin
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pose:
+    """Place and direction of the camera.
+
+    Parameters
+    ----------
+    x_mm, y_mm : float
+        Place in the map, mm, each within 10 km.
+    yaw_deg : float
+        Direction of view, anticlockwise from the x axis, degrees.
+    pitch_deg : float
+        How far the camera looks down, degrees, within 89; below 0 it looks up. It does not roll.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite or outside its bounds.
+    """
+
+    x_mm: float = 0.0
+    y_mm: float = 0.0
+    yaw_deg: float = 0.0
+    pitch_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        for key in ("x_mm", "y_mm"):
+            if not abs(getattr(self, key)) <= MAX_POSITION_MM:
+                raise ValueError(f"{key}: {getattr(self, key):g} is not within {MAX_POSITION_MM:g} mm")
+        if not math.isfinite(self.yaw_deg):
+            raise ValueError(f"yaw_deg: {self.yaw_deg:g} is not finite")
+        if not abs(self.pitch_deg) <= MAX_PITCH_DEG:
+            raise ValueError(f"pitch_deg: {self.pitch_deg:g} is not within {MAX_PITCH_DEG:g} degrees")
+
+    def rotation(self) -> FloatArray:
+        """(3, 3): its columns are the sensor's axes (x right, y down, z forward) in the map's frame."""
+        yaw, pitch = math.radians(self.yaw_deg), math.radians(self.pitch_deg)
+        ahead, left = np.array([math.cos(yaw), math.sin(yaw), 0.0]), np.array([-math.sin(yaw), math.cos(yaw), 0.0])
+        up = np.array([0.0, 0.0, 1.0])
+        forward = math.cos(pitch) * ahead - math.sin(pitch) * up
+        down = -math.cos(pitch) * up - math.sin(pitch) * ahead
+        return np.column_stack([-left, down, forward])
+
+    def position(self) -> FloatArray:
+        """(3,): the camera's place in the map, mm; its height is 0."""
+        return np.array([self.x_mm, self.y_mm, 0.0])
+
+
+_POINTS = np.array([p for p in product((0.0, 0.5, 1.0), repeat=3) if p.count(0.5) <= 1])
+"""Corners of a cell and the middles of its edges, in cells: where the lens bends an edge outward its middle counts."""
+
+_SLACK_RAD = 1e-6
+"""Added to the cone of the image, so that its border lies inside."""
+
+
+def image_nodes(optics: Projection, shape: tuple[int, int]) -> FloatArray:
+    """Rays (2 rows + 1, 2 cols + 1, 3) at the pixels' corners, sides and centres.
+
+    Raises
+    ------
+    ValueError
+        If a part of the image looks nowhere.
+    """
+    rows, cols = shape
+    nodes = np.empty((2 * rows + 1, 2 * cols + 1, 3))
+    for row in range(rows):
+        nodes[2 * row : 2 * row + 3] = cell_nodes(optics, row, shape)
+    return nodes
+
+
+def image_cone(nodes: FloatArray) -> tuple[FloatArray, float]:
+    """A cone around all rays of an image: its axis (3,) of unit length, and its half angle, rad."""
+    border = unit(np.concatenate([nodes[0], nodes[-1], nodes[:, 0], nodes[:, -1]]))
+    axis = unit(border.mean(axis=0))
+    return axis, float(np.arccos(np.clip(border @ axis, -1.0, 1.0)).max()) + _SLACK_RAD
+
+
+def cell_outlines(
+    optics: Projection,
+    shape: tuple[int, int],
+    low: FloatArray,
+    cell_mm: float,
+    rotation: FloatArray,
+    cone: tuple[FloatArray, float],
+) -> FloatArray:
+    """Rectangles in the image that contain the visible parts of cells.
+
+    Parameters
+    ----------
+    optics : Projection
+        Where the pixels look.
+    shape : (int, int)
+        Rows and columns of the image.
+    low : (n, 3) float64
+        Least x, y and z of the cells relative to the camera, mm, along the map's axes.
+    cell_mm : float
+        Edge of a cell, mm.
+    rotation : (3, 3) float64
+        Its columns are the sensor's axes in the map's frame.
+    cone : (array, float)
+        From `image_cone`.
+
+    Returns
+    -------
+    (n, 4) float64
+        Left, right, top and bottom in pixels from the image's outer corner; left above right for invisible cells, and
+        for the cell of the camera or next to it. The whole image where a part of the cell has no place in it.
+    """
+    rows, cols = shape
+    points = (low[:, np.newaxis] + cell_mm * _POINTS) @ rotation
+    row, col = optics.pixels(points, shape=shape)
+    out = np.stack([col.min(axis=1), col.max(axis=1), row.min(axis=1), row.max(axis=1)], axis=1) + 0.5
+    out[np.isnan(out).any(axis=1)] = (0.0, cols, 0.0, rows)
+    centre = (low + cell_mm / 2) @ rotation
+    distance, radius = np.linalg.norm(centre, axis=1), cell_mm * np.sqrt(0.75)
+    axis, half = cone
+    with np.errstate(invalid="ignore", divide="ignore"):
+        off = np.arccos(np.clip(centre @ axis / distance, -1.0, 1.0)) - np.arcsin(np.minimum(radius / distance, 1.0))
+    out[(distance <= radius) | (off > half)] = (1.0, 0.0, 1.0, 0.0)
+    return out
+
 
 MAX_CELLS = 50_000_000
 """Most cells of a grid: about 2 GB while it is made."""

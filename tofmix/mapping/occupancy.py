@@ -26,11 +26,8 @@ from scipy.special import betainc
 
 from tofmix.arrays import ByteArray, Float32Array, FloatArray
 from tofmix.mapping.beams import Beams
-from tofmix.mapping.grid import VoxelGrid
-from tofmix.mapping.image_kernel import count_cells
-from tofmix.mapping.kernel import count_levels
-from tofmix.mapping.outline import cell_outlines, image_cone, image_nodes
-from tofmix.mapping.pose import Pose
+from tofmix.mapping.grid import Pose, VoxelGrid, cell_outlines, image_cone, image_nodes
+from tofmix.mapping.kernel import count_cells, count_levels
 from tofmix.optics.equiangular import Equiangular
 
 OCCUPIED_THRESH = 0.65

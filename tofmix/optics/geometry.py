@@ -1,12 +1,44 @@
-"""Directions of pixels, and the ratio of range along the beam to depth along z.
+"""Directions of pixels, range and depth, phase and range.
 
 Ranges in recordings and layers are radial. The angles here are of an equiangular grid: equal angles between neighbours.
 `tofmix.optics.projection` has it among other projections.
+
+Phase and range of an amplitude-modulated continuous-wave camera.
 """
 
 import numpy as np
 
 from tofmix.arrays import FloatArray
+
+SPEED_OF_LIGHT_MM_S = 299_792_458_000.0  # in vacuum, mm/s; exact by the definition of the metre
+
+
+def unambiguous_range_mm(modulation_frequency_hz: float) -> float:
+    """Range at which the phase has turned once, d_u = c / (2 f).
+
+    Parameters
+    ----------
+    modulation_frequency_hz : float
+        Modulation frequency, above 0.
+
+    Returns
+    -------
+    float
+        d_u in mm; 7494.8 at 20 MHz.
+
+    Raises
+    ------
+    ValueError
+        If the frequency is not above 0.
+
+    References
+    ----------
+    Lange and Seitz, IEEE J. Quantum Electronics 37(3), 2001, doi:10.1109/3.910448.
+    """
+    if not modulation_frequency_hz > 0:
+        raise ValueError(f"modulation_frequency_hz: {modulation_frequency_hz} is not above 0")
+    return SPEED_OF_LIGHT_MM_S / (2.0 * modulation_frequency_hz)
+
 
 _HORIZONTAL_MOST_DEG, _VERTICAL_MOST_DEG = 360.0, 180.0  # a whole turn, and from pole to pole
 

@@ -23,8 +23,7 @@ from tofmix.errors import BadInputError, StorageError, TofmixError, UsageError, 
 from tofmix.grid import Cell, Grid
 from tofmix.io.layers.chunks import EncodedCell
 from tofmix.io.recording.recording_file import file_sha256, open_recording
-from tofmix.pipeline.job import Job
-from tofmix.pipeline.local import LocalEngine
+from tofmix.pipeline.job import Job, LocalEngine
 from tofmix.version import __version__
 
 BLOCK_SAMPLES = 1 << 22

@@ -23,11 +23,11 @@ _UNMIXING = ("unmixing.seeds._fit_windows", "unmixing.surface_fit.fill_surfaces"
 _LEARNT_FIRST = (
     "estimation.learnt.clusters.find_clusters",
     "estimation.learnt.clusters.fit_clusters",
-    "estimation.learnt.held_out.held_out_scores",
+    "estimation.learnt.folds.held_out_scores",
 )
 _LEARNT_LATER = (
-    "estimation.learnt.shares.background_shares",
-    "estimation.learnt.shares.pixel_widths",
+    "estimation.learnt.background.background_shares",
+    "estimation.learnt.background.pixel_widths",
     "estimation.learnt.blocks.fill_layers",
     "estimation.learnt.bootstrap._gains",
 )
@@ -127,7 +127,7 @@ def compile_for(options: EstimateOptions, sensor: Sensor, *, unmixes: bool) -> N
 
 
 def _kernel_of(counter: Counter) -> str:
-    return f"{type(counter).__module__.removeprefix('tofmix.')}._fill"
+    return f"{type(counter).__module__.removeprefix('tofmix.')}._fill_{type(counter).__name__.lower()}"
 
 
 def compile_learning_beside() -> CompilerProcess | None:
@@ -145,7 +145,7 @@ def main() -> None:
 
 def _compile(task: str) -> None:
     if task == "unmixing":
-        from tofmix.unmixing.warm_up import warm_up
+        from tofmix.unmixing.unmix import warm_up
 
         warm_up()
     elif task == "learning":

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.estimation.beam import beam_of, is_uniform
-from tofmix.estimation.layer_amplitudes import layer_amplitudes
+from tofmix.estimation.blocks.finishing import layer_amplitudes
 from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.learnt import warm_up as learnt
 from tofmix.estimation.mixture.em import fit_mixture
@@ -20,9 +20,9 @@ from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.flags import Mixing
 from tofmix.io.model_file import load_model
 from tofmix.mapping.beams import beams_from_layers
+from tofmix.mapping.grid import Pose
 from tofmix.mapping.grid import plan_grid as grid_of_map
 from tofmix.mapping.occupancy import count_light
-from tofmix.mapping.pose import Pose
 from tofmix.optics.pinhole import Pinhole
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
@@ -30,7 +30,7 @@ from tofmix.simulation.casting.cast import MovingCaster
 from tofmix.simulation.effects import EFFECTS
 from tofmix.surfaces.reconstruct import reconstruct
 from tofmix.suspicion.evidence import warm_up as warm_up_evidence
-from tofmix.unmixing import warm_up as unmixing
+from tofmix.unmixing import unmix as unmixing
 
 _RANGE_MM = 1000.0  # of the made-up samples
 _NOISE = NoiseCurve(np.array([_RANGE_MM]), np.array([10.0]))

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tofmix.errors import BadInputError, StorageError, TofmixError, UsageError
+from tofmix.flags import MixingLaw
 from tofmix.grid import Grid
-from tofmix.io.atomic.storage import check_output
 from tofmix.io.layers.journal import (
     WHOLE,
     Journal,
@@ -25,7 +25,7 @@ from tofmix.io.layers.journal import (
 )
 from tofmix.io.layers.layers_file import open_layers
 from tofmix.io.layers.provenance import read_header_image
-from tofmix.mixing import MixingLaw
+from tofmix.io.storage import check_output
 from tofmix.pipeline.assembly import assemble, total
 from tofmix.pipeline.job import Engine, Job
 from tofmix.windows import Windows

@@ -10,8 +10,7 @@ from statistics import NormalDist
 import numpy as np
 from scipy.stats import norm
 
-from tofmix.reconciliation.comparison.compare import Compared
-from tofmix.reconciliation.comparison.localise import LEAST_SIZE, disagreements
+from tofmix.reconciliation.comparison.compare import LEAST_SIZE, Compared, disagreements
 from tofmix.reconciliation.comparison.panel import SHAPES, Curve
 from tofmix.reconciliation.search.name import TriedEffect
 from tofmix.simulation.effects.base import Effect

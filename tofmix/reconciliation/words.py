@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tofmix.reconciliation.comparison.localise import Place
+from tofmix.reconciliation.comparison.compare import Place
 from tofmix.reconciliation.workflow import NamedEffect, Reconciliation
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern

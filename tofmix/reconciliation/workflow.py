@@ -1,6 +1,8 @@
 """Run the steps compare, localise, name, add and verify, and collect the result.
 
 Use `reconcile` for samples in memory; `tofmix.cli.reconcile` does the same for files.
+
+`warm_up` compiles the kernels of reconciliation by using each once.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,28 +13,55 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
-from tofmix.reconciliation.comparison.compare import Compared
-from tofmix.reconciliation.comparison.localise import Place, localise
-from tofmix.reconciliation.evidence import Evidence
+from tofmix.reconciliation.comparison.compare import Compared, Place, localise
+from tofmix.reconciliation.evidence import Evidence, make_evidence
 from tofmix.reconciliation.likelihood.joint import Recording, joint_likelihood, renamed
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
-from tofmix.reconciliation.parameters.latent_errors import latent_errors
+from tofmix.reconciliation.likelihood.memory import RandomValues, memory_gain, predicted_noise
+from tofmix.reconciliation.parameters.pattern_errors import latent_errors
 from tofmix.reconciliation.parameters.standard_errors import standard_errors
+from tofmix.reconciliation.search import links
 from tofmix.reconciliation.search.add import Added, ways, without_faint
 from tofmix.reconciliation.search.name import TriedEffect
 from tofmix.reconciliation.search.refit import latent_states, numbers
 from tofmix.reconciliation.search.search_state import Settings, fit_part
 from tofmix.reconciliation.verification.aliases import Alias, aliases
-from tofmix.reconciliation.verification.far_trend import far_trends
-from tofmix.reconciliation.verification.model_effects import better_model_effect
 from tofmix.reconciliation.verification.next_steps import next_steps
+from tofmix.reconciliation.verification.rivals import better_model_effect, far_trends
 from tofmix.reconciliation.verification.verify import Verified, as_given, verify
+from tofmix.simulation.casting.polygon_cast import PolygonCaster
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.parameter import PixelMap
 from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 from tofmix.simulation.model import Model
 from tofmix.wording import rounded
+
+_FRAMES = 20  # as few as are taken
+
+
+def warm_up(model: Model) -> None:
+    """Compile the kernels of `reconcile`, except those of simulation, or load them from the cache.
+
+    Parameters
+    ----------
+    model : Model
+        Any one.
+    """
+    PolygonCaster(model.sensor).cast(model)  # 6 x 6 pixels are too wide for it
+    model = replace(model, sensor=replace(model.sensor, rows=6, cols=6))
+    range_mm = np.random.default_rng(1).normal(1500.0, 10.0, (_FRAMES, 6, 6)).astype(np.float32)
+    likelihood = joint_likelihood([(model, make_evidence(model, range_mm))])
+    state, mixture = likelihood.start(), likelihood.scene.mixture()
+    everything = np.arange(_FRAMES), np.arange(36)
+    likelihood.sums(mixture, state, everything)
+    likelihood.sums(replace(mixture, step=7.0), state, everything)  # a lattice: sample by sample
+    likelihood.scores(state, everything, 1)
+    links.fit_interference(likelihood, mixture, state, everything)
+    alike = RandomValues(share=np.zeros(36), below=np.zeros(36), density=np.ones(36))
+    memory_gain(likelihood, likelihood.scores(state, everything, 1), mixture, everything, 0.5)
+    predicted_noise(np.zeros((_FRAMES, 36)), 0.5, np.ones(36), alike)
+
 
 DONE = ("agree", "explained")
 """Verdicts after which no further search runs."""

@@ -14,7 +14,7 @@ from tofmix.arrays import FloatArray
 from tofmix.circle import fold
 from tofmix.errors import UsageError
 from tofmix.layers import Layers
-from tofmix.optics.ranging import unambiguous_range_mm
+from tofmix.optics.geometry import unambiguous_range_mm
 from tofmix.recording import AmplitudeSource, SampleSource, amplitude_source, samples_a_frame
 from tofmix.report.sources import LayersSource
 

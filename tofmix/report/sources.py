@@ -8,8 +8,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tofmix.flags import MixingLaw
 from tofmix.layers import Layers, Provenance
-from tofmix.mixing import MixingLaw
 
 
 class LayersSource(Protocol):

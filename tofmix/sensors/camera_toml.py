@@ -1,6 +1,6 @@
 """The table ``[sensor]`` of a TOML file, into a camera; and a noise curve as the table ``[sensor.noise]``.
 
-`read_camera` and `read_complete` read a table whose keys may override a camera; `tofmix.sensors.registry` finds that
+`read_camera` and `read_complete` read a table whose keys may override a camera; `tofmix.sensors` finds that
 camera. Use `noise_toml` where a curve is printed to be pasted, or written into a model.
 """
 
@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.measurement import measurement_of
+from tofmix.measurement import ShareLaw, measurement_of, share_law_of
 from tofmix.noise_shape import NoiseShape
 from tofmix.optics.projection import (
     DEFAULT_PROJECTION,
@@ -32,7 +32,6 @@ from tofmix.sensor_schema import (
     VIEW_NUMBERS,
 )
 from tofmix.sensors.camera import Camera, CompleteCamera
-from tofmix.share_law import ShareLaw, share_law_of
 from tofmix.toml_table import MapReader, TomlTable, nearest
 
 T = TypeVar("T")

@@ -1,7 +1,7 @@
 """The distribution of each pixel's next sample: a mixture over stored values.
 
 `Prediction.cdf` and `Prediction.probability` describe the values that a recording stores, whole millimetres and invalid
-samples. `tofmix.simulation.prediction.predict` makes one.
+samples. `tofmix.simulation.exposure.predict` makes one.
 """
 
 import math

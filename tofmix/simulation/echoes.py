@@ -1,7 +1,7 @@
 """Echoes in the camera, on which effects act.
 
 `Echoes` is the common part of the samples of one frame (`FrameSamples`) and the components of a predictive distribution
-(`tofmix.simulation.prediction`), so one piece of code applies an effect to both.
+(`tofmix.simulation.exposure`), so one piece of code applies an effect to both.
 """
 
 import math

@@ -1,19 +1,162 @@
-"""A model file's text into a `Model`. Every refusal is one line: file, table, key, value, remedy.
+"""A model file's text into a `Model`, a model with another noise, and a model in words.
+
+A model file's text into a `Model`. Every refusal is one line: file, table, key, value, remedy.
 
 Reading the file itself is left to the caller, and the built-in models to
 `tofmix.simulation.builtin`.
+
+A model with another noise than its file has, and its text with this noise.
+
+Use `with_noise` for a noise that was measured: the model and its text then say the same.
+
+Description of a simulation in words, effect by effect, for ``simulate --explain``.
 """
 
 import json
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
+from tofmix.errors import BadInputError
+from tofmix.optics.geometry import unambiguous_range_mm
+from tofmix.sensor import AmplitudeLaw, NoiseCurve
 from tofmix.sensors import camera_of_model
 from tofmix.sensors.camera import CompleteCamera
+from tofmix.sensors.camera_toml import noise_toml
 from tofmix.simulation.effects import EFFECTS, Effect, PixelMap
+from tofmix.simulation.effects.base import LEVEL_NAMES, Level
 from tofmix.simulation.effects.parameter import Holds, Parameter
-from tofmix.simulation.model import Model, RecordingSettings
-from tofmix.simulation.surface import Surface
+from tofmix.simulation.effects.quantisation import Quantisation
+from tofmix.simulation.model import Model, RecordingSettings, Surface
 from tofmix.toml_table import MapReader, TomlTable, nearest, parse_toml
+from tofmix.wording import counted
+
+BACKGROUND_MAP = "noise_background.npy"
+"""Path of the map of background shares beside the written model."""
+
+_TABLE = re.compile(r"^\[sensor\.noise\][^\n]*\n(?:(?!\[)[^\n]*(?:\n|\Z))*", re.MULTILINE)
+_WHOLE_MM = 1.0  # the step of the stored type, which every model has
+
+
+def with_noise(model: Model, curve: NoiseCurve, *, step_mm: float | None = None) -> Model:
+    """The model with this noise at its integration time.
+
+    Parameters
+    ----------
+    model : Model
+        The model; its file has the noise in a table ``[sensor.noise]``, or in its profile.
+    curve : NoiseCurve
+        The noise. A background that is not uniform over the range becomes uniform.
+    step_mm : float, optional
+        Step on which the ranges lie. One above 1 mm becomes the effect `quantisation`, if the model has none.
+
+    Raises
+    ------
+    BadInputError
+        If the file has the noise in another form than a table of its own.
+    """
+    sensor = model.sensor
+    curve = _explicit(replace(curve, background_density=None), sensor.noise)
+    path = BACKGROUND_MAP if curve.background is not None and curve.background.ndim else None
+    stepped = step_mm is not None and step_mm > _WHOLE_MM
+    added = () if not stepped or any(isinstance(e, Quantisation) for e in model.effects) else (_step(step_mm),)
+    text = model.text
+    if text:
+        table = noise_toml(
+            curve, integration_time_ms=sensor.integration_time_ms, exponent=sensor.exponent, background=path
+        )
+        bare = _TABLE.sub("", text)
+        if "noise" in parse_toml(bare, source="model").table("sensor").values:
+            raise BadInputError("[sensor]: noise: give it as a table [sensor.noise], so that another can replace it")
+        text = f"{bare.rstrip()}\n\n{table}" + "".join(
+            f'\n[[effect]]\nkind = "{Quantisation.kind}"\nstep_mm = {e.step_mm!r}\n' for e in added
+        )
+    changed = replace(sensor, noise=curve, reference_integration_time_ms=sensor.integration_time_ms)
+    return replace(model, sensor=changed, effects=(*model.effects, *added), text=text)
+
+
+def _step(step_mm: float | None) -> Quantisation:
+    return Quantisation(step_mm=float(step_mm or 0.0))
+
+
+def _explicit(curve: NoiseCurve, given: NoiseCurve) -> NoiseCurve:
+    """The curve with every part that a table would otherwise inherit from the model's profile."""
+    if curve.law is None and given.law is not None:
+        ones = np.ones(curve.range_mm.size)
+        curve = replace(curve, law=AmplitudeLaw(reference=ones, amplitude=np.ones(1), factor=np.ones(1)))
+    if curve.background is None and given.background is not None:
+        curve = replace(curve, background=np.zeros(()))
+    return curve
+
+
+def explain(model: Model) -> str:
+    """The model in words, one fact a line, without a newline at the end."""
+    return "\n".join([*_camera(model), *_scene(model), *_samples(model), *_effects(model)])
+
+
+def _camera(model: Model) -> Iterator[str]:
+    sensor, recording = model.sensor, model.recording
+    yield (
+        f"camera: {sensor.name}, {sensor.rows} x {sensor.cols} pixels over {sensor.optics.words(sensor.shape)}, "
+        f"{sensor.range_min_mm:g} to {sensor.range_max_mm:g} mm"
+    )
+    frequency = sensor.modulation_frequency_hz
+    if frequency is None:
+        yield f"light: no phase is measured; {sensor.integration_time_ms:g} ms a sample"
+    else:
+        yield (
+            f"light: {frequency / 1e6:g} MHz, the phase turns once in {unambiguous_range_mm(frequency):.0f} mm; "
+            f"{sensor.integration_time_ms:g} ms a sample"
+        )
+    middle = math.sqrt(max(sensor.range_min_mm, 1.0) * sensor.range_max_mm)
+    sigma = float(sensor.noise_at(sensor.integration_time_ms).sigma(middle))
+    law = "" if sensor.noise.law is None else "; less where a sample is bright, more where it is faint"
+    kind = (
+        "Gaussian"
+        if sensor.noise.shape is None
+        else f"of its own shape, skewness {sensor.noise.shape.moments()[2]:.2g}"
+    )
+    yield f"noise: {kind}, sigma(r) of the camera, such as {sigma:.3g} mm at {middle:.0f} mm{law}"
+    if sensor.noise.width_spread:
+        spread = f"{sensor.noise.width_spread:g}"
+        yield f"widths: each pixel has a factor on its noise, of median 1, with a spread of its logarithm of {spread}"
+    if sensor.noise.background is not None:
+        low, high = 100 * float(sensor.noise.background.min()), 100 * float(sensor.noise.background.max())
+        share = f"{low:.3g} %" if low == high else f"{low:.3g} to {high:.3g} %, by pixel,"
+        yield f"background: {share} of the samples are random values, in addition to outlier_probability"
+    yield (
+        f"recording: {counted(recording.frames, 'frame')} at {recording.frame_rate_hz:g} Hz, "
+        f"{recording.frames / recording.frame_rate_hz:g} s in all, seed {recording.seed}"
+    )
+
+
+def _scene(model: Model) -> Iterator[str]:
+    names = ", ".join(f'"{surface.name}"' for surface in model.surfaces)
+    yield (
+        f"scene: {counted(len(model.surfaces), 'surface')}: {names}"
+        if names
+        else "scene: no surface, no return anywhere"
+    )
+
+
+def _samples(model: Model) -> Iterator[str]:
+    yield (
+        "samples: each sample shows one surface with its share of the pixel's beam, no return around "
+        f"{model.sensor.range_max_mm:g} mm, or, with probability {model.sensor.outlier_probability:g}, a random value"
+    )
+
+
+def _effects(model: Model) -> Iterator[str]:
+    if not model.effects:
+        yield "effects: none; samples are drawn from equation (1)"
+        return
+    yield "effects, in the order in which they act:"
+    for effect in model.acting():
+        yield f"  {LEVEL_NAMES[Level(effect.level)]}: {effect.kind}: {effect.explain()}"
 
 
 def parse_model(text: str, *, source: str, read_map: MapReader | None = None) -> Model:

@@ -17,11 +17,18 @@ from numpy.typing import NDArray
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.sensor import Sensor
 from tofmix.simulation.averaging import average_frame, exposure_times, exposures
-from tofmix.simulation.events import Drawn, draw, event_table, frame_generator, stored_range
+from tofmix.simulation.events import (
+    Drawn,
+    amplitude_draws,
+    draw,
+    drawn_widths,
+    event_table,
+    frame_generator,
+    noisy_amplitude,
+    stored_range,
+)
 from tofmix.simulation.exposure import Exposer, StillScene, check_averages, recorded_amplitude
-from tofmix.simulation.model import Model
-from tofmix.simulation.noise import amplitude_draws, drawn_widths, noisy_amplitude
-from tofmix.simulation.truth import Truth
+from tofmix.simulation.model import Model, Truth
 
 _FRAMES_AT_ONCE = 16  # held in memory with all that their samples carry
 

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
-from tofmix.surfaces.edge_pixels import collect
-from tofmix.surfaces.edge_run import adjust, chi_square, disagreement
+from tofmix.surfaces.edge_run import adjust, chi_square, collect, disagreement
 from tofmix.surfaces.edge_shape import (
     AGREES,
     AHEAD,
@@ -30,10 +29,10 @@ from tofmix.surfaces.edge_shape import (
     THIRD,
     X,
     Y,
+    covered,
 )
-from tofmix.surfaces.half_plane import covered
 from tofmix.surfaces.settings import EdgeSettings
-from tofmix.surfaces.shapes import Shapes
+from tofmix.surfaces.smooth_fits import Shapes
 
 
 @borrowing

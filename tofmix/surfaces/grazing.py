@@ -11,14 +11,12 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.compiled.jit import jit
-from tofmix.surfaces.cuts import Cuts
-from tofmix.surfaces.edge_shape import AGREES, AHEAD, BACK, BAR, KIND
+from tofmix.surfaces.edge_shape import AGREES, AHEAD, BACK, BAR, KIND, covered
 from tofmix.surfaces.found import NO_SURFACE
-from tofmix.surfaces.half_plane import covered
 from tofmix.surfaces.regions import FIRST, ONE, REGION_COLUMNS, SHAPE, continue_edge, set_edge
 from tofmix.surfaces.settings import EdgeSettings
-from tofmix.surfaces.shapes import Shapes, inverse_of, inverses_of
-from tofmix.surfaces.shares import Shares
+from tofmix.surfaces.shares import Cuts, Shares
+from tofmix.surfaces.smooth_fits import Shapes, inverse_of, inverses_of
 
 
 class Painted(NamedTuple):

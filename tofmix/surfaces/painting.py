@@ -7,7 +7,7 @@ from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.surfaces.found import NO_SURFACE
 from tofmix.surfaces.regions import inside
-from tofmix.surfaces.shapes import Shapes, inverse_of
+from tofmix.surfaces.smooth_fits import Shapes, inverse_of
 
 
 @jit

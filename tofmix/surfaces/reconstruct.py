@@ -12,9 +12,8 @@ from tofmix.layers import Layers
 from tofmix.optics.projection import Projection, beam_directions_of, unit
 from tofmix.sensor import Sensor
 from tofmix.surfaces.areas import to_areas
-from tofmix.surfaces.cuts import Cuts, make_cuts
 from tofmix.surfaces.edge_fit import fit_edges
-from tofmix.surfaces.edge_lines import trace
+from tofmix.surfaces.edge_lines import trace, widened
 from tofmix.surfaces.edge_shape import FIT_COLUMNS
 from tofmix.surfaces.found import NO_SURFACE, Planes, WindowSurfaces
 from tofmix.surfaces.grazing import continue_edges
@@ -22,9 +21,8 @@ from tofmix.surfaces.linking import Linked, link
 from tofmix.surfaces.nodes import Nodes, make_nodes
 from tofmix.surfaces.painting import paint_row, share_out
 from tofmix.surfaces.regions import choose_regions, ray_lines
-from tofmix.surfaces.run_errors import widened
 from tofmix.surfaces.settings import DEFAULT_SETTINGS, SurfaceSettings
-from tofmix.surfaces.shares import Shares, make_shares
+from tofmix.surfaces.shares import Cuts, Shares, make_cuts, make_shares
 from tofmix.surfaces.smooth_fits import SmoothFits, fit_smooth
 from tofmix.surfaces.smooth_linking import link_smooth
 

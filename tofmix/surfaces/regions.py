@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
-from tofmix.surfaces.edge_pixels import share_of, to_plane
+from tofmix.surfaces.edge_run import share_of, to_plane
 from tofmix.surfaces.edge_shape import (
     AGREES,
     AHEAD,
@@ -27,10 +27,11 @@ from tofmix.surfaces.edge_shape import (
     VAR_ANGLE,
     VAR_OFFSET,
     VAR_THIRD,
+    chord,
+    covered,
+    covered_by_both,
 )
-from tofmix.surfaces.half_plane import chord, covered, covered_by_both
 from tofmix.surfaces.settings import EdgeSettings
-from tofmix.surfaces.shapes import Shapes
 from tofmix.surfaces.short_edges import (
     MIDDLE,
     NEAREST,
@@ -48,6 +49,7 @@ from tofmix.surfaces.short_edges import (
     line_in_pixel,
     misfit,
 )
+from tofmix.surfaces.smooth_fits import Shapes
 
 ONE, BOTH, EITHER, ALL, ANY = 0, 1, 2, 3, 4
 """A region is one side of an edge; on that side of two edges; of either; of three, as at the end of a strip; or of any

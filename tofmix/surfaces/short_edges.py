@@ -10,7 +10,7 @@ import math
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
-from tofmix.surfaces.half_plane import covered_by_three
+from tofmix.surfaces.edge_shape import covered_by_three
 
 _WINDOW = sorted(
     ((down, right) for down in range(-2, 3) for right in range(-2, 3)),

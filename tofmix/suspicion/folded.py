@@ -11,10 +11,19 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.image.masks import around, count_around
-from tofmix.suspicion.albedo import AlbedoLaw, Surfaces, chosen, find_surfaces, log_brightness, log_evidence
-from tofmix.suspicion.declaration import FALSE_MARKS, Suspicion
-from tofmix.suspicion.scene import WindowScene
-from tofmix.suspicion.shapes import PLANE_NUMBERS, evidence_nats, plane_misfit_mm, rms
+from tofmix.suspicion.albedo import (
+    PLANE_NUMBERS,
+    AlbedoLaw,
+    Surfaces,
+    chosen,
+    evidence_nats,
+    find_surfaces,
+    log_brightness,
+    log_evidence,
+    plane_misfit_mm,
+    rms,
+)
+from tofmix.suspicion.scene import FALSE_MARKS, Suspicion, WindowScene
 
 MOST_SURFACES = 24  # the largest surfaces that are compared: more cost time, and are small
 

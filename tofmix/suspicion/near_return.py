@@ -9,8 +9,7 @@ import math
 import numpy as np
 
 from tofmix.arrays import BoolArray
-from tofmix.suspicion.declaration import FALSE_MARKS, Suspicion
-from tofmix.suspicion.scene import WindowScene
+from tofmix.suspicion.scene import FALSE_MARKS, Suspicion, WindowScene
 
 MOST_MM = 300.0
 """Farthest near return, mm: cover glass and housing are parts of the device."""

@@ -12,8 +12,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.masks import around
-from tofmix.suspicion.declaration import FALSE_MARKS, Suspicion
-from tofmix.suspicion.scene import CLUSTER_FIELDS, NOISE_SIGMAS, WindowScene
+from tofmix.suspicion.scene import CLUSTER_FIELDS, FALSE_MARKS, NOISE_SIGMAS, Suspicion, WindowScene
 
 _ROW, _COL, _LAYER, _FRAMES, _SAMPLES, _OUTSIDE, _LENGTH, _FIRST, _LAST = range(len(CLUSTER_FIELDS))
 

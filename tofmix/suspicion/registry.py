@@ -1,10 +1,24 @@
-"""The suspicions, in the order of their flags."""
+"""All suspicions in the order of their flags: their marks on one window, counts of marks, and rules of marks.
 
-from tofmix.suspicion.declaration import Suspicion
+`judge` is the entry for everything that has layers and evidence of a whole image. `tofmix verify` applies the rules
+beside those of `tofmix.invariants`.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.arrays import BoolArray
+from tofmix.invariants import Rule
+from tofmix.layers import SUSPECT, SUSPECT_FRAMES, Layers
+from tofmix.sensor import Sensor
 from tofmix.suspicion.folded import FOLDED
 from tofmix.suspicion.near_return import NEAR_RETURN
 from tofmix.suspicion.passing import PASSING
 from tofmix.suspicion.scattered_light import SCATTERED_LIGHT
+from tofmix.suspicion.scene import CLUSTER_FIELDS, Suspicion, WindowSamples, make_scene
 
 SUSPICIONS: tuple[Suspicion, ...] = (
     SCATTERED_LIGHT,
@@ -13,3 +27,97 @@ SUSPICIONS: tuple[Suspicion, ...] = (
     NEAR_RETURN,
 )
 """All suspicions; files have the flags and names, reports the words."""
+
+
+_COLUMN = {name: place for place, name in enumerate(CLUSTER_FIELDS)}
+
+
+def judge(
+    layers: Layers, evidence: WindowSamples, sensor: Sensor, *, first_frame: int = 0, circle_mm: float | None = None
+) -> tuple[NDArray[np.uint8], NDArray[np.uint32]]:
+    """Judge the layers of one window.
+
+    Parameters
+    ----------
+    layers : Layers
+        Of the leading shape (row, col), after unmixing.
+    evidence : Evidence
+        Of the same pixels, from `tofmix.suspicion.evidence`.
+    sensor : Sensor
+        The camera.
+    first_frame : int
+        First frame of the window.
+    circle_mm : float, optional
+        Length of the circle that ranges are on, mm.
+
+    Returns
+    -------
+    ((row, col, layer) uint8, (row, col, layer, 2) uint32)
+        Flags of `tofmix.suspicion.registry`, added up; first and last frame of passing layers, 0 elsewhere.
+    """
+    scene = make_scene(layers, evidence, sensor, circle_mm=circle_mm)
+    flags = np.zeros(scene.range_mm.shape, np.uint8)
+    frames = np.zeros((*flags.shape, 2), np.uint32)
+    for suspicion in SUSPICIONS:
+        flags[suspicion.mark(scene)] |= np.uint8(suspicion.flag)
+    for line in scene.clusters:
+        place = tuple(int(line[_COLUMN[name]]) for name in ("row", "col", "layer"))
+        if flags[place] & PASSING.flag:
+            frames[place] = [first_frame + int(line[_COLUMN[name]]) for name in ("first", "last")]
+    return flags, frames
+
+
+def judge_windows(
+    layers: Layers,
+    evidence: Sequence[WindowSamples],
+    sensor: Sensor,
+    *,
+    first_frames: Sequence[int],
+    circle_mm: float | None = None,
+) -> Layers:
+    """Layers (window, row, col) with their marks, if there is any: `judge` on each window."""
+    flags = np.zeros(layers.range.shape, np.uint8)
+    frames = np.zeros((*flags.shape, 2), np.uint32)
+    for window, (found, first) in enumerate(zip(evidence, first_frames, strict=True)):
+        part = Layers(**{spec.name: getattr(layers, spec.name)[window] for spec in layers.fields})
+        flags[window], frames[window] = judge(part, found, sensor, first_frame=first, circle_mm=circle_mm)
+    if not flags.any():
+        return layers
+    return replace(layers, suspect=flags, suspect_frames=frames if (flags & PASSING.flag).any() else None)
+
+
+def suspect_rules(layers: Layers) -> Iterator[Rule]:
+    """Apply every rule on marks to layers (window, row, col).
+
+    Yields
+    ------
+    Rule
+        With `broken` (window, row, col); all false where it holds. Nothing where no layer is marked.
+    """
+    present = np.arange(layers.max_layers) < layers.n_modes[..., np.newaxis]
+    passing = np.zeros(layers.range.shape, bool)
+    if layers.suspect is not None:
+        flags = [suspicion.flag for suspicion in SUSPICIONS]
+        unknown = (layers.suspect & ~np.uint8(sum(flags))) > 0
+        yield Rule(SUSPECT.name, f"sums of {', '.join(map(str, flags))}", _any(unknown))
+        yield Rule(SUSPECT.name, "0 past n_modes", _any((layers.suspect > 0) & ~present))
+        passing = (layers.suspect & PASSING.flag) > 0
+    if layers.suspect_frames is None:
+        yield Rule(SUSPECT_FRAMES.name, "there where layers pass", _any(passing))
+        return
+    first, last = layers.suspect_frames[..., 0], layers.suspect_frames[..., 1]
+    yield Rule(SUSPECT_FRAMES.name, "the first is not after the last", _any(first > last))
+    yield Rule(SUSPECT_FRAMES.name, "0 for layers that do not pass", _any((last > 0) & ~passing))
+
+
+def _any(broken: BoolArray) -> BoolArray:
+    """Pixels that break a rule in any layer."""
+    return np.asarray(broken.any(-1))
+
+
+def count_suspects(suspect: NDArray[np.uint8] | None) -> dict[str, int]:
+    """Layers of each suspicion by its name; `suspect` is None where no layer is marked."""
+    return {
+        suspicion.name: 0 if suspect is None else int(np.count_nonzero(suspect & suspicion.flag))
+        for suspicion in SUSPICIONS
+    }

@@ -9,10 +9,16 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.image.masks import count_around
-from tofmix.suspicion.albedo import AlbedoLaw, find_surfaces, log_brightness
-from tofmix.suspicion.declaration import FALSE_MARKS, Suspicion
-from tofmix.suspicion.scene import WindowScene
-from tofmix.suspicion.shapes import PLANE_NUMBERS, evidence_nats, plane_misfit_mm, rms
+from tofmix.suspicion.albedo import (
+    PLANE_NUMBERS,
+    AlbedoLaw,
+    evidence_nats,
+    find_surfaces,
+    log_brightness,
+    plane_misfit_mm,
+    rms,
+)
+from tofmix.suspicion.scene import FALSE_MARKS, Suspicion, WindowScene
 
 MOST_SCATTERED = 0.05
 """Most of a bright thing's light that a pixel elsewhere gets of it."""

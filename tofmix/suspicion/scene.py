@@ -1,16 +1,21 @@
-"""One window as suspicions see it: layers, their amplitudes, and layers whose samples come close in time."""
+"""What suspicions see and are: one window with its layers, and the declaration of a suspicion.
 
-from collections.abc import Sequence
+A window has layers, their amplitudes, and layers whose samples come close in time. A suspicion is a flag, its words,
+and the function that marks layers.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import BoolArray, FloatArray
 from tofmix.flags import Mixing
 from tofmix.layers import Layers
+from tofmix.optics.geometry import unambiguous_range_mm
 from tofmix.optics.projection import beam_directions_of
-from tofmix.optics.ranging import unambiguous_range_mm
 from tofmix.sensor import Sensor
 
 CLUSTER_FIELDS = (
@@ -161,3 +166,32 @@ def make_scene(
 def _turn_mm(sensor: Sensor) -> float | None:
     """Unambiguous range of the camera's frequency, mm; None if it is not known."""
     return None if sensor.modulation_frequency_hz is None else unambiguous_range_mm(sensor.modulation_frequency_hz)
+
+
+FALSE_MARKS = 0.002
+"""Rate at which a suspicion marks what is not so: of surfaces, by their amplitude; of layers, by their frames."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Suspicion:
+    """One reason to doubt a layer.
+
+    Parameters
+    ----------
+    name : str
+        Its name in files: one of `flag_meanings`.
+    flag : int
+        Its bit in `suspect`.
+    short : str
+        A few words for tables.
+    meaning : str
+        A sentence for reports.
+    mark : callable
+        From a `WindowScene` to the layers (row, col, layer) that it suspects.
+    """
+
+    name: str
+    flag: int
+    short: str
+    meaning: str
+    mark: Callable[[WindowScene], BoolArray]

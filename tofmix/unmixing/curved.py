@@ -23,11 +23,10 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.image.smooth.light import STATES, Lit, with_light
-from tofmix.image.smooth.patch import STATE, fit_patches, meet
-from tofmix.image.smooth.scales import Scales
-from tofmix.image.smooth.segments import LEAST_PIXELS, REACH, around
-from tofmix.image.smooth.view import View, grid_of_places, lattice_of_places
+from tofmix.image.light import STATES, Lit, with_light
+from tofmix.image.patch import STATE, fit_patches, meet
+from tofmix.image.scales import Scales
+from tofmix.image.segments import LEAST_PIXELS, REACH, View, around, grid_of_places, lattice_of_places
 from tofmix.unmixing.hypotheses import OpenSpace, unseen_log_density
 from tofmix.unmixing.image import ComplexArray, PhasorImage
 

@@ -24,10 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.unmixing.distant import DistantPlane
 from tofmix.unmixing.functions import logsumexp, ndtr
 from tofmix.unmixing.image import ComplexArray, PhasorImage, polar_covariance, variance_along
-from tofmix.unmixing.neighbours import Predictions, find_neighbours, phasor_of, predict
+from tofmix.unmixing.neighbours import DistantPlane, Predictions, find_neighbours, phasor_of, predict
 from tofmix.unmixing.seeds import Seeds, plane_vector
 from tofmix.unmixing.settings import HypothesisSettings, NeighbourSettings
 from tofmix.unmixing.surface_fit import MOST_SURFACES, Members, NeighbourSurfaces

@@ -8,27 +8,143 @@
 
 A pair of equal mixed pixels along a straight edge looks like a thin surface. So a surface one pixel wide may be an end
 of a chord, but never continues itself.
+
+Planes, or surfaces that bend? What the pixels around say, where few of them see a surface alone.
+
+Planes explain a pixel of a finger or a pole by chance: two surfaces where there is one, or one where there are two.
+There are two models of the surfaces around a pixel: planes, and surfaces that bend like a circle of a few pixels, whose
+continuation has an error that grows with distance (`tofmix.unmixing.hypotheses.judge`). The evidence of all pixels
+around adds up, and the likelier model labels the pixel.
+
+Use it after the planes' last round. Surfaces of six pixels and more are fitted better by `tofmix.unmixing.curved`.
 """
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.image.masks import near
-from tofmix.unmixing.bending import judge_bending, mixed_probability, weigh_planes
-from tofmix.unmixing.distant import DistantPlane, distant_planes
-from tofmix.unmixing.hypotheses import ENDS, Kind, OpenSpace, judge
+from tofmix.image.masks import near, sum_around
+from tofmix.unmixing.hypotheses import ENDS, Kind, LikeliestHypotheses, OpenSpace, judge
 from tofmix.unmixing.image import ComplexArray, PhasorImage
 from tofmix.unmixing.lines import Mixtures, agree, find_lines
+from tofmix.unmixing.neighbours import DistantPlane, distant_planes
 from tofmix.unmixing.seeds import Seeds, find_seeds
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, LabelSettings, UnmixSettings
 from tofmix.unmixing.surface_fit import Members
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+
+LOG_ODDS_OF_PLANES = math.log(100.0)
+"""Logarithm of the prior odds that the surfaces around a pixel are planes: things are made of walls and boards."""
+
+
+class Surroundings(NamedTuple):
+    """What the models say. Arrays are (pixel,).
+
+    Parameters
+    ----------
+    gain : float64
+        Log evidence of planes over surfaces that bend, of each pixel alone, nat; 0 where planes explain all around.
+    bends : float64
+        Probability that the surfaces around bend.
+    """
+
+    gain: FloatArray
+    bends: FloatArray
+
+
+def weigh_planes(
+    image: PhasorImage,
+    kind: IntArray,
+    probability: FloatArray,
+    log_evidence: FloatArray,
+    doubtful: IntArray,
+    members: Members,
+    seeds: Seeds,
+    planes: tuple[DistantPlane, ...],
+    spaces: tuple[OpenSpace, ...],
+    settings: UnmixSettings,
+) -> Surroundings:
+    """Weigh both models around each pixel.
+
+    Parameters
+    ----------
+    image : PhasorImage
+        The window.
+    kind, probability, log_evidence : (pixel,)
+        What planes say: the most probable kind, its probability, and the log evidence of all hypotheses.
+    doubtful : (n,) int64
+        The pixels that they were judged in.
+    members, seeds, planes, spaces
+        As `tofmix.unmixing.hypotheses.judge` takes them.
+    settings : UnmixSettings
+        Thresholds.
+
+    Returns
+    -------
+    Surroundings
+        Of all pixels. Planes that explain all pixels around leave no doubt, so nothing is weighed there.
+    """
+    reach, shape = settings.neighbours.reach, image.shape
+    gain, bends = np.zeros(image.count), np.zeros(image.count)
+    vague = np.zeros(image.count, bool)
+    vague[doubtful] = (kind[doubtful] == Kind.NEW) | (probability[doubtful] < settings.hypotheses.likely)
+    pixels = doubtful[near(vague.reshape(shape), 2 * reach).ravel()[doubtful]]
+    if not pixels.size:
+        return Surroundings(gain, bends)
+    found = judge(image, pixels, members, seeds, planes, spaces, settings.hypotheses, settings.neighbours, bends=True)
+    gain[pixels] = log_evidence[pixels] - found.log_evidence
+    log_odds = LOG_ODDS_OF_PLANES + sum_around(gain.reshape(shape), reach).ravel()
+    area = near(vague.reshape(shape), reach).ravel()
+    bends[area] = 1.0 / (1.0 + np.exp(np.clip(log_odds[area], -_MOST_LOG, _MOST_LOG)))
+    return Surroundings(gain, bends)
+
+
+_MOST_LOG = 500.0
+"""Largest exponent."""
+
+
+def judge_bending(
+    image: PhasorImage,
+    pixels: IntArray,
+    members: Members,
+    seeds: Seeds,
+    planes: tuple[DistantPlane, ...],
+    spaces: tuple[OpenSpace, ...],
+    settings: UnmixSettings,
+) -> LikeliestHypotheses:
+    """Judge pixels (n,) beside surfaces that bend, from the pixels that were sure before any were judged by planes.
+
+    Here large surfaces are flat. In `weigh_planes` they bend as all others do, so that what they alone explain does not
+    speak for things that bend.
+    """
+    near_sure = settings.neighbours._replace(beside=2)
+    return judge(
+        image,
+        pixels,
+        members,
+        seeds,
+        planes,
+        spaces,
+        settings.hypotheses,
+        near_sure,
+        bends=True,
+        flat=planes,
+        unseen=settings.hypotheses.unseen,
+    )
+
+
+def mixed_probability(bends: FloatArray, planes: FloatArray, bent: FloatArray, same: BoolArray) -> FloatArray:
+    """Probability (n,) of the likelier model's label, of both models' where these agree (`same`)."""
+    own = np.where(bends > 0.5, bends * bent, (1.0 - bends) * planes)  # noqa: PLR2004  the likelier
+    other = np.where(bends > 0.5, (1.0 - bends) * planes, bends * bent)  # noqa: PLR2004
+    return np.asarray(own + np.where(same, other, 0.0))
+
 
 _BLOCK = 1 << 13
 """Pixels that are judged at once: their surfaces take some 10 MB."""
@@ -47,7 +163,7 @@ class Labels:
     is_surface : bool
         Whether the pixel is known to see one surface: certain, continued, or new in a block of 2 x 2 that agree.
     planes_gain : float64
-        Log evidence of planes over surfaces that bend (`tofmix.unmixing.bending`), nat.
+        Log evidence of planes over surfaces that bend (`tofmix.unmixing.labels`), nat.
     bends : bool
         Whether the label is that of surfaces that bend.
     seeds : Seeds

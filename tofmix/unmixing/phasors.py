@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
-from tofmix.optics.ranging import unambiguous_range_mm
+from tofmix.optics.geometry import unambiguous_range_mm
 from tofmix.sensor import Sensor
 from tofmix.unmixing.functions import binomial_most
 

@@ -12,9 +12,8 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.compiled.jit import borrowing, jit
-from tofmix.compiled.plane import dot
+from tofmix.compiled.plane import dot, fit_plane
 from tofmix.unmixing.image import Measured, PixelDirections
-from tofmix.unmixing.plane_fit import fit_plane
 from tofmix.unmixing.settings import NeighbourSettings
 
 MOST_SURFACES = 4

@@ -1,24 +1,268 @@
-"""Unmix one window: the entry for everything that has layers and mean phasors of a whole image."""
+"""Unmix one window: the entry for everything that has layers and mean phasors of a whole image.
+
+Ranges that fold: which surfaces lie beyond the fold, one turn farther than their folded ranges.
+
+On a folded axis a surface beyond the fold is no plane: 1 / r is linear in the beam for the true range alone, and so is
+ln A + 3 ln r a constant. Use `unfolded` before planes are fitted. Only the first and second turn are distinguished;
+ranges in the farther half of a turn stay as they are.
+
+From labels to layers: unmixed layers replace those of mixed pixels.
+
+`warm_up` compiles the kernels of unmixing, or loads them from the cache: they run once on a made-up image.
+"""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tofmix.arrays import BoolArray, Float32Array, FloatArray
-from tofmix.flags import Status
-from tofmix.layers import Layers
+from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from tofmix.circle import fold
+from tofmix.flags import MOST_UNDECIDED, Mixing, Status
+from tofmix.image.masks import components
+from tofmix.image.patch import STATE, TangentFrame, meet
+from tofmix.layers import Layers, layer_fields
 from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import beam_directions_of
-from tofmix.sensor import Sensor
+from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.unmixing.curved_labels import label_curved
-from tofmix.unmixing.image import make_image
-from tofmix.unmixing.labels import label
-from tofmix.unmixing.law import measure_law
-from tofmix.unmixing.phasors import phase_scale_mm
-from tofmix.unmixing.rewriting import Rewritten, rewrite
-from tofmix.unmixing.settings import DEFAULT_SETTINGS, UnmixSettings
-from tofmix.unmixing.unfolding import unfolded
+from tofmix.unmixing.hypotheses import Kind
+from tofmix.unmixing.image import PhasorImage, make_image
+from tofmix.unmixing.labels import Labels, label
+from tofmix.unmixing.law import MixingLaw, measure_law
+from tofmix.unmixing.phasors import mean_phasors, phase_scale_mm
+from tofmix.unmixing.settings import DEFAULT_SETTINGS, UnfoldingSettings, UnmixSettings
+
+
+def unfolded(
+    image: PhasorImage, circle_mm: float, settings: UnfoldingSettings = DEFAULT_SETTINGS.unfolding
+) -> FloatArray:
+    """Ranges (pixel,), mm, with a turn more for the surfaces beyond the fold.
+
+    Parameters
+    ----------
+    image : PhasorImage
+        Of folded ranges.
+    circle_mm : float
+        Length of the circle that they are on, mm.
+    settings : UnfoldingSettings
+        Thresholds.
+    """
+    near = image.valid & (image.range_mm < 0.5 * circle_mm)
+    one, other = _neighbours(image, 1)
+    reach = settings.link_sigmas * np.sqrt(image.range_variance[one] + image.range_variance[other])
+    reach = reach + settings.link_pitches * image.pitch[one] * (image.range_mm[one] + circle_mm)
+    gap = image.range_mm[other] - image.range_mm[one]
+    both = image.valid[one] & image.valid[other]
+    linked = both & near[one] & near[other] & (np.abs(gap) < reach)
+    number = components(one[linked], other[linked], image.count)
+    size = np.bincount(number[near], minlength=int(number.max()) + 1)
+    across = both & (near[one] != near[other]) & (np.abs(circle_mm - np.abs(gap)) < reach)
+    at = np.where(near[one], one, other)[across]
+    crossings = np.bincount(number[at], minlength=len(size))
+    farther = crossings > settings.crossed * np.sqrt(np.maximum(size, 1.0))
+    farther |= _is_smoother(image, number, near, circle_mm, settings)
+    farther &= size >= settings.least_pixels
+    return np.asarray(image.range_mm + circle_mm * (near & farther[number]))
+
+
+def _neighbours(image: PhasorImage, step: int) -> tuple[IntArray, IntArray]:
+    """Pixels (pair,) some steps to the left of others and above them, and these."""
+    index = np.arange(image.count).reshape(image.shape)
+    return (
+        np.concatenate([index[:, :-step].ravel(), index[:-step].ravel()]),
+        np.concatenate([index[:, step:].ravel(), index[step:].ravel()]),
+    )
+
+
+def _is_smoother(
+    image: PhasorImage, number: IntArray, near: BoolArray, circle_mm: float, settings: UnfoldingSettings
+) -> BoolArray:
+    """Surfaces (number,) over which ln A + 3 ln r varies less with a turn more, in units of its errors."""
+    over = [_is_smoother_over(image, number, near, circle_mm, stride, settings) for stride in settings.strides]
+    return np.asarray(np.any(over, axis=0))
+
+
+def _is_smoother_over(
+    image: PhasorImage,
+    number: IntArray,
+    near: BoolArray,
+    circle_mm: float,
+    stride: int,
+    settings: UnfoldingSettings,
+) -> BoolArray:
+    """Likewise, between pixels that are `stride` apart."""
+    one, other = _neighbours(image, stride)
+    same = near[one] & near[other] & (number[one] == number[other])
+    one, other = one[same], other[same]
+    noise = image.light_variance[one] + image.light_variance[other]
+    step = np.log(image.amplitude[other]) - np.log(image.amplitude[one])
+    count, total = int(number.max()) + 1, []
+    for turn in (0.0, circle_mm):
+        first, second = image.range_mm[one] + turn, image.range_mm[other] + turn
+        error = noise + 9.0 * (image.range_variance[one] / first**2 + image.range_variance[other] / second**2)
+        square = (step + 3.0 * np.log(second / first)) ** 2 / np.maximum(error, np.finfo(float).tiny)
+        # The logarithm: a large misfit is an edge of reflectance, and tells nothing.
+        total.append(np.bincount(number[one], np.log1p(square), minlength=count))
+    pairs = np.bincount(number[one], minlength=count)
+    better = (total[1] - total[0]) / np.maximum(pairs, 1) < np.log(settings.better)
+    return np.asarray(better & (pairs >= settings.least_pixels))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rewritten:
+    """Layers of one window after unmixing.
+
+    Parameters
+    ----------
+    layers : Layers
+        Of the leading shape (row, col), with `mixing`.
+    phasor_share : float
+        q, share of the samples at edges that are phasor sums; NaN if no pixel determines it.
+    informative_pixels : int
+        Pixels that determine it.
+    """
+
+    layers: Layers
+    phasor_share: float
+    informative_pixels: int
+
+
+def rewrite(
+    layers: Layers,
+    image: PhasorImage,
+    labels: Labels,
+    law: MixingLaw,
+    sensor: Sensor,
+    *,
+    insist: bool,
+    circle_mm: float | None = None,
+    settings: UnmixSettings = DEFAULT_SETTINGS,
+) -> Rewritten:
+    """Write the surfaces of mixed pixels over layers.
+
+    Parameters
+    ----------
+    layers : Layers
+        Of the leading shape (row, col), as samples of one surface each give them. They are not changed.
+    image, labels, law
+        Of the same window.
+    sensor : Sensor
+        Its noise curve gives sigma.
+    insist : bool
+        Whether all samples at edges are taken as phasor sums, for any measured q.
+    circle_mm : float, optional
+        Length of the circle that ranges are on, mm.
+    settings : UnmixSettings
+        Thresholds.
+
+    Returns
+    -------
+    Rewritten
+        Pixels whose samples are of one surface each are as they were.
+    """
+    shape = layers.shape
+    sums = np.ones(image.count, bool) if insist else law.is_sum
+    count = layers.n_modes.ravel()
+    several = (count > 1) | ((count > 0) & (layers.weight_no_return.ravel() > 0))
+    mixing = np.where(several, int(Mixing.EVENTS), int(Mixing.ONE_SURFACE)).astype(np.uint8)
+    out = Layers(
+        **{spec.name: getattr(layers, spec.name).copy() for spec in layers.fields}, mixing=mixing.reshape(shape)
+    )
+    if sums.any():
+        mixed = np.isin(labels.kind, (Kind.PAIR, Kind.TRIPLE, Kind.EMPTY)) & image.valid
+        ends = np.isfinite(labels.range_mm).sum(axis=1)
+        decided = (
+            mixed & labels.is_known & (labels.probability > settings.least_probability) & (ends <= layers.max_layers)
+        )
+        flat = out.reshaped((image.count,))
+        _write(flat, decided & sums, image, labels, sensor, circle_mm, settings.most_fresh_probability)
+        # One surface, says the mean; several, say the samples: as surfaces that move do, which scatter, or by chance.
+        contradicted = labels.is_surface & several & (count > 1)
+        known = (labels.kind == Kind.CONTINUED) & ~labels.is_fresh & (labels.probability > settings.curved.sure)
+        by_chance = contradicted & known & image.valid & sums & ~image.is_noisier(settings.law.different_sigmas)
+        contradicted &= ~by_chance
+        _write(flat, by_chance, image, _alone(labels, image), sensor, circle_mm, settings.most_fresh_probability)
+        flat.mixing[by_chance] = int(Mixing.ONE_SURFACE)  # type: ignore[index]  # it was just made
+        _doubt(flat, image.valid & ~decided & sums & (count > 0) & (~labels.is_surface | contradicted))
+        fresh = labels.is_surface & ((labels.kind == Kind.NEW) | labels.is_fresh) & sums
+        flat.probability[fresh] = np.minimum(flat.probability[fresh], settings.most_fresh_probability)
+    return Rewritten(layers=out, phasor_share=law.phasor_share, informative_pixels=law.pixels)
+
+
+def _alone(labels: Labels, image: PhasorImage) -> Labels:
+    """Labels with the return of a whole pixel as its only surface."""
+    names = ("range_mm", "range_variance", "share", "share_variance")
+    out = {name: np.full_like(getattr(labels, name), np.nan) for name in names}
+    for name, values in zip(names, (image.range_mm, image.range_variance, 1.0, 0.0), strict=True):
+        out[name][:, 0] = values
+    return replace(labels, **out)
+
+
+def _write(
+    flat: Layers,
+    pixels: BoolArray,
+    image: PhasorImage,
+    labels: Labels,
+    sensor: Sensor,
+    circle_mm: float | None,
+    most_fresh: float,
+) -> None:
+    """Write the surfaces of decided pixels."""
+    chosen = np.flatnonzero(pixels)
+    if not chosen.size:
+        return
+    places = labels.range_mm[chosen]
+    if circle_mm is not None:
+        places = np.where(np.isfinite(places), fold(places, circle_mm), places)
+    order = np.argsort(places, axis=1)  # near to far, open space and NaN behind
+
+    def sorted_(values: FloatArray) -> FloatArray:
+        return np.take_along_axis(values[chosen], order, axis=1)
+
+    range_mm = np.take_along_axis(places, order, axis=1)
+    variance, share, share_variance = (
+        sorted_(part) for part in (labels.range_variance, labels.share, labels.share_variance)
+    )
+    is_surface = np.isfinite(range_mm)
+    share = np.where(np.isnan(share), 0.0, share)
+    share = share / share.sum(axis=1, keepdims=True)
+    returned = 1.0 - sensor.outlier_probability
+    sure = np.where(labels.is_fresh, np.minimum(labels.probability, most_fresh), labels.probability)[chosen]
+    width = 1.0 if flat.noise_width is None else np.nan_to_num(flat.noise_width[chosen], nan=1.0)[:, np.newaxis]
+    curve = sensor.noise
+    sigma = (
+        np.full(range_mm.shape, np.nan) if curve is None else curve.sigma(np.where(is_surface, range_mm, 0.0)) * width
+    )
+    columns = min(flat.max_layers, range_mm.shape[1])
+    written = {
+        "range": range_mm,
+        "sigma": sigma,
+        "weight": share * returned,
+        "range_stderr": np.sqrt(variance),
+        "weight_stderr": np.sqrt(share_variance) * returned,
+        "probability": np.repeat(sure[:, np.newaxis], range_mm.shape[1], axis=1),
+    }
+    for name, values in written.items():
+        target = getattr(flat, name)
+        target[chosen] = np.nan
+        target[chosen, :columns] = np.where(is_surface, values, np.nan)[:, :columns]
+    if flat.amplitude is not None:
+        flat.amplitude[chosen] = np.nan  # a sample is of all surfaces
+    flat.n_modes[chosen] = is_surface.sum(axis=1)
+    flat.weight_no_return[chosen] = np.where(is_surface, 0.0, share).sum(axis=1) * returned
+    flat.weight_outlier[chosen] = sensor.outlier_probability
+    log_likelihood = labels.log_density[chosen] - 2.0 * np.log(image.unit)
+    flat.log_likelihood[chosen] = np.where(np.isnan(log_likelihood), flat.log_likelihood[chosen], log_likelihood)
+    empty = labels.kind[chosen] == Kind.EMPTY
+    flat.status[chosen] = np.where(empty, int(Status.NO_SURFACE), int(Status.OK))
+    flat.mixing[chosen] = np.where(empty, int(Mixing.ONE_SURFACE), int(Mixing.PHASOR))  # type: ignore[index]  # as above
+
+
+def _doubt(flat: Layers, pixels: BoolArray) -> None:
+    """Mark undecided pixels."""
+    flat.probability[pixels] = np.minimum(flat.probability[pixels], MOST_UNDECIDED)
+    flat.mixing[pixels] = int(Mixing.UNDECIDED)  # type: ignore[index]  # it was just made
 
 
 def unmix(
@@ -92,3 +336,37 @@ def _sees_nothing(layers: Layers, phasors: Float32Array, settings: UnmixSettings
     empty = (layers.n_modes == 0) & (np.nan_to_num(layers.weight_no_return) > settings.open_share) & (amplitude <= dim)
     lost = layers.status == int(Status.TOO_FEW_SAMPLES)
     return np.asarray(empty | lost)
+
+
+_RANGE_MM, _SIGMA_MM, _FREQUENCY_HZ = 1000.0, 10.0, 20.0e6
+_FRAMES, _SIDE = 20, 12
+"""Range of the near surface, noise and frequency of the camera, and size of the image."""
+
+
+def warm_up_curved() -> None:
+    """Let rays meet a patch, as beside surfaces that bend."""
+    frame = TangentFrame(*(np.eye(3)[[part]] for part in (2, 0, 1, 2)))
+    meet(frame, np.zeros((1, 1, STATE)), np.eye(3)[np.newaxis, 2:])
+
+
+def warm_up() -> None:
+    """Unmix the pixels between two surfaces that share the middle column."""
+    sensor = Sensor(
+        name="warm-up",
+        range_max_mm=2.0 * _RANGE_MM,
+        fov_horizontal_deg=10.0,
+        fov_vertical_deg=10.0,
+        modulation_frequency_hz=_FREQUENCY_HZ,
+        noise=NoiseCurve(np.array([_RANGE_MM]), np.array([_SIGMA_MM])),
+    )
+    share = np.repeat([1.0, 0.5, 0.0], [_SIDE // 2, 1, _SIDE // 2 - 1])
+    scale = phase_scale_mm(_FREQUENCY_HZ)
+    sums = share * np.exp(1j * _RANGE_MM / scale) + (1.0 - share) * np.exp(1.5j * _RANGE_MM / scale)
+    shape = (_FRAMES, _SIDE, _SIDE)
+    range_mm = np.random.default_rng(3).normal(scale * np.angle(sums), _SIGMA_MM, shape)
+    light = np.random.default_rng(4).normal(np.abs(sums), 0.01, shape)
+    layers = Layers.empty(shape[1:], 1, layer_fields(sensor))
+    layers.n_modes[...], layers.status[...], layers.n_samples[...] = 1, int(Status.OK), _FRAMES
+    layers.range[..., 0], layers.sigma[..., 0], layers.weight[..., 0] = np.median(range_mm, axis=0), _SIGMA_MM, 1.0
+    layers.range_stderr[..., 0], layers.weight_stderr[..., 0] = _SIGMA_MM / np.sqrt(_FRAMES), 0.0
+    unmix(layers, mean_phasors(range_mm, light, sensor), sensor, insist=True)

@@ -15,16 +15,15 @@ import numpy as np
 from benchmarks.measured_parts.judging import far_pose, reconciled
 
 from tofmix.arrays import Float32Array, FloatArray
-from tofmix.optics.ranging import unambiguous_range_mm
+from tofmix.optics.geometry import unambiguous_range_mm
 from tofmix.sensor import NoiseCurve
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.parameter import PixelMap
 from tofmix.simulation.effects.phase_wrapping import PhaseWrapping
-from tofmix.simulation.model import Model, RecordingSettings
+from tofmix.simulation.model import Model, RecordingSettings, Surface
 from tofmix.simulation.render import render_blocks
-from tofmix.simulation.surface import Surface
 
 CASES = 120
 OFFSET_MM, BIAS_MM, FRAMES, RATE_HZ = 15.0, 10.0, 30, 25.0

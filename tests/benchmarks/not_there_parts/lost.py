@@ -14,9 +14,8 @@ from tofmix.arrays import Float32Array
 from tofmix.estimation.blocks.sequence import estimate_windows
 from tofmix.layers import Layers
 from tofmix.mapping.beams import beams_from_layers
-from tofmix.mapping.grid import VoxelGrid, plan_grid
+from tofmix.mapping.grid import Pose, VoxelGrid, plan_grid
 from tofmix.mapping.occupancy import State, map_beams
-from tofmix.mapping.pose import Pose
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor
 

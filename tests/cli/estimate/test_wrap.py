@@ -12,7 +12,7 @@ from support.files import write_recording
 
 from tofmix.circle import fold
 from tofmix.errors import ExitCode
-from tofmix.optics.ranging import unambiguous_range_mm
+from tofmix.optics.geometry import unambiguous_range_mm
 
 LENGTH = unambiguous_range_mm(20e6)
 SENSOR = {"range_min_mm": 300.0, "range_max_mm": 6500.0, "modulation_frequency_hz": 20e6}

@@ -20,13 +20,15 @@ from tofmix.estimation.learnt.components import (
     OWN,
     SIGMA,
     WEIGHT,
+    Samples,
+    fill_cells,
+    fill_times,
     new_fit,
     new_scratch,
 )
 from tofmix.estimation.learnt.em import em_step
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, Law
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.pixel_samples import Samples, fill_cells, fill_times
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.learnt_noise import DRIFTS, TAIL_DEGREES
 

@@ -8,8 +8,8 @@ from scipy.special import ndtr
 from tofmix.estimation.beam import Beam, Steps, beam_of
 from tofmix.estimation.learnt import components as names
 from tofmix.estimation.learnt.acceleration import maximise
+from tofmix.estimation.learnt.components import Samples, fill_cells, fill_times
 from tofmix.estimation.learnt.law import law_of
-from tofmix.estimation.learnt.pixel_samples import Samples, fill_cells, fill_times
 from tofmix.estimation.learnt.trials import new_workspace
 from tofmix.sensor import NoiseCurve, Sensor
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from support.learnt_pixels import pixel_noise
 
-from tofmix.background_density import BackgroundDensity
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.parts import PARTS, beta_prior, shrunken, width_scale, without_part
+from tofmix.noise_shape import BackgroundDensity
 
 
 @pytest.mark.parametrize("scale", [0.1, 0.3])

@@ -6,9 +6,14 @@ from support.drawing import draw
 from support.sizes import sized
 
 from tofmix.estimation.beam import beam_of
-from tofmix.estimation.mixture.acceleration import maximise_likelihood
 from tofmix.estimation.mixture.components import MEAN, new_components, new_scratch
-from tofmix.estimation.mixture.em import em_step, expectation_maximisation, log_likelihood, start_at
+from tofmix.estimation.mixture.em import (
+    em_step,
+    expectation_maximisation,
+    log_likelihood,
+    maximise_likelihood,
+    start_at,
+)
 from tofmix.estimation.samples import readings_of
 from tofmix.estimation.settings import MODE_FREE, MODE_PRIOR, MODE_TIED
 from tofmix.sensor import Sensor

@@ -11,8 +11,7 @@ from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.mixture.components import MEAN, SIGMA, WEIGHT
 from tofmix.estimation.mixture.counting import LEAST_BOUND, Rules, Workspace, new_workspace, try_one_more
 from tofmix.estimation.mixture.em import expectation_maximisation
-from tofmix.estimation.mixture.gain_bound import gain_bound_of_clear
-from tofmix.estimation.mixture.gradient import steepest_place
+from tofmix.estimation.mixture.gain_bound import gain_bound_of_clear, steepest_place
 from tofmix.estimation.samples import Readings, readings_of
 from tofmix.estimation.settings import MODE_TIED
 from tofmix.sensor import Sensor

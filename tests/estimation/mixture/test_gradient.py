@@ -9,7 +9,7 @@ from support.sizes import sized
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.mixture.components import MEAN, SIGMA, TOTAL, WEIGHT, new_components, new_scratch
 from tofmix.estimation.mixture.em import expectation_maximisation
-from tofmix.estimation.mixture.gradient import best_share, steepest_place
+from tofmix.estimation.mixture.gain_bound import best_share, steepest_place
 from tofmix.estimation.samples import readings_of
 from tofmix.estimation.settings import MODE_TIED
 from tofmix.sensor import Sensor

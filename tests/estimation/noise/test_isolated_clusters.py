@@ -6,7 +6,7 @@ from scipy import optimize, stats
 from support.learnt_pixels import SIGMA_MM, camera_with, pixel_noise, surfaces
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.beam import Beam, PixelCurves, beam_of
+from tofmix.estimation.beam import Beam, PixelCurves, beam_of, sigma_at
 from tofmix.estimation.learnt import clusters as kernels
 from tofmix.estimation.learnt.law import law_of
 from tofmix.estimation.noise.curve_check import _quantile_of_t
@@ -20,7 +20,6 @@ from tofmix.estimation.noise.isolated_clusters import (
     find_clusters,
     fit_clusters,
 )
-from tofmix.estimation.noise.kernel import sigma_at
 
 FRAMES, PIXELS = 60, 150
 BEAM = beam_of(camera_with(pixel_noise()))

@@ -6,9 +6,9 @@ from numpy.typing import NDArray
 from support.drawing import draw
 from support.sizes import sized
 
-from tofmix.compiled.robust import MAD_TO_SIGMA
+from tofmix.compiled.vector import MAD_TO_SIGMA
+from tofmix.estimation.noise.curve import locate, single_share
 from tofmix.estimation.noise.measurement import MeasuredNoise, disagreement, measure_noise
-from tofmix.estimation.noise.scale import locate, single_share
 from tofmix.estimation.noise.series import (
     CLIP_SIGMAS,
     LEAST_KEPT,

@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.integrate import trapezoid
 from support import naive
 
-from tofmix.estimation.noise.kernel import sigma_at
+from tofmix.estimation.beam import sigma_at
 from tofmix.estimation.peaks.density import density
 from tofmix.sensor import NoiseCurve, Sensor
 

@@ -18,8 +18,8 @@ from support.made_up import LayersInMemory, made_up_layers
 
 from tofmix.errors import BadInputError, StorageError, UsageError
 from tofmix.io.exporters import POINT_WRITERS, export_image, export_points
+from tofmix.io.exporters.clouds import SCALE_M
 from tofmix.io.exporters.image import RangeImage
-from tofmix.io.exporters.las import SCALE_M
 from tofmix.optics.equiangular import Equiangular
 from tofmix.points import POINT_DTYPE, LayerPoints, PointArray, fields_of_names
 

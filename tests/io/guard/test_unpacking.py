@@ -12,7 +12,7 @@ import pytest
 from support.files import boards, write_recording
 
 from tofmix.errors import BadInputError
-from tofmix.io.guard import unpacking
+from tofmix.io.guard import structure_rules
 from tofmix.io.recording.recording_file import open_recording
 
 EVERYTHING = (slice(None), slice(None))
@@ -30,7 +30,7 @@ def bomb(path: Path, unpacked: int, *, fletcher32: bool = False) -> Path:
 
 @pytest.fixture
 def _every_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(unpacking, "UNCHECKED_BYTES", 0)
+    monkeypatch.setattr(structure_rules, "UNCHECKED_BYTES", 0)
 
 
 @pytest.mark.usefixtures("_every_chunk")
@@ -70,7 +70,7 @@ def test_valid_chunks_are_read_in_every_way(tmp_path: Path, settings: dict[str, 
     samples = boards(40, 10)
     path = write_recording(tmp_path / "a.h5", samples, chunks=(7, 3, 4), compression="gzip", **settings)
     with h5py.File(path) as root:
-        dataset = unpacking.BoundedDataset(root["range"].id)
+        dataset = structure_rules.BoundedDataset(root["range"].id)
         parts = (
             (),
             ...,

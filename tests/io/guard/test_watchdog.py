@@ -14,7 +14,7 @@ from tofmix.io.guard.watchdog import Watchdog, limit_s, watched
 PROGRAM = """
 import sys, time
 from pathlib import Path
-from tofmix.io.atomic.storage import AtomicFile
+from tofmix.io.storage import AtomicFile
 from tofmix.io.guard.watchdog import arm, watched
 arm()
 arm()

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tofmix.io import hdf5
-from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.layers.chunks import encode_cell, fill_of, fletcher32
 from tofmix.io.schema import field_of
+from tofmix.io.storage import AtomicFile
 from tofmix.layers import LAYER_DIMS, LAYER_FIELDS, Layers
 
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from tofmix.reconciliation.comparison.compare import Compared
-from tofmix.reconciliation.comparison.localise import disagreements, localise
+from tofmix.reconciliation.comparison.compare import Compared, disagreements, localise
 from tofmix.reconciliation.comparison.panel import Curve
 
 BINS = 30

@@ -8,7 +8,7 @@ from support.recordings import MAKE, Record
 
 from tofmix.reconciliation.comparison.compare import compare
 from tofmix.reconciliation.comparison.panel import Curve, panel_axes
-from tofmix.reconciliation.comparison.panel_between import bridging
+from tofmix.reconciliation.comparison.panel_parts import bridging
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model

@@ -12,13 +12,12 @@ from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.joint import Recording, check_camera, joint_likelihood, tell_apart, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part
 from tofmix.reconciliation.likelihood.mixture import Scene
-from tofmix.reconciliation.parameters.profiles import numeric
+from tofmix.reconciliation.parameters.standard_errors import numeric
 from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.words import summary_lines
 from tofmix.reconciliation.workflow import Reconciliation, reconcile
 from tofmix.simulation.effects import Effect
-from tofmix.simulation.model import Model
-from tofmix.simulation.surface import Surface
+from tofmix.simulation.model import Model, Surface
 
 
 @pytest.fixture(scope="module")

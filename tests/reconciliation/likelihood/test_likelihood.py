@@ -7,15 +7,14 @@ import pytest
 from scipy.stats import multivariate_normal, norm
 from support.recordings import MAKE, Record
 
-from tofmix.reconciliation.likelihood.bursts import forward
-from tofmix.reconciliation.likelihood.likelihood import Likelihood
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, forward
 from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.reconciliation.likelihood.pixel_pattern import PixelBiases, marginal_pattern
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.interference import Interference
+from tofmix.simulation.exposure import predict
 from tofmix.simulation.model import Model
-from tofmix.simulation.prediction import predict
 
 ACTING = (
     MAKE["range_offset"](offset_mm=7.0),

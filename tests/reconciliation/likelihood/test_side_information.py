@@ -16,11 +16,9 @@ from tofmix.reconciliation.likelihood.side_information import (
     log_ratios,
     warm_up_information,
 )
-from tofmix.reconciliation.parameters.curvature import Numbers
-from tofmix.reconciliation.parameters.fits import fit
-from tofmix.reconciliation.parameters.profiles import numeric
+from tofmix.reconciliation.parameters.fits import Numbers, fit
 from tofmix.reconciliation.parameters.searches import problems
-from tofmix.reconciliation.parameters.standard_errors import standard_errors
+from tofmix.reconciliation.parameters.standard_errors import numeric, standard_errors
 from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.workflow import Reconciliation, reconcile
 from tofmix.simulation.casting.cast import cast_scene

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from tofmix.reconciliation.parameters.latent_errors import share_error
+from tofmix.reconciliation.parameters.pattern_errors import share_error
 
 
 @pytest.mark.parametrize(("frames", "share"), [(12, 0.25), (20, 0.1), (60, 0.4)])

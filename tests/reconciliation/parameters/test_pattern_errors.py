@@ -12,7 +12,7 @@ from tofmix.arrays import FloatArray
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.reconciliation.likelihood.pixel_pattern import PixelBiases, marginal_pattern
-from tofmix.reconciliation.parameters.curvature import Numbers, Parabola, Value
+from tofmix.reconciliation.parameters.fits import Numbers, Parabola, Value
 from tofmix.reconciliation.parameters.pattern_errors import Averaged, UnderPattern
 from tofmix.reconciliation.search.links import fit_spreads
 from tofmix.simulation.effects.fixed_pattern import FixedPattern

@@ -10,7 +10,7 @@ from support.recordings import MAKE
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.parameters.fits import Fitted
-from tofmix.reconciliation.parameters.profiles import ProfiledParameter, parabola_error, stretch
+from tofmix.reconciliation.parameters.standard_errors import ProfiledParameter, parabola_error, stretch
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.search import Problem
 

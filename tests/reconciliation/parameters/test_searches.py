@@ -9,8 +9,8 @@ from support.recordings import MAKE, Record
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.reconciliation.parameters.fits import fit
-from tofmix.reconciliation.parameters.profiles import numeric
 from tofmix.reconciliation.parameters.searches import problems
+from tofmix.reconciliation.parameters.standard_errors import numeric
 from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.effects.base import Latent
 from tofmix.simulation.effects.internal_reflection import stray_phasor

@@ -13,11 +13,9 @@ from tofmix.arrays import FloatArray
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.reconciliation.likelihood.pixel_pattern import PixelBiases, marginal_pattern
-from tofmix.reconciliation.parameters.curvature import Numbers, Value, inverse, parabola
-from tofmix.reconciliation.parameters.fits import Fitted
-from tofmix.reconciliation.parameters.profiles import numeric
+from tofmix.reconciliation.parameters.fits import Fitted, Numbers, Value, inverse, parabola
 from tofmix.reconciliation.parameters.searches import problems
-from tofmix.reconciliation.parameters.standard_errors import polish, standard_errors
+from tofmix.reconciliation.parameters.standard_errors import numeric, polish, standard_errors
 from tofmix.reconciliation.search.refit import latent_states
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.model import Model

@@ -7,7 +7,7 @@ import pytest
 from support.reconcile_errors import in_errors, scene
 from support.recordings import MAKE, reconciled, recorded
 
-from tofmix.reconciliation.parameters.profiles import numeric
+from tofmix.reconciliation.parameters.standard_errors import numeric
 from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.words import headline
 from tofmix.reconciliation.workflow import Reconciliation, reconcile

@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from tofmix.reconciliation.search.alternatives import Alternatives, best_of_names
+from tofmix.reconciliation.search.alternatives import Alternatives, Explained, best_of_names
 from tofmix.reconciliation.search.columns import Column, Term
-from tofmix.reconciliation.search.subsets import Explained
 from tofmix.simulation.effects.range_offset import RangeOffset
 
 

@@ -10,9 +10,9 @@ from benchmarks.measured_parts.walls import FRAMES, RATE_HZ, draw
 from tofmix.reconciliation.evidence import Evidence, make_evidence
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
 from tofmix.reconciliation.likelihood.pixel_pattern import spreads_of
-from tofmix.reconciliation.search.folding import fold
 from tofmix.reconciliation.search.links import fit_pattern
 from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.search.static_fits import fold
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.effects.phase_wrapping import PhaseWrapping
 from tofmix.simulation.model import Model

@@ -6,7 +6,7 @@ from support.recordings import MAKE, Record
 
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.mixture import Scene
-from tofmix.reconciliation.search.lattice import find_lattice
+from tofmix.reconciliation.search.links import find_lattice
 from tofmix.simulation.model import Model
 
 

@@ -11,8 +11,7 @@ from scipy.optimize import minimize_scalar
 from support.recordings import MAKE, Record
 
 from tofmix.reconciliation.evidence import Evidence
-from tofmix.reconciliation.likelihood.bursts import forward
-from tofmix.reconciliation.likelihood.likelihood import Likelihood
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, forward
 from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.reconciliation.search.links import find_stuck, fit_interference
 from tofmix.simulation.effects import Effect

@@ -10,10 +10,9 @@ from tofmix.reconciliation.likelihood.joint import joint_likelihood
 from tofmix.reconciliation.search.name import tolerated
 from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.workflow import reconcile
-from tofmix.sensors.registry import load_profile
+from tofmix.sensors import load_profile
 from tofmix.simulation.effects.surface_pose import SurfacePose
-from tofmix.simulation.model import Model
-from tofmix.simulation.surface import Surface
+from tofmix.simulation.model import Model, Surface
 
 KINDS = ("range_offset", "surface_pose", "multipath", "amplitude_walk", "temperature_drift", "excess_noise")
 

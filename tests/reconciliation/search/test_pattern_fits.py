@@ -6,7 +6,7 @@ import pytest
 from support.reconcile_errors import in_errors
 from support.recordings import MAKE, reconciled
 
-from tofmix.reconciliation.parameters.profiles import numeric
+from tofmix.reconciliation.parameters.standard_errors import numeric
 from tofmix.reconciliation.workflow import Reconciliation
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model

@@ -9,8 +9,7 @@ from support.recordings import MAKE, Record
 
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
-from tofmix.reconciliation.parameters.profiles import numeric
-from tofmix.reconciliation.parameters.standard_errors import standard_errors
+from tofmix.reconciliation.parameters.standard_errors import numeric, standard_errors
 from tofmix.reconciliation.search.name import TriedEffect, begin_trial, candidates
 from tofmix.reconciliation.search.refit import numbers, refit
 from tofmix.simulation.model import Model

@@ -6,7 +6,7 @@ from support.recordings import MAKE, Record
 
 from tofmix.reconciliation.likelihood.joint import joint_likelihood, views
 from tofmix.reconciliation.likelihood.pixel_pattern import pixel_biases
-from tofmix.reconciliation.parameters.profiles import numeric
+from tofmix.reconciliation.parameters.standard_errors import numeric
 from tofmix.reconciliation.search.name import Trial, begin_trial, candidates
 from tofmix.reconciliation.search.static_fits import StaticFits
 from tofmix.simulation.effects import Effect

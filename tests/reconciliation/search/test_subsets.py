@@ -9,13 +9,12 @@ from support.recordings import MAKE, recorded
 
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
+from tofmix.reconciliation.search.alternatives import Explained, Subsets
 from tofmix.reconciliation.search.columns import Column, Term, terms
 from tofmix.reconciliation.search.refit import begin
-from tofmix.reconciliation.search.subsets import Explained, Subsets
 from tofmix.reconciliation.search.summaries import PixelSummary, summaries
 from tofmix.simulation.effects import EFFECTS
-from tofmix.simulation.model import Model
-from tofmix.simulation.surface import Surface
+from tofmix.simulation.model import Model, Surface
 
 TOLERANCE = 0.1
 

@@ -6,7 +6,7 @@ import pytest
 from support.reconcile_errors import scene
 from support.recordings import MAKE, recorded
 
-from tofmix.reconciliation.parameters.profiles import numeric
+from tofmix.reconciliation.parameters.standard_errors import numeric
 from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.words import headline
 from tofmix.reconciliation.workflow import reconcile

@@ -12,10 +12,9 @@ from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.verification.aliases import separate_by
 from tofmix.reconciliation.verification.next_steps import remedies, worse
 from tofmix.reconciliation.workflow import reconcile
-from tofmix.sensors.registry import load_profile
+from tofmix.sensors import load_profile
 from tofmix.simulation.effects.surface_pose import SurfacePose
-from tofmix.simulation.model import Model, RecordingSettings
-from tofmix.simulation.surface import Surface
+from tofmix.simulation.model import Model, RecordingSettings, Surface
 
 
 @pytest.mark.slow

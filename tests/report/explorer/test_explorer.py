@@ -11,7 +11,7 @@ from tofmix.layers import Layers
 from tofmix.recording import SampleSource
 from tofmix.report.averaging import average_layers
 from tofmix.report.explorer.explorer import Explorer, make_explorer, windows_around
-from tofmix.report.explorer.limits import DEFAULT_LIMITS, PageLimits
+from tofmix.report.explorer.packing import DEFAULT_LIMITS, PageLimits
 from tofmix.report.sources import LayersSource
 
 

@@ -12,8 +12,7 @@ from tofmix.layers import Layers
 from tofmix.recording import SampleSource
 from tofmix.report.page.page import render_page
 from tofmix.report.page.templates import read_part
-from tofmix.report.pixels.pixels import view_pixels
-from tofmix.report.pixels.table import format_pixels
+from tofmix.report.pixels.pixels import format_pixels, view_pixels
 from tofmix.report.sources import LayersSource
 from tofmix.sensor import NoiseCurve
 

@@ -4,9 +4,7 @@ import numpy as np
 from support.unpacking import samples_of
 
 from tofmix.recording import ArrayRecording
-from tofmix.report.explorer.limits import PageLimits
-from tofmix.report.explorer.packing import pack_numbers
-from tofmix.report.explorer.sample_packing import PackedSamples, pack_samples
+from tofmix.report.explorer.packing import PackedSamples, PageLimits, pack_numbers, pack_samples
 from tofmix.sensor import NoiseCurve, Sensor
 
 CURVE = NoiseCurve(np.array([500.0, 7500.0]), np.array([9.0, 430.0]))

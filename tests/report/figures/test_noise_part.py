@@ -16,7 +16,7 @@ from support.noise_parts import skewed
 
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
-from tofmix.report.figures.noise_figures import curve_figure, shape_figure, width_figure
+from tofmix.report.figures.noise_pictures import curve_figure, shape_figure, width_figure
 from tofmix.report.page.page import render_page
 from tofmix.report.pixels.single_pixels import single_pixels
 from tofmix.report.sources import LayersSource

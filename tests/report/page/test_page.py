@@ -14,9 +14,8 @@ import pytest
 from PIL import Image
 
 from tofmix.errors import UsageError
-from tofmix.flags import Mixing, Status
+from tofmix.flags import Mixing, MixingLaw, Status
 from tofmix.layers import Layers
-from tofmix.mixing import MixingLaw
 from tofmix.recording import ArrayRecording, SampleSource
 from tofmix.report.page.page import headline, page_script, percent, render_page
 from tofmix.report.sources import LayersSource

@@ -11,8 +11,7 @@ from support.learnt_noises import ALL, SIGMA_MM, Parts, camera
 from tofmix.arrays import FloatArray
 from tofmix.layers import Layers, Provenance
 from tofmix.report.pixels.pixel_figures import neighbours_figure
-from tofmix.report.pixels.pixels import PixelView, learnt_sensor, view_pixels
-from tofmix.report.pixels.table import format_pixels
+from tofmix.report.pixels.pixels import PixelView, format_pixels, learnt_sensor, view_pixels
 from tofmix.report.theme import LIGHT, drawing
 from tofmix.sensor import Sensor
 

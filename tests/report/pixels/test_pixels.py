@@ -15,8 +15,14 @@ from support.made_up import LayersInMemory, made_up_layers
 from tofmix.estimation.peaks.modes import find_modes
 from tofmix.report.figures.figures import pixel_figure
 from tofmix.report.pixels.pixel_figures import growth_figure, neighbours_figure
-from tofmix.report.pixels.pixels import PixelView, grow_density, neighbour_columns, view_pixels
-from tofmix.report.pixels.table import format_growth, format_pixels
+from tofmix.report.pixels.pixels import (
+    PixelView,
+    format_growth,
+    format_pixels,
+    grow_density,
+    neighbour_columns,
+    view_pixels,
+)
 from tofmix.report.theme import LIGHT, drawing
 from tofmix.sensor import NoiseCurve, Sensor
 

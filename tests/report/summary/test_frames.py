@@ -8,11 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from tofmix.flags import MixingLaw
 from tofmix.layers import Layers
-from tofmix.mixing import MixingLaw
 from tofmix.report.sources import LayersSource
-from tofmix.report.summary.findings import Remedy
-from tofmix.report.summary.frames import PHASOR_SUMS, SINGLE_SAMPLES, AskedFrames, frame_findings
+from tofmix.report.summary.findings import PHASOR_SUMS, SINGLE_SAMPLES, AskedFrames, Remedy, frame_findings
 from tofmix.report.summary.summary import summarise
 
 ROOT = Path(__file__).parents[3]

@@ -3,8 +3,7 @@
 import pytest
 
 from tofmix.measurement import Measurement
-from tofmix.report.summary.findings import Remedy
-from tofmix.report.summary.light import AMPLITUDES, FREQUENCY, lacking, light_findings
+from tofmix.report.summary.findings import AMPLITUDES, FREQUENCY, Remedy, lacking, light_findings
 from tofmix.sensor import Sensor
 
 LOCK_IN = Sensor(name="a", measurement=Measurement.LOCK_IN)

@@ -12,7 +12,7 @@ from support.transform import pit
 
 from tofmix.simulation.distribution import Prediction
 from tofmix.simulation.effects import EFFECTS, Effect, PixelMap
-from tofmix.simulation.prediction import predict
+from tofmix.simulation.exposure import predict
 
 FRAMES = 400
 ALPHA = 1e-3

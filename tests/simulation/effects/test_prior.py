@@ -9,8 +9,7 @@ from scipy.stats import norm, t
 from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.multipath import Multipath
-from tofmix.simulation.effects.parameter import Holds
-from tofmix.simulation.effects.prior import FARTHEST, Prior, StudentPrior, UniformPrior, about
+from tofmix.simulation.effects.parameter import FARTHEST, Holds, Prior, StudentPrior, UniformPrior, about
 
 ANY_MAGNITUDE = {
     ("amplitude_walk", "reference_amplitude"),

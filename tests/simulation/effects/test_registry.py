@@ -14,9 +14,8 @@ from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects import EFFECTS, Effect, Level
 from tofmix.simulation.effects.base import Context
 from tofmix.simulation.effects.parameter import Holds, number
-from tofmix.simulation.explain import explain
-from tofmix.simulation.model_toml import parse_model
-from tofmix.simulation.prediction import predict
+from tofmix.simulation.exposure import predict
+from tofmix.simulation.model_toml import explain, parse_model
 
 CONTRACT = {
     "range_offset": "offset_mm",

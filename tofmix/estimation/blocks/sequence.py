@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array
-from tofmix.estimation.blocks.finishing import finish_window
+from tofmix.estimation.blocks.finishing import finish_window, layer_amplitudes
 from tofmix.estimation.blocks.reading import PIECE_SAMPLES, Group, ReadPlan, plan_reading, read_groups
 from tofmix.estimation.blocks.sample_span import sensor_with_span
-from tofmix.estimation.layer_amplitudes import layer_amplitudes
 from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
 from tofmix.grid import Cell, Grid, plan_grid
@@ -30,7 +29,7 @@ from tofmix.recording import SampleSource, amplitude_source, has_phasors, sample
 from tofmix.sensor import Sensor, sensor_of_part
 from tofmix.suspicion.evidence import gather_evidence
 from tofmix.suspicion.evidence import warm_up as warm_up_evidence
-from tofmix.suspicion.judge import judge_windows
+from tofmix.suspicion.registry import judge_windows
 from tofmix.suspicion.scene import WindowSamples, joined
 from tofmix.unmixing.phasors import FIELD_COUNT, mean_phasors
 from tofmix.windows import Windows

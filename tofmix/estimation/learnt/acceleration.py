@@ -1,4 +1,4 @@
-"""Accelerated EM under the learnt noise: its steps are extrapolated, as in `tofmix.estimation.mixture.acceleration`.
+"""Accelerated EM under the learnt noise: its steps are extrapolated, as in `tofmix.estimation.mixture.em`.
 
 A vector holds all numbers of a fit. Two steps of EM give three vectors, and a jump along the curve through them stands
 for many steps. A jump that lowers the objective is taken back.
@@ -12,7 +12,7 @@ import math
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
-from tofmix.estimation.beam import Beam
+from tofmix.estimation.beam import Beam, sigma_at
 from tofmix.estimation.learnt.components import (
     BACKGROUND,
     DRIFT,
@@ -27,11 +27,10 @@ from tofmix.estimation.learnt.components import (
     THIRD,
     VECTOR,
     WEIGHT,
+    Samples,
 )
 from tofmix.estimation.learnt.em import drifts, em_step, mix, objective, step_up
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.learnt.pixel_samples import Samples
-from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.learnt_noise import DRIFTS, MOST_LOG_WIDTH
 
 _LONGEST_JUMP = 32.0

@@ -1,32 +1,45 @@
-"""Gains that the learnt noise alone reaches: a parametric bootstrap, once a recording.
+"""Gains that the learnt noise alone reaches, drawn once for each noise: the thresholds of the count.
 
-Pixels with one surface and without surfaces are drawn from the learnt model, for some numbers of samples and shares of
-background, and rounded as the recording is. A trial (`trials`) fits one surface more to each, and a jump in time. The
-tail of the gains falls exponentially, as that of likelihood ratios. It is fitted to the largest twentieth of the gains
-(of background, 1 in 200), so that probabilities down to 10^-6 follow from some thousand draws. The seed is fixed: the
-same model gives the same thresholds.
+It is a parametric bootstrap. Pixels with one surface and without surfaces are drawn from the learnt model, for some
+numbers of samples and shares of background, and rounded as the recording is. A trial (`trials`) fits one surface more
+to each, and a jump in time. The tail of the gains falls exponentially, as that of likelihood ratios. It is fitted to
+the largest twentieth of the gains (of background, 1 in 200), so that probabilities down to 10^-6 follow from some
+thousand draws. The seed is fixed: the same model gives the same thresholds.
+
+A cache of thresholds in this process: those of one noise are drawn once.
 
 References
 ----------
 McLachlan, Applied Statistics 36(3), 1987, doi:10.2307/2347790: the bootstrap of the likelihood ratio for mixtures.
 """
 
+import dataclasses
+import hashlib
 import math
+from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import product
+from threading import Lock
+from typing import Any
 
 import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam, is_uniform
-from tofmix.estimation.learnt.components import copy_fit, start_without_surface
+from tofmix.estimation.learnt.components import (
+    Samples,
+    copy_fit,
+    fill_cells,
+    fill_times,
+    start_without_surface,
+    take_samples,
+)
 from tofmix.estimation.learnt.jumps import gain_of_jump
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, Law
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.pixel_samples import Samples, fill_cells, fill_times, take_samples
 from tofmix.estimation.learnt.thresholds import GainThresholds
 from tofmix.estimation.learnt.trials import first_surface, new_workspace, try_one_more
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
@@ -267,3 +280,94 @@ def _gains(block: FloatArray, empty: bool, laws: tuple[Law, Law], beam: Beam, ou
                 copy_fit(work.best, work.fit)
                 more = min(jump, try_one_more(data, 1, work, laws[1], beam, LEAST_WORTH))
             out[pixel] = more
+
+
+class KnownThresholds:
+    """Thresholds by all that they depend on; those used last are kept, a few kilobytes each.
+
+    The seed of a bootstrap is fixed, and its workers do not change it. So its arguments are the key.
+
+    Parameters
+    ----------
+    draw : callable
+        Draws a table, as `calibrate` does.
+    most : int
+        Tables that are kept.
+    """
+
+    def __init__(self, draw: Callable[..., GainThresholds] = calibrate, *, most: int = 32) -> None:
+        self._draw, self._most = draw, most
+        self._tables: OrderedDict[bytes, GainThresholds] = OrderedDict()
+        self._lock = Lock()
+
+    def __call__(
+        self,
+        noise: PixelNoise,
+        beam: Beam,
+        ranges_mm: FloatArray,
+        *,
+        samples: tuple[int, int],
+        pixel_effects: FloatArray | None = None,
+        rounding_mm: float = 0.0,
+        workers: int = 1,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> GainThresholds:
+        """Return the thresholds of the noise, drawn or known. `progress` is called where they are drawn.
+
+        Parameters
+        ----------
+        noise, beam, ranges_mm, samples, pixel_effects, rounding_mm, workers, progress
+            As for `calibrate`.
+
+        Returns
+        -------
+        Thresholds
+            For `count_surfaces`.
+        """
+        key = _digest((noise, beam, ranges_mm, samples, pixel_effects, rounding_mm))
+        with self._lock:
+            if key in self._tables:
+                self._tables.move_to_end(key)
+                return self._tables[key]
+        table = self._draw(
+            noise,
+            beam,
+            ranges_mm,
+            samples=samples,
+            pixel_effects=pixel_effects,
+            rounding_mm=rounding_mm,
+            workers=workers,
+            progress=progress,
+        )
+        with self._lock:
+            self._tables[key] = table
+            while len(self._tables) > self._most:
+                self._tables.popitem(last=False)
+        return table
+
+
+def _digest(value: tuple[Any, ...]) -> bytes:
+    """SHA-256 of all numbers in tuples, dataclasses and arrays."""
+    found = hashlib.sha256()
+
+    def take(value: Any) -> None:  # noqa: ANN401  any part of the arguments
+        if isinstance(value, np.ndarray):
+            found.update(repr((value.dtype.str, value.shape)).encode())
+            found.update(np.ascontiguousarray(value).tobytes())
+        elif dataclasses.is_dataclass(value):
+            take(tuple(getattr(value, field.name) for field in dataclasses.fields(value)))
+        elif isinstance(value, tuple):
+            found.update(f"{len(value)}:".encode())
+            for part in value:
+                take(part)
+        elif value is None or isinstance(value, bool | int | float | str | np.generic):
+            found.update(f"{value!r};".encode())
+        else:
+            raise TypeError(f"a {type(value).__name__} has no digest")
+
+    take(value)
+    return found.digest()
+
+
+known_thresholds = KnownThresholds()
+"""The cache of this process."""

@@ -11,9 +11,8 @@ import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import jit
-from tofmix.estimation.beam import Background, Beam
+from tofmix.estimation.beam import Background, Beam, sigma_at
 from tofmix.estimation.learnt.acceleration import LEARNING_ITER, LEARNING_TOL, maximise
-from tofmix.estimation.learnt.cells import density_at, spread_at
 from tofmix.estimation.learnt.components import (
     BACKGROUND,
     DRIFT,
@@ -24,11 +23,15 @@ from tofmix.estimation.learnt.components import (
     SIGMA,
     SUPPORT,
     WEIGHT,
+    Samples,
+    cell_of,
+    fill_cells,
+    fill_times,
     still_row,
+    take_samples,
 )
 from tofmix.estimation.learnt.em import detrend, mix
-from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.learnt.pixel_samples import Samples, cell_of, fill_cells, fill_times, take_samples
+from tofmix.estimation.learnt.law import Law, density_at, spread_at
 from tofmix.estimation.learnt.trials import densest_place, new_workspace, try_one_more
 from tofmix.estimation.noise.isolated_clusters import (
     APART,
@@ -40,10 +43,8 @@ from tofmix.estimation.noise.isolated_clusters import (
     WINDOW,
     Clusters,
 )
-from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
-from tofmix.learnt_noise import DRIFTS
-from tofmix.range_step import LEAST_SIGMA
+from tofmix.learnt_noise import DRIFTS, LEAST_SIGMA
 
 SIGMAS = LEAST_SIGMA * np.exp(0.1 * np.arange(38))
 """Sigmas, in steps, whose likelihood is computed: from the least that a step tells to 4 steps."""

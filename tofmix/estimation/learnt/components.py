@@ -1,4 +1,6 @@
-"""The surfaces of a mixture under the learnt noise, and scratch arrays for its fit.
+"""The samples of one pixel, the surfaces of a mixture under the learnt noise, and scratch arrays for its fit.
+
+The surfaces of a mixture under the learnt noise, and scratch arrays for its fit.
 
 Both are plain float64 arrays with a row for each quantity, as in `tofmix.estimation.mixture.components`: fits are
 copied, sorted and extrapolated as wholes.
@@ -10,20 +12,24 @@ pixel, in the columns LOG_WIDTH and BACKGROUND (its share). Row PLACE has steps 
 SECOND and THIRD on stand the three vectors of an acceleration.
 
 A scratch is (rows, samples): TOTAL is p(r_j), SHARE 1 / p(r_j), TERM and NEW are free for any loop, and CELL has half
-the step on which a sample is stored, mm (`cells`), and RANDOM the density of background, 1/mm. From TIME on stand the
+the step on which a sample is stored, mm (`law`), and RANDOM the density of background, 1/mm. From TIME on stand the
 polynomials of time, from SCORES on three scores, and from DENSITY on the densities of the surfaces, 1/mm. Then follow
 the density of c_0 (`no_return_row`), -f' of the surfaces (`slope_row`), and the samples less the drift of each surface
 (`still_row`).
+
+The samples of one pixel, ascending, with their times within the window.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import borrowing, jit
-from tofmix.estimation.beam import NO_RETURN_REACH, Beam, near_no_return
-from tofmix.estimation.noise.kernel import sigma_at
+from tofmix.estimation.beam import NO_RETURN_REACH, Beam, background_at, near_no_return, sigma_at
+from tofmix.estimation.learnt.law import has_steps, step_at
+from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.learnt_noise import DRIFTS
 
 MEAN, SIGMA, WEIGHT, SUPPORT, GAIN, DRIFT = range(6)
@@ -150,3 +156,67 @@ def remove_surface(k: int, index: int, fit: FloatArray) -> int:
         fit[WEIGHT, -1] /= left
         fit[OWN, BACKGROUND] /= left
     return k - 1
+
+
+LEAST_SAMPLES = 4
+"""Least samples of a pixel that noise is learnt from: fewer determine no fit."""
+
+
+class Samples(NamedTuple):
+    """Samples of a pixel: `value` (n,) ascending, mm, and `time` (n,) of each, -1 to 1 over the window."""
+
+    value: FloatArray
+    time: FloatArray
+
+
+@jit
+def take_samples(samples: Float32Array, value: FloatArray, time: FloatArray) -> int:
+    """Fill `value` (frame,) with the valid samples of a pixel (frame,), ascending, mm, and `time` with their times.
+
+    Return their number. Time runs from -1 at the first frame to 1 at the last.
+    """
+    frames, n = len(samples), 0
+    half = 0.5 * (frames - 1) if frames > 1 else 1.0
+    order = np.argsort(samples, kind="mergesort")  # stable: equal samples stay in the order of frames; NaN last
+    for frame in order:
+        x = samples[frame]
+        if abs(x) <= FARTHEST_MM:  # false for NaN
+            value[n], time[n] = x, frame / half - 1.0
+            n += 1
+    return n
+
+
+@borrowing
+def cell_of(value: float, beam: Beam) -> tuple[float, float]:
+    """Middle and half the length, mm, of the step that a stored value stands for.
+
+    A step that grows with range reaches farther beyond the stored value than before it: the ends of the step are half a
+    step away, each by the step on its own side.
+    """
+    step = step_at(value, beam)
+    below, above = step_at(value - 0.25 * step, beam), step_at(value + 0.25 * step, beam)
+    return value + 0.25 * (above - below), 0.25 * (above + below)
+
+
+@borrowing
+def fill_cells(data: Samples, beam: Beam, scratch: FloatArray) -> None:
+    """Fill row RANDOM with the density of background at each sample, 1/mm, and row CELL with half its step, mm.
+
+    Where the beam has steps, each value moves to the middle of its step, and `cells` reads row CELL. A value that has
+    moved must not be given again.
+    """
+    for j in range(len(data.value)):
+        scratch[RANDOM, j] = background_at(data.value[j], beam)
+    if has_steps(beam):
+        for j in range(len(data.value)):
+            data.value[j], scratch[CELL, j] = cell_of(data.value[j], beam)
+
+
+@borrowing
+def fill_times(data: Samples, scratch: FloatArray) -> None:
+    """Fill the rows from TIME on with the Legendre polynomials of time, of the degrees 1 to 3."""
+    for j in range(len(data.value)):
+        t = data.time[j]
+        scratch[TIME, j] = t
+        scratch[TIME + 1, j] = 1.5 * t * t - 0.5
+        scratch[TIME + 2, j] = (2.5 * t * t - 1.5) * t

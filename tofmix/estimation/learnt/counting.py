@@ -20,6 +20,7 @@ from tofmix.estimation.learnt.components import (
     OWN,
     SUPPORT,
     WEIGHT,
+    Samples,
     copy_fit,
     remove_surface,
     start_without_surface,
@@ -27,7 +28,6 @@ from tofmix.estimation.learnt.components import (
 from tofmix.estimation.learnt.em import mix
 from tofmix.estimation.learnt.jumps import gain_of_jump
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.learnt.pixel_samples import Samples
 from tofmix.estimation.learnt.thresholds import GainThresholds, read_gains
 from tofmix.estimation.learnt.trials import (
     LearntWorkspace,

@@ -20,8 +20,7 @@ import math
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
 from tofmix.compiled.vector import log_of, product_of, total_of
-from tofmix.estimation.beam import Beam, is_uniform
-from tofmix.estimation.learnt.cells import fill_edges, has_steps, lend_cells
+from tofmix.estimation.beam import Beam, is_uniform, sigma_at
 from tofmix.estimation.learnt.components import (
     BACKGROUND,
     CELL,
@@ -40,16 +39,23 @@ from tofmix.estimation.learnt.components import (
     TIME,
     TOTAL,
     WEIGHT,
+    Samples,
     no_return_row,
     slope_row,
     still_row,
 )
-from tofmix.estimation.learnt.law import REACH, STEPS, Law, log_prior_t, precision_of_t
-from tofmix.estimation.learnt.pixel_samples import Samples
+from tofmix.estimation.learnt.law import (
+    REACH,
+    STEPS,
+    Law,
+    fill_edges,
+    has_steps,
+    lend_cells,
+    log_prior_t,
+    precision_of_t,
+)
 from tofmix.estimation.mixture.em import gaussians
-from tofmix.estimation.noise.kernel import sigma_at
-from tofmix.learnt_noise import DRIFTS, MOST_LOG_WIDTH
-from tofmix.range_step import SIGMA_OF_STEP
+from tofmix.learnt_noise import DRIFTS, MOST_LOG_WIDTH, SIGMA_OF_STEP
 
 LONGEST_STEP = 1.0
 """Most that a mean moves in one iteration, in sigmas: scoring may overshoot where log f is not concave."""

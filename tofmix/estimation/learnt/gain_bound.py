@@ -1,8 +1,8 @@
 """Place of one more surface under the learnt noise, and a bound of its gain: whether a trial is worth a fit.
 
-The twin of `tofmix.estimation.mixture.gradient` for any shape of the error, with a background and a width of the pixel.
-D(theta) = sum_j f(r_j | surface at theta) / p(r_j) - n is the slope of the log likelihood as share moves to a surface
-at theta. No surface gains more than max D, so that none needs to be tried where max D is below the threshold.
+The twin of `tofmix.estimation.mixture.gain_bound` for any shape of the error, with a background and a width of the
+pixel. D(theta) = sum_j f(r_j | surface at theta) / p(r_j) - n is the slope of the log likelihood as share moves to a
+surface at theta. No surface gains more than max D, so that none needs to be tried where max D is below the threshold.
 
 max D is far above the gain where a single sample lies in a surface's tail. The gain bound of a place is nearer to the
 gain: the gain of the best share there, all else held; or, where the new surface replaces an old one, the score
@@ -19,8 +19,7 @@ import math
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
 from tofmix.compiled.vector import log_of, product_of, total_of
-from tofmix.estimation.beam import Beam, is_beyond, is_uniform
-from tofmix.estimation.learnt.cells import density_at, fill_edges, has_steps, step_at
+from tofmix.estimation.beam import Beam, is_beyond, is_uniform, sigma_at
 from tofmix.estimation.learnt.components import (
     CELL,
     DENSITY,
@@ -33,14 +32,13 @@ from tofmix.estimation.learnt.components import (
     SIGMA,
     TOTAL,
     WEIGHT,
+    Samples,
     slope_row,
     still_row,
 )
 from tofmix.estimation.learnt.em import drifts
-from tofmix.estimation.learnt.law import Law, precision_of_t
-from tofmix.estimation.learnt.pixel_samples import Samples
-from tofmix.estimation.mixture.share_step import LEAST_BEND, next_share
-from tofmix.estimation.noise.kernel import sigma_at
+from tofmix.estimation.learnt.law import Law, density_at, fill_edges, has_steps, precision_of_t, step_at
+from tofmix.estimation.mixture.gain_bound import LEAST_BEND, next_share
 
 _STEP_SIGMAS = 0.5
 """Distance between the places that are compared: a quarter of a sigma off the best place, a surface gains 3 % less."""

@@ -13,7 +13,6 @@ from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.estimation.beam import Beam, background_at
 from tofmix.estimation.learnt.acceleration import value_of
-from tofmix.estimation.learnt.cells import density_at, slope_at, step_at
 from tofmix.estimation.learnt.components import (
     BACKGROUND,
     DRIFT,
@@ -23,10 +22,10 @@ from tofmix.estimation.learnt.components import (
     SIGMA,
     SUPPORT,
     WEIGHT,
+    Samples,
 )
 from tofmix.estimation.learnt.em import log_priors
-from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.learnt.pixel_samples import Samples
+from tofmix.estimation.learnt.law import Law, density_at, slope_at, step_at
 from tofmix.learnt_noise import DRIFTS
 
 NEAR_SIGMAS = 5.0

@@ -2,30 +2,180 @@
 
 1. sigma(r) comes from isolated clusters (`noise.measurement`) and from differences of samples (`pair_differences`).
    Where surfaces lie close together, both are too large. So smaller sigmas are tried too, and the one of the largest
-   held-out likelihood is kept (`sigma_curve`, `candidates`). Each is judged with the background that it leaves: fog
+   held-out likelihood is kept (`sigma_curve`). Each is judged with the background that it leaves: fog
    seems to be a surface of a wide sigma, where the model has no fog.
-2. Parts are added while one gains held-out likelihood, then dropped where the others make them needless (`parts`,
-   `selection`).
-3. The memory of the errors is measured last (`memory`): it changes no likelihood of a pixel.
+2. Parts are added while one gains held-out likelihood, then dropped where the others make them needless (`parts`).
+3. The memory of the errors is measured last: it changes no likelihood of a pixel.
+
+Candidates for the noise model, compared by the likelihood of held-out pixels.
+
+Selection of the parts of the noise: forward by held-out gain, then backward.
+
+Hastie, Tibshirani and Friedman, The Elements of Statistical Learning, 2nd edition, 2009, sections 3.3.2 and 7.10.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.learnt.candidates import NoiseCandidate, candidate_of, held_out_gain
+from tofmix.compiled.vector import MAD_TO_SIGMA
 from tofmix.estimation.learnt.folds import Fold, folds_of, whole_fold
-from tofmix.estimation.learnt.memory import centred, memory_of
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.parts import OF_BACKGROUND, PARTS, shrunken_effects, with_part
-from tofmix.estimation.learnt.selection import select_parts
+from tofmix.estimation.learnt.parts import (
+    OF_BACKGROUND,
+    PARTS,
+    centred,
+    memory_of,
+    shrunken_effects,
+    with_part,
+    without_part,
+)
 from tofmix.estimation.learnt.shape_fit import shapes_differ
 from tofmix.estimation.learnt.sigma_curve import different_starts, first_curves, with_sigma
 from tofmix.estimation.noise.training_pixels import Pixels, medians
 from tofmix.sensor import NoiseCurve, Sensor
+
+_CLIP_DEVIATIONS = 10.0
+"""Differences of pixels are clipped at so many median absolute deviations, so that no single pixel decides."""
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseCandidate:
+    """A model by fold, and its scores.
+
+    Parameters
+    ----------
+    noises : tuple of PixelNoise
+        The model that each fold has learnt from its training pixels.
+    scores : (pixel,) float64
+        Log likelihood of the held-out pixels of all folds, nat.
+    """
+
+    noises: tuple[PixelNoise, ...]
+    scores: FloatArray
+
+
+def candidate_of(folds: Sequence[Fold], noises: Sequence[PixelNoise | None]) -> NoiseCandidate | None:
+    """Judge the models of the folds; None where a fold has none."""
+    known = tuple(noise for noise in noises if noise is not None)
+    if len(known) < len(folds):
+        return None
+    return NoiseCandidate(known, np.concatenate([fold.scores(noise) for fold, noise in zip(folds, known, strict=True)]))
+
+
+def held_out_gain(
+    one: NoiseCandidate,
+    other: NoiseCandidate,
+    *,
+    standard_errors: float = 3.0,
+    least_gain: float = 0.1,
+    false_choice: float = 1.0e-3,
+) -> float:
+    """Gain of the first over the second, nat a pixel; 0 where noise alone may give it, or it changes no count.
+
+    One of two tests must pass. Most pixels gain: the mean is some standard errors above 0. Or a few pixels gain much:
+    if the second model were true, the product of the likelihood ratios of held-out pixels would exceed e^g with
+    probability e^-g at most, however the first was learnt. The pixel that gains most is left out.
+
+    Parameters
+    ----------
+    one, other : Candidate
+        The models, judged by the same pixels.
+    standard_errors : float
+        Least mean gain of the first test, in its standard errors.
+    least_gain : float
+        Least mean gain of both tests, nat a pixel: less changes no count.
+    false_choice : float
+        Largest probability e^-g of a wrong choice by the second test.
+
+    References
+    ----------
+    Vovk and Wang, Annals of Statistics 49(3), 2021, doi:10.1214/20-AOS2020: e-values.
+    """
+    gain, error = mean_difference(one.scores, other.scores)
+    if gain > max(standard_errors * error, least_gain):
+        return gain
+    difference = one.scores - other.scores
+    difference = np.sort(difference[np.isfinite(difference)])[:-1]
+    if difference.size and difference.sum() > max(math.log(1.0 / false_choice), least_gain * difference.size):
+        return float(difference.mean())
+    return 0.0
+
+
+def mean_difference(one: FloatArray, other: FloatArray) -> tuple[float, float]:
+    """Mean of one - other over the pixels (pixel,) that both know, and its standard error; outliers are clipped.
+
+    Fewer than three pixels give 0, with an infinite error.
+    """
+    difference = one - other
+    difference = difference[np.isfinite(difference)]
+    if difference.size < 3:  # noqa: PLR2004  two numbers have no robust spread
+        return 0.0, math.inf
+    middle = float(np.median(difference))
+    reach = _CLIP_DEVIATIONS * MAD_TO_SIGMA * float(np.median(np.abs(difference - middle))) + 1e-9
+    difference = np.clip(difference, middle - reach, middle + reach)
+    return float(difference.mean()), float(difference.std() / math.sqrt(difference.size)) + 1e-12
+
+
+def select_parts(
+    folds: Sequence[Fold],
+    best: NoiseCandidate,
+    parts: Sequence[str],
+    *,
+    required: Sequence[str],
+    map_parts: Callable[[Callable[[str], NoiseCandidate | None], Iterable[str]], Iterable[NoiseCandidate | None]],
+) -> tuple[NoiseCandidate, list[str]]:
+    """Add the part of the largest held-out gain while one gains; then drop parts that the others make needless.
+
+    Parameters
+    ----------
+    folds : sequence of Fold
+        Pixels that teach and pixels that judge.
+    best : Candidate
+        The model to start from.
+    parts : sequence of str
+        Names of the parts that may be added; see `parts.PARTS`.
+    required : sequence of str
+        Parts that are added first, whatever they gain, and kept.
+    map_parts : callable
+        Applies a function to several parts: `map`, or the `map` of a pool of threads.
+
+    Returns
+    -------
+    Candidate
+        The model with the selected parts.
+    list of str
+        The selected parts, in the order of their addition.
+    """
+    selected: list[str] = []
+
+    def one_more(part: str) -> NoiseCandidate | None:
+        return candidate_of(folds, [with_part(fold, one, part) for fold, one in zip(folds, best.noises, strict=True)])
+
+    for part in required:
+        trial = one_more(part)
+        if trial is not None:
+            best = trial
+            selected.append(part)
+    while len(selected) < len(parts) + len(required):
+        left = [part for part in parts if part not in selected]
+        trials = [(part, trial) for part, trial in zip(left, map_parts(one_more, left), strict=True) if trial]
+        gains = [held_out_gain(trial, best) for _, trial in trials]
+        if max(gains, default=0.0) <= 0.0:
+            break
+        part, best = trials[int(np.argmax(gains))]
+        selected.append(part)
+    for part in tuple(selected):
+        if len(selected) > 1 and part not in required:
+            trial = candidate_of(folds, [without_part(noise, part) for noise in best.noises])
+            if trial is not None and held_out_gain(best, trial) == 0.0:
+                best = trial
+                selected.remove(part)
+    return best, selected
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

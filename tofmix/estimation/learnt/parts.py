@@ -1,7 +1,11 @@
 """The parts of the noise beyond sigma(r): background and its density, drift, widths and shape, each under the others.
 
-A part is learnt from isolated clusters (`clusters`), the background from a count (`shares`, `clutter`). The variance
-that samples alone give to fitted widths, drifts and shares is subtracted. `selection` decides which parts are used.
+A part is learnt from isolated clusters (`clusters`), the background from a count (`background`). The variance
+that samples alone give to fitted widths, drifts and shares is subtracted. `learning` decides which parts are used.
+
+Memory of the noise: the correlation of errors from one frame to the next, as of AR(1) noise.
+
+It changes no fit of a pixel, but sigma, standard errors, and the gains that noise alone gives.
 """
 
 import math
@@ -11,17 +15,71 @@ from statistics import NormalDist
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray
+from tofmix.estimation.learnt.background import CELL_SIGMAS, smooth_density
 from tofmix.estimation.learnt.clusters import ClusterFits
-from tofmix.estimation.learnt.clutter import CELL_SIGMAS, smooth_density
-from tofmix.estimation.learnt.folds import Fold
-from tofmix.estimation.learnt.held_out import LEAST_GAIN
-from tofmix.estimation.learnt.law import SCALE_OF_SPREAD
+from tofmix.estimation.learnt.folds import LEAST_GAIN, Fold
+from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, precision_of_t
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.population import spread_beside_pairs
 from tofmix.estimation.learnt.shape_fit import fit_shape, histogram
 from tofmix.estimation.learnt.sigma_curve import FREE_WIDTH, ROUNDS, variance_left, with_sigma
 from tofmix.estimation.noise.isolated_clusters import FREE_DRIFT_SIGMAS, LEAST_CLUSTERS, Clusters
 from tofmix.learnt_noise import DRIFTS, MOST_LOG_WIDTH, TAIL_DEGREES
+
+LEAST_MEMORY, MOST_MEMORY = 0.05, 0.95
+"""Correlations below the first count as 0, and none above the second is given."""
+
+LEAST_PAIRS = 100
+"""Least pairs of neighbouring frames: fewer determine a correlation to no better than 0.1."""
+
+_CENTRAL = 4.0
+"""Largest error of a surface, in sigmas; a larger one is background."""
+
+_SIGNIFICANT = 3.0
+"""Standard errors of a correlation, 1 / sqrt(pairs) for errors without memory, up to which it counts as 0."""
+
+_ROUNDS = 30
+"""Iterations for the part of the memory that fitted means and drifts hide."""
+
+
+def centred(error: FloatArray) -> FloatArray:
+    """Errors (cluster, frame) less the mean of each cluster: that of rounded samples is not 0, and is no memory."""
+    known = np.isfinite(error) & (np.abs(error) < _CENTRAL)
+    mean = np.where(known, error, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    return np.asarray(error - mean[:, None])
+
+
+def memory_of(fits: ClusterFits, noise: PixelNoise) -> float:
+    """Correlation of the errors of all clusters from frame to frame; 0 where noise without memory may give it.
+
+    The fitted mean and each polynomial of a drift remove a part of the slow errors: `taken` / n of their variance,
+    which is (1 + rho) / (1 - rho) times that of all errors for AR(1) noise. This part is missing from the covariance
+    and from the variance, and is added again.
+
+    Parameters
+    ----------
+    fits : ClusterFits
+        Clusters of one surface, fitted under `noise`.
+    noise : PixelNoise
+        The noise without memory.
+    """
+    a, b = fits.error[:, :-1], fits.error[:, 1:]
+    both = np.isfinite(a) & np.isfinite(b) & (np.abs(a) < _CENTRAL) & (np.abs(b) < _CENTRAL)
+    if both.sum() < LEAST_PAIRS:
+        return 0.0
+    x, y = a[both], b[both]
+    n = max(float(np.median(fits.support)), 2.0)
+    seen = float((x * y).mean() / math.sqrt((x * x).mean() * (y * y).mean()))
+    taken = 1.0
+    for d, scale in enumerate(noise.drift_mm.tolist()):
+        information = n * noise.laws()[0].information / (float(np.median(fits.sigma)) ** 2 * (2.0 * d + 3.0))
+        taken += information / (information + precision_of_t(0.0, scale)) if scale > 0.0 else 0.0
+    found = seen
+    for _ in range(_ROUNDS):
+        slow = (1.0 + found) / (1.0 - found) * taken / n
+        found = min(max(seen + slow * (1.0 - seen), 0.0), MOST_MEMORY)
+    return found if found > max(LEAST_MEMORY, _SIGNIFICANT / math.sqrt(both.sum())) else 0.0
+
 
 PARTS = ("background", "density", "drift", "widths", "shape")
 """Names of the parts."""

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.background_density import BackgroundDensity
 from tofmix.circle import open_at
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.learnt.law import REACH, Law
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.learnt_noise import DRIFTS, TAIL_DEGREES
+from tofmix.noise_shape import BackgroundDensity
 from tofmix.sensor import Sensor
 
 _WIDER = (4.0, 2.0, 1.0)
@@ -249,7 +249,7 @@ def drifts_of(
 
 
 def times(frames: int) -> FloatArray:
-    """Time of each frame of a window, -1 to 1, as in `tofmix.estimation.learnt.pixel_samples.take_samples`."""
+    """Time of each frame of a window, -1 to 1, as in `tofmix.estimation.learnt.components.take_samples`."""
     half = 0.5 * (frames - 1) if frames > 1 else 1.0
     return np.arange(frames) / half - 1.0
 

@@ -19,8 +19,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import jit
-from tofmix.estimation.learnt.cells import density_at
-from tofmix.estimation.learnt.law import Law
+from tofmix.estimation.learnt.law import Law, density_at
 from tofmix.learnt_noise import TAIL_DEGREES
 
 MOST_CLUSTERS = 400

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
-from tofmix.compiled.robust import MAD_TO_SIGMA
+from tofmix.compiled.vector import MAD_TO_SIGMA
 from tofmix.estimation.learnt.clusters import SIGMAS, ClusterFits
 from tofmix.estimation.learnt.folds import Fold
 from tofmix.estimation.learnt.model import PixelNoise

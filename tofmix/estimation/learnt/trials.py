@@ -13,7 +13,6 @@ from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.estimation.beam import NO_RETURN_REACH, Beam, is_beyond, near_no_return
 from tofmix.estimation.learnt.acceleration import maximise, value_of
-from tofmix.estimation.learnt.cells import has_steps, spread_at
 from tofmix.estimation.learnt.components import (
     BACKGROUND,
     DENSITY,
@@ -25,6 +24,7 @@ from tofmix.estimation.learnt.components import (
     SUPPORT,
     TOTAL,
     WEIGHT,
+    Samples,
     add_surface,
     capacity_of,
     clear_width_and_drift,
@@ -39,10 +39,9 @@ from tofmix.estimation.learnt.components import (
 from tofmix.estimation.learnt.em import drifts, mix, objective
 from tofmix.estimation.learnt.gain_bound import best_share_at, steepest_place
 from tofmix.estimation.learnt.jumps import SIGNIFICANT, drift_exceeds_noise
-from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.learnt.pixel_samples import Samples
+from tofmix.estimation.learnt.law import Law, has_steps, spread_at
 from tofmix.estimation.mixture.counting import COUNT_ITER, COUNT_TOL, LEAST_BOUND, MIN_SUPPORT, SPLIT_SIGMAS
-from tofmix.estimation.mixture.share_step import LARGEST_SHARE
+from tofmix.estimation.mixture.gain_bound import LARGEST_SHARE
 from tofmix.estimation.noise.isolated_clusters import CLOSE
 
 CERTAIN_SUPPORT, CERTAIN_GAIN = 5.0, 40.0

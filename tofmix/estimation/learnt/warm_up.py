@@ -7,15 +7,14 @@ import numpy as np
 from tofmix.arrays import Float32Array
 from tofmix.estimation.beam import all_steps, beam_of
 from tofmix.estimation.layering import layer_pixels
+from tofmix.estimation.learnt.background import background_counts, background_shares, pixel_widths
 from tofmix.estimation.learnt.bootstrap import calibrate
 from tofmix.estimation.learnt.clusters import cluster_likelihoods, find_clusters, fit_clusters
-from tofmix.estimation.learnt.clutter import background_counts
-from tofmix.estimation.learnt.held_out import flat_thresholds, held_out_scores
+from tofmix.estimation.learnt.folds import flat_thresholds, held_out_scores
 from tofmix.estimation.learnt.law import precision_of_t
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.population import LOG_WIDTHS, ONE_SURFACE, population_likelihoods
-from tofmix.estimation.learnt.shares import background_shares, pixel_widths
-from tofmix.range_step import RangeStep
+from tofmix.learnt_noise import RangeStep
 from tofmix.sensor import NoiseCurve, Sensor
 
 _RANGE_MM, _SIGMA_MM = 1000.0, 10.0

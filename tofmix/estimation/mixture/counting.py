@@ -20,8 +20,8 @@ from tofmix.estimation.beam import (
     is_uniform,
     near_no_return,
     outlier_density_at,
+    sigma_at,
 )
-from tofmix.estimation.mixture.acceleration import maximise_likelihood
 from tofmix.estimation.mixture.components import (
     GAIN,
     MEAN,
@@ -43,12 +43,9 @@ from tofmix.estimation.mixture.components import (
     no_return_row,
     remove_surface,
 )
-from tofmix.estimation.mixture.em import ROOT_TWO_PI, expect, log_likelihood, mix
-from tofmix.estimation.mixture.gain_bound import gain_bound_of_clear
-from tofmix.estimation.mixture.gradient import best_share, steepest_place
-from tofmix.estimation.noise.kernel import sigma_at
-from tofmix.estimation.reach import within_reach
-from tofmix.estimation.samples import Readings
+from tofmix.estimation.mixture.em import ROOT_TWO_PI, expect, log_likelihood, maximise_likelihood, mix
+from tofmix.estimation.mixture.gain_bound import best_share, gain_bound_of_clear, steepest_place
+from tofmix.estimation.samples import Readings, within_reach
 from tofmix.estimation.settings import MODE_TIED
 
 COUNT_ITER = 60

@@ -3,6 +3,8 @@
 The information of all means, sigmas (unless they are tied) and shares together, with p(c_r) and mu_0 held at their
 values. Overlapping surfaces share their samples, so their errors are larger than sigma / sqrt(samples); the information
 matrix gives the factor.
+
+The Cholesky factor of an information matrix, which both kinds of fit take standard errors from.
 """
 
 import math
@@ -12,8 +14,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.compiled.vector import product_of
-from tofmix.estimation.beam import Beam
-from tofmix.estimation.cholesky import scaled_cholesky
+from tofmix.estimation.beam import Beam, sigma_at
 from tofmix.estimation.mixture.components import (
     DENSITY,
     MEAN,
@@ -29,9 +30,38 @@ from tofmix.estimation.mixture.components import (
     no_return_row,
 )
 from tofmix.estimation.mixture.em import PRIOR_SAMPLES, expect
-from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED
+
+_SINGULAR = 1.0e-10
+"""A pivot below this, of a matrix with a unit diagonal, is rounding."""
+
+
+@borrowing
+def scaled_cholesky(matrix: FloatArray, scale: FloatArray, lower: FloatArray) -> bool:
+    """Fill `lower` (n, n) with the factor of S M S, S = diag(`scale`), whose diagonal is 1; false if M has none.
+
+    Means and shares have other units: S makes their pivots comparable. `lower` holds zeros before; of `matrix` (n, n),
+    symmetric, the lower half is read.
+    """
+    n = len(matrix)
+    for i in range(n):
+        if not matrix[i, i] > 0.0:
+            return False
+        scale[i] = 1.0 / math.sqrt(matrix[i, i])
+    for i in range(n):
+        for j in range(i + 1):
+            value = matrix[i, j] * scale[i] * scale[j]
+            for m in range(j):
+                value -= lower[i, m] * lower[j, m]
+            if i == j:
+                if not value > _SINGULAR:
+                    return False
+                lower[i, i] = math.sqrt(value)
+            else:
+                lower[i, j] = value / lower[j, j]
+    return True
+
 
 _LEAST_NO_RETURN = 0.5
 """With less than half a sample, p(c_0) sits at its bound 0 and has no curvature to invert."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.estimation.noise.scale import GRID, STEP, ScaleMixtures, place
+from tofmix.estimation.noise.curve import GRID, STEP, ScaleMixtures, place
 from tofmix.estimation.noise.settings import AmplitudeSettings
 from tofmix.sensor import AmplitudeLaw
 

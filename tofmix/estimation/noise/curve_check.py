@@ -13,7 +13,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.bounds import Factor, NotNegative, Share, check_bounds
-from tofmix.compiled.robust import MAD_TO_SIGMA
+from tofmix.compiled.vector import MAD_TO_SIGMA
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.noise.isolated_clusters import (
     FREE_DRIFT_SIGMAS,
@@ -29,8 +29,7 @@ from tofmix.estimation.noise.isolated_clusters import (
 from tofmix.estimation.noise.pair_differences import sigma_from_differences
 from tofmix.estimation.noise.pixel_noise import pixel_curves
 from tofmix.estimation.noise.training_pixels import Pixels, pixels_of, scatters
-from tofmix.learnt_noise import DRIFTS
-from tofmix.range_step import RangeStep
+from tofmix.learnt_noise import DRIFTS, RangeStep
 from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
 

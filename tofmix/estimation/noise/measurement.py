@@ -29,11 +29,11 @@ from tofmix.estimation.noise.curve import (
     log_curve,
     measure_bins,
     reference_at,
+    single_share,
     smooth,
     with_law,
 )
 from tofmix.estimation.noise.outliers import measure_outliers
-from tofmix.estimation.noise.scale import single_share
 from tofmix.estimation.noise.series import (
     LEAST_SAMPLES,
     Series,
@@ -46,7 +46,7 @@ from tofmix.estimation.noise.series import (
     trend_degree,
 )
 from tofmix.estimation.noise.settings import DEFAULT_SETTINGS, CurveSettings, NoiseSettings
-from tofmix.range_step import RangeStep
+from tofmix.learnt_noise import RangeStep
 from tofmix.recording import SampleSource, by_target
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.wording import counted

@@ -14,8 +14,7 @@ import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import jit
-from tofmix.estimation.beam import Beam, PixelCurves, Steps
-from tofmix.estimation.noise.kernel import sigma_at
+from tofmix.estimation.beam import Beam, PixelCurves, Steps, sigma_at
 from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.sensor import NoiseCurve
 

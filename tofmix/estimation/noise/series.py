@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
-from tofmix.compiled.robust import MAD_TO_SIGMA
+from tofmix.compiled.vector import MAD_TO_SIGMA
 from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.recording import AmplitudeSource, SampleSource, amplitude_source
 

@@ -16,9 +16,8 @@ from numpy.typing import ArrayLike
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.compiled.vector import exp_minus, sums_of
-from tofmix.estimation.noise.kernel import sigma_at
-from tofmix.estimation.reach import within_reach
-from tofmix.estimation.samples import Readings, readings_of
+from tofmix.estimation.beam import sigma_at
+from tofmix.estimation.samples import Readings, readings_of, within_reach
 from tofmix.sensor import NoiseCurve
 
 BANDWIDTH = 0.5

@@ -17,10 +17,9 @@ from numpy.typing import ArrayLike
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
 from tofmix.compiled.vector import least_of
-from tofmix.estimation.noise.kernel import sigma_at
+from tofmix.estimation.beam import sigma_at
 from tofmix.estimation.peaks.density import BANDWIDTH, REACH, kernel_bend, kernel_sums
-from tofmix.estimation.reach import whole_lanes, within_reach
-from tofmix.estimation.samples import Readings, readings_of
+from tofmix.estimation.samples import Readings, readings_of, whole_lanes, within_reach
 from tofmix.sensor import NoiseCurve
 
 STEP = 0.125

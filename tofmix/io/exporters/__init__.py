@@ -1,7 +1,7 @@
 """Layers and surfaces in the formats of other programs: one writer a format, one line each here.
 
 Point formats write every field of their points; image formats write ranges in 16 bits. Edges and planes are of surfaces
-files. All go through `tofmix.io.atomic.storage.AtomicFile`.
+files. All go through `tofmix.io.storage.AtomicFile`.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,12 +9,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from tofmix.errors import UsageError
-from tofmix.io.atomic.storage import AtomicFile
-from tofmix.io.exporters import clouds, edge_lines, image, las, outlines
+from tofmix.io.exporters import clouds, edge_lines, image, outlines
 from tofmix.io.exporters.edge_lines import EdgeLine
 from tofmix.io.exporters.image import RangeImage
 from tofmix.io.exporters.outlines import Outline
-from tofmix.io.surfaces.surfaces_file import SurfacesFile
+from tofmix.io.storage import AtomicFile
+from tofmix.io.surfaces_file import SurfacesFile
 from tofmix.points import PointSource
 
 PointWriter = Callable[[AtomicFile, PointSource, str, Callable[[], None]], int]
@@ -27,8 +27,8 @@ EdgeWriter = Callable[[AtomicFile, Sequence[EdgeLine], str], None]
 PlaneWriter = Callable[[AtomicFile, SurfacesFile, Sequence[Outline], str], None]
 
 POINT_WRITERS: dict[str, PointWriter] = {
-    ".las": las.write_las,
-    ".laz": las.write_laz,
+    ".las": clouds.write_las,
+    ".laz": clouds.write_laz,
     ".ply": clouds.write_ply,
     ".pcd": clouds.write_pcd,
     ".csv": clouds.write_csv,

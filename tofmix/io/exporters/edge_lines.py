@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.exporters.clouds import described, ply_header
 from tofmix.io.exporters.placing import on_surfaces
-from tofmix.io.surfaces.surfaces_file import SurfacesFile
+from tofmix.io.storage import AtomicFile
+from tofmix.io.surfaces_file import SurfacesFile
 from tofmix.points import PointArray, PointField, packed
 
 

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array
 from tofmix.errors import BadInputError
-from tofmix.io.atomic.storage import AtomicFile
-from tofmix.io.extras import need
+from tofmix.io.next_command import need
+from tofmix.io.storage import AtomicFile
 
 _LARGEST = np.iinfo(np.uint16).max  # largest count that a 16-bit image stores
 

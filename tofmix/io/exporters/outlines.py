@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.exporters.edge_lines import obj_header, obj_vertices, short
 from tofmix.io.exporters.placing import on_planes
-from tofmix.io.extras import need
-from tofmix.io.surfaces.surfaces_file import SurfacesFile
+from tofmix.io.next_command import need
+from tofmix.io.storage import AtomicFile
+from tofmix.io.surfaces_file import SurfacesFile
 from tofmix.surfaces.found import NO_SURFACE
 
 _DECIMALS = 6  # of a metre: micrometres

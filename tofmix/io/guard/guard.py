@@ -23,12 +23,11 @@ from typing import Any
 import h5py
 
 from tofmix.errors import BadInputError, StorageError, os_error_text
-from tofmix.io.atomic.storage import check_input
 from tofmix.io.guard.hdf5_memory import reserve_memory
-from tofmix.io.guard.structure_rules import library_reason
-from tofmix.io.guard.unpacking import BoundedDataset
+from tofmix.io.guard.structure_rules import BoundedDataset, library_reason
 from tofmix.io.guard.watchdog import STRUCTURE_LIMIT_S, limit_s, watched
 from tofmix.io.next_command import folder_fault, foreign_fault
+from tofmix.io.storage import check_input
 
 GRACE_S = 2.0  # s beyond the limit until the process is killed
 _PROGRAM = (sys.executable, "-P", str(Path(__file__).with_name("structure_process.py")))

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 
 from tofmix.errors import ExitCode
-from tofmix.io.atomic.partial_output import discard_partial_outputs, is_resumable
+from tofmix.io.locks import discard_partial_outputs, is_resumable
 
 READ_LIMIT_S = 120.0
 """For one read, which is of one stored chunk or of some MB."""

@@ -17,11 +17,10 @@ import numpy as np
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.errors import BadInputError
 from tofmix.io.importers.base import Frame, FrameSource, SourceRequest, foreign, unused
+from tofmix.io.importers.conversion import codes_of, is_status_name
 from tofmix.io.importers.csv_text import Layout
-from tofmix.io.importers.status import codes_of, is_status_name
 from tofmix.io.importers.times import unit_of_stamps
-from tofmix.io.importers.units import TIME_UNITS_S
-from tofmix.io.length_units import UNITS_MM
+from tofmix.io.units import TIME_UNITS_S, UNITS_MM
 from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE, MOST_TARGETS
 
 PIECE_LINES = 1 << 17

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError, UsageError
-from tofmix.io.extras import need
 from tofmix.io.importers.base import (
     Frame,
     FrameSource,
@@ -22,10 +21,9 @@ from tofmix.io.importers.base import (
     foreign,
     unused,
 )
-from tofmix.io.importers.image_text import Stated, check_stated, stated_in
 from tofmix.io.importers.streams import depths_among, stream_of
-from tofmix.io.importers.tiff import read_single, single_text
-from tofmix.io.next_command import import_command
+from tofmix.io.importers.tiff import Stated, check_stated, read_single, single_text, stated_in
+from tofmix.io.next_command import import_command, need
 
 _GREY_16 = ("I;16", "I;16B", "I")
 """Modes in which Pillow, by its version, reads 16-bit grey."""

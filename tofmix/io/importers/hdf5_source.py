@@ -1,8 +1,8 @@
 """HDF5: one dataset of any file, with its amplitudes, times and camera.
 
 `--dataset` names it; without, it is the only one of frames, or `range`. Its attribute `units` or `unit`, its packing
-and fill values (`tofmix.io.importers.cf`), its dimension scales, and a group `sensor` as in a recording are used where
-they are there.
+and fill values (`tofmix.io.importers.datasets`), its dimension scales, and a group `sensor` as in a recording are used
+where they are there.
 """
 
 import shlex
@@ -28,13 +28,11 @@ from tofmix.io.importers.arrays import (
 )
 from tofmix.io.importers.axes import FRAMES_FIRST, WITH_TARGETS, axes_of, axis_name
 from tofmix.io.importers.base import Frame, FrameSource, SourceRequest, check_frame, foreign, unused
-from tofmix.io.importers.cf import Packing, packing_of
-from tofmix.io.importers.datasets import dataset_frames
+from tofmix.io.importers.datasets import Packing, dataset_frames, packing_of
 from tofmix.io.importers.times import time_unit_s, times_of_array
-from tofmix.io.importers.units import unit_in_name
 from tofmix.io.layers.layers_file import FORMAT as LAYERS_FORMAT
-from tofmix.io.length_units import unit_mm_of
 from tofmix.io.next_command import import_command
+from tofmix.io.units import unit_in_name, unit_mm_of
 
 _RANGE, _AMPLITUDE, _TIME = "range", "amplitude", "time"
 _CLASSIC = (b"CDF\x01", b"CDF\x02", b"CDF\x05")

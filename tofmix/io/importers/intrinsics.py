@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tofmix.errors import BadInputError
-from tofmix.io.atomic.storage import read_text
-from tofmix.io.extras import need
 from tofmix.io.importers.base import foreign
 from tofmix.io.importers.streams import depths_among
+from tofmix.io.next_command import need
+from tofmix.io.storage import read_text
 from tofmix.optics.pinhole import DISTORTION_LENGTHS, Pinhole
 
 MODELS = ("plumb_bob", "rational_polynomial")

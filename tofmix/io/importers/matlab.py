@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError, ExitCode, StorageError, TofmixError
-from tofmix.io.atomic.scratch_folder import scratch_folder
 from tofmix.io.guard import guard
 from tofmix.io.guard.watchdog import watched
 from tofmix.io.importers.arrays import Container, Frames, frames_of, source_of
@@ -27,6 +26,7 @@ from tofmix.io.importers.axes import FRAMES_FIRST, FRAMES_LAST, STACK_DIMENSIONS
 from tofmix.io.importers.base import FrameSource, SourceRequest, foreign
 from tofmix.io.importers.datasets import dataset_frames
 from tofmix.io.importers.streams import set_of
+from tofmix.io.locks import scratch_folder
 
 _BYTES = set_of("int8 uint8 logical char")
 """MATLAB's classes of 8 bits."""

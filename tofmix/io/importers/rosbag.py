@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
-from tofmix.io.extras import need
 from tofmix.io.importers.base import Frame, FrameSource, SourceRequest, check_frame, foreign, unused
 from tofmix.io.importers.intrinsics import Calibration, differences, from_camera_info
 from tofmix.io.importers.streams import depths_among, stream_of
+from tofmix.io.next_command import need
 from tofmix.optics.pinhole import Pinhole
 
 SUFFIXES = (".bag", ".mcap", ".db3")

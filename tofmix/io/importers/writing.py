@@ -11,13 +11,13 @@ from typing import Any, Literal
 import numpy as np
 
 from tofmix.errors import BadInputError
-from tofmix.io.atomic.scratch_folder import scratch_folder
 from tofmix.io.importers.base import Frame, FrameSource
 from tofmix.io.importers.conversion import Conversion
 from tofmix.io.importers.times import Settled, Twins, ascends, settled
-from tofmix.io.importers.units import refuse_metres
+from tofmix.io.locks import scratch_folder
 from tofmix.io.recording.recording_writer import CHUNK_FRAMES, RecordingWriter
 from tofmix.io.samples import is_camera_matrix
+from tofmix.io.units import refuse_metres
 from tofmix.recording import SAMPLE_BYTES
 from tofmix.sensor import Sensor
 from tofmix.wording import counted

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Self
 
 from tofmix.errors import BadInputError, StorageError, UsageError, os_error_text
-from tofmix.io.atomic.partial_output import forget_partial_output, note_partial_output
-from tofmix.io.atomic.storage import check_input, sync_folder
 from tofmix.io.layers.chunks import EncodedCell
+from tofmix.io.locks import forget_partial_output, note_partial_output
+from tofmix.io.storage import check_input, sync_folder
 
 FORMAT = "tofmix-journal 2"
 

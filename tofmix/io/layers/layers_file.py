@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
-from tofmix.flags import Mixing, Status, mixing_name, status_name
+from tofmix.flags import Mixing, MixingLaw, Status, law_over_windows, mixing_name, status_name
 from tofmix.grid import Grid
 from tofmix.io import hdf5, sensor_group
 from tofmix.io.guard import guard
+from tofmix.io.hdf5 import ResultFile, open_result
 from tofmix.io.layers.provenance import header_image, read_provenance, write_provenance
-from tofmix.io.result_file import ResultFile, open_result
 from tofmix.io.schema import LAW_FIELDS, LAYERS, WINDOW_FIELDS, Field, field_of
 from tofmix.layers import (
     ENDS,
@@ -32,7 +32,6 @@ from tofmix.layers import (
     Layers,
     Provenance,
 )
-from tofmix.mixing import MixingLaw, law_over_windows
 from tofmix.suspicion.registry import SUSPICIONS
 from tofmix.windows import Windows
 

@@ -14,8 +14,8 @@ import numpy as np
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.reconciliation.comparison.panel import Axis, panel_axes
 from tofmix.reconciliation.evidence import Evidence
-from tofmix.reconciliation.likelihood.lags import lag_product
 from tofmix.reconciliation.likelihood.likelihood import Part
+from tofmix.reconciliation.likelihood.memory import lag_product
 from tofmix.reconciliation.likelihood.mixture import Mixture
 
 EVERYWHERE = 0.05

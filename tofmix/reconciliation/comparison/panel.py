@@ -13,8 +13,7 @@ import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.reconciliation.evidence import Evidence
-from tofmix.reconciliation.likelihood.error_shape import moves
-from tofmix.reconciliation.likelihood.hermite import hermite
+from tofmix.reconciliation.likelihood.error_shape import hermite, moves
 from tofmix.reconciliation.likelihood.likelihood import ModelState, Part
 from tofmix.reconciliation.likelihood.memory import memory_of, one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture

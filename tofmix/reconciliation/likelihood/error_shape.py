@@ -1,13 +1,38 @@
-"""The shape of the error as a table of even steps for kernels, and its effect on the panel's statistics."""
+"""Errors that are not Gaussian in the panel: their shape as a table, and Hermite polynomials of scores.
 
+The shape of the error as a table of even steps for kernels, and its effect on the panel's statistics.
+
+Normalised Hermite polynomials of orders 1 to 4, and their slopes.
+
+Of a standard normal z their means are 0, their variances 1, and their covariances 0.
+"""
+
+from collections.abc import Iterator
 from typing import TypeAlias
 
 import numpy as np
 from scipy.special import ndtr
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import Float32Array, FloatArray
 from tofmix.noise_shape import NoiseShape
-from tofmix.reconciliation.likelihood.hermite import hermite_slopes
+
+
+def hermite(z: Float32Array) -> Iterator[Float32Array]:
+    """Yield the polynomials of orders 1 to 4 at z."""
+    square = z * z
+    yield z
+    yield ((square - 1) / np.sqrt(2)).astype(np.float32)
+    yield ((square - 3) * z / np.sqrt(6)).astype(np.float32)
+    yield ((square * (square - 6) + 3) / np.sqrt(24)).astype(np.float32)
+
+
+def hermite_slopes(z: FloatArray) -> Iterator[FloatArray]:
+    """Yield the derivatives of the polynomials of orders 1 to 4 at z."""
+    yield np.ones_like(z)
+    yield 2 * z / np.sqrt(2.0)
+    yield 3 * (z**2 - 1) / np.sqrt(6.0)
+    yield 4 * (z**3 - 3 * z) / np.sqrt(24.0)
+
 
 ShapeTable: TypeAlias = tuple[float, float, FloatArray, FloatArray, float]
 """First z, step, density at each point, probability below each point, and information of one sample about its location

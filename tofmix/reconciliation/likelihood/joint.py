@@ -28,7 +28,7 @@ from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.model import Model
 
 if TYPE_CHECKING:
-    from tofmix.simulation.surface import Surface
+    from tofmix.simulation.model import Surface
 
 Recording = tuple[Model, Evidence]
 """A model and the samples of its recording."""

@@ -3,6 +3,8 @@
 The noise of each pixel is AR(1) from frame to frame. Rounding to whole mm adds noise without memory. Some samples are
 random values, which do not interrupt the memory. So a filter predicts each sample from all earlier samples of its
 pixel.
+
+Products of samples at a distance of some frames, which show a memory.
 """
 
 import math
@@ -15,10 +17,34 @@ from scipy.special import chdtri, ndtr, ndtri
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.reconciliation.likelihood.joint import views
-from tofmix.reconciliation.likelihood.lags import lag_product
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
+
+
+def lag_product(
+    values: Float32Array | FloatArray, valid: BoolArray, lag: int, frames: IntArray | None = None
+) -> tuple[int, float]:
+    """Number of pairs of valid samples of a pixel that are `lag` frames apart, and the sum of their products.
+
+    Parameters
+    ----------
+    values : (frame, pixel) float32 or float64
+        Samples; 0 where invalid.
+    valid : (frame, pixel) bool
+        Which are valid.
+    lag : int
+        Frames, at least 1.
+    frames : (frame,) int64, optional
+        Numbers of the frames, ascending; without them, no frame is missing.
+    """
+    if frames is None:
+        pairs = int((valid[lag:] & valid[:-lag]).sum())
+        return pairs, float((values[lag:] * values[:-lag]).sum(dtype=np.float64))
+    now = np.flatnonzero(frames[lag:] - frames[:-lag] == lag)
+    pairs = int((valid[now] & valid[now + lag]).sum())
+    return pairs, float((values[now] * values[now + lag]).sum(dtype=np.float64))
+
 
 _MAIN, _ALONE = 0.95, 0.9995  # share of the beam
 _STRONG = 0.7  # coefficient

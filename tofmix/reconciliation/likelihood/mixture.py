@@ -23,10 +23,8 @@ from tofmix.simulation.distribution import Prediction
 from tofmix.simulation.effects.base import Effect, Latent, Level
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.saturation import Saturation
-from tofmix.simulation.model import Model
-from tofmix.simulation.prediction import equation_1, predict
-from tofmix.simulation.surface import Surface
-from tofmix.simulation.truth import Truth
+from tofmix.simulation.exposure import equation_1, predict
+from tofmix.simulation.model import Model, Surface, Truth
 
 LINKING = (Latent.FRAME, Latent.PIXEL, Latent.MEMORY)
 """Hidden states that link samples. They are no part of the mixture; `quantisation` is a part of it."""

@@ -3,9 +3,16 @@
 The curvature of the log-likelihood over all numbers gives the error of each with the others free; a fixed pattern's
 values are integrated out. If noise is common to frames (a memory) or to pixels (bursts), samples are not independent.
 The errors then come from scores summed over blocks of pixels or of frames.
+
+Errors of an effect's parameters from the covariance of a search's numbers, if the likelihood is no parabola.
+
+The profile likelihood falls by 2 nats at two ends, two standard errors from the top. A parameter's error is a quarter
+of the distance between the ends: the mean of both sides. First the parabola gives the ends. If the log-likelihood at
+these ends differs from the parabola's, the ends are searched for, with the other numbers at their best values.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -14,11 +21,188 @@ import numpy as np
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.reconciliation.evidence import BLOCK_FRAMES, BLOCK_PIXELS, Evidence
 from tofmix.reconciliation.likelihood.memory import inflation
-from tofmix.reconciliation.parameters.curvature import Numbers, Parabola, inverse, parabola
+from tofmix.reconciliation.parameters.fits import Fitted, Numbers, Parabola, inverse, parabola
 from tofmix.reconciliation.parameters.pattern_errors import UnderPattern, integrated, pattern_of
-from tofmix.reconciliation.parameters.profiles import ProfiledParameter, numeric, parabola_error, stretch
+from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.saturation import Saturation
+
+_REACH = 2.0  # standard errors, for both sides
+_NEARER = (1.0, 0.5, 0.15)  # parts of this distance that are tried at a bound
+_TURNS = 2  # of the search for the farthest point of an ellipse
+_SLOPE = 0.3  # of a step, over which slopes are taken
+_PARABOLA = (0.75, 1.33)  # ratio of the drop to that of the parabola, at which the parabola is accepted
+_SETTLED = 0.15  # logarithm of this ratio, at which the end of the profile is accepted
+_MOST_MOVES = 5  # along a profile
+_LEAST_DROP = 0.2  # nats; a smaller drop does not determine the width
+
+Value = Callable[[FloatArray], float]
+"""Log-likelihood where all numbers move by so many steps; minus infinity out of bounds."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ProfiledParameter:
+    """One parameter of a fitted effect, as a function of all numbers.
+
+    Parameters
+    ----------
+    name : str
+        Of the parameter.
+    fitted : Fitted
+        Its effect's search.
+    own : slice
+        Position of the search's numbers among all.
+    steps : (number,) float64
+        Units of all numbers.
+    """
+
+    name: str
+    fitted: Fitted
+    own: slice
+    steps: FloatArray
+
+    def change(self, move: FloatArray) -> float | None:
+        """Change of the parameter if the numbers move by so many steps; None out of bounds."""
+        try:
+            moved = self.fitted.problem.make(self.fitted.vector + (move * self.steps)[self.own])
+        except ValueError:
+            return None
+        return self._turned(numeric(moved)[self.name] - numeric(self.fitted.effect)[self.name])
+
+    def slope(self, move: FloatArray) -> FloatArray:
+        """Slopes (number,) there; 0 across a bound."""
+        out = np.zeros(move.size)
+        for k in range(move.size)[self.own]:
+            shift = np.zeros(move.size)
+            shift[k] = _SLOPE
+            above, below = self.change(move + shift), self.change(move - shift)
+            if above is not None and below is not None:
+                out[k] = self._turned(above - below) / (2 * _SLOPE)
+        return out
+
+    def _turned(self, change: float) -> float:
+        return math.remainder(change, 2 * math.pi) if self.name == "phase_rad" else change
+
+
+def parabola_error(parameter: ProfiledParameter, covariance: FloatArray) -> float:
+    """Standard error of a parameter if the log-likelihood is a parabola in the search's numbers.
+
+    Parameters
+    ----------
+    parameter : Parameter
+        The parameter.
+    covariance : (number, number) float64
+        In units of the steps.
+    """
+    ends = [_farthest(parameter, covariance, sign) for sign in (1.0, -1.0)]
+    known = [end.side for end in ends if end is not None]
+    return float(np.mean(known)) if known else 0.0
+
+
+def stretch(parameter: ProfiledParameter, covariance: FloatArray, value: Value) -> float:
+    """Error by the profile likelihood over that by the parabola.
+
+    Parameters
+    ----------
+    parameter, covariance
+        As for `parabola_error`; the covariance comes from the curvature of the log-likelihood.
+    value : callable
+        The log-likelihood.
+    """
+    top = value(np.zeros(len(covariance)))
+
+    def drop(move: FloatArray) -> float:
+        return top - value(move)
+
+    ends = [end for sign in (1.0, -1.0) if (end := _farthest(parameter, covariance, sign)) is not None]
+    begun = [(end.move, drop(end.move), 0.5 * end.errors**2) for end in ends]
+    if all(_PARABOLA[0] < fallen / wanted < _PARABOLA[1] for _, fallen, wanted in begun):
+        return 1.0
+    found = [_profiled(parameter, covariance, drop, start) for start in begun]
+    straight = sum(end.side for end in ends)
+    true = sum(end.side if other is None else other for other, end in zip(found, ends, strict=True))
+    return float(true / straight) if straight > 0 else 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _End:
+    """The farthest point of a parameter, its distance in standard errors, and the change for each of them."""
+
+    move: FloatArray
+    errors: float
+    side: float
+
+
+def _farthest(parameter: ProfiledParameter, covariance: FloatArray, sign: float) -> _End | None:
+    """One end of the ellipse of `_REACH` standard errors.
+
+    A nearer point if this one is out of bounds.
+    """
+    for part in _NEARER:
+        at, found, errors = np.zeros(len(covariance)), None, _REACH * part
+        for _ in range(_TURNS):
+            slope = parameter.slope(at)
+            length = float(slope @ covariance @ slope)
+            if not length > 0:
+                break
+            at = sign * errors * (covariance @ slope) / math.sqrt(length)
+            change = parameter.change(at)
+            found = found if change is None else _End(move=at, errors=errors, side=abs(change) / errors)
+        if found is not None:
+            return found
+    return None
+
+
+def _profiled(
+    parameter: ProfiledParameter, covariance: FloatArray, drop: Value, start: tuple[FloatArray, float, float]
+) -> float | None:
+    """A side of a parameter's error by the profile likelihood, from the parabola's end; None if none was found.
+
+    Moves are scaled until the log-likelihood falls as far as the parabola at its end; a remaining difference is
+    corrected as for a parabola.
+    """
+    move, fallen, wanted = start
+    best: tuple[float, float] | None = None
+    for _ in range(_MOST_MOVES):
+        if math.isfinite(fallen) and len(covariance) > 1:
+            move, fallen = _settled(parameter, covariance, drop, (move, fallen))
+        change = parameter.change(move)
+        if change is not None and math.isfinite(fallen) and fallen > _LEAST_DROP:
+            off = abs(math.log(fallen / wanted))
+            best = min(best or (math.inf, 0.0), (off, abs(change) / math.sqrt(2 * fallen)))
+            if off < _SETTLED:
+                break
+        ratio = wanted / max(fallen, 0.25 * wanted) if math.isfinite(fallen) else 0.25
+        move = move * max(math.sqrt(ratio), 0.5)
+        fallen = drop(move)
+    return None if best is None else best[1]
+
+
+def _settled(
+    parameter: ProfiledParameter, covariance: FloatArray, drop: Value, at: tuple[FloatArray, float]
+) -> tuple[FloatArray, float]:
+    """A Newton step of the other numbers towards their best values, with the parameter fixed."""
+    move, fallen = at
+    unit = np.eye(move.size) * _SLOPE
+    pull = np.array([(drop(move - u) - drop(move + u)) / (2 * _SLOPE) for u in unit])
+    slope = parameter.slope(move)
+    along = covariance @ slope
+    length = float(slope @ along)
+    if not (np.isfinite(pull).all() and length > 0):
+        return at
+    step = covariance @ pull - along * float(along @ pull) / length
+    for part in (1.0, 0.4):
+        new = drop(move + part * step)
+        if new < fallen:
+            return move + part * step, new
+    return at
+
+
+def numeric(effect: Effect) -> dict[str, float]:
+    """An effect's numbers by name."""
+    values = {name: getattr(effect, name) for name in effect.parameters()}
+    return {name: float(v) for name, v in values.items() if isinstance(v, int | float)}
+
 
 _MOST_STEPS = 4  # of Newton's to the top
 _ENOUGH = 0.01  # nats: a smaller gain needs no step

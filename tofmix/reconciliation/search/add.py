@@ -15,14 +15,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tofmix.reconciliation.comparison.compare import Compared, compare
-from tofmix.reconciliation.comparison.localise import disagreements
+from tofmix.reconciliation.comparison.compare import Compared, compare, disagreements
 from tofmix.reconciliation.likelihood.joint import views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
-from tofmix.reconciliation.search.alternatives import Alternatives, alternatives, apart, as_candidates
+from tofmix.reconciliation.search.alternatives import Alternatives, Explained, alternatives, apart, as_candidates
 from tofmix.reconciliation.search.columns import summed_up
 from tofmix.reconciliation.search.drop import drop, exchange
-from tofmix.reconciliation.search.folding import fold
 from tofmix.reconciliation.search.name import (
     FAINT_SHARE,
     PRICE_NATS,
@@ -43,7 +41,7 @@ from tofmix.reconciliation.search.pattern_fits import (
 )
 from tofmix.reconciliation.search.refit import begin, refit, without
 from tofmix.reconciliation.search.search_state import SearchState, Settings, fit_part, held_out, name_of
-from tofmix.reconciliation.search.subsets import Explained
+from tofmix.reconciliation.search.static_fits import fold
 from tofmix.reconciliation.verdict import inexact
 from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern

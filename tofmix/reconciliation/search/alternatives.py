@@ -1,26 +1,209 @@
 """Other sets of effects that explain a recording as well as the found one, or better.
 
 All sets of effects that move or widen samples are compared with the summaries of the fitting frames
-(`tofmix.reconciliation.search.subsets`). A set with nearly the same evidence is an alias. From a set that is clearly
-better, another search starts.
+(`tofmix.reconciliation.search.alternatives`). A set with nearly the same evidence is an alias. From a set that is
+clearly better, another search starts.
+
+Which sets of effects explain the summaries of a recording, and which of them cannot be separated.
+
+The evidence of a set is its marginal likelihood. Its coefficients have declared priors and are integrated out. So are
+the errors of any model: poses, tilts and noise scale within the tolerance, and a smooth discrepancy of each surface.
+Everything is linear and Gaussian, so hundreds of sets take some ten milliseconds.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
 
 import numpy as np
 
+from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.parameters.fits import fit
 from tofmix.reconciliation.parameters.searches import problems
-from tofmix.reconciliation.search.columns import Term, summed_up, terms
+from tofmix.reconciliation.search.columns import Column, Term, summed_up, terms
 from tofmix.reconciliation.search.name import FAINT_SHARE, TriedEffect
 from tofmix.reconciliation.search.search_state import Settings, fit_part, name_of
-from tofmix.reconciliation.search.subsets import Explained, Subsets
-from tofmix.reconciliation.search.summaries import summaries
+from tofmix.reconciliation.search.summaries import PixelSummary, summaries, surfaces_of
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.search import Problem
+
+_SMOOTH = 3  # functions along each side of a surface
+_DISCREPANCY = 0.25  # of the tolerance: prior of a tilt, and of a smooth error of a surface's ranges
+_MOST = 4000  # most sets that are compared
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Explained:
+    """A set of effects and its evidence.
+
+    Parameters
+    ----------
+    terms : tuple of Term
+        The set.
+    evidence : float
+        Logarithm of its marginal likelihood, over that without any effect, nats.
+    coefficients : tuple of (coefficient,) float64
+        Coefficients of each term, given the data.
+    """
+
+    terms: tuple[Term, ...]
+    evidence: float
+    coefficients: tuple[FloatArray, ...]
+
+    @property
+    def names(self) -> frozenset[tuple[str, str]]:
+        """Kinds and surfaces."""
+        return frozenset(t.name for t in self.terms)
+
+    @property
+    def numbers(self) -> int:
+        """How many coefficients the set has."""
+        return sum(len(t.columns) for t in self.terms)
+
+
+class Subsets:
+    """The evidence of sets of terms, from products that are computed once.
+
+    Parameters
+    ----------
+    seen : sequence of Summary
+        Of the recordings.
+    terms : sequence of Term
+        Effects that may be in a set.
+    tolerance : float
+        Accepted error of the model: of poses, in sigma; of sigma, a tenth of it.
+    pixel_sigma_mm : float
+        Standard deviation of a pixel's own bias, where the model has a pattern.
+    """
+
+    def __init__(
+        self, seen: Sequence[PixelSummary], terms: Sequence[Term], tolerance: float, pixel_sigma_mm: float = 0.0
+    ) -> None:
+        self.terms = tuple(terms)
+        own = [c for t in terms for c in t.columns]
+        taken = [*own, *model_errors(seen, tolerance)]
+        prior = np.array([c.prior for c in taken])
+        gram, pull = _products(seen, taken, pixel_sigma_mm)
+        gram, pull = gram * prior[:, None] * prior, pull * prior  # in units of the priors
+        n = len(own)
+        rest = np.eye(len(taken) - n) + gram[n:, n:]
+        solved = np.linalg.solve(rest, np.column_stack([gram[n:, :n], pull[n:]])) if len(taken) > n else None
+        if solved is not None:  # errors of any model are integrated out
+            gram, pull = gram[:n, :n] - gram[:n, n:] @ solved[:, :n], pull[:n] - gram[:n, n:] @ solved[:, n]
+        self._gram, self._pull, self._prior = gram, pull, prior[:n]
+        starts = np.cumsum([0, *(len(t.columns) for t in terms)])
+        self._of: list[IntArray] = [np.arange(a, b) for a, b in pairwise(starts)]
+
+    def explained(self, numbers: Sequence[int]) -> Explained:
+        """The set of the terms with these numbers.
+
+        References
+        ----------
+        MacKay, Information Theory, Inference, and Learning Algorithms, chapter 28: the evidence of a linear model.
+        """
+        chosen = tuple(self.terms[k] for k in numbers)
+        at = np.concatenate([self._of[k] for k in numbers]) if len(numbers) else np.zeros(0, dtype=np.int64)
+        root = np.linalg.cholesky(np.eye(at.size) + self._gram[np.ix_(at, at)])
+        half = np.linalg.solve(root, self._pull[at])
+        evidence = 0.5 * float(half @ half) - float(np.log(np.diag(root)).sum())
+        evidence -= sum(math.log(t.choices) for t in chosen)
+        found = np.linalg.solve(root.T, half) * self._prior[at]
+        cuts = np.cumsum([self._of[k].size for k in numbers])[:-1]
+        return Explained(terms=chosen, evidence=evidence, coefficients=tuple(np.split(found, cuts)) if chosen else ())
+
+    def all_up_to(self, size: int) -> list[Explained]:
+        """All sets of at most `size` effects, each kind and surface once; one a combination of names, best first."""
+        best: dict[frozenset[tuple[str, str]], Explained] = {}
+        for numbers in self._sets(size):
+            one = self.explained(numbers)
+            if one.names not in best or one.evidence > best[one.names].evidence:
+                best[one.names] = one
+        return sorted(best.values(), key=lambda e: -e.evidence)
+
+    def _sets(self, size: int) -> Iterator[tuple[int, ...]]:
+        names = [t.name for t in self.terms]
+        count = 0
+        for most in range(size + 1):
+            if count + math.comb(len(names), most) > _MOST:
+                return
+            for numbers in combinations(range(len(names)), most):
+                if len({names[k] for k in numbers}) == most:
+                    count += 1
+                    yield numbers
+
+
+def _products(
+    seen: Sequence[PixelSummary], columns: Sequence[Column], pixel_sigma_mm: float
+) -> tuple[FloatArray, FloatArray]:
+    """Products (n, n) of columns with each other, and (n,) with the data, weighted by the information of each cell."""
+    n = len(columns)
+    gram, pull = np.zeros((n, n)), np.zeros(n)
+    for number, s in enumerate(seen):
+        used = s.used
+        space = np.stack([c.bias_mm[number][used] for c in columns], axis=1)
+        width = np.stack([c.width[number][used] for c in columns], axis=1)
+        profile = np.stack([c.profile[number] for c in columns], axis=1)
+        moving = np.flatnonzero((space != 0).any(axis=0))
+        widening = np.flatnonzero((width != 0).any(axis=0))
+        across, told = np.zeros((used.sum(), moving.size)), np.zeros(used.sum())
+        for information, bias, now in zip(s.bias_information[:, used], s.bias_mm[:, used], profile, strict=True):
+            weighed = space[:, moving] * information[:, None] * now[moving]
+            gram[np.ix_(moving, moving)] += (space[:, moving] * now[moving]).T @ weighed
+            pull[moving] += weighed.T @ bias
+            across += weighed
+            told += information * bias
+        if pixel_sigma_mm > 0:  # a pixel's own bias, common to all tenths, is integrated out
+            share = 1.0 / (pixel_sigma_mm**-2 + s.bias_information[:, used].sum(axis=0))
+            gram[np.ix_(moving, moving)] -= across.T @ (across * share[:, None])
+            pull[moving] -= across.T @ (share * told)
+        weighed = width[:, widening] * s.width_information[used][:, None]
+        gram[np.ix_(widening, widening)] += width[:, widening].T @ weighed
+        pull[widening] += weighed.T @ s.width[used]
+    return gram, pull
+
+
+def model_errors(seen: Sequence[PixelSummary], tolerance: float) -> Iterator[Column]:
+    """Errors of any model: position and tilt of each surface, scale of the noise, smooth errors of a surface."""
+    if tolerance <= 0:
+        return
+    for number, s in enumerate(seen):
+        rows, cols = s.view.evidence.image
+        row, col = np.divmod(np.arange(rows * cols), cols)
+        sigma = s.view.mixture.of_main(s.view.mixture.sigma)
+
+        def alone(bias: FloatArray, prior: float, *, width: FloatArray | None = None, at: int = number) -> Column:
+            nothing = [np.zeros(o.used.size) for o in seen]
+            moved, wider = list(nothing), list(nothing)
+            moved[at] = bias
+            wider[at] = nothing[at] if width is None else width
+            profile = tuple(np.ones(o.elapsed_s.size) for o in seen)
+            return Column(bias_mm=tuple(moved), profile=profile, width=tuple(wider), prior=prior)
+
+        yield alone(np.zeros(s.used.size), 0.1 * tolerance, width=s.used.astype(np.float64))
+        for _, own in surfaces_of(s):
+            error = tolerance * float(np.median(sigma[own]))
+            u, v = _across(col, own), _across(row, own)
+            yield alone(own.astype(np.float64), error)
+            for smooth in (u, v, *_hats(u, v)):
+                yield alone(np.where(own, smooth, 0.0), _DISCREPANCY * error)
+
+
+def _across(place: IntArray, own: BoolArray) -> FloatArray:
+    """Coordinates (pixel,) that run from -1 to 1 over a surface."""
+    low, high = float(place[own].min()), float(place[own].max())
+    return np.asarray(2 * (place - low) / max(high - low, 1.0) - 1)
+
+
+def _hats(u: FloatArray, v: FloatArray) -> Iterator[FloatArray]:
+    """Products (pixel,) of linear splines over -1 to 1 in both directions."""
+    knots = np.linspace(-1, 1, _SMOOTH)
+    width = 2 / (_SMOOTH - 1)
+    for a in knots:
+        for b in knots:
+            yield np.clip(1 - np.abs(u - a) / width, 0, None) * np.clip(1 - np.abs(v - b) / width, 0, None)
+
 
 ALIAS_NATS = 4.0
 """Difference of evidence that does not separate two sets: odds of 55 to 1."""

@@ -22,7 +22,7 @@ from tofmix.reconciliation.likelihood.pixel_pattern import marginal_pattern, pix
 from tofmix.reconciliation.parameters.fits import Fitted, fit
 from tofmix.reconciliation.parameters.searches import problems
 from tofmix.reconciliation.search import links
-from tofmix.reconciliation.search.lattice import find_lattice
+from tofmix.reconciliation.search.links import find_lattice
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.base import Target
 from tofmix.simulation.effects.excess_noise import ExcessNoise

@@ -8,8 +8,7 @@ import numpy as np
 from tofmix.arrays import IntArray
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.widths import with_widths
-from tofmix.reconciliation.parameters.curvature import Numbers
-from tofmix.reconciliation.parameters.fits import fit
+from tofmix.reconciliation.parameters.fits import Numbers, fit
 from tofmix.reconciliation.parameters.pattern_errors import pattern_of
 from tofmix.reconciliation.parameters.standard_errors import polish
 from tofmix.reconciliation.search import links

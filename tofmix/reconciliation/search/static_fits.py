@@ -3,6 +3,12 @@
 The bias of each pixel, with its information, summarises all samples of the pixel. A fit of effects to biases needs no
 samples and takes milliseconds. It fits several effects together; the covariance is the noise, with or without a fixed
 pattern.
+
+Whether the range axis folds: of two static biases that fit equally, the one of a turn is no bias.
+
+A wall beyond the unambiguous range appears a turn nearer. A bias, a pose or a second path of metres fits such samples
+as well, and the fold alone fits them badly where a pixel has a bias of several sigma. So both hypotheses are compared
+with a bias of each pixel integrated out, whose spread is fitted: without the fold it is a turn, with it some mm.
 """
 
 import math
@@ -15,10 +21,14 @@ from tofmix.arrays import FloatArray
 from tofmix.reconciliation.likelihood.joint import views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.mixture import Mixture
-from tofmix.reconciliation.likelihood.pixel_pattern import PatternLines, pixel_biases
-from tofmix.reconciliation.parameters.fits import Fitted
+from tofmix.reconciliation.likelihood.pixel_pattern import PatternLines, pixel_biases, with_pattern
+from tofmix.reconciliation.parameters.fits import Fitted, fit
+from tofmix.reconciliation.parameters.searches import problems
+from tofmix.reconciliation.search import links
+from tofmix.reconciliation.search.name import TriedEffect
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.phase_wrapping import PhaseWrapping
 
 _TURNS = 3  # Gauss-Newton steps
 _PARTS = (1.0, 0.3)  # of a step that are tried
@@ -180,3 +190,38 @@ def _means_of(mixture: Mixture, other: Mixture) -> FloatArray:
 def _cut(fits: Sequence[Fitted], x: FloatArray) -> list[FloatArray]:
     """The numbers of each fit."""
     return np.split(x, np.cumsum([f.problem.parameters for f in fits])[:-1])
+
+
+def fold(likelihood: Likelihood, state: ModelState, part: Part) -> TriedEffect | None:
+    """The fold of the camera's phase as a candidate, with its gain in nats over the state; None if there is none.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        The recordings.
+    state : State
+        The model with the effects added so far.
+    part : (frames, pixels)
+        The samples.
+    """
+    mixture = likelihood.mixture(state)
+    if mixture.period > 0:
+        return None
+    for problem in problems(PhaseWrapping.kind, likelihood, mixture):
+        fitted = fit(problem, likelihood, state, part)
+        folded = replace(state, effects=(*state.effects, fitted.effect))
+        gain = _with_biases(likelihood, folded, part) - _with_biases(likelihood, state, part)
+        if np.isfinite(gain) and gain > 0:
+            return TriedEffect(
+                effect=fitted.effect, gain=gain, parameters=problem.parameters, state=folded, fitted=fitted
+            )
+    return None
+
+
+def _with_biases(likelihood: Likelihood, state: ModelState, part: Part) -> float:
+    """Log-likelihood of a part with a bias of each pixel integrated out, of normal spreads that are fitted."""
+    mixture = likelihood.mixture(state)
+    found = pixel_biases(likelihood, mixture, state, part)
+    bare = likelihood.sums(mixture, state, part).total
+    pattern = links.fit_spreads(found, likelihood.evidence.image)
+    return bare if pattern is None else bare + with_pattern(found, likelihood.evidence.image, spreads(pattern[0]))

@@ -1,10 +1,10 @@
 """Summaries of each pixel's samples: a bias in each tenth of the time, and the width of the noise, with errors.
 
 A recording of a million samples becomes some ten thousand normally distributed numbers. Effects that move or widen
-samples act on them almost linearly, so `tofmix.reconciliation.search.subsets` compares a set of effects with them in a
-millisecond. For numbers and verdicts use the likelihood of the samples (`tofmix.reconciliation.likelihood.likelihood`):
-the summaries contain no tails, no lost samples, no pixels that see several surfaces, and no change of the noise in
-time.
+samples act on them almost linearly, so `tofmix.reconciliation.search.alternatives` compares a set of effects with them
+in a millisecond. For numbers and verdicts use the likelihood of the samples
+(`tofmix.reconciliation.likelihood.likelihood`): the summaries contain no tails, no lost samples, no pixels that see
+several surfaces, and no change of the noise in time.
 """
 
 from collections.abc import Iterator, Sequence

@@ -4,9 +4,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from tofmix.reconciliation.search.add import Added
-from tofmix.reconciliation.search.alternatives import ALIAS_NATS, MOST_ALIASES
+from tofmix.reconciliation.search.alternatives import ALIAS_NATS, MOST_ALIASES, Explained
 from tofmix.reconciliation.search.columns import summed_up
-from tofmix.reconciliation.search.subsets import Explained
 from tofmix.simulation.effects import EFFECTS
 
 NOTHING = "no effect"

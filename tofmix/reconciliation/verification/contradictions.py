@@ -1,8 +1,8 @@
 """Step 5: evidence against single effects of a set that explains a recording.
 
 A set of effects may bring every statistic down to chance and be wrong: two large effects may cancel, and much noise may
-stand for a motion. So each effect is judged by its posterior (`tofmix.simulation.effects.prior`), by what it does in
-the presence of the others, and by the recorded amplitudes. None of these tests knows a kind.
+stand for a motion. So each effect is judged by its posterior (`tofmix.simulation.effects.parameter`), by what it does
+in the presence of the others, and by the recorded amplitudes. None of these tests knows a kind.
 """
 
 import math
@@ -13,11 +13,10 @@ import numpy as np
 from scipy.stats import norm
 
 from tofmix.arrays import FloatArray
-from tofmix.reconciliation.comparison.compare import Compared
-from tofmix.reconciliation.comparison.localise import disagreements
+from tofmix.reconciliation.comparison.compare import Compared, disagreements
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
 from tofmix.reconciliation.likelihood.mixture import Mixture
-from tofmix.reconciliation.parameters.latent_errors import latent_errors
+from tofmix.reconciliation.parameters.pattern_errors import latent_errors
 from tofmix.reconciliation.parameters.standard_errors import standard_errors
 from tofmix.reconciliation.search.add import Added
 from tofmix.reconciliation.search.name import PRICE_NATS, TriedEffect, moves_by_itself

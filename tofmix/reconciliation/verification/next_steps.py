@@ -9,22 +9,22 @@ import numpy as np
 from scipy.stats import norm
 
 from tofmix.arrays import BoolArray, FloatArray
-from tofmix.reconciliation.comparison.localise import disagreements
+from tofmix.reconciliation.comparison.compare import disagreements
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
 from tofmix.reconciliation.parameters.planes import PlanePose, measured_pose
 from tofmix.reconciliation.search.add import Added
-from tofmix.reconciliation.search.folding import fold
 from tofmix.reconciliation.search.name import TriedEffect
 from tofmix.reconciliation.search.refit import begin
 from tofmix.reconciliation.search.search_state import Settings, fit_part, name_of
+from tofmix.reconciliation.search.static_fits import fold
 from tofmix.reconciliation.search.summaries import PixelSummary, summaries, surfaces_of
 from tofmix.reconciliation.verification.aliases import Alias
-from tofmix.reconciliation.verification.far_trend import far_trends
+from tofmix.reconciliation.verification.rivals import far_trends
 from tofmix.reconciliation.verification.verify import Verified
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.range_offset import RangeOffset
 from tofmix.simulation.effects.surface_pose import SurfacePose
-from tofmix.simulation.surface import Surface
+from tofmix.simulation.model import Surface
 from tofmix.wording import counted
 
 _CLEAR = 5.0  # least distance from the model's pose, in standard errors

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.reconciliation.comparison.compare import Compared, compare
-from tofmix.reconciliation.comparison.localise import disagreements
+from tofmix.reconciliation.comparison.compare import Compared, compare, disagreements
 from tofmix.reconciliation.likelihood.joint import views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.memory import independent, memory_left, memory_of
@@ -23,9 +22,7 @@ from tofmix.reconciliation.search.refit import begin, latent_states
 from tofmix.reconciliation.search.search_state import Settings, fit_part, held_out
 from tofmix.reconciliation.verdict import VerdictData, judge, share_closed
 from tofmix.reconciliation.verification.contradictions import Contradiction, contradictions
-from tofmix.reconciliation.verification.far_trend import far_trends
-from tofmix.reconciliation.verification.pattern_shape import smooth, tilted
-from tofmix.reconciliation.verification.smooth_laws import better_law
+from tofmix.reconciliation.verification.rivals import better_law, far_trends, smooth, tilted
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern

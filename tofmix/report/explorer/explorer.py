@@ -13,9 +13,7 @@ from tofmix.flags import STATUS_MEANINGS, Status, status_name
 from tofmix.layers import Layers, Provenance
 from tofmix.recording import SampleSource
 from tofmix.report.averaging import AveragedImage, average_window
-from tofmix.report.explorer.limits import DEFAULT_LIMITS, PageLimits
-from tofmix.report.explorer.packing import pack_numbers
-from tofmix.report.explorer.sample_packing import PackedSamples, pack_samples
+from tofmix.report.explorer.packing import DEFAULT_LIMITS, PackedSamples, PageLimits, pack_numbers, pack_samples
 from tofmix.report.figures.rasters import ABOVE, BELOW, count_colours, count_label, range_shades
 from tofmix.report.pixels.pixels import drifts, learnt_sensor
 from tofmix.report.sources import LayersSource

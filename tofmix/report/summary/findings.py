@@ -1,16 +1,27 @@
-"""Warnings on a layers file, in one sentence each.
+"""Warnings and notes on a layers file, in one sentence each.
+
+Warnings on a layers file, in one sentence each.
 
 A finding has a text and the commands to try. The thresholds (`Thresholds`) are for drawing attention, not tests:
 nothing is refused here. `estimate`, `merge` and `report` print the same ones.
+
+Notes on recordings of fewer frames than README asks for, with what is lost.
+
+The figures are those of two tables by number of frames, and stand here alone in the code;
+`tests/report/summary/test_frames.py` holds them to the tables.
+
+Notes on the law of mixing: what a lock-in camera's recording lacks for unmixing, and what follows.
 """
 
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from tofmix.flags import Status, status_name
 from tofmix.options import MAX_LAYERS_LIMIT
 from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
+from tofmix.sensor import Sensor
 from tofmix.suspicion.registry import SUSPICIONS
 from tofmix.temporal_filter import TemporalFilter
 from tofmix.wording import counted
@@ -231,3 +242,105 @@ def sigma_findings(
         return []
     text = f"Sigma is {median:.2f} times the sensor's curve (median): the noise curve and the recording disagree."
     return [Finding(code="sigma_off_curve", text=text, commands=(remedy.measure(),))]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AskedFrames:
+    """Frames that README asks for, and the share found with fewer."""
+
+    frames: int  # frames that are asked for
+    found: MappingProxyType[int, float]  # share found by number of frames, ascending in both, up to `frames`
+    what: str  # what is found, in words
+    page: str  # the page with the table
+
+    def finding(self, remedy: Remedy, total: int) -> list[Finding]:
+        """A note if the windows of an estimate are shorter; `total` is the recording's number of frames.
+
+        What is found with fewer frames than a row of the table is less than the row says.
+        """
+        window = remedy.window_frames
+        if window >= self.frames:
+            return []
+        row = min(frames for frames in self.found if frames >= window)
+        least = "less than " if row > window and self.found[row] > 0 else ""
+        most = f"{least}{100 * self.found[row]:.0f} %"
+        text = (
+            f"{counted(window, 'frame')} a window; tofmix asks for {self.frames} or more. Of {self.what}, {most} are"
+            f" found with {counted(window, 'frame')}, and {100 * self.found[self.frames]:.0f} % with {self.frames}"
+            f" ({self.page})."
+        )
+        longer = total > window
+        commands = (remedy.command("--window", str(min(total, self.frames))),) if longer else ()
+        text += "" if longer else " Record more frames."
+        return [Finding(code="few_frames", text=text, commands=commands, is_note=True)]
+
+
+SINGLE_SAMPLES = AskedFrames(
+    frames=25,
+    found=MappingProxyType({3: 0.00, 5: 0.18, 7: 0.33, 10: 0.52, 15: 0.73, 20: 0.86, 25: 0.93}),
+    what="surfaces with a fifth of a pixel's samples, 4 sigma before another",
+    page="docs/results/limits.md#by-number-of-frames",
+)
+"""Where each sample is of one surface."""
+
+PHASOR_SUMS = AskedFrames(
+    frames=10,
+    found=MappingProxyType({3: 0.959, 5: 0.973, 7: 0.982, 10: 0.987}),
+    what="pixels with two surfaces far apart, whose light adds up",
+    page="docs/results/mixing.md#by-number-of-frames",
+)
+"""Where samples are phasor sums."""
+
+
+def frame_findings(*, sums: bool, total: int, remedy: Remedy) -> list[Finding]:
+    """Say that the windows have fewer frames than README asks for.
+
+    `sums`: samples at edges are phasor sums; `total`: frames of the recording.
+    """
+    return (PHASOR_SUMS if sums else SINGLE_SAMPLES).finding(remedy, total)
+
+
+AMPLITUDES, FREQUENCY = "amplitudes", "modulation frequency"
+"""What makes phasors of samples, in words."""
+
+OPTIONS = {AMPLITUDES: ("--amplitude", "AMPLITUDES"), FREQUENCY: ("--modulation-frequency", "HZ")}
+"""Options of ``tofmix import`` that add each, with a placeholder."""
+
+
+def lacking(sensor: Sensor, *, has_amplitude: bool | None) -> tuple[str, ...]:
+    """What a recording of one sample a frame lacks to be unmixed.
+
+    Amplitudes of which nothing is known (`has_amplitude` is None) are not named.
+    """
+    amplitudes = (AMPLITUDES,) if has_amplitude is False else ()
+    return (*amplitudes, *((FREQUENCY,) if sensor.modulation_frequency_hz is None else ()))
+
+
+def light_findings(sensor: Sensor, *, targets: int, remedy: Remedy) -> list[Finding]:
+    """Say that flying pixels are counted as surfaces, where layers are not unmixed though light may add up.
+
+    A warning for a camera that is known as a lock-in camera, a note where the kind of camera is not known. Nothing for
+    other cameras, such as those that return several `targets` a frame, which measure no phase, and where nobody wanted
+    unmixing.
+    """
+    if sensor.is_lock_in is False or targets or not remedy.unmix:
+        return []
+    missing = lacking(sensor, has_amplitude=remedy.has_amplitude)
+    if remedy.has_amplitude and not missing:
+        return []  # --mixing events was chosen, or --paper
+    without = f"has no {' and no '.join(missing)}" if missing else "has no amplitudes, or --mixing events was chosen"
+    needs = "Unmixing needs ranges and amplitudes of one modulation frequency."
+    # Amplitudes that the recording may have already are imported again with the ranges.
+    options = [part for name in (AMPLITUDES, FREQUENCY) if name in (AMPLITUDES, *missing) for part in OPTIONS[name]]
+    commands = (remedy.import_command(*options),)
+    if sensor.is_lock_in:
+        text = (
+            f"The recording {without}: a lock-in camera's flying pixels, in which the light of several surfaces adds"
+            f" up, are counted as surfaces. {needs}"
+        )
+        return [Finding(code="flying_pixels_counted", text=text, commands=commands)]
+    text = (
+        f"Mixing is not measured, because the recording {without}. If this is a lock-in camera, flying pixels are"
+        f" counted as surfaces. {needs}"
+    )
+    return [Finding(code="mixing_not_measured", text=text, commands=commands, is_note=True)]

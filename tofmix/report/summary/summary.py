@@ -22,20 +22,19 @@ from tofmix.report.summary.findings import (
     Remedy,
     count_findings,
     filter_findings,
+    frame_findings,
+    light_findings,
     sigma_findings,
     split_notes,
     suspect_findings,
     target_findings,
 )
-from tofmix.report.summary.frames import frame_findings
-from tofmix.report.summary.light import light_findings
 from tofmix.report.summary.lost import Cause, LostNumbers, LostTally
 from tofmix.report.summary.noise_numbers import NoiseNumbers, noise_numbers
 from tofmix.report.summary.quantiles import Quantiles, ValueCounts, spread_of
 from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from tofmix.sensor import NoiseCurve
-from tofmix.suspicion.counting import count_suspects
-from tofmix.suspicion.registry import SUSPICIONS
+from tofmix.suspicion.registry import SUSPICIONS, count_suspects
 from tofmix.unmixing.settings import DEFAULT_SETTINGS
 from tofmix.wording import finite_or_none
 

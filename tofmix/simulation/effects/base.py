@@ -1,7 +1,7 @@
 """The base of effects: parameters, a level, and the action on samples and on predictions.
 
 Write a new effect as a frozen dataclass over `Effect`, one file, and add its line
-to `tofmix.simulation.effects.registry`. Most effects need `act` alone: it changes
+to `tofmix.simulation.effects`. Most effects need `act` alone: it changes
 mean range, amplitude and sigma of `Echoes`, whether these are the samples of a
 frame or the components of a prediction. Where chance decides sample by sample,
 override `sample` and `predict` as well.
@@ -21,8 +21,7 @@ from tofmix.arrays import FloatArray
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import beam_directions_of
 from tofmix.sensors.camera import CompleteCamera
-from tofmix.simulation.effects.parameter import Holds, Parameter, declared_parameters
-from tofmix.simulation.effects.prior import FARTHEST, Prior
+from tofmix.simulation.effects.parameter import FARTHEST, Holds, Parameter, Prior, declared_parameters
 from tofmix.simulation.effects.search import declared_forms, declared_problems
 from tofmix.toml_table import nearest
 
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
     from tofmix.simulation.echoes import Echoes, FrameSamples
     from tofmix.simulation.effects.search import FormFacts, LinearForm, Problem, SearchFacts
-    from tofmix.simulation.surface import Surface
+    from tofmix.simulation.model import Surface
 
 _RECORDING, _FRAME = 0, 1  # branches of an effect's random streams
 

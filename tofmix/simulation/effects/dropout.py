@@ -11,8 +11,7 @@ from scipy.special import ndtr
 from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
-from tofmix.simulation.effects.parameter import number
-from tofmix.simulation.effects.prior import UniformPrior
+from tofmix.simulation.effects.parameter import UniformPrior, number
 from tofmix.simulation.effects.search import Problem, SearchFacts, bounded
 
 if TYPE_CHECKING:

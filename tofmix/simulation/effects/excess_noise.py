@@ -7,8 +7,7 @@ from typing import ClassVar
 
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
-from tofmix.simulation.effects.parameter import number
-from tofmix.simulation.effects.prior import about
+from tofmix.simulation.effects.parameter import about, number
 from tofmix.simulation.effects.search import (
     Coefficient,
     FormFacts,

@@ -10,8 +10,7 @@ from tofmix.arrays import FloatArray
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Latent, Level, Target
-from tofmix.simulation.effects.parameter import PixelMap, number, pixel_map
-from tofmix.simulation.effects.prior import StudentPrior
+from tofmix.simulation.effects.parameter import PixelMap, StudentPrior, number, pixel_map
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

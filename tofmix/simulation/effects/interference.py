@@ -8,8 +8,7 @@ import numpy as np
 from tofmix.arrays import BoolArray
 from tofmix.simulation.echoes import Echoes, FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Latent, Level, Target
-from tofmix.simulation.effects.parameter import number
-from tofmix.simulation.effects.prior import UniformPrior, about
+from tofmix.simulation.effects.parameter import UniformPrior, about, number
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction

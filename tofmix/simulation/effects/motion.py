@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, ClassVar
 
 from tofmix.arrays import FloatArray
 from tofmix.simulation.effects.base import Effect, Level, Target
-from tofmix.simulation.effects.parameter import number, surface
-from tofmix.simulation.effects.prior import StudentPrior
+from tofmix.simulation.effects.parameter import StudentPrior, number, surface
 from tofmix.simulation.effects.search import Coefficient, FormFacts, LinearForm, Problem, SearchFacts, spread_of
 from tofmix.simulation.effects.surface_pose import SurfacePose, shifted
 
 if TYPE_CHECKING:
-    from tofmix.simulation.surface import Surface
+    from tofmix.simulation.model import Surface
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,8 +12,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
-from tofmix.simulation.effects.parameter import number, surface
-from tofmix.simulation.effects.prior import Prior, StudentPrior, about
+from tofmix.simulation.effects.parameter import Prior, StudentPrior, about, number, surface
 from tofmix.simulation.effects.search import (
     Coefficient,
     FormFacts,

@@ -10,8 +10,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
-from tofmix.simulation.effects.parameter import number
-from tofmix.simulation.effects.prior import UniformPrior, about
+from tofmix.simulation.effects.parameter import UniformPrior, about, number
 from tofmix.simulation.effects.search import Problem, SearchFacts, bounded
 
 if TYPE_CHECKING:

@@ -9,8 +9,7 @@ import numpy as np
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
-from tofmix.simulation.effects.parameter import number
-from tofmix.simulation.effects.prior import UniformPrior
+from tofmix.simulation.effects.parameter import UniformPrior, number
 from tofmix.simulation.effects.search import Problem, SearchFacts, of_logarithm
 
 if TYPE_CHECKING:

@@ -9,8 +9,7 @@ from tofmix.arrays import FloatArray
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Latent, Level, Target
-from tofmix.simulation.effects.parameter import PixelMap, number, pixel_map
-from tofmix.simulation.effects.prior import UniformPrior
+from tofmix.simulation.effects.parameter import PixelMap, UniformPrior, number, pixel_map
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction

@@ -11,8 +11,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
-from tofmix.simulation.effects.parameter import number
-from tofmix.simulation.effects.prior import StudentPrior, about
+from tofmix.simulation.effects.parameter import StudentPrior, about, number
 from tofmix.simulation.effects.range_offset import RangeOffset
 from tofmix.simulation.effects.search import (
     Coefficient,

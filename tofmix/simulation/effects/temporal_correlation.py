@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, Latent, Level, Target
-from tofmix.simulation.effects.parameter import number
-from tofmix.simulation.effects.prior import UniformPrior
+from tofmix.simulation.effects.parameter import UniformPrior, number
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction

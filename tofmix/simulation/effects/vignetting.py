@@ -11,8 +11,7 @@ from tofmix.arrays import FloatArray
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
-from tofmix.simulation.effects.parameter import number
-from tofmix.simulation.effects.prior import StudentPrior
+from tofmix.simulation.effects.parameter import StudentPrior, number
 from tofmix.simulation.effects.search import (
     Coefficient,
     FormFacts,

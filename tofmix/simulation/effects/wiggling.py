@@ -10,8 +10,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
-from tofmix.simulation.effects.parameter import number
-from tofmix.simulation.effects.prior import StudentPrior, UniformPrior
+from tofmix.simulation.effects.parameter import StudentPrior, UniformPrior, number
 from tofmix.simulation.effects.search import Coefficient, FormFacts, LinearForm, Problem, SearchFacts, spread_of
 
 

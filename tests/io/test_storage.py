@@ -1,0 +1,139 @@
+"""Outputs appear whole or not at all, whatever fails."""
+
+import errno
+import os
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from support.full_disk import FullDisk
+
+from tofmix.errors import BadInputError, StorageError, UsageError
+from tofmix.io.storage import AtomicFile, Sink, check_output, read_text, write_text
+
+
+def test_text_is_written_and_read_back(tmp_path: Path) -> None:
+    write_text(tmp_path / "a.txt", "sigma = 3 µm\n", overwrite=False)
+    assert read_text(tmp_path / "a.txt") == "sigma = 3 µm\n"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_an_existing_file_is_kept_without_overwrite(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    write_text(path, "old", overwrite=False)
+    with pytest.raises(UsageError, match=r"a\.txt exists; pass --overwrite"):
+        write_text(path, "new", overwrite=False)
+    assert path.read_text() == "old"
+    write_text(path, "new", overwrite=True)
+    assert path.read_text() == "new"
+
+
+def test_a_file_that_appears_meanwhile_is_kept(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    with AtomicFile(path, overwrite=False) as file:
+        path.write_text("another program's")
+        with pytest.raises(UsageError, match="exists"):
+            file.commit()
+    assert [p.read_text() for p in tmp_path.iterdir()] == ["another program's"]
+
+
+def test_an_input_is_never_the_output(tmp_path: Path) -> None:
+    path, link = tmp_path / "a.h5", tmp_path / "link.h5"
+    path.write_text("data")
+    link.symlink_to(path)
+    with pytest.raises(UsageError, match="is the input"):
+        check_output(link, overwrite=True, inputs=(path,))
+
+
+@pytest.mark.parametrize("name", ["folder", "none/a.txt", "/dev/null", "text/a.txt"])
+def test_a_place_that_cannot_be_written_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "text").write_text("")
+    with pytest.raises(StorageError):
+        check_output(tmp_path / name, overwrite=True)
+
+
+def test_a_link_stays_a_link(tmp_path: Path) -> None:
+    target, link = tmp_path / "real.txt", tmp_path / "link.txt"
+    target.write_text("old")
+    link.symlink_to(target)
+    write_text(link, "new", overwrite=True)
+    assert link.is_symlink()
+    assert target.read_text() == "new"
+
+
+def test_no_permission_to_create_is_a_storage_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> int:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr("os.open", refuse)
+    with pytest.raises(StorageError, match=r"a\.txt: Permission denied"):
+        write_text(tmp_path / "a.txt", "text", overwrite=False)
+
+
+@pytest.mark.parametrize("call", ["os.pwrite", "os.fsync", "pathlib.Path.replace"])
+def test_each_failing_call_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+
+    def fail(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(call, fail)
+    with pytest.raises(StorageError, match=r"a\.txt: No space left"):
+        write_text(path, "new", overwrite=True)
+    monkeypatch.undo()
+    assert [p.read_text() for p in tmp_path.iterdir()] == ["old"]
+
+
+def test_hdf5_survives_every_possible_failing_write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Fail at the n-th write for n = 0, 1, ... until the run succeeds: HDF5 must never see it.
+    disk = FullDisk(0)
+    monkeypatch.setattr("os.pwrite", disk)
+    for allowed in range(200):
+        disk.left = allowed
+        with AtomicFile(tmp_path / "a.h5", overwrite=True) as file:
+            with h5py.File(file.sink, "w") as root:
+                for k in range(5):
+                    root.create_dataset(f"d{k}", data=np.arange(5000), chunks=(1000,), compression="gzip")
+            if file.sink.error is None:
+                file.commit()
+                break
+            with pytest.raises(StorageError, match="No space left"):
+                file.check()
+        assert list(tmp_path.iterdir()) == []
+    else:
+        pytest.fail("it never succeeded")
+    assert allowed > 3
+    with h5py.File(tmp_path / "a.h5") as root:
+        np.testing.assert_array_equal(root["d4"][...], np.arange(5000))
+
+
+def test_the_sink_behaves_as_a_file(tmp_path: Path) -> None:
+    descriptor = os.open(tmp_path / "x", os.O_RDWR | os.O_CREAT)
+    sink = Sink(descriptor)
+    assert sink.write(b"hello world") == 11
+    assert sink.seek(-5, os.SEEK_END) == 6
+    assert sink.read(5) == b"world"
+    assert sink.tell() == 11
+    sink.seek(3)
+    assert sink.truncate() == 3
+    sink.seek(0)
+    buffer = bytearray(b"xxxxx")
+    assert sink.readinto(buffer) == 5
+    assert buffer == b"hel\0\0"
+    sink.seek(-3, os.SEEK_CUR)
+    assert sink.read() == b"l"
+    sink.flush()
+    os.close(descriptor)
+    assert sink.truncate(1) == 1
+    assert isinstance(sink.error, OSError)
+
+
+def test_texts_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "latin.toml").write_bytes(b"name = \xe9")
+    with pytest.raises(BadInputError, match="not a UTF-8 text file"):
+        read_text(tmp_path / "latin.toml")
+    with pytest.raises(BadInputError, match="No such file"):
+        read_text(tmp_path / "none.toml")

@@ -1,0 +1,268 @@
+"""``tofmix estimate``: a recording in, a layers file out. `estimate_runs` has the runs and their results."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from click.core import ParameterSource
+
+from tofmix.cli.options import (
+    HDF5_PATH,
+    MEMORY,
+    PATH,
+    SHARD,
+    F,
+    declared,
+    default_workers,
+    examples,
+    give_way,
+    json_option,
+    nearer_of,
+    overwrite_option,
+    shares_option,
+)
+from tofmix.cli.reporter import CommandReporter
+from tofmix.errors import UsageError
+from tofmix.options import COUNTERS, ESTIMATE, NOISE
+
+if TYPE_CHECKING:
+    from tofmix.estimation.peaks.counters import Counter
+
+
+_NOT_OF_THE_PAPER = (
+    "sigma",
+    "refine",
+    "false_alarm",
+    "counter",
+    "epsilon",
+    "max_iter",
+    "tol",
+    "unambiguous_range",
+    "wrap",
+    "mixing",
+)
+"""Options that the paper's algorithm does not have."""
+
+
+def _of_counter(kind: str, name: str) -> Callable[[F], F]:
+    """The decorator of an option of one counter."""
+    return declared(COUNTERS[kind], name, before=f"{kind}: ")
+
+
+@examples(
+    """
+tofmix estimate sample_data/three_boards.h5 -o boards.layers.h5
+tofmix estimate long.h5 --window 100 --stride 50 --resume
+tofmix estimate monday/*.h5 --output-dir layers
+tofmix estimate foreign.h5 --noise auto --outliers auto
+tofmix estimate foreign.h5 --noise auto --noise-shape gaussian --noise-widths common
+tofmix estimate foreign.h5 --noise sr3000 --sigma tied
+tofmix estimate folded.h5 --wrap
+tofmix estimate boards.h5 --counter cpdf --bins 30 -o cpdf.layers.h5
+tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
+"""
+)
+@click.command(short_help="Recover the surfaces in each pixel of a recording.")
+@click.argument("recordings", type=PATH, nargs=-1, required=True)
+@click.option("-o", "--output", type=HDF5_PATH, help="Layers file to write.  [default: RECORDING with .layers.h5]")
+@click.option(
+    "--output-dir", type=PATH, help="Folder for the layers files of several recordings; a missing folder is made."
+)
+@click.option("--window", type=click.IntRange(1), help="Frames of one estimate.  [default: all]")
+@click.option("--stride", type=click.IntRange(1), help="Frames from one window to the next.  [default: the window]")
+@declared(ESTIMATE, "sigma")
+@click.option(
+    "--noise",
+    metavar="file|auto|PROFILE",
+    help="Source of the noise curve: the file, its samples (auto), or a built-in sensor such as sr3000."
+    "  [default: file; auto where the file has no curve]",
+)
+@declared(NOISE, "noise_shape")
+@declared(NOISE, "noise_widths")
+@click.option(
+    "--outliers",
+    default="file",
+    show_default=True,
+    metavar="file|auto|P",
+    help="Share of random values p(c_r): from the file, counted in its samples (auto), or a number.",
+)
+@declared(ESTIMATE, "max_layers")
+@declared(ESTIMATE, "refine")
+@declared(ESTIMATE, "false_alarm")
+@click.option(
+    "--counter",
+    type=click.Choice(tuple(COUNTERS)),
+    default="kde",
+    show_default=True,
+    help="Method that finds the peaks: the kernel density, or one of the paper's two others, for comparison.",
+)
+@_of_counter("kde", "gamma")
+@_of_counter("kde", "epsilon")
+@_of_counter("cpdf", "bins")
+@_of_counter("cpdf", "ratio")
+@_of_counter("fourier", "order")
+@_of_counter("fourier", "level")
+@declared(ESTIMATE, "unambiguous_range_mm", "--unambiguous-range", metavar="MM")
+@click.option(
+    "--wrap",
+    is_flag=True,
+    help="Set --unambiguous-range to c / 2f, from the recording's modulation frequency f.",
+)
+@declared(ESTIMATE, "mixing")
+@shares_option
+@declared(ESTIMATE, "paper")
+@declared(ESTIMATE, "max_iter")
+@declared(ESTIMATE, "tol")
+@declared(ESTIMATE, "min_samples")
+@click.option(
+    "--force",
+    is_flag=True,
+    allow_from_autoenv=False,
+    help="Use averaged frames as samples; not needed with --mixing phasor.",
+)
+@click.option(
+    "--workers", type=click.IntRange(1), help="Threads; their number changes no result.  [default: all cores]"
+)
+@click.option(
+    "--memory",
+    type=MEMORY,
+    default="1GB",
+    show_default=True,
+    metavar="SIZE",
+    help="Limit of the memory, such as 300MB or 1.5GB; the limit changes no result.",
+)
+@click.option(
+    "--resume",
+    is_flag=True,
+    allow_from_autoenv=False,
+    help="Continue an interrupted run of the same options; a finished output stays.",
+)
+@click.option(
+    "--shard",
+    type=SHARD,
+    metavar="I/N",
+    help="Compute only part I of N, for job arrays; `tofmix merge` joins the parts.",
+)
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS|FILE",
+    help="Compute on the workers of a dask.distributed scheduler: its address or its scheduler file.",
+)
+@json_option
+@overwrite_option
+@click.pass_context
+def estimate(
+    context: click.Context,
+    /,
+    recordings: tuple[Path, ...],
+    output: Path | None,
+    output_dir: Path | None,
+    window: int | None,
+    stride: int | None,
+    noise: str | None,
+    outliers: str,
+    noise_shape: str,
+    noise_widths: str,
+    shares: str | None,
+    unambiguous_range: float | None,
+    wrap: bool,
+    workers: int | None,
+    memory: int,
+    shard: tuple[int, int] | None,
+    resume: bool,
+    scheduler: str | None,
+    force: bool,
+    overwrite: bool,
+    as_json: bool,
+    **choices: float | str | bool,
+) -> None:
+    """Recover the surfaces in each pixel of RECORDINGS, HDF5 files.
+
+    The peaks of the kernel density of a pixel's samples give the first surfaces.
+    Expectation-maximisation fits their ranges, shares and sigmas, and the
+    likelihood decides which surfaces stay. The result is a layers file with the
+    dimensions window, row, col and layer, near to far. Several recordings need
+    --output-dir; - reads their names from stdin, one a line.
+    """
+    from tofmix.cli.estimate_runs import estimate_files
+    from tofmix.estimation.settings import EstimateOptions
+    from tofmix.io.layers.journal import WHOLE, Shard
+    from tofmix.jobs.estimate import EstimateRequest, FileRequest, check_request
+
+    shard, scheduler = nearer_of(shard=shard, scheduler=scheduler)
+    if scheduler is not None and shard is not None:
+        raise UsageError("--shard and --scheduler exclude each other: a shard is computed on this machine")
+    settled = give_way({**choices, "wrap": wrap, "unambiguous_range": unambiguous_range}, "paper", _NOT_OF_THE_PAPER)
+    if settled["refine"] == "none":
+        settled = give_way(settled, "refine", ["false_alarm"])
+    settled = give_way(
+        settled, "counter", [n for kind, names in COUNTERS.items() if kind != settled["counter"] for n in names]
+    )
+    wrap, unambiguous_range = settled.pop("wrap"), settled.pop("unambiguous_range")
+    choices = settled
+    if choices["refine"] == "none" and context.get_parameter_source("false_alarm") is not ParameterSource.DEFAULT:
+        raise UsageError("--false-alarm belongs to --refine likelihood, not to --refine none")
+    if choices["paper"]:
+        _check_paper(context)
+    if wrap and unambiguous_range is not None:
+        raise UsageError("--wrap takes the unambiguous range from the recording; leave out --unambiguous-range")
+    try:
+        counter = _counter(context, choices)
+        options = EstimateOptions(counter=counter, unambiguous_range_mm=unambiguous_range, **choices)  # type: ignore[arg-type]  # click has checked the types
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    request = EstimateRequest(
+        options=options,
+        noise=noise,
+        outliers=_number(outliers),
+        noise_shape=noise_shape,
+        noise_widths=noise_widths,
+        shares=shares,
+        wrap=wrap,
+        window=window,
+        stride=stride,
+        force=force,
+        workers=workers or default_workers(),
+    )
+    check_request(request, CommandReporter())
+    files = FileRequest(
+        memory_bytes=memory,
+        shard=WHOLE if shard is None else Shard(number=shard[0], count=shard[1]),
+        resume=resume,
+        overwrite=overwrite,
+        scheduler=scheduler,
+    )
+    estimate_files(recordings, output, output_dir, request, files, as_json=as_json)
+
+
+def _number(text: str) -> float | str:
+    """The number that a text is, or the text."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _check_paper(context: click.Context) -> None:
+    """Refuse options that the paper's algorithm does not have."""
+    for name in _NOT_OF_THE_PAPER:
+        if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
+            raise UsageError(
+                f"--{name.replace('_', '-')} and --paper exclude each other: the paper's algorithm has no such option"
+            )
+
+
+def _counter(context: click.Context, choices: dict[str, Any]) -> "Counter":
+    """Take the counter and its options out of the choices; options of another counter are refused."""
+    from tofmix.estimation.peaks.counters import COUNTERS as MAKERS
+
+    kind, own = choices.pop("counter"), {}
+    for owner, names in COUNTERS.items():
+        for name in names:
+            value = choices.pop(name)
+            if owner == kind:
+                own[name] = value
+            elif context.get_parameter_source(name) is not ParameterSource.DEFAULT:
+                raise UsageError(f"--{name} belongs to --counter {owner}, not to --counter {kind}")
+    return MAKERS[kind](**own)

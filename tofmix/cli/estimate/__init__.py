@@ -1,1 +1,0 @@
-"""``tofmix estimate``: command (the options) -> runs -> results."""

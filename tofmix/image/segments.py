@@ -1,0 +1,183 @@
+"""The input of smooth surfaces, and its segments: pixels of one smooth surface each.
+
+The input is ranges and amplitudes of an image's pixels, and the directions of their beams. Segments are found by second
+differences of range and light.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.image.masks import components, near
+
+
+class View(NamedTuple):
+    """An image, pixel by pixel, row by row. Arrays are (pixel,) unless said otherwise.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows, columns.
+    scale_mm : float
+        K, mm a radian of phase; infinite where ranges are averaged as they are.
+    valid : bool
+        Whether the pixel has a range.
+    range_mm, range_variance : float64
+        Range of the mean sample, mm, and its variance by noise and fixed pattern, mm^2.
+    log_amplitude, amplitude_variance : float64
+        Logarithm of its amplitude, and its variance by noise and by texture from pixel to pixel.
+    pattern_variance, texture_variance : float
+        Parts of both variances that are no noise: they are the same in each frame.
+    direction, right, below : (pixel, 3) float64
+        Unit vector of the beam, and the vectors from it to those of the next pixels.
+    pitch : float64
+        Tangent of the angle to the next pixel, the larger of both.
+    """
+
+    shape: tuple[int, int]
+    scale_mm: float
+    valid: BoolArray
+    range_mm: FloatArray
+    range_variance: FloatArray
+    log_amplitude: FloatArray
+    amplitude_variance: FloatArray
+    pattern_variance: float
+    texture_variance: float
+    direction: FloatArray
+    right: FloatArray
+    below: FloatArray
+    pitch: FloatArray
+
+    def rays(self, pixels: IntArray, places: FloatArray) -> FloatArray:
+        """Unit vectors (..., place, 3) of pixels (...,), at places (place, 2) down and right of their middles."""
+        once, again = np.unique(pixels, return_inverse=True)  # a pixel is in the windows of many others
+        ways = (
+            self.direction[once][:, np.newaxis]
+            + places[:, :1] * self.below[once][:, np.newaxis]
+            + places[:, 1:] * self.right[once][:, np.newaxis]
+        )
+        unit = ways / np.linalg.norm(ways, axis=-1, keepdims=True)
+        return np.asarray(unit[again.reshape(pixels.shape)])
+
+
+def lattice_of_places(count: int, step: int) -> FloatArray:
+    """Places (count, 2) in a pixel, as `grid_of_places`, of which no two are in one row or column: a lattice.
+
+    On a grid whole columns of places would cross an upright limb at once.
+
+    Parameters
+    ----------
+    count, step : int
+        Number of places, and a number without a common divisor, by which the rows go on from column to column.
+    """
+    place = np.arange(count)
+    return np.stack([(place * step % count + 0.5) / count - 0.5, (place + 0.5) / count - 0.5], axis=-1)
+
+
+def grid_of_places(side: int) -> FloatArray:
+    """Middles (side^2, 2) of the parts of a pixel, down and right of its middle, in units of the pixel."""
+    steps = (np.arange(side) + 0.5) / side - 0.5
+    return np.stack([part.ravel() for part in np.meshgrid(steps, steps, indexing="ij")], axis=-1)
+
+
+LEAST_PIXELS = 6
+"""Fewest pixels of a segment: a patch has six numbers."""
+
+REACH = 4
+"""Reach of the window whose pixels a patch goes through, pixels."""
+
+_NOISE = 4.0  # standard errors of a second difference of range
+_LIGHT_NOISE = 6.0  # and of the logarithm of light
+_PITCHES, _LOOSE_PITCHES = 0.3, 0.8
+_LIGHT, _LOOSE_LIGHT = 0.06, 0.32
+"""Second differences that a bent surface has by itself: of range in widths of a pixel, of the logarithm of light."""
+_STEP, _LIGHT_STEP = 0.04, 0.35
+"""Largest difference between neighbours of one surface: part of the range, and of the logarithm of light."""
+_SEED_REACH = 2  # pixels
+
+
+def segments_of(view: View) -> IntArray:
+    """Number (pixel,) of the segment of each pixel; -1 where it is of none.
+
+    Pixels whose range and light go on evenly in four directions are seeds; where they make no segment nearby, less even
+    ones. Seeds beside each other are of one surface unless range or light steps between them.
+    """
+    rows, cols = view.shape
+    bent, error = _second_difference(view, view.range_mm, view.range_variance)
+    faded, light_error = _second_difference(view, view.log_amplitude, view.amplitude_variance)
+    width = view.range_mm * view.pitch
+    even = (bent < _NOISE * error + _PITCHES * width) & (faded < _LIGHT_NOISE * light_error + _LIGHT)
+    loose = (bent < _NOISE * error + _LOOSE_PITCHES * width) & (faded < _LIGHT_NOISE * light_error + _LOOSE_LIGHT)
+    first = _linked(view, even & view.valid, error) >= 0
+    return _linked(view, first | (loose & view.valid & ~near(first.reshape(rows, cols), _SEED_REACH).ravel()), error)
+
+
+def _linked(view: View, seed: BoolArray, error: FloatArray) -> IntArray:
+    """Number (pixel,) of the segment of seeds beside each other, the largest first; -1 for seeds of too small ones."""
+    rows, cols = view.shape
+    index = np.arange(rows * cols).reshape(rows, cols)
+    ones, others = [], []
+    for one, other in ((index[:, :-1], index[:, 1:]), (index[:-1], index[1:])):
+        a, b = one.ravel(), other.ravel()
+        joined = seed[a] & seed[b]
+        joined &= np.abs(view.range_mm[a] - view.range_mm[b]) < _STEP * view.range_mm[a] + _NOISE * error[a]
+        joined &= np.abs(view.log_amplitude[a] - view.log_amplitude[b]) < _LIGHT_STEP
+        ones.append(a[joined])
+        others.append(b[joined])
+    number = components(np.concatenate(ones), np.concatenate(others), rows * cols)
+    size = np.bincount(number[seed], minlength=int(number.max()) + 1)
+    order = np.argsort(-size, kind="stable")
+    renamed = np.full(len(size), -1)
+    large = order[size[order] >= LEAST_PIXELS]
+    renamed[large] = np.arange(large.size)
+    return np.where(seed, renamed[number], -1).astype(np.int64)
+
+
+def _second_difference(view: View, values: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Largest second difference (pixel,) of values in four directions, and its largest error."""
+    rows, cols = view.shape
+    middle, sigma = values.reshape(rows, cols), np.sqrt(variance).reshape(rows, cols)
+    padded = np.pad(middle, 1, mode="reflect", reflect_type="odd")
+    beside = np.pad(sigma, 1, mode="edge")
+    largest, error = np.zeros((rows, cols)), np.zeros((rows, cols))
+    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        ahead = np.s_[1 + down : 1 + down + rows, 1 + right : 1 + right + cols]
+        back = np.s_[1 - down : 1 - down + rows, 1 - right : 1 - right + cols]
+        largest = np.maximum(largest, np.abs(padded[ahead] - 2.0 * middle + padded[back]))
+        error = np.maximum(error, np.sqrt(beside[ahead] ** 2 + 4.0 * sigma**2 + beside[back] ** 2))
+    return largest.ravel(), error.ravel()
+
+
+def around(
+    shape: tuple[int, int], segment: IntArray, at: IntArray, number: IntArray, reach: int, *, own: bool = False
+) -> IntArray:
+    """Pixels (n, place) of a segment within `reach` of each pixel; -1 for none.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows, columns.
+    segment : (pixel,) int64
+        Segment of each pixel.
+    at, number : (n,) int64
+        The pixels, and the segment in question of each.
+    reach : int
+        Pixels.
+    own : bool
+        Whether the pixel itself may be among them.
+    """
+    steps = np.arange(-reach, reach + 1)
+    down, right = (part.ravel() for part in np.meshgrid(steps, steps, indexing="ij"))
+    row, col = (at // shape[1])[:, np.newaxis] + down, (at % shape[1])[:, np.newaxis] + right
+    inside = (row >= 0) & (row < shape[0]) & (col >= 0) & (col < shape[1])
+    pixel = np.where(inside, row * shape[1] + col, 0)
+    inside &= segment[pixel] == number[:, np.newaxis]
+    if not own:
+        inside[:, (down == 0) & (right == 0)] = False
+    return np.where(inside, pixel, -1)
+
+
+def rim_of(mask: BoolArray, shape: tuple[int, int]) -> BoolArray:
+    """Pixels (pixel,) of a mask beside pixels that are not in it."""
+    return mask & near(~mask.reshape(shape), 1).ravel()

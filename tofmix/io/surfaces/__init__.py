@@ -1,1 +1,0 @@
-"""Surfaces files (`*.surfaces.h5`), the result of `tofmix surfaces`."""

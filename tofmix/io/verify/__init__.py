@@ -1,1 +1,0 @@
-"""Checks of finished files: every chunk is read and every rule of the format is applied."""
