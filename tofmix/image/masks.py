@@ -62,3 +62,12 @@ def around(values: FloatArray, choose: np.ufunc) -> FloatArray:
         wide = np.moveaxis(np.pad(values, pads, mode="edge"), axis, 0)
         values = np.moveaxis(choose(choose(wide[:-2], wide[1:-1]), wide[2:]), 0, axis)
     return values
+
+
+def neighbour_pairs(shape: tuple[int, int]) -> tuple[IntArray, IntArray]:
+    """Pixels (pair,) to the left of others, then above them, and these."""
+    index = np.arange(shape[0] * shape[1]).reshape(shape)
+    return (
+        np.concatenate([index[:, :-1].ravel(), index[:-1].ravel()]),
+        np.concatenate([index[:, 1:].ravel(), index[1:].ravel()]),
+    )

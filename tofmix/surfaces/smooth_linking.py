@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.image.masks import components, count_around, near
+from tofmix.image.masks import components, count_around, near, neighbour_pairs
 from tofmix.image.patch import LEAST_HITS, PLACES_9, drawn_ranges, fit_patches
 from tofmix.image.scales import BENDS, THIRDS, UNKNOWN, Scales, learn_scales, may_bend
 from tofmix.image.segments import LEAST_PIXELS, REACH, View, around
@@ -48,7 +48,7 @@ def pieces_of(view: View, label: IntArray, settings: LinkSettings) -> IntArray:
     settings : LinkSettings
         Thresholds.
     """
-    a, b = _neighbours(view.shape)
+    a, b = neighbour_pairs(view.shape)
     joined = view.valid[a] & view.valid[b] & (label[a] == label[b])
     number = components(a[joined], b[joined], view.valid.size)
     size = np.bincount(number[view.valid], minlength=int(number.max()) + 1)
@@ -85,18 +85,9 @@ def joined_pieces(view: View, piece: IntArray, settings: LinkSettings) -> IntArr
         group, fresh = renamed[group], fresh + int(whole.max()) + 1
 
 
-def _neighbours(shape: tuple[int, int]) -> tuple[IntArray, IntArray]:
-    """Both pixels of all pairs beside each other."""
-    index = np.arange(shape[0] * shape[1]).reshape(shape)
-    return (
-        np.concatenate([index[:, :-1].ravel(), index[:-1].ravel()]),
-        np.concatenate([index[:, 1:].ravel(), index[1:].ravel()]),
-    )
-
-
 def _borders(view: View, group: IntArray, settings: LinkSettings) -> dict[tuple[int, int], IntArray]:
     """Pixels along the border of each two groups that touch without a large step."""
-    a, b = _neighbours(view.shape)
+    a, b = neighbour_pairs(view.shape)
     touch = (group[a] >= 0) & (group[b] >= 0) & (group[a] != group[b])
     a, b = a[touch], b[touch]
     sigma = np.sqrt(view.range_variance[a] + view.range_variance[b])

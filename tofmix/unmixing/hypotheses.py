@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.unmixing.functions import logsumexp, ndtr
-from tofmix.unmixing.image import ComplexArray, PhasorImage, polar_covariance, variance_along
+from tofmix.unmixing.image import ComplexArray, PhasorImage, inverse_form, polar_covariance, variance_along
 from tofmix.unmixing.neighbours import DistantPlane, Predictions, find_neighbours, phasor_of, predict
 from tofmix.unmixing.seeds import Seeds, plane_vector
 from tofmix.unmixing.settings import HypothesisSettings, NeighbourSettings
@@ -332,18 +332,10 @@ def _place_chance(neighbours: NeighbourSurfaces, aside: float) -> FloatArray:
 def _log_normal(difference: ComplexArray, covariance: FloatArray) -> FloatArray:
     """Log density (n,) of differences of phasors (n,) under a Gaussian of covariances (n, 3)."""
     determinant = np.maximum(covariance[:, 0] * covariance[:, 1] - covariance[:, 2] ** 2, _TINY)
-    return np.asarray(-0.5 * _form(covariance, difference, difference) - 0.5 * np.log(determinant) - _LOG_TWO_PI)
+    return np.asarray(-0.5 * inverse_form(covariance, difference, difference) - 0.5 * np.log(determinant) - _LOG_TWO_PI)
 
 
 _LOG_TWO_PI = math.log(2.0 * math.pi)
-
-
-def _form(covariance: FloatArray, one: ComplexArray, other: ComplexArray) -> FloatArray:
-    """One . C^-1 . other, (n,)."""
-    determinant = np.maximum(covariance[:, 0] * covariance[:, 1] - covariance[:, 2] ** 2, _TINY)
-    mixed = one.real * other.imag + one.imag * other.real
-    form = covariance[:, 1] * one.real * other.real + covariance[:, 0] * one.imag * other.imag
-    return np.asarray((form - covariance[:, 2] * mixed) / determinant)
 
 
 def _put_continued(
@@ -559,8 +551,8 @@ def _chord(ends: _Ends, one: int, other: int, plane: DistantPlane | None = None)
             + (1.0 - part)[:, np.newaxis] ** 2 * polar_covariance(b.phasor, b.tangential, b.radial)
         )
         chord, offset = a.phasor - b.phasor, ends.phasor - b.phasor
-        variance = 1.0 / np.maximum(_form(covariance, chord, chord), _TINY)
-        share = _form(covariance, chord, offset) * variance
+        variance = 1.0 / np.maximum(inverse_form(covariance, chord, chord), _TINY)
+        share = inverse_form(covariance, chord, offset) * variance
     across = offset - share * chord
     length = np.maximum(np.abs(chord), _TINY)
     determinant = np.maximum(covariance[:, 0] * covariance[:, 1] - covariance[:, 2] ** 2, _TINY)
@@ -569,7 +561,7 @@ def _chord(ends: _Ends, one: int, other: int, plane: DistantPlane | None = None)
     error = np.sqrt(variance)
     inside = ndtr(share / error) - ndtr((share - 1.0) / error)
     log_density = (
-        -0.5 * _form(covariance, across, across)
+        -0.5 * inverse_form(covariance, across, across)
         - 0.5 * np.log(2.0 * math.pi * np.maximum(narrow, _TINY))
         - np.log(length)
         + np.log(np.maximum(inside, _TINY))

@@ -298,3 +298,15 @@ def places(pixels: IntArray, shape: tuple[int, int], around: Window) -> tuple[In
     rows, cols = row[:, np.newaxis] + around.row, col[:, np.newaxis] + around.col
     inside = (rows >= 0) & (rows < shape[0]) & (cols >= 0) & (cols < shape[1])
     return np.where(inside, rows * shape[1] + cols, 0), inside
+
+
+_LEAST_DETERMINANT = 1.0e-30
+"""Least determinant of a covariance: divisions stay finite."""
+
+
+def inverse_form(covariance: FloatArray, one: ComplexArray, other: ComplexArray) -> FloatArray:
+    """One . C^-1 . other, (n,), of covariances (n, 3): of the parts, and between them."""
+    determinant = np.maximum(covariance[:, 0] * covariance[:, 1] - covariance[:, 2] ** 2, _LEAST_DETERMINANT)
+    mixed = one.real * other.imag + one.imag * other.real
+    form = covariance[:, 1] * one.real * other.real + covariance[:, 0] * one.imag * other.imag
+    return np.asarray((form - covariance[:, 2] * mixed) / determinant)

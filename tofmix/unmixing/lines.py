@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.image.masks import components, near
-from tofmix.unmixing.image import ComplexArray, PhasorImage, polar_covariance
+from tofmix.image.masks import components, near, neighbour_pairs
+from tofmix.unmixing.image import ComplexArray, PhasorImage, inverse_form, polar_covariance
 from tofmix.unmixing.seeds import Seeds
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, LabelSettings
 
@@ -95,15 +95,6 @@ def find_lines(
     pixels = pixels[(size[surface[pixels]] >= _LEAST_PIXELS) & ~known[pixels]]
     number[pixels] = np.unique(surface, return_index=True)[1][surface[pixels]]
     return number
-
-
-def neighbour_pairs(shape: tuple[int, int]) -> tuple[IntArray, IntArray]:
-    """Pixels (pair,) to the left of others, then above them, and these."""
-    index = np.arange(shape[0] * shape[1]).reshape(shape)
-    return (
-        np.concatenate([index[:, :-1].ravel(), index[:-1].ravel()]),
-        np.concatenate([index[:, 1:].ravel(), index[1:].ravel()]),
-    )
 
 
 def agree(
@@ -207,10 +198,10 @@ def _on_chord(
     share = (offset * np.conj(chord)).real / square
     part = np.clip(share, 0.0, 1.0)[:, np.newaxis]
     covariance = image.mean_covariance[pixels] + part**2 * first_error + (1.0 - part) ** 2 * second_error
-    variance = 1.0 / np.maximum(_form(covariance, chord, chord), _TINY)
-    share = _form(covariance, chord, offset) * variance
+    variance = 1.0 / np.maximum(inverse_form(covariance, chord, chord), _TINY)
+    share = inverse_form(covariance, chord, offset) * variance
     across = offset - share * chord
-    return share, np.sqrt(variance), _form(covariance, across, across) < settings.agree_sigmas**2
+    return share, np.sqrt(variance), inverse_form(covariance, across, across) < settings.agree_sigmas**2
 
 
 _TINY = 1.0e-30
@@ -228,11 +219,3 @@ def _end(
     own = polar_covariance(image.phasor[pixels], tangential, radial) + image.mean_covariance[pixels]
     nothing = image.open_space[pixels]
     return np.where(nothing, 0.0, image.phasor[pixels]), np.where(nothing[:, np.newaxis], 0.0, own)
-
-
-def _form(covariance: FloatArray, one: ComplexArray, other: ComplexArray) -> FloatArray:
-    """One . C^-1 . other, (n,)."""
-    determinant = np.maximum(covariance[:, 0] * covariance[:, 1] - covariance[:, 2] ** 2, _TINY)
-    mixed = one.real * other.imag + one.imag * other.real
-    form = covariance[:, 1] * one.real * other.real + covariance[:, 0] * one.imag * other.imag
-    return np.asarray((form - covariance[:, 2] * mixed) / determinant)
