@@ -60,18 +60,24 @@ def scenes() -> None:
 
 PARTS: tuple[Callable[[], None], ...] = (
     layers,
-    noise_and_reconciliation,
     images,
     scenes,
     further_options,
+    noise_and_reconciliation,
     learnt_noise,
 )
-"""The first three take nearly as long together as the last three."""
+"""The first two take about as long together as the others."""
+
+WITH_LAYERS = frozenset({images, scenes, further_options})
+"""Parts that call what `layers` compiles: they wait for it, or they would compile it a second time."""
 
 
 def begin(worker: int) -> None:
     """Compile the parts that no other worker has begun; every other worker begins with the last one."""
     for part in PARTS if worker % 2 == 0 else PARTS[::-1]:
+        if part in WITH_LAYERS:
+            with _alone_with(layers):
+                pass
         done = _folder() / f"{part.__name__}.done"
         with suppress(BlockingIOError), _alone_with(part, wait=False):
             if not done.exists():
