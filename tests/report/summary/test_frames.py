@@ -81,7 +81,7 @@ def test_more_frames_are_asked_for_where_the_window_is_the_whole_recording() -> 
     (finding,) = frame_findings(sums=True, total=6, remedy=Remedy(recording="a.h5", window_frames=6))
     assert finding.commands == ()
     assert finding.text.endswith(
-        "less than 98 % are found with 6 frames, and 99 % with 10"
+        "less than 99.9 % are found with 6 frames, and 99.9 % with 10"
         " (docs/results/mixing.md#by-number-of-frames). Record more frames."
     )
 

@@ -263,10 +263,10 @@ class AskedFrames:
             return []
         row = min(frames for frames in self.found if frames >= window)
         least = "less than " if row > window and self.found[row] > 0 else ""
-        most = f"{least}{100 * self.found[row]:.0f} %"
+        most = f"{least}{100 * self.found[row]:.3g} %"
         text = (
             f"{counted(window, 'frame')} a window; tofmix asks for {self.frames} or more. Of {self.what}, {most} are"
-            f" found with {counted(window, 'frame')}, and {100 * self.found[self.frames]:.0f} % with {self.frames}"
+            f" found with {counted(window, 'frame')}, and {100 * self.found[self.frames]:.3g} % with {self.frames}"
             f" ({self.page})."
         )
         longer = total > window
@@ -285,7 +285,7 @@ SINGLE_SAMPLES = AskedFrames(
 
 PHASOR_SUMS = AskedFrames(
     frames=10,
-    found=MappingProxyType({3: 0.959, 5: 0.973, 7: 0.982, 10: 0.987}),
+    found=MappingProxyType({3: 0.998, 5: 0.998, 7: 0.999, 10: 0.999}),
     what="pixels with two surfaces far apart, whose light adds up",
     page="docs/results/mixing.md#by-number-of-frames",
 )
