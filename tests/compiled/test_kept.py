@@ -1,5 +1,6 @@
 """Kept code: found where it may be read, compiled again where it is stale or damaged, and never why a run fails."""
 
+import ast
 import os
 import shutil
 import subprocess
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from support.measured import coverage_environment
+from support.modules import MODULES, nodes
 
 import tofmix
 from tofmix.compiled import kept
@@ -62,6 +64,16 @@ def test_a_change_in_a_called_kernel_reaches_its_callers(tmp_path: Path) -> None
 
 
 @pytest.mark.slow
+def test_every_module_with_a_kernel_is_in_the_key() -> None:
+    has_jit = [
+        module
+        for module in MODULES
+        if any(isinstance(node, ast.ImportFrom) and node.module == "tofmix.compiled.jit" for node in nodes(module))
+    ]
+    assert len(has_jit) > 50
+    assert set(has_jit) <= set(kept.kernel_files())
+
+
 def test_code_lies_beside_the_package_so_that_its_removal_leaves_nothing_to_import(tmp_path: Path) -> None:
     package, environment = _copied_package(tmp_path), _environment(tmp_path)
     _run(PROGRAM, environment)

@@ -29,7 +29,7 @@ import stat
 import sys
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -110,6 +110,7 @@ CANNOT_KEEP = (
 _KERNEL_FOLDERS = (
     "compiled",
     "estimation",
+    "image",
     "mapping",
     "reconciliation",
     "simulation",
@@ -117,7 +118,7 @@ _KERNEL_FOLDERS = (
     "suspicion",
     "unmixing",
 )
-_KERNEL_FILES = "learnt_noise.py", "optics/cells.py"
+_KERNEL_FILES = "layer_of_sample.py", "learnt_noise.py", "optics/cells.py"
 """Files of other folders with a kernel, or a constant that kernels use."""
 _WITHOUT_KERNELS = ("reading.py", "sequence.py")
 """Modules above the kernels, which no kernel takes a constant from."""
@@ -243,12 +244,17 @@ def gather() -> KeptCode | None:
 @cache
 def sources() -> str:
     """Hash of every source file that may hold a kernel, or a constant that one has compiled in."""
-    digest = hashlib.sha256(b"".join((PACKAGE / name).read_bytes() for name in _KERNEL_FILES))
-    for name in _KERNEL_FOLDERS:
-        for source in sorted((PACKAGE / name).rglob("*.py")):
-            if source.name not in _WITHOUT_KERNELS:
-                digest.update(source.name.encode() + source.read_bytes())
+    digest = hashlib.sha256()
+    for source in kernel_files():
+        digest.update(source.name.encode() + source.read_bytes())
     return digest.hexdigest()[:16]
+
+
+def kernel_files() -> Iterator[Path]:
+    """Source files that may hold a kernel, or a constant that one has compiled in."""
+    yield from (PACKAGE / name for name in _KERNEL_FILES)
+    for name in _KERNEL_FOLDERS:
+        yield from (file for file in sorted((PACKAGE / name).rglob("*.py")) if file.name not in _WITHOUT_KERNELS)
 
 
 @cache
