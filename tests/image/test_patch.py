@@ -152,7 +152,7 @@ def test_a_surface_bends_only_where_its_pixels_say_so(thing: Thing, bends: bool)
     view = seen(thing, 2.0)
     segment = segments_of(view)
     largest = np.array([0])
-    assert may_bend(view, segment, largest, 4).tolist() == [bends]
+    assert may_bend(view, segment, largest, 4)[0].tolist() == [bends]
     assert learn_scales(view, segment, largest, 4).is_flat().tolist() == [not bends]
 
 
@@ -182,7 +182,7 @@ def test_two_columns_of_pixels_tell_no_curvature() -> None:
     segment = np.where(view.valid & (np.abs(np.arange(SIZE * SIZE) % SIZE - 12.5) < 1), 0, -1)
     scales = learn_scales(view, segment, np.array([0]), 4)
     assert not scales.is_known().any()
-    assert not may_bend(view, segment, np.array([0]), 4).any()
+    assert not may_bend(view, segment, np.array([0]), 4)[0].any()
 
 
 def test_light_of_two_columns_is_fitted_where_their_curvature_is_open() -> None:

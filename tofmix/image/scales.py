@@ -53,14 +53,14 @@ class Scales(NamedTuple):
         return np.asarray(self.bend != UNKNOWN[0])
 
 
-def may_bend(view: View, segment: IntArray, numbers: IntArray, reach: int) -> BoolArray:
-    """Which segments (m,) a bent surface explains better than a plane; none that has too few pixels to tell."""
+def may_bend(view: View, segment: IntArray, numbers: IntArray, reach: int) -> tuple[BoolArray, BoolArray]:
+    """Which segments (m,) a bent surface explains better than a plane, and which have enough pixels to tell."""
     if not len(numbers):
-        return np.zeros(0, np.bool_)
+        return np.zeros(0, np.bool_), np.zeros(0, np.bool_)
     trials = np.array([(BENDS[0], THIRDS[0]), (BENDS[2], THIRDS[0]), UNKNOWN])
     owner, sums = _evidence(view, segment, numbers, reach, trials)
     enough = np.bincount(owner, minlength=len(numbers)) >= _LEAST_WINDOWS
-    return np.asarray(enough & (sums[1:].max(axis=0) > sums[0] + math.log(_ODDS_OF_PLANE)))
+    return np.asarray(enough & (sums[1:].max(axis=0) > sums[0] + math.log(_ODDS_OF_PLANE))), enough
 
 
 def _evidence(

@@ -266,7 +266,7 @@ def _of(values: BoolArray, number: IntArray) -> BoolArray:
 def _bent(view: View, group: IntArray, doubtful: BoolArray) -> tuple[IntArray, Scales]:
     """Smooth surface (pixel,) of the pixels of groups that bend, among those with doubtful pixels; and their scales."""
     numbers = np.unique(group[doubtful & (group >= 0)])
-    numbers = numbers[may_bend(view, group, numbers, REACH)]
+    numbers = numbers[may_bend(view, group, numbers, REACH)[0]]
     if not numbers.size:
         return np.full(view.valid.size, -1), Scales(*np.zeros((3, 0)))
     scales = learn_scales(view, group, numbers, REACH)

@@ -301,7 +301,7 @@ def _best_curve(
     """Return the start that predicts held-out pixels best, and the Gaussian noise measured from it, if any.
 
     Where several starts lead to different curves, each is judged with the `parts` of the background, if they gain:
-    without them the widest curve alone explains fog.
+    without them the widest curve alone explains fog. Its noise then has the sigma that was measured beside them.
     """
     starts = [(curve, candidate_of(folds, noises)) for curve, noises in different_starts(folds, curves, sensor)]
     known = [(curve, plain) for curve, plain in starts if plain is not None]
@@ -311,8 +311,16 @@ def _best_curve(
     for curve, plain in known:
         trial = _with_parts(folds, plain, parts) if len(known) > 1 else plain
         if best is None or held_out_gain(trial, best) > 0.0:
-            chosen, best = (curve, plain), trial
+            chosen, best = (curve, plain if trial is plain else _without(folds, trial, parts)), trial
     return chosen
+
+
+def _without(folds: Sequence[Fold], candidate: NoiseCandidate, parts: Sequence[str]) -> NoiseCandidate:
+    """The candidate without parts; its sigma stays."""
+    noises = candidate.noises
+    for part in parts:
+        noises = tuple(without_part(noise, part) for noise in noises)
+    return candidate_of(folds, noises) or candidate
 
 
 def _with_parts(folds: Sequence[Fold], plain: NoiseCandidate, parts: Sequence[str]) -> NoiseCandidate:

@@ -20,7 +20,7 @@ import numpy as np
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.estimation.noise.series import read_runs
 from tofmix.estimation.samples import FARTHEST_MM
-from tofmix.learnt_noise import RangeStep
+from tofmix.learnt_noise import WHOLE_MM, RangeStep
 from tofmix.recording import SampleSource, samples_a_frame
 
 MOST_MULTIPLE = 4
@@ -141,8 +141,12 @@ def find_step(samples_mm: Float32Array) -> RangeStep | None:
     """
     some = samples_mm[:, :FIRST_FRAMES]
     some = some[:: max(1, some.size // MOST_VALUES)]
-    if some.size < samples_mm.size and _find(some) is None:
-        return None
+    if some.size < samples_mm.size:
+        found = _find(some)
+        # Whole numbers lie on no step finer than 1, and these on no wider one
+        is_one = found is not None and found.is_common and found.typical() == WHOLE_MM
+        if found is None or (is_one and np.array_equal(samples_mm, np.rint(samples_mm), equal_nan=True)):
+            return found
     return _find(samples_mm)
 
 
