@@ -6,8 +6,8 @@ from support.round_things import OPEN_SCENES, SCENES, Thing, cylinder, render, s
 
 import tofmix as tm
 from tofmix.flags import Mixing
+from tofmix.unmixing.chords import unseen_log_density
 from tofmix.unmixing.curved_labels import _lesser_part, _seen_probability
-from tofmix.unmixing.hypotheses import unseen_log_density
 from tofmix.unmixing.labels import mixed_probability
 from tofmix.unmixing.phasors import mean_phasors
 from tofmix.unmixing.settings import CurvedSettings, UnmixSettings

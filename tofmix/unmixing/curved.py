@@ -27,8 +27,9 @@ from tofmix.image.light import STATES, Lit, with_light
 from tofmix.image.patch import STATE, fit_patches, meet
 from tofmix.image.scales import Scales
 from tofmix.image.segments import LEAST_PIXELS, REACH, View, around, grid_of_places, lattice_of_places
-from tofmix.unmixing.hypotheses import OpenSpace, unseen_log_density
+from tofmix.unmixing.chords import unseen_log_density
 from tofmix.unmixing.image import ComplexArray, PhasorImage
+from tofmix.unmixing.likeliest import OpenSpace
 
 
 class Bent(IntEnum):

@@ -16,9 +16,9 @@ from tofmix.image.scales import BENDS, THIRDS, Scales, learn_scales, may_bend
 from tofmix.image.segments import LEAST_PIXELS, REACH, View, rim_of, segments_of
 from tofmix.unmixing.curved import Bent, Verdicts, judge_bent
 from tofmix.unmixing.functions import ndtr
-from tofmix.unmixing.hypotheses import Kind, OpenSpace
 from tofmix.unmixing.image import ComplexArray, PhasorImage, polar_covariance, variance_along
 from tofmix.unmixing.labels import LOG_ODDS_OF_PLANES, Labels, open_spaces
+from tofmix.unmixing.likeliest import Kind, OpenSpace
 from tofmix.unmixing.seeds import without_creases
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, CurvedSettings, UnmixSettings
 

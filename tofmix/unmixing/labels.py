@@ -27,8 +27,9 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.masks import near, sum_around
-from tofmix.unmixing.hypotheses import ENDS, Kind, LikeliestHypotheses, OpenSpace, judge
+from tofmix.unmixing.hypotheses import judge
 from tofmix.unmixing.image import ComplexArray, PhasorImage
+from tofmix.unmixing.likeliest import ENDS, Kind, LikeliestHypotheses, OpenSpace
 from tofmix.unmixing.lines import Mixtures, agree, find_lines
 from tofmix.unmixing.neighbours import DistantPlane, distant_planes
 from tofmix.unmixing.seeds import Seeds, find_seeds

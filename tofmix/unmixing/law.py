@@ -12,9 +12,9 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.masks import count_around
-from tofmix.unmixing.hypotheses import Kind
 from tofmix.unmixing.image import PhasorImage, places, variance_along, window
 from tofmix.unmixing.labels import Labels
+from tofmix.unmixing.likeliest import Kind
 from tofmix.unmixing.settings import LawSettings
 
 

@@ -26,10 +26,10 @@ from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import beam_directions_of
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.unmixing.curved_labels import label_curved
-from tofmix.unmixing.hypotheses import Kind
 from tofmix.unmixing.image import PhasorImage, make_image
 from tofmix.unmixing.labels import Labels, label
 from tofmix.unmixing.law import MixingLaw, measure_law
+from tofmix.unmixing.likeliest import Kind
 from tofmix.unmixing.phasors import mean_phasors, phase_scale_mm
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, UnfoldingSettings, UnmixSettings
 
