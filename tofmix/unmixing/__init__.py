@@ -7,6 +7,6 @@ neighbours.
 The data's path: samples -> `phasors` (mean and covariance of each pixel) -> `image` (the measurements of one window) ->
 `unfolding` (surfaces beyond the fold of a folded axis) -> `seeds` (pixels that certainly see one surface), `lines`
 (narrow surfaces, of one column or row of pixels) and `distant` (planes of large surfaces) -> `neighbours` (the surfaces
-beside a pixel, continued to it) -> `hypotheses` (one surface; `chords`: two, three; `likeliest`: the one to keep) -> `labels` (rounds over all pixels) ->
-`law` (are the samples phasor sums at all?) -> `rewriting` (layers).
+beside a pixel, continued to it) -> `hypotheses` (one surface; `chords`: two, three; `likeliest`: the one to keep) ->
+`labels` (rounds over all pixels) -> `law` (are the samples phasor sums at all?) -> `rewriting` (layers).
 """
