@@ -20,7 +20,6 @@ from tofmix.bounds import (
     Share,
     check_ascending,
     check_bounds,
-    check_one_of,
     checked,
     declared,
 )
@@ -29,7 +28,6 @@ from tofmix.estimation.filters import FilterSettings
 from tofmix.estimation.noise.curve_check import CurveTolerances
 from tofmix.estimation.noise.settings import AmplitudeSettings, CurveSettings, NoiseSettings, OutlierSettings
 from tofmix.io.guard.structure_rules import Limits
-from tofmix.reconciliation.search.search_state import Settings
 from tofmix.report.explorer.packing import PageLimits
 from tofmix.report.summary.thresholds import Thresholds
 from tofmix.surfaces.settings import BrightnessSettings, EdgeSettings, LinkSettings, ShareSettings, SurfaceSettings
@@ -53,7 +51,6 @@ CLASSES: tuple[type, ...] = (
     NoiseSettings,
     OutlierSettings,
     Limits,
-    Settings,
     PageLimits,
     CurvedSettings,
     Thresholds,
@@ -73,12 +70,12 @@ CLASSES: tuple[type, ...] = (
     UnfoldingSettings,
     UnmixSettings,
 )
-WITH_A_CHECK_OF_THEIR_OWN = {"RecordingSettings"}
-"""Settings of a model file, whose refusals name its keys."""
+WITH_A_CHECK_OF_THEIR_OWN = {"RecordingSettings", "Settings"}
+"""Settings of a model file, whose refusals name its keys, and of a reconciliation, whose bounds are in `options`."""
 
 
 def _made(settings: type, **values: Any) -> Any:  # noqa: ANN401  of any class
-    return settings(**({"kinds": ()} if settings is Settings else {}) | values)
+    return settings(**values)
 
 
 def _changed(made: Any, **values: Any) -> Any:  # noqa: ANN401  of any class
@@ -195,7 +192,6 @@ def test_every_class_of_settings_is_checked() -> None:
         (AmplitudeSettings, {"exponents": (2.0, 2.0)}, "exponents is .* give ascending values"),
         (AmplitudeSettings, {"pieces": (1, 3, 2)}, "pieces is .* give ascending values"),
         (AmplitudeSettings, {"ends": (0.9, 0.1)}, "ends is .* give ascending values"),
-        (Settings, {"split": "rows"}, "split is 'rows'; give one of frames,pixels, frames, pixels"),
         (AmplitudeSettings, {"pieces": [1, 2]}, r"pieces is \[1, 2\]; give a tuple"),
         (CurveSettings, {"slopes": (1.0,)}, r"slopes is \(1.0,\); give 2 values"),
         (LinkSettings, {"sweeps": 4.0}, r"sweeps is 4.0; give a whole number of at least 0"),
@@ -261,18 +257,14 @@ def test_a_checked_tuple_stays_one() -> None:
 
 @dataclass(frozen=True)
 class Ordered:
-    """Ascending values and a text of two."""
+    """Ascending values."""
 
     values: tuple[float, ...] = (1.0, 2.0)
-    word: str = "a"
 
 
-def test_order_and_words_are_checked() -> None:
+def test_order_is_checked() -> None:
     check_bounds(Ordered())
     check_ascending(Ordered(), "values")
     check_ascending(Ordered(values=()), "values")
-    check_one_of(Ordered(), "word", ("a", "b"))
     with pytest.raises(UsageError, match="values is"):
         check_ascending(Ordered(values=(1.0, 1.0)), "values")
-    with pytest.raises(UsageError, match=r"Ordered: word is 'c'; give one of a, b"):
-        check_one_of(Ordered(word="c"), "word", ("a", "b"))

@@ -12,7 +12,6 @@ A named tuple, which kernels take, is decorated with `checked` instead.
 """
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache, wraps
 from itertools import pairwise
@@ -140,19 +139,6 @@ def check_ascending(settings: Any, *names: str) -> None:  # noqa: ANN401  of any
         values = getattr(settings, name)
         if any(not low < high for low, high in pairwise(values)):
             raise _refusal(settings, name, "give ascending values")
-
-
-def check_one_of(settings: Any, name: str, known: Iterable[str]) -> None:  # noqa: ANN401  of any class
-    """Refuse a text, the field `name`, that is not among the known ones.
-
-    Raises
-    ------
-    UsageError
-        If it is none of them.
-    """
-    texts = tuple(known)
-    if getattr(settings, name) not in texts:
-        raise _refusal(settings, name, f"give one of {', '.join(texts)}")
 
 
 def _is_number(value: object, kind: type) -> bool:

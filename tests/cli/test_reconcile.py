@@ -113,8 +113,8 @@ def test_folder_holds_gap_report_and_a_model_that_runs(
     assert "Verdict: explained" in page
     titles = re.findall(r"<h3>(residual of each pixel, .*?)</h3>", page)
     assert titles == [f"residual of each pixel, {when}" for when in ("before", "after")]
-    before, after = re.findall(r'srcset="(data:image/png.*?)">\s*<img src="(data:image/png.*?)"', page)
-    assert len({*before, *after}) == 4  # dark and light, before and after
+    before, after = re.findall(r'<img src="(data:image/png.*?)"', page)  # the same for dark and light pages
+    assert before != after
     assert tofmix("simulate", folder / "model.toml", "-o", tmp_path / "again.h5").code == 0
     assert verdict(folder / "model.toml", files[1], kinds=("fixed_pattern", "range_offset")) == "agree"
     again = tofmix("reconcile", *files, "-o", folder)

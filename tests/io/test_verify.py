@@ -16,7 +16,7 @@ from tofmix.io.recording.recording_writer import RecordingWriter
 from tofmix.io.verify import verify
 from tofmix.layers import Provenance
 from tofmix.sensor import NoiseCurve, Sensor
-from tofmix.simulation.model import Truth
+from tofmix.simulation.truth import Truth
 from tofmix.windows import Windows
 
 Change = Callable[[h5py.File], object]

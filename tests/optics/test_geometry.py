@@ -9,7 +9,8 @@ from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import beam_directions_of
 from tofmix.sensors import load_profile
 from tofmix.simulation.casting.cast import cast_scene
-from tofmix.simulation.model import Model, Surface
+from tofmix.simulation.model import Model
+from tofmix.simulation.surface import Surface
 
 VIEW = {"fov_horizontal_deg": 47.0, "fov_vertical_deg": 39.0}
 

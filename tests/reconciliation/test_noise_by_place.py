@@ -14,7 +14,8 @@ from tofmix.reconciliation.measured_noise import Uneven, uneven_noise
 from tofmix.reconciliation.search.refit import begin
 from tofmix.reconciliation.search.search_state import Settings, fit_part
 from tofmix.sensor import NoiseCurve
-from tofmix.simulation.model import Model, Surface
+from tofmix.simulation.model import Model
+from tofmix.simulation.surface import Surface
 
 SETTINGS = Settings(kinds=("range_offset",))
 BOARD = Surface(name="board", center_mm=(-350.0, 0.0, 1800.0), size_mm=(600.0, 900.0), yaw_deg=10.0, reflectivity=0.4)

@@ -15,8 +15,9 @@ from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import Effect
-from tofmix.simulation.model import Model, Surface
+from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks
+from tofmix.simulation.surface import Surface
 
 SHAPES = [(1, 24), (24, 1)]
 FRAMES = 80

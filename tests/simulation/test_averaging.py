@@ -9,8 +9,9 @@ import pytest
 from tofmix.errors import BadInputError
 from tofmix.simulation.averaging import exposure_times
 from tofmix.simulation.casting.cast import cast_scene
-from tofmix.simulation.model import Model, Surface
+from tofmix.simulation.model import Model
 from tofmix.simulation.render import FrameBlock, recording_sensor, render_blocks
+from tofmix.simulation.surface import Surface
 
 MakeModel = Callable[..., Model]
 BOARD = Surface(name="board", center_mm=(0, 0, 3000), size_mm=(3000, 3000), reflectivity=0.8)

@@ -6,8 +6,9 @@ import pytest
 from tofmix.errors import BadInputError
 from tofmix.simulation.builtin import BUILTIN_MODELS, builtin_description, builtin_text
 from tofmix.simulation.casting.cast import cast_scene
-from tofmix.simulation.model import Model, Truth
+from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import parse_model
+from tofmix.simulation.truth import Truth
 
 
 @pytest.mark.parametrize("name", BUILTIN_MODELS)

@@ -10,7 +10,9 @@ from scipy import stats
 
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.events import EventSamples, EventTable, draw, event_table, frame_generator, stored_range
-from tofmix.simulation.model import Model, Surface, Truth
+from tofmix.simulation.model import Model
+from tofmix.simulation.surface import Surface
+from tofmix.simulation.truth import Truth
 
 MakeModel = Callable[..., Model]
 Drawn = tuple[Model, Truth, EventTable, list[EventSamples]]

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from tofmix.sensors import CompleteCamera
-from tofmix.simulation.model import Model, RecordingSettings, Surface
+from tofmix.simulation.model import Model, RecordingSettings
+from tofmix.simulation.surface import Surface
 
 BOARD = Surface(name="board", center_mm=(0, 0, 2000), size_mm=(500, 400))
 

@@ -6,9 +6,10 @@ import pytest
 
 from tofmix.errors import BadInputError
 from tofmix.simulation.casting.cast import cast_scene
-from tofmix.simulation.model import RecordingSettings, Surface
+from tofmix.simulation.model import RecordingSettings
 from tofmix.simulation.model_toml import parse_model
 from tofmix.simulation.render import render_blocks
+from tofmix.simulation.surface import Surface
 
 CONTRACT = """
 [sensor]

@@ -12,9 +12,11 @@ from scipy import special, stats
 
 from tofmix.simulation.builtin import builtin_text
 from tofmix.simulation.casting.cast import cast_scene
-from tofmix.simulation.model import Model, Surface, Truth
+from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import parse_model
 from tofmix.simulation.render import FrameBlock, recording_sensor, render_blocks
+from tofmix.simulation.surface import Surface
+from tofmix.simulation.truth import Truth
 
 Floats = NDArray[np.float64]
 MakeModel = Callable[..., Model]

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from tofmix.simulation.model import Surface, angle_changes, tilts_to
+from tofmix.simulation.surface import Surface, angle_changes, tilts_to
 
 ANGLE = st.floats(-180, 180)
 TILT = st.floats(-15, 15)

@@ -17,7 +17,8 @@ from scipy.ndimage import distance_transform_edt
 from tofmix.mapping.occupancy import FloorMap, State
 from tofmix.sensors import load_profile
 from tofmix.sensors.camera import CompleteCamera
-from tofmix.simulation.model import Model, Surface
+from tofmix.simulation.model import Model
+from tofmix.simulation.surface import Surface
 
 Bools = NDArray[np.bool_]
 

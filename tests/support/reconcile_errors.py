@@ -18,7 +18,8 @@ from tofmix.reconciliation.workflow import reconcile
 from tofmix.sensor import NoiseCurve
 from tofmix.sensors import load_profile
 from tofmix.simulation.effects import Effect
-from tofmix.simulation.model import Model, RecordingSettings, Surface
+from tofmix.simulation.model import Model, RecordingSettings
+from tofmix.simulation.surface import Surface
 
 FRAMES = 120
 MEMORY = MAKE["temporal_correlation"](coefficient=0.5)

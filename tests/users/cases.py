@@ -18,8 +18,9 @@ from tofmix.simulation.effects.base import Context
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.surface_pose import SurfacePose
 from tofmix.simulation.exposure import predict
-from tofmix.simulation.model import Model, RecordingSettings, Surface
+from tofmix.simulation.model import Model, RecordingSettings
 from tofmix.simulation.render import render_blocks
+from tofmix.simulation.surface import Surface
 from users.rooms import ROOMS
 from users.strangers import STRANGERS, Stranger
 

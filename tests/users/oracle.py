@@ -24,7 +24,8 @@ from tofmix.simulation.distribution import Prediction
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.base import Level
 from tofmix.simulation.exposure import predict
-from tofmix.simulation.model import Model, angle_changes
+from tofmix.simulation.model import Model
+from tofmix.simulation.surface import angle_changes
 from users.cases import FRAMES, RATE_HZ, Case
 
 KNOWN_NATS = 20.0

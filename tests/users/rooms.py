@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from tofmix.simulation.model import Surface
+from tofmix.simulation.surface import Surface
 
 _Draw = np.random.Generator
 

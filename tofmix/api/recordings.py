@@ -19,7 +19,7 @@ from tofmix.sensor import NoiseCurve, Sensor
 
 if TYPE_CHECKING:
     from tofmix.sensors import Camera
-    from tofmix.simulation.model import Truth
+    from tofmix.simulation.truth import Truth
 
 _IMAGE_DIMENSIONS = 2
 """Rows and columns."""

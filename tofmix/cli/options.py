@@ -104,7 +104,8 @@ json_option = click.option(
 def declared(options: Mapping[str, Option], name: str, *flags: str, **more: Any) -> Callable[[F], F]:  # noqa: ANN401  of click
     """The decorator of an option that is declared in `tofmix.options`, with `more` that the command adds."""
     option = options[name]
-    words: Any = {"help": more.pop("before", "") + option.help}
+    before = more.pop("before", "")
+    words: Any = {"help": before + option.help[0].lower() + option.help[1:] if before else option.help}
     if option.is_flag:
         words["is_flag"] = True
     elif option.choices:

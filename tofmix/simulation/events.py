@@ -21,7 +21,7 @@ from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.noise_shape import NoiseShape
 from tofmix.sensor import NoiseCurve
 from tofmix.sensors.camera import CompleteCamera
-from tofmix.simulation.model import Truth
+from tofmix.simulation.truth import Truth
 
 _STREAM = (zlib.crc32(b"noise width"), 0)
 """Where the widths' random stream is among those of a recording: no frame and no effect has it."""

@@ -38,7 +38,8 @@ from tofmix.simulation.events import (
     noisy_amplitude,
     shaped,
 )
-from tofmix.simulation.model import Model, Truth
+from tofmix.simulation.model import Model
+from tofmix.simulation.truth import Truth
 
 
 def equation_1(truth: Truth, model: Model) -> Prediction:

@@ -31,7 +31,8 @@ from tofmix.simulation.effects import EFFECTS, Effect, PixelMap
 from tofmix.simulation.effects.base import LEVEL_NAMES, Level
 from tofmix.simulation.effects.parameter import Holds, Parameter
 from tofmix.simulation.effects.quantisation import Quantisation
-from tofmix.simulation.model import Model, RecordingSettings, Surface
+from tofmix.simulation.model import Model, RecordingSettings
+from tofmix.simulation.surface import Surface
 from tofmix.toml_table import MapReader, TomlTable, nearest, parse_toml
 from tofmix.wording import counted
 

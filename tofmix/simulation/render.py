@@ -28,7 +28,8 @@ from tofmix.simulation.events import (
     stored_range,
 )
 from tofmix.simulation.exposure import Exposer, StillScene, check_averages, recorded_amplitude
-from tofmix.simulation.model import Model, Truth
+from tofmix.simulation.model import Model
+from tofmix.simulation.truth import Truth
 
 _FRAMES_AT_ONCE = 16  # held in memory with all that their samples carry
 

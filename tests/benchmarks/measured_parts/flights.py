@@ -16,7 +16,8 @@ from tofmix.arrays import Float32Array, FloatArray
 from tofmix.optics.projection import beam_directions_of
 from tofmix.sensor import NoiseCurve
 from tofmix.sensors.camera import CompleteCamera
-from tofmix.simulation.model import Model, RecordingSettings, Surface
+from tofmix.simulation.model import Model, RecordingSettings
+from tofmix.simulation.surface import Surface
 
 FLIGHTS = ("A0", "A1", "A2", "A3", "A4")
 VALID = (5, 9)  # status of a zone

@@ -23,7 +23,8 @@ from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.parameter import PixelMap
-from tofmix.simulation.model import Model, RecordingSettings, Surface
+from tofmix.simulation.model import Model, RecordingSettings
+from tofmix.simulation.surface import Surface
 
 CASES = 600
 """200 permuted, 200 medians over 3, 200 medians over 5."""

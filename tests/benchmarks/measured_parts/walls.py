@@ -22,8 +22,9 @@ from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.parameter import PixelMap
 from tofmix.simulation.effects.phase_wrapping import PhaseWrapping
-from tofmix.simulation.model import Model, RecordingSettings, Surface
+from tofmix.simulation.model import Model, RecordingSettings
 from tofmix.simulation.render import render_blocks
+from tofmix.simulation.surface import Surface
 
 CASES = 120
 OFFSET_MM, BIAS_MM, FRAMES, RATE_HZ = 15.0, 10.0, 30, 25.0

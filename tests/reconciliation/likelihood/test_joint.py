@@ -17,7 +17,8 @@ from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.words import summary_lines
 from tofmix.reconciliation.workflow import Reconciliation, reconcile
 from tofmix.simulation.effects import Effect
-from tofmix.simulation.model import Model, Surface
+from tofmix.simulation.model import Model
+from tofmix.simulation.surface import Surface
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tofmix.reconciliation.parameters.planes import measured_pose, range_slopes, ranges_to
 from tofmix.simulation.effects.surface_pose import SurfacePose
-from tofmix.simulation.model import Surface
+from tofmix.simulation.surface import Surface
 
 WALL = Surface(name="wall", center_mm=(150.0, -80.0, 2300.0), size_mm=(3000, 2000), yaw_deg=12.0, pitch_deg=-7.0)
 

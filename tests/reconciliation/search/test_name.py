@@ -12,7 +12,8 @@ from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.sensors import load_profile
 from tofmix.simulation.effects.surface_pose import SurfacePose
-from tofmix.simulation.model import Model, Surface
+from tofmix.simulation.model import Model
+from tofmix.simulation.surface import Surface
 
 KINDS = ("range_offset", "surface_pose", "multipath", "amplitude_walk", "temperature_drift", "excess_noise")
 

@@ -14,7 +14,8 @@ from tofmix.reconciliation.search.columns import Column, Term, terms
 from tofmix.reconciliation.search.refit import begin
 from tofmix.reconciliation.search.summaries import PixelSummary, summaries
 from tofmix.simulation.effects import EFFECTS
-from tofmix.simulation.model import Model, Surface
+from tofmix.simulation.model import Model
+from tofmix.simulation.surface import Surface
 
 TOLERANCE = 0.1
 

@@ -14,7 +14,8 @@ from tofmix.reconciliation.verification.next_steps import remedies, worse
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.sensors import load_profile
 from tofmix.simulation.effects.surface_pose import SurfacePose
-from tofmix.simulation.model import Model, RecordingSettings, Surface
+from tofmix.simulation.model import Model, RecordingSettings
+from tofmix.simulation.surface import Surface
 
 
 @pytest.mark.slow

@@ -11,7 +11,8 @@ from tofmix.reconciliation.workflow import Reconciliation
 from tofmix.report.gap.page import render_gap
 from tofmix.sensors import load_profile
 from tofmix.simulation.effects.range_offset import RangeOffset
-from tofmix.simulation.model import Model, RecordingSettings, Surface
+from tofmix.simulation.model import Model, RecordingSettings
+from tofmix.simulation.surface import Surface
 
 MODEL = Model(
     sensor=replace(load_profile("sr4000"), rows=12, cols=16),

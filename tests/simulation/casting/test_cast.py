@@ -13,7 +13,9 @@ from tofmix.errors import BadInputError
 from tofmix.simulation.casting import cast, cast_kernel
 from tofmix.simulation.casting.cast import MIN_SHARE, cast_scene
 from tofmix.simulation.casting.scene import scene_arrays
-from tofmix.simulation.model import Model, Surface, Truth
+from tofmix.simulation.model import Model
+from tofmix.simulation.surface import Surface
+from tofmix.simulation.truth import Truth
 
 Floats = NDArray[np.float64]
 MakeModel = Callable[..., Model]

@@ -17,7 +17,8 @@ from tofmix.simulation.casting import cast_cells
 from tofmix.simulation.casting.cast import MovingCaster, cast_scene
 from tofmix.simulation.casting.scene import scene_arrays
 from tofmix.simulation.effects.base import Context
-from tofmix.simulation.model import Model, RecordingSettings, Surface
+from tofmix.simulation.model import Model, RecordingSettings
+from tofmix.simulation.surface import Surface
 
 Floats = NDArray[np.float64]
 SHARE = 0.001  # the contract

@@ -11,7 +11,9 @@ from tofmix.sensors import CompleteCamera, load_profile
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.casting.polygon_cast import PolygonCaster
 from tofmix.simulation.casting.polygon_kernel import MOST_IN_FRONT
-from tofmix.simulation.model import Model, Surface, Truth
+from tofmix.simulation.model import Model
+from tofmix.simulation.surface import Surface
+from tofmix.simulation.truth import Truth
 
 pytestmark = pytest.mark.compiled("thousands of pixels are cut")
 

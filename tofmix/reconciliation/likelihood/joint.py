@@ -7,16 +7,14 @@ equal in both models. Otherwise they have different names during the search (`te
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
 from tofmix.reconciliation.evidence import Evidence, join
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part
-from tofmix.reconciliation.likelihood.mixture import Mixture, Scene
+from tofmix.reconciliation.likelihood.mixture import Mixture, Scene, Scenes
 from tofmix.reconciliation.likelihood.side_information import (
     SideInformation,
     amplitude_information,
@@ -28,76 +26,10 @@ from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.model import Model
 
 if TYPE_CHECKING:
-    from tofmix.simulation.model import Surface
+    from tofmix.simulation.surface import Surface
 
 Recording = tuple[Model, Evidence]
 """A model and the samples of its recording."""
-
-
-class Scenes:
-    """The scenes of several recordings, with the interface of one `Scene`; frames of the recordings follow each other.
-
-    Parameters
-    ----------
-    members : tuple of Scene
-        At least one; different surfaces have different names.
-    """
-
-    def __init__(self, members: tuple[Scene, ...]) -> None:
-        self.members = members
-        self.model = members[0].model
-        distances = {name: d for m in reversed(members) for name, d in zip(m.names, m.distance, strict=True)}
-        self.names = tuple(dict.fromkeys(name for m in members for name in m.names))
-        self.distance = np.array([distances[name] for name in self.names])
-
-    @property
-    def sigma_of_place(self) -> FloatArray:
-        """As `Scene.sigma_of_place`: the median over the recordings that show a surface."""
-        found = [dict(zip(m.names, m.sigma_of_place, strict=True)) for m in self.members]
-        seen = ([own[name] for own in found if name in own and own[name] > 0] for name in self.names)
-        return np.array([float(np.median(values)) if values else np.nan for values in seen])
-
-    @property
-    def effects(self) -> tuple[Effect, ...]:
-        """Effects of any of the models."""
-        return tuple(e for m in self.members for e in m.effects)
-
-    @property
-    def links(self) -> tuple[Effect, ...]:
-        """As `Scene.links`: the first of each kind, because there is one camera."""
-        found: dict[str, Effect] = {}
-        for member in self.members:
-            found |= {e.kind: e for e in member.links if e.kind not in found}
-        return tuple(found.values())
-
-    def mixture(self, effects: tuple[Effect, ...] = ()) -> Mixture:
-        """The prediction of the models and these effects for all frames."""
-        parts = [member.mixture(effects) for member in self.members]
-        most = max(p.weight.shape[1] for p in parts)
-        times = np.cumsum([0, *(len(p.weight) for p in parts)])
-        joined = {name: np.concatenate([_padded(p, name, most) for p in parts]) for name in _BY_COMPONENT}
-        key = np.concatenate([p.key + start for p, start in zip(parts, times[:-1], strict=True)])
-        whole = {name: np.concatenate([getattr(p, name) for p in parts]) for name in ("invalid", "since", "frame_bias")}
-        changed: dict[str, Any] = {**joined, **whole, "key": key}
-        return replace(parts[0], **changed)
-
-
-_BY_COMPONENT = {
-    "weight": 0.0,
-    "mean": 1.0,
-    "sigma": 1.0,
-    "rate": 0.0,
-    "lit": False,
-    "surface": -1,
-    "amplitude": 0.0,
-    "true_range": 1.0,
-}
-
-
-def _padded(part: Mixture, name: str, components: int) -> NDArray[Any]:
-    values: NDArray[Any] = getattr(part, name)
-    missing = components - values.shape[1]
-    return np.pad(values, ((0, 0), (0, missing), (0, 0)), constant_values=_BY_COMPONENT[name])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

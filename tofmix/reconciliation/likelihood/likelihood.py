@@ -20,13 +20,12 @@ from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.compiled.jit import jit
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.kernel import Sorted, empty_sums, log_likelihood, sort_pixels, transform
-from tofmix.reconciliation.likelihood.mixture import Mixture, Scene
+from tofmix.reconciliation.likelihood.mixture import Mixture, Scene, Scenes
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.interference import Interference
 from tofmix.wording import counted
 
 if TYPE_CHECKING:
-    from tofmix.reconciliation.likelihood.joint import Scenes
     from tofmix.reconciliation.likelihood.side_information import SideInformation
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.simulation.model import Surface, tilts_to
+from tofmix.simulation.surface import Surface, tilts_to
 
 _PASSES, _FAR = 12, 6.0  # of a fit; largest residual of a pixel, in medians of the residuals
 _LEAST_MM = 1.0  # range

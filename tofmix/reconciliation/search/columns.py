@@ -17,7 +17,7 @@ from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.search.summaries import PixelSummary, surfaces_of
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.search import Coefficient, FormFacts
-from tofmix.simulation.model import Surface
+from tofmix.simulation.surface import Surface
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

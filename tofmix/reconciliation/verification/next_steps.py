@@ -24,7 +24,7 @@ from tofmix.reconciliation.verification.verify import Verified
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.range_offset import RangeOffset
 from tofmix.simulation.effects.surface_pose import SurfacePose
-from tofmix.simulation.model import Surface
+from tofmix.simulation.surface import Surface
 from tofmix.wording import counted
 
 _CLEAR = 5.0  # least distance from the model's pose, in standard errors

@@ -19,7 +19,9 @@ from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.casting.cast_cells import cast_cells, reached_cells
 from tofmix.simulation.casting.cast_kernel import cast_row, reached_row
 from tofmix.simulation.casting.scene import SceneArrays, scene_arrays
-from tofmix.simulation.model import MAX_LENGTH_MM, Model, Truth
+from tofmix.simulation.model import Model
+from tofmix.simulation.surface import MAX_LENGTH_MM
+from tofmix.simulation.truth import Truth
 
 MIN_SHARE = 1.0e-4
 """A surface or a gap of less than this share of a pixel is left out, and the others take its place.

@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.simulation.model import Model, Surface
+from tofmix.simulation.model import Model
+from tofmix.simulation.surface import Surface
 
 _EDGE_ON_MM = 1.0e-6  # a plane that passes this near to the sensor is seen edge-on: it covers no area
 

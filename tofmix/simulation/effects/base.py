@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
     from tofmix.simulation.echoes import Echoes, FrameSamples
     from tofmix.simulation.effects.search import FormFacts, LinearForm, Problem, SearchFacts
-    from tofmix.simulation.model import Surface
+    from tofmix.simulation.surface import Surface
 
 _RECORDING, _FRAME = 0, 1  # branches of an effect's random streams
 

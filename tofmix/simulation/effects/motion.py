@@ -12,7 +12,7 @@ from tofmix.simulation.effects.search import Coefficient, FormFacts, LinearForm,
 from tofmix.simulation.effects.surface_pose import SurfacePose, shifted
 
 if TYPE_CHECKING:
-    from tofmix.simulation.model import Surface
+    from tofmix.simulation.surface import Surface
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,7 +16,7 @@ from tofmix.simulation.effects.parameter import Holds
 
 if TYPE_CHECKING:
     from tofmix.simulation.effects.base import Effect
-    from tofmix.simulation.model import Surface
+    from tofmix.simulation.surface import Surface
 
 OUT_OF_SIGHT = 3.0
 """Distance, in sigma, from which a likelihood has no slope towards samples."""

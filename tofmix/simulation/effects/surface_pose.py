@@ -11,10 +11,10 @@ from tofmix.arrays import FloatArray
 from tofmix.simulation.effects.base import Effect, Level, Target
 from tofmix.simulation.effects.parameter import StudentPrior, number, surface
 from tofmix.simulation.effects.search import Coefficient, FormFacts, LinearForm, Problem, SearchFacts, spread_of
-from tofmix.simulation.model import angle_changes
+from tofmix.simulation.surface import angle_changes
 
 if TYPE_CHECKING:
-    from tofmix.simulation.model import Surface
+    from tofmix.simulation.surface import Surface
 
 
 _TURNED_NATS = 6.0
