@@ -137,6 +137,7 @@ _PARTS = {
     "estimation.learnt": "learnt noise",
     "estimation": "noise",
     "unmixing": "unmixing",
+    "image": "curved surfaces",
     "surfaces": "edges",
     "suspicion": "suspicions",
     "mapping": "maps",
