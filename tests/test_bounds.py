@@ -1,16 +1,21 @@
-"""Bounds of settings: every class of settings refuses each field's values out of bounds, and takes those within."""
+"""Bounds of settings, options, tables, errors and words."""
 
 import ast
 import inspect
 import math
+import re
+from collections.abc import Callable
 from dataclasses import dataclass, is_dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import click
 import numpy as np
 import pytest
 
 import tofmix
+from tofmix import options
 from tofmix.bounds import (
     Bounds,
     Count,
@@ -23,14 +28,29 @@ from tofmix.bounds import (
     checked,
     declared,
 )
-from tofmix.errors import UsageError
+from tofmix.cli.estimate import estimate
+from tofmix.cli.reconcile import reconcile
+from tofmix.errors import (
+    EXIT_CODE_MEANINGS,
+    BadInputError,
+    ExitCode,
+    StorageError,
+    TofmixError,
+    UsageError,
+    os_error_text,
+)
 from tofmix.estimation.filters import FilterSettings
 from tofmix.estimation.noise.curve_check import CurveTolerances
 from tofmix.estimation.noise.settings import AmplitudeSettings, CurveSettings, NoiseSettings, OutlierSettings
+from tofmix.estimation.peaks.counters import COUNTERS
+from tofmix.estimation.settings import EstimateOptions
 from tofmix.io.guard.structure_rules import Limits
+from tofmix.options import ESTIMATE, NOISE, RECONCILE, Option
+from tofmix.reconciliation.search.search_state import Settings
 from tofmix.report.explorer.packing import PageLimits
 from tofmix.report.summary.thresholds import Thresholds
 from tofmix.surfaces.settings import BrightnessSettings, EdgeSettings, LinkSettings, ShareSettings, SurfaceSettings
+from tofmix.toml_table import nearest, parse_toml
 from tofmix.unmixing.settings import (
     CurvedSettings,
     HypothesisSettings,
@@ -43,6 +63,7 @@ from tofmix.unmixing.settings import (
     UnfoldingSettings,
     UnmixSettings,
 )
+from tofmix.wording import counted, finite_or_none, number, rounded
 
 CLASSES: tuple[type, ...] = (
     AmplitudeSettings,
@@ -268,3 +289,188 @@ def test_order_is_checked() -> None:
     check_ascending(Ordered(values=()), "values")
     with pytest.raises(UsageError, match="values is"):
         check_ascending(Ordered(values=(1.0, 1.0)), "values")
+
+
+CASES = [
+    *((EstimateOptions, estimate, name, option) for name, option in ESTIMATE.items()),
+    *((partial(Settings, kinds=()), reconcile, name, option) for name, option in RECONCILE.items()),
+    *((COUNTERS[k], estimate, name, option) for k, rows in options.COUNTERS.items() for name, option in rows.items()),
+]
+each = pytest.mark.parametrize(("made", "command", "name", "option"), CASES, ids=[case[2] for case in CASES])
+
+
+def _wrong(option: Option) -> list[Any]:
+    """Values of another type, and values past each bound."""
+    if option.is_flag:
+        return ["yes", 1]
+    if option.choices:
+        return ["neither", 1]
+    past: list[Any] = ["1", True, math.nan, math.inf] if not option.whole else ["1", True, 1.5]
+    step = 1 if option.whole else 1e-9
+    past += [option.low if option.low_open else option.low - step]
+    return past + ([option.high if option.high_open else option.high + step] if math.isfinite(option.high) else [])
+
+
+def _right(option: Option) -> list[Any]:
+    """The default, and the bounds that are values."""
+    if option.is_flag:
+        return [False]
+    if option.choices:
+        return list(option.choices)
+    kind = int if option.whole else float
+    ends = [(option.low, option.low_open), (option.high, option.high_open)]
+    return [option.default, *(kind(end) for end, is_open in ends if math.isfinite(end) and not is_open)]
+
+
+@each
+def test_settings_take_what_the_option_allows_and_refuse_the_rest(
+    made: Callable[..., object], command: click.Command, name: str, option: Option
+) -> None:
+    assert getattr(made(), name) == option.default
+    for value in _right(option):
+        made(**{name: value})
+    for value in _wrong(option):
+        with pytest.raises((ValueError, UsageError), match=f"^{name}: "):
+            made(**{name: value})
+    assert name.removesuffix("_mm") in {parameter.name for parameter in command.params}
+
+
+@each
+def test_the_command_s_option_has_the_same_default_bounds_and_choices(
+    made: Callable[..., object], command: click.Command, name: str, option: Option
+) -> None:
+    assert getattr(made(), name) == option.default
+    own = next(p for p in command.params if isinstance(p, click.Option) and p.name == name.removesuffix("_mm"))
+    if option.default is not None and not option.is_flag:
+        assert own.default == option.default
+    if option.choices:
+        assert isinstance(own.type, click.Choice)
+        assert tuple(own.type.choices) == option.choices
+    elif not option.is_flag:
+        assert isinstance(own.type, click.IntRange if option.whole else click.FloatRange)
+        assert (own.type.min, own.type.min_open) == (option.low, option.low_open)
+        assert own.type.max == (None if math.isinf(option.high) else option.high)
+        assert own.type.max_open == option.high_open
+
+
+def test_options_of_measured_noise_are_words_that_the_command_takes() -> None:
+    of_command = {p.name: p for p in estimate.params}
+    for name, option in NOISE.items():
+        assert of_command[name].default == option.default
+        assert option.refusal(name, "neither") == f"{name}: 'neither' is not one of {', '.join(option.choices)}"
+
+
+@pytest.mark.parametrize(
+    ("option", "bounds"),
+    [
+        (Option(help="", default=1, low=1, high=32), "1 to 32"),
+        (Option(help="", default=1, low=0, low_open=True), "above 0"),
+        (Option(help="", default=2, low=2), "at least 2"),
+        (Option(help="", default=0.5, low=0, high=1, high_open=True), "in [0, 1)"),
+        (Option(help="", default=0.5, low=0, high=1, low_open=True, high_open=True), "in (0, 1)"),
+    ],
+)
+def test_bounds_are_told_in_words(option: Option, bounds: str) -> None:
+    assert option.bounds == bounds
+
+
+TABLE = parse_toml("a = true\nb = ['x', 'y']\nc = 1\nd = 'long " + "x" * 90 + "'", source="f")
+
+
+def test_booleans_and_texts_are_read() -> None:
+    assert TABLE.boolean("a") is True
+    assert TABLE.texts("b") == ("x", "y")
+
+
+def test_wrong_types_and_missing_keys_are_refused() -> None:
+    with pytest.raises(BadInputError, match=r"^f: c: expected true or false, got a whole number, 1$"):
+        TABLE.boolean("c")
+    with pytest.raises(BadInputError, match=r"^f: a: expected a list of strings, got a boolean, true$"):
+        TABLE.texts("a")
+    with pytest.raises(BadInputError, match=r"^f: z: missing$"):
+        TABLE.text("z")
+
+
+def test_long_values_are_cut() -> None:
+    with pytest.raises(BadInputError) as caught:
+        TABLE.number("d")
+    assert len(str(caught.value)) < 110
+
+
+def test_nearest_lists_all_even_without_a_guess() -> None:
+    assert nearest("zzz", ["b", "a"]) == "; known: a, b"
+    assert nearest("bb", ["b", "a"]) == '; did you mean "b"? known: a, b'
+
+
+@pytest.mark.parametrize("text", ["a." * 20_000 + "a = 1", "a = 1 # " + "x" * 5000, "a = 1\n" * 200_000])
+def test_texts_that_no_person_writes_are_refused_before_they_are_parsed(text: str) -> None:
+    with pytest.raises(BadInputError, match=r"m\.toml: .* are read"):
+        parse_toml(text, source="m.toml")
+
+
+@pytest.mark.parametrize(("kind", "code"), [(UsageError, 2), (BadInputError, 3), (StorageError, 4)])
+def test_exit_codes_have_the_values_of_the_contract(kind: type[TofmixError], code: int) -> None:
+    assert kind("x").exit_code == code
+
+
+def test_every_code_has_a_meaning() -> None:
+    assert set(EXIT_CODE_MEANINGS) == set(ExitCode)
+
+
+def test_the_text_of_an_os_error_has_no_number() -> None:
+    assert os_error_text(FileNotFoundError(2, "No such file or directory"), "a.h5") == "a.h5: No such file or directory"
+    assert os_error_text(OSError("odd"), "a.h5") == "a.h5: odd"
+
+
+PACKAGE = Path(__file__).parents[1] / "tofmix"
+
+
+def test_one_is_singular_and_all_else_plural() -> None:
+    assert [counted(n, "pixel") for n in (0, 1, 2)] == ["0 pixels", "1 pixel", "2 pixels"]
+    assert counted(25344, "pixel", ",") == "25,344 pixels"
+
+
+@pytest.mark.parametrize(
+    ("value", "form", "text"),
+    [
+        (-0.0, "", "0.0"),
+        (-0.0, ".2f", "0.00"),
+        (-0.004, ".2f", "0.00"),
+        (0.004, "+.2f", "0.00"),
+        (-0.4, ",.0f", "0"),
+        (-0.006, ".2f", "-0.01"),
+        (-0.0, "+.3g", "0"),
+        (-1e-9, ".3g", "-1e-09"),
+        (12.5, "", "12.5"),
+        (float("nan"), ".1f", "nan"),
+        (float("-inf"), ".1f", "-inf"),
+        (-1200.0, ",.0f", "-1,200"),
+    ],
+)
+def test_zero_has_no_sign(value: float, form: str, text: str) -> None:
+    assert number(value, form) == text
+
+
+def test_number_that_is_missing_has_the_text_for_it_and_a_whole_zero_no_digits() -> None:
+    assert number(None, ".2f") == "-"
+    assert number(None, missing="none") == "none"
+    assert number(0, ",") == "0"
+
+
+def test_values_for_json_are_finite_and_rounded_without_a_negative_zero() -> None:
+    assert [finite_or_none(value) for value in (math.nan, math.inf, 1.5, "nan", 2)] == [None, None, 1.5, "nan", 2]
+    assert rounded(1.23456789) == 1.23457
+    assert rounded(1234.5, 2) == 1200.0
+    assert math.copysign(1.0, rounded(-0.0)) == 1.0
+
+
+def test_only_counted_makes_plurals() -> None:
+    """`counted` is the one place: a plural by hand is wrong for 1, or for 0."""
+    by_hand = re.compile(r"['\"]s['\"] ?\*|['\"]s['\"] if ")
+    found = [
+        f"{p}:{n}"
+        for p in PACKAGE.rglob("*.py")
+        for n, line in enumerate(p.read_text().splitlines(), 1)
+        if by_hand.search(line) and p.name not in ("import_.py", "wording.py")
+    ]
+    assert found == []

@@ -1,11 +1,20 @@
-"""Noise curves and sensors: interpolation, and every refusal."""
+"""Noise curves, shapes, backgrounds, what a sensor carries of them, and the table of a camera's numbers."""
 
+import math
+from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 
+from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
+from tofmix.learnt_noise import LearntNoise
+from tofmix.noise_shape import BackgroundDensity, NoiseShape
 from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.sensor_schema import NUMBERS, RARE_SENSOR_NUMBERS, SENSOR_NUMBERS
+from tofmix.sensors import Camera
 
 
 def test_sigma_is_linear_between_points_and_constant_past_the_ends() -> None:
@@ -82,3 +91,205 @@ def test_a_camera_is_lock_in_by_its_measurement_or_by_a_frequency(known: dict[st
 def test_an_unknown_measurement_is_refused_with_the_known_ones() -> None:
     with pytest.raises(ValueError, match='measurement: "phase" is not one of lock-in, pulses, stereo'):
         Sensor(name="camera", measurement="phase")  # type: ignore[arg-type]  # a text of a user
+
+
+FORMATS = (Path(__file__).parents[1] / "docs" / "reference" / "formats.md").read_text(encoding="utf-8")
+
+
+def test_each_number_is_a_field_of_what_files_of_its_kind_are_read_into() -> None:
+    of_recordings = {*SENSOR_NUMBERS, *RARE_SENSOR_NUMBERS}
+    assert of_recordings <= {field.name for field in fields(Sensor)}
+    assert set(NUMBERS) - set(RARE_SENSOR_NUMBERS) <= {field.name for field in fields(Camera)}
+
+
+@pytest.mark.parametrize("name", [*SENSOR_NUMBERS, *RARE_SENSOR_NUMBERS])
+def test_the_reference_has_each_attribute_with_its_unit_and_description(name: str) -> None:
+    number = NUMBERS[name]
+    assert f"| `{name}` | {number.unit} | {number.words} |" in FORMATS.splitlines()
+
+
+@pytest.mark.parametrize("name", [name for name in NUMBERS if name not in RARE_SENSOR_NUMBERS])
+def test_the_example_of_a_model_has_each_key(name: str) -> None:
+    example = FORMATS[FORMATS.index("[sensor]\nprofile") :]
+    assert f"\n{name} = " in example[: example.index("```")]
+
+
+@pytest.mark.parametrize(
+    ("name", "inside", "outside"),
+    [
+        ("rows", (1, 4096), (0, 4097)),
+        ("fov_horizontal_deg", (1e-9, 360.0), (0.0, 360.1, math.nan)),
+        ("range_min_mm", (-5.0, 1e9), (math.inf, math.nan)),
+        ("outlier_probability", (0.0, 0.999), (-1e-9, 1.0, math.nan)),
+        ("exponent", (0.0, 5.0), (-1e-9, math.inf)),
+    ],
+)
+def test_values_at_the_bounds_are_taken_or_refused_as_declared(
+    name: str, inside: tuple[float, ...], outside: tuple[float, ...]
+) -> None:
+    assert [NUMBERS[name].refusal(value) for value in inside] == [""] * len(inside)
+    assert all(NUMBERS[name].refusal(value) for value in outside)
+
+
+def test_a_recording_may_have_values_above_those_of_a_simulated_camera() -> None:
+    assert NUMBERS["range_max_mm"].refusal(1e6)
+    assert not NUMBERS["range_max_mm"].refusal(1e6, limited=False)
+
+
+CHANCES = len(FALSE_ALARMS)
+
+
+def _values(**other: Any) -> dict[str, Any]:  # noqa: ANN401  fields of LearntNoise
+    return {
+        "background": (1.0, 9.0),
+        "drift_mm": np.array([3.0, 0.0, 1.0]),
+        "memory": 0.2,
+        "gain_samples": np.array([10.0, 100.0]),
+        "gain_background": np.array([0.0, 0.1, 0.6]),
+        "gain_more": np.arange(6.0 * CHANCES).reshape(2, 3, CHANCES),
+        "gain_first": np.arange(2.0 * CHANCES).reshape(2, CHANCES),
+    } | other
+
+
+@pytest.mark.parametrize(
+    ("other", "text"),
+    [
+        ({"drift_mm": np.zeros(2)}, "drift_mm: 2 numbers, not 3"),
+        ({"drift_mm": np.array([1.0, -1.0, 0.0])}, "drift_mm: expected 1 dimensions of finite numbers, none negative"),
+        ({"drift_mm": np.zeros((1, 3))}, "drift_mm: expected 1 dimensions"),
+        ({"gain_more": np.full((2, 3, CHANCES), np.nan)}, "gain_more: expected 3 dimensions of finite numbers"),
+        ({"gain_more": np.zeros((2, 2, CHANCES))}, "tables of gains differ in size"),
+        ({"gain_first": np.zeros((2, CHANCES - 1))}, "tables of gains differ in size"),
+        ({"gain_samples": np.array([10.0])}, "tables of gains differ in size"),
+        ({"gain_samples": np.zeros(0)}, "gain_samples"),
+        ({"memory": 1.0}, r"memory 1 is not in \[0, 1\)"),
+        ({"memory": -0.1}, "memory -0.1"),
+        ({"memory": np.nan}, "memory nan"),
+        ({"background": (0.0, 1.0)}, "background: two finite numbers above 0"),
+        ({"background": (1.0, np.inf)}, "background: two finite numbers above 0"),
+    ],
+)
+def test_learnt_noise_out_of_bounds_is_refused_by_name(other: dict[str, Any], text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        LearntNoise(**_values(**other))
+
+
+def test_equal_numbers_are_the_same_noise() -> None:
+    one = LearntNoise(**_values())
+    assert one.same_as(LearntNoise(**_values()))
+    assert not one.same_as(None)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("background", None),
+        ("background", (1.0, 9.5)),
+        ("memory", 0.3),
+        ("drift_mm", [3.0, 0.0, 1.5]),
+        ("gain_samples", [10.0, 101.0]),
+        ("gain_background", [0.0, 0.1, 0.7]),
+        ("gain_more", np.arange(6.0 * CHANCES).reshape(2, 3, CHANCES) + 1e-9),
+        ("gain_first", np.ones((2, CHANCES))),
+    ],
+)
+def test_any_other_number_is_another_noise(name: str, value: object) -> None:
+    one, other = LearntNoise(**_values()), LearntNoise(**_values(**{name: value}))
+    assert not one.same_as(other)
+    assert not other.same_as(one)
+
+
+def test_arrays_are_copies_that_cannot_be_written() -> None:
+    values = _values()
+    learnt = LearntNoise(**values)
+    values["drift_mm"][0] = 99.0
+    assert learnt.drift_mm[0] == 3.0
+    with pytest.raises(ValueError, match="read-only"):
+        learnt.gain_more[0, 0, 0] = 1.0
+
+
+Z = np.linspace(-12.0, 12.0, 2401)
+
+
+def test_gaussian_table_has_the_chances_and_moments_of_a_gaussian() -> None:
+    shape = NoiseShape(Z, stats.norm.pdf(Z))
+    at = np.linspace(-4.0, 4.0, 33)
+    np.testing.assert_allclose(shape.cdf(at), stats.norm.cdf(at), atol=5e-6)
+    np.testing.assert_allclose(shape.quantile(stats.norm.cdf(at)), at, atol=1e-4)
+    np.testing.assert_allclose(shape.moments(), [0.0, 1.0, 0.0, 0.0], atol=1e-3)
+
+
+def test_standardised_moves_any_density_to_median_0_and_width_1() -> None:
+    places = np.linspace(0.0, 400.0, 4001)
+    shape = NoiseShape.standardised(places, stats.gamma.pdf(places, 4.0, scale=10.0))
+    low, middle, high = shape.quantile(stats.norm.cdf([-1.0, 0.0, 1.0]))
+    assert middle == pytest.approx(0.0, abs=1e-9)
+    assert high - low == pytest.approx(2.0, abs=1e-9)
+    assert shape.moments()[2] == pytest.approx(1.0, abs=0.01)  # 2 / sqrt(4)
+
+
+def test_shape_rebuilt_from_its_numbers_is_equal_to_the_last_digit() -> None:
+    rng = np.random.default_rng(4)
+    for points in (11, 57, 200):
+        once = NoiseShape.standardised(np.sort(rng.normal(0.0, 3.0, points)), rng.uniform(0.1, 1.0, points))
+        assert NoiseShape(once.z, once.density).same_as(once)
+
+
+def test_quantile_undoes_cdf_where_density_has_a_corner_or_is_0() -> None:
+    shape = NoiseShape.standardised([-3.0, -1.0, 0.0, 2.0, 3.0, 6.0], [0.0, 1.0, 2.0, 0.1, 0.0, 0.0])
+    chance = np.linspace(0.0, 1.0, 101)
+    np.testing.assert_allclose(shape.cdf(shape.quantile(chance)), chance, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("z", "density", "text"),
+    [
+        ([0.0, 1.0], [1.0, 1.0], "at least 3"),
+        ([0.0, 2.0, 1.0], [1.0, 1.0, 1.0], "ascend"),
+        ([-1.0, 0.0, 1.0], [1.0, -1.0, 1.0], "at least 0"),
+        ([-1.0, 0.0, 1.0], [0.0, 0.0, 0.0], "above 0"),
+        ([-1.0, 0.0, np.inf], [1.0, 1.0, 1.0], "finite"),
+        (Z + 1.0, stats.norm.pdf(Z), "got 1 and 1"),
+        (2.0 * Z, stats.norm.pdf(Z), "and 2"),
+    ],
+)
+def test_invalid_noise_shapes_are_refused_with_the_reason(z: list[float], density: list[float], text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        NoiseShape(np.array(z), np.array(density))
+
+
+FOG = BackgroundDensity(np.array([0.0, 200.0, 700.0, 2000.0, 9000.0]), np.array([1e-3, 8.0, 3.0, 0.2, 0.01]))
+
+
+def test_the_area_of_a_density_is_one_whatever_its_scale() -> None:
+    at = np.linspace(0.0, 9000.0, 90_001)
+    assert np.trapezoid(FOG.at(at), at) == pytest.approx(1.0, abs=1e-6)
+    assert BackgroundDensity(FOG.range_mm, FOG.density).same_as(FOG)
+
+
+def test_the_uniform_density_is_one_over_the_length() -> None:
+    uniform = BackgroundDensity.uniform(300.0, 5300.0)
+    np.testing.assert_allclose(uniform.at([0.0, 300.0, 1000.0, 9000.0]), 2e-4, rtol=1e-12)
+    np.testing.assert_allclose(uniform.quantile([0.0, 0.25, 1.0]), [300.0, 1550.0, 5300.0], rtol=1e-12)
+
+
+def test_quantiles_invert_the_area_below() -> None:
+    chance = np.linspace(0.0, 1.0, 101)
+    at = np.linspace(0.0, 9000.0, 900_001)
+    below = np.concatenate([[0.0], np.cumsum(0.5 * (FOG.at(at)[1:] + FOG.at(at)[:-1]) * np.diff(at))])
+    np.testing.assert_allclose(np.interp(FOG.quantile(chance), at, below), chance, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("range_mm", "density", "said"),
+    [
+        ([0.0], [1.0], "at least 2"),
+        ([0.0, 1.0, 2.0], [1.0, 1.0], "one length"),
+        ([0.0, 1.0, 1.0], [1.0, 1.0, 1.0], "do not ascend"),
+        ([0.0, 1.0], [1.0, 0.0], "not above 0"),
+        ([0.0, 1.0], [1.0, np.nan], "not finite"),
+    ],
+)
+def test_a_density_that_cannot_be_is_refused(range_mm: list[float], density: list[float], said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        BackgroundDensity(np.array(range_mm), np.array(density))

@@ -1,21 +1,27 @@
-"""`import tofmix as tm`: recordings, layers, simulations and figures in a few lines."""
+"""`import tofmix as tm`: recordings, layers, simulations and figures in a few lines; its reference and its types."""
 
 import subprocess
 import sys
 import warnings
 from datetime import UTC, datetime, timedelta
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import h5py
 import numpy as np
 import pytest
 import xarray
+from python_page import COMMAND, reference
 from support.commandline import succeed
 from support.files import boards, write_recording
 
+import tofmix
 import tofmix as tm
+from tofmix import options
 from tofmix.errors import BadInputError, DoubtWarning, UsageError
+from tofmix.estimation.settings import MixingChoice, Refine, SigmaMode
+from tofmix.io.units import UNITS_MM
 from tofmix.layers import LAYER_FIELDS
 from tofmix.options import Units
 from tofmix.sensor import NoiseCurve
@@ -414,3 +420,52 @@ def test_open_warns_of_many_exact_zeros(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "zeros.h5", samples, units="mm")
     with pytest.warns(DoubtWarning, match=r"zeros\.h5: range: 240 of 960 checked samples are exactly 0"):
         tm.open(path)
+
+
+PAGE = Path(__file__).parents[2] / "docs/reference/python.md"
+
+
+def test_page_is_what_the_command_prints() -> None:
+    assert PAGE.read_text(encoding="utf-8") == reference(), f"run: {COMMAND}"
+
+
+def test_every_public_name_has_a_heading() -> None:
+    headings = {
+        line.lstrip("# ").removeprefix("tofmix.") for line in reference().splitlines() if line.startswith("###")
+    }
+    assert set(tofmix.__all__) - {"__version__"} <= headings
+
+
+def test_parameters_are_items_with_their_types_and_texts() -> None:
+    assert '- `units`, {"mm", "cm", "m"}: Unit of `ranges`.' in reference()
+    assert "numpy.ndarray" not in reference()
+
+
+RIGHT = """\
+import tofmix as tm
+recording = tm.from_array([[[1.0]]], units="m")
+tm.estimate(recording, sigma="tied", refine="likelihood", mixing="auto", noise_shape="gaussian", noise_widths="own")
+"""
+WRONG = ('sigma="tide"', 'refine="none "', 'mixing="phasors"', 'noise_shape="gauss"', 'noise_widths="both"')
+
+
+def test_the_names_for_type_checkers_are_those_that_the_program_takes() -> None:
+    assert set(get_args(options.Sigma)) == set(SigmaMode)
+    assert set(get_args(options.Refine)) == set(Refine)
+    assert set(get_args(options.Mixing)) == set(MixingChoice)
+    assert set(get_args(options.Units)) == set(UNITS_MM)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_spec("mypy") is None, reason="mypy is not installed")
+def test_mypy_refuses_names_that_there_are_not(tmp_path: Path) -> None:
+    (tmp_path / "right.py").write_text(RIGHT)
+    (tmp_path / "wrong.py").write_text(
+        "import tofmix as tm\n" + "".join(f'tm.estimate("a.h5", {argument})\n' for argument in WRONG)
+    )
+
+    command = [sys.executable, "-m", "mypy", "--strict", "--no-incremental", "right.py", "wrong.py"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    lines = {name: [line for line in done.stdout.splitlines() if line.startswith(name)] for name in command[-2:]}
+    assert lines["right.py"] == []
+    assert len(lines["wrong.py"]) == len(WRONG), done.stdout

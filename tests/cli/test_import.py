@@ -1,5 +1,7 @@
-"""`tofmix import`: every kind of source into a recording that `estimate` reads, and refusals."""
+"""`tofmix import`: every kind of source into a recording that `estimate` reads, several targets, refusals."""
 
+import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ from support import naive_png
 from support.bags import AMPLITUDE, DEPTH, INFO, KINDS, new_bag
 from support.commandline import Tofmix
 
+import tofmix as tm
 from tofmix.errors import ExitCode
 from tofmix.io.importers import writing
 
@@ -283,3 +286,556 @@ def test_import_refuses_options_and_sources_with_their_exit_code(tofmix: Tofmix,
         assert outcome.out == ""
     assert not (tmp_path / "r.h5").exists(), "a refused import leaves nothing behind"
     assert (tmp_path / "old.h5").read_text() == "old"
+
+
+SHAPE_ANY_CAMERA = (60, 4, 6)
+"""Frames enough for a noise curve."""
+
+
+def samples_any_camera(shape: tuple[int, ...] = SHAPE_ANY_CAMERA, seed: int = 3) -> NDArray[np.float64]:
+    """A wall whose pixels stand 10 mm apart, with 4 mm of noise."""
+    rng = np.random.default_rng(seed)
+    wall = 1500.0 + 10.0 * np.arange(np.prod(shape[-2:])).reshape(shape[-2:])
+    return np.asarray(wall + rng.normal(0.0, 4.0, shape))
+
+
+def read(path: Path, name: str = "range") -> NDArray[Any]:
+    with h5py.File(path) as root:
+        return np.asarray(root[name][...])
+
+
+def test_array_without_a_sensor_has_unknown_camera_data(tofmix: Tofmix, tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", samples_any_camera())
+    out = tmp_path / "a.h5"
+    done = tofmix("import", tmp_path / "a.npy", "-o", out)
+    assert (done.code, done.err) == (0, "")
+    assert "depths along the beam, taken as ranges (--depth-axis z if they are along z)" in done.out
+    assert "not known: field of view (export, map and surfaces need it: import --fov), largest range" in done.out
+    with h5py.File(out) as root:
+        assert root["sensor"].attrs["name"] == "unknown"
+        for key in ("range_min_mm", "range_max_mm", "fov_horizontal_deg", "fov_vertical_deg", "integration_time_ms"):
+            assert np.isnan(root["sensor"].attrs[key]), key
+        assert "noise_sigma" not in root["sensor"]
+    told = tofmix("info", out)
+    assert "No field of view" in told.out
+    assert "No range_max_mm" in told.out
+
+
+@pytest.mark.slow
+def test_commands_name_the_missing_camera_data(tofmix: Tofmix, tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", samples_any_camera((60, 8, 8)))
+    tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5")
+    layers = tmp_path / "a.layers.h5"
+    done = tofmix("estimate", tmp_path / "a.h5")
+    assert done.code == 0, done.err
+    assert "noise: sigma 4 mm" in done.err or "noise: sigma 3.9" in done.err
+    assert "no range_max_mm" in done.err
+    assert (read(layers, "n_modes") == 1).all()
+    refused = tofmix("export", layers, "-o", tmp_path / "a.ply")
+    assert refused.code == ExitCode.BAD_INPUT
+    assert "no field of view, so points cannot be placed; give it with --fov" in refused.err
+    assert tofmix("export", layers, "-o", tmp_path / "a.ply", "--fov", "60,45").code == 0
+    refused = tofmix("map", layers, "-o", tmp_path / "map.yaml")
+    assert refused.code == ExitCode.BAD_INPUT
+    assert refused.err == (
+        f"tofmix: {layers}: the directions of its pixels are not known; import the recording with --fov HxV or"
+        " --intrinsics, and estimate again\n"
+    )
+    remedy = "known; give them with --fov HxV, or import"
+    assert tofmix("surfaces", layers).err == refused.err.replace("known; import", remedy)
+
+
+@pytest.mark.slow
+def test_fov_option_is_stored_in_the_recording(tofmix: Tofmix, tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", samples_any_camera((60, 8, 8)))
+    assert tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5", "--fov", "70x55").code == 0
+    with h5py.File(tmp_path / "a.h5") as root:
+        assert root["sensor"].attrs["fov_horizontal_deg"] == 70.0
+        assert root["sensor"].attrs["fov_vertical_deg"] == 55.0
+    assert tofmix("estimate", tmp_path / "a.h5").code == 0
+    done = tofmix("map", tmp_path / "a.layers.h5", "-o", tmp_path / "map.yaml")
+    assert done.code == 0, done.err
+    assert "no range_max_mm: samples without a return mark no space as free" in done.err
+
+
+@pytest.mark.parametrize(("units", "mm"), [("mm", 1.0), ("cm", 10.0), ("m", 1000.0)])
+def test_units_option_takes_names(tofmix: Tofmix, tmp_path: Path, units: str, mm: float) -> None:
+    np.save(tmp_path / "a.npy", samples_any_camera() / mm)
+    assert tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5", "--units", units).code == 0
+    np.testing.assert_allclose(read(tmp_path / "a.h5"), samples_any_camera(), rtol=1e-7)
+
+
+def test_real_numbers_that_look_like_metres_are_refused_and_whole_ones_are_not(tofmix: Tofmix, tmp_path: Path) -> None:
+    np.save(tmp_path / "m.npy", (samples_any_camera() / 1000).astype("f4"))
+    refused = tofmix("import", tmp_path / "m.npy", "-o", tmp_path / "m.h5")
+    assert refused.code == ExitCode.BAD_INPUT
+    assert refused.err.count("\n") == 1
+    assert "give --units m, or --units mm if mm is right" in refused.err
+    assert not (tmp_path / "m.h5").exists()
+    np.save(tmp_path / "counts.npy", (samples_any_camera() / 100).astype("u2"))
+    assert tofmix("import", tmp_path / "counts.npy", "-o", tmp_path / "c.h5").code == 0
+
+
+def test_metres_are_noticed_after_empty_first_frames(tofmix: Tofmix, tmp_path: Path) -> None:
+    values = (samples_any_camera((250, 4, 6)) / 1000).astype("f4")
+    values[:120] = np.nan
+    np.save(tmp_path / "m.npy", values)
+    assert tofmix("import", tmp_path / "m.npy", "-o", tmp_path / "m.h5").code == ExitCode.BAD_INPUT
+
+
+@pytest.mark.parametrize("kind", ["png", "tif"])
+def test_images_are_along_z_and_become_ranges_by_an_ideal_pinhole(tofmix: Tofmix, tmp_path: Path, kind: str) -> None:
+    flat = np.full((3, 4, 6), 2000, dtype=np.uint16)
+    source = tmp_path / ("images" if kind == "png" else "a.tif")
+    if kind == "png":
+        source.mkdir()
+        for number, image in enumerate(flat):
+            (source / f"{number}.png").write_bytes(naive_png.encode(image))
+    else:
+        tifffile.imwrite(source, flat, photometric="minisblack")
+    done = tofmix("import", source, "-o", tmp_path / "a.h5", "--fov", "90x60")
+    assert done.code == 0, done.err
+    assert "depths along z converted to ranges by an ideal pinhole of 90 x 60 degrees" in done.out
+    assert "--depth-axis ray if they are along the beam" in done.out
+    row, col = np.mgrid[0:4, 0:6]
+    x, y = (col - 2.5) / 3.0, (row - 1.5) / 2.0 * np.tan(np.radians(30))
+    np.testing.assert_allclose(read(tmp_path / "a.h5"), np.tile(2000 * np.sqrt(1 + x**2 + y**2), (3, 1, 1)), rtol=1e-6)
+    done = tofmix("import", source, "-o", tmp_path / "b.h5", "--depth-axis", "ray")
+    assert done.code == 0, done.err
+    np.testing.assert_array_equal(read(tmp_path / "b.h5"), flat)
+
+
+def write_h5(path: Path, name: str, **attributes: object) -> None:
+    with h5py.File(path, "w") as root:
+        dataset = root.create_dataset(
+            name, data=samples_any_camera().astype("f4"), chunks=(7, 2, 6), compression="gzip"
+        )
+        for key, value in attributes.items():
+            dataset.attrs[key] = value
+        root.create_dataset("calibration/dark", data=np.zeros((4, 6)))
+
+
+def test_only_dataset_of_frames_is_found_without_its_name(tofmix: Tofmix, tmp_path: Path) -> None:
+    write_h5(tmp_path / "x.h5", "entry/data")
+    done = tofmix("import", tmp_path / "x.h5", "-o", tmp_path / "r.h5")
+    assert (done.code, done.err) == (0, "")
+    assert "dataset entry/data of an HDF5 file" in done.out
+    np.testing.assert_array_equal(read(tmp_path / "r.h5"), samples_any_camera().astype("f4"))
+
+
+def test_units_and_fill_value_of_a_dataset_are_used_and_the_command_line_overrules_them(
+    tofmix: Tofmix, tmp_path: Path
+) -> None:
+    write_h5(tmp_path / "x.h5", "d", units="cm", _FillValue=np.float32(samples_any_camera().astype("f4")[0, 0, 0]))
+    assert tofmix("import", tmp_path / "x.h5", "-o", tmp_path / "r.h5").code == 0
+    found = read(tmp_path / "r.h5")
+    assert np.isnan(found[0, 0, 0])
+    np.testing.assert_allclose(found.ravel()[1:], 10 * samples_any_camera().ravel()[1:], rtol=1e-6)
+    assert tofmix("import", tmp_path / "x.h5", "-o", tmp_path / "s.h5", "--units", "mm").code == 0
+    np.testing.assert_allclose(read(tmp_path / "s.h5").ravel()[1:], samples_any_camera().ravel()[1:], rtol=1e-6)
+    write_h5(tmp_path / "y.h5", "d", units="counts")
+    refused = tofmix("import", tmp_path / "y.h5", "-o", tmp_path / "y_.h5")
+    assert refused.code == ExitCode.BAD_INPUT
+    assert "units 'counts' are not a known unit of length" in refused.err
+    assert tofmix("import", tmp_path / "y.h5", "-o", tmp_path / "y_.h5", "--scale", 2).code == 0
+
+
+def test_one_of_several_datasets_is_chosen_by_name(tofmix: Tofmix, tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "x.h5", "w") as root:
+        root["a/first"], root["a/second"] = samples_any_camera().astype("f4"), samples_any_camera(seed=9).astype("f4")
+        root["a/time"] = np.arange(SHAPE_ANY_CAMERA[0]) / 25.0
+    refused = tofmix("import", tmp_path / "x.h5", "-o", tmp_path / "r.h5")
+    assert refused.code == ExitCode.BAD_INPUT
+    assert "choose one with --dataset: a/first (60, 4, 6), a/second (60, 4, 6)" in refused.err
+    done = tofmix(
+        "import", tmp_path / "x.h5", "-o", tmp_path / "r.h5", "--dataset", "/a/first", "--amplitude", "a/second"
+    )
+    assert done.code == 0, done.err
+    np.testing.assert_array_equal(read(tmp_path / "r.h5"), samples_any_camera().astype("f4"))
+    np.testing.assert_array_equal(read(tmp_path / "r.h5", "amplitude"), samples_any_camera(seed=9).astype("f4"))
+    np.testing.assert_allclose(read(tmp_path / "r.h5", "time"), np.arange(SHAPE_ANY_CAMERA[0]) / 25.0)
+
+
+def test_a_recording_in_metres_keeps_its_camera(tofmix: Tofmix, tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "x.h5", "w") as root:
+        root["range"], root["amplitude"] = (samples_any_camera() / 1000).astype("f4"), samples_any_camera().astype("f4")
+        root.create_group("sensor").attrs["range_max_mm"] = 9000.0
+    assert tofmix("import", tmp_path / "x.h5", "-o", tmp_path / "r.h5").code == ExitCode.BAD_INPUT
+    done = tofmix("import", tmp_path / "x.h5", "-o", tmp_path / "r.h5", "--units", "m")
+    assert done.code == 0, done.err
+    np.testing.assert_allclose(read(tmp_path / "r.h5"), samples_any_camera(), rtol=1e-6)
+    with h5py.File(tmp_path / "r.h5") as root:
+        assert root["sensor"].attrs["range_max_mm"] == 9000.0
+        assert "amplitude" in root
+
+
+@pytest.mark.parametrize("axes", ["row,col,frame", "col,frame,row"])
+def test_hdf5_of_any_order_of_axes_is_imported(tofmix: Tofmix, tmp_path: Path, axes: str) -> None:
+    order = [["frame", "row", "col"].index(name) for name in axes.split(",")]
+    with h5py.File(tmp_path / "x.h5", "w") as root:
+        root["d"] = np.transpose(samples_any_camera().astype("f4"), order)
+    assert tofmix("import", tmp_path / "x.h5", "-o", tmp_path / "r.h5", "--axes", axes).code == 0
+    np.testing.assert_array_equal(read(tmp_path / "r.h5"), samples_any_camera().astype("f4"))
+
+
+@pytest.mark.parametrize(("mark", "header"), [(",", None), (";", "z0"), ("\t", None), (" ", None), (",", "time")])
+def test_csv_with_a_frame_a_line_is_imported(tofmix: Tofmix, tmp_path: Path, mark: str, header: str | None) -> None:
+    values = np.round(samples_any_camera((20, 4, 6)), 2)
+    lines = [mark.join(f"{value:g}" for value in frame.ravel()) for frame in values]
+    if header is not None:
+        names = [f"z{k}" for k in range(24)]
+        if header == "time":
+            names, lines = ["time", *names], [f"{k / 15:g}{mark}{line}" for k, line in enumerate(lines)]
+        lines = [mark.join(names), *lines]
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n\n")
+    done = tofmix("import", tmp_path / "a.csv", "-o", tmp_path / "r.h5", "--shape", "4x6")
+    assert (done.code, done.err) == (0, "")
+    np.testing.assert_array_equal(read(tmp_path / "r.h5"), values.astype("f4"))
+    with h5py.File(tmp_path / "r.h5") as root:
+        assert ("time" in root) == (header == "time")
+
+
+def test_csv_with_a_sample_a_line_is_imported_in_any_order(tofmix: Tofmix, tmp_path: Path) -> None:
+    values = np.round(samples_any_camera((5, 4, 6)), 1)
+    place = np.stack(np.unravel_index(np.arange(values.size), values.shape), axis=1)
+    lines = [
+        f"x,{c},{r},{f + 100},{values[f, r, c]:g},{10 * c}"
+        for f, r, c in np.random.default_rng(1).permutation(place)
+        if (f, r, c) not in ((1, 0, 0), (2, 3, 5))
+    ]
+    lines[7:7] = ["x,0,0,101,,3", "", "# a remark"]
+    (tmp_path / "a.csv").write_text("note,col,row,frame,range,amplitude\n" + "\n".join(lines))
+    done = tofmix("import", tmp_path / "a.csv", "-o", tmp_path / "r.h5")
+    assert (done.code, done.err) == (0, "")
+    expected = values.astype("f4")
+    expected[1, 0, 0] = expected[2, 3, 5] = np.nan
+    np.testing.assert_array_equal(read(tmp_path / "r.h5"), expected)
+    assert (read(tmp_path / "r.h5", "amplitude")[0, :, 5] == 50).all()
+
+
+def test_a_long_csv_may_name_its_unit_and_count_from_1(tofmix: Tofmix, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("frame,row,col,range_m\n1,1,1,1.5\n1,1,2,1.6\n2,1,1,1.7\n2,1,2,-1\n")
+    done = tofmix("import", tmp_path / "a.csv", "-o", tmp_path / "r.h5", "--invalid", -1)
+    assert done.code == 0, done.err
+    assert "rows and columns are taken to start at 1, because none is 0" in done.err
+    expected = np.array([[[1500.0, 1600.0]], [[1700.0, np.nan]]])
+    np.testing.assert_allclose(read(tmp_path / "r.h5"), expected)
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "reason"),
+    [
+        ("1,2,3\n4,5,6\n", (), "give --shape ROWSxCOLS"),
+        ("1,2,3\n4,5,6\n", ("--shape", "2x2"), "3 values in the first line, --shape 2x2 has 4"),
+        ("1,2\n4\n", ("--shape", "1x2"), "line 2: 1 value, the first line has 2"),
+        ("1,2\n4,x\n", ("--shape", "1x2"), "line 2: cannot be read"),
+        ("", ("--shape", "1x2"), "empty"),
+        ("a,b\n", ("--shape", "1x2"), "no frame below its header"),
+        ("frame,row,range\n0,0,1000\n", (), "its header names no col"),
+        ("frame,row,col,depth\n0,0,0,1000\n", (), "its header names no range"),
+        ("frame,row,col,range\n", (), "no sample below its header"),
+        ("frame,row,col,range\n0,0.5,0,1000\n", (), "row: 0.5 is not a whole number"),
+        ("frame,row,col,range\n0,0,-1,1000\n", (), "col: -1 is not a whole number"),
+        ("frame,row,col,range\n0,0,0,1000\n0,0,0,2000\n", (), "need a column target"),
+        ("frame,row,col,range\n0,0,0,1000\n0,0,90000,2000\n", (), "no more than 4096"),
+        ("frame,row,col,range\n0,0,0,1000\n0,9,0,2000\n", ("--shape", "4x6"), "outside of --shape 4x6"),
+        ("frame,row,col,range\n0,0,0,oops\n", (), "cannot be read"),
+        ("frame,row,col,target,range\n0,0,0,0,9\n0,4000,4000,60,9\n", (), "61 targets of 4001 x 4001 pixels; no more"),
+    ],
+)
+def test_invalid_csv_is_refused_in_one_line(
+    tofmix: Tofmix, tmp_path: Path, text: str, options: tuple[str, ...], reason: str
+) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    refused = tofmix("import", tmp_path / "a.csv", "-o", tmp_path / "r.h5", *options)
+    assert refused.code == ExitCode.BAD_INPUT, refused.err
+    assert reason in refused.err
+    assert refused.err.count("\n") == 1
+    assert not (tmp_path / "r.h5").exists()
+
+
+def test_zones_in_one_axis_are_laid_out_by_shape(tofmix: Tofmix, tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", samples_any_camera().reshape(60, 24))
+    assert tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "r.h5", "--shape", "4x6").code == 0
+    np.testing.assert_array_equal(read(tmp_path / "r.h5"), samples_any_camera().astype("f4"))
+
+
+def test_a_recording_of_an_unknown_camera_passes_verify(tofmix: Tofmix, tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", samples_any_camera())
+    assert tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "r.h5").code == 0
+    done = tofmix("verify", tmp_path / "r.h5")
+    assert done.code == 0, done.out + done.err
+
+
+def test_json_lists_the_output_and_unknown_camera_data(tofmix: Tofmix, tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.full((5, 3, 4), 1234.0))
+    done = tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5", "--units", "mm", "--json")
+    assert done.code == 0, done.err
+    made = json.loads(done.out)
+    assert (made["frames"], made["rows"], made["cols"], made["targets"], made["unit_mm"]) == (5, 3, 4, 0, 1.0)
+    assert made["output"] == str(tmp_path / "a.h5")
+    unknown = ["field of view", "largest range", "noise curve", "times of the frames", "amplitudes"]
+    unknown += ["modulation frequency"]
+    assert [line.split(" (")[0] for line in made["not_known"]] == unknown
+
+
+SHAPE_TARGETS = (90, 3, 6, 8)
+"""Frames, targets, rows, columns."""
+
+NEAR_MM, FAR_MM, SIGMA_MM = 800.0, 2000.0, 6.0
+
+
+def samples_targets() -> NDArray[np.uint16]:
+    """A near wall in all zones, a far one as second target in the right half; one target of ten is lost."""
+    rng = np.random.default_rng(5)
+    values = np.zeros(SHAPE_TARGETS)
+    values[:, 0] = rng.normal(NEAR_MM, SIGMA_MM, values[:, 0].shape)
+    values[:, 1, :, 4:] = rng.normal(FAR_MM, SIGMA_MM, values[:, 1, :, 4:].shape)
+    values[rng.random(SHAPE_TARGETS) < 0.1] = 0
+    return np.round(values).astype(np.uint16)
+
+
+_MADE: list[Path] = []
+"""The folder that the first test made; the others have copies."""
+
+
+@pytest.fixture
+def made(tofmix: Tofmix, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the recording t.h5 and its layers."""
+    if not _MADE:
+        _MADE.append(_make(tofmix, tmp_path_factory.mktemp("made")))
+    return Path(shutil.copytree(_MADE[0], tmp_path / "targets"))
+
+
+def _make(tofmix: Tofmix, folder: Path) -> Path:
+    np.save(folder / "t.npy", samples_targets())
+    imported = tofmix(
+        "import",
+        folder / "t.npy",
+        "-o",
+        folder / "t.h5",
+        "--axes",
+        "frame,target,row,col",
+        "--sensor",
+        "vl53l5cx",
+        "--frame-rate",
+        15,
+    )
+    assert imported.code == 0, imported.err
+    assert "90 frames of 6 x 8 pixels of 3 targets" in imported.out
+    estimated = tofmix("estimate", folder / "t.h5")
+    assert estimated.code == 0, estimated.err
+    assert "Each pixel has up to 3 targets a frame" in estimated.err
+    assert "A share is the share of its detections" in estimated.err
+    return folder
+
+
+@pytest.mark.slow
+def test_the_recording_has_the_axis_of_the_contract(made: Path) -> None:
+    with h5py.File(made / "t.h5") as root:
+        np.testing.assert_array_equal(root["range"][...], samples_targets())
+        scales = [dim[0].name for dim in root["range"].dims]
+        assert scales == ["/frame", "/target", "/row", "/col"]
+    with xarray.open_dataset(made / "t.h5", engine="h5netcdf") as data:
+        assert data["range"].dims == ("frame", "target", "row", "col")
+
+
+def test_all_valid_targets_are_samples_of_their_pixel(made: Path) -> None:
+    valid = samples_targets() > 0
+    with h5py.File(made / "t.layers.h5") as root:
+        np.testing.assert_array_equal(root["n_samples"][0], valid.sum(axis=(0, 1)))
+        assert (root["n_modes"][0] == np.where(np.arange(8) < 4, 1, 2)).all()
+        assert (root["window_start"][0], root["window_stop"][0], root.attrs["targets"]) == (0, 90, 3)
+        np.testing.assert_allclose(root["range"][0, :, :, 0], NEAR_MM, atol=4)
+        np.testing.assert_allclose(root["range"][0, :, 4:, 1], FAR_MM, atol=4)
+        np.testing.assert_allclose(root["sensor/noise_sigma"][...], SIGMA_MM, rtol=0.1)
+        share = valid[:, 1].sum(axis=0) / valid.sum(axis=(0, 1))
+        np.testing.assert_allclose(root["weight"][0, :, 4:, 1], share[:, 4:], atol=0.002)
+
+
+def test_every_command_explains_shares_of_detections(tofmix: Tofmix, made: Path, tmp_path: Path) -> None:
+    layers, recording = made / "t.layers.h5", made / "t.h5"
+    shown = tofmix("inspect", layers, "--pixel", "2,5", "--recording", recording)
+    assert "a share is the share of detections, up to 3 a frame" in shown.out
+    assert json.loads(tofmix("inspect", layers, "--pixel", "2,5", "--json").out)["targets"] == 3
+    assert "share of its detections" in " ".join(tofmix("report", layers).out.split())
+    page = tmp_path / "t.html"
+    assert tofmix("report", layers, "--recording", recording, "--html", page).code == 0
+    assert "share of its detections" in page.read_text()
+    for path in (layers, recording):
+        described = json.loads(tofmix("info", path, "--json").out)
+        assert "shares_of_detections" in {warning["code"] for warning in described["warnings"]}
+    assert described["sizes"] == {
+        "frames": 90,
+        "rows": 6,
+        "cols": 8,
+        "targets": 3,
+        "file_bytes": recording.stat().st_size,
+    }
+
+
+def test_both_files_pass_verify(tofmix: Tofmix, made: Path) -> None:
+    done = tofmix("verify", made / "t.h5", made / "t.layers.h5")
+    assert done.code == 0, done.out + done.err
+
+
+@pytest.mark.slow
+def test_windows_are_counted_in_frames(tofmix: Tofmix, made: Path, tmp_path: Path) -> None:
+    out = tmp_path / "w.layers.h5"
+    done = tofmix("estimate", made / "t.h5", "-o", out, "--window", 40, "--json")
+    assert done.code == 0, done.err
+    said = json.loads(done.out)
+    assert (said["windows"], said["window_frames"], said["frames_left_out"], said["targets"]) == (2, 40, 10, 3)
+    with h5py.File(out) as root:
+        assert root["window_stop"][...].tolist() == [40, 80]
+        np.testing.assert_array_equal(root["n_samples"][1], (samples_targets()[40:80] > 0).sum(axis=(0, 1)))
+    assert tofmix("verify", out).code == 0
+    shown = json.loads(
+        tofmix("inspect", out, "--pixel", "2,5", "--window", 1, "--recording", made / "t.h5", "--json").out
+    )
+    pixel = next(one for one in shown["pixels"] if one["col"] == 5)
+    assert pixel["n_samples"] == (samples_targets()[40:80, :, 2, 5] > 0).sum()
+    assert tofmix("estimate", made / "t.h5", "-o", out, "--window", 91, "--overwrite").code == ExitCode.USAGE
+
+
+@pytest.mark.slow
+def test_the_bytes_do_not_depend_on_memory_or_shards(tofmix: Tofmix, made: Path, tmp_path: Path) -> None:
+    out = tmp_path / "a.layers.h5"
+    window = ("--window", 40)
+    assert tofmix("estimate", made / "t.h5", "-o", out, *window).code == 0
+    parts = [tmp_path / f"{k}.part" for k in (1, 2)]
+    for k, part in enumerate(parts, 1):
+        assert tofmix("estimate", made / "t.h5", "-o", part, *window, "--shard", f"{k}/2", "--workers", 2).code == 0
+    merged = tofmix("merge", *parts, "-o", tmp_path / "m.layers.h5")
+    assert merged.code == 0, merged.err
+    assert "2 windows of 40 frames" in merged.out
+    assert (tmp_path / "m.layers.h5").read_bytes() == out.read_bytes()
+    resumed = tofmix("estimate", made / "t.h5", "-o", out, *window, "--resume")
+    assert resumed.code == 0, resumed.err
+    assert "blocks from the interrupted run" in resumed.err
+
+
+@pytest.mark.parametrize("source", ["averaged", pytest.param("thin-beam", marks=pytest.mark.slow)])
+def test_maps_for_comparison_average_all_detections(tofmix: Tofmix, made: Path, tmp_path: Path, source: str) -> None:
+    done = tofmix(
+        "map", made / "t.layers.h5", "-o", tmp_path / "m.yaml", "--from", source, "--recording", made / "t.h5"
+    )
+    assert done.code == 0, done.err
+
+
+def test_reconcile_refuses_recordings_with_targets(tofmix: Tofmix, made: Path, tmp_path: Path) -> None:
+    refused = tofmix("reconcile", "three-boards", made / "t.h5", "-o", tmp_path / "gap")
+    assert refused.code == ExitCode.BAD_INPUT
+    assert refused.err.count("\n") == 1
+    assert "3 targets a pixel and frame" in refused.err
+    assert not (tmp_path / "gap").exists()
+
+
+@pytest.mark.parametrize("axes", ["frame,row,col,target", "target,row,col,frame"])
+@pytest.mark.parametrize("kind", ["npy", "npz", "h5"])
+def test_target_arrays_of_any_order_of_axes_are_imported(tofmix: Tofmix, tmp_path: Path, kind: str, axes: str) -> None:
+    order = [["frame", "target", "row", "col"].index(name) for name in axes.split(",")]
+    values: Any = np.ascontiguousarray(np.transpose(samples_targets(), order))
+    path = tmp_path / f"a.{kind}"
+    if kind == "npy":
+        np.save(path, values)
+    elif kind == "npz":
+        np.savez(path, depth=values, other=np.zeros(3))
+    else:
+        with h5py.File(path, "w") as root:
+            root["depth"] = values
+    refused = tofmix("import", path, "-o", tmp_path / "r.h5")
+    assert refused.code == ExitCode.BAD_INPUT
+    assert tofmix("import", path, "-o", tmp_path / "r.h5", "--axes", axes).code == 0
+    with h5py.File(tmp_path / "r.h5") as root:
+        np.testing.assert_array_equal(root["range"][...], samples_targets())
+
+
+def test_csv_with_a_target_column_is_imported(tofmix: Tofmix, tmp_path: Path) -> None:
+    values = samples_targets()[:20, :2]
+    lines = ["frame,row,col,target,range_mm,amplitude"]
+    lines += [
+        f"{f},{r},{c},{t + 1},{values[f, t, r, c]},{50 - t}"
+        for f, t, r, c in np.ndindex(values.shape)
+        if values[f, t, r, c]
+    ]
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    done = tofmix("import", tmp_path / "a.csv", "-o", tmp_path / "r.h5", "--shape", "6x8")
+    assert (done.code, done.err) == (0, "")
+    with h5py.File(tmp_path / "r.h5") as root:
+        np.testing.assert_array_equal(root["range"][...], np.where(values > 0, values, np.nan).astype("f4"))
+        assert set(root["amplitude"][:, 1][values[:, 1] > 0].tolist()) == {49.0}
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:Each pixel has up to 3 targets")
+def test_from_python_the_samples_have_the_axis_and_shares_are_the_same(made: Path, tmp_path: Path) -> None:
+    recording = tm.open(made / "t.h5")
+    assert isinstance(recording, tm.Recording)
+    assert (recording.shape, recording.targets) == ((90, 6, 8), 3)
+    assert recording.range_mm.shape == SHAPE_TARGETS
+    found = tm.estimate(recording, window=45, workers=1)
+    assert found.window_stop.tolist() == [45, 90]
+    assert found.n_samples.sum() == (samples_targets() > 0).sum()
+    saved = tm.open(found.save(tmp_path / "p.layers.h5"))
+    assert isinstance(saved, tm.Estimate)
+    assert saved.provenance.targets == 3
+    again = tm.open(recording.save(tmp_path / "copy.h5"))
+    assert isinstance(again, tm.Recording)
+    np.testing.assert_array_equal(again.range_mm, recording.range_mm)
+
+
+def test_refusal_of_reconcile_names_the_command_that_keeps_one_target(
+    tofmix: Tofmix, made: Path, tmp_path: Path
+) -> None:
+    model = tmp_path / "model.toml"
+    model.write_text(
+        '[sensor]\nprofile = "sr4000"\nrows = 6\ncols = 8\n[[surface]]\nname = "wall"\n'
+        f"center_mm = [0.0, 0.0, {NEAR_MM}]\nsize_mm = [9e3, 9e3]\n"
+    )
+    refused = tofmix("reconcile", model, made / "t.h5", "-o", tmp_path / "gap")
+    assert refused.code == ExitCode.BAD_INPUT
+    assert refused.err.count("\n") == 1
+    command = refused.err.strip().partition("tofmix import ")[2].split()
+    assert command[1:3] == ["--target", "nearest"]
+    assert tofmix("import", *command).code == 0
+    with h5py.File(command[-1]) as root:
+        valid = np.where(samples_targets() > 0, samples_targets(), 65535)
+        nearest = valid.min(axis=1)
+        np.testing.assert_array_equal(root["range"][...], np.where(nearest < 65535, nearest, 0))
+
+
+def test_strongest_target_has_its_own_amplitude_and_needs_amplitudes(
+    tofmix: Tofmix, made: Path, tmp_path: Path
+) -> None:
+    refused = tofmix("import", made / "t.h5", "-o", tmp_path / "s.h5", "--target", "strongest")
+    assert refused.code == ExitCode.BAD_INPUT
+    assert "--target nearest" in refused.err
+    light = np.random.default_rng(3).uniform(1, 99, SHAPE_TARGETS).astype(np.float32)
+    np.save(tmp_path / "a.npy", light)
+    done = tofmix(
+        "import",
+        made / "t.npy",
+        "-o",
+        tmp_path / "s.h5",
+        "--target",
+        "strongest",
+        "--amplitude",
+        tmp_path / "a.npy",
+        "--axes",
+        "frame,target,row,col",
+    )
+    assert done.code == 0, done.err
+    best = np.where(samples_targets() > 0, light, -1.0).argmax(axis=1)[:, None]
+    with h5py.File(tmp_path / "s.h5") as root:
+        for name, values in (("range", samples_targets()), ("amplitude", light)):
+            expected = np.take_along_axis(values, best, axis=1)[:, 0]
+            some = (samples_targets() > 0).any(axis=1)
+            np.testing.assert_array_equal(root[name][...][some], expected[some])
+
+
+def test_target_of_a_recording_with_one_sample_a_frame_is_a_wrong_option(tofmix: Tofmix, tmp_path: Path) -> None:
+    np.save(tmp_path / "one.npy", samples_targets()[:, 0])
+    refused = tofmix("import", tmp_path / "one.npy", "-o", tmp_path / "one.h5", "--target", "nearest")
+    assert refused.code == ExitCode.USAGE
+    assert "leave the option out" in refused.err

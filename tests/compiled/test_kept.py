@@ -1,20 +1,24 @@
-"""Kept code: found where it may be read, compiled again where it is stale or damaged, and never why a run fails."""
+"""Kept code is found where it may be read, and made again where it is stale; who is told of compiling; vectors."""
 
 import ast
+import logging
 import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from support.measured import coverage_environment
 from support.modules import MODULES, nodes
 
 import tofmix
-from tofmix.compiled import kept
+from tofmix.compiled import kept, watching
+from tofmix.compiled.jit import jit
 from tofmix.compiled.kept import CANNOT_KEEP, SUFFIX
-from tofmix.compiled.watching import FIRST_RUN
+from tofmix.compiled.vector import exp_minus, log_of, moments_of, product_of, sums_of, total_of
+from tofmix.compiled.watching import FIRST_RUN, Unwatched, watched, watcher
 
 PROGRAM = """
 from tofmix.estimation.peaks.density import density
@@ -24,8 +28,6 @@ print(density([1000.0], [1000.0], NoiseCurve(np.array([0.0]), np.array([10.0])))
 """
 SCRIPT = "from tofmix.compiled.jit import jit\n@jit\ndef twice(x):\n    return 2 * x\nprint(twice(21))\n"
 FULL_DISK = "import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))\n"
-
-pytestmark = pytest.mark.compiled("there is nothing to keep")
 
 
 def _copied_package(folder: Path) -> Path:
@@ -53,6 +55,7 @@ def _files(folder: Path) -> dict[Path, int]:
     return {path: path.stat().st_mtime_ns for path in folder.rglob(f"*{SUFFIX}")}
 
 
+@pytest.mark.compiled("there is nothing to keep")
 @pytest.mark.slow
 def test_a_change_in_a_called_kernel_reaches_its_callers(tmp_path: Path) -> None:
     package, environment = _copied_package(tmp_path), _environment(tmp_path)
@@ -63,6 +66,7 @@ def test_a_change_in_a_called_kernel_reaches_its_callers(tmp_path: Path) -> None
     assert float(_run(PROGRAM, environment)[0]) == pytest.approx(2 * before)
 
 
+@pytest.mark.compiled("there is nothing to keep")
 @pytest.mark.slow
 def test_every_module_with_a_kernel_is_in_the_key() -> None:
     has_jit = [
@@ -74,6 +78,7 @@ def test_every_module_with_a_kernel_is_in_the_key() -> None:
     assert set(has_jit) <= set(kept.kernel_files())
 
 
+@pytest.mark.compiled("there is nothing to keep")
 def test_code_lies_beside_the_package_so_that_its_removal_leaves_nothing_to_import(tmp_path: Path) -> None:
     package, environment = _copied_package(tmp_path), _environment(tmp_path)
     _run(PROGRAM, environment)
@@ -82,6 +87,7 @@ def test_code_lies_beside_the_package_so_that_its_removal_leaves_nothing_to_impo
     assert not list(tmp_path.rglob("*.nbi"))  # numba's own cache keeps nothing
 
 
+@pytest.mark.compiled("there is nothing to keep")
 @pytest.mark.slow
 def test_a_second_run_compiles_nothing_where_only_a_temporary_folder_can_be_written(tmp_path: Path) -> None:
     # Even root cannot write there: a file stands where the package's cache would, and /proc takes no folder.
@@ -98,6 +104,7 @@ def test_a_second_run_compiles_nothing_where_only_a_temporary_folder_can_be_writ
     assert _files(temporary) == compiled
 
 
+@pytest.mark.compiled("there is nothing to keep")
 @pytest.mark.slow
 def test_code_is_read_from_a_later_folder_and_written_to_the_first(tmp_path: Path) -> None:
     _copied_package(tmp_path)
@@ -113,6 +120,7 @@ def test_code_is_read_from_a_later_folder_and_written_to_the_first(tmp_path: Pat
 SCRIPT_IN_FILE = f"import pathlib, runpy; p = pathlib.Path('{{}}'); p.write_text({SCRIPT!r}); runpy.run_path(str(p))"
 
 
+@pytest.mark.compiled("there is nothing to keep")
 @pytest.mark.slow
 def test_a_damaged_or_foreign_file_is_compiled_again(tmp_path: Path) -> None:
     folder = tmp_path / "cache"
@@ -128,6 +136,7 @@ def test_a_damaged_or_foreign_file_is_compiled_again(tmp_path: Path) -> None:
     assert _run(SCRIPT, environment) == ("42\n", "")
 
 
+@pytest.mark.compiled("there is nothing to keep")
 def test_where_nothing_can_be_kept_one_line_names_the_variable(tmp_path: Path) -> None:
     environment = _environment(Path(tofmix.__file__).parents[1], NUMBA_CACHE_DIR=str(tmp_path))
     out, err = _run(FULL_DISK + SCRIPT.replace("print(", "twice(1.0)\nprint("), environment)
@@ -137,6 +146,7 @@ def test_where_nothing_can_be_kept_one_line_names_the_variable(tmp_path: Path) -
     assert not list(tmp_path.rglob("*"))[1:]  # but the folder of the key
 
 
+@pytest.mark.compiled("there is nothing to keep")
 def test_another_package_that_compiles_first_does_no_harm(tmp_path: Path) -> None:
     environment = _environment(Path(tofmix.__file__).parents[1], NUMBA_CACHE_DIR=str(tmp_path))
     told = "from tofmix.compiled.kept import processor_class, V3\nprint(processor_class() == V3)\n"
@@ -147,6 +157,7 @@ def test_another_package_that_compiles_first_does_no_harm(tmp_path: Path) -> Non
     assert _run(SCRIPT + after, environment)[0] == "42\nNone None\n"
 
 
+@pytest.mark.compiled("there is nothing to keep")
 def test_folders_are_those_of_the_variable_the_package_the_user_and_the_temporary_one(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -166,6 +177,7 @@ def test_folders_are_those_of_the_variable_the_package_the_user_and_the_temporar
     assert kept._bases() == [beside, Path("/home/somebody/.cache")]
 
 
+@pytest.mark.compiled("there is nothing to keep")
 def test_without_a_home_or_a_temporary_folder_there_are_the_other_folders(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -180,7 +192,77 @@ def test_without_a_home_or_a_temporary_folder_there_are_the_other_folders(
     assert kept._bases() == [tmp_path, kept.PACKAGE.parent / "__pycache__"]
 
 
+@pytest.mark.compiled("there is nothing to keep")
 def test_the_working_folder_is_no_temporary_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("tempfile.gettempdir", lambda: str(tmp_path))
     monkeypatch.delenv("TMPDIR", raising=False)
     assert tmp_path not in {folder.parent for folder in kept._bases()}
+
+
+class _Recorder(Unwatched):
+    def __init__(self) -> None:
+        self.events: list[str] = []
+
+    def begins(self, kernel: str) -> None:
+        self.events.append(f"begins {kernel.rpartition('.')[2]}")
+
+    def ends(self, kernel: str) -> None:
+        self.events.append(f"ends {kernel.rpartition('.')[2]}")
+
+
+@pytest.mark.compiled("nothing is compiled")
+def test_a_watcher_is_told_when_a_kernel_is_compiled_and_only_then() -> None:
+    @jit
+    def thrice(value: float) -> float:
+        return 3 * value + hash(recorder_name)
+
+    recorder_name = object().__hash__()  # another constant in each run: nothing kept fits
+    recorder = _Recorder()
+    with watched(recorder):
+        thrice(1)
+        thrice(2)
+    thrice(1.5)
+    assert recorder.events == ["begins thrice", "ends thrice"]
+
+
+@pytest.mark.compiled("nothing is compiled")
+def test_the_log_has_one_line_where_nobody_watches(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(watching, "_watchers", [watching._Log()])
+    with caplog.at_level(logging.WARNING, logger="tofmix"):
+        for kernel in ("a.b", "a.c"):
+            watcher().begins(kernel)
+            watcher().ends(kernel)
+    assert caplog.messages == [f"tofmix: {FIRST_RUN}"]
+
+
+@jit
+def _each(x: np.ndarray, e: np.ndarray, log: np.ndarray) -> None:
+    for j in range(len(x)):
+        e[j] = exp_minus(x[j])
+        log[j] = log_of(x[j])
+
+
+def test_vector_exponential_and_logarithm_agree_with_numpy(rng: np.random.Generator) -> None:
+    x = np.concatenate([rng.uniform(0, 20, 5000), rng.uniform(20, 400, 1000), 10.0 ** rng.uniform(-300, 300, 5000)])
+    x = np.concatenate([x, [1.0, np.sqrt(2), 2.0, np.nextafter(1, 0), 1e-300]])
+    e, log = np.empty_like(x), np.empty_like(x)
+    _each(x, e, log)
+    near, far = x <= 20, (x > 20) & (x <= 400)
+    np.testing.assert_allclose(e[near], np.exp(-x[near]), rtol=1e-10)
+    np.testing.assert_allclose(e[far], np.exp(-x[far]), rtol=1e-2)
+    assert np.all(e > 0)
+    np.testing.assert_allclose(log, np.log(x), rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("n", [0, 1, 3, 4, 7, 8, 101])
+def test_vector_sums_agree_with_numpy(n: int, rng: np.random.Generator) -> None:
+    a, b, c = rng.normal(size=(3, n))
+    longer = np.append(b, 99.0)
+    assert total_of(a) == pytest.approx(a.sum())
+    assert product_of(a, longer) == pytest.approx(a @ b)
+    assert sums_of(a, longer) == pytest.approx((a.sum(), a @ b))
+    away = a - 0.3
+    expected = [(b * c).sum(), (b * c * away).sum(), (b * c * away**2).sum()]
+    assert moments_of(a, longer, c, 0.3) == pytest.approx(expected)

@@ -1,6 +1,8 @@
-"""From samples to layers: invariants that hold for any samples, and what each status means."""
+"""From samples to layers: invariants, statuses, the paper's algorithm, and noise that is not Gaussian."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,12 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
+from scipy import stats
 from support.drawing import draw
 from support.sizes import sized
 
+from tofmix.arrays import FloatArray
+from tofmix.estimation.beam import beam_of
 from tofmix.estimation.layering import layer_pixels, warm_up
+from tofmix.estimation.peaks.counters import Cpdf, Kde
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.flags import Status
+from tofmix.invariants import layer_rules
 from tofmix.layers import LAYER_FIELDS, Layers
 from tofmix.sensor import NoiseCurve, Sensor
 
@@ -198,3 +205,288 @@ def test_input_is_not_altered(rng: np.random.Generator) -> None:
 
 def test_warm_up_runs_without_error() -> None:
     warm_up(EstimateOptions())
+
+
+CURVE = NoiseCurve(np.array([500.0, 3000.0, 7500.0]), np.array([30.0, 90.0, 300.0]))
+CAMERA_PAPER = Sensor(name="a camera", range_min_mm=500.0, range_max_mm=7500.0, noise=CURVE)
+
+
+def twin(samples: FloatArray, gamma: float) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """Means, sigmas and shares of the surfaces, and sigma_0, by equations (1), (4) and (5) and section V."""
+    step = CURVE.sigma_mm.min() / 8.0
+    cells = np.arange(-np.ceil(1500.0 / step), np.ceil((np.ptp(samples) + 1500.0) / step))
+    grid = samples.min() + step * cells
+    h = CURVE.sigma(grid)[:, None] / 2.0
+    p = stats.norm.pdf(grid[:, None], samples, h).mean(axis=1)  # (4)
+    lone = stats.norm.pdf(0.0, 0.0, np.hypot(h[:, 0], 2.0 * h[:, 0]))
+    higher = np.r_[False, (p[1:-1] > p[:-2]) & (p[1:-1] >= p[2:]), False]
+    places = grid[higher & (p > gamma * lone)]  # (5)
+    places = places[places <= 7500.0 - 2.0 * 300.0]
+    mean, sigma = np.r_[places, 7500.0], CURVE.sigma(np.r_[places, 7500.0])
+    share = np.full(len(mean), (1.0 - 1e-4) / len(mean))
+    for _ in range(50):
+        density = share * stats.norm.pdf(samples[:, None], mean, sigma)
+        posterior = density / (1e-4 / 7500.0 + density.sum(axis=1, keepdims=True))
+        support = posterior.sum(axis=0)
+        mean = np.r_[(posterior * samples[:, None]).sum(axis=0)[:-1] / support[:-1], 7500.0]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            free = np.sqrt((posterior * (samples[:, None] - mean) ** 2).sum(axis=0) / support)
+        sigma = np.where(free > 1e-6 * CURVE.sigma(mean), free, sigma)  # on one sample alone it would be 0
+        share = (1.0 - 1e-4) * support / support.sum()
+    order = np.argsort(mean[:-1])
+    return mean[:-1][order], sigma[:-1][order], share[:-1][order], float(sigma[-1])
+
+
+def draw_paper(rng: np.random.Generator, pixels: int) -> NDArray[np.float32]:
+    """Two boards and samples without a return, (frame, pixel)."""
+    truth = rng.choice([1500.0, 2400.0, 7500.0], p=[0.4, 0.4, 0.2], size=(80, pixels))
+    return (truth + CURVE.sigma(truth) * rng.standard_normal(truth.shape)).astype(np.float32)
+
+
+@pytest.mark.parametrize("gamma", [0.02, 0.1])
+def test_paper_algorithm_equals_its_numpy_twin(rng: np.random.Generator, gamma: float) -> None:
+    samples = draw_paper(rng, 8)
+    found = layer_pixels(samples, CAMERA_PAPER, EstimateOptions(paper=True, counter=Kde(gamma=gamma), max_layers=32))
+    for pixel in range(samples.shape[1]):
+        mean, sigma, share, _ = twin(samples[:, pixel].astype(np.float64), gamma)
+        k = int(found.n_modes[pixel])
+        assert k == len(mean)
+        np.testing.assert_allclose(found.range[pixel, :k], mean, rtol=1e-4)
+        if found.status[pixel] == Status.OK:
+            np.testing.assert_allclose(found.sigma[pixel, :k], sigma, rtol=2e-3)
+        np.testing.assert_allclose(found.weight[pixel, :k], share, atol=1e-4)
+
+
+def test_paper_algorithm_frees_sigma_0_and_holds_mu_0(rng: np.random.Generator) -> None:
+    """No return with a quarter of the curve's spread: all of its samples are c_0's, though (1) has sigma(r_max)."""
+    truth = np.where(rng.random((200, 20)) < 0.5, 1500.0, 7500.0)
+    spread = np.where(truth < 7000.0, CURVE.sigma(truth), 75.0)
+    samples = truth + spread * rng.standard_normal(truth.shape)
+    found = layer_pixels(samples, CAMERA_PAPER, EstimateOptions(paper=True, counter=Kde(gamma=0.1)))
+    share = (truth > 7000.0).mean(axis=0)
+    assert (found.n_modes == 1).all()
+    np.testing.assert_allclose(found.weight_no_return, share, atol=2e-3)
+    as_held = layer_pixels(samples, CAMERA_PAPER)
+    assert (found.log_likelihood > as_held.log_likelihood + 50.0).all()
+
+
+def test_paper_algorithm_keeps_every_rule_of_a_layers_file(rng: np.random.Generator) -> None:
+    samples = np.concatenate([draw_paper(rng, 200), np.full((80, 1), 7500.0), np.full((80, 1), np.nan)], axis=1)
+    samples[:, 3] = 1500.0  # equal samples: sigma goes to 0
+    found = layer_pixels(samples.reshape(80, 2, 101), CAMERA_PAPER, EstimateOptions(paper=True))
+    layers = found.reshaped((1, 2, 101))
+    assert [rule.text for rule in layer_rules(layers, np.array([80])) if rule.broken.any()] == []
+    assert found.status.ravel()[3] == Status.DEGENERATE
+    assert found.status.ravel()[-2:].tolist() == [Status.NO_SURFACE, Status.TOO_FEW_SAMPLES]
+
+
+def test_paper_algorithm_starts_from_the_highest_modes_where_there_are_more_than_max_layers(
+    rng: np.random.Generator,
+) -> None:
+    truth = rng.choice([1000.0, 2000.0, 3000.0, 4500.0], p=[0.3, 0.1, 0.3, 0.3], size=(200, 10))
+    samples = truth + 0.5 * CURVE.sigma(truth) * rng.standard_normal(truth.shape)
+    options = EstimateOptions(paper=True, counter=Kde(gamma=0.05), max_layers=3)
+    found = layer_pixels(samples, CAMERA_PAPER, options)
+    assert (found.n_peaks >= 4).all()
+    assert (found.n_modes == 3).all()
+
+
+def test_paper_option_refuses_another_counter_and_a_wrapped_axis() -> None:
+    with pytest.raises(ValueError, match="kernel density"):
+        EstimateOptions(paper=True, counter=Cpdf())
+    with pytest.raises(ValueError, match="wrapped range axis"):
+        EstimateOptions(paper=True, unambiguous_range_mm=7500.0)
+
+
+def test_paper_option_is_recorded_without_options_that_it_does_not_have() -> None:
+    recorded = EstimateOptions(paper=True, counter=Kde(gamma=0.1)).as_dict()
+    assert recorded["paper"] is True
+    assert (recorded["gamma"], recorded["sigma"], recorded["refine"], recorded["max_iter"]) == (0.1, "free", "none", 50)
+    assert not {"epsilon", "tol", "false_alarm"} & set(recorded)
+    assert "paper" not in EstimateOptions().as_dict()
+
+
+SIGMA = 20.0
+CAMERA_NOT_GAUSSIAN = Sensor(
+    name="test", range_min_mm=300.0, range_max_mm=7500.0, noise=NoiseCurve(np.array([1000.0]), np.array([SIGMA]))
+)
+Draw = Callable[[np.random.Generator, tuple[int, int]], NDArray[np.float64]]
+
+NOISES: dict[str, Draw] = {
+    "skewed": lambda rng, shape: (rng.gamma(4.0, size=shape) - 4.0) / 2.0,
+    "heavy-tailed": lambda rng, shape: rng.standard_t(5, size=shape) * np.sqrt(3 / 5),
+    "steps of sigma": lambda rng, shape: np.rint(rng.standard_normal(shape)),
+    "steps of two sigma": lambda rng, shape: 2 * np.rint(0.5 * np.sqrt(2 / 3) * rng.standard_normal(shape)),
+    "tied": lambda rng, shape: rng.choice([-0.5, 0.0, 0.0, 0.5], size=shape),
+    "near-constant": lambda rng, shape: 1e-3 * rng.standard_normal(shape),
+    "constant": lambda rng, shape: 0.0 * rng.standard_normal(shape),
+    "drifting": lambda rng, shape: np.linspace(-1, 1, shape[0])[:, None] + 0.8 * rng.standard_normal(shape),
+}
+TAILED = ("skewed", "heavy-tailed")
+"""A few of their samples lie where no Gaussian sample would: docs/results/limits.md has the rates of false layers."""
+
+
+def _hold_together(layers: Layers, samples: NDArray[np.float64]) -> None:
+    found = np.isfinite(layers.range)
+    np.testing.assert_array_equal(found.sum(axis=1), layers.n_modes)
+    ok = (layers.status == Status.OK)[:, np.newaxis] & found
+    assert (layers.n_modes[layers.status == Status.OK] > 0).all()
+    for name in ("sigma", "weight", "range_stderr", "weight_stderr", "probability"):
+        values = getattr(layers, name)[ok]
+        assert np.isfinite(values).all(), name
+        assert (values >= 0).all(), name
+    fitted = layers.status != Status.TOO_FEW_SAMPLES
+    total = np.nansum(layers.weight, axis=1) + layers.weight_no_return + layers.weight_outlier
+    np.testing.assert_allclose(total[fitted], 1, atol=1e-5)
+    assert np.isfinite(layers.log_likelihood[fitted]).all()
+    low, high = samples.min(axis=0) - SIGMA, samples.max(axis=0) + SIGMA
+    assert ((layers.range >= low[:, np.newaxis]) & (layers.range <= high[:, np.newaxis]))[found].all()
+
+
+@pytest.mark.parametrize("noise", NOISES)
+@pytest.mark.parametrize("n", [2, 3, 5, 15, 100, 600])
+def test_layers_keep_all_rules_under_any_noise(noise: str, n: int, rng: np.random.Generator) -> None:
+    pixels = sized(60, 5) if n < 600 else sized(8, 1)
+    near = rng.random((n, pixels)) < 0.4
+    samples = np.where(near, 1200.0, 3000.0) + SIGMA * NOISES[noise](rng, (n, pixels))
+    for options in (
+        EstimateOptions(min_samples=2),
+        EstimateOptions(min_samples=2, sigma=SigmaMode.FREE, refine=Refine.NONE),
+    ):
+        _hold_together(layer_pixels(samples, CAMERA_NOT_GAUSSIAN, options), samples)
+
+
+@pytest.mark.parametrize("noise", NOISES)
+@pytest.mark.parametrize("n", [10, 100])
+def test_no_layer_lies_between_two_surfaces(noise: str, n: int, rng: np.random.Generator) -> None:
+    pixels = sized(400, 40)
+    near = rng.random((n, pixels)) < 0.5
+    samples = np.where(near, 2000.0, 2000.0 + 25 * SIGMA) + SIGMA * NOISES[noise](rng, (n, pixels))
+    layers = layer_pixels(samples, CAMERA_NOT_GAUSSIAN)
+    between = (layers.range > 2000 + 3 * SIGMA) & (layers.range < 2000 + 22 * SIGMA)
+    if noise in TAILED:
+        assert between.any(axis=1).mean() < 0.08
+        # What there is are a few samples next to the surface whose tail they are, never a bridge.
+        assert (layers.weight[between] < 0.08).all() or n < 100
+        assert not ((layers.range > 2000 + 9 * SIGMA) & (layers.range < 2000 + 16 * SIGMA)).any()
+    else:
+        assert not between.any()
+    both = (layers.n_modes >= 2).mean()
+    assert both > (0.97 if n == 10 else 0.999)
+
+
+@pytest.mark.parametrize("outliers", [0.3, 0.6, 0.9])
+@pytest.mark.parametrize("n", [30, 300])
+def test_many_outliers_make_no_layer(outliers: float, n: int, rng: np.random.Generator) -> None:
+    pixels = sized(100, 10) if n < 300 else sized(12, 2)
+    samples = np.where(rng.random((n, pixels)) < 0.5, 2000.0, 5000.0) + SIGMA * rng.standard_normal((n, pixels))
+    wild = rng.random(samples.shape) < outliers
+    samples[wild] = rng.uniform(300, 7500, int(wild.sum()))
+    camera = Sensor(
+        name="test",
+        range_min_mm=300.0,
+        range_max_mm=7500.0,
+        noise=CAMERA_NOT_GAUSSIAN.noise,
+        outlier_probability=outliers,
+    )
+    layers = layer_pixels(samples, camera)
+    _hold_together(layers, samples)
+    away = np.minimum(np.abs(layers.range - 2000), np.abs(layers.range - 5000))
+    assert (away > 4 * SIGMA).any(axis=1).mean() <= 0.02  # asked: 0.1 %
+    if n * (1 - outliers) > 100:
+        assert (layers.n_modes == 2).all()
+
+
+@pytest.mark.parametrize("noise", ["steps of sigma", "steps of two sigma", "tied", "near-constant", "constant"])
+@pytest.mark.parametrize("n", [5, 30, 200])
+def test_coarse_or_quiet_readings_of_one_surface_are_one_layer(noise: str, n: int, rng: np.random.Generator) -> None:
+    pixels = sized(300, 30)
+    place = rng.uniform(1000, 3000, pixels)
+    samples = place + SIGMA * NOISES[noise](rng, (n, pixels))
+    layers = layer_pixels(samples, CAMERA_NOT_GAUSSIAN)
+    assert (layers.n_modes == 1).mean() > sized(0.985, 0.96)  # 0.1 % asked; 4 standard errors of 300 pixels
+    spread = 2 * SIGMA / np.sqrt(n)
+    assert (np.abs(layers.range[:, 0] - place) < 4 * spread).mean() > sized(0.99, 0.95)
+
+
+def test_a_drift_of_one_sigma_is_one_layer_and_a_long_one_is_not_nan(rng: np.random.Generator) -> None:
+    drift = np.linspace(-0.5, 0.5, 100)[:, None]
+    for length, pixels, least in ((1.0, sized(100, 20), sized(0.97, 0.9)), (40.0, sized(5, 1), 0.0)):
+        samples = 2000 + SIGMA * (length * drift + rng.standard_normal((100, pixels)))
+        layers = layer_pixels(samples, CAMERA_NOT_GAUSSIAN)
+        _hold_together(layers, samples)
+        assert (layers.n_modes == 1).mean() >= least
+
+
+def test_beam_spreads_outliers_over_the_working_range(sensor: Sensor) -> None:
+    assert beam_of(sensor).outlier_density == pytest.approx(1e-4 / 5700)
+    assert beam_of(sensor).no_return_from == 6000 - 2 * 200
+
+
+def test_beam_without_an_end_spreads_them_over_the_curve(sensor: Sensor) -> None:
+    beam = beam_of(replace(sensor, range_max_mm=None))
+    assert beam.range_max == np.inf
+    assert beam.outlier_density == pytest.approx(1e-4 / 5700)
+
+
+def test_beam_refuses_a_sensor_without_a_curve_or_with_an_empty_interval(sensor: Sensor) -> None:
+    with pytest.raises(ValueError, match="noise curve"):
+        beam_of(replace(sensor, noise=None))
+    short = NoiseCurve(np.array([100.0]), np.array([5.0]))
+    with pytest.raises(ValueError, match="not below"):
+        beam_of(replace(sensor, range_max_mm=None, noise=short))
+
+
+def test_outliers_of_probability_zero_still_have_a_likelihood(sensor: Sensor) -> None:
+    beam = beam_of(replace(sensor, outlier_probability=0.0))
+    assert beam.p_outlier == 0
+    assert beam.outlier_density > 0
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("max_layers", 0),
+        ("max_layers", 33),
+        ("max_iter", 0),
+        ("max_iter", 65536),
+        ("tol", 0.0),
+        ("tol", 1.0),
+        ("min_samples", 1),
+    ],
+)
+def test_options_out_of_bounds_are_named(name: str, value: float) -> None:
+    options: dict[str, Any] = {name: value}
+    with pytest.raises(ValueError, match=name):
+        EstimateOptions(**options)
+
+
+def test_unknown_choice_is_refused_with_its_name_and_all_choices() -> None:
+    assert EstimateOptions(sigma="tied").sigma is SigmaMode.TIED  # type: ignore[arg-type]  # the CLI passes text
+    with pytest.raises(ValueError, match=r"^sigma: 'loose' is not one of tied, prior, free$"):
+        EstimateOptions(sigma="loose")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"^mixing: 'phaser' is not one of auto, events, phasor$"):
+        EstimateOptions(mixing="phaser")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "refusal"),
+    [
+        ("max_layers", 2.5, "max_layers: 2.5 is not a whole number"),
+        ("max_iter", 10.5, "max_iter: 10.5 is not a whole number"),
+        ("min_samples", True, "min_samples: True is not a whole number"),
+        ("tol", "x", "tol: 'x' is not a number"),
+        ("false_alarm", "0.1", "false_alarm: '0.1' is not a number"),
+        ("paper", "no", "paper: 'no' is neither True nor False"),
+        ("counter", "cpdf", r"counter: 'cpdf' is not one of .*Cpdf\(\).*, of tofmix.estimation.peaks.counters"),
+    ],
+)
+def test_option_of_another_type_is_refused_by_name(name: str, value: object, refusal: str) -> None:
+    options: dict[str, Any] = {name: value}
+    with pytest.raises(ValueError, match=f"^{refusal}$"):
+        EstimateOptions(**options)
+
+
+def test_as_dict_names_every_option() -> None:
+    options = EstimateOptions(counter=Kde(gamma=0.1)).as_dict()
+    assert (options["counter"], options["gamma"], options["sigma"]) == ("kde", 0.1, "prior")

@@ -1,13 +1,19 @@
-"""Sorting the samples of a block, against NumPy, and binning them, against fits of every sample."""
+"""Samples of a block sorted and binned, and a camera's temporal filter found and undone."""
 
 import numpy as np
 import pytest
 from benchmarks import binning
+from support.filtered import SENSOR, Scene, averaged, over_windows, stored
 from support.sizes import sized
 
+import tofmix
 from tofmix.arrays import FloatArray
 from tofmix.compiled.vector import LANES
+from tofmix.errors import DoubtWarning
+from tofmix.estimation.filters import learn_filter
 from tofmix.estimation.samples import BIN, FARTHEST_MM, LONG_WINDOW, Readings, gather, padded, sort_samples
+from tofmix.recording import ArrayRecording
+from tofmix.temporal_filter import ExponentialAverage, RunningMean, RunningMedian, TemporalFilter
 
 
 def test_valid_samples_come_first_and_ascend(rng: np.random.Generator) -> None:
@@ -55,3 +61,127 @@ def test_binning_moves_no_fit_by_a_hundredth_of_its_standard_error(samples: int,
         assert np.abs(shares).max() < 0.01
         assert left < 200
     assert np.abs(means).max() > 0.0  # it was binned
+
+
+SHAPE = (24, 32)
+FRAMES = 100
+
+
+def _found(samples: FloatArray, frames: int = FRAMES) -> TemporalFilter | None:
+    return learn_filter(ArrayRecording(stored(samples, frames), SENSOR))
+
+
+@pytest.mark.parametrize("share", [0.7, 0.4, 0.1, 0.05])
+@pytest.mark.parametrize("frames", [100, 30])
+def test_exponential_average_is_found_with_its_share(share: float, frames: int) -> None:
+    found = _found(averaged(Scene(SHAPE, 1).draw(FRAMES), share), frames)
+    assert isinstance(found, ExponentialAverage)
+    assert found.parameter == pytest.approx(share, rel=0.01)
+
+
+def test_exponential_average_is_found_where_only_mixed_pixels_have_their_mean_range() -> None:
+    scene = Scene((48, 64), 1)
+    assert scene.mixed.sum() > 200
+    found = _found(averaged(scene.draw(FRAMES), 0.2))
+    assert isinstance(found, ExponentialAverage)
+    assert found.parameter == pytest.approx(0.2, rel=0.004)
+
+
+@pytest.mark.parametrize("window", [3, 5, 7])
+def test_running_median_is_found_by_its_repeated_values(window: int) -> None:
+    assert _found(over_windows(Scene(SHAPE, 2).draw(FRAMES), window, median=True)) == RunningMedian(float(window))
+
+
+@pytest.mark.parametrize(("window", "frames"), [(2, 100), (3, 100), (5, 100), (8, 100), (16, 100), (3, 30), (8, 40)])
+def test_running_mean_is_found_with_its_window(window: int, frames: int) -> None:
+    means = over_windows(Scene(SHAPE, 3).draw(FRAMES), window, median=False)
+    assert _found(means, frames) == RunningMean(float(window))
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.3, 0.6, 0.9])
+def test_noise_with_a_memory_is_no_filter(memory: float) -> None:
+    assert _found(Scene(SHAPE, 4).draw(FRAMES, memory=memory)) is None
+
+
+@pytest.mark.parametrize("frames", [100, 30])
+def test_pink_noise_drift_and_jitter_of_frames_are_no_filter(frames: int) -> None:
+    scene = Scene(SHAPE, 5)
+    samples = scene.draw(frames)
+    time = np.linspace(0.0, 1.0, len(samples))[:, None, None]
+    assert _found(scene.draw(frames, pink=True), frames) is None
+    assert _found(samples + 40.0 * time, frames) is None
+    assert _found(samples + scene.rng.normal(0.0, 20.0, (len(samples), 1, 1)), frames) is None
+    assert _found(samples + np.cumsum(scene.rng.normal(0.0, 5.0, (len(samples), 1, 1)), axis=0), frames) is None
+
+
+def test_frames_stored_twice_and_surfaces_that_sway_are_no_filter() -> None:
+    samples = Scene(SHAPE, 6).draw(2 * FRAMES)
+    assert _found(np.repeat(samples, 2, axis=0), 2 * FRAMES) is None
+    sway = 300.0 * np.sin(np.arange(len(samples)) / 9.0)[:, None, None] * (np.indices(SHAPE)[1] < 8)
+    assert _found(samples + sway) is None
+
+
+def test_average_of_single_surfaces_is_left_to_the_memory_of_the_noise() -> None:
+    scene = Scene(SHAPE, 7)
+    scene.share = np.rint(scene.share)
+    assert _found(averaged(scene.draw(FRAMES), 0.4)) is None
+
+
+@pytest.mark.parametrize(("share", "worth"), [(0.4, 25), (0.1, 5)])
+def test_mixed_pixels_of_an_average_are_found_and_said_with_the_remedy(share: float, worth: int) -> None:
+    scene = Scene(SHAPE, 8)
+    ranges = stored(averaged(scene.draw(FRAMES), share), FRAMES)
+    with pytest.warns(DoubtWarning, match=f"100 such frames tell as much as {worth} .*temporal filter off") as said:
+        found = tofmix.estimate(tofmix.from_array(ranges, units="mm", sensor=SENSOR), noise="file", workers=2)
+    assert sum("filter" in str(one.message) for one in said) == 1
+    mixed, n = scene.mixed, found.n_modes[0]
+    assert mixed.sum() > 50
+    assert (n[mixed] == 2).mean() > 0.97
+    assert (n[~mixed] > 1).mean() < 0.01
+    assert found.n_samples.max() == FRAMES - 1
+    np.testing.assert_allclose(np.median(found.range[0][mixed][:, 0] - scene.near_mm[mixed]), 0.0, atol=3.0)
+
+
+def test_shares_and_ranges_behind_a_median_are_those_of_the_samples() -> None:
+    scene = Scene(SHAPE, 9)
+    ranges = stored(over_windows(scene.draw(FRAMES), 3, median=True), FRAMES)
+    with pytest.warns(DoubtWarning, match="median of 3"):
+        found = tofmix.estimate(tofmix.from_array(ranges, units="mm", sensor=SENSOR), noise="file", workers=2)
+    both = scene.mixed & (found.n_modes[0] == 2)
+    assert both.sum() > 0.9 * scene.mixed.sum()
+    assert (found.n_modes[0][scene.mixed] > 2).mean() <= 0.02
+    off = found.weight[0][both][:, 0] - scene.share[both]
+    assert abs(off.mean()) < 0.03
+    assert abs(np.polyfit(scene.share[both], off, 1)[0]) < 0.15  # uncorrected, the slope is 0.4
+    z = (found.range[0][both][:, 0] - scene.near_mm[both]) / found.range_stderr[0][both][:, 0]
+    assert np.sqrt(np.mean(z**2)) < 1.5
+
+
+@pytest.mark.parametrize("window", [3, 8])
+def test_mixed_pixels_of_a_running_mean_have_their_two_layers(window: int) -> None:
+    scene = Scene(SHAPE, 10)
+    ranges = stored(over_windows(scene.draw(FRAMES), window, median=False), FRAMES)
+    with pytest.warns(DoubtWarning, match=f"mean of {window}.* tell as much as {FRAMES // window} ") as said:
+        found = tofmix.estimate(tofmix.from_array(ranges, units="mm", sensor=SENSOR), noise="file", workers=2)
+    assert sum("filter" in str(one.message) for one in said) == 1
+    mixed, n = scene.mixed, found.n_modes[0]
+    assert (n[mixed] == 2).mean() > 0.97
+    assert (n[~mixed] > 1).mean() < 0.01
+    assert found.n_samples.max() == FRAMES
+    both = mixed & (n == 2)
+    z = (found.range[0][both][:, 0] - scene.near_mm[both]) / found.range_stderr[0][both][:, 0]
+    assert np.sqrt(np.mean(z**2)) < 1.3
+    off = (found.weight[0][both][:, 0] - scene.share[both]) / found.weight_stderr[0][both][:, 0]
+    assert np.sqrt(np.mean(off**2)) < 1.3
+
+
+def test_mixed_pixels_of_few_windows_of_a_mean_have_no_layer() -> None:
+    scene = Scene(SHAPE, 11)
+    ranges = stored(over_windows(scene.draw(40), 8, median=False), 40)
+    with pytest.warns(DoubtWarning) as said:
+        found = tofmix.estimate(tofmix.from_array(ranges, units="mm", sensor=SENSOR), noise="file", workers=2)
+    assert any("mean of 8" in str(one.message) for one in said)
+    assert not any("too dark" in str(one.message) for one in said)
+    np.testing.assert_array_equal(found.invalid_share, 0.0)
+    assert (found.n_modes[0][scene.mixed] == 0).all()
+    assert (found.n_modes[0][~scene.mixed] == 1).mean() > 0.95

@@ -1,18 +1,20 @@
-"""Patches of smooth surfaces: exact on planes, spheres and cylinders, and as sure as they are right elsewhere."""
+"""Patches of smooth surfaces and masks of pixels."""
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from support.round_things import Thing, cylinder, ellipsoid, rays_of, sphere, wall
 
 from tofmix.image.light import with_light
+from tofmix.image.masks import components, count_around, near, sum_around
 from tofmix.image.patch import STATE, TangentFrame, bend_term, fit_patches, meet
 from tofmix.image.scales import UNKNOWN, learn_scales, may_bend
 from tofmix.image.segments import View, around, grid_of_places, lattice_of_places, segments_of
 
 SIZE, FOCAL = 24, 75.0
-
-pytestmark = pytest.mark.compiled("rays meet patches in a kernel")
 
 
 def seen(thing: Thing, noise_mm: float, seed: int = 1) -> View:
@@ -47,6 +49,7 @@ def one_state(*numbers: float) -> tuple[TangentFrame, NDArray[np.float64]]:
     return frame, np.array([[(*numbers, *np.zeros(STATE - len(numbers)))]])
 
 
+@pytest.mark.compiled("rays meet patches in a kernel")
 @pytest.mark.parametrize("radius", [150.0, 400.0])
 def test_rays_meet_a_patch_of_equal_curvatures_where_they_meet_the_sphere(radius: float) -> None:
     frame, state = one_state(0, 0, 0, -1 / radius, 0, -1 / radius)
@@ -63,6 +66,7 @@ def test_rays_meet_a_patch_of_equal_curvatures_where_they_meet_the_sphere(radius
     np.testing.assert_allclose(cosine, np.abs((normal * rays).sum(axis=1)), rtol=1e-6)
 
 
+@pytest.mark.compiled("rays meet patches in a kernel")
 def test_rays_meet_a_bowl_on_its_far_side_where_the_patch_is() -> None:
     radius = 400.0
     frame, state = one_state(0, 0, 0, 1 / radius, 0, 1 / radius)
@@ -75,6 +79,7 @@ def test_rays_meet_a_bowl_on_its_far_side_where_the_patch_is() -> None:
     np.testing.assert_allclose(range_mm, expected, rtol=1e-9)
 
 
+@pytest.mark.compiled("rays meet patches in a kernel")
 def test_rays_meet_a_flat_patch_where_they_meet_the_plane() -> None:
     frame, state = one_state(10.0, 0.2, -0.1, 0, 0, 0)
     rays = np.array([[[0.0, 0.0, 1.0], [0.1, 0.05, 0.99]]])
@@ -84,6 +89,7 @@ def test_rays_meet_a_flat_patch_where_they_meet_the_plane() -> None:
     np.testing.assert_allclose(h, 10.0 + 0.2 * u - 0.1 * v, atol=1e-9)
 
 
+@pytest.mark.compiled("rays meet patches in a kernel")
 def test_rays_meet_an_ellipsoid_where_the_patch_has_its_quadric() -> None:
     wide, deep = 300.0, 150.0  # half axes across and along the view: curvature deep / wide^2, and e = 1 / deep - g
     bend = -deep / wide**2
@@ -98,6 +104,7 @@ def test_rays_meet_an_ellipsoid_where_the_patch_has_its_quadric() -> None:
     np.testing.assert_allclose(cosine[seen], expected.cosine[seen], rtol=1e-6)
 
 
+@pytest.mark.compiled("rays meet patches in a kernel")
 def test_rays_meet_any_quadric_at_its_zeros_and_by_its_gradient() -> None:
     numbers = (5.0, 0.1, -0.2, -4e-3, 1e-3, -3e-3, 6e-4, -4e-4, -1e-3)
     frame, state = one_state(*numbers)
@@ -120,6 +127,7 @@ def test_rays_meet_any_quadric_at_its_zeros_and_by_its_gradient() -> None:
     np.testing.assert_allclose(cosine, facing, rtol=1e-6)
 
 
+@pytest.mark.compiled("rays meet patches in a kernel")
 @pytest.mark.parametrize(
     "thing",
     [wall(2000, (0.4, 0.1, 0.9)), sphere((20, 10, 1800), 260), cylinder(30, 1800, 220)],
@@ -145,6 +153,7 @@ def test_prediction_of_a_pixel_at_the_rim_is_as_far_off_as_it_says(thing: Thing)
     assert np.median(np.nanstd(range_mm, axis=1)) < 15.0
 
 
+@pytest.mark.compiled("rays meet patches in a kernel")
 @pytest.mark.parametrize(
     ("thing", "bends"), [(wall(2000, (0.3, 0.2, 0.9)), False), (sphere((20, 10, 1800), 260), True)]
 )
@@ -156,6 +165,7 @@ def test_a_surface_bends_only_where_its_pixels_say_so(thing: Thing, bends: bool)
     assert learn_scales(view, segment, largest, 4).is_flat().tolist() == [not bends]
 
 
+@pytest.mark.compiled("rays meet patches in a kernel")
 def test_a_step_of_range_or_light_parts_segments() -> None:
     view = seen(wall(2000), 1.0)
     right = np.arange(SIZE * SIZE) % SIZE >= SIZE // 2
@@ -168,6 +178,7 @@ def test_a_step_of_range_or_light_parts_segments() -> None:
         assert not ({*segment[right].tolist()} & {*segment[~right].tolist()}) - {-1}
 
 
+@pytest.mark.compiled("rays meet patches in a kernel")
 def test_places_of_a_lattice_share_no_row_or_column_and_fill_the_pixel() -> None:
     places = lattice_of_places(64, 27)
     for axis in (0, 1):
@@ -177,6 +188,7 @@ def test_places_of_a_lattice_share_no_row_or_column_and_fill_the_pixel() -> None
     np.testing.assert_allclose(grid_of_places(2), [[-0.25, -0.25], [-0.25, 0.25], [0.25, -0.25], [0.25, 0.25]])
 
 
+@pytest.mark.compiled("rays meet patches in a kernel")
 def test_two_columns_of_pixels_tell_no_curvature() -> None:
     view = seen(cylinder(30, 1800, 220), 1.0)
     segment = np.where(view.valid & (np.abs(np.arange(SIZE * SIZE) % SIZE - 12.5) < 1), 0, -1)
@@ -185,6 +197,7 @@ def test_two_columns_of_pixels_tell_no_curvature() -> None:
     assert not may_bend(view, segment, np.array([0]), 4)[0].any()
 
 
+@pytest.mark.compiled("rays meet patches in a kernel")
 def test_light_of_two_columns_is_fitted_where_their_curvature_is_open() -> None:
     view = seen(cylinder(30, 4000, 220), 1.0)
     segment = np.where(view.valid & (np.abs(np.arange(SIZE * SIZE) % SIZE - 12.5) < 1), 0, -1)
@@ -194,6 +207,7 @@ def test_light_of_two_columns_is_fitted_where_their_curvature_is_open() -> None:
     assert with_light(view, at, fit_patches(view, at, members, bend, third)).fitted.all()
 
 
+@pytest.mark.compiled("rays meet patches in a kernel")
 @pytest.mark.parametrize(("radius", "least"), [(150.0, 20), (100.0, 6)])
 def test_a_sphere_of_a_few_pixels_is_a_segment(radius: float, least: int) -> None:
     view = seen(sphere((10, 10, 2000), radius), 0.7)
@@ -202,6 +216,7 @@ def test_a_sphere_of_a_few_pixels_is_a_segment(radius: float, least: int) -> Non
     assert segment.max() == 0
 
 
+@pytest.mark.compiled("rays meet patches in a kernel")
 def test_three_columns_of_pixels_are_told_from_a_board_under_noise_by_one_direction_of_bending() -> None:
     for thing, is_flat in ((cylinder(30, 1800, 90), False), (wall(1800), True)):
         view = seen(thing, 4.0)
@@ -211,3 +226,26 @@ def test_three_columns_of_pixels_are_told_from_a_board_under_noise_by_one_direct
         assert (segment == 0).sum() == 3 * SIZE
         assert scales.is_known()[0]
         assert scales.is_flat()[0] == is_flat
+
+
+def test_components_are_scipys_in_their_order(rng: np.random.Generator) -> None:
+    for edges in (0, 30, 200, 2000):
+        one, other = rng.integers(0, 300, (2, edges))
+        graph = coo_array((np.ones(edges, np.int8), (one, other)), shape=(300, 300))
+        np.testing.assert_array_equal(components(one, other, 300), connected_components(graph, directed=False)[1])
+    chain = rng.permutation(3000)
+    assert not components(chain[:-1], chain[1:], 3000).any()
+
+
+@pytest.mark.parametrize("reach", [0, 1, 3, 20])
+def test_counts_and_neighbourhoods_are_scipys_also_at_the_border(reach: int, rng: np.random.Generator) -> None:
+    square = np.ones((2 * reach + 1, 2 * reach + 1))
+    for shape in ((12, 17), (1, 5), (3, 1)):
+        mask = rng.random(shape) < 0.1
+        counted = ndimage.convolve(mask.astype(np.int64), square.astype(np.int64), mode="constant")
+        np.testing.assert_array_equal(count_around(mask, reach), counted)
+        values = rng.standard_normal(shape)
+        np.testing.assert_allclose(
+            sum_around(values, reach), ndimage.convolve(values, square, mode="constant"), atol=1e-9
+        )
+        np.testing.assert_array_equal(near(mask, reach), ndimage.binary_dilation(mask, square.astype(bool)))

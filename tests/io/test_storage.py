@@ -1,8 +1,9 @@
-"""Outputs appear whole or not at all, whatever fails."""
+"""Outputs, groups of them and folders appear whole or not at all, whatever fails."""
 
 import errno
 import os
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -10,7 +11,10 @@ import pytest
 from support.full_disk import FullDisk
 
 from tofmix.errors import BadInputError, StorageError, UsageError
-from tofmix.io.storage import AtomicFile, Sink, check_output, read_text, write_text
+from tofmix.io import hdf5
+from tofmix.io.guard import guard
+from tofmix.io.reconciliation import locked_folder, write_folder
+from tofmix.io.storage import AtomicFile, Sink, check_output, read_text, write_atomic_group, write_text
 
 
 def test_text_is_written_and_read_back(tmp_path: Path) -> None:
@@ -137,3 +141,131 @@ def test_texts_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
         read_text(tmp_path / "latin.toml")
     with pytest.raises(BadInputError, match="No such file"):
         read_text(tmp_path / "none.toml")
+
+
+def test_atomic_group_writes_all_files(tmp_path: Path) -> None:
+    write_atomic_group({tmp_path / "a": b"1", tmp_path / "b": b"2"}, overwrite=False)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"a": b"1", "b": b"2"}
+
+
+def test_existing_file_keeps_all_files_back(tmp_path: Path) -> None:
+    (tmp_path / "b").write_bytes(b"old")
+    with pytest.raises(UsageError, match="--overwrite"):
+        write_atomic_group({tmp_path / "a": b"1", tmp_path / "b": b"2"}, overwrite=False)
+    assert [path.name for path in tmp_path.iterdir()] == ["b"]
+    write_atomic_group({tmp_path / "a": b"1", tmp_path / "b": b"2"}, overwrite=True)
+    assert (tmp_path / "b").read_bytes() == b"2"
+
+
+@pytest.mark.parametrize("fails_at", [1, 2, 3])
+def test_failed_renaming_leaves_no_new_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails_at: int) -> None:
+    commits = []
+    commit = AtomicFile.commit
+
+    def failing(self: AtomicFile) -> None:
+        commits.append(self)
+        if len(commits) == fails_at:
+            raise StorageError("disk gone")
+        commit(self)
+
+    monkeypatch.setattr(AtomicFile, "commit", failing)
+    with pytest.raises(StorageError, match="disk gone"):
+        write_atomic_group({tmp_path / name: b"1" for name in "abc"}, overwrite=False)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_failed_write_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.pwrite", full)
+    with pytest.raises(StorageError, match="No space left"):
+        write_atomic_group({tmp_path / "a": b"1", tmp_path / "b": b"2"}, overwrite=False)
+    assert list(tmp_path.iterdir()) == []
+
+
+MAPS = {"maps/pattern.npy": np.ones((2, 3))}
+
+
+def write(folder: Path, **settings: Any) -> None:  # noqa: ANN401  the writer's own
+    write_folder(folder, model_texts=["model"], gap={"verdict": "agree"}, page="page", **({"maps": MAPS} | settings))
+
+
+def test_reconciliation_folder_is_written_and_replaced(tmp_path: Path) -> None:
+    folder = tmp_path / "gap"
+    for overwrite in (False, True):
+        write(folder, overwrite=overwrite)
+        names = sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
+        assert names == ["gap.json", "maps", "maps/pattern.npy", "model.toml", "report.html"]
+    with pytest.raises(UsageError, match="exists; pass --overwrite"):
+        write(folder, overwrite=False)
+    np.testing.assert_array_equal(np.load(folder / "maps/pattern.npy"), MAPS["maps/pattern.npy"])
+
+
+@pytest.mark.parametrize("call", ["os.pwrite", "os.fsync", "pathlib.Path.replace"])
+def test_full_disk_leaves_no_new_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str) -> None:
+    def fail(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(call, fail)
+        with pytest.raises(StorageError, match="No space left"):
+            write(tmp_path / "gap", overwrite=False)
+    assert list(tmp_path.iterdir()) == []
+    write(tmp_path / "gap", overwrite=False)
+    with monkeypatch.context() as patch:
+        patch.setattr(call, fail)
+        with pytest.raises(StorageError, match="No space left"):
+            write(tmp_path / "gap", overwrite=True)
+    assert len(list((tmp_path / "gap").iterdir())) == 4
+
+
+def test_a_second_run_is_refused_at_once(tmp_path: Path) -> None:
+    folder = tmp_path / "gap"
+    with locked_folder(folder, overwrite=False):
+        with pytest.raises(UsageError, match="another run is writing it"):
+            # As another process would: what this one holds already passes to its own writers.
+            _lock_anew(folder)
+        write(folder, overwrite=False)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["gap"]
+
+
+def _lock_anew(folder: Path) -> None:
+    from tofmix.io import locks
+
+    held = locks._held.pop(Path(os.path.realpath(folder)))
+    try:
+        locks.lock_output(Path(os.path.realpath(folder)))
+    finally:
+        locks._held[Path(os.path.realpath(folder))] = held
+
+
+def test_suggested_model_is_written_and_goes_when_a_later_run_suggests_none(tmp_path: Path) -> None:
+    folder = tmp_path / "gap"
+    write(folder, overwrite=False, suggested_texts=["moved"])
+    assert (folder / "suggested_model.toml").read_text() == "moved"
+    write(folder, overwrite=True)
+    assert not (folder / "suggested_model.toml").exists()
+    assert (folder / "model.toml").read_text() == "model"
+
+
+def test_a_reason_is_one_short_line() -> None:
+    with (
+        pytest.raises(BadInputError, match=r"^a\.h5: range: cannot be read: wrong checksum$"),
+        guard.reading(Path("a.h5"), "range"),
+    ):
+        raise OSError("Can't synchronously read data\n (wrong checksum)")
+
+
+def test_text_attributes_of_either_kind_are_read(tmp_path: Path) -> None:
+    import numpy as np
+
+    with h5py.File(tmp_path / "a.h5", "w") as root:
+        root.attrs["variable"] = "text"
+        root.attrs["fixed"] = np.bytes_(b"text")
+        root.attrs["list"] = ["text"]
+        root.attrs["number"] = 3
+        for key in ("variable", "fixed", "list"):
+            assert hdf5.text_attribute(root, key) == "text"
+        assert hdf5.text_attribute(root, "number") is None
+        assert hdf5.text_attribute(root, "none") is None

@@ -1,11 +1,17 @@
+"""Beams of layers and averages, poses and grids."""
+
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from support.alike import MakeLayers
 
-from tofmix.mapping.beams import CLEAR_STDERRS, MAX_INCIDENCE_DEG, beams_from_layers, beams_from_ranges
+from tofmix.mapping.beams import CLEAR_STDERRS, MAX_INCIDENCE_DEG, beams_from_layers, beams_from_ranges, count_samples
+from tofmix.mapping.grid import Pose, VoxelGrid, lattice_span, plan_grid
+from tofmix.recording import ArrayRecording
 from tofmix.sensor import Sensor
 
 
@@ -62,3 +68,93 @@ def test_uncertain_range_lowers_the_probability_of_a_hit(make_layers: MakeLayers
     within = beams.probability_within(50.0)[2, 3]
     np.testing.assert_allclose(within, [0.682689, 1.0, 0.0], atol=1e-5)  # one standard error, none, no surface
     assert (beams.probability_within(5.0)[..., 0] < 0.1).all()
+
+
+def test_valid_samples_are_counted_in_the_requested_frames() -> None:
+    rng = np.random.default_rng(4)
+    samples = np.where(rng.random((9, 3, 2)) < 0.3, np.nan, 1000.0)
+    recording = ArrayRecording(samples, Sensor(name="x"))
+    for block in (7, 1 << 21):
+        counted = count_samples(recording, start=2, stop=8, block_samples=block)
+        np.testing.assert_array_equal(counted, np.isfinite(samples[2:8]).sum(axis=0))
+    with pytest.raises(ValueError, match="the recording has 9"):
+        count_samples(recording, start=2, stop=10)
+
+
+@given(st.integers(-500, 500), st.integers(1, 300), st.sampled_from([0.1, 1.0, 37.5, 50.0]))
+def test_ends_on_whole_cells_stay_there(first: int, count: int, cell: float) -> None:
+    assert lattice_span((first * cell, (first + count) * cell), cell) == (first, first + count)
+
+
+def test_ends_between_cells_are_rounded_outward() -> None:
+    assert lattice_span((-120.0, 101.0), 50.0) == (-3, 3)
+    for bad in ((1.0, 1.0), (2.0, 1.0), (math.nan, 1.0), (0.0, math.inf)):
+        with pytest.raises(ValueError, match="first must be below"):
+            lattice_span(bad, 50.0)
+
+
+@pytest.mark.parametrize("pose", [Pose(), Pose(x_mm=1234.0, y_mm=-77.0, yaw_deg=130.0, pitch_deg=20.0)])
+def test_grid_contains_all_ranges_of_the_beams(make_layers: MakeLayers, camera: Sensor, pose: Pose) -> None:
+    beams = beams_from_layers(make_layers([1000.0], [0.5], no_return=0.5), camera)
+    grid = plan_grid(beams, pose, cell_mm=50.0)
+    rng = np.random.default_rng(3)
+    az, el = rng.uniform(-1, 1, (2, 500)) * math.radians(4)
+    ends = 5980 * np.stack([np.sin(az) * np.cos(el), np.sin(el), np.cos(az) * np.cos(el)])
+    ends = (pose.rotation() @ ends).T + pose.position()
+    assert (ends >= grid.origin_mm).all()
+    assert (ends <= grid.origin_mm + np.array(grid.shape) * 50).all()
+    for axis in range(3):
+        assert grid.origin_mm[axis] <= pose.position()[axis] <= grid.centres_mm(axis)[-1] + 25
+
+
+def test_band_of_heights_sets_the_height_of_the_grid(make_layers: MakeLayers, camera: Sensor) -> None:
+    beams = beams_from_layers(make_layers([1000.0], [1.0]), camera)
+    grid = plan_grid(beams, Pose(), cell_mm=50.0, height_mm=(-130.0, 100.0))
+    assert (grid.first[2], grid.shape[2]) == (-3, 5)
+    assert grid.levels((-100.0, 0.0)) == slice(1, 3)
+    with pytest.raises(ValueError, match="not all within the grid"):
+        grid.levels((-200.0, 0.0))
+    higher = grid.with_levels((0.0, 300.0))
+    assert (higher.first, higher.shape) == ((*grid.first[:2], -3), (*grid.shape[:2], 9))
+
+
+def test_grid_refuses_invalid_cells_and_heights(make_layers: MakeLayers, camera: Sensor) -> None:
+    beams = beams_from_layers(make_layers([1000.0], [0.5], no_return=0.5), camera)
+    with pytest.raises(ValueError, match="take larger cells"):
+        plan_grid(beams, Pose(), cell_mm=1.0)
+    for bad in (0.0, -1.0, math.nan):
+        with pytest.raises(ValueError, match="cell_mm"):
+            plan_grid(beams, Pose(), cell_mm=bad)
+        with pytest.raises(ValueError, match="cell_mm"):
+            VoxelGrid(cell_mm=bad, first=(0, 0, 0), shape=(1, 1, 1))
+    with pytest.raises(ValueError, match="holds no cell"):
+        VoxelGrid(cell_mm=1.0, first=(0, 0, 0), shape=(1, 0, 1))
+
+
+def test_a_level_camera_looks_along_x_with_y_to_its_left_and_z_up() -> None:
+    right, down, forward = Pose().rotation().T
+    np.testing.assert_allclose(forward, [1, 0, 0], atol=1e-15)
+    np.testing.assert_allclose(right, [0, -1, 0], atol=1e-15)
+    np.testing.assert_allclose(down, [0, 0, -1], atol=1e-15)
+
+
+def test_yaw_turns_left_and_pitch_looks_down() -> None:
+    np.testing.assert_allclose(Pose(yaw_deg=90).rotation()[:, 2], [0, 1, 0], atol=1e-15)
+    forward = Pose(pitch_deg=30).rotation()[:, 2]
+    np.testing.assert_allclose(forward, [math.sqrt(3) / 2, 0, -0.5], atol=1e-15)
+
+
+@pytest.mark.parametrize("pitch", [-80.0, 0.0, 33.0])
+@pytest.mark.parametrize("yaw", [-200.0, 0.0, 71.0])
+def test_the_axes_are_right_handed_and_orthonormal(yaw: float, pitch: float) -> None:
+    rotation = Pose(yaw_deg=yaw, pitch_deg=pitch).rotation()
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
+    assert np.linalg.det(rotation) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    "bad", [{"x_mm": math.nan}, {"y_mm": 1e9}, {"yaw_deg": math.inf}, {"pitch_deg": 90.0}, {"pitch_deg": math.nan}]
+)
+def test_refusals_name_the_key(bad: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=next(iter(bad))):
+        Pose(**bad)

@@ -1,5 +1,6 @@
-"""Areas from shares of samples, against edges that are known."""
+"""Areas that edges, arcs and lines cut off a pixel."""
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -19,11 +20,15 @@ from benchmarks.not_there_parts.shares import (
 )
 
 import tofmix as tm
+from tofmix.arrays import FloatArray
 from tofmix.flags import Mixing
 from tofmix.layers import Layers
 from tofmix.measurement import ShareLaw
 from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.surfaces.edge_run import is_of_run
+from tofmix.surfaces.edge_shape import ARC, chord, chord_outside, covered, covered_by_both, covered_by_three, predict
 from tofmix.surfaces.reconstruct import reconstruct
+from tofmix.surfaces.settings import EdgeSettings
 
 BY_NAME = {case.name: case for case in CASES}
 CURVE = NoiseCurve(
@@ -108,3 +113,99 @@ def test_amplitude_of_a_layer_is_the_mean_of_its_samples(bright: Bright) -> None
     for layer in (0, 1):
         own = light[nearer.argmin(axis=1) == layer, row, col]
         assert layers.amplitude[row, col, layer] == pytest.approx(own.mean(), rel=1e-5)
+
+
+_GRID = (np.arange(400) + 0.5) / 400 - 0.5
+
+
+def _pixel(x: float, y: float) -> FloatArray:
+    """A collected pixel at a place, of the same grid as the fit's own."""
+    pixel = np.zeros(13)
+    pixel[0], pixel[1], pixel[2], pixel[5] = x, y, 1.0, 1.0
+    return pixel
+
+
+@pytest.mark.parametrize(("radius", "most"), [(4.0, 0.0025), (8.0, 0.001), (15.0, 0.0005)])
+def test_area_under_an_arc_is_that_of_its_circle(radius: float, most: float) -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(40):
+        angle, offset = float(rng.uniform(0.0, 2.0 * np.pi)), float(rng.uniform(-0.5, 0.5))
+        x, y = math.cos(angle) * (offset + radius), math.sin(angle) * (offset + radius)
+        turn = angle + float(rng.uniform(-0.8, 0.8))
+        row, col = np.rint(x - radius * math.cos(turn)), np.rint(y - radius * math.sin(turn))
+        within = np.hypot(row + _GRID[:, np.newaxis] - x, col + _GRID - y) <= radius
+        out = np.zeros(7)
+        predict(ARC, angle, offset, 1.0 / radius, _pixel(row, col), out, np.zeros((3, 8, 2)))
+        assert out[0] == pytest.approx(within.mean(), abs=most)
+
+
+def test_other_side_of_a_circle_is_not_of_an_arcs_run() -> None:
+    fit = np.zeros(11)
+    fit[3] = 1.0 / 4.0  # curvature; the circle's other side is 8 pixels along the normal
+    assert is_of_run(ARC, fit, 1.0, 0.0, _pixel(0.0, 0.0), 2.0, 2.0, EdgeSettings())
+    assert not is_of_run(ARC, fit, 1.0, 0.0, _pixel(8.0, 0.0), 2.0, 2.0, EdgeSettings())
+
+
+_PLACES = (np.arange(400) + 0.5) / 400 - 0.5
+_U, _V = np.meshgrid(_PLACES, _PLACES, indexing="ij")
+_LINES = [
+    (float(np.cos(angle)) * scale, float(np.sin(angle)) * scale, at)
+    for angle in (0.0, 0.3, np.pi / 4, 1.4, np.pi / 2, 2.5, 4.0, 5.9)
+    for at in (-0.8, -0.45, -0.1, 0.0, 0.3, 0.6)
+    for scale in (0.7, 1.0)
+]
+
+
+def _counted(line: tuple[float, float, float]) -> np.ndarray:
+    return line[0] * _U + line[1] * _V + line[2] >= 0
+
+
+@pytest.mark.parametrize("line", _LINES[:: len(_LINES) // 12])
+def test_covered_area_equals_the_share_of_places_on_the_positive_side(line: tuple[float, float, float]) -> None:
+    assert covered(*line) == pytest.approx(_counted(line).mean(), abs=2e-3)
+
+
+def test_change_of_the_area_is_the_chord_over_the_slope() -> None:
+    out = np.empty(3)
+    for a, b, c in _LINES:
+        chord(a, b, c, out)
+        step = 1e-6
+        assert out[0] == pytest.approx((covered(a, b, c + step) - covered(a, b, c - step)) / (2 * step), abs=1e-4)
+        if out[0] > 0:  # the middle of the chord lies on the line, within the pixel
+            assert a * out[1] + b * out[2] + c == pytest.approx(0.0, abs=1e-12)
+            assert max(abs(out[1]), abs(out[2])) <= 0.5 + 1e-12
+
+
+def test_area_of_both_sides_equals_the_share_of_places_on_both() -> None:
+    work = np.empty((3, 8, 2))
+    for one, other in zip(_LINES, _LINES[7:] + _LINES[:7], strict=True):
+        expected = (_counted(one) & _counted(other)).mean()
+        assert covered_by_both(*one, *other, work) == pytest.approx(expected, abs=4e-3)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_area_on_one_side_of_three_lines_equals_the_share_of_places_there(side: float) -> None:
+    work = np.empty((3, 8, 2))
+    some = 0
+    for lines in zip(_LINES, _LINES[7:] + _LINES[:7], _LINES[22:] + _LINES[:22], strict=True):
+        expected = np.all([side * (a * _U + b * _V + c) >= 0 for a, b, c in lines], axis=0).mean()
+        some += 0 < expected < 1
+        area = covered_by_three(side, np.array(lines[0]), np.array(lines[1]), np.array(lines[2]), work)
+        assert area == pytest.approx(expected, abs=4e-3)
+    assert some > 10
+
+
+def test_part_of_a_chord_outside_another_line_is_the_change_of_the_area_of_either() -> None:
+    work, out = np.empty((3, 8, 2)), np.empty(3)
+    step = 1e-6
+
+    def either(c: float, a: float, b: float, other: tuple[float, float, float]) -> float:
+        return covered(a, b, c) + covered(*other) - covered_by_both(a, b, c, *other, work)
+
+    checked: list[FloatArray] = []
+    for (a, b, c), other in zip(_LINES, _LINES[5:] + _LINES[:5], strict=True):
+        chord_outside(a, b, c, *other, out)
+        slope = (either(c + step, a, b, other) - either(c - step, a, b, other)) / (2 * step)
+        assert out[0] == pytest.approx(slope, abs=1e-4)
+        checked.append(out.copy())
+    assert np.any(np.array(checked)[:, 0] > 0.1)

@@ -1,6 +1,6 @@
 """Masks of pixels: connected components, and what lies around pixels; in NumPy, for SciPy takes longer to import.
 
-`tests/image/test_masks.py` holds each against SciPy.
+`tests/image/test_patch.py` holds each against SciPy.
 """
 
 from typing import Any

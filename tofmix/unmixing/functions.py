@@ -1,7 +1,7 @@
 """Functions of statistics that unmixing needs, in NumPy.
 
 SciPy has them all. But its modules take longer to import than a usual recording takes to estimate, and nothing else in
-an estimate needs them. `tests/unmixing/test_functions.py` holds each against SciPy.
+an estimate needs them. `tests/unmixing/test_planes.py` holds each against SciPy.
 """
 
 import math

@@ -1,6 +1,8 @@
-"""`tofmix estimate`: from a recording to a layers file, with every option."""
+"""`tofmix estimate`: from recordings to layers files, with every option; the same bytes in however many pieces."""
 
+import io
 import json
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -11,9 +13,14 @@ import numpy as np
 import pytest
 from support.commandline import Tofmix
 from support.files import boards, write_recording
+from support.full_disk import FullDisk
+from support.sizes import sized
 
+import tofmix as tm
 from tofmix.errors import ExitCode
+from tofmix.io.layers.journal import journal_path, open_journal
 from tofmix.io.recording.recording_file import file_sha256
+from tofmix.layers import LAYER_FIELDS
 
 
 @pytest.fixture
@@ -216,3 +223,372 @@ def test_paper_option_writes_the_papers_algorithm_and_refuses_options_that_it_do
         refused = tofmix("estimate", recording, "-o", tmp_path / "no.h5", "--paper", *option)
         assert refused.code == 2
         assert f"{option[0]} and --paper exclude each other" in refused.err
+
+
+WINDOWS = ("--window", 10, "--stride", 5)
+UNKNOWN = {"range_min_mm": np.nan, "range_max_mm": np.nan}
+
+
+@pytest.fixture
+def recording_endless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr("tofmix.grid.CELL_PIXELS", sized(4096, 128))
+    samples = boards(200, *sized((16, 20), (2, 5)))
+    samples[3, 0, 0], samples[-1, -1, -1] = 90, 21_000  # each end in another block
+    return write_recording(tmp_path / "a.h5", samples, attributes=UNKNOWN, chunks=(7, 2, 5))
+
+
+@pytest.fixture
+def expected(tofmix: Tofmix, recording_endless: Path, tmp_path: Path) -> bytes:
+    assert tofmix("estimate", recording_endless, "-o", tmp_path / "expected.h5", *WINDOWS).code == 0
+    return (tmp_path / "expected.h5").read_bytes()
+
+
+def test_extreme_samples_are_stored_and_noted(tofmix: Tofmix, recording_endless: Path, tmp_path: Path) -> None:
+    outcome = tofmix("estimate", recording_endless, *WINDOWS)
+    assert outcome.code == 0, outcome.err
+    assert "random values spread from the smallest sample to the largest, 90 to 21000 mm" in outcome.err
+    with h5py.File(tmp_path / "a.layers.h5") as root:
+        attributes = root["sensor"].attrs
+        assert (attributes["sample_min_mm"], attributes["sample_max_mm"]) == (90.0, 21_000.0)
+    assert tofmix("verify", tmp_path / "a.layers.h5").code == 0
+    assert "sample_max_mm              21000" in tofmix("info", tmp_path / "a.layers.h5").out
+    assert "sample_max_mm" not in tofmix("info", recording_endless).out
+
+
+def test_layers_of_a_known_range_keep_no_extreme_samples(tofmix: Tofmix, tmp_path: Path) -> None:
+    assert tofmix("estimate", write_recording(tmp_path / "b.h5", boards(20))).code == 0
+    with h5py.File(tmp_path / "b.layers.h5") as root:
+        assert not {"sample_min_mm", "sample_max_mm"} & set(root["sensor"].attrs)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [("--workers", 1), *(pytest.param(o, marks=pytest.mark.slow) for o in (("--workers", 3), ("--memory", "250MB")))],
+)
+@pytest.mark.slow
+def test_bytes_depend_on_neither_workers_nor_memory(
+    tofmix: Tofmix, recording_endless: Path, expected: bytes, tmp_path: Path, options: tuple[object, ...]
+) -> None:
+    assert tofmix("estimate", recording_endless, *WINDOWS, *options).code == 0
+    assert (tmp_path / "a.layers.h5").read_bytes() == expected
+
+
+@pytest.mark.slow
+def test_shards_merged_have_the_bytes_of_one_run(
+    tofmix: Tofmix, recording_endless: Path, expected: bytes, tmp_path: Path
+) -> None:
+    parts = [tmp_path / f"{part}.part" for part in (1, 2, 3)]
+    for number, part in enumerate(parts, 1):
+        assert tofmix("estimate", recording_endless, *WINDOWS, "--shard", f"{number}/3", "-o", part).code == 0
+    assert tofmix("merge", *parts, "-o", tmp_path / "merged.h5").code == 0
+    assert (tmp_path / "merged.h5").read_bytes() == expected
+
+
+@pytest.mark.slow
+def test_resume_keeps_a_finished_output_of_the_same_samples(
+    tofmix: Tofmix, recording_endless: Path, tmp_path: Path
+) -> None:
+    assert tofmix("estimate", recording_endless, *WINDOWS).code == 0
+    before = (tmp_path / "a.layers.h5").stat()
+    again = tofmix("estimate", recording_endless, *WINDOWS, "--resume")
+    assert again.code == 0
+    assert "blocks from the interrupted run" in again.err
+    assert (tmp_path / "a.layers.h5").stat().st_mtime_ns == before.st_mtime_ns
+
+
+@pytest.mark.filterwarnings("ignore::tofmix.errors.DoubtWarning")
+@pytest.mark.slow
+def test_python_gives_the_same_layers(recording_endless: Path, expected: bytes, tmp_path: Path) -> None:
+    found = tm.estimate(recording_endless, window=10, stride=5)
+    assert expected
+    command = tm.open(tmp_path / "expected.h5")
+    assert isinstance(command, tm.Estimate)
+    assert found.sensor.sample_max_mm == command.sensor.sample_max_mm == 21_000.0
+    for spec in LAYER_FIELDS:
+        np.testing.assert_array_equal(getattr(found, spec.name), getattr(command, spec.name))
+
+
+@pytest.fixture
+def recordings(tmp_path: Path) -> list[Path]:
+    return [write_recording(tmp_path / f"{name}.h5", boards(20, cols=3 + k)) for k, name in enumerate("abc")]
+
+
+def test_each_recording_gets_its_file_and_its_line(tofmix: Tofmix, recordings: list[Path], tmp_path: Path) -> None:
+    outcome = tofmix("estimate", *recordings, "--output-dir", tmp_path / "out", "--mixing", "events")
+    assert outcome.code == 0, outcome.err
+    said = [" 20 frames a window; tofmix asks for 25 or more." in line for line in outcome.err.splitlines()]
+    assert said == [True] * 3
+    assert [line.split(":")[0] for line in outcome.out.splitlines()] == [
+        str(tmp_path / "out" / f"{name}.layers.h5") for name in "abc"
+    ]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["a.layers.h5", "b.layers.h5", "c.layers.h5"]
+    assert tofmix("estimate", recordings[1]).code == 0
+    assert (tmp_path / "b.layers.h5").read_bytes() == (tmp_path / "out" / "b.layers.h5").read_bytes()
+
+
+@pytest.mark.slow
+def test_failed_recording_does_not_stop_the_others(tofmix: Tofmix, recordings: list[Path], tmp_path: Path) -> None:
+    recordings[1].write_text("not a recording")
+    outcome = tofmix("estimate", *recordings, tmp_path / "none.h5", "--output-dir", tmp_path / "out", "--json")
+    assert outcome.code == ExitCode.SOME_FAILED
+    said = [json.loads(line) for line in outcome.out.splitlines()]
+    assert [(Path(one["recording"]).stem, one["status"], one["exit_code"]) for one in said] == [
+        ("a", "done", 0),
+        ("b", "failed", 3),
+        ("c", "done", 0),
+        ("none", "failed", 3),
+    ]
+    assert "not an HDF5 file" in said[1]["error"]
+    assert sum(said[0]["pixels_by_surfaces"]) == 4 * 3
+    assert outcome.err.splitlines()[-1] == "tofmix: 2 of 4 recordings failed; the others are done"
+    said = [line for line in outcome.err.splitlines() if "compiling the kernels" not in line]
+    notes = "Mixing is not measured", "20 frames a window"
+    assert len([line for line in said if not any(note in line for note in notes)]) == 3
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["a.layers.h5", "c.layers.h5"]
+    # What is done is left as it is.
+    again = tofmix("estimate", *recordings, "--output-dir", tmp_path / "out", "--resume")
+    assert again.code == ExitCode.SOME_FAILED
+    assert again.err.count("blocks from the interrupted run: 1 of 1") == 2
+
+
+@pytest.mark.slow
+def test_names_of_recordings_are_read_from_stdin(
+    tofmix: Tofmix, recordings: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO(f"{recordings[0]}\n\n{recordings[2]}\n"))
+    outcome = tofmix("estimate", "-", "--output-dir", tmp_path / "out")
+    assert outcome.code == 0
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["a.layers.h5", "c.layers.h5"]
+    assert tofmix("estimate", "-", "--output-dir", tmp_path / "out").code == ExitCode.USAGE
+
+
+def test_impossible_outputs_are_refused_before_the_first_recording_is_read(
+    tofmix: Tofmix, recordings: list[Path], tmp_path: Path
+) -> None:
+    (tmp_path / "other").mkdir()
+    twin = write_recording(tmp_path / "other" / "a.h5", boards())
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "c.layers.h5").write_text("old")
+    for arguments, reason in (
+        ([*recordings], "several recordings need --output-dir"),
+        ([*recordings, "-o", tmp_path / "x"], "-o takes a single recording"),
+        ([recordings[0], twin, "--output-dir", tmp_path / "out"], "would both be written to"),
+        ([recordings[0], recordings[0], "--output-dir", tmp_path / "out"], "would both be written to"),
+        ([*recordings, "--output-dir", tmp_path / "out"], "c.layers.h5 exists; pass --overwrite"),
+    ):
+        outcome = tofmix("estimate", *arguments)
+        assert outcome.code == ExitCode.USAGE
+        assert reason in outcome.err
+        assert outcome.out == ""
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["c.layers.h5"]
+    assert tofmix("estimate", *recordings, "--output-dir", recordings[0]).code == ExitCode.STORAGE
+
+
+@pytest.mark.slow
+def test_output_dir_accepts_a_single_recording(tofmix: Tofmix, recordings: list[Path], tmp_path: Path) -> None:
+    outcome = tofmix("estimate", recordings[0], "--output-dir", tmp_path / "out", "--json")
+    assert json.loads(outcome.out)["output"] == str(tmp_path / "out" / "a.layers.h5")
+
+
+CELL_PIXELS = sized(4096, 128)
+ROWS, COLS = sized((16, 20), (2, 5))
+
+
+@pytest.fixture
+def recording_resume(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    # 39 windows in 4 cells.
+    monkeypatch.setattr("tofmix.grid.CELL_PIXELS", CELL_PIXELS)
+    return write_recording(tmp_path / "a.h5", boards(200, ROWS, COLS))
+
+
+_EXPECTED: list[bytes] = []
+"""The layers file of one run, made by the first test that needs it."""
+
+
+@pytest.fixture
+def expected_resume(tofmix: Tofmix, recording_resume: Path, tmp_path: Path) -> bytes:
+    if not _EXPECTED:
+        path = tmp_path / "expected"
+        assert tofmix("estimate", recording_resume, "-o", path, *WINDOWS).code == 0
+        _EXPECTED.append(path.read_bytes())
+        path.unlink()
+    return _EXPECTED[0]
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.mark.slow
+def test_full_disk_keeps_the_journal_and_resume_gives_the_same_bytes(
+    tofmix: Tofmix, recording_resume: Path, tmp_path: Path, expected_resume: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr("os.pwrite", FullDisk(3))
+        outcome = tofmix("estimate", recording_resume, *WINDOWS)
+    assert outcome.code == ExitCode.STORAGE
+    assert "No space left on device; --resume continues from the finished blocks" in outcome.err
+    assert names(tmp_path) == [".a.layers.h5.journal", "a.h5"]
+    resumed = tofmix("estimate", recording_resume, *WINDOWS, "--resume")
+    assert "blocks from the interrupted run: 4 of 4" in resumed.err
+    assert (tmp_path / "a.layers.h5").read_bytes() == expected_resume
+    assert names(tmp_path) == ["a.h5", "a.layers.h5"]
+
+
+def _killed_at(recording: Path, cells: int, number: signal.Signals) -> "subprocess.CompletedProcess[str]":
+    """Run the command in a process that gets a signal when some cells are in the journal."""
+    program = (
+        f"import os, sys\nimport tofmix.grid\ntofmix.grid.CELL_PIXELS = {CELL_PIXELS}\n"
+        "from tofmix.io.layers.journal import Journal\nadd, count = Journal.add, [0]\n"
+        "def counted(self, cell, encoded):\n"
+        "    add(self, cell, encoded)\n    count[0] += 1\n"
+        f"    if count[0] == {cells}:\n        os.kill(os.getpid(), {int(number)})\n"
+        "Journal.add = counted\nfrom tofmix.cli.main import run\nrun(sys.argv[1:])\n"
+    )
+    arguments = [str(argument) for argument in ("estimate", recording, *WINDOWS)]
+    return subprocess.run([sys.executable, "-c", program, *arguments], capture_output=True, text=True, check=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
+def test_killed_run_resumes_to_the_same_bytes(
+    tofmix: Tofmix, recording_resume: Path, tmp_path: Path, expected_resume: bytes, number: signal.Signals
+) -> None:
+    done = _killed_at(recording_resume, 2, number)
+    assert done.returncode == -number
+    assert "Traceback" not in done.stderr
+    if number != signal.SIGKILL:
+        assert "--resume continues" in done.stderr
+    resumed = tofmix("estimate", recording_resume, *WINDOWS, "--resume")
+    assert resumed.code == 0, resumed.err
+    assert "blocks from the interrupted run: 2 of 4" in resumed.err
+    assert (tmp_path / "a.layers.h5").read_bytes() == expected_resume
+    assert names(tmp_path) == ["a.h5", "a.layers.h5"]
+
+
+@pytest.mark.slow
+def test_old_journal_is_refused_for_another_window_or_recording_and_unused_without_resume(
+    tofmix: Tofmix, recording_resume: Path, tmp_path: Path, expected_resume: bytes
+) -> None:
+    _killed_at(recording_resume, 3, signal.SIGKILL)
+    other = tofmix("estimate", recording_resume, "--window", 20, "--resume")
+    assert other.code == ExitCode.USAGE
+    assert "--stride (5, now 20), --window (10, now 20)" in other.err
+    write_recording(recording_resume, boards(200, ROWS, COLS)[::-1])
+    changed = tofmix("estimate", recording_resume, *WINDOWS, "--resume")
+    assert changed.code == ExitCode.USAGE
+    assert "its recording (a.h5), which has other content" in changed.err
+    write_recording(recording_resume, boards(200, ROWS, COLS))
+    afresh = tofmix("estimate", recording_resume, *WINDOWS)
+    assert afresh.code == 0
+    assert "an interrupted run left 3 of 4 blocks; starting afresh" in afresh.err
+    assert "there already" not in afresh.err
+    assert (tmp_path / "a.layers.h5").read_bytes() == expected_resume
+    assert names(tmp_path) == ["a.h5", "a.layers.h5"]
+
+
+@pytest.mark.slow
+def test_damaged_journal_is_not_resumed(tofmix: Tofmix, recording_resume: Path, expected_resume: bytes) -> None:
+    journal = journal_path(recording_resume.with_name("a.layers.h5"))
+    journal.write_bytes(b"something else altogether" * 100)
+    assert tofmix("estimate", recording_resume, *WINDOWS, "--resume").code == ExitCode.USAGE
+    assert "starting afresh" in tofmix("estimate", recording_resume, *WINDOWS).err
+    assert recording_resume.with_name("a.layers.h5").read_bytes() == expected_resume
+
+
+def test_resume_starts_missing_outputs_and_keeps_finished_ones(
+    tofmix: Tofmix, recording_resume: Path, tmp_path: Path
+) -> None:
+    assert tofmix("estimate", recording_resume, *WINDOWS, "--resume").code == 0
+    output = tmp_path / "a.layers.h5"
+    written = output.stat().st_mtime_ns
+    again = tofmix("estimate", recording_resume, *WINDOWS, "--resume")
+    assert again.code == 0
+    assert "blocks from the interrupted run: 4 of 4" in again.err
+    assert "pixels by surfaces" in again.out
+    assert output.stat().st_mtime_ns == written
+    assert (
+        tofmix("estimate", recording_resume, "--window", 20, "--resume").code == ExitCode.USAGE
+    )  # another result is there
+
+
+@pytest.mark.slow
+def test_kill_after_the_renaming_leaves_a_valid_output(
+    tofmix: Tofmix, recording_resume: Path, tmp_path: Path, expected_resume: bytes
+) -> None:
+    _killed_at(recording_resume, 4, signal.SIGKILL)
+    (tmp_path / "a.layers.h5").write_bytes(expected_resume)
+    (tmp_path / ".a.layers.h5.journal.partial").write_bytes(expected_resume[:1000])
+    assert tofmix("estimate", recording_resume, *WINDOWS, "--resume").code == 0
+    assert names(tmp_path) == ["a.h5", "a.layers.h5"]
+
+
+@pytest.mark.slow
+def test_running_estimate_is_not_disturbed_by_a_second_one(
+    tofmix: Tofmix, recording_resume: Path, tmp_path: Path
+) -> None:
+    with open_journal(journal_path(tmp_path / "a.layers.h5"), b"x"):
+        for extra in ([], ["--resume"], ["--overwrite"]):
+            outcome = tofmix("estimate", recording_resume, *extra)
+            assert outcome.code == ExitCode.USAGE
+            assert "another run is using it" in outcome.err
+
+
+@pytest.mark.slow
+def test_merged_shards_have_the_bytes_of_one_run(
+    tofmix: Tofmix, recording_resume: Path, tmp_path: Path, expected_resume: bytes
+) -> None:
+    parts = []
+    for number in (3, 1, 2):
+        outcome = tofmix("estimate", recording_resume, *WINDOWS, "--shard", f"{number}/3")
+        assert outcome.code == 0, outcome.err
+        parts.append(tmp_path / f"a.layers.{number}-of-3.part")
+        assert outcome.out.startswith(f"{parts[-1]}: part {number} of 3 of {ROWS} x {COLS} pixels")
+    merged = tofmix("merge", *parts, "-o", tmp_path / "merged")
+    assert merged.code == 0, merged.err
+    assert (tmp_path / "merged").read_bytes() == expected_resume
+    assert names(tmp_path) == sorted(["a.h5", "merged", *(part.name for part in parts)])
+    # A finished part is left as it is.
+    assert (
+        "blocks from the interrupted run"
+        in tofmix("estimate", recording_resume, *WINDOWS, "--shard", "1/3", "--resume").err
+    )
+
+
+@pytest.mark.slow
+def test_parts_that_do_not_make_one_run_are_refused(tofmix: Tofmix, recording_resume: Path, tmp_path: Path) -> None:
+    def part(number: int, count: int, *extra: object) -> Path:
+        path = tmp_path / f"{number}-{count}{len(extra)}"
+        assert (
+            tofmix("estimate", recording_resume, *WINDOWS, "--shard", f"{number}/{count}", "-o", path, *extra).code == 0
+        )
+        return path
+
+    one, two, other, foreign = part(1, 2), part(2, 2), part(2, 3), part(2, 2, "--gamma", 0.5)
+    (tmp_path / "cut").write_bytes(two.read_bytes()[:5000])
+    for given, code, reason in (
+        ([one], ExitCode.USAGE, "the run has 2 parts; missing: 2"),
+        ([one, two, one], ExitCode.USAGE, "part 1 twice"),
+        ([one, other], ExitCode.USAGE, "of 3 parts, but"),
+        ([one, foreign], ExitCode.USAGE, "it differs in --gamma (0.5, now 0.02)"),
+        ([one, recording_resume], ExitCode.BAD_INPUT, "not a journal"),
+        ([one, tmp_path / "cut"], ExitCode.BAD_INPUT, "cut"),
+        ([one, tmp_path / "none"], ExitCode.BAD_INPUT, "No such file"),
+    ):
+        outcome = tofmix("merge", *given, "-o", tmp_path / "out")
+        assert outcome.code == code, outcome.err
+        assert reason in outcome.err
+        assert outcome.err.count("\n") == 1
+        assert not (tmp_path / "out").exists()
+    assert tofmix("merge", one, two, "-o", one, "--overwrite").code == ExitCode.USAGE
+
+
+@pytest.mark.slow
+def test_more_shards_than_cells_make_empty_parts(tofmix: Tofmix, tmp_path: Path) -> None:
+    recording = write_recording(tmp_path / "b.h5", boards(20))
+    for number in (1, 2):
+        assert tofmix("estimate", recording, "--shard", f"{number}/2").code == 0
+    parts = sorted(tmp_path.glob("*.part"))
+    assert tofmix("merge", *parts, "-o", tmp_path / "merged").code == 0
+    assert tofmix("estimate", recording).code == 0
+    assert (tmp_path / "merged").read_bytes() == (tmp_path / "b.layers.h5").read_bytes()

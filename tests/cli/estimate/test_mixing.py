@@ -1,18 +1,24 @@
-"""`tofmix estimate --mixing`: the same bytes whoever computes, what is said, and what other commands make of it."""
+"""`tofmix estimate` on lock-in cameras: `--mixing`, `--wrap`, and what is said of recordings that lack something."""
 
 import json
 import re
+import shlex
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 from support.commandline import Tofmix
+from support.files import write_recording
 from support.lock_in import small, write_sums
 
+import tofmix as tm
 from tofmix.api.estimates import Estimate
-from tofmix.errors import ExitCode
+from tofmix.circle import fold
+from tofmix.errors import DoubtWarning, ExitCode
 from tofmix.flags import Mixing
+from tofmix.optics.geometry import unambiguous_range_mm
 
 
 @pytest.fixture(scope="module")
@@ -132,3 +138,414 @@ def test_inspect_prints_and_draws_the_kind_of_mixing(tofmix: Tofmix, sums: Path,
         heights.append(float(figure.read_text().partition('height="')[2].partition("pt")[0]))
     assert heights[0] > heights[1] + 200
     assert heights[1] == heights[2]
+
+
+LENGTH = unambiguous_range_mm(20e6)
+SENSOR = {"range_min_mm": 300.0, "range_max_mm": 6500.0, "modulation_frequency_hz": 20e6}
+
+
+def _folded(path: Path, dtype: str = "f4", **attributes: float) -> Path:
+    """Left half a wall at the fold, right half a board."""
+    rng = np.random.default_rng(3)
+    range_mm = np.where(np.arange(12) < 6, LENGTH + 5.0, 2000.0) + rng.normal(0, 60, (60, 8, 12))
+    noise = {"noise_range": [500.0, 8000.0], "noise_sigma": [60.0, 60.0]}
+    return write_recording(
+        path, fold(np.rint(range_mm), LENGTH).astype(dtype), attributes=SENSOR | attributes, noise=noise, fill=65535
+    )
+
+
+def _read(path: Path) -> dict[str, Any]:
+    with h5py.File(path) as root:
+        return {name: item[...] for name, item in root.items() if isinstance(item, h5py.Dataset)} | dict(root.attrs)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("dtype", "option"), [("f4", ["--wrap"]), ("u2", ["--unambiguous-range", LENGTH])])
+def test_a_wall_at_the_fold_is_one_surface(tofmix: Tofmix, tmp_path: Path, dtype: str, option: list[object]) -> None:
+    recording, layers = _folded(tmp_path / "a.h5", dtype), tmp_path / "a.layers.h5"
+    outcome = tofmix("estimate", recording, *option, "--mixing", "events")
+    said = [line for line in outcome.err.splitlines() if "compiling the kernels" not in line]
+    assert (outcome.code, said) == (0, [])
+    found = _read(layers)
+    assert (found["n_modes"] == 1).all()
+    wall = fold(found["range"][0, :, :6, 0] + LENGTH / 2, LENGTH) - LENGTH / 2
+    np.testing.assert_allclose(wall, 5, atol=35)
+    assert json.loads(found["options"])["unambiguous_range_mm"] == pytest.approx(LENGTH)
+    assert (found["n_samples"] == 60).all()  # with another _FillValue, an integer 0 is a range
+    assert tofmix("estimate", recording, "--noise", "file", "-o", tmp_path / "line.h5").code == 0
+    line = _read(tmp_path / "line.h5")
+    assert (line["n_modes"][0, :, :6] == 1).mean() < 0.9 or not (line["range"][0, :, :6, 0] > 6000).all()
+
+
+@pytest.mark.slow
+def test_bytes_do_not_depend_on_workers(tofmix: Tofmix, tmp_path: Path) -> None:
+    recording = _folded(tmp_path / "a.h5")
+    for name, workers in (("x", 1), ("y", 3)):
+        assert tofmix("estimate", recording, "--wrap", "-o", tmp_path / name, "--workers", workers).code == 0
+    assert (tmp_path / "x").read_bytes() == (tmp_path / "y").read_bytes()
+
+
+@pytest.mark.slow
+def test_noise_and_outliers_are_measured_on_the_circle(tofmix: Tofmix, tmp_path: Path) -> None:
+    recording = _folded(tmp_path / "a.h5")
+    automatic = "--noise", "auto", "--outliers", "auto"
+    outcome = tofmix("estimate", recording, "--wrap", *automatic, "--mixing", "events")
+    assert outcome.code == 0, outcome.err
+    (line,) = outcome.err.splitlines()  # no warning that curve and recording disagree
+    assert "noise: sigma 5" in line or "noise: sigma 6" in line
+    found = tmp_path / "a.layers.h5"
+    assert (_read(found)["n_modes"] == 1).all()
+    with h5py.File(found) as root:
+        sensor = root["sensor"]
+        at = np.interp([2000.0, LENGTH], sensor["noise_range"][...], sensor["noise_sigma"][...])
+        np.testing.assert_allclose(at, 60, rtol=0.06)
+        assert sensor.attrs["outlier_probability"] < 0.001
+
+
+def test_a_recording_without_frequency_is_refused(tofmix: Tofmix, tmp_path: Path) -> None:
+    recording = write_recording(tmp_path / "a.h5", np.full((10, 2, 2), 1000.0))
+    outcome = tofmix("estimate", recording, "--wrap")
+    assert outcome.code == ExitCode.BAD_INPUT
+    assert "no modulation_frequency_hz" in outcome.err
+    assert outcome.err.count("\n") == 1
+    assert not (tmp_path / "a.layers.h5").exists()
+
+
+@pytest.mark.parametrize("extra", [["--wrap", "--unambiguous-range", 7000], ["--unambiguous-range", "inf"]])
+def test_contradictory_range_options_are_usage_errors(tofmix: Tofmix, tmp_path: Path, extra: list[object]) -> None:
+    assert tofmix("estimate", _folded(tmp_path / "a.h5"), *extra).code == ExitCode.USAGE
+
+
+@pytest.mark.slow
+def test_a_circle_too_short_for_the_camera_is_refused(tofmix: Tofmix, tmp_path: Path) -> None:
+    outcome = tofmix("estimate", _folded(tmp_path / "a.h5"), "--unambiguous-range", 500)
+    assert outcome.code == ExitCode.BAD_INPUT
+    assert "shorter than 10 sigma" in outcome.err
+
+
+def test_range_max_at_the_fold_leaves_out_c0_with_a_note(tofmix: Tofmix, tmp_path: Path) -> None:
+    outcome = tofmix("estimate", _folded(tmp_path / "a.h5", range_max_mm=7490.0), "--wrap", "--mixing", "events")
+    assert outcome.code == 0
+    assert "c_0 is left out" in outcome.err
+    assert outcome.err.count("\n") == 1
+    found = _read(tmp_path / "a.layers.h5")
+    assert (found["weight_no_return"] == 0).all()
+    assert (found["n_modes"] == 1).all()
+
+
+@pytest.mark.slow
+def test_report_compares_sigma_with_the_curve_on_the_circle(tofmix: Tofmix, tmp_path: Path) -> None:
+    recording, layers = _folded(tmp_path / "a.h5"), tmp_path / "a.layers.h5"
+    assert tofmix("estimate", recording, "--wrap").code == 0
+    page = tmp_path / "a.html"
+    outcome = tofmix("report", layers, "--recording", recording, "--html", page, "--json")
+    assert outcome.code == 0, outcome.err
+    summary = json.loads(outcome.out)
+    assert summary["options"]["unambiguous_range_mm"] == pytest.approx(LENGTH)
+    assert summary["sigma_over_curve"]["q50"] == pytest.approx(1, abs=0.1)
+    assert summary["pixels_with_close_layers"] == 0
+    assert [one["code"] for one in summary["warnings"]] == ["flying_pixels_counted"]
+    assert "mean direction of the samples on the circle" in page.read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.compiled("25,344 pixels")
+def test_wrap_keeps_the_ranges_of_boards_away_from_the_fold(tofmix: Tofmix, tmp_path: Path) -> None:
+    """At 1.2 ms its sigma at the fold is 430 mm: the boards are found as on a line."""
+    recording = tmp_path / "a.h5"
+    assert tofmix("simulate", "three-boards", "-o", recording, "--frames", 60).code == 0
+    for name, options in (("line.h5", []), ("circle.h5", ["--wrap"])):
+        outcome = tofmix("estimate", recording, "-o", tmp_path / name, *options)
+        assert outcome.code == 0, outcome.err
+    line, circle = _read(tmp_path / "line.h5"), _read(tmp_path / "circle.h5")
+    assert "c_0 is left out" in outcome.err  # range_max is at the fold
+    boards = (line["n_modes"] == 1) & (line["range"][..., 0] < 4500) & (line["weight"][..., 0] > 0.99)
+    assert boards.sum() > 1000
+    np.testing.assert_allclose(circle["range"][boards, 0], line["range"][boards, 0], atol=0.01)
+
+
+FRAMES = 30
+VIEW = ("--fov", "16x13", "--units", "mm")
+QUICK = ("--noise", "sr3000")
+"""Any curve: to learn the noise takes a second, and says nothing about phases."""
+CODE = "flying_pixels_counted"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ranges and amplitudes at 20 MHz, each an array; two boards before a wall, all light added up.
+
+    `part.npy` has fewer pixels, for what is said whatever they show.
+    """
+    folder = tmp_path_factory.mktemp("sums")
+    seen = small(11).recording
+    np.save(folder / "ranges.npy", seen.read_range(slice(0, FRAMES), slice(None)))
+    np.save(folder / "amplitudes.npy", seen.read_amplitude(slice(0, FRAMES), slice(None)))
+    np.save(folder / "part.npy", seen.read_range(slice(0, FRAMES), slice(0, 24))[:, :, 20:40])
+    return folder
+
+
+def test_the_remedy_of_the_warning_finds_the_surfaces_of_flying_pixels(
+    tofmix: Tofmix, folder: Path, tmp_path: Path
+) -> None:
+    path, layers = tmp_path / "a.h5", tmp_path / "a.layers.h5"
+    made = tofmix("import", folder / "ranges.npy", "-o", path, "--sensor", "kinect-v2", *VIEW)
+    assert "amplitudes (flying pixels are counted as surfaces without: import --amplitude AMPLITUDES)" in made.out
+    assert "modulation frequency (flying pixels are counted as surfaces without: import --modulation-frequ" in made.out
+    done = tofmix("estimate", path, *QUICK, "--json")
+    (warned,) = [one for one in json.loads(done.out)["warnings"] if one["code"] == CODE]
+    assert done.err.count("flying pixels") == 1
+    assert f"{layers}: {warned['text']} Try: {warned['commands'][0]}" in done.err
+    with h5py.File(layers) as root:
+        before = root["n_modes"][0]
+    values = {"SOURCE": folder / "ranges.npy", "AMPLITUDES": folder / "amplitudes.npy", "HZ": "20e6"}
+    words = [values.get(word, word) for word in shlex.split(warned["commands"][0])]
+    assert words[0] == "tofmix"
+    again = tofmix(*words[1:], *VIEW)
+    assert again.code == 0, again.err
+    assert "amplitudes" not in again.out.partition("not known")[2]
+    done = tofmix("estimate", path, *QUICK, "--overwrite")
+    assert "mixing: 100 % of the samples at edges are phasor sums" in done.err
+    assert "flying pixels" not in done.err
+    with h5py.File(layers) as root:
+        mixed = root["mixing"][0] == int(Mixing.PHASOR)
+        assert (root["n_modes"][0][mixed] == 2).sum() > 100
+    assert (before[mixed] == 1).mean() > 0.5
+
+
+def test_report_says_it_on_the_page_in_the_table_and_in_json(tofmix: Tofmix, folder: Path, tmp_path: Path) -> None:
+    path, layers, page = tmp_path / "a.h5", tmp_path / "a.layers.h5", tmp_path / "a.html"
+    tofmix("import", folder / "part.npy", "-o", path, "--sensor", "pico-flexx", *VIEW)
+    tofmix("estimate", path, *QUICK, "--window", 12, "--quiet")
+    done = tofmix("report", layers, "--recording", path, "--html", page, "--json")
+    said = json.loads(done.out)
+    assert CODE in [one["code"] for one in said["warnings"]]
+    assert [one["code"] for one in said["notes"]] == ["few_frames"]
+    text = page.read_text(encoding="utf-8")
+    assert "The recording has no amplitudes and no modulation frequency: a lock-in camera" in text
+    assert 'aria-label="Notes"' in text
+    assert "12 frames a window; tofmix asks for 25 or more." in text
+    assert "<code>tofmix estimate" in text
+    table = tofmix("report", layers).out
+    assert "warning: The recording has no modulation frequency:" in table
+    assert "note: 12 frames a window; tofmix asks for 25 or more." in table
+
+
+def test_the_kind_of_an_unknown_camera_stays_a_condition(tofmix: Tofmix, folder: Path, tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    made = tofmix("import", folder / "part.npy", "-o", path, "--units", "mm")
+    assert "amplitudes (if this is a lock-in camera, flying pixels are counted as surfaces without" in made.out
+    done = tofmix("estimate", path, *QUICK, "--json")
+    said = json.loads(done.out)
+    assert [one["code"] for one in said["notes"]] == ["mixing_not_measured"]
+    assert CODE not in done.out
+    assert done.err.count("If this is a lock-in camera, flying pixels are counted as surfaces.") == 1
+    assert "lock-in" not in tofmix("estimate", path, *QUICK, "--overwrite", "--quiet").err
+    assert "lock-in" not in tofmix("estimate", path, *QUICK, "--overwrite", "--mixing", "events").err
+
+
+@pytest.mark.parametrize(
+    "name", ["l515", pytest.param("tmf8829", marks=pytest.mark.slow), pytest.param("stoc", marks=pytest.mark.slow)]
+)
+def test_cameras_without_phase_are_never_called_lock_in(
+    tofmix: Tofmix, folder: Path, tmp_path: Path, name: str
+) -> None:
+    path, layers = tmp_path / "a.h5", tmp_path / "a.layers.h5"
+    source = ("import", folder / "part.npy", "-o", path, "--sensor", name, *VIEW)
+    said = [
+        tofmix(*source),
+        tofmix("estimate", path, *QUICK, "--noise", "auto"),
+        tofmix("report", layers),
+        tofmix("info", path),
+    ]
+    assert [one.code for one in said] == [0] * 4
+    for one in said:
+        assert "lock-in" not in one.out + one.err
+        assert "flying" not in one.out + one.err
+    for refused, code in (
+        (tofmix(*source, "--modulation-frequency", "2e7", "--overwrite"), ExitCode.USAGE),
+        (tofmix("estimate", path, *QUICK, "--mixing", "phasor", "--overwrite"), ExitCode.BAD_INPUT),
+    ):
+        assert refused.code == code
+        assert "is no lock-in camera (measurement: " in refused.err
+
+
+def test_a_frequency_that_no_camera_has_is_a_usage_error(tofmix: Tofmix, folder: Path, tmp_path: Path) -> None:
+    made = tofmix("import", folder / "ranges.npy", "-o", tmp_path / "a.h5", "--modulation-frequency", "2e13")
+    assert made.code == ExitCode.USAGE
+    assert "--modulation-frequency: modulation_frequency_hz: 2e+13 is not between 1 Hz and 1 THz" in made.err
+    assert not (tmp_path / "a.h5").exists()
+
+
+def test_a_recording_of_its_own_gets_a_frequency_by_importing_it(tofmix: Tofmix, folder: Path, tmp_path: Path) -> None:
+    first, second = tmp_path / "a.h5", tmp_path / "b.h5"
+    both = ("--amplitude", folder / "amplitudes.npy", *VIEW)
+    assert tofmix("import", folder / "ranges.npy", "-o", first, "--sensor", "kinect-v2", *both).code == 0
+    assert tofmix("import", first, "-o", second, "--modulation-frequency", "23.5e6").code == 0
+    with h5py.File(first) as a, h5py.File(second) as b:
+        assert np.isnan(a["sensor"].attrs["modulation_frequency_hz"])
+        assert b["sensor"].attrs["modulation_frequency_hz"] == 23.5e6
+        assert b["sensor"].attrs["measurement"] == "lock-in"
+        np.testing.assert_array_equal(a["amplitude"], b["amplitude"])
+
+
+def test_few_frames_are_said_once_and_listed_among_the_notes(tofmix: Tofmix, folder: Path, tmp_path: Path) -> None:
+    np.save(tmp_path / "few.npy", np.load(folder / "part.npy")[:13])
+    path = tmp_path / "a.h5"
+    tofmix("import", tmp_path / "few.npy", "-o", path, "--sensor", "l515", *VIEW)
+    done = tofmix("estimate", path, *QUICK, "--json")
+    (note,) = json.loads(done.out)["notes"]
+    assert note["code"] == "few_frames"
+    assert done.err.count("13 frames a window; tofmix asks for 25 or more.") == 1
+    assert "less than 73 % are found with 13 frames, and 93 % with 25" in note["text"]
+
+
+def test_the_longer_window_that_a_note_advises_has_frames_enough(tofmix: Tofmix, folder: Path, tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    tofmix("import", folder / "part.npy", "-o", path, "--sensor", "l515", *VIEW)
+    (note,) = json.loads(tofmix("estimate", path, *QUICK, "--window", 14, "--json").out)["notes"]
+    again = tofmix(*shlex.split(note["commands"][0])[1:], "--json")
+    assert json.loads(again.out)["window_frames"] == 25
+    assert json.loads(again.out)["notes"] == []
+
+
+@pytest.mark.parametrize(("frames", "codes"), [(10, []), (8, ["few_frames"])])
+def test_ten_frames_are_enough_where_light_adds_up(
+    tofmix: Tofmix, folder: Path, tmp_path: Path, frames: int, codes: list[str]
+) -> None:
+    for name in ("ranges", "amplitudes"):
+        np.save(tmp_path / f"{name}.npy", np.load(folder / f"{name}.npy")[:frames])
+    path, light = tmp_path / "a.h5", ("--amplitude", tmp_path / "amplitudes.npy", "--modulation-frequency", "20e6")
+    tofmix("import", tmp_path / "ranges.npy", "-o", path, *light, *VIEW)
+    said = json.loads(tofmix("estimate", path, "--json").out)
+    assert said["mixing"]["phasor_share"] > 0.9
+    assert [one["code"] for one in said["notes"]] == codes
+
+
+def test_python_warns_of_a_lock_in_camera_and_takes_the_remedy(folder: Path) -> None:
+    ranges, light = (np.load(folder / f"{name}.npy") for name in ("ranges", "amplitudes"))
+    noise = tm.NoiseCurve(np.array([1600.0, 3600.0]), np.array([5.0, 21.0]))
+    known = tm.from_array(ranges, units="mm").with_sensor(measurement="lock-in")
+    with pytest.warns(DoubtWarning, match="flying pixels.*from_array takes amplitude=..., with_sensor modulation_freq"):
+        tm.estimate(known, noise=noise)
+    full = tm.from_array(ranges, units="mm", amplitude=light).with_sensor(modulation_frequency_hz=20.0e6)
+    made = tm.estimate(full, noise=noise)
+    assert made.phasor_share is not None
+    assert made.phasor_share[0] > 0.9
+
+
+NOISE = {"noise_range": [500.0, 5000.0], "noise_sigma": [20.0, 20.0]}
+
+
+def _wall(path: Path, *, factor: float = 1.0, drift: float = 0.0, frames: int = 60) -> Path:
+    """A wall at 1.5 m whose noise is `factor` times the curve, and that moves by `drift` sigmas."""
+    rng = np.random.default_rng(3)
+    moved = drift * 20.0 * np.arange(frames)[:, None, None] / frames
+    samples = 1500.0 + moved + rng.normal(0.0, factor * 20.0, (frames, 10, 12))
+    return write_recording(path, np.rint(samples).astype("u2"), noise=NOISE)
+
+
+def _codes(text: str) -> list[str]:
+    return [finding["code"] for finding in json.loads(text)["warnings"]]
+
+
+def test_sound_recording_gives_no_finding(tofmix: Tofmix, tmp_path: Path) -> None:
+    done = tofmix("estimate", _wall(tmp_path / "a.h5"), "--mixing", "events", "--json")
+    assert done.code == 0
+    assert "a.h5" not in done.err
+    assert json.loads(done.out)["warnings"] == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [0.2, 4.0])
+def test_contradiction_of_the_curve_is_reported_and_its_remedy_works(
+    tofmix: Tofmix, tmp_path: Path, factor: float
+) -> None:
+    recording = _wall(tmp_path / "a.h5", factor=factor)
+    done = tofmix("estimate", recording, "--noise", "file")
+    assert done.code == 0
+    (line,) = [line for line in done.err.splitlines() if "Samples scatter" in line]
+    assert f"scatter {factor:.1g}" in line
+    assert ("averaged" in line) == (factor < 1)
+    command = line.partition("Try: ")[2]
+    assert command == f"tofmix estimate {recording} --noise auto --overwrite"
+    again = tofmix(*shlex.split(command)[1:], "--json")
+    assert again.code == 0
+    assert _codes(again.out) == []
+
+
+def test_drift_is_reported_and_its_remedy_works(tofmix: Tofmix, tmp_path: Path) -> None:
+    done = tofmix("estimate", _wall(tmp_path / "a.h5", drift=8.0))
+    assert "ranges drift by 8" in done.err
+    assert "two layers within 5 sigma" in done.err
+    (line,) = [line for line in done.err.splitlines() if "ranges drift by" in line]
+    again = tofmix(*shlex.split(line.partition("Try: ")[2])[1:], "--json")
+    assert again.code == 0
+    assert _codes(again.out) == []
+
+
+@pytest.mark.slow
+def test_findings_equal_those_of_report_for_any_engine(
+    tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    _wall(Path("a.h5"), drift=20.0, frames=80)
+    with h5py.File("a.h5", "r+") as root:  # nothing to say about mixing
+        root["sensor"].attrs["measurement"] = "pulses"
+    given = "--noise", "file", "--window", 40, "--mixing", "events"
+    once = tofmix("estimate", "a.h5", *given, "--workers", 1)
+    lines = once.err.splitlines()
+    assert [("drift by" in line, "two layers within" in line) for line in lines] == [
+        (True, False),
+        (False, True),
+    ]
+    assert tofmix("estimate", "a.h5", *given, "--workers", 3, "--overwrite").err == once.err
+    assert tofmix("estimate", "a.h5", *given, "--resume").err.splitlines()[:1] == lines[:1]
+    assert lines[1] in tofmix("estimate", "a.h5", *given, "--resume").err.splitlines()
+    for number in (1, 2):
+        part = tofmix("estimate", "a.h5", *given, "--shard", f"{number}/2")
+        assert part.err.splitlines() == lines[:1]
+    merged = tofmix("merge", "a.layers.1-of-2.part", "a.layers.2-of-2.part", "-o", "a.layers.h5", "--overwrite")
+    assert merged.err.splitlines() == lines[1:]
+    told = json.loads(tofmix("report", "a.layers.h5", "--json").out)["warnings"]
+    said = [f"{w['text']} Try: {', or: '.join(w['commands'])}" if w["commands"] else w["text"] for w in told]
+    assert [f"tofmix: a.layers.h5: {text}" for text in said] == lines[1:]
+    told = json.loads(tofmix("report", "a.layers.h5", "--recording", "a.h5", "--json").out)["warnings"]
+    assert [warning["code"] for warning in told] == ["drift", "close_layers"]
+
+
+@pytest.mark.slow
+def test_each_of_several_recordings_has_its_own_findings(tofmix: Tofmix, tmp_path: Path) -> None:
+    well, drifts = _wall(tmp_path / "a.h5"), _wall(tmp_path / "b.h5", drift=8.0)
+    done = tofmix("estimate", well, drifts, "--output-dir", tmp_path / "out", "--mixing", "events", "--json")
+    first, second = (json.loads(line)["warnings"] for line in done.out.splitlines())
+    assert (first, [warning["code"] for warning in second]) == (
+        [],
+        ["drift", "close_layers"],
+    )
+    assert str(well) not in done.err
+
+
+def test_recording_with_the_mark_averaged_is_refused_unless_it_is_0(tofmix: Tofmix, tmp_path: Path) -> None:
+    recording = _wall(tmp_path / "a.h5")
+    for mark, code in ((1, ExitCode.BAD_INPUT), (0, ExitCode.DONE), (np.int64(1), ExitCode.BAD_INPUT)):
+        with h5py.File(recording, "a") as root:
+            root.attrs["averaged"] = mark
+        done = tofmix("estimate", recording, "-o", tmp_path / f"{mark}.layers.h5", "--overwrite")
+        assert done.code == code
+        if code:
+            assert "marked as averaged" in done.err
+            assert "--force" in done.err
+            assert not (tmp_path / "1.layers.h5").exists()
+    assert tofmix("estimate", recording, "--force").code == 0
+
+
+def test_output_of_simulate_averaged_is_refused_with_exit_code_3(tofmix: Tofmix, tmp_path: Path) -> None:
+    model = tmp_path / "m.toml"
+    model.write_text(
+        '[sensor]\nprofile = "sr3000"\nintegration_time_ms = 1.2\nrows = 4\ncols = 5\n[recording]\nframes = 12\n'
+        '[[surface]]\nname = "w"\n'
+        "center_mm = [0.0, 0.0, 2000.0]\nsize_mm = [4000.0, 4000.0]\n"
+    )
+    assert tofmix("simulate", model, "-o", tmp_path / "a.h5", "--averaged").code == 0
+    assert tofmix("estimate", tmp_path / "a.h5").code == ExitCode.BAD_INPUT

@@ -1,5 +1,6 @@
-"""`tofmix estimate --noise auto` and `--outliers`: the curve and p(c_r) from the recording itself."""
+"""`tofmix estimate --noise auto`, `learnt` and `--outliers`: what was chosen is told, stored, and enough to redo."""
 
+import functools
 import json
 import re
 from pathlib import Path
@@ -7,10 +8,17 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from support.commandline import Tofmix
 from support.files import NOISE, boards, write_recording
+from support.full_disk import FullDisk
+from support.learnt_pixels import KNOWN, surfaces
+from support.sizes import sized
 
 from tofmix.errors import ExitCode
+from tofmix.estimation.layering import layer_pixels
+from tofmix.estimation.learnt.bootstrap import calibrate
+from tofmix.io.layers.layers_file import open_layers
 
 WRONG = {"noise_range": [500.0, 5000.0], "noise_sigma": [10.0, 80.0]}
 TRUE = {"noise_range": [500.0, 5000.0], "noise_sigma": [15.0, 15.0]}
@@ -162,3 +170,209 @@ def test_noise_shape_and_widths_without_learnt_noise_are_refused(
     assert done.code == ExitCode.USAGE
     assert f"{' '.join(option)} needs learnt noise; {' '.join(without)} uses a Gaussian curve" in done.err
     assert not (tmp_path / "a.layers.h5").exists()
+
+
+def write_reflective(path: Path, exponent: float, curve: dict[str, NDArray[np.float64]] | None = None) -> Path:
+    """A wall whose reflectivity falls from left to right; sigma is 10 mm (amplitude / 200)^-exponent."""
+    rng = np.random.default_rng(7)
+    light = np.geomspace(60.0, 600.0, 40) * np.ones((60, sized(20, 12), 40))
+    samples = 1500.0 + 10.0 * (light / 200.0) ** -exponent * rng.standard_normal(light.shape)
+    with h5py.File(path, "w") as root:
+        root["range"] = np.rint(samples).astype("u2")
+        root["amplitude"] = np.rint(light * (1.0 + 0.03 * rng.standard_normal(light.shape))).astype("u2")
+        root.create_group("sensor").attrs.update({"range_min_mm": 300.0, "range_max_mm": 7500.0})
+        for name, values in (curve or {}).items():
+            root["sensor"][name] = values
+    return path
+
+
+@pytest.mark.slow
+def test_law_of_amplitude_is_printed_stored_and_read_again(tofmix: Tofmix, tmp_path: Path) -> None:
+    path = write_reflective(tmp_path / "a.h5", 1.0)
+    outcome = tofmix("estimate", path, "--noise", "auto")
+    assert outcome.code == 0, outcome.err
+    told = [line for line in outcome.err.splitlines() if "noise:" in line]
+    assert len(told) == 1
+    assert "sigma is measured by range and amplitude; it varies as amplitude^-" in told[0]
+    with h5py.File(tmp_path / "a.layers.h5") as root:
+        stored = {name: root["sensor"][name][...] for name in root["sensor"]}
+        sigma, n_modes = root["sigma"][0, :, :, 0], root["n_modes"][0]
+    # The rule of docs/reference/formats.md, from what is stored alone.
+    light = np.geomspace(60.0, 600.0, 40)
+    log_factor = np.interp(np.log(light), np.log(stored["noise_amplitude"]), np.log(stored["noise_amplitude_factor"]))
+    reference = np.interp(1500.0, stored["noise_range"], stored["noise_reference_amplitude"])
+    at_reference = np.interp(
+        np.log(reference), np.log(stored["noise_amplitude"]), np.log(stored["noise_amplitude_factor"])
+    )
+    curve = np.interp(1500.0, stored["noise_range"], stored["noise_sigma"]) * np.exp(log_factor - at_reference)
+    np.testing.assert_allclose(curve[1:-1], 10.0 * (light / 200.0)[1:-1] ** -1, rtol=0.06)
+    np.testing.assert_allclose(np.median(sigma, axis=0), curve, rtol=0.1)
+    assert (n_modes == 1).mean() > 0.99
+    again = write_reflective(tmp_path / "b.h5", 1.0, stored)
+    outcome = tofmix("estimate", again)
+    assert outcome.code == 0, outcome.err
+    with h5py.File(tmp_path / "a.layers.h5") as one, h5py.File(tmp_path / "b.layers.h5") as other:
+        for name in ("n_modes", "range", "sigma", "status"):
+            np.testing.assert_array_equal(one[name][...], other[name][...])
+    assert tofmix("report", tmp_path / "b.layers.h5", "--html", tmp_path / "b.html").code == 0
+
+
+@pytest.mark.slow
+def test_amplitude_without_effect_is_noted_and_changes_no_layer(tofmix: Tofmix, tmp_path: Path) -> None:
+    path = write_reflective(tmp_path / "a.h5", 0.0)
+    outcome = tofmix("estimate", path, "--noise", "auto")
+    assert outcome.code == 0, outcome.err
+    assert "sigma is measured by range only; amplitude adds no information" in outcome.err
+    with h5py.File(tmp_path / "a.layers.h5") as root:
+        assert sorted(root["sensor"]) == ["noise_range", "noise_sigma"]
+    with h5py.File(path, "a") as root:
+        del root["amplitude"]
+    assert tofmix("estimate", path, "-o", tmp_path / "b.layers.h5", "--noise", "auto").code == 0
+    with h5py.File(tmp_path / "a.layers.h5") as one, h5py.File(tmp_path / "b.layers.h5") as other:
+        for name in ("n_modes", "range", "sigma", "sensor/noise_sigma"):
+            np.testing.assert_array_equal(one[name][...], other[name][...])
+
+
+@pytest.mark.slow
+def test_noise_of_amplitudes_gives_the_same_bytes_for_any_workers_and_chunks(tofmix: Tofmix, tmp_path: Path) -> None:
+    path = write_reflective(tmp_path / "a.h5", 0.85)
+    auto = ["--noise", "auto", "--window", 30]
+    for name, extra in (("x", ["--workers", 1]), ("y", ["--workers", 3, "--memory", "250MB"])):
+        assert tofmix("estimate", path, "-o", tmp_path / name, *auto, *extra).code == 0
+    assert (tmp_path / "x").read_bytes() == (tmp_path / "y").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("law", "reason"),
+    [
+        ({"noise_amplitude": [1.0, 2.0]}, "go together"),
+        (
+            {
+                "noise_reference_amplitude": [1.0, 2.0],
+                "noise_amplitude": [2.0, 1.0],
+                "noise_amplitude_factor": [1.0, 1.0],
+            },
+            "do not ascend",
+        ),
+        (
+            {"noise_reference_amplitude": [1.0], "noise_amplitude": [1.0, 2.0], "noise_amplitude_factor": [1.0, 1.0]},
+            "2 ranges, but 1 reference amplitude",
+        ),
+        (
+            {"noise_reference_amplitude": [1.0, 2.0], "noise_amplitude": [1.0, 2.0], "noise_amplitude_factor": [1.0]},
+            "2 amplitudes, but 1 factor",
+        ),
+        (
+            {
+                "noise_reference_amplitude": [1.0, 2.0],
+                "noise_amplitude": [1.0, 2.0],
+                "noise_amplitude_factor": [0.0, 1.0],
+            },
+            "factor must be a list of finite numbers above 0",
+        ),
+    ],
+)
+def test_unfit_laws_are_refused(tofmix: Tofmix, tmp_path: Path, law: dict[str, list[float]], reason: str) -> None:
+    curve = {"noise_range": [500.0, 5000.0], "noise_sigma": [10.0, 20.0]} | law
+    path = write_reflective(tmp_path / "a.h5", 0.0, {name: np.array(values) for name, values in curve.items()})
+    outcome = tofmix("estimate", path)
+    assert outcome.code == ExitCode.BAD_INPUT
+    assert reason in outcome.err
+    assert outcome.err.count("\n") == 1
+
+
+FRAMES, ROWS, COLS = 60, 6, 8
+
+
+@pytest.fixture
+def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Skewed noise on background, of whole mm, in two windows; four cells; thresholds of few draws."""
+    monkeypatch.setattr("tofmix.grid.CELL_PIXELS", 24)
+    fewer = functools.partial(calibrate, draws=100)
+    monkeypatch.setattr("tofmix.estimation.learnt.recordings.known_thresholds", fewer)
+    rng = np.random.default_rng(11)
+    share, size = rng.uniform(0.0, 0.5, ROWS * COLS), (2 * FRAMES, ROWS * COLS)
+    samples = surfaces(rng, size, (1500.0,), errors=KNOWN["skewed"].draw, background=share)
+    samples[:, ::5] = surfaces(rng, size, (1500.0, 3000.0), (0.5, 0.5), errors=KNOWN["skewed"].draw)[:, ::5]
+    block = samples.reshape(2 * FRAMES, ROWS, COLS).astype(np.uint16)
+    return write_recording(tmp_path / "a.h5", block, noise=None)
+
+
+WINDOW = ("--window", FRAMES)
+QUICK = (*WINDOW, "--noise-shape", "gaussian")
+"""Background alone is learnt: most of the time goes into shapes."""
+
+
+@pytest.mark.slow
+def test_bytes_do_not_depend_on_workers_memory_shards_or_resumption(
+    tofmix: Tofmix, recording: Path, tmp_path: Path
+) -> None:
+    one = tmp_path / "one.h5"
+    outcome = tofmix("estimate", recording, *QUICK, "-o", one, "--workers", 1)
+    assert outcome.code == 0, outcome.err
+    assert "% by pixel" in outcome.err
+    expected = one.read_bytes()
+    two = tmp_path / "two.h5"
+    assert tofmix("estimate", recording, *QUICK, "-o", two, "--workers", 2, "--memory", "250MB").code == 0
+    assert two.read_bytes() == expected
+    for number in (1, 2):
+        assert tofmix("estimate", recording, *QUICK, "--shard", f"{number}/2").code == 0
+    parts = sorted(tmp_path.glob("*.part"))
+    assert len(parts) == 2
+    assert tofmix("merge", *parts, "-o", tmp_path / "merged.h5").code == 0
+    assert (tmp_path / "merged.h5").read_bytes() == expected
+
+
+@pytest.mark.slow
+def test_resumed_run_has_the_same_bytes(
+    tofmix: Tofmix, recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert tofmix("estimate", recording, *QUICK, "-o", tmp_path / "one.h5").code == 0
+    with monkeypatch.context() as patch:
+        patch.setattr("os.pwrite", FullDisk(3))
+        assert "--resume continues from the finished blocks" in tofmix("estimate", recording, *QUICK).err
+    resumed = tofmix("estimate", recording, *QUICK, "--resume")
+    assert resumed.code == 0, resumed.err
+    assert "blocks from the interrupted run" in resumed.err
+    assert (tmp_path / "a.layers.h5").read_bytes() == (tmp_path / "one.h5").read_bytes()
+
+
+@pytest.mark.slow
+def test_layers_follow_from_the_sensor_that_their_file_carries(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+    assert tofmix("estimate", recording, *WINDOW).code == 0
+    with h5py.File(recording) as root:
+        samples = root["range"][...].astype(np.float32)
+    with open_layers(tmp_path / "a.layers.h5") as layers:
+        sensor = layers.provenance.sensor
+        assert sensor.learnt is not None
+        assert sensor.noise is not None
+        assert sensor.noise.shape is not None
+        for window in range(2):
+            stored = layers.read_window(window)
+            again = layer_pixels(samples[window * FRAMES : (window + 1) * FRAMES], sensor)
+            for a, b in zip(again.arrays(), stored.arrays(), strict=True):
+                assert a.astype(b.dtype).tobytes() == b.tobytes()
+    with h5py.File(tmp_path / "a.layers.h5") as root:
+        names = {"noise_drift", "noise_gain_samples", "noise_gain_background", "noise_gain_of_one_more"}
+        assert names | {"noise_gain_of_first", "noise_shape_z", "noise_shape_density"} <= set(root["sensor"])
+        prior = root["sensor/noise_background_prior"][...]
+        # Shares are uniform from 0 to a half, and 0 in every fifth pixel.
+        assert prior[0] / prior.sum() == pytest.approx(0.2, abs=0.08)
+        assert root["sensor/noise_background"].shape == (ROWS, COLS)
+        number = root["n_modes"][...].reshape(2, -1)
+        assert (number[:, ::5] == 2).mean() > 0.9
+        assert (np.delete(number, np.s_[::5], axis=1) == 1).mean() > 0.9
+        assert tofmix("verify", tmp_path / "a.layers.h5").code == 0
+
+
+@pytest.mark.slow
+def test_noise_widths_own_is_stored_in_the_file(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+    assert tofmix("estimate", recording, *WINDOW, "--noise-widths", "own", "--noise-shape", "gaussian").code == 0
+    with h5py.File(tmp_path / "a.layers.h5") as root:
+        assert root["noise_width"].shape == root["n_modes"].shape
+        assert root["noise_width"].attrs["units"] == "1"
+        assert root["sensor"].attrs["noise_width_spread"] > 0
+        assert "noise_shape_z" not in root["sensor"]
+        width = root["noise_width"][...]
+        assert np.isfinite(width).all()
+        assert ((width >= np.exp(-1.5) - 1e-6) & (width <= np.exp(1.5) + 1e-6)).all()

@@ -1,23 +1,33 @@
-"""From a recording to a camera that carries its noise, and the line that says what was found."""
+"""From a recording to a camera that carries its noise: each part is learnt where it is there, and dropped where not."""
 
 import functools
 import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
-from support.learnt_pixels import CAMERA, KNOWN, LOW_MM, SIGMA_MM, TOP_MM, pixel_noise, surfaces
+from numpy.typing import NDArray
+from scipy import signal
+from support.learnt_pixels import CAMERA, KNOWN, LOW_MM, SIGMA_MM, TOP_MM, camera_with, flat, pixel_noise, surfaces
 
+import tofmix as tm
 from tofmix.arrays import FloatArray
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.bootstrap import calibrate
-from tofmix.estimation.learnt.recordings import (
-    FoundNoise,
-    calibrated,
-    learn_instead,
-    learn_noise,
-    share_of_outliers,
+from tofmix.estimation.learnt.folds import whole_fold
+from tofmix.estimation.learnt.law import SCALE_OF_SPREAD
+from tofmix.estimation.learnt.learning import (
+    LearntModel,
+    NoiseCandidate,
+    held_out_gain,
+    learn_pixel_noise,
+    mean_difference,
 )
+from tofmix.estimation.learnt.model import SURE_SAMPLES, PixelNoise, thresholds_of
+from tofmix.estimation.learnt.parts import with_part
+from tofmix.estimation.learnt.recordings import FoundNoise, calibrated, learn_instead, learn_noise, share_of_outliers
+from tofmix.estimation.learnt.sigma_curve import with_sigma
 from tofmix.estimation.noise.curve_check import is_contradicted
 from tofmix.estimation.noise.measurement import MeasuredNoise
 from tofmix.estimation.noise.training_pixels import Pixels, pixels_of, scatters
@@ -247,3 +257,432 @@ def test_share_of_outliers_is_the_counted_one_where_nothing_is_stated_and_chance
     )
     found = share_of_outliers(replace(CAMERA, outlier_probability=stated), measured)
     assert found == (counted if replaced else stated)
+
+
+SIGMA_MM_ON_STEPS = 6.0
+FRAMES, ROWS, COLS_ON_STEPS = 60, 12, 20
+
+
+def place() -> NDArray[np.float64]:
+    return np.random.default_rng(1).uniform(1500.0, 4500.0, (ROWS, COLS_ON_STEPS))
+
+
+def samples() -> NDArray[np.float64]:
+    """Samples (frame, row, col), mm, of one surface in each pixel."""
+    return np.asarray(
+        place() + SIGMA_MM_ON_STEPS * np.random.default_rng(2).standard_normal((FRAMES, ROWS, COLS_ON_STEPS))
+    )
+
+
+def estimated(values: NDArray[np.float64], *, noise: tm.NoiseCurve | None = None, max_iter: int = 50) -> tm.Estimate:
+    camera = tm.Sensor(name="camera", range_min_mm=500.0, range_max_mm=8000.0)
+    recording = tm.from_array(values.astype(np.float32), units="mm", sensor=camera)
+    return tm.estimate(recording, workers=1, noise=noise, max_iter=max_iter)
+
+
+@pytest.mark.parametrize(
+    "step", [0.3, pytest.param(1.0, marks=pytest.mark.slow), 2.0, pytest.param(5.0, marks=pytest.mark.slow)]
+)
+def test_sigma_false_alarms_and_errors_are_those_of_the_noise_before_rounding(step: float) -> None:
+    step_mm = step * SIGMA_MM_ON_STEPS
+    found = estimated(step_mm * np.rint(samples() / step_mm))
+    assert found.sensor.range_step_mm is not None
+    assert found.sensor.range_step_mm == pytest.approx(step_mm, rel=1e-6)
+    assert np.nanmedian(found.sigma[0, ..., 0]) == pytest.approx(SIGMA_MM_ON_STEPS, rel=0.05)
+    one = found.n_modes[0] == 1
+    assert one.mean() > 0.99
+    error = (found.range[0, ..., 0] - place())[one] / found.range_stderr[0, ..., 0][one]
+    assert np.sqrt(np.mean(error**2)) == pytest.approx(1.0, abs=0.12)
+
+
+@pytest.mark.slow
+def test_a_step_by_range_stands_at_the_ranges_of_the_curve() -> None:
+    part = 2.0 * SIGMA_MM_ON_STEPS / 3000.0
+    found = estimated(np.exp(part * np.rint(np.log(samples()) / part)))
+    noise, step = found.sensor.noise, found.sensor.range_step_mm
+    assert noise is not None
+    assert step is not None
+    assert step.shape == noise.range_mm.shape
+    inside = (noise.range_mm > 1600.0) & (noise.range_mm < 4400.0)
+    np.testing.assert_allclose(step[inside], part * noise.range_mm[inside], rtol=0.03)
+    assert np.nanmedian(found.sigma[0, ..., 0]) == pytest.approx(SIGMA_MM_ON_STEPS, rel=0.05)
+
+
+@pytest.mark.slow
+def test_steps_of_pixels_are_a_map_and_serve_their_pixels() -> None:
+    own = 2.0 * SIGMA_MM_ON_STEPS * (1.0 + 0.3 * np.random.default_rng(3).random((ROWS, COLS_ON_STEPS)))
+    found = estimated(own * np.rint(samples() / own))
+    assert found.sensor.range_step_mm is not None
+    np.testing.assert_allclose(found.sensor.range_step_mm, own, rtol=1e-3)
+    assert np.nanmedian(found.sigma[0, ..., 0]) == pytest.approx(SIGMA_MM_ON_STEPS, rel=0.05)
+    assert (found.n_modes == 1).mean() > 0.99
+
+
+@pytest.mark.slow
+def test_samples_of_one_value_have_the_standard_error_of_their_step() -> None:
+    step_mm = 10.0 * SIGMA_MM_ON_STEPS
+    values = step_mm * np.rint(samples() / step_mm)
+    found = estimated(values, max_iter=1000)
+    constant = (values == values[0]).all(axis=0)
+    assert 0.4 < constant.mean() < 0.8
+    stderr = found.range_stderr[0, ..., 0][constant]
+    assert stderr.min() > 0.1 * step_mm
+    assert stderr.max() < 0.5 * step_mm
+    error = (found.range[0, ..., 0] - place())[constant]
+    assert np.abs(error).max() < 0.6 * step_mm
+
+
+@pytest.mark.slow
+def test_two_alternating_values_are_one_surface_between_them() -> None:
+    values = np.where(np.arange(FRAMES)[:, None, None] % 2 == 0, 3000.0, 3004.0) * np.ones((1, ROWS, COLS_ON_STEPS))
+    found = estimated(values)
+    assert found.sensor.range_step_mm == pytest.approx(4.0)
+    assert (found.n_modes == 1).all()
+    np.testing.assert_allclose(found.range[0, ..., 0], 3002.0, atol=0.05)
+    assert (found.range_stderr[0, ..., 0] > 0.01).all()
+    assert (found.sigma[0, ..., 0] >= 0.4).all()
+
+
+def test_a_given_curve_is_integrated_over_the_step_too() -> None:
+    step_mm = 2.0 * SIGMA_MM_ON_STEPS
+    curve = tm.NoiseCurve(np.array([3000.0]), np.array([SIGMA_MM_ON_STEPS]))
+    found = estimated(step_mm * np.rint(samples() / step_mm), noise=curve)
+    assert found.sensor.noise is not None
+    np.testing.assert_array_equal(found.sensor.noise.sigma_mm, SIGMA_MM_ON_STEPS)
+    assert (found.n_modes == 1).mean() > 0.99
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*have two layers within 5 sigma:tofmix.errors.DoubtWarning")
+def test_pairs_two_sigma_apart_are_found_and_not_taken_for_widths() -> None:
+    rng, step_mm = np.random.default_rng([1, 100]), 0.9 * SIGMA_MM_ON_STEPS
+    values = rng.uniform(1500.0, 4500.0, (15, 40)) + SIGMA_MM_ON_STEPS * rng.standard_normal((100, 15, 40))
+    values[:, :, ::4] += 2.0 * SIGMA_MM_ON_STEPS * (rng.random((100, 15, 10)) < 0.5)
+    found = estimated(step_mm * np.rint(values / step_mm))
+    assert found.sensor.noise is not None
+    assert found.sensor.noise.width_spread == 0.0
+    assert (found.n_modes[0, :, ::4] == 2).mean() > 0.9  # of 150 pixels; taken for widths, it is 0.03
+    assert (np.delete(found.n_modes[0], np.s_[::4], axis=1) > 1).mean() < 0.01
+
+
+FULL = pixel_noise("skewed", background=(1.0, 9.0), width_spread=0.3, drift_mm=(5.0, 0.0, 2.0), memory=0.4)
+
+
+def test_pixel_noise_round_trips_through_the_sensor() -> None:
+    back = PixelNoise.of(camera_with(FULL))
+    assert back.curve is FULL.curve
+    assert (back.background, back.memory, back.p_outlier) == (FULL.background, FULL.memory, FULL.p_outlier)
+    np.testing.assert_array_equal(back.drift_mm, FULL.drift_mm)
+    for one, other in zip(back.laws(), FULL.laws(), strict=True):
+        for a, b in zip(one, other, strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
+def test_gains_come_back_as_the_kernels_read_them() -> None:
+    gains = flat(6.5, 4.5)._replace(log_n=np.log([30.0]))
+    back = thresholds_of(FULL.learnt_with(gains))
+    for name in ("background", "more", "first"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(gains, name))
+    np.testing.assert_allclose(back.log_n, gains.log_n, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("noise", "gaussian"),
+    [
+        (pixel_noise(), True),
+        (pixel_noise("skewed"), False),
+        (pixel_noise(width_spread=0.1), False),
+        (pixel_noise(background=(1.0, 2.0)), False),
+        (pixel_noise(memory=0.1), False),
+        (pixel_noise(drift_mm=(0.0, 0.0, 1.0)), False),
+    ],
+)
+def test_any_part_beside_the_curve_makes_the_noise_more_than_a_gaussian(noise: PixelNoise, gaussian: bool) -> None:
+    assert noise.is_gaussian is gaussian
+
+
+def test_second_law_differs_by_its_drift_alone() -> None:
+    law, plain = FULL.laws()
+    np.testing.assert_array_equal(law.drift_mm, [5.0, 0.0, 2.0])
+    np.testing.assert_array_equal(plain.drift_mm, np.zeros(3))
+    np.testing.assert_array_equal(law.density, plain.density)
+    assert law.width_spread == plain.width_spread == SCALE_OF_SPREAD * 0.3
+
+
+def test_known_background_is_as_sure_as_a_thousand_samples() -> None:
+    law, _ = pixel_noise(p_outlier=0.02).laws()
+    assert law.background_near / (law.background_near + law.background_far) == pytest.approx(0.02)
+    assert law.background_near + law.background_far == pytest.approx(SURE_SAMPLES)
+
+
+def test_a_sensor_follows_drift_where_one_was_learnt() -> None:
+    assert camera_with(FULL).follows_drift
+    assert not camera_with(pixel_noise("skewed")).follows_drift
+    assert not CAMERA.follows_drift
+
+
+def test_sensor_without_learnt_noise_has_its_curves_gaussian_and_one_without_a_curve_none() -> None:
+    noise = PixelNoise.of(replace(CAMERA, noise=FULL.curve, outlier_probability=0.01))
+    assert noise.background is None
+    assert noise.p_outlier == 0.01
+    assert noise.curve.shape is FULL.curve.shape
+    with pytest.raises(ValueError, match="no noise curve"):
+        PixelNoise.of(CAMERA)
+
+
+FRAMES_LEARNING, PIXELS = 60, 300
+TIME = np.linspace(-1.0, 1.0, FRAMES_LEARNING)[:, np.newaxis]
+
+
+def _learnt_learning(samples: FloatArray, **choices: Any) -> LearntModel:  # noqa: ANN401  those of learn_pixel_noise
+    """Learn from samples (frame, pixel)."""
+    pixels = Pixels(samples=np.ascontiguousarray(samples.T, dtype=np.float32))
+    return learn_pixel_noise(pixels, CAMERA, None, **choices)
+
+
+def _parts(model: LearntModel) -> set[str]:
+    noise = model.noise
+    there = {
+        "shape": noise.curve.shape is not None,
+        "widths": noise.curve.width_spread > 0,
+        "background": noise.background is not None,
+        "drift": bool(noise.drift_mm.any()),
+        "memory": noise.memory > 0,
+    }
+    return {name for name, found in there.items() if found}
+
+
+@pytest.mark.slow
+def test_gaussian_noise_teaches_sigma_alone(rng: np.random.Generator) -> None:
+    model = _learnt_learning(surfaces(rng, (FRAMES_LEARNING, PIXELS), (2000.0,)))
+    assert model.noise.is_gaussian
+    assert model.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.03)
+    assert model.pixels == PIXELS
+    assert np.median(model.ranges_mm) == pytest.approx(2000.0, abs=2.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["skewed", "student", "laplace"])
+def test_shape_is_learnt_and_nothing_else(name: str, rng: np.random.Generator) -> None:
+    model = _learnt_learning(surfaces(rng, (FRAMES_LEARNING, PIXELS), (2000.0,), errors=KNOWN[name].draw))
+    assert _parts(model) == {"shape"}
+    shape = model.noise.curve.shape
+    assert shape is not None
+    # The mean of a pixel takes a part of its errors: what is learnt is a little nearer to the Gaussian.
+    at = np.linspace(-4.0, 4.0, 81)
+    assert np.abs(shape.cdf(at) - KNOWN[name].cdf(at)).max() < 0.03
+    assert model.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.05)
+
+
+@pytest.mark.slow
+def test_shape_is_not_made_steeper_by_surfaces_located_under_it() -> None:
+    """With these samples a shape whose surfaces are located again under it has a peak that is 10 % too high."""
+    samples = surfaces(np.random.default_rng(3), (FRAMES_LEARNING, 500), (2000.0,), errors=KNOWN["skewed"].draw)
+    pixels = Pixels(samples=np.ascontiguousarray(samples.T, dtype=np.float32))
+    gaussian = NoiseCurve(np.array([500.0, 5000.0]), np.full(2, SIGMA_MM))
+    found = with_part(whole_fold(pixels, CAMERA), PixelNoise.of(replace(CAMERA, noise=gaussian)), "shape")
+    assert found is not None
+    assert found.curve.shape is not None
+    at = np.linspace(-4.0, 4.0, 1601)
+    peak = np.gradient(KNOWN["skewed"].cdf(at), at).max()
+    assert found.curve.shape.density.max() == pytest.approx(peak, rel=0.06)
+
+
+@pytest.mark.slow
+def test_widths_are_learnt_and_nothing_else(rng: np.random.Generator) -> None:
+    width = np.exp(0.3 * rng.standard_normal(PIXELS))
+    model = _learnt_learning(surfaces(rng, (FRAMES_LEARNING, PIXELS), (2000.0,), width=width))
+    assert _parts(model) == {"widths"}
+    assert model.noise.curve.width_spread == pytest.approx(0.3, abs=0.08)
+    assert model.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM * np.median(width), rel=0.05)
+
+
+@pytest.mark.slow
+def test_wide_pixels_that_seem_two_surfaces_count_in_the_spread_of_widths(rng: np.random.Generator) -> None:
+    frames = 200  # with so many, the count under one width splits a third of the pixels
+    width = np.exp(0.3 * rng.standard_normal(PIXELS))
+    model = _learnt_learning(surfaces(rng, (frames, PIXELS), (2000.0,), width=width))
+    assert model.noise.curve.width_spread == pytest.approx(0.3, abs=0.06)
+
+
+@pytest.mark.slow
+def test_background_of_each_pixel_is_learnt_and_nothing_else(rng: np.random.Generator) -> None:
+    share = rng.uniform(0.0, 0.9, PIXELS)
+    model = _learnt_learning(surfaces(rng, (FRAMES_LEARNING, PIXELS), (2000.0,), background=share))
+    assert _parts(model) == {"background"}
+    assert model.noise.background is not None
+    near, far = model.noise.background
+    assert near / (near + far) == pytest.approx(share.mean(), abs=0.05)
+    variance = near * far / ((near + far) ** 2 * (near + far + 1.0))
+    assert np.sqrt(variance) == pytest.approx(share.std(), rel=0.2)
+    assert model.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.05)
+
+
+@pytest.mark.slow
+def test_drift_is_learnt_and_sigma_is_that_without_it(rng: np.random.Generator) -> None:
+    drift = 1.5 * SIGMA_MM * rng.choice([-1.0, 1.0], PIXELS) * TIME
+    model = _learnt_learning(surfaces(rng, (FRAMES_LEARNING, PIXELS), (2000.0,), drift_mm=drift))
+    assert _parts(model) == {"drift"}
+    assert model.noise.drift_mm[0] == pytest.approx(1.5 * SIGMA_MM, rel=0.15)
+    assert (model.noise.drift_mm[1:] < 0.2 * SIGMA_MM).all()
+    assert model.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.05)
+
+
+@pytest.mark.slow
+def test_memory_is_the_correlation_of_neighbouring_frames(rng: np.random.Generator) -> None:
+    z = signal.lfilter([np.sqrt(0.75)], [1.0, -0.5], rng.standard_normal((FRAMES_LEARNING + 40, PIXELS)), axis=0)[40:]
+    model = _learnt_learning(2000.0 + SIGMA_MM * z, drift=False)
+    assert model.noise.memory == pytest.approx(0.5, abs=0.06)
+    assert "shape" not in _parts(model)
+
+
+@pytest.mark.slow
+def test_sigma_is_that_of_all_errors_where_drifts_follow_errors_that_remember(rng: np.random.Generator) -> None:
+    z = signal.lfilter([np.sqrt(0.75)], [1.0, -0.5], rng.standard_normal((FRAMES_LEARNING + 40, 900)), axis=0)[40:]
+    model = _learnt_learning(2000.0 + SIGMA_MM * z)
+    assert model.noise.drift_mm.any()
+    assert model.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.04)
+
+
+@pytest.mark.slow
+def test_pixels_of_background_alone_teach_background_and_not_one_wide_surface(rng: np.random.Generator) -> None:
+    model = _learnt_learning(rng.uniform(LOW_MM, TOP_MM, (FRAMES_LEARNING, PIXELS)))
+    assert model.noise.background is not None
+
+
+@pytest.mark.slow
+def test_what_pixels_have_of_their_own_is_drawn_with_the_spread_and_the_tails_that_it_has(
+    rng: np.random.Generator,
+) -> None:
+    drift = np.where(rng.random(PIXELS) < 0.5, 1.5, -1.5) * SIGMA_MM
+    own = _learnt_learning(surfaces(rng, (FRAMES_LEARNING, PIXELS), (2000.0,), drift_mm=drift * TIME)).pixel_effects
+    assert len(own) > 0.9 * PIXELS
+    assert not own[:, 0].any()  # widths are alike
+    np.testing.assert_allclose(np.std(own[:, 1]), 1.5 * SIGMA_MM, rtol=0.08)
+    assert np.abs(own[:, 1]).max() < 2.5 * SIGMA_MM  # a Student t of this spread has some at 6
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_all_parts_together_are_all_learnt(rng: np.random.Generator) -> None:
+    frames, pixels = 80, PIXELS
+    drift = 1.5 * SIGMA_MM * rng.choice([-1.0, 1.0], pixels) * np.linspace(-1.0, 1.0, frames)[:, np.newaxis]
+    samples = surfaces(
+        rng,
+        (frames, pixels),
+        (2000.0,),
+        errors=KNOWN["skewed"].draw,
+        width=np.exp(0.3 * rng.standard_normal(pixels)),
+        background=rng.uniform(0.0, 0.9, pixels),
+        drift_mm=drift,
+    )
+    model = _learnt_learning(samples)
+    assert _parts(model) - {"memory"} == {"shape", "widths", "background", "drift"}
+    assert model.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.1)
+
+
+@pytest.mark.slow
+def test_sigma_is_right_where_every_pixel_sees_two_surfaces(rng: np.random.Generator) -> None:
+    near = rng.uniform(800.0, 3000.0, PIXELS)
+    second = rng.random((FRAMES_LEARNING, PIXELS)) < rng.uniform(0.2, 0.8, PIXELS)
+    samples = near + np.where(second, 600.0, 0.0) + SIGMA_MM * rng.standard_normal((FRAMES_LEARNING, PIXELS))
+    model = _learnt_learning(samples)
+    assert _parts(model) <= {"drift"}
+    sigmas = model.noise.curve.sigma_mm
+    assert np.median(sigmas) == pytest.approx(SIGMA_MM, rel=0.05)
+    np.testing.assert_allclose(sigmas, SIGMA_MM, rtol=0.12)  # each of twenty or so pixels
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("places", [(0.0, 5.0), (0.0, 4.0, 8.0)], ids=["two", "three"])
+def test_sigma_is_right_where_no_cluster_stands_clear_in_any_pixel(
+    places: tuple[float, ...], rng: np.random.Generator
+) -> None:
+    pixels, frames = 150, 100
+    shares = np.cumsum(0.2 + (1.0 - 0.2 * len(places)) * rng.dirichlet(np.ones(len(places)), pixels), axis=1)
+    which = (rng.random((frames, pixels, 1)) > shares[:, :-1]).sum(axis=2)
+    near = rng.uniform(800.0, 3000.0, pixels)
+    samples = near + SIGMA_MM * (np.array(places)[which] + rng.standard_normal((frames, pixels)))
+    sigmas = _learnt_learning(samples).noise.curve.sigma_mm
+    assert np.median(sigmas) == pytest.approx(SIGMA_MM, rel=0.05)
+
+
+@pytest.mark.parametrize("name", ["gaussian", "skewed"])
+def test_few_pixels_give_one_sigma_and_a_gaussian(name: str, rng: np.random.Generator) -> None:
+    model = _learnt_learning(surfaces(rng, (30, 12), (2000.0,), errors=KNOWN[name].draw))
+    assert model.noise.is_gaussian
+    assert len(model.noise.curve.sigma_mm) == 1
+    # 360 samples tell a sigma to 4 %; by differences, and with a skewed shape, less exactly.
+    assert model.noise.curve.sigma_mm[0] == pytest.approx(SIGMA_MM, rel=0.15)
+
+
+def test_forbidden_parts_are_skipped_and_required_parts_are_learnt(rng: np.random.Generator) -> None:
+    width = np.exp(0.3 * rng.standard_normal(90))
+    samples = surfaces(rng, (40, 90), (2000.0,), errors=KNOWN["skewed"].draw, width=width)
+    assert _parts(_learnt_learning(samples, shape=False, widths=False, drift=False)) <= {"background", "memory"}
+    plain = surfaces(rng, (40, 90), (2000.0,))
+    insisted = _learnt_learning(plain, shape=False, widths=True, drift=False)
+    assert _parts(insisted) <= {"widths", "background"}
+
+
+def test_same_pixels_give_the_same_noise(rng: np.random.Generator) -> None:
+    samples = surfaces(rng, (40, 60), (2000.0,), background=0.2)
+    one, other = _learnt_learning(samples, shape=False), _learnt_learning(samples.copy(), shape=False)
+    np.testing.assert_array_equal(one.noise.curve.sigma_mm, other.noise.curve.sigma_mm)
+    assert (one.noise.background, one.noise.memory) == (other.noise.background, other.noise.memory)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("sigma", "holds"), [(SIGMA_MM, True), (2.0 * SIGMA_MM, False), (0.5 * SIGMA_MM, False)])
+def test_a_given_curve_holds_where_nothing_predicts_better(sigma: float, holds: bool, rng: np.random.Generator) -> None:
+    given = NoiseCurve(np.array([2000.0]), np.array([sigma]))
+    model = _learnt_learning(surfaces(rng, (40, 90), (2000.0,)), instead_of=given)
+    assert model.given_holds is holds
+
+
+@pytest.mark.parametrize("samples", [np.full((40, 30), 2000.0), np.full((40, 30), np.nan)], ids=["constant", "none"])
+def test_samples_without_a_spread_give_no_noise(samples: FloatArray) -> None:
+    with pytest.raises(ValueError, match="no two samples of a pixel differ, or none is valid"):
+        _learnt_learning(samples)
+
+
+def test_clusters_of_few_samples_are_none_because_only_narrow_pixels_have_some() -> None:
+    samples = np.random.default_rng(1).normal(2000.0, 6.0, (300, 8)).astype(np.float32)
+    curve = NoiseCurve(np.array([2000.0]), np.array([6.0]))
+    noise = PixelNoise.gaussian(curve, 0.0)
+    sensor = Sensor(name="camera", range_min_mm=500.0, range_max_mm=8000.0)
+    few = whole_fold(Pixels(samples=samples), sensor)
+    assert len(few.clusters(noise).pixel) == 0
+    assert with_sigma(few, noise).curve.sigma_mm == pytest.approx(6.0, rel=0.1)  # from clusters, it is 0.7 times that
+    many = whole_fold(Pixels(samples=np.hstack([samples, samples[::-1]])), sensor)
+    assert len(many.clusters(noise).pixel) > 0.95 * len(samples)
+
+
+def test_single_deviating_pixel_changes_no_mean_difference(rng: np.random.Generator) -> None:
+    one = rng.normal(0.0, 1.0, 400)
+    other = one - 0.2 + rng.normal(0.0, 0.1, 400)
+    gain, error = mean_difference(one, other)
+    assert gain == pytest.approx(0.2, abs=4 * error)
+    assert error == pytest.approx(0.1 / np.sqrt(400), rel=0.15)
+    other[0] = 1e6
+    assert mean_difference(one, other)[0] == pytest.approx(0.2, abs=0.02)
+    other[1] = np.nan
+    assert mean_difference(one, other)[0] == pytest.approx(0.2, abs=0.02)
+    assert mean_difference(one[:2], other[2:4]) == (0.0, np.inf)
+
+
+def test_gain_of_most_pixels_counts_and_noise_does_not(rng: np.random.Generator) -> None:
+    one, noise = rng.normal(0.0, 1.0, 400), rng.normal(0.0, 0.5, 400)
+    assert held_out_gain(NoiseCandidate((), one), NoiseCandidate((), one - 0.3 + noise)) == pytest.approx(0.3, abs=0.1)
+    assert held_out_gain(NoiseCandidate((), one), NoiseCandidate((), one + noise)) == 0.0
+    assert held_out_gain(NoiseCandidate((), one), NoiseCandidate((), one - 0.05)) == 0.0  # less changes no count
+
+
+def test_large_gain_of_a_few_pixels_counts_and_that_of_one_does_not() -> None:
+    other = np.zeros(100)
+    few = other.copy()
+    few[:6] = 30.0
+    assert held_out_gain(NoiseCandidate((), few), NoiseCandidate((), other)) == pytest.approx(150.0 / 99.0)
+    one = other.copy()
+    one[0] = 1000.0
+    assert held_out_gain(NoiseCandidate((), one), NoiseCandidate((), other)) == 0.0

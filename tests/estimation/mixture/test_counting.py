@@ -1,5 +1,6 @@
-"""Which surfaces stand: false alarms as often as asked for; weak and close surfaces found; unexplained ones fitted."""
+"""Which surfaces stand: false alarms as often as asked for, the table of gains, and the quick look."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -8,10 +9,23 @@ from support import naive
 from support.drawing import draw
 from support.sizes import sized
 
+from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.mixture.counting import CERTAIN_SIGMAS, CERTAIN_SUPPORT
-from tofmix.estimation.mixture.false_alarms import chance_of, gain_table
-from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
+from tofmix.estimation.mixture.components import MEAN, SIGMA, WEIGHT
+from tofmix.estimation.mixture.counting import (
+    CERTAIN_SIGMAS,
+    CERTAIN_SUPPORT,
+    LEAST_BOUND,
+    Rules,
+    Workspace,
+    new_workspace,
+    try_one_more,
+)
+from tofmix.estimation.mixture.em import expectation_maximisation
+from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, SAMPLES, chance_of, gain_table, least_gain
+from tofmix.estimation.mixture.gain_bound import gain_bound_of_clear, steepest_place
+from tofmix.estimation.samples import Readings, readings_of
+from tofmix.estimation.settings import MODE_TIED, EstimateOptions, Refine, SigmaMode
 from tofmix.sensor import NoiseCurve, Sensor
 
 
@@ -177,3 +191,92 @@ def test_the_probability_of_an_isolated_surface_is_that_of_its_gain_over_outlier
     assert found.probability[0, at] == pytest.approx(1.0 - chance_of(gain, gain_table(frames)[frames]), abs=2e-6)
     weak = layer_pixels(np.where(np.arange(frames)[:, None] < 9, np.nan, samples), camera)
     assert weak.probability[0, 0] == 1.0  # a hundred samples: it rounds to 1
+
+
+def test_rarer_alarms_and_more_samples_need_more_gain() -> None:
+    table = gain_table(2000)
+    assert np.all(np.diff(table, axis=1) > 0)
+    # Between 500 and 1000 samples the draws' own error is as large as the rise.
+    assert np.all(np.diff(table[list(SAMPLES)], axis=0) > -0.3)
+    np.testing.assert_array_equal(table[2000], table[1000])
+    np.testing.assert_array_equal(table[0], table[5])
+
+
+@pytest.mark.parametrize("n", [7, 15, 100, 777])
+@pytest.mark.parametrize("chance", [0.1, 0.03, 0.001, 1e-5])
+def test_chance_is_the_inverse_of_gain(n: int, chance: float) -> None:
+    row = gain_table(1000)[n]
+    assert chance_of(least_gain(chance, row), row) == pytest.approx(chance)
+
+
+def test_gain_table_is_exact_at_its_columns() -> None:
+    row = gain_table(100)[100]
+    for chance, gain in zip(FALSE_ALARMS, row, strict=True):
+        assert least_gain(chance, row) == pytest.approx(gain)
+
+
+def test_chance_falls_from_one() -> None:
+    row = gain_table(50)[50]
+    chances = [chance_of(gain, row) for gain in np.linspace(0, 30, 200)]
+    assert chances[0] == 1
+    assert np.all(np.diff(chances) <= 1e-12)
+    assert chance_of(math.inf, row) == 0
+
+
+@pytest.mark.parametrize("false_alarm", [0.0, 0.2, -1.0, math.nan])
+def test_false_alarm_rates_out_of_bounds_are_refused(false_alarm: float) -> None:
+    with pytest.raises(ValueError, match="false_alarm"):
+        EstimateOptions(false_alarm=false_alarm)
+
+
+LEAST = 5.8
+ALL = Rules(0.0, 1.0, 8, 0.0)
+
+
+def _fitted(column: np.ndarray, start: list[float], sensor: Sensor) -> tuple[Readings, Beam, Workspace]:
+    data, beam, work = readings_of(column), beam_of(sensor), new_workspace(8, len(column))
+    k = len(start)
+    work.fit[MEAN, :k], work.fit[SIGMA, :k], work.fit[WEIGHT, :k] = start, 20.0, (1 - beam.p_outlier) / k
+    expectation_maximisation(data, k, work.fit, beam, MODE_TIED, 300, 1e-9, work.scratch)
+    return data, beam, work
+
+
+@pytest.mark.slow
+def test_a_surface_that_gains_enough_has_a_bound_above_the_threshold(rng: np.random.Generator, sensor: Sensor) -> None:
+    gaining, missed, quick = 0, 0, 0
+    for shares, apart in (([0.5, 0.5], 45), ([0.9, 0.1], 80), ([0.97, 0.03], 120), ([1.0, 0.0], 0)):
+        block = draw(rng, sensor, ranges_mm=[1500, 1500 + apart], shares=shares, n=100, pixels=sized(300, 15))
+        for column in block.T:
+            data, beam, work = _fitted(column, [float(column.mean())], sensor)
+            bound = gain_bound_of_clear(data, 1, work.fit, beam, work.scratch, math.inf)
+            quick += bound < LEAST_BOUND * LEAST
+            gain = try_one_more(data, 1, work, beam, ALL)
+            if gain >= LEAST:
+                gaining += 1
+                missed += bound < LEAST_BOUND * LEAST
+    assert gaining > sized(400, 18)
+    assert missed <= 1
+    assert quick > sized(200, 8)  # it does turn pixels away
+
+
+@pytest.mark.slow
+def test_gain_bound_is_infinite_where_surfaces_overlap(rng: np.random.Generator, sensor: Sensor) -> None:
+    near = draw(rng, sensor, ranges_mm=[1500, 1560], shares=[0.5, 0.5], n=100, pixels=1)[:, 0]
+    data, beam, work = _fitted(near, [1490.0, 1570.0], sensor)
+    assert gain_bound_of_clear(data, 2, work.fit, beam, work.scratch, math.inf) == math.inf
+    away = np.append(draw(rng, sensor, ranges_mm=[1500], shares=[1.0], n=99, pixels=1)[:, 0], 3000.0)
+    data, beam, work = _fitted(away, [1500.0], sensor)
+    assert gain_bound_of_clear(data, 1, work.fit, beam, work.scratch, math.inf) == math.inf
+
+
+@pytest.mark.slow
+def test_gain_bound_agrees_with_the_exhaustive_search(rng: np.random.Generator, sensor: Sensor) -> None:
+    block = draw(rng, sensor, ranges_mm=[1200, 3000], shares=[0.5, 0.5], n=200, pixels=sized(200, 30))
+    both = []
+    for column in block.T:
+        data, beam, work = _fitted(column, [1200.0, 3000.0], sensor)
+        quick = gain_bound_of_clear(data, 2, work.fit, beam, work.scratch, math.inf)
+        both.append((quick, steepest_place(data, 2, work.fit, beam, work.scratch, math.inf)[2]))
+    quick, full = np.array([pair for pair in both if np.isfinite(pair[0])]).T
+    assert len(quick) > sized(150, 20)
+    assert np.corrcoef(quick, full)[0, 1] > sized(0.8, 0.6)

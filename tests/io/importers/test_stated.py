@@ -1,4 +1,4 @@
-"""What sources state of their numbers: CF packing, fill values, status, streams, sequences, and the text of images."""
+"""What sources state of their numbers: packing, fill values, status, streams, units and order of times."""
 
 from pathlib import Path
 from typing import Any
@@ -8,16 +8,23 @@ import numpy as np
 import pytest
 import tifffile
 import xarray
+from hypothesis import assume, given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 from scipy.io import netcdf_file, savemat
+from support import naive_png
+from support.bags import new_bag
 from support.commandline import succeed
+from support.reading import read_source
 
-from tofmix.errors import BadInputError
+from tofmix.arrays import FloatArray
+from tofmix.errors import BadInputError, UsageError
 from tofmix.io.importers import open_source
 from tofmix.io.importers.base import Frame, FrameSource, SourceRequest
-from tofmix.io.importers.streams import depths_among, stream_of
+from tofmix.io.importers.streams import depths_among, stream_of, stream_of_file
+from tofmix.io.importers.times import epoch_unit_s, settled, time_unit_s, times_of_array, unit_of_stamps
 
 WALL = np.rint(np.random.default_rng(7).normal(2100.0, 6.0, (9, 4, 5)))
 
@@ -431,3 +438,416 @@ def test_classic_netcdf_is_refused_with_the_command_that_converts_it(tmp_path: P
         BadInputError, match=r"a b\.nc: classic netCDF, not netCDF-4: nccopy -k nc4 '.*a b\.nc' '.*a b_nc4"
     ):
         opened(tmp_path / "a b.nc")
+
+
+STACK = np.random.default_rng(4).integers(900, 1900, (5, 3, 4)).astype("u2")
+
+
+def folder_of(path: Path, *kinds: str) -> Path:
+    """A folder of images named ``KIND0.png`` and so on; each kind has other values."""
+    path.mkdir(exist_ok=True)
+    for offset, kind in enumerate(kinds):
+        for number, image in enumerate(STACK + offset):
+            (path / f"{kind}{number}.png").write_bytes(naive_png.encode(image))
+    return path
+
+
+def source_of(folder: Path, kind: str, name: str) -> tuple[Path, str]:
+    """A source whose only stream has a name, and the name that ``--dataset`` takes for it."""
+    if kind == "folder":
+        return folder_of(folder / "images", f"{name}_"), f"{name}_#"
+    if kind == "folder name":
+        return folder_of(folder / name, ""), name
+    if kind in ("npy", "tif", "csv"):
+        path = folder / f"{name}.{kind}"
+        if kind == "npy":
+            np.save(path, STACK)
+        elif kind == "tif":
+            tifffile.imwrite(path, STACK, photometric="minisblack")
+        else:
+            np.savetxt(path, STACK.reshape(5, -1), fmt="%d", delimiter=",")
+        return path, name
+    path = folder / f"recorded.{kind}"
+    if kind == "npz":
+        np.savez(path, allow_pickle=False, **{name: STACK})
+    elif kind == "mat":
+        savemat(path, {name: STACK})
+    elif kind == "h5":
+        with h5py.File(path, "w") as root:
+            root[name] = STACK
+    else:
+        metadata = {"axes": "TYX", "Channel": {"Name": [name]}}
+        tifffile.imwrite(path, STACK, metadata=metadata, ome=True, photometric="minisblack")
+    return path, name
+
+
+ONE_STREAM = ["folder", "folder name", "npy", "tif", "csv", "npz", "mat", "h5", "ome.tif"]
+
+
+@pytest.mark.parametrize("kind", ONE_STREAM)
+@pytest.mark.parametrize("name", ["infrared", "confidence_image"])
+def test_the_only_stream_is_refused_if_its_name_says_other_and_read_if_it_is_asked_for(
+    tmp_path: Path, kind: str, name: str
+) -> None:
+    path, asked = source_of(tmp_path, kind, name)
+    options: dict[str, Any] = {"axes": "frame,row,col"} if kind == "mat" else {}
+    options |= {"shape": (3, 4)} if kind == "csv" else {}
+    with pytest.raises(BadInputError, match=rf"{name}\S* holds no depths by its name, .* --dataset '?{asked}'? -o"):
+        read_source(path, **options)
+    _, frames = read_source(path, topic=asked, **options)
+    np.testing.assert_array_equal([frame.depth for frame in frames], STACK)
+
+
+@pytest.mark.parametrize("kind", [kind for kind in ONE_STREAM if kind not in ("mat", "csv")])  # these need options
+@pytest.mark.parametrize("name", ["depth_ir", "wall"])
+def test_amplitudes_may_be_named_so(tmp_path: Path, kind: str, name: str) -> None:
+    np.save(tmp_path / "plain.npy", STACK + 7)
+    path, _ = source_of(tmp_path, kind, name)
+    _, frames = read_source(tmp_path / "plain.npy", amplitude=str(path))
+    np.testing.assert_array_equal([frame.amplitude for frame in frames], STACK)
+
+
+@pytest.mark.parametrize("stem", ["grey_wall", "noise", "signal_low", "range_1m", "left_0", "depth_amplitude_test"])
+def test_name_of_a_file_that_may_describe_the_scene_is_no_other_stream(tmp_path: Path, stem: str) -> None:
+    assert stream_of_file(stem) != "other"
+    np.save(tmp_path / f"{stem}.npy", STACK)
+    assert read_source(tmp_path / f"{stem}.npy")[0].notes == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "stream"),
+    [
+        ("/sensor/noise_filtered/depth", "depth"),
+        ("/color_camera/depth/image", "depth"),
+        ("/tof/depth_valid", "depth"),
+        ("/valid", "other"),
+        ("/depth/valid_mask", "other"),
+        ("/depth_cam/ir/image_raw", "other"),
+        ("ir_depth", "depth"),
+        ("depth_ir", "other"),
+        ("sigma_z", "other"),
+        ("IRImage", "other"),
+    ],
+)
+def test_last_part_that_says_something_decides(name: str, stream: str) -> None:
+    assert stream_of(name) == stream
+
+
+def test_depth_without_another_word_comes_first() -> None:
+    assert depths_among(["depth_valid", "depth"]) == ["depth"]
+    assert depths_among(["/rgb/depth/image", "/ir/image"]) == ["/rgb/depth/image"]
+
+
+@pytest.mark.parametrize("topic", ["/cam/noise_filtered/depth", "/rgb_cam/depth/image_raw", "/cam/depth_valid"])
+def test_topic_is_of_depths_by_its_last_part(tmp_path: Path, topic: str) -> None:
+    with new_bag(tmp_path, "mcap") as (bag, path):
+        bag.image(topic, STACK[0], stamp_ns=10**9)
+    assert read_source(path)[0].kind == f"16UC1 images of {topic}"
+
+
+def test_two_kinds_of_images_are_listed_and_one_is_chosen(tmp_path: Path) -> None:
+    path = folder_of(tmp_path / "pair", "near_", "far_")
+    with pytest.raises(BadInputError, match=r"5 of far_#, 5 of near_#; choose one: tofmix import .*--dataset 'far_#'"):
+        read_source(path)
+    source, frames = read_source(path, topic="far_#")
+    np.testing.assert_array_equal([frame.depth for frame in frames], STACK + 1)
+    assert source.notes == (f"{path}: not used: images near_# (5)",)
+    with pytest.raises(UsageError, match=r"--dataset does not apply to .*: 5 of far_#"):
+        read_source(path, topic="middle")
+
+
+def test_amplitudes_of_a_folder_with_depths_are_its_other_images(tmp_path: Path) -> None:
+    path = folder_of(tmp_path / "both", "depth_", "ir_")
+    _, frames = read_source(path, amplitude=str(path))
+    np.testing.assert_array_equal([frame.amplitude for frame in frames], STACK + 1)
+    np.testing.assert_array_equal([frame.depth for frame in frames], STACK)
+
+
+@pytest.mark.parametrize("axes", ["TCYX", "CTYX", "", "ZTYX"])
+def test_two_sequences_in_the_pages_of_tifffile_are_listed_and_one_is_chosen(tmp_path: Path, axes: str) -> None:
+    both = np.stack([STACK, STACK + 1], axis=0 if axes == "CTYX" else 1)
+    metadata = {"axes": axes} if axes else {}
+    tifffile.imwrite(tmp_path / "a.tif", both, metadata=metadata, photometric="minisblack")
+    with pytest.raises(BadInputError, match=r"2 channels \(channel 0, channel 1\), not one sequence"):
+        read_source(tmp_path / "a.tif")
+    _, frames = read_source(tmp_path / "a.tif", topic="channel 1")
+    np.testing.assert_array_equal([frame.depth for frame in frames], STACK + 1)
+    with pytest.raises(UsageError, match="--dataset does not apply"):
+        read_source(tmp_path / "a.tif", topic="channel 2")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        [f"rig3.{k}" for k in range(1, 13)],
+        [f"shot.2.{k}.x" for k in range(8, 12)],
+        ["1.8", "1.9", "1.10", "1.80"],
+        ["img_9007199254740993", "img_9007199254740994"],
+        ["1700000000.05", "1700000000.1", "1700000000.25", "1700000001"],
+        ["d_1700000000.125", "d_1700000000.5"],
+        ["0.033", "0.1", "0.2"],
+    ],
+)
+def test_numbers_in_names_are_counters_unless_each_name_is_one_time_stamp(tmp_path: Path, names: list[str]) -> None:
+    for name, image in zip(names, np.arange(len(names), dtype="u2")[:, None, None] + STACK[0], strict=True):
+        (tmp_path / f"{name}.png").write_bytes(naive_png.encode(image))
+    firsts = [int(frame.depth[0, 0]) for frame in read_source(tmp_path)[1]]
+    assert firsts == [int(STACK[0, 0, 0]) + k for k in range(len(names))]
+
+
+@pytest.mark.parametrize(
+    "option",
+    [{"valid_status": ("status", (5,))}, {"columns": {"y": "row"}}, {"time_unit_s": 1e-3}],
+)
+@pytest.mark.parametrize("kind", ["npy", "tif", "csv", "folder", "npz", "h5"])
+def test_options_without_use_are_refused(tmp_path: Path, kind: str, option: dict[str, Any]) -> None:
+    path, _ = source_of(tmp_path, kind, "wall")
+    shape: dict[str, Any] = {"shape": (3, 4)} if kind == "csv" else {}
+    with pytest.raises((UsageError, BadInputError), match=r"--(valid-status|columns|time-unit)"):
+        read_source(path, **option, **shape)
+
+
+def test_unit_of_times_does_not_apply_to_a_bag(tmp_path: Path) -> None:
+    with new_bag(tmp_path, "ros1") as (bag, path):
+        bag.image("/cam/depth", STACK[0], stamp_ns=10**9)
+    with pytest.raises(UsageError, match="--time-unit does not apply"):
+        read_source(path, time_unit_s=1e-3)
+
+
+def write(path: Path, **arrays: NDArray[Any]) -> Path:
+    if path.suffix == ".npz":
+        np.savez(path, allow_pickle=False, **arrays)
+    elif path.suffix == ".mat":
+        savemat(path, arrays)
+    else:
+        with h5py.File(path, "w") as root:
+            for name, values in arrays.items():
+                root[name] = values
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".mat", ".h5"])
+def test_times_and_codes_that_are_not_used_are_named(tmp_path: Path, suffix: str) -> None:
+    path = write(tmp_path / f"a{suffix}", depth=STACK, timestamps=np.arange(5.0), flags=np.ones(7))
+    notes = " ".join(read_source(path, axes="frame,row,col")[0].notes)
+    assert "not used: array timestamps" in notes
+    assert "not used: array flags" in notes
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".mat", ".h5"])
+def test_amplitudes_beside_depths_are_named_with_the_option_that_uses_them(tmp_path: Path, suffix: str) -> None:
+    path = write(tmp_path / f"a{suffix}", depth=STACK, amplitude=STACK + 3)
+    source, _ = read_source(path, axes="frame,row,col")
+    assert source.notes == (f"{path}: not used: array amplitude (--amplitude amplitude uses it)",)
+    assert read_source(path, axes="frame,row,col", amplitude="amplitude")[0].notes == ()
+
+
+def test_codes_of_the_camera_are_used_for_a_status_of_the_same_shape_alone(tmp_path: Path) -> None:
+    codes: dict[str, Any] = {"status_codes": (5, 9)}
+    used = read_source(write(tmp_path / "a.npz", depth=STACK, status=np.full(STACK.shape, 5)), **codes)[0]
+    assert (used.status_valid, used.notes) == ((5, 9), ())
+    path = write(tmp_path / "b.npz", depth=STACK, status=np.full(5, 1))
+    other = read_source(path, **codes)[0]
+    assert (other.status_valid, other.notes) == ((), (f"{path}: not used: array status",))
+
+
+def test_columns_of_numbers_that_are_not_used_are_named(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(
+        ",frame,row,col,range_mm,gain,remark,exposure\n0,0,0,0,812,1.5,fine,20\n1,1,0,0,813,1.5,dark,20\n"
+    )
+    notes = read_source(tmp_path / "a.csv")[0].notes
+    assert notes == (f"{tmp_path / 'a.csv'}: not used: column gain, exposure",)
+
+
+def test_mat_of_a_struct_names_it_and_the_commands_that_save_its_part(tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", {"rec": {"depth": STACK}})
+    with pytest.raises(BadInputError, match=r"but rec \(struct\).*depth = rec\.depth; save\('a_depth\.mat', 'depth'\)"):
+        read_source(tmp_path / "a.mat")
+
+
+def distinct(count: int) -> np.ndarray:
+    return np.zeros(count, dtype=np.bool_)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit_s"),
+    [
+        ("s", 1.0),
+        ("ms", 1e-3),
+        ("Seconds", 1.0),
+        ("milliseconds since 2021-05-01 00:00:00", 1e-3),
+        ("µs", 1e-6),
+        ("ns", 1e-9),
+        ("days since 1970-01-01", 86400.0),
+        ("fortnight", None),
+        ("", None),
+    ],
+)
+def test_units_of_time_are_read_as_cf_and_people_write_them(text: str, unit_s: float | None) -> None:
+    assert time_unit_s(text) == unit_s
+
+
+@pytest.mark.parametrize("unit_s", [1.0, 1e-3, 1e-6, 1e-9])
+def test_unit_of_stamps_since_1970_follows_from_their_size(unit_s: float) -> None:
+    assert epoch_unit_s(1.71e9 / unit_s) == unit_s
+    assert epoch_unit_s(12.0) is None
+
+
+@given(seed=st.integers(0, 500), count=st.integers(2, 60), rate=st.sampled_from([0.2, 5.0, 30.0]))
+def test_frames_of_a_regular_clock_in_any_order_are_sorted(seed: int, count: int, rate: float) -> None:
+    rng = np.random.default_rng(seed)
+    times = np.arange(count) / rate + rng.uniform(0, 0.2 / rate, count)
+    place = rng.permutation(count)
+    assume((np.diff(place) < 0).sum() >= (count - 1) / 3)  # rarer steps back may be those of a clock that is set
+    found = settled(times[place], distinct(count))
+    np.testing.assert_array_equal(place[found.order], np.arange(count))
+    np.testing.assert_allclose(found.time_s, times - times[0], atol=1e-9)
+
+
+@given(
+    stamps=st.lists(
+        st.one_of(
+            st.floats(-1e4, 1e4), st.just(float("nan")), st.sampled_from([0.0, 1.0]), st.floats(-9e9, 9e9), st.floats()
+        ),
+        min_size=1,
+    ),
+    seed=st.integers(0, 9),
+)
+def test_times_ascend_from_0_whatever_the_stamps_are(stamps: list[float], seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    same = rng.uniform(size=len(stamps)) < 0.2
+    same[0] = False
+    found = settled(np.array(stamps), same, np.flatnonzero(rng.uniform(size=len(stamps)) < 0.1))
+    assert found.time_s[0] == 0.0
+    assert np.isfinite(found.time_s).all()
+    assert (np.diff(found.time_s) > 0).all()
+    np.testing.assert_array_equal(np.sort(found.order), np.flatnonzero(~same))
+
+
+def test_clock_that_is_set_back_goes_on_one_interval_later() -> None:
+    stamps = np.r_[100.0 + np.arange(20) / 10, 3.0 + np.arange(10) / 10]
+    found = settled(stamps, distinct(30))
+    np.testing.assert_array_equal(found.order, np.arange(30))
+    np.testing.assert_allclose(found.time_s, np.arange(30) / 10, atol=1e-9)
+    assert found.remarks == ("the clock is set back at frame 20; its frames follow one interval later",)
+
+
+def test_clock_that_starts_again_over_the_same_times_goes_on() -> None:
+    count = 12
+    stamps = np.r_[np.arange(count) / 4, np.arange(count) / 4]
+    found = settled(stamps, distinct(2 * count))
+    np.testing.assert_allclose(found.time_s, np.arange(2 * count) / 4)
+
+
+def test_equal_frame_of_the_same_time_goes_and_another_one_lies_between() -> None:
+    stamps = np.array([0.0, 0.1, 0.1, 0.2, 0.2, 0.3])
+    found = settled(stamps, np.array([False, False, True, False, False, False]))
+    np.testing.assert_array_equal(found.order, [0, 1, 3, 4, 5])
+    np.testing.assert_allclose(found.time_s, [0.0, 0.1, 0.2, 0.25, 0.3])
+    assert found.remarks == (
+        "1 frame equal to another of the same time left out",
+        "1 frame of a time that another has; their times are put between",
+    )
+
+
+def test_ascending_times_are_kept_without_a_remark() -> None:
+    found = settled(np.array([7.0, 7.5, 9.0]), distinct(3))
+    np.testing.assert_array_equal(found.time_s, [0.0, 0.5, 2.0])
+    assert found.remarks == ()
+
+
+def runs(*first_and_count: tuple[float, int], step: float = 0.1) -> FloatArray:
+    return np.concatenate([first + step * np.arange(count, dtype=np.float64) for first, count in first_and_count])
+
+
+@pytest.mark.parametrize(
+    ("stamps", "starts"),
+    [
+        (runs((0.0, 80), (0.04, 80)), "frame 80"),  # between the first run's frames
+        (runs((7.0, 60), (0.07, 40), (0.02, 70)), "frames 60, 100"),
+        (runs((30.0, 90), (12.0, 90)), "frame 90"),  # wholly before the first run
+        (runs((0.0, 6), (0.2, 6), (0.1, 5), (0.3, 7), step=0.4), "frames 6, 12, 17"),
+        (np.delete(runs((0.0, 100), (0.05, 100)), [3, 40, 41, 77, 130]), "frame 96"),  # with frames lost
+    ],
+)
+def test_clock_that_is_set_back_is_a_new_start_at_any_phase(stamps: np.ndarray, starts: str) -> None:
+    found = settled(stamps, distinct(stamps.size))
+    np.testing.assert_array_equal(found.order, np.arange(stamps.size))
+    assert found.remarks == (f"the clock is set back at {starts}; its frames follow one interval later",)
+    steps = np.diff(found.time_s)
+    assert steps.min() > 0.9 * np.median(steps)
+
+
+@pytest.mark.parametrize("step", [0.05, 2.0])
+@pytest.mark.parametrize(
+    "place",
+    [
+        sorted(range(120), key=str),  # names of files, as text
+        [*range(30), 45, *range(30, 45), *range(46, 90)],  # one message 15 frames too early
+        [*range(20), *range(50, 70), *range(20, 50), *range(70, 90)],  # a part too early
+    ],
+)
+def test_frames_of_one_clock_in_few_parts_are_sorted(step: float, place: list[int]) -> None:
+    found = settled(step * np.array(place), distinct(len(place)))
+    assert found.order.tolist() == list(np.argsort(place))
+    np.testing.assert_allclose(found.time_s, step * np.arange(len(place)), atol=1e-9)
+
+
+def test_clock_that_starts_again_where_the_source_counts_anew_goes_on() -> None:
+    stamps = runs((0.0, 25), (0.03, 25), (0.01, 25), step=0.02)  # by less than a second
+    found = settled(stamps, distinct(stamps.size), np.array([25, 50]))
+    np.testing.assert_array_equal(found.order, np.arange(75))
+    np.testing.assert_allclose(found.time_s, 0.02 * np.arange(75), atol=1e-9)
+    assert found.remarks == (
+        "the clock starts again with the count of frames at frames 25, 50; its frames follow one interval later",
+    )
+
+
+def test_clock_that_goes_on_where_the_source_counts_anew_is_kept() -> None:
+    found = settled(np.array([0.0, 0.1, 0.1, 0.3, 0.4]), distinct(5), np.array([3]))
+    np.testing.assert_allclose(found.time_s, [0.0, 0.1, 0.2, 0.3, 0.4])
+
+
+@pytest.mark.parametrize("stamp", [0.0, 1.6e9, 3.0e18, 1e300, -1e12])
+def test_one_damaged_stamp_is_missing_and_its_frame_stays_in_place(stamp: float) -> None:
+    stamps = 50.0 + 0.1 * np.arange(30, dtype=np.float64)
+    stamps[17] = stamp
+    found = settled(stamps, distinct(30))
+    np.testing.assert_array_equal(found.order, np.arange(30))
+    np.testing.assert_allclose(found.time_s, 0.1 * np.arange(30), atol=1e-9)
+    assert len(found.remarks) == 2
+
+
+@pytest.mark.parametrize(
+    ("step", "offset", "unit_s"),
+    [(0.04, 0.0, 1.0), (0.04, 1.65e9, 1.0), (40, 1_650_000_000_000, 1e-3), (4 * 10**7, 165 * 10**16, 1e-9)],
+)
+def test_unit_of_stamps_is_told_by_their_size(step: float, offset: float, unit_s: float) -> None:
+    stored = (offset + step * np.arange(20)).astype(np.float64)
+    found, notes = unit_of_stamps(stored, "a: time")
+    assert found == unit_s
+    assert len(notes) == (unit_s != 1.0)
+    times, said = times_of_array(stored, 20, "a: time")
+    np.testing.assert_allclose(times - times[0], 0.04 * np.arange(20), atol=1e-6)
+    assert said == notes
+
+
+@pytest.mark.parametrize(
+    ("step", "offset", "text"), [(40, 0, "--time-unit ms"), (40_000, 7, "--time-unit us"), (4e7, 1e9, "--time-unit ns")]
+)
+def test_unit_of_stamps_that_would_be_far_apart_is_asked_for(step: float, offset: float, text: str) -> None:
+    with pytest.raises(BadInputError, match=f"a: time: no unit, and frames would be .* s apart; give {text}"):
+        times_of_array(offset + step * np.arange(20), 20, "a: time")
+    times, _ = times_of_array(step * np.arange(3), 3, "a: time", 1e-3)
+    np.testing.assert_allclose(times, step * 1e-3 * np.arange(3))
+
+
+@pytest.mark.parametrize("kind", ["ms", "us", "ns"])
+def test_dates_and_durations_of_numpy_are_times(kind: str) -> None:
+    steps = (np.arange(6) * 50).astype("m8[ms]").astype(f"m8[{kind}]")
+    for stored in (steps, np.datetime64("2023-11-05T23:59:59", "s") + steps):
+        times, notes = times_of_array(stored, 6, "a: time")
+        np.testing.assert_allclose(times, 0.05 * np.arange(6), atol=1e-12)
+        assert notes == ()
+    stored[2] = "NaT"
+    assert np.isnan(times_of_array(stored, 6, "a: time")[0]).tolist() == [False, False, True, False, False, False]

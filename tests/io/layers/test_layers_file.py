@@ -1,5 +1,6 @@
-"""Layers files: round trip, the contract, other readers, and refusals."""
+"""Layers files, their chunks and journals: round trip, the contract, other readers, refusals, and sudden ends."""
 
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -9,11 +10,18 @@ import h5py
 import numpy as np
 import pytest
 import xarray
+from hypothesis import given
+from hypothesis import strategies as st
 
-from tofmix.errors import BadInputError, StorageError
+from tofmix.errors import BadInputError, StorageError, UsageError
 from tofmix.flags import Status
+from tofmix.io import hdf5
+from tofmix.io.layers.chunks import EncodedCell, encode_cell, fill_of, fletcher32
+from tofmix.io.layers.journal import Shard, files_of, journal_path, open_journal, open_part, remove_journal
 from tofmix.io.layers.layers_file import LayersWriter, open_layers
-from tofmix.layers import LAYER_FIELDS, Layers, Provenance
+from tofmix.io.schema import field_of
+from tofmix.io.storage import AtomicFile
+from tofmix.layers import LAYER_DIMS, LAYER_FIELDS, Layers, Provenance
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.windows import plan_windows
 
@@ -189,3 +197,188 @@ def test_recording_is_refused_as_layers_file(path: Path) -> None:
         del root.attrs["format"]
     with pytest.raises(BadInputError, match="expected a tofmix-layers file"), open_layers(path):
         pass
+
+
+def made_up(shape: tuple[int, int, int], layers: int = 3) -> Layers:
+    rng = np.random.default_rng(2)
+    out = Layers.empty(shape, layers)
+    for spec in LAYER_FIELDS:
+        values = getattr(out, spec.name)
+        values[...] = (
+            rng.integers(0, layers + 1, values.shape) if spec.dtype == "u1" else rng.normal(50, 9, values.shape)
+        )
+    return out
+
+
+@pytest.mark.parametrize("cell", [(2, 3, 5), (1, 3, 5), (2, 1, 5)])
+def test_hdf5_reads_what_was_encoded(tmp_path: Path, cell: tuple[int, int, int]) -> None:
+    layers, whole = made_up(cell), (2, 3, 5)
+    encoded = encode_cell(layers, shape=whole)
+    with (
+        AtomicFile(tmp_path / "a.h5", overwrite=False) as file,
+        hdf5.create(file, kind="x", title="", history="") as root,
+    ):
+        for name, length in zip(LAYER_DIMS, (*whole, 3), strict=True):
+            hdf5.add_scale(root, name, length)
+        for spec, chunk in zip(LAYER_FIELDS, encoded.chunks, strict=True):
+            hdf5.add_field(root, field_of(spec), dict(zip(LAYER_DIMS, (*whole, 3), strict=True)))
+            root[spec.name].id.write_direct_chunk((0,) * len(spec.dims), chunk)
+    windows, rows, cols = cell
+    with h5py.File(tmp_path / "a.h5") as root:  # reading checks Fletcher's sum
+        for spec in LAYER_FIELDS:
+            read = root[spec.name][...]
+            np.testing.assert_array_equal(read[:windows, :rows, :cols], getattr(layers, spec.name))
+            rest = np.ones(read.shape[:3], dtype=bool)
+            rest[:windows, :rows, :cols] = False
+            np.testing.assert_array_equal(read[rest], np.full_like(read[rest], fill_of(spec)))
+    assert encoded.tally == tuple(int((layers.n_modes == n).sum()) for n in range(4))
+
+
+@pytest.mark.slow
+@given(data=st.binary(max_size=4000) | st.sampled_from([b"\xff" * 800, b"\0" * 9, b"\xff\xff\0\0", b""]))
+def test_fletcher32_is_that_of_the_library(data: bytes) -> None:
+    # The library's loop: 16-bit big-endian words, carries folded in every 360 words.
+    low = high = 0
+    words = [int.from_bytes(data[k : k + 2].ljust(2, b"\0"), "big") for k in range(0, len(data), 2)]
+    for start in range(0, len(words), 360):
+        for word in words[start : start + 360]:
+            low += word
+            high += low
+        low, high = (low & 0xFFFF) + (low >> 16), (high & 0xFFFF) + (high >> 16)
+    low, high = (low & 0xFFFF) + (low >> 16), (high & 0xFFFF) + (high >> 16)
+    assert fletcher32(data) == (high << 16 | low)
+
+
+def test_a_flipped_bit_in_a_chunk_is_noticed(tmp_path: Path) -> None:
+    chunk = bytearray(encode_cell(made_up((1, 4, 4)), shape=(1, 4, 4)).chunks[2])
+    chunk[7] ^= 4
+    with h5py.File(tmp_path / "a.h5", "w") as root:
+        dataset = root.create_dataset(
+            "range", (1, 4, 4, 3), "f4", chunks=(1, 4, 4, 3), compression="gzip", shuffle=True, fletcher32=True
+        )
+        dataset.id.write_direct_chunk((0, 0, 0, 0), bytes(chunk))
+        with pytest.raises(OSError, match=r"filter returned failure|Fletcher32"):
+            dataset[...]
+
+
+def encoded(seed: int) -> EncodedCell:
+    return EncodedCell((seed, 2, 3), tuple(bytes([seed, k]) * (100 * k) for k in range(len(LAYER_FIELDS))))
+
+
+@pytest.fixture
+def path_journal(tmp_path: Path) -> Path:
+    return journal_path(tmp_path / "a.layers.h5")
+
+
+def test_reopened_journal_has_its_cells(path_journal: Path) -> None:
+    with open_journal(path_journal, b"header") as journal:
+        for k in (5, 2):
+            journal.add(k, encoded(k))
+    with open_journal(path_journal, b"another") as journal:
+        assert journal.header == b"header"
+        assert journal.done() == {2: (2, 2, 3), 5: (5, 2, 3)}
+        assert journal.cell(5) == encoded(5)
+        with pytest.raises(KeyError):
+            journal.cell(3)
+        journal.remove()
+    assert list(path_journal.parent.iterdir()) == []
+
+
+def test_a_killed_process_loses_nothing_that_was_added(path_journal: Path) -> None:
+    program = (
+        "import os, signal, sys\nfrom pathlib import Path\n"
+        "from tofmix.io.layers.chunks import EncodedCell\nfrom tofmix.io.layers.journal import open_journal\n"
+        "journal = open_journal(Path(sys.argv[1]), b'header')\n"
+        "for k in range(40):\n    journal.add(k, EncodedCell((k,), (bytes(50000),) * 14))\n"
+        "os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program, path_journal], check=False)
+    assert done.returncode == -signal.SIGKILL
+    with open_journal(path_journal, b"header") as journal:
+        assert sorted(journal.done()) == list(range(40))
+
+
+def test_journal_is_open_in_one_process_at_a_time(path_journal: Path) -> None:
+    with open_journal(path_journal, b"header"), pytest.raises(UsageError, match="another run is using it"):
+        open_journal(path_journal, b"header")
+    open_journal(path_journal, b"header").close()
+
+
+def test_a_published_part_is_one_file(path_journal: Path, tmp_path: Path) -> None:
+    with open_journal(path_journal, b"header", Shard(number=2, count=3)) as journal:
+        journal.add(1, encoded(1))
+        journal.publish(tmp_path / "a.part")
+    assert [p.name for p in tmp_path.iterdir()] == ["a.part"]
+    with open_part(tmp_path / "a.part") as part:
+        assert (part.header, part.shard, part.cell(1)) == (b"header", Shard(number=2, count=3), encoded(1))
+
+
+def test_a_part_that_cannot_be_published_keeps_its_cells(path_journal: Path, tmp_path: Path) -> None:
+    with open_journal(path_journal, b"header") as journal:
+        journal.add(1, encoded(1))
+        with pytest.raises(StorageError, match="No such file"):
+            journal.publish(tmp_path / "none" / "a.part")
+        assert journal.has_cells
+    with open_journal(path_journal, b"header") as journal:
+        assert journal.has_cells
+        assert journal.cell(1) == encoded(1)
+
+
+def test_published_part_leaves_no_sqlite_files(path_journal: Path, tmp_path: Path) -> None:
+    with open_journal(path_journal, b"header") as journal:
+        journal.add(1, encoded(1))
+        path_journal.with_name(path_journal.name + "-journal").write_bytes(b"")  # what it could not remove
+        journal.publish(tmp_path / "a.part")
+    assert [p.name for p in tmp_path.iterdir()] == ["a.part"]
+
+
+def test_shards_divide_the_cells() -> None:
+    for total in (0, 1, 7, 100):
+        for count in (1, 2, 3, 8):
+            cells = [k for n in range(count) for k in Shard(number=n + 1, count=count).cells(total)]
+            assert cells == list(range(total))
+
+
+def test_damaged_journal_is_noticed(path_journal: Path) -> None:
+    with open_journal(path_journal, b"header") as journal:
+        journal.add(1, EncodedCell((1,), (b"needle in the hay" * 999,) * 14))
+    data = path_journal.read_bytes()
+    path_journal.write_bytes(data.replace(b"needle", b"noodle", 1))
+    with open_journal(path_journal, b"header") as journal, pytest.raises(BadInputError, match="cell 1 is damaged"):
+        journal.cell(1)
+
+
+def test_other_files_are_refused_as_journal(path_journal: Path) -> None:
+    path_journal.write_bytes(b"not a database, and long enough to be taken for one" * 99)
+    with pytest.raises(BadInputError, match="not a journal"):
+        open_journal(path_journal, b"header")
+    with pytest.raises(BadInputError, match="not a journal"), open_part(path_journal):
+        pass
+    remove_journal(path_journal)
+    open_journal(path_journal, b"header").close()
+
+
+def test_empty_file_becomes_a_journal(path_journal: Path) -> None:
+    # A process killed while it made the journal leaves this.
+    path_journal.touch()
+    with open_journal(path_journal, b"header") as journal:
+        assert journal.done() == {}
+
+
+def test_a_missing_part_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match="No such file"), open_part(tmp_path / "none.part"):
+        pass
+
+
+def test_a_folder_that_cannot_be_written_is_a_storage_error(tmp_path: Path) -> None:
+    with pytest.raises(StorageError, match="unable to open"):
+        open_journal(tmp_path / "none" / "journal", b"header")
+
+
+def test_leftovers_of_a_lost_journal_are_not_read_by_a_new_one(path_journal: Path) -> None:
+    for other in files_of(path_journal)[:-1]:
+        other.write_bytes(b"stale")
+    with open_journal(path_journal, b"header") as journal:
+        assert journal.done() == {}
+        journal.remove()
+    assert list(path_journal.parent.iterdir()) == []

@@ -1,4 +1,4 @@
-"""Recordings: what is read from any that fits, what is refused and how, what ours look like to others."""
+"""Recordings: what is read from any that fits, what is refused and how, several targets, and floats not in mm."""
 
 import hashlib
 import os
@@ -10,11 +10,15 @@ import h5py
 import numpy as np
 import pytest
 import xarray
+from numpy.typing import NDArray
+from support.commandline import succeed
 from support.files import boards, write_recording
 
 from tofmix.errors import BadInputError, UsageError
-from tofmix.io.recording.recording_file import file_sha256, open_recording
+from tofmix.io.recording.range_check import check_whole_numbers, implausible, look, unit_doubt, zeros_doubt
+from tofmix.io.recording.recording_file import RecordingFile, file_sha256, open_recording
 from tofmix.io.recording.recording_writer import RecordingWriter
+from tofmix.recording import ArrayRecording, FrameSpan, TargetSeries, by_target, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
 
 EVERYTHING = (slice(None), slice(None))
@@ -328,3 +332,259 @@ def test_old_file_stays_until_the_new_one_is_complete(tmp_path: Path) -> None:
         assert path.read_text() == "old"
     with open_recording(path) as recording:
         np.testing.assert_array_equal(recording.read_range(*EVERYTHING), samples)
+
+
+def _floats(path: Path, samples: Any, *, units: str | None = None, **settings: Any) -> Path:  # noqa: ANN401  as h5py
+    return write_recording(path, samples.astype("f4"), units=units, **settings)
+
+
+@pytest.mark.parametrize(
+    ("scale", "attributes"), [(1e-3, {}), (1e-3, {"range_min_mm": 0.0}), (0.1, {"range_min_mm": 3000.0})]
+)
+def test_floats_too_small_for_mm_are_refused_with_both_remedies(
+    tmp_path: Path, scale: float, attributes: dict[str, float]
+) -> None:
+    path = _floats(tmp_path / "a.h5", boards() * scale, attributes=attributes)
+    with pytest.raises(BadInputError, match=r"a\.h5: range: float32 without units") as refused, open_recording(path):
+        pass
+    assert f"tofmix import {path} --units m -o {tmp_path / 'a_mm.h5'}" in str(refused.value)
+    assert "attribute units to mm" in str(refused.value)
+
+
+def test_without_limits_the_check_is_by_the_median_alone(tmp_path: Path) -> None:
+    near = np.full((5, 4, 6), 50.0)
+    with open_recording(_floats(tmp_path / "a.h5", near, attributes={"range_min_mm": 20.0})) as recording:
+        assert recording.remarks == ()
+    with (
+        pytest.raises(BadInputError),
+        open_recording(_floats(tmp_path / "b.h5", near - 1, attributes={"range_min_mm": 20.0})),
+    ):
+        pass
+
+
+def test_floats_marked_as_mm_are_read_with_a_note_where_no_camera_sees_so_near(tmp_path: Path) -> None:
+    path = _floats(tmp_path / "a.h5", boards() * 1e-3, units="mm")
+    with open_recording(path) as recording:
+        (said,) = recording.remarks
+    assert f"no camera sees so near; check the units; if the numbers are in m: tofmix import {path} --units m" in said
+
+
+@pytest.mark.parametrize(
+    ("median", "limits", "said"),
+    [
+        (60.0, {}, ""),
+        (
+            19.0,
+            {},
+            "below 19 mm; no camera sees so near; check the units; if the numbers are in m",
+        ),
+        (
+            140_000.0,
+            {},
+            "above 140 m; no camera sees so far; check the units; if the numbers are in micr",
+        ),
+        (7000.0, {"range_max_mm": 4000.0}, ""),
+        (9000.0, {"range_max_mm": 4000.0}, "above 9 m; the range of unknown ends at 4000 mm"),
+        (300.0, {"range_min_mm": 350.0}, "below 300 mm; the range of unknown begins at 350 mm"),
+    ],
+)
+def test_a_median_that_the_camera_cannot_measure_is_said(median: float, limits: dict[str, float], said: str) -> None:
+    doubt = implausible(median, Sensor(name="unknown", **limits), unit_mm=1.0, path=Path("a.h5"))  # type: ignore[arg-type]
+    assert doubt.startswith("half of the ranges are") == bool(said)
+    assert said in doubt
+
+
+def test_integers_have_no_doubtful_unit_and_no_doubtful_zeros(tmp_path: Path) -> None:
+    samples = (boards() // 1000).astype("u2")
+    samples[::2] = 0
+    with open_recording(write_recording(tmp_path / "a.h5", samples)) as recording:
+        found = look(recording)
+        assert unit_doubt(recording, found) is None
+        assert zeros_doubt(recording, found) is None
+
+
+@pytest.mark.parametrize("unit", ["m", "cm", "metre", "centimetre"])
+def test_another_unit_is_refused_with_the_import_that_converts_it(tmp_path: Path, unit: str) -> None:
+    path = _floats(tmp_path / "a.h5", boards() * 1e-3, units=unit)
+    short = "m" if unit.startswith("m") else "cm"
+    with pytest.raises(BadInputError, match=f"tofmix import {path} --units {short} "), open_recording(path):
+        pass
+
+
+def test_an_unknown_unit_is_refused(tmp_path: Path) -> None:
+    with (
+        pytest.raises(BadInputError, match=r"'furlong', expected 'mm'$"),
+        open_recording(_floats(tmp_path / "a.h5", boards(), units="furlong")),
+    ):
+        pass
+
+
+def test_zeros_that_count_as_ranges_are_counted(tmp_path: Path) -> None:
+    samples = boards(100).astype("f4")
+    samples[:3, 0, 0] = 0
+    with open_recording(_floats(tmp_path / "few.h5", samples)) as recording:
+        (line,) = recording.remarks
+    assert "3 of 2,400 checked samples are exactly 0" in line
+    assert "--invalid 0" in line
+    assert "_FillValue" in line
+    with open_recording(_floats(tmp_path / "filled.h5", samples, fill=0.0)) as recording:
+        assert recording.remarks == ()
+
+
+@pytest.mark.parametrize("dtype", ["f4", "u2"])
+def test_zeros_beside_another_fill_value_are_counted(tmp_path: Path, dtype: str) -> None:
+    samples = boards(40).astype(dtype)
+    samples[::4, 2], samples[1::4, 1, 1] = 0, 65535
+    path = write_recording(tmp_path / "a.h5", samples, fill=65535)
+    with open_recording(path) as recording:
+        (line,) = (*recording.remarks, *check_whole_numbers(recording))
+    assert "60 of 960 checked samples are exactly 0 and count as ranges of 0 mm" in line
+    assert "_FillValue" not in line
+    again = tmp_path / "a_mm.h5"
+    succeed("import", path, "-o", again, "--invalid", "0")
+    with open_recording(again) as recording:
+        assert (*recording.remarks, *check_whole_numbers(recording)) == ()
+
+
+@pytest.mark.parametrize(
+    ("unit", "option"), [("um", "--scale 0.001"), ("inch", "--scale 25.4"), ("feet", "--scale 304.8")]
+)
+def test_a_unit_without_an_option_of_its_own_is_refused_with_its_scale(tmp_path: Path, unit: str, option: str) -> None:
+    path = _floats(tmp_path / "a.h5", boards(), units=unit)
+    with pytest.raises(BadInputError, match=f"tofmix import {path} {option} -o"), open_recording(path):
+        pass
+
+
+def test_zeros_are_not_taken_for_metres(tmp_path: Path) -> None:
+    """Most samples of a mask are 0: the median is that of the others."""
+    samples = boards().astype("f4")
+    samples[:, :3] = 0
+    with open_recording(_floats(tmp_path / "a.h5", samples)) as recording:
+        assert len(recording.remarks) == 1
+
+
+def test_a_recording_without_any_range_is_not_refused(tmp_path: Path) -> None:
+    with open_recording(_floats(tmp_path / "a.h5", np.full((5, 4, 6), np.nan))) as recording:
+        assert recording.remarks == ()
+
+
+@pytest.mark.parametrize("chunks", [None, (2000, 4, 8), (1, 16, 64), (64, 1, 64)])
+def test_a_long_recording_is_read_in_a_few_blocks(
+    tmp_path: Path, chunks: tuple[int, int, int] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = np.arange(16, dtype="f4")[None, :, None]
+    samples = np.broadcast_to(1000.0 + rows, (4000, 16, 64))
+    path = _floats(tmp_path / "a.h5", samples, chunks=chunks)
+    read: list[int] = []
+    inner = RecordingFile.read_range
+
+    def counting(self: RecordingFile, frames: slice, rows: slice) -> Any:  # noqa: ANN401  an array
+        block = inner(self, frames, rows)
+        read.append(block.size)
+        return block
+
+    monkeypatch.setattr(RecordingFile, "read_range", counting)
+    with open_recording(path) as recording:
+        first, again = look(recording), look(recording)
+    assert first == again  # the same blocks
+    assert max(read) <= 1 << 16
+    assert len(read) == 3 * 4  # once by open_recording
+    assert sum(read[:4]) < samples.size / 10
+
+
+FRAMES, TARGETS, ROWS, COLS = 7, 3, 10, 5
+
+
+def samples() -> NDArray[np.float32]:
+    values = np.random.default_rng(1).uniform(500, 3000, (FRAMES, TARGETS, ROWS, COLS)).astype("f4")
+    values[2, 1], values[:, 2, :4] = np.nan, np.nan
+    return values
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    path = tmp_path / "r.h5"
+    writer = RecordingWriter(
+        path,
+        shape=(FRAMES, ROWS, COLS),
+        targets=TARGETS,
+        sensor=Sensor(name="zones"),
+        has_time=True,
+        dtype="f4",
+        chunk_frames=2,
+    )
+    with writer:
+        for start in range(0, FRAMES, 2):
+            part = samples()[start : start + 2]
+            writer.write(start, part, amplitude=-part, time_s=np.arange(start, start + len(part)) / 10)
+    return path
+
+
+def test_targets_of_a_frame_are_samples_that_follow_each_other(recording: Path) -> None:
+    flat = samples().reshape(FRAMES * TARGETS, ROWS, COLS)
+    with open_recording(recording) as file:
+        assert (file.frames, file.targets, file.shape) == (FRAMES, TARGETS, flat.shape)
+        assert (file.frame_step, file.row_step, samples_a_frame(file)) == (6, 8, 3)
+        for frames in (slice(None), slice(0, 1), slice(4, 11), slice(20, 21), slice(5, 5)):
+            for rows in (slice(None), slice(3, 9)):
+                np.testing.assert_array_equal(file.read_range(frames, rows), flat[frames, rows])
+                np.testing.assert_array_equal(file.read_amplitude(frames, rows), -flat[frames, rows])
+        assert file.read_time() is not None
+
+
+def test_each_target_is_a_series_of_its_own(recording: Path) -> None:
+    by_row = samples().transpose(0, 2, 1, 3).reshape(FRAMES, ROWS * TARGETS, COLS)
+    with open_recording(recording) as file:
+        series = by_target(file)
+        assert isinstance(series, TargetSeries)
+        assert series.shape == by_row.shape
+        assert (series.frame_step, series.row_step) == (2, 24)
+        for frames in (slice(None), slice(2, 5)):
+            for rows in (slice(None), slice(1, 2), slice(4, 23), slice(29, 30)):
+                np.testing.assert_array_equal(series.read_range(frames, rows), by_row[frames, rows])
+                np.testing.assert_array_equal(series.read_amplitude(frames, rows), -by_row[frames, rows])
+
+
+def test_some_frames_have_all_their_targets(recording: Path) -> None:
+    with open_recording(recording) as file:
+        part = FrameSpan(file, 2, 4)
+        assert part.shape == (2 * TARGETS, ROWS, COLS)
+        np.testing.assert_array_equal(part.read_range(slice(None), slice(None)), samples()[2:4].reshape(-1, ROWS, COLS))
+        with pytest.raises(ValueError, match="frames 2 to 8 asked for, the recording has 7"):
+            FrameSpan(file, 2, 8)
+
+
+def test_a_recording_without_targets_is_itself() -> None:
+    plain = ArrayRecording(np.ones((4, 2, 2)), Sensor(name="a"))
+    assert by_target(plain) is plain
+    assert samples_a_frame(plain) == 1
+
+
+@pytest.mark.parametrize("scales", [(), ("frame", "row", "col", "target"), ("frame", "target", "col", "row")])
+def test_four_axes_without_names_are_refused(tmp_path: Path, scales: tuple[str, ...]) -> None:
+    path = tmp_path / "r.h5"
+    with h5py.File(path, "w") as root:
+        root["range"] = np.ones((3, 3, 3, 3), "u2")
+        for axis, name in enumerate(scales):
+            root[name] = np.arange(3)
+            root[name].make_scale(name)
+            root["range"].dims[axis].attach_scale(root[name])
+    with pytest.raises(BadInputError, match=r"tofmix import .* --axes frame,target,row,col"), open_recording(path):
+        pass
+
+
+def test_more_targets_than_any_sensor_returns_are_refused(tmp_path: Path, recording: Path) -> None:
+    path = tmp_path / "many.h5"
+    with h5py.File(path, "w") as root:
+        root["range"] = np.ones((2, 65, 2, 2), "u2")
+        for axis, name in enumerate(("frame", "target", "row", "col")):
+            root[name] = np.arange(root["range"].shape[axis])
+            root[name].make_scale(name)
+            root["range"].dims[axis].attach_scale(root[name])
+    with pytest.raises(BadInputError, match="65 targets; no more than 64"), open_recording(path):
+        pass
+    with h5py.File(recording, "r+") as root:
+        del root["amplitude"]
+        root["amplitude"] = np.ones((FRAMES, ROWS, COLS))
+    with pytest.raises(BadInputError, match="amplitude: shape"), open_recording(recording):
+        pass

@@ -1,3 +1,5 @@
+"""The explorer's page and the arrays that it unpacks."""
+
 import json
 from collections.abc import Callable
 from typing import Any
@@ -8,11 +10,12 @@ from support.learnt_noises import ALL, Parts, camera
 from support.unpacking import samples_of, unpack
 
 from tofmix.layers import Layers
-from tofmix.recording import SampleSource
+from tofmix.recording import ArrayRecording, SampleSource
 from tofmix.report.averaging import average_layers
 from tofmix.report.explorer.explorer import Explorer, make_explorer, windows_around
-from tofmix.report.explorer.packing import DEFAULT_LIMITS, PageLimits
+from tofmix.report.explorer.packing import DEFAULT_LIMITS, PackedSamples, PageLimits, pack_numbers, pack_samples
 from tofmix.report.sources import LayersSource
+from tofmix.sensor import NoiseCurve, Sensor
 
 
 def made(
@@ -139,3 +142,125 @@ def test_drift_of_pixels_is_noted_with_samples(
         found = made(make_source(make_layers(), sensor=camera(parts, (9, 11))), recording)
         assert found is not None
         assert (note in found.note) == expected
+
+
+@pytest.mark.parametrize("unit", [1.0, 0.1, 0.01, 1e-4, 1e-6, 1e-7])
+def test_numbers_come_back_to_half_a_unit(unit: float) -> None:
+    rng = np.random.default_rng(1)
+    values = rng.uniform(-1e8, 1e8, 200) * unit
+    values[[3, 5, 7]] = np.nan, np.inf, -np.inf
+    specs, text = pack_numbers({"first": (np.arange(7, dtype=np.uint8), 1.0), "a": (values.reshape(4, 50), unit)})
+    back = unpack({"arrays": specs, "data": text})
+    assert back["first"] == list(range(7))
+    known = np.isfinite(values)
+    assert [value is not None for value in back["a"]] == known.tolist()
+    found = np.array([value for value in back["a"] if value is not None])
+    np.testing.assert_allclose(found, values[known], rtol=0, atol=0.5001 * unit)
+
+
+def test_packed_numbers_round_like_text() -> None:
+    rng = np.random.default_rng(2)
+    values = np.append(rng.uniform(0, 8000, 3000), [0.125, 0.375, 2.5, 1000.005]).astype(np.float32)
+    specs, text = pack_numbers({"mm": (values, 0.01)})
+    shown = [f"{value:.2f}" for value in unpack({"arrays": specs, "data": text})["mm"]]
+    assert shown == [f"{float(value):.2f}" for value in values]
+
+
+def test_numbers_beyond_all_bounds_are_cut_off() -> None:
+    specs, text = pack_numbers({"a": (np.array([1e30, -1e30]), 0.01)})
+    high, low = unpack({"arrays": specs, "data": text})["a"]
+    assert high is not None
+    assert low is not None
+    assert high > 2e7
+    assert low < -2e7
+
+
+def test_empty_arrays_are_packed_as_empty_text() -> None:
+    specs, text = pack_numbers({"a": (np.empty(0), 1.0)})
+    assert unpack({"arrays": specs, "data": text}) == {"a": []}
+
+
+CURVE = NoiseCurve(np.array([500.0, 7500.0]), np.array([9.0, 430.0]))
+
+
+def unpacked(packed: PackedSamples | None, pixel: int, pixels: int) -> list[float]:
+    assert packed is not None
+    specs, data = pack_numbers({"counts": (packed.counts, 1.0)})
+    counts = {"arrays": specs, "data": data}
+    held = {"data": packed.text, "ranks": packed.ranks, "step": packed.step_mm, "offset": packed.offset_mm}
+    return samples_of({"samples": held | {"counts": counts}}, pixel, pixels)
+
+
+def test_whole_millimetres_come_back_exactly() -> None:
+    rng = np.random.default_rng(3)
+    samples = rng.normal(4000, 900, (40, 3, 4)).round()
+    samples[rng.random(samples.shape) < 0.2] = np.nan
+    samples[:, 0, 1] = np.nan
+    packed = pack_samples(ArrayRecording(samples, Sensor(name="x")), start=5, stop=35, noise=CURVE, characters=10**6)
+    assert packed is not None
+    assert (packed.step_mm, packed.frames_kept, packed.frames) == (1.0, 30, 30)
+    for pixel in range(12):
+        expected = samples[5:35].reshape(30, 12)[:, pixel]
+        assert unpacked(packed, pixel, 12) == sorted(expected[np.isfinite(expected)].tolist())
+
+
+def test_fractions_and_negative_values_are_rounded_far_below_sigma() -> None:
+    samples = np.random.default_rng(4).normal(10, 30, (50, 2, 2))
+    packed = pack_samples(ArrayRecording(samples, Sensor(name="x")), start=0, stop=50, noise=CURVE, characters=10**6)
+    assert packed is not None
+    assert packed.step_mm == 0.1
+    for pixel in range(4):
+        expected = np.sort(samples.reshape(50, 4)[:, pixel])
+        np.testing.assert_allclose(unpacked(packed, pixel, 4), expected, rtol=0, atol=0.0501)
+
+
+def test_very_long_ranges_are_rounded_more_roughly() -> None:
+    samples = np.array([10.0, 400_000.0]).repeat(8).reshape(16, 1, 1)
+    packed = pack_samples(ArrayRecording(samples, Sensor(name="x")), start=0, stop=16, noise=None, characters=10**6)
+    assert packed is not None
+    assert packed.step_mm == 8.0
+    np.testing.assert_allclose(unpacked(packed, 0, 1), np.sort(samples.ravel()), atol=4.0)
+
+
+def test_packed_samples_stay_below_the_limit_of_characters() -> None:
+    samples = np.random.default_rng(5).normal(4000, 400, (60, 5, 6)).round()
+    recording = ArrayRecording(samples, Sensor(name="x"))
+    whole = pack_samples(recording, start=0, stop=60, noise=CURVE, characters=10**6)
+    assert whole is not None
+    room = len(whole.text) // 2
+    packed = pack_samples(recording, start=0, stop=60, noise=CURVE, characters=room)
+    assert packed is not None
+    assert packed.step_mm > 1
+    assert len(packed.text) <= room + 3  # base64 fills up to fours
+    expected = np.sort(samples.reshape(60, 30)[:, 7])
+    np.testing.assert_allclose(unpacked(packed, 7, 30), expected, rtol=0, atol=packed.step_mm / 2)
+
+
+def test_frames_of_long_windows_are_thinned_evenly(make_recording: Callable[..., ArrayRecording]) -> None:
+    samples = np.arange(100.0)[:, None, None] + np.ones((100, 2, 3))
+    for block in (1 << 21, 7):
+        packed = pack_samples(
+            ArrayRecording(samples, Sensor(name="x")),
+            start=0,
+            stop=100,
+            noise=None,
+            characters=10**6,
+            limits=PageLimits(samples=20 * 6),
+            block_samples=block,
+        )
+        assert packed is not None
+        assert (packed.frames_kept, packed.frames) == (20, 100)
+        found = unpacked(packed, 4, 6)
+        assert (found[0], found[-1]) == (1.0, 100.0)
+        assert set(np.diff(found)) == {5.0, 6.0}
+    large = make_recording((50, 9, 11))
+    assert (
+        pack_samples(large, start=0, stop=50, noise=None, characters=10**6, limits=PageLimits(samples=20 * 6)) is None
+    )
+
+
+def test_packing_without_room_ends() -> None:
+    samples = np.random.default_rng(6).normal(4000, 400, (20, 2, 2)).round()
+    packed = pack_samples(ArrayRecording(samples, Sensor(name="x")), start=0, stop=20, noise=None, characters=1)
+    assert packed is not None
+    assert packed.step_mm > 2000

@@ -1,7 +1,40 @@
+"""What is said of a result: few frames, flying pixels, lost samples, averages."""
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
 import pytest
 
-from tofmix.report.summary.findings import Remedy, count_findings, sample_findings, sigma_findings
+from tofmix.errors import UsageError
+from tofmix.flags import MixingLaw, Status
+from tofmix.layers import Layers
+from tofmix.measurement import Measurement
+from tofmix.optics.geometry import unambiguous_range_mm
+from tofmix.recording import ArrayRecording
+from tofmix.report.averaging import Averaging, average_layers, average_samples
+from tofmix.report.sources import LayersSource
+from tofmix.report.summary.findings import (
+    AMPLITUDES,
+    FREQUENCY,
+    PHASOR_SUMS,
+    SINGLE_SAMPLES,
+    AskedFrames,
+    Remedy,
+    count_findings,
+    frame_findings,
+    lacking,
+    light_findings,
+    sample_findings,
+    sigma_findings,
+)
+from tofmix.report.summary.lost import UNKNOWN_CAUSE, LostTally, cause_of_loss
+from tofmix.report.summary.summary import summarise
 from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
+from tofmix.sensor import Sensor
 
 REMEDY = Remedy(recording="a b.h5", window_frames=40, windows=2)
 
@@ -98,3 +131,340 @@ def test_thresholds_set_when_close_layers_are_a_finding() -> None:
 
     assert codes(Thresholds()) == ["close_layers"]
     assert codes(Thresholds(close_share=0.1)) == []
+
+
+ROOT = Path(__file__).parents[3]
+
+
+def column(page: str, head: str) -> dict[int, float]:
+    """A column of the table of a page's section "By number of frames": figures by frames."""
+    section = (ROOT / page.partition("#")[0]).read_text(encoding="utf-8").partition("### By number of frames")[2]
+    lines = re.findall(r"^\|.*\|$", section, re.MULTILINE)
+    table = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    place = table[0].index(head)
+    rows = table[2:]
+    last = next((k for k, row in enumerate(rows) if not row[0].isdigit()), len(rows))
+    return {int(row[0]): float(row[place]) for row in rows[:last]}
+
+
+@pytest.mark.parametrize(
+    ("asked", "head"), [(SINGLE_SAMPLES, "0.2, 4 sigma"), (PHASOR_SUMS, "exactly both")], ids=["samples", "sums"]
+)
+def test_figures_are_those_of_the_table_up_to_the_frames_asked_for(asked: AskedFrames, head: str) -> None:
+    table = column(asked.page, head)
+    assert len(table) > len(asked.found) >= 4
+    assert dict(asked.found) == {frames: figure for frames, figure in table.items() if frames <= asked.frames}
+    assert max(asked.found) == asked.frames
+    assert list(asked.found.values()) == sorted(asked.found.values())
+
+
+def test_frames_asked_for_are_those_of_readme() -> None:
+    text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    assert f"{SINGLE_SAMPLES.frames} or more ({PHASOR_SUMS.frames} where light adds up)" in text
+
+
+@pytest.mark.parametrize(("sums", "least"), [(False, 25), (True, 10)])
+def test_a_note_is_made_below_the_frames_asked_for_alone(sums: bool, least: int) -> None:
+    def made(frames: int) -> list[str]:
+        remedy = Remedy(recording="a.h5", window_frames=frames)
+        return [finding.code for finding in frame_findings(sums=sums, total=frames, remedy=remedy)]
+
+    assert made(least) == made(4000) == []
+    assert made(least - 1) == made(1) == ["few_frames"]
+
+
+@pytest.mark.parametrize(
+    ("frames", "said"),
+    [
+        (7, "33 % are found with 7 frames"),
+        (11, "less than 73 % are found with 11 frames"),
+        (1, "before another, 0 % are found with 1 frame,"),
+    ],
+)
+def test_the_figure_is_that_of_the_row_or_below_the_next_one(frames: int, said: str) -> None:
+    (finding,) = frame_findings(sums=False, total=frames, remedy=Remedy(recording="a.h5", window_frames=frames))
+    assert said in finding.text
+    assert f"{frames} frame{'s' * (frames > 1)} a window; tofmix asks for 25 or more." in finding.text
+    assert "and 93 % with 25 (docs/results/limits.md#by-number-of-frames)" in finding.text
+    assert finding.is_note
+
+
+@pytest.mark.parametrize(("total", "window"), [(18, "18"), (25, "25"), (900, "25")])
+def test_a_longer_window_is_advised_where_the_recording_has_frames(total: int, window: str) -> None:
+    (finding,) = frame_findings(sums=False, total=total, remedy=Remedy(recording="a.h5", window_frames=9))
+    assert finding.commands == (f"tofmix estimate a.h5 --window {window} --overwrite",)
+    assert "Record more" not in finding.text
+
+
+def test_more_frames_are_asked_for_where_the_window_is_the_whole_recording() -> None:
+    (finding,) = frame_findings(sums=True, total=6, remedy=Remedy(recording="a.h5", window_frames=6))
+    assert finding.commands == ()
+    assert finding.text.endswith(
+        "less than 99.9 % are found with 6 frames, and 99.9 % with 10"
+        " (docs/results/mixing.md#by-number-of-frames). Record more frames."
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "share", "asked"),
+    [
+        ({"mixing": "auto"}, 0.05, 10),
+        ({"mixing": "auto"}, 0.04, 25),
+        ({"mixing": "auto"}, math.nan, 25),
+        ({"mixing": "phasor"}, math.nan, 10),
+    ],
+)
+def test_the_law_of_mixing_or_the_option_settles_which_frames_are_asked_for(
+    make_layers: Callable[..., Layers],
+    make_source: Callable[..., LayersSource],
+    options: dict[str, str],
+    share: float,
+    asked: int,
+) -> None:
+    source = replace(
+        make_source(make_layers(), options={"window": 9} | options),
+        frames=9,
+        law=MixingLaw(phasor_share=share, pixels=70),
+    )  # type: ignore[type-var]
+    (note,) = summarise(source).notes
+    assert f"9 frames a window; tofmix asks for {asked} or more." in note.text
+
+
+LOCK_IN = Sensor(name="a", measurement=Measurement.LOCK_IN)
+ONE_FREQUENCY = Sensor(name="b", modulation_frequency_hz=31.0e6)
+UNKNOWN = Sensor(name="Kinect v2")
+"""A name is no declaration."""
+
+
+def codes(sensor: Sensor, *, targets: int = 0, has_amplitude: bool | None = None, unmix: bool = True) -> list[str]:
+    remedy = Remedy(recording="x.h5", has_amplitude=has_amplitude, unmix=unmix)
+    return [one.code for one in light_findings(sensor, targets=targets, remedy=remedy)]
+
+
+@pytest.mark.parametrize("has_amplitude", [True, False, None])
+def test_a_lock_in_camera_without_frequency_is_warned_of(has_amplitude: bool | None) -> None:
+    remedy = Remedy(recording="x.h5", has_amplitude=has_amplitude)
+    (found,) = light_findings(LOCK_IN, targets=0, remedy=remedy)
+    assert (found.code, found.is_note) == ("flying_pixels_counted", False)
+    assert "no modulation frequency" in found.text
+    assert ("no amplitudes" in found.text) is (has_amplitude is False)
+    assert "are counted as surfaces" in found.text
+    command = "tofmix import SOURCE -o x.h5 --amplitude AMPLITUDES --modulation-frequency HZ --overwrite"
+    assert found.commands == (command,)
+
+
+def test_missing_amplitudes_alone_are_named_and_asked_for_alone() -> None:
+    (found,) = light_findings(ONE_FREQUENCY, targets=0, remedy=Remedy(recording="x.h5", has_amplitude=False))
+    assert "has no amplitudes:" in found.text
+    assert found.commands == ("tofmix import SOURCE -o x.h5 --amplitude AMPLITUDES --overwrite",)
+
+
+def test_a_layers_file_alone_does_not_tell_missing_amplitudes_from_the_option() -> None:
+    (found,) = light_findings(ONE_FREQUENCY, targets=0, remedy=Remedy(recording="x.h5"))
+    assert "has no amplitudes, or --mixing events was chosen" in found.text
+
+
+def test_an_unknown_camera_gets_a_note_under_the_condition_that_it_is_lock_in() -> None:
+    (found,) = light_findings(UNKNOWN, targets=0, remedy=Remedy(recording="x.h5", has_amplitude=False))
+    assert (found.code, found.is_note) == ("mixing_not_measured", True)
+    assert "has no amplitudes and no modulation frequency. If this is a lock-in camera, flying pixels" in found.text
+
+
+@pytest.mark.parametrize("measurement", [Measurement.PULSES, Measurement.STEREO])
+def test_other_cameras_are_never_called_lock_in(measurement: Measurement) -> None:
+    sensor = Sensor(name="a", measurement=measurement)
+    assert [codes(sensor, has_amplitude=has) for has in (True, False, None)] == [[], [], []]
+
+
+def test_nothing_is_said_of_several_targets_of_what_is_complete_or_of_a_choice() -> None:
+    assert codes(UNKNOWN, targets=2, has_amplitude=False) == []
+    assert codes(ONE_FREQUENCY, has_amplitude=True) == []
+    assert codes(LOCK_IN, has_amplitude=False, unmix=False) == []
+
+
+def test_lacking_names_amplitudes_only_where_they_are_known_to_be_missing() -> None:
+    assert lacking(UNKNOWN, has_amplitude=False) == (AMPLITUDES, FREQUENCY)
+    assert lacking(UNKNOWN, has_amplitude=None) == (FREQUENCY,)
+    assert lacking(ONE_FREQUENCY, has_amplitude=True) == ()
+
+
+SHAPE = (20, 30)
+BOX = (slice(4, 16), slice(10, 19))  # 108 pixels
+
+
+def tally_of(in_box: float) -> LostTally:
+    lost = np.zeros(SHAPE, np.float32)
+    lost[BOX] = in_box
+    status = np.where(lost > 0.97, int(Status.TOO_FEW_SAMPLES), int(Status.OK)).astype(np.uint8)
+    tally = LostTally()
+    tally.add(lost, status, 100)
+    return tally
+
+
+def test_pixels_without_a_valid_sample_are_counted_placed_and_explained() -> None:
+    tally = tally_of(1.0)
+    (finding,) = tally.findings()
+    assert finding.code == "no_valid_sample"
+    assert "No sample of 108 pixels is valid (within rows 4 to 15, columns 10 to 18)" in finding.text
+    assert UNKNOWN_CAUSE in finding.text
+    assert not finding.is_note
+    assert tally.too_few == 108
+    (told,) = tally.findings(lambda pixels: f"{pixels.sum()} dark")
+    assert ": 108 dark." in told.text
+
+
+def test_pixels_that_lose_most_samples_are_named_and_no_loss_is_not() -> None:
+    (finding,) = tally_of(0.95).findings()
+    assert finding.code == "lost_samples"
+    assert "108 pixels lose 95 % of the samples" in finding.text
+    nothing = tally_of(0.0)
+    assert nothing.findings() == []
+    assert nothing.numbers() is None
+    numbers = tally_of(0.95).numbers()
+    assert numbers is not None
+    assert (numbers.pixels_without_sample, numbers.pixels_at_limit) == (0, 108)
+    assert numbers.mean_share == pytest.approx(0.95 * 108 / 600)
+
+
+def test_layers_of_old_versions_have_no_numbers() -> None:
+    tally = LostTally()
+    tally.add(None, np.zeros(SHAPE, np.uint8), 100)
+    assert tally.numbers() is None
+    assert tally.findings() == []
+
+
+@pytest.mark.parametrize(
+    ("of_lost", "cause"), [(3.0, "too dark"), (4000.0, "saturated"), (200.0, UNKNOWN_CAUSE), (0.0, UNKNOWN_CAUSE)]
+)
+def test_amplitudes_of_lost_samples_tell_the_cause(of_lost: float, cause: str) -> None:
+    rng = np.random.default_rng(4)
+    pixels = np.zeros(SHAPE, bool)
+    pixels[BOX] = True
+    samples = np.where(pixels, np.nan, 1000.0 + np.zeros((20, *SHAPE)))
+    light = np.where(pixels, of_lost, rng.uniform(100.0, 300.0, samples.shape))
+    recording = ArrayRecording(samples, Sensor(name="a"), light)
+    assert cause_of_loss(recording, pixels).startswith(cause)
+    assert cause_of_loss(ArrayRecording(samples, Sensor(name="a")), pixels) == UNKNOWN_CAUSE
+
+
+PERIOD = unambiguous_range_mm(20.0e6)
+
+
+def naive_phasor_mean(samples: list[float], amplitudes: list[float]) -> float:
+    """One pixel, sample by sample."""
+    known = [(r, a) for r, a in zip(samples, amplitudes, strict=True) if math.isfinite(r)]
+    if not known:
+        return math.nan
+    x = sum(a * math.cos(2 * math.pi * r / PERIOD) for r, a in known)
+    y = sum(a * math.sin(2 * math.pi * r / PERIOD) for r, a in known)
+    mean = sum(r for r, _ in known) / len(known)
+    turn = math.atan2(y, x) * PERIOD / (2 * math.pi)
+    return min((turn + k * PERIOD for k in range(-2, 4)), key=lambda r: abs(r - mean))
+
+
+@pytest.mark.parametrize(("row_step", "block"), [(1, 1 << 19), (4, 40), (9, 7), (1, 1)])
+def test_phasor_mean_is_the_naive_one_in_any_blocks(
+    row_step: int, block: int, make_recording: Callable[..., object]
+) -> None:
+    recording = make_recording((30, 9, 5), row_step=row_step)
+    image = average_samples(recording, start=3, stop=28, block_samples=block)  # type: ignore[arg-type]
+    assert image.averaging is Averaging.PHASOR
+    samples, amplitude = recording.range_mm[3:28], recording.amplitude[3:28]  # type: ignore[attr-defined]
+    for row in range(9):
+        for col in range(5):
+            expected = naive_phasor_mean(samples[:, row, col].tolist(), amplitude[:, row, col].tolist())
+            assert image.range_mm[row, col] == pytest.approx(expected, nan_ok=True)
+
+
+def test_average_reads_no_more_samples_at_once_than_it_is_allowed(make_recording: Callable[..., object]) -> None:
+    recording = make_recording((50, 9, 11), row_step=2)
+    average_samples(recording, start=0, stop=50, block_samples=100)  # type: ignore[arg-type]
+    assert max(recording.blocks) <= 100  # type: ignore[attr-defined]
+
+
+def test_the_mean_keeps_to_the_turn_of_the_samples() -> None:
+    class WithAmplitude(ArrayRecording):
+        has_amplitude = True
+
+        def read_amplitude(self, frames: slice, rows: slice) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+            return np.ones_like(self.read_range(frames, rows))
+
+    sensor = Sensor(name="far", modulation_frequency_hz=20.0e6)
+    recording = WithAmplitude(np.full((4, 1, 1), 2.4 * PERIOD), sensor)
+    assert average_samples(recording, start=0, stop=4).range_mm[0, 0] == pytest.approx(2.4 * PERIOD, rel=1e-6)
+
+
+def test_two_surfaces_average_to_a_point_between(make_recording: Callable[..., object]) -> None:
+    recording = make_recording((40, 1, 2))
+    recording.range_mm[::2], recording.range_mm[1::2] = 2400, 3600  # type: ignore[attr-defined]
+    image = average_samples(recording, start=0, stop=40)  # type: ignore[arg-type]
+    assert ((image.range_mm > 2500) & (image.range_mm < 3500)).all()
+
+
+def test_without_amplitude_or_frequency_the_plain_mean(make_recording: Callable[..., object]) -> None:
+    recording = make_recording((30, 3, 4))
+    samples = recording.range_mm.astype(np.float64)  # type: ignore[attr-defined]
+    expected = np.full((3, 4), np.nan)
+    known = np.isfinite(samples).any(axis=0)
+    expected[known] = np.nanmean(samples[:, known], axis=0)
+    bare = replace(recording, sensor=Sensor(name="no frequency"))  # type: ignore[type-var]
+    dim = replace(recording, has_amplitude=False)  # type: ignore[type-var]
+    plain = ArrayRecording(samples, Sensor(name="plain", modulation_frequency_hz=20.0e6))
+    for case in (bare, dim, plain):
+        image = average_samples(case, start=0, stop=30)  # type: ignore[arg-type]
+        assert image.averaging is Averaging.PLAIN
+        np.testing.assert_allclose(image.range_mm, expected, rtol=1e-6)
+
+
+def test_no_light_at_all_falls_back_to_the_plain_mean(make_recording: Callable[..., object]) -> None:
+    recording = make_recording((30, 3, 4))
+    recording.amplitude[...] = 0  # type: ignore[attr-defined]
+    image = average_samples(recording, start=0, stop=30)  # type: ignore[arg-type]
+    expected = np.nanmean(recording.range_mm[:, 1:], axis=0)  # type: ignore[attr-defined]
+    np.testing.assert_allclose(image.range_mm[1:], expected, rtol=1e-6)
+    assert np.isnan(image.range_mm[0, 0])
+
+
+@pytest.mark.parametrize(("start", "stop"), [(0, 31), (5, 5), (-1, 4)])
+def test_frames_that_are_not_there_are_refused(start: int, stop: int, make_recording: Callable[..., object]) -> None:
+    with pytest.raises(UsageError, match="it has 30"):
+        average_samples(make_recording((30, 2, 2)), start=start, stop=stop)  # type: ignore[arg-type]
+
+
+def test_layers_average_by_their_shares(make_layers: Callable[..., Layers]) -> None:
+    layers = make_layers((6, 5))
+    image = average_layers(layers)
+    assert image.averaging is Averaging.LAYERS
+    for pixel in np.ndindex(6, 5):
+        n = int(layers.n_modes[pixel])
+        weight, range_mm = layers.weight[pixel][:n].astype(float), layers.range[pixel][:n].astype(float)
+        expected = float((weight * range_mm).sum() / weight.sum()) if n else math.nan
+        assert image.range_mm[pixel] == pytest.approx(expected, nan_ok=True)
+
+
+def test_averaging_does_not_alter_its_input(
+    make_layers: Callable[..., Layers], make_recording: Callable[..., object]
+) -> None:
+    layers, recording = make_layers(), make_recording()
+    before = layers.range.copy(), recording.range_mm.copy(), recording.amplitude.copy()  # type: ignore[attr-defined]
+    average_layers(layers)
+    average_samples(recording, start=0, stop=50)  # type: ignore[arg-type]
+    for old, new in zip(before, (layers.range, recording.range_mm, recording.amplitude), strict=True):  # type: ignore[attr-defined]
+        np.testing.assert_array_equal(old, new)
+
+
+def test_on_a_circle_the_mean_is_a_direction() -> None:
+    samples = np.where(np.arange(40) % 2, 30.0, 5980.0)[:, np.newaxis, np.newaxis]
+    recording = ArrayRecording(np.concatenate([samples, np.full((40, 1, 1), np.nan)], axis=2), Sensor(name="x"))
+    image = average_samples(recording, start=0, stop=40, unambiguous_range_mm=6000.0)
+    assert image.averaging is Averaging.CIRCULAR
+    assert image.range_mm[0, 0] == pytest.approx(5.0, abs=1e-3)
+    assert np.isnan(image.range_mm[0, 1])
+
+
+def test_on_a_circle_layers_are_averaged_by_their_directions() -> None:
+    layers = Layers.empty((1, 2), 2)
+    layers.range[0, 0], layers.weight[0, 0] = (30.0, 5980.0), (0.5, 0.5)
+    image = average_layers(layers, unambiguous_range_mm=6000.0)
+    assert image.range_mm[0, 0] == pytest.approx(5.0, abs=1e-3)
+    assert np.isnan(image.range_mm[0, 1])

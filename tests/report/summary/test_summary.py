@@ -1,3 +1,5 @@
+"""The summary of a layers file as numbers and tables."""
+
 import json
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -10,8 +12,9 @@ from tofmix.flags import Mixing, Status, status_name
 from tofmix.io.layers.layers_file import LayersWriter, open_layers
 from tofmix.layers import Layers
 from tofmix.report.sources import LayersSource
+from tofmix.report.summary.quantiles import ValueCounts
 from tofmix.report.summary.summary import Summary, summarise
-from tofmix.report.summary.tables import format_table
+from tofmix.report.summary.tables import format_table, ordinal, printable
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 from tofmix.windows import plan_windows
 
@@ -189,3 +192,117 @@ def test_sigma_is_compared_with_the_curve_on_the_circle(make_source: Callable[..
         make_source(layers, options={"unambiguous_range_mm": 7000.0}, sensor=Sensor(name="x", noise=CURVE))
     )
     assert summary.sigma_over_curve.q50 == pytest.approx(1, abs=0.02)
+
+
+def test_few_values_give_numpys_quantiles() -> None:
+    rng = np.random.default_rng(1)
+    values = rng.normal(0, 1000, 3001).astype(np.float32)
+    counts = ValueCounts()
+    for block in np.array_split(values, 7):
+        counts.add(block)
+    probabilities = [0.0, 0.05, 0.5, 0.777, 1.0]
+    expected = np.quantile(values.astype(np.float64), probabilities)
+    np.testing.assert_allclose(np.array(counts.quantiles(*probabilities), dtype=float), expected, rtol=1e-12)
+    assert counts.count == values.size
+
+
+def test_memory_stays_bounded_and_quantiles_close() -> None:
+    rng = np.random.default_rng(2)
+    counts = ValueCounts(limit=4096)
+    values = rng.uniform(650, 7500, 200_000).astype(np.float32)
+    for block in np.array_split(values, 100):
+        counts.add(block)
+    assert counts.count == values.size
+    assert counts._keys.size <= 4096
+    quantiles = np.array(counts.quantiles(0.05, 0.5, 0.95), dtype=float)
+    np.testing.assert_allclose(quantiles, np.quantile(values, [0.05, 0.5, 0.95]), rtol=1e-3)
+
+
+def test_order_of_blocks_does_not_matter() -> None:
+    values = np.random.default_rng(3).uniform(-50, 50, 20_000).astype(np.float32)
+    forward, backward = ValueCounts(limit=1000), ValueCounts(limit=1000)
+    for block in np.array_split(values, 9):
+        forward.add(block)
+    for block in np.array_split(values[::-1], 31):
+        backward.add(block)
+    assert forward.quantiles(0.1, 0.5, 0.9) == backward.quantiles(0.1, 0.5, 0.9)
+
+
+@pytest.mark.parametrize("value", [-3.5, -0.0, 0.0, 1e-30, 7500.0, np.finfo(np.float32).max])
+def test_single_value_is_every_quantile(value: float) -> None:
+    counts = ValueCounts()
+    counts.add(np.full(5, value, dtype=np.float32))
+    assert counts.quantiles(0.0, 0.5, 1.0) == [float(np.float32(value))] * 3
+
+
+def test_quantiles_without_finite_values_are_none() -> None:
+    counts = ValueCounts()
+    counts.add(np.array([np.nan, np.inf, -np.inf], dtype=np.float32))
+    assert counts.quantiles(0.5) == [None]
+    assert counts.count == 0
+
+
+def test_largest_values_stay_finite_when_coarse() -> None:
+    counts = ValueCounts(limit=2)
+    counts.add(np.array([1.0, 2.0, 3.0, 3.4e38], dtype=np.float32))
+    assert np.isfinite(np.array(counts.quantiles(0.0, 1.0), dtype=float)).all()
+
+
+def check_form(text: str) -> None:
+    lines = text.splitlines()
+    assert text.isascii()
+    # Commands are whole, to be copied.
+    assert max(len(line) for line in lines if not line.startswith("  try: tofmix ")) <= 80
+    assert all(line == line.rstrip() for line in lines)
+    assert "nan" not in text.lower()
+
+
+@pytest.mark.parametrize("max_layers", [1, 2, 4, 32])
+def test_table_is_short_and_narrow(
+    max_layers: int, make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+) -> None:
+    text = format_table(summarise(make_source(make_layers(max_layers=max_layers), source="ä" * 300 + "\x1b[31m")))
+    check_form(text)
+    assert len([line for line in text.splitlines() if not line.startswith("  try: ")]) <= 42
+
+
+def test_table_holds_the_counts(make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]) -> None:
+    layers = make_layers((40, 30), max_layers=2)
+    lines = format_table(summarise(make_source(layers))).splitlines()
+    rows = {line.split()[0]: line.split() for line in lines if line}
+    for n in range(3):
+        assert rows[f"{n}"][1] == str((layers.n_modes == n).sum())
+    assert rows["first"][1] == str(np.isfinite(layers.range[..., 0]).sum())
+    assert rows["no_surface"][1] == str((layers.status == Status.NO_SURFACE).sum())
+    assert "3 frames left out" in "\n".join(lines)
+
+
+def test_a_million_pixels_keep_the_columns_apart(make_source: Callable[..., LayersSource]) -> None:
+    layers = Layers.empty((1000, 1200), 1)
+    layers.n_modes[...], layers.n_peaks[...], layers.n_samples[...] = 1, 1, 100
+    layers.range[...], layers.sigma[...], layers.weight[...], layers.range_stderr[...] = 71234, 1234.5, 1, 123.4
+    text = format_table(summarise(make_source(layers)))
+    check_form(text)
+    assert "  1200000" in text
+
+
+def test_table_without_fitted_pixels_shows_dashes(make_source: Callable[..., LayersSource]) -> None:
+    layers = Layers.empty((1, 1), 3)
+    layers.status[...] = Status.TOO_FEW_SAMPLES
+    text = format_table(summarise(make_source(layers)))
+    check_form(text)
+    assert "warning: No pixel shows a surface." in text
+
+
+def test_tied_sigma_is_noted(make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]) -> None:
+    assert "tied" in format_table(summarise(make_source(make_layers(), options={"sigma": "tied"})))
+
+
+def test_names_cannot_drive_the_terminal() -> None:
+    assert printable("a\x1b[2Jb\nc") == r"a\x1b[2Jb\nc"
+    assert printable("ü") == r"\xfc"
+    assert len(printable("x" * 100, 20)) == 20
+
+
+def test_ordinals_have_their_suffixes() -> None:
+    assert [ordinal(k) for k in (1, 3, 7)] == ["first", "third", "layer 7"]

@@ -8,7 +8,7 @@ nothing is refused here. `estimate`, `merge` and `report` print the same ones.
 Notes on recordings of fewer frames than README asks for, with what is lost.
 
 The figures are those of two tables by number of frames, and stand here alone in the code;
-`tests/report/summary/test_frames.py` holds them to the tables.
+`tests/report/summary/test_findings.py` holds them to the tables.
 
 Notes on the law of mixing: what a lock-in camera's recording lacks for unmixing, and what follows.
 """
