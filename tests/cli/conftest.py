@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from numpy.typing import NDArray
-from support.commandline import Estimated, Outcome, Tofmix, exit_code, signals_kept
+from support.commandline import Estimated, Tofmix, signals_kept
 from support.files import write_recording
 
 _LAYERS: dict[tuple[str, int], bytes] = {}
@@ -15,16 +15,9 @@ _LAYERS: dict[tuple[str, int], bytes] = {}
 
 @pytest.fixture
 def tofmix(capsys: pytest.CaptureFixture[str]) -> Iterator[Tofmix]:
-    """Run `tofmix ARGUMENTS` and return exit code, stdout and stderr."""
-
-    def call(*arguments: object) -> Outcome:
-        capsys.readouterr()
-        code = exit_code(*arguments)
-        captured = capsys.readouterr()
-        return Outcome(code, captured.out, captured.err)
-
+    """Run commands in this process."""
     with signals_kept():
-        yield call
+        yield Tofmix(capsys.readouterr)
 
 
 @pytest.fixture
@@ -35,7 +28,7 @@ def estimated(tofmix: Tofmix, tmp_path: Path) -> Estimated:
         recording, layers = write_recording(tmp_path / "a.h5", samples, **written), tmp_path / "a.layers.h5"
         key = hashlib.sha256(recording.read_bytes()).hexdigest(), window
         if key not in _LAYERS:
-            assert tofmix("estimate", recording, "--window", window).code == 0
+            tofmix.done("estimate", recording, "--window", window)
             _LAYERS[key] = layers.read_bytes()
         layers.write_bytes(_LAYERS[key])
         return layers

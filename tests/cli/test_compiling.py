@@ -25,7 +25,7 @@ def _compile(said: Announcement) -> None:
         said.ends(kernel)
 
 
-def test_a_terminal_shows_which_part_is_compiled_and_how_far(capsys: pytest.CaptureFixture[str]) -> None:
+def test_terminals_show_the_part_and_scripts_get_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     said = Announcement(is_terminal=True, is_quiet=lambda: False)
     _compile(said)
     said.close()
@@ -34,9 +34,6 @@ def test_a_terminal_shows_which_part_is_compiled_and_how_far(capsys: pytest.Capt
     assert "\rtofmix: compiling for a first run: unmixing (2 of 2), " in shown
     assert "\n" not in shown
     assert shown.endswith(" \r")  # wiped out
-
-
-def test_a_script_gets_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     said = Announcement(is_terminal=False, is_quiet=lambda: False)
     _compile(said)
     _compile(said)

@@ -21,7 +21,6 @@ import click
 import h5py
 import numpy as np
 import pytest
-from commands import described_commands, described_program
 from man_pages import man_pages
 from support.commandline import Tofmix
 from support.files import boards, write_recording
@@ -34,36 +33,23 @@ from tofmix.io.importers import IMPORTERS
 from tofmix.io.importers.folder import IMAGE_KINDS
 from tofmix.io.next_command import foreign_fault, import_command
 
-COMMANDS = (
-    "simulate",
-    "estimate",
-    "report",
-    "inspect",
-    "info",
-    "compare",
-    "import",
-    "export",
-    "map",
-    "surfaces",
-    "merge",
-    "warmup",
-)
 PROGRAM = (sys.executable, "-m", "tofmix")
 
 
 def test_help_shows_how_to_start_and_the_exit_codes(tofmix: Tofmix) -> None:
-    shown = tofmix("--help")
-    assert shown.code == 0
+    shown = tofmix.done("--help")
     assert "tofmix simulate three-boards -o boards.h5" in shown.out
+    assert "_TOFMIX_COMPLETE=bash_source" in shown.out
+    assert "TOFMIX_ESTIMATE_WORKERS=1" in shown.out
     for code, text in EXIT_CODE_MEANINGS.items():
         assert f"{int(code)}  {text}" in shown.out
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", main.commands)
 def test_help_of_each_command_has_examples(tofmix: Tofmix, command: str) -> None:
-    shown = tofmix(command, "--help")
-    assert shown.code == 0
+    shown = tofmix.done(command, "--help")
     assert f"Examples:\n    tofmix {command}" in shown.out
+    assert "--quiet" in shown.out
     assert max(len(line) for line in shown.out.splitlines()) <= 100
 
 
@@ -141,25 +127,16 @@ def test_variables_of_the_environment_do_not_switch_commands(tofmix: Tofmix, mon
     assert tofmix("simulate", "corridor").code == ExitCode.USAGE
 
 
-def test_the_environment_sets_options(tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TOFMIX_ESTIMATE_WINDOW", "10")
-    path = write_recording(tmp_path / "a.h5", boards(30))
-    assert "3 windows of 10 frames" in tofmix("estimate", path).out
-
-
 def _to(stdout: int | IO[str]) -> "subprocess.CompletedProcess[str]":
     command = [*PROGRAM, "simulate", "--list"]
     return subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, text=True, check=False)
 
 
-def test_a_full_stdout_is_a_storage_error() -> None:
+def test_a_full_stdout_is_a_storage_error_and_a_closed_pipe_no_traceback() -> None:
     with Path("/dev/full").open("w") as full:
         done = _to(full)
     assert done.returncode == ExitCode.STORAGE
     assert done.stderr == "tofmix: standard output: No space left on device\n"
-
-
-def test_a_closed_pipe_gives_no_traceback() -> None:
     reader, writer = os.pipe()
     os.close(reader)
     done = _to(writer)
@@ -241,13 +218,11 @@ def test_typed_paper_wins_over_options_of_the_environment_and_typed_options_over
 ) -> None:
     write_recording(tmp_path / "a.h5", boards(20))
     monkeypatch.setenv("TOFMIX_ESTIMATE_SIGMA", "tied")
-    done = tofmix("estimate", tmp_path / "a.h5", "-o", tmp_path / "paper.h5", "--paper")
-    assert done.code == 0, done.err
+    tofmix.done("estimate", tmp_path / "a.h5", "-o", tmp_path / "paper.h5", "--paper")
     assert options_of(tmp_path / "paper.h5")["sigma"] == "free"
     monkeypatch.setenv("TOFMIX_ESTIMATE_PAPER", "1")
     assert "--sigma and --paper exclude each other" in tofmix("estimate", tmp_path / "a.h5").err
-    done = tofmix("estimate", tmp_path / "a.h5", "-o", tmp_path / "sigma.h5", "--sigma", "tied")
-    assert done.code == 0, done.err
+    tofmix.done("estimate", tmp_path / "a.h5", "-o", tmp_path / "sigma.h5", "--sigma", "tied")
     assert options_of(tmp_path / "sigma.h5")["sigma"] == "tied"
     assert "paper" not in options_of(tmp_path / "sigma.h5")
 
@@ -265,8 +240,7 @@ def test_typed_option_wins_over_one_of_the_environment_that_belongs_to_another(
 ) -> None:
     write_recording(tmp_path / "a.h5", boards(20))
     monkeypatch.setenv(f"TOFMIX_ESTIMATE_{variable}", value)
-    done = tofmix("estimate", tmp_path / "a.h5", "-o", tmp_path / "out.h5", *typed)
-    assert done.code == 0, done.err
+    tofmix.done("estimate", tmp_path / "a.h5", "-o", tmp_path / "out.h5", *typed)
 
 
 def test_variables_of_no_option_are_named_and_those_of_options_are_not() -> None:
@@ -286,7 +260,7 @@ def test_variables_of_no_option_are_named_and_those_of_options_are_not() -> None
 def test_export_takes_options_of_the_environment_where_they_belong(
     tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert tofmix("estimate", write_recording(tmp_path / "a.h5", boards(20))).code == 0
+    tofmix.done("estimate", write_recording(tmp_path / "a.h5", boards(20)))
     monkeypatch.setenv("TOFMIX_EXPORT_SCALE", "2")
     monkeypatch.setenv("TOFMIX_EXPORT_FOV", "50x40")
     done = tofmix("export", tmp_path / "a.layers.h5", "-o", tmp_path / "a.ply")
@@ -333,8 +307,7 @@ def test_typed_lens_wins_over_one_of_the_environment(
         assert ("fx 40 fy 40" in done.out) == (other == "INTRINSICS")
         assert ("30 x 20 degrees" in done.out) == (other == "FOV")
     done = tofmix(*arguments, "--fov", lenses["FOV"], "--intrinsics", lenses["INTRINSICS"])
-    assert done.code == ExitCode.USAGE
-    assert "--intrinsics and --fov both set the lens; give one of them" in done.err
+    done.refused(ExitCode.USAGE, "--intrinsics and --fov both set the lens; give one of them")
 
 
 @pytest.mark.parametrize(
@@ -352,8 +325,7 @@ def test_error_names_the_variable_that_sets_the_option(
     monkeypatch.setenv(f"TOFMIX_IMPORT_{variable}", value)
     monkeypatch.setenv("TOFMIX_IMPORT_MODULATION_FREQUENCY", "2e7")
     done = tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5")
-    assert done.code == ExitCode.USAGE
-    assert said in done.err
+    done.refused(ExitCode.USAGE, said)
     assert "MODULATION" not in done.err
 
 
@@ -362,8 +334,7 @@ def test_unknown_variable_is_said_in_one_line_and_the_command_runs(
 ) -> None:
     np.save(tmp_path / "a.npy", WALL)
     monkeypatch.setenv("TOFMIX_IMPORT_UNIT", "mm")
-    done = tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5")
-    assert done.code == 0
+    done = tofmix.done("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5")
     assert done.err == "tofmix: not used: TOFMIX_IMPORT_UNIT, in the environment: no option has this name\n"
 
 
@@ -389,42 +360,6 @@ def test_file_names_that_are_no_utf_8_are_read_and_written(tmp_path: Path) -> No
         assert done.returncode == 0, done.stderr
 
 
-@click.group()
-@click.version_option("1")
-def program() -> None:
-    """A program.
-
-    It does
-    much.
-    """
-
-
-@program.command(epilog="\b\nExamples:\n  tofmix go here\n\n\b\nExit codes:\n  0  done")
-@click.argument("place", metavar="PLACE")
-@click.option("-n", "--number", type=click.IntRange(1, 5), default=2, show_default=True, help="How often.")
-@click.option("--way", type=click.Choice(["left", "right"]), help="Where.  [default: the last]")
-@click.option("--fast", is_flag=True, help="Hurry.")
-def go(place: str, number: int, way: str, *, fast: bool) -> None:
-    """Go to PLACE."""
-
-
-def test_program_has_its_paragraphs_in_one_line_each() -> None:
-    found = described_program(program)
-    assert found.paragraphs == ("A program.", "It does much.")
-    assert [o.names for o in found.options] == [("--version",)]
-
-
-def test_command_has_usage_options_and_examples_without_exit_codes() -> None:
-    (found,) = described_commands(program)
-    assert (found.path, found.usage, found.summary) == ("tofmix go", "tofmix go [OPTIONS] PLACE", "Go to PLACE.")
-    assert [(o.names, o.value, o.default, o.text) for o in found.options] == [
-        (("-n", "--number"), "integer, at least 1, at most 5", "2", "How often."),
-        (("--way",), "left|right", "the last", "Where."),
-        (("--fast",), "", "", "Hurry."),
-    ]
-    assert found.examples == (("Examples:", "tofmix go here"),)
-
-
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = DOCS / "reference/cli.md"
 OPTIONS = [
@@ -441,20 +376,20 @@ def printed(**environment: str) -> bytes:
     return subprocess.run(command, capture_output=True, check=True, env=os.environ | environment).stdout
 
 
-def test_page_in_docs_equals_the_output_of_the_command() -> None:
+def test_the_page_has_every_option_and_depends_on_no_terminal() -> None:
     if PAGE.read_bytes() != printed():
         pytest.fail(f"docs/reference/cli.md is not what the commands say; write it anew: {cli_page.COMMAND}")
-
-
-def test_page_of_exit_codes_equals_the_output_of_the_command() -> None:
     page = PAGE.with_name("exit-codes.md").read_text(encoding="utf-8")
     assert page == cli_page.exit_codes(), f"run: {cli_page.EXIT_CODES_COMMAND}"
     assert all(f"| {int(code)} | " in page for code in EXIT_CODE_MEANINGS)
-
-
-def test_the_page_depends_on_neither_the_terminal_nor_the_environment() -> None:
     narrow = printed(COLUMNS="40", TERM="dumb", TOFMIX_ESTIMATE_MAX_LAYERS="9", FORCE_COLOR="1", LC_ALL="C")
     assert narrow == printed()
+    assert len(OPTIONS) > 50
+    offenders = [f"{command} {option.opts[-1]}" for command, option in OPTIONS if _misprinted(command, option)]
+    assert not offenders, "\n".join(offenders)
+    for _, option in OPTIONS:
+        if not option.is_flag:
+            assert option.name == option.opts[-1].removeprefix("--").replace("-", "_")
 
 
 def _misprinted(command: str, option: click.Option) -> bool:
@@ -467,26 +402,11 @@ def _misprinted(command: str, option: click.Option) -> bool:
     return not (text and rows and rows[0].endswith(f"| {text} |") and f"| {shown} |" in rows[0])
 
 
-def test_every_option_has_a_row_with_its_help_and_default() -> None:
-    assert len(OPTIONS) > 50
-    offenders = [f"{command} {option.opts[-1]}" for command, option in OPTIONS if _misprinted(command, option)]
-    assert not offenders, "\n".join(offenders)
-
-
-def test_the_rule_for_environment_variables_holds() -> None:
-    for _, option in OPTIONS:
-        if not option.is_flag:
-            assert option.name == option.opts[-1].removeprefix("--").replace("-", "_")
-
-
-def test_bounds_choices_and_defaults_are_in_words() -> None:
+def test_page_has_bounds_defaults_examples_and_exit_codes_in_words() -> None:
     page = cli_page.reference()
     assert "| `--window` | integer, at least 1 | all | Frames of one estimate. |" in page
     assert "| `--sigma` | tied\\|prior\\|free | prior |" in page
     assert "| `--memory` | SIZE | 1GB |" in page
-
-
-def test_page_has_examples_and_exit_codes() -> None:
     page = cli_page.reference()
     for command in main.commands.values():
         assert command.epilog
@@ -507,7 +427,7 @@ def shown(page: Path) -> str:
     return " ".join(re.sub(r"\x1b\[[\d;]*m|.\x08", "", done.stdout).split())
 
 
-def test_each_command_has_a_page_with_its_options_and_examples() -> None:
+def test_manual_pages_list_commands_options_examples_and_exit_codes() -> None:
     pages = man_pages()
     assert set(pages) == {"tofmix.1", *(f"tofmix-{name}.1" for name in main.commands)}
     for name, command in main.commands.items():
@@ -515,20 +435,14 @@ def test_each_command_has_a_page_with_its_options_and_examples() -> None:
         missing = [o for p in command.params for o in p.opts if o.startswith("-") and f"\\fB{o}\\fR" not in page]
         assert missing == []
         assert f"tofmix {name}" in page.split(".SH EXAMPLES")[1]
-
-
-def test_page_of_the_program_lists_commands_and_exit_codes() -> None:
     page = man_pages()["tofmix.1"].replace("\\-", "-")
     assert all(f"\\fBtofmix-{name}\\fR(1)" in page for name in main.commands)
     assert all(f"\\fB{int(code)}\\fR\n{text}" in page for code, text in EXIT_CODE_MEANINGS.items())
 
 
-def test_command_writes_the_pages_into_a_folder(tmp_path: Path) -> None:
+def test_script_of_manual_pages_writes_a_folder_or_prints_its_usage(tmp_path: Path) -> None:
     subprocess.run([sys.executable, SCRIPT, tmp_path / "man"], check=True)
     assert {p.name: p.read_text() for p in (tmp_path / "man").iterdir()} == man_pages()
-
-
-def test_command_without_a_folder_prints_its_usage() -> None:
     done = subprocess.run([sys.executable, SCRIPT], capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert "usage" in done.stderr
@@ -587,14 +501,26 @@ def test_every_kind_of_source_is_known_to_the_errors_of_other_commands() -> None
     assert set(unknown) <= known_elsewhere
 
 
-def test_missing_array_is_reported_as_missing(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_errors_of_missing_and_foreign_files_name_the_next_command(tofmix: Tofmix, tmp_path: Path) -> None:
     done = tofmix("estimate", tmp_path / "x.npy")
     assert (done.code, "No such file" in done.err) == (ExitCode.BAD_INPUT, True)
+    with h5py.File(tmp_path / "depth.mat", "w") as root:
+        root["depth"] = boards()
+    done = tofmix("estimate", tmp_path / "depth.mat")
+    done.refused(ExitCode.BAD_INPUT, f"tofmix import {tmp_path / 'depth.mat'} -o {tmp_path / 'depth.h5'}")
+    recording = write_recording(tmp_path / "a.h5", boards())
+    done = tofmix("simulate", recording, "-o", tmp_path / "b.h5")
+    assert done.code == ExitCode.BAD_INPUT
+    assert done.err == f"tofmix: {recording} is an HDF5 file, not a model: tofmix info {recording}\n"
+    with h5py.File(tmp_path / "a.h5", "w") as root:
+        root["zones"] = np.ones((9, 2, 3, 4), dtype="u2")
+    done = tofmix("import", tmp_path / "a.h5", "-o", tmp_path / "b.h5")
+    done.refused(ExitCode.BAD_INPUT, "name the axes, such as --axes frame,target,row,col")
 
 
 def test_a_recording_is_for_estimate_and_layers_for_report(tofmix: Tofmix, tmp_path: Path) -> None:
     recording, layers = write_recording(tmp_path / "a.h5", boards()), tmp_path / "a.layers.h5"
-    assert tofmix("estimate", recording).code == 0
+    tofmix.done("estimate", recording)
     for command in (("report",), ("inspect", "--pixel", "1,1"), ("export", "-o", tmp_path / "a.csv")):
         done = tofmix(command[0], recording, *command[1:])
         assert done.code == ExitCode.BAD_INPUT
@@ -609,14 +535,6 @@ def test_a_recording_is_for_estimate_and_layers_for_report(tofmix: Tofmix, tmp_p
     done = tofmix("estimate", layers)
     assert done.code == ExitCode.BAD_INPUT
     assert done.err == f"tofmix: {layers} is a layers file, not a recording: tofmix report {layers}\n"
-
-
-def test_hdf5_of_another_layout_names_import(tofmix: Tofmix, tmp_path: Path) -> None:
-    with h5py.File(tmp_path / "depth.mat", "w") as root:
-        root["depth"] = boards()
-    done = tofmix("estimate", tmp_path / "depth.mat")
-    assert done.code == ExitCode.BAD_INPUT
-    assert f"tofmix import {tmp_path / 'depth.mat'} -o {tmp_path / 'depth.h5'}" in done.err
 
 
 @pytest.mark.parametrize(
@@ -635,21 +553,6 @@ def test_folder_is_reported_as_a_folder(tofmix: Tofmix, tmp_path: Path, inside: 
     done = tofmix("estimate", folder)
     assert done.code == ExitCode.BAD_INPUT
     assert done.err == f"tofmix: {folder}{said.format(folder)}\n"
-
-
-def test_recording_given_as_model_is_refused_with_the_next_command(tofmix: Tofmix, tmp_path: Path) -> None:
-    recording = write_recording(tmp_path / "a.h5", boards())
-    done = tofmix("simulate", recording, "-o", tmp_path / "b.h5")
-    assert done.code == ExitCode.BAD_INPUT
-    assert done.err == f"tofmix: {recording} is an HDF5 file, not a model: tofmix info {recording}\n"
-
-
-def test_array_of_four_axes_needs_the_axes_option(tofmix: Tofmix, tmp_path: Path) -> None:
-    with h5py.File(tmp_path / "a.h5", "w") as root:
-        root["zones"] = np.ones((9, 2, 3, 4), dtype="u2")
-    done = tofmix("import", tmp_path / "a.h5", "-o", tmp_path / "b.h5")
-    assert done.code == ExitCode.BAD_INPUT
-    assert "name the axes, such as --axes frame,target,row,col" in done.err
 
 
 def test_import_that_keeps_one_target_names_its_file_after_it(tmp_path: Path) -> None:
@@ -677,7 +580,7 @@ run()
 @pytest.fixture
 def folder(tofmix: Tofmix, tmp_path: Path) -> Path:
     recording = write_recording(tmp_path / "a.h5", boards(40), attributes=FOV)
-    assert tofmix("estimate", recording, "--window", 20).code == 0
+    tofmix.done("estimate", recording, "--window", 20)
     np.save(tmp_path / "a.npy", boards(40))
     return tmp_path
 
@@ -785,17 +688,12 @@ def test_quiet_keeps_results_and_warnings_and_drops_notes(tofmix: Tofmix, tmp_pa
     assert "5 frames after the last whole window left out" in quiet.err
 
 
-def test_every_command_takes_quiet(tofmix: Tofmix) -> None:
-    without = [name for name in main.commands if "--quiet" not in tofmix(name, "--help").out]
-    assert without == []
-
-
 @pytest.mark.slow
 def test_quiet_drops_notes_of_verify_and_names_of_pages_with_json(tofmix: Tofmix, tmp_path: Path) -> None:
     recording = write_recording(tmp_path / "a.h5", boards(20), noise=None)
     assert "no noise curve" in tofmix("verify", recording).err
     assert tofmix("verify", recording, "--quiet").err == ""
-    assert tofmix("estimate", recording, "-q").code == 0
+    tofmix.done("estimate", recording, "-q")
     layers, figure = tmp_path / "a.layers.h5", tmp_path / "a.svg"
     arguments = ("inspect", layers, "--pixel", "0,0", "-o", figure, "--json", "--overwrite")
     assert tofmix(*arguments).err == f"figure: {figure}\n"
@@ -806,8 +704,7 @@ def test_quiet_drops_notes_of_verify_and_names_of_pages_with_json(tofmix: Tofmix
 def test_hdf5_is_not_written_under_the_name_of_another_kind(tofmix: Tofmix, tmp_path: Path, command: str) -> None:
     source = write_recording(tmp_path / "a.h5", boards(20))
     refused = tofmix(command, source, "-o", tmp_path / "b.png")
-    assert refused.code == ExitCode.USAGE
-    assert "b.png: the file will be HDF5, so its name must not end in .png; choose .h5" in refused.err
+    refused.refused(ExitCode.USAGE, "b.png: the file will be HDF5, so its name must not end in .png; choose .h5")
 
 
 def test_each_writing_command_describes_its_output_in_json(tofmix: Tofmix, tmp_path: Path) -> None:
@@ -824,7 +721,7 @@ def test_each_writing_command_describes_its_output_in_json(tofmix: Tofmix, tmp_p
     }
     assert second["seed"] == 2
     layers = tmp_path / "a_001.layers.h5"
-    assert tofmix("estimate", tmp_path / "a_001.h5").code == 0
+    tofmix.done("estimate", tmp_path / "a_001.h5")
     points = json.loads(tofmix("export", layers, "-o", tmp_path / "a.csv", "--json").out)
     assert points == {"output": str(tmp_path / "a.csv"), "points": 24, "windows": 1}
     map_of = json.loads(tofmix("map", layers, "-o", tmp_path / "a.yaml", "--json").out)
@@ -834,12 +731,6 @@ def test_each_writing_command_describes_its_output_in_json(tofmix: Tofmix, tmp_p
 def test_json_without_an_output_is_refused(tofmix: Tofmix) -> None:
     for option in ("--explain", "--print-model"):
         assert tofmix("simulate", "corridor", option, "--json").code == ExitCode.USAGE
-
-
-def test_help_describes_completion_and_environment(tofmix: Tofmix) -> None:
-    said = tofmix("--help").out
-    assert "_TOFMIX_COMPLETE=bash_source" in said
-    assert "TOFMIX_ESTIMATE_WORKERS=1" in said
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])

@@ -29,8 +29,7 @@ _MADE: dict[str, bytes] = {}  # the recording and its layers, by file name
 def _made_once(tofmix: Tofmix, path: Path, *arguments: object) -> Path:
     """The file that a command writes; the command runs for the first test alone."""
     if path.name not in _MADE:
-        outcome = tofmix(*arguments, "-o", path)
-        assert outcome.code == 0, outcome.err
+        tofmix.done(*arguments, "-o", path)
         _MADE[path.name] = path.read_bytes()
     path.write_bytes(_MADE[path.name])
     return path
@@ -65,7 +64,7 @@ def test_recording_has_the_parts_under_the_names_of_the_contract(recording: Path
 
 def test_one_background_of_all_pixels_is_written_as_a_map(tofmix: Tofmix, tmp_path: Path) -> None:
     (tmp_path / "model.toml").write_text(model_text("background = 0.05"))
-    assert tofmix("simulate", tmp_path / "model.toml", "-o", tmp_path / "a.h5").code == 0
+    tofmix.done("simulate", tmp_path / "model.toml", "-o", tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5") as root:
         np.testing.assert_array_equal(root["sensor/noise_background"], np.full((8, 12), 0.05))
         assert "noise_shape_z" not in root["sensor"]
@@ -80,43 +79,30 @@ def test_files_with_noise_parts_pass_the_format_checker(recording: Path, layers:
         assert checked.returncode == 0, checked.stdout + checked.stderr
 
 
-@pytest.mark.slow  # the file of one run is looked at by the contract
-def test_layers_file_keeps_the_noise_that_was_used_and_is_the_same_again(
-    tofmix: Tofmix, recording: Path, tmp_path: Path
-) -> None:
-    layers = tmp_path / "a.layers.h5"
-    assert tofmix("estimate", recording, "-o", layers, "--noise", "file").code == 0
+@pytest.mark.slow
+def test_layers_file_keeps_the_noise_that_was_used_and_is_the_same_in_pieces(tofmix: Tofmix, recording: Path) -> None:
+    layers = tofmix.same_in_pieces(recording, "--noise", "file")
     with open_recording(recording) as given, open_layers(layers) as made:
         assert given.sensor.noise is not None
         assert made.provenance.sensor.noise is not None
         assert made.provenance.sensor.noise.same_as(given.sensor.noise)
-    parts = []
-    for number in (1, 2):
-        parts.append(tmp_path / f"part{number}")
-        said = tofmix("estimate", recording, "-o", parts[-1], "--noise", "file", "--shard", f"{number}/2")
-        assert said.code == 0, said.err
-    merged = tofmix("merge", *parts, "-o", tmp_path / "merged.layers.h5")
-    assert merged.code == 0, merged.err
-    assert (tmp_path / "merged.layers.h5").read_bytes() == layers.read_bytes()
 
 
 def test_info_prints_the_noise_parts_and_verify_passes(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     for path in (recording, tmp_path / "model.toml"):
-        said = tofmix("info", path, "--json")
-        assert said.code == 0, said.err
+        said = tofmix.done("info", path, "--json")
         camera = json.loads(said.out)["sensor"]
         assert camera["noise_width_spread"] == 0.2
         assert camera["noise_background_median"] == pytest.approx(0.15, abs=1e-6)
         assert camera["noise_background_most"] == pytest.approx(0.3, abs=1e-6)
         assert camera["noise_shape_skewness"] == pytest.approx(1.0, abs=0.02)
         assert len(camera["noise_shape_z"]) == len(camera["noise_shape_density"]) == 121
-        assert tofmix("verify", path).code == 0
+        tofmix.done("verify", path)
         assert "noise_width_spread" in tofmix("info", path).out
 
 
 def test_import_of_a_recording_keeps_the_parts(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
-    said = tofmix("import", recording, "-o", tmp_path / "again.h5", "--dataset", "range")
-    assert said.code == 0, said.err
+    tofmix.done("import", recording, "-o", tmp_path / "again.h5", "--dataset", "range")
     with open_recording(recording) as given, open_recording(tmp_path / "again.h5") as made:
         assert given.sensor.noise is not None
         assert made.sensor.noise is not None
@@ -126,8 +112,7 @@ def test_import_of_a_recording_keeps_the_parts(tofmix: Tofmix, recording: Path, 
 def test_import_takes_the_parts_from_a_camera_file(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     np.save(tmp_path / "frames.npy", np.full((30, 8, 12), 1500, dtype=np.uint16))
     arguments = ("import", tmp_path / "frames.npy", "--units", "mm", "--sensor", tmp_path / "model.toml")
-    said = tofmix(*arguments, "-o", tmp_path / "b.h5")
-    assert said.code == 0, said.err
+    tofmix.done(*arguments, "-o", tmp_path / "b.h5")
     with open_recording(tmp_path / "b.h5") as made:
         assert made.sensor.noise is not None
         assert made.sensor.noise.width_spread == 0.2
@@ -135,8 +120,7 @@ def test_import_takes_the_parts_from_a_camera_file(tofmix: Tofmix, recording: Pa
         assert made.sensor.noise.background.shape == (8, 12)
     np.save(tmp_path / "frames.npy", np.full((30, 6, 12), 1500, dtype=np.uint16))
     said = tofmix(*arguments, "-o", tmp_path / "c.h5")
-    assert said.code == ExitCode.BAD_INPUT
-    assert "shape (8, 12) differs from the image (6, 12)" in said.err
+    said.refused(ExitCode.BAD_INPUT, "shape (8, 12) differs from the image (6, 12)")
     assert recording.exists()
     assert not (tmp_path / "c.h5").exists()
 
@@ -167,10 +151,7 @@ def test_unfit_datasets_are_refused_in_one_line(
         del group[name]
         if values is not None:
             group[name] = values
-    said = tofmix("info", path)
-    assert said.code == ExitCode.BAD_INPUT
-    assert reason in said.err
-    assert said.err.count("\n") == 1
+    tofmix("info", path).refused(ExitCode.BAD_INPUT, reason)
 
 
 @pytest.mark.parametrize("value", [-0.1, 2.5, np.nan, "wide"])
@@ -190,7 +171,7 @@ def test_reconcile_keeps_the_noise_parts_and_their_map(tofmix: Tofmix, recording
     assert "every difference between the noise of pixels counts as width" in said.err
     assert json.loads((tmp_path / "gap" / "gap.json").read_text())["verdict"] == "agree"
     np.testing.assert_array_equal(np.load(tmp_path / "gap" / "share.npy"), np.load(tmp_path / "share.npy"))
-    assert tofmix("simulate", tmp_path / "gap" / "model.toml", "-o", tmp_path / "b.h5").code == 0
+    tofmix.done("simulate", tmp_path / "gap" / "model.toml", "-o", tmp_path / "b.h5")
     with open_recording(recording) as given, open_recording(tmp_path / "b.h5") as made:
         every = slice(0, None)
         np.testing.assert_array_equal(given.read_range(every, every), made.read_range(every, every))
@@ -200,8 +181,7 @@ def test_reconcile_refuses_a_background_with_a_memory(tofmix: Tofmix, recording:
     path = tmp_path / "memory.toml"
     path.write_text(model_text("background = 0.1", '[[effect]]\nkind = "temporal_correlation"\ncoefficient = 0.5\n'))
     said = tofmix("reconcile", path, recording, "-o", tmp_path / "gap")
-    assert said.code == ExitCode.BAD_INPUT
-    assert "no prediction for a background beside temporal_correlation" in said.err
+    said.refused(ExitCode.BAD_INPUT, "no prediction for a background beside temporal_correlation")
     assert not (tmp_path / "gap").exists()
 
 
@@ -217,8 +197,7 @@ def test_models_of_cameras_with_different_noise_are_refused(tofmix: Tofmix, reco
         tmp_path / "other.toml",
         recording,
     )
-    assert said.code == ExitCode.BAD_INPUT
-    assert "the noise curves differ" in said.err
+    said.refused(ExitCode.BAD_INPUT, "the noise curves differ")
 
 
 FRAMES, IMAGE = 80, (4, 6)
@@ -246,8 +225,7 @@ def test_report_shows_learnt_noise_with_and_without_the_recording(
     pages = []
     for name, options in (("with", ("--recording", recording)), ("without", ())):
         pages.append(tmp_path / f"{name}.html")
-        said = tofmix("report", layers, *options, "--html", pages[-1])
-        assert said.code == 0, said.err
+        said = tofmix.done("report", layers, *options, "--html", pages[-1])
         assert LINE.search(re.sub(r"\s+", " ", said.out))
     for page in pages:
         titles = re.findall(r"<h3>([^<]*)</h3>", page.read_text().partition("<h2>Noise</h2>")[2])
@@ -306,8 +284,7 @@ def test_inspect_prints_and_draws_the_mixture(
     extent = np.ptp(np.einsum("drc,dt->rct", case.drift_mm, polynomials), axis=-1)
     row, col = divmod(int(extent.argmax()), IMAGE[1])
     arguments = ("inspect", layers, "--pixel", f"{row},{col}", "--recording", recording)
-    said = tofmix(*arguments, "-o", figure)
-    assert said.code == 0, said.err
+    said = tofmix.done(*arguments, "-o", figure)
     own_noise = r"^  noise of the pixel: width \d\.\d\d, background \d+\.\d %, drift \(mm\): \d+\.\d$"
     assert re.search(own_noise, said.out, re.MULTILINE)
     assert "<svg" in figure.read_text()
@@ -317,15 +294,14 @@ def test_inspect_prints_and_draws_the_mixture(
     assert pixel["layers"][0]["sigma_mm"] == pytest.approx(SIGMA_MM * own["width"], rel=1e-5)
     assert own["background"] == pixel["weight_outlier"]
     assert own["drift_mm"][0] == pytest.approx(extent[row, col], rel=0.2)
-    without = tofmix("inspect", layers, "--pixel", "0,0", "--json", "-o", tmp_path / "layers.png")
-    assert without.code == 0, without.err
+    without = tofmix.done("inspect", layers, "--pixel", "0,0", "--json", "-o", tmp_path / "layers.png")
     assert json.loads(without.out)["pixels"][0]["learnt_noise"]["drift_mm"] is None
 
 
 def test_report_omits_learnt_noise_of_a_gaussian_curve(tofmix: Tofmix, tmp_path: Path) -> None:
     recording = write_recording(tmp_path / "a.h5", boards(30))
     layers = tmp_path / "a.layers.h5"
-    assert tofmix("estimate", recording, "--noise", "file").code == 0
+    tofmix.done("estimate", recording, "--noise", "file")
     assert "noise" not in json.loads(tofmix("info", layers, "--json").out)
     assert "\nnoise\n" not in tofmix("info", layers).out
     assert json.loads(tofmix("report", layers, "--json").out)["noise"] is None

@@ -59,16 +59,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def recording(tofmix: Tofmix, folder: Path) -> Path:
     (folder / "model.toml").write_text(MODEL)
     if not (folder / "a.h5").exists():
-        made = tofmix("simulate", folder / "model.toml", "-o", folder / "a.h5")
-        assert made.code == 0, made.err
+        tofmix.done("simulate", folder / "model.toml", "-o", folder / "a.h5")
     return folder / "a.h5"
 
 
 @pytest.fixture
 def layers(tofmix: Tofmix, recording: Path, folder: Path) -> Path:
     if not (folder / "a.layers.h5").exists():
-        made = tofmix("estimate", recording)
-        assert made.code == 0, made.err
+        tofmix.done("estimate", recording)
     return folder / "a.layers.h5"
 
 
@@ -93,8 +91,7 @@ def test_explain_and_info_print_the_field_of_view(tofmix: Tofmix, recording: Pat
 
 
 def test_exported_points_of_the_wall_lie_on_it(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
-    made = tofmix("export", layers, "-o", tmp_path / "a.csv", "--min-probability", 0.999)
-    assert made.code == 0, made.err
+    tofmix.done("export", layers, "-o", tmp_path / "a.csv", "--min-probability", 0.999)
     with (tmp_path / "a.csv").open() as file:
         points = [{key: float(value) for key, value in line.items()} for line in csv.DictReader(file)]
     wall = [p for p in points if p["z"] > 2.3]
@@ -107,12 +104,10 @@ def test_exported_points_of_the_wall_lie_on_it(tofmix: Tofmix, layers: Path, tmp
 
 @pytest.mark.slow
 def test_map_report_and_inspect_take_a_pinhole(tofmix: Tofmix, recording: Path, layers: Path, tmp_path: Path) -> None:
-    made = tofmix("map", layers, "-o", tmp_path / "a.yaml", "--cell", 100, "--json")
-    assert made.code == 0, made.err
+    made = tofmix.done("map", layers, "-o", tmp_path / "a.yaml", "--cell", 100, "--json")
     assert json.loads(made.out)["map"]["occupied"] > 20
-    assert tofmix("inspect", layers, "--pixel", "12,10", "--recording", recording).code == 0
-    made = tofmix("report", layers, "--html", tmp_path / "a.html")
-    assert made.code == 0, made.err
+    tofmix.done("inspect", layers, "--pixel", "12,10", "--recording", recording)
+    tofmix.done("report", layers, "--html", tmp_path / "a.html")
     page = (tmp_path / "a.html").read_text()
     assert "pinhole, fx" in page
     assert "22.8 pixels" in page
@@ -122,15 +117,13 @@ def test_map_report_and_inspect_take_a_pinhole(tofmix: Tofmix, recording: Path, 
 def test_right_model_agrees_and_another_projection_is_noted(
     tofmix: Tofmix, recording: Path, folder: Path, tmp_path: Path
 ) -> None:
-    made = tofmix("reconcile", folder / "model.toml", recording, "-o", tmp_path / "gap", "--seed", 3)
-    assert made.code == 0, made.err
+    made = tofmix.done("reconcile", folder / "model.toml", recording, "-o", tmp_path / "gap", "--seed", 3)
     assert "degrees beside" not in made.err
     assert json.loads((tmp_path / "gap" / "gap.json").read_text())["verdict"] == "agree"
     (tmp_path / "other.toml").write_text(EQUAL_ANGLES)
-    made = tofmix(
+    made = tofmix.done(
         "reconcile", tmp_path / "other.toml", recording, "-o", tmp_path / "other", "--effects", "range_offset"
     )
-    assert made.code == 0, made.err
     assert "its pixels see 73.2 x 56.5 degrees of a pinhole with distortion; the model's see" in made.err
     assert json.loads((tmp_path / "other" / "gap.json").read_text())["verdict"] != "agree"
 
@@ -150,14 +143,13 @@ def test_impossible_optics_are_noted_and_refused_where_needed(
     tofmix: Tofmix, tmp_path: Path, attributes: dict[str, Any], text: str
 ) -> None:
     path = write_recording(tmp_path / "a.h5", boards(40), attributes=attributes)
-    assert tofmix("estimate", path).code == 0
+    tofmix.done("estimate", path)
     layers = tmp_path / "a.layers.h5"
     for file in (path, layers):
         described = json.loads(tofmix("info", file, "--json").out)
         (found,) = [w for w in described["warnings"] if w["code"] == "unfit_projection"]
         assert text in found["text"]
-    made = tofmix("report", layers, "--html", tmp_path / "a.html")
-    assert made.code == 0, made.err
+    tofmix.done("report", layers, "--html", tmp_path / "a.html")
     for command in (("export", layers, "-o", tmp_path / "a.csv"), ("map", layers, "-o", tmp_path / "a.yaml")):
         refused = tofmix(*command)
         assert refused.code == ExitCode.BAD_INPUT
@@ -195,8 +187,7 @@ def test_exported_points_of_a_wall_lie_on_its_plane(tofmix: Tofmix, tmp_path: Pa
         bag.info(INFO, SHAPE, tuple(LENS.values()), distortion=K1)
         for number in range(20):
             bag.image(DEPTH, wall(normal), stamp_ns=(1 + number) * 10**9)
-    done = tofmix("import", path, "-o", tmp_path / "wall.h5")
-    assert done.code == 0, done.err
+    done = tofmix.done("import", path, "-o", tmp_path / "wall.h5")
     assert done.err == ""
     assert (
         "depths along z converted to ranges by pinhole fx 125.677 fy 138.311 cx 87.5 cy 71.5 distortion -0.1 0 0 0 0"
@@ -204,10 +195,8 @@ def test_exported_points_of_a_wall_lie_on_its_plane(tofmix: Tofmix, tmp_path: Pa
     )
     with h5py.File(tmp_path / "wall.h5") as file:
         assert file["range"].dtype == np.float32
-    done = tofmix("estimate", tmp_path / "wall.h5", "--noise", "sr4000")
-    assert done.code == 0, done.err
-    done = tofmix("export", tmp_path / "wall.layers.h5", "-o", tmp_path / "wall.csv")
-    assert done.code == 0, done.err
+    tofmix.done("estimate", tmp_path / "wall.h5", "--noise", "sr4000")
+    tofmix.done("export", tmp_path / "wall.layers.h5", "-o", tmp_path / "wall.csv")
     with (tmp_path / "wall.csv").open() as file:
         points = np.array([[float(line[axis]) for axis in "xyz"] for line in csv.DictReader(file)])
     off_mm = np.abs(1000 * points @ normal - OFFSET_MM)
@@ -284,8 +273,7 @@ def test_calibration_file_sets_the_pixel_directions(
     (tmp_path / "lens.yaml").write_text(text)
     np.save(tmp_path / "depth.npy", np.full((3, 4, 6), 2000, dtype=np.uint16))
     arguments = ("import", tmp_path / "depth.npy", "-o", tmp_path / "r.h5", "--intrinsics", tmp_path / "lens.yaml")
-    done = tofmix(*arguments, "--depth-axis", "z")
-    assert done.code == 0, done.err
+    tofmix.done(*arguments, "--depth-axis", "z")
     row, col = np.mgrid[:4, :6].astype(float)
     keys = dict(zip(("fx", "fy", "cx", "cy"), expected, strict=True))
     beam, _ = lens.beams(row, col, **keys, distortion=(-0.02, 0.001, 0.001, -0.001, 0.0))
@@ -295,8 +283,7 @@ def test_calibration_file_sets_the_pixel_directions(
         assert about["projection"] == "pinhole"
         np.testing.assert_allclose([about[key] for key in keys], expected)
         np.testing.assert_allclose(about["distortion"], [-0.02, 0.001, 0.001, -0.001, 0.0])
-    done = tofmix(*arguments, "--overwrite")  # ranges along the beam stay as they are; points look as the lens says
-    assert done.code == 0, done.err
+    tofmix.done(*arguments, "--overwrite")
     with h5py.File(tmp_path / "r.h5") as file:
         assert (file["range"][...] == 2000).all()
         assert file["sensor"].attrs["fx"] == 5.0
@@ -330,8 +317,7 @@ def test_invalid_calibration_is_refused_in_one_line(tofmix: Tofmix, tmp_path: Pa
     np.save(tmp_path / "depth.npy", np.full((3, 4, 6), 2000, dtype=np.uint16))
     arguments = ("import", tmp_path / "depth.npy", "-o", tmp_path / "r.h5", "--intrinsics", tmp_path / "lens.yaml")
     done = tofmix(*arguments)
-    assert done.code == ExitCode.BAD_INPUT
-    assert reason in done.err
+    done.refused(ExitCode.BAD_INPUT, reason)
     assert done.err.startswith(f"tofmix: {tmp_path / 'lens.yaml'}: ")
     assert done.err.count("\n") == 1
     assert not (tmp_path / "r.h5").exists()
@@ -343,8 +329,7 @@ def test_sensor_projection_is_used_for_its_image_size_only(tofmix: Tofmix, tmp_p
     for rows, known in ((4, True), (5, False)):
         (tmp_path / "camera.toml").write_text(f"[sensor]\nrows = {rows}\ncols = 6\n{text}")
         out = tmp_path / f"{rows}.h5"
-        done = tofmix("import", tmp_path / "depth.npy", "-o", out, "--sensor", tmp_path / "camera.toml")
-        assert done.code == 0, done.err
+        done = tofmix.done("import", tmp_path / "depth.npy", "-o", out, "--sensor", tmp_path / "camera.toml")
         assert ("projection is not used" in done.err) != known
         assert ("not known: field of view" in done.out) != known
         with h5py.File(out) as file:
@@ -363,8 +348,8 @@ def layers_view_projection(tofmix: Tofmix, tmp_path: Path) -> Path:
     ranges = WALL_MM * np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2)
     noise = np.random.default_rng(5).normal(0.0, 1.0, (40, *SHAPE_VIEW_PROJECTION))
     np.save(tmp_path / "wall.npy", ranges + noise)
-    assert tofmix("import", tmp_path / "wall.npy", "-o", tmp_path / "wall.h5").code == 0
-    assert tofmix("estimate", tmp_path / "wall.h5").code == 0
+    tofmix.done("import", tmp_path / "wall.npy", "-o", tmp_path / "wall.h5")
+    tofmix.done("estimate", tmp_path / "wall.h5")
     return tmp_path / "wall.layers.h5"
 
 
@@ -375,8 +360,7 @@ def depths_mm(path: Path) -> np.ndarray:
 
 def test_wall_seen_by_a_pinhole_is_exported_flat(tofmix: Tofmix, layers_view_projection: Path) -> None:
     output = layers_view_projection.with_name("wall.csv")
-    done = tofmix("export", layers_view_projection, "-o", output, "--fov", VIEW, "--projection", "pinhole")
-    assert done.code == 0
+    done = tofmix.done("export", layers_view_projection, "-o", output, "--fov", VIEW, "--projection", "pinhole")
     assert "placed by an ideal pinhole of 64 x 50 degrees" in done.out
     assert np.abs(depths_mm(output) - WALL_MM).max() < 1.0
     done = tofmix("export", layers_view_projection, "-o", output, "--fov", VIEW, "--overwrite")
@@ -386,14 +370,10 @@ def test_wall_seen_by_a_pinhole_is_exported_flat(tofmix: Tofmix, layers_view_pro
 
 def test_surfaces_take_the_view_of_a_file_that_has_none(tofmix: Tofmix, layers_view_projection: Path) -> None:
     assert tofmix("surfaces", layers_view_projection).code == ExitCode.BAD_INPUT
-    done = tofmix("surfaces", layers_view_projection, "--fov", VIEW, "--projection", "pinhole")
-    assert done.code == 0
+    done = tofmix.done("surfaces", layers_view_projection, "--fov", VIEW, "--projection", "pinhole")
     assert "1 surface" in done.out
     assert "an ideal pinhole of 64 x 50 degrees" in done.out
     planes = layers_view_projection.with_name("wall.json")
-    assert (
-        tofmix("export", layers_view_projection.with_name("wall.surfaces.h5"), "-o", planes, "--what", "planes").code
-        == 0
-    )
+    tofmix.done("export", layers_view_projection.with_name("wall.surfaces.h5"), "-o", planes, "--what", "planes")
     (plane,) = json.loads(planes.read_text())["surfaces"]
     assert abs(abs(plane["offset_mm"]) - WALL_MM) < 1.0

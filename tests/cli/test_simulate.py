@@ -35,8 +35,7 @@ def model(tmp_path: Path) -> Path:
 
 
 def test_list_names_the_built_in_models(tofmix: Tofmix) -> None:
-    shown = tofmix("simulate", "--list")
-    assert shown.code == 0
+    shown = tofmix.done("simulate", "--list")
     assert [line.split()[0] for line in shown.out.splitlines()] == list(BUILTIN_MODELS)
 
 
@@ -47,8 +46,7 @@ def test_print_model_prints_a_model(tofmix: Tofmix, name: str) -> None:
 
 
 def test_recording_has_the_requested_frames_and_seed(tofmix: Tofmix, model: Path, tmp_path: Path) -> None:
-    outcome = tofmix("simulate", model, "-o", tmp_path / "a.h5", "--frames", 7, "--seed", 11)
-    assert outcome.code == 0, outcome.err
+    outcome = tofmix.done("simulate", model, "-o", tmp_path / "a.h5", "--frames", 7, "--seed", 11)
     assert outcome.out == f"{tmp_path / 'a.h5'}: 7 frames of 6 x 8 pixels, seed 11\n"
     with h5py.File(tmp_path / "a.h5") as root:
         assert root["range"].shape == (7, 6, 8)
@@ -56,13 +54,6 @@ def test_recording_has_the_requested_frames_and_seed(tofmix: Tofmix, model: Path
         assert root["truth"].attrs["model"] == SMALL
         assert root["sensor"].attrs["integration_time_ms"] == 1.2
         np.testing.assert_allclose(root["time"][...], np.arange(7) / 25)
-
-
-def test_the_same_seed_gives_the_same_bytes(tofmix: Tofmix, model: Path, tmp_path: Path) -> None:
-    for name, seed in (("a", 5), ("b", 5), ("c", 6)):
-        tofmix("simulate", model, "-o", tmp_path / name, "--seed", seed)
-    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
-    assert (tmp_path / "a").read_bytes() != (tmp_path / "c").read_bytes()
 
 
 def test_averaged_frames_have_the_default_integration_time(tofmix: Tofmix, model: Path, tmp_path: Path) -> None:
@@ -96,7 +87,7 @@ velocity_mm_s = 100.0
 
 def test_effects_and_their_draws_are_stored(tofmix: Tofmix, tmp_path: Path) -> None:
     (tmp_path / "m.toml").write_text(SMALL + EFFECTS)
-    assert tofmix("simulate", tmp_path / "m.toml", "-o", tmp_path / "a.h5").code == 0
+    tofmix.done("simulate", tmp_path / "m.toml", "-o", tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5") as root:
         ranges, truth = root["range"][...], root["truth"]
         assert set(truth["effects"]) == {"stuck_pixels", "interference"}
@@ -116,8 +107,7 @@ def test_effects_and_their_draws_are_stored(tofmix: Tofmix, tmp_path: Path) -> N
 
 def test_explain_describes_the_simulation(tofmix: Tofmix, tmp_path: Path) -> None:
     (tmp_path / "m.toml").write_text(SMALL + EFFECTS)
-    shown = tofmix("simulate", tmp_path / "m.toml", "--explain", "--frames", 7, "--seed", 9)
-    assert shown.code == 0
+    shown = tofmix.done("simulate", tmp_path / "m.toml", "--explain", "--frames", 7, "--seed", 9)
     assert "recording: 7 frames at 25 Hz, 0.28 s in all, seed 9\n" in shown.out
     assert 'geometry: motion: "board" moves along its normal at +100 mm/s\n' in shown.out
     assert "read-out: dropout: 30 % of the samples are lost\n" in shown.out
@@ -152,9 +142,7 @@ def test_a_bad_model_is_bad_input(tofmix: Tofmix, tmp_path: Path, text: str, rea
     path = tmp_path / "bad.toml"
     path.write_text(text)
     outcome = tofmix("simulate", path, "-o", tmp_path / "a.h5")
-    assert outcome.code == ExitCode.BAD_INPUT
-    assert outcome.err.count("\n") == 1
-    assert str(path) in outcome.err
+    outcome.refused(ExitCode.BAD_INPUT, str(path))
     assert reason in outcome.err
     assert [p.name for p in tmp_path.iterdir()] == ["bad.toml"]
 
@@ -173,4 +161,4 @@ def test_simulate_refuses_invalid_models_with_exit_code_3(tofmix: Tofmix, model:
         assert outcome.err.count("\n") == 1
     assert (tmp_path / "old.h5").read_text() == "old"
     assert model.read_text() == SMALL
-    assert tofmix("simulate", model, "-o", tmp_path / "old.h5", "--overwrite").code == 0
+    tofmix.done("simulate", model, "-o", tmp_path / "old.h5", "--overwrite")

@@ -36,8 +36,7 @@ def test_warmup_compiles_all_and_prints_folder_kernels_and_size(
         workflow, "warm_up", lambda model: compiled.append(f"reconcile: {len(model.surfaces)} surfaces")
     )
     before = _count()
-    outcome = tofmix("warmup")
-    assert outcome.code == 0, outcome.err
+    outcome = tofmix.done("warmup")
     assert compiled == ["all commands but reconcile", "reconcile: 3 surfaces"]
     said = re.fullmatch(rf"{re.escape(str(FOLDER))}: (\d+) compiled kernels?, (\d+\.\d) MB\n", outcome.out)
     assert said is not None, outcome.out
@@ -77,7 +76,7 @@ def test_after_warmup_no_option_of_estimate_compiles_a_kernel(tofmix: Tofmix, tm
         ["--window", "7"],
     ):
         with nothing_compiled():
-            assert tofmix("estimate", recording, *options, "--overwrite").code == 0
+            tofmix.done("estimate", recording, *options, "--overwrite")
 
 
 @pytest.mark.slow
@@ -88,8 +87,8 @@ def test_after_warmup_measuring_noise_and_simulating_compile_no_kernel(tofmix: T
     stepped = write_recording(tmp_path / "stepped.h5", 25 * (boards(60, 8, 12) // 25))
     with nothing_compiled():
         for one in (recording, stepped):
-            assert tofmix("estimate", one, "--noise", "auto", "--outliers", "auto").code == 0
-        assert tofmix("simulate", "corridor", "--frames", "2", "-o", tmp_path / "c.h5").code == 0
+            tofmix.done("estimate", one, "--noise", "auto", "--outliers", "auto")
+        tofmix.done("simulate", "corridor", "--frames", "2", "-o", tmp_path / "c.h5")
 
 
 @pytest.mark.slow
@@ -125,8 +124,7 @@ def test_after_warmup_edges_maps_and_moving_scenes_compile_no_kernel(tofmix: Tof
                 ),
                 ("report", layers, "--recording", recording, "--html", tmp_path / "page.html", "--overwrite"),
             ):
-                done = tofmix(*command)
-                assert done.code == 0, done.err
+                tofmix.done(*command)
 
 
 @pytest.mark.slow
@@ -135,8 +133,8 @@ def test_after_warmup_edges_maps_and_moving_scenes_compile_no_kernel(tofmix: Tof
 def test_after_warmup_edges_of_unmixed_shares_compile_no_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
     sums, layers = write_sums(tmp_path / "sums.h5", small(11).recording), tmp_path / "sums.layers.h5"
     with nothing_compiled():
-        assert tofmix("estimate", sums).code == 0
-        assert tofmix("surfaces", layers).code == 0
+        tofmix.done("estimate", sums)
+        tofmix.done("surfaces", layers)
 
 
 @pytest.mark.slow
@@ -148,7 +146,7 @@ def test_after_warmup_reconciling_compiles_no_kernel(tofmix: Tofmix, tmp_path: P
         '[sensor]\nprofile = "sr4000"\nrows = 8\ncols = 10\n[recording]\nframes = 40\n'
         '[[surface]]\nname = "board"\ncenter_mm = [-300.0, 0.0, 1500.0]\nsize_mm = [500.0, 500.0]\n'
     )
-    assert tofmix("simulate", model, "-o", measured).code == 0
+    tofmix.done("simulate", model, "-o", measured)
     text = model.read_text()
     for effect in (
         'kind = "quantisation"\nstep_mm = 9.0\n',

@@ -18,9 +18,50 @@ class Outcome:
     out: str
     err: str
 
+    def refused(self, code: int, said: str) -> None:
+        """Hold that the command ended with this exit code, and with nothing but a line on stderr that says this."""
+        assert (self.code, self.out) == (code, ""), self.err
+        assert said in self.err
+        assert self.err.count("\n") == 1, self.err
 
-Tofmix: TypeAlias = Callable[..., Outcome]
-"""What the fixture `tofmix` of tests/cli returns."""
+
+@dataclass(frozen=True)
+class Tofmix:
+    """What the fixture `tofmix` of tests/cli returns: it runs `tofmix ARGUMENTS` in this process."""
+
+    printed: Callable[[], tuple[str, str]]
+    """What stdout and stderr got since the last call."""
+
+    def __call__(self, *arguments: object) -> Outcome:
+        """Run to the end, whatever the exit code."""
+        self.printed()
+        return Outcome(exit_code(*arguments), *self.printed())
+
+    def done(self, *arguments: object) -> Outcome:
+        """Run what must succeed."""
+        outcome = self(*arguments)
+        assert outcome.code == 0, (arguments, outcome.err)
+        return outcome
+
+    def same_in_pieces(self, recording: Path, *options: object) -> Path:
+        """Layers whose bytes are the same of one worker, of three with little memory, of two parts, and resumed."""
+        whole = recording.with_name("whole.h5")
+        self.done("estimate", recording, *options, "-o", whole, "--workers", 1)
+        self.done(
+            "estimate", recording, *options, "-o", whole.with_name("three.h5"), "--workers", 3, "--memory", "250MB"
+        )
+        parts = [whole.with_name(f"{number}.part") for number in (1, 2)]
+        for number, part in enumerate(parts, 1):
+            self.done("estimate", recording, *options, "-o", part, "--shard", f"{number}/2")
+        self.done("merge", *parts, "-o", whole.with_name("merged.h5"))
+        for name in ("three.h5", "merged.h5"):
+            assert whole.with_name(name).read_bytes() == whole.read_bytes(), name
+        before = whole.stat().st_mtime_ns
+        again = self.done("estimate", recording, *options, "-o", whole, "--resume")
+        assert "blocks from the interrupted run" in again.err
+        assert whole.stat().st_mtime_ns == before
+        return whole
+
 
 Estimated: TypeAlias = Callable[..., Path]
 """What the fixture `estimated` of tests/cli returns."""

@@ -106,8 +106,7 @@ _EXPECTED: list[bytes] = []
 def expected(tofmix: Tofmix, recording: Path) -> bytes:
     if not _EXPECTED:
         output = recording.with_name("local")
-        done = tofmix(*arguments(recording, output))
-        assert done.code == 0, done.err
+        tofmix.done(*arguments(recording, output))
         _EXPECTED.append(output.read_bytes())
     return _EXPECTED[0]
 
@@ -125,8 +124,7 @@ def test_unmixed_layers_of_phasor_sums_have_the_bytes_of_a_local_run(
     assert grid.bands > 1
     assert (grid.groups // groups) * (grid.bands // bands) > 1
     given = "estimate", sums, "--window", 40, "--noise", "file", "--mixing", "phasor"
-    local = tofmix(*given, "-o", tmp_path / "local.layers.h5")
-    assert local.code == 0, local.err
+    tofmix.done(*given, "-o", tmp_path / "local.layers.h5")
     program = command(*given, "-o", tmp_path / "cluster.layers.h5", "--scheduler", cluster.file)
     done = subprocess.run(program, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

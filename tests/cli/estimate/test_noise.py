@@ -34,8 +34,7 @@ def test_missing_curve_is_measured_with_a_note(
     tofmix: Tofmix, tmp_path: Path, samples: np.ndarray, option: list[str]
 ) -> None:
     path = write_recording(tmp_path / "a.h5", samples, noise=None)
-    outcome = tofmix("estimate", path, *option, "--mixing", "events")
-    assert outcome.code == 0, outcome.err
+    outcome = tofmix.done("estimate", path, *option, "--mixing", "events")
     assert re.search(
         r"a\.h5: noise: sigma 1[45][\d.]* (to 1[45][\d.]* )?mm, Gaussian, widths alike; learnt from 480 p", outcome.err
     )
@@ -46,26 +45,16 @@ def test_missing_curve_is_measured_with_a_note(
         np.testing.assert_allclose(root["range"][0, :, 0, 0], 1200, atol=15)
 
 
-def test_noise_file_refuses_a_recording_without_a_curve(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
-    path = write_recording(tmp_path / "a.h5", samples, noise=None)
-    refused = tofmix("estimate", path, "--noise", "file")
-    assert refused.code == ExitCode.BAD_INPUT
-    assert "no noise curve; measure it with --noise auto" in refused.err
-
-
 def test_unmeasurable_noise_is_refused_with_the_remedy(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
     path = write_recording(tmp_path / "a.h5", samples[:2], noise=None)
-    refused = tofmix("estimate", path)
-    assert refused.code == ExitCode.BAD_INPUT
-    assert "choose a curve with --noise PROFILE" in refused.err
+    tofmix("estimate", path).refused(ExitCode.BAD_INPUT, "choose a curve with --noise PROFILE")
     assert not (tmp_path / "a.layers.h5").exists()
 
 
 @pytest.mark.slow
 def test_wrong_curve_is_reported_in_one_line(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
     wrong = write_recording(tmp_path / "wrong.h5", samples, noise=WRONG)
-    outcome = tofmix("estimate", wrong, "--noise", "auto")
-    assert outcome.code == 0
+    outcome = tofmix.done("estimate", wrong, "--noise", "auto")
     assert re.search(r"times the measured one at (29|30)\d\d mm", outcome.err)
     right = write_recording(tmp_path / "right.h5", samples, noise=TRUE)
     assert "times the measured one" not in tofmix("estimate", right, "--noise", "auto").err
@@ -76,12 +65,11 @@ def test_contradicted_curve_is_replaced_unless_noise_is_file(
     tofmix: Tofmix, tmp_path: Path, samples: np.ndarray
 ) -> None:
     wrong = write_recording(tmp_path / "wrong.h5", samples, noise=WRONG)
-    outcome = tofmix("estimate", wrong)
-    assert outcome.code == 0
+    outcome = tofmix.done("estimate", wrong)
     assert "the samples contradict the file's curve; learnt instead: sigma 1" in outcome.err
     with h5py.File(tmp_path / "wrong.layers.h5") as root:
         np.testing.assert_allclose(root["sensor/noise_sigma"][...], 15.0, rtol=0.08)
-    assert tofmix("estimate", wrong, "--noise", "file", "--overwrite").code == 0
+    tofmix.done("estimate", wrong, "--noise", "file", "--overwrite")
     with h5py.File(tmp_path / "wrong.layers.h5") as root:
         np.testing.assert_array_equal(root["sensor/noise_sigma"][...], WRONG["noise_sigma"])
 
@@ -89,7 +77,7 @@ def test_contradicted_curve_is_replaced_unless_noise_is_file(
 def test_consistent_curve_is_kept_without_a_note(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
     right = write_recording(tmp_path / "right.h5", samples, noise=TRUE)
     assert tofmix("estimate", right, "--mixing", "events").err == ""
-    assert tofmix("estimate", right, "--noise", "file", "-o", tmp_path / "file.h5").code == 0
+    tofmix.done("estimate", right, "--noise", "file", "-o", tmp_path / "file.h5")
     with h5py.File(tmp_path / "right.layers.h5") as usual, h5py.File(tmp_path / "file.h5") as file:
         for name in ("range", "n_modes", "probability", "weight"):
             np.testing.assert_array_equal(usual[name][...], file[name][...])
@@ -104,7 +92,7 @@ def test_outliers_option_sets_the_outlier_share(
     stored: float,
 ) -> None:
     path = write_recording(tmp_path / "a.h5", samples)
-    assert tofmix("estimate", path, "--outliers", choice).code == 0
+    tofmix.done("estimate", path, "--outliers", choice)
     with h5py.File(tmp_path / "a.layers.h5") as root:
         assert root["sensor"].attrs["outlier_probability"] == stored
         assert json.loads(root.attrs["options"])["outliers"] == (stored if choice != "file" else "file")
@@ -116,7 +104,7 @@ def test_outliers_auto_counts_the_outlier_share(tofmix: Tofmix, tmp_path: Path, 
     wild = rng.random(dirty.shape) < 0.02
     dirty[wild] = rng.integers(300, 7500, wild.sum())
     path = write_recording(tmp_path / "a.h5", dirty)
-    assert tofmix("estimate", path, "--outliers", "auto").code == 0
+    tofmix.done("estimate", path, "--outliers", "auto")
     with h5py.File(tmp_path / "a.layers.h5") as root:
         assert root["sensor"].attrs["outlier_probability"] == pytest.approx(0.02, rel=0.25)
         assert json.loads(root.attrs["options"])["outliers"] == "auto"
@@ -124,12 +112,14 @@ def test_outliers_auto_counts_the_outlier_share(tofmix: Tofmix, tmp_path: Path, 
 
 
 @pytest.mark.slow
-def test_the_bytes_do_not_depend_on_workers_or_chunks(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
+def test_bytes_do_not_depend_on_pieces_where_noise_is_measured(
+    tofmix: Tofmix, tmp_path: Path, samples: np.ndarray
+) -> None:
     path = write_recording(tmp_path / "a.h5", samples, noise=None)
-    auto = ["--noise", "auto", "--outliers", "auto"]
-    for name, extra in (("x", ["--workers", 1]), ("y", ["--workers", 3, "--memory", "250MB"])):
-        assert tofmix("estimate", path, "-o", tmp_path / name, *auto, *extra).code == 0
-    assert (tmp_path / "x").read_bytes() == (tmp_path / "y").read_bytes()
+    tofmix.same_in_pieces(path, "--noise", "auto", "--outliers", "auto")
+    (tmp_path / "by amplitude").mkdir()
+    path = write_reflective(tmp_path / "by amplitude" / "b.h5", 0.85)
+    tofmix.same_in_pieces(path, "--noise", "auto", "--window", 30)
 
 
 @pytest.mark.parametrize(
@@ -147,10 +137,7 @@ def test_estimate_refuses_noise_options_with_their_exit_code(
     tofmix: Tofmix, tmp_path: Path, extra: list[str], code: int, reason: str
 ) -> None:
     path = write_recording(tmp_path / "a.h5", boards(4))
-    outcome = tofmix("estimate", path, *extra)
-    assert outcome.code == code
-    assert reason in outcome.err
-    assert outcome.err.count("\n") == 1
+    tofmix("estimate", path, *extra).refused(code, reason)
     assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]
 
 
@@ -167,8 +154,7 @@ def test_noise_shape_and_widths_without_learnt_noise_are_refused(
 ) -> None:
     recording = write_recording(tmp_path / "a.h5", samples)
     done = tofmix("estimate", recording, *option, *without)
-    assert done.code == ExitCode.USAGE
-    assert f"{' '.join(option)} needs learnt noise; {' '.join(without)} uses a Gaussian curve" in done.err
+    done.refused(ExitCode.USAGE, f"{' '.join(option)} needs learnt noise; {' '.join(without)} uses a Gaussian curve")
     assert not (tmp_path / "a.layers.h5").exists()
 
 
@@ -189,8 +175,7 @@ def write_reflective(path: Path, exponent: float, curve: dict[str, NDArray[np.fl
 @pytest.mark.slow
 def test_law_of_amplitude_is_printed_stored_and_read_again(tofmix: Tofmix, tmp_path: Path) -> None:
     path = write_reflective(tmp_path / "a.h5", 1.0)
-    outcome = tofmix("estimate", path, "--noise", "auto")
-    assert outcome.code == 0, outcome.err
+    outcome = tofmix.done("estimate", path, "--noise", "auto")
     told = [line for line in outcome.err.splitlines() if "noise:" in line]
     assert len(told) == 1
     assert "sigma is measured by range and amplitude; it varies as amplitude^-" in told[0]
@@ -209,37 +194,26 @@ def test_law_of_amplitude_is_printed_stored_and_read_again(tofmix: Tofmix, tmp_p
     np.testing.assert_allclose(np.median(sigma, axis=0), curve, rtol=0.1)
     assert (n_modes == 1).mean() > 0.99
     again = write_reflective(tmp_path / "b.h5", 1.0, stored)
-    outcome = tofmix("estimate", again)
-    assert outcome.code == 0, outcome.err
+    tofmix.done("estimate", again)
     with h5py.File(tmp_path / "a.layers.h5") as one, h5py.File(tmp_path / "b.layers.h5") as other:
         for name in ("n_modes", "range", "sigma", "status"):
             np.testing.assert_array_equal(one[name][...], other[name][...])
-    assert tofmix("report", tmp_path / "b.layers.h5", "--html", tmp_path / "b.html").code == 0
+    tofmix.done("report", tmp_path / "b.layers.h5", "--html", tmp_path / "b.html")
 
 
 @pytest.mark.slow
 def test_amplitude_without_effect_is_noted_and_changes_no_layer(tofmix: Tofmix, tmp_path: Path) -> None:
     path = write_reflective(tmp_path / "a.h5", 0.0)
-    outcome = tofmix("estimate", path, "--noise", "auto")
-    assert outcome.code == 0, outcome.err
+    outcome = tofmix.done("estimate", path, "--noise", "auto")
     assert "sigma is measured by range only; amplitude adds no information" in outcome.err
     with h5py.File(tmp_path / "a.layers.h5") as root:
         assert sorted(root["sensor"]) == ["noise_range", "noise_sigma"]
     with h5py.File(path, "a") as root:
         del root["amplitude"]
-    assert tofmix("estimate", path, "-o", tmp_path / "b.layers.h5", "--noise", "auto").code == 0
+    tofmix.done("estimate", path, "-o", tmp_path / "b.layers.h5", "--noise", "auto")
     with h5py.File(tmp_path / "a.layers.h5") as one, h5py.File(tmp_path / "b.layers.h5") as other:
         for name in ("n_modes", "range", "sigma", "sensor/noise_sigma"):
             np.testing.assert_array_equal(one[name][...], other[name][...])
-
-
-@pytest.mark.slow
-def test_noise_of_amplitudes_gives_the_same_bytes_for_any_workers_and_chunks(tofmix: Tofmix, tmp_path: Path) -> None:
-    path = write_reflective(tmp_path / "a.h5", 0.85)
-    auto = ["--noise", "auto", "--window", 30]
-    for name, extra in (("x", ["--workers", 1]), ("y", ["--workers", 3, "--memory", "250MB"])):
-        assert tofmix("estimate", path, "-o", tmp_path / name, *auto, *extra).code == 0
-    assert (tmp_path / "x").read_bytes() == (tmp_path / "y").read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -275,10 +249,7 @@ def test_noise_of_amplitudes_gives_the_same_bytes_for_any_workers_and_chunks(tof
 def test_unfit_laws_are_refused(tofmix: Tofmix, tmp_path: Path, law: dict[str, list[float]], reason: str) -> None:
     curve = {"noise_range": [500.0, 5000.0], "noise_sigma": [10.0, 20.0]} | law
     path = write_reflective(tmp_path / "a.h5", 0.0, {name: np.array(values) for name, values in curve.items()})
-    outcome = tofmix("estimate", path)
-    assert outcome.code == ExitCode.BAD_INPUT
-    assert reason in outcome.err
-    assert outcome.err.count("\n") == 1
+    tofmix("estimate", path).refused(ExitCode.BAD_INPUT, reason)
 
 
 FRAMES, ROWS, COLS = 60, 6, 8
@@ -304,42 +275,27 @@ QUICK = (*WINDOW, "--noise-shape", "gaussian")
 
 
 @pytest.mark.slow
-def test_bytes_do_not_depend_on_workers_memory_shards_or_resumption(
-    tofmix: Tofmix, recording: Path, tmp_path: Path
-) -> None:
-    one = tmp_path / "one.h5"
-    outcome = tofmix("estimate", recording, *QUICK, "-o", one, "--workers", 1)
-    assert outcome.code == 0, outcome.err
-    assert "% by pixel" in outcome.err
-    expected = one.read_bytes()
-    two = tmp_path / "two.h5"
-    assert tofmix("estimate", recording, *QUICK, "-o", two, "--workers", 2, "--memory", "250MB").code == 0
-    assert two.read_bytes() == expected
-    for number in (1, 2):
-        assert tofmix("estimate", recording, *QUICK, "--shard", f"{number}/2").code == 0
-    parts = sorted(tmp_path.glob("*.part"))
-    assert len(parts) == 2
-    assert tofmix("merge", *parts, "-o", tmp_path / "merged.h5").code == 0
-    assert (tmp_path / "merged.h5").read_bytes() == expected
+def test_bytes_do_not_depend_on_pieces_where_noise_is_learnt(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+    tofmix.same_in_pieces(recording, *QUICK)
+    assert "% by pixel" in tofmix.done("info", tmp_path / "whole.h5").out
 
 
 @pytest.mark.slow
 def test_resumed_run_has_the_same_bytes(
     tofmix: Tofmix, recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert tofmix("estimate", recording, *QUICK, "-o", tmp_path / "one.h5").code == 0
+    tofmix.done("estimate", recording, *QUICK, "-o", tmp_path / "one.h5")
     with monkeypatch.context() as patch:
         patch.setattr("os.pwrite", FullDisk(3))
         assert "--resume continues from the finished blocks" in tofmix("estimate", recording, *QUICK).err
-    resumed = tofmix("estimate", recording, *QUICK, "--resume")
-    assert resumed.code == 0, resumed.err
+    resumed = tofmix.done("estimate", recording, *QUICK, "--resume")
     assert "blocks from the interrupted run" in resumed.err
     assert (tmp_path / "a.layers.h5").read_bytes() == (tmp_path / "one.h5").read_bytes()
 
 
 @pytest.mark.slow
 def test_layers_follow_from_the_sensor_that_their_file_carries(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
-    assert tofmix("estimate", recording, *WINDOW).code == 0
+    tofmix.done("estimate", recording, *WINDOW)
     with h5py.File(recording) as root:
         samples = root["range"][...].astype(np.float32)
     with open_layers(tmp_path / "a.layers.h5") as layers:
@@ -362,12 +318,12 @@ def test_layers_follow_from_the_sensor_that_their_file_carries(tofmix: Tofmix, r
         number = root["n_modes"][...].reshape(2, -1)
         assert (number[:, ::5] == 2).mean() > 0.9
         assert (np.delete(number, np.s_[::5], axis=1) == 1).mean() > 0.9
-        assert tofmix("verify", tmp_path / "a.layers.h5").code == 0
+        tofmix.done("verify", tmp_path / "a.layers.h5")
 
 
 @pytest.mark.slow
 def test_noise_widths_own_is_stored_in_the_file(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
-    assert tofmix("estimate", recording, *WINDOW, "--noise-widths", "own", "--noise-shape", "gaussian").code == 0
+    tofmix.done("estimate", recording, *WINDOW, "--noise-widths", "own", "--noise-shape", "gaussian")
     with h5py.File(tmp_path / "a.layers.h5") as root:
         assert root["noise_width"].shape == root["n_modes"].shape
         assert root["noise_width"].attrs["units"] == "1"
