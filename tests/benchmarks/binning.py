@@ -78,7 +78,6 @@ def errors(samples: int, surfaces: int, pixels: int, rng: np.random.Generator) -
 
 
 def main() -> None:
-    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pixels", type=int, default=100)
     parser.add_argument("--seed", type=int, default=74)

@@ -52,7 +52,6 @@ def quantiles(n: int, pixels: int, rng: np.random.Generator) -> FloatArray:
 
 
 def main() -> None:
-    """Print the table as Python."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pixels", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=1)

@@ -52,7 +52,6 @@ def read_references(folder: Path) -> Iterator[Reference]:
 
 
 def main() -> None:
-    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     folder = parser.parse_args().folder

@@ -35,7 +35,6 @@ def timed(command: list[str]) -> float:
 
 
 def main() -> None:
-    """Print seconds of each way."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=2000)
     arguments = parser.parse_args()

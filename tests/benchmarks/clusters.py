@@ -106,31 +106,21 @@ class Cluster(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judged:
-    """What the rule says of a recording.
-
-    Parameters
-    ----------
-    kind : (pixel,) str
-        A `Kind` for each pixel.
-    clusters : list of list of Cluster
-        Clusters of each pixel, near to far.
-    half_width_mm : float
-        w of the recording.
-    step_mm : float
-        Step of the stored ranges.
-    background : (pixel,) float64
-        Samples of each pixel that no cluster explains, per mm.
-    faint : (pixel,) bool
-        Whether further samples stand together that background explains with a chance of 0.001 to 0.05 alone: a single
-        pixel of them may see a second surface of few samples.
-    """
+    """What the rule says of a recording."""
 
     kind: IntArray
+    """(pixel,) str. A `Kind` for each pixel."""
     clusters: list[list[Cluster]]
+    """Clusters of each pixel, near to far."""
     half_width_mm: float
+    """w of the recording."""
     step_mm: float
+    """Step of the stored ranges."""
     background: FloatArray
+    """(pixel,) float64. Samples of each pixel that no cluster explains, per mm."""
     faint: BoolArray
+    """(pixel,) bool. Whether further samples stand together that background explains with a chance of 0.001 to 0.05
+    alone: a single pixel of them may see a second surface of few samples."""
 
     def pixels(self, kind: Kind) -> IntArray:
         """Numbers of the pixels of a kind."""
@@ -356,15 +346,8 @@ def is_one_mode(parts: list[FloatArray]) -> BoolArray:
 def excess_mass(values: FloatArray) -> FloatArray:
     """The most that two intervals gain over one in share of samples less level times length, over all levels.
 
-    Parameters
-    ----------
-    values : (part, sample) float64
-        Sorted samples, NaN past the last.
-
-    Returns
-    -------
-    (part,) float64
-        0 for one mode; twice the dip.
+    `values` (part, sample) float64: sorted samples, NaN past the last.
+    Returns (part,) float64: 0 for one mode; twice the dip.
     """
     count = np.isfinite(values).sum(axis=1)
     scale = np.array([half_width(row[:n]) for row, n in zip(values, count, strict=True)])
@@ -400,14 +383,9 @@ def _most_allowed() -> tuple[FloatArray, FloatArray]:
 def half_width_without_drift(samples: FloatArray, judged: Judged, pixel: int) -> float:
     """Half the width of the central 68 % of a single pixel, a straight drift over frames and background taken off, mm.
 
-    Parameters
-    ----------
-    samples : (frame, pixel) float64
-        Samples in the order of time.
-    judged : Judged
-        What the rule says of them.
-    pixel : int
-        A single one.
+    `samples` (frame, pixel) float64: samples in the order of time.
+    `judged`: what the rule says of them.
+    `pixel`: a single one.
     """
     (cluster,) = judged.clusters[pixel]
     x = samples[:, pixel]

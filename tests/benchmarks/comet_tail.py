@@ -202,7 +202,6 @@ def row(name: str, scores: Scores) -> None:
 
 
 def main() -> None:
-    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pixels", type=int, default=12288, help="pixels of a random scene")
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3, 4, 5])

@@ -262,7 +262,6 @@ def draw_incremental() -> Figure:
 
 
 def main() -> None:
-    """Print every table, and draw."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pixels", type=int, default=1000, help="pixels a cell")
     parser.add_argument("--output", type=Path, help="folder to draw into")

@@ -25,7 +25,6 @@ from tofmix.arrays import FloatArray
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Print the shares, kind by kind."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("kinds", nargs="*", default=[], help="kinds to try; all if left out")
     parser.add_argument("--recordings", type=int, default=60)

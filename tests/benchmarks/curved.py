@@ -270,7 +270,6 @@ PRINTERS = {
 
 
 def main() -> None:
-    """Print the tables that the command line names."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("tables", nargs="*", choices=[[], *PRINTERS], default=[])
     parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2])

@@ -94,7 +94,6 @@ def _start(kernel: str) -> FloatArray | Fit:
 
 
 def main() -> None:
-    """Print seconds to compile and microseconds a round, the best of some repeats."""
     rng = np.random.default_rng(20260925)
     value = np.sort(np.concatenate([rng.normal(1000.0, 10.0, SAMPLES // 2), rng.normal(1060.0, 10.0, SAMPLES // 2)]))
     rows, total = np.zeros((8, SAMPLES)), np.zeros(SAMPLES)

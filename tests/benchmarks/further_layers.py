@@ -25,32 +25,23 @@ STEPS = 4096
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FurtherLayers:
-    """Further layers of the single pixels of a recording: each is in one of four groups, the first that fits.
-
-    Parameters
-    ----------
-    beside : int
-        Layers within `GAP` half-widths of the pixel's own cluster.
-    around : int
-        Layers within a cluster of one of the pixels around.
-    scene : int
-        Layers at a range at which `SEEN_BY` of the recording's pixels have a cluster.
-    elsewhere : int
-        All others.
-    around_by_chance, scene_by_chance : float
-        Share of the working range that such clusters cover, at the pixels with a layer in the last three groups: so
-        many layers would be in the group if they stood anywhere. NaN without such layers.
-    pixels_elsewhere : float
-        Share of the single pixels with a layer elsewhere.
-    """
+    """Further layers of the single pixels of a recording: each is in one of four groups, the first that fits."""
 
     beside: int
+    """Layers within `GAP` half-widths of the pixel's own cluster."""
     around: int
+    """Layers within a cluster of one of the pixels around."""
     scene: int
+    """Layers at a range at which `SEEN_BY` of the recording's pixels have a cluster."""
     elsewhere: int
+    """All others."""
     around_by_chance: float
     scene_by_chance: float
+    """`around_by_chance`, `scene_by_chance`: share of the working range that such clusters cover, at the pixels with a
+    layer in the last three groups: so many layers would be in the group if they stood anywhere. NaN without such
+    layers."""
     pixels_elsewhere: float
+    """Share of the single pixels with a layer elsewhere."""
 
 
 def further_layers(
@@ -58,16 +49,11 @@ def further_layers(
 ) -> FurtherLayers:
     """Sort the further layers of the single pixels.
 
-    Parameters
-    ----------
-    judged : Judged
-        Clusters of all pixels.
-    shape : (int, int)
-        Rows and columns of the image.
-    range_mm, weight : (pixel, layer) float64
-        Layers of all pixels, NaN past the last; the one of the largest share is the first, the others are further ones.
-    low_mm, high_mm : float
-        Ends of the working range, mm.
+    `judged`: clusters of all pixels.
+    `shape` (int, int): rows and columns of the image.
+    `range_mm`, `weight` (pixel, layer) float64: layers of all pixels, NaN past the last; the one of the largest share
+      is the first, the others are further ones.
+    `low_mm`, `high_mm`: ends of the working range, mm.
     """
     places = np.linspace(low_mm, high_mm, STEPS)
     seen = np.array([_covered(judged, [pixel], places) for pixel in range(len(judged.kind))])

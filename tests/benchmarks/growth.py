@@ -82,7 +82,6 @@ def table(head: str, rows: list[tuple[str, ...]]) -> None:
 
 
 def curve(axes: Axes, points: list[Point], label: str, color: str, marker: str) -> None:
-    """One curve with its points."""
     axes.plot(*zip(*points, strict=True), color=color, marker=marker, markersize=4, linewidth=1.2, label=label)
 
 
@@ -153,7 +152,6 @@ def commands(axes: tuple[Axes, Axes], rounds: int) -> None:
 
 
 def main() -> None:
-    """Print the tables and draw the picture."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--folder", type=Path, default=Path("docs/images"))
     parser.add_argument("--rounds", type=int, default=3)

@@ -47,7 +47,6 @@ class Calibrated(Device):
 
 
 def main() -> None:
-    """Write the recording."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("output", type=Path)
     parser.add_argument("--without", action="store_true", help="leave the harmonics out")

@@ -49,7 +49,6 @@ def rounds(number: int) -> dict[str, tuple[float, float]]:
 
 
 def main() -> None:
-    """Measure, and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=3)
     least = rounds(parser.parse_args().rounds)

@@ -193,7 +193,6 @@ def run(seed: int, *, blocked: bool) -> tuple[Corridor, dict[str, Scores]]:
 
 
 def main() -> None:
-    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, nargs="+", default=list(range(100, 120)))
     parser.add_argument("--corridors", action="store_true", help="print a line for each corridor too, on stderr")

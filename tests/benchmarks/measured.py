@@ -71,7 +71,6 @@ def run(name: str, part: Part, options: argparse.Namespace) -> Iterator[str]:
 
 
 def main() -> None:
-    """Run parts, and print their tables."""
     listed = "\n".join(f"  {name}: {text}" for name, text in PARTS.items())
     parser = argparse.ArgumentParser(
         description=__doc__, epilog=f"parts:\n{listed}", formatter_class=argparse.RawDescriptionHelpFormatter

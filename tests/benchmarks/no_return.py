@@ -108,7 +108,6 @@ def both_found(layers: Layers) -> float:
 
 
 def main() -> None:
-    """Print the tables."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--pixels", type=int, default=2000, help="pixels of each cell of the first two tables")
     parser.add_argument("--both-pixels", type=int, default=400, help="pixels of each cell of the third")

@@ -234,7 +234,6 @@ def real_recording() -> None:
 
 
 def main() -> None:
-    """Print everything."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, nargs="+", default=[21, 22, 23])
     parser.add_argument(

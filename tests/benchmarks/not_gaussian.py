@@ -171,7 +171,6 @@ def at_the_fold(pixels: int) -> None:
 
 
 def main() -> None:
-    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pixels", type=int, default=4000)
     pixels = parser.parse_args().pixels

@@ -21,7 +21,6 @@ PARTS = {
 
 
 def main() -> None:
-    """Run one part."""
     listed = "\n".join(f"  {name}: {text}" for name, text in PARTS.items())
     parser = argparse.ArgumentParser(
         description=__doc__, epilog=f"parts:\n{listed}", formatter_class=argparse.RawDescriptionHelpFormatter

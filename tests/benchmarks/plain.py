@@ -194,31 +194,15 @@ def fit_gaussians(
 ) -> PlainFit:
     """Fit k Gaussians to samples by maximum likelihood, from many starts.
 
-    Parameters
-    ----------
-    samples : (n,) array_like
-        Samples, in any unit; values that are not finite are left out.
-    k : int
-        Components, 1 to n.
-    variances : Variances
-        ``equal``: one unknown common sigma; ``free``: each component has its own.
-    floor : float
-        Least sigma, as a share of the samples' standard deviation, in (0, 1). Without one the likelihood has no bound:
-        a component may shrink onto one sample.
-    max_iter : int
-        Most EM iterations of one start, at least 2.
-    tol : float
-        A start has converged when one accelerated step gains less than this, nat; above 0.
-
-    Returns
-    -------
-    PlainFit
-        The best fit found. The same samples, in any order, give the same fit.
-
-    Raises
-    ------
-    ValueError
-        If there is no finite sample, all are equal, or a value is out of these bounds.
+    `samples` (n,) array_like: samples, in any unit; values that are not finite are left out.
+    `k`: components, 1 to n.
+    `variances`: ``equal``: one unknown common sigma; ``free``: each component has its own.
+    `floor`: least sigma, as a share of the samples' standard deviation, in (0, 1). Without one the likelihood has no
+      bound: a component may shrink onto one sample.
+    `max_iter`: most EM iterations of one start, at least 2.
+    `tol`: a start has converged when one accelerated step gains less than this, nat; above 0.
+    Returns PlainFit: the best fit found. The same samples, in any order, give the same fit.
+    Raises ValueError: If there is no finite sample, all are equal, or a value is out of these bounds.
     """
     values = readings_of(samples).value
     kind = Variances(variances)

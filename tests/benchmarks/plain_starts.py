@@ -74,19 +74,10 @@ def partitions(samples: FloatArray, k: int, floor: float) -> list[FloatArray]:
     Equal parts; the parts of the least squares; those of the greatest classification likelihood with several least
     sigmas; and those nearest to each of the highest peaks of densities with several bandwidths.
 
-    Parameters
-    ----------
-    samples : (n,) float64
-        Sorted samples, n at least k.
-    k : int
-        Parts.
-    floor : float
-        Least sigma.
-
-    Returns
-    -------
-    list of (3, k) float64
-        Starts without doubles.
+    `samples` (n,) float64: sorted samples, n at least k.
+    `k`: parts.
+    `floor`: least sigma.
+    Returns list of (3, k) float64: starts without doubles.
     """
     n = len(samples)
     rank = np.unique(np.linspace(0, n - 1, min(n, max(MOST_POINTS, k))).astype(np.int64))

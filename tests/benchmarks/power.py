@@ -312,7 +312,6 @@ def by_frames(pixels: int, pool: ProcessPoolExecutor) -> None:
 
 
 def main() -> None:
-    """Print the tables that are asked for; without a name all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("tables", nargs="*", choices=[*TABLES, []], default=[])
     parser.add_argument("--pixels", type=int, default=5000, help="pixels a cell")

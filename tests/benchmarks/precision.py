@@ -218,7 +218,6 @@ def beside_mixture(pixels: int, pool: ProcessPoolExecutor) -> None:
 
 
 def main() -> None:
-    """Print everything."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pixels", type=int, default=4000, help="pixels a cell")
     parser.add_argument("--mixture-pixels", type=int, default=150, help="pixels a cell for scikit-learn")

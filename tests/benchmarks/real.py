@@ -85,25 +85,17 @@ Columns = dict[str, str]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What an estimate makes of a recording.
-
-    Parameters
-    ----------
-    layers : (pixel,) int64 or None
-        Layers of each pixel; None where the recording was refused.
-    range_mm, weight : (pixel, layer) float64 or None
-        The layers, NaN past the last.
-    curve : NoiseCurve or None
-        The noise that was used.
-    said : list of str
-        Warnings, or why the recording was refused.
-    """
+    """What an estimate makes of a recording."""
 
     layers: IntArray | None = None
+    """(pixel,) int64 or None. Layers of each pixel; None where the recording was refused."""
     range_mm: FloatArray | None = None
     weight: FloatArray | None = None
+    """(pixel, layer) float64 or None. `range_mm`, `weight`: the layers, NaN past the last."""
     curve: NoiseCurve | None = None
+    """The noise that was used."""
     said: list[str] = field(default_factory=list)
+    """Warnings, or why the recording was refused."""
 
 
 def estimated(recording: Recording, workers: int, noise: str | NoiseCurve | None = None) -> Outcome:
@@ -620,7 +612,6 @@ def parsed() -> argparse.Namespace:
 
 
 def main() -> None:
-    """Run a part and print it."""
     chosen = parsed()
     if chosen.json:
         tables = [{"title": title, "rows": list(run(chosen))} for title, run, _ in PARTS[chosen.part]]

@@ -169,7 +169,6 @@ def misfit_map(model: Path, range_mm: Array) -> Array:
 
 
 def main() -> None:
-    """Write the model, and the map if there is to be one."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("output", type=Path)
     parser.add_argument("--map", type=int, metavar="FRAMES", help="first frames from which a map is measured")

@@ -30,24 +30,16 @@ FACE_GATE_MM = (1000.0, 8000.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RealRecording:
-    """A real recording and the issue's aims for it.
-
-    Parameters
-    ----------
-    name : str
-        The sensor.
-    recording : Recording
-        Samples, with all that is known of the sensor.
-    most_split : float
-        Aim: share of single pixels with more than one layer, at most.
-    least_double : float or None
-        Aim: share of double pixels with exactly two layers, at least; None where there are no double pixels.
-    """
+    """A real recording and the issue's aims for it."""
 
     name: str
+    """The sensor."""
     recording: Recording
+    """Samples, with all that is known of the sensor."""
     most_split: float
+    """Aim: share of single pixels with more than one layer, at most."""
     least_double: float | None = None
+    """Aim: share of double pixels with exactly two layers, at least; None where there are no double pixels."""
 
     def samples(self) -> FloatArray:
         """Samples (frame, pixel), mm."""
@@ -138,10 +130,7 @@ class Spliced(NamedTuple):
 class SinglePixels:
     """The single pixels of a real recording, to be spliced.
 
-    Parameters
-    ----------
-    real : RealRecording
-        The recording.
+    `real`: the recording.
     """
 
     def __init__(self, real: RealRecording) -> None:
@@ -165,12 +154,8 @@ class SinglePixels:
         A frame of such a pixel shows the one or the other by chance. The second surface has the share `share`; it is
         the nearer or the farther one by chance. Shifts keep to the recording's steps, their mean is the distance.
 
-        Parameters
-        ----------
-        sigma_mm : float
-            Unit of the distance: half the width of the central 68 % of single pixels.
-        distance : float
-            Distance of the two surfaces, in sigma.
+        `sigma_mm`: unit of the distance: half the width of the central 68 % of single pixels.
+        `distance`: distance of the two surfaces, in sigma.
         """
         count = round(mixed * pixels)
         place = rng.permutation(pixels)[:count]

@@ -129,7 +129,6 @@ def real_recording(*, learnt: bool) -> None:
 
 
 def main() -> None:
-    """Print everything."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, nargs="+", default=[11, 12, 13])
     seeds = parser.parse_args().seeds

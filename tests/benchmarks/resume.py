@@ -21,7 +21,6 @@ from faults.pool import Job, Outcome, Pool
 
 
 def main() -> None:
-    """Print the counts."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=50)
     parser.add_argument("--seed", type=int, default=1)

@@ -27,29 +27,20 @@ _LEAST_SHARE = 1.0e-12
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ForwardModel:
-    """A forward model with its parameters: the form of equation (1), however they were found.
-
-    Parameters
-    ----------
-    mean_mm, sigma_mm, weight : (k,) float64
-        mu_i and sigma_i in mm, and p(c_i); k may be 0.
-    weight_no_return : float
-        p(c_0).
-    weight_outlier : float
-        p(c_r).
-    sensor : Sensor
-        The working range, over which p(c_r) is spread, and sigma(r_max).
-    converged : bool
-        Whether the fit settled.
-    """
+    """A forward model with its parameters: the form of equation (1), however they were found."""
 
     mean_mm: FloatArray
     sigma_mm: FloatArray
     weight: FloatArray
+    """(k,) float64. `mean_mm`, `sigma_mm`, `weight`: mu_i and sigma_i in mm, and p(c_i); k may be 0."""
     weight_no_return: float
+    """p(c_0)."""
     weight_outlier: float
+    """p(c_r)."""
     sensor: Sensor
+    """The working range, over which p(c_r) is spread, and sigma(r_max)."""
     converged: bool = True
+    """Whether the fit settled."""
 
     def log_likelihood(self, samples_mm: ArrayLike) -> float:
         """Log likelihood of samples, those of the fit or others.

@@ -155,7 +155,6 @@ def without_kernels(layers: Path, arguments: list[str]) -> None:
 
 
 def main() -> None:
-    """Print one row a case."""
     if sys.argv[1:2] == ["--recall"]:
         without_kernels(Path(sys.argv[2]), sys.argv[3:])
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)

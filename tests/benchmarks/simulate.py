@@ -113,7 +113,6 @@ def best(folder: Path, model: str, frames: int, repeat: int) -> Run:
 
 
 def main() -> None:
-    """Print a row a model."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repeat", type=int, default=3)
     parser.add_argument("--frames", type=int, default=10_000, help="length of the long runs")

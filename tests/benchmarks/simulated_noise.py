@@ -62,24 +62,16 @@ def remembering(rng: np.random.Generator, frames: int, pixels: int) -> FloatArra
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Noise:
-    """Noise of a simulated recording.
-
-    Parameters
-    ----------
-    errors : callable
-        Errors (frame, pixel) in sigma.
-    width_spread : float
-        Standard deviation of the logarithm of a pixel's own width.
-    most_background : float
-        Shares of background are uniform from 0 to this by pixel.
-    drift_sigmas : float
-        Straight drift over all frames, in sigma of the curve; up or down by pixel.
-    """
+    """Noise of a simulated recording."""
 
     errors: Errors = gaussian
+    """Errors (frame, pixel) in sigma."""
     width_spread: float = 0.0
+    """Standard deviation of the logarithm of a pixel's own width."""
     most_background: float = 0.0
+    """Shares of background are uniform from 0 to this by pixel."""
     drift_sigmas: float = 0.0
+    """Straight drift over all frames, in sigma of the curve; up or down by pixel."""
 
 
 NOISES: dict[str, Noise] = {

@@ -107,7 +107,6 @@ def _said(cell: Cell, search: Search) -> str:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Search cell by cell, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--output", type=Path, required=True, help="folder of the results")
     parser.add_argument("--kinds", nargs="*", default=[], help="kinds to search; all if left out")

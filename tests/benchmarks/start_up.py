@@ -91,14 +91,9 @@ class Times:
 class State:
     """One state of the package, in folders of its own.
 
-    Parameters
-    ----------
-    name : str
-        For the tables.
-    origin : Path
-        A checkout.
-    folder : Path
-        Where copies go.
+    `name`: for the tables.
+    `origin`: a checkout.
+    `folder`: where copies go.
     """
 
     def __init__(self, name: str, origin: Path, folder: Path) -> None:
@@ -241,7 +236,6 @@ def report(found: dict[tuple[str, str], list[Times]]) -> bool:
 
 
 def main() -> None:
-    """Measure, and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--before", default=BEFORE)
     parser.add_argument("--rounds", type=int, default=3)

@@ -155,7 +155,6 @@ def row(
 
 
 def main() -> None:
-    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--steps", default="0,0.1,0.3,1,2,5,10", help="steps, in sigmas")
     parser.add_argument("--samples", default="30,100,1000", help="samples of a pixel")

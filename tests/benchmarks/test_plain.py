@@ -1,16 +1,23 @@
-"""Plain Gaussian mixtures against textbook EM from random starts, and against another program on classic data."""
+"""Plain Gaussian mixtures and rival forward models against textbook EM, closed forms, SciPy and classic data."""
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from benchmarks.plain import PlainFit, Variances, fit_gaussians
+from benchmarks.rivals import ForwardModel, fit_decaying_shares, fit_thin_beam
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.integrate import trapezoid
+from scipy.optimize import minimize_scalar
 from support import naive
+from support.drawing import draw
 from support.sizes import sized
+
+from tofmix.sensor import NoiseCurve, Sensor
 
 pytestmark = pytest.mark.slow  # of the benchmarks alone
 
@@ -55,13 +62,6 @@ def test_the_end_is_a_fixed_point_of_textbook_em(variances: Variances, rng: np.r
         assert np.ptp(fit.sigmas) < 1e-12
 
 
-def test_one_component_is_mean_and_standard_deviation(rng: np.random.Generator) -> None:
-    samples = rng.exponential(3.0, 60)
-    fit = fit_gaussians([*samples, np.nan, np.inf], 1)
-    assert (fit.means[0], fit.sigmas[0]) == (pytest.approx(samples.mean()), pytest.approx(samples.std()))
-    assert fit.weights.tolist() == [1.0]
-
-
 @settings(max_examples=sized(15, 3))
 @given(seed=st.integers(0, 2**32 - 1), scale=st.floats(1e-3, 1e4), shift=st.floats(-1e4, 1e4))
 def test_units_origin_and_order_do_not_matter(*, seed: int, scale: float, shift: float) -> None:
@@ -82,31 +82,6 @@ def test_ties_and_gaps_end_at_the_floor_and_not_below() -> None:
     fit = fit_gaussians(samples, 3, floor=0.02)
     assert np.isfinite(fit.log_likelihood)
     assert (fit.sigmas >= 0.02 * samples.std() * (1 - 1e-12)).all()
-
-
-def test_as_many_components_as_samples() -> None:
-    fit = fit_gaussians([1.0, 2.0, 4.0, 8.0], 4)
-    assert fit.means.tolist() == pytest.approx([1, 2, 4, 8], abs=0.05)
-
-
-@pytest.mark.parametrize(
-    ("samples", "k", "settings", "text"),
-    [
-        ([1.0, 2.0], 3, {}, "k: 3"),
-        ([1.0, 2.0], 0, {}, "k: 0"),
-        ([2.0, 2.0], 1, {}, "all are equal"),
-        ([np.nan], 1, {}, "none is finite"),
-        ([1.0, 2.0], 1, {"floor": 0.0}, "floor"),
-        ([1.0, 2.0], 1, {"max_iter": 1}, "max_iter"),
-        ([1.0, 2.0], 1, {"tol": 0.0}, "tol"),
-        ([1.0, 2.0], 1, {"variances": "tied"}, "tied"),
-    ],
-)
-def test_plain_mixture_refuses_invalid_samples_and_numbers(
-    samples: list[float], k: int, settings: dict[str, float], text: str
-) -> None:
-    with pytest.raises(ValueError, match=text):
-        fit_gaussians(samples, k, **settings)  # type: ignore[arg-type]
 
 
 def _references() -> dict[tuple[str, int, str], float]:
@@ -133,3 +108,84 @@ def test_the_published_fit_of_old_faithful() -> None:
     np.testing.assert_allclose(fit.weights, [0.360886, 0.639114], atol=2e-3)
     np.testing.assert_allclose(fit.means, [54.6149, 80.0911], atol=0.02)
     np.testing.assert_allclose(fit.sigmas, [5.87122, 5.86773], atol=0.02)
+
+
+FLAT = NoiseCurve(np.array([0.0]), np.array([20.0]))
+
+
+def pixel(rng: np.random.Generator, sensor: Sensor, ranges: list[float], shares: list[float], n: int) -> naive.Array:
+    samples = draw(rng, sensor, ranges_mm=ranges, shares=shares, n=n, pixels=1)
+    return samples[:, 0].astype(np.float64)
+
+
+def sum_of_logs(samples: naive.Array, model: ForwardModel) -> float:
+    """log_likelihood in SciPy's densities."""
+    mean, sigma, weight = model.mean_mm, model.sigma_mm, model.weight
+    sensor = replace(model.sensor, outlier_probability=model.weight_outlier)
+    return float(np.log(naive.mixture_density(samples, mean, sigma, weight, model.weight_no_return, sensor)).sum())
+
+
+def test_shares_of_events_far_apart_are_their_counts(rng: np.random.Generator, sensor: Sensor) -> None:
+    parts = rng.normal(1500.0, 20.0, 60), rng.normal(6000.0, 20.0, 30), np.linspace(2500.0, 4500.0, 10)
+    fit = fit_thin_beam(np.concatenate(parts), replace(sensor, noise=FLAT), free_outliers=True)
+    # c_r is spread over all of the range, so it takes a little of the surface and of c_0.
+    found = [fit.weight[0], fit.weight_no_return, fit.weight_outlier]
+    np.testing.assert_allclose(found, [0.6, 0.3, 0.1], atol=0.01)
+    assert sum(found) == pytest.approx(1, abs=1e-12)
+
+
+def test_thin_beam_equals_the_naive_em_of_one_surface(rng: np.random.Generator, sensor: Sensor) -> None:
+    samples = pixel(rng, sensor, [1400.0], [0.8], 80)
+    fit = fit_thin_beam(samples, sensor)
+    mean, sigma, weight, no_return = naive.em(samples, np.array([1500.0]), sensor, mode="tied", iterations=200)
+    np.testing.assert_allclose([*fit.mean_mm, *fit.sigma_mm, *fit.weight], [*mean, *sigma, *weight], rtol=1e-6)
+    assert fit.weight_no_return == pytest.approx(no_return, abs=1e-6)
+
+
+def test_thin_beam_finds_the_highest_likelihood(rng: np.random.Generator, sensor: Sensor) -> None:
+    flat = replace(sensor, noise=FLAT)
+    samples = np.concatenate([rng.normal(1000.0, 20.0, 40), rng.normal(1050.0, 20.0, 60), rng.uniform(300, 6000, 4)])
+    fit = fit_thin_beam(samples, flat, free_outliers=True)
+
+    def loss(mean: float) -> float:
+        return -replace(fit, mean_mm=np.array([mean])).log_likelihood(samples)
+
+    best = min(minimize_scalar(loss, bounds=(low, low + 100), method="bounded").fun for low in range(300, 6000, 100))
+    assert -fit.log_likelihood(samples) == pytest.approx(best, abs=1e-4)
+
+
+@pytest.mark.parametrize("ratio", [0.2, 0.5, 1.0])
+def test_decaying_shares_have_their_ratio_and_the_means_of_their_samples(
+    rng: np.random.Generator, sensor: Sensor, ratio: float
+) -> None:
+    groups = [rng.normal(mean, 20.0, n) for mean, n in ((1000.0, 10), (2000.0, 30), (3000.0, 60))]
+    samples = np.concatenate(groups)
+    fit = fit_decaying_shares(samples, [3010.0, 990.0, 2010.0], replace(sensor, noise=FLAT), ratio=ratio)
+    assert fit.converged
+    np.testing.assert_allclose(fit.mean_mm, [group.mean() for group in groups], atol=1e-3)
+    np.testing.assert_allclose(fit.weight[1:] / fit.weight[:-1], ratio)
+    assert fit.weight.sum() == pytest.approx(1 - sensor.outlier_probability, abs=1e-9)
+
+
+def test_no_return_share_is_a_count_with_decaying_shares(rng: np.random.Generator, sensor: Sensor) -> None:
+    samples = np.concatenate([rng.normal(1000.0, 20.0, 80), rng.normal(6000.0, 20.0, 20)])
+    fit = fit_decaying_shares(samples, [1000.0], replace(sensor, noise=FLAT), ratio=0.5)
+    assert fit.weight_no_return == pytest.approx(0.2, abs=1e-3)
+
+
+def test_one_decaying_share_is_a_thin_beam(rng: np.random.Generator, sensor: Sensor) -> None:
+    samples = pixel(rng, sensor, [1800.0], [0.7], 50)
+    one, thin = fit_decaying_shares(samples, [1800.0], sensor, ratio=0.3), fit_thin_beam(samples, sensor)
+    assert one.mean_mm[0] == pytest.approx(thin.mean_mm[0], abs=1e-3)
+    assert one.log_likelihood(samples) == pytest.approx(thin.log_likelihood(samples), abs=1e-6)
+
+
+def test_likelihood_is_that_of_other_samples_and_integrates_to_one(rng: np.random.Generator, sensor: Sensor) -> None:
+    samples = pixel(rng, sensor, [1200.0, 2500.0], [0.5, 0.4], 60)
+    for fit in (fit_thin_beam(samples, sensor), fit_decaying_shares(samples, [1200.0, 2500.0], sensor, ratio=0.6)):
+        others = np.append(pixel(rng, sensor, [1200.0, 2500.0], [0.5, 0.4], 40), 400.0)
+        assert fit.log_likelihood(np.append(others, np.nan)) == pytest.approx(sum_of_logs(others, fit), rel=1e-12)
+        surfaces = replace(fit, weight_outlier=0.0)
+        grid = np.arange(200.0, 8000.0, 2.0)
+        density = np.exp([surfaces.log_likelihood([r]) for r in grid])
+        assert trapezoid(density, grid) == pytest.approx(1 - sensor.outlier_probability, abs=1e-6)

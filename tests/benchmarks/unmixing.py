@@ -250,7 +250,6 @@ TABLES = {
 
 
 def main() -> None:
-    """Print the tables that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("tables", nargs="*", choices=[*TABLES, []], default=[])
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2])

@@ -28,7 +28,6 @@ def measure(command: Sequence[str]) -> tuple[float, float]:
 
 
 def main() -> None:
-    """Print one row a command."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repeat", type=int, default=3)
     repeat = parser.parse_args().repeat

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from blind.geometry import View, cast
 
-from support.edge_rivals import RIVALS, reach_of_area, youngs_lines, youngs_points
+from support.edge_rivals import RIVALS, reach_of_area, youngs_points
 from support.edges import (
     between,
     camera,
@@ -17,7 +17,6 @@ from support.edges import (
     judge_places,
     matched,
     mixed,
-    worst_pixels,
     wrong_parts,
 )
 from support.lock_in import two_boards
@@ -29,28 +28,6 @@ TINY = View(rows=16, cols=20, fov_horizontal_deg=5.34, fov_vertical_deg=4.3, ran
 @pytest.fixture(scope="module")
 def half() -> Scene:
     return scene(half_plane(np.random.default_rng(4), TINY), TINY)
-
-
-def _area(normal: np.ndarray, reach: float) -> float:
-    """Area of the unit square where n . x <= c, by integrating lengths along x."""
-    x = (np.arange(20000) + 0.5) / 20000 - 0.5
-    a, b = normal
-    length = np.clip((reach - a * x) / b, -0.5, 0.5) + 0.5 if b > 0 else 0.5 - np.clip((reach - a * x) / b, -0.5, 0.5)
-    return float(length.mean())
-
-
-@pytest.mark.parametrize("turn_deg", [3.0, 45.0, 80.0, 130.0, 200.0, 301.0])
-@pytest.mark.parametrize("area", [0.01, 0.2, 0.5, 0.83])
-def test_area_on_one_side_of_a_line_is_the_requested_one(turn_deg: float, area: float) -> None:
-    normal = np.array([math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))])
-    assert _area(normal, float(reach_of_area(normal, np.array(area)))) == pytest.approx(area, abs=1e-4)
-
-
-def test_youngs_lines_of_an_exact_edge_along_the_grid_are_exact() -> None:
-    patch = np.repeat(np.array([[1.0], [0.3], [0.0]]), 3, axis=1)
-    normal, reach = youngs_lines(patch)
-    np.testing.assert_allclose(normal, [1.0, 0.0])
-    assert float(reach) == pytest.approx(-0.2)
 
 
 def test_shares_of_a_half_plane_are_the_areas_behind_its_edge(half: Scene) -> None:
@@ -102,16 +79,6 @@ def test_truth_is_judged_without_a_fault_and_a_wall_alone_by_the_nearer_shares(h
     nothing = judge_parts(half, np.full_like(far, np.nan), 100)
     assert (nothing.mean, nothing.none) == (1.0, 1.0)
     assert judge_parts(half, far, 100).none == 0.0
-
-
-def test_worst_pixels_are_named_with_truth_and_layers(half: Scene) -> None:
-    layers = counted(half, 100, 1)
-    image = half.truth.part_range_mm.copy()
-    row, col = (int(k[3]) for k in np.nonzero(mixed(half, 100)))
-    image[row * PARTS : (row + 1) * PARTS, col * PARTS : (col + 1) * PARTS] = np.nan
-    (line,) = worst_pixels(half, layers, wrong_parts(half, image, 100), 1)
-    assert line.startswith(f"pixel {row}, {col}: 1.00 wrong; true {half.truth.share[0, row, col]:.3f} at ")
-    assert f"layers {layers.weight[row, col, 0]:.3f} at " in line
 
 
 def test_rivals_are_better_the_more_they_use(half: Scene) -> None:

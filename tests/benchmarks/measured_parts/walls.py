@@ -74,7 +74,6 @@ def _sensor(image: tuple[int, int], frequency_hz: float, sigma_mm: float) -> Com
 
 
 def draw(seed: int, number: int) -> Case:
-    """Case `number` of a seed, from 0."""
     rng = np.random.default_rng([seed, number])
     small, raw, states = bool(number % 2), bool(number // 2 % 2), number % 3 == 0
     image = (1, int(rng.integers(8, 17))) if small else (1, int(rng.integers(24, 49)))

@@ -200,7 +200,6 @@ CASES = (
 
 
 def main(arguments: list[str]) -> None:
-    """Print the table."""
     parser = argparse.ArgumentParser(prog="not_there.py clutter", description=__doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2], help="recordings of each case (1 2)")
     parser.add_argument("--cases", type=int, nargs="+", help="rows of the table, from 0 on (all)")

@@ -88,7 +88,6 @@ def row(name: str, seed: int, frames: int, workers: int) -> str:
 
 
 def main(arguments: list[str]) -> None:
-    """Print the tables."""
     parser = argparse.ArgumentParser(prog="not_there.py filters", description=__doc__)
     parser.add_argument("--frames", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)

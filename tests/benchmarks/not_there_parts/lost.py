@@ -120,7 +120,6 @@ def row(case: Case, frames: int, seed: int) -> str:
 
 
 def main(arguments: list[str]) -> None:
-    """Print the table."""
     parser = argparse.ArgumentParser(prog="not_there.py lost", description=__doc__)
     parser.add_argument("--frames", type=int, nargs="+", default=[25, 100])
     parser.add_argument("--seed", type=int, default=1)

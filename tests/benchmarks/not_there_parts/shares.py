@@ -143,7 +143,6 @@ def print_shares(seeds: list[int]) -> None:
 
 
 def main(arguments: list[str]) -> None:
-    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2])
     print_shares(parser.parse_args(arguments).seeds)

@@ -31,24 +31,16 @@ NOISE = NoiseCurve(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Situation:
-    """A recording, and the layers of it that are not there.
-
-    Parameters
-    ----------
-    name : str
-        For the table.
-    recording : Recording
-        The samples.
-    absent : callable
-        From ranges (window, row, col, layer), mm, to whether each is of a thing that is not there.
-    options : dict
-        Of `tofmix.estimate`.
-    """
+    """A recording, and the layers of it that are not there."""
 
     name: str
+    """For the table."""
     recording: Recording
+    """The samples."""
     absent: Callable[[NDArray[np.floating]], NDArray[np.bool_]]
+    """From ranges (window, row, col, layer), mm, to whether each is of a thing that is not there."""
     options: dict[str, Any] = field(default_factory=dict)
+    """Of `tofmix.estimate`."""
 
 
 def beams(rows: int, cols: int, fov_deg: tuple[float, float]) -> NDArray[np.float64]:
@@ -282,7 +274,6 @@ def print_false_marks(folder: Path) -> None:
 
 
 def main(arguments: list[str]) -> None:
-    """Print both tables."""
     parser = argparse.ArgumentParser(prog="not_there.py suspects", description=__doc__)
     parser.add_argument("--seeds", type=int, default=4, help="simulations of each situation (4)")
     parser.add_argument("--first-seed", type=int, default=0, help="seed of the first of them (0)")
