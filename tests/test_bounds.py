@@ -377,27 +377,18 @@ def test_bounds_are_told_in_words(option: Option, bounds: str) -> None:
 TABLE = parse_toml("a = true\nb = ['x', 'y']\nc = 1\nd = 'long " + "x" * 90 + "'", source="f")
 
 
-def test_booleans_and_texts_are_read() -> None:
+def test_tables_are_read_by_type_and_refuse_wrong_ones_in_short() -> None:
     assert TABLE.boolean("a") is True
     assert TABLE.texts("b") == ("x", "y")
-
-
-def test_wrong_types_and_missing_keys_are_refused() -> None:
     with pytest.raises(BadInputError, match=r"^f: c: expected true or false, got a whole number, 1$"):
         TABLE.boolean("c")
     with pytest.raises(BadInputError, match=r"^f: a: expected a list of strings, got a boolean, true$"):
         TABLE.texts("a")
     with pytest.raises(BadInputError, match=r"^f: z: missing$"):
         TABLE.text("z")
-
-
-def test_long_values_are_cut() -> None:
     with pytest.raises(BadInputError) as caught:
         TABLE.number("d")
     assert len(str(caught.value)) < 110
-
-
-def test_nearest_lists_all_even_without_a_guess() -> None:
     assert nearest("zzz", ["b", "a"]) == "; known: a, b"
     assert nearest("bb", ["b", "a"]) == '; did you mean "b"? known: a, b'
 
@@ -413,11 +404,8 @@ def test_exit_codes_have_the_values_of_the_contract(kind: type[TofmixError], cod
     assert kind("x").exit_code == code
 
 
-def test_every_code_has_a_meaning() -> None:
+def test_exit_codes_have_meanings_and_os_errors_words() -> None:
     assert set(EXIT_CODE_MEANINGS) == set(ExitCode)
-
-
-def test_the_text_of_an_os_error_has_no_number() -> None:
     assert os_error_text(FileNotFoundError(2, "No such file or directory"), "a.h5") == "a.h5: No such file or directory"
     assert os_error_text(OSError("odd"), "a.h5") == "a.h5: odd"
 
@@ -425,9 +413,16 @@ def test_the_text_of_an_os_error_has_no_number() -> None:
 PACKAGE = Path(__file__).parents[1] / "tofmix"
 
 
-def test_one_is_singular_and_all_else_plural() -> None:
+def test_numbers_are_written_with_their_nouns_and_rounded() -> None:
     assert [counted(n, "pixel") for n in (0, 1, 2)] == ["0 pixels", "1 pixel", "2 pixels"]
     assert counted(25344, "pixel", ",") == "25,344 pixels"
+    assert number(None, ".2f") == "-"
+    assert number(None, missing="none") == "none"
+    assert number(0, ",") == "0"
+    assert [finite_or_none(value) for value in (math.nan, math.inf, 1.5, "nan", 2)] == [None, None, 1.5, "nan", 2]
+    assert rounded(1.23456789) == 1.23457
+    assert rounded(1234.5, 2) == 1200.0
+    assert math.copysign(1.0, rounded(-0.0)) == 1.0
 
 
 @pytest.mark.parametrize(
@@ -449,19 +444,6 @@ def test_one_is_singular_and_all_else_plural() -> None:
 )
 def test_zero_has_no_sign(value: float, form: str, text: str) -> None:
     assert number(value, form) == text
-
-
-def test_number_that_is_missing_has_the_text_for_it_and_a_whole_zero_no_digits() -> None:
-    assert number(None, ".2f") == "-"
-    assert number(None, missing="none") == "none"
-    assert number(0, ",") == "0"
-
-
-def test_values_for_json_are_finite_and_rounded_without_a_negative_zero() -> None:
-    assert [finite_or_none(value) for value in (math.nan, math.inf, 1.5, "nan", 2)] == [None, None, 1.5, "nan", 2]
-    assert rounded(1.23456789) == 1.23457
-    assert rounded(1234.5, 2) == 1200.0
-    assert math.copysign(1.0, rounded(-0.0)) == 1.0
 
 
 def test_only_counted_makes_plurals() -> None:

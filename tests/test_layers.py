@@ -22,9 +22,13 @@ from tofmix.points import POINT_DTYPE, LayerPoints, PointFilter, fields_of_names
 from tofmix.sensor import Sensor
 
 
-def test_the_list_and_the_class_agree() -> None:
+def test_layers_and_statuses_are_listed_once() -> None:
     assert [f.name for f in fields(Layers)] == [spec.name for spec in (*LAYER_FIELDS, *OPTIONAL_FIELDS)]
     assert len({spec.name for spec in LAYER_FIELDS}) == len(LAYER_FIELDS)
+    names = ["ok", "too_few_samples", "not_converged", "no_surface", "degenerate"]
+    assert [status_name(value) for value in range(5)] == names
+    assert set(STATUS_MEANINGS) == set(Status)
+    assert (status_name(9), mixing_name(9)) == ("status_9", "mixing_9")
 
 
 def test_empty_layers_have_zero_counts_and_nan_values() -> None:
@@ -44,16 +48,6 @@ def test_reshaped_layers_share_their_arrays() -> None:
     layers.range[5, 1] = 7.0
     assert image.range[1, 2, 1] == 7.0
     assert [a.shape for a in image.arrays()] == [a.reshape(2, 3, *a.shape[1:]).shape for a in layers.arrays()]
-
-
-def test_every_status_has_a_meaning_and_the_contracts_value() -> None:
-    names = ["ok", "too_few_samples", "not_converged", "no_surface", "degenerate"]
-    assert [status_name(value) for value in range(5)] == names
-    assert set(STATUS_MEANINGS) == set(Status)
-
-
-def test_values_without_a_name_are_named_by_their_number() -> None:
-    assert (status_name(9), mixing_name(9)) == ("status_9", "mixing_9")
 
 
 FRAMES = np.array([20, 20])

@@ -58,10 +58,16 @@ def test_windows_equal_brute_force(n: int, window: int, stride: int) -> None:
     assert plan.stop(0) == window
 
 
-def test_defaults_are_one_window_over_all() -> None:
+def test_cells_hold_the_frames_of_their_windows_and_stay_small() -> None:
     plan = plan_windows(17)
     assert (plan.count, plan.length, plan.frames_left_out) == (1, 17, 0)
     assert plan_windows(17, window=5).stride == 5
+    # Samples, not pixels, take the memory.
+    grid = plan_grid(plan_windows(20_000), (144, 176), row_step=8)
+    assert grid.step == (1, 1)
+    assert plan_grid(plan_windows(10**6, window=10**5), (1, 1)).step[0] == 10
+    grid = plan_grid(plan_windows(60, window=20, stride=7), (4, 4))
+    assert grid.frames(slice(1, 3)) == slice(7, 34)
 
 
 @pytest.mark.parametrize(("window", "stride"), [(0, 1), (1, 0), (-3, None)])
@@ -104,18 +110,6 @@ def test_cells_fit_the_image_and_its_chunks() -> None:
     assert step(300, 100, (10, 5000)) == (1, 1)
 
 
-def test_long_windows_make_small_cells() -> None:
-    # Samples, not pixels, take the memory.
-    grid = plan_grid(plan_windows(20_000), (144, 176), row_step=8)
-    assert grid.step == (1, 1)
-    assert plan_grid(plan_windows(10**6, window=10**5), (1, 1)).step[0] == 10
-
-
-def test_the_frames_of_a_cell_are_those_of_its_windows() -> None:
-    grid = plan_grid(plan_windows(60, window=20, stride=7), (4, 4))
-    assert grid.frames(slice(1, 3)) == slice(7, 34)
-
-
 LENGTH = 7495.0
 
 
@@ -127,10 +121,12 @@ def test_folding_takes_out_whole_turns(*, value: float, turns: int) -> None:
     assert min(away, LENGTH - away) < 1e-6
 
 
-def test_fold_keeps_invalid_values_and_zero() -> None:
+def test_fold_keeps_invalid_values_and_unknown_surfaces_its_cut() -> None:
     np.testing.assert_array_equal(
         fold([np.nan, np.inf, -np.inf, 0.0, -1e-20, LENGTH], LENGTH), [np.nan] * 3 + [0.0] * 3
     )
+    assert cut_between([np.nan, 30.0], [20.0, np.nan], 5000.0) == 0.0
+    assert cut_between([], [], 5000.0) == 0.0
 
 
 def test_sigma_is_the_files_outside_the_zone_after_the_fold(sensor: Sensor) -> None:
@@ -191,11 +187,6 @@ def test_cut_keeps_surfaces_across_the_fold_in_one_piece(places: list[float], si
         assert cut + 5000.0 - last == pytest.approx(first - cut, abs=1e-6)
 
 
-def test_surfaces_that_are_not_known_leave_the_circle_cut_at_the_fold() -> None:
-    assert cut_between([np.nan, 30.0], [20.0, np.nan], 5000.0) == 0.0
-    assert cut_between([], [], 5000.0) == 0.0
-
-
 def _medians(window: int, share: float) -> tuple[np.ndarray, np.ndarray]:
     """Running medians (frame, 4) of two surfaces 100 sigma apart, the nearer one with a share; and what is seen."""
     rng = np.random.default_rng(window)
@@ -216,10 +207,14 @@ def test_inverse_of_an_average_gives_the_samples(share: float) -> None:
     np.testing.assert_allclose(found[1:], samples[1:], atol=0.01)
 
 
-def test_rounding_of_stored_ranges_is_that_of_the_inverse() -> None:
+def test_rounding_of_stored_values_is_that_of_their_inverse() -> None:
     rounding = np.random.default_rng(3).uniform(-0.5, 0.5, (20_000, 3)).astype(np.float32)
     found = ExponentialAverage(0.1).independent(rounding, 0)
     assert np.nanstd(found) == pytest.approx(ExponentialAverage(0.1).rounding_mm(1.0), rel=0.02)
+    samples = _two_surfaces(103, 0.0)
+    means = _means(samples, 4)
+    exact, rounded = (RunningMean(4.0).independent(m.astype(np.float32), 0) for m in (means, np.rint(means)))
+    assert (rounded - exact).std() == pytest.approx(RunningMean(4.0).rounding_mm(1.0), rel=0.3)
 
 
 @pytest.mark.parametrize("window", [3, 5, 7])
@@ -268,7 +263,8 @@ def test_samples_of_means_are_the_samples_but_for_small_offsets_of_chains(window
     np.testing.assert_allclose(_means(found, window), means[window - 1 :], atol=0.1)
 
 
-def test_samples_of_means_that_began_with_the_recording_are_the_samples() -> None:
+def test_samples_of_means_are_restored() -> None:
+    np.testing.assert_array_equal(RunningMean(4.0).independent(np.full((30, 2), 5.0, np.float32), 0), 5.0)
     samples = _two_surfaces(100, 0.4)
     means = np.stack([samples[max(0, t - 2) : t + 1].mean(axis=0) for t in range(100)])
     found = RunningMean(3.0).independent(means.astype(np.float32), 0)
@@ -292,17 +288,6 @@ def test_samples_of_several_surfaces_are_unknown_in_runs_of_few_windows() -> Non
         solved = np.isfinite(RunningMean(8.0).independent(means, 0)).any(axis=0)
         assert solved.mean() == pytest.approx(float(known), abs=0.1)
         assert np.isfinite(RunningMean(8.0).likeliest(means)).all()
-
-
-def test_rounding_of_stored_means_is_that_of_their_samples() -> None:
-    samples = _two_surfaces(103, 0.0)
-    means = _means(samples, 4)
-    exact, rounded = (RunningMean(4.0).independent(m.astype(np.float32), 0) for m in (means, np.rint(means)))
-    assert (rounded - exact).std() == pytest.approx(RunningMean(4.0).rounding_mm(1.0), rel=0.3)
-
-
-def test_constant_means_are_constant_samples() -> None:
-    np.testing.assert_array_equal(RunningMean(4.0).independent(np.full((30, 2), 5.0, np.float32), 0), 5.0)
 
 
 def test_recording_is_the_same_read_in_blocks() -> None:

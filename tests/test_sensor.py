@@ -96,10 +96,12 @@ def test_an_unknown_measurement_is_refused_with_the_known_ones() -> None:
 FORMATS = (Path(__file__).parents[1] / "docs" / "reference" / "formats.md").read_text(encoding="utf-8")
 
 
-def test_each_number_is_a_field_of_what_files_of_its_kind_are_read_into() -> None:
+def test_numbers_of_a_camera_are_fields_of_what_files_are_read_into() -> None:
     of_recordings = {*SENSOR_NUMBERS, *RARE_SENSOR_NUMBERS}
     assert of_recordings <= {field.name for field in fields(Sensor)}
     assert set(NUMBERS) - set(RARE_SENSOR_NUMBERS) <= {field.name for field in fields(Camera)}
+    assert NUMBERS["range_max_mm"].refusal(1e6)
+    assert not NUMBERS["range_max_mm"].refusal(1e6, limited=False)
 
 
 @pytest.mark.parametrize("name", [*SENSOR_NUMBERS, *RARE_SENSOR_NUMBERS])
@@ -129,11 +131,6 @@ def test_values_at_the_bounds_are_taken_or_refused_as_declared(
 ) -> None:
     assert [NUMBERS[name].refusal(value) for value in inside] == [""] * len(inside)
     assert all(NUMBERS[name].refusal(value) for value in outside)
-
-
-def test_a_recording_may_have_values_above_those_of_a_simulated_camera() -> None:
-    assert NUMBERS["range_max_mm"].refusal(1e6)
-    assert not NUMBERS["range_max_mm"].refusal(1e6, limited=False)
 
 
 CHANCES = len(FALSE_ALARMS)
@@ -174,10 +171,16 @@ def test_learnt_noise_out_of_bounds_is_refused_by_name(other: dict[str, Any], te
         LearntNoise(**_values(**other))
 
 
-def test_equal_numbers_are_the_same_noise() -> None:
+def test_shapes_are_equal_by_their_numbers_and_copies_that_cannot_be_written() -> None:
     one = LearntNoise(**_values())
     assert one.same_as(LearntNoise(**_values()))
     assert not one.same_as(None)
+    values = _values()
+    learnt = LearntNoise(**values)
+    values["drift_mm"][0] = 99.0
+    assert learnt.drift_mm[0] == 3.0
+    with pytest.raises(ValueError, match="read-only"):
+        learnt.gain_more[0, 0, 0] = 1.0
 
 
 @pytest.mark.parametrize(
@@ -199,43 +202,25 @@ def test_any_other_number_is_another_noise(name: str, value: object) -> None:
     assert not other.same_as(one)
 
 
-def test_arrays_are_copies_that_cannot_be_written() -> None:
-    values = _values()
-    learnt = LearntNoise(**values)
-    values["drift_mm"][0] = 99.0
-    assert learnt.drift_mm[0] == 3.0
-    with pytest.raises(ValueError, match="read-only"):
-        learnt.gain_more[0, 0, 0] = 1.0
-
-
 Z = np.linspace(-12.0, 12.0, 2401)
 
 
-def test_gaussian_table_has_the_chances_and_moments_of_a_gaussian() -> None:
+def test_shapes_have_the_chances_of_their_density() -> None:
     shape = NoiseShape(Z, stats.norm.pdf(Z))
     at = np.linspace(-4.0, 4.0, 33)
     np.testing.assert_allclose(shape.cdf(at), stats.norm.cdf(at), atol=5e-6)
     np.testing.assert_allclose(shape.quantile(stats.norm.cdf(at)), at, atol=1e-4)
     np.testing.assert_allclose(shape.moments(), [0.0, 1.0, 0.0, 0.0], atol=1e-3)
-
-
-def test_standardised_moves_any_density_to_median_0_and_width_1() -> None:
     places = np.linspace(0.0, 400.0, 4001)
     shape = NoiseShape.standardised(places, stats.gamma.pdf(places, 4.0, scale=10.0))
     low, middle, high = shape.quantile(stats.norm.cdf([-1.0, 0.0, 1.0]))
     assert middle == pytest.approx(0.0, abs=1e-9)
     assert high - low == pytest.approx(2.0, abs=1e-9)
     assert shape.moments()[2] == pytest.approx(1.0, abs=0.01)  # 2 / sqrt(4)
-
-
-def test_shape_rebuilt_from_its_numbers_is_equal_to_the_last_digit() -> None:
     rng = np.random.default_rng(4)
     for points in (11, 57, 200):
         once = NoiseShape.standardised(np.sort(rng.normal(0.0, 3.0, points)), rng.uniform(0.1, 1.0, points))
         assert NoiseShape(once.z, once.density).same_as(once)
-
-
-def test_quantile_undoes_cdf_where_density_has_a_corner_or_is_0() -> None:
     shape = NoiseShape.standardised([-3.0, -1.0, 0.0, 2.0, 3.0, 6.0], [0.0, 1.0, 2.0, 0.1, 0.0, 0.0])
     chance = np.linspace(0.0, 1.0, 101)
     np.testing.assert_allclose(shape.cdf(shape.quantile(chance)), chance, atol=1e-12)
@@ -261,19 +246,13 @@ def test_invalid_noise_shapes_are_refused_with_the_reason(z: list[float], densit
 FOG = BackgroundDensity(np.array([0.0, 200.0, 700.0, 2000.0, 9000.0]), np.array([1e-3, 8.0, 3.0, 0.2, 0.01]))
 
 
-def test_the_area_of_a_density_is_one_whatever_its_scale() -> None:
+def test_densities_of_background_have_an_area_of_one_and_quantiles_that_invert_it() -> None:
     at = np.linspace(0.0, 9000.0, 90_001)
     assert np.trapezoid(FOG.at(at), at) == pytest.approx(1.0, abs=1e-6)
     assert BackgroundDensity(FOG.range_mm, FOG.density).same_as(FOG)
-
-
-def test_the_uniform_density_is_one_over_the_length() -> None:
     uniform = BackgroundDensity.uniform(300.0, 5300.0)
     np.testing.assert_allclose(uniform.at([0.0, 300.0, 1000.0, 9000.0]), 2e-4, rtol=1e-12)
     np.testing.assert_allclose(uniform.quantile([0.0, 0.25, 1.0]), [300.0, 1550.0, 5300.0], rtol=1e-12)
-
-
-def test_quantiles_invert_the_area_below() -> None:
     chance = np.linspace(0.0, 1.0, 101)
     at = np.linspace(0.0, 9000.0, 900_001)
     below = np.concatenate([[0.0], np.cumsum(0.5 * (FOG.at(at)[1:] + FOG.at(at)[:-1]) * np.diff(at))])

@@ -84,18 +84,27 @@ def test_to_xarray_equals_the_saved_file_opened_with_xarray(recording: Path, tmp
             np.testing.assert_array_equal(variable.values, file[name].values)
 
 
-def test_save_does_not_replace_a_file_without_overwrite(recording: Path, tmp_path: Path) -> None:
+def test_recordings_are_saved_and_opened_and_nothing_else(recording: Path, tmp_path: Path) -> None:
+    source = tm.open(recording)
+    assert isinstance(source, tm.Recording)
+    again = tm.open(source.with_sensor(name="mine").save(tmp_path / "b.h5"))
+    assert isinstance(again, tm.Recording)
+    assert again.sensor.name == "mine"
+    np.testing.assert_array_equal(again.range_mm, source.range_mm)
     found = tm.estimate(recording)
     (tmp_path / "there.h5").write_bytes(b"mine")
     with pytest.raises(UsageError, match="exists"):
         found.save(tmp_path / "there.h5")
     assert (tmp_path / "there.h5").read_bytes() == b"mine"
+    saved = tm.estimate(recording).save(tmp_path / "a.layers.h5")
+    with pytest.raises(BadInputError, match="a layers file, not a recording"):
+        tm.estimate(saved)
 
 
 SCALES: tuple[tuple[Units, float], ...] = (("mm", 1.0), ("cm", 10.0), ("m", 1000.0))
 
 
-def test_from_array_in_metres_equals_the_same_array_in_millimetres(recording: Path) -> None:
+def test_from_array_takes_metres_fill_values_and_masked_ones(recording: Path) -> None:
     source = tm.open(recording)
     assert isinstance(source, tm.Recording)
     ranges = source.range_mm.astype(np.float64)
@@ -104,6 +113,21 @@ def test_from_array_in_metres_equals_the_same_array_in_millimetres(recording: Pa
         np.testing.assert_allclose(other.range, layers[0].range, rtol=1e-6)
     with pytest.raises(ValueError, match="units: 'inch' is not one of mm, cm, m"):
         tm.from_array(ranges, units="inch")  # type: ignore[arg-type]
+    ranges = np.array([[[0, 65535]]] * 5, dtype="u2")
+    np.testing.assert_array_equal(tm.from_array(ranges, units="mm", keep_values=True).range_mm, ranges)
+    ranges = np.ma.masked_greater(np.array([[[1500.0, 2000.0]]] * 5), 1600.0)
+    assert np.isnan(tm.from_array(ranges, units="mm").range_mm).sum(axis=0).tolist() == [[0, 5]]
+    ranges = np.ma.array(np.full((6, 2, 2), 900.0), mask=False)
+    ranges[0, 0], ranges[1, 0, 0], ranges[2, 1, 1] = 0.0, np.nan, np.inf
+    ranges[3, 0, 1] = 1e20  # below the mask: not a fill value that nobody names
+    ranges[3] = np.ma.masked
+    status = np.full(ranges.shape, 5)
+    status[5, 1] = status[0, 0] = 4
+    found = tm.from_array(ranges, units="mm", status=status, valid_status=(5,))
+    assert found.dropped == {"zero": 2, "NaN": 1, "masked": 4, "infinite": 1, "status": 2}
+    assert np.isnan(found.range_mm).sum() == sum(found.dropped.values())
+    assert found.with_sensor(name="other").dropped == found.dropped
+    assert tm.from_array(np.ones((2, 1, 1)), units="m").dropped == {}
 
 
 @pytest.mark.parametrize("dtype", ["u2", "f4", "f8"])
@@ -130,16 +154,6 @@ def test_from_array_drops_fill_values_and_says_how_many(dtype: str, units: Units
     with pytest.warns(DoubtWarning, match=f"from_array: no samples: 3 {reason}; keep_values=True"):
         found = tm.from_array(ranges, units=units).range_mm
     assert np.isnan(found).sum(axis=0).tolist() == [[0, 3]]
-
-
-def test_from_array_keeps_fill_values_and_zeros_if_asked() -> None:
-    ranges = np.array([[[0, 65535]]] * 5, dtype="u2")
-    np.testing.assert_array_equal(tm.from_array(ranges, units="mm", keep_values=True).range_mm, ranges)
-
-
-def test_from_array_takes_masked_values_for_no_samples() -> None:
-    ranges = np.ma.masked_greater(np.array([[[1500.0, 2000.0]]] * 5), 1600.0)
-    assert np.isnan(tm.from_array(ranges, units="mm").range_mm).sum(axis=0).tolist() == [[0, 5]]
 
 
 @pytest.mark.filterwarnings("ignore:from_array.*for this image")
@@ -192,26 +206,11 @@ def test_from_array_puts_frames_in_order_and_says_so() -> None:
         tm.from_array(frames, units="mm", time_s=stamps[:3])
 
 
-def test_from_array_counts_what_it_drops_by_reason() -> None:
-    ranges = np.ma.array(np.full((6, 2, 2), 900.0), mask=False)
-    ranges[0, 0], ranges[1, 0, 0], ranges[2, 1, 1] = 0.0, np.nan, np.inf
-    ranges[3, 0, 1] = 1e20  # below the mask: not a fill value that nobody names
-    ranges[3] = np.ma.masked
-    status = np.full(ranges.shape, 5)
-    status[5, 1] = status[0, 0] = 4
-    found = tm.from_array(ranges, units="mm", status=status, valid_status=(5,))
-    assert found.dropped == {"zero": 2, "NaN": 1, "masked": 4, "infinite": 1, "status": 2}
-    assert np.isnan(found.range_mm).sum() == sum(found.dropped.values())
-    assert found.with_sensor(name="other").dropped == found.dropped
-    assert tm.from_array(np.ones((2, 1, 1)), units="m").dropped == {}
-
-
-def test_from_array_says_that_no_sample_is_left() -> None:
+def test_from_array_says_or_refuses_what_no_camera_measures() -> None:
     with pytest.warns(DoubtWarning, match=r"^from_array: no valid sample: 24 zero$"):
         tm.from_array(np.zeros((4, 2, 3)), units="mm")
-
-
-def test_from_array_refuses_a_camera_matrix() -> None:
+    with pytest.warns(DoubtWarning, match=r"half of the ranges are above 1500 m; .*: units='mm'"):
+        tm.from_array(np.full((5, 1, 1), 1500.0), units="m")
     matrix = np.array([[310.5, 0.0, 160.0], [0.0, 311.0, 120.0], [0.0, 0.0, 1.0]])
     for array in (matrix[np.newaxis], matrix):
         with pytest.raises(ValueError, match="is a camera matrix, not ranges"):
@@ -253,11 +252,6 @@ def test_from_array_says_that_times_count_another_unit_since_1970_and_refuses_wo
 def test_from_array_says_that_a_lens_is_doubtful(lens: dict[str, Any], said: str) -> None:
     with pytest.warns(DoubtWarning, match=f"^from_array: {said}"):
         tm.from_array(np.full((3, 10, 12), 800.0), units="mm", depth_axis="z", **lens)
-
-
-def test_from_array_says_that_no_camera_measures_so_far() -> None:
-    with pytest.warns(DoubtWarning, match=r"half of the ranges are above 1500 m; .*: units='mm'"):
-        tm.from_array(np.full((5, 1, 1), 1500.0), units="m")
 
 
 @pytest.mark.filterwarnings("ignore:from_array.*for this image")
@@ -337,21 +331,6 @@ def test_simulate_gives_the_samples_that_the_command_writes(tmp_path: Path) -> N
     assert memory.truth.n_modes.shape == memory.shape[1:]
 
 
-def test_recording_saved_and_opened_again_is_the_same(recording: Path, tmp_path: Path) -> None:
-    source = tm.open(recording)
-    assert isinstance(source, tm.Recording)
-    again = tm.open(source.with_sensor(name="mine").save(tmp_path / "b.h5"))
-    assert isinstance(again, tm.Recording)
-    assert again.sensor.name == "mine"
-    np.testing.assert_array_equal(again.range_mm, source.range_mm)
-
-
-def test_layers_are_refused_as_a_recording(recording: Path, tmp_path: Path) -> None:
-    saved = tm.estimate(recording).save(tmp_path / "a.layers.h5")
-    with pytest.raises(BadInputError, match="a layers file, not a recording"):
-        tm.estimate(saved)
-
-
 def test_plot_draws_a_pixel_and_the_whole_image_and_refuses_pixels_that_are_not_there(recording: Path) -> None:
     found = tm.estimate(recording)
     png = b"\x89PNG"
@@ -425,18 +404,12 @@ def test_open_warns_of_many_exact_zeros(tmp_path: Path) -> None:
 PAGE = Path(__file__).parents[2] / "docs/reference/python.md"
 
 
-def test_page_is_what_the_command_prints() -> None:
+def test_reference_is_what_the_command_prints_with_a_heading_a_name_and_an_item_a_parameter() -> None:
     assert PAGE.read_text(encoding="utf-8") == reference(), f"run: {COMMAND}"
-
-
-def test_every_public_name_has_a_heading() -> None:
     headings = {
         line.lstrip("# ").removeprefix("tofmix.") for line in reference().splitlines() if line.startswith("###")
     }
     assert set(tofmix.__all__) - {"__version__"} <= headings
-
-
-def test_parameters_are_items_with_their_types_and_texts() -> None:
     assert '- `units`, {"mm", "cm", "m"}: Unit of `ranges`.' in reference()
     assert "numpy.ndarray" not in reference()
 

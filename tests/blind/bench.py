@@ -100,7 +100,6 @@ def read_results(path: Path) -> list[dict[str, Any]]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Do what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--output", type=Path, required=True, help="folder of the results")
     parser.add_argument("--select", nargs="*", default=[], help="beginnings of case names")

@@ -115,17 +115,6 @@ class Exposure:
     """All frames of a recording on their way through the camera; mechanisms change it in place.
 
     Arrays are (frame, pixel) unless said otherwise.
-
-    Parameters
-    ----------
-    layer : which surface of the beam the light is from, near to far; -1: no surface.
-    surface : its number in the scene; -1: none.
-    true_mm : its range; 0: none.
-    z : phasor of the modulated light, electrons.
-    charge : mean electrons of a tap, signal included.
-    harmonics : {order: (share, phase)} of the modulation.
-    lost : samples that the camera does not deliver.
-    seed : the recording's.
     """
 
     device: Device
@@ -142,6 +131,7 @@ class Exposure:
     lost: Array
     seed: int = 0
     harmonics: dict[int, tuple[float, float]] = field(default_factory=dict)
+    """{order: (share, phase)} of the modulation.. """
     ambient_gain: float = 1.0  # of the noise where nothing came back
     temperature_c: Array | None = None
 

@@ -57,7 +57,6 @@ class Trial:
         return scores(range_mm.reshape(len(range_mm), -1).astype(float), self.beams, self.device, self.noise, rng)
 
     def main(self) -> Array:
-        """Pixels of one surface."""
         return np.asarray(self.beams.share[0] > 0.999)
 
 
@@ -245,7 +244,6 @@ def _enough(nulls: Array, limit: float, seen: Array, strength: float, power: int
 
 
 def main() -> None:
-    """Print what is found, kind by kind."""
     for kind in sys.argv[1:] or [k for k in strengths() if k != "phase_wrapping"]:
         found, hits = measure(kind)
         print(f"[{kind}]\nfound = {found:.3g}  # seen in {hits:.2f} of {CHECKS}\n", flush=True)

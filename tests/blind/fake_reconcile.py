@@ -16,7 +16,6 @@ from blind.write import effect_tables
 
 
 def main(arguments: list[str]) -> None:
-    """Write a reconciliation folder."""
     what, model, _, _, output = arguments
     folder = Path(output)
     folder.mkdir(parents=True)

@@ -48,7 +48,6 @@ def selected(names: list[str], sealed_seed: int | None) -> list[tuple[Case, int]
 
 
 def main() -> None:
-    """Write the cases that the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--output", type=Path, required=True)
     parser.add_argument("--select", nargs="*", default=[], help="beginnings of case names")

@@ -53,20 +53,14 @@ class Lens:
     """A pinhole with radial distortion, in units that stay the same if the image has other numbers of rows and columns.
 
     A point at the undistorted tangents (x, y) is imaged at (x, y) (1 + k1 s + k2 s^2 + k3 s^3), s = x^2 + y^2.
-
-    Parameters
-    ----------
-    focal : tuple of float
-        Focal lengths in image widths and image heights.
-    off_center : tuple of float
-        Where the axis meets the image, from its middle to the right and down, in image widths and heights.
-    radial : tuple of float
-        k1, k2, k3.
     """
 
     focal: tuple[float, float]
+    """Focal lengths in image widths and image heights."""
     off_center: tuple[float, float] = (0.0, 0.0)
+    """Where the axis meets the image, from its middle to the right and down, in image widths and heights."""
     radial: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """k1, k2, k3."""
 
     def distorted(self, radius: Array) -> Array:
         """Imaged radius of undistorted radii, both as tangents."""
@@ -171,27 +165,18 @@ class View:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Beams:
-    """What each pixel's beam meets, from near to far; L is the largest number of surfaces in one beam.
-
-    Parameters
-    ----------
-    share : (L, pixel) float64
-        Area shares; 0 where a beam has fewer surfaces.
-    range_mm : (L, pixel) float64
-        Mean range of each surface's part of the beam.
-    cosine : (L, pixel) float64
-        Mean cosine of incidence.
-    surface : (L, pixel) int64
-        Number of the surface; -1 where there is none.
-    nothing : (pixel,) float64
-        The share that meets no surface.
-    """
+    """What each pixel's beam meets, from near to far; L is the largest number of surfaces in one beam."""
 
     share: Array
+    """(L, pixel) float64. Area shares; 0 where a beam has fewer surfaces."""
     range_mm: Array
+    """(L, pixel) float64. Mean range of each surface's part of the beam."""
     cosine: Array
+    """(L, pixel) float64. Mean cosine of incidence."""
     surface: Array
+    """(L, pixel) int64. Number of the surface; -1 where there is none."""
     nothing: Array
+    """(pixel,) float64. The share that meets no surface."""
 
 
 def direction(azimuth: Array, elevation: Array) -> Array:

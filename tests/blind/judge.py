@@ -26,14 +26,9 @@ ERRORS = 3.0
 def judge(gap: dict[str, Any], built: Built, folder: Path) -> dict[str, Any]:
     """Names, verdict, place and parameters of a reconciliation.
 
-    Parameters
-    ----------
-    gap : dict
-        The parsed `gap.json`.
-    built : Built
-        The case.
-    folder : Path
-        The reconciliation's folder, for maps.
+    `gap`: the parsed `gap.json`.
+    `built`: the case.
+    `folder`: the reconciliation's folder, for maps.
     """
     named = [str(e["kind"]) for e in gap.get("effects", [])]
     truth = built.truth()

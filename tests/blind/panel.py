@@ -21,22 +21,15 @@ _LEAST = 20  # samples that a pixel must have in each recording
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Statistic:
-    """One line of the panel.
-
-    Parameters
-    ----------
-    statistic, axis : str
-        What is compared, and over what; `map` is pixel by pixel.
-    distance : float
-        In units of its chance level: root mean square deviation over the bins; 1 by chance.
-    z : float
-        Standard normal by chance, large where the recordings differ.
-    """
+    """One line of the panel."""
 
     statistic: str
     axis: str
+    """`statistic`, `axis`: what is compared, and over what; `map` is pixel by pixel."""
     distance: float
+    """In units of its chance level: root mean square deviation over the bins; 1 by chance."""
     z: float
+    """Standard normal by chance, large where the recordings differ."""
 
 
 def compare(a: Recording, b: Recording, *, seed: int = 0) -> list[Statistic]:

@@ -15,17 +15,12 @@ from blind.geometry import Array, Beams, Surface
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AmplitudeTable:
-    """Sigma by amplitude as in a model file: a factor, a power law between its points, constant beyond.
-
-    Parameters
-    ----------
-    reference : reported amplitude at which the table's sigma holds, for each of its ranges.
-    amplitude, factor : ascending amplitudes and the factor on sigma at each; only ratios of factors matter.
-    """
+    """Sigma by amplitude as in a model file: a factor, a power law between its points, constant beyond."""
 
     reference: Array
     amplitude: Array
     factor: Array
+    """`amplitude`, `factor`: """
 
     def log_factor(self, amplitude: Array) -> Array:
         """Logarithm of the factor."""

@@ -53,16 +53,7 @@ def simulate(model: Path, seed: int) -> Recording:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """What is done with a case.
-
-    Parameters
-    ----------
-    reconcile : command that gets MODEL MEASURED -o FOLDER; None: gaps and ceiling alone.
-    ceiling : whether to simulate the true effect too.
-    second : whether to go to the second scene.
-    small : whether images are small and frames few.
-    simulate : the recording that a model file and a seed give.
-    """
+    """What is done with a case."""
 
     reconcile: tuple[str, ...] | None = RECONCILE
     ceiling: bool = True
@@ -74,11 +65,8 @@ class Plan:
 def score(built: Built, work: Path, plan: Plan) -> dict[str, Any]:
     """Score one case in a working folder, which is removed afterwards.
 
-    Returns
-    -------
-    dict
-        What JSON can hold: the case, the truth, the panel before, gaps before, after, floor and ceiling, and what the
-        reconciliation said.
+    Returns dict: what JSON can hold: the case, the truth, the panel before, gaps before, after, floor and ceiling, and
+      what the reconciliation said.
     """
     folder = work / f"{crc32(built.case.name.encode()) ^ built.seeds[0]:08x}"
     shutil.rmtree(folder, ignore_errors=True)

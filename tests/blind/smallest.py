@@ -57,15 +57,10 @@ class Cell:
 
 @dataclass(slots=True)
 class Search:
-    """What the recordings so far say of the magnitude, in octaves above `clear`.
-
-    Parameters
-    ----------
-    log_likelihood : (middle, width) float64
-        Of all that was tried.
-    """
+    """What the recordings so far say of the magnitude, in octaves above `clear`."""
 
     log_likelihood: Array
+    """(middle, width) float64. Of all that was tried."""
 
     def __init__(self) -> None:
         self.log_likelihood = np.zeros((_MIDDLE.size, _WIDTH.size))

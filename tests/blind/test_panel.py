@@ -1,11 +1,15 @@
+"""Statistics of two recordings: each shows its own change, and noise alone changes none."""
+
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from blind.camera import Device, Recording, record
+from blind.geometry import Array
 from blind.panel import compare, gap
 from blind.scenes import draw_scene
+from blind.two_samples import Test, blocks_of, two_samples
 
 DEVICE = Device(name="test camera", rows=32, cols=40, frames=120)
 SCENE = draw_scene("boards", [2], DEVICE.view).surfaces
@@ -85,3 +89,161 @@ def test_each_statistic_shows_its_own_change(
     else:
         r = np.where(frames % 20 < 5, middle + 1.5 * (r - middle), r)
     assert _z(replace(one, range_mm=r.astype(np.float32)), two)[seen] > 6
+
+
+SIGMA_MM = 12.0
+
+
+def _noise(rng: np.random.Generator, shape: tuple[int, int, int], memory: float = 0.0) -> Array:
+    """Standard normal noise, of an autoregression from frame to frame."""
+    out: Array = rng.standard_normal(shape)
+    for frame in range(1, len(out)):
+        out[frame] = memory * out[frame - 1] + np.sqrt(1 - memory**2) * out[frame]
+    return out
+
+
+def _recording(samples: Array) -> Recording:
+    samples = np.rint(samples).astype(np.float32)
+    return Recording(
+        range_mm=samples, amplitude=np.ones_like(samples), time_s=np.arange(len(samples)) / 25.0, temperature_c=None
+    )
+
+
+def _scene(rng: np.random.Generator, image: tuple[int, int]) -> Array:
+    return np.asarray(rng.uniform(1500, 4000, image))
+
+
+def _p_values(seeds: int, frames: int, memory: float = 0.0, common: float = 0.0) -> Array:
+    """P-values (seed, test) of two recordings of one camera."""
+    found = []
+    for seed in range(seeds):
+        rng = np.random.default_rng([seed, 5])
+        base = _scene(rng, (8, 10))
+        pair = []
+        for _ in range(2):
+            noise = _noise(rng, (frames, 8, 10), memory) + common * rng.standard_normal((frames, 1, 1))
+            pair.append(_recording(base + SIGMA_MM * noise))
+        found.append([t.p for t in two_samples(*pair, seed=seed, permutations=39)])
+    return np.array(found)
+
+
+def _assert_level(p: Array, level: float) -> None:
+    """The share of p-values at or below a level is not above it by more than three standard errors."""
+    highest = level + 3 * np.sqrt(level * (1 - level) / len(p))
+    assert ((p <= level).mean(axis=0) <= highest).all(), (p <= level).mean(axis=0)
+
+
+@pytest.mark.parametrize(("memory", "common"), [(0.0, 0.0), (0.3, 0.0), (0.0, 0.3)])
+def test_recordings_of_one_distribution_differ_no_more_often_than_the_level_says(memory: float, common: float) -> None:
+    p = _p_values(40, 160 if memory else 64, memory, common)
+    for level in (0.05, 0.2):
+        _assert_level(p, level)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("memory", "common"), [(0.0, 0.0), (0.5, 0.0), (0.0, 1.0)])
+def test_p_values_of_one_distribution_are_uniform_over_many_seeds(memory: float, common: float) -> None:
+    p = _p_values(120, 160 if memory else 64, memory, common)
+    for level in (0.05, 0.1, 0.25, 0.5):
+        _assert_level(p, level)
+    if not memory:
+        assert (p.mean(axis=0) > 0.42).all()
+        assert (p.mean(axis=0) < 0.6).all()  # ties of the permutations' grid lift it a little
+
+
+def test_limit_is_the_highest_of_99_permutations() -> None:
+    """So a test rejects exactly where its p-value is the least that 99 permutations can give."""
+    for seed in range(4):
+        rng = np.random.default_rng([seed, 6])
+        base = _scene(rng, (6, 8))
+        pair = [_recording(base + SIGMA_MM * (_noise(rng, (64, 6, 8)) + 0.05 * seed * k)) for k in range(2)]
+        for test in two_samples(*pair, seed=seed):
+            assert test.differs == (test.p == 0.01)
+
+
+def _changed(change: str, base: Array, rng: np.random.Generator) -> Array:
+    shape = (120, *base.shape)
+    noise = _noise(rng, shape, 0.3 if change == "memory" else 0.0)
+    if change == "jitter":
+        noise = np.sqrt(0.96) * noise + 0.2 * rng.standard_normal((shape[0], 1, 1))
+    if change == "neighbours":
+        noise[:, :, 1:] = np.sqrt(0.91) * noise[:, :, 1:] + 0.3 * noise[:, :, :-1]
+    out = base + SIGMA_MM * noise * (1.1 if change == "wider" else 1.0)
+    if change == "shift":
+        out += 0.3 * SIGMA_MM
+    if change == "board":
+        out[:, 4:8, 4:8] -= 0.6 * SIGMA_MM
+    if change == "one pixel":
+        out[:, 3, 5] = np.rint(base[3, 5]) + 3
+    if change == "lost":
+        out[rng.random(shape) < 0.01] = np.nan
+    if change == "lost in one pixel":
+        out[:, 3, 5] = np.where(rng.random(shape[0]) < 0.4, np.nan, out[:, 3, 5])
+    return np.asarray(out)
+
+
+@pytest.mark.parametrize(
+    ("change", "seen"),
+    [
+        ("shift", ("energy", "classifier")),
+        ("wider", ("energy", "classifier")),
+        ("board", ("energy",)),
+        ("one pixel", ("energy_pixel",)),
+        ("lost", ("classifier",)),
+        ("lost in one pixel", ("energy_pixel",)),
+        ("memory", ("classifier",)),
+        ("jitter", ("classifier",)),
+        ("neighbours", ("classifier",)),
+    ],
+)
+def test_change_of_the_recording_is_detected(change: str, seen: tuple[str, ...], rng: np.random.Generator) -> None:
+    base = _scene(rng, (16, 20))
+    plain = _recording(base + SIGMA_MM * _noise(rng, (120, 16, 20)))
+    tests = {t.name: t for t in two_samples(plain, _recording(_changed(change, base, rng)))}
+    for name in seen:
+        assert tests[name].differs, tests[name]
+
+
+def test_two_sample_statistics_are_the_same_in_either_order(rng: np.random.Generator) -> None:
+    base = _scene(rng, (8, 10))
+    one, two = (_recording(base + SIGMA_MM * _noise(rng, (64, 8, 10))) for _ in range(2))
+    for there, back in zip(two_samples(one, two), two_samples(two, one), strict=True):
+        assert isinstance(there, Test)
+        assert there.value == pytest.approx(back.value, abs=1e-3)
+
+
+def test_energy_distance_is_that_of_its_definition(rng: np.random.Generator) -> None:
+    """The quadratic form, summed over all blocks, is 2 E|X - Y| - E|X - X'| - E|Y - Y'| in units of the spread."""
+    from blind.two_samples import _forms
+
+    x, y = rng.normal(0, 5, 30), rng.normal(2, 6, 30)
+    pooled = np.concatenate([x, y])
+
+    def mean_distance(a: Array, b: Array) -> float:
+        return float(np.abs(a[:, None] - b).mean())
+
+    energy = 2 * mean_distance(x, y) - mean_distance(x, x) - mean_distance(y, y)
+    form = _forms(pooled[None].astype(np.float32), np.arange(30) // 6, 5)[0]
+    assert 2 * form.sum() / 30**2 == pytest.approx(energy / mean_distance(pooled, pooled), rel=1e-4)
+
+
+def test_frames_left_out_between_blocks_are_as_many_as_the_memory(rng: np.random.Generator) -> None:
+    shape = (2, 300, 6, 8)
+    fresh = rng.standard_normal(shape)
+    held = np.stack([_noise(rng, shape[1:], 0.5) for _ in range(2)])
+    shared = np.stack([np.broadcast_to(_noise(rng, (300, 1, 1), 0.6), shape[1:]) for _ in range(2)])
+    assert blocks_of(fresh)[1] == 0
+    assert 5 <= blocks_of(held)[1] <= 6  # 0.5^6 is below 0.02
+    assert blocks_of(held)[0] > blocks_of(fresh)[0]
+    assert blocks_of(fresh + shared)[1] > 1
+
+
+def test_pixels_without_a_valid_sample_or_without_noise_are_passed_over(rng: np.random.Generator) -> None:
+    base = _scene(rng, (6, 8))
+    one, two = (_recording(base + SIGMA_MM * _noise(rng, (64, 6, 8))) for _ in range(2))
+    for recording in (one, two):
+        recording.range_mm[:, 0, 0] = np.nan
+        recording.range_mm[:, 1, 1] = 2000.0
+    assert not any(t.differs for t in two_samples(one, two))
+    empty = replace(one, range_mm=np.full_like(one.range_mm, np.nan))
+    assert not any(t.differs for t in two_samples(empty, empty))

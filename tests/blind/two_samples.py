@@ -41,27 +41,19 @@ _RIDGE = 1e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Test:
-    """One two-sample test.
-
-    Parameters
-    ----------
-    name : str
-        `energy`: mean over the pixels; `energy_pixel`: the pixel that differs most; `classifier`.
-    value : float
-        Energy distances: without bias (0 by chance), in standard deviations of the null for `energy`, in median
-        magnitudes under the swaps for `energy_pixel`. The classifier's area under the curve (0.5).
-    limit : float
-        99 % quantile of the null, in the same unit.
-    p : float
-        Share of the permutations, the recordings as they are among them, that reach the value.
-    """
+    """One two-sample test."""
 
     __test__ = False  # for pytest
 
     name: str
+    """`energy`: mean over the pixels; `energy_pixel`: the pixel that differs most; `classifier`."""
     value: float
+    """Energy distances: without bias (0 by chance), in standard deviations of the null for `energy`, in median
+    magnitudes under the swaps for `energy_pixel`. The classifier's area under the curve (0.5)."""
     limit: float
+    """99 % quantile of the null, in the same unit."""
     p: float
+    """Share of the permutations, the recordings as they are among them, that reach the value."""
 
     @property
     def differs(self) -> bool:

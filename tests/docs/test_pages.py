@@ -57,30 +57,27 @@ def leads_nowhere(page: Path, link: str) -> bool:
     return not target.exists() or bool(anchor and target.suffix == ".md" and anchor not in anchors(target.resolve()))
 
 
-def test_every_link_leads_to_a_file_and_a_heading_that_exist() -> None:
+def test_pages_are_listed_and_short_and_their_links_lead_somewhere() -> None:
     assert sum(len(links(page)) for page in PAGES) > 100
     dead = [f"{page.relative_to(ROOT)}: {link}" for page in PAGES for link in links(page) if leads_nowhere(page, link)]
     assert not dead, "\n".join(dead)
-
-
-def test_index_lists_every_page_of_docs() -> None:
     index = ROOT / "docs/index.md"
     listed = {(index.parent / link).resolve() for link in links(index)}
     missing = [n for p, n in zip(PAGES, NAMES, strict=True) if n.startswith("docs/") and p not in {*listed, index}]
     assert not missing, "\n".join(missing)
-
-
-def test_readme_and_tutorials_are_short() -> None:
     words = {page: len(page.read_text(encoding="utf-8").split()) for page in (ROOT / "README.md", *TUTORIALS)}
     assert words.pop(ROOT / "README.md") < MOST_WORDS_OF_README
     assert max(words.values()) < MOST_WORDS_OF_A_TUTORIAL
 
 
-def test_every_script_that_a_page_runs_exists() -> None:
+def test_scripts_of_pages_exist_and_a_wrong_command_has_a_fault() -> None:
     named = {(name, s) for p, name in zip(PAGES, NAMES, strict=True) for s in SCRIPT.findall(p.read_text("utf-8"))}
     assert len(named) > 10
     missing = [f"{name}: {script}" for name, script in named if not (ROOT / script).is_file()]
     assert not missing, "\n".join(missing)
+    assert fault_of(["tofmix", "estimate", "x.h5", "--sigmas", "tied"]) != ""
+    assert fault_of(["tofmix", "estimates", "x.h5"]) != ""
+    assert fault_of(["tofmix", "estimate", "x.h5", "--sigma", "tied"]) == ""
 
 
 def commands(page: Path) -> list[list[str]]:
@@ -106,12 +103,6 @@ def fault_of(words: list[str]) -> str:
     except click.UsageError as error:
         return error.format_message()
     return ""
-
-
-def test_a_wrong_option_or_command_has_a_fault() -> None:
-    assert fault_of(["tofmix", "estimate", "x.h5", "--sigmas", "tied"]) != ""
-    assert fault_of(["tofmix", "estimates", "x.h5"]) != ""
-    assert fault_of(["tofmix", "estimate", "x.h5", "--sigma", "tied"]) == ""
 
 
 @pytest.mark.parametrize("kind", ["README.md", "docs/tutorials", "docs/how-to", "docs/reference", "docs/explanation"])
@@ -189,10 +180,13 @@ def test_every_fenced_block_is_run_or_parsed() -> None:
         assert set(fences[1::2]) == {""}, name
 
 
-def test_the_model_of_the_page_is_read() -> None:
+def test_model_and_statuses_of_the_pages_are_those_of_the_code() -> None:
     page = (DOCS / "reference/formats.md").read_text(encoding="utf-8")
     (text,) = re.findall(r"^```toml\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
     assert parse_model(text, source="docs/reference/formats.md").surfaces[0].name == "white board"
+    page = (DOCS / "reference/formats.md").read_text(encoding="utf-8")
+    for status, meaning in STATUS_MEANINGS.items():
+        assert f"| {int(status)} | {status_name(status)} | {meaning}" in page.replace("`", "")
 
 
 FIELDS = (*RECORDING_FIELDS, *TRUTH_FIELDS, RANGE_TRUE_FRAMES, *LAYERS_FIELDS, *LAW_FIELDS, *SURFACES_FIELDS)
@@ -207,12 +201,6 @@ def test_each_dataset_of_a_file_has_a_row_with_its_dimensions_type_and_unit(spec
     assert any(
         [dims, units] == expected and np.dtype(spec.dtype).name in kind.split(" or ") for dims, kind, units in rows
     ), rows
-
-
-def test_the_table_of_statuses_is_that_of_the_code() -> None:
-    page = (DOCS / "reference/formats.md").read_text(encoding="utf-8")
-    for status, meaning in STATUS_MEANINGS.items():
-        assert f"| {int(status)} | {status_name(status)} | {meaning}" in page.replace("`", "")
 
 
 PAGE = (ROOT / "docs/explanation/reliability.md").read_text()

@@ -79,12 +79,19 @@ def test_exponential_average_is_found_with_its_share(share: float, frames: int) 
     assert found.parameter == pytest.approx(share, rel=0.01)
 
 
-def test_exponential_average_is_found_where_only_mixed_pixels_have_their_mean_range() -> None:
+def test_exponential_average_and_no_other_is_found() -> None:
     scene = Scene((48, 64), 1)
     assert scene.mixed.sum() > 200
     found = _found(averaged(scene.draw(FRAMES), 0.2))
     assert isinstance(found, ExponentialAverage)
     assert found.parameter == pytest.approx(0.2, rel=0.004)
+    samples = Scene(SHAPE, 6).draw(2 * FRAMES)
+    assert _found(np.repeat(samples, 2, axis=0), 2 * FRAMES) is None
+    sway = 300.0 * np.sin(np.arange(len(samples)) / 9.0)[:, None, None] * (np.indices(SHAPE)[1] < 8)
+    assert _found(samples + sway) is None
+    scene = Scene(SHAPE, 7)
+    scene.share = np.rint(scene.share)
+    assert _found(averaged(scene.draw(FRAMES), 0.4)) is None
 
 
 @pytest.mark.parametrize("window", [3, 5, 7])
@@ -112,19 +119,6 @@ def test_pink_noise_drift_and_jitter_of_frames_are_no_filter(frames: int) -> Non
     assert _found(samples + 40.0 * time, frames) is None
     assert _found(samples + scene.rng.normal(0.0, 20.0, (len(samples), 1, 1)), frames) is None
     assert _found(samples + np.cumsum(scene.rng.normal(0.0, 5.0, (len(samples), 1, 1)), axis=0), frames) is None
-
-
-def test_frames_stored_twice_and_surfaces_that_sway_are_no_filter() -> None:
-    samples = Scene(SHAPE, 6).draw(2 * FRAMES)
-    assert _found(np.repeat(samples, 2, axis=0), 2 * FRAMES) is None
-    sway = 300.0 * np.sin(np.arange(len(samples)) / 9.0)[:, None, None] * (np.indices(SHAPE)[1] < 8)
-    assert _found(samples + sway) is None
-
-
-def test_average_of_single_surfaces_is_left_to_the_memory_of_the_noise() -> None:
-    scene = Scene(SHAPE, 7)
-    scene.share = np.rint(scene.share)
-    assert _found(averaged(scene.draw(FRAMES), 0.4)) is None
 
 
 @pytest.mark.parametrize(("share", "worth"), [(0.4, 25), (0.1, 5)])

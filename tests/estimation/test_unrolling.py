@@ -89,15 +89,12 @@ def test_a_surface_at_the_fold_is_that_of_the_same_samples_unrolled_by_hand(
     assert (circle.n_modes == 2).all() or n * (1 - outliers) < 20
 
 
-def test_a_camera_that_flips_at_the_fold_has_one_target() -> None:
+def test_flips_at_the_fold_and_readings_of_zero_are_one_surface() -> None:
     flips = np.where(np.arange(60) % 2, 60.0, 7470.0)[:, np.newaxis]
     line, circle = (layer_pixels(flips, CAMERA, options) for options in (EstimateOptions(), ON_CIRCLE))
     assert (line.n_modes[0], circle.n_modes[0]) == (2, 1)
     assert circle.range[0, 0] == pytest.approx((60 + LENGTH + 7470) / 2 - LENGTH, abs=1e-2)
     assert circle.weight[0, 0] == pytest.approx(1, abs=1e-3)
-
-
-def test_readings_of_exactly_zero_are_ranges() -> None:
     zeros = np.where(np.arange(40) % 3 == 0, 0.0, 7490.0)[:, np.newaxis]
     layers = layer_pixels(zeros, CAMERA, ON_CIRCLE)
     assert (layers.n_samples[0], layers.n_modes[0], layers.status[0]) == (40, 1, Status.OK)
@@ -232,11 +229,15 @@ def test_one_pixel_is_fitted_from_given_means(rng: np.random.Generator) -> None:
     assert fit.weight[0] == pytest.approx(0.6, abs=0.1)
 
 
-def test_unrolling_one_pixel_also_moves_its_starting_means() -> None:
+def test_unrolling_moves_starting_means_and_leaves_an_empty_pixel_empty() -> None:
     samples, start, beam = unrolled_pixel(np.array([7480.0, 30.0, 20.0]), np.array([7490.0, 10.0]), CAMERA, LENGTH)
     np.testing.assert_array_equal(beam.curve_sigma, beam_of(CAMERA, LENGTH).curve_sigma)
     assert samples.tolist() == [7480.0, 20 + LENGTH, 30 + LENGTH]
     assert start.tolist() == [7490.0, 10 + LENGTH]
+    empty = ArrayRecording(np.full((5, 1, 2), np.nan), CAMERA)
+    assert np.isnan(UnrolledSource(empty, LENGTH).read_range(slice(0, 5), slice(0, 1))).all()
+    layers = layer_pixels(np.full((5, 2), np.nan), CAMERA, ON_CIRCLE)
+    assert (layers.status == Status.TOO_FEW_SAMPLES).all()
 
 
 def test_noise_is_measured_across_the_fold(rng: np.random.Generator) -> None:
@@ -253,23 +254,13 @@ def test_noise_is_measured_across_the_fold(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(UnrolledSource(folded, LENGTH).read_range(slice(0, 100), slice(0, 6)), block)
 
 
-def test_empty_pixel_stays_empty_on_a_circle() -> None:
-    empty = ArrayRecording(np.full((5, 1, 2), np.nan), CAMERA)
-    assert np.isnan(UnrolledSource(empty, LENGTH).read_range(slice(0, 5), slice(0, 1))).all()
-    layers = layer_pixels(np.full((5, 2), np.nan), CAMERA, ON_CIRCLE)
-    assert (layers.status == Status.TOO_FEW_SAMPLES).all()
-
-
-def test_the_working_range_of_a_circle_is_one_turn() -> None:
+def test_working_range_of_a_circle_is_one_turn_and_invalid_lengths_are_refused() -> None:
     beam = beam_of(RISING, LENGTH)
     assert (beam.range_min, beam.range_top) == (600.0, 600.0 + LENGTH)
     assert beam.outlier_density == pytest.approx(1e-4 / 6600.0)
     assert Cpdf().edges(beam)[0] == 600.0
     assert beam_of(CAMERA, LENGTH).outlier_density == pytest.approx(1e-4 / LENGTH)
     np.testing.assert_array_equal(beam.curve_range, circular_noise(RISING, LENGTH).range_mm)
-
-
-def test_unrolling_refuses_invalid_lengths_and_curves() -> None:
     with pytest.raises(ValueError, match="unambiguous_range_mm"):
         EstimateOptions(unambiguous_range_mm=0.0)
     with pytest.raises(ValueError, match="not below the unambiguous range"):

@@ -39,14 +39,9 @@ class Verdict:
 def judge(outcome: Outcome, names: set[str], *, mutant: str) -> str:
     """Return what is wrong with how a command ended, or an empty text.
 
-    Parameters
-    ----------
-    outcome : Outcome
-        From a pool.
-    names : set of str
-        What stands in the command's own folder beside the mutant, folders with a slash; outputs are named out*.
-    mutant : str
-        Name of the file, which a refusal must tell.
+    `outcome`: from a pool.
+    `names`: what stands in the command's own folder beside the mutant, folders with a slash; outputs are named out*.
+    `mutant`: name of the file, which a refusal must tell.
     """
     lines = [line for line in outcome.err.split("\n") if line]
     said = lines[-1:] or outcome.out.split("\n")  # verify lists what is wrong on stdout
@@ -68,14 +63,9 @@ def judge(outcome: Outcome, names: set[str], *, mutant: str) -> str:
 class Fuzz:
     """A folder of originals, a pool, and what sound commands write.
 
-    Parameters
-    ----------
-    folder : Path
-        Where the originals are.
-    pool : Pool
-        Who runs the commands.
-    originals : mapping
-        By kind.
+    `folder`: where the originals are.
+    `pool`: who runs the commands.
+    `originals`: by kind.
     """
 
     def __init__(self, folder: Path, pool: Pool, originals: Mapping[str, Original]) -> None:

@@ -77,7 +77,6 @@ chooses."""
 
 
 def main() -> None:
-    """Fuzz for some seconds."""
     seconds, folder = int(sys.argv[1]), Path(sys.argv[2])
     corpus, work = folder / "corpus", folder / "work"
     for place in (corpus, work):

@@ -153,12 +153,8 @@ def compiled(folder: Path) -> Path | None:
 class Injection:
     """Faults in commands on sound files.
 
-    Parameters
-    ----------
-    originals : Path
-        Folder of `faults.originals.make`.
-    pool : Pool
-        Whose processes have the shim.
+    `originals`: folder of `faults.originals.make`.
+    `pool`: whose processes have the shim.
     """
 
     def __init__(self, originals: Path, pool: Pool) -> None:

@@ -263,7 +263,6 @@ def _guided(run: Run) -> Done:
 
 
 def main() -> int:
-    """Run what has not been run, and print all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--output", type=Path, required=True)
     parser.add_argument("--only", default=",".join(STAGES))

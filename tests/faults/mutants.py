@@ -48,19 +48,10 @@ _DEPTH = 20_000
 def mutate(original: Original, seed: str, target: Path) -> tuple[Path, str]:
     """Write a mutant of an original.
 
-    Parameters
-    ----------
-    original : Original
-        What is mutated; of several files, one.
-    seed : str
-        Which mutant.
-    target : Path
-        Its path; a folder where the original is one.
-
-    Returns
-    -------
-    Path, str
-        What a command is given, and what was done to it.
+    `original`: what is mutated; of several files, one.
+    `seed`: which mutant.
+    `target`: its path; a folder where the original is one.
+    Returns Path, str: what a command is given, and what was done to it.
     """
     chance = random.Random(seed)  # noqa: S311  no secret
     chosen = chance.choice(original.files)

@@ -78,24 +78,16 @@ SENSOR = '[sensor]\nprofile = "sr3000"\nrows = 6\ncols = 8\nfov_horizontal_deg =
 
 @dataclass(frozen=True, slots=True)
 class Original:
-    """A kind of file.
-
-    Parameters
-    ----------
-    files : tuple of Path
-        Those that are mutated, one at a time; the first is what commands are given.
-    format : str
-        "hdf5", "text" or "bytes": how it can be mutated beside byte by byte.
-    commands : tuple
-        What reads it. In an argument, @ is the mutant, %recording and %layers and the like are sound files.
-    own : bool
-        Whether every value in it has a checksum, so that what can be read must be right.
-    """
+    """A kind of file."""
 
     files: tuple[Path, ...]
+    """Those that are mutated, one at a time; the first is what commands are given."""
     format: str
+    """"hdf5", "text" or "bytes": how it can be mutated beside byte by byte."""
     commands: tuple[str, ...]
+    """What reads it. In an argument, @ is the mutant, %recording and %layers and the like are sound files."""
     own: bool = False
+    """Whether every value in it has a checksum, so that what can be read must be right."""
 
     @property
     def given(self) -> Path:

@@ -23,41 +23,29 @@ R = TypeVar("R")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """One command in a folder.
-
-    Parameters
-    ----------
-    argv : tuple of str
-        Arguments of `tofmix`.
-    cwd : str
-        The folder.
-    fresh : bool
-        Whether in a process of its own, which all that follows but the time needs.
-    timeout_s, cpu_s : float
-        After which it hangs, and is killed.
-    file_bytes : int, optional
-        As `ulimit -f` would say.
-    fault : (operation, number, errno, once), optional
-        Which call fails, with the shim of `faults.shim`; `once` 0: and all calls of that kind after it.
-    kill_after_s : float, optional
-        When it gets `kill_signal`.
-    full : tuple of str
-        Which of its streams, "out" and "err", lead to a full device.
-    unprivileged : bool
-        Whether permissions hold for it even where the administrator runs us.
-    """
+    """One command in a folder."""
 
     argv: tuple[str, ...]
+    """Arguments of `tofmix`."""
     cwd: str
+    """The folder."""
     fresh: bool = True
+    """Whether in a process of its own, which all that follows but the time needs."""
     timeout_s: float = HANG_S
     cpu_s: int = HANG_CPU_S
+    """`timeout_s`, `cpu_s`: after which it hangs, and is killed."""
     file_bytes: int | None = None
+    """As `ulimit -f` would say."""
     fault: tuple[str, int, int, int] | None = None
+    """(operation, number, errno, once), optional. Which call fails, with the shim of `faults.shim`; `once` 0: and all
+    calls of that kind after it."""
     kill_after_s: float | None = None
+    """When it gets `kill_signal`."""
     kill_signal: int = 9
     full: tuple[str, ...] = ()
+    """Which of its streams, "out" and "err", lead to a full device."""
     unprivileged: bool = False
+    """Whether permissions hold for it even where the administrator runs us."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,12 +99,8 @@ class _Server:
 class Pool:
     """Some servers; use it as a context manager.
 
-    Parameters
-    ----------
-    processes : int
-        How many.
-    environment : dict
-        Variables beside those of this process.
+    `processes`: how many.
+    `environment`: variables beside those of this process.
     """
 
     def __init__(self, processes: int = 2, environment: dict[str, str] | None = None) -> None:

@@ -32,7 +32,6 @@ _JOBS_OF_A_WORKER = 50
 
 
 def main() -> None:
-    """Serve until stdin ends."""
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what commands say while this process warms up is no answer
     run = _warm()

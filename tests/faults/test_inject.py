@@ -1,15 +1,23 @@
 """Failing calls, kills, full disks and changing files: a part of what the long run does to every command."""
 
+import argparse
 import itertools
 import random
+import shutil
+import subprocess
+import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
-from faults import disk, load
+from faults import disk, load, long
 from faults.changing import changing
-from faults.inject import CASES, Injection, chosen
-from faults.pool import Pool
+from faults.fuzz import DONE, Fuzz, judge
+from faults.hostile import HOSTILE
+from faults.inject import CASES, Injection, Tally, chosen, inputs_into
+from faults.originals import Original
+from faults.pool import Job, Pool
 
 
 @pytest.mark.faults
@@ -126,3 +134,96 @@ def test_memory_stays_the_same_over_many_recordings() -> None:
     said = load.soak(20, report=faults.append)
     assert not faults, faults
     assert said.startswith("20 recordings in one process")
+
+
+def _run(folder: Path, **options: object) -> long.Run:
+    return long.Run(argparse.Namespace(output=folder, **options))
+
+
+def test_a_stage_that_tries_nothing_is_a_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(long.STAGES, "soak", lambda _: ("all is well", 0))
+    run = _run(tmp_path)
+    assert run.stage("soak")["faults"] == ["soak: nothing was tried"]
+    monkeypatch.setitem(long.STAGES, "soak", lambda _: ("all is well", 1))
+    assert run.stage("soak")["faults"] == []
+
+
+def test_missing_compiler_or_fuzzer_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(long, "compiled", lambda _: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    run = _run(tmp_path, guided=1)
+    for stage in ("failing calls", "guided"):
+        done = run.stage(stage)
+        assert "not run" in done["text"]
+        assert done["faults"] == [f"{stage}: nothing was tried"]
+
+
+def test_failures_that_no_run_met_are_faults(tmp_path: Path) -> None:
+    run = _run(tmp_path)
+    tallies = [Tally("map", "SIGKILL", runs=3, killed=1), Tally("map", "SIGINT", runs=3)]
+    assert long._must(run, tallies, "killed") == 6
+    assert run.faults == ["SIGINT: not one run was killed"]
+
+
+def test_unmountable_disk_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(disk, "small_disk", lambda _: nullcontext(None))
+    monkeypatch.setattr(long, "make", lambda *_: {})
+    monkeypatch.setattr(long, "CASES", {})
+    monkeypatch.setattr(long, "WRITING", ())
+    faults = _run(tmp_path).stage("full disks")["faults"]
+    assert faults == [
+        "no disk can be mounted here: neither the full nor the read-only one was run",
+        "full disks: nothing was tried",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("said", "count"), [("- 10 passing, 0 failing", 30), ("- 10 passing examples, 0 failing", 30), ("", 0)]
+)
+def test_examples_of_the_properties_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: str, count: int
+) -> None:
+    done = subprocess.CompletedProcess([], 0, stdout=f"{said}\n" * 3 + "7 passed in 3 s")
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: done)
+    assert _run(tmp_path, property_times=2).stage("properties")["tried"] == count
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES)
+def test_command_ends_without_a_signal(originals: dict[str, Original], folder: Path, tmp_path: Path, case: str) -> None:
+    assert originals
+    inputs_into(folder, tmp_path)
+    program = [sys.executable, "-m", "tofmix", *CASES[case].command.split()]
+    done = subprocess.run(program, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.returncode in DONE, done.stderr
+    assert all((tmp_path / name).exists() for name in CASES[case].outputs)
+
+
+FAILING = (("estimate", "write: disk full"), ("simulate", "killed before rename"))
+"""A command, and what fails at one of its calls."""
+
+
+def test_failing_calls_and_kills_leave_a_whole_output_or_none(shim: Path | None, injection: Injection) -> None:
+    tallies = [injection.kill("estimate", [0.5], report=lambda _: None)]
+    if shim is not None:
+        tallies += [injection.run(case, failure, most=1, report=lambda _: None) for case, failure in FAILING]
+    assert not [fault for tally in tallies for fault in tally.faults]
+    assert [tally.failure for tally in tallies if not tally.refused + tally.killed] == []
+
+
+def test_hostile_files_are_refused_in_one_line(pool: Pool, originals: dict[str, Original], tmp_path: Path) -> None:
+    for name in ("bomb", "external storage", "huge declared shape"):
+        path = tmp_path / "hostile.h5"
+        shutil.copyfile(originals["recording"].given, path)
+        HOSTILE[name](path, random.Random(1))  # noqa: S311  no secret
+        outcome = pool.run(Job(argv=("estimate", path.name, "-o", "out.layers.h5"), cwd=str(tmp_path)))
+        assert outcome.code == 3, (name, outcome)
+        left = {file.name for file in tmp_path.iterdir()} - {path.name}
+        assert judge(outcome, left, mutant=path.name) == "", name
+
+
+def test_two_mutants_of_each_kind_are_done_or_refused(fuzz: Fuzz, originals: dict[str, Original]) -> None:
+    verdicts = list(fuzz.run(list(originals), 2 * len(originals), seed=0))
+    faults = [f"{v.fault}: {v.mutant}: {v.command}: {v.change}: {v.outcome.err}" for v in verdicts if v.fault]
+    assert not faults, "\n".join(faults)
+    assert {"refused"} < {v.result for v in verdicts}

@@ -30,7 +30,6 @@ DIFFERENT = 6
 
 
 def main() -> int:
-    """Make what is missing of the reference, and compare."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("rev", nargs="?", help="commit to compare with")
     parser.add_argument("--output", type=Path, help="folder of references, outside of the checkout")

@@ -9,21 +9,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
-    """Commands on some inputs.
-
-    Parameters
-    ----------
-    inputs : str
-        Names in `frozen.inputs.INPUTS`, with spaces between.
-    commands : str
-        Command lines without `tofmix`, one a line, as a shell would split them.
-    is_stored : bool
-        Whether the values of the outcome are kept in the repository, for the quick tests.
-    """
+    """Commands on some inputs."""
 
     inputs: str
+    """Names in `frozen.inputs.INPUTS`, with spaces between."""
     commands: str
+    """Command lines without `tofmix`, one a line, as a shell would split them."""
     is_stored: bool = False
+    """Whether the values of the outcome are kept in the repository, for the quick tests."""
 
 
 _GAP = "--effects wiggling,range_offset,surface_pose,fixed_pattern --json"

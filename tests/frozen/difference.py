@@ -17,18 +17,10 @@ _MOST_LINES = 12
 def differences(reference: Outcome, new: Outcome, *, relative: float = 0.0) -> Iterator[str]:
     """Lines that say what differs, none if nothing does.
 
-    Parameters
-    ----------
-    reference, new : Outcome
-        Of the same case.
-    relative : float
-        Numbers are equal if they differ by at most this share of the reference's. 0: to the last bit, and texts to the
-        last character.
-
-    Yields
-    ------
-    str
-        A line for each array, several for a text.
+    `reference`, `new`: of the same case.
+    `relative`: numbers are equal if they differ by at most this share of the reference's. 0: to the last bit, and texts
+      to the last character.
+    Yields str: a line for each array, several for a text.
     """
     for name in sorted(reference.keys() - new.keys()):
         yield f"{name}: missing"

@@ -39,17 +39,9 @@ def write_inputs(names: str, folder: Path) -> None:
 def run_case(case: Case, folder: Path) -> Outcome:
     """Run the commands of a case in a folder with its inputs; return all that they write, and no input.
 
-    Parameters
-    ----------
-    case : Case
-        The case.
-    folder : Path
-        With the inputs.
-
-    Returns
-    -------
-    Outcome
-        Streams and exit codes under the number of their command and its line, files under their names.
+    `case`: the case.
+    `folder`: with the inputs.
+    Returns Outcome: streams and exit codes under the number of their command and its line, files under their names.
     """
     from tofmix.cli.main import run
 

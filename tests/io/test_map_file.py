@@ -56,15 +56,12 @@ def test_the_image_has_its_far_left_corner_first(tmp_path: Path) -> None:
     assert (tmp_path / "a.pgm").read_bytes() == b"P5\n3 2\n255\n" + bytes([0, 205, 205, 205, 205, 205])
 
 
-def test_special_characters_in_names_and_comments_survive_yaml(tmp_path: Path) -> None:
+def test_special_characters_and_names_of_images_are_held_or_refused(tmp_path: Path) -> None:
     flat = FloorMap(cells=np.zeros((1, 1), dtype=np.uint8), cell_mm=33.3, origin_mm=(0.0, -0.0))
     name = 'no: "1" # é.yaml'
     about, _ = read_map(write(tmp_path / name, flat, comment="two\nlines: here"))
     assert about["image"] == 'no: "1" # é.pgm'
     assert about["resolution"] == 0.0333
-
-
-def test_the_image_is_named_before_the_text_and_other_endings_are_refused() -> None:
     assert map_paths(Path("a.b.yml")) == (Path("a.b.pgm"), Path("a.b.yml"))
     with pytest.raises(UsageError, match=r"must end in \.yaml"):
         map_paths(Path("a.pgm"))
@@ -92,15 +89,12 @@ def test_ply_holds_the_occupied_voxels() -> None:
     assert not expected
 
 
-def test_npz_holds_the_whole_grid_as_plain_arrays() -> None:
+def test_voxels_as_npz_are_the_whole_grid_with_the_same_bytes_at_any_time() -> None:
     content = encode_voxels(VOXELS, Path("a.npz"), comment="")
     with np.load(io.BytesIO(content), allow_pickle=False) as read:
         np.testing.assert_array_equal(read["log_odds"], ODDS)
         assert read["origin_mm"].tolist() == [-100, 500, 0]
         assert (read["cell_mm"], read["occupied_thresh"], read["free_thresh"]) == (50, 0.65, 0.196)
-
-
-def test_the_same_map_has_the_same_bytes_at_any_time() -> None:
     with zipfile.ZipFile(io.BytesIO(encode_voxels(VOXELS, Path("a.npz"), comment=""))) as archive:
         assert {entry.date_time for entry in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
     assert encode_voxels(VOXELS, Path("a.ply"), comment="c") == encode_voxels(VOXELS, Path("b.ply"), comment="c")

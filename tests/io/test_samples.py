@@ -35,21 +35,15 @@ def test_floats_that_were_16_bit_fills_are_dropped_in_any_unit(dtype: str, unit_
     assert list(found.dropped.values()) == [1] * 7
 
 
-def test_kept_values_are_all_that_a_recording_can_hold() -> None:
+def test_kept_offset_and_given_values_are_counted_apart() -> None:
     values = np.array([0.0, 65535.0, 2e9, -1.0, np.nan, -math.inf])
     found = no_sample(values, unit_mm=1.0, keep_values=True)
     assert found.bad.tolist() == [False, False, False, True, True, True]
     assert found.dropped == {"NaN": 1, "infinite": 1, "negative": 1}
-
-
-def test_an_offset_moves_zero_and_the_sign() -> None:
     packed = np.array([-3000, -2001, -2000, -1999, 0, 100], dtype="i2")  # range = 0.5 * packed + 1000 mm
     found = no_sample(packed, unit_mm=0.5, offset_mm=1000.0)
     assert found.bad.tolist() == [True, True, True, False, False, False]
     assert found.dropped == {"zero": 1, "negative": 2}
-
-
-def test_values_outside_of_the_stated_range_and_given_ones_are_counted_apart() -> None:
     values = np.array([100, 200, 300, 9999, 5000], dtype="u2")
     found = no_sample(values, unit_mm=1.0, invalid=(9999.0,), valid_span=(150.0, 4500.0))
     assert found.bad.tolist() == [True, False, False, True, True]

@@ -46,10 +46,21 @@ def test_pinhole_round_trips(distortion: tuple[float, ...]) -> None:
         assert np.isnan(root["sensor"].attrs["fov_horizontal_deg"])
 
 
-def test_a_foreign_pinhole_ignores_the_field_of_view(tmp_path: Path) -> None:
+def test_foreign_cameras_are_read_or_refused_by_name(tmp_path: Path) -> None:
     fov = {"fov_horizontal_deg": 47.0, "fov_vertical_deg": 39.0}
     path = write_recording(tmp_path / "x.h5", boards(), attributes=PINHOLE | fov)
     assert read(path).optics == Pinhole(fx=5.0, fy=6.0, cx=2.5, cy=1.5)
+    path = write_recording(tmp_path / "x.h5", boards(), attributes={"projection": "pinhole", "fx": 1.0, "cx": 1.0})
+    with pytest.raises(BadInputError, match="sensor: projection: pinhole needs fy, cy"):
+        read(path)
+    path = write_recording(tmp_path / "a.h5", boards(3))
+    with h5py.File(path, "r+") as root:
+        root["sensor"].attrs["measurement"] = "structured light"
+    with pytest.raises(BadInputError, match=r'a\.h5: sensor: measurement: "structured light" is not one of lock-in, '):
+        read(path)
+    camera = Sensor(name="camera", range_step_mm=np.ones((3, 5)))
+    with pytest.raises(BadInputError, match="range_step_mm: shape"):
+        sensor_group.check_maps(camera, (4, 6), Path("x.h5"))
 
 
 @pytest.mark.parametrize("attributes", [{}, {"projection": "equiangular"}])
@@ -81,12 +92,6 @@ def test_unfit_attributes_are_refused_by_name(tmp_path: Path, change: dict[str, 
     assert str(caught.value).startswith(f"{path}: sensor: {reason}")
 
 
-def test_a_missing_number_is_named(tmp_path: Path) -> None:
-    path = write_recording(tmp_path / "x.h5", boards(), attributes={"projection": "pinhole", "fx": 1.0, "cx": 1.0})
-    with pytest.raises(BadInputError, match="sensor: projection: pinhole needs fy, cy"):
-        read(path)
-
-
 @pytest.mark.parametrize("measurement", [None, *Measurement])
 def test_measurement_round_trips_and_is_left_out_if_unknown(measurement: Measurement | None) -> None:
     camera = Sensor(name="camera", measurement=measurement)
@@ -94,14 +99,6 @@ def test_measurement_round_trips_and_is_left_out_if_unknown(measurement: Measure
     with h5py.File(io.BytesIO(image), "r") as root:
         assert sensor_group.read_sensor(root, Path("x.h5")).measurement is measurement
         assert ("measurement" in root["sensor"].attrs) == (measurement is not None)
-
-
-def test_a_foreign_measurement_is_refused_by_name(tmp_path: Path) -> None:
-    path = write_recording(tmp_path / "a.h5", boards(3))
-    with h5py.File(path, "r+") as root:
-        root["sensor"].attrs["measurement"] = "structured light"
-    with pytest.raises(BadInputError, match=r'a\.h5: sensor: measurement: "structured light" is not one of lock-in, '):
-        read(path)
 
 
 @pytest.mark.parametrize("step", [2.0, [1.0, 2.5], np.full((4, 6), 1.5)])
@@ -121,12 +118,6 @@ def test_a_step_that_cannot_be_is_refused(step: Any) -> None:  # noqa: ANN401  n
     curve = NoiseCurve(np.array([1000.0, 2000.0]), np.array([3.0, 4.0]))
     with pytest.raises(ValueError, match="range_step_mm"):
         Sensor(name="camera", noise=curve, range_step_mm=np.array(step))
-
-
-def test_a_map_of_steps_of_another_image_is_refused() -> None:
-    camera = Sensor(name="camera", range_step_mm=np.ones((3, 5)))
-    with pytest.raises(BadInputError, match="range_step_mm: shape"):
-        sensor_group.check_maps(camera, (4, 6), Path("x.h5"))
 
 
 FULL = camera_with(
@@ -159,20 +150,19 @@ def test_learnt_noise_comes_back_to_the_last_digit(tmp_path: Path) -> None:
     assert FULL.learnt.same_as(_read(_written(tmp_path / "a.h5")))
 
 
-def test_noise_without_a_prior_of_background_comes_back_without_one(tmp_path: Path) -> None:
+def test_parts_that_were_not_learnt_have_no_dataset(tmp_path: Path) -> None:
     sensor = camera_with(pixel_noise("skewed"))
     back = _read(_written(tmp_path / "a.h5", sensor))
     assert back is not None
     assert back.background is None
     assert back.same_as(sensor.learnt)
-
-
-def test_a_sensor_that_learnt_nothing_has_none_of_the_datasets(tmp_path: Path) -> None:
     path = _written(tmp_path / "a.h5", replace(FULL, learnt=None))
     with h5py.File(path) as root:
         assert not set(UNITS) & set(root["sensor"])
         assert "noise_memory" not in root["sensor"].attrs
     assert _read(path) is None
+    with h5py.File(_written(tmp_path / "a.h5")) as root:
+        assert not {"noise_background_range", "noise_background_density"} & set(root["sensor"])
 
 
 def test_datasets_have_their_names_units_and_checksums(tmp_path: Path) -> None:
@@ -264,11 +254,6 @@ def test_the_density_of_background_comes_back_to_the_last_digit(tmp_path: Path) 
     assert not back.same_as(FULL.noise)
 
 
-def test_a_file_of_uniform_background_has_no_density(tmp_path: Path) -> None:
-    with h5py.File(_written(tmp_path / "a.h5")) as root:
-        assert not {"noise_background_range", "noise_background_density"} & set(root["sensor"])
-
-
 @pytest.mark.parametrize(
     ("name", "values", "said"),
     [
@@ -290,20 +275,14 @@ def test_a_density_of_background_that_cannot_be_is_named(
         read_sensor(root, path)
 
 
-def test_built_in_models_load() -> None:
+def test_models_are_found_by_name_or_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     model = load_model("three-boards")
     assert (model.sensor.rows, model.sensor.cols, model.recording.frames) == (144, 176, 100)
-
-
-def test_a_file_wins_over_a_built_in_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(BadInputError, match="three-boards, corridor"):
+        load_model("four-boards")
     monkeypatch.chdir(tmp_path)
     Path("corridor").write_text("mine")
     assert load_model_text("corridor") == "mine"
-
-
-def test_an_unknown_model_names_the_known_ones() -> None:
-    with pytest.raises(BadInputError, match="three-boards, corridor"):
-        load_model("four-boards")
 
 
 def test_broken_toml_names_file_and_line(tmp_path: Path) -> None:

@@ -42,12 +42,18 @@ def test_a_file_that_appears_meanwhile_is_kept(tmp_path: Path) -> None:
     assert [p.read_text() for p in tmp_path.iterdir()] == ["another program's"]
 
 
-def test_an_input_is_never_the_output(tmp_path: Path) -> None:
+def test_an_input_is_never_the_output_and_a_link_stays_a_link(tmp_path: Path) -> None:
     path, link = tmp_path / "a.h5", tmp_path / "link.h5"
     path.write_text("data")
     link.symlink_to(path)
     with pytest.raises(UsageError, match="is the input"):
         check_output(link, overwrite=True, inputs=(path,))
+    target, link = tmp_path / "real.txt", tmp_path / "link.txt"
+    target.write_text("old")
+    link.symlink_to(target)
+    write_text(link, "new", overwrite=True)
+    assert link.is_symlink()
+    assert target.read_text() == "new"
 
 
 @pytest.mark.parametrize("name", ["folder", "none/a.txt", "/dev/null", "text/a.txt"])
@@ -56,15 +62,6 @@ def test_a_place_that_cannot_be_written_is_refused(tmp_path: Path, name: str) ->
     (tmp_path / "text").write_text("")
     with pytest.raises(StorageError):
         check_output(tmp_path / name, overwrite=True)
-
-
-def test_a_link_stays_a_link(tmp_path: Path) -> None:
-    target, link = tmp_path / "real.txt", tmp_path / "link.txt"
-    target.write_text("old")
-    link.symlink_to(target)
-    write_text(link, "new", overwrite=True)
-    assert link.is_symlink()
-    assert target.read_text() == "new"
 
 
 def test_no_permission_to_create_is_a_storage_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -78,7 +78,7 @@ def assert_same(read: object, written: object, kind: type[Edges] | type[Planes])
         assert getattr(read, field.name).dtype == getattr(written, field.name).dtype
 
 
-def test_one_window_reads_back(path: Path) -> None:
+def test_one_window_and_its_provenance_read_back(path: Path) -> None:
     written = board_and_wall()
     with open_surfaces(path) as file:
         assert (file.shape, file.max_layers, file.factor) == ((1, ROWS, COLS), LAYERS, FACTOR)
@@ -91,6 +91,16 @@ def test_one_window_reads_back(path: Path) -> None:
         assert_same(read.edges, written.edges, Edges)
         assert file.surface_window.tolist() == [0, 0]
         assert not {"edge_window", "surface_window"} & set(file.names)
+        found, given = file.provenance, provenance()
+    for name in ("source", "source_sha256", "version", "options"):
+        assert getattr(found, name) == getattr(given, name)
+    assert found.sensor.optics == given.sensor.optics
+    with h5py.File(path) as root:
+        entry = root[root.attrs["default"]]
+        view = entry[entry.attrs["default"]]
+        assert [x.attrs["NX_class"] for x in (root, entry, view)] == ["NXroot", "NXentry", "NXdata"]
+        assert view.attrs["signal"] == "range_fine"
+        assert [len(view[axis]) for axis in view.attrs["axes"]] == [1, ROWS * FACTOR, COLS * FACTOR]
 
 
 def test_surfaces_and_lines_of_later_windows_follow_those_before(three: Path) -> None:
@@ -108,19 +118,6 @@ def test_surfaces_and_lines_of_later_windows_follow_those_before(three: Path) ->
         assert last.edges.far.tolist() == [3] * 5 + [-1] * 2
         assert last.edges.line.tolist() == [2] * 5 + [3] * 2
         np.testing.assert_array_equal(last.edges.row, written.edges.row)
-
-
-def test_provenance_reads_back(path: Path) -> None:
-    with open_surfaces(path) as file:
-        read = file.provenance
-    written = provenance()
-    assert (read.source, read.source_sha256, read.version, read.options) == (
-        written.source,
-        written.source_sha256,
-        written.version,
-        written.options,
-    )
-    assert read.sensor.optics == written.sensor.optics
 
 
 @pytest.mark.parametrize("windows", [1, 3])
@@ -153,15 +150,6 @@ def test_xarray_opens_it_with_named_dimensions(three: Path) -> None:
         np.testing.assert_allclose(data["row_fine"].values[:FACTOR], [-0.375, -0.125, 0.125, 0.375])
         board = data["range_fine"].isel(window=0).sel(row_fine=2.125, col_fine=3.125)
         assert 1000 <= float(board) < 1010
-
-
-def test_nexus_finds_the_fine_range_image(path: Path) -> None:
-    with h5py.File(path) as root:
-        entry = root[root.attrs["default"]]
-        view = entry[entry.attrs["default"]]
-        assert [x.attrs["NX_class"] for x in (root, entry, view)] == ["NXroot", "NXentry", "NXdata"]
-        assert view.attrs["signal"] == "range_fine"
-        assert [len(view[axis]) for axis in view.attrs["axes"]] == [1, ROWS * FACTOR, COLS * FACTOR]
 
 
 def test_the_same_surfaces_give_the_same_bytes(tmp_path: Path) -> None:
@@ -296,13 +284,10 @@ def test_a_changed_byte_in_the_options_is_noticed(path: Path) -> None:
         pass
 
 
-def test_surfaces_file_is_refused_as_layers_file(path: Path) -> None:
+def test_surfaces_and_layers_files_are_refused_as_each_other(path: Path) -> None:
     expected = f"is a surfaces file, not a layers file: tofmix export {path} -o {path.with_suffix('.ply')}"
     with pytest.raises(BadInputError, match=expected), open_layers(path):
         pass
-
-
-def test_layers_file_is_refused_as_surfaces_file(path: Path) -> None:
     with h5py.File(path, "r+") as root:
         root.attrs["format"] = "tofmix-layers"
     with pytest.raises(BadInputError, match="is a layers file, not a surfaces file: tofmix surfaces"):  # noqa: SIM117
@@ -589,7 +574,7 @@ def test_fine_image_is_exported_as_16_bit_counts(file: SurfacesFile, tmp_path: P
     np.testing.assert_array_equal(tifffile.imread(tmp_path / "a.tif"), expected)
 
 
-def test_outlines_hold_the_parts_of_each_surface() -> None:
+def test_outlines_hold_the_parts_and_holes_of_each_surface() -> None:
     rng = np.random.default_rng(4)
     numbers = rng.integers(-1, 4, (12, 15)).repeat(3, axis=0).repeat(3, axis=1).astype(np.int32)
     polygons, number = trace(numbers, 6)
@@ -601,23 +586,17 @@ def test_outlines_hold_the_parts_of_each_surface() -> None:
         inside = shapely.contains_xy(whole, (col + 0.5) / 6 - 0.5, (row + 0.5) / 6 - 0.5)
         # Blocks of 3 x 3 parts have no smaller detail to leave out.
         np.testing.assert_array_equal(inside, numbers == surface)
-
-
-def test_a_hidden_middle_is_a_hole() -> None:
-    numbers = np.zeros((20, 20), dtype=np.int32)
-    numbers[5:15, 5:15] = 1
-    numbers[8:12, 8:12] = -1
-    polygons, number = trace(numbers, 4)
+    holed = np.zeros((20, 20), dtype=np.int32)
+    holed[5:15, 5:15] = 1
+    holed[8:12, 8:12] = -1
+    polygons, number = trace(holed, 4)
     assert number.tolist() == [0, 1]
     assert [len(polygon.interiors) for polygon in polygons] == [1, 1]
     assert [polygon.area * 16 for polygon in polygons] == pytest.approx([300.0, 84.0])
     assert polygons[0].bounds == (-0.5, -0.5, 4.5, 4.5)
-
-
-def test_neighbours_share_their_border_without_gap_or_overlap() -> None:
-    row, col = np.indices((160, 160))
-    numbers = np.where(np.hypot(row - 70, col - 80) < 50, 0, np.where(row * 0.3 + col > 90, 1, 2)).astype(np.int32)
-    polygons, number = trace(numbers, 8)
+    y, x = np.indices((160, 160))
+    round_ = np.where(np.hypot(y - 70, x - 80) < 50, 0, np.where(y * 0.3 + x > 90, 1, 2)).astype(np.int32)
+    polygons, number = trace(round_, 8)
     assert number.tolist() == [0, 1, 2]
     assert shapely.coverage_is_valid(polygons)
     assert shapely.area(polygons).sum() * 64 == pytest.approx(160 * 160)
@@ -726,18 +705,14 @@ def test_file_without_surfaces_exports_empty_files(tmp_path: Path) -> None:
     assert [len(element.data) for element in read.elements] == [0, 0]
 
 
-def test_file_without_pixel_directions_is_refused(file: SurfacesFile) -> None:
-    blind = file.provenance.sensor.__class__(name="blind")
-    object.__setattr__(file.provenance, "sensor", blind)
-    for export in (lambda: edge_lines(file, [0]), lambda: FinePoints(file, [0])):
-        with pytest.raises(BadInputError, match="sensor: no field of view"):
-            export()
-
-
-def test_las_refuses_points_of_surfaces(file: SurfacesFile, tmp_path: Path) -> None:
+def test_file_without_pixel_directions_and_las_of_surfaces_are_refused(file: SurfacesFile, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="LAS stores points of layers"):
         export_points(tmp_path / "a.las", FinePoints(file, [0]), title="a test")
     assert {".las", ".laz"} == set(POINT_WRITERS) - set(OF_SURFACES["points"])
+    object.__setattr__(file.provenance, "sensor", file.provenance.sensor.__class__(name="blind"))
+    for export in (lambda: edge_lines(file, [0]), lambda: FinePoints(file, [0])):
+        with pytest.raises(BadInputError, match="sensor: no field of view"):
+            export()
 
 
 @pytest.mark.parametrize(

@@ -29,15 +29,12 @@ def test_every_layer_is_a_hit_with_its_share(make_layers: MakeLayers, camera: Se
     assert beams.reach_mm == beams.free_to_mm
 
 
-def test_improbable_layer_is_ignored(make_layers: MakeLayers, camera: Sensor) -> None:
+def test_improbable_layers_and_ends_without_a_limit_are_no_hits(make_layers: MakeLayers, camera: Sensor) -> None:
     layers = make_layers([1000.0], [0.9], probability=0.8, no_return=0.1)
     assert beams_from_layers(layers, camera).samples.sum() == 0
     assert beams_from_layers(layers, camera, min_probability=0.8).samples.sum() > 0
     with pytest.raises(ValueError, match=r"min_probability: 1\.1"):
         beams_from_layers(layers, camera, min_probability=1.1)
-
-
-def test_without_a_range_limit_there_is_no_no_return(make_layers: MakeLayers, camera: Sensor) -> None:
     layers = make_layers([1000.0], [1.0], no_return=math.nan)
     beams = beams_from_layers(layers, replace(camera, range_max_mm=None))
     assert beams.samples_no_return.sum() == 0
@@ -86,11 +83,19 @@ def test_ends_on_whole_cells_stay_there(first: int, count: int, cell: float) -> 
     assert lattice_span((first * cell, (first + count) * cell), cell) == (first, first + count)
 
 
-def test_ends_between_cells_are_rounded_outward() -> None:
+def test_ends_are_rounded_outward_and_heights_set_the_grid(make_layers: MakeLayers, camera: Sensor) -> None:
     assert lattice_span((-120.0, 101.0), 50.0) == (-3, 3)
     for bad in ((1.0, 1.0), (2.0, 1.0), (math.nan, 1.0), (0.0, math.inf)):
         with pytest.raises(ValueError, match="first must be below"):
             lattice_span(bad, 50.0)
+    beams = beams_from_layers(make_layers([1000.0], [1.0]), camera)
+    grid = plan_grid(beams, Pose(), cell_mm=50.0, height_mm=(-130.0, 100.0))
+    assert (grid.first[2], grid.shape[2]) == (-3, 5)
+    assert grid.levels((-100.0, 0.0)) == slice(1, 3)
+    with pytest.raises(ValueError, match="not all within the grid"):
+        grid.levels((-200.0, 0.0))
+    higher = grid.with_levels((0.0, 300.0))
+    assert (higher.first, higher.shape) == ((*grid.first[:2], -3), (*grid.shape[:2], 9))
 
 
 @pytest.mark.parametrize("pose", [Pose(), Pose(x_mm=1234.0, y_mm=-77.0, yaw_deg=130.0, pitch_deg=20.0)])
@@ -107,17 +112,6 @@ def test_grid_contains_all_ranges_of_the_beams(make_layers: MakeLayers, camera: 
         assert grid.origin_mm[axis] <= pose.position()[axis] <= grid.centres_mm(axis)[-1] + 25
 
 
-def test_band_of_heights_sets_the_height_of_the_grid(make_layers: MakeLayers, camera: Sensor) -> None:
-    beams = beams_from_layers(make_layers([1000.0], [1.0]), camera)
-    grid = plan_grid(beams, Pose(), cell_mm=50.0, height_mm=(-130.0, 100.0))
-    assert (grid.first[2], grid.shape[2]) == (-3, 5)
-    assert grid.levels((-100.0, 0.0)) == slice(1, 3)
-    with pytest.raises(ValueError, match="not all within the grid"):
-        grid.levels((-200.0, 0.0))
-    higher = grid.with_levels((0.0, 300.0))
-    assert (higher.first, higher.shape) == ((*grid.first[:2], -3), (*grid.shape[:2], 9))
-
-
 def test_grid_refuses_invalid_cells_and_heights(make_layers: MakeLayers, camera: Sensor) -> None:
     beams = beams_from_layers(make_layers([1000.0], [0.5], no_return=0.5), camera)
     with pytest.raises(ValueError, match="take larger cells"):
@@ -131,14 +125,11 @@ def test_grid_refuses_invalid_cells_and_heights(make_layers: MakeLayers, camera:
         VoxelGrid(cell_mm=1.0, first=(0, 0, 0), shape=(1, 0, 1))
 
 
-def test_a_level_camera_looks_along_x_with_y_to_its_left_and_z_up() -> None:
+def test_a_level_camera_looks_along_x_and_turns_by_yaw_and_pitch() -> None:
     right, down, forward = Pose().rotation().T
     np.testing.assert_allclose(forward, [1, 0, 0], atol=1e-15)
     np.testing.assert_allclose(right, [0, -1, 0], atol=1e-15)
     np.testing.assert_allclose(down, [0, 0, -1], atol=1e-15)
-
-
-def test_yaw_turns_left_and_pitch_looks_down() -> None:
     np.testing.assert_allclose(Pose(yaw_deg=90).rotation()[:, 2], [0, 1, 0], atol=1e-15)
     forward = Pose(pitch_deg=30).rotation()[:, 2]
     np.testing.assert_allclose(forward, [math.sqrt(3) / 2, 0, -0.5], atol=1e-15)

@@ -55,13 +55,20 @@ def test_log_odds_of_hits_and_passes_have_closed_forms() -> None:
     assert odds == pytest.approx(math.log(tail / (1 - tail)) - math.log((1 - m) / m))
 
 
-def test_log_odds_are_bounded_by_the_layer_and_the_limit() -> None:
+def test_log_odds_are_bounded_and_lost_light_makes_cells_less_free() -> None:
     assert log_odds(1e5, 0.0, 0.9) == pytest.approx(math.log(9))
     assert log_odds(1e5, 0.0, 1.0) == pytest.approx(MAX_LOG_ODDS)
     assert log_odds(0.0, 1e7, 0.0) == pytest.approx(-MAX_LOG_ODDS)
     assert log_odds(1e5, 0.0, 0.3) == 0  # what is probably not there does not make space free
     with pytest.raises(ValueError, match="min_share: 0"):
         log_odds(0.0, 0.0, 0.0, min_share=0.0)
+    free, occupied = float(log_odds(0.0, 100.0, 0.0)), float(log_odds(100.0, 0.0, 1.0))
+    assert float(log_odds(0.0, 100.0, 0.0, 0.0)) == free
+    p = 1.0 / (1.0 + math.exp(-free))
+    half = 0.5 * p + 0.25
+    assert float(log_odds(0.0, 100.0, 0.0, 100.0)) == pytest.approx(math.log(half / (1 - half)))
+    assert float(log_odds(0.0, 5.0, 0.0, 95.0)) > math.log(0.196 / 0.804)  # unknown
+    assert float(log_odds(100.0, 0.0, 1.0, 100.0)) == occupied
 
 
 def test_wall_behind_a_partial_one_is_occupied_with_free_space_between(make_layers: MakeLayers, camera: Sensor) -> None:
@@ -90,16 +97,6 @@ def test_column_has_the_worst_state_of_its_voxels() -> None:
     assert flat.origin_mm == (300.0, -200.0)
     assert flat.centres_mm(1).tolist() == [-150, -50, 50, 150]
     assert voxels.probability()[0, 0, 0] == 0.5
-
-
-def test_lost_light_makes_cells_less_free_and_no_less_occupied() -> None:
-    free, occupied = float(log_odds(0.0, 100.0, 0.0)), float(log_odds(100.0, 0.0, 1.0))
-    assert float(log_odds(0.0, 100.0, 0.0, 0.0)) == free
-    p = 1.0 / (1.0 + math.exp(-free))
-    half = 0.5 * p + 0.25
-    assert float(log_odds(0.0, 100.0, 0.0, 100.0)) == pytest.approx(math.log(half / (1 - half)))
-    assert float(log_odds(0.0, 5.0, 0.0, 95.0)) > math.log(0.196 / 0.804)  # unknown
-    assert float(log_odds(100.0, 0.0, 1.0, 100.0)) == occupied
 
 
 @pytest.mark.parametrize(("lost", "state"), [(0.0, State.FREE), (0.95, State.UNKNOWN), (1.0, State.UNKNOWN)])
@@ -133,7 +130,7 @@ def along_the_axis(beams: Beams) -> tuple[LightCounts, np.ndarray, np.ndarray]:
     return light, middle, 100 * (np.arctan(20.0 / (middle - 10.0)) / PIXEL) ** 2  # what meets the nearer face
 
 
-def test_one_surface_stops_and_passes_light_by_its_share(make_layers: MakeLayers, camera: Sensor) -> None:
+def test_one_surface_stops_and_a_partial_one_passes_light_by_its_share(make_layers: MakeLayers, camera: Sensor) -> None:
     light, middle, full = along_the_axis(beams_from_layers(make_layers([3000.0], [1.0]), camera))
     stopped, passed = light.stopped.ravel(), light.passed.ravel()
     seen = full < 100 * 16  # nearer cells are larger than the quarter of the image that they lie in
@@ -146,9 +143,6 @@ def test_one_surface_stops_and_passes_light_by_its_share(make_layers: MakeLayers
     assert stopped[at] == pytest.approx(full[at], rel=0.01)
     assert passed[at] == 0
     assert light.probability.ravel()[at] == 1
-
-
-def test_light_passes_a_partial_surface_by_its_share(make_layers: MakeLayers, camera: Sensor) -> None:
     layers = make_layers([2000.0, 4000.0], [0.3, 0.7])
     light, middle, full = along_the_axis(beams_from_layers(layers, camera))
     stopped, passed = light.stopped.ravel() / full, light.passed.ravel() / full
@@ -159,18 +153,13 @@ def test_light_passes_a_partial_surface_by_its_share(make_layers: MakeLayers, ca
         assert passed[at[place]] == pytest.approx(passes, rel=0.01)
 
 
-def test_no_return_frees_space_up_to_where_a_surface_would_be_taken_for_it(
-    make_layers: MakeLayers, camera: Sensor
-) -> None:
+def test_free_space_ends_where_a_surface_may_be(make_layers: MakeLayers, camera: Sensor) -> None:
     light, middle, full = along_the_axis(beams_from_layers(make_layers([], [], no_return=1.0), camera))
     passed = light.passed.ravel()
     free = (middle > 700) & (middle < 5960)
     np.testing.assert_allclose(passed[free], full[free], rtol=0.01)
     assert not passed[middle > 5981].any()
     assert not light.stopped.any()
-
-
-def test_uncertain_range_frees_no_space_before_the_surface(make_layers: MakeLayers, camera: Sensor) -> None:
     light, middle, _ = along_the_axis(beams_from_layers(make_layers([3000.0], [1.0], stderr=100.0), camera))
     silent = (middle > 2800) & (middle < 2950)
     assert not (light.passed + light.stopped).ravel()[silent].any()

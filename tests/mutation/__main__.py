@@ -48,7 +48,6 @@ _AT_LEAST = 3
 
 
 def main() -> None:
-    """Do one of the four."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=["draw", "map", "run", "table"])
     parser.add_argument("--output", type=Path, required=True, help="folder of the study")

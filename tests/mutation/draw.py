@@ -67,10 +67,7 @@ class Mutant:
     def applied(self, source: bytes) -> bytes:
         """Return the file's bytes with the change.
 
-        Raises
-        ------
-        ValueError
-            If the file is no longer the one that the mutant was drawn from.
+        Raises ValueError: If the file is no longer the one that the mutant was drawn from.
         """
         if source[self.start : self.end] != self.old.encode():
             raise ValueError(f"{self.file}: not the source of mutant {self.number}; draw again")

@@ -50,7 +50,6 @@ class Compiling(event.Listener):
         self._depth += 1
 
     def on_end(self, event: object) -> None:  # noqa: ARG002  numba's signature
-        """End."""
         self._depth -= 1
         if not self._depth:
             self.seconds += cpu_s() - self._start

@@ -13,7 +13,6 @@ from tofmix.compiled.kept import SUFFIX, cache_folder
 
 
 def main() -> None:
-    """Copy the files of all kernels but those to compile again."""
     cache, *concerned = sys.argv[1:]
     again = {name.replace("/", ".").removeprefix("tofmix.") for name in concerned}
     origin = max(Path(cache).glob("tofmix-kernels-*"), key=lambda found: sum(1 for _ in found.glob(f"*{SUFFIX}")))

@@ -37,7 +37,12 @@ PINHOLE = Pinhole(fx=13.0, fy=12.0, cx=5.3, cy=3.8, distortion=(-0.1, 0.01, 0.00
 ALL: list[Projection] = [EQUIANGULAR, PINHOLE]
 
 
-def test_equal_angle_directions_follow_the_formula() -> None:
+def test_projections_have_names_and_keys_of_their_own() -> None:
+    assert {name: kind.name for name, kind in PROJECTIONS.items()} == {name: name for name in PROJECTIONS}
+    with pytest.raises(ValueError, match=r"^projection: 'fisheye' is not known; known: equiangular, pinhole$"):
+        make_projection("fisheye", {})
+    with pytest.raises(ValueError, match=r"^projection: pinhole needs fy, cy$"):
+        make_projection("pinhole", {"fx": 1.0, "cx": 1.0})
     expected = beam_directions(*SHAPE, fov_horizontal_deg=47.0, fov_vertical_deg=39.0)
     np.testing.assert_array_equal(beam_directions_of(EQUIANGULAR, SHAPE), expected)
 
@@ -77,21 +82,10 @@ def test_a_projection_is_made_again_of_its_own_values(projection: Projection) ->
     assert set(projection_values(projection)) <= {*number_keys(projection.name), *list_keys(projection.name)}
 
 
-def test_every_projection_has_its_own_name() -> None:
-    assert {name: kind.name for name, kind in PROJECTIONS.items()} == {name: name for name in PROJECTIONS}
-
-
-def test_missing_or_unknown_projection_keys_are_named() -> None:
-    with pytest.raises(ValueError, match=r"^projection: 'fisheye' is not known; known: equiangular, pinhole$"):
-        make_projection("fisheye", {})
-    with pytest.raises(ValueError, match=r"^projection: pinhole needs fy, cy$"):
-        make_projection("pinhole", {"fx": 1.0, "cx": 1.0})
-
-
 VIEW = {"fov_horizontal_deg": 47.0, "fov_vertical_deg": 39.0}
 
 
-def test_directions_are_unit_vectors_of_equal_angles() -> None:
+def test_directions_are_unit_vectors_to_the_points_of_a_board() -> None:
     directions = beam_directions(5, 8, **VIEW)
     np.testing.assert_allclose(np.linalg.norm(directions, axis=-1), 1.0)
     azimuth = np.rad2deg(np.arctan2(directions[..., 0], directions[..., 2]))
@@ -99,9 +93,6 @@ def test_directions_are_unit_vectors_of_equal_angles() -> None:
     np.testing.assert_allclose(azimuth, np.tile((np.arange(8) - 3.5) * 47 / 8, (5, 1)))
     np.testing.assert_allclose(elevation, np.tile((np.arange(5) - 2.0) * 39 / 5, (8, 1)).T)
     np.testing.assert_allclose(pixel_angles(1, 60.0), 0.0)
-
-
-def test_points_of_a_board_lie_on_the_board() -> None:
     # The simulator casts its own beams; ranges times our directions must meet the board again.
     camera = load_profile("sr3000")
     model = Model(
@@ -115,12 +106,14 @@ def test_points_of_a_board_lie_on_the_board() -> None:
     np.testing.assert_allclose(3000.0 * over, truth.range_true[..., 0], rtol=3e-5)
 
 
-def test_depth_of_a_pinhole_follows_pythagoras() -> None:
+def test_depth_of_a_pinhole_follows_pythagoras_and_beams_across_have_none() -> None:
     over = ray_over_depth(beam_directions_of(Pinhole(fx=3.0, fy=5.0, cx=1.0, cy=2.0), (6, 4)))
     for row in range(6):
         for col in range(4):
             x, y = (col - 1.0) / 3.0, (row - 2.0) / 5.0
             assert over[row, col] == pytest.approx(np.sqrt(x * x + y * y + 1.0), rel=1e-15)
+    with pytest.raises(ValueError, match="90 degrees"):
+        ray_over_depth(beam_directions(2, 2, fov_horizontal_deg=360.0, fov_vertical_deg=10.0))
 
 
 @pytest.mark.parametrize("view", [(0.0, 10.0), (10.0, -1.0), (361.0, 10.0), (10.0, 181.0), (np.nan, 1.0)])
@@ -129,18 +122,17 @@ def test_impossible_field_of_view_is_refused(view: tuple[float, float]) -> None:
         beam_directions(2, 2, fov_horizontal_deg=view[0], fov_vertical_deg=view[1])
 
 
-def test_beams_across_the_axis_have_no_depth_and_are_refused() -> None:
-    with pytest.raises(ValueError, match="90 degrees"):
-        ray_over_depth(beam_directions(2, 2, fov_horizontal_deg=360.0, fov_vertical_deg=10.0))
-
-
-def test_the_largest_angle_is_that_of_the_arccosine() -> None:
+def test_largest_angle_and_words_of_a_projection() -> None:
     # Far from 0, where the arccosine can be trusted.
     grid = beam_directions(4, 6, fov_horizontal_deg=90.0, fov_vertical_deg=60.0)
     pinhole = beam_directions_of(Pinhole(fx=3.0, fy=3.0, cx=2.5, cy=1.5), (4, 6))
     cosine = np.clip((grid * pinhole).sum(axis=-1), -1.0, 1.0)
     assert largest_angle_deg(grid, pinhole) == pytest.approx(float(np.rad2deg(np.arccos(cosine)).max()), rel=1e-9)
     assert largest_angle_deg(grid, grid) == 0.0
+    focal = 88.0 / math.tan(math.radians(35.0)), 72.0 / math.tan(math.radians(27.5))
+    camera = Pinhole(fx=focal[0], fy=focal[1], cx=87.5, cy=71.5)
+    assert camera.words((144, 176)) == "70.0 x 55.0 degrees of a pinhole"
+    assert unambiguous_range_mm(20e6) == pytest.approx(1000 * c / 40e6)
 
 
 WIDE: dict[str, Any] = {"fx": 125.7, "fy": 138.3, "cx": 87.2, "cy": 70.9}
@@ -208,7 +200,7 @@ def test_fold_radius_is_where_the_formula_turns(k: tuple[float, ...], radius: fl
     assert Distortion(k).fold_radius() == pytest.approx(min(radius, 1000.0), rel=1e-9)
 
 
-def test_fold_is_that_of_a_fine_scan() -> None:
+def test_fold_is_that_of_a_fine_scan_and_an_image_that_reaches_it_is_refused() -> None:
     rng = np.random.default_rng(5)
     r = np.linspace(0, 3, 100_001)
     for k in rng.uniform(-0.4, 0.4, (25, 8)) * [1, 1, 0, 0, 1, 1, 1, 1]:
@@ -216,9 +208,6 @@ def test_fold_is_that_of_a_fine_scan() -> None:
         turns = np.flatnonzero(np.diff(imaged) <= 0)
         expected = r[turns[0]] if turns.size else math.inf
         assert min(Distortion(tuple(k)).fold_radius(), 3.0) == pytest.approx(min(expected, 3.0), abs=6e-5)
-
-
-def test_an_image_that_reaches_the_fold_is_refused_with_the_angle() -> None:
     folding = Pinhole(**(WIDE | {"fx": 60.0, "fy": 60.0}), distortion=(-0.25, 0.0, 0.0, 0.0))
     with pytest.raises(ValueError, match=r"^distortion: it folds.* 49\.1 degrees off the axis.* row -0\.5, column"):
         folding.check((144, 176))
@@ -254,16 +243,6 @@ def test_directions_behind_the_camera_and_beyond_the_fold_have_no_pixel() -> Non
     row, col = pinhole.pixels(directions, shape=(144, 176))
     np.testing.assert_array_equal(np.isnan(row), [True, True, True, False])
     np.testing.assert_array_equal(np.isnan(col), np.isnan(row))
-
-
-def test_words_name_the_field_of_view() -> None:
-    focal = 88.0 / math.tan(math.radians(35.0)), 72.0 / math.tan(math.radians(27.5))
-    pinhole = Pinhole(fx=focal[0], fy=focal[1], cx=87.5, cy=71.5)
-    assert pinhole.words((144, 176)) == "70.0 x 55.0 degrees of a pinhole"
-
-
-def test_unambiguous_range_is_half_a_wavelength() -> None:
-    assert unambiguous_range_mm(20e6) == pytest.approx(1000 * c / 40e6)
 
 
 @pytest.mark.parametrize("frequency", [0.0, -1.0, float("nan")])

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from support.alike import MakeLayers, MakeSource
 
 from tofmix.arrays import Float32Array
 from tofmix.flags import MixingLaw, Status
@@ -112,13 +113,13 @@ def random_layers(shape: tuple[int, int] = (9, 11), *, max_layers: int = 4, seed
 
 
 @pytest.fixture
-def make_layers() -> Callable[..., Layers]:
+def make_layers() -> MakeLayers:
     """`random_layers` for tests."""
     return random_layers
 
 
 @pytest.fixture
-def make_source() -> Callable[..., LayersSource]:
+def make_source() -> MakeSource:
     """Make a `LayersSource` of windows, with any field of `Provenance`."""
 
     def make(*windows: Layers, **changes: object) -> LayersSource:

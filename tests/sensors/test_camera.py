@@ -42,12 +42,19 @@ def test_camera_without_gaps_equals_its_complete_camera() -> None:
     np.testing.assert_array_equal(mine.sigma_mm, theirs.sigma_mm)
 
 
-def test_unknown_camera_has_no_values() -> None:
+def test_cameras_with_gaps_are_refused_where_values_are_needed() -> None:
     sensor = UNKNOWN.sensor()
     assert sensor.name == "unknown"
     assert sensor.noise is None
     for key in ("range_min_mm", "range_max_mm", "fov_horizontal_deg", "modulation_frequency_hz"):
         assert getattr(sensor, key) is None
+    assert "reference_integration_time_ms" not in noise_toml(CURVES[0], integration_time_ms=None)
+    curve = NoiseCurve(RANGE, SIGMA, background=np.array([[0.0, 0.25]]))
+    assert "background = 0.125" in noise_toml(curve, integration_time_ms=1.0)
+    assert 'background = "b.npy"' in noise_toml(curve, integration_time_ms=1.0, background="b.npy")
+    with pytest.raises(BadInputError, match=r"profile vl53l5cx: VL53L5CX: not known: integration_time_ms, noise, outl"):
+        load_profile("vl53l5cx")
+    assert profiles_with_noise() == ("sr3000", "sr4000", "stoc")
 
 
 def test_noise_without_a_time_is_used_only_where_it_does_not_depend_on_time() -> None:
@@ -89,18 +96,12 @@ def profile() -> CompleteCamera:
     return load_profile("sr3000")
 
 
-def test_noise_follows_the_integration_time(profile: CompleteCamera) -> None:
+def test_noise_follows_the_integration_time_in_any_number_of_steps(profile: CompleteCamera) -> None:
     for tau in (0.2, 1.2, 10.0, 51.0):
         np.testing.assert_allclose(profile.noise_at(tau).sigma_mm, profile.noise.sigma_mm * (10.0 / tau) ** 0.5)
     np.testing.assert_array_equal(profile.noise_at(10.0).range_mm, profile.noise.range_mm)
-
-
-def test_noise_scaled_in_two_steps_equals_one_step(profile: CompleteCamera) -> None:
     other = replace(profile, noise=profile.noise_at(1.2), reference_integration_time_ms=1.2)
     np.testing.assert_allclose(other.noise_at(3.4).sigma_mm, profile.noise_at(3.4).sigma_mm)
-
-
-def test_sensor_is_at_the_profiles_time(profile: CompleteCamera) -> None:
     sensor = replace(profile, integration_time_ms=1.2).sensor()
     assert sensor.integration_time_ms == 1.2
     assert sensor.noise is not None
@@ -161,26 +162,17 @@ def sensor(text: str) -> CompleteCamera:
     return camera_of_model(parse_toml(text, source="camera.toml"))
 
 
-def test_a_pinhole_takes_the_place_of_the_profiles_field_of_view() -> None:
+def test_pinhole_takes_the_place_of_a_field_of_view_and_equiangular_is_the_default() -> None:
     camera = sensor(SR3000 + PINHOLE + "distortion = [-0.1, 0.0, 0.0, 0.0, 0.0]\n")
     expected = Pinhole(fx=125.7, fy=138.3, cx=87.5, cy=71.5, distortion=(-0.1, 0.0, 0.0, 0.0, 0.0))
     assert camera.projection == camera.optics == expected
     assert camera.sensor().optics == expected
     assert (camera.fov_horizontal_deg, camera.fov_vertical_deg) == (None, None)
-
-
-def test_camera_with_a_pinhole_and_no_profile_needs_no_field_of_view() -> None:
     camera = sensor(ALONE.replace("PROJECTION", 'projection = "pinhole"\nfx = 10.0\nfy = 10.0\ncx = 8\ncy = 6\n'))
     assert camera.optics == Pinhole(fx=10.0, fy=10.0, cx=8.0, cy=6.0)
-
-
-def test_a_camera_may_know_the_pinhole_alone() -> None:
-    camera = parse_camera("[sensor]\n" + PINHOLE, source="camera.toml")
-    assert camera.sensor().optics == Pinhole(fx=125.7, fy=138.3, cx=87.5, cy=71.5)
-    assert "fov_horizontal_deg" not in camera.missing()
-
-
-def test_equiangular_by_name_is_as_if_it_were_left_out() -> None:
+    given = parse_camera("[sensor]\n" + PINHOLE, source="camera.toml")
+    assert given.sensor().optics == Pinhole(fx=125.7, fy=138.3, cx=87.5, cy=71.5)
+    assert "fov_horizontal_deg" not in given.missing()
     named, unnamed = sensor(SR3000 + 'projection = "equiangular"\n'), sensor(SR3000)
     assert named.optics == unnamed.optics
     assert named.projection is None
@@ -247,16 +239,6 @@ def test_table_is_read_as_the_same_curve(curve: NoiseCurve) -> None:
         assert sensor.noise.background == curve.background
 
 
-def test_table_of_an_unknown_integration_time_leaves_it_to_the_model() -> None:
-    assert "reference_integration_time_ms" not in noise_toml(CURVES[0], integration_time_ms=None)
-
-
-def test_map_of_background_is_a_path_or_its_mean() -> None:
-    curve = NoiseCurve(RANGE, SIGMA, background=np.array([[0.0, 0.25]]))
-    assert "background = 0.125" in noise_toml(curve, integration_time_ms=1.0)
-    assert 'background = "b.npy"' in noise_toml(curve, integration_time_ms=1.0, background="b.npy")
-
-
 @pytest.mark.parametrize("name", PROFILES)
 def test_every_profile_reads_and_has_sources(name: str) -> None:
     camera = load_camera(name)
@@ -275,11 +257,6 @@ def test_each_number_of_a_profile_with_gaps_has_a_source_and_each_gap_a_note(nam
     assert sensor.noise is None
     for key in ("range_min_mm", "range_max_mm", "fov_horizontal_deg", "fov_vertical_deg", "projection"):
         assert getattr(sensor, key) == getattr(camera, key)
-
-
-def test_profile_with_gaps_is_refused_for_simulation_with_its_gaps() -> None:
-    with pytest.raises(BadInputError, match=r"profile vl53l5cx: VL53L5CX: not known: integration_time_ms, noise, outl"):
-        load_profile("vl53l5cx")
 
 
 def test_a_model_may_fill_the_gaps_of_a_profile() -> None:
@@ -307,10 +284,6 @@ def test_a_derived_pinhole_spans_the_field_of_view_that_its_source_gives(name: s
     assert camera.cols is not None
     assert camera.projection.words((camera.rows, camera.cols)) == f"{view} degrees of a pinhole"
     assert f"{view.replace('.0', '')} degrees" in " ".join(camera.sources)
-
-
-def test_only_profiles_with_a_curve_are_offered_for_noise() -> None:
-    assert profiles_with_noise() == ("sr3000", "sr4000", "stoc")
 
 
 def test_sr3000_is_the_papers_camera_and_marked_as_unconfirmed() -> None:

@@ -96,45 +96,32 @@ def look(camera: Camera, boards: tuple[Board, ...], *, beams: int = 2000) -> See
 
 @dataclass(frozen=True, kw_only=True)
 class Errors:
-    """What is wrong with the camera or in its way; the defaults are nothing.
-
-    Parameters
-    ----------
-    second_path : dict of board to (share, longer by mm)
-        Light of a board that takes a longer way: its amplitude over the direct light's, and how much longer it is.
-    lens : float
-        Share of the whole image's mean light that the lens scatters into every pixel.
-    window : (amplitude, range in mm)
-        Light that the camera's own window reflects into every pixel.
-    neighbours : float
-        Share of a pixel's charge that diffuses to each of its four neighbours.
-    all_at_once : float
-        Probability that a sample is of all the light at once, each board's by its area, whatever it was to be of.
-    falloff : (row, col) or 1
-        The illumination.
-    harmonic : float
-        Third harmonic of the modulation, as a share of the fundamental.
-    harmonic_phase : float
-        Its phase, rad.
-    memory : float
-        Correlation of a charge's noise from frame to frame.
-    stranger : (share of frames, mean frames of a burst, amplitude)
-        A second camera, in bursts: light in no relation to ours, which leaves noise in each charge.
-    full_well : float
-        Charge of modulated light over which a pixel saturates.
-    """
+    """What is wrong with the camera or in its way; the defaults are nothing."""
 
     second_path: dict[int, tuple[float, float]] = field(default_factory=dict)
+    """dict of board to (share, longer by mm). Light of a board that takes a longer way: its amplitude over the direct
+    light's, and how much longer it is."""
     lens: float = 0.0
+    """Share of the whole image's mean light that the lens scatters into every pixel."""
     window: tuple[float, float] = (0.0, 0.0)
+    """(amplitude, range in mm). Light that the camera's own window reflects into every pixel."""
     neighbours: float = 0.0
+    """Share of a pixel's charge that diffuses to each of its four neighbours."""
     all_at_once: float = 0.0
+    """Probability that a sample is of all the light at once, each board's by its area, whatever it was to be of."""
     falloff: Floats | float = 1.0
+    """(row, col) or 1. The illumination."""
     harmonic: float = 0.0
+    """Third harmonic of the modulation, as a share of the fundamental."""
     harmonic_phase: float = 0.0
+    """Its phase, rad."""
     memory: float = 0.0
+    """Correlation of a charge's noise from frame to frame."""
     stranger: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    """(share of frames, mean frames of a burst, amplitude). A second camera, in bursts: light in no relation to ours,
+    which leaves noise in each charge."""
     full_well: float = np.inf
+    """Charge of modulated light over which a pixel saturates."""
 
 
 def record(

@@ -36,12 +36,6 @@ def test_rotation_is_yaw_about_y_then_pitch_about_x(
     np.testing.assert_allclose(replace(BOARD, yaw_deg=yaw, pitch_deg=pitch).rotation().T, [u, v, n], atol=1e-15)
 
 
-def test_rotation_is_orthonormal_and_keeps_handedness() -> None:
-    rotation = replace(BOARD, yaw_deg=33, pitch_deg=-71).rotation()
-    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-15)
-    assert np.linalg.det(rotation) == pytest.approx(1)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -120,14 +114,16 @@ def test_example_of_the_contract_is_read() -> None:
     assert model.sensor.default_integration_time_ms == 10.0
 
 
-def test_a_model_without_a_profile_gives_every_key_itself() -> None:
+def test_keys_come_from_the_file_its_profile_or_the_defaults_and_missing_ones_are_named() -> None:
+    model = parse_model(SHORT + "[sensor.noise]\nexponent = 1\n" + BOARD_TOML, source="m")
+    assert (model.sensor.name, model.sensor.exponent, model.sensor.integration_time_ms) == ("SR-3000", 1.0, 10.0)
+    assert model.sensor.noise.range_mm.size == 6
+    assert model.recording == RecordingSettings()
+    assert (model.surfaces[0].yaw_deg, model.surfaces[0].name) == (0.0, "surface 1")
     model = parse_model(CONTRACT.replace('profile = "sr3000"', 'name = "mine"'), source="m")
     assert model.sensor.name == "mine"
     assert model.sensor.default_integration_time_ms == 10.0  # the curve's own time
     assert parse_model(CONTRACT.replace('profile = "sr3000"', ""), source="m").sensor.name
-
-
-def test_without_a_profile_missing_keys_are_named() -> None:
     text = CONTRACT.replace('profile = "sr3000"', "").replace("cols = 176", "").replace("exponent = 0.5", "")
     with pytest.raises(BadInputError, match=r'^m: \[sensor\]: missing cols, noise\.exponent; .* profile = "sr3000"'):
         parse_model(text, source="m")
@@ -143,17 +139,11 @@ def test_without_a_modulation_frequency_the_camera_measures_no_phase() -> None:
     assert given.sensor.turn_mm("a test") == pytest.approx(7494.8, abs=0.1)
 
 
-def test_keys_left_out_come_from_the_profile_and_the_defaults() -> None:
-    model = parse_model(SHORT + "[sensor.noise]\nexponent = 1\n" + BOARD_TOML, source="m")
-    assert (model.sensor.name, model.sensor.exponent, model.sensor.integration_time_ms) == ("SR-3000", 1.0, 10.0)
-    assert model.sensor.noise.range_mm.size == 6
-    assert model.recording == RecordingSettings()
-    assert (model.surfaces[0].yaw_deg, model.surfaces[0].name) == (0.0, "surface 1")
-
-
-def test_model_without_surfaces_is_accepted() -> None:
+def test_models_without_surfaces_are_accepted_and_equal_names_refused() -> None:
     assert parse_model(SHORT, source="m").surfaces == ()
     assert parse_model("surface = []\neffect = []\n" + SHORT, source="m").surfaces == ()
+    with pytest.raises(BadInputError, match='"three-bords" is not a built-in model; did you mean "three-boards"'):
+        builtin_text("three-bords")
 
 
 @pytest.mark.parametrize(
@@ -313,8 +303,6 @@ frames = 20
 center_mm = [0.0, 0.0, 2000.0]
 size_mm = [900.0, 900.0]
 """
-NOISE = TEXT[TEXT.index("[sensor.noise]") : TEXT.index("[recording]")]
-BARE = TEXT.replace(NOISE, "")
 CURVE = NoiseCurve(np.array([1000.0, 3000.0]), np.array([11.0, 22.0]), width_spread=0.25)
 
 
@@ -343,17 +331,11 @@ def test_step_above_one_mm_becomes_quantisation(step_mm: float | None, steps: li
         assert [e.step_mm for e in each.effects if e.kind == "quantisation"] == steps  # type: ignore[attr-defined]
 
 
-def test_model_with_a_quantisation_of_its_own_keeps_it() -> None:
+def test_model_with_another_noise_keeps_its_quantisation_and_names_its_map() -> None:
     own = model(TEXT + '[[effect]]\nkind = "quantisation"\nstep_mm = 5.0\n')
     assert len(with_noise(own, CURVE, step_mm=8.0).effects) == 1
-
-
-def test_map_of_background_has_a_path_beside_the_model() -> None:
     found = with_noise(model(), replace(CURVE, background=np.full((4, 6), 0.02)))
     assert background_path(found) == BACKGROUND_MAP
-
-
-def test_parts_that_the_profile_would_hand_on_are_written() -> None:
     law = "reference_amplitude = [9.0, 9.0]\namplitude = [5.0, 9.0]\namplitude_factor = [2.0, 1.0]\nbackground = 0.1\n"
     given = model(TEXT.replace("sigma_mm = [4.0, 40.0]\n", f"sigma_mm = [4.0, 40.0]\n{law}"))
     again = model(with_noise(given, CURVE).text)
@@ -380,13 +362,10 @@ def test_every_built_in_model_reads_and_is_described_in_one_line(name: str) -> N
     assert not description.startswith("#")
 
 
-def test_three_boards_is_recorded_as_in_the_paper(three_boards: tuple[Model, Truth]) -> None:
+def test_three_boards_are_the_papers(three_boards: tuple[Model, Truth]) -> None:
     model, truth = three_boards
     assert truth.n_modes.shape == (144, 176)
     assert (model.sensor.integration_time_ms, model.recording.frames) == (1.2, 100)
-
-
-def test_column_92_sees_three_boards_and_its_neighbours_fewer(three_boards: tuple[Model, Truth]) -> None:
     _, truth = three_boards
     shares = np.nan_to_num(truth.weight_true[:, 92])
     good = (truth.n_modes[:, 92] == 3) & (shares >= 0.1).all(axis=1)
@@ -396,9 +375,6 @@ def test_column_92_sees_three_boards_and_its_neighbours_fewer(three_boards: tupl
     assert set(np.unique(neighbours)) <= {1, 2}
     np.testing.assert_allclose(truth.range_true[good, 92].mean(axis=0), [2400, 3600, 4800], rtol=0.02)
     assert np.ptp(shares[good], axis=0).min() > 0.1  # the shares change from row to row
-
-
-def test_three_boards_has_every_kind_of_pixel(three_boards: tuple[Model, Truth]) -> None:
     _, truth = three_boards
     count = np.bincount(truth.n_modes.ravel(), minlength=4)
     assert count[0] > 1000
@@ -422,17 +398,12 @@ def test_corridor_has_walls_a_board_in_an_opening_and_open_space() -> None:
     assert (truth.n_modes == 0).sum() > 1000
 
 
-def test_unknown_model_is_refused_with_the_nearest_name() -> None:
-    with pytest.raises(BadInputError, match='"three-bords" is not a built-in model; did you mean "three-boards"'):
-        builtin_text("three-bords")
-
-
 def cast(name: str) -> tuple[Model, Truth]:
     model = parse_model(builtin_text(name), source=name)
     return model, cast_scene(model)
 
 
-def test_slanted_wall_has_every_range_once_and_edges_of_every_depth() -> None:
+def test_slanted_wall_near_far_and_corner_have_their_edges_and_creases() -> None:
     model, truth = cast("slanted-wall")
     assert [surface.name for surface in model.surfaces] == ["wall", "board"]
     assert not truth.weight_no_return.any()
@@ -443,9 +414,6 @@ def test_slanted_wall_has_every_range_once_and_edges_of_every_depth() -> None:
     assert step.size > 200
     assert step.min() < 1500
     assert step.max() > 3000
-
-
-def test_near_far_is_lit_by_its_near_board() -> None:
     model, truth = cast("near-far")
     assert not truth.weight_no_return.any()
     near, far = (truth.amplitude[(truth.surface == k).any(axis=2) & (truth.n_modes == 1), 0] for k in (0, 1))
@@ -453,9 +421,6 @@ def test_near_far_is_lit_by_its_near_board() -> None:
     assert min(near.size, far.size) > 5000
     assert (truth.n_modes == 2).sum() > 200
     assert [surface.name for surface in model.surfaces] == ["bright board", "dark wall"]
-
-
-def test_corner_has_creases_and_no_steps() -> None:
     _, truth = cast("corner")
     assert not truth.weight_no_return.any()
     assert set(np.unique(truth.n_modes)) == {1, 2, 3}

@@ -196,7 +196,7 @@ def test_background_is_uniform_over_the_working_range() -> None:
 PARTS = shape_keys(SHAPES["skewed"]) + "width_spread = 0.2\nbackground = 0.05\n"
 
 
-def test_prediction_with_all_parts_is_that_of_the_samples() -> None:
+def test_prediction_with_all_parts_is_that_of_the_samples_also_where_they_fold() -> None:
     scene = model(PARTS, '[[effect]]\nkind = "excess_noise"\nfactor = 1.3\n')
     samples = frames(scene, 400).reshape(400, -1)
     score = pit(predict(scene, seed=SEED), samples, np.random.default_rng(3))
@@ -204,9 +204,6 @@ def test_prediction_with_all_parts_is_that_of_the_samples() -> None:
     assert stats.kstest(score.ravel(), "uniform").statistic * np.sqrt(score.size) < LIMIT
     gaussian = pit(predict(with_noise(scene, shape=None), seed=SEED), samples, np.random.default_rng(3))
     assert stats.kstest(gaussian.ravel(), "uniform").statistic * np.sqrt(score.size) > LIMIT
-
-
-def test_prediction_folds_the_shape_as_samples_fold() -> None:
     scene = model(PARTS, '[[effect]]\nkind = "phase_wrapping"\nunambiguous_range_mm = 1000.0\n')
     samples = frames(scene, 300).reshape(300, -1)
     score = pit(predict(scene, seed=SEED), samples, np.random.default_rng(3))
@@ -230,13 +227,15 @@ def test_model_reads_its_parts_and_a_recording_carries_them() -> None:
     assert averaged.width_spread == 0.2
 
 
-def test_background_map_is_read_from_the_folder_of_the_model(tmp_path: Path) -> None:
+def test_background_is_read_from_the_folder_and_bounded(tmp_path: Path) -> None:
     np.save(tmp_path / "share.npy", background_map())
     path = tmp_path / "model.toml"
     path.write_text(model_text('background = "share.npy"'))
     background = load_model(str(path)).sensor.noise.background
     assert background is not None
     np.testing.assert_array_equal(background, background_map().astype(np.float64))
+    with pytest.raises(BadInputError, match=r"probability: 0\.5 is not below 0\.39"):
+        model("background = 0.6", '[[effect]]\nkind = "outliers"\nprobability = 0.5\n')
 
 
 @pytest.mark.parametrize(
@@ -278,11 +277,6 @@ def test_unfit_map_is_refused(tmp_path: Path, values: NDArray[np.float32], reaso
     (tmp_path / "model.toml").write_text(model_text('background = "share.npy"'))
     with pytest.raises(BadInputError, match=reason):
         load_model(str(tmp_path / "model.toml"))
-
-
-def test_background_with_outliers_above_one_is_refused() -> None:
-    with pytest.raises(BadInputError, match=r"probability: 0\.5 is not below 0\.39"):
-        model("background = 0.6", '[[effect]]\nkind = "outliers"\nprobability = 0.5\n')
 
 
 def test_explain_describes_the_noise() -> None:
@@ -346,7 +340,7 @@ def frames_amplitude(scene: Model, count: int) -> NDArray[np.float64]:
     return np.concatenate([block.range_mm for block in blocks]).astype(np.float64)
 
 
-def test_samples_scatter_as_their_amplitude_says() -> None:
+def test_laws_of_amplitude_hold_and_leave_flat_ones_alone() -> None:
     scene = model_amplitude()
     truth, samples = cast_scene(scene), frames_amplitude(scene, 2000)
     whole = [(r, c) for r in range(8) for c in range(12) if truth.n_modes[r, c] == 1]
@@ -355,6 +349,14 @@ def test_samples_scatter_as_their_amplitude_says() -> None:
         expected = sigma_by_hand(truth.range_true[row, col, 0], truth.amplitude[row, col, 0])
         found = samples[:, row, col].std()
         assert found == pytest.approx(np.hypot(expected, 12**-0.5), rel=4.5 / np.sqrt(2 * 2000))
+    flat = LAW.replace("[4.0, 2.0, 0.2]", "[3.0, 3.0, 3.0]")
+    np.testing.assert_array_equal(
+        frames_amplitude(model_amplitude(flat), 20), frames_amplitude(model_amplitude(law=""), 20)
+    )
+    scene = replace(model_amplitude(), surfaces=())
+    noise = scene.sensor.noise_at(2.0)
+    table = event_table(cast_scene(scene), scene.sensor)
+    np.testing.assert_array_equal(table.sigma(noise)[-2], noise.sigma(scene.sensor.range_max_mm))
 
 
 def test_the_prediction_has_the_same_noise() -> None:
@@ -371,20 +373,6 @@ def test_the_prediction_has_the_same_noise() -> None:
     assert stats.kstest(transform.ravel(), "uniform").pvalue > 1e-3
     plain = pit(predict(model_amplitude(law="")), samples.reshape(500, -1).astype(np.uint16), np.random.default_rng(3))
     assert stats.kstest(plain.ravel(), "uniform").pvalue < 1e-9
-
-
-def test_law_without_effect_changes_no_sample() -> None:
-    flat = LAW.replace("[4.0, 2.0, 0.2]", "[3.0, 3.0, 3.0]")
-    np.testing.assert_array_equal(
-        frames_amplitude(model_amplitude(flat), 20), frames_amplitude(model_amplitude(law=""), 20)
-    )
-
-
-def test_a_sample_without_a_return_has_the_curves_noise() -> None:
-    scene = replace(model_amplitude(), surfaces=())
-    noise = scene.sensor.noise_at(2.0)
-    table = event_table(cast_scene(scene), scene.sensor)
-    np.testing.assert_array_equal(table.sigma(noise)[-2], noise.sigma(scene.sensor.range_max_mm))
 
 
 def test_parts_of_an_averaged_frame_have_the_noise_of_their_own_time() -> None:
@@ -513,25 +501,19 @@ def test_blocks_and_threads_change_no_amplitude(bench: Bench) -> None:
         np.testing.assert_array_equal(one[1], other[1])
 
 
-def test_without_a_frequency_amplitudes_have_no_noise(bench: Bench) -> None:
-    for effects in ((), (effect("excess_noise", factor=2.0),)):
-        recorded = bench.wall(*effects, frames=1, modulation_frequency_hz=None)
-        _, amplitude = frames_of_amplitudes(recorded.model)
-        np.testing.assert_array_equal(amplitude, np.broadcast_to(recorded.true_amplitude, amplitude.shape))
-
-
-def test_negative_amplitudes_are_stored_as_0(bench: Bench) -> None:
-    """Noise of two thirds of the amplitude: 7 % would be below 0."""
-    recorded = bench.wall(effect("excess_noise", factor=20.0), frames=1)
-    _, amplitude = frames_of_amplitudes(recorded.model)
-    assert amplitude.min() == 0
-
-
-def test_noise_of_amplitudes_has_the_memory_of_the_range(bench: Bench) -> None:
+def test_noise_of_amplitudes_has_the_memory_of_ranges_and_needs_a_frequency(bench: Bench) -> None:
     recorded = bench.wall(effect("temporal_correlation", coefficient=0.6), frames=1)
     _, amplitude = frames_of_amplitudes(recorded.model)
     z = (amplitude - recorded.true_amplitude) / recorded.true_amplitude
     assert np.mean(z[1:] * z[:-1]) / np.mean(z**2) == pytest.approx(0.6, abs=0.02)
+    # Noise of two thirds of the amplitude: 7 % would be below 0.
+    recorded = bench.wall(effect("excess_noise", factor=20.0), frames=1)
+    _, amplitude = frames_of_amplitudes(recorded.model)
+    assert amplitude.min() == 0
+    for effects in ((), (effect("excess_noise", factor=2.0),)):
+        recorded = bench.wall(*effects, frames=1, modulation_frequency_hz=None)
+        _, amplitude = frames_of_amplitudes(recorded.model)
+        np.testing.assert_array_equal(amplitude, np.broadcast_to(recorded.true_amplitude, amplitude.shape))
 
 
 def test_a_mean_has_the_noise_of_its_exposures(bench: Bench) -> None:

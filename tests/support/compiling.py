@@ -95,10 +95,7 @@ def finish() -> None:
 def _folder() -> Path:
     """The folder of kept code.
 
-    Raises
-    ------
-    FileNotFoundError
-        If no folder can be written: then each worker compiles by itself.
+    Raises FileNotFoundError: If no folder can be written: then each worker compiles by itself.
     """
     folder = cache_folder()
     if folder is None:
@@ -110,10 +107,7 @@ def _folder() -> Path:
 def _alone_with(part: Callable[[], None], *, wait: bool = True) -> Iterator[None]:
     """Let one process at a time into the block.
 
-    Raises
-    ------
-    BlockingIOError
-        If another one is in it, and this one is not to wait.
+    Raises BlockingIOError: If another one is in it, and this one is not to wait.
     """
     with (_folder() / f"{part.__name__}.lock").open("a") as file:
         fcntl.flock(file, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)

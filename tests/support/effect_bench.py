@@ -57,7 +57,6 @@ class Recorded:
 
 
 def effect(kind: str, **parameters: object) -> Effect:
-    """An effect by its kind."""
     make: Callable[..., Effect] = EFFECTS[kind]
     return make(**parameters)
 

@@ -46,5 +46,4 @@ class LayersInMemory:
         self.max_layers = layers.max_layers
 
     def read_window(self, window: int) -> Layers:
-        """Layers of one window."""
         return Layers(**{spec.name: getattr(self.layers, spec.name)[window] for spec in self.layers.fields})

@@ -166,22 +166,11 @@ def pixel_angles(pixels: int, fov_deg: float) -> FloatArray:
 def beam_directions(rows: int, cols: int, *, fov_horizontal_deg: float, fov_vertical_deg: float) -> FloatArray:
     """Unit vectors along the beams of an equiangular pixel grid.
 
-    Parameters
-    ----------
-    rows, cols : int
-        Size of the image.
-    fov_horizontal_deg, fov_vertical_deg : float
-        Full field of view.
-
-    Returns
-    -------
-    (row, col, 3) float64
-        (sin az cos el, sin el, cos az cos el) in the sensor's frame: x right, y down, z forward.
-
-    Raises
-    ------
-    ValueError
-        If the field of view cannot be.
+    `rows`, `cols`: size of the image.
+    `fov_horizontal_deg`, `fov_vertical_deg`: full field of view.
+    Returns (row, col, 3) float64: (sin az cos el, sin el, cos az cos el) in the sensor's frame: x right, y down, z
+      forward.
+    Raises ValueError: If the field of view cannot be.
     """
     check_view(fov_horizontal_deg, fov_vertical_deg)
     azimuth, elevation = np.meshgrid(pixel_angles(cols, fov_horizontal_deg), pixel_angles(rows, fov_vertical_deg))

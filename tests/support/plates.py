@@ -34,29 +34,21 @@ SMALL = View(rows=48, cols=60, fov_horizontal_deg=16.0, fov_vertical_deg=13.0, r
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plate:
-    """A flat plate in the sensor's frame: x right, y down, z forward, mm.
-
-    Parameters
-    ----------
-    center_mm : (x, y, z)
-        Its centre; of a half-plane, a point of its edge.
-    half_mm : (float, float)
-        Half its sides along its own axes u and v; of a disk, the radius first; of a half-plane (u <= 0), unused.
-    yaw_deg, pitch_deg, roll_deg : float
-        Turned in its own plane first, about y next, about x last.
-    reflectivity : float
-        Of its surface.
-    outline : str
-        Its shape.
-    """
+    """A flat plate in the sensor's frame: x right, y down, z forward, mm."""
 
     center_mm: tuple[float, float, float]
+    """(x, y, z). Its centre; of a half-plane, a point of its edge."""
     half_mm: tuple[float, float] = (1.0, 1.0)
+    """(float, float). Half its sides along its own axes u and v; of a disk, the radius first; of a half-plane (u <= 0),
+    unused."""
     yaw_deg: float = 0.0
     pitch_deg: float = 0.0
     roll_deg: float = 0.0
+    """`yaw_deg`, `pitch_deg`, `roll_deg`: turned in its own plane first, about y next, about x last."""
     reflectivity: float = 0.6
+    """Of its surface."""
     outline: Outline = "rectangle"
+    """Its shape."""
 
     @classmethod
     def of(cls, surface: Surface) -> "Plate":
@@ -163,27 +155,18 @@ def wall(range_mm: float, *, yaw_deg: float = 0.0, pitch_deg: float = 0.0, refle
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Truth:
-    """What a camera sees of plates.
-
-    Parameters
-    ----------
-    part_surface : (rows x 8, cols x 8) int64
-        Number of the plate at the centre of each part; -1: none.
-    part_range_mm : (rows x 8, cols x 8) float64
-        Its range; NaN: none.
-    share : (plate, row, col) float64
-        Share of each pixel's solid angle; the rest sees nothing.
-    range_mm : (plate, row, col) float64
-        Mean range of the part of the pixel that sees the plate; NaN: none does.
-    cosine : (plate, row, col) float64
-        Cosine of incidence at the pixel's centre.
-    """
+    """What a camera sees of plates."""
 
     part_surface: IntArray
+    """(rows x 8, cols x 8) int64. Number of the plate at the centre of each part; -1: none."""
     part_range_mm: FloatArray
+    """(rows x 8, cols x 8) float64. Its range; NaN: none."""
     share: FloatArray
+    """(plate, row, col) float64. Share of each pixel's solid angle; the rest sees nothing."""
     range_mm: FloatArray
+    """(plate, row, col) float64. Mean range of the part of the pixel that sees the plate; NaN: none does."""
     cosine: FloatArray
+    """(plate, row, col) float64. Cosine of incidence at the pixel's centre."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

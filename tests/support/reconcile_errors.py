@@ -97,21 +97,11 @@ def scene(*, rows: int = 16, cols: int = 20, frames: int = FRAMES) -> Model:
 def deviations(model: Model, effects: tuple[Effect, ...], beside: tuple[Effect, ...], *, seed: int) -> dict[str, float]:
     """How far each number of the fitted effects is from the truth, in its standard errors.
 
-    Parameters
-    ----------
-    model : Model
-        What the fit knows.
-    effects : tuple of Effect
-        Hidden, and fitted.
-    beside : tuple of Effect
-        Hidden, and known.
-    seed : int
-        Of the recording.
-
-    Returns
-    -------
-    dict of str to float
-        By the number's name; empty where a kind that only the whole search fits is not named.
+    `model`: what the fit knows.
+    `effects`: hidden, and fitted.
+    `beside`: hidden, and known.
+    `seed`: of the recording.
+    Returns dict of str to float: by the number's name; empty where a kind that only the whole search fits is not named.
     """
     evidence = simulated(model, (*effects, *beside), seed, model.recording.frames)
     latent = any(e.kind in LATENT for e in effects)

@@ -41,16 +41,10 @@ def _once(make: Callable[..., _Made], *arguments: object) -> _Made:
 def recorded(model: Model, *hidden: Effect, seed: int = 5, frames: int | None = None) -> Evidence:
     """Simulate a recording of the model with these effects instead of its own, held against the model.
 
-    Parameters
-    ----------
-    model : Model
-        Does not say that it has the effects, unless it has.
-    hidden : Effect
-        All effects of the recording.
-    seed : int
-        Of the recording.
-    frames : int, optional
-        As many as the model says if left out.
+    `model`: does not say that it has the effects, unless it has.
+    `hidden`: all effects of the recording.
+    `seed`: of the recording.
+    `frames`: as many as the model says if left out.
     """
     made = _once(simulated, model, hidden, seed, model.recording.frames if frames is None else frames)
     return replace(made, samples=made.samples.copy())
@@ -67,16 +61,10 @@ def simulated(model: Model, hidden: tuple[Effect, ...], seed: int, frames: int) 
 def reconciled(model: Model, *hidden: Effect, seed: int = 5, **settings: Any) -> Reconciliation:  # noqa: ANN401  of Settings
     """The outcome of reconciling the model with a recording of it that has these effects instead of its own.
 
-    Parameters
-    ----------
-    model : Model
-        As `reconcile` gets it.
-    hidden : Effect
-        All effects of the recording.
-    seed : int
-        Of the recording.
-    settings
-        Fields of `Settings`.
+    `model`: as `reconcile` gets it.
+    `hidden`: all effects of the recording.
+    `seed`: of the recording.
+    `settings`: fields of `Settings`.
     """
     return _once(_reconciled, model, hidden, seed, Settings(**settings))
 

@@ -73,7 +73,6 @@ def wall(distance_mm: float, normal: tuple[float, float, float] = (0.0, 0.0, 1.0
 
 
 def sphere(centre_mm: tuple[float, float, float], radius_mm: float) -> Thing:
-    """A sphere."""
     centre = np.array(centre_mm)
 
     def hits(rays: Floats) -> Hits:
@@ -163,19 +162,14 @@ def ellipsoid(centre_mm: tuple[float, float, float], axes_mm: tuple[float, float
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scene:
-    """A recording and its truth.
-
-    Parameters
-    ----------
-    recording : Recording
-        Samples.
-    share, range_mm : (thing, row, col) float64
-        Share of the parts of a pixel that see each thing, and their mean range; NaN without any.
-    """
+    """A recording and its truth."""
 
     recording: tm.Recording
+    """Samples."""
     share: Floats
     range_mm: Floats
+    """(thing, row, col) float64. `share`, `range_mm`: share of the parts of a pixel that see each thing, and their mean
+    range; NaN without any."""
 
 
 def render(
@@ -191,22 +185,13 @@ def render(
 ) -> Scene:
     """Record things, the wall first.
 
-    Parameters
-    ----------
-    things : sequence of Thing
-        The first one fills the image, or is `nothing`; then noise is that of a wall at `WALL_MM`.
-    reflectivity : sequence of float
-        Of each.
-    noise_mm : float
-        Standard deviation of a sample's range in the wall's middle.
-    frames, seed : int
-        Number of samples, and seed of the noise.
-    power : float
-        Light goes with this power of the cosine of incidence.
-    texture : float
-        Standard deviation of the logarithm of light from pixel to pixel.
-    threshold : float
-        Amplitude below which a sample is without return, in standard deviations of noise.
+    `things`: the first one fills the image, or is `nothing`; then noise is that of a wall at `WALL_MM`.
+    `reflectivity`: of each.
+    `noise_mm`: standard deviation of a sample's range in the wall's middle.
+    `frames`, `seed`: number of samples, and seed of the noise.
+    `power`: light goes with this power of the cosine of incidence.
+    `texture`: standard deviation of the logarithm of light from pixel to pixel.
+    `threshold`: amplitude below which a sample is without return, in standard deviations of noise.
     """
     draw = np.random.default_rng(seed)
     rays = rays_of(PARTS)

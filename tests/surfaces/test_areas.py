@@ -165,7 +165,7 @@ def test_covered_area_equals_the_share_of_places_on_the_positive_side(line: tupl
     assert covered(*line) == pytest.approx(_counted(line).mean(), abs=2e-3)
 
 
-def test_change_of_the_area_is_the_chord_over_the_slope() -> None:
+def test_area_and_its_change_are_those_of_the_places() -> None:
     out = np.empty(3)
     for a, b, c in _LINES:
         chord(a, b, c, out)
@@ -174,9 +174,6 @@ def test_change_of_the_area_is_the_chord_over_the_slope() -> None:
         if out[0] > 0:  # the middle of the chord lies on the line, within the pixel
             assert a * out[1] + b * out[2] + c == pytest.approx(0.0, abs=1e-12)
             assert max(abs(out[1]), abs(out[2])) <= 0.5 + 1e-12
-
-
-def test_area_of_both_sides_equals_the_share_of_places_on_both() -> None:
     work = np.empty((3, 8, 2))
     for one, other in zip(_LINES, _LINES[7:] + _LINES[:7], strict=True):
         expected = (_counted(one) & _counted(other)).mean()

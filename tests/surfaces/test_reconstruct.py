@@ -180,12 +180,9 @@ def test_points_of_a_straight_edge_lie_on_one_plane_through_the_camera() -> None
     assert spread[2] / np.sqrt(len(rays)) < 0.02 * np.deg2rad(SMALL.fov_horizontal_deg / 60)
 
 
-def test_layers_without_optics_are_refused() -> None:
+def test_layers_without_optics_are_refused_and_settings_bound_a_surface() -> None:
     with pytest.raises(ValueError, match="sensor: no field of view"):
         reconstruct(Layers.empty((4, 4), 2), Sensor(name="blind"))
-
-
-def test_settings_bound_the_layers_of_a_surface() -> None:
     one = scene(half_plane(np.random.default_rng(1), SMALL), SMALL)
     layers = counted(one, 100, 1)
     link = LinkSettings(least_layers=layers.range.size + 1)

@@ -85,23 +85,17 @@ def test_folded_wall_is_marked_and_boards_are_not(view: bool) -> None:
     assert not marked[~is_wall].any()
 
 
-def test_wall_within_the_turn_is_not_marked_as_folded() -> None:
+def test_walls_that_are_near_or_flat_are_not_marked_as_folded() -> None:
     made, _ = folded_wall(view=True, wall_mm=4000.0)
     assert not mark_folded(made).any()
-
-
-def test_black_wall_that_is_near_and_flat_is_not_marked_as_folded() -> None:
+    made, _ = folded_wall(view=True)
+    assert not mark_folded(made._replace(amplitude=None)).any()
+    assert not mark_folded(made._replace(turn_mm=None)).any()
     near, albedo = boards()
     cosine = beam_directions_of(OPTICS, near.shape)[..., 2]
     range_mm = np.where(np.isnan(near), 2300.0, near) / cosine
     amplitude = light(range_mm, np.where(np.isnan(near), 0.03, albedo))
     assert not mark_folded(scene(range_mm[..., np.newaxis], amplitude[..., np.newaxis])).any()
-
-
-def test_folded_wall_without_amplitudes_is_not_marked() -> None:
-    made, _ = folded_wall(view=True)
-    assert not mark_folded(made._replace(amplitude=None)).any()
-    assert not mark_folded(made._replace(turn_mm=None)).any()
 
 
 def ghost(amplitude: float, bright: float = 4000.0) -> WindowScene:
@@ -112,14 +106,11 @@ def ghost(amplitude: float, bright: float = 4000.0) -> WindowScene:
     return scene(range_mm, np.stack([strength, light(range_mm[..., 1], 0.6)], axis=-1))
 
 
-def test_scattered_light_is_marked_in_all_zones_but_the_bright_one() -> None:
+def test_scattered_light_is_marked_wholly() -> None:
     marked = mark_scattered(ghost(6.0))
     assert marked[..., 0].sum() == 63
     assert not marked[3, 4, 0]
     assert not marked[..., 1].any()
-
-
-def test_scattered_light_that_is_split_into_two_layers_is_marked_as_a_whole() -> None:
     made, third = ghost(6.0), np.full((8, 8, 1), np.nan)
     assert made.amplitude is not None
     range_mm, amplitude = (np.concatenate([part, third], axis=-1) for part in (made.range_mm, made.amplitude))
@@ -130,14 +121,11 @@ def test_scattered_light_that_is_split_into_two_layers_is_marked_as_a_whole() ->
     assert marked[6, 6].tolist() == [True, True, False]
 
 
-def test_surface_of_usual_albedo_at_the_range_of_a_bright_one_is_not_marked() -> None:
+def test_usual_surfaces_and_a_rim_alone_are_not_marked_as_scattered() -> None:
     cosine = beam_directions_of(OPTICS, (8, 8))[..., 2]
     made = ghost(light(np.array(1200.0), 0.3).item(), bright=20000.0)
     made.range_mm[..., 0] = 1200.0 / cosine
     assert not mark_scattered(made).any()
-
-
-def test_rim_of_a_bright_thing_alone_is_not_marked() -> None:
     made = ghost(6.0)
     apart = np.ones((8, 8), bool)
     apart[2:5, 3:6] = False
@@ -179,17 +167,11 @@ def passing(samples: float, length: float, memory: FloatArray | None = None, *, 
     return bool(marked[2, 2, 0])
 
 
-def test_samples_close_in_time_are_passing() -> None:
+def test_samples_close_in_time_are_passing_unless_noise_or_a_standing_surface_explains_them() -> None:
     assert passing(10, 12)
     assert not passing(3, 40)
-
-
-def test_memory_of_samples_makes_groups_in_time_count_less() -> None:
     assert passing(4, 4)
     assert not passing(4, 4, np.array([0.9, 1.0, 0.0, 0.0]))
-
-
-def test_edge_of_a_standing_surface_is_not_passing() -> None:
     assert not passing(10, 12, standing=True)
 
 

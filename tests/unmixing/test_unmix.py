@@ -41,7 +41,6 @@ def sums() -> Scene:
 
 @pytest.fixture(scope="module")
 def found(sums: Scene) -> EstimatedWindows:
-    """What is estimated of it."""
     return estimate_windows(sums.recording)
 
 

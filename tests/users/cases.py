@@ -64,34 +64,23 @@ SCENES: dict[str, tuple[Surface, ...]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Case:
-    """A model and a truth.
-
-    Parameters
-    ----------
-    name : str
-        Number, scene and what is hidden.
-    scene : str
-        A key of `SCENES` or of `ROOMS`.
-    sort : str
-        ``effects``, ``pose``, ``none``, ``nearly`` or ``stranger``.
-    given, true : Model
-        As the user has it; as it is recorded.
-    hidden : tuple of Effect
-        What the given model lacks; of a moved surface, the effect that moves it.
-    seed : int
-        Of the recording.
-    stranger : Stranger or None
-        What changes the samples afterwards.
-    """
+    """A model and a truth."""
 
     name: str
+    """Number, scene and what is hidden."""
     scene: str
+    """A key of `SCENES` or of `ROOMS`."""
     sort: str
+    """``effects``, ``pose``, ``none``, ``nearly`` or ``stranger``."""
     given: Model
     true: Model
+    """`given`, `true`: as the user has it; as it is recorded."""
     hidden: tuple[Effect, ...]
+    """What the given model lacks; of a moved surface, the effect that moves it."""
     seed: int
+    """Of the recording."""
     stranger: Stranger | None = None
+    """What changes the samples afterwards."""
 
     @property
     def kinds(self) -> tuple[str, ...]:

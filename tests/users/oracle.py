@@ -52,21 +52,14 @@ _BY_THEMSELVES = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Known:
-    """What the oracle says of a case.
-
-    Parameters
-    ----------
-    traces : tuple of str
-        Kinds of the truth that leave a trace, sorted.
-    identifiable : bool
-        Whether every other set of as many kinds or fewer loses more than `KNOWN_NATS`.
-    aliases : tuple of tuple of str
-        Sets of kinds that do not, the best first.
-    """
+    """What the oracle says of a case."""
 
     traces: tuple[str, ...]
+    """Kinds of the truth that leave a trace, sorted."""
     identifiable: bool
+    """Whether every other set of as many kinds or fewer loses more than `KNOWN_NATS`."""
     aliases: tuple[tuple[str, ...], ...]
+    """Sets of kinds that do not, the best first."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -18,18 +18,12 @@ _NOTHING = "no effect"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Score:
-    """The outcome of a case.
-
-    Parameters
-    ----------
-    result : str
-        ``right``, ``wrong`` or ``open``.
-    why : str
-        What is not right.
-    """
+    """The outcome of a case."""
 
     result: str
+    """``right``, ``wrong`` or ``open``."""
     why: str = ""
+    """What is not right."""
 
 
 def score(case: Case, gap: Mapping[str, Any], known: Known | None) -> Score:
@@ -39,14 +33,9 @@ def score(case: Case, gap: Mapping[str, Any], known: Known | None) -> Score:
     case, one of them, with the truth among at most four alternatives of which half are explanations indeed; of a case
     without effects, `agree`; of a stranger, no name. Wrong: a name that no explanation of the case has. Open: the rest.
 
-    Parameters
-    ----------
-    case : Case
-        The case.
-    gap : mapping
-        As `gap.json` holds it.
-    known : Known or None
-        What the oracle says; None for a case without effects.
+    `case`: the case.
+    `gap`: as `gap.json` holds it.
+    `known`: what the oracle says; None for a case without effects.
     """
     named = frozenset(e["kind"] for e in gap["effects"])
     if known is None:

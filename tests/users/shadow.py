@@ -56,16 +56,10 @@ class Scored:
 class Shadow:
     """Scores sets on one recording.
 
-    Parameters
-    ----------
-    summary : Summary
-        Of the recording, about the model as given.
-    terms : sequence of Term
-        Effects that may be in a set.
-    tolerance : float
-        Of the model.
-    exact : sequence of Term
-        The hidden effects, each as one column that has its law as it is.
+    `summary`: of the recording, about the model as given.
+    `terms`: effects that may be in a set.
+    `tolerance`: of the model.
+    `exact`: the hidden effects, each as one column that has its law as it is.
     """
 
     def __init__(

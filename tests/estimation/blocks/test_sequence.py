@@ -156,7 +156,7 @@ def test_a_consumer_may_stop_early(recording: ArrayRecording) -> None:
     assert set(threading.enumerate()) <= before
 
 
-def test_an_error_while_reading_reaches_the_caller(recording: ArrayRecording) -> None:
+def test_an_error_while_reading_or_in_a_worker_reaches_the_caller(recording: ArrayRecording) -> None:
     class Broken(ArrayRecording):
         def read_range(self, frames: slice, rows: slice) -> Float32Array:
             raise OSError(f"no frames {frames} of rows {rows}")
@@ -164,16 +164,10 @@ def test_an_error_while_reading_reaches_the_caller(recording: ArrayRecording) ->
     broken = Broken(recording.read_range(slice(None), slice(None)), recording.sensor)
     with pytest.raises(OSError, match="no frames slice"):
         estimate_layers(broken, workers=2)
-
-
-def test_an_error_in_a_worker_reaches_the_caller(recording: ArrayRecording) -> None:
     samples = recording.read_range(slice(None), slice(None))
     blind = ArrayRecording(samples, replace(recording.sensor, noise=None))
     with pytest.raises(ValueError, match="noise curve"):
         estimate_layers(blind)
-
-
-def test_zero_workers_are_refused(recording: ArrayRecording) -> None:
     with pytest.raises(ValueError, match="workers: 0"):
         estimate_layers(recording, workers=0)
 
@@ -218,10 +212,22 @@ def test_every_sample_is_read_once_for_any_chunks(shape: tuple[int, int], step: 
     assert (recording.reads == 1).all()
 
 
-def test_invalid_samples_do_not_extend_the_range() -> None:
+def test_wild_samples_cost_no_memory_and_invalid_ones_no_range() -> None:
     samples = np.array([np.nan, np.inf, -np.inf, 2e9, -2e9, 700.0, 900.0], dtype=np.float32)
     assert sample_span(ArrayRecording(samples.reshape(-1, 1, 1), ENDLESS)) == (700.0, 900.0)
     assert sample_span(ArrayRecording(np.full((4, 1, 1), np.nan), ENDLESS)) is None
+    rng = np.random.default_rng(4)
+    samples = (1200.0 + 12.0 * rng.standard_normal((60, 4, 3))).astype(np.float32)
+    samples[7, 0, 0] = 1500.0  # a random value of the first pixel
+    wild = samples.copy()
+    wild[55, 3, 2] = 60_000.0
+    near, far = (estimate_layers(ArrayRecording(values, ENDLESS)) for values in (samples, wild))
+    # The first pixel's own samples are the same; its random value is the less likely, the longer the interval.
+    ratio = (60_000.0 - samples.min()) / (1500.0 - samples.min())
+    fell = near.log_likelihood[0, 0, 0] - far.log_likelihood[0, 0, 0]
+    assert fell == pytest.approx(np.log(ratio), abs=0.02)
+    endless = replace(ENDLESS, sample_min_mm=-9e8, sample_max_mm=9e8)
+    np.testing.assert_array_equal(IncrementalDensity(endless, 1).range_mm, IncrementalDensity(ENDLESS, 1).range_mm)
 
 
 @pytest.mark.parametrize("circle", [None, 7495.0])
@@ -253,19 +259,6 @@ def test_random_values_spread_over_the_working_range_or_the_extreme_samples(
     assert beam_of(sensor).outlier_density == pytest.approx(1e-4 / (interval[1] - interval[0]))
 
 
-def test_one_wild_sample_changes_the_outlier_density_of_all_pixels() -> None:
-    rng = np.random.default_rng(4)
-    samples = (1200.0 + 12.0 * rng.standard_normal((60, 4, 3))).astype(np.float32)
-    samples[7, 0, 0] = 1500.0  # a random value of the first pixel
-    wild = samples.copy()
-    wild[55, 3, 2] = 60_000.0
-    near, far = (estimate_layers(ArrayRecording(values, ENDLESS)) for values in (samples, wild))
-    # The first pixel's own samples are the same; its random value is the less likely, the longer the interval.
-    ratio = (60_000.0 - samples.min()) / (1500.0 - samples.min())
-    fell = near.log_likelihood[0, 0, 0] - far.log_likelihood[0, 0, 0]
-    assert fell == pytest.approx(np.log(ratio), abs=0.02)
-
-
 def test_cells_alone_and_all_together_have_the_same_interval() -> None:
     rng = np.random.default_rng(5)
     samples = (1200.0 + 12.0 * rng.standard_normal((80, 6, 3))).astype(np.float32)
@@ -283,11 +276,6 @@ def test_cells_alone_and_all_together_have_the_same_interval() -> None:
             np.testing.assert_array_equal(getattr(alone, spec.name), expected)
 
 
-def test_live_density_takes_no_memory_for_a_wild_sample() -> None:
-    wild = replace(ENDLESS, sample_min_mm=-9e8, sample_max_mm=9e8)
-    np.testing.assert_array_equal(IncrementalDensity(wild, 1).range_mm, IncrementalDensity(ENDLESS, 1).range_mm)
-
-
 CAMERA = Sensor(name="a", range_min_mm=100.0, range_max_mm=6000.0, noise=NoiseCurve(np.array([1e3]), np.array([10.0])))
 
 
@@ -303,7 +291,7 @@ def two_surfaces(seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
     return samples.astype(np.float32), light.astype(np.float32)
 
 
-def test_amplitudes_of_two_surfaces_are_the_means_of_their_samples() -> None:
+def test_amplitudes_are_means_of_the_samples_of_their_layer() -> None:
     samples, light = two_surfaces()
     layers = layer_pixels(samples, CAMERA)
     found = layer_amplitudes(samples, light, layers)
@@ -313,18 +301,12 @@ def test_amplitudes_of_two_surfaces_are_the_means_of_their_samples() -> None:
             of_layer = np.abs(samples[:, row, col] - place) < 60.0
             assert found[row, col, layer] == pytest.approx(np.nanmean(light[of_layer, row, col]), rel=1e-6)
     assert np.isnan(found[..., 2:]).all()
-
-
-def test_sample_across_the_fold_is_of_its_layer() -> None:
     samples = np.array([[2.0], [4998.0], [1.0], [4999.0]], np.float32)
     layers = layer_pixels(samples[:1].repeat(4, axis=0), CAMERA)
     assert layer_amplitudes(samples, np.array([[1.0], [2], [3], [4]]), layers)[0, 0] == pytest.approx(2.0)
     assert layer_amplitudes(samples, np.array([[1.0], [2], [3], [4]]), layers, circle_mm=5e3)[0, 0] == pytest.approx(
         2.5
     )
-
-
-def test_estimate_has_amplitudes_only_of_recordings_with_amplitudes() -> None:
     samples, light = two_surfaces()
     with_light, without = (estimate_layers(ArrayRecording(samples, CAMERA, *more)) for more in ((light,), ()))
     assert without.amplitude is None
@@ -333,13 +315,10 @@ def test_estimate_has_amplitudes_only_of_recordings_with_amplitudes() -> None:
     assert with_light.probability.tobytes() == without.probability.tobytes()
 
 
-def test_invalid_share_is_that_of_frames_without_any_valid_target() -> None:
+def test_invalid_share_counts_frames_without_any_valid_target_but_not_those_of_a_filter() -> None:
     samples = np.array([[1.0, np.nan], [np.nan, np.nan], [2.0, 3.0], [4.0, 2e9], [np.nan, np.inf], [np.nan, 1.0]])
     np.testing.assert_allclose(invalid_share(samples), [0.5, 4 / 6], rtol=1e-6)
     np.testing.assert_allclose(invalid_share(samples, samples_a_frame=2), [1 / 3, 1 / 3], rtol=1e-6)
-
-
-def test_frames_that_add_no_sample_behind_a_filter_are_not_lost() -> None:
     samples = np.array([[1.0, np.nan], [np.inf, np.inf], [np.inf, 3.0], [4.0, 2e9]])
     np.testing.assert_allclose(invalid_share(samples, is_filtered=True), [0.0, 2 / 3], rtol=1e-6)
 

@@ -272,13 +272,10 @@ def test_pixels_as_they_are_set_the_gains_and_not_the_long_tails_of_priors() -> 
     assert as_they_are < by_prior - 1.0
 
 
-def test_a_strong_prior_of_background_makes_no_first_surface_dear() -> None:
+def test_neither_background_nor_a_jump_makes_surfaces_dear() -> None:
     found = _calibrated(pixel_noise(background=(5.0, 40.0)), (30, 30), 600)
     # Three or four of 30 samples within a sigma or two are what chance brings together: 10 nat.
     assert found.first[0, FALSE_ALARMS.index(0.01)] < 8.0
-
-
-def test_a_jump_alone_makes_no_further_surface_dear() -> None:
     chance = FALSE_ALARMS.index(0.01)
     still = _calibrated(pixel_noise(), (100, 100), 1500).more[0, 0, chance]
     moves = _calibrated(pixel_noise(drift_mm=(1.5 * SIGMA_MM, 0.0, 0.0)), (100, 100), 1500).more[0, 0, chance]

@@ -370,7 +370,7 @@ def steps_by_range(range_mm: list[float], step_mm: list[float]) -> Beam:
     return beam_on(1.0)._replace(steps=Steps(np.array(range_mm), np.array(step_mm), np.zeros(0)))
 
 
-def test_steps_that_double_meet_at_their_ends() -> None:
+def test_steps_end_where_they_meet() -> None:
     beam = steps_by_range([1024.0, 2048.0 * (1.0 - 1e-9), 2048.0, 4096.0], [16.0, 16.0, 32.0, 32.0])
     value = np.concatenate([np.arange(1920.0, 2048.0, 16.0), np.arange(2048.0, 2305.0, 32.0)])
     work = new_workspace(3, len(value), 1)
@@ -380,9 +380,6 @@ def test_steps_that_double_meet_at_their_ends() -> None:
     between = 0.5 * (value[1:] + value[:-1])
     np.testing.assert_allclose((data.value - half)[1:], between, atol=1e-4)
     np.testing.assert_allclose((data.value + half)[:-1], between, atol=1e-4)
-
-
-def test_steps_in_proportion_to_range_end_where_the_rounding_does() -> None:
     part = 0.02
     beam = steps_by_range([500.0, 8000.0], [500.0 * part, 8000.0 * part])
     number = np.arange(350, 410)
@@ -445,7 +442,7 @@ def test_start_without_an_end_of_range_is_background_alone() -> None:
     assert (fit[WEIGHT, -1], fit[OWN, BACKGROUND]) == (0.0, 1.0)
 
 
-def test_share_of_an_added_surface_comes_from_all_others() -> None:
+def test_shares_of_added_and_removed_surfaces_come_from_and_go_to_all_others() -> None:
     fit = new_fit(2)
     fit[DRIFT : DRIFT + DRIFTS] = 9.0
     fit[MEAN, 0], fit[WEIGHT, 0], fit[WEIGHT, -1], fit[OWN, BACKGROUND] = 1000.0, 0.5, 0.3, 0.2
@@ -454,9 +451,6 @@ def test_share_of_an_added_surface_comes_from_all_others() -> None:
     assert fit[OWN, BACKGROUND] == pytest.approx(0.15)
     assert (fit[MEAN, 1], fit[SIGMA, 1]) == (2000.0, SIGMA_MM)
     assert not fit[DRIFT : DRIFT + DRIFTS, 1].any()
-
-
-def test_share_of_a_removed_surface_goes_to_all_others_and_the_last_one_s_to_background() -> None:
     fit = new_fit(3)
     fit[MEAN, :3], fit[WEIGHT, :3] = (1.0, 2.0, 3.0), (0.2, 0.3, 0.4)
     fit[OWN, BACKGROUND], fit[OWN, LOG_WIDTH] = 0.1, 0.4

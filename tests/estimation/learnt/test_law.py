@@ -42,13 +42,19 @@ def test_table_has_an_area_of_1_and_follows_the_density(name: str) -> None:
     assert np.abs(law.density - KNOWN[name].pdf(Z)).max() < 0.005 * KNOWN[name].pdf(np.linspace(-3, 3, 601)).max()
 
 
-def test_table_without_a_shape_is_scipys_gaussian() -> None:
+def test_table_is_read_off_linearly_and_is_scipys_gaussian_without_a_shape() -> None:
     law = law_of(None, background=FLAT)
     np.testing.assert_allclose(law.density, stats.norm.pdf(Z), rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(law.slope, Z * stats.norm.pdf(Z), rtol=1e-12, atol=1e-15)
     assert law.information == pytest.approx(1.0, abs=1e-9)
     assert law.width_information == pytest.approx(2.0, abs=1e-9)
     assert law.cross_information == pytest.approx(0.0, abs=1e-9)
+    table = law_of(KNOWN["skewed"].shape(), background=FLAT).density
+    for z in np.linspace(-REACH + 0.01, REACH - 0.01, 77):
+        assert at_table(float(z), table) == pytest.approx(float(np.interp(z, Z, table)), abs=1e-12)
+    assert at_table(-REACH - 1.0, table) == 0.0
+    assert at_table(REACH + 1.0, table) == 0.0
+    assert at_table(math.nan, table) == 0.0
 
 
 @pytest.mark.parametrize("name", ["skewed", "student", "laplace"])
@@ -82,15 +88,6 @@ def test_slope_is_the_fall_of_the_density_and_the_ends_hold_what_is_worth_a_look
     assert law.density[outside].max() <= 1e-4 * law.density.max()
 
 
-def test_table_is_read_off_linearly_and_is_0_beyond_its_ends() -> None:
-    table = law_of(KNOWN["skewed"].shape(), background=FLAT).density
-    for z in np.linspace(-REACH + 0.01, REACH - 0.01, 77):
-        assert at_table(float(z), table) == pytest.approx(float(np.interp(z, Z, table)), abs=1e-12)
-    assert at_table(-REACH - 1.0, table) == 0.0
-    assert at_table(REACH + 1.0, table) == 0.0
-    assert at_table(math.nan, table) == 0.0
-
-
 @pytest.mark.parametrize("value", [-3.0, -0.2, 0.0, 0.4, 5.0])
 @pytest.mark.parametrize("scale", [0.3, 2.0])
 def test_prior_is_students_t_over_its_peak_and_its_precision_the_slope_of_its_logarithm(
@@ -104,11 +101,9 @@ def test_prior_is_students_t_over_its_peak_and_its_precision_the_slope_of_its_lo
         assert -precision_of_t(value, scale) * value == pytest.approx(slope, rel=1e-5)
 
 
-def test_prior_without_a_scale_costs_nothing() -> None:
+def test_scale_of_the_prior_is_the_likeliest_and_none_costs_nothing() -> None:
     assert log_prior_t(3.0, 0.0) == 0.0
 
-
-def test_scale_of_the_prior_has_the_largest_likelihood_for_gaussian_values() -> None:
     def loss(scale: float) -> float:
         mean, _ = integrate.quad(lambda x: stats.norm.pdf(x) * stats.t.logpdf(x, TAIL_DEGREES, scale=scale), -12, 12)
         return -float(mean)

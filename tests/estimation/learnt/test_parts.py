@@ -86,7 +86,6 @@ def _rows(samples: FloatArray) -> Float32Array:
 
 
 def _of_pixels(clusters: Clusters) -> IntArray:
-    """Clusters of each pixel."""
     return np.bincount(clusters.pixel, minlength=PIXELS).astype(np.int64)
 
 

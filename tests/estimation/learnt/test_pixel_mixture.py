@@ -44,15 +44,12 @@ def test_the_density_has_the_area_one(parts: Parts) -> None:
     assert trapezoid(shown.component(0, range_mm), range_mm) == pytest.approx(0.9, abs=2e-4)
 
 
-def test_the_component_is_the_shape_of_the_sensor() -> None:
+def test_component_and_background_are_the_sensors() -> None:
     shown = mixture(Parts(shape=ALL.shape))
     z = np.array([-1.5, 0.0, 1.0, 4.0])
     assert ALL.shape is not None
     expected = 0.9 * ALL.shape.pdf(z) / SIGMA_MM
     np.testing.assert_allclose(shown.component(0, 2000.0 + SIGMA_MM * z), expected, rtol=0.02)
-
-
-def test_background_lies_within_the_working_range_alone() -> None:
     floor = mixture(Parts()).floor(np.array([SPAN_MM[0] - 1.0, 1000.0, 4000.0, SPAN_MM[1] + 1.0]))
     np.testing.assert_allclose(floor, [0.0, 0.1 / 5000.0, 0.1 / 5000.0, 0.0])
 
@@ -88,16 +85,13 @@ def test_the_drift_of_a_pixel_is_found_from_its_samples(size: float) -> None:
     assert found.drift_extent_mm()[0] == pytest.approx(extent, rel=0.1, abs=6.0)
 
 
-def test_two_surfaces_have_separate_drifts() -> None:
+def test_drifts_are_each_surfaces_own_or_none() -> None:
     rng = np.random.default_rng(5)
     first = rng.random(600) < 0.5
     moves = np.where(first, 40.0, -30.0) * times(600)
     samples = np.where(first, 2000.0, 2600.0) + moves + SIGMA_MM * rng.standard_normal(600)
     found = mixture(DRIFTING, samples, ranges=(2000.0, 2600.0))
     np.testing.assert_allclose(found.drift_mm[:, 0], [40.0, -30.0], atol=6.0)
-
-
-def test_without_samples_on_a_circle_or_without_learnt_drift_nothing_drifts() -> None:
     samples = 2000.0 + 40.0 * times(50)
     for shown, drifts in (
         (mixture(DRIFTING), True),

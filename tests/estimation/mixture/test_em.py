@@ -44,11 +44,6 @@ def test_em_equals_its_naive_twin(mode: SigmaMode, rng: np.random.Generator, sen
         assert fit.log_likelihood == pytest.approx(expected, rel=1e-9)
 
 
-def test_weights_sum_to_one(rng: np.random.Generator, sensor: Sensor) -> None:
-    fit = fit_mixture(_pixel(rng, sensor), [1000.0, 2000.0], sensor)
-    assert fit.weight.sum() + fit.weight_no_return + sensor.outlier_probability == pytest.approx(1, abs=1e-12)
-
-
 def test_likelihood_never_falls_with_free_sigmas(rng: np.random.Generator, sensor: Sensor) -> None:
     # A theorem of EM; it holds for the paper's form, where nothing is tied.
     samples = _pixel(rng, sensor)
@@ -79,12 +74,6 @@ def test_a_free_sigma_does_not_shrink_onto_one_sample(sensor: Sensor) -> None:
     assert sensor.noise is not None
     fit = fit_mixture([1000.0, 1010.0, 990.0, 5000.0], [1000.0, 5000.0], sensor, EstimateOptions(sigma=SigmaMode.FREE))
     assert np.all(fit.sigma_mm >= FREE_SIGMA_FLOOR * sensor.noise.sigma(fit.mean_mm) * (1 - 1e-12))
-
-
-def test_no_surface_leaves_no_return_and_outliers(rng: np.random.Generator, sensor: Sensor) -> None:
-    samples = draw(rng, sensor, ranges_mm=[], shares=[], n=50, pixels=1)
-    fit = fit_mixture(samples, [], sensor)
-    assert fit.weight_no_return == pytest.approx(1 - sensor.outlier_probability)
 
 
 @pytest.mark.parametrize(("samples", "start"), [([], [1.0]), ([np.nan], [1.0]), ([1.0], [np.inf])])
@@ -196,11 +185,6 @@ def test_errors_equal_the_inverse_numeric_hessian(
     np.testing.assert_allclose(layers.range_stderr[0, :k], expected, rtol=5e-3)
 
 
-def test_one_surface_has_sigma_over_root_n(rng: np.random.Generator, sensor: Sensor) -> None:
-    layers = layer_pixels(draw(rng, sensor, ranges_mm=[1500], shares=[1], n=64, pixels=20), sensor, TIED)
-    np.testing.assert_allclose(layers.range_stderr[:, 0], layers.sigma[:, 0] / 8, rtol=0.02)
-
-
 @pytest.mark.compiled("a frequency over 4000 pixels")
 def test_errors_cover_the_truth(rng: np.random.Generator, sensor: Sensor) -> None:
     truth = [1500.0, 1640.0, 3500.0]
@@ -226,12 +210,3 @@ def test_shares_have_errors_that_cover_the_truth(rng: np.random.Generator, senso
 def test_share_without_a_competitor_has_no_error(rng: np.random.Generator, sensor: Sensor) -> None:
     layers = layer_pixels(draw(rng, sensor, ranges_mm=[1500], shares=[1], n=64, pixels=20), sensor)
     assert not layers.weight_stderr[layers.n_modes == 1, 0].any()
-
-
-def test_overlap_makes_errors_larger(rng: np.random.Generator, sensor: Sensor) -> None:
-    errors = []
-    for apart in (100, 900):
-        samples = draw(rng, sensor, ranges_mm=[1500, 1500 + apart], shares=[0.5, 0.5], n=100, pixels=sized(300, 30))
-        layers = layer_pixels(samples, sensor)
-        errors.append(np.nanmedian(layers.range_stderr[layers.n_modes == 2, 0]))
-    assert errors[0] > 1.05 * errors[1]

@@ -49,9 +49,13 @@ def test_density_ignores_order_and_invalid_samples(rng: np.random.Generator, sen
     np.testing.assert_array_equal(density(samples, at, sensor.noise), density(shuffled, at, sensor.noise))
 
 
-def test_density_refuses_no_samples() -> None:
+def test_densities_refuse_no_samples_and_invalid_options() -> None:
     with pytest.raises(ValueError, match="none is finite"):
         density([np.nan], [1.0], CURVE)
+    with pytest.raises(ValueError, match="pixels"):
+        IncrementalDensity(CAMERA, 0)
+    with pytest.raises(ValueError, match="gamma"):
+        IncrementalDensity(CAMERA, 1).modes(gamma=2.0)
 
 
 @given(range_mm=st.floats(-1e4, 2e4))
@@ -80,11 +84,18 @@ def test_density_is_equation_4(rng: np.random.Generator) -> None:
         assert trapezoid(p, density.range_mm) == pytest.approx(1, abs=0.05)
 
 
-def test_the_grid_is_a_quarter_of_the_bandwidth_and_covers_no_return() -> None:
+def test_grid_of_the_density_is_a_quarter_of_the_bandwidth_and_read_only() -> None:
     grid = IncrementalDensity(CAMERA, 1).range_mm
     np.testing.assert_allclose(np.diff(grid) / NOISE.sigma(grid[:-1]), 0.125)
     assert grid[0] == 300 - 4 * 12
     assert grid[-1] >= 6000 + 4 * 200
+    density = IncrementalDensity(CAMERA, 1)
+    density.add([[1000.0]])
+    before = density.n_samples
+    density.add([[1000.0]])
+    assert before.tolist() == [1]
+    with pytest.raises(ValueError, match="read-only"):
+        density.range_mm[0] = 0.0
 
 
 @given(seed=st.integers(0, 2**32 - 1), cuts=st.lists(st.integers(0, 40), max_size=6), backwards=st.booleans())
@@ -126,7 +137,7 @@ def test_modes_agree_with_the_batch_search(n: int, gamma: float, epsilon: float,
     assert differing <= sized(12, 3)
 
 
-def test_a_pixel_that_no_peak_passes_has_a_guess_and_an_empty_one_has_none() -> None:
+def test_pixels_without_a_peak_have_none() -> None:
     density = IncrementalDensity(CAMERA, 3)
     density.add([[2000.0, np.nan, 1e8]])
     modes = density.modes()
@@ -134,9 +145,6 @@ def test_a_pixel_that_no_peak_passes_has_a_guess_and_an_empty_one_has_none() -> 
     assert modes.place[0, 0] == pytest.approx(2000, abs=5)
     assert density.n_samples.tolist() == [1, 0, 1]
     assert np.all(density.density()[1:] == 0)
-
-
-def test_a_jagged_noise_curve_reaches_every_place() -> None:
     range_mm = np.arange(500.0, 1500.0, 4.0)
     jagged = NoiseCurve(range_mm, np.tile([5.0, 40.0], len(range_mm) // 2))
     sensor = Sensor(name="jagged", range_min_mm=500.0, range_max_mm=1500.0, noise=jagged)
@@ -147,27 +155,10 @@ def test_a_jagged_noise_curve_reaches_every_place() -> None:
     np.testing.assert_allclose(density.density()[0], expected, atol=1e-5 * expected.max())
 
 
-def test_density_returns_a_copy() -> None:
-    density = IncrementalDensity(CAMERA, 1)
-    density.add([[1000.0]])
-    before = density.n_samples
-    density.add([[1000.0]])
-    assert before.tolist() == [1]
-    with pytest.raises(ValueError, match="read-only"):
-        density.range_mm[0] = 0.0
-
-
 @pytest.mark.parametrize("shape", [(3,), (3, 2), (1, 3, 1)])
 def test_other_shapes_are_refused(shape: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match="block"):
         IncrementalDensity(CAMERA, 3).add(np.zeros(shape))
-
-
-def test_incremental_density_refuses_invalid_options_and_samples() -> None:
-    with pytest.raises(ValueError, match="pixels"):
-        IncrementalDensity(CAMERA, 0)
-    with pytest.raises(ValueError, match="gamma"):
-        IncrementalDensity(CAMERA, 1).modes(gamma=2.0)
 
 
 def _folded_block(rng: np.random.Generator, n: int, pixels: int) -> np.ndarray:
@@ -251,15 +242,12 @@ def test_gamma_is_the_least_share_of_a_surface(rng: np.random.Generator, sensor:
         assert len(clusters) == peaks
 
 
-def test_a_large_epsilon_also_takes_a_shoulder() -> None:
+def test_shoulders_are_peaks_for_a_large_epsilon_and_corners_of_a_curve_never() -> None:
     flat = NoiseCurve(np.array([0.0]), np.array([10.0]))
     # A tall and a low pile 1.3 sigma apart: one maximum with a shoulder.
     samples = np.concatenate([np.full(60, 1000.0), np.full(22, 1014.0)])
     assert len(find_modes(samples, flat, epsilon=1e-6)) == 1
     assert len(find_modes(samples, flat, epsilon=0.6)) == 2
-
-
-def test_corners_of_a_noise_curve_make_no_peaks() -> None:
     range_mm = np.linspace(900, 1100, 41)
     jagged = NoiseCurve(range_mm, np.tile([20.0, 23.0], 21)[:41])
     samples = 1000 + 20 * np.linspace(-2, 2, 401)

@@ -25,7 +25,7 @@ from tofmix.io.guard import guard, structure_rules
 from tofmix.io.guard.guard import StructureChecker
 from tofmix.io.guard.hdf5_memory import reserve_memory
 from tofmix.io.guard.structure_rules import LIMITS, RefusedError, check_structure
-from tofmix.io.guard.watchdog import Watchdog, limit_s, watched
+from tofmix.io.guard.watchdog import Watchdog, limit_s
 from tofmix.io.recording.recording_file import open_recording
 
 EVERYTHING = (slice(None), slice(None))
@@ -517,11 +517,6 @@ def test_reads_that_end_in_time_are_not_interrupted(monkeypatch: pytest.MonkeyPa
     with dog.over("slow"):
         assert gone.wait(30)
     assert told == [("slow", 0.2)]
-
-
-def test_without_a_watchdog_nothing_is_watched() -> None:
-    with watched("a.h5"):
-        pass
 
 
 @pytest.mark.parametrize(("text", "expected"), [("3.5", 3.5), ("", 7.0), ("-1", 7.0), ("inf", 7.0), ("soon", 7.0)])

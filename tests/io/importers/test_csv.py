@@ -152,11 +152,6 @@ def test_utf_16_is_read_with_a_note(tmp_path: Path) -> None:
     assert notes == (f"{tmp_path / 'a.csv'}: read as UTF-16",)
 
 
-def test_plain_files_have_no_notes(tmp_path: Path) -> None:
-    assert read(write(tmp_path / "a.csv", wide()), shape=(2, 3))[1] == ()
-    assert read(write(tmp_path / "b.csv", ["frame,row,col,range,time", *long(extra=lambda *_: ",0")]))[1] == ()
-
-
 def test_columns_are_named_by_the_option(tmp_path: Path) -> None:
     lines = ["shot,y,x,depth_cm", *long()]
     with open_source(

@@ -356,9 +356,11 @@ def test_array_of_8_bits_beside_a_wider_one_is_no_depth_where_names_say_nothing(
     assert source.notes == (f"{path}: not used: array a",)
 
 
-def test_names_that_say_nothing_are_taken_where_none_says_depth() -> None:
+def test_names_of_depth_come_first_and_those_that_say_nothing_where_there_is_none() -> None:
     assert depths_among(["a", "b", "infrared"]) == ["a", "b"]
     assert depths_among(["a", "my_range"]) == ["my_range"]
+    assert depths_among(["depth_valid", "depth"]) == ["depth"]
+    assert depths_among(["/rgb/depth/image", "/ir/image"]) == ["/rgb/depth/image"]
 
 
 @pytest.mark.parametrize(
@@ -531,11 +533,6 @@ def test_name_of_a_file_that_may_describe_the_scene_is_no_other_stream(tmp_path:
 )
 def test_last_part_that_says_something_decides(name: str, stream: str) -> None:
     assert stream_of(name) == stream
-
-
-def test_depth_without_another_word_comes_first() -> None:
-    assert depths_among(["depth_valid", "depth"]) == ["depth"]
-    assert depths_among(["/rgb/depth/image", "/ir/image"]) == ["/rgb/depth/image"]
 
 
 @pytest.mark.parametrize("topic", ["/cam/noise_filtered/depth", "/rgb_cam/depth/image_raw", "/cam/depth_valid"])
@@ -724,19 +721,19 @@ def test_times_ascend_from_0_whatever_the_stamps_are(stamps: list[float], seed: 
     np.testing.assert_array_equal(np.sort(found.order), np.flatnonzero(~same))
 
 
-def test_clock_that_is_set_back_goes_on_one_interval_later() -> None:
+def test_clock_that_is_set_back_or_starts_again_goes_on_and_an_ascending_one_is_kept() -> None:
     stamps = np.r_[100.0 + np.arange(20) / 10, 3.0 + np.arange(10) / 10]
     found = settled(stamps, distinct(30))
     np.testing.assert_array_equal(found.order, np.arange(30))
     np.testing.assert_allclose(found.time_s, np.arange(30) / 10, atol=1e-9)
     assert found.remarks == ("the clock is set back at frame 20; its frames follow one interval later",)
-
-
-def test_clock_that_starts_again_over_the_same_times_goes_on() -> None:
     count = 12
     stamps = np.r_[np.arange(count) / 4, np.arange(count) / 4]
     found = settled(stamps, distinct(2 * count))
     np.testing.assert_allclose(found.time_s, np.arange(2 * count) / 4)
+    found = settled(np.array([7.0, 7.5, 9.0]), distinct(3))
+    np.testing.assert_array_equal(found.time_s, [0.0, 0.5, 2.0])
+    assert found.remarks == ()
 
 
 def test_equal_frame_of_the_same_time_goes_and_another_one_lies_between() -> None:
@@ -748,12 +745,6 @@ def test_equal_frame_of_the_same_time_goes_and_another_one_lies_between() -> Non
         "1 frame equal to another of the same time left out",
         "1 frame of a time that another has; their times are put between",
     )
-
-
-def test_ascending_times_are_kept_without_a_remark() -> None:
-    found = settled(np.array([7.0, 7.5, 9.0]), distinct(3))
-    np.testing.assert_array_equal(found.time_s, [0.0, 0.5, 2.0])
-    assert found.remarks == ()
 
 
 def runs(*first_and_count: tuple[float, int], step: float = 0.1) -> FloatArray:
@@ -793,7 +784,7 @@ def test_frames_of_one_clock_in_few_parts_are_sorted(step: float, place: list[in
     np.testing.assert_allclose(found.time_s, step * np.arange(len(place)), atol=1e-9)
 
 
-def test_clock_that_starts_again_where_the_source_counts_anew_goes_on() -> None:
+def test_clock_goes_on_where_the_source_counts_anew() -> None:
     stamps = runs((0.0, 25), (0.03, 25), (0.01, 25), step=0.02)  # by less than a second
     found = settled(stamps, distinct(stamps.size), np.array([25, 50]))
     np.testing.assert_array_equal(found.order, np.arange(75))
@@ -801,9 +792,6 @@ def test_clock_that_starts_again_where_the_source_counts_anew_goes_on() -> None:
     assert found.remarks == (
         "the clock starts again with the count of frames at frames 25, 50; its frames follow one interval later",
     )
-
-
-def test_clock_that_goes_on_where_the_source_counts_anew_is_kept() -> None:
     found = settled(np.array([0.0, 0.1, 0.1, 0.3, 0.4]), distinct(5), np.array([3]))
     np.testing.assert_allclose(found.time_s, [0.0, 0.1, 0.2, 0.3, 0.4])
 

@@ -82,7 +82,7 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "a.layers.h5"
 
 
-def test_layers_read_back(path: Path) -> None:
+def test_layers_and_provenance_read_back_and_the_file_passes_the_format_checker(path: Path) -> None:
     layers = made_up_layers()
     with open_layers(path) as file:
         assert file.shape == SHAPE
@@ -93,41 +93,29 @@ def test_layers_read_back(path: Path) -> None:
             window = file.read_window(k)
             for spec in LAYER_FIELDS:
                 np.testing.assert_array_equal(getattr(window, spec.name), getattr(layers, spec.name)[k])
-
-
-def test_provenance_reads_back(path: Path) -> None:
     with open_layers(path) as file:
         read, written = file.provenance, provenance()
     assert (read.source, read.source_sha256, read.version) == (written.source, written.source_sha256, written.version)
     assert (read.options, read.frames_left_out) == (written.options, written.frames_left_out)
     assert read.sensor.noise is not None
     np.testing.assert_array_equal(read.sensor.noise.sigma_mm, [3.0, 4.0])
-
-
-def test_layers_file_passes_the_format_checker(path: Path) -> None:
     if not CONTRACT.exists():
         pytest.skip("the contract's checker is not beside this checkout")
     subprocess.run([sys.executable, CONTRACT, path], check=True)
 
 
-def test_xarray_opens_it_with_named_dimensions(path: Path) -> None:
+def test_layers_file_is_read_by_xarray_nexus_and_its_flags(path: Path) -> None:
     with xarray.open_dataset(path, engine="h5netcdf") as data:
         assert data["range"].dims == ("window", "row", "col", "layer")
         assert data["n_modes"].dims == ("window", "row", "col")
         assert data["window_start"].dims == ("window",)
         np.testing.assert_array_equal(data["weight"].values, made_up_layers().weight)
-
-
-def test_nexus_finds_the_default_signal(path: Path) -> None:
     with h5py.File(path) as root:
         entry = root[root.attrs["default"]]
         view = entry[entry.attrs["default"]]
         assert [x.attrs["NX_class"] for x in (root, entry, view)] == ["NXroot", "NXentry", "NXdata"]
         assert view[view.attrs["signal"]].shape == (*SHAPE, MAX_LAYERS)
         assert [len(view[axis]) for axis in view.attrs["axes"]] == [*SHAPE, MAX_LAYERS]
-
-
-def test_status_decodes_by_its_flags(path: Path) -> None:
     with h5py.File(path) as root:
         attributes = root["status"].attrs
         names = dict(zip(attributes["flag_values"].tolist(), attributes["flag_meanings"].split(), strict=True))
@@ -304,13 +292,18 @@ def test_journal_is_open_in_one_process_at_a_time(path_journal: Path) -> None:
     open_journal(path_journal, b"header").close()
 
 
-def test_a_published_part_is_one_file(path_journal: Path, tmp_path: Path) -> None:
+def test_published_part_is_one_file(path_journal: Path, tmp_path: Path) -> None:
     with open_journal(path_journal, b"header", Shard(number=2, count=3)) as journal:
         journal.add(1, encoded(1))
         journal.publish(tmp_path / "a.part")
     assert [p.name for p in tmp_path.iterdir()] == ["a.part"]
     with open_part(tmp_path / "a.part") as part:
         assert (part.header, part.shard, part.cell(1)) == (b"header", Shard(number=2, count=3), encoded(1))
+    with open_journal(path_journal, b"header") as journal:
+        journal.add(1, encoded(1))
+        path_journal.with_name(path_journal.name + "-journal").write_bytes(b"")  # what it could not remove
+        journal.publish(tmp_path / "a.part")
+    assert [p.name for p in tmp_path.iterdir()] == ["a.part"]
 
 
 def test_a_part_that_cannot_be_published_keeps_its_cells(path_journal: Path, tmp_path: Path) -> None:
@@ -324,14 +317,6 @@ def test_a_part_that_cannot_be_published_keeps_its_cells(path_journal: Path, tmp
         assert journal.cell(1) == encoded(1)
 
 
-def test_published_part_leaves_no_sqlite_files(path_journal: Path, tmp_path: Path) -> None:
-    with open_journal(path_journal, b"header") as journal:
-        journal.add(1, encoded(1))
-        path_journal.with_name(path_journal.name + "-journal").write_bytes(b"")  # what it could not remove
-        journal.publish(tmp_path / "a.part")
-    assert [p.name for p in tmp_path.iterdir()] == ["a.part"]
-
-
 def test_shards_divide_the_cells() -> None:
     for total in (0, 1, 7, 100):
         for count in (1, 2, 3, 8):
@@ -339,16 +324,13 @@ def test_shards_divide_the_cells() -> None:
             assert cells == list(range(total))
 
 
-def test_damaged_journal_is_noticed(path_journal: Path) -> None:
+def test_damaged_journals_and_other_files_are_noticed(path_journal: Path) -> None:
     with open_journal(path_journal, b"header") as journal:
         journal.add(1, EncodedCell((1,), (b"needle in the hay" * 999,) * 14))
     data = path_journal.read_bytes()
     path_journal.write_bytes(data.replace(b"needle", b"noodle", 1))
     with open_journal(path_journal, b"header") as journal, pytest.raises(BadInputError, match="cell 1 is damaged"):
         journal.cell(1)
-
-
-def test_other_files_are_refused_as_journal(path_journal: Path) -> None:
     path_journal.write_bytes(b"not a database, and long enough to be taken for one" * 99)
     with pytest.raises(BadInputError, match="not a journal"):
         open_journal(path_journal, b"header")
@@ -365,12 +347,9 @@ def test_empty_file_becomes_a_journal(path_journal: Path) -> None:
         assert journal.done() == {}
 
 
-def test_a_missing_part_is_refused(tmp_path: Path) -> None:
+def test_a_missing_part_and_a_closed_folder_are_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match="No such file"), open_part(tmp_path / "none.part"):
         pass
-
-
-def test_a_folder_that_cannot_be_written_is_a_storage_error(tmp_path: Path) -> None:
     with pytest.raises(StorageError, match="unable to open"):
         open_journal(tmp_path / "none" / "journal", b"header")
 

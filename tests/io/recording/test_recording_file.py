@@ -455,15 +455,12 @@ def test_a_unit_without_an_option_of_its_own_is_refused_with_its_scale(tmp_path:
         pass
 
 
-def test_zeros_are_not_taken_for_metres(tmp_path: Path) -> None:
-    """Most samples of a mask are 0: the median is that of the others."""
+def test_zeros_and_recordings_without_a_range_are_not_taken_for_metres(tmp_path: Path) -> None:
+    # Most samples of a mask are 0: the median is that of the others.
     samples = boards().astype("f4")
     samples[:, :3] = 0
     with open_recording(_floats(tmp_path / "a.h5", samples)) as recording:
         assert len(recording.remarks) == 1
-
-
-def test_a_recording_without_any_range_is_not_refused(tmp_path: Path) -> None:
     with open_recording(_floats(tmp_path / "a.h5", np.full((5, 4, 6), np.nan))) as recording:
         assert recording.remarks == ()
 
@@ -520,7 +517,7 @@ def recording(tmp_path: Path) -> Path:
     return path
 
 
-def test_targets_of_a_frame_are_samples_that_follow_each_other(recording: Path) -> None:
+def test_targets_of_a_frame_follow_each_other_and_each_is_a_series(recording: Path) -> None:
     flat = samples().reshape(FRAMES * TARGETS, ROWS, COLS)
     with open_recording(recording) as file:
         assert (file.frames, file.targets, file.shape) == (FRAMES, TARGETS, flat.shape)
@@ -530,9 +527,6 @@ def test_targets_of_a_frame_are_samples_that_follow_each_other(recording: Path) 
                 np.testing.assert_array_equal(file.read_range(frames, rows), flat[frames, rows])
                 np.testing.assert_array_equal(file.read_amplitude(frames, rows), -flat[frames, rows])
         assert file.read_time() is not None
-
-
-def test_each_target_is_a_series_of_its_own(recording: Path) -> None:
     by_row = samples().transpose(0, 2, 1, 3).reshape(FRAMES, ROWS * TARGETS, COLS)
     with open_recording(recording) as file:
         series = by_target(file)
@@ -543,18 +537,12 @@ def test_each_target_is_a_series_of_its_own(recording: Path) -> None:
             for rows in (slice(None), slice(1, 2), slice(4, 23), slice(29, 30)):
                 np.testing.assert_array_equal(series.read_range(frames, rows), by_row[frames, rows])
                 np.testing.assert_array_equal(series.read_amplitude(frames, rows), -by_row[frames, rows])
-
-
-def test_some_frames_have_all_their_targets(recording: Path) -> None:
     with open_recording(recording) as file:
         part = FrameSpan(file, 2, 4)
         assert part.shape == (2 * TARGETS, ROWS, COLS)
         np.testing.assert_array_equal(part.read_range(slice(None), slice(None)), samples()[2:4].reshape(-1, ROWS, COLS))
         with pytest.raises(ValueError, match="frames 2 to 8 asked for, the recording has 7"):
             FrameSpan(file, 2, 8)
-
-
-def test_a_recording_without_targets_is_itself() -> None:
     plain = ArrayRecording(np.ones((4, 2, 2)), Sensor(name="a"))
     assert by_target(plain) is plain
     assert samples_a_frame(plain) == 1

@@ -94,7 +94,7 @@ def test_a_file_equals_itself_and_order_changes_nothing_but_sides() -> None:
     assert one.equal(one.different / one.pixels)
 
 
-def test_files_with_another_max_layers_and_equal_layers_are_equal() -> None:
+def test_files_of_another_max_layers_are_equal_and_of_other_sizes_refused() -> None:
     a = made_up_layers(SHAPE, MAX_LAYERS)
     wide = Layers.empty(SHAPE, MAX_LAYERS + 2)
     for spec in LAYER_FIELDS:
@@ -102,9 +102,23 @@ def test_files_with_another_max_layers_and_equal_layers_are_equal() -> None:
         (target[..., :MAX_LAYERS] if spec.per_layer else target)[...] = getattr(a, spec.name)
     for one, other in ((a, wide), (wide, a)):
         assert compare(Source(one), Source(other), tolerance=0.0).different == 0
+    a = made_up_layers(SHAPE, MAX_LAYERS)
+    with pytest.raises(BadInputError, match="2 windows of 8 x 9 pixels and 1 window of 8 x 9 pixels"):
+        compare(Source(a), Source(made_up_layers((1, 8, 9), MAX_LAYERS)))
+    with pytest.raises(BadInputError, match=r"windows have \[20\] and \[10\] frames"):
+        compare(Source(a), Source(a, frames=10))
 
 
-def test_the_most_different_pixels_come_first() -> None:
+def test_pixels_are_compared_by_ranges_and_errors() -> None:
+    a = made_up_layers((1, 2, 2), 1)
+    a.n_modes[...], a.range[...], a.range_stderr[...] = 1, 1000.0, np.nan
+    b = copied(a)
+    assert not compare_windows(a, b, tolerance=3.0).differs.any()
+    b.range[0, 0, 0] += 0.01
+    found = compare(Source(a), Source(b))
+    assert found.range_differs == 1
+    assert found.gap_largest_errors is None
+    assert found.pixels_shown[0].gap_errors is None
     a = made_up_layers(SHAPE, MAX_LAYERS)
     found = compare(Source(a), Source(disturbed(a)), tolerance=0.5)
     assert len(found.pixels_shown) == min(20, found.different)
@@ -115,26 +129,6 @@ def test_the_most_different_pixels_come_first() -> None:
     assert ranks == sorted(ranks)
     top = found.pixels_shown[0]
     assert len(top.range_a_mm) == a.n_modes[top.window, top.row, top.col] == top.surfaces[0]
-
-
-def test_layers_without_errors_are_equal_only_with_equal_ranges() -> None:
-    a = made_up_layers((1, 2, 2), 1)
-    a.n_modes[...], a.range[...], a.range_stderr[...] = 1, 1000.0, np.nan
-    b = copied(a)
-    assert not compare_windows(a, b, tolerance=3.0).differs.any()
-    b.range[0, 0, 0] += 0.01
-    found = compare(Source(a), Source(b))
-    assert found.range_differs == 1
-    assert found.gap_largest_errors is None
-    assert found.pixels_shown[0].gap_errors is None
-
-
-def test_files_of_other_sizes_are_refused() -> None:
-    a = made_up_layers(SHAPE, MAX_LAYERS)
-    with pytest.raises(BadInputError, match="2 windows of 8 x 9 pixels and 1 window of 8 x 9 pixels"):
-        compare(Source(a), Source(made_up_layers((1, 8, 9), MAX_LAYERS)))
-    with pytest.raises(BadInputError, match=r"windows have \[20\] and \[10\] frames"):
-        compare(Source(a), Source(a, frames=10))
 
 
 def _comparison() -> tuple[Source, Source, Comparison]:

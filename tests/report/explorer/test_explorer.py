@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.alike import MakeLayers, MakeRecording, MakeSource
 from support.learnt_noises import ALL, Parts, camera
 from support.unpacking import samples_of, unpack
 
-from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording, SampleSource
 from tofmix.report.averaging import average_layers
 from tofmix.report.explorer.explorer import Explorer, make_explorer, windows_around
@@ -39,9 +39,7 @@ def content(found: Explorer | None) -> dict[str, Any]:
     return settings
 
 
-def test_every_number_of_a_window_comes_back(
-    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
-) -> None:
+def test_every_number_of_a_window_comes_back(make_layers: MakeLayers, make_source: MakeSource) -> None:
     layers = make_layers()
     (window,) = content(made(make_source(layers)))["windows"]
     arrays = unpack(window)
@@ -58,9 +56,7 @@ def test_every_number_of_a_window_comes_back(
 
 
 def test_all_windows_are_in_a_small_page(
-    make_layers: Callable[..., Layers],
-    make_source: Callable[..., LayersSource],
-    make_recording: Callable[..., SampleSource],
+    make_layers: MakeLayers, make_source: MakeSource, make_recording: MakeRecording
 ) -> None:
     source = make_source(*(make_layers(seed=k) for k in range(3)))
     recording = make_recording((150, 9, 11))
@@ -76,9 +72,7 @@ def test_all_windows_are_in_a_small_page(
         np.testing.assert_allclose(samples_of(settings["windows"][2], pixel, 99), expected, atol=0.051)
 
 
-def test_large_pages_hold_the_windows_around_the_chosen_one(
-    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
-) -> None:
+def test_large_pages_hold_the_windows_around_the_chosen_one(make_layers: MakeLayers, make_source: MakeSource) -> None:
     source = make_source(*(make_layers() for _ in range(9)))
     three = 3 * 99 + 50
     chosen = [list(windows_around(source, k, with_samples=False, limits=PageLimits(pixels=three))) for k in (0, 4, 8)]
@@ -92,10 +86,8 @@ def test_large_pages_hold_the_windows_around_the_chosen_one(
     assert list(windows_around(source, 5, with_samples=True, limits=PageLimits(samples=2 * 50 * 99))) == [4, 5]
 
 
-def test_explorer_states_omitted_samples(
-    make_layers: Callable[..., Layers],
-    make_source: Callable[..., LayersSource],
-    make_recording: Callable[..., SampleSource],
+def test_names_cannot_end_the_script_and_omitted_samples_are_stated(
+    make_layers: MakeLayers, make_source: MakeSource, make_recording: MakeRecording
 ) -> None:
     source, recording = make_source(make_layers()), make_recording()
     for most, expected in ((30 * 99, "Of the 50 frames of a window, 30 are shown."), (99, "too large for samples")):
@@ -103,18 +95,13 @@ def test_explorer_states_omitted_samples(
         assert found is not None
         assert expected in found.note
     assert made(source, recording, limits=PageLimits(image_pixels=98)) is None
-
-
-def test_names_cannot_end_the_script(
-    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
-) -> None:
     found = made(make_source(make_layers()))
     assert found is not None
     assert "<" not in found.text
 
 
 def test_components_have_the_learnt_shape_and_a_gaussian_has_no_note(
-    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+    make_layers: MakeLayers, make_source: MakeSource
 ) -> None:
     layers = make_layers()
     assert not {"shape", "background"} & set(content(made(make_source(layers))))
@@ -129,9 +116,7 @@ def test_components_have_the_learnt_shape_and_a_gaussian_has_no_note(
 
 
 def test_drift_of_pixels_is_noted_with_samples(
-    make_layers: Callable[..., Layers],
-    make_source: Callable[..., LayersSource],
-    make_recording: Callable[..., SampleSource],
+    make_layers: MakeLayers, make_source: MakeSource, make_recording: MakeRecording
 ) -> None:
     note = "If the ranges of a pixel drift within the window"
     for parts, recording, expected in (
@@ -158,24 +143,18 @@ def test_numbers_come_back_to_half_a_unit(unit: float) -> None:
     np.testing.assert_allclose(found, values[known], rtol=0, atol=0.5001 * unit)
 
 
-def test_packed_numbers_round_like_text() -> None:
+def test_packed_numbers_round_like_text_within_their_bounds() -> None:
     rng = np.random.default_rng(2)
     values = np.append(rng.uniform(0, 8000, 3000), [0.125, 0.375, 2.5, 1000.005]).astype(np.float32)
     specs, text = pack_numbers({"mm": (values, 0.01)})
     shown = [f"{value:.2f}" for value in unpack({"arrays": specs, "data": text})["mm"]]
     assert shown == [f"{float(value):.2f}" for value in values]
-
-
-def test_numbers_beyond_all_bounds_are_cut_off() -> None:
     specs, text = pack_numbers({"a": (np.array([1e30, -1e30]), 0.01)})
     high, low = unpack({"arrays": specs, "data": text})["a"]
     assert high is not None
     assert low is not None
     assert high > 2e7
     assert low < -2e7
-
-
-def test_empty_arrays_are_packed_as_empty_text() -> None:
     specs, text = pack_numbers({"a": (np.empty(0), 1.0)})
     assert unpack({"arrays": specs, "data": text}) == {"a": []}
 
@@ -191,7 +170,7 @@ def unpacked(packed: PackedSamples | None, pixel: int, pixels: int) -> list[floa
     return samples_of({"samples": held | {"counts": counts}}, pixel, pixels)
 
 
-def test_whole_millimetres_come_back_exactly() -> None:
+def test_samples_come_back_exactly_and_stay_below_the_limit() -> None:
     rng = np.random.default_rng(3)
     samples = rng.normal(4000, 900, (40, 3, 4)).round()
     samples[rng.random(samples.shape) < 0.2] = np.nan
@@ -202,27 +181,6 @@ def test_whole_millimetres_come_back_exactly() -> None:
     for pixel in range(12):
         expected = samples[5:35].reshape(30, 12)[:, pixel]
         assert unpacked(packed, pixel, 12) == sorted(expected[np.isfinite(expected)].tolist())
-
-
-def test_fractions_and_negative_values_are_rounded_far_below_sigma() -> None:
-    samples = np.random.default_rng(4).normal(10, 30, (50, 2, 2))
-    packed = pack_samples(ArrayRecording(samples, Sensor(name="x")), start=0, stop=50, noise=CURVE, characters=10**6)
-    assert packed is not None
-    assert packed.step_mm == 0.1
-    for pixel in range(4):
-        expected = np.sort(samples.reshape(50, 4)[:, pixel])
-        np.testing.assert_allclose(unpacked(packed, pixel, 4), expected, rtol=0, atol=0.0501)
-
-
-def test_very_long_ranges_are_rounded_more_roughly() -> None:
-    samples = np.array([10.0, 400_000.0]).repeat(8).reshape(16, 1, 1)
-    packed = pack_samples(ArrayRecording(samples, Sensor(name="x")), start=0, stop=16, noise=None, characters=10**6)
-    assert packed is not None
-    assert packed.step_mm == 8.0
-    np.testing.assert_allclose(unpacked(packed, 0, 1), np.sort(samples.ravel()), atol=4.0)
-
-
-def test_packed_samples_stay_below_the_limit_of_characters() -> None:
     samples = np.random.default_rng(5).normal(4000, 400, (60, 5, 6)).round()
     recording = ArrayRecording(samples, Sensor(name="x"))
     whole = pack_samples(recording, start=0, stop=60, noise=CURVE, characters=10**6)
@@ -234,6 +192,25 @@ def test_packed_samples_stay_below_the_limit_of_characters() -> None:
     assert len(packed.text) <= room + 3  # base64 fills up to fours
     expected = np.sort(samples.reshape(60, 30)[:, 7])
     np.testing.assert_allclose(unpacked(packed, 7, 30), expected, rtol=0, atol=packed.step_mm / 2)
+
+
+def test_fractions_long_ranges_and_little_room_are_rounded_as_far_as_needed() -> None:
+    samples = np.random.default_rng(4).normal(10, 30, (50, 2, 2))
+    packed = pack_samples(ArrayRecording(samples, Sensor(name="x")), start=0, stop=50, noise=CURVE, characters=10**6)
+    assert packed is not None
+    assert packed.step_mm == 0.1
+    for pixel in range(4):
+        expected = np.sort(samples.reshape(50, 4)[:, pixel])
+        np.testing.assert_allclose(unpacked(packed, pixel, 4), expected, rtol=0, atol=0.0501)
+    samples = np.array([10.0, 400_000.0]).repeat(8).reshape(16, 1, 1)
+    packed = pack_samples(ArrayRecording(samples, Sensor(name="x")), start=0, stop=16, noise=None, characters=10**6)
+    assert packed is not None
+    assert packed.step_mm == 8.0
+    np.testing.assert_allclose(unpacked(packed, 0, 1), np.sort(samples.ravel()), atol=4.0)
+    samples = np.random.default_rng(6).normal(4000, 400, (20, 2, 2)).round()
+    packed = pack_samples(ArrayRecording(samples, Sensor(name="x")), start=0, stop=20, noise=None, characters=1)
+    assert packed is not None
+    assert packed.step_mm > 2000
 
 
 def test_frames_of_long_windows_are_thinned_evenly(make_recording: Callable[..., ArrayRecording]) -> None:
@@ -257,10 +234,3 @@ def test_frames_of_long_windows_are_thinned_evenly(make_recording: Callable[...,
     assert (
         pack_samples(large, start=0, stop=50, noise=None, characters=10**6, limits=PageLimits(samples=20 * 6)) is None
     )
-
-
-def test_packing_without_room_ends() -> None:
-    samples = np.random.default_rng(6).normal(4000, 400, (20, 2, 2)).round()
-    packed = pack_samples(ArrayRecording(samples, Sensor(name="x")), start=0, stop=20, noise=None, characters=1)
-    assert packed is not None
-    assert packed.step_mm > 2000

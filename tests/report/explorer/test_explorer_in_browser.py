@@ -1,19 +1,18 @@
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.alike import MakeLayers, MakeRecording, MakeSource
 from support.chromium import Tab, chromium, tab
 from support.learnt_noises import ALL, camera
 
 from tofmix.estimation.peaks.density import density
 from tofmix.layers import Layers
-from tofmix.recording import SampleSource
 from tofmix.report.page.page import render_page
 from tofmix.report.page.templates import read_part
 from tofmix.report.pixels.pixels import format_pixels, view_pixels
-from tofmix.report.sources import LayersSource
 from tofmix.sensor import NoiseCurve
 
 BROWSER = chromium()
@@ -32,7 +31,7 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
 
 
 @pytest.fixture
-def windows(make_layers: Callable[..., Layers]) -> list[Layers]:
+def windows(make_layers: MakeLayers) -> list[Layers]:
     made = [make_layers(seed=seed) for seed in range(2)]
     for layers in made:
         layers.weight_stderr[...] = layers.weight / 7
@@ -41,12 +40,7 @@ def windows(make_layers: Callable[..., Layers]) -> list[Layers]:
 
 
 @pytest.fixture
-def page(
-    windows: list[Layers],
-    make_source: Callable[..., LayersSource],
-    make_recording: Callable[..., SampleSource],
-    tmp_path: Path,
-) -> Path:
+def page(windows: list[Layers], make_source: MakeSource, make_recording: MakeRecording, tmp_path: Path) -> Path:
     path = tmp_path / "page.html"
     path.write_text(render_page(make_source(*windows), recording=make_recording((100, ROWS, COLS))), encoding="utf-8")
     return path
@@ -183,8 +177,8 @@ def test_pages_of_any_shape_load_in_both_themes(
     shape: tuple[int, int],
     *,
     dark: bool,
-    make_layers: Callable[..., Layers],
-    make_source: Callable[..., LayersSource],
+    make_layers: MakeLayers,
+    make_source: MakeSource,
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "page.html"
@@ -204,7 +198,7 @@ def test_pages_of_any_shape_load_in_both_themes(
 
 
 def test_samples_and_density_are_those_of_the_estimator(
-    browser: Tab, page: Path, make_recording: Callable[..., SampleSource]
+    browser: Tab, page: Path, make_recording: MakeRecording
 ) -> None:
     browser.open(page, ready=READY)
     curve = NoiseCurve(np.array([500.0, 3000.0, 7500.0]), np.array([9.0, 70.0, 430.0]))
@@ -227,7 +221,7 @@ def test_samples_and_density_are_those_of_the_estimator(
 
 
 def test_components_of_learnt_noise_are_drawn_with_its_shape(
-    browser: Tab, make_source: Callable[..., LayersSource], make_recording: Callable[..., SampleSource], tmp_path: Path
+    browser: Tab, make_source: MakeSource, make_recording: MakeRecording, tmp_path: Path
 ) -> None:
     layers = Layers.empty((ROWS, COLS), 2)
     layers.n_modes[...], layers.n_samples[...] = 1, 50

@@ -4,13 +4,13 @@ import base64
 import io
 import json
 import re
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from PIL import Image
+from support.alike import MakeLayers, MakeSource
 from support.learnt_noises import ALL, SIGMA_MM, Parts, made
 from support.noise_parts import skewed
 
@@ -19,7 +19,6 @@ from tofmix.recording import ArrayRecording
 from tofmix.report.figures.noise_pictures import curve_figure, shape_figure, width_figure
 from tofmix.report.page.page import render_page
 from tofmix.report.pixels.single_pixels import single_pixels
-from tofmix.report.sources import LayersSource
 from tofmix.report.summary.noise_numbers import has_more_than_a_curve, noise_numbers
 from tofmix.report.summary.quantiles import ValueCounts
 from tofmix.report.summary.summary import summarise
@@ -29,7 +28,6 @@ from tofmix.sensor import NoiseCurve, Sensor
 
 IMAGE, FRAMES = (6, 8), 50
 PANELS = ("Sigma of single pixels", "Shape of the error", "Widths of the pixels", "Background")
-MakeSource = Callable[..., LayersSource]
 
 
 def layers_of(parts: Parts) -> Layers:
@@ -84,9 +82,23 @@ def test_each_learnt_part_has_its_panel_and_no_other(
     assert ("memory 0.3" in said) == (parts.memory == 0.3)
 
 
-def test_a_page_without_learnt_noise_has_no_part_about_it(
-    make_layers: Callable[..., Layers], make_source: MakeSource
+def test_gaussian_curves_and_files_without_learning_have_no_numbers(
+    make_layers: MakeLayers, make_source: MakeSource
 ) -> None:
+    curve = NoiseCurve(np.array([500.0]), np.array([30.0]))
+    for sensor in (Sensor(name="bare"), Sensor(name="curve", noise=curve)):
+        assert noise_numbers(sensor) is None
+        assert not has_more_than_a_curve(sensor)
+        summary = summarise(make_source(make_layers(), sensor=sensor))
+        assert summary.as_dict()["noise"] is None
+        assert "\nnoise" not in format_table(summary)
+    sensor = Sensor(name="camera", noise=NoiseCurve(np.array([500.0]), np.array([30.0]), background=np.array(0.05)))
+    numbers = noise_numbers(sensor, ValueCounts())
+    assert numbers is not None
+    assert numbers.line == "sigma 30 mm, Gaussian, background 5 to 5 % by pixel, widths alike"
+    assert numbers.background is not None
+    assert numbers.background.q50 == pytest.approx(0.05)
+    assert (numbers.drift_mm, numbers.memory, numbers.widths, numbers.skewness) == (None, None, None, None)
     page = render_page(make_source(make_layers()))
     assert "<h2>Noise</h2>" not in page
     assert not any(title in page for title in PANELS)
@@ -208,23 +220,3 @@ def test_the_summary_has_the_numbers_of_each_part(make_source: MakeSource) -> No
     table = format_table(summary)
     assert "\nnoise      sigma 20 mm, skewed (1.0), background" in table
     assert max(map(len, table.splitlines()[:8])) <= COLUMNS
-
-
-def test_a_gaussian_of_a_curve_has_no_numbers(make_layers: Callable[..., Layers], make_source: MakeSource) -> None:
-    curve = NoiseCurve(np.array([500.0]), np.array([30.0]))
-    for sensor in (Sensor(name="bare"), Sensor(name="curve", noise=curve)):
-        assert noise_numbers(sensor) is None
-        assert not has_more_than_a_curve(sensor)
-        summary = summarise(make_source(make_layers(), sensor=sensor))
-        assert summary.as_dict()["noise"] is None
-        assert "\nnoise" not in format_table(summary)
-
-
-def test_parts_of_a_file_without_anything_learnt_have_numbers() -> None:
-    sensor = Sensor(name="camera", noise=NoiseCurve(np.array([500.0]), np.array([30.0]), background=np.array(0.05)))
-    numbers = noise_numbers(sensor, ValueCounts())
-    assert numbers is not None
-    assert numbers.line == "sigma 30 mm, Gaussian, background 5 to 5 % by pixel, widths alike"
-    assert numbers.background is not None
-    assert numbers.background.q50 == pytest.approx(0.05)
-    assert (numbers.drift_mm, numbers.memory, numbers.widths, numbers.skewness) == (None, None, None, None)

@@ -3,7 +3,6 @@
 import base64
 import io
 import re
-from collections.abc import Callable
 from dataclasses import asdict
 
 import matplotlib as mpl
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 from matplotlib import image
 from matplotlib.figure import Figure
+from support.alike import MakeLayers
 
 from tofmix.layers import Layers
 from tofmix.report.figures.curves import range_histogram, sigma_figure, weight_histogram
@@ -52,7 +52,7 @@ def saved(figure: Figure) -> bytes:
     ],
 )
 def test_histograms_are_drawn(
-    shape: tuple[int, int], max_layers: int, curve: NoiseCurve | None, make_layers: Callable[..., Layers]
+    shape: tuple[int, int], max_layers: int, curve: NoiseCurve | None, make_layers: MakeLayers
 ) -> None:
     empty = Layers.empty(shape, max_layers)
     with drawing(LIGHT):
@@ -67,7 +67,7 @@ def test_histograms_are_drawn(
                 assert figure.axes[0].get_ylabel() in ("pixels", "sigma (mm)")
 
 
-def test_sigmas_above_the_view_are_counted(make_layers: Callable[..., Layers]) -> None:
+def test_sigmas_above_the_view_are_counted(make_layers: MakeLayers) -> None:
     layers = make_layers((50, 50))
     layers.sigma[0, 0, 0], layers.range[0, 0, 0] = 1e6, 2000.0
     with drawing(LIGHT):
@@ -75,22 +75,16 @@ def test_sigmas_above_the_view_are_counted(make_layers: Callable[..., Layers]) -
     assert "above this view" in title
 
 
-def test_differences_have_a_bar_with_zero_in_the_middle_and_hatched_pixels_a_legend() -> None:
+def test_bars_ends_and_legends_of_pictures_follow_their_values() -> None:
     values = np.array([[1.0, np.nan]])
     picture = difference_picture(values, most=2.374, unit="mm", no_data="nothing here", title="", alt="")
     assert picture.bar == ("-2.4", "-1.2", "0.0", "1.2", "2.4")
     assert picture.legend == ((NO_DATA, "nothing here"),)
     small = difference_picture(values[:, :1], most=0.1, unit="mm", no_data="nothing here", title="", alt="")
     assert (small.bar[0], small.bar[1], small.legend) == ("-0.10", "-0.05", ())
-
-
-def test_ends_of_the_colours_hold_nearly_all_values() -> None:
     values = np.append(np.linspace(-1.0, 1.0, 10_000), [1e9, np.nan])
     assert 0.99 < most_of(values, least=0.1) < 1.1
     assert most_of(np.array([np.nan]), least=0.1) == 0.1
-
-
-def test_legend_has_the_kinds_that_occur_and_themes_differ() -> None:
     kinds = np.array([[0, 2, 9]], np.uint8)
     colours = (NO_SURFACE, "#ff0000", "var(--layer-1)")
     picture = kinds_picture(kinds, names=("none", "b", "c"), colours=colours, no_data="rest", title="", alt="")
@@ -105,10 +99,16 @@ def pixels(uri: str) -> list[list[str]]:
     return [["#{:02x}{:02x}{:02x}".format(*p[:3]) if p[3] else "none" for p in row] for row in rgba.tolist()]
 
 
-def test_ranges_have_the_colours_of_the_scale() -> None:
+def test_ranges_kinds_and_differences_have_their_colours() -> None:
     shades = range_shades()
     found = pixels(range_uri(np.array([[1000.0, 2000.0, 3000.0], [999.0, 3001.0, np.nan]]), scale=(1000, 3000)))
     assert found == [[shades[0], shades[len(shades) // 2], shades[-1]], [BELOW, ABOVE, "none"]]
+    colours = count_colours(9, DARK)
+    kinds = np.array([[0, 1, 6, 7]], dtype=np.uint8)
+    assert pixels(kinds_uri(kinds, colours)) == [[DARK.no_surface, colours[1], colours[6], "none"]]
+    shades = difference_shades()
+    found = pixels(difference_uri(np.array([[-9.0, -2.0, 0.0, 2.0, 9.0, np.nan]]), most=2.0))
+    assert found == [[shades[0], shades[0], shades[len(shades) // 2], shades[-1], shades[-1], "none"]]
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 30), (30, 1), (144, 176)])
@@ -118,28 +118,13 @@ def test_images_keep_their_shape(shape: tuple[int, int]) -> None:
     assert {colour for row in found for colour in row} == {"none"}
 
 
-def test_kinds_have_their_colours_and_others_are_transparent() -> None:
-    colours = count_colours(9, DARK)
-    kinds = np.array([[0, 1, 6, 7]], dtype=np.uint8)
-    assert pixels(kinds_uri(kinds, colours)) == [[DARK.no_surface, colours[1], colours[6], "none"]]
-
-
-def test_differences_have_zero_in_the_middle_of_the_colours() -> None:
-    shades = difference_shades()
-    found = pixels(difference_uri(np.array([[-9.0, -2.0, 0.0, 2.0, 9.0, np.nan]]), most=2.0))
-    assert found == [[shades[0], shades[0], shades[len(shades) // 2], shades[-1], shades[-1], "none"]]
-
-
-def test_colour_scale_holds_nearly_all() -> None:
+def test_colour_scales_hold_nearly_all_and_counts_grow_lighter() -> None:
     values = np.append(np.linspace(1000, 2000, 10_000), [9e9, np.nan])
     low, high = colour_scale(values, default=(0, 1))
     assert low < 1010
     assert 1990 < high < 2100
     assert colour_scale(np.array([np.nan]), default=(5, 6)) == (5, 6)
     assert colour_scale(np.array([7.0]), default=(5, 6)) == (6.0, 8.0)
-
-
-def test_count_colours_differ_and_grow_lighter() -> None:
     channels = ((0.2126, 1), (0.7152, 3), (0.0722, 5))
     for most, length in ((0, 4), (3, 4), (6, 7), (32, 7)):
         colours = count_colours(most, LIGHT)
@@ -173,25 +158,16 @@ def _line(*places: tuple[float, float]) -> Edges:
     return Edges(row=row, col=col, stderr=np.full(len(places), 0.01, np.float32), near=number, far=number, line=number)
 
 
-def test_a_level_line_runs_through_the_parts_of_its_row() -> None:
+def test_edges_mark_the_parts_that_they_run_through_without_gaps() -> None:
     marked = edge_parts(_line((1.0, 0.0), (1.0, 3.0)), (16, 24), 4)
     assert np.flatnonzero(marked.any(axis=1)).tolist() == [
         6
     ]  # the centre of pixel row 1 is the border of parts 5 and 6
     assert np.flatnonzero(marked.any(axis=0)).tolist() == list(range(2, 15))
-
-
-def test_a_slanted_line_has_no_gaps() -> None:
     marked = edge_parts(_line((0.0, 0.0), (5.0, 2.0)), (64, 64), 8)
     rows = np.flatnonzero(marked.any(axis=1))
     assert rows.tolist() == list(range(rows[0], rows[-1] + 1))
-
-
-def test_places_off_the_image_are_drawn_at_its_border() -> None:
     assert edge_parts(_line((-0.7, 0.0)), (16, 16), 4)[0].sum() == 1
-
-
-def test_no_edges_mark_nothing() -> None:
     assert not edge_parts(no_edges(), (16, 16), 4).any()
 
 
@@ -212,15 +188,15 @@ def test_the_same_figure_gives_the_same_bytes(kind: Format) -> None:
     assert first[2] == (288, 192)
 
 
-def test_dark_svg_has_no_light_colour_left() -> None:
+def test_dark_svg_is_recoloured_wholly_and_pictures_carry_no_date() -> None:
     _, dark, _ = drawn(sample_figure, "svg")
     text = base64.b64decode(dark.partition(",")[2]).decode()
     colours = set(re.findall(r"#[0-9a-f]{6}\b", text))
     assert {DARK.paper, DARK.accent, DARK.layers[0], DARK.ink} <= colours
     assert not colours & {LIGHT.paper, LIGHT.accent, LIGHT.layers[0], LIGHT.ink}
-
-
-def test_pictures_carry_no_date_and_no_version() -> None:
+    light = asdict(LIGHT)
+    names = [light[k] for k in ("ink", "paper", "grid", "no_data", "hatch", "accent")] + list(LIGHT.layers)
+    assert len(set(names)) == len(names)
     for kind in ("png", "svg"):
         content = base64.b64decode(drawn(sample_figure, kind)[0].partition(",")[2])
         assert b"dc:date" not in content
@@ -232,9 +208,3 @@ def test_global_settings_are_left_as_they_were(monkeypatch: pytest.MonkeyPatch) 
     with drawing(DARK):
         assert mpl.rcParams["font.size"] == 10.0
     assert mpl.rcParams["font.size"] == 31.0
-
-
-def test_light_colours_differ_so_that_recolouring_is_unique() -> None:
-    light = asdict(LIGHT)
-    colours = [light[k] for k in ("ink", "paper", "grid", "no_data", "hatch", "accent")] + list(LIGHT.layers)
-    assert len(set(colours)) == len(colours)

@@ -83,7 +83,7 @@ def test_neighbours_within_three_pixels_are_shown_without_the_pixel_itself(
     assert np.abs(plane.neighbours - plane.mean).min() > 0
 
 
-def test_neighbours_of_one_surface_follow_the_mixing_flag(sums: Scene, layers: Layers) -> None:
+def test_ends_and_flags_of_mixing_are_those_of_the_layers(sums: Scene, layers: Layers) -> None:
     row, col = pixel_of(layers, Mixing.PHASOR, 2)
     plane = plane_of(sums, layers, row, col)
     assert layers.mixing is not None
@@ -91,6 +91,17 @@ def test_neighbours_of_one_surface_follow_the_mixing_flag(sums: Scene, layers: L
     kinds = np.delete(kinds, 24)  # the pixel itself
     np.testing.assert_array_equal(plane.neighbour_is_single, kinds == int(Mixing.ONE_SURFACE))
     assert 0 < plane.neighbour_is_single.sum() < 48
+    assert layers.mixing is not None
+    other = replace(layers, mixing=np.full(layers.shape, int(Mixing.UNDECIDED), np.uint8))
+    row, col = pixel_of(layers, Mixing.PHASOR, 2)
+    assert len(plane_of(sums, layers, row, col).ends) == 2
+    assert plane_of(sums, other, row, col).ends == ()
+    samples = read_around(sums.recording, row=1, col=1, start=0, stop=10)
+    assert samples is not None
+    with pytest.raises(ValueError, match="mixing"):
+        phasor_plane(replace(layers, mixing=None), samples, sums.sensor, row=1, col=1)
+    with pytest.raises(ValueError, match="frequency"):
+        phasor_plane(layers, samples, replace(sums.sensor, modulation_frequency_hz=None), row=1, col=1)
 
 
 def test_the_mean_is_the_sum_of_the_ends_by_their_shares(sums: Scene, layers: Layers) -> None:
@@ -108,14 +119,6 @@ def test_the_mean_is_the_sum_of_the_ends_by_their_shares(sums: Scene, layers: La
     assert len(misses) > 100
     assert np.median(misses) < 0.01
     assert np.quantile(misses, 0.95) < 0.03
-
-
-def test_only_unmixed_pixels_have_ends(sums: Scene, layers: Layers) -> None:
-    assert layers.mixing is not None
-    other = replace(layers, mixing=np.full(layers.shape, int(Mixing.UNDECIDED), np.uint8))
-    row, col = pixel_of(layers, Mixing.PHASOR, 2)
-    assert len(plane_of(sums, layers, row, col).ends) == 2
-    assert plane_of(sums, other, row, col).ends == ()
 
 
 FLAT = (3, 3)
@@ -153,42 +156,24 @@ def ends_of(layers: Layers, circle_mm: float | None = None) -> tuple[PhasorEnd, 
     return phasor_plane(layers, samples, SENSOR, row=1, col=1, unambiguous_range_mm=circle_mm).ends
 
 
-def test_an_end_has_the_phase_of_its_layer_and_the_median_amplitude_of_the_nearest_neighbours() -> None:
+def test_ends_have_phases_of_layers_and_amplitudes_of_neighbours() -> None:
     near, far = ends_of(made_layers([2000.0, 3000.0], [2010.0, 2990.0]))
     assert near.amplitude == pytest.approx(np.median([1, 3, 6, 8]))  # every second neighbour; 5 is the pixel itself
     assert far.amplitude == pytest.approx(np.median([2, 4, 7, 9]))
     assert (near.phase, far.phase) == pytest.approx((2000.0 / K_MM, 3000.0 / K_MM))
     assert near.phasor == pytest.approx(4.5 * np.exp(2000j / K_MM))
     assert (near.share, far.share) == (0.5, 0.5)
-
-
-def test_a_surface_that_no_neighbour_shows_alone_has_no_amplitude() -> None:
     near, far = ends_of(made_layers([2000.0, 3000.0], [2010.0]))
     assert near.amplitude is not None
     assert far.amplitude is None
     assert far.phasor is None
-
-
-def test_a_neighbour_across_the_fold_is_of_the_same_surface() -> None:
     layers = made_layers([2000.0, 7480.0], [10.0, 2000.0])
     assert ends_of(layers)[1].amplitude is None
     assert ends_of(layers, circle_mm=7495.0)[1].amplitude == pytest.approx(np.median([1, 3, 6, 8]))
-
-
-def test_open_space_is_an_end_at_the_origin() -> None:
     near, empty = ends_of(made_layers([2000.0], [2000.0], open_share=0.25))
     assert near.share == pytest.approx(0.75)
     assert empty == PhasorEnd(share=0.25, range_mm=math.inf, phase=0.0, amplitude=0.0)
     assert empty.phasor == 0
-
-
-def test_layers_without_mixing_are_refused(sums: Scene, layers: Layers) -> None:
-    samples = read_around(sums.recording, row=1, col=1, start=0, stop=10)
-    assert samples is not None
-    with pytest.raises(ValueError, match="mixing"):
-        phasor_plane(replace(layers, mixing=None), samples, sums.sensor, row=1, col=1)
-    with pytest.raises(ValueError, match="frequency"):
-        phasor_plane(layers, samples, replace(sums.sensor, modulation_frequency_hz=None), row=1, col=1)
 
 
 class Steps(ArrayRecording):
@@ -301,35 +286,29 @@ def test_figure_names_the_kind_of_mixing_and_the_shares() -> None:
         assert not shown.texts
 
 
-def test_the_chord_runs_from_end_to_end_and_the_triangle_is_closed() -> None:
+def test_chords_run_from_end_to_end_and_an_unknown_amplitude_is_a_direction() -> None:
     for name, corners in (("upright", 2), ("triangle", 4)):
         axes = main_axes(drawn(made_plane(Mixing.PHASOR, CHORDS[name])))
         (line,) = [line for line in axes.lines if "between its surfaces" in str(line.get_label())]
         points = [complex(x, y) for x, y in np.asarray(line.get_xydata()).tolist()]
         places = [z for _, z in CHORDS[name]]
         assert points == pytest.approx([*places, places[0]][:corners])
+    axes = main_axes(drawn(made_plane(Mixing.PHASOR, [(1500.0, 20 + 90j), (3000.0, None)])))
+    labels = [str(line.get_label()) for line in axes.lines]
+    assert any("3.000 m, share 0.50:\nphase alone" in label for label in labels)
+    assert not any("between its surfaces" in label for label in labels)
 
 
-def test_the_ellipse_has_three_standard_errors_along_its_axes() -> None:
+def test_ellipse_has_three_standard_errors_and_a_small_one_is_enlarged() -> None:
     plane = replace(made_plane(Mixing.ONE_SURFACE, []), mean_covariance=np.array([[2.5, 1.5], [1.5, 2.5]]))
     (ellipse,) = [patch for patch in main_axes(drawn(plane)).patches if isinstance(patch, Ellipse)]
     assert sorted((ellipse.width, ellipse.height)) == pytest.approx([6.0 * 1.0, 6.0 * 2.0])
     long_way = ellipse.angle + (0.0 if ellipse.width > ellipse.height else 90.0)
     assert long_way % 180.0 == pytest.approx(45.0)
-
-
-def test_a_small_error_is_enlarged_and_a_large_one_is_not() -> None:
     fine = drawn(made_plane(Mixing.PHASOR, CHORDS["upright"]))
     assert [axes.get_title(loc="left") for axes in fine.axes[2:]] == ["around the mean"]
     wide = replace(made_plane(Mixing.PHASOR, CHORDS["upright"]), mean_covariance=400.0 * np.eye(2))
     assert len(drawn(wide).axes) == 2
-
-
-def test_a_surface_of_unknown_amplitude_is_a_direction_and_no_chord() -> None:
-    axes = main_axes(drawn(made_plane(Mixing.PHASOR, [(1500.0, 20 + 90j), (3000.0, None)])))
-    labels = [str(line.get_label()) for line in axes.lines]
-    assert any("3.000 m, share 0.50:\nphase alone" in label for label in labels)
-    assert not any("between its surfaces" in label for label in labels)
 
 
 def test_a_pixel_without_samples_or_neighbours_is_drawn_empty() -> None:
@@ -452,7 +431,7 @@ def test_the_mixture_of_a_circle_is_drawn_across_the_fold() -> None:
     assert trapezoid(p, range_mm / 1000.0) == pytest.approx(0.9, abs=0.02)
 
 
-def test_layers_with_impossible_numbers_have_no_component() -> None:
+def test_impossible_and_missing_layers_are_drawn() -> None:
     sensor = camera(Parts(drift_mm=(40.0, 0.0, 0.0)), (1, 1))
     layers = one_pixel((1500.0, 2000.0), 0.1, 1.0)
     layers.sigma[0, 0, 0] = np.nan
@@ -461,9 +440,6 @@ def test_layers_with_impossible_numbers_have_no_component() -> None:
     range_mm = np.linspace(1000.0, 3000.0, 2001)
     assert not view.mixture.component(0, range_mm).any()
     assert trapezoid(view.mixture.component(1, range_mm), range_mm) == pytest.approx(0.45, abs=0.01)
-
-
-def test_a_pixel_without_a_layer_is_drawn() -> None:
     sensor = camera(ALL, (1, 1))
     samples = np.random.default_rng(4).uniform(400.0, 5200.0, FRAMES)
     axes = panel(viewed(sensor, one_pixel((), 1.0, 1.0), samples), sensor)

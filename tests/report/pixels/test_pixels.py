@@ -19,7 +19,6 @@ from tofmix.arrays import FloatArray
 from tofmix.estimation.peaks.modes import find_modes
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
-from tofmix.report.figures.figures import pixel_figure
 from tofmix.report.pixels.pixel_figures import growth_figure, neighbours_figure
 from tofmix.report.pixels.pixels import (
     PixelView,
@@ -57,11 +56,8 @@ def test_neighbours_are_the_nearest_columns(cols: int, neighbours: int, data: st
     assert chosen == sorted(nearest)
 
 
-def test_neighbour_columns_give_the_four_pixels_of_the_paper() -> None:
+def test_views_hold_the_layers_of_the_four_pixels_of_the_paper() -> None:
     assert neighbour_columns(92, cols=176, neighbours=3) == [91, 92, 93, 94]
-
-
-def test_views_hold_the_values_of_the_layers() -> None:
     for view in views():
         count = int(LAYERS.n_modes[1, view.col])
         for name, field in (("range_mm", "range"), ("range_stderr_mm", "range_stderr"), ("weight", "weight")):
@@ -152,31 +148,19 @@ def test_the_figure_draws_components_density_and_samples() -> None:
         assert axes.get_title(loc="left").startswith(view.name)
 
 
-def test_figures_of_empty_pixels_are_drawn() -> None:
+def test_figures_of_empty_pixels_and_of_growth_are_drawn() -> None:
     empty = made_up_layers((3, 6), 2)
     empty.n_modes[...] = 0
     shown = view_pixels(empty, row=0, cols=[0], samples=np.full((4, 6), np.nan), noise=None)
     with drawing(LIGHT):
         (axes,) = neighbours_figure(shown, noise=None, theme=LIGHT).axes
     assert not _lines(axes)
-
-
-def test_the_growth_figure_has_every_mode() -> None:
     growth = grow_density(two_boards(), SENSOR)
     with drawing(LIGHT):
         panels = growth_figure(growth, views()[0], theme=LIGHT).axes
     assert len(panels) == len(growth.snapshots) + 1
     dots = next(line for line in panels[-1].lines if line.get_marker() == ".")
     assert len(np.asarray(dots.get_xdata())) == sum(len(modes) for modes in growth.modes_mm)
-
-
-@pytest.mark.parametrize(
-    ("kind", "start"), [pytest.param("png", b"\x89PNG", marks=pytest.mark.slow), ("svg", b"<?xml")]
-)
-def test_the_same_figure_has_the_same_bytes(kind: Any, start: bytes) -> None:  # noqa: ANN401  a literal
-    one, other = (pixel_figure(views(), noise=None, growth=None, kind=kind) for _ in range(2))
-    assert one == other
-    assert one.startswith(start)
 
 
 CIRCLE_MM = 5000.0
@@ -253,11 +237,16 @@ def test_half_the_central_width_is_sigma_for_any_other_parts(parts: Parts) -> No
     assert spread.q50 == pytest.approx(float(np.median(case.width)), rel=0.03)
 
 
-def test_each_pixel_has_its_own_width() -> None:
+def test_width_of_a_pixel_is_its_own_with_and_without_the_recording() -> None:
     case = made(Parts(width_spread=0.4), frames=900, image=(3, 4))
     found = looked_at(case, true_layers(case))
     np.testing.assert_allclose(found.over_curve, case.width.ravel(), rtol=0.15)
     np.testing.assert_allclose(found.range_mm, case.range_mm.ravel(), rtol=1e-6)
+    case = made(Parts(width_spread=0.3), frames=2, image=(4, 5))
+    found = single_pixels(true_layers(case), case.provenance(), recording=None, start=0, stop=2)
+    assert not found.from_samples
+    np.testing.assert_allclose(found.over_curve, case.width.ravel(), rtol=1e-6)
+    assert found.errors.size == 0
 
 
 def test_errors_have_the_shape_less_the_background() -> None:
@@ -282,21 +271,20 @@ def test_only_pixels_of_one_layer_are_used() -> None:
     assert nothing.errors.size == 0
 
 
-def test_pixels_of_few_samples_have_no_width() -> None:
+def test_pixels_of_few_samples_or_impossible_numbers_are_skipped() -> None:
     case = made(Parts(), frames=30, image=(2, 3))
     samples = case.samples_mm.copy()
     samples[11:, 0, 0] = np.nan
     found = looked_at(case, true_layers(case), samples)
     assert found.range_mm.size == 5
     assert found.pixels_of_one_layer == 6
-
-
-def test_without_a_recording_sigma_is_that_of_the_file() -> None:
-    case = made(Parts(width_spread=0.3), frames=2, image=(4, 5))
-    found = single_pixels(true_layers(case), case.provenance(), recording=None, start=0, stop=2)
-    assert not found.from_samples
-    np.testing.assert_allclose(found.over_curve, case.width.ravel(), rtol=1e-6)
-    assert found.errors.size == 0
+    case = made(Parts(drift_mm=(60.0, 20.0, 10.0)), frames=30, image=(2, 3))
+    layers = true_layers(case)
+    layers.sigma[0, 0, 0], layers.sigma[0, 1, 0], layers.range[0, 2, 0] = np.nan, 0.0, np.inf
+    layers.weight[1, 0, 0], layers.weight_outlier[1, 1] = np.nan, np.nan
+    found = looked_at(case, layers)
+    assert found.pixels_of_one_layer == found.range_mm.size == 2
+    assert np.isfinite(found.errors).all()
 
 
 def test_large_images_and_long_windows_are_thinned_out_evenly() -> None:
@@ -321,13 +309,3 @@ def test_ranges_on_a_circle_are_held_to_their_layer_across_the_fold() -> None:
     source = ArrayRecording(np.mod(case.samples_mm + shift + 1.0, length).astype(np.float32), case.sensor)
     found = single_pixels(layers, on_circle, recording=source, start=0, stop=200)
     np.testing.assert_allclose(found.over_curve, 1.0, atol=0.25)
-
-
-def test_pixels_with_impossible_numbers_are_skipped() -> None:
-    case = made(Parts(drift_mm=(60.0, 20.0, 10.0)), frames=30, image=(2, 3))
-    layers = true_layers(case)
-    layers.sigma[0, 0, 0], layers.sigma[0, 1, 0], layers.range[0, 2, 0] = np.nan, 0.0, np.inf
-    layers.weight[1, 0, 0], layers.weight_outlier[1, 1] = np.nan, np.nan
-    found = looked_at(case, layers)
-    assert found.pixels_of_one_layer == found.range_mm.size == 2
-    assert np.isfinite(found.errors).all()

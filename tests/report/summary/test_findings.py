@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.alike import MakeLayers, MakeSource
 
 from tofmix.errors import UsageError
 from tofmix.flags import MixingLaw, Status
@@ -16,7 +17,6 @@ from tofmix.measurement import Measurement
 from tofmix.optics.geometry import unambiguous_range_mm
 from tofmix.recording import ArrayRecording
 from tofmix.report.averaging import Averaging, average_layers, average_samples
-from tofmix.report.sources import LayersSource
 from tofmix.report.summary.findings import (
     AMPLITUDES,
     FREQUENCY,
@@ -46,43 +46,31 @@ def test_sigma_off_the_curve_is_reported(median: float | None, codes: list[str])
     assert [f.code for f in sigma_findings(count=1000, median=median, has_curve=True, remedy=REMEDY)] == codes
 
 
-def test_few_components_give_no_finding() -> None:
+def test_sigma_is_no_finding_of_few_components_and_one_without_a_curve() -> None:
     assert sigma_findings(count=29, median=2.0, has_curve=True, remedy=REMEDY) == []
-
-
-def test_missing_curve_is_reported() -> None:
     assert [f.code for f in sigma_findings(count=0, median=None, has_curve=False, remedy=REMEDY)] == ["no_noise_curve"]
 
 
-def test_sound_layers_give_no_finding() -> None:
-    assert count_findings(pixels=100, by_status={"ok": 100}, by_surfaces=[0, 96, 4], max_layers=2, remedy=REMEDY) == []
-
-
-def test_each_count_has_its_finding() -> None:
+def test_counts_have_a_finding_each_and_sound_layers_none() -> None:
     by_status = {"ok": 70, "too_few_samples": 10, "not_converged": 10, "degenerate": 10}
     found = count_findings(pixels=100, by_status=by_status, by_surfaces=[0, 50, 50], max_layers=2, remedy=REMEDY)
     assert [f.code for f in found] == ["too_few_samples", "not_converged", "degenerate", "all_layers_used"]
     assert "10.0 %" in found[0].text
     assert found[-1].commands == ("tofmix estimate 'a b.h5' --max-layers 4 --overwrite",)
     assert found[0].line.endswith("Try: tofmix estimate 'a b.h5' --window 80 --overwrite")
-
-
-def test_files_of_one_layer_get_no_advice_on_max_layers() -> None:
-    assert count_findings(pixels=10, by_status={}, by_surfaces=[0, 10], max_layers=1, remedy=REMEDY) == []
-
-
-def test_file_without_surfaces_is_reported() -> None:
+    assert count_findings(pixels=100, by_status={"ok": 100}, by_surfaces=[0, 96, 4], max_layers=2, remedy=REMEDY) == []
     found = count_findings(pixels=10, by_status={}, by_surfaces=[10, 0], max_layers=1, remedy=REMEDY)
     assert [f.code for f in found] == ["no_surface_anywhere"]
 
 
-def test_files_of_one_window_get_no_advice_on_window_length() -> None:
+def test_no_advice_where_it_cannot_be_followed() -> None:
+    assert count_findings(pixels=10, by_status={}, by_surfaces=[0, 10], max_layers=1, remedy=REMEDY) == []
     alone = Remedy(recording="a.h5", window_frames=40)
     found = count_findings(pixels=1, by_status={"too_few_samples": 1}, by_surfaces=[0, 1], max_layers=2, remedy=alone)
     assert [f.commands for f in found] == [()]
 
 
-def test_close_layers_name_both_remedies_except_those_already_tried() -> None:
+def test_close_layers_name_the_remedies_that_were_not_tried() -> None:
     def commands(remedy: Remedy) -> tuple[str, ...]:
         found = count_findings(pixels=10, by_status={}, by_surfaces=[0, 9, 1], max_layers=4, close=1, remedy=remedy)
         return found[0].commands
@@ -90,9 +78,6 @@ def test_close_layers_name_both_remedies_except_those_already_tried() -> None:
     assert [c.split()[-3:-1] for c in commands(REMEDY)] == [["--window", "13"], ["--noise", "auto"]]
     measured = Remedy(recording="a.h5", noise="auto", window_frames=40)
     assert [c.split()[-3:-1] for c in commands(measured)] == [["--window", "13"]]
-
-
-def test_close_layers_of_the_papers_procedure_name_the_default_one() -> None:
     paper = Remedy(recording="a.h5", window_frames=40, paper=True)
     found = count_findings(pixels=10, by_status={}, by_surfaces=[0, 9, 1], max_layers=4, close=1, remedy=paper)
     assert found[0].commands == ("tofmix estimate a.h5 --overwrite",)
@@ -158,9 +143,15 @@ def test_figures_are_those_of_the_table_up_to_the_frames_asked_for(asked: AskedF
     assert list(asked.found.values()) == sorted(asked.found.values())
 
 
-def test_frames_asked_for_are_those_of_readme() -> None:
+def test_more_frames_are_asked_for_as_readme_does() -> None:
     text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
     assert f"{SINGLE_SAMPLES.frames} or more ({PHASOR_SUMS.frames} where light adds up)" in text
+    (finding,) = frame_findings(sums=True, total=6, remedy=Remedy(recording="a.h5", window_frames=6))
+    assert finding.commands == ()
+    assert finding.text.endswith(
+        "less than 99.9 % are found with 6 frames, and 99.9 % with 10"
+        " (docs/results/mixing.md#by-number-of-frames). Record more frames."
+    )
 
 
 @pytest.mark.parametrize(("sums", "least"), [(False, 25), (True, 10)])
@@ -196,15 +187,6 @@ def test_a_longer_window_is_advised_where_the_recording_has_frames(total: int, w
     assert "Record more" not in finding.text
 
 
-def test_more_frames_are_asked_for_where_the_window_is_the_whole_recording() -> None:
-    (finding,) = frame_findings(sums=True, total=6, remedy=Remedy(recording="a.h5", window_frames=6))
-    assert finding.commands == ()
-    assert finding.text.endswith(
-        "less than 99.9 % are found with 6 frames, and 99.9 % with 10"
-        " (docs/results/mixing.md#by-number-of-frames). Record more frames."
-    )
-
-
 @pytest.mark.parametrize(
     ("options", "share", "asked"),
     [
@@ -215,11 +197,7 @@ def test_more_frames_are_asked_for_where_the_window_is_the_whole_recording() -> 
     ],
 )
 def test_the_law_of_mixing_or_the_option_settles_which_frames_are_asked_for(
-    make_layers: Callable[..., Layers],
-    make_source: Callable[..., LayersSource],
-    options: dict[str, str],
-    share: float,
-    asked: int,
+    make_layers: MakeLayers, make_source: MakeSource, options: dict[str, str], share: float, asked: int
 ) -> None:
     source = replace(
         make_source(make_layers(), options={"window": 9} | options),
@@ -253,39 +231,30 @@ def test_a_lock_in_camera_without_frequency_is_warned_of(has_amplitude: bool | N
     assert found.commands == (command,)
 
 
-def test_missing_amplitudes_alone_are_named_and_asked_for_alone() -> None:
+def test_missing_amplitudes_are_named_as_far_as_they_are_known() -> None:
     (found,) = light_findings(ONE_FREQUENCY, targets=0, remedy=Remedy(recording="x.h5", has_amplitude=False))
     assert "has no amplitudes:" in found.text
     assert found.commands == ("tofmix import SOURCE -o x.h5 --amplitude AMPLITUDES --overwrite",)
-
-
-def test_a_layers_file_alone_does_not_tell_missing_amplitudes_from_the_option() -> None:
     (found,) = light_findings(ONE_FREQUENCY, targets=0, remedy=Remedy(recording="x.h5"))
     assert "has no amplitudes, or --mixing events was chosen" in found.text
+    assert lacking(UNKNOWN, has_amplitude=False) == (AMPLITUDES, FREQUENCY)
+    assert lacking(UNKNOWN, has_amplitude=None) == (FREQUENCY,)
+    assert lacking(ONE_FREQUENCY, has_amplitude=True) == ()
 
 
-def test_an_unknown_camera_gets_a_note_under_the_condition_that_it_is_lock_in() -> None:
+def test_flying_pixels_are_a_note_for_unknown_cameras_and_nothing_where_all_is_known() -> None:
     (found,) = light_findings(UNKNOWN, targets=0, remedy=Remedy(recording="x.h5", has_amplitude=False))
     assert (found.code, found.is_note) == ("mixing_not_measured", True)
     assert "has no amplitudes and no modulation frequency. If this is a lock-in camera, flying pixels" in found.text
+    assert codes(UNKNOWN, targets=2, has_amplitude=False) == []
+    assert codes(ONE_FREQUENCY, has_amplitude=True) == []
+    assert codes(LOCK_IN, has_amplitude=False, unmix=False) == []
 
 
 @pytest.mark.parametrize("measurement", [Measurement.PULSES, Measurement.STEREO])
 def test_other_cameras_are_never_called_lock_in(measurement: Measurement) -> None:
     sensor = Sensor(name="a", measurement=measurement)
     assert [codes(sensor, has_amplitude=has) for has in (True, False, None)] == [[], [], []]
-
-
-def test_nothing_is_said_of_several_targets_of_what_is_complete_or_of_a_choice() -> None:
-    assert codes(UNKNOWN, targets=2, has_amplitude=False) == []
-    assert codes(ONE_FREQUENCY, has_amplitude=True) == []
-    assert codes(LOCK_IN, has_amplitude=False, unmix=False) == []
-
-
-def test_lacking_names_amplitudes_only_where_they_are_known_to_be_missing() -> None:
-    assert lacking(UNKNOWN, has_amplitude=False) == (AMPLITUDES, FREQUENCY)
-    assert lacking(UNKNOWN, has_amplitude=None) == (FREQUENCY,)
-    assert lacking(ONE_FREQUENCY, has_amplitude=True) == ()
 
 
 SHAPE = (20, 30)
@@ -394,11 +363,17 @@ def test_the_mean_keeps_to_the_turn_of_the_samples() -> None:
     assert average_samples(recording, start=0, stop=4).range_mm[0, 0] == pytest.approx(2.4 * PERIOD, rel=1e-6)
 
 
-def test_two_surfaces_average_to_a_point_between(make_recording: Callable[..., object]) -> None:
+def test_averages_are_by_direction_of_light(make_recording: Callable[..., object]) -> None:
     recording = make_recording((40, 1, 2))
     recording.range_mm[::2], recording.range_mm[1::2] = 2400, 3600  # type: ignore[attr-defined]
     image = average_samples(recording, start=0, stop=40)  # type: ignore[arg-type]
     assert ((image.range_mm > 2500) & (image.range_mm < 3500)).all()
+    recording = make_recording((30, 3, 4))
+    recording.amplitude[...] = 0  # type: ignore[attr-defined]
+    image = average_samples(recording, start=0, stop=30)  # type: ignore[arg-type]
+    expected = np.nanmean(recording.range_mm[:, 1:], axis=0)  # type: ignore[attr-defined]
+    np.testing.assert_allclose(image.range_mm[1:], expected, rtol=1e-6)
+    assert np.isnan(image.range_mm[0, 0])
 
 
 def test_without_amplitude_or_frequency_the_plain_mean(make_recording: Callable[..., object]) -> None:
@@ -416,22 +391,13 @@ def test_without_amplitude_or_frequency_the_plain_mean(make_recording: Callable[
         np.testing.assert_allclose(image.range_mm, expected, rtol=1e-6)
 
 
-def test_no_light_at_all_falls_back_to_the_plain_mean(make_recording: Callable[..., object]) -> None:
-    recording = make_recording((30, 3, 4))
-    recording.amplitude[...] = 0  # type: ignore[attr-defined]
-    image = average_samples(recording, start=0, stop=30)  # type: ignore[arg-type]
-    expected = np.nanmean(recording.range_mm[:, 1:], axis=0)  # type: ignore[attr-defined]
-    np.testing.assert_allclose(image.range_mm[1:], expected, rtol=1e-6)
-    assert np.isnan(image.range_mm[0, 0])
-
-
 @pytest.mark.parametrize(("start", "stop"), [(0, 31), (5, 5), (-1, 4)])
 def test_frames_that_are_not_there_are_refused(start: int, stop: int, make_recording: Callable[..., object]) -> None:
     with pytest.raises(UsageError, match="it has 30"):
         average_samples(make_recording((30, 2, 2)), start=start, stop=stop)  # type: ignore[arg-type]
 
 
-def test_layers_average_by_their_shares(make_layers: Callable[..., Layers]) -> None:
+def test_layers_average_by_their_shares(make_layers: MakeLayers) -> None:
     layers = make_layers((6, 5))
     image = average_layers(layers)
     assert image.averaging is Averaging.LAYERS
@@ -442,9 +408,7 @@ def test_layers_average_by_their_shares(make_layers: Callable[..., Layers]) -> N
         assert image.range_mm[pixel] == pytest.approx(expected, nan_ok=True)
 
 
-def test_averaging_does_not_alter_its_input(
-    make_layers: Callable[..., Layers], make_recording: Callable[..., object]
-) -> None:
+def test_averaging_does_not_alter_its_input(make_layers: MakeLayers, make_recording: Callable[..., object]) -> None:
     layers, recording = make_layers(), make_recording()
     before = layers.range.copy(), recording.range_mm.copy(), recording.amplitude.copy()  # type: ignore[attr-defined]
     average_layers(layers)
@@ -453,16 +417,13 @@ def test_averaging_does_not_alter_its_input(
         np.testing.assert_array_equal(old, new)
 
 
-def test_on_a_circle_the_mean_is_a_direction() -> None:
+def test_means_and_layers_on_a_circle_are_averaged_by_direction() -> None:
     samples = np.where(np.arange(40) % 2, 30.0, 5980.0)[:, np.newaxis, np.newaxis]
     recording = ArrayRecording(np.concatenate([samples, np.full((40, 1, 1), np.nan)], axis=2), Sensor(name="x"))
     image = average_samples(recording, start=0, stop=40, unambiguous_range_mm=6000.0)
     assert image.averaging is Averaging.CIRCULAR
     assert image.range_mm[0, 0] == pytest.approx(5.0, abs=1e-3)
     assert np.isnan(image.range_mm[0, 1])
-
-
-def test_on_a_circle_layers_are_averaged_by_their_directions() -> None:
     layers = Layers.empty((1, 2), 2)
     layers.range[0, 0], layers.weight[0, 0] = (30.0, 5980.0), (0.5, 0.5)
     image = average_layers(layers, unambiguous_range_mm=6000.0)

@@ -1,17 +1,16 @@
 """The summary of a layers file as numbers and tables."""
 
 import json
-from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.alike import MakeLayers, MakeSource
 
 from tofmix.flags import Mixing, Status, status_name
 from tofmix.io.layers.layers_file import LayersWriter, open_layers
 from tofmix.layers import Layers
-from tofmix.report.sources import LayersSource
 from tofmix.report.summary.quantiles import ValueCounts
 from tofmix.report.summary.summary import Summary, summarise
 from tofmix.report.summary.tables import format_table, ordinal, printable
@@ -44,16 +43,14 @@ def check_against_numpy(summary: Summary, windows: tuple[Layers, ...]) -> None:
             assert value == pytest.approx(np.nanmedian(all_values.astype(np.float64)))
 
 
-def test_counts_and_quantiles_are_those_of_numpy(
-    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
-) -> None:
+def test_counts_and_quantiles_are_those_of_numpy(make_layers: MakeLayers, make_source: MakeSource) -> None:
     windows = tuple(make_layers((12, 7), seed=k) for k in range(3))
-    check_against_numpy(summarise(make_source(*windows)), windows)
+    source = make_source(*windows)
+    check_against_numpy(summarise(source), windows)
+    assert source.reads == [0, 1, 2]  # type: ignore[attr-defined]
 
 
-def test_undecided_pixels_are_counted_apart(
-    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
-) -> None:
+def test_undecided_pixels_are_counted_apart(make_layers: MakeLayers, make_source: MakeSource) -> None:
     layers = make_layers((12, 7))
     mixing = np.zeros((12, 7), np.uint8)
     mixing[:3] = int(Mixing.UNDECIDED)
@@ -66,17 +63,7 @@ def test_undecided_pixels_are_counted_apart(
     assert "undecided               21   25.0 %  not counted above" in format_table(summary)
 
 
-def test_windows_are_read_once_each_and_in_turn(
-    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
-) -> None:
-    source = make_source(*(make_layers(seed=k) for k in range(4)))
-    summarise(source)
-    assert source.reads == [0, 1, 2, 3]  # type: ignore[attr-defined]
-
-
-def test_a_real_file_gives_the_same(
-    tmp_path: Path, make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
-) -> None:
+def test_a_real_file_gives_the_same(tmp_path: Path, make_layers: MakeLayers, make_source: MakeSource) -> None:
     windows = tuple(make_layers((4, 5), seed=k) for k in range(2))
     source = make_source(*windows)
     path = tmp_path / "a.layers.h5"
@@ -94,9 +81,7 @@ def test_a_real_file_gives_the_same(
         assert summarise(file) == summarise(source)
 
 
-def test_sigma_is_compared_where_a_layer_dominates(
-    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
-) -> None:
+def test_sigma_is_compared_where_a_layer_dominates(make_layers: MakeLayers, make_source: MakeSource) -> None:
     layers = make_layers((20, 20), seed=5)
     source = make_source(layers)
     summary = summarise(source)
@@ -109,7 +94,7 @@ def test_sigma_is_compared_where_a_layer_dominates(
 
 
 def test_sigma_under_a_law_of_amplitude_is_not_compared_with_the_reference(
-    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+    make_layers: MakeLayers, make_source: MakeSource
 ) -> None:
     source = make_source(make_layers((20, 20), seed=5))
     curve = source.provenance.sensor.noise
@@ -120,9 +105,7 @@ def test_sigma_under_a_law_of_amplitude_is_not_compared_with_the_reference(
     assert "sigma_off_curve" not in [w.code for w in summary.warnings]
 
 
-def test_json_has_every_key_and_no_nan(
-    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
-) -> None:
+def test_json_has_every_key_and_no_nan(make_layers: MakeLayers, make_source: MakeSource) -> None:
     source = make_source(make_layers(), options={"tol": float("nan"), "gamma": 0.02})
     values = summarise(source).as_dict()
     text = json.dumps(values, allow_nan=False)
@@ -140,7 +123,7 @@ def test_json_has_every_key_and_no_nan(
     }
 
 
-def test_no_surface_anywhere_gives_none_not_nan(make_source: Callable[..., LayersSource]) -> None:
+def test_no_surface_anywhere_gives_none_not_nan(make_source: MakeSource) -> None:
     layers = Layers.empty((2, 3), 2)
     layers.status[...] = Status.TOO_FEW_SAMPLES
     values = summarise(make_source(layers)).as_dict()
@@ -154,23 +137,16 @@ def test_no_surface_anywhere_gives_none_not_nan(make_source: Callable[..., Layer
     }
 
 
-def test_without_a_curve_nothing_is_compared(
-    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
-) -> None:
+def test_unknown_curves_and_statuses_are_shown_as_they_are(make_layers: MakeLayers, make_source: MakeSource) -> None:
     summary = summarise(make_source(make_layers(), sensor=Sensor(name="bare")))
     assert summary.sigma_over_curve.count == 0
     assert summary.warnings[0].code == "no_noise_curve"
-
-
-def test_a_status_of_a_later_version_keeps_its_number(
-    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
-) -> None:
     layers = make_layers()
     layers.status[0, :2] = 77
     assert summarise(make_source(layers)).pixels_by_status["status_77"] == 2
 
 
-def test_layers_on_both_sides_of_the_fold_are_close(make_source: Callable[..., LayersSource]) -> None:
+def test_layers_on_both_sides_of_the_fold_are_close(make_source: MakeSource) -> None:
     layers = Layers.empty((1, 3), 3)
     layers.n_modes[0] = (2, 2, 1)
     layers.range[0, 0, :2], layers.range[0, 1, :2], layers.range[0, 2, 0] = (20.0, 6980.0), (1000.0, 6980.0), 20.0
@@ -184,7 +160,7 @@ def test_layers_on_both_sides_of_the_fold_are_close(make_source: Callable[..., L
 CURVE = NoiseCurve(np.array([500.0, 3000.0, 7500.0]), np.array([9.0, 70.0, 430.0]))
 
 
-def test_sigma_is_compared_with_the_curve_on_the_circle(make_source: Callable[..., LayersSource]) -> None:
+def test_sigma_is_compared_with_the_curve_on_the_circle(make_source: MakeSource) -> None:
     layers = Layers.empty((1, 1), 2)
     layers.n_modes[:], layers.weight[..., 0] = 1, 1.0
     layers.range[..., 0], layers.sigma[..., 0] = 3.0, CURVE.sigma(7000.0)
@@ -194,7 +170,7 @@ def test_sigma_is_compared_with_the_curve_on_the_circle(make_source: Callable[..
     assert summary.sigma_over_curve.q50 == pytest.approx(1, abs=0.02)
 
 
-def test_few_values_give_numpys_quantiles() -> None:
+def test_quantiles_are_numpys_and_memory_stays_bounded() -> None:
     rng = np.random.default_rng(1)
     values = rng.normal(0, 1000, 3001).astype(np.float32)
     counts = ValueCounts()
@@ -204,9 +180,6 @@ def test_few_values_give_numpys_quantiles() -> None:
     expected = np.quantile(values.astype(np.float64), probabilities)
     np.testing.assert_allclose(np.array(counts.quantiles(*probabilities), dtype=float), expected, rtol=1e-12)
     assert counts.count == values.size
-
-
-def test_memory_stays_bounded_and_quantiles_close() -> None:
     rng = np.random.default_rng(2)
     counts = ValueCounts(limit=4096)
     values = rng.uniform(650, 7500, 200_000).astype(np.float32)
@@ -218,7 +191,7 @@ def test_memory_stays_bounded_and_quantiles_close() -> None:
     np.testing.assert_allclose(quantiles, np.quantile(values, [0.05, 0.5, 0.95]), rtol=1e-3)
 
 
-def test_order_of_blocks_does_not_matter() -> None:
+def test_quantiles_depend_on_finite_values_alone_in_any_order() -> None:
     values = np.random.default_rng(3).uniform(-50, 50, 20_000).astype(np.float32)
     forward, backward = ValueCounts(limit=1000), ValueCounts(limit=1000)
     for block in np.array_split(values, 9):
@@ -226,6 +199,13 @@ def test_order_of_blocks_does_not_matter() -> None:
     for block in np.array_split(values[::-1], 31):
         backward.add(block)
     assert forward.quantiles(0.1, 0.5, 0.9) == backward.quantiles(0.1, 0.5, 0.9)
+    counts = ValueCounts()
+    counts.add(np.array([np.nan, np.inf, -np.inf], dtype=np.float32))
+    assert counts.quantiles(0.5) == [None]
+    assert counts.count == 0
+    counts = ValueCounts(limit=2)
+    counts.add(np.array([1.0, 2.0, 3.0, 3.4e38], dtype=np.float32))
+    assert np.isfinite(np.array(counts.quantiles(0.0, 1.0), dtype=float)).all()
 
 
 @pytest.mark.parametrize("value", [-3.5, -0.0, 0.0, 1e-30, 7500.0, np.finfo(np.float32).max])
@@ -233,19 +213,6 @@ def test_single_value_is_every_quantile(value: float) -> None:
     counts = ValueCounts()
     counts.add(np.full(5, value, dtype=np.float32))
     assert counts.quantiles(0.0, 0.5, 1.0) == [float(np.float32(value))] * 3
-
-
-def test_quantiles_without_finite_values_are_none() -> None:
-    counts = ValueCounts()
-    counts.add(np.array([np.nan, np.inf, -np.inf], dtype=np.float32))
-    assert counts.quantiles(0.5) == [None]
-    assert counts.count == 0
-
-
-def test_largest_values_stay_finite_when_coarse() -> None:
-    counts = ValueCounts(limit=2)
-    counts.add(np.array([1.0, 2.0, 3.0, 3.4e38], dtype=np.float32))
-    assert np.isfinite(np.array(counts.quantiles(0.0, 1.0), dtype=float)).all()
 
 
 def check_form(text: str) -> None:
@@ -258,15 +225,13 @@ def check_form(text: str) -> None:
 
 
 @pytest.mark.parametrize("max_layers", [1, 2, 4, 32])
-def test_table_is_short_and_narrow(
-    max_layers: int, make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
-) -> None:
+def test_table_is_short_and_narrow(max_layers: int, make_layers: MakeLayers, make_source: MakeSource) -> None:
     text = format_table(summarise(make_source(make_layers(max_layers=max_layers), source="ä" * 300 + "\x1b[31m")))
     check_form(text)
     assert len([line for line in text.splitlines() if not line.startswith("  try: ")]) <= 42
 
 
-def test_table_holds_the_counts(make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]) -> None:
+def test_table_holds_the_counts(make_layers: MakeLayers, make_source: MakeSource) -> None:
     layers = make_layers((40, 30), max_layers=2)
     lines = format_table(summarise(make_source(layers))).splitlines()
     rows = {line.split()[0]: line.split() for line in lines if line}
@@ -277,16 +242,13 @@ def test_table_holds_the_counts(make_layers: Callable[..., Layers], make_source:
     assert "3 frames left out" in "\n".join(lines)
 
 
-def test_a_million_pixels_keep_the_columns_apart(make_source: Callable[..., LayersSource]) -> None:
+def test_table_keeps_its_columns_of_a_million_pixels_and_of_none(make_source: MakeSource) -> None:
     layers = Layers.empty((1000, 1200), 1)
     layers.n_modes[...], layers.n_peaks[...], layers.n_samples[...] = 1, 1, 100
     layers.range[...], layers.sigma[...], layers.weight[...], layers.range_stderr[...] = 71234, 1234.5, 1, 123.4
     text = format_table(summarise(make_source(layers)))
     check_form(text)
     assert "  1200000" in text
-
-
-def test_table_without_fitted_pixels_shows_dashes(make_source: Callable[..., LayersSource]) -> None:
     layers = Layers.empty((1, 1), 3)
     layers.status[...] = Status.TOO_FEW_SAMPLES
     text = format_table(summarise(make_source(layers)))
@@ -294,15 +256,12 @@ def test_table_without_fitted_pixels_shows_dashes(make_source: Callable[..., Lay
     assert "warning: No pixel shows a surface." in text
 
 
-def test_tied_sigma_is_noted(make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]) -> None:
+def test_tied_sigma_is_noted(make_layers: MakeLayers, make_source: MakeSource) -> None:
     assert "tied" in format_table(summarise(make_source(make_layers(), options={"sigma": "tied"})))
 
 
-def test_names_cannot_drive_the_terminal() -> None:
+def test_words_of_the_table_are_printable() -> None:
     assert printable("a\x1b[2Jb\nc") == r"a\x1b[2Jb\nc"
     assert printable("ü") == r"\xfc"
     assert len(printable("x" * 100, 20)) == 20
-
-
-def test_ordinals_have_their_suffixes() -> None:
     assert [ordinal(k) for k in (1, 3, 7)] == ["first", "third", "layer 7"]

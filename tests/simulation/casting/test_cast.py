@@ -135,16 +135,12 @@ def test_beyond_the_range_limit_there_is_no_return(make_model: MakeModel, cast_t
 
 
 @pytest.mark.usefixtures("kernel_casts")
-def test_signs_of_yaw_and_pitch_in_the_image(make_model: MakeModel) -> None:
+def test_signs_of_yaw_and_pitch_and_corners_of_a_board(make_model: MakeModel) -> None:
     yawed = cast_scene(make_model(replace(WALL, yaw_deg=20))).range_true[..., 0]
     assert (np.diff(yawed, axis=1) < 0).all()  # the right side comes nearer
     pitched = cast_scene(make_model(replace(WALL, pitch_deg=20))).range_true[..., 0]
     assert (np.diff(pitched, axis=0) > 0).all()  # the lower side goes away
-
-
-@pytest.mark.usefixtures("kernel_casts")
-def test_corners_follow_from_center_and_size(make_model: MakeModel) -> None:
-    """A board over columns 6 and 7 and rows 1 to 3 alone: right and up of the centre."""
+    # A board over columns 6 and 7 and rows 1 to 3 alone: right and up of the centre.
     x = 2000 * np.tan(np.array([0.5, 2.5]) * PIXEL)
     y = 2000 * np.tan(np.array([-3.4, -0.6]) * ROW)
     center, size = (x.mean(), y.mean(), 2000.0), (np.ptp(x), np.ptp(y))
@@ -155,25 +151,23 @@ def test_corners_follow_from_center_and_size(make_model: MakeModel) -> None:
 
 
 @pytest.mark.usefixtures("kernel_casts")
-def test_mean_range_of_a_facing_wall(make_model: MakeModel) -> None:
+def test_amplitudes_and_outliers_scale_with_their_causes(make_model: MakeModel) -> None:
     wide = replace(WALL, size_mm=(9000, 9000))
     truth = cast_scene(make_model(wide, rows=8, cols=9, fov_horizontal_deg=60.0, fov_vertical_deg=50.0))
     cos_az = np.array([_mean_secant(np.radians(60 / 9), col - 4) for col in range(9)])
     cos_el = np.array([_mean_secant(np.radians(50 / 8), row - 3.5) for row in range(8)])
     np.testing.assert_allclose(truth.range_true[..., 0], 4000 * np.outer(cos_el, cos_az), rtol=1e-4)
+    board = Surface(name="b", center_mm=(0, 0, 2000), size_mm=(900, 900), yaw_deg=30, reflectivity=0.4)
+    truth = cast_scene(make_model(board, integration_time_ms=2.4))
+    assert truth.amplitude[4, 5, 0] == pytest.approx(1000 * 0.4 * np.cos(np.pi / 6) / 4 * 2, rel=1e-3)
+    truth = cast_scene(make_model(WALL, outlier_probability=0.25))
+    np.testing.assert_allclose(truth.weight_true, 0.75)
 
 
 def _mean_secant(step: float, number: float) -> float:
     """Mean of 1 / cos over a cell, by its antiderivative asinh(tan)."""
     low, high = (number - 0.5) * step, (number + 0.5) * step
     return float((np.arcsinh(np.tan(high)) - np.arcsinh(np.tan(low))) / (high - low))
-
-
-@pytest.mark.usefixtures("kernel_casts")
-def test_amplitude_follows_reflectivity_incidence_range_and_time(make_model: MakeModel) -> None:
-    board = Surface(name="b", center_mm=(0, 0, 2000), size_mm=(900, 900), yaw_deg=30, reflectivity=0.4)
-    truth = cast_scene(make_model(board, integration_time_ms=2.4))
-    assert truth.amplitude[4, 5, 0] == pytest.approx(1000 * 0.4 * np.cos(np.pi / 6) / 4 * 2, rel=1e-3)
 
 
 @pytest.mark.usefixtures("kernel_casts")
@@ -198,26 +192,18 @@ def test_weights_sum_to_one_and_layers_run_from_near_to_far(three_boards: tuple[
 
 
 @pytest.mark.usefixtures("kernel_casts")
-def test_order_of_surfaces_does_not_matter(make_model: MakeModel) -> None:
+def test_boards_are_seen_from_both_sides_in_the_models_order(make_model: MakeModel) -> None:
     a = Surface(name="a", center_mm=(-490, 10, 2000), size_mm=(1000, 900), pitch_deg=10)
     b = Surface(name="b", center_mm=(0, 300, 3000), size_mm=(2000, 600), yaw_deg=10)
     one, other = cast_scene(make_model(a, b, WALL)), cast_scene(make_model(WALL, b, a))
     np.testing.assert_array_equal(one.range_true, other.range_true)
     np.testing.assert_array_equal(one.weight_true, other.weight_true)
-
-
-@pytest.mark.usefixtures("kernel_casts")
-def test_boards_are_seen_from_both_sides_and_never_behind(make_model: MakeModel) -> None:
     board = Surface(name="a", center_mm=(-490, 10, 2000), size_mm=(1000, 900), pitch_deg=10)
     front, back = cast_scene(make_model(board)), cast_scene(make_model(replace(board, pitch_deg=190)))
     np.testing.assert_allclose(front.range_true, back.range_true, rtol=1e-6)
     np.testing.assert_allclose(front.weight_true, back.weight_true, atol=1e-4)
     behind = cast_scene(make_model(replace(board, center_mm=(0, 0, -2000))))
     assert not behind.n_modes.any()
-
-
-@pytest.mark.usefixtures("kernel_casts")
-def test_of_two_boards_in_one_plane_the_first_is_seen(make_model: MakeModel) -> None:
     poster = Surface(name="poster", center_mm=(10, 7, 4000), size_mm=(90, 80))
     truth = cast_scene(make_model(poster, WALL))
     assert truth.n_modes.max() == 2
@@ -234,12 +220,6 @@ def test_an_edge_on_board_and_an_empty_scene_return_nothing(make_model: MakeMode
         assert truth.range_true.shape == (9, 11, 1)
         assert not truth.n_modes.any()
         np.testing.assert_allclose(truth.weight_no_return, 1 - P_R, rtol=1e-6)
-
-
-@pytest.mark.usefixtures("kernel_casts")
-def test_outlier_probability_reduces_all_shares(make_model: MakeModel) -> None:
-    truth = cast_scene(make_model(WALL, outlier_probability=0.25))
-    np.testing.assert_allclose(truth.weight_true, 0.75)
 
 
 @pytest.mark.usefixtures("kernel_casts")
@@ -472,20 +452,18 @@ def test_shares_and_ranges_are_those_of_beams(seed: int, optics: Pinhole | None)
 
 
 @pytest.mark.compiled("thousands of pixels are cut")
-def test_surfaces_that_share_a_plane_are_seen_in_the_models_order() -> None:
+def test_surfaces_in_one_plane_beyond_the_range_or_none_are_seen_as_the_model_says() -> None:
     first = Surface(name="first", center_mm=(0, 0, 2000), size_mm=(300, 300))
     second = replace(first, name="second", center_mm=(100, 0, 2000))
     for surfaces in ((first, second), (second, first)):
         compare(Model(sensor=camera_polygon(), surfaces=surfaces), share=0.001, range_mm=0.01)
-
-
-@pytest.mark.compiled("thousands of pixels are cut")
-def test_part_of_a_surface_beyond_the_range_is_not_seen() -> None:
     model = Model(
         sensor=camera_polygon(range_max_mm=2030.0),
         surfaces=(Surface(name="wall", center_mm=(0, 0, 2000), size_mm=(9000, 9000), yaw_deg=3.0),),
     )
     compare(model, share=0.0015, range_mm=0.1)
+    truth = PolygonCaster(camera_polygon()).cast(Model(sensor=camera_polygon()))
+    assert not truth.n_modes.any()
 
 
 @pytest.mark.compiled("thousands of pixels are cut")
@@ -503,12 +481,6 @@ def test_more_surfaces_than_areas_are_worked_out_for_are_cast_by_beams() -> None
     )
     model = Model(sensor=camera_polygon(), surfaces=many)
     compare(model, share=0.0015, range_mm=0.3)
-
-
-@pytest.mark.compiled("thousands of pixels are cut")
-def test_scene_without_surfaces_has_no_return() -> None:
-    truth = PolygonCaster(camera_polygon()).cast(Model(sensor=camera_polygon()))
-    assert not truth.n_modes.any()
 
 
 @pytest.mark.compiled("thousands of pixels are cut")
