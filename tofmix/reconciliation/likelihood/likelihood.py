@@ -4,7 +4,7 @@ One compiled pass computes the log-likelihood of each pixel and frame, with its 
 latent states use these sums: disturbed frames (hidden Markov chain), the bias of each pixel (Gaussian, in
 `tofmix.reconciliation.likelihood.pixel_pattern`), stuck pixels, and the memory of the noise.
 
-Frames that a hidden Markov chain disturbs: the latent state of `interference`, integrated out.
+Frames that a hidden Markov chain disturbs, integrated out.
 """
 
 import math
@@ -21,8 +21,8 @@ from tofmix.compiled.jit import jit
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.kernel import Sorted, empty_sums, log_likelihood, sort_pixels, transform
 from tofmix.reconciliation.likelihood.mixture import Mixture, Scene, Scenes
-from tofmix.simulation.effects.base import Effect
-from tofmix.simulation.effects.interference import Interference
+from tofmix.simulation.effects.base import Effect, with_hidden
+from tofmix.simulation.effects.hidden import DisturbedFrames, FrameChain
 from tofmix.wording import counted
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 _LEAST = 1.0e-100  # probability of a state
 
 
-def forward(quiet: FloatArray, loud: FloatArray, frames: IntArray, effect: Interference) -> tuple[float, FloatArray]:
+def forward(quiet: FloatArray, loud: FloatArray, frames: IntArray, chain: FrameChain) -> tuple[float, FloatArray]:
     """Log-likelihood of frames that a hidden Markov chain disturbs, and the probability (n,) that each one is.
 
     Parameters
@@ -41,11 +41,11 @@ def forward(quiet: FloatArray, loud: FloatArray, frames: IntArray, effect: Inter
         Log-likelihood of each frame in either state.
     frames : (n,) int64
         Their numbers, ascending (`Evidence.frame_number`); the chain also runs over gaps.
-    effect : Interference
+    chain : FrameChain
         Share and length of the bursts.
     """
-    p = min(max(effect.probability, 1e-6), 1 - 1e-6)
-    stop = min(1 / effect.burst_frames, (1 - p) / p)
+    p = min(max(chain.probability, 1e-6), 1 - 1e-6)
+    stop = min(1 / chain.burst_frames, (1 - p) / p)
     start = min(stop * p / (1 - p), 1.0)
     step = np.array([[1 - start, start], [stop, 1 - stop]])
     emit = np.stack([quiet, loud], axis=1)
@@ -142,9 +142,9 @@ class ModelState:
         return (*self.given, *self.effects)
 
     @property
-    def bursts(self) -> Interference | None:
-        """The effect that disturbs frames, if any."""
-        return next((e for e in self.linking if isinstance(e, Interference)), None)
+    def bursts(self) -> FrameChain | None:
+        """The chain that disturbs frames, if any."""
+        return next((hidden.chain(e) for e, hidden in with_hidden(self.linking, DisturbedFrames)), None)
 
     @property
     def working(self) -> BoolArray:
@@ -325,9 +325,9 @@ class Likelihood:
         """Log density of amplitudes and temperatures, given the effects."""
         return float(sum(side.log_density(effect) for effect in state.effects for side in self.side_information))
 
-    def _with_bursts(self, mixture: Mixture, state: ModelState, part: Part, effect: Interference) -> float:
+    def _with_bursts(self, mixture: Mixture, state: ModelState, part: Part, chain: FrameChain) -> float:
         numbers = self.evidence.frame_number[part[0]]
-        return forward(*self.frame_pair(mixture, state, part, effect.sigma_mm), numbers, effect)[0]
+        return forward(*self.frame_pair(mixture, state, part, chain.sigma_mm), numbers, chain)[0]
 
     def frame_pair(
         self, mixture: Mixture, state: ModelState, part: Part, sigma_mm: float
