@@ -97,7 +97,7 @@ def uneven_noise(
     ----------
     given, measured : sequence of (Model, Evidence)
         The recordings, with the models as given, and with the measured noise.
-    state : State
+    state : ModelState
         Of the measured models: the effects that were found, and the pixels' own widths.
     alpha : float
         Level of the test that a part of the image differs, corrected for their number.

@@ -56,7 +56,7 @@ def compare(
     ----------
     likelihood : Likelihood
         The recording and the scene.
-    state : State
+    state : ModelState
         The model with the effects added so far.
     part : (frames, pixels)
         Samples to compare. They must be held out of every fit, or the gap is too small. Each recording has separate

@@ -222,8 +222,8 @@ def widths(state: ModelState, spread: float, recording: int = 0) -> Iterator[Cur
 
     Parameters
     ----------
-    state : State
-        State with the estimated widths.
+    state : ModelState
+        The model with the estimated widths.
     spread : float
         The model's standard deviation of the log width.
     recording : int

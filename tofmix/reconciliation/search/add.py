@@ -59,13 +59,13 @@ class Added:
 
     Parameters
     ----------
-    state : State
+    state : ModelState
         The model with the effects that were added.
-    chosen : tuple of Candidate
+    chosen : tuple of TriedEffect
         The added effects, in the order in which they were added.
-    first : tuple of Candidate
+    first : tuple of TriedEffect
         All candidates of the first round, best first.
-    aliases : tuple of tuple of Candidate
+    aliases : tuple of tuple of TriedEffect
         Groups of candidates that the recording cannot separate; a chosen one stands first.
     panel : Compared
         Panel on held-out frames of the refined model, moved within its tolerance to where it fits them best.

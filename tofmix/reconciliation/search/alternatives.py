@@ -291,9 +291,9 @@ def alternatives(
     ----------
     likelihood : Likelihood
         The recordings.
-    state : State
+    state : ModelState
         The model with the found effects.
-    chosen : sequence of Candidate
+    chosen : sequence of TriedEffect
         The found effects, in the order of the state.
     settings : Settings
         Options of the search; kinds that the model has are left out.
@@ -357,7 +357,7 @@ def as_candidates(likelihood: Likelihood, state: ModelState, found: Explained, p
     ----------
     likelihood : Likelihood
         The recordings.
-    state : State
+    state : ModelState
         The model without the set.
     found : Explained
         The set, with its numbers from the summaries.
@@ -366,7 +366,7 @@ def as_candidates(likelihood: Likelihood, state: ModelState, found: Explained, p
 
     Returns
     -------
-    list of Candidate
+    list of TriedEffect
         Their gains are 0, because they are not known yet. Empty if the numbers of an effect are not possible.
     """
     try:

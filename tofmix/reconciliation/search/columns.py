@@ -77,7 +77,7 @@ def terms(likelihood: Likelihood, state: ModelState, seen: Sequence[PixelSummary
     ----------
     likelihood : Likelihood
         Of the recordings.
-    state : State
+    state : ModelState
         The state of the summaries.
     seen : sequence of Summary
         Its summaries.

@@ -62,11 +62,11 @@ class TriedEffect:
         Held-out gain over the model with the effects added so far, nats.
     parameters : int
         Free parameters.
-    state : State
+    state : ModelState
         The model with this effect.
     fitted : Fitted or None
         The end of its search, if it was searched for.
-    others : tuple of Candidate
+    others : tuple of TriedEffect
         The effects added before, if they were fitted again together with it; else empty.
     """
 
@@ -222,7 +222,7 @@ def moves_by_itself(
     ----------
     likelihood : Likelihood
         The recordings.
-    before, after : (State, Mixture)
+    before, after : (ModelState, Mixture)
         The model without and with the effect.
     part : (frames, pixels)
         Data of the gains.
@@ -335,7 +335,7 @@ def tolerated(likelihood: Likelihood, state: ModelState, part: Part, tolerance: 
     ----------
     likelihood : Likelihood
         Of the recording.
-    state : State
+    state : ModelState
         The model with the effects added so far.
     part : (frames, pixels)
         Data of the fit.

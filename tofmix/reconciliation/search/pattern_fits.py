@@ -40,7 +40,7 @@ def worth(
     ----------
     likelihood : Likelihood
         Of the recording.
-    state : State
+    state : ModelState
         A state without a pattern.
     mixture : Mixture
         Its prediction.
@@ -67,11 +67,11 @@ class PatternFit:
 
     Parameters
     ----------
-    first : Candidate
+    first : TriedEffect
         The best effect, with its numbers in the presence of the pattern.
     patterned : bool
         Whether the pattern still gains in the presence of the effect.
-    rivals : tuple of Candidate
+    rivals : tuple of TriedEffect
         Candidates of other kinds whose gain is less by at most `ALIAS_NATS`.
     """
 
@@ -94,13 +94,13 @@ def best_with_pattern(
     ----------
     trial : Trial
         The round.
-    chosen : sequence of Candidate
+    chosen : sequence of TriedEffect
         The state's effects, in its order.
-    found : sequence of Candidate
+    found : sequence of TriedEffect
         Its candidates, a fixed pattern first.
     parts : two of (frames, pixels)
         Fitting data and held-out data, of all pixels.
-    near : State
+    near : ModelState
         The model moved within its tolerance to where it fits best; an effect must gain more than it.
     alpha : float
         Level of the gain beyond the pattern, corrected for the number of candidates.
@@ -230,9 +230,9 @@ def with_the_others(trial: Trial, chosen: Sequence[TriedEffect], found: Sequence
     ----------
     trial : Trial
         The round.
-    chosen : sequence of Candidate
+    chosen : sequence of TriedEffect
         The state's effects, in its order.
-    found : sequence of Candidate
+    found : sequence of TriedEffect
         This round's candidates.
     """
     likelihood, state = trial.likelihood, trial.state
@@ -263,9 +263,9 @@ def together(trial: Trial, chosen: Sequence[TriedEffect], candidate: TriedEffect
     ----------
     trial : Trial
         The round.
-    chosen : sequence of Candidate
+    chosen : sequence of TriedEffect
         The state's effects, in its order.
-    candidate : Candidate
+    candidate : TriedEffect
         One of this round.
     """
     if candidate.fitted is None or not any(c.fitted is not None and _share(c, candidate) for c in chosen):

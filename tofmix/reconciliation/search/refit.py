@@ -28,7 +28,7 @@ def refit(
     ----------
     likelihood, state
         As they stand.
-    chosen : sequence of Candidate
+    chosen : sequence of TriedEffect
         The state's effects, in its order.
     part : (frames, pixels)
         Data of the fits.

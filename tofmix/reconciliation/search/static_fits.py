@@ -42,7 +42,7 @@ class StaticFits:
     ----------
     likelihood : Likelihood
         Of one or several recordings: a pixel has a bias in each, and one pattern in all.
-    state : State
+    state : ModelState
         The model with the effects added so far.
     mixture : Mixture
         Its prediction.
@@ -194,7 +194,7 @@ def fold(likelihood: Likelihood, state: ModelState, part: Part) -> TriedEffect |
     ----------
     likelihood : Likelihood
         The recordings.
-    state : State
+    state : ModelState
         The model with the effects added so far.
     part : (frames, pixels)
         The samples.

@@ -367,7 +367,7 @@ def found_poses(likelihood: Likelihood, settings: Settings, state: ModelState | 
         The recordings and their scenes.
     settings : Settings
         How.
-    state : State, optional
+    state : ModelState, optional
         The model with the effects that are named; the model as given without it.
     """
     part = fit_part(likelihood, settings)

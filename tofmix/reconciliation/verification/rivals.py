@@ -75,9 +75,9 @@ def better_law(
     ----------
     likelihood : Likelihood
         Of the recording.
-    state : State
+    state : ModelState
         The refined model.
-    chosen : sequence of Candidate
+    chosen : sequence of TriedEffect
         Its effects, in its order.
     parts : two of (frames, pixels)
         Fitting data and held-out data, of all pixels: laws of few numbers need no held-out pixels.
@@ -270,7 +270,7 @@ def far_trends(likelihood: Likelihood, state: ModelState, alpha: float) -> list[
     ----------
     likelihood : Likelihood
         The recordings.
-    state : State
+    state : ModelState
         A model: the change is that of the differences from it.
     alpha : float
         Level of the test that parts of the time differ, after correction for the recordings.
@@ -352,7 +352,7 @@ def better_model_effect(
         As given.
     likelihood : Likelihood
         Of them.
-    added : (float, sequence of Candidate)
+    added : (float, sequence of TriedEffect)
         Held-out log-likelihood with the added effects, and these effects.
     settings : Settings
         How.

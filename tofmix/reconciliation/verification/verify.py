@@ -47,9 +47,9 @@ class Verified:
     ----------
     verdict : str
         ``agree``, ``explained``, ``partly_explained`` or ``unexplained``.
-    state : State
+    state : ModelState
         The model that is written, without effects that do not explain the recording.
-    start : State
+    start : ModelState
         The model as given.
     before, after, floor : Compared
         Panels of the model as given, of the refined one, and of a simulation of it.
@@ -206,7 +206,7 @@ def changes_in_time(state: ModelState, found: VerdictData, gain: float) -> bool:
 
     Parameters
     ----------
-    state : State
+    state : ModelState
         The refined model.
     found : Findings
         Its panels.

@@ -330,7 +330,10 @@ class Effect:
         raise NotImplementedError
 
     def in_affected(self) -> "Effect":
-        """The effect in an affected pixel, as one of all pixels; of those with `AffectedPixels` only."""
+        """The effect in an affected pixel, as one of all pixels; of those with `AffectedPixels` only.
+
+        It has the same kind: a model has an effect of each kind once.
+        """
         raise NotImplementedError
 
     @property
