@@ -231,7 +231,7 @@ def _of_the_search(added: Added, verified: Verified, settings: Settings, *, misp
     if verified.law == "place in the image":
         yield (
             "A smooth bias over the image fits better than any effect: suspect the lens. Give the model the camera's"
-            f" own intrinsics and distortion, or measure the map of a {_of_pixels_own()} on a flat wall."
+            f" own intrinsics and distortion, or measure the map of a {_kind_of_pixel_biases()} on a flat wall."
         )
     if verified.law == "range":
         yield (
@@ -247,7 +247,7 @@ def _of_the_search(added: Added, verified: Verified, settings: Settings, *, misp
         )
 
 
-def _of_pixels_own() -> str:
+def _kind_of_pixel_biases() -> str:
     """The kind that has a bias of each pixel."""
     return next(kind.kind for kind in EFFECTS.values() if isinstance(kind.hidden, PixelBias))
 

@@ -22,14 +22,12 @@ from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import beam_directions_of
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.effects.hidden import HiddenState
-from tofmix.simulation.effects.parameter import FARTHEST, Holds, Parameter, Prior, declared_parameters
-from tofmix.simulation.effects.search import declared_forms, declared_problems
+from tofmix.simulation.effects.parameter import FARTHEST, Parameter, Prior, declared_parameters
 from tofmix.toml_table import nearest
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
     from tofmix.simulation.echoes import Echoes, FrameSamples
-    from tofmix.simulation.effects.search import FormFacts, LinearForm, Problem, SearchFacts
     from tofmix.simulation.surface import Surface
 
 _RECORDING, _FRAME = 0, 1  # branches of an effect's random streams
@@ -212,7 +210,7 @@ class Effect:
         other statistics. Empty for an exact law, which needs no such check.
     latent : Latent
         Hidden state that links its samples. `reconcile` searches for a kind without one by its parameters
-        (`Effect.problems`).
+        (`tofmix.simulation.effects.search`).
     hidden : HiddenState or None
         What this hidden state is, and which numbers describe it; None without one.
     basic : Basic or None
@@ -280,36 +278,6 @@ class Effect:
     def parameters(cls) -> Mapping[str, Parameter]:
         """The declared parameters by name."""
         return {parameter.name: parameter for parameter in declared_parameters(cls)}
-
-    @classmethod
-    def problems(cls, facts: "SearchFacts") -> "Iterator[Problem]":
-        """The searches for its numbers; none if the recordings cannot show it."""
-        return declared_problems(cls, facts)
-
-    @classmethod
-    def linear_forms(cls, facts: "FormFacts") -> "Iterator[LinearForm]":  # noqa: ARG003  for laws that need them
-        """Its law for small numbers, as linear coefficients.
-
-        Raises
-        ------
-        ValueError
-            If the camera or the scene cannot have the effect.
-        """
-        return declared_forms(cls)
-
-    @classmethod
-    def has_linear_form(cls) -> bool:
-        """Whether it moves or widens the samples of a pixel by a law."""
-        own = any("linear_forms" in vars(c) for c in cls.__mro__ if c is not Effect)
-        return own or cls.number_of_form() is not None
-
-    @classmethod
-    def number_of_form(cls) -> Parameter | None:
-        """The number in proportion to which it moves or widens samples, by its declaration; None without one."""
-        if cls.latent is not Latent.NONE or cls.target not in (Target.BIAS, Target.SPREAD):
-            return None
-        numbers = [p for p in cls.parameters().values() if p.holds is not Holds.MAP]
-        return numbers[0] if len(numbers) == 1 and numbers[0].zero == 0 and numbers[0].typical[1] > 0 else None
 
     @classmethod
     def of_magnitude(cls, value: float, surface: str = "") -> "Effect":
