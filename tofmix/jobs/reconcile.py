@@ -32,6 +32,8 @@ from tofmix.reconciliation.workflow import reconcile as search
 from tofmix.recording import CameraSource, amplitude_source
 from tofmix.report.gap.page import render_gap
 from tofmix.sensor import Sensor
+from tofmix.simulation.effects.base import with_hidden
+from tofmix.simulation.effects.hidden import PixelBias
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import background_path
 from tofmix.toml_table import nearest
@@ -96,8 +98,11 @@ def read_evidence(
             reporter.warn(f"{name}: sensor: {number} is {own:g}; the model has {models:g}")
     _say_other_optics(source, model, reporter)
     _say_other_rate(name, time_s, model, reporter)
-    if any(effect.kind == "fixed_pattern" and getattr(effect, "map", None) is None for effect in model.effects):
-        reporter.warn(f"{name}: the model's fixed_pattern has no map: every static error counts as part of the pattern")
+    for effect, hidden in with_hidden(model.effects, PixelBias):
+        if hidden.map_of(effect) is None:
+            reporter.warn(
+                f"{name}: the model's {effect.kind} has no map: every static error counts as part of the pattern"
+            )
     if model.sensor.noise.width_spread:
         reporter.warn(
             f"{name}: the model has width_spread without a width for each pixel: every difference between the noise of"

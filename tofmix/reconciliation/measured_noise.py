@@ -32,7 +32,8 @@ from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.verdict import LAW
 from tofmix.reconciliation.workflow import DONE, Reconciliation
 from tofmix.sensor import MOST_WIDTH_SPREAD, NoiseCurve, Sensor
-from tofmix.simulation.effects.quantisation import Quantisation
+from tofmix.simulation.effects.base import with_hidden
+from tofmix.simulation.effects.hidden import RangeStep
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import with_noise
 
@@ -96,7 +97,7 @@ def uneven_noise(
     ----------
     given, measured : sequence of (Model, Evidence)
         The recordings, with the models as given, and with the measured noise.
-    state : State
+    state : ModelState
         Of the measured models: the effects that were found, and the pixels' own widths.
     alpha : float
         Level of the test that a part of the image differs, corrected for their number.
@@ -272,7 +273,7 @@ def measured_models(recordings: Sequence[tuple[Model, Evidence]], sensor: Sensor
     Parameters and errors as of `measured_model`.
     """
     first = measured_model(*recordings[0], sensor)
-    step = next((e.step_mm for e in first.effects if isinstance(e, Quantisation)), None)
+    step = next((hidden.step_mm(e) for e, hidden in with_hidden(first.effects, RangeStep)), None)
     others = [(with_noise(model, first.sensor.noise, step_mm=step), evidence) for model, evidence in recordings[1:]]
     return [(first, recordings[0][1]), *others]
 

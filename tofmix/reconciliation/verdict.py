@@ -49,7 +49,7 @@ class VerdictData:
 
     Parameters
     ----------
-    chosen : tuple of Candidate
+    chosen : tuple of TriedEffect
         The found effects.
     before, after, floor : Compared
         Panels on held-out frames: of the model as given, of the refined model, and of a simulation of the refined

@@ -5,13 +5,9 @@ import math
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from tofmix.reconciliation.comparison.compare import Place
 from tofmix.reconciliation.workflow import NamedEffect, Reconciliation
 from tofmix.simulation.effects.base import Effect
-from tofmix.simulation.effects.fixed_pattern import FixedPattern
-from tofmix.simulation.effects.stuck_pixels import StuckPixels
 from tofmix.wording import counted, number, rounded
 
 _TITLES = {
@@ -101,18 +97,9 @@ def effect_text(named: NamedEffect, result: Reconciliation) -> str:
         for name, value in named.parameters.items()
         if isinstance(value, str) or value or named.stderr.get(name)  # zeros are left out
     ]
-    shown += _size_of_map(named.effect)
+    size = named.effect.size_of_map()  # which the name of its file does not show
+    shown += [size] if size else []
     return f"{named.effect.kind} ({', '.join(shown)}){within}" if shown else named.effect.kind
-
-
-def _size_of_map(effect: Effect) -> list[str]:
-    """The size of a pattern, or the number of stuck pixels, which the name of a file does not show."""
-    if isinstance(effect, FixedPattern) and effect.map is not None:
-        known = effect.map.values[effect.map.values != 0].astype(np.float64)  # 0 without a return
-        return [f"{np.sqrt((known**2).mean()):.3g} mm rms"] if known.size else []
-    if isinstance(effect, StuckPixels) and effect.map is not None:
-        return [counted(int(np.isfinite(effect.map.values).sum()), "pixel")]
-    return []
 
 
 def _with_error(name: str, value: float, error: float | None) -> str:

@@ -30,10 +30,9 @@ from tofmix.reconciliation.verification.next_steps import next_steps
 from tofmix.reconciliation.verification.rivals import better_model_effect, far_trends
 from tofmix.reconciliation.verification.verify import Verified, as_given, verify
 from tofmix.simulation.casting.polygon_cast import PolygonCaster
-from tofmix.simulation.effects.base import Effect
-from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.base import Effect, with_hidden
+from tofmix.simulation.effects.hidden import RememberedNoise
 from tofmix.simulation.effects.parameter import PixelMap
-from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 from tofmix.simulation.model import Model
 from tofmix.wording import rounded
 
@@ -57,7 +56,7 @@ def warm_up(model: Model) -> None:
     likelihood.sums(mixture, state, everything)
     likelihood.sums(replace(mixture, step=7.0), state, everything)  # a lattice: sample by sample
     likelihood.scores(state, everything, 1)
-    links.fit_interference(likelihood, mixture, state, everything)
+    links.fit_bursts(likelihood, mixture, state, everything)
     alike = RandomValues(share=np.zeros(36), below=np.zeros(36), density=np.ones(36))
     memory_gain(likelihood, likelihood.scores(state, everything, 1), mixture, everything, 0.5)
     predicted_noise(np.zeros((_FRAMES, 36)), 0.5, np.ones(36), alike)
@@ -317,9 +316,10 @@ def _refuse_what_no_prediction_takes(model: Model) -> None:
     So scores are not normal, given the scores of the frame before. An `outlier_probability` is too small for this to
     matter.
     """
-    if model.sensor.noise.background is not None and any(e.kind == TemporalCorrelation.kind for e in model.effects):
+    remembered = next(with_hidden(model.effects, RememberedNoise), None)
+    if model.sensor.noise.background is not None and remembered is not None:
         raise BadInputError(
-            "[sensor.noise]: background: reconcile has no prediction for a background beside temporal_correlation;"
+            f"[sensor.noise]: background: reconcile has no prediction for a background beside {remembered[0].kind};"
             " leave out one of them"
         )
 
@@ -343,7 +343,7 @@ def _searched(likelihood: Likelihood, settings: Settings, tick: Callable[[str], 
         if tried[-1][1].verdict in DONE:
             return tried[-1]
         set_is_left = len(tried) == 1 and added.sets is not None and added.sets.better(larger=True) is not None
-        patterned = all(c.kind == FixedPattern.kind for c in added.chosen)
+        patterned = all(c.patterned for c in added.chosen)
         if tried[-1][1].law is not None and not patterned and not set_is_left:
             break
     return next((search for search in tried if search[1].verdict == "partly_explained"), tried[0])

@@ -8,7 +8,7 @@ belongs to its surface, however steep.
 Which planes of the linking are pieces of a surface that bends.
 
 A sphere is linked into planes that touch. Two pieces that touch are one smooth surface, or two: windows of pixels along
-their border are explained by one patch of `tofmix.image.smooth`, or by one patch for each piece, and the evidence of
+their border are explained by one patch (`tofmix.image.patch`), or by one patch for each piece, and the evidence of
 both tells. A crease between two boards, and a step, need two. Pieces join in rounds, the surest pairs first.
 """
 

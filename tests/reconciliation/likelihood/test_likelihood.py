@@ -12,7 +12,7 @@ from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.reconciliation.likelihood.pixel_pattern import PixelBiases, marginal_pattern
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import Effect
-from tofmix.simulation.effects.interference import Interference
+from tofmix.simulation.effects.hidden import FrameChain
 from tofmix.simulation.exposure import predict
 from tofmix.simulation.model import Model
 
@@ -86,10 +86,10 @@ def test_integral_over_a_pattern_is_the_gaussian_one(rng: np.random.Generator) -
 
 
 def test_sum_over_bursts_is_that_over_all_states(rng: np.random.Generator) -> None:
-    effect = Interference(probability=0.3, sigma_mm=10.0, burst_frames=2.0)
+    chain = FrameChain(probability=0.3, sigma_mm=10.0, burst_frames=2.0)
     quiet, loud = rng.normal(size=8), rng.normal(size=8)
     frames = np.array([0, 1, 2, 5, 6, 7, 8, 12])
-    got, posterior = forward(quiet, loud, frames, effect)
+    got, posterior = forward(quiet, loud, frames, chain)
     stop, start = 0.5, 0.5 * 0.3 / 0.7
     step = np.array([[1 - start, start], [stop, 1 - stop]])
     total, disturbed = 0.0, np.zeros(8)

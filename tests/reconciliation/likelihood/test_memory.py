@@ -36,9 +36,9 @@ def test_memory_fitted_to_few_frames_has_no_bias(model: Model, record: Record) -
             likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
             mixture, part = likelihood.scene.mixture(), (np.arange(30), np.arange(evidence.shape[1]))
             scores = likelihood.scores(likelihood.start(), part, 1, mixture)
-            effect = fit_memory(likelihood, scores, mixture, part)
-            assert effect is not None
-            found.append(effect.coefficient)
+            coefficient = fit_memory(likelihood, scores, mixture, part)
+            assert coefficient is not None
+            found.append(coefficient)
     assert abs(np.mean(found) - 0.5) < 0.012
 
 

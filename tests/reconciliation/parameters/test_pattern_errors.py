@@ -15,7 +15,7 @@ from tofmix.reconciliation.likelihood.pixel_pattern import PixelBiases, marginal
 from tofmix.reconciliation.parameters.fits import Numbers, Parabola, Value
 from tofmix.reconciliation.parameters.pattern_errors import Averaged, UnderPattern
 from tofmix.reconciliation.search.links import fit_spreads
-from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.hidden import PatternSpreads
 
 IMAGE = (8, 10)
 PIXELS = IMAGE[0] * IMAGE[1]
@@ -52,8 +52,7 @@ def under(
     state = replace(likelihood.start(), pixel_bias=values)
     part = np.arange(likelihood.evidence.shape[0]), np.arange(PIXELS)
     numbers = Numbers(likelihood=likelihood, state=state, fits={}, part=part)
-    pattern = FixedPattern(pixel_sigma_mm=spreads[0], column_sigma_mm=spreads[1], row_sigma_mm=spreads[2])
-    return UnderPattern(numbers, about, pattern)
+    return UnderPattern(numbers, about, PatternSpreads(*spreads))
 
 
 def covariance(noise: FloatArray, spreads: tuple[float, float, float]) -> FloatArray:

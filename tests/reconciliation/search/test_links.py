@@ -13,7 +13,7 @@ from support.recordings import MAKE, Record
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, forward
 from tofmix.reconciliation.likelihood.mixture import Scene
-from tofmix.reconciliation.search.links import find_stuck, fit_interference
+from tofmix.reconciliation.search.links import find_stuck, fit_bursts
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
 
@@ -24,16 +24,16 @@ def test_stuck_pixels_are_found_with_their_values(model: Model, record: Record) 
     samples[:, [5, 77]] = 1234, 2345
     evidence = replace(evidence, samples=samples)
     likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
-    state = find_stuck(likelihood, likelihood.scene.mixture(), likelihood.start())
-    assert state is not None
-    assert np.flatnonzero(~state.working).tolist() == [5, 77]
-    assert state.stuck_mm[[5, 77]].tolist() == [1234.0, 2345.0]
+    stuck_mm = find_stuck(likelihood, likelihood.scene.mixture())
+    assert stuck_mm is not None
+    assert np.flatnonzero(np.isfinite(stuck_mm)).tolist() == [5, 77]
+    assert stuck_mm[[5, 77]].tolist() == [1234.0, 2345.0]
 
 
 def test_no_stuck_pixel_is_found_where_there_is_none(model: Model, record: Record) -> None:
     evidence = record()
     likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
-    assert find_stuck(likelihood, likelihood.scene.mixture(), likelihood.start()) is None
+    assert find_stuck(likelihood, likelihood.scene.mixture()) is None
 
 
 def test_sigma_of_bursts_below_that_of_empty_pixels_is_found(
@@ -43,7 +43,7 @@ def test_sigma_of_bursts_below_that_of_empty_pixels_is_found(
     model, evidence = in_the_open(MAKE["interference"](probability=0.3, sigma_mm=4.0, burst_frames=4.0))
     likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
     everything = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
-    found = fit_interference(likelihood, likelihood.scene.mixture(()), likelihood.start(), everything)
+    found = fit_bursts(likelihood, likelihood.scene.mixture(()), likelihood.start(), everything)
     assert found is not None
     assert found.sigma_mm == pytest.approx(4.0, rel=0.05)
 
@@ -52,7 +52,7 @@ def test_sigma_of_bursts_far_above_the_noise_is_found(model: Model, record: Reco
     evidence = record(MAKE["interference"](probability=0.3, sigma_mm=400.0, burst_frames=4.0))
     likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
     everything = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
-    found = fit_interference(likelihood, likelihood.scene.mixture(()), likelihood.start(), everything)
+    found = fit_bursts(likelihood, likelihood.scene.mixture(()), likelihood.start(), everything)
     assert found is not None
     assert found.sigma_mm == pytest.approx(400.0, rel=0.05)
 
@@ -63,12 +63,12 @@ def test_sigma_of_bursts_is_at_the_top_of_its_likelihood(model: Model, record: R
     likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
     mixture, state = likelihood.scene.mixture(), likelihood.start()
     part = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
-    found = fit_interference(likelihood, mixture, state, part)
+    found = fit_bursts(likelihood, mixture, state, part)
     assert found is not None
 
     def value(sigma: float) -> float:
         pair = likelihood.frame_pair(mixture, state, part, sigma)
-        return forward(*pair, evidence.frame_number, replace(found, sigma_mm=sigma))[0]
+        return forward(*pair, evidence.frame_number, found._replace(sigma_mm=sigma))[0]
 
     at = found.sigma_mm
     best = minimize_scalar(lambda size: -value(size), bounds=(0.9 * at, 1.1 * at), method="bounded")
@@ -91,7 +91,7 @@ def test_noise_of_all_frames_is_no_burst_and_that_of_some_is(model: Model, recor
     for sigma_mm, bursts in ((5.0 * everywhere, False), (8.0 * (frames > 40), False), (8.0 * (frames % 9 < 3), True)):
         likelihood = Likelihood(_noisier(evidence, sigma_mm), Scene(model, evidence.time_s))
         part = frames, np.arange(evidence.shape[1])
-        found = fit_interference(likelihood, likelihood.scene.mixture(), likelihood.start(), part)
+        found = fit_bursts(likelihood, likelihood.scene.mixture(), likelihood.start(), part)
         assert (found is not None) == bursts
 
 
@@ -102,5 +102,5 @@ def test_search_for_bursts_stays_within_its_bound_under_noise_of_metres(model: M
     evidence = record()
     likelihood = Likelihood(evidence, Scene(wide, evidence.time_s))
     everything = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
-    found = fit_interference(likelihood, likelihood.scene.mixture(()), likelihood.start(), everything)
+    found = fit_bursts(likelihood, likelihood.scene.mixture(()), likelihood.start(), everything)
     assert found is None or found.sigma_mm <= 10_000.0

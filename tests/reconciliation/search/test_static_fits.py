@@ -10,7 +10,7 @@ from tofmix.reconciliation.parameters.standard_errors import numeric
 from tofmix.reconciliation.search.name import Trial, begin_trial, candidates
 from tofmix.reconciliation.search.static_fits import StaticFits
 from tofmix.simulation.effects import Effect
-from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.hidden import PatternSpreads
 from tofmix.simulation.model import Model
 
 
@@ -19,9 +19,9 @@ def _trial(model: Model, record: Record, *hidden: Effect) -> Trial:
     return begin_trial(likelihood, likelihood.start(), "frames,pixels", 1)
 
 
-@pytest.mark.parametrize("pattern", [None, FixedPattern(pixel_sigma_mm=1.0, column_sigma_mm=9.0, row_sigma_mm=2.0)])
+@pytest.mark.parametrize("pattern", [None, PatternSpreads(pixel_sigma_mm=1.0, column_sigma_mm=9.0, row_sigma_mm=2.0)])
 def test_static_offset_is_the_weighted_mean_of_biases(
-    model: Model, record: Record, pattern: FixedPattern | None
+    model: Model, record: Record, pattern: PatternSpreads | None
 ) -> None:
     trial = _trial(model, record, MAKE["range_offset"](offset_mm=9.0))
     (offset,) = candidates(trial, ("range_offset",))
@@ -43,7 +43,10 @@ def test_static_offset_is_the_weighted_mean_of_biases(
 
 def test_fit_to_two_recordings_equals_least_squares_with_one_common_pattern(model: Model, record: Record) -> None:
     """Against the covariance of all biases, written out."""
-    pattern, (pixel, column, row_) = FixedPattern(pixel_sigma_mm=3.0, column_sigma_mm=5.0, row_sigma_mm=2.0), (3, 5, 2)
+    pattern, (pixel, column, row_) = (
+        PatternSpreads(pixel_sigma_mm=3.0, column_sigma_mm=5.0, row_sigma_mm=2.0),
+        (3, 5, 2),
+    )
     hidden = MAKE["range_offset"](offset_mm=9.0)
     pairs = [(model, record(hidden, seed=seed)) for seed in (5, 6)]
     likelihood = joint_likelihood(pairs)

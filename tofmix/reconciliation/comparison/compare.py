@@ -28,7 +28,6 @@ from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.memory import memory_of, one_surface, whitened
 from tofmix.reconciliation.likelihood.mixture import Mixture
-from tofmix.simulation.effects.pixel_crosstalk import PixelCrosstalk
 
 FARTHEST_SCORE = np.float32(4.0)
 """Largest score in the statistics: one sample must not determine a fourth power."""
@@ -57,7 +56,7 @@ def compare(
     ----------
     likelihood : Likelihood
         The recording and the scene.
-    state : State
+    state : ModelState
         The model with the effects added so far.
     part : (frames, pixels)
         Samples to compare. They must be held out of every fit, or the gap is too small. Each recording has separate
@@ -77,7 +76,7 @@ def compare(
         own = z[view.frames] if not memory else whitened(z[view.frames], view.mixture, memory)
         own = np.clip(own[view.part[0]][:, view.part[1]], -FARTHEST_SCORE, FARTHEST_SCORE)
         gains = information_of(own, view.evidence, view.mixture, view.part)
-        crossed = any(e.kind == PixelCrosstalk.kind for e in (*view.scene.effects, *state.effects))
+        crossed = any(e.links_neighbours for e in (*view.scene.effects, *state.effects))
         apart = _apart(own, view) if crossed else own
         curves += [
             replace(c.varying, recording=view.number, information=gains.get((c.statistic, c.axis)))

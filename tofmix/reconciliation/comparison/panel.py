@@ -222,8 +222,8 @@ def widths(state: ModelState, spread: float, recording: int = 0) -> Iterator[Cur
 
     Parameters
     ----------
-    state : State
-        State with the estimated widths.
+    state : ModelState
+        The model with the estimated widths.
     spread : float
         The model's standard deviation of the log width.
     recording : int
@@ -352,7 +352,7 @@ def neighbours(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curv
 def discreteness(evidence: Evidence, part: Part, m: Mixture, state: ModelState) -> Iterator[Curve]:
     """Second differences of the histogram of whole mm, and its Fourier sums; 0 if the density is smooth.
 
-    If the model has a `quantisation`: the share of samples off its steps.
+    If the model has a quantisation step: the share of samples off its steps.
     """
     use = part[1][(state.working & (m.of_main(m.sigma) > _SMOOTH_MM))[part[1]]]
     count = np.bincount(evidence.samples[part[0]][:, use].ravel(), minlength=65_536)[1:].astype(np.float64)

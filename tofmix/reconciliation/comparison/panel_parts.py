@@ -18,7 +18,7 @@ from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.likelihood import ModelState, Part
 from tofmix.reconciliation.likelihood.memory import lag_product, one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
-from tofmix.simulation.effects.interference import Interference
+from tofmix.simulation.effects.hidden import FrameChain
 
 _CLEAR = 4.5  # sigma from a surface, beyond which it has no samples
 _ENOUGH = 100  # samples of a bin
@@ -200,18 +200,18 @@ def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture) -> Iter
         )
 
 
-def burst_share(disturbed: FloatArray, effect: Interference) -> Iterator[Curve]:
-    """Share of disturbed frames beyond that of the effect; bursts are few, and of any length.
+def burst_share(disturbed: FloatArray, chain: FrameChain) -> Iterator[Curve]:
+    """Share of disturbed frames beyond that of the chain; bursts are few, and of any length.
 
     Parameters
     ----------
     disturbed : (frame,) float64
         Probability that each frame was disturbed.
-    effect : Interference
+    chain : FrameChain
         The bursts of the model.
     """
-    p = effect.probability
-    bursts = disturbed.size / max(2 * effect.burst_frames * (1 - p) - 1, 1.0)  # number of independent frames
+    p = chain.probability
+    bursts = disturbed.size / max(2 * chain.burst_frames * (1 - p) - 1, 1.0)  # number of independent frames
     share = (float(disturbed.sum()) * bursts / disturbed.size + _MORE * p) / (bursts + _MORE)
     yield Curve(
         statistic="bursts",

@@ -2,9 +2,8 @@
 
 One compiled pass computes the log-likelihood of each pixel and frame, with its slope and information for a bias. The
 latent states use these sums: disturbed frames (hidden Markov chain), the bias of each pixel (Gaussian, in
-`tofmix.reconciliation.likelihood.pixel_pattern`), stuck pixels, and the memory of the noise.
-
-Frames that a hidden Markov chain disturbs: the latent state of `interference`, integrated out.
+`tofmix.reconciliation.likelihood.pixel_pattern`), stuck pixels, pixels that an effect affects or not (integrated out
+pixel by pixel), and the memory of the noise.
 """
 
 import math
@@ -14,15 +13,15 @@ from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.special import ndtri
+from scipy.special import expit, ndtri
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.compiled.jit import jit
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.kernel import Sorted, empty_sums, log_likelihood, sort_pixels, transform
 from tofmix.reconciliation.likelihood.mixture import Mixture, Scene, Scenes
-from tofmix.simulation.effects.base import Effect
-from tofmix.simulation.effects.interference import Interference
+from tofmix.simulation.effects.base import Effect, with_hidden
+from tofmix.simulation.effects.hidden import AffectedPixels, DisturbedFrames, FrameChain
 from tofmix.wording import counted
 
 if TYPE_CHECKING:
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
 _LEAST = 1.0e-100  # probability of a state
 
 
-def forward(quiet: FloatArray, loud: FloatArray, frames: IntArray, effect: Interference) -> tuple[float, FloatArray]:
+def forward(quiet: FloatArray, loud: FloatArray, frames: IntArray, chain: FrameChain) -> tuple[float, FloatArray]:
     """Log-likelihood of frames that a hidden Markov chain disturbs, and the probability (n,) that each one is.
 
     Parameters
@@ -41,11 +40,11 @@ def forward(quiet: FloatArray, loud: FloatArray, frames: IntArray, effect: Inter
         Log-likelihood of each frame in either state.
     frames : (n,) int64
         Their numbers, ascending (`Evidence.frame_number`); the chain also runs over gaps.
-    effect : Interference
+    chain : FrameChain
         Share and length of the bursts.
     """
-    p = min(max(effect.probability, 1e-6), 1 - 1e-6)
-    stop = min(1 / effect.burst_frames, (1 - p) / p)
+    p = min(max(chain.probability, 1e-6), 1 - 1e-6)
+    stop = min(1 / chain.burst_frames, (1 - p) / p)
     start = min(stop * p / (1 - p), 1.0)
     step = np.array([[1 - start, start], [stop, 1 - stop]])
     emit = np.stack([quiet, loud], axis=1)
@@ -142,9 +141,14 @@ class ModelState:
         return (*self.given, *self.effects)
 
     @property
-    def bursts(self) -> Interference | None:
-        """The effect that disturbs frames, if any."""
-        return next((e for e in self.linking if isinstance(e, Interference)), None)
+    def bursts(self) -> FrameChain | None:
+        """The chain that disturbs frames, if any."""
+        return next((hidden.chain(e) for e, hidden in with_hidden(self.linking, DisturbedFrames)), None)
+
+    @property
+    def some_pixels(self) -> tuple[tuple[Effect, float], ...]:
+        """The effects that act in some pixels, each with the share of these pixels."""
+        return tuple((e, hidden.share(e)) for e, hidden in with_hidden(self.linking, AffectedPixels))
 
     @property
     def working(self) -> BoolArray:
@@ -163,6 +167,14 @@ class Sums:
     def total(self) -> float:
         """The log-likelihood."""
         return float(self.by_pixel[:, 0].sum())
+
+
+def _chance(others: Sums, affected: Sums, share: float) -> FloatArray:
+    """Probability (pixel,) of the affected state, of a share of the pixels, by their sums in both states."""
+    if not 0 < share < 1:
+        return np.full(len(others.by_pixel), float(share))
+    odds = math.log(share) - math.log1p(-share) + affected.by_pixel[:, 0] - others.by_pixel[:, 0]
+    return np.asarray(expit(odds))
 
 
 def _in_rows(mixture: Mixture) -> Mixture:
@@ -233,12 +245,15 @@ class Likelihood:
     ) -> Sums:
         """One pass over a part, without stuck pixels.
 
+        If effects act in some pixels only, the log-likelihood of a pixel is that with both of its states possible.
+        Slope and information are means over the states, and sums by frame those of the more likely states.
+
         Parameters
         ----------
         mixture : Mixture
             The prediction.
-        state : State
-            State with stuck pixels and biases of pixels.
+        state : ModelState
+            The model, with stuck pixels and biases of pixels.
         part : (frames, pixels)
             Samples of the pass.
         variance : (frame,), optional
@@ -254,6 +269,17 @@ class Likelihood:
         frames, pixels = self._working(state, part)
         added = self._variance(state) if variance is None else variance
         shift = state.pixel_bias if bias is None else bias
+        if not state.some_pixels:
+            return self._one_pass(mixture, (frames, pixels), added, shift)
+        out = self._of_states(mixture, state, state.some_pixels, (frames, pixels), (added, shift))
+        out.by_frame = np.zeros_like(out.by_frame)
+        for likely, own in self._likely(mixture, state, (frames, pixels), (added, shift)):
+            out.by_frame += self._one_pass(likely, (frames, own), added, shift).by_frame
+        return out
+
+    def _one_pass(self, mixture: Mixture, part: Part, added: FloatArray, shift: FloatArray) -> Sums:
+        """The sums of a part under one mixture."""
+        frames, pixels = part
         density = mixture.outlier / (mixture.high - mixture.low)
         m = _in_rows(mixture)
         chosen = sort_pixels(pixels, m.weight, m.sigma, m.invalid, m.step, m.period, gaussian=m.shape is None)
@@ -264,6 +290,52 @@ class Likelihood:
             out.by_pixel += by_pixel
             out.by_frame += by_frame
         return out
+
+    def _of_states(
+        self,
+        mixture: Mixture,
+        state: ModelState,
+        effects: tuple[tuple[Effect, float], ...],
+        part: Part,
+        more: tuple[FloatArray, FloatArray],
+    ) -> Sums:
+        """The sums of a part, with all states possible that these effects give a pixel; by frame, those without any."""
+        if not effects:
+            return self._one_pass(mixture, part, *more)
+        (effect, share), *rest = effects
+        others = self._of_states(mixture, state, tuple(rest), part, more)
+        affected = self._of_states(self._in_affected(mixture, state, effect), state, tuple(rest), part, more)
+        chance = _chance(others, affected, share)
+        one, other = others.by_pixel, affected.by_pixel
+        mean = one + chance[:, None] * (other - one)
+        if 0 < share < 1:
+            either = np.logaddexp(math.log1p(-share) + one[:, 0], math.log(share) + other[:, 0])
+            mean[part[1], 0] = either[part[1]]
+        return Sums(mean, others.by_frame)
+
+    def _likely(
+        self, mixture: Mixture, state: ModelState, part: Part, more: tuple[FloatArray, FloatArray]
+    ) -> list[tuple[Mixture, IntArray]]:
+        """The pixels of a part, each with the mixture of its more likely state."""
+        groups = [(mixture, part[1])]
+        for effect, share in state.some_pixels:
+            split: list[tuple[Mixture, IntArray]] = []
+            for without, pixels in groups:
+                with_it = self._in_affected(without, state, effect)
+                one, other = (self._one_pass(m, (part[0], pixels), *more) for m in (without, with_it))
+                likely = _chance(one, other, share)[pixels] > 0.5  # noqa: PLR2004  the more likely of two
+                split += [(without, pixels[~likely]), (with_it, pixels[likely])]
+            groups = [(m, pixels) for m, pixels in split if pixels.size]
+        return groups
+
+    def _in_affected(self, mixture: Mixture, state: ModelState, effect: Effect) -> Mixture:
+        """The prediction in pixels that an effect affects, of that in the others."""
+        other = self.scene.mixture((*state.effects, effect.in_affected()))
+        plain = self.scene.mixture(state.effects)
+        if plain.mean.shape != mixture.mean.shape or plain.mean.shape != other.mean.shape:
+            return other
+        mean, sigma = mixture.mean + (other.mean - plain.mean), mixture.sigma * (other.sigma / plain.sigma)
+        return replace(other, mean=mean, sigma=sigma)  # with what the mixture has beside the state's effects
 
     def _working(self, state: ModelState, part: Part) -> Part:
         """A part without stuck pixels. Frames and pixels out of bounds are refused, because kernels do not check."""
@@ -325,9 +397,9 @@ class Likelihood:
         """Log density of amplitudes and temperatures, given the effects."""
         return float(sum(side.log_density(effect) for effect in state.effects for side in self.side_information))
 
-    def _with_bursts(self, mixture: Mixture, state: ModelState, part: Part, effect: Interference) -> float:
+    def _with_bursts(self, mixture: Mixture, state: ModelState, part: Part, chain: FrameChain) -> float:
         numbers = self.evidence.frame_number[part[0]]
-        return forward(*self.frame_pair(mixture, state, part, effect.sigma_mm), numbers, effect)[0]
+        return forward(*self.frame_pair(mixture, state, part, chain.sigma_mm), numbers, chain)[0]
 
     def frame_pair(
         self, mixture: Mixture, state: ModelState, part: Part, sigma_mm: float
@@ -346,8 +418,20 @@ class Likelihood:
         ValueError
             If the recording has no such frame or pixel.
         """
-        m = _in_rows(self.mixture(state) if mixture is None else mixture)
-        frames, pixels = self._working(state, part)
+        mixture = self.mixture(state) if mixture is None else mixture
+        part = self._working(state, part)
+        groups = self._likely(mixture, state, part, (self._variance(state), state.pixel_bias))
+        (first, own), *others = groups or [(mixture, part[1])]
+        out = self._uniform(first, state, (part[0], own), seed)
+        for likely, own in others:
+            out[:, own] = self._uniform(likely, state, (part[0], own), seed)[:, own]
+        for frame in range(len(out)):  # frame by frame: no second copy in double precision
+            out[frame] = ndtri(np.clip(out[frame].astype(np.float64), 1e-9, 1 - 1e-9))
+        return out
+
+    def _uniform(self, mixture: Mixture, state: ModelState, part: Part, seed: int) -> Float32Array:
+        """Values (frame, pixel) of the distribution function of each sample; NaN outside the part."""
+        m, (frames, pixels) = _in_rows(mixture), part
         out: Float32Array = np.full(self.evidence.shape, np.nan, dtype=np.float32)
         added = self._variance(state)
 
@@ -391,6 +475,4 @@ class Likelihood:
                 aside += further
             out *= np.float32(1.0 - _SIDE * len(sides))
             out += np.float32(_SIDE) * aside
-        for frame in range(len(out)):  # frame by frame: no second copy in double precision
-            out[frame] = ndtri(np.clip(out[frame].astype(np.float64), 1e-9, 1 - 1e-9))
         return out

@@ -8,7 +8,7 @@ Products of samples at a distance of some frames, which show a memory.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -19,7 +19,8 @@ from tofmix.compiled.jit import borrowing, jit
 from tofmix.reconciliation.likelihood.joint import views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.mixture import Mixture
-from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
+from tofmix.simulation.effects.base import with_hidden
+from tofmix.simulation.effects.hidden import RememberedNoise
 
 
 def lag_product(
@@ -65,7 +66,7 @@ _ROOT_TWO_PI = math.sqrt(2 * math.pi)
 
 def memory_of(state: ModelState) -> float:
     """The coefficient of a state's memory; 0 without one."""
-    return next((e.coefficient for e in state.linking if isinstance(e, TemporalCorrelation)), 0.0)
+    return next((hidden.coefficient(e) for e, hidden in with_hidden(state.linking, RememberedNoise)), 0.0)
 
 
 def whitened(z: Float32Array, mixture: Mixture, coefficient: float) -> Float32Array:
@@ -232,7 +233,7 @@ def _noise(z: Float32Array, mixture: Mixture, part: Part) -> _Noise:
     return _Noise(u=turned, camera=attenuation(mixture)[pixels], random=random, scored=asked)
 
 
-def fit_memory(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part) -> TemporalCorrelation | None:
+def fit_memory(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part) -> float | None:
     """The most likely coefficient of a part's samples; None if too few samples have a frame before."""
     noises = _noises(likelihood, z, mixture, part)
     if sum(int(n.scored.sum()) for n in noises) < _LEAST_PAIRS or not any(np.nan_to_num(n.u).any() for n in noises):
@@ -242,7 +243,7 @@ def fit_memory(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: 
     )
     rho = float(found.x)
     rho += (1 + rho) * len(likelihood.evidence.starts) / len(z)  # Nickell's bias, of many pixels without their means
-    return TemporalCorrelation(coefficient=min(max(rho, -_MOST), _MOST))
+    return min(max(rho, -_MOST), _MOST)
 
 
 def memory_gain(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part, coefficient: float) -> float:
@@ -354,7 +355,11 @@ def inflation(likelihood: Likelihood, mixture: Mixture, state: ModelState, part:
 
     Two samples of a mixed pixel share the noise only if they are of the same surface.
     """
-    coefficient = memory_of(state)
+    return _inflation(likelihood, mixture, memory_of(state), part)
+
+
+def _inflation(likelihood: Likelihood, mixture: Mixture, coefficient: float, part: Part) -> FloatArray:
+    """As `inflation`, for a coefficient."""
     out = np.ones(likelihood.evidence.shape[1])
     if coefficient == 0:
         return out
@@ -388,11 +393,11 @@ def independent(likelihood: Likelihood, state: ModelState, alpha: float, seed: i
     if not memory_of(state):
         z = likelihood.scores(state, part, seed, mixture)
         shown = fit_memory(likelihood, z, mixture, part)
-        if shown is None or shown.coefficient <= 0:
+        if shown is None or shown <= 0:
             return 1.0
-        if memory_gain(likelihood, z, mixture, part, shown.coefficient) < 0.5 * chdtri(1, alpha):
+        if memory_gain(likelihood, z, mixture, part, shown) < 0.5 * chdtri(1, alpha):
             return 1.0
-        state = replace(state, effects=(*state.effects, shown))
+        return 1.0 / float(np.median(_inflation(likelihood, mixture, shown, part)))
     return 1.0 / float(np.median(inflation(likelihood, mixture, state, part)))
 
 

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.noise_shape import NoiseShape
@@ -21,15 +20,14 @@ from tofmix.reconciliation.likelihood.error_shape import GAUSSIAN, ShapeTable, s
 from tofmix.simulation.casting.polygon_cast import PolygonCaster
 from tofmix.simulation.distribution import Prediction
 from tofmix.simulation.effects.base import Effect, Latent, Level
-from tofmix.simulation.effects.fixed_pattern import FixedPattern
-from tofmix.simulation.effects.saturation import Saturation
+from tofmix.simulation.effects.hidden import PixelBias
 from tofmix.simulation.exposure import equation_1, predict
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface
 from tofmix.simulation.truth import Truth
 
 LINKING = (Latent.FRAME, Latent.PIXEL, Latent.MEMORY)
-"""Hidden states that link samples. They are no part of the mixture; `quantisation` is a part of it."""
+"""Hidden states that link samples. They are no part of the mixture; a quantisation step is a part of it."""
 
 _TIMES = (4, 8, 16, 32)  # times at which a changing scene is computed; the most unless only surfaces move
 _STEP_MM = 15.0  # largest move of a surface from one time to the next, if there are enough times
@@ -267,18 +265,16 @@ class Scene:
         """The prediction of the model and these effects, without hidden states that link samples."""
         effects = (*self._apart, *self.own(effects))
         times = self._times((*self._still.effects, *effects))
-        wells = [e for e in effects if isinstance(e, Saturation)]
-        acting = tuple(
-            e for e in effects if e.latent not in LINKING and not _stands_apart(e) and not isinstance(e, Saturation)
-        )
+        last = [e for e in effects if e.loses_by_noise]
+        acting = tuple(e for e in effects if e.latent not in LINKING and not _stands_apart(e) and not e.loses_by_noise)
         model = replace(self._still, effects=(*self._still.effects, *acting))
         parts = []
         for t in times:
             truth, without_effects = self._cast(self._placed(effects, float(t)))
             parts.append(predict(model, truth, time_s=float(t), without_effects=without_effects))
         for part in parts:
-            for well in wells:
-                _saturate(part, well)
+            for effect in last:
+                effect.lose_by_noise(part)
         return self._stack(parts, times, effects)
 
     def _stack(self, parts: list[Prediction], times: FloatArray, effects: tuple[Effect, ...]) -> Mixture:
@@ -333,8 +329,8 @@ class Scene:
 
 
 def _mapped_bias(effect: Effect) -> bool:
-    """Whether an effect is a pattern with a map."""
-    return isinstance(effect, FixedPattern) and effect.map is not None
+    """Whether an effect is a bias of each pixel that a map has: then nothing of it is hidden."""
+    return isinstance(effect.hidden, PixelBias) and effect.hidden.map_of(effect) is not None
 
 
 def _stands_apart(effect: Effect) -> bool:
@@ -351,13 +347,6 @@ def _plane_distance(surface: Surface) -> float:
     """Distance of a surface's plane from the camera along its normal, signed, mm; never 0."""
     distance = float(surface.rotation()[:, 2] @ np.array(surface.center_mm))
     return distance if abs(distance) > 1.0 else 1.0
-
-
-def _saturate(prediction: Prediction, well: Saturation) -> None:
-    """Lose samples that are too bright. The amplitude of a sample has the noise of its phase, so the edge is smooth."""
-    noise = prediction.amplitude * prediction.sigma_mm * (2 * np.pi / prediction.turn_mm)
-    over = (prediction.amplitude - well.full_well_amplitude) / np.maximum(noise, 1e-9)
-    prediction.lose(np.where(prediction.returned, ndtr(over), 0.0))
 
 
 class Scenes:

@@ -1,4 +1,4 @@
-"""The bias of each pixel: the latent state of `fixed_pattern`, estimated by pixel and integrated out together."""
+"""The bias of each pixel: the hidden state of a pattern, estimated by pixel and integrated out together."""
 
 from dataclasses import dataclass
 

@@ -8,7 +8,6 @@ The information depends on the accuracy of the model's amplitudes, or on the pos
 of amplitudes is estimated from the recording, by the deviations of its other surfaces from the model.
 """
 
-import cmath
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -23,9 +22,7 @@ from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level
-from tofmix.simulation.effects.multipath import Multipath
 from tofmix.simulation.effects.parameter import Parameter
-from tofmix.simulation.effects.temperature_drift import TemperatureDrift
 from tofmix.simulation.model import Model
 
 _SINGLE = 0.9  # weight of a pixel's main surface
@@ -68,18 +65,22 @@ class AmplitudeInformation:
 
     def log_density(self, effect: Effect) -> float:
         """Log density of the observation, given an effect; 0 if the observation does not depend on it."""
-        if not isinstance(effect, Multipath) or effect.surface != self.surface:
+        factor = self._factor(effect)
+        if factor is None:
             return 0.0
-        mixed = abs(1 + effect.share * cmath.exp(1j * math.pi * effect.extra_path_mm / self.turn_mm))
-        away = (self.log_ratio - math.log(max(mixed, 1e-9))) / self.scale
+        away = (self.log_ratio - math.log(max(factor, 1e-9))) / self.scale
         return float(student.logpdf(away, self.dof) - student.logpdf(0.0, self.dof))
 
     def log_odds(self, effect: Effect) -> float:
         """Log density of the observation with an effect, less that without it."""
-        if not isinstance(effect, Multipath) or effect.surface != self.surface:
+        if self._factor(effect) is None:
             return 0.0
         none = float(student.logpdf(self.log_ratio / self.scale, self.dof) - student.logpdf(0.0, self.dof))
         return self.log_density(effect) - none
+
+    def _factor(self, effect: Effect) -> float | None:
+        """Factor on the surface's amplitude; None if the effect does not act on it alone."""
+        return effect.amplitude_factor(self.turn_mm) if getattr(effect, "surface", None) == self.surface else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,9 +92,9 @@ class WarmUpInformation:
 
     def log_density(self, effect: Effect) -> float:
         """Log density of the observation, given an effect; 0 if the observation does not depend on it."""
-        if not isinstance(effect, TemperatureDrift):
+        if effect.warm_up_s is None:
             return 0.0
-        away = math.log(effect.time_constant_s / self.time_constant_s) / self.error
+        away = math.log(effect.warm_up_s / self.time_constant_s) / self.error
         return float(student.logpdf(away, _THERMAL_DOF) - student.logpdf(0.0, _THERMAL_DOF))
 
     def log_odds(self, effect: Effect) -> float:  # noqa: ARG002  as of amplitudes

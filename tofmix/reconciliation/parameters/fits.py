@@ -50,7 +50,7 @@ def fit(
         The search.
     likelihood : Likelihood
         Of the recording.
-    state : State
+    state : ModelState
         The model with the effects added so far.
     part : (frames, pixels)
         Data of the fit.
@@ -104,7 +104,7 @@ class Numbers:
     ----------
     likelihood : Likelihood
         Of the recording.
-    state : State
+    state : ModelState
         The model with all its effects.
     fits : mapping of int to Fitted
         The search of each effect, by its number in the state.

@@ -19,12 +19,8 @@ from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
 from tofmix.reconciliation.likelihood.memory import fit_memory, memory_error
 from tofmix.reconciliation.likelihood.pixel_pattern import PatternLines, pixel_biases, spreads_of, with_pattern
 from tofmix.reconciliation.parameters.fits import SOFT, Numbers, Parabola, inverse
-from tofmix.simulation.effects import Effect
-from tofmix.simulation.effects.fixed_pattern import FixedPattern
-from tofmix.simulation.effects.interference import Interference
-from tofmix.simulation.effects.quantisation import Quantisation
-from tofmix.simulation.effects.stuck_pixels import StuckPixels
-from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
+from tofmix.simulation.effects.base import Effect, with_hidden
+from tofmix.simulation.effects.hidden import DisturbedFrames, PatternSpreads, PixelBias, RangeStep, RememberedNoise
 
 _LIKELY = 0.5  # probability from which a frame counts as disturbed
 
@@ -44,41 +40,47 @@ def latent_errors(
         Seed of the draws for quantised samples.
     """
     frames, pixels = likelihood.evidence.shape
-    if isinstance(effect, StuckPixels):
-        return effect, {}
-    if isinstance(effect, Interference):
-        return _bursts(likelihood, state, effect)
-    if isinstance(effect, TemporalCorrelation):
+    hidden = effect.hidden
+    if isinstance(hidden, DisturbedFrames):
+        return _bursts(likelihood, state, effect, hidden)
+    if isinstance(hidden, RememberedNoise):
         everything = np.arange(frames), np.arange(pixels)
         mixture = likelihood.mixture(state)
         z = likelihood.scores(state, everything, seed, mixture)
-        refitted = fit_memory(likelihood, z, mixture, everything) or effect
-        return refitted, {"coefficient": memory_error(likelihood, z, mixture, everything, refitted.coefficient)}
-    if isinstance(effect, Quantisation):
-        return effect, {"step_mm": 0.5 * effect.step_mm**2 / likelihood.scene.model.sensor.range_max_mm}
+        found = fit_memory(likelihood, z, mixture, everything)
+        refitted = effect if found is None else hidden.made(type(effect), (found,))
+        error = memory_error(likelihood, z, mixture, everything, hidden.coefficient(refitted))
+        return refitted, {hidden.numbers[0]: error}
+    if isinstance(hidden, RangeStep):
+        error = 0.5 * hidden.step_mm(effect) ** 2 / likelihood.scene.model.sensor.range_max_mm
+        return effect, {hidden.numbers[0]: error}
     return effect, {}
 
 
-def _bursts(likelihood: Likelihood, state: ModelState, effect: Interference) -> tuple[Effect, dict[str, float]]:
+def _bursts(
+    likelihood: Likelihood, state: ModelState, effect: Effect, hidden: DisturbedFrames
+) -> tuple[Effect, dict[str, float]]:
     """The share of disturbed frames, with errors from counts and from the curvature."""
+    chain = hidden.chain(effect)
     share = float(np.clip(state.disturbed.mean(), 1e-4, 0.99))
     frames = state.disturbed.size
     mixture = likelihood.mixture(state)
     part = np.flatnonzero(state.disturbed > _LIKELY), np.arange(likelihood.evidence.shape[1])
-    step = 0.02 * effect.sigma_mm
+    step = 0.02 * chain.sigma_mm
     bare = replace(state, effects=tuple(e for e in state.effects if e is not effect))
 
     def value(sigma: float) -> float:
         return likelihood.sums(mixture, bare, part, variance=np.full(frames, sigma**2)).total
 
-    drop = (2 * value(effect.sigma_mm) - value(effect.sigma_mm + step) - value(effect.sigma_mm - step)) / step**2
-    bursts = max(frames * share / effect.burst_frames, 1.0)
-    errors = {
-        "probability": share_error(share, frames / max(2 * effect.burst_frames * (1 - share) - 1, 1.0)),
-        "sigma_mm": float(1 / np.sqrt(drop)) if drop > 0 else effect.sigma_mm,
-        "burst_frames": float(effect.burst_frames / np.sqrt(bursts)),
-    }
-    return replace(effect, probability=share), errors
+    drop = (2 * value(chain.sigma_mm) - value(chain.sigma_mm + step) - value(chain.sigma_mm - step)) / step**2
+    bursts = max(frames * share / chain.burst_frames, 1.0)
+    errors = (
+        share_error(share, frames / max(2 * chain.burst_frames * (1 - share) - 1, 1.0)),
+        float(1 / np.sqrt(drop)) if drop > 0 else chain.sigma_mm,
+        float(chain.burst_frames / np.sqrt(bursts)),
+    )
+    counted = hidden.changed(effect, chain._replace(probability=share))
+    return counted, dict(zip(hidden.numbers, errors, strict=True))
 
 
 def share_error(share: float, independent: float) -> float:
@@ -112,18 +114,23 @@ class Averaged:
     spreads_mm: FloatArray
 
 
-def pattern_of(state: ModelState) -> FixedPattern | None:
-    """The fixed pattern of which only the spreads are known, the model's own or an added one."""
-    return next((e for e in state.linking if isinstance(e, FixedPattern)), None)
+def pattern_of(state: ModelState) -> tuple[Effect, PixelBias] | None:
+    """The fixed pattern of which only the spreads are known, the model's own or an added one, and its declaration."""
+    return next(with_hidden(state.linking, PixelBias), None)
 
 
-def integrated(numbers: Numbers, pattern: FixedPattern) -> float:
+def spreads_of_pattern(state: ModelState) -> PatternSpreads | None:
+    """The spreads of `pattern_of`."""
+    found = pattern_of(state)
+    return None if found is None else found[1].spreads(found[0])
+
+
+def integrated(numbers: Numbers, spreads: PatternSpreads) -> float:
     """The objective of fits, with the pattern's values integrated out, for its present spreads."""
     likelihood, state = numbers.likelihood, numbers.state
     bare = replace(state, pixel_bias=np.zeros_like(state.pixel_bias))
     mixture = likelihood.mixture(state)
     found = pixel_biases(likelihood, mixture, bare, numbers.part)
-    spreads = (pattern.pixel_sigma_mm, pattern.column_sigma_mm, pattern.row_sigma_mm)
     total = likelihood.sums(mixture, bare, numbers.part).total + likelihood.outside(state)
     return total + with_pattern(found, likelihood.evidence.image, spreads)
 
@@ -140,18 +147,18 @@ class UnderPattern:
         Numbers of a state with a fixed pattern and its values.
     about : Parabola
         The log-likelihood about them, the values given.
-    pattern : FixedPattern
-        Its spreads.
+    spreads : PatternSpreads
+        Those of the pattern.
     overstated : (pixel,) float64 or float
         Factor by which independent samples would overstate the information about a pixel's bias.
     """
 
     def __init__(
-        self, numbers: Numbers, about: Parabola, pattern: FixedPattern, overstated: FloatArray | float = 1.0
+        self, numbers: Numbers, about: Parabola, spreads: PatternSpreads, overstated: FloatArray | float = 1.0
     ) -> None:
-        self._pattern = pattern
+        self._spreads = spreads
         pulls, known = about.top.by_pixel[:, 1], about.top.by_pixel[:, 2]
-        self._lines = PatternLines(known / overstated, numbers.likelihood.evidence.image, pattern.pixel_sigma_mm)
+        self._lines = PatternLines(known / overstated, numbers.likelihood.evidence.image, spreads.pixel_sigma_mm)
         use = self._lines.use
         noise = 1.0 / known[use]
         moved = about.cross[:, use] * noise
@@ -169,7 +176,7 @@ class UnderPattern:
 
     def slope(self) -> FloatArray:
         """Slope (number,) for the pattern's own spreads."""
-        products, _ = self._at(self._pattern.column_sigma_mm, self._pattern.row_sigma_mm)
+        products, _ = self._at(*self._spreads[1:])
         return products[1:, 0] + self._slope
 
     def averaged(self) -> Averaged:
@@ -185,7 +192,7 @@ class UnderPattern:
         Box and Tiao, Bayesian Inference in Statistical Analysis, 1973, chapter 5. Kackar and Harville, J. Am. Stat.
         Assoc. 79 (1984) 853, on errors that take estimated variances as known.
         """
-        fitted = (self._pattern.column_sigma_mm, self._pattern.row_sigma_mm)
+        fitted = self._spreads[1:]
         counts = (np.unique(self._lines.col).size, np.unique(self._lines.row).size)
         noise = float(self._lines.variance.mean()) / self._lines.use.size
         several = spreads_of((self._lines.rows, self._lines.cols)) > 1

@@ -20,7 +20,7 @@ from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.parameters.planes import measured_pose, range_slopes
 from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.effects.base import refuse_without_phase
-from tofmix.simulation.effects.search import OUT_OF_SIGHT, Problem, SearchFacts, SurfaceFacts
+from tofmix.simulation.effects.search import OUT_OF_SIGHT, Problem, SearchFacts, SurfaceFacts, problems_of
 
 _LEAST_PIXELS = 12  # least pixels of a surface, for effects of this surface
 _GLANCE = 25  # frames for medians
@@ -40,7 +40,7 @@ def problems(kind: str, likelihood: Likelihood, mixture: Mixture) -> list[Proble
             refuse_without_phase(kind, likelihood.scene.model.sensor)
         except ValueError:
             return []
-    return [_plausible(problem) for problem in effect.problems(search_facts(likelihood, mixture))]
+    return [_plausible(problem) for problem in problems_of(effect, search_facts(likelihood, mixture))]
 
 
 def _plausible(problem: Problem) -> Problem:

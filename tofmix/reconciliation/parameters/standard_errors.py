@@ -22,10 +22,9 @@ from tofmix.arrays import FloatArray, IntArray
 from tofmix.reconciliation.evidence import BLOCK_FRAMES, BLOCK_PIXELS, Evidence
 from tofmix.reconciliation.likelihood.memory import inflation
 from tofmix.reconciliation.parameters.fits import Fitted, Numbers, Parabola, inverse, parabola
-from tofmix.reconciliation.parameters.pattern_errors import UnderPattern, integrated, pattern_of
+from tofmix.reconciliation.parameters.pattern_errors import UnderPattern, integrated, pattern_of, spreads_of_pattern
 from tofmix.simulation.effects import Effect
-from tofmix.simulation.effects.fixed_pattern import FixedPattern
-from tofmix.simulation.effects.saturation import Saturation
+from tofmix.simulation.effects.hidden import PatternSpreads
 
 _REACH = 2.0  # standard errors, for both sides
 _NEARER = (1.0, 0.5, 0.15)  # parts of this distance that are tried at a bound
@@ -81,7 +80,8 @@ class ProfiledParameter:
         return out
 
     def _turned(self, change: float) -> float:
-        return math.remainder(change, 2 * math.pi) if self.name == "phase_rad" else change
+        is_angle = self.fitted.effect.parameters()[self.name].unit == "rad"
+        return math.remainder(change, 2 * math.pi) if is_angle else change
 
 
 def parabola_error(parameter: ProfiledParameter, covariance: FloatArray) -> float:
@@ -208,7 +208,7 @@ _MOST_STEPS = 4  # of Newton's to the top
 _ENOUGH = 0.01  # nats: a smaller gain needs no step
 _PARTS = (1.0, 0.5, 0.2, 0.05)  # of a step that are tried
 _DAMPINGS = (0.0, 0.1, 1.0, 10.0)  # in units of a number's own curvature
-_SEEN, _NEAR, _FAR = 0.05, 0.03, 0.1  # share of the beam; relative noise of an amplitude; relative size of a gap
+_SEEN = 0.05  # share of the beam, from which a surface's amplitude is one of the scene
 _OFF = 0.1  # relative difference of parts, from which another part is tried
 
 
@@ -218,18 +218,18 @@ def polish(numbers: Numbers) -> Numbers:
     Under a fixed pattern its values are integrated out of the log-likelihood, and one step is made; the values are
     fitted after the step.
     """
-    pattern = pattern_of(numbers.state)
-    for _ in range(_MOST_STEPS if pattern is None else 1):
+    spreads = spreads_of_pattern(numbers.state)
+    for _ in range(_MOST_STEPS if spreads is None else 1):
         about = parabola(numbers)
         if about is None:
             break
         slope, curvature = about.slope, about.hessian
-        if pattern is not None:
-            under = _under(numbers, about, pattern)
-            slope, curvature = under.slope(), under.curvature(pattern.column_sigma_mm, pattern.row_sigma_mm)
+        if spreads is not None:
+            under = _under(numbers, about, spreads)
+            slope, curvature = under.slope(), under.curvature(spreads.column_sigma_mm, spreads.row_sigma_mm)
         if 0 <= 0.5 * float(slope @ inverse(curvature) @ slope) < _ENOUGH:  # below 0: far from any top
             break
-        better = _climbed(numbers, about.steps, (slope, curvature), pattern)
+        better = _climbed(numbers, about.steps, (slope, curvature), spreads)
         if better is None:
             break
         numbers = better
@@ -237,7 +237,7 @@ def polish(numbers: Numbers) -> Numbers:
 
 
 def _climbed(
-    numbers: Numbers, steps: FloatArray, about: tuple[FloatArray, FloatArray], pattern: FixedPattern | None
+    numbers: Numbers, steps: FloatArray, about: tuple[FloatArray, FloatArray], spreads: PatternSpreads | None
 ) -> Numbers | None:
     """A Newton step, damped if the whole step does not climb, as far from the top; None if none climbs.
 
@@ -248,7 +248,7 @@ def _climbed(
     slope, curvature = about
     for damping in _DAMPINGS:
         move = inverse(curvature + damping * np.eye(slope.size)) @ slope
-        better = _better(_Line(numbers, move * steps, pattern), 0.5 * float(slope @ move))
+        better = _better(_Line(numbers, move * steps, spreads), 0.5 * float(slope @ move))
         if better is not None:
             return better
     return None
@@ -260,7 +260,7 @@ class _Line:
 
     numbers: Numbers
     move: FloatArray
-    pattern: FixedPattern | None
+    spreads: PatternSpreads | None
 
     def at(self, part: float) -> tuple[float, Numbers]:
         """The objective and the numbers after a part of the step; minus infinity out of bounds."""
@@ -268,8 +268,8 @@ class _Line:
             moved = self.numbers.moved(self.numbers.vector + part * self.move)
         except ValueError:
             return -math.inf, self.numbers
-        if self.pattern is not None:
-            return integrated(moved, self.pattern), moved
+        if self.spreads is not None:
+            return integrated(moved, self.spreads), moved
         found = moved.at(moved.vector)
         return -math.inf if found is None else found.total, moved
 
@@ -295,10 +295,10 @@ def _better(line: _Line, gain: float) -> Numbers | None:
     return None
 
 
-def _under(numbers: Numbers, about: Parabola, pattern: FixedPattern) -> UnderPattern:
+def _under(numbers: Numbers, about: Parabola, spreads: PatternSpreads) -> UnderPattern:
     mixture = numbers.likelihood.mixture(numbers.state)
     overstated = inflation(numbers.likelihood, mixture, numbers.state, numbers.part)
-    return UnderPattern(numbers, about, pattern, overstated)
+    return UnderPattern(numbers, about, spreads, overstated)
 
 
 def standard_errors(numbers: Numbers, *, by_blocks: bool = True) -> dict[int, dict[str, float]]:
@@ -333,11 +333,13 @@ def standard_errors(numbers: Numbers, *, by_blocks: bool = True) -> dict[int, di
     if pattern is None:
         found += [known, *([_sandwich(known, _summed(about.by_pixel, pixels))] if by_blocks else [])]
     else:
-        averaged = _under(numbers, about, pattern).averaged()
+        effect, hidden = pattern
+        averaged = _under(numbers, about, hidden.spreads(effect)).averaged()
         found.append(averaged.covariance)
-        if pattern in numbers.state.effects:
-            out[numbers.state.effects.index(pattern)] = _spreads(averaged.spreads_mm)
-    start = 0
+        if effect in numbers.state.effects:
+            errors = zip(hidden.numbers, averaged.spreads_mm.tolist(), strict=True)
+            out[numbers.state.effects.index(effect)] = {name: error for name, error in errors if error > 0}
+    start, amplitude = 0, _amplitudes(numbers)
     for number, fitted in numbers.fits.items():
         own = slice(start, start + fitted.problem.parameters)
         start = own.stop
@@ -348,19 +350,15 @@ def standard_errors(numbers: Numbers, *, by_blocks: bool = True) -> dict[int, di
             known_shape = 1.0 if pattern is not None else stretch(parameter, known, partial(_value, numbers, about))
             if largest > 0:  # no error for a number at its bound, which is taken as exact
                 out[number][name] = largest * known_shape
-        if isinstance(fitted.effect, Saturation):
-            least = _half_gap(numbers, fitted.effect.full_well_amplitude)
-            out[number]["full_well_amplitude"] = max(out[number].get("full_well_amplitude", 0.0), least)
+        for name, least in fitted.effect.least_errors(amplitude).items():
+            out[number][name] = max(out[number].get(name, 0.0), least)
     return out
 
 
-def _half_gap(numbers: Numbers, full: float) -> float:
-    """Half of the distance to the next amplitude in the scene, up or down, if it is large: no sample lies between."""
+def _amplitudes(numbers: Numbers) -> FloatArray:
+    """Amplitudes (n,) of the surfaces in the pixels of the scene."""
     mixture = numbers.likelihood.mixture(numbers.state)
-    seen = mixture.amplitude[mixture.lit & (mixture.weight > _SEEN)]
-    below, above = seen[seen < full * (1 - _NEAR)], seen[seen > full * (1 + _NEAR)]
-    ways = [full - below.max() if below.size else 0.0, above.min() - full if above.size else 0.0]
-    return 0.5 * max([float(step) for step in ways if step > _FAR * full], default=0.0)
+    return mixture.amplitude[mixture.lit & (mixture.weight > _SEEN)]
 
 
 def _value(numbers: Numbers, about: Parabola, move: FloatArray) -> float:
@@ -369,11 +367,6 @@ def _value(numbers: Numbers, about: Parabola, move: FloatArray) -> float:
         return about.top.total
     found = numbers.at(numbers.vector + move * about.steps)
     return -math.inf if found is None else found.total
-
-
-def _spreads(errors_mm: FloatArray) -> dict[str, float]:
-    names = "pixel_sigma_mm", "column_sigma_mm", "row_sigma_mm"
-    return {name: error for name, error in zip(names, errors_mm.tolist(), strict=True) if error > 0}
 
 
 def _blocks(evidence: Evidence) -> tuple[IntArray, IntArray]:

@@ -43,11 +43,8 @@ from tofmix.reconciliation.search.refit import begin, refit, without
 from tofmix.reconciliation.search.search_state import SearchState, Settings, fit_part, held_out, name_of
 from tofmix.reconciliation.search.static_fits import fold
 from tofmix.reconciliation.verdict import inexact
-from tofmix.simulation.effects.excess_noise import ExcessNoise
-from tofmix.simulation.effects.fixed_pattern import FixedPattern
-from tofmix.simulation.effects.quantisation import Quantisation
-from tofmix.simulation.effects.range_offset import RangeOffset
-from tofmix.simulation.effects.stuck_pixels import StuckPixels
+from tofmix.simulation.effects.base import Basic
+from tofmix.simulation.effects.hidden import PixelBias, PixelValue, RangeStep
 
 _TRIED = 4  # rivals that are compared with the model moved within its tolerance
 _FAIR = 0.5  # least score, as a share of the best one's, of a candidate that starts another search
@@ -62,13 +59,13 @@ class Added:
 
     Parameters
     ----------
-    state : State
+    state : ModelState
         The model with the effects that were added.
-    chosen : tuple of Candidate
+    chosen : tuple of TriedEffect
         The added effects, in the order in which they were added.
-    first : tuple of Candidate
+    first : tuple of TriedEffect
         All candidates of the first round, best first.
-    aliases : tuple of tuple of Candidate
+    aliases : tuple of tuple of TriedEffect
         Groups of candidates that the recording cannot separate; a chosen one stands first.
     panel : Compared
         Panel on held-out frames of the refined model, moved within its tolerance to where it fits them best.
@@ -210,8 +207,8 @@ def _from_set(search: SearchState, added: Added, better: Explained) -> Added | N
     part = fit_part(likelihood, settings)
     kept, state = [c for c in added.chosen if not summed_up(c.kind)], apart(added.state)
     if len(kept) + len(better.terms) > settings.max_effects:  # a pattern can imitate every static effect
-        kept = [c for c in kept if c.kind != FixedPattern.kind]
-        state = replace(state, effects=tuple(e for e in state.effects if e.kind != FixedPattern.kind))
+        kept = [c for c in kept if not c.patterned]
+        state = replace(state, effects=tuple(e for e in state.effects if not isinstance(e.hidden, PixelBias)))
     if len(kept) + len(better.terms) > settings.max_effects:
         return None
     new = as_candidates(likelihood, state, better, part)
@@ -249,8 +246,8 @@ def _beginning(best: SearchState) -> TriedEffect | None:
     """
     if best.begun is None:
         return None
-    kinds = (best.begun.kind, FixedPattern.kind)
-    other = next((c for c in best.first if c.kind not in kinds), None)
+    begun = best.begun.kind
+    other = next((c for c in best.first if c.kind != begun and not c.patterned), None)
     return other if other is not None and other.score > _FAIR * best.begun.score else None
 
 
@@ -332,12 +329,12 @@ def without_faint(likelihood: Likelihood, settings: Settings, added: Added, fail
 
 
 def _covered(likelihood: Likelihood, state: ModelState, part: Part) -> Part:
-    """The part without pixels that see open space, if `excess_noise` was added.
+    """The part without pixels that see open space, if more noise was added.
 
-    The law of `excess_noise` does not change samples without a return; ambient light does. Such samples would test the
-    law and not the name.
+    Its law does not change samples without a return; ambient light does. Such samples would test the law and not the
+    name.
     """
-    if not any(isinstance(e, ExcessNoise) for e in state.effects):
+    if not any(e.basic is Basic.NOISE for e in state.effects):
         return part
     lit = np.ones(likelihood.evidence.shape[1], dtype=bool)
     for view in views(likelihood, likelihood.scene.mixture(), part):
@@ -396,7 +393,7 @@ def _faint_pattern(
 
     Its values are integrated out, so, like a law of few numbers, it needs no held-out pixels.
     """
-    pattern = next((c for c in found if c.kind == FixedPattern.kind), None)
+    pattern = next((c for c in found if c.patterned), None)
     if pattern is None:
         return None
     parts = fit_part(search.likelihood, search.settings), held_out(search.likelihood, search.settings)
@@ -451,7 +448,7 @@ def _tolerant(
     part, test = fit_part(likelihood, search.settings), trial.test_part
     static = [c for c in found if c.static and c.fitted is not None and c.gain > 0]
     simple = [c for c in static if c.parameters <= found[0].parameters]
-    offset = [c for c in simple[_TRIED:] if c.kind == RangeOffset.kind]
+    offset = [c for c in simple[_TRIED:] if c.effect.basic is Basic.OFFSET]
     scored = []
     for c in (*simple[:_TRIED], *offset):
         moved = settled_within(likelihood, c.state, [*search.chosen, c], part, tolerance)
@@ -489,14 +486,14 @@ def _take(search: SearchState, taken: _Taken, found: Sequence[TriedEffect]) -> N
 def _best(search: SearchState, trial: Trial, found: Sequence[TriedEffect], near: ModelState, needed: float) -> _Taken:
     """The best candidate; if it is a fixed pattern, an effect that gains in its presence comes first.
 
-    Stuck pixels come before all others: they are certain, and a pattern would take them as large biases. Only
-    `quantisation` comes before stuck pixels, because it also gives pixels one value.
+    Pixels of one value come before all others: they are certain, and a pattern would take them as large biases. Only a
+    quantisation step comes before them, because it also gives pixels one value.
     """
-    sure = {c.kind: c for c in found if c.score > 0}
-    if StuckPixels.kind in sure:
-        first = sure.get(Quantisation.kind, sure[StuckPixels.kind])
+    sure = {type(c.effect.hidden): c for c in found if c.score > 0}
+    if PixelValue in sure:
+        first = sure.get(RangeStep, sure[PixelValue])
         return _Taken((first,), _near(first, found))
-    if found[0].kind == FixedPattern.kind:
+    if found[0].patterned:
         parts = fit_part(search.likelihood, search.settings), held_out(search.likelihood, search.settings)
         beside = best_with_pattern(trial, search.chosen, found, parts, near, search.settings.alpha)
         if beside is not None:

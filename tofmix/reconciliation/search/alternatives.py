@@ -26,7 +26,8 @@ from tofmix.reconciliation.search.columns import Column, Term, summed_up, terms
 from tofmix.reconciliation.search.name import FAINT_SHARE, TriedEffect
 from tofmix.reconciliation.search.search_state import Settings, fit_part, name_of
 from tofmix.reconciliation.search.summaries import PixelSummary, summaries, surfaces_of
-from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.base import with_hidden
+from tofmix.simulation.effects.hidden import PixelBias
 from tofmix.simulation.effects.search import Problem
 
 _SMOOTH = 3  # functions along each side of a surface
@@ -290,9 +291,9 @@ def alternatives(
     ----------
     likelihood : Likelihood
         The recordings.
-    state : State
+    state : ModelState
         The model with the found effects.
-    chosen : sequence of Candidate
+    chosen : sequence of TriedEffect
         The found effects, in the order of the state.
     settings : Settings
         Options of the search; kinds that the model has are left out.
@@ -303,8 +304,8 @@ def alternatives(
     if not any(s.used.any() for s in seen):
         return None
     every = [t for t in terms(likelihood, rest, seen, settings.kinds) if t.name not in given]
-    pattern = next((e for e in state.effects if isinstance(e, FixedPattern)), None)
-    subsets = Subsets(seen, every, settings.tolerance, 0.0 if pattern is None else pattern.pixel_sigma_mm)
+    spreads = [hidden.spreads(e) for e, hidden in with_hidden(state.effects, PixelBias)]
+    subsets = Subsets(seen, every, settings.tolerance, spreads[0].pixel_sigma_mm if spreads else 0.0)
     names = {name_of(c) for c in chosen} & {t.name for t in every}
     sets = subsets.all_up_to(min(_LARGEST, max(settings.max_effects, 1)))
     found = next((s for s in sets if s.names == names), None) or best_of_names(subsets, every, names)
@@ -343,7 +344,7 @@ def best_of_names(subsets: Subsets, every: Sequence[Term], names: set[tuple[str,
 def apart(state: ModelState) -> ModelState:
     """The state without effects that summaries show, and without a pattern's map, which contains all static biases."""
     kept = tuple(e for e in state.effects if not summed_up(e.kind))
-    if any(isinstance(e, FixedPattern) for e in state.effects):
+    if any(with_hidden(state.effects, PixelBias)):
         nothing = np.zeros_like(state.pixel_bias)
         state = replace(state, pixel_bias=nothing, pixel_variance=nothing)
     return replace(state, effects=kept)
@@ -356,7 +357,7 @@ def as_candidates(likelihood: Likelihood, state: ModelState, found: Explained, p
     ----------
     likelihood : Likelihood
         The recordings.
-    state : State
+    state : ModelState
         The model without the set.
     found : Explained
         The set, with its numbers from the summaries.
@@ -365,7 +366,7 @@ def as_candidates(likelihood: Likelihood, state: ModelState, found: Explained, p
 
     Returns
     -------
-    list of Candidate
+    list of TriedEffect
         Their gains are 0, because they are not known yet. Empty if the numbers of an effect are not possible.
     """
     try:

@@ -16,7 +16,7 @@ from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.search.summaries import PixelSummary, surfaces_of
 from tofmix.simulation.effects import EFFECTS, Effect
-from tofmix.simulation.effects.search import Coefficient, FormFacts
+from tofmix.simulation.effects.search import Coefficient, FormFacts, forms_of, has_form
 from tofmix.simulation.surface import Surface
 
 
@@ -77,7 +77,7 @@ def terms(likelihood: Likelihood, state: ModelState, seen: Sequence[PixelSummary
     ----------
     likelihood : Likelihood
         Of the recordings.
-    state : State
+    state : ModelState
         The state of the summaries.
     seen : sequence of Summary
         Its summaries.
@@ -90,7 +90,7 @@ def terms(likelihood: Likelihood, state: ModelState, seen: Sequence[PixelSummary
 
 def summed_up(kind: str) -> bool:
     """Whether summaries show a kind: it moves or widens samples by a law."""
-    return EFFECTS[kind].has_linear_form()
+    return has_form(EFFECTS[kind])
 
 
 class ColumnMaker:
@@ -121,7 +121,7 @@ class ColumnMaker:
         """The terms of a kind; none if the camera or the scene cannot have it."""
         made: dict[int, Column] = {}  # a form may share coefficients with another
         try:
-            forms = list(kind.linear_forms(self.facts))
+            forms = list(forms_of(kind, self.facts))
             for coefficient in (c for form in forms for c in form.coefficients):
                 if id(coefficient) not in made:
                     made[id(coefficient)] = self.column(coefficient)

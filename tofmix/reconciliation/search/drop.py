@@ -7,10 +7,7 @@ from tofmix.reconciliation.search.name import FAINT_SHARE, PRICE_NATS, TriedEffe
 from tofmix.reconciliation.search.pattern_fits import worth
 from tofmix.reconciliation.search.refit import refit, without, without_pattern
 from tofmix.reconciliation.search.search_state import SearchState, fit_part, held_out, name_of
-from tofmix.simulation.effects.fixed_pattern import FixedPattern
-from tofmix.simulation.effects.multipath import Multipath
-from tofmix.simulation.effects.range_offset import RangeOffset
-from tofmix.simulation.effects.surface_pose import SurfacePose
+from tofmix.simulation.effects.base import Basic
 
 
 def exchange(search: SearchState, part: Part) -> None:
@@ -32,8 +29,8 @@ def _worth_a_trial(search: SearchState, number: int) -> list[tuple[TriedEffect, 
     """Rivals of an added effect, and by how much each must be better.
 
     The closest rival, if its score was lower by less than the gain of the later effects. An effect whose numbers are
-    now at a bound is flat: its rival is an offset. A rival of a second path is the pose of its surface, which wins if
-    it is as good.
+    now at a bound is flat: its rival is an offset. A further rival is the effect to which this one yields (a second
+    path to the pose of its surface), which wins if it is as good.
     """
     old = search.chosen[number]
     flat = old.fitted is not None and old.fitted.at_a_bound
@@ -41,14 +38,13 @@ def _worth_a_trial(search: SearchState, number: int) -> list[tuple[TriedEffect, 
     names = [name_of(c) for c in search.chosen]
     usable = [c for c in search.rivals[number] if c.fitted is not None and name_of(c) not in names]
     if flat:
-        return [(c, 0.0) for c in usable if c.kind == RangeOffset.kind][:1]
+        return [(c, 0.0) for c in usable if c.effect.basic is Basic.OFFSET][:1]
     if newest:
         return []
     later = sum(c.gain for c in search.chosen[number + 1 :])
     found = [(c, PRICE_NATS) for c in usable[:1] if old.score - c.score < later]
-    if isinstance(old.effect, Multipath):
-        pose = SurfacePose.kind, old.effect.surface
-        found += [(c, 0.0) for c in usable if name_of(c) == pose and c not in [f for f, _ in found]]
+    simpler = old.effect.yields_to, name_of(old)[1]
+    found += [(c, 0.0) for c in usable if name_of(c) == simpler and c not in [f for f, _ in found]]
     return found
 
 
@@ -63,7 +59,7 @@ def drop(search: SearchState) -> None:
         candidate = search.chosen[k]
         if len(search.chosen) == 1:
             break
-        if candidate.kind == FixedPattern.kind:
+        if candidate.patterned:
             if not _pattern_gains(search, k):
                 search.state = without_pattern(search.state, k)
                 whole = likelihood.value(search.state, part)
@@ -92,7 +88,7 @@ def _faint_gain(search: SearchState, number: int) -> float:
     if own.static or own.exact or own.loses or own.kind in search.missed:
         return 0.0
     others = (*search.chosen[:number], *search.chosen[number + 1 :])
-    return FAINT_SHARE * sum(c.gain for c in others if not (c.kind == FixedPattern.kind or c.exact or c.loses))
+    return FAINT_SHARE * sum(c.gain for c in others if not (c.patterned or c.exact or c.loses))
 
 
 def _pattern_gains(search: SearchState, number: int) -> bool:
@@ -112,7 +108,7 @@ def _is_pattern(search: SearchState, number: int) -> bool:
     The map was found together with the effect, so it contains the negative error of the effect.
     """
     state, candidate = search.state, search.chosen[number]
-    pattern = next((k for k, c in enumerate(search.chosen) if c.kind == FixedPattern.kind), None)
+    pattern = next((k for k, c in enumerate(search.chosen) if c.patterned), None)
     if pattern is None or not candidate.static:
         return False
     likelihood, bare = search.likelihood, without_pattern(state, pattern)

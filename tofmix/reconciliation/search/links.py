@@ -1,13 +1,13 @@
-"""Fits of effects with latent states, which a smooth search cannot find.
+"""Fits of hidden states, which a smooth search cannot find.
 
-Each function returns the effect, or the state with the effect and its latent states, or None if there is no evidence.
+Each function returns the numbers of a hidden state (`tofmix.simulation.effects.hidden`), or the values of pixels, or
+None if there is no evidence.
 `tofmix.reconciliation.search.name` computes the gains.
 
 The step of quantised samples, which no smooth search finds.
 """
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,17 +16,13 @@ from scipy.optimize import minimize, minimize_scalar
 from scipy.special import erf
 from scipy.stats import mode
 
-from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part, forward
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.likelihood.pixel_pattern import PixelBiases, marginal_pattern, pixel_biases, spreads_of
-from tofmix.simulation.effects.fixed_pattern import FixedPattern
-from tofmix.simulation.effects.interference import Interference
-from tofmix.simulation.effects.parameter import PixelMap
-from tofmix.simulation.effects.quantisation import Quantisation
-from tofmix.simulation.effects.stuck_pixels import StuckPixels
+from tofmix.simulation.effects.hidden import FrameChain, PatternSpreads
 
 _LEAST_STEP_MM, _MOST_STEP_MM = 1.6, 120.0  # a finer step hardly shows in whole mm; a scene does not fill a coarser one
 _ON_LATTICE = 0.985  # least share of the samples on the steps; the others are random values
@@ -36,8 +32,8 @@ _MANY = 0.1  # least share of varying pixels
 _FULL = 5.0  # counts of a mm that has a density
 
 
-def find_lattice(evidence: Evidence, state: ModelState) -> Quantisation | None:
-    """The step of which nearly all stored values are rounded multiples, from the spectrum of their histogram."""
+def find_lattice(evidence: Evidence, state: ModelState) -> float | None:
+    """The step, mm, of which nearly all stored values are rounded multiples, from the spectrum of their histogram."""
     count = np.bincount(evidence.samples[:, _telling(evidence, state)].ravel(), minlength=65_536).astype(np.float64)
     count[0] = 0
     total = count.sum()
@@ -61,7 +57,7 @@ def find_lattice(evidence: Evidence, state: ModelState) -> Quantisation | None:
             step = _sharpened(fine * _multiple(fine, values, weights), values, weights)
             # The last digit decides ties of rounding: a step of few digits may be that of the camera
             near = [*(round(step, digits) for digits in (0, 1, 2, 3)), step]
-            return Quantisation(step_mm=max(near, key=lambda s: _held(s, values, weights, slack=0.0)))
+            return max(near, key=lambda s: _held(s, values, weights, slack=0.0))
     return None
 
 
@@ -125,12 +121,12 @@ _BEYOND = 0.1  # least part of the gain of bursts that noise in all frames does 
 _LONGEST = 0.3  # of the frames: a longer burst is a change that starts or stops once
 _MOST_LOG_MM = 6.9  # logarithm of the upper bound of a spread
 _LEAST_DIFFERENT = 2  # pixels: one bias is an offset
-_MOST_BURST_MM = 10_000.0  # upper bound of `interference`
+_MOST_BURST_MM = 10_000.0  # largest noise of disturbed frames
 _NEXT = math.log(2.0)  # logarithm of the ratio of first trial sizes
 
 
-def find_stuck(likelihood: Likelihood, mixture: Mixture, state: ModelState) -> ModelState | None:
-    """Pixels with one value in every frame that the model does not explain, even with a bias of the pixel."""
+def find_stuck(likelihood: Likelihood, mixture: Mixture) -> FloatArray | None:
+    """Values (pixel,), mm, of pixels with one value in every frame that no bias of a pixel explains; NaN for others."""
     evidence = likelihood.evidence
     x = evidence.samples
     constant = (x == x[0]).all(axis=0) & (x[0] > 0)
@@ -142,9 +138,7 @@ def find_stuck(likelihood: Likelihood, mixture: Mixture, state: ModelState) -> M
     stuck = constant & (-best > _UNLIKELY_NATS + VALUE_NATS)
     if not stuck.any():
         return None
-    values = np.where(stuck, x[0].astype(np.float64), np.nan)
-    effect = StuckPixels(map=PixelMap("stuck_pixels.npy", values.reshape(evidence.image)))
-    return replace(state, effects=(*state.effects, effect), stuck_mm=values)
+    return np.where(stuck, x[0].astype(np.float64), np.nan)
 
 
 def _on_lattice(samples: NDArray[np.uint16]) -> bool:
@@ -180,20 +174,20 @@ def _beyond_lattice(view: RecordingView) -> BoolArray:
     return np.asarray((near > 2 * m.step) | (np.rint(np.rint(value / m.step) * m.step) != value))
 
 
-def fit_interference(likelihood: Likelihood, mixture: Mixture, state: ModelState, part: Part) -> Interference | None:
+def fit_bursts(likelihood: Likelihood, mixture: Mixture, state: ModelState, part: Part) -> FrameChain | None:
     """Share, length and noise of bursts, with the states of frames integrated out."""
     lit = mixture.of_main(mixture.lit).astype(bool)
     sigmas = mixture.of_main(mixture.sigma)
     sigma = float(np.median(sigmas[lit] if lit.any() else sigmas))  # without a return, sigma is at the largest range
     numbers = likelihood.evidence.frame_number[part[0]]
 
-    def at(size: float, start: tuple[float, float]) -> tuple[float, Interference]:
+    def at(size: float, start: tuple[float, float]) -> tuple[float, FrameChain]:
         size = min(size, _MOST_BURST_MM)
         pair = likelihood.frame_pair(mixture, state, part, size)
 
-        def make(x: FloatArray) -> Interference:
+        def make(x: FloatArray) -> FrameChain:
             p = 1 / (1 + math.exp(-min(max(x[0], -7.0), 3.0)))
-            return Interference(probability=p, sigma_mm=size, burst_frames=1 + math.exp(min(max(x[1], -2.0), 4.0)))
+            return FrameChain(probability=p, sigma_mm=size, burst_frames=1 + math.exp(min(max(x[1], -2.0), 4.0)))
 
         options: Any = {"maxfev": 60, "xatol": 1e-2, "fatol": 0.05}
 
@@ -226,23 +220,23 @@ def fit_interference(likelihood: Likelihood, mixture: Mixture, state: ModelState
     return best[1] if best[0] - disturbed > _BEYOND * (best[0] - calm) else None
 
 
-def disturbed_frames(likelihood: Likelihood, mixture: Mixture, state: ModelState, effect: Interference) -> FloatArray:
+def disturbed_frames(likelihood: Likelihood, mixture: Mixture, state: ModelState, chain: FrameChain) -> FloatArray:
     """Probability (frame,) that each frame is disturbed, from all its samples."""
     frames, pixels = likelihood.evidence.shape
     part = (np.arange(frames), np.arange(pixels))
-    pair = likelihood.frame_pair(mixture, state, part, effect.sigma_mm)
-    return forward(*pair, likelihood.evidence.frame_number, effect)[1]
+    pair = likelihood.frame_pair(mixture, state, part, chain.sigma_mm)
+    return forward(*pair, likelihood.evidence.frame_number, chain)[1]
 
 
 def fit_pattern(
     likelihood: Likelihood, mixture: Mixture, state: ModelState, part: Part
-) -> tuple[FixedPattern, PixelBiases] | None:
+) -> tuple[PatternSpreads, PixelBiases] | None:
     """Spreads of a pattern by pixel, column and row, by marginal likelihood."""
     found = pixel_biases(likelihood, mixture, state, part)
     return fit_spreads(found, likelihood.evidence.image)
 
 
-def fit_spreads(found: PixelBiases, image: tuple[int, int]) -> tuple[FixedPattern, PixelBiases] | None:
+def fit_spreads(found: PixelBiases, image: tuple[int, int]) -> tuple[PatternSpreads, PixelBiases] | None:
     """The spreads that are most likely for the pixels' biases and their noise, in an image of any size.
 
     In a single row, the bias of a column is that of its pixel, and the bias of the row is an offset; likewise in a
@@ -266,7 +260,7 @@ def fit_spreads(found: PixelBiases, image: tuple[int, int]) -> tuple[FixedPatter
     options: Any = {"maxfev": 80, "fatol": 0.1, "xatol": 0.02, "initial_simplex": simplex}
     best = minimize(cost, start, method="Nelder-Mead", options=options)
     pixel, column, row = of(best.x)
-    return FixedPattern(pixel_sigma_mm=pixel, column_sigma_mm=column, row_sigma_mm=row), found
+    return PatternSpreads(pixel_sigma_mm=pixel, column_sigma_mm=column, row_sigma_mm=row), found
 
 
 def _beyond_chance(found: PixelBiases, image: tuple[int, int]) -> bool:
@@ -284,17 +278,16 @@ def _beyond_chance(found: PixelBiases, image: tuple[int, int]) -> bool:
 
 
 def pattern_map(
-    likelihood: Likelihood, mixture: Mixture, state: ModelState, effect: FixedPattern, frames: IntArray
+    likelihood: Likelihood, mixture: Mixture, state: ModelState, spreads: PatternSpreads, frames: IntArray
 ) -> tuple[FloatArray, FloatArray]:
     """The pattern (pixel,), mm, shrunk by its noise, from all pixels of some frames; and its variance, mm2."""
     part = (frames, np.arange(likelihood.evidence.shape[1]))
     found = pixel_biases(likelihood, mixture, state, part)
-    spreads = (effect.pixel_sigma_mm, effect.column_sigma_mm, effect.row_sigma_mm)
     whole = max(sum(s**2 for s in spreads), 1e-12)  # columns and rows have at least the variance of their pixels
     variance = np.where(found.information > 0, 1.0 / (found.information + 1.0 / whole), 0.0)
     return marginal_pattern(found, likelihood.evidence.image, spreads)[1], variance
 
 
-def with_map(effect: FixedPattern, pattern: FloatArray, image: tuple[int, int]) -> FixedPattern:
-    """The effect with a map (pixel,), mm; it keeps the spreads."""
-    return replace(effect, map=PixelMap("fixed_pattern.npy", pattern.reshape(image).astype(np.float32)))
+def pattern_image(pattern: FloatArray, image: tuple[int, int]) -> Float32Array:
+    """A pattern (pixel,), mm, as the map of an effect has it (row, col)."""
+    return pattern.reshape(image).astype(np.float32)

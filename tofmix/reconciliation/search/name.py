@@ -6,8 +6,9 @@ tenth of that part) is a rival, `tolerated`: an effect must explain more than th
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -23,14 +24,19 @@ from tofmix.reconciliation.parameters.fits import Fitted, fit
 from tofmix.reconciliation.parameters.searches import problems
 from tofmix.reconciliation.search import links
 from tofmix.reconciliation.search.links import find_lattice
-from tofmix.simulation.effects import EFFECTS, Effect
-from tofmix.simulation.effects.base import Target
-from tofmix.simulation.effects.excess_noise import ExcessNoise
-from tofmix.simulation.effects.fixed_pattern import FixedPattern
-from tofmix.simulation.effects.interference import Interference
-from tofmix.simulation.effects.stuck_pixels import StuckPixels
-from tofmix.simulation.effects.surface_pose import SurfacePose
-from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
+from tofmix.simulation.effects import EFFECTS, Effect, basic_kind
+from tofmix.simulation.effects.base import Basic, Target
+from tofmix.simulation.effects.hidden import (
+    DisturbedFrames,
+    HiddenState,
+    PatternSpreads,
+    PixelBias,
+    PixelValue,
+    RangeStep,
+    RememberedNoise,
+)
+
+_Hidden = TypeVar("_Hidden", bound=HiddenState)
 
 PRICE_NATS = 3.0  # of each free parameter
 FAINT_SHARE = 0.01
@@ -56,11 +62,11 @@ class TriedEffect:
         Held-out gain over the model with the effects added so far, nats.
     parameters : int
         Free parameters.
-    state : State
+    state : ModelState
         The model with this effect.
     fitted : Fitted or None
         The end of its search, if it was searched for.
-    others : tuple of Candidate
+    others : tuple of TriedEffect
         The effects added before, if they were fitted again together with it; else empty.
     """
 
@@ -80,6 +86,11 @@ class TriedEffect:
     def static(self) -> bool:
         """Whether it gives each pixel a constant bias."""
         return self.effect.target is Target.BIAS
+
+    @property
+    def patterned(self) -> bool:
+        """Whether it gives each pixel a bias of its own, so that it can imitate every static effect."""
+        return isinstance(self.effect.hidden, PixelBias)
 
     @property
     def exact(self) -> bool:
@@ -112,8 +123,15 @@ class Trial:
     @property
     def names(self) -> set[tuple[str, str]]:
         """Kinds, and surfaces, that the model has already."""
-        effects = (*self.likelihood.scene.effects, *self.state.effects)
-        return {(e.kind, getattr(e, "surface", "")) for e in effects}
+        return {(e.kind, getattr(e, "surface", "")) for e in self._effects}
+
+    def has_hidden(self, kind: type[Effect]) -> bool:
+        """Whether the model has a hidden state of the same sort as a kind; it can have one."""
+        return any(type(e.hidden) is type(kind.hidden) for e in self._effects)
+
+    @property
+    def _effects(self) -> tuple[Effect, ...]:
+        return (*self.likelihood.scene.effects, *self.state.effects)
 
 
 def begin_trial(likelihood: Likelihood, state: ModelState, split: str, seed: int) -> Trial:
@@ -155,9 +173,10 @@ def candidates(trial: Trial, kinds: Iterable[str], tick: Callable[[str], None] =
     """
     found: list[TriedEffect] = []
     for kind in kinds:
-        if kind in _SPECIAL:
-            if (kind, "") not in trial.names:
-                candidate = _SPECIAL[kind](trial)
+        special = _BY_HIDDEN.get(type(EFFECTS[kind].hidden))
+        if special is not None:
+            if not trial.has_hidden(EFFECTS[kind]):
+                candidate = special(trial, EFFECTS[kind])
                 found += [] if candidate is None else [candidate]
         else:
             found += _by_search(trial, kind)
@@ -203,7 +222,7 @@ def moves_by_itself(
     ----------
     likelihood : Likelihood
         The recordings.
-    before, after : (State, Mixture)
+    before, after : (ModelState, Mixture)
         The model without and with the effect.
     part : (frames, pixels)
         Data of the gains.
@@ -217,10 +236,23 @@ def moves_by_itself(
     return by_bias > max(2 * PRICE_NATS, FAINT_SHARE * gain)
 
 
-def _stuck(trial: Trial) -> TriedEffect | None:
-    state = links.find_stuck(trial.likelihood, trial.mixture, trial.state)
-    if state is None:
+_Kind = type[Effect]
+
+
+def _declared(kind: _Kind, sort: type[_Hidden]) -> _Hidden:
+    """The declaration of a kind with this sort of hidden state."""
+    if not isinstance(kind.hidden, sort):
+        raise TypeError(f"{kind.kind} has no {sort.__name__}")
+    return kind.hidden
+
+
+def _stuck(trial: Trial, kind: _Kind) -> TriedEffect | None:
+    values = links.find_stuck(trial.likelihood, trial.mixture)
+    if values is None:
         return None
+    hidden = _declared(kind, PixelValue)
+    effect = hidden.with_map(hidden.made(kind, ()), values.reshape(trial.likelihood.evidence.image))
+    state = replace(trial.state, effects=(*trial.state.effects, effect), stuck_mm=values)
     frames, pixels = trial.test_part
     stuck = pixels[~state.working[pixels]]
     all_stuck = np.flatnonzero(~state.working)
@@ -230,66 +262,68 @@ def _stuck(trial: Trial) -> TriedEffect | None:
     return TriedEffect(effect=state.effects[-1], gain=gain, parameters=1, state=state)
 
 
-def _lattice(trial: Trial) -> TriedEffect | None:
-    effect = find_lattice(trial.likelihood.evidence, trial.state)
-    if effect is None:
+def _lattice(trial: Trial, kind: _Kind) -> TriedEffect | None:
+    step_mm = find_lattice(trial.likelihood.evidence, trial.state)
+    if step_mm is None:
         return None
+    effect = _declared(kind, RangeStep).made(kind, (step_mm,))
     state = replace(trial.state, effects=(*trial.state.effects, effect))
     gain = trial.likelihood.value(state, trial.test_part) - trial.base
     return TriedEffect(effect=effect, gain=gain, parameters=1, state=state)
 
 
-def _bursts(trial: Trial) -> TriedEffect | None:
-    effect = links.fit_interference(trial.likelihood, trial.mixture, trial.state, trial.fit_part)
-    if effect is None:
+def _bursts(trial: Trial, kind: _Kind) -> TriedEffect | None:
+    chain = links.fit_bursts(trial.likelihood, trial.mixture, trial.state, trial.fit_part)
+    if chain is None:
         return None
+    effect = _declared(kind, DisturbedFrames).made(kind, chain)
     state = replace(trial.state, effects=(*trial.state.effects, effect))
     gain = trial.likelihood.value(state, trial.test_part, trial.mixture) - trial.base
-    frames = links.disturbed_frames(trial.likelihood, trial.mixture, trial.state, effect)
+    frames = links.disturbed_frames(trial.likelihood, trial.mixture, trial.state, chain)
     return TriedEffect(effect=effect, gain=gain, parameters=3, state=replace(state, disturbed=frames))
 
 
-def _pattern(trial: Trial) -> TriedEffect | None:
+def _pattern(trial: Trial, kind: _Kind) -> TriedEffect | None:
     fitted = links.fit_pattern(trial.likelihood, trial.mixture, trial.state, trial.fit_part)
     if fitted is None:
         return None
-    effect, _ = fitted
-    gain = pattern_gain(trial, effect)
+    spreads, _ = fitted
+    gain = pattern_gain(trial, spreads)
     frames = np.flatnonzero(trial.likelihood.evidence.fit_frames)
-    pattern, variance = links.pattern_map(trial.likelihood, trial.mixture, trial.state, effect, frames)
-    effect = links.with_map(effect, pattern, trial.likelihood.evidence.image)
+    pattern, variance = links.pattern_map(trial.likelihood, trial.mixture, trial.state, spreads, frames)
+    hidden, image = _declared(kind, PixelBias), links.pattern_image(pattern, trial.likelihood.evidence.image)
+    effect = hidden.with_map(hidden.made(kind, spreads), image)
     effects, bias = (*trial.state.effects, effect), trial.state.pixel_bias + pattern
     state = replace(trial.state, effects=effects, pixel_bias=bias, pixel_variance=variance)
     parameters = spreads_of(trial.likelihood.evidence.image)
     return TriedEffect(effect=effect, gain=gain, parameters=parameters, state=state)
 
 
-def pattern_gain(trial: Trial, effect: FixedPattern) -> float:
+def pattern_gain(trial: Trial, spreads: PatternSpreads) -> float:
     """Held-out gain of a pattern, with its values integrated out, because those of held-out pixels are not fitted."""
     found = pixel_biases(trial.likelihood, trial.mixture, trial.state, trial.test_part)
-    return marginal_pattern(found, trial.likelihood.evidence.image, _spreads(effect))[0]
+    return marginal_pattern(found, trial.likelihood.evidence.image, spreads)[0]
 
 
-def _spreads(effect: FixedPattern) -> tuple[float, float, float]:
-    return effect.pixel_sigma_mm, effect.column_sigma_mm, effect.row_sigma_mm
-
-
-def _memory(trial: Trial) -> TriedEffect | None:
-    effect = fit_memory(trial.likelihood, trial.scores, trial.mixture, trial.fit_part)
-    if effect is None:
+def _memory(trial: Trial, kind: _Kind) -> TriedEffect | None:
+    coefficient = fit_memory(trial.likelihood, trial.scores, trial.mixture, trial.fit_part)
+    if coefficient is None:
         return None
-    gain = memory_gain(trial.likelihood, trial.scores, trial.mixture, trial.test_part, effect.coefficient)
+    effect = _declared(kind, RememberedNoise).made(kind, (coefficient,))
+    gain = memory_gain(trial.likelihood, trial.scores, trial.mixture, trial.test_part, coefficient)
     state = replace(trial.state, effects=(*trial.state.effects, effect))
     return TriedEffect(effect=effect, gain=gain, parameters=1, state=state)
 
 
-_SPECIAL: dict[str, Callable[[Trial], TriedEffect | None]] = {
-    StuckPixels.kind: _stuck,
-    "quantisation": _lattice,
-    Interference.kind: _bursts,
-    FixedPattern.kind: _pattern,
-    TemporalCorrelation.kind: _memory,
+_BY_HIDDEN: Mapping[type, Callable[[Trial, _Kind], TriedEffect | None]] = {
+    PixelValue: _stuck,
+    RangeStep: _lattice,
+    DisturbedFrames: _bursts,
+    PixelBias: _pattern,
+    RememberedNoise: _memory,
 }
+"""What finds a hidden state; a kind with another one, or without one, is searched for by its numbers."""
+
 KINDS = tuple(EFFECTS)
 """All kinds that are tried."""
 
@@ -301,7 +335,7 @@ def tolerated(likelihood: Likelihood, state: ModelState, part: Part, tolerance: 
     ----------
     likelihood : Likelihood
         Of the recording.
-    state : State
+    state : ModelState
         The model with the effects added so far.
     part : (frames, pixels)
         Data of the fit.
@@ -312,13 +346,15 @@ def tolerated(likelihood: Likelihood, state: ModelState, part: Part, tolerance: 
     if tolerance <= 0:
         return state
     best, value = _within(likelihood, state, part, tolerance)
-    if any(isinstance(e, ExcessNoise) for e in (*likelihood.scene.effects, *state.effects)):
+    if any(e.basic is Basic.NOISE for e in (*likelihood.scene.effects, *state.effects)):
         return best
     if state.bursts is not None:  # integrated out below, but not where poses were moved
         value = likelihood.value(best, part)
 
+    noise = basic_kind(Basic.NOISE)
+
     def scaled(factor: float) -> ModelState:
-        return replace(best, effects=(*best.effects, ExcessNoise(factor=factor)))
+        return replace(best, effects=(*best.effects, noise.of_magnitude(factor)))
 
     limit = 0.1 * tolerance * SLACK
     less, more = (likelihood.value(scaled(1 + sign * limit), part) for sign in (-1, 1))
@@ -333,12 +369,12 @@ def of_any_noise(likelihood: Likelihood, state: ModelState, part: Part) -> Model
     Static effects on light change the noise too. Noise has many causes, such as a pattern that is not fitted yet, so
     effects are compared by their biases.
     """
-    if state.bursts is not None or any(isinstance(e, ExcessNoise) for e in likelihood.scene.effects):
+    if state.bursts is not None or any(e.basic is Basic.NOISE for e in likelihood.scene.effects):
         return state
-    others = tuple(e for e in state.effects if not isinstance(e, ExcessNoise))
+    others, noise = tuple(e for e in state.effects if e.basic is not Basic.NOISE), basic_kind(Basic.NOISE)
 
     def scaled(log_factor: float) -> ModelState:
-        return replace(state, effects=(*others, ExcessNoise(factor=math.exp(log_factor))))
+        return replace(state, effects=(*others, noise.of_magnitude(math.exp(log_factor))))
 
     best = minimize_scalar(
         lambda x: -likelihood.value(scaled(x), part),
@@ -374,8 +410,8 @@ def _within(likelihood: Likelihood, state: ModelState, part: Part, tolerance: fl
 
 
 def _poses(likelihood: Likelihood, shifts: FloatArray) -> tuple[Effect, ...]:
-    names = likelihood.scene.names
-    return tuple(SurfacePose(surface=n, shift_mm=float(d)) for n, d in zip(names, shifts, strict=True) if d)
+    names, pose = likelihood.scene.names, basic_kind(Basic.POSE)
+    return tuple(pose.of_magnitude(float(d), surface=n) for n, d in zip(names, shifts, strict=True) if d)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

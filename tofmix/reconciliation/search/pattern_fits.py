@@ -8,7 +8,6 @@ squares, with the pattern and the noise as covariance.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, cast
 
 from scipy.stats import chi2
 
@@ -19,13 +18,9 @@ from tofmix.reconciliation.parameters.fits import Fitted, fit
 from tofmix.reconciliation.search import links
 from tofmix.reconciliation.search.name import PRICE_NATS, Trial, TriedEffect, tolerated
 from tofmix.reconciliation.search.refit import refit
-from tofmix.reconciliation.search.static_fits import StaticFits, spreads
-from tofmix.simulation.effects.base import Effect, Target
-from tofmix.simulation.effects.motion import Motion
-from tofmix.simulation.effects.temperature_drift import TemperatureDrift
-
-if TYPE_CHECKING:
-    from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.reconciliation.search.static_fits import StaticFits
+from tofmix.simulation.effects.base import Effect, Target, with_hidden
+from tofmix.simulation.effects.hidden import PatternSpreads, PixelBias
 
 ALIAS_NATS = 6.0
 """Differences of gains below this do not separate effects."""
@@ -45,7 +40,7 @@ def worth(
     ----------
     likelihood : Likelihood
         Of the recording.
-    state : State
+    state : ModelState
         A state without a pattern.
     mixture : Mixture
         Its prediction.
@@ -63,7 +58,7 @@ def worth(
     pattern = links.fit_spreads(seen, likelihood.evidence.image)
     if pattern is None:
         return bare
-    return bare + with_pattern(biases, likelihood.evidence.image, spreads(pattern[0]))
+    return bare + with_pattern(biases, likelihood.evidence.image, pattern[0])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,11 +67,11 @@ class PatternFit:
 
     Parameters
     ----------
-    first : Candidate
+    first : TriedEffect
         The best effect, with its numbers in the presence of the pattern.
     patterned : bool
         Whether the pattern still gains in the presence of the effect.
-    rivals : tuple of Candidate
+    rivals : tuple of TriedEffect
         Candidates of other kinds whose gain is less by at most `ALIAS_NATS`.
     """
 
@@ -99,13 +94,13 @@ def best_with_pattern(
     ----------
     trial : Trial
         The round.
-    chosen : sequence of Candidate
+    chosen : sequence of TriedEffect
         The state's effects, in its order.
-    found : sequence of Candidate
+    found : sequence of TriedEffect
         Its candidates, a fixed pattern first.
     parts : two of (frames, pixels)
         Fitting data and held-out data, of all pixels.
-    near : State
+    near : ModelState
         The model moved within its tolerance to where it fits best; an effect must gain more than it.
     alpha : float
         Level of the gain beyond the pattern, corrected for the number of candidates.
@@ -119,8 +114,8 @@ def best_with_pattern(
     unseen = parts[1], parts[1]  # three spreads for all pixels, fitted to the held-out data: they favour no candidate
     nothing = worth(likelihood, trial.state, trial.mixture, unseen, patterned=False)
     about = links.fit_pattern(likelihood, trial.mixture, trial.state, parts[0])
-    effect = cast("FixedPattern", pattern.effect) if about is None else about[0]
-    fits = _Fits(trial, chosen, parts[0], effect)
+    (effect, hidden), *_ = with_hidden((pattern.effect,), PixelBias)
+    fits = _Fits(trial, chosen, parts[0], hidden.spreads(effect) if about is None else about[0])
     settled = fits.settled()
     alone, tolerable = (
         worth(likelihood, state, likelihood.mixture(state), unseen, patterned=True) for state in (settled, near)
@@ -198,11 +193,11 @@ class _Fits:
     """Fits of candidates together with the static effects of the model, with or without a pattern."""
 
     def __init__(
-        self, trial: Trial, chosen: Sequence[TriedEffect], part: Part, pattern: "FixedPattern | None" = None
+        self, trial: Trial, chosen: Sequence[TriedEffect], part: Part, spreads: PatternSpreads | None = None
     ) -> None:
         self._state = trial.state
         self.old = {k: c.fitted for k, c in enumerate(chosen) if c.fitted is not None and c.static}
-        self._fits = StaticFits(trial.likelihood, trial.state, trial.mixture, part, pattern)
+        self._fits = StaticFits(trial.likelihood, trial.state, trial.mixture, part, spreads)
 
     def beside(self, candidate: TriedEffect) -> tuple[float, TriedEffect]:
         """The gain of a candidate by the biases, and the candidate with its numbers, and the model's, of this fit."""
@@ -235,9 +230,9 @@ def with_the_others(trial: Trial, chosen: Sequence[TriedEffect], found: Sequence
     ----------
     trial : Trial
         The round.
-    chosen : sequence of Candidate
+    chosen : sequence of TriedEffect
         The state's effects, in its order.
-    found : sequence of Candidate
+    found : sequence of TriedEffect
         This round's candidates.
     """
     likelihood, state = trial.likelihood, trial.state
@@ -268,9 +263,9 @@ def together(trial: Trial, chosen: Sequence[TriedEffect], candidate: TriedEffect
     ----------
     trial : Trial
         The round.
-    chosen : sequence of Candidate
+    chosen : sequence of TriedEffect
         The state's effects, in its order.
-    candidate : Candidate
+    candidate : TriedEffect
         One of this round.
     """
     if candidate.fitted is None or not any(c.fitted is not None and _share(c, candidate) for c in chosen):
@@ -281,10 +276,10 @@ def together(trial: Trial, chosen: Sequence[TriedEffect], candidate: TriedEffect
         gain = likelihood.value(state, trial.test_part) - trial.base
         if gain > best.gain:
             best = replace(now[-1], state=state, gain=gain, others=tuple(now[:-1]))
-        drift = next((k for k, c in enumerate(now) if c.kind == TemperatureDrift.kind), None)
-        if drift is None:
+        several = next((k for k, c in enumerate(now) if c.effect.several_optima), None)
+        if several is None:
             break
-        now[drift] = _begun_anew(trial, now, drift)
+        now[several] = _begun_anew(trial, now, several)
     return best
 
 
@@ -299,9 +294,12 @@ def _begun_anew(trial: Trial, now: Sequence[TriedEffect], number: int) -> TriedE
 
 
 def _share(old: TriedEffect, new: TriedEffect) -> bool:
-    """Whether one of two effects is static and the other partly; if a motion came first, of the same surface."""
-    if old.kind == Motion.kind:
-        return new.static and getattr(old.effect, "surface", "") == getattr(new.effect, "surface", None)
-    # An effect that changes in time is partly static
+    """Whether one of two effects is static and the other partly; if one of a surface came first, of the same surface.
+
+    An effect that changes in time is partly static.
+    """
     trends = [c.effect.target is Target.TREND for c in (old, new)]
+    surface = getattr(old.effect, "surface", None)
+    if trends[0] and surface is not None:
+        return new.static and surface == getattr(new.effect, "surface", None)
     return (trends[0] and new.static) or (old.static and trends[1])

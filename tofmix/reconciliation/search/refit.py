@@ -13,10 +13,8 @@ from tofmix.reconciliation.parameters.pattern_errors import pattern_of
 from tofmix.reconciliation.parameters.standard_errors import polish
 from tofmix.reconciliation.search import links
 from tofmix.reconciliation.search.name import SLACK, TriedEffect
-from tofmix.simulation.effects.base import Effect
-from tofmix.simulation.effects.fixed_pattern import FixedPattern
-from tofmix.simulation.effects.interference import Interference
-from tofmix.simulation.effects.stuck_pixels import StuckPixels
+from tofmix.simulation.effects.base import Effect, with_hidden
+from tofmix.simulation.effects.hidden import DisturbedFrames, PixelBias, PixelValue
 
 _MOST_TURNS = 8  # of numbers and latent states
 
@@ -30,7 +28,7 @@ def refit(
     ----------
     likelihood, state
         As they stand.
-    chosen : sequence of Candidate
+    chosen : sequence of TriedEffect
         The state's effects, in its order.
     part : (frames, pixels)
         Data of the fits.
@@ -95,19 +93,19 @@ def begin(likelihood: Likelihood, frames: IntArray, tolerance: float) -> ModelSt
         error is at least that of a mean over this recording.
     """
     state = likelihood.start()
-    if any(isinstance(e, FixedPattern) and e.map is not None for e in likelihood.scene.effects):
+    if any(hidden.map_of(e) is not None for e, hidden in with_hidden(likelihood.scene.effects, PixelBias)):
         mixture = likelihood.scene.mixture()
         least = 1.0 / likelihood.evidence.shape[0]  # a mean of as many frames
         error = max((SLACK * tolerance) ** 2, least if tolerance > 0 else 0.0)
         state = replace(state, pixel_variance=error * mixture.of_main(mixture.sigma) ** 2)
-    for effect in state.given:
-        if isinstance(effect, StuckPixels):
-            if effect.map is not None:
-                state = replace(state, stuck_mm=effect.map.values.ravel().astype(np.float64))
-                continue
-            found = links.find_stuck(likelihood, likelihood.scene.mixture(), state)
-            if found is not None:
-                state = replace(state, stuck_mm=found.stuck_mm)
+    for effect, hidden in with_hidden(state.given, PixelValue):
+        known = hidden.map_of(effect)
+        if known is not None:
+            state = replace(state, stuck_mm=known.values.ravel().astype(np.float64))
+            continue
+        found = links.find_stuck(likelihood, likelihood.scene.mixture())
+        if found is not None:
+            state = replace(state, stuck_mm=found)
     return latent_states(likelihood, state, frames)
 
 
@@ -125,18 +123,20 @@ def latent_states(likelihood: Likelihood, state: ModelState, frames: IntArray) -
     part = frames, np.arange(likelihood.evidence.shape[1])
     for effect in state.linking:
         own = effect in state.given
-        if isinstance(effect, FixedPattern):
+        hidden = effect.hidden
+        if isinstance(hidden, PixelBias):
             bare = replace(state, pixel_bias=np.zeros_like(state.pixel_bias))
             fitted = None if own else links.fit_pattern(likelihood, mixture, bare, part)
-            spread = effect if fitted is None else fitted[0]
-            pattern, variance = links.pattern_map(likelihood, mixture, bare, spread, frames)
+            spreads = hidden.spreads(effect) if fitted is None else fitted[0]
+            pattern, variance = links.pattern_map(likelihood, mixture, bare, spreads, frames)
             state = replace(state, pixel_bias=pattern, pixel_variance=variance)
-            state = _with(state, effect, links.with_map(spread, pattern, likelihood.evidence.image))
-        elif isinstance(effect, Interference):
-            fitted_bursts = None if own else links.fit_interference(likelihood, mixture, state, part)
-            bursts = effect if fitted_bursts is None else fitted_bursts
+            image = links.pattern_image(pattern, likelihood.evidence.image)
+            state = _with(state, effect, hidden.with_map(hidden.changed(effect, spreads), image))
+        elif isinstance(hidden, DisturbedFrames):
+            fitted_bursts = None if own else links.fit_bursts(likelihood, mixture, state, part)
+            bursts = hidden.chain(effect) if fitted_bursts is None else fitted_bursts
             disturbed = links.disturbed_frames(likelihood, mixture, state, bursts)
-            state = _with(replace(state, disturbed=disturbed), effect, bursts)
+            state = _with(replace(state, disturbed=disturbed), effect, hidden.changed(effect, bursts))
     return with_widths(likelihood, state, frames)
 
 

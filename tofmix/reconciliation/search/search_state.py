@@ -55,17 +55,17 @@ class SearchState:
         Options of the search.
     tick : callable
         Called with each kind that was tried.
-    state : State
+    state : ModelState
         The model with the effects added so far.
-    chosen : list of Candidate
+    chosen : list of TriedEffect
         The added effects, in the order in which they were added.
-    rivals : list of tuple of Candidate
+    rivals : list of tuple of TriedEffect
         For each of `chosen`: the other candidates of its round, best first.
-    first : tuple of Candidate
+    first : tuple of TriedEffect
         All candidates of the first round, best first.
-    aliases : list of tuple of Candidate
+    aliases : list of tuple of TriedEffect
         Groups of candidates that the recording cannot separate; a chosen one stands first.
-    begun : Candidate, optional
+    begun : TriedEffect, optional
         The effect that was added first, even if it was removed later.
     before : Compared, optional
         Panel of the model as given.

@@ -26,18 +26,13 @@ from tofmix.reconciliation.parameters.fits import Fitted, fit
 from tofmix.reconciliation.parameters.searches import problems
 from tofmix.reconciliation.search import links
 from tofmix.reconciliation.search.name import TriedEffect
-from tofmix.simulation.effects.base import Effect
-from tofmix.simulation.effects.fixed_pattern import FixedPattern
-from tofmix.simulation.effects.phase_wrapping import PhaseWrapping
+from tofmix.simulation.effects import basic_kind
+from tofmix.simulation.effects.base import Basic, Effect
+from tofmix.simulation.effects.hidden import PatternSpreads
 
 _TURNS = 3  # Gauss-Newton steps
 _PARTS = (1.0, 0.3)  # of a step that are tried
 _NUDGE = 0.05  # of a search's first step, for slopes
-
-
-def spreads(effect: FixedPattern) -> tuple[float, float, float]:
-    """Standard deviations by pixel, column and row, mm."""
-    return effect.pixel_sigma_mm, effect.column_sigma_mm, effect.row_sigma_mm
 
 
 class StaticFits:
@@ -47,14 +42,14 @@ class StaticFits:
     ----------
     likelihood : Likelihood
         Of one or several recordings: a pixel has a bias in each, and one pattern in all.
-    state : State
+    state : ModelState
         The model with the effects added so far.
     mixture : Mixture
         Its prediction.
     part : (frames, pixels)
         Data of the fits.
-    pattern : FixedPattern, optional
-        Pattern whose spreads are added to the covariance of the noise.
+    spreads : PatternSpreads, optional
+        Of a pattern: they are added to the covariance of the noise.
     """
 
     def __init__(
@@ -63,7 +58,7 @@ class StaticFits:
         state: ModelState,
         mixture: Mixture,
         part: Part,
-        pattern: FixedPattern | None = None,
+        spreads: PatternSpreads | None = None,
     ) -> None:
         self._scene = likelihood.scene
         self._effects = state.effects
@@ -74,10 +69,10 @@ class StaticFits:
         self._use = [np.flatnonzero(f.information > 0) for f in found]
         self._pixel = np.concatenate(self._use)
         self._weight = np.concatenate([f.information[use] for f, use in zip(found, self._use, strict=True)])
-        own = (0.0, 0.0, 0.0) if pattern is None else spreads(pattern)
+        own = PatternSpreads(0.0, 0.0, 0.0) if spreads is None else spreads
         whole = np.sum([f.information for f in found], axis=0)
         self._lines = PatternLines(whole, likelihood.evidence.image, own[0])
-        self._root = None if pattern is None else self._lines.factor(*own[1:])[0]
+        self._root = None if spreads is None else self._lines.factor(*own[1:])[0]
         self._bias = np.concatenate([f.bias[use] for f, use in zip(found, self._use, strict=True)])
         self._at_rest = self._means(state.effects)
         self._none = float(self._products(self._bias[None])[0, 0])
@@ -199,7 +194,7 @@ def fold(likelihood: Likelihood, state: ModelState, part: Part) -> TriedEffect |
     ----------
     likelihood : Likelihood
         The recordings.
-    state : State
+    state : ModelState
         The model with the effects added so far.
     part : (frames, pixels)
         The samples.
@@ -207,7 +202,7 @@ def fold(likelihood: Likelihood, state: ModelState, part: Part) -> TriedEffect |
     mixture = likelihood.mixture(state)
     if mixture.period > 0:
         return None
-    for problem in problems(PhaseWrapping.kind, likelihood, mixture):
+    for problem in problems(basic_kind(Basic.FOLD).kind, likelihood, mixture):
         fitted = fit(problem, likelihood, state, part)
         folded = replace(state, effects=(*state.effects, fitted.effect))
         gain = _with_biases(likelihood, folded, part) - _with_biases(likelihood, state, part)
@@ -224,4 +219,4 @@ def _with_biases(likelihood: Likelihood, state: ModelState, part: Part) -> float
     found = pixel_biases(likelihood, mixture, state, part)
     bare = likelihood.sums(mixture, state, part).total
     pattern = links.fit_spreads(found, likelihood.evidence.image)
-    return bare if pattern is None else bare + with_pattern(found, likelihood.evidence.image, spreads(pattern[0]))
+    return bare if pattern is None else bare + with_pattern(found, likelihood.evidence.image, pattern[0])

@@ -60,7 +60,7 @@ def summaries(likelihood: Likelihood, state: ModelState, part: Part) -> list[Pix
     ----------
     likelihood : Likelihood
         The recordings.
-    state : State
+    state : ModelState
         The model with the effects added so far; its latent states are taken as known.
     part : (frames, pixels)
         The samples.

@@ -24,7 +24,6 @@ from tofmix.reconciliation.search.refit import begin, numbers, refit, without, w
 from tofmix.reconciliation.search.search_state import Settings, fit_part, held_out
 from tofmix.reconciliation.verdict import LAW
 from tofmix.simulation.effects.base import Effect
-from tofmix.simulation.effects.fixed_pattern import FixedPattern
 
 CANCELS = 20.0
 """Gain of an effect in the presence of the others over that of the best effect alone, and over that of all together:
@@ -171,7 +170,7 @@ def _needed(likelihood: Likelihood, added: Added, number: int, share: float, set
     Chandler and Bate, Biometrika 94 (2007) 167: the adjusted likelihood of dependent samples.
     """
     others = [c for k, c in enumerate(added.chosen) if k != number]
-    patterned = added.chosen[number].kind == FixedPattern.kind
+    patterned = added.chosen[number].patterned
     rest = without_pattern(added.state, number) if patterned else without(added.state, number)
     rest, _ = refit(likelihood, rest, others, fit_part(likelihood, settings))
     part = held_out(likelihood, settings)

@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.stats import norm
@@ -13,7 +14,6 @@ from tofmix.reconciliation.comparison.compare import disagreements
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
 from tofmix.reconciliation.parameters.planes import PlanePose, measured_pose
 from tofmix.reconciliation.search.add import Added
-from tofmix.reconciliation.search.name import TriedEffect
 from tofmix.reconciliation.search.refit import begin
 from tofmix.reconciliation.search.search_state import Settings, fit_part, name_of
 from tofmix.reconciliation.search.static_fits import fold
@@ -21,9 +21,9 @@ from tofmix.reconciliation.search.summaries import PixelSummary, summaries, surf
 from tofmix.reconciliation.verification.aliases import Alias
 from tofmix.reconciliation.verification.rivals import far_trends
 from tofmix.reconciliation.verification.verify import Verified
-from tofmix.simulation.effects.base import Effect
-from tofmix.simulation.effects.range_offset import RangeOffset
-from tofmix.simulation.effects.surface_pose import SurfacePose
+from tofmix.simulation.effects import EFFECTS, basic_kind
+from tofmix.simulation.effects.base import Basic, Effect
+from tofmix.simulation.effects.hidden import PixelBias
 from tofmix.simulation.surface import Surface
 from tofmix.wording import counted
 
@@ -103,7 +103,7 @@ def next_steps(
             suggested += [(k, folded.effect) for k in range(len(likelihood.scene.members))]
             steps.append(
                 "The samples of a surface lie a turn of the phase from the model's,"
-                f" {_turn_mm(folded):.5g} mm: phase_wrapping is missing."
+                f" {likelihood.mixture(folded.state).period:.5g} mm: {folded.kind} is missing."
             )
         # Poses of a model that lacks more effects than the search may add are shifted by what those do
         limited = not named and 0 < settings.max_effects <= len(added.chosen)
@@ -172,10 +172,6 @@ def worse(verified: Verified) -> Iterator[str]:
         )
 
 
-def _turn_mm(folded: TriedEffect) -> float:
-    return float(getattr(folded.effect, "unambiguous_range_mm", math.nan))
-
-
 def _of_the_recording(likelihood: Likelihood, verified: Verified) -> Iterator[str]:
     repeated, found = likelihood.evidence.repeated, verified.findings
     own, given = likelihood.evidence.integration_time_ms, likelihood.scene.model.sensor.integration_time_ms
@@ -235,7 +231,7 @@ def _of_the_search(added: Added, verified: Verified, settings: Settings, *, misp
     if verified.law == "place in the image":
         yield (
             "A smooth bias over the image fits better than any effect: suspect the lens. Give the model the camera's"
-            " own intrinsics and distortion, or measure the map of a fixed_pattern on a flat wall."
+            f" own intrinsics and distortion, or measure the map of a {_kind_of_pixel_biases()} on a flat wall."
         )
     if verified.law == "range":
         yield (
@@ -249,6 +245,11 @@ def _of_the_search(added: Added, verified: Verified, settings: Settings, *, misp
             f"The noise differs from the model's{axis}: try --noise measured. `tofmix estimate MEASURED.h5 --noise"
             " auto` measures its curve, and `tofmix info` prints it as a table [sensor.noise] to paste into the model."
         )
+
+
+def _kind_of_pixel_biases() -> str:
+    """The kind that has a bias of each pixel."""
+    return next(kind.kind for kind in EFFECTS.values() if isinstance(kind.hidden, PixelBias))
 
 
 def quiet_frames_differ(verified: Verified) -> bool:
@@ -284,28 +285,27 @@ def _of_poses(poses: Sequence[FoundPose], *, several: bool) -> Iterator[str]:
         )
 
 
-def pose_of(found: FoundPose) -> SurfacePose:
+def pose_of(found: FoundPose) -> Effect:
     """The effect that moves the surface to this pose; of a tilt that its angles cannot make, the shift."""
-    shift = float(f"{found.pose.shift_mm:.5g}")
+    kind, shift = basic_kind(Basic.POSE), float(f"{found.pose.shift_mm:.5g}")
     try:
-        pose = SurfacePose.tilted(found.surface, shift, found.pose.tilts_deg)
+        pose = kind.tilted(found.surface, shift, found.pose.tilts_deg)
     except ValueError:
-        return SurfacePose.tilted(found.surface, shift)
-    yaw, pitch, roll = (
-        float(f"{v:.4g}") if abs(v) > _LEAST_TURN_DEG else 0.0 for v in (pose.yaw_deg, pose.pitch_deg, pose.roll_deg)
-    )
-    return replace(pose, yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)
+        return kind.tilted(found.surface, shift)
+    angles = {name: getattr(pose, name) for name, p in pose.parameters().items() if p.unit == "degree"}
+    short: dict[str, Any] = {n: float(f"{v:.4g}") if abs(v) > _LEAST_TURN_DEG else 0.0 for n, v in angles.items()}
+    return replace(pose, **short)
 
 
 def effect_line(found: FoundPose) -> str:
     """The table of a model file that moves the surface to this pose, on one line."""
     pose = pose_of(found)
-    values: dict[str, str | float] = {"surface": pose.surface, "shift_mm": pose.shift_mm}
-    values |= {name: getattr(pose, name) for name in ("yaw_deg", "pitch_deg", "roll_deg") if getattr(pose, name)}
-    return "[[effect]] " + "; ".join(['kind = "surface_pose"', *(f"{k} = {json.dumps(v)}" for k, v in values.items())])
+    values = {"kind": pose.kind} | {name: getattr(pose, name) for name in pose.parameters()}
+    defaults = {name: p.default for name, p in pose.parameters().items()}
+    return "[[effect]] " + "; ".join(f"{k} = {json.dumps(v)}" for k, v in values.items() if v != defaults.get(k, ""))
 
 
-def common_offset(likelihood: Likelihood, settings: Settings, state: ModelState) -> RangeOffset | None:
+def common_offset(likelihood: Likelihood, settings: Settings, state: ModelState) -> Effect | None:
     """The offset that explains most of the remaining biases of several surfaces; None for one surface, or else.
 
     By the same share of the weighted squares that a pose must explain of one surface.
@@ -322,7 +322,7 @@ def common_offset(likelihood: Likelihood, settings: Settings, state: ModelState)
         return None
     offset, explained = weighed / weight, weighed**2 / weight
     clear = abs(offset) * math.sqrt(weight) > _CLEAR and explained > _MOSTLY * squares
-    return RangeOffset(offset_mm=float(f"{offset:.4g}")) if clear else None
+    return basic_kind(Basic.OFFSET).of_magnitude(float(f"{offset:.4g}")) if clear else None
 
 
 def poses_win(likelihood: Likelihood, settings: Settings, state: ModelState, poses: Sequence[FoundPose]) -> bool:
@@ -367,7 +367,7 @@ def found_poses(likelihood: Likelihood, settings: Settings, state: ModelState | 
         The recordings and their scenes.
     settings : Settings
         How.
-    state : State, optional
+    state : ModelState, optional
         The model with the effects that are named; the model as given without it.
     """
     part = fit_part(likelihood, settings)

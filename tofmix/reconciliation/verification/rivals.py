@@ -44,8 +44,7 @@ from tofmix.reconciliation.search.refit import begin
 from tofmix.reconciliation.search.search_state import Settings, fit_part, name_of
 from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.effects.base import Effect, Latent, Target
-from tofmix.simulation.effects.fixed_pattern import FixedPattern
-from tofmix.simulation.effects.temperature_drift import TemperatureDrift
+from tofmix.simulation.effects.hidden import PixelBias
 from tofmix.simulation.model import Model
 
 CLEARLY_NATS = 6.0  # of gain over the best effect
@@ -76,9 +75,9 @@ def better_law(
     ----------
     likelihood : Likelihood
         Of the recording.
-    state : State
+    state : ModelState
         The refined model.
-    chosen : sequence of Candidate
+    chosen : sequence of TriedEffect
         Its effects, in its order.
     parts : two of (frames, pixels)
         Fitting data and held-out data, of all pixels: laws of few numbers need no held-out pixels.
@@ -94,12 +93,12 @@ def better_law(
         return None
     patterned = pattern_of(state) is not None
     bare = replace(state, pixel_bias=np.zeros_like(state.pixel_bias), pixel_variance=np.zeros_like(state.pixel_bias))
-    named = replace(bare, effects=tuple(e for e in state.effects if e.kind != FixedPattern.kind))
+    named = replace(bare, effects=tuple(e for e in state.effects if not isinstance(e.hidden, PixelBias)))
     rest = replace(bare, effects=tuple(e for e in state.effects if not _stays(e, duration)))
     # A law without a name may replace the named effects, so the price grows with the number of samples (BIC)
     each = max(PRICE_NATS, 0.5 * math.log(max(len(parts[1][0]) * len(parts[1][1]), 1)))
-    price = each * sum(c.parameters for c in static if c.kind != FixedPattern.kind)
-    others = [c for c in chosen if c.kind != FixedPattern.kind]
+    price = each * sum(c.parameters for c in static if not c.patterned)
+    others = [c for c in chosen if not c.patterned]
     near = settled_within(likelihood, named, others, parts[0], tolerance)
     moved = _KNOWN * PRICE_NATS * (len(near.effects) - len(named.effects))  # their tilts hardly count
     at, about = (worth(likelihood, s, likelihood.mixture(s), parts, patterned=patterned) for s in (named, near))
@@ -118,9 +117,8 @@ def better_law(
 
 def _stays(effect: Effect, duration_s: float) -> bool:
     """Whether an effect is static, or becomes static soon."""
-    return effect.target is Target.BIAS or (
-        isinstance(effect, TemperatureDrift) and effect.time_constant_s < _SOON * duration_s
-    )
+    of_bias = effect.target in (Target.BIAS, Target.TREND)
+    return of_bias and effect.settled_after_s <= _SOON * duration_s
 
 
 _Bent = tuple[ModelState, Mixture, int]
@@ -272,7 +270,7 @@ def far_trends(likelihood: Likelihood, state: ModelState, alpha: float) -> list[
     ----------
     likelihood : Likelihood
         The recordings.
-    state : State
+    state : ModelState
         A model: the change is that of the differences from it.
     alpha : float
         Level of the test that parts of the time differ, after correction for the recordings.
@@ -354,7 +352,7 @@ def better_model_effect(
         As given.
     likelihood : Likelihood
         Of them.
-    added : (float, sequence of Candidate)
+    added : (float, sequence of TriedEffect)
         Held-out log-likelihood with the added effects, and these effects.
     settings : Settings
         How.

@@ -24,10 +24,8 @@ from tofmix.reconciliation.verdict import VerdictData, judge, share_closed
 from tofmix.reconciliation.verification.contradictions import Contradiction, contradictions
 from tofmix.reconciliation.verification.rivals import better_law, far_trends, smooth, tilted
 from tofmix.simulation.casting.cast import cast_scene
-from tofmix.simulation.effects.base import Effect
-from tofmix.simulation.effects.fixed_pattern import FixedPattern
-from tofmix.simulation.effects.parameter import PixelMap
-from tofmix.simulation.effects.stuck_pixels import StuckPixels
+from tofmix.simulation.effects.base import Effect, with_hidden
+from tofmix.simulation.effects.hidden import PixelBias, PixelValue
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks
 
@@ -49,9 +47,9 @@ class Verified:
     ----------
     verdict : str
         ``agree``, ``explained``, ``partly_explained`` or ``unexplained``.
-    state : State
+    state : ModelState
         The model that is written, without effects that do not explain the recording.
-    start : State
+    start : ModelState
         The model as given.
     before, after, floor : Compared
         Panels of the model as given, of the refined one, and of a simulation of it.
@@ -192,7 +190,7 @@ def _echoes(likelihood: Likelihood, state: ModelState, settings: Settings) -> bo
 def _shaped(likelihood: Likelihood, state: ModelState, held: Part) -> bool:
     """Whether a pattern of pixels is a smooth law of place."""
     known = (state.pixel_variance > 0).reshape(likelihood.evidence.image)
-    maps = [e.map for e in state.effects if isinstance(e, FixedPattern) and e.map is not None]
+    maps = [m for e, hidden in with_hidden(state.effects, PixelBias) if (m := hidden.map_of(e)) is not None]
     if not maps or not known.any():
         return False
     mixture = likelihood.mixture(state)
@@ -208,7 +206,7 @@ def changes_in_time(state: ModelState, found: VerdictData, gain: float) -> bool:
 
     Parameters
     ----------
-    state : State
+    state : ModelState
         The refined model.
     found : Findings
         Its panels.
@@ -269,10 +267,11 @@ def _as_found(model: Model, state: ModelState) -> Model:
     image = model.sensor.rows, model.sensor.cols
 
     def found(effect: Effect) -> Effect:
-        if isinstance(effect, FixedPattern) and effect.map is None:
-            return links.with_map(effect, state.pixel_bias, image)
-        if isinstance(effect, StuckPixels) and effect.map is None:
-            return replace(effect, map=PixelMap("stuck_pixels.npy", state.stuck_mm.reshape(image).astype(np.float32)))
+        hidden = effect.hidden
+        if isinstance(hidden, PixelBias) and hidden.map_of(effect) is None:
+            return hidden.with_map(effect, links.pattern_image(state.pixel_bias, image))
+        if isinstance(hidden, PixelValue) and hidden.map_of(effect) is None:
+            return hidden.with_map(effect, state.stuck_mm.reshape(image).astype(np.float32))
         return effect
 
     return replace(model, effects=tuple(found(e) for e in model.effects))

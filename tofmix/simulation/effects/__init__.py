@@ -6,7 +6,7 @@ all use this declaration.
 """
 
 from tofmix.simulation.effects.amplitude_walk import AmplitudeWalk
-from tofmix.simulation.effects.base import Effect, EffectTruth, Level
+from tofmix.simulation.effects.base import Basic, Effect, EffectTruth, Level
 from tofmix.simulation.effects.dropout import Dropout
 from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
@@ -58,4 +58,9 @@ EFFECTS: dict[str, type[Effect]] = {
 }
 
 
-__all__ = ["EFFECTS", "Effect", "EffectTruth", "Level", "Parameter", "PixelMap"]
+def basic_kind(error: Basic) -> type[Effect]:
+    """The kind that describes an error of every model."""
+    return next(kind for kind in EFFECTS.values() if kind.basic is error)
+
+
+__all__ = ["EFFECTS", "Effect", "EffectTruth", "Level", "Parameter", "PixelMap", "basic_kind"]

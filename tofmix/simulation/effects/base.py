@@ -9,10 +9,10 @@ override `sample` and `predict` as well.
 
 import math
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum, IntEnum
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,14 +21,13 @@ from tofmix.arrays import FloatArray
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import beam_directions_of
 from tofmix.sensors.camera import CompleteCamera
-from tofmix.simulation.effects.parameter import FARTHEST, Holds, Parameter, Prior, declared_parameters
-from tofmix.simulation.effects.search import declared_forms, declared_problems
+from tofmix.simulation.effects.hidden import HiddenState
+from tofmix.simulation.effects.parameter import FARTHEST, Parameter, Prior, declared_parameters
 from tofmix.toml_table import nearest
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
     from tofmix.simulation.echoes import Echoes, FrameSamples
-    from tofmix.simulation.effects.search import FormFacts, LinearForm, Problem, SearchFacts
     from tofmix.simulation.surface import Surface
 
 _RECORDING, _FRAME = 0, 1  # branches of an effect's random streams
@@ -72,6 +71,15 @@ class Latent(Enum):
     PIXEL = "a value of each pixel"
     MEMORY = "the noise of the frame before"
     STEP = "a quantisation step"
+
+
+class Basic(Enum):
+    """The errors that every model has; the one kind that describes each of them has one magnitude."""
+
+    OFFSET = "one bias of all samples"
+    POSE = "a surface at another place"
+    NOISE = "one factor on all noise"
+    FOLD = "a range axis that folds"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -202,7 +210,11 @@ class Effect:
         other statistics. Empty for an exact law, which needs no such check.
     latent : Latent
         Hidden state that links its samples. `reconcile` searches for a kind without one by its parameters
-        (`Effect.problems`).
+        (`tofmix.simulation.effects.search`).
+    hidden : HiddenState or None
+        What this hidden state is, and which numbers describe it; None without one.
+    basic : Basic or None
+        Error of every model that it describes; of one kind each.
     exact_law : bool
         Whether cameras follow its law exactly. Then a single sample that fits exactly gains as much as many samples
         that fit roughly.
@@ -211,6 +223,16 @@ class Effect:
         of the recording.
     static_partner : str
         Kind of the static part of an effect that changes in time; empty for none.
+    yields_to : str
+        Kind that is taken instead, on the same surface, where it explains as much; empty for none.
+    several_optima : bool
+        Whether its likelihood has several optima in the presence of an effect that is fitted with it. Each such fit
+        then uses all starts.
+    links_neighbours : bool
+        Whether samples of neighbouring pixels depend on each other.
+    loses_by_noise : bool
+        Whether it loses samples by their amplitude. Amplitudes have noise, so `reconcile` uses `lose_by_noise`, after
+        all other effects, in place of `predict`.
     acts_on_phase : bool
         Whether it needs a camera with a modulation frequency.
     averages : bool
@@ -232,9 +254,15 @@ class Effect:
     target: ClassVar[Target]
     shows_in: ClassVar[tuple[str, ...]] = ()
     latent: ClassVar[Latent] = Latent.NONE
+    hidden: ClassVar[HiddenState | None] = None
+    basic: ClassVar[Basic | None] = None
     exact_law: ClassVar[bool] = False
     changes_in_time: ClassVar[bool] = False
     static_partner: ClassVar[str] = ""
+    yields_to: ClassVar[str] = ""
+    several_optima: ClassVar[bool] = False
+    links_neighbours: ClassVar[bool] = False
+    loses_by_noise: ClassVar[bool] = False
     acts_on_phase: ClassVar[bool] = False
     averages: ClassVar[bool] = True
     magnitudes: ClassVar[tuple[str, ...]] = ()
@@ -252,34 +280,51 @@ class Effect:
         return {parameter.name: parameter for parameter in declared_parameters(cls)}
 
     @classmethod
-    def problems(cls, facts: "SearchFacts") -> "Iterator[Problem]":
-        """The searches for its numbers; none if the recordings cannot show it."""
-        return declared_problems(cls, facts)
-
-    @classmethod
-    def linear_forms(cls, facts: "FormFacts") -> "Iterator[LinearForm]":  # noqa: ARG003  for laws that need them
-        """Its law for small numbers, as linear coefficients.
+    def of_magnitude(cls, value: float, surface: str = "") -> "Effect":
+        """The effect of this magnitude, its first number that is nothing somewhere; of a surface if it acts on one.
 
         Raises
         ------
         ValueError
-            If the camera or the scene cannot have the effect.
+            If the value is out of bounds.
         """
-        return declared_forms(cls)
+        name = next(p.name for p in cls.parameters().values() if p.zero is not None)
+        numbers: dict[str, Any] = {name: value} | ({"surface": surface} if surface else {})
+        return cls(**numbers)
 
     @classmethod
-    def has_linear_form(cls) -> bool:
-        """Whether it moves or widens the samples of a pixel by a law."""
-        own = any("linear_forms" in vars(c) for c in cls.__mro__ if c is not Effect)
-        return own or cls.number_of_form() is not None
+    def tilted(cls, surface: "Surface", shift_mm: float, tilts_deg: tuple[float, float] = (0.0, 0.0)) -> "Effect":
+        """The effect that shifts a surface along its normal, mm, and tilts it about its own axes, if it is a pose."""
+        raise NotImplementedError
 
-    @classmethod
-    def number_of_form(cls) -> Parameter | None:
-        """The number in proportion to which it moves or widens samples, by its declaration; None without one."""
-        if cls.latent is not Latent.NONE or cls.target not in (Target.BIAS, Target.SPREAD):
-            return None
-        numbers = [p for p in cls.parameters().values() if p.holds is not Holds.MAP]
-        return numbers[0] if len(numbers) == 1 and numbers[0].zero == 0 and numbers[0].typical[1] > 0 else None
+    def in_affected(self) -> "Effect":
+        """The effect in an affected pixel, as one of all pixels; of those with `AffectedPixels` only.
+
+        It has the same kind: a model has an effect of each kind once.
+        """
+        raise NotImplementedError
+
+    @property
+    def settled_after_s(self) -> float:
+        """Time constant after which a change in time has settled, s; 0 without a change, infinity if it goes on."""
+        return math.inf if self.target is Target.TREND else 0.0
+
+    @property
+    def warm_up_s(self) -> float | None:
+        """Time constant of the camera's temperature, s, if the effect follows from it; None otherwise."""
+        return None
+
+    def amplitude_factor(self, turn_mm: float) -> float | None:  # noqa: ARG002  for those of one surface's light
+        """Factor on the amplitudes of its surface, if it acts on the light of one surface alone; None otherwise."""
+        return None
+
+    def least_errors(self, amplitude: FloatArray) -> dict[str, float]:  # noqa: ARG002  for those of a threshold
+        """Least standard error of numbers that no curvature shows, by the amplitudes (n,) that the scene has."""
+        return {}
+
+    def size_of_map(self) -> str:
+        """The size of its map in words; empty without one."""
+        return ""
 
     @property
     def outlier_share(self) -> float:
@@ -348,6 +393,10 @@ class Effect:
         """
         return None
 
+    def lose_by_noise(self, prediction: "Prediction") -> None:
+        """As `predict`, of amplitudes that have the noise of a sample."""
+        raise NotImplementedError
+
     def act(self, echoes: "Echoes", context: Context) -> None:
         """Change echoes in place: the samples of a frame, or the components of a prediction."""
         raise NotImplementedError
@@ -363,6 +412,16 @@ class Effect:
     def predict(self, prediction: "Prediction", context: Context) -> None:
         """Change a prediction in place."""
         self.act(prediction, context)
+
+
+_Hidden = TypeVar("_Hidden", bound=HiddenState)
+
+
+def with_hidden(effects: Iterable[Effect], sort: type[_Hidden]) -> Iterator[tuple[Effect, _Hidden]]:
+    """The effects with a hidden state of this sort, each with its declaration."""
+    for effect in effects:
+        if isinstance(effect.hidden, sort):
+            yield effect, effect.hidden
 
 
 def refuse_without_phase(kind: str, sensor: CompleteCamera) -> None:

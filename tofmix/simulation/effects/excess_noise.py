@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from tofmix.simulation.echoes import Echoes
-from tofmix.simulation.effects.base import Context, Effect, Level, Target
+from tofmix.simulation.effects.base import Basic, Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import about, number
 from tofmix.simulation.effects.search import (
     Coefficient,
@@ -40,6 +40,7 @@ class ExcessNoise(Effect):
     typical: ClassVar[str] = "2 for four times the background electrons"
     basis: ClassVar[str] = "physics"
     target: ClassVar[Target] = Target.SPREAD
+    basic: ClassVar[Basic | None] = Basic.NOISE
     shows_in: ClassVar[tuple[str, ...]] = ("spread", "tails", "skew", "spread_pattern", "memory")
     separated_from: ClassVar[Mapping[str, str]] = {
         "vignetting": "a flat wall that fills the image",

@@ -10,6 +10,7 @@ from tofmix.arrays import FloatArray
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Latent, Level, Target
+from tofmix.simulation.effects.hidden import HiddenState, PixelBias
 from tofmix.simulation.effects.parameter import PixelMap, StudentPrior, number, pixel_map
 
 
@@ -34,6 +35,7 @@ class FixedPattern(Effect):
     target: ClassVar[Target] = Target.BIAS
     shows_in: ClassVar[tuple[str, ...]] = ("bias", "pattern")
     latent: ClassVar[Latent] = Latent.PIXEL
+    hidden: ClassVar[HiddenState | None] = PixelBias(("pixel_sigma_mm", "column_sigma_mm", "row_sigma_mm"))
     predicts: ClassVar[str] = (
         "exact for the map, or for the pattern that the seed draws; over all patterns a random effect that pixels of"
         " one column or row share"
@@ -91,6 +93,13 @@ class FixedPattern(Effect):
             f"{self.pixel_sigma_mm:g} mm by pixel, {self.column_sigma_mm:g} mm by column and {self.row_sigma_mm:g} mm "
             "by row"
         )
+
+    def size_of_map(self) -> str:
+        """Its root mean square; pixels without a return have 0 in it, and do not count."""
+        if self.map is None:
+            return ""
+        known = self.map.values[self.map.values != 0].astype(np.float64)
+        return f"{np.sqrt((known**2).mean()):.3g} mm rms" if known.size else ""
 
     def prepare(self, context: Context, n_frames: int) -> FloatArray:  # noqa: ARG002
         """The biases (pixel,), mm."""

@@ -8,6 +8,7 @@ import numpy as np
 from tofmix.arrays import BoolArray
 from tofmix.simulation.echoes import Echoes, FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Latent, Level, Target
+from tofmix.simulation.effects.hidden import DisturbedFrames, HiddenState
 from tofmix.simulation.effects.parameter import UniformPrior, about, number
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ class Interference(Effect):
     target: ClassVar[Target] = Target.SPREAD
     shows_in: ClassVar[tuple[str, ...]] = ("bursts", "common_mode", "spread")
     latent: ClassVar[Latent] = Latent.FRAME
+    hidden: ClassVar[HiddenState | None] = DisturbedFrames(("probability", "sigma_mm", "burst_frames"))
     predicts: ClassVar[str] = (
         "exact for a single sample: a mixture of disturbed and quiet frames. A latent state of each frame disturbs"
         " all its pixels together, in bursts"

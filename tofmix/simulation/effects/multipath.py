@@ -59,6 +59,7 @@ class Multipath(Effect):
     target: ClassVar[Target] = Target.BIAS
     shows_in: ClassVar[tuple[str, ...]] = ("bias", "pattern", "spread")
     acts_on_phase: ClassVar[bool] = True
+    yields_to: ClassVar[str] = "surface_pose"
     separated_from: ClassVar[Mapping[str, str]] = {
         "range_offset": "a scene without a surface beside the one that is too far",
         "wiggling": "the same surface at a second distance, without others around it",
@@ -130,6 +131,10 @@ class Multipath(Effect):
             f'"{self.surface}" is also lit through another surface: {100 * self.share:g} % more light on a path '
             f"that is {self.extra_path_mm:g} mm longer"
         )
+
+    def amplitude_factor(self, turn_mm: float) -> float:
+        """The length of the sum of both phasors."""
+        return abs(1 + self.share * cmath.exp(1j * math.pi * self.extra_path_mm / turn_mm))
 
     def act(self, echoes: Echoes, context: Context) -> None:
         """Multiply the surface's phasors."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.echoes import Echoes
-from tofmix.simulation.effects.base import Context, Effect, Level, Target, refuse_without_phase
+from tofmix.simulation.effects.base import Basic, Context, Effect, Level, Target, refuse_without_phase
 from tofmix.simulation.effects.parameter import number
 from tofmix.simulation.effects.search import Problem, SearchFacts
 
@@ -35,6 +35,7 @@ class PhaseWrapping(Effect):
     typical: ClassVar[str] = "surfaces beyond c / (2 f), 7.495 m at 20 MHz, appear nearer by this length"
     basis: ClassVar[str] = "physics"
     target: ClassVar[Target] = Target.VALUES
+    basic: ClassVar[Basic | None] = Basic.FOLD
     exact_law: ClassVar[bool] = True
     averages: ClassVar[bool] = False
 

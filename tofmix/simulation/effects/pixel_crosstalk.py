@@ -35,6 +35,7 @@ class PixelCrosstalk(Effect):
     typical: ClassVar[str] = "shares of some 0.01"
     basis: ClassVar[str] = "assumed"
     target: ClassVar[Target] = Target.MIXTURE
+    links_neighbours: ClassVar[bool] = True
     shows_in: ClassVar[tuple[str, ...]] = ("bias", "spread", "bridging")
     acts_on_phase: ClassVar[bool] = True
     predicts: ClassVar[str] = (

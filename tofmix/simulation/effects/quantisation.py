@@ -8,6 +8,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, Latent, Level, Target
+from tofmix.simulation.effects.hidden import HiddenState, RangeStep
 from tofmix.simulation.effects.parameter import UniformPrior, number
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ class Quantisation(Effect):
     target: ClassVar[Target] = Target.VALUES
     shows_in: ClassVar[tuple[str, ...]] = ("discreteness",)
     latent: ClassVar[Latent] = Latent.STEP
+    hidden: ClassVar[HiddenState | None] = RangeStep(("step_mm",))
     exact_law: ClassVar[bool] = True
 
     step_mm: float = number(

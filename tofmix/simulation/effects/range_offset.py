@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from tofmix.simulation.echoes import Echoes
-from tofmix.simulation.effects.base import Context, Effect, Level, Target
+from tofmix.simulation.effects.base import Basic, Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import StudentPrior, number
 from tofmix.simulation.effects.search import (
     Coefficient,
@@ -39,6 +39,7 @@ class RangeOffset(Effect):
     )
     basis: ClassVar[str] = "physics"
     target: ClassVar[Target] = Target.BIAS
+    basic: ClassVar[Basic | None] = Basic.OFFSET
     shows_in: ClassVar[tuple[str, ...]] = ("bias", "trend", "common_mode")
 
     offset_mm: float = number(

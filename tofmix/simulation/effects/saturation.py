@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
+from scipy.special import ndtr
 
 from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import FrameSamples
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
 
 _MOSTLY = 0.5
 """Share of lost samples, above which a pixel is saturated."""
+
+_NEAR, _FAR = 0.03, 0.1
+"""Relative noise of an amplitude; relative size of a gap between amplitudes, from which it is an error."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +43,7 @@ class Saturation(Effect):
     target: ClassVar[Target] = Target.LOSS
     shows_in: ClassVar[tuple[str, ...]] = ("invalid",)
     averages: ClassVar[bool] = False
+    loses_by_noise: ClassVar[bool] = True
 
     full_well_amplitude: float = number(
         "Largest amplitude that is valid.", unit="1", low=0, high=1e9, low_open=True, zero=1e9, typical=(100, 5000)
@@ -66,6 +71,19 @@ class Saturation(Effect):
     def sample(self, samples: FrameSamples, context: Context) -> None:  # noqa: ARG002
         """Lose samples that are too bright."""
         samples.lose(samples.amplitude > self.full_well_amplitude)
+
+    def least_errors(self, amplitude: FloatArray) -> dict[str, float]:
+        """Half of the distance to the next amplitude, up or down, if it is large: no sample lies between."""
+        full = self.full_well_amplitude
+        below, above = amplitude[amplitude < full * (1 - _NEAR)], amplitude[amplitude > full * (1 + _NEAR)]
+        ways = [full - below.max() if below.size else 0.0, above.min() - full if above.size else 0.0]
+        return {"full_well_amplitude": 0.5 * max([float(step) for step in ways if step > _FAR * full], default=0.0)}
+
+    def lose_by_noise(self, prediction: "Prediction") -> None:
+        """A smooth edge: the amplitude of a sample has the noise of its phase."""
+        noise = prediction.amplitude * prediction.sigma_mm * (2 * np.pi / prediction.turn_mm)
+        over = (prediction.amplitude - self.full_well_amplitude) / np.maximum(noise, 1e-9)
+        prediction.lose(np.where(prediction.returned, ndtr(over), 0.0))
 
     def predict(self, prediction: "Prediction", context: Context) -> None:  # noqa: ARG002
         """Move the weight of components that are too bright to the invalid samples."""

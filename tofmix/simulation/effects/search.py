@@ -1,7 +1,7 @@
 """What an effect declares for `reconcile`: where a search for its numbers begins, and its law for small numbers.
 
 Both have a form that follows from the declared parameters. An effect whose law is nonlinear, acts in time or has
-several numbers overrides `Effect.problems` and `Effect.linear_forms` in its own file.
+several numbers has class methods `problems` (`OwnProblems`) and `linear_forms` (`OwnForms`) in its own file.
 """
 
 import math
@@ -9,13 +9,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from tofmix.arrays import FloatArray
-from tofmix.simulation.effects.parameter import Holds
+from tofmix.simulation.effects.base import Effect, Latent, Target
+from tofmix.simulation.effects.parameter import Holds, Parameter
 
 if TYPE_CHECKING:
-    from tofmix.simulation.effects.base import Effect
     from tofmix.simulation.surface import Surface
 
 OUT_OF_SIGHT = 3.0
@@ -39,7 +39,7 @@ class Problem:
         Whether a vector is so close to a bound, or so large, that another effect describes the same.
     """
 
-    make: "Callable[[FloatArray], Effect]"
+    make: Callable[[FloatArray], Effect]
     starts: tuple[tuple[float, ...], ...]
     steps: tuple[float, ...]
     other: Callable[[FloatArray], bool] | None = None
@@ -152,7 +152,7 @@ class Coefficient:
         Factor (time,) on the change at some times, s; without it the change is constant.
     """
 
-    effect: "Effect"
+    effect: Effect
     size: float
     spread: float
     course: Callable[[FloatArray], FloatArray] | None = None
@@ -175,7 +175,7 @@ class LinearForm:
     """
 
     coefficients: tuple[Coefficient, ...]
-    make: "Callable[[FloatArray], Effect]"
+    make: Callable[[FloatArray], Effect]
     surface: str = ""
     choices: int = 1
 
@@ -218,7 +218,7 @@ def bounded(value: float, low: float, high: float) -> float:
     return float(value)
 
 
-def of_sigma(kind: "type[Effect]", name: str, sizes: tuple[float, ...], sigma_mm: float) -> Problem:
+def of_sigma(kind: type[Effect], name: str, sizes: tuple[float, ...], sigma_mm: float) -> Problem:
     """The search for one number in mm, from some multiples of sigma."""
     made: Callable[..., Effect] = kind
     return Problem(
@@ -226,7 +226,7 @@ def of_sigma(kind: "type[Effect]", name: str, sizes: tuple[float, ...], sigma_mm
     )
 
 
-def of_logarithm(kind: "type[Effect]", name: str, values: tuple[float, ...], *, most: float = 1e5) -> Problem:
+def of_logarithm(kind: type[Effect], name: str, values: tuple[float, ...], *, most: float = 1e5) -> Problem:
     """The search for one positive number, at most `most`, by its logarithm, from some values."""
     made: Callable[..., Effect] = kind
     return Problem(
@@ -236,34 +236,87 @@ def of_logarithm(kind: "type[Effect]", name: str, values: tuple[float, ...], *, 
     )
 
 
-def spread_of(kind: "type[Effect]", name: str) -> float:
+def spread_of(kind: type[Effect], name: str) -> float:
     """Standard deviation of a number by its prior; without one, half of the largest typical magnitude."""
     parameter = kind.parameters()[name]
     return 0.5 * parameter.typical[1] if parameter.prior is None else parameter.prior.spread
 
 
-def spread_of_factor(kind: "type[Effect]", name: str) -> float:
+def spread_of_factor(kind: type[Effect], name: str) -> float:
     """Standard deviation of the logarithm of a factor, likewise."""
     parameter = kind.parameters()[name]
     return 0.5 * math.log(parameter.typical[1]) if parameter.prior is None else parameter.prior.spread
 
 
-def declared_forms(kind: "type[Effect]") -> Iterator[LinearForm]:
+@runtime_checkable
+class OwnProblems(Protocol):
+    """A kind with searches of its own."""
+
+    def problems(self, facts: SearchFacts) -> Iterator[Problem]:
+        """The searches for its numbers; none if the recordings cannot show it."""
+        ...
+
+
+@runtime_checkable
+class OwnForms(Protocol):
+    """A kind with a law of its own for small numbers."""
+
+    def linear_forms(self, facts: FormFacts) -> Iterator[LinearForm]:
+        """Its law for small numbers, as linear coefficients.
+
+        Raises
+        ------
+        ValueError
+            If the camera or the scene cannot have the effect.
+        """
+        ...
+
+
+def problems_of(kind: type[Effect], facts: SearchFacts) -> Iterator[Problem]:
+    """The searches for the numbers of a kind; none if the recordings cannot show it."""
+    return kind.problems(facts) if isinstance(kind, OwnProblems) else declared_problems(kind, facts)
+
+
+def forms_of(kind: type[Effect], facts: FormFacts) -> Iterator[LinearForm]:
+    """The law of a kind for small numbers, as linear coefficients.
+
+    Raises
+    ------
+    ValueError
+        If the camera or the scene cannot have the effect.
+    """
+    return kind.linear_forms(facts) if isinstance(kind, OwnForms) else declared_forms(kind)
+
+
+def has_form(kind: type[Effect]) -> bool:
+    """Whether a kind moves or widens the samples of a pixel by a law."""
+    return isinstance(kind, OwnForms) or number_of_form(kind) is not None
+
+
+def number_of_form(kind: type[Effect]) -> Parameter | None:
+    """The number in proportion to which a kind moves or widens samples, by its declaration; None without one."""
+    if kind.latent is not Latent.NONE or kind.target not in (Target.BIAS, Target.SPREAD):
+        return None
+    numbers = [p for p in kind.parameters().values() if p.holds is not Holds.MAP]
+    return numbers[0] if len(numbers) == 1 and numbers[0].zero == 0 and numbers[0].typical[1] > 0 else None
+
+
+def declared_forms(kind: type[Effect]) -> Iterator[LinearForm]:
     """The linear form that follows from the declaration of a kind of one number; none for other kinds."""
-    number = kind.number_of_form()
+    number = number_of_form(kind)
     if number is None:
         return
     made: Callable[..., Effect] = kind
     name, size = number.name, number.typical[0]
 
-    def make(c: FloatArray) -> "Effect":
+    def make(c: FloatArray) -> Effect:
         return made(**{name: float(c[0])})
 
     one = Coefficient(effect=made(**{name: float(size)}), size=size, spread=spread_of(kind, name))
     yield LinearForm(coefficients=(one,), make=make)
 
 
-def declared_problems(kind: "type[Effect]", facts: SearchFacts) -> Iterator[Problem]:
+def declared_problems(kind: type[Effect], facts: SearchFacts) -> Iterator[Problem]:
     """The searches that follow from a declaration: all numbers from their typical sizes.
 
     By logarithms for numbers of one sign, in multiples of the size for others.
@@ -274,7 +327,7 @@ def declared_problems(kind: "type[Effect]", facts: SearchFacts) -> Iterator[Prob
     logs = [p.low >= 0 for p in free]
     made: Callable[..., Effect] = kind
 
-    def make(surface: dict[str, str], x: FloatArray) -> "Effect":
+    def make(surface: dict[str, str], x: FloatArray) -> Effect:
         values = [math.exp(bounded(v, -50, 50)) if log else v for v, log in zip(x, logs, strict=True)]
         return made(**{p.name: float(v) * size for p, v, size in zip(free, values, sizes, strict=True)}, **surface)
 

@@ -9,7 +9,9 @@ from tofmix.arrays import FloatArray
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Latent, Level, Target
+from tofmix.simulation.effects.hidden import HiddenState, PixelValue
 from tofmix.simulation.effects.parameter import PixelMap, UniformPrior, number, pixel_map
+from tofmix.wording import counted
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
@@ -32,6 +34,7 @@ class StuckPixels(Effect):
     basis: ClassVar[str] = "assumed"
     target: ClassVar[Target] = Target.VALUES
     latent: ClassVar[Latent] = Latent.PIXEL
+    hidden: ClassVar[HiddenState | None] = PixelValue()
     exact_law: ClassVar[bool] = True
     predicts: ClassVar[str] = (
         "exact for the map, or for the pixels that the seed draws; over all draws a pixel is stuck or not"
@@ -66,6 +69,10 @@ class StuckPixels(Effect):
         if self.map is not None:
             return f"the pixels in {self.map.path or 'a map'} always return one value"
         return f"{100 * self.share:g} % of the pixels always return {self.value_mm:g} mm"
+
+    def size_of_map(self) -> str:
+        """How many pixels are stuck."""
+        return "" if self.map is None else counted(int(np.isfinite(self.map.values).sum()), "pixel")
 
     def prepare(self, context: Context, n_frames: int) -> FloatArray:  # noqa: ARG002
         """The values (pixel,) of stuck pixels, mm; NaN where the pixel works."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.simulation.effects.base import Effect, Level, Target
+from tofmix.simulation.effects.base import Basic, Effect, Level, Target
 from tofmix.simulation.effects.parameter import StudentPrior, number, surface
 from tofmix.simulation.effects.search import Coefficient, FormFacts, LinearForm, Problem, SearchFacts, spread_of
 from tofmix.simulation.surface import angle_changes
@@ -40,6 +40,7 @@ class SurfacePose(Effect):
     typical: ClassVar[str] = "some mm to some cm for boards placed by hand"
     basis: ClassVar[str] = "assumed"
     target: ClassVar[Target] = Target.BIAS
+    basic: ClassVar[Basic | None] = Basic.POSE
     shows_in: ClassVar[tuple[str, ...]] = ("bias", "trend", "common_mode")
     magnitudes: ClassVar[tuple[str, ...]] = ("shift_mm", "yaw_deg", "pitch_deg")
     separated_from: ClassVar[Mapping[str, str]] = {

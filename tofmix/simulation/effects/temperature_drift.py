@@ -57,6 +57,7 @@ class TemperatureDrift(Effect):
     shows_in: ClassVar[tuple[str, ...]] = ("trend", "common_mode")
     changes_in_time: ClassVar[bool] = True
     static_partner: ClassVar[str] = "range_offset"
+    several_optima: ClassVar[bool] = True
     separated_from: ClassVar[Mapping[str, str]] = {
         "range_offset": "20 minutes from power-on",
         "motion": "20 minutes from power-on, or a second surface that stands still",
@@ -121,6 +122,16 @@ class TemperatureDrift(Effect):
     def explain(self) -> str:
         """One sentence."""
         return f"ranges drift by {self.amplitude_mm:+g} mm in all, 63 % of it within {self.time_constant_s:g} s"
+
+    @property
+    def settled_after_s(self) -> float:
+        """Its time constant."""
+        return self.time_constant_s
+
+    @property
+    def warm_up_s(self) -> float:
+        """Its time constant: it is that of the housing."""
+        return self.time_constant_s
 
     def frame_bias(self, time_s: FloatArray) -> FloatArray:
         """Bias at some times, mm."""

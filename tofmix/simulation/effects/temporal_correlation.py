@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, Latent, Level, Target
+from tofmix.simulation.effects.hidden import HiddenState, RememberedNoise
 from tofmix.simulation.effects.parameter import UniformPrior, number
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ class TemporalCorrelation(Effect):
     target: ClassVar[Target] = Target.SPREAD
     shows_in: ClassVar[tuple[str, ...]] = ("memory", "neighbour_correlation", "common_mode")
     latent: ClassVar[Latent] = Latent.MEMORY
+    hidden: ClassVar[HiddenState | None] = RememberedNoise(("coefficient",))
     predicts: ClassVar[str] = (
         "the distribution of single samples stays the same; after an error e, the next error of the pixel is normal"
         " about rho e with variance 1 - rho^2"

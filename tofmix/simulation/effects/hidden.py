@@ -1,0 +1,135 @@
+"""The hidden states that link the samples of an effect, as an effect declares them: `Effect.hidden`.
+
+A declaration says which numbers of the effect have which part in its hidden state. `reconcile` has one likelihood, one
+fit and one error for each sort of hidden state, and knows no kind: a new kind declares one of these.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Protocol, TypeVar
+
+from tofmix.simulation.effects.parameter import PixelMap
+
+
+class _HasKind(Protocol):
+    @property
+    def kind(self) -> str: ...
+
+
+_Effect = TypeVar("_Effect", bound=_HasKind)
+_MAP = "map"  # the field of every effect with a map
+
+
+class FrameChain(NamedTuple):
+    """A Markov chain of two states, quiet and disturbed, that adds noise to disturbed frames.
+
+    Share of disturbed frames; noise that they add, mm; mean length of a burst of them, frames.
+    """
+
+    probability: float
+    sigma_mm: float
+    burst_frames: float
+
+
+class PatternSpreads(NamedTuple):
+    """Standard deviations of a pattern's biases by pixel, column and row, mm."""
+
+    pixel_sigma_mm: float
+    column_sigma_mm: float
+    row_sigma_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class HiddenState:
+    """A hidden state. Use a subclass.
+
+    Parameters
+    ----------
+    numbers : tuple of str
+        Parameters of the effect that describe it, in the order of the subclass.
+    """
+
+    numbers: tuple[str, ...] = ()
+
+    def made(self, kind: type[_Effect], values: Sequence[float]) -> _Effect:
+        """An effect of a kind with these values of `numbers`; ValueError out of bounds."""
+        return kind(**dict(zip(self.numbers, values, strict=True)))
+
+    def changed(self, effect: _Effect, values: Sequence[float]) -> _Effect:
+        """The effect with other values of `numbers`; ValueError out of bounds."""
+        new: dict[str, Any] = dict(zip(self.numbers, values, strict=True))
+        of: Any = effect
+        return replace(of, **new)  # type: ignore[no-any-return]
+
+    def values(self, effect: object) -> tuple[float, ...]:
+        """Values of `numbers`."""
+        return tuple(float(getattr(effect, name)) for name in self.numbers)
+
+
+@dataclass(frozen=True, slots=True)
+class DisturbedFrames(HiddenState):
+    """Each frame is quiet or disturbed; `numbers` are those of `FrameChain`."""
+
+    def chain(self, effect: object) -> FrameChain:
+        """The chain of an effect."""
+        return FrameChain(*self.values(effect))
+
+
+@dataclass(frozen=True, slots=True)
+class RememberedNoise(HiddenState):
+    """The noise of a pixel is AR(1) from frame to frame; the number is its coefficient."""
+
+    def coefficient(self, effect: object) -> float:
+        """The coefficient of an effect."""
+        return self.values(effect)[0]
+
+
+@dataclass(frozen=True, slots=True)
+class RangeStep(HiddenState):
+    """Samples are rounded to multiples of a step; the number is the step, mm."""
+
+    def step_mm(self, effect: object) -> float:
+        """The step of an effect."""
+        return self.values(effect)[0]
+
+
+@dataclass(frozen=True, slots=True)
+class AffectedPixels(HiddenState):
+    """Each pixel is affected or not, the same in all frames; the number is the share of affected pixels.
+
+    `Effect.in_affected` is what acts in an affected pixel.
+    """
+
+    def share(self, effect: object) -> float:
+        """The share of an effect."""
+        return self.values(effect)[0]
+
+
+@dataclass(frozen=True, slots=True)
+class _Mapped(HiddenState):
+    """A value of each pixel, in the effect's map once it is known."""
+
+    def map_of(self, effect: object) -> PixelMap | None:
+        """The map of an effect; None if its values are not known."""
+        known: PixelMap | None = getattr(effect, _MAP)
+        return known
+
+    def with_map(self, effect: _Effect, values: Any) -> _Effect:  # noqa: ANN401  an array of any real dtype
+        """The effect with a map (row, col); its file has the name of the kind."""
+        new: dict[str, Any] = {_MAP: PixelMap(f"{effect.kind}.npy", values)}
+        of: Any = effect
+        return replace(of, **new)  # type: ignore[no-any-return]
+
+
+@dataclass(frozen=True, slots=True)
+class PixelBias(_Mapped):
+    """Each pixel has a bias; `numbers` are those of `PatternSpreads`, the map has the biases, mm."""
+
+    def spreads(self, effect: object) -> PatternSpreads:
+        """The spreads of an effect."""
+        return PatternSpreads(*self.values(effect))
+
+
+@dataclass(frozen=True, slots=True)
+class PixelValue(_Mapped):
+    """Some pixels return one value; the map has it, mm, and NaN for the others."""
