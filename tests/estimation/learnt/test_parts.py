@@ -9,7 +9,7 @@ from support.learnt_pixels import CAMERA, LOW_MM, SIGMA_MM, TOP_MM, camera_with,
 from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.learnt.background import MOST_CELLS, cell_edges, smooth_density
+from tofmix.estimation.learnt.background import MOST_CELLS, cell_edges, cells_of_surface, smooth_density
 from tofmix.estimation.learnt.clusters import ClusterFits, find_clusters, fit_clusters
 from tofmix.estimation.learnt.folds import whole_fold
 from tofmix.estimation.learnt.learning import learn_pixel_noise
@@ -219,6 +219,42 @@ def test_counts_of_fog_give_its_density(rng: np.random.Generator) -> None:
 
 def test_no_counts_give_the_uniform_density() -> None:
     assert smooth_density(np.zeros(10), np.linspace(0.0, 1000.0, 11)).same_as(BackgroundDensity.uniform(0.0, 1000.0))
+
+
+def test_a_peak_as_narrow_as_a_surface_leaves_the_density_and_a_wider_one_stays(rng: np.random.Generator) -> None:
+    curve = NoiseCurve(np.array([LOW_MM, TOP_MM]), np.array([SIGMA_MM, SIGMA_MM]))
+    edges = cell_edges(curve, LOW_MM, TOP_MM, 8.0)
+    cells = cells_of_surface(curve, edges, pixel_noise().laws()[1])
+    even = rng.uniform(LOW_MM, TOP_MM, 20_000)
+    for at_mm in NET_MM + SIGMA_MM * np.arange(8):  # wherever the surface stands in its cells
+        faint = at_mm + SIGMA_MM * rng.standard_normal(2_000)
+        wide = at_mm + 4.0 * cells * SIGMA_MM * rng.uniform(-4.0, 4.0, 10_000)
+        for more, least, most in ((faint, 0.8, 1.2), (wide, 1.5, 9.0)):
+            counts = np.histogram(np.concatenate([even, more]), edges)[0].astype(np.float64)
+            density = smooth_density(counts, edges, cells)
+            ratio = density.at(at_mm) / density.at(TOP_MM - 500.0)
+            assert least < ratio < most
+        with_peak = smooth_density(np.histogram(np.concatenate([even, faint]), edges)[0].astype(np.float64), edges)
+        assert with_peak.at(at_mm) / with_peak.at(TOP_MM - 500.0) > 1.5
+
+
+@pytest.mark.compiled("counts the surfaces of 400 pixels")
+def test_a_wall_that_all_pixels_see_faintly_hides_no_pixel_that_sees_more_of_it(rng: np.random.Generator) -> None:
+    pixels, frames = 400, 100
+    samples = NET_MM + SIGMA_MM * rng.standard_normal((frames, pixels))
+    random = rng.random(samples.shape) < 0.1
+    samples[random] = rng.uniform(LOW_MM, TOP_MM, int(random.sum()))
+    share = np.where(np.arange(pixels) % 8 == 0, 0.08, 0.02)
+    wall = rng.random(samples.shape) < share
+    samples[wall] = WALL_MM + SIGMA_MM * rng.standard_normal(int(wall.sum()))
+    held = (wall & (np.abs(samples - WALL_MM) < 3.0 * SIGMA_MM)).sum(axis=0)
+    noise = with_part(
+        whole_fold(Pixels(samples=of_pixels(samples)), CAMERA), pixel_noise(background=(1.0, 9.0)), "density"
+    )
+    assert noise is not None
+    found = layer_pixels(samples, camera_with(noise, flat()))
+    seen = (np.abs(found.range - WALL_MM) < 4.0 * SIGMA_MM).any(axis=1)
+    assert seen[held >= 6].mean() > 0.95
 
 
 @pytest.mark.compiled("counts the surfaces of 80 pixels thrice")

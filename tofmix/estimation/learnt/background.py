@@ -21,6 +21,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import jit
@@ -236,8 +237,18 @@ def cell_edges(curve: NoiseCurve, low_mm: float, high_mm: float, cell_sigmas: fl
     return np.asarray(edges, dtype=np.float64)
 
 
-def smooth_density(counts: FloatArray, edges: FloatArray) -> BackgroundDensity:
-    """Most probable density of background, with the random walk of the largest evidence.
+def cells_of_surface(curve: NoiseCurve, edges: FloatArray, law: Law) -> int:
+    """Most cells that the samples of one surface lie in, wherever it stands; cells have equal numbers of sigmas."""
+    sigmas = float((edges[1] - edges[0]) / curve.sigma(0.5 * (edges[:1] + edges[1:2]))[0])
+    return math.ceil((law.high - law.low) / sigmas) + 1
+
+
+def smooth_density(counts: FloatArray, edges: FloatArray, least_cells: int = 1) -> BackgroundDensity:
+    """Most probable density of background, with the random walk of the largest evidence, less its narrow peaks.
+
+    Where many pixels see a few samples of a surface, too few to be counted, the samples of all make a peak as narrow as
+    the samples of one surface. Fog, rain and tails of pulses are wider. Such a peak is surfaces, not background: else a
+    pixel that sees more of this surface would need more samples to show it there than anywhere else.
 
     Parameters
     ----------
@@ -245,11 +256,18 @@ def smooth_density(counts: FloatArray, edges: FloatArray) -> BackgroundDensity:
         Samples of background in each cell.
     edges : (cell + 1,) float64
         Edges of the cells, mm.
+    least_cells : int
+        Peaks of fewer cells are cut off at the level beside them; see `cells_of_surface`. Where the cells without any
+        sample begin, a peak may be cut by the reach of the camera: it stays.
 
     Returns
     -------
     BackgroundDensity
         Uniform where no random walk has a larger evidence.
+
+    References
+    ----------
+    Serra, Image Analysis and Mathematical Morphology, 1982, chapter 12: the opening of a function by an interval.
     """
     uniform = BackgroundDensity.uniform(edges[0], edges[-1])
     total, width = float(counts.sum()), np.diff(edges)
@@ -264,9 +282,19 @@ def smooth_density(counts: FloatArray, edges: FloatArray) -> BackgroundDensity:
             best, found = evidence, log_density
     if found is None:
         return uniform
+    filled = np.flatnonzero(counts)
+    reach = slice(filled[0], filled[-1] + 1)
+    found[reach] = _opened(found[reach], least_cells)
     middle = 0.5 * (edges[1:] + edges[:-1])
     at = np.concatenate([edges[:1], middle, edges[-1:]])
     return BackgroundDensity(at, np.exp(found[np.r_[0, np.arange(len(found)), -1]] - found.max()))
+
+
+def _opened(value: FloatArray, cells: int) -> FloatArray:
+    """Largest function (cell,) below `value` whose peaks have at least some cells; beyond the ends they may go on."""
+    beyond = np.full(cells - 1, np.inf)
+    lowest = sliding_window_view(np.concatenate([beyond, value, beyond]), cells).min(axis=1)
+    return np.asarray(sliding_window_view(lowest, cells).max(axis=1))
 
 
 def _walk(counts: FloatArray, width: FloatArray, deviation: float, start: FloatArray) -> tuple[FloatArray, float]:

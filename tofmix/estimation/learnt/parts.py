@@ -15,7 +15,7 @@ from statistics import NormalDist
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray
-from tofmix.estimation.learnt.background import CELL_SIGMAS, smooth_density
+from tofmix.estimation.learnt.background import CELL_SIGMAS, cells_of_surface, smooth_density
 from tofmix.estimation.learnt.clusters import ClusterFits
 from tofmix.estimation.learnt.folds import LEAST_GAIN, Fold
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, precision_of_t
@@ -324,13 +324,13 @@ def _with_density(fold: Fold, noise: PixelNoise) -> PixelNoise | None:
     if noise.background is None:
         return None
     edges = fold.cell_edges(noise, CELL_SIGMAS[0])
-    density = smooth_density(fold.counts(edges), edges)
+    density = smooth_density(fold.counts(edges), edges, cells_of_surface(noise.curve, edges, noise.laws()[1]))
     for cell_sigmas in CELL_SIGMAS[1:]:
         noise = replace(noise, curve=replace(noise.curve, background_density=density))
         edges = fold.cell_edges(noise, cell_sigmas)
         counts, share, number = fold.background_counts(noise, edges)
         noise = replace(noise, background=beta_prior(share, number))
-        density = smooth_density(counts, edges)
+        density = smooth_density(counts, edges, cells_of_surface(noise.curve, edges, noise.laws()[1]))
     return replace(noise, curve=replace(noise.curve, background_density=density))
 
 
