@@ -116,6 +116,9 @@ class Errors:
         Third harmonic of the modulation, as a share of the fundamental.
     harmonic_phase : float
         Its phase, rad.
+    unequal : (gain, common)
+        Gain of the charges at 0 and 180 degrees over that of the others, less 1; and the part of the light's amplitude
+        by which the charge at 0 degrees is larger than that at 180.
     memory : float
         Correlation of a charge's noise from frame to frame.
     stranger : (share of frames, mean frames of a burst, amplitude)
@@ -132,6 +135,7 @@ class Errors:
     falloff: Floats | float = 1.0
     harmonic: float = 0.0
     harmonic_phase: float = 0.0
+    unequal: tuple[float, float] = (0.0, 0.0)
     memory: float = 0.0
     stranger: tuple[float, float, float] = (0.0, 1.0, 0.0)
     full_well: float = np.inf
@@ -152,6 +156,9 @@ def record(
     noise = np.sqrt(2.0) * amplitude * camera.sigma(range_mm) * (2 * np.pi / camera.turn_mm)
     light, third = _light(camera, seen, board, together, errors)
     charges = np.stack([(light * q).real + errors.harmonic * (third * q**3).real for q in QUARTERS])
+    gain, common = errors.unequal
+    charges[0] += 2.0 * common * np.abs(light)
+    charges[::2] *= 1.0 + gain
     charges += noise * _remembered(charges.shape, errors.memory, rng)
     share, burst, strength = errors.stranger
     charges += strength * _bursts(frames, share, burst, rng)[:, np.newaxis, np.newaxis] * rng.normal(size=charges.shape)

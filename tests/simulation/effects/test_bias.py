@@ -35,6 +35,22 @@ def test_wiggling_swings_four_times_a_turn(bench: Bench, plain_wall: Recorded, a
     assert np.ptp(plain.true_mm) > TURN / 2  # two periods are seen
 
 
+def test_harmonics_are_further_sines_of_the_range_before_any_bias(bench: Bench, plain_wall: Recorded) -> None:
+    sines = ((8.0, 20.0, 1.9), (12.0, 9.0, -0.4))
+    bias, plain = moved(bench, plain_wall, "wiggling", amplitude_mm=30.0, phase_rad=0.5, harmonics=sines)
+    turns = plain.true_mm / TURN
+    expected = sum(mm * np.sin(2 * np.pi * p * turns + rad) for p, mm, rad in ((4.0, 30.0, 0.5), *sines))
+    np.testing.assert_allclose(bias, np.broadcast_to(expected, bias.shape), atol=ROUNDING)
+
+
+def test_unequal_taps_swing_once_and_twice_a_turn(bench: Bench, plain_wall: Recorded) -> None:
+    numbers = {"amplitude_1_mm": 40.0, "phase_1_rad": 1.0, "amplitude_2_mm": 20.0, "phase_2_rad": -0.5}
+    bias, plain = moved(bench, plain_wall, "tap_mismatch", **numbers)
+    turn = 2 * np.pi * plain.true_mm / TURN
+    expected = 40 * np.sin(turn + 1.0) + 20 * np.sin(2 * turn - 0.5)
+    np.testing.assert_allclose(bias, np.broadcast_to(expected, bias.shape), atol=ROUNDING)
+
+
 @pytest.mark.parametrize(("scale", "exponent"), [(0.0, 1.0), (10.0, 1.0), (-8.0, 0.5), (20.0, 0.0)])
 def test_walk_is_a_power_of_the_amplitude(bench: Bench, plain_wall: Recorded, scale: float, exponent: float) -> None:
     parameters = {"scale_mm": scale, "reference_amplitude": 100.0, "exponent": exponent}

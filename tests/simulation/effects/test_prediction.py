@@ -25,6 +25,8 @@ CASES: list[dict[str, Any]] = [
     *({"kind": "range_offset", "offset_mm": x} for x in (0, 30, -300)),
     *({"kind": "surface_pose", "surface": "middle", "shift_mm": x} for x in (0, 60, -400)),
     *({"kind": "wiggling", "amplitude_mm": x, "phase_rad": 0.3} for x in (0, 12, 60)),
+    {"kind": "wiggling", "amplitude_mm": 12, "phase_rad": 0.3, "harmonics": ((8.0, 5.0, 1.9), (12.0, 3.0, -1.0))},
+    *({"kind": "tap_mismatch", "amplitude_1_mm": x, "amplitude_2_mm": 2 * x, "phase_2_rad": 1} for x in (0, 6, 30)),
     *({"kind": "amplitude_walk", "scale_mm": x, "reference_amplitude": 100} for x in (0, 10, -40)),
     *({"kind": "temperature_drift", "amplitude_mm": x, "time_constant_s": 1e-3} for x in (0, 20, -90)),
     *({"kind": "fixed_pattern", "pixel_sigma_mm": x, "column_sigma_mm": x / 2, "row_sigma_mm": x} for x in (0, 9, 40)),
