@@ -120,6 +120,8 @@ class SearchFacts:
         with a return.
     amplitudes, lost_shares : (pixel,) float64
         Predicted amplitude and share of invalid samples of all pixels.
+    course : callable
+        Times, s, of some frames and the median of measured minus predicted range in each, mm: (frame,), (frame,).
     nearer : callable
         Share, median and spread, mm, of the samples that are nearer than all that the model has in their pixel and
         between two ranges, mm; None without such samples.
@@ -138,6 +140,7 @@ class SearchFacts:
     noise_mm: FloatArray
     amplitudes: FloatArray
     lost_shares: FloatArray
+    course: Callable[[], tuple[FloatArray, FloatArray]]
     nearer: Callable[[float, float], tuple[float, float, float] | None]
 
     @property
