@@ -39,6 +39,12 @@ EFFECTS_OF: dict[str, tuple[Effect, ...]] = {
     "internal_reflection": (MAKE["internal_reflection"](amplitude=3.0, range_mm=20.0),),
     "near_return": (MAKE["near_return"](share=0.08, range_mm=25.0, sigma_mm=5.0),),
     "temperature_drift, slow": (MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=20.0),),
+    "amplitude_walk, saturating": (
+        MAKE["amplitude_walk"](scale_mm=30.0, reference_amplitude=100.0, exponent=1.0, saturation_amplitude=40.0),
+    ),
+    "temperature_drift, two terms": (
+        MAKE["temperature_drift"](amplitude_mm=20.0, time_constant_s=4.0, amplitude_2_mm=-12.0, time_constant_2_s=0.5),
+    ),
     "multipath, faint": (MAKE["multipath"](surface="middle", share=0.03, extra_path_mm=1500.0),),
     "excess_noise": (MAKE["excess_noise"](factor=1.3),),
     "vignetting": (MAKE["vignetting"](corner_factor=1.4),),

@@ -28,6 +28,7 @@ CASES: list[dict[str, Any]] = [
     {"kind": "wiggling", "amplitude_mm": 12, "phase_rad": 0.3, "harmonics": ((8.0, 5.0, 1.9), (12.0, 3.0, -1.0))},
     *({"kind": "tap_mismatch", "amplitude_1_mm": x, "amplitude_2_mm": 2 * x, "phase_2_rad": 1} for x in (0, 6, 30)),
     *({"kind": "amplitude_walk", "scale_mm": x, "reference_amplitude": 100} for x in (0, 10, -40)),
+    {"kind": "amplitude_walk", "scale_mm": -40, "reference_amplitude": 100, "saturation_amplitude": 60},
     *({"kind": "temperature_drift", "amplitude_mm": x, "time_constant_s": 1e-3} for x in (0, 20, -90)),
     *({"kind": "fixed_pattern", "pixel_sigma_mm": x, "column_sigma_mm": x / 2, "row_sigma_mm": x} for x in (0, 9, 40)),
     {"kind": "fixed_pattern", "map": PixelMap("", PATTERN)},

@@ -22,8 +22,8 @@ CONTRACT = {
     "surface_pose": "surface shift_mm yaw_deg pitch_deg roll_deg",
     "wiggling": "amplitude_mm phase_rad harmonics",
     "tap_mismatch": "amplitude_1_mm phase_1_rad amplitude_2_mm phase_2_rad",
-    "amplitude_walk": "scale_mm reference_amplitude exponent",
-    "temperature_drift": "amplitude_mm time_constant_s",
+    "amplitude_walk": "scale_mm reference_amplitude exponent saturation_amplitude",
+    "temperature_drift": "amplitude_mm time_constant_s amplitude_2_mm time_constant_2_s",
     "fixed_pattern": "pixel_sigma_mm column_sigma_mm row_sigma_mm map",
     "scattering": "share",
     "internal_reflection": "amplitude range_mm",
@@ -84,7 +84,13 @@ def test_each_effect_describes_itself_and_its_parameters(kind: str) -> None:
         assert (
             parameter.required
             or parameter.default is not None
-            or parameter.name in {"map", "unambiguous_range_mm", "harmonics"}
+            or parameter.name
+            in {
+                "map",
+                "unambiguous_range_mm",
+                "harmonics",
+                "time_constant_2_s",
+            }
         )
 
 
@@ -167,6 +173,10 @@ def test_bounds_are_refused_with_value_and_bound(kind: str) -> None:
         (
             table("wiggling", amplitude_mm=1, harmonics=[[8, 5, 1], [12, 2, 1], [16, 1, 0]]),
             "m: [[effect]] 1: harmonics: expected at most 2 lists of three numbers",
+        ),
+        (
+            table("temperature_drift", amplitude_mm=1, time_constant_s=9, amplitude_2_mm=2),
+            "m: [[effect]] 1: time_constant_2_s: missing, and amplitude_2_mm is not 0",
         ),
         (table("outliers", probability=0.9999), "m: [[effect]] 1: probability: 0.9999 is not below 0.9999"),
         (table("fixed_pattern", map="a.npy"), "m: [[effect]] 1: map: a model without a file of its own has no maps"),
