@@ -60,7 +60,7 @@ def _offset(p: dict[str, float]) -> Array:
 def _wave(p: dict[str, float]) -> Array:
     turn = 2 * math.pi * RANGE / DEVICE.unambiguous_mm
     sines = ((4, p["amplitude_mm"], p["phase_rad"]), *p.get("harmonics", ()))
-    return np.asarray(sum(mm * np.sin(periods * turn + rad) for periods, mm, rad in sines))
+    return np.asarray(np.sum([mm * np.sin(periods * turn + rad) for periods, mm, rad in sines], axis=0))
 
 
 def _taps(p: dict[str, float]) -> Array:
