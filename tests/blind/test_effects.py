@@ -59,8 +59,11 @@ def _offset(p: dict[str, float]) -> Array:
 
 def _wave(p: dict[str, float]) -> Array:
     turn = 2 * math.pi * RANGE / DEVICE.unambiguous_mm
-    sines = ((4, p["amplitude_mm"], p["phase_rad"]), *p.get("harmonics", ()))
-    return np.asarray(np.sum([mm * np.sin(periods * turn + rad) for periods, mm, rad in sines], axis=0))
+    bias = p["amplitude_mm"] * np.sin(4 * turn + p["phase_rad"])
+    if "harmonics" in p:
+        periods, mm, rad = np.array(p["harmonics"])[0]
+        bias += mm * np.sin(periods * turn + rad)
+    return np.asarray(bias)
 
 
 def _taps(p: dict[str, float]) -> Array:
