@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from users.cases import FRAMES, RATE_HZ, Case, draw, recorded
 from users.oracle import _Laws, known
-from users.score import alternatives, score
+from users.score import alternatives, numbers_of, score
 
 from tofmix.reconciliation.evidence import make_evidence
 from tofmix.reconciliation.search.name import KINDS
@@ -145,11 +145,11 @@ def judged(law: str, name: str, size: float, case: Case, seed: int) -> dict[str,
     oracle = known(case)
     outcome = score(case, gap, oracle)
     own = next((e for e in gap["effects"] if e["kind"] == hidden.kind), None)
-    off = (
-        {}
-        if own is None
-        else {n: _off(n, numbers_of(own)[n], hidden.numbers().get(n, 0.0)) / e for n, e in own["stderr"].items() if e}
-    )
+    off = {}
+    if own is not None:
+        found = numbers_of(own)
+        wanted = as_found(hidden, found)
+        off = {n: _off(n, found[n], wanted.get(n, 0.0)) / e for n, e in own["stderr"].items() if e}
     listed = any(hidden.kind in kinds for kinds in alternatives(gap))
     return {
         "name": name,
@@ -171,11 +171,13 @@ def judged(law: str, name: str, size: float, case: Case, seed: int) -> dict[str,
     }
 
 
-def numbers_of(named: Mapping[str, Any]) -> dict[str, float]:
-    """The numbers of a named effect, those of lists among them."""
-    values = {n: tuple(map(tuple, v)) if isinstance(v, list) else v for n, v in named["parameters"].items()}
-    made: Effect = EFFECTS[named["kind"]](**values)
-    return made.numbers()
+def as_found(hidden: Effect, found: Mapping[str, float]) -> dict[str, float]:
+    """The numbers of the hidden effect; those of a walk for the reference amplitude of the found one."""
+    if not isinstance(hidden, AmplitudeWalk):
+        return hidden.numbers()
+    reference = found["reference_amplitude"]
+    scale_mm = hidden.scale_mm * (hidden.reference_amplitude / reference) ** hidden.exponent
+    return replace(hidden, scale_mm=scale_mm, reference_amplitude=reference).numbers()
 
 
 def _off(name: str, found: float, wanted: float) -> float:
