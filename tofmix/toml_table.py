@@ -139,6 +139,16 @@ class TomlTable:
             raise self.error(f"expected {expected}, got {len(value)}", key)
         return tuple(self._number(item, key, f" at place {k}") for k, item in enumerate(value, 1))
 
+    def number_lists(self, key: str) -> tuple[tuple[float, ...], ...]:
+        """The list of lists of finite numbers at `key`; else BadInputError."""
+        value = self._value(key)
+        if not isinstance(value, list) or not all(isinstance(item, list) for item in value):
+            raise self.error(f"expected a list of lists of numbers, got {_shown(value)}", key)
+        return tuple(
+            tuple(self._number(number, key, f" at place {j} of list {k}") for j, number in enumerate(item, 1))
+            for k, item in enumerate(value, 1)
+        )
+
     def texts(self, key: str) -> tuple[str, ...]:
         """The list of strings at `key`; BadInputError if it is missing or something else."""
         value = self._value(key)

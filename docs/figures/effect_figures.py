@@ -367,6 +367,11 @@ SIGNATURES: dict[str, Signature] = {
         scene="slanted-wall", parameters="amplitude_mm = 20.0\nphase_rad = 0.3",
         left=_against("range", "bias"), right=_map("bias"),
     ),
+    "tap_mismatch": Signature(
+        scene="slanted-wall",
+        parameters="amplitude_1_mm = 10.0\nphase_1_rad = 0.5\namplitude_2_mm = 15.0\nphase_2_rad = 1.0",
+        left=_against("range", "bias"), right=_map("bias"),
+    ),
     "temporal_correlation": Signature(
         scene="three-boards", parameters="coefficient = 0.6", left=_memory, right=_one_pixel
     ),

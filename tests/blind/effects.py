@@ -88,26 +88,62 @@ class MisplacedBoard(Effect):
 
 @dataclass(frozen=True, kw_only=True)
 class Harmonics(Effect):
-    """Third and fifth harmonic of the modulation, as shares of the fundamental.
+    """Third, fifth and ninth harmonic of the modulation, as shares of the fundamental.
 
     Four taps see e^(i phi) + h3 e^(-i (3 phi + p3)) + h5 e^(i (5 phi + p5)): relative to the fundamental both turn
-    with 4 phi, and the phase error is -h3 sin(4 phi + p3) + h5 sin(4 phi + p5).
+    with 4 phi, and the phase error is -h3 sin(4 phi + p3) + h5 sin(4 phi + p5). The ninth turns with 8 phi.
     """
 
     third: float
     third_phase: float
     fifth: float
     fifth_phase: float
+    ninth: float = 0.0
+    ninth_phase: float = 0.0
     kind = "wiggling"
 
     def clock(self, x: Exposure) -> None:
         x.harmonics = {3: (self.third, self.third_phase), 5: (self.fifth, self.fifth_phase)}
+        if self.ninth:
+            x.harmonics[9] = (self.ninth, self.ninth_phase)
 
     def equivalent(self, place: Place) -> Parameters:
         wave = -self.third * np.exp(1j * self.third_phase) + self.fifth * np.exp(1j * self.fifth_phase)
+        radian_mm = place.device.unambiguous_mm / (2 * np.pi)
+        own = {"amplitude_mm": float(radian_mm * abs(wave)), "phase_rad": float(np.angle(wave))}
+        return own | ({"harmonics": ((8.0, radian_mm * self.ninth, self.ninth_phase),)} if self.ninth else {})
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnequalTaps(Effect):
+    """Two differences of charges of unequal gain, and an imbalance of the taps for light that is not modulated.
+
+    The taps see the phase against their own clock, which is early by `clock_rad`; the calibration takes that off again.
+    With a gain of 1 + g for the first difference, the phasor z is z + g Re z; with an imbalance, each difference has a
+    part of the light's own mean, which is in proportion to |z|.
+    """
+
+    gain: float
+    common: complex
+    clock_rad: float
+    kind = "tap_mismatch"
+
+    def clock(self, x: Exposure) -> None:
+        early = np.exp(1j * self.clock_rad)
+        seen = x.z * early
+        seen = seen + self.gain * seen.real + self.common * np.abs(seen)
+        x.z = (seen / early / (1 + self.gain / 2)).astype(np.complex64)
+
+    def equivalent(self, place: Place) -> Parameters:
+        """The circle is moved by the imbalance, and made an ellipse by g z* / 2, seen at once and twice the phase."""
+        once = -np.conj(self.common) * np.exp(1j * self.clock_rad)
+        twice = -self.gain / 2 * np.exp(2j * self.clock_rad)
+        radian_mm = place.device.unambiguous_mm / (2 * np.pi)
         return {
-            "amplitude_mm": float(place.device.unambiguous_mm / (2 * np.pi) * abs(wave)),
-            "phase_rad": float(np.angle(wave)),
+            "amplitude_1_mm": float(radian_mm * abs(once)),
+            "phase_1_rad": float(np.angle(once)),
+            "amplitude_2_mm": float(radian_mm * abs(twice)),
+            "phase_2_rad": float(np.angle(twice)),
         }
 
 
@@ -115,8 +151,7 @@ class Harmonics(Effect):
 class ChargeLag(Effect):
     """Transit to the taps by self-induced drift: few electrons are late, t = t0 / (1 + n / n0).
 
-    For n far above n0 that is the power law with exponent 1; the equivalent is the power law's fit over the image's
-    amplitudes, each pixel as uncertain as its sigma, as samples know it; it is compared as a curve.
+    For n far above n0 that is the power law with exponent 1. It is compared as a curve.
     """
 
     late_mm: float  # c t0 / 2
@@ -131,39 +166,39 @@ class ChargeLag(Effect):
         x.delay(self.bias(np.abs(x.z) * x.device.amplitude_unit))
 
     def equivalent(self, place: Place) -> Parameters:
-        amplitude = place.amplitudes()
-        reference = float(np.exp(np.log(amplitude).mean()))
-        ratio, wanted = reference / amplitude, self.bias(amplitude)
-        sigma = place.sigmas()
-        best, scale, exponent = np.inf, 0.0, 1.0
-        for trial in np.linspace(0.2, 1.2, 501):
-            power = ratio**trial / sigma
-            size = float(power @ (wanted / sigma) / (power @ power))
-            error = float(((wanted / sigma - size * power) ** 2).sum())
-            if error < best:
-                best, scale, exponent = error, size, float(trial)
-        return {"scale_mm": scale, "reference_amplitude": reference, "exponent": exponent}
+        reference = float(np.exp(np.log(place.amplitudes()).mean()))
+        scale = self.late_mm * self.knee_amplitude / reference
+        return {
+            "scale_mm": scale,
+            "reference_amplitude": reference,
+            "exponent": 1.0,
+            "saturation_amplitude": self.knee_amplitude,
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
 class WarmUp(Effect):
-    """A driver whose delay follows its temperature, which nears its end value exponentially."""
+    """A driver whose delay follows its temperature, which nears its end value exponentially; and its chip, sooner."""
 
     delay_mm_per_kelvin: float
     rise_kelvin: float
     time_constant_s: float
+    chip_mm: float = 0.0
+    chip_time_constant_s: float = 1.0
     kind = "temperature_drift"
 
     def clock(self, x: Exposure) -> None:
         warmer = self.rise_kelvin * -np.expm1(-x.time_s / self.time_constant_s)
         x.temperature_c = (24.0 + warmer).astype(np.float32)
-        x.delay(self.delay_mm_per_kelvin * warmer[:, None])
+        chip_mm = self.chip_mm * -np.expm1(-x.time_s / self.chip_time_constant_s)
+        x.delay((self.delay_mm_per_kelvin * warmer + chip_mm)[:, None])
 
     def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
+        chip = {"amplitude_2_mm": self.chip_mm, "time_constant_2_s": self.chip_time_constant_s}
         return {
             "amplitude_mm": self.delay_mm_per_kelvin * self.rise_kelvin,
             "time_constant_s": self.time_constant_s,
-        }
+        } | (chip if self.chip_mm else {})
 
 
 @dataclass(frozen=True, kw_only=True)

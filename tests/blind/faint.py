@@ -31,6 +31,7 @@ TEMPLATES = (
     "range_offset",
     "surface_pose",
     "wiggling",
+    "tap_mismatch",
     "amplitude_walk",
     "temperature_drift",
     "scattering",

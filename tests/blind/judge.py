@@ -124,14 +124,41 @@ def _bounce(m: _Match) -> tuple[bool, float]:
 
 
 def _lag(m: _Match) -> tuple[bool, float]:
-    """As curves over the image, in units of sigma: the power law that comes nearest to the lag, and the one found."""
+    """As curves over the image, in units of sigma: the lag, or the power law nearest to it, and what is found."""
     amplitude, sigma = m.place.amplitudes(), m.place.sigmas()
-    wanted, curve = (
-        p["scale_mm"] * (p["reference_amplitude"] / amplitude) ** p["exponent"] / sigma for p in (m.truth, m.found)
+    lag, curve = (
+        p["scale_mm"] * (p["reference_amplitude"] / (amplitude + p.get("saturation_amplitude", 0.0))) ** p["exponent"]
+        for p in (m.truth, m.found)
     )
-    off = float(np.sqrt(((curve - wanted) ** 2).mean() / (wanted**2).mean()))
+    either = lag / sigma, _nearest_power(lag / sigma, amplitude, sigma)
+    off = min(float(np.sqrt(((curve / sigma - wanted) ** 2).mean() / (wanted**2).mean())) for wanted in either)
     slack = ERRORS * float(m.errors.get("scale_mm") or 0.0) / max(abs(m.found["scale_mm"]), 1e-9)
     return off <= max(SHARE, slack), off
+
+
+def _nearest_power(wanted: Array, amplitude: Array, sigma: Array) -> Array:
+    """The power of amplitude, in units of sigma, nearest to a bias in these units, each pixel as known as its sigma."""
+    ratio, best, found = float(np.exp(np.log(amplitude).mean())) / amplitude, np.inf, wanted
+    for exponent in np.linspace(0.2, 1.2, 501):
+        power = ratio**exponent / sigma
+        fit = power * float(power @ wanted / (power @ power))
+        error = float(((wanted - fit) ** 2).sum())
+        if error < best:
+            best, found = error, np.asarray(fit)
+    return found
+
+
+def _taps(m: _Match) -> tuple[bool, float]:
+    """Each sine as a phasor; a sine that is less than the other's tolerance may be missing."""
+    whole = max(m.truth["amplitude_1_mm"], m.truth["amplitude_2_mm"])
+    ok, worst = True, 0.0
+    for number in (1, 2):
+        size, phase = f"amplitude_{number}_mm", f"phase_{number}_rad"
+        wanted, found = (p.get(size, 0.0) * np.exp(1j * p.get(phase, 0.0)) for p in (m.truth, m.found))
+        error = math.hypot(float(m.errors.get(size) or 0.0), abs(found) * float(m.errors.get(phase) or 0.0))
+        ok &= bool(abs(found - wanted) <= max(SHARE * whole, ERRORS * error))
+        worst = max(worst, abs(found - wanted) / whole)
+    return ok, worst
 
 
 def _lost_share(p: Parameters, amplitude: Array) -> Array:
@@ -179,6 +206,7 @@ def _map(m: _Match) -> tuple[bool, float]:
 _Rule = Callable[[_Match], tuple[bool, float]]
 _RULES: dict[str, _Rule] = {
     "wiggling": _wave,
+    "tap_mismatch": _taps,
     "multipath": _bounce,
     "amplitude_walk": _lag,
     "dropout": _losses,

@@ -20,6 +20,7 @@ UNITS = {
     "range_offset": "offset, median sigma of the image",
     "surface_pose": "shift, median sigma on the board",
     "wiggling": "amplitude, median sigma of the image",
+    "tap_mismatch": "larger amplitude, median sigma of the image",
     "amplitude_walk": "root mean square bias, sigma",
     "temperature_drift": "final bias, median sigma of the image",
     "fixed_pattern": "sigma of the pixels' delays, median sigma of the image",
@@ -80,6 +81,13 @@ def _wiggling(size: float, rng: np.random.Generator, place: Place) -> Effect:
     return fx.Harmonics(
         third=share / sum_of_both, third_phase=float(third), fifth=0.25 * share / sum_of_both, fifth_phase=float(fifth)
     )
+
+
+def _unequal(size: float, rng: np.random.Generator, place: Place) -> Effect:
+    """Of the gain, of two periods; the imbalance, of one period, is a third of it."""
+    radians = size * image_sigma(place) * 2 * math.pi / place.device.unambiguous_mm
+    imbalance = radians / 3 * np.exp(1j * float(rng.uniform(0, 2 * math.pi)))
+    return fx.UnequalTaps(gain=2 * radians, common=complex(imbalance), clock_rad=float(rng.uniform(0, math.pi)))
 
 
 def _walk(size: float, rng: np.random.Generator, place: Place) -> Effect:
@@ -217,6 +225,7 @@ MAKERS: dict[str, Maker] = {
     "range_offset": _offset,
     "surface_pose": _pose,
     "wiggling": _wiggling,
+    "tap_mismatch": _unequal,
     "amplitude_walk": _walk,
     "temperature_drift": _drift,
     "fixed_pattern": _pattern,

@@ -19,6 +19,7 @@ BIASES = (
     "range_offset",
     "surface_pose",
     "wiggling",
+    "tap_mismatch",
     "amplitude_walk",
     "scattering",
     "internal_reflection",

@@ -115,6 +115,9 @@ class Errors:
     """Third harmonic of the modulation, as a share of the fundamental."""
     harmonic_phase: float = 0.0
     """Its phase, rad."""
+    unequal: tuple[float, float] = (0.0, 0.0)
+    """(gain, common). Gain of the charges at 0 and 180 degrees over that of the others, less 1; and the part of the
+    light's amplitude by which the charge at 0 degrees is larger than that at 180."""
     memory: float = 0.0
     """Correlation of a charge's noise from frame to frame."""
     stranger: tuple[float, float, float] = (0.0, 1.0, 0.0)
@@ -139,6 +142,9 @@ def record(
     noise = np.sqrt(2.0) * amplitude * camera.sigma(range_mm) * (2 * np.pi / camera.turn_mm)
     light, third = _light(camera, seen, board, together, errors)
     charges = np.stack([(light * q).real + errors.harmonic * (third * q**3).real for q in QUARTERS])
+    gain, common = errors.unequal
+    charges[0] += 2.0 * common * np.abs(light)
+    charges[::2] *= 1.0 + gain
     charges += noise * _remembered(charges.shape, errors.memory, rng)
     share, burst, strength = errors.stranger
     charges += strength * _bursts(frames, share, burst, rng)[:, np.newaxis, np.newaxis] * rng.normal(size=charges.shape)

@@ -201,6 +201,13 @@ CASES = {
         (effect("wiggling", amplitude_mm=x, phase_rad=0.7), Errors(harmonic=x * HARMONIC, harmonic_phase=0.7 + np.pi))
         for x in (3.0, 6.0, 12.0)
     ],
+    "tap_mismatch": [
+        (
+            effect("tap_mismatch", amplitude_1_mm=x, phase_1_rad=np.pi, amplitude_2_mm=2 * x, phase_2_rad=np.pi),
+            Errors(unequal=(4 * x * HARMONIC, x * HARMONIC)),
+        )
+        for x in (2.0, 5.0)
+    ],
     "saturation": [(effect("saturation", full_well_amplitude=x), Errors(full_well=x)) for x in (150.0, 100.0, 60.0)],
     "together": [
         (

@@ -29,6 +29,8 @@ EFFECTS_OF: dict[str, tuple[Effect, ...]] = {
     "range_offset": (MAKE["range_offset"](offset_mm=8.0),),
     "surface_pose": (MAKE["surface_pose"](surface="middle", shift_mm=15.0),),
     "wiggling": (MAKE["wiggling"](amplitude_mm=10.0, phase_rad=0.7),),
+    "wiggling, a harmonic": (MAKE["wiggling"](amplitude_mm=10.0, phase_rad=0.7, harmonics=((8.0, 6.0, 1.9),)),),
+    "tap_mismatch": (MAKE["tap_mismatch"](amplitude_2_mm=10.0, phase_2_rad=0.7),),
     "amplitude_walk": (MAKE["amplitude_walk"](scale_mm=8.0, reference_amplitude=100.0, exponent=0.8),),
     "temperature_drift": (MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=4.0),),
     "motion": (MAKE["motion"](surface="middle", velocity_mm_s=2.0),),
@@ -37,6 +39,12 @@ EFFECTS_OF: dict[str, tuple[Effect, ...]] = {
     "internal_reflection": (MAKE["internal_reflection"](amplitude=3.0, range_mm=20.0),),
     "near_return": (MAKE["near_return"](share=0.08, range_mm=25.0, sigma_mm=5.0),),
     "temperature_drift, slow": (MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=20.0),),
+    "amplitude_walk, saturating": (
+        MAKE["amplitude_walk"](scale_mm=30.0, reference_amplitude=100.0, exponent=1.0, saturation_amplitude=40.0),
+    ),
+    "temperature_drift, two terms": (
+        MAKE["temperature_drift"](amplitude_mm=20.0, time_constant_s=4.0, amplitude_2_mm=-12.0, time_constant_2_s=0.5),
+    ),
     "multipath, faint": (MAKE["multipath"](surface="middle", share=0.03, extra_path_mm=1500.0),),
     "excess_noise": (MAKE["excess_noise"](factor=1.3),),
     "vignetting": (MAKE["vignetting"](corner_factor=1.4),),

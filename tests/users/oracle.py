@@ -38,6 +38,7 @@ TENTHS = 10
 _ALONE = 0.95  # share of the beam
 _TOLERANCE, _NOISE = 0.1, 0.01  # errors of the model: of poses, sigma; of the noise
 _SMALL = 0.01
+_PART_NATS = 7.8  # price of an optional part of a law: one effect more
 _MAKE: Mapping[str, Callable[..., Effect]] = EFFECTS
 _BY_THEMSELVES = (
     "outliers",
@@ -152,16 +153,19 @@ _Column = tuple[FloatArray, FloatArray]
 class _Laws:
     """The kinds' laws about a given model, as columns."""
 
-    def __init__(self, given: Model) -> None:
+    def __init__(self, given: Model, *, optional: bool = True) -> None:
+        """With or without the optional parts of laws."""
         self.given = given
         self.truth = cast_scene(given)
         self.at_rest = predict(given, self.truth)
         self.now = (np.arange(TENTHS) + 0.5) * FRAMES / TENTHS / RATE_HZ
-        self.laws: dict[str, list[list[_Column]]] = {}
+        self.laws: dict[str, list[tuple[list[_Column], float]]] = {}
         for kind, columns in _COLUMNS.items():
             if kind != "multipath" or len(given.surfaces) > 1:
-                self.laws[kind] = list(columns(self))
+                self.laws[kind] = [(law, 0.0) for law in columns(self)]
         self.kinds = tuple(self.laws)
+        for kind, parts in _OPTIONAL.items() if optional else ():
+            self.laws[kind] += [(law, _PART_NATS) for law in parts(self)]
 
     def change(self, model: Model, time_s: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """What another model does to mean and log width (pixel,) of each pixel's main surface."""
@@ -199,17 +203,18 @@ class _Laws:
     def losses(self, seen: _Seen) -> Callable[[Sequence[str]], float]:
         """Nats that the best set of laws of some kinds is behind the truth, as a function of the kinds."""
         columns: list[_Column] = []
-        places: dict[str, list[list[int]]] = {}
+        places: dict[str, list[tuple[list[int], float]]] = {}
         for kind, laws in self.laws.items():
             places[kind] = []
-            for law in laws:
-                places[kind].append(list(range(len(columns), len(columns) + len(law))))
+            for law, price in laws:
+                places[kind].append((list(range(len(columns), len(columns) + len(law))), price))
                 columns += law
         squares = _Squares(seen, columns, self.given)
 
         def loss(kinds: Sequence[str]) -> float:
             return min(
-                squares.left([i for law in chosen for i in law]) for chosen in product(*(places[k] for k in kinds))
+                squares.left([i for law, _ in chosen for i in law]) + sum(price for _, price in chosen)
+                for chosen in product(*(places[k] for k in kinds))
             )
 
         return loss
@@ -310,6 +315,34 @@ def _wiggling(laws: _Laws) -> Iterator[list[_Column]]:
     yield [laws.of(1.0, "wiggling", amplitude_mm=1.0, phase_rad=p) for p in (0.0, math.pi / 2)]
 
 
+def _further(laws: _Laws) -> Iterator[list[_Column]]:
+    """With a sine of eight periods."""
+    (own,) = _wiggling(laws)
+    eight = (((8.0, 1.0, p),) for p in (0.0, math.pi / 2))
+    yield [*own, *(laws.of(1.0, "wiggling", amplitude_mm=0.0, harmonics=sine) for sine in eight)]
+
+
+def _taps(laws: _Laws, number: int) -> list[_Column]:
+    """Both components of one sine."""
+    return [
+        laws.of(1.0, "tap_mismatch", **{f"amplitude_{number}_mm": 1.0, f"phase_{number}_rad": p})
+        for p in (0.0, math.pi / 2)
+    ]
+
+
+def _saturating(laws: _Laws) -> Iterator[list[_Column]]:
+    for saturation in (20.0, 60.0, 200.0, 600.0):
+        numbers = {"scale_mm": 1.0, "reference_amplitude": 100.0, "saturation_amplitude": saturation}
+        yield [laws.of(1.0, "amplitude_walk", exponent=exponent, **numbers) for exponent in (1.0, 2.0)]
+
+
+def _two_terms(laws: _Laws) -> Iterator[list[_Column]]:
+    mean, width = laws.of(1.0, "range_offset", offset_mm=1.0)
+    for fast_s in (0.1, 0.2, 0.4):
+        for slow_s in (0.8, 1.6, 3.0, 6.0):
+            yield [(mean * -np.expm1(-laws.now[:, None] / tau_s), width) for tau_s in (slow_s, fast_s)]
+
+
 def _walk(laws: _Laws) -> Iterator[list[_Column]]:
     for exponent in (0.3, 0.6, 1.0, 1.6, 2.5):
         yield [laws.of(1.0, "amplitude_walk", scale_mm=1.0, reference_amplitude=100.0, exponent=exponent)]
@@ -334,6 +367,7 @@ _COLUMNS: dict[str, Callable[[_Laws], Iterator[list[_Column]]]] = {
     "motion": _motion,
     "multipath": _multipath,
     "wiggling": _wiggling,
+    "tap_mismatch": lambda laws: iter([_taps(laws, 1), _taps(laws, 2)]),
     "amplitude_walk": _walk,
     "temperature_drift": _drift,
     "scattering": lambda laws: iter([[laws.of(_SMALL, "scattering", share=_SMALL)]]),
@@ -341,3 +375,10 @@ _COLUMNS: dict[str, Callable[[_Laws], Iterator[list[_Column]]]] = {
     "excess_noise": lambda laws: iter([[laws.of(_SMALL, "excess_noise", factor=math.exp(_SMALL))]]),
     "vignetting": lambda laws: iter([[laws.of(_SMALL, "vignetting", corner_factor=math.exp(_SMALL))]]),
 }
+_OPTIONAL: dict[str, Callable[[_Laws], Iterator[list[_Column]]]] = {
+    "wiggling": _further,
+    "tap_mismatch": lambda laws: iter([_taps(laws, 1) + _taps(laws, 2)]),
+    "amplitude_walk": _saturating,
+    "temperature_drift": _two_terms,
+}
+"""Laws with parts that not every camera has."""

@@ -95,6 +95,14 @@ def _kinds(label: str) -> frozenset[str]:
     return frozenset(kind for kind in kinds if kind != _NOTHING)
 
 
+def numbers_of(named: Mapping[str, Any]) -> dict[str, float]:
+    """The numbers of a named effect by name, those of further sines among them."""
+    values = {n: float(v) for n, v in named["parameters"].items() if isinstance(v, int | float)}
+    for periods, size_mm, phase_rad in named["parameters"].get("harmonics", ()):
+        values |= {f"harmonic_{periods:g}_mm": size_mm, f"harmonic_{periods:g}_rad": phase_rad}
+    return values
+
+
 def _off(case: Case, effects: Iterable[Mapping[str, Any]]) -> str:
     """Numbers that are neither within 3 standard errors of the truth nor within 5 %."""
     off = []
@@ -103,10 +111,13 @@ def _off(case: Case, effects: Iterable[Mapping[str, Any]]) -> str:
             continue
         if true.kind in ("amplitude_walk", "fixed_pattern", "interference"):  # other numbers may be the same curve
             continue
+        values, truth = numbers_of(found), true.numbers()
         for name, error in found["stderr"].items():
-            wanted, value = float(getattr(true, name)), float(found["parameters"][name])
+            if name.endswith("_rad") and name not in truth:  # of a sine that is not there: its size counts
+                continue
+            wanted, value = truth.get(name, 0.0), values[name]
             away = abs(value - wanted)
-            if name == "phase_rad":
+            if name.endswith("_rad"):
                 away = abs((away + math.pi) % (2 * math.pi) - math.pi)
             if away > max(_ERRORS * error, _SHARE * abs(wanted)):
                 off.append(f"{true.kind} {name} {value:.4g} for {wanted:.4g}")

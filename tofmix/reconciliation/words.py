@@ -95,7 +95,13 @@ def effect_text(named: NamedEffect, result: Reconciliation) -> str:
     shown = [
         f'"{value}"' if isinstance(value, str) else _with_error(name, value, named.stderr.get(name))
         for name, value in named.parameters.items()
-        if isinstance(value, str) or value or named.stderr.get(name)  # zeros are left out
+        if isinstance(value, str) or (not isinstance(value, list) and (value or named.stderr.get(name)))
+    ]  # zeros are left out
+    within_lists = named.effect.numbers().keys() - named.effect.parameters().keys()
+    shown += [
+        _with_error(name, value, named.stderr.get(name))
+        for name, value in named.effect.numbers().items()
+        if name in within_lists
     ]
     size = named.effect.size_of_map()  # which the name of its file does not show
     shown += [size] if size else []
@@ -149,5 +155,5 @@ def _table(named: NamedEffect) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _value(value: Any) -> str:  # noqa: ANN401  a string or a number
-    return json.dumps(value) if isinstance(value, str) else repr(float(value) + 0.0)
+def _value(value: Any) -> str:  # noqa: ANN401  a string, a number, or lists of them
+    return json.dumps(value) if isinstance(value, str | list) else repr(float(value) + 0.0)

@@ -32,7 +32,7 @@ from tofmix.reconciliation.verification.verify import Verified, as_given, verify
 from tofmix.simulation.casting.polygon_cast import PolygonCaster
 from tofmix.simulation.effects.base import Effect, with_hidden
 from tofmix.simulation.effects.hidden import RememberedNoise
-from tofmix.simulation.effects.parameter import PixelMap
+from tofmix.simulation.effects.parameter import Holds, PixelMap
 from tofmix.simulation.model import Model
 from tofmix.wording import rounded
 
@@ -93,11 +93,13 @@ class NamedEffect:
         values: dict[str, Any] = {}
         for name, parameter in self.effect.parameters().items():
             value = getattr(self.effect, name)
-            if value is None or (value == parameter.default and name not in self.stderr):
+            if value in (None, ()) or (value == parameter.default and name not in self.stderr):
                 continue
             values[name] = value.path if isinstance(value, PixelMap) else value
             if isinstance(value, float | int):
                 values[name] = rounded(float(value), 8)
+            elif parameter.holds is Holds.SINES:
+                values[name] = [[rounded(float(number), 8) for number in sine] for sine in value]
         return values if "map" not in values else {"map": values["map"]}
 
 

@@ -226,9 +226,11 @@ def _read_effect(table: TomlTable, sensor: CompleteCamera, read_map: MapReader |
 
 def _read_parameter(
     table: TomlTable, parameter: Parameter, sensor: CompleteCamera, read_map: MapReader | None
-) -> float | str | PixelMap:
+) -> float | str | PixelMap | tuple[tuple[float, ...], ...]:
     if parameter.holds is Holds.NUMBER:
         return table.number(parameter.name)
+    if parameter.holds is Holds.SINES:
+        return table.number_lists(parameter.name)
     path = table.text(parameter.name)
     if parameter.holds is Holds.SURFACE:
         return path

@@ -31,9 +31,10 @@ def test_drift_has_starts_in_few_frames(model: Model, record: Record, frames: in
         whole, samples=whole.samples[:frames], time_s=whole.time_s[:frames], fit_frames=whole.fit_frames[:frames]
     )
     likelihood = Likelihood(few, Scene(model, few.time_s))
-    (problem,) = problems("temperature_drift", likelihood, likelihood.scene.mixture())
-    for start in problem.starts:
-        assert problem.make(np.array(start)).kind == "temperature_drift"
+    for problem in problems("temperature_drift", likelihood, likelihood.scene.mixture()):
+        assert problem.starts
+        for start in problem.starts:
+            assert problem.make(np.array(start)).kind == "temperature_drift"
 
 
 @pytest.mark.parametrize("kind", [kind for kind, effect in EFFECTS.items() if effect.latent is Latent.NONE])

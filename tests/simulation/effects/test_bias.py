@@ -35,12 +35,41 @@ def test_wiggling_swings_four_times_a_turn(bench: Bench, plain_wall: Recorded, a
     assert np.ptp(plain.true_mm) > TURN / 2  # two periods are seen
 
 
+def test_harmonics_are_further_sines_of_the_range_before_any_bias(bench: Bench, plain_wall: Recorded) -> None:
+    sines = ((8.0, 20.0, 1.9), (12.0, 9.0, -0.4))
+    bias, plain = moved(bench, plain_wall, "wiggling", amplitude_mm=30.0, phase_rad=0.5, harmonics=sines)
+    turns = plain.true_mm / TURN
+    expected = sum(mm * np.sin(2 * np.pi * p * turns + rad) for p, mm, rad in ((4.0, 30.0, 0.5), *sines))
+    np.testing.assert_allclose(bias, np.broadcast_to(expected, bias.shape), atol=ROUNDING)
+
+
+def test_unequal_taps_swing_once_and_twice_a_turn(bench: Bench, plain_wall: Recorded) -> None:
+    numbers = {"amplitude_1_mm": 40.0, "phase_1_rad": 1.0, "amplitude_2_mm": 20.0, "phase_2_rad": -0.5}
+    bias, plain = moved(bench, plain_wall, "tap_mismatch", **numbers)
+    turn = 2 * np.pi * plain.true_mm / TURN
+    expected = 40 * np.sin(turn + 1.0) + 20 * np.sin(2 * turn - 0.5)
+    np.testing.assert_allclose(bias, np.broadcast_to(expected, bias.shape), atol=ROUNDING)
+
+
 @pytest.mark.parametrize(("scale", "exponent"), [(0.0, 1.0), (10.0, 1.0), (-8.0, 0.5), (20.0, 0.0)])
 def test_walk_is_a_power_of_the_amplitude(bench: Bench, plain_wall: Recorded, scale: float, exponent: float) -> None:
     parameters = {"scale_mm": scale, "reference_amplitude": 100.0, "exponent": exponent}
     bias, plain = moved(bench, plain_wall, "amplitude_walk", **parameters)
     expected = scale * (100.0 / plain.true_amplitude) ** exponent
     np.testing.assert_allclose(bias, np.broadcast_to(expected, bias.shape), atol=ROUNDING)
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5])
+def test_saturating_walk_is_a_power_of_a_larger_amplitude(bench: Bench, plain_wall: Recorded, exponent: float) -> None:
+    numbers = {"scale_mm": 20.0, "reference_amplitude": 100.0, "exponent": exponent, "saturation_amplitude": 80.0}
+    bias, plain = moved(bench, plain_wall, "amplitude_walk", **numbers)
+    expected = 20.0 * (100.0 / (plain.true_amplitude + 80.0)) ** exponent
+    np.testing.assert_allclose(bias, np.broadcast_to(expected, bias.shape), atol=ROUNDING)
+
+
+def test_saturation_far_above_all_amplitudes_is_an_offset(bench: Bench, plain_wall: Recorded) -> None:
+    numbers = {"scale_mm": 20.0, "reference_amplitude": 1e6, "exponent": 1.0, "saturation_amplitude": 1e6}
+    np.testing.assert_allclose(moved(bench, plain_wall, "amplitude_walk", **numbers)[0], 20.0, atol=ROUNDING)
 
 
 def test_walk_of_no_amplitude_is_bounded(bench: Bench) -> None:
@@ -53,6 +82,14 @@ def test_drift_settles_exponentially(bench: Bench, plain_wall: Recorded, amplitu
     bias, _ = moved(bench, plain_wall, "temperature_drift", amplitude_mm=amplitude, time_constant_s=0.7)
     time = np.arange(len(bias)) / 10.0
     expected = amplitude * (1 - np.exp(-time / 0.7))
+    np.testing.assert_allclose(bias, np.broadcast_to(expected[:, np.newaxis], bias.shape), atol=ROUNDING)
+
+
+def test_second_term_of_a_drift_adds_to_the_first(bench: Bench, plain_wall: Recorded) -> None:
+    numbers = {"amplitude_mm": 40.0, "time_constant_s": 3.0, "amplitude_2_mm": -25.0, "time_constant_2_s": 0.4}
+    bias, _ = moved(bench, plain_wall, "temperature_drift", **numbers)
+    time = np.arange(len(bias)) / 10.0
+    expected = 40 * (1 - np.exp(-time / 3.0)) - 25 * (1 - np.exp(-time / 0.4))
     np.testing.assert_allclose(bias, np.broadcast_to(expected[:, np.newaxis], bias.shape), atol=ROUNDING)
 
 

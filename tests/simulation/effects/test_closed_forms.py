@@ -101,6 +101,7 @@ NOTHING = [
     effect("flying_pixels", probability=0.0),
     effect("vignetting", corner_factor=1.0),
     effect("wiggling", amplitude_mm=0.0, phase_rad=1.0),
+    effect("tap_mismatch", amplitude_1_mm=0.0, phase_1_rad=1.0),
     effect("temporal_correlation", coefficient=0.0),
     effect("interference", probability=0.0, sigma_mm=50.0),
     effect("interference", probability=0.5, sigma_mm=0.0),

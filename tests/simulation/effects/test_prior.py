@@ -13,6 +13,7 @@ from tofmix.simulation.effects.parameter import FARTHEST, Holds, Prior, StudentP
 
 ANY_MAGNITUDE = {
     ("amplitude_walk", "reference_amplitude"),
+    ("amplitude_walk", "saturation_amplitude"),
     ("dropout", "threshold"),
     ("dropout", "threshold_noise"),
     ("phase_wrapping", "unambiguous_range_mm"),

@@ -41,6 +41,8 @@ def test_every_effect_is_drawn_by_the_command() -> None:
         ("wiggling", "12 mm", TURN * 0.01 / (2 * math.pi)),
         ("wiggling", "60 mm", TURN * 0.05 / (2 * math.pi)),
         ("wiggling", "1.874 m", TURN / 4 / 1000),
+        ("tap_mismatch", "6 mm", TURN * 0.01 / (4 * math.pi)),
+        ("tap_mismatch", "12 mm", TURN * 0.01 / (4 * math.pi * 0.5)),
         ("range_offset", "67 ps", 2 * 10 / SPEED_OF_LIGHT_MM_S * 1e12),
         (
             "multipath",

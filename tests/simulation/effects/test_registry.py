@@ -20,9 +20,10 @@ from tofmix.simulation.model_toml import explain, parse_model
 CONTRACT = {
     "range_offset": "offset_mm",
     "surface_pose": "surface shift_mm yaw_deg pitch_deg roll_deg",
-    "wiggling": "amplitude_mm phase_rad",
-    "amplitude_walk": "scale_mm reference_amplitude exponent",
-    "temperature_drift": "amplitude_mm time_constant_s",
+    "wiggling": "amplitude_mm phase_rad harmonics",
+    "tap_mismatch": "amplitude_1_mm phase_1_rad amplitude_2_mm phase_2_rad",
+    "amplitude_walk": "scale_mm reference_amplitude exponent saturation_amplitude",
+    "temperature_drift": "amplitude_mm time_constant_s amplitude_2_mm time_constant_2_s",
     "fixed_pattern": "pixel_sigma_mm column_sigma_mm row_sigma_mm map",
     "scattering": "share",
     "internal_reflection": "amplitude range_mm",
@@ -80,7 +81,17 @@ def test_each_effect_describes_itself_and_its_parameters(kind: str) -> None:
     for parameter in effect.parameters().values():
         assert parameter.sentence.endswith(".")
         assert parameter.holds is not Holds.NUMBER or parameter.unit
-        assert parameter.required or parameter.default is not None or parameter.name in {"map", "unambiguous_range_mm"}
+        assert (
+            parameter.required
+            or parameter.default is not None
+            or parameter.name
+            in {
+                "map",
+                "unambiguous_range_mm",
+                "harmonics",
+                "time_constant_2_s",
+            }
+        )
 
 
 @pytest.mark.parametrize("kind", CONTRACT)
@@ -138,6 +149,34 @@ def test_bounds_are_refused_with_value_and_bound(kind: str) -> None:
         (
             table("motion", surface="board", velocity_mm_s=1) * 2,
             'm: [[effect]] 2: kind: motion of "board" is [[effect]] 1 already',
+        ),
+        (
+            table("wiggling", amplitude_mm=1, harmonics=[8, 5]),
+            "m: [[effect]] 1: harmonics: expected a list of lists of numbers, got a list",
+        ),
+        (
+            table("wiggling", amplitude_mm=1, harmonics=[[8, 5]]),
+            "m: [[effect]] 1: harmonics: expected lists of three finite numbers, got [8.0, 5.0]",
+        ),
+        (
+            table("wiggling", amplitude_mm=1, harmonics=[[8, 5, "a"]]),
+            "m: [[effect]] 1: harmonics: expected a number at place 3 of list 1, got a string",
+        ),
+        (
+            table("wiggling", amplitude_mm=1, harmonics=[[8, 5, 7]]),
+            "m: [[effect]] 1: harmonics: 7 rad is not in [-6.28319, 6.28319]",
+        ),
+        (
+            table("wiggling", amplitude_mm=1, harmonics=[[8, 5, 1], [8, 2, 1]]),
+            "m: [[effect]] 1: harmonics: 8 periods twice",
+        ),
+        (
+            table("wiggling", amplitude_mm=1, harmonics=[[8, 5, 1], [12, 2, 1], [16, 1, 0]]),
+            "m: [[effect]] 1: harmonics: expected at most 2 lists of three numbers",
+        ),
+        (
+            table("temperature_drift", amplitude_mm=1, time_constant_s=9, amplitude_2_mm=2),
+            "m: [[effect]] 1: time_constant_2_s: missing, and amplitude_2_mm is not 0",
         ),
         (table("outliers", probability=0.9999), "m: [[effect]] 1: probability: 0.9999 is not below 0.9999"),
         (table("fixed_pattern", map="a.npy"), "m: [[effect]] 1: map: a model without a file of its own has no maps"),

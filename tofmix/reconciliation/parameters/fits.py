@@ -19,7 +19,7 @@ from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, 
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.search import Problem
 
-_MOST_CALLS = 90  # of the likelihood, for up to three numbers
+_MOST_CALLS, _CALLS_OF_ONE = 90, 30  # of the likelihood: for up to three numbers, and for each of more
 _NEAR = 0.1  # of a step, if the start is the end of another search
 _ENOUGH_X, _ENOUGH_NATS = 2e-2, 0.1  # enough for a ranking; the last step is Newton's, for all numbers together
 
@@ -74,7 +74,8 @@ def fit(
     if problem.steps and math.isfinite(value):
         steps = np.array(problem.steps) * (1.0 if start is None else _NEAR)
         simplex = np.vstack([best, best + np.diag(steps)])
-        options: Any = {"initial_simplex": simplex, "maxfev": _MOST_CALLS, "xatol": _ENOUGH_X, "fatol": _ENOUGH_NATS}
+        calls = max(_MOST_CALLS, _CALLS_OF_ONE * len(steps))
+        options: Any = {"initial_simplex": simplex, "maxfev": calls, "xatol": _ENOUGH_X, "fatol": _ENOUGH_NATS}
         found = minimize(cost, best, method="Nelder-Mead", options=options)
         best, value = np.asarray(found.x), float(found.fun)
     return Fitted(effect=problem.make(best), vector=best, problem=problem, value=-value)

@@ -24,6 +24,7 @@ from tofmix.simulation.effects.search import OUT_OF_SIGHT, Problem, SearchFacts,
 
 _LEAST_PIXELS = 12  # least pixels of a surface, for effects of this surface
 _GLANCE = 25  # frames for medians
+_COURSE_FRAMES, _COURSE_PIXELS = 100, 1000  # for the course in time: their medians are known to some 0.05 sigma
 _KNOWN_OF_MEDIAN = 2 / math.pi  # information of a median over that of a mean
 _AT_THE_EDGE = 0.95  # quantile
 _LEAST_LEVER = 0.1  # mm a degree: a tilt with less effect on ranges is not searched for
@@ -88,6 +89,7 @@ def search_facts(likelihood: Likelihood, mixture: Mixture) -> SearchFacts:
         noise_mm=sigma[lit],
         amplitudes=amplitude,
         lost_shares=lost,
+        course=partial(_course, seen_by),
         nearer=partial(_nearer, seen_by),
     )
 
@@ -112,6 +114,27 @@ def _with_pose(seen: SurfaceFacts, seen_by: Sequence[RecordingView]) -> SurfaceF
             turned_deg=(about_u, about_v),
         )
     return seen
+
+
+def _course(seen_by: Sequence[RecordingView]) -> tuple[FloatArray, FloatArray]:
+    """As `SearchFacts.course`."""
+    parts = [_course_of(view) for view in seen_by]
+    times, medians = (np.concatenate(values) for values in zip(*parts, strict=True))
+    return times[np.isfinite(medians)], medians[np.isfinite(medians)]
+
+
+def _course_of(view: RecordingView) -> tuple[FloatArray, FloatArray]:
+    """The course of one recording; NaN in frames without a valid sample."""
+    m, samples = view.mixture, view.evidence.samples
+    frames = np.linspace(0, len(samples) - 1, min(len(samples), _COURSE_FRAMES)).astype(np.int64)
+    lit = np.flatnonzero(m.of_main(m.lit))
+    lit = lit[:: max(1, lit.size // _COURSE_PIXELS)]
+    few = samples[np.ix_(frames, lit)].astype(np.float64)
+    away = np.where(few > 0, m.near_turn(few - m.of_main(m.mean)[lit]), np.nan)
+    median = np.full(frames.size, np.nan)
+    some = np.isfinite(away).any(axis=1)
+    median[some] = np.nanmedian(away[some], axis=1)
+    return np.asarray(view.evidence.time_s[frames]), median
 
 
 def _nearer(seen_by: Sequence[RecordingView], low_mm: float, high_mm: float) -> tuple[float, float, float] | None:

@@ -80,8 +80,7 @@ class ProfiledParameter:
         return out
 
     def _turned(self, change: float) -> float:
-        is_angle = self.fitted.effect.parameters()[self.name].unit == "rad"
-        return math.remainder(change, 2 * math.pi) if is_angle else change
+        return math.remainder(change, 2 * math.pi) if self.name.endswith("_rad") else change
 
 
 def parabola_error(parameter: ProfiledParameter, covariance: FloatArray) -> float:
@@ -200,8 +199,7 @@ def _settled(
 
 def numeric(effect: Effect) -> dict[str, float]:
     """An effect's numbers by name."""
-    values = {name: getattr(effect, name) for name in effect.parameters()}
-    return {name: float(v) for name, v in values.items() if isinstance(v, int | float)}
+    return effect.numbers()
 
 
 _MOST_STEPS = 4  # of Newton's to the top

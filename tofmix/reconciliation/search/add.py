@@ -23,7 +23,6 @@ from tofmix.reconciliation.search.columns import summed_up
 from tofmix.reconciliation.search.drop import drop, exchange
 from tofmix.reconciliation.search.name import (
     FAINT_SHARE,
-    PRICE_NATS,
     Trial,
     TriedEffect,
     begin_trial,
@@ -156,7 +155,7 @@ def _of_more_numbers(sets: Alternatives, added: Added) -> list[Explained]:
     pixels see, a shift alone may leave less than the laws of the others may leave.
     """
     own = {name_of(c): c.parameters for c in added.chosen}
-    return [sets.found] if any(len(t.columns) > own.get(t.name, math.inf) for t in sets.found.terms) else []
+    return [sets.found] if any(t.searched > own.get(t.name, math.inf) for t in sets.found.terms) else []
 
 
 def _alternatives(sets: Alternatives, *, larger: bool) -> list[Explained]:
@@ -171,9 +170,9 @@ def _elsewhere(search: SearchState, added: Added, begun: Explained) -> Added | N
     return None if other is None or _names(other) == _names(added) else other
 
 
-def _names(added: Added) -> set[tuple[str, str, int]]:
-    """Kinds and surfaces with how many numbers they have: a pose with tilts is another explanation than a shift."""
-    return {(*name_of(c), c.parameters) for c in added.chosen}
+def _names(added: Added) -> set[tuple[str, str, str, int]]:
+    """Kinds and surfaces with their form and numbers: a pose with tilts is another explanation than a shift."""
+    return {(*name_of(c), c.form, c.parameters) for c in added.chosen}
 
 
 def _numbers(added: Added) -> int:
@@ -181,10 +180,6 @@ def _numbers(added: Added) -> int:
     of_sets = 0 if added.sets is None else added.sets.found.numbers
     rest = (c.parameters for c in added.chosen if added.sets is None or not summed_up(c.kind))
     return of_sets + sum(rest)
-
-
-def _n_parameters(added: Added) -> int:
-    return sum(c.parameters for c in added.chosen)
 
 
 def _leads(search: SearchState, one: Added, other: Added) -> bool:
@@ -197,7 +192,7 @@ def _leads(search: SearchState, one: Added, other: Added) -> bool:
     for each in (other, one):
         # A law of more numbers follows the errors of poses, so all may move within the tolerance
         near = settled_within(likelihood, each.state, each.chosen, part, settings.tolerance)
-        values.append(likelihood.value(near, test) - PRICE_NATS * _n_parameters(each))
+        values.append(likelihood.value(near, test) - sum(c.price for c in each.chosen))
     return one.sets.found.evidence - other.sets.found.evidence + values[1] - values[0] > 0
 
 
@@ -399,7 +394,7 @@ def _faint_pattern(
     parts = fit_part(search.likelihood, search.settings), held_out(search.likelihood, search.settings)
     mixture = search.likelihood.mixture(near)
     bare, patterned = (worth(search.likelihood, near, mixture, parts, patterned=p) for p in (False, True))
-    gain = patterned - bare - PRICE_NATS * pattern.parameters
+    gain = patterned - bare - pattern.price
     return pattern if gain > needed else None
 
 
@@ -453,11 +448,11 @@ def _tolerant(
     for c in (*simple[:_TRIED], *offset):
         moved = settled_within(likelihood, c.state, [*search.chosen, c], part, tolerance)
         level = of_any_noise(likelihood, moved, part) if len(simple) > 1 else moved
-        scored.append((likelihood.value(level, test) - PRICE_NATS * c.parameters, moved, c))
+        scored.append((likelihood.value(level, test) - c.price, moved, c))
     if not scored:
         return found, -math.inf
     _, moved, best = max(scored, key=lambda tried: tried[0])
-    beyond = likelihood.value(moved, test) - PRICE_NATS * best.parameters - likelihood.value(near, test)
+    beyond = likelihood.value(moved, test) - best.price - likelihood.value(near, test)
     if found[0].fitted is None:
         return found, beyond
     return [best, *(c for c in found if c is not best)], beyond

@@ -14,7 +14,7 @@ Everything is linear and Gaussian, so hundreds of sets take some ten millisecond
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, pairwise
+from itertools import combinations, pairwise, product
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from tofmix.simulation.effects.search import Problem
 
 _SMOOTH = 3  # functions along each side of a surface
 _DISCREPANCY = 0.25  # of the tolerance: prior of a tilt, and of a smooth error of a surface's ranges
-_MOST = 4000  # most sets that are compared
+_MOST = 10_000  # most sets that are compared, 0.1 ms each
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -109,7 +109,7 @@ class Subsets:
         root = np.linalg.cholesky(np.eye(at.size) + self._gram[np.ix_(at, at)])
         half = np.linalg.solve(root, self._pull[at])
         evidence = 0.5 * float(half @ half) - float(np.log(np.diag(root)).sum())
-        evidence -= sum(math.log(t.choices) for t in chosen)
+        evidence -= sum(math.log(t.choices) + t.price_nats for t in chosen)
         found = np.linalg.solve(root.T, half) * self._prior[at]
         cuts = np.cumsum([self._of[k].size for k in numbers])[:-1]
         return Explained(terms=chosen, evidence=evidence, coefficients=tuple(np.split(found, cuts)) if chosen else ())
@@ -124,15 +124,16 @@ class Subsets:
         return sorted(best.values(), key=lambda e: -e.evidence)
 
     def _sets(self, size: int) -> Iterator[tuple[int, ...]]:
-        names = [t.name for t in self.terms]
+        of: dict[tuple[str, str], list[int]] = {}
+        for k, term in enumerate(self.terms):
+            of.setdefault(term.name, []).append(k)
         count = 0
         for most in range(size + 1):
-            if count + math.comb(len(names), most) > _MOST:
+            count += sum(math.prod(map(len, own)) for own in combinations(of.values(), most))
+            if count > _MOST:
                 return
-            for numbers in combinations(range(len(names)), most):
-                if len({names[k] for k in numbers}) == most:
-                    count += 1
-                    yield numbers
+            for own in combinations(of.values(), most):
+                yield from product(*own)
 
 
 def _products(
@@ -390,10 +391,10 @@ def as_candidates(likelihood: Likelihood, state: ModelState, found: Explained, p
 
 
 def _problem(likelihood: Likelihood, state: ModelState, term: Term) -> Problem | None:
-    """The search of a term's kind for its surface; of several, the one with the same number of numbers."""
+    """The search of a term's kind for its surface; of several, the one of its form or as many numbers."""
     own = []
     for problem in problems(term.kind, likelihood, likelihood.mixture(state)):
         effect = problem.make(np.array(problem.starts[0]))
         if getattr(effect, "surface", "") == term.surface:
             own.append(problem)
-    return min(own, key=lambda p: abs(p.parameters - len(term.columns)), default=None)
+    return min(own, key=lambda p: (p.form != term.form, abs(p.parameters - term.searched)), default=None)

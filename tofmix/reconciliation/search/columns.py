@@ -56,6 +56,12 @@ class Term:
         Makes the effect from coefficients (coefficient,); ValueError if they are out of bounds.
     choices : int
         Number of values of a nonlinear parameter among which this one is chosen.
+    searched : int
+        Free parameters of the search for the same law.
+    form : str
+        Form of the kind that this search fits.
+    price_nats : float
+        Price of an optional part of the law.
     """
 
     kind: str
@@ -63,6 +69,9 @@ class Term:
     columns: tuple[Column, ...]
     make: Callable[[FloatArray], Effect]
     choices: int = 1
+    searched: int = 0
+    form: str = ""
+    price_nats: float = 0.0
 
     @property
     def name(self) -> tuple[str, str]:
@@ -134,6 +143,9 @@ class ColumnMaker:
                 columns=tuple(made[id(c)] for c in form.coefficients),
                 make=form.make,
                 choices=form.choices,
+                searched=form.searched or len(form.coefficients),
+                form=form.form,
+                price_nats=form.price_nats,
             )
             for form in forms
         ]

@@ -17,11 +17,11 @@ def exchange(search: SearchState, part: Part) -> None:
     for k in range(len(search.chosen)):
         for rival, needed in _worth_a_trial(search, k):
             old = search.chosen[k]
-            stood = likelihood.value(search.state, test) - PRICE_NATS * old.parameters
+            stood = likelihood.value(search.state, test) - old.price
             effects = (*search.state.effects[:k], rival.effect, *search.state.effects[k + 1 :])
             trial = [*search.chosen[:k], rival, *search.chosen[k + 1 :]]
             state, trial = refit(likelihood, replace(search.state, effects=effects), trial, part)
-            if likelihood.value(state, test) - PRICE_NATS * rival.parameters > stood + needed:
+            if likelihood.value(state, test) - rival.price > stood + needed:
                 search.state, search.chosen = state, trial
 
 
@@ -69,7 +69,7 @@ def drop(search: SearchState) -> None:
             continue
         rest, others = without(search.state, k), [*search.chosen[:k], *search.chosen[k + 1 :]]
         worth_ = likelihood.value(rest, part)
-        needed = max(PRICE_NATS * candidate.parameters, _faint_gain(search, k))
+        needed = max(candidate.price, _faint_gain(search, k))
         if needed <= whole - worth_ < FAINT_SHARE * sum(c.gain for c in others) and not rest.pixel_bias.any():
             # The others were fitted together with it; without it they may have other numbers
             rest, others = refit(likelihood, rest, others, fit_part(likelihood, search.settings))
@@ -118,4 +118,4 @@ def _is_pattern(search: SearchState, number: int) -> bool:
     for each in (bare, rest):
         mixture = likelihood.mixture(each)
         values.append(worth(likelihood, each, mixture, (unseen, unseen), patterned=True))
-    return values[0] - values[1] < PRICE_NATS * candidate.parameters
+    return values[0] - values[1] < candidate.price

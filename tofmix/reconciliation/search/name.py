@@ -104,8 +104,18 @@ class TriedEffect:
 
     @property
     def score(self) -> float:
-        """Gain less the price of the parameters."""
-        return self.gain - PRICE_NATS * self.parameters
+        """Gain less the price."""
+        return self.gain - self.price
+
+    @property
+    def form(self) -> str:
+        """Which of its kind's forms it is."""
+        return "" if self.fitted is None else self.fitted.problem.form
+
+    @property
+    def price(self) -> float:
+        """Price of the parameters, and of an optional part of the law, nats."""
+        return PRICE_NATS * self.parameters + (0.0 if self.fitted is None else self.fitted.problem.price_nats)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

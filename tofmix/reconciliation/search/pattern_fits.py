@@ -122,7 +122,7 @@ def best_with_pattern(
     )
     tried: list[tuple[float, TriedEffect]] = []
     for other in _worth_a_look(others, fits):
-        price = PRICE_NATS * other.parameters
+        price = other.price
         chance = 0.5 * float(chi2.isf(alpha / len(found), max(other.parameters, 1)))
         needed = chance + _CLEAR_SHARE * max(alone - nothing, 0.0)
         mixture = likelihood.mixture(other.state)
@@ -152,12 +152,12 @@ def _worth_a_look(others: Sequence[TriedEffect], fits: "_Fits") -> list[TriedEff
     Of the other candidates, the best of each kind. In the presence of a pattern static candidates lose most of their
     gain, so a candidate with a small gain alone may be the best.
     """
-    gaining = [c for c in others if c.gain > PRICE_NATS * c.parameters + _CLEAR_NATS]
+    gaining = [c for c in others if c.gain > c.price + _CLEAR_NATS]
     moving = {c.kind: c for c in reversed(gaining) if not c.static}
     alone = [*[c for c in gaining if c.static][:1], *moving.values()]
     moved = [fits.beside(c) for c in others if c.static]
     moved.sort(key=lambda pair: PRICE_NATS * pair[1].parameters - pair[0])
-    return [c for gain, c in moved[:_TRIED] if gain > PRICE_NATS * c.parameters] + alone
+    return [c for gain, c in moved[:_TRIED] if gain > c.price] + alone
 
 
 def settled_within(

@@ -75,12 +75,12 @@ def _implausible(chosen: Sequence[TriedEffect]) -> Iterator[Contradiction]:
         effect = candidate.effect
         far = [name for name, p in effect.priors().items() if not _possible(effect, name, p.farthest)]
         if far and not effect.plausible():
-            values = " and ".join(f"{name} {getattr(effect, name):.4g}" for name in far)
+            values = " and ".join(f"{name} {effect.numbers()[name]:.4g}" for name in far)
             yield Contradiction(number=number, reason=f"would need {values}, beyond that of real cameras and scenes")
 
 
 def _possible(effect: Effect, name: str, limits: tuple[float, float]) -> bool:
-    return bool(limits[0] <= getattr(effect, name) <= limits[1])
+    return bool(limits[0] <= effect.numbers()[name] <= limits[1])
 
 
 def _refuted(likelihood: Likelihood, chosen: Sequence[TriedEffect], alpha: float) -> Iterator[Contradiction]:

@@ -26,6 +26,7 @@ from tofmix.simulation.effects.saturation import Saturation
 from tofmix.simulation.effects.scattering import Scattering
 from tofmix.simulation.effects.stuck_pixels import StuckPixels
 from tofmix.simulation.effects.surface_pose import SurfacePose
+from tofmix.simulation.effects.tap_mismatch import TapMismatch
 from tofmix.simulation.effects.temperature_drift import TemperatureDrift
 from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 from tofmix.simulation.effects.vignetting import Vignetting
@@ -41,6 +42,7 @@ EFFECTS: dict[str, type[Effect]] = {
     "flying_pixels": FlyingPixels,
     "vignetting": Vignetting,
     "wiggling": Wiggling,
+    "tap_mismatch": TapMismatch,
     "temporal_correlation": TemporalCorrelation,
     "interference": Interference,
     "saturation": Saturation,

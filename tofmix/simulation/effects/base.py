@@ -357,18 +357,25 @@ class Effect:
         if plane is not None and plane.values.shape != (sensor.rows, sensor.cols):
             raise ValueError(f"map: shape {plane.values.shape} differs from the image {(sensor.rows, sensor.cols)}")
 
+    def numbers(self) -> dict[str, float]:
+        """Its numbers by name: the parameters that are one, and those within parameters that hold several."""
+        values = {name: getattr(self, name) for name in self.parameters()}
+        return {name: float(v) for name, v in values.items() if isinstance(v, int | float)}
+
     def priors(self) -> dict[str, Prior]:
         """The prior density of each number that has one, given the other numbers; for `reconcile`."""
-        declared = ((p.name, p.prior) for p in self.parameters().values())
-        return {name: prior for name, prior in declared if prior is not None and getattr(self, name) is not None}
+        declared, own = self.parameters(), self.numbers()
+        return {name: prior for name, p in declared.items() if (prior := p.prior) is not None and name in own}
 
     def log_prior(self) -> float:
         """Log of the prior density of the numbers, each in its unit; minus infinity where no camera has them."""
-        return sum(prior.log_density(getattr(self, name)) for name, prior in self.priors().items())
+        own = self.numbers()
+        return sum(prior.log_density(own[name]) for name, prior in self.priors().items())
 
     def plausible(self) -> bool:
         """Whether a real camera can have these numbers; if not, they are the trace of another cause."""
-        return all(prior.deviate(getattr(self, name)) <= FARTHEST for name, prior in self.priors().items())
+        own = self.numbers()
+        return all(prior.deviate(own[name]) <= FARTHEST for name, prior in self.priors().items())
 
     def frame_bias(self, time_s: FloatArray) -> FloatArray | None:  # noqa: ARG002  for those that are one
         """Bias (frame,) of all lit samples of the frames at some times, mm, if the effect is nothing else; or None."""

@@ -187,6 +187,12 @@ def about(median: float, factor: float) -> StudentPrior:
 
 _METADATA = "tofmix"
 
+MOST_SINES = 2
+"""Most sines in a list: with more, a sine of range describes any bias."""
+
+_SINE = ((1.0, 64.0), (0.0, 1000.0), (-2 * math.pi, 2 * math.pi))
+"""Bounds of its periods a turn, its amplitude, mm, and its phase, rad."""
+
 
 class Holds(Enum):
     """Type of a parameter's value."""
@@ -194,6 +200,7 @@ class Holds(Enum):
     NUMBER = "number"
     SURFACE = "name of a surface"
     MAP = "map"
+    SINES = "list of [periods a turn, mm, rad]"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -251,6 +258,8 @@ class Parameter:
 
     def refusal(self, value: object) -> str:
         """Why `value` is refused, beginning with the key; empty if it is not."""
+        if self.holds is Holds.SINES:
+            return _refusal_of_sines(self.name, value)
         if self.holds is not Holds.NUMBER or (value is None and not self.required):
             return ""
         if not isinstance(value, int | float) or not math.isfinite(value):
@@ -258,6 +267,20 @@ class Parameter:
         below = value <= self.low if self.low_open else value < self.low
         above = value >= self.high if self.high_open else value > self.high
         return f"{self.name}: {value:g} is not in {self.bounds}" if below or above else ""
+
+
+def _refusal_of_sines(name: str, value: object) -> str:
+    """Why a list of sines is refused, beginning with the key; empty if it is not."""
+    if not isinstance(value, tuple) or len(value) > MOST_SINES:
+        return f"{name}: expected at most {MOST_SINES} lists of three numbers"
+    for sine in value:
+        if len(sine) != len(_SINE) or not all(math.isfinite(number) for number in sine):
+            return f"{name}: expected lists of three finite numbers, got {list(sine)}"
+        for unit, number, (low, high) in zip(("periods a turn", "mm", "rad"), sine, _SINE, strict=True):
+            if not low <= number <= high:
+                return f"{name}: {number:g} {unit} is not in [{low:g}, {high:g}]"
+    periods = [sine[0] for sine in value]
+    return f"{name}: {max(periods, key=periods.count):g} periods twice" if len(set(periods)) < len(periods) else ""
 
 
 def _shown(value: float) -> str:
@@ -326,6 +349,12 @@ def pixel_map(sentence: str) -> Any:  # noqa: ANN401  as dataclasses.field
     """A dataclass field that holds a `PixelMap`, mm, or None."""
     declared = {"sentence": sentence, "unit": "mm", "holds": Holds.MAP, "required": False}
     return field(default=None, compare=False, metadata={_METADATA: declared})
+
+
+def sines(sentence: str) -> Any:  # noqa: ANN401  as dataclasses.field
+    """A dataclass field that holds a tuple of sines of range: periods a turn, mm, rad; empty if it is left out."""
+    declared = {"sentence": sentence, "unit": "", "holds": Holds.SINES, "required": False}
+    return field(default=(), metadata={_METADATA: declared})
 
 
 def declared_parameters(kind: type) -> Iterator[Parameter]:

@@ -18,6 +18,10 @@ from tofmix.simulation.effects.parameter import Holds, Parameter
 if TYPE_CHECKING:
     from tofmix.simulation.surface import Surface
 
+EFFECT_NATS = 7.8
+"""Price of one more effect, and of an optional part of a law that another camera does not have: log of some 25
+kinds and surfaces that could be named, over one false alarm in 100 recordings."""
+
 OUT_OF_SIGHT = 3.0
 """Distance, in sigma, from which a likelihood has no slope towards samples."""
 
@@ -37,12 +41,18 @@ class Problem:
         First steps.
     other : callable, optional
         Whether a vector is so close to a bound, or so large, that another effect describes the same.
+    form : str
+        Which of the kind's forms it fits; empty where its numbers say so.
+    price_nats : float
+        Price of an optional part of the law, beyond that of its numbers.
     """
 
     make: Callable[[FloatArray], Effect]
     starts: tuple[tuple[float, ...], ...]
     steps: tuple[float, ...]
     other: Callable[[FloatArray], bool] | None = None
+    form: str = ""
+    price_nats: float = 0.0
 
     @property
     def parameters(self) -> int:
@@ -110,6 +120,8 @@ class SearchFacts:
         with a return.
     amplitudes, lost_shares : (pixel,) float64
         Predicted amplitude and share of invalid samples of all pixels.
+    course : callable
+        Times, s, of some frames and the median of measured minus predicted range in each, mm: (frame,), (frame,).
     nearer : callable
         Share, median and spread, mm, of the samples that are nearer than all that the model has in their pixel and
         between two ranges, mm; None without such samples.
@@ -128,6 +140,7 @@ class SearchFacts:
     noise_mm: FloatArray
     amplitudes: FloatArray
     lost_shares: FloatArray
+    course: Callable[[], tuple[FloatArray, FloatArray]]
     nearer: Callable[[float, float], tuple[float, float, float] | None]
 
     @property
@@ -172,12 +185,21 @@ class LinearForm:
         Surface of the effect; empty for an effect of the camera.
     choices : int
         Number of forms of this kind and surface, of which one is chosen.
+    searched : int
+        Free parameters of this `Problem`; as many as coefficients if it is 0.
+    form : str
+        That of the `Problem` that fits the same law to samples.
+    price_nats : float
+        As that of the `Problem`.
     """
 
     coefficients: tuple[Coefficient, ...]
     make: Callable[[FloatArray], Effect]
     surface: str = ""
     choices: int = 1
+    searched: int = 0
+    form: str = ""
+    price_nats: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

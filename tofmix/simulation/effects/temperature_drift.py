@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
@@ -14,6 +14,7 @@ from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import StudentPrior, about, number
 from tofmix.simulation.effects.range_offset import RangeOffset
 from tofmix.simulation.effects.search import (
+    EFFECT_NATS,
     Coefficient,
     FormFacts,
     LinearForm,
@@ -25,6 +26,18 @@ from tofmix.simulation.effects.search import (
 
 _TAUS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 """Time constants of linear forms, as parts of the duration."""
+
+_PAIRS = ((0.15, 0.02), (0.4, 0.05), (1.2, 0.1))
+"""Pairs of time constants of linear forms, likewise."""
+
+_APART = 2.0
+"""Least ratio of two time constants: nearer ones are one."""
+
+_GRID, _BEST = 12, 3
+"""Time constants of the grid where searches for two begin, and pairs of them that are tried."""
+
+_TWO = "two time constants"
+"""Name of the form."""
 
 _LEAST_FRAMES = 3.0
 """Least time constant, in frames: a faster drift is an offset with a bad first frame."""
@@ -38,10 +51,15 @@ _PAUSED = 1.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TemperatureDrift(Effect):
-    """Bias ``amplitude_mm * (1 - exp(-t / time_constant_s))``, t the time since the first frame.
+    """Bias ``amplitude_mm * (1 - exp(-t / time_constant_s))``, t from the first frame on, and a second such term.
 
     The delay of the light source's driver and of the pixel changes with temperature, and both warm up after power-on.
     Some mm to some ten mm over 20 to 40 minutes are reported. The time constant is the housing's.
+
+    The chip of the light source has far less heat to take up than the housing and warms up within seconds, with a delay
+    of its own sign: ranges then fall first and rise later, or the other way round. `amplitude_2_mm` and
+    `time_constant_2_s` are this second term. `reconcile` looks for it at the price of one more effect, and gives the
+    longer time constant first.
 
     References
     ----------
@@ -81,14 +99,44 @@ class TemperatureDrift(Effect):
         typical=(60, 1800),
         prior=about(120, 10),
     )
+    amplitude_2_mm: float = number(
+        "Final bias of a second term.",
+        unit="mm",
+        low=-1000,
+        high=1000,
+        default=0,
+        zero=0,
+        typical=(2, 20),
+        prior=StudentPrior(scale=10, dof=3),
+    )
+    time_constant_2_s: float | None = number(
+        "Time until 63 % of it; needed where `amplitude_2_mm` is not 0.",
+        unit="s",
+        low=0,
+        high=1e6,
+        low_open=True,
+        required=False,
+        typical=(5, 60),
+        prior=about(20, 8),
+    )
+
+    def __post_init__(self) -> None:
+        Effect.__post_init__(self)
+        if self.amplitude_2_mm and self.time_constant_2_s is None:
+            raise ValueError("time_constant_2_s: missing, and amplitude_2_mm is not 0")
 
     @classmethod
     def problems(cls, facts: SearchFacts) -> Iterator[Problem]:
-        """The drift at the end, which is independent of the time constant, and the logarithm of the time constant."""
+        """The drift at the end, which is independent of the time constant, and the logarithm of the time constant.
+
+        Then both of two terms.
+        """
         fastest = max(facts.recorded_s / 100, _LEAST_FRAMES * facts.interval_s)
 
-        def make(x: FloatArray) -> Effect:
-            tau = math.exp(bounded(x[1], math.log(fastest), math.log(facts.duration_s * 30)))
+        second = max(facts.recorded_s / 100, facts.interval_s)  # beside a slow one it is no offset
+
+        def make(x: FloatArray, least_s: float = fastest) -> "TemperatureDrift":
+            tau = math.exp(bounded(x[1], math.log(least_s), math.log(facts.duration_s * 30)))
             reached = -math.expm1(-facts.duration_s / tau)
             return cls(amplitude_mm=float(x[0]) * facts.sigma_mm / reached, time_constant_s=tau)
 
@@ -102,9 +150,28 @@ class TemperatureDrift(Effect):
             other=lambda x: bool(x[1] < math.log(_AT_ONCE * fastest)),
         )
 
+        def both(x: FloatArray) -> Effect:
+            slow, fast = make(x[:2]), make(x[2:], second)
+            bounded(slow.time_constant_s / fast.time_constant_s, _APART, math.inf)
+            return replace(slow, amplitude_2_mm=fast.amplitude_mm, time_constant_2_s=fast.time_constant_s)
+
+        def vector(two: tuple[float, float, float, float]) -> tuple[float, ...]:
+            a, slow, b, fast = two
+            reached = [-math.expm1(-facts.duration_s / tau) / facts.sigma_mm for tau in (slow, fast)]
+            return a * reached[0], math.log(slow), b * reached[1], math.log(fast)
+
+        yield Problem(
+            make=both,
+            starts=tuple(vector(two) for two in two_terms(*facts.course(), (1.5 * second, 10 * facts.duration_s))),
+            steps=(0.3, 0.4, 0.3, 0.4),
+            other=lambda x: bool(x[3] < math.log(_AT_ONCE * second) or x[1] - x[3] < math.log(_AT_ONCE * _APART)),
+            form=_TWO,
+            price_nats=EFFECT_NATS,
+        )
+
     @classmethod
     def linear_forms(cls, facts: FormFacts) -> Iterator[LinearForm]:
-        """The amplitude, for each of some time constants: an offset with its course in time."""
+        """The amplitude, for each of some time constants: an offset with its course in time. Then both of two terms."""
         size, spread = facts.sigma_mm, spread_of(cls, "amplitude_mm")
         constant = RangeOffset(offset_mm=size)
 
@@ -117,11 +184,38 @@ class TemperatureDrift(Effect):
         for part in _TAUS:
             tau_s = part * facts.duration_s
             one = Coefficient(effect=constant, size=size, spread=spread, course=partial(rise, tau_s))
-            yield LinearForm(coefficients=(one,), make=partial(made, tau_s), choices=len(_TAUS))
+            yield LinearForm(coefficients=(one,), make=partial(made, tau_s), choices=len(_TAUS), searched=2)
+
+        def both(taus_s: tuple[float, float], c: FloatArray) -> Effect:
+            slow, fast = taus_s
+            return cls(
+                amplitude_mm=float(c[0]), time_constant_s=slow, amplitude_2_mm=float(c[1]), time_constant_2_s=fast
+            )
+
+        spreads = spread, spread_of(cls, "amplitude_2_mm")
+        for parts in _PAIRS:
+            slow, fast = (part * facts.duration_s for part in parts)
+            two = tuple(
+                Coefficient(effect=constant, size=size, spread=own, course=partial(rise, tau_s))
+                for tau_s, own in zip((slow, fast), spreads, strict=True)
+            )
+            yield LinearForm(
+                coefficients=two,
+                make=partial(both, (slow, fast)),
+                choices=len(_PAIRS),
+                searched=4,
+                form=_TWO,
+                price_nats=EFFECT_NATS,
+            )
 
     def explain(self) -> str:
         """One sentence."""
-        return f"ranges drift by {self.amplitude_mm:+g} mm in all, 63 % of it within {self.time_constant_s:g} s"
+        if not self.amplitude_2_mm:
+            return f"ranges drift by {self.amplitude_mm:+g} mm in all, 63 % of it within {self.time_constant_s:g} s"
+        return (
+            f"ranges drift by {self.amplitude_mm:+g} mm, 63 % of it within {self.time_constant_s:g} s, "
+            f"and besides by {self.amplitude_2_mm:+g} mm, 63 % of it within {self.time_constant_2_s or 0:g} s"
+        )
 
     @property
     def settled_after_s(self) -> float:
@@ -135,8 +229,42 @@ class TemperatureDrift(Effect):
 
     def frame_bias(self, time_s: FloatArray) -> FloatArray:
         """Bias at some times, mm."""
-        return np.asarray(self.amplitude_mm * -np.expm1(-time_s / self.time_constant_s))
+        bias = np.asarray(self.amplitude_mm * -np.expm1(-time_s / self.time_constant_s))
+        if not self.amplitude_2_mm or self.time_constant_2_s is None:
+            return bias
+        return np.asarray(bias + self.amplitude_2_mm * -np.expm1(-time_s / self.time_constant_2_s))
 
     def act(self, echoes: Echoes, context: Context) -> None:
         """Add the bias of this time."""
         echoes.add_bias(self.frame_bias(np.array(context.time_s)))
+
+
+def two_terms(
+    time_s: FloatArray, bias_mm: FloatArray, limits_s: tuple[float, float]
+) -> list[tuple[float, float, float, float]]:
+    """The two terms that explain most of a bias in time, beside a constant: linear least squares on a grid.
+
+    Parameters
+    ----------
+    time_s, bias_mm : (n,) float64
+        Times, s, and the bias then, mm.
+    limits_s : (float, float)
+        Least and largest time constant, s.
+
+    Returns
+    -------
+    list of (float, float, float, float)
+        Final bias, mm, and time constant, s, of the slower and of the faster term, for the best pairs of time
+        constants, the best first.
+    """
+    taus = np.geomspace(*limits_s, _GRID)
+    rises = -np.expm1(-time_s[:, None] / taus)
+    found = []
+    for slow in range(_GRID):
+        for fast in range(slow):
+            if taus[slow] > _AT_ONCE * _APART * taus[fast]:
+                columns = np.stack([rises[:, slow], rises[:, fast], np.ones(time_s.size)], axis=1)
+                numbers = np.linalg.lstsq(columns, bias_mm, rcond=1e-6)[0]
+                left = float(((bias_mm - columns @ numbers) ** 2).sum())
+                found.append((left, (float(numbers[0]), float(taus[slow]), float(numbers[1]), float(taus[fast]))))
+    return [terms for _, terms in sorted(found)[:_BEST]]
