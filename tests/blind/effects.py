@@ -332,6 +332,23 @@ class AmbientLight(Effect):
 
 
 @dataclass(frozen=True, kw_only=True)
+class SunOnBoard(Effect):
+    """Sun through a window onto one board: so many times its ambient electrons, the signal as it was."""
+
+    surface: str
+    times: float
+    kind = "excess_noise"
+
+    def light(self, x: Exposure) -> None:
+        on = x.surface == [s.name for s in x.surfaces].index(self.surface)
+        ambient = np.maximum(x.charge - np.abs(x.z), 0)
+        x.charge += np.where(on, np.float32(self.times - 1) * ambient, np.float32(0))
+
+    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
+        return {"factor": math.sqrt(self.times), "surface": self.surface}
+
+
+@dataclass(frozen=True, kw_only=True)
 class FallingIllumination(Effect):
     """A lamp that is weaker off its axis, as cos(angle)^power."""
 

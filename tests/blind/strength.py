@@ -28,7 +28,7 @@ UNITS = {
     "multipath": "bias, median sigma on the board",
     "phase_wrapping": "none: through a gate (faint), or the hall's end (clear)",
     "flying_pixels": "probability",
-    "excess_noise": "factor - 1",
+    "excess_noise": "factor - 1; of one board, times the root of its share of the image",
     "vignetting": "corner factor - 1",
     "near_return": "share of the samples",
     "outliers": "probability",
@@ -144,8 +144,12 @@ def _flying(size: float, rng: np.random.Generator, place: Place) -> Effect:  # n
     return fx.WholeBeam(probability=min(size, 1.0))
 
 
-def _ambient(size: float, rng: np.random.Generator, place: Place) -> Effect:  # noqa: ARG001
-    return fx.AmbientLight(times=(1 + size) ** 2)
+def _ambient(size: float, rng: np.random.Generator, place: Place) -> Effect:
+    """More light everywhere, or on one board: there by as much more as fewer pixels show it."""
+    if rng.random() < 0.5:
+        return fx.AmbientLight(times=(1 + size) ** 2)
+    of = main_layers(place)[2] == [s.name for s in place.surfaces].index(TARGET)
+    return fx.SunOnBoard(surface=TARGET, times=(1 + size / math.sqrt(float(of.mean()))) ** 2)
 
 
 def _falling(size: float, rng: np.random.Generator, place: Place) -> Effect:  # noqa: ARG001

@@ -154,6 +154,15 @@ def test_ambient_light_multiplies_the_noise() -> None:
     assert np.median(_ratio(mechanism)[MAIN]) == pytest.approx(factor, rel=0.02)
 
 
+def test_sun_on_a_board_multiplies_its_noise_alone() -> None:
+    mechanism = fx.SunOnBoard(surface="near", times=4.0)
+    ratio, of = _ratio(mechanism), mechanism.equivalent(PLACE)
+    assert of["surface"] == "near"
+    assert np.median(ratio[MAIN & (SURFACE == 1)]) == pytest.approx(of["factor"], rel=0.03)
+    np.testing.assert_array_equal(ratio[MAIN & (SURFACE != 1)], 1.0)
+    assert np.abs(bias(mechanism)[MAIN & (SURFACE == 1)] / SIGMA[MAIN & (SURFACE == 1)]).max() < 0.6  # noise alone
+
+
 def test_falling_illumination_divides_amplitude_and_multiplies_noise() -> None:
     mechanism = fx.FallingIllumination(power=3.0)
     cosine = mechanism.axis_cosine(DEVICE).reshape(24, 32)

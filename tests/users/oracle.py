@@ -335,6 +335,15 @@ def _reflection(laws: _Laws) -> Iterator[list[_Column]]:
         yield [laws.of(small, "internal_reflection", amplitude=small, range_mm=range_mm)]
 
 
+def _noise(laws: _Laws) -> Iterator[list[_Column]]:
+    """Of all surfaces, and of each."""
+    yield [laws.of(_SMALL, "excess_noise", factor=math.exp(_SMALL))]
+    if len(laws.given.surfaces) > 1:
+        yield from _per_surface(
+            laws, lambda name: [laws.of(_SMALL, "excess_noise", factor=math.exp(_SMALL), surface=name)]
+        )
+
+
 _COLUMNS: dict[str, Callable[[_Laws], Iterator[list[_Column]]]] = {
     "range_offset": lambda laws: iter([[laws.of(1.0, "range_offset", offset_mm=1.0)]]),
     "surface_pose": _pose,
@@ -345,6 +354,6 @@ _COLUMNS: dict[str, Callable[[_Laws], Iterator[list[_Column]]]] = {
     "temperature_drift": _drift,
     "scattering": lambda laws: iter([[laws.of(_SMALL, "scattering", share=_SMALL)]]),
     "internal_reflection": _reflection,
-    "excess_noise": lambda laws: iter([[laws.of(_SMALL, "excess_noise", factor=math.exp(_SMALL))]]),
+    "excess_noise": _noise,
     "vignetting": lambda laws: iter([[laws.of(_SMALL, "vignetting", corner_factor=math.exp(_SMALL))]]),
 }

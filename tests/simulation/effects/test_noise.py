@@ -12,6 +12,18 @@ def test_excess_noise_scales_each_deviation(bench: Bench, plain_wall: Recorded, 
     assert abs(other.range_mm - plain_wall.true_mm - factor * deviation).max() <= 0.5 * (1 + factor) + 0.01
 
 
+def test_excess_noise_of_one_surface_changes_its_samples_alone(bench: Bench) -> None:
+    plain = bench.boards(frames=100)
+    other = bench.boards(effect("excess_noise", factor=3.0, surface="far"), frames=100)
+    far = plain.truth.surface.reshape(-1, 3) == 2
+    amplitude = np.where(far, plain.truth.amplitude.reshape(-1, 3), np.nan)
+    from_far = (plain.amplitude[..., np.newaxis] == amplitude).any(axis=-1)
+    assert 0.05 < from_far.mean() < 0.5
+    np.testing.assert_array_equal(other.stored[~from_far], plain.stored[~from_far])
+    np.testing.assert_array_equal(other.amplitude, plain.amplitude)
+    assert (other.stored[from_far] != plain.stored[from_far]).mean() > 0.8
+
+
 @pytest.mark.parametrize("probability", [0.0, 0.3, 1.0])
 @pytest.mark.parametrize("sigma", [0.0, 50.0])
 def test_interference_adds_in_quadrature_in_some_frames(

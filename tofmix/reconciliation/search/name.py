@@ -25,7 +25,7 @@ from tofmix.reconciliation.search import links
 from tofmix.reconciliation.search.links import find_lattice
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.base import Target
-from tofmix.simulation.effects.excess_noise import ExcessNoise
+from tofmix.simulation.effects.excess_noise import ExcessNoise, scales_all_noise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.interference import Interference
 from tofmix.simulation.effects.stuck_pixels import StuckPixels
@@ -312,7 +312,7 @@ def tolerated(likelihood: Likelihood, state: ModelState, part: Part, tolerance: 
     if tolerance <= 0:
         return state
     best, value = _within(likelihood, state, part, tolerance)
-    if any(isinstance(e, ExcessNoise) for e in (*likelihood.scene.effects, *state.effects)):
+    if any(map(scales_all_noise, (*likelihood.scene.effects, *state.effects))):
         return best
     if state.bursts is not None:  # integrated out below, but not where poses were moved
         value = likelihood.value(best, part)
@@ -333,9 +333,9 @@ def of_any_noise(likelihood: Likelihood, state: ModelState, part: Part) -> Model
     Static effects on light change the noise too. Noise has many causes, such as a pattern that is not fitted yet, so
     effects are compared by their biases.
     """
-    if state.bursts is not None or any(isinstance(e, ExcessNoise) for e in likelihood.scene.effects):
+    if state.bursts is not None or any(map(scales_all_noise, likelihood.scene.effects)):
         return state
-    others = tuple(e for e in state.effects if not isinstance(e, ExcessNoise))
+    others = tuple(e for e in state.effects if not scales_all_noise(e))
 
     def scaled(log_factor: float) -> ModelState:
         return replace(state, effects=(*others, ExcessNoise(factor=math.exp(log_factor))))

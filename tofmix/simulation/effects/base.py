@@ -306,7 +306,8 @@ class Effect:
         if self.acts_on_phase:
             refuse_without_phase(self.kind, sensor)
         name = getattr(self, "surface", None)
-        if name is not None and name not in surfaces:
+        may_be_all = name == "" and not self.parameters()["surface"].required
+        if name is not None and not may_be_all and name not in surfaces:
             raise ValueError(f'surface: "{name}" is not a surface of this model{nearest(name, surfaces)}')
         plane = getattr(self, "map", None)
         if plane is not None and plane.values.shape != (sensor.rows, sensor.cols):

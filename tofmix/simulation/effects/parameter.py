@@ -212,7 +212,7 @@ class Parameter:
         Bounds of a number; infinite without a bound.
     low_open, high_open : bool
         Whether the bound itself is refused.
-    default : float or None
+    default : float, str or None
         Value if the key is left out; None without a default.
     required : bool
         Whether the key must be given.
@@ -233,7 +233,7 @@ class Parameter:
     high: float = math.inf
     low_open: bool = False
     high_open: bool = False
-    default: float | None = None
+    default: float | str | None = None
     required: bool = True
     zero: float | None = None
     typical: tuple[float, float] = (math.nan, math.nan)
@@ -317,9 +317,11 @@ def number(
     return field(default=MISSING if required else default, metadata={_METADATA: declared})
 
 
-def surface(sentence: str) -> Any:  # noqa: ANN401  as dataclasses.field
-    """A dataclass field that holds the name of one of the model's surfaces."""
-    return field(metadata={_METADATA: {"sentence": sentence, "unit": "", "holds": Holds.SURFACE}})
+def surface(sentence: str, *, required: bool = True) -> Any:  # noqa: ANN401  as dataclasses.field
+    """A dataclass field that holds the name of one of the model's surfaces; empty for all, where it may be left out."""
+    default = None if required else ""
+    declared = {"sentence": sentence, "unit": "", "holds": Holds.SURFACE, "required": required, "default": default}
+    return field(default=MISSING if required else default, metadata={_METADATA: declared})
 
 
 def pixel_map(sentence: str) -> Any:  # noqa: ANN401  as dataclasses.field
