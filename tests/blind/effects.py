@@ -228,6 +228,27 @@ class SecondBounce(Effect):
 
 
 @dataclass(frozen=True, kw_only=True)
+class WaxBoard(Effect):
+    """A board that light enters: it comes out after ways of an exponential distribution, of a mean as a range."""
+
+    surface: str
+    depth_mm: float
+    kind = "surface_offset"
+
+    def response(self, device: Device) -> complex:
+        """The mean of exp(i k s) over the ways: 1 / (1 - i k depth), k = 2 pi / d_u."""
+        return 1 / (1 - 2j * math.pi * self.depth_mm / device.unambiguous_mm)
+
+    def light(self, x: Exposure) -> None:
+        on = x.surface == [s.name for s in x.surfaces].index(self.surface)
+        x.z[on] *= np.complex64(self.response(x.device))
+
+    def equivalent(self, place: Place) -> Parameters:
+        turn = float(np.angle(self.response(place.device)))
+        return {"surface": self.surface, "offset_mm": turn * place.device.unambiguous_mm / (2 * math.pi)}
+
+
+@dataclass(frozen=True, kw_only=True)
 class WindowGlare(Effect):
     """Light of the lamp that the window throws straight back into the lens: so many electrons, after a short way."""
 

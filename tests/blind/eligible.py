@@ -12,6 +12,7 @@ CLOSED = ("boards", "slanted_wall", "corner", "near_far", "stairs", "room")  # n
 FAMILIES: dict[str, tuple[str, ...]] = {
     "range_offset": ("boards", "slanted_wall", "corner", "near_far", "stairs", "room", "corridor"),
     "surface_pose": ("boards", "near_far", "stairs", "slanted_wall", "corner", "room"),
+    "surface_offset": ("boards", "near_far", "stairs", "slanted_wall", "corner", "room"),
     "wiggling": ("slanted_wall", "corridor", "room", "stairs", "corner"),
     "amplitude_walk": ("near_far", "room", "corridor", "slanted_wall"),
     "temperature_drift": EVERY,
@@ -53,6 +54,12 @@ INSEPARABLE: tuple[tuple[str, str, str], ...] = (
     ("range_offset", "surface_pose", "one flat surface that faces the camera: its place and a delay are one number"),
     ("range_offset", "multipath", "a second bounce on every surface alike, if the amplitude's scale is unknown"),
     ("surface_pose", "multipath", "a small board that faces the camera, if its reflectivity is unknown"),
+    (
+        "surface_offset",
+        "surface_pose",
+        "a small board that faces the camera: its place and material are one number",
+    ),
+    ("surface_offset", "multipath", "no amplitudes: a path a quarter turn longer moves ranges and leaves the noise"),
     ("wiggling", "surface_pose", "boards that face the camera, each at one range: a sine has any value at each"),
     ("amplitude_walk", "surface_pose", "boards that face the camera, each of one amplitude"),
     ("temperature_drift", "motion", "one surface: it moves, or all ranges do"),

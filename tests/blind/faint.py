@@ -30,6 +30,7 @@ NULLS, RESPONSES, CHECKS = 12, 6, 12
 TEMPLATES = (
     "range_offset",
     "surface_pose",
+    "surface_offset",
     "wiggling",
     "amplitude_walk",
     "temperature_drift",

@@ -191,6 +191,7 @@ _RULES: dict[str, _Rule] = {
     "wiggling": _wave,
     "multipath": _bounce,
     "excess_noise": _of_its_surface,
+    "surface_offset": _of_its_surface,
     "amplitude_walk": _lag,
     "dropout": _losses,
     "saturation": _well,

@@ -19,6 +19,7 @@ Maker = Callable[[float, np.random.Generator, Place], Effect]
 UNITS = {
     "range_offset": "offset, median sigma of the image",
     "surface_pose": "shift, median sigma on the board",
+    "surface_offset": "bias, median sigma on the board",
     "wiggling": "amplitude, median sigma of the image",
     "amplitude_walk": "root mean square bias, sigma",
     "temperature_drift": "final bias, median sigma of the image",
@@ -71,6 +72,11 @@ def _offset(size: float, rng: np.random.Generator, place: Place) -> Effect:
 
 def _pose(size: float, rng: np.random.Generator, place: Place) -> Effect:
     return fx.MisplacedBoard(surface=TARGET, shift_mm=_sign(rng) * size * _target_sigma(place))
+
+
+def _wax(size: float, rng: np.random.Generator, place: Place) -> Effect:  # noqa: ARG001
+    k = 2 * math.pi / place.device.unambiguous_mm
+    return fx.WaxBoard(surface=TARGET, depth_mm=math.tan(k * size * _target_sigma(place)) / k)
 
 
 def _wiggling(size: float, rng: np.random.Generator, place: Place) -> Effect:
@@ -220,6 +226,7 @@ def _leaky(size: float, rng: np.random.Generator, place: Place) -> Effect:  # no
 MAKERS: dict[str, Maker] = {
     "range_offset": _offset,
     "surface_pose": _pose,
+    "surface_offset": _wax,
     "wiggling": _wiggling,
     "amplitude_walk": _walk,
     "temperature_drift": _drift,

@@ -87,6 +87,10 @@ def _bounce(p: dict[str, float]) -> Array:
     return np.where(SURFACE == 0, _turned(1 + p["share"] * turn), 0.0)
 
 
+def _wax(p: dict[str, float]) -> Array:
+    return np.where(SURFACE == 0, p["offset_mm"], 0.0)
+
+
 def _glare(p: dict[str, float]) -> Array:
     window = p["amplitude"] * np.exp(2j * math.pi * p["range_mm"] / DEVICE.unambiguous_mm)
     return _turned(1 + window / (AMPLITUDE * DEVICE.phasor(RANGE)))
@@ -102,6 +106,7 @@ def _glare(p: dict[str, float]) -> Array:
         (fx.StrayLight(share=0.01), _stray),
         (fx.SecondBounce(surface=TARGET, share=0.04, extra_path_mm=1500.0), _bounce),
         (fx.WindowGlare(glare_electrons=12_000.0, way_mm=60.0), _glare),
+        (fx.WaxBoard(surface=TARGET, depth_mm=35.0), _wax),
     ],
     ids=lambda value: getattr(value, "kind", ""),
 )

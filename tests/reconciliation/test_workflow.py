@@ -27,6 +27,7 @@ HIDDEN: dict[str, Effect] = {
     for effect in (
         MAKE["range_offset"](offset_mm=15.0),
         MAKE["surface_pose"](surface="middle", shift_mm=20.0),
+        MAKE["surface_offset"](surface="middle", offset_mm=35.0),
         MAKE["wiggling"](amplitude_mm=15.0, phase_rad=0.7),
         MAKE["amplitude_walk"](scale_mm=8.0, reference_amplitude=100.0, exponent=0.8),
         MAKE["temperature_drift"](amplitude_mm=40.0, time_constant_s=2.0),

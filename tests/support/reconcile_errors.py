@@ -28,6 +28,7 @@ LATENT = ("interference", "temporal_correlation", "quantisation")
 EFFECTS_OF: dict[str, tuple[Effect, ...]] = {
     "range_offset": (MAKE["range_offset"](offset_mm=8.0),),
     "surface_pose": (MAKE["surface_pose"](surface="middle", shift_mm=15.0),),
+    "surface_offset": (MAKE["surface_offset"](surface="middle", offset_mm=15.0),),
     "wiggling": (MAKE["wiggling"](amplitude_mm=10.0, phase_rad=0.7),),
     "amplitude_walk": (MAKE["amplitude_walk"](scale_mm=8.0, reference_amplitude=100.0, exponent=0.8),),
     "temperature_drift": (MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=4.0),),
@@ -39,6 +40,7 @@ EFFECTS_OF: dict[str, tuple[Effect, ...]] = {
     "temperature_drift, slow": (MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=20.0),),
     "multipath, faint": (MAKE["multipath"](surface="middle", share=0.03, extra_path_mm=1500.0),),
     "excess_noise": (MAKE["excess_noise"](factor=1.3),),
+    "excess_noise of one surface": (MAKE["excess_noise"](factor=1.3, surface="middle"),),
     "vignetting": (MAKE["vignetting"](corner_factor=1.4),),
     "outliers": (MAKE["outliers"](probability=0.01),),
     "pixel_crosstalk": (MAKE["pixel_crosstalk"](share=0.03),),

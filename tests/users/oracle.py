@@ -166,7 +166,7 @@ class _Laws:
         self.now = (np.arange(TENTHS) + 0.5) * FRAMES / TENTHS / RATE_HZ
         self.laws: dict[str, list[list[_Column]]] = {}
         for kind, columns in _COLUMNS.items():
-            if kind != "multipath" or len(given.surfaces) > 1:
+            if kind not in ("multipath", "surface_offset") or len(given.surfaces) > 1:
                 self.laws[kind] = list(columns(self))
         self.kinds = tuple(self.laws)
 
@@ -296,6 +296,10 @@ def _pose(laws: _Laws) -> Iterator[list[_Column]]:
     return _per_surface(laws, of)
 
 
+def _material(laws: _Laws) -> Iterator[list[_Column]]:
+    return _per_surface(laws, lambda name: [laws.of(1.0, "surface_offset", surface=name, offset_mm=1.0)])
+
+
 def _motion(laws: _Laws) -> Iterator[list[_Column]]:
     def of(name: str) -> list[_Column]:
         mean, width = laws.of(1.0, "surface_pose", surface=name, shift_mm=1.0)
@@ -347,6 +351,7 @@ def _noise(laws: _Laws) -> Iterator[list[_Column]]:
 _COLUMNS: dict[str, Callable[[_Laws], Iterator[list[_Column]]]] = {
     "range_offset": lambda laws: iter([[laws.of(1.0, "range_offset", offset_mm=1.0)]]),
     "surface_pose": _pose,
+    "surface_offset": _material,
     "motion": _motion,
     "multipath": _multipath,
     "wiggling": _wiggling,

@@ -93,6 +93,7 @@ def record(effects: str = "", *, scene: str = WALLS, frames: int = FRAMES, seed:
 NOTHING = [
     effect("range_offset", offset_mm=0.0),
     effect("surface_pose", surface="dark", shift_mm=0.0),
+    effect("surface_offset", surface="dark", offset_mm=0.0),
     effect("motion", surface="dark", velocity_mm_s=0.0),
     effect("multipath", surface="dark", share=0.0, extra_path_mm=900.0),
     effect("scattering", share=0.0),

@@ -61,6 +61,12 @@ def test_half_and_log_priors_have_no_density_outside_their_numbers() -> None:
     assert UniformPrior(low=0.0, high=1.0).log_density(1.1) == -math.inf
 
 
+def test_number_on_the_other_side_of_half_a_density_is_possible_in_no_camera() -> None:
+    half = StudentPrior(scale=25, dof=3, half=True)
+    assert half.deviate(10.0) == StudentPrior(scale=25, dof=3).deviate(10.0)
+    assert half.deviate(-10.0) == math.inf
+
+
 @pytest.mark.parametrize(("median", "factor"), [(0.0, 2.0), (5.0, 1.0)])
 def test_lognormal_without_a_positive_median_or_a_width_is_refused(median: float, factor: float) -> None:
     with pytest.raises(ValueError, match="lognormal prior"):

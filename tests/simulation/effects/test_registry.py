@@ -19,6 +19,7 @@ from tofmix.simulation.model_toml import explain, parse_model
 
 CONTRACT = {
     "range_offset": "offset_mm",
+    "surface_offset": "surface offset_mm",
     "surface_pose": "surface shift_mm yaw_deg pitch_deg roll_deg",
     "wiggling": "amplitude_mm phase_rad",
     "amplitude_walk": "scale_mm reference_amplitude exponent",
@@ -44,6 +45,7 @@ CONTRACT = {
 }
 NOT_ZERO: dict[str, dict[str, Any]] = {
     "surface_pose": {"surface": "near"},
+    "surface_offset": {"surface": "near"},
     "motion": {"surface": "near"},
     "multipath": {"surface": "near", "extra_path_mm": 1000},
     "internal_reflection": {"range_mm": 20},

@@ -31,7 +31,7 @@ from tofmix.simulation.effects.search import Problem
 
 _SMOOTH = 3  # functions along each side of a surface
 _DISCREPANCY = 0.25  # of the tolerance: prior of a tilt, and of a smooth error of a surface's ranges
-_MOST = 4000  # most sets that are compared
+_MOST = 10_000  # most sets that are compared, a twentieth of a millisecond each
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

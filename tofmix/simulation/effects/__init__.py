@@ -25,6 +25,7 @@ from tofmix.simulation.effects.range_offset import RangeOffset
 from tofmix.simulation.effects.saturation import Saturation
 from tofmix.simulation.effects.scattering import Scattering
 from tofmix.simulation.effects.stuck_pixels import StuckPixels
+from tofmix.simulation.effects.surface_offset import SurfaceOffset
 from tofmix.simulation.effects.surface_pose import SurfacePose
 from tofmix.simulation.effects.temperature_drift import TemperatureDrift
 from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
@@ -46,6 +47,7 @@ EFFECTS: dict[str, type[Effect]] = {
     "saturation": Saturation,
     "phase_wrapping": PhaseWrapping,
     "range_offset": RangeOffset,
+    "surface_offset": SurfaceOffset,
     "temperature_drift": TemperatureDrift,
     "fixed_pattern": FixedPattern,
     "amplitude_walk": AmplitudeWalk,

@@ -74,6 +74,8 @@ class StudentPrior:
         """Normal deviate of a value: a Gaussian number is as rarely beyond it as the number is beyond the value."""
         if self.log and value <= 0:
             return math.inf
+        if self.half and self._away(value) < 0:
+            return math.inf
         away = abs(self._away(value))
         if math.isinf(self.dof):
             return away
