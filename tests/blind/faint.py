@@ -31,6 +31,7 @@ TEMPLATES = (
     "range_offset",
     "surface_pose",
     "surface_offset",
+    "smooth_pattern",
     "wiggling",
     "amplitude_walk",
     "temperature_drift",

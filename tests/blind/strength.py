@@ -23,6 +23,7 @@ UNITS = {
     "wiggling": "amplitude, median sigma of the image",
     "amplitude_walk": "root mean square bias, sigma",
     "temperature_drift": "final bias, median sigma of the image",
+    "smooth_pattern": "root mean square bias, median sigma of the image",
     "fixed_pattern": "sigma of the pixels' delays, median sigma of the image",
     "scattering": "root mean square bias, sigma",
     "internal_reflection": "root mean square bias, sigma",
@@ -103,6 +104,12 @@ def _drift(size: float, rng: np.random.Generator, place: Place) -> Effect:
         rise_kelvin=rise,
         time_constant_s=seconds * float(rng.uniform(0.2, 0.5)),
     )
+
+
+def _feed(size: float, rng: np.random.Generator, place: Place) -> Effect:
+    along = str(rng.choice(["across", "down"]))
+    unit = float(np.sqrt((fx.FeedLine(rc_mm=1.0, along=along).map(place.device) ** 2).mean()))
+    return fx.FeedLine(rc_mm=_sign(rng) * size * image_sigma(place) / unit, along=along)
 
 
 def _pattern(size: float, rng: np.random.Generator, place: Place) -> Effect:
@@ -230,6 +237,7 @@ MAKERS: dict[str, Maker] = {
     "wiggling": _wiggling,
     "amplitude_walk": _walk,
     "temperature_drift": _drift,
+    "smooth_pattern": _feed,
     "fixed_pattern": _pattern,
     "scattering": _stray,
     "internal_reflection": _glare,

@@ -131,6 +131,16 @@ def test_delay_of_each_pixel_is_that_of_the_map() -> None:
     np.testing.assert_allclose(bias(lines)[MAIN], lines.map(DEVICE)[MAIN], atol=0.25)
 
 
+@pytest.mark.parametrize("along", ["across", "down"])
+def test_delay_of_a_clock_line_is_the_polynomial_of_its_equivalent(along: str) -> None:
+    line = fx.FeedLine(rc_mm=40.0, along=along)
+    of = line.equivalent(PLACE)
+    x, y = np.meshgrid(np.arange(32) - 15.5, np.arange(24) - 11.5)
+    place = (x if along == "across" else y) / np.hypot(15.5, 11.5)
+    law = of[f"{along}_mm"] * place + of[f"{along}_2_mm"] * place**2
+    np.testing.assert_allclose(bias(line)[MAIN], law[MAIN], atol=0.3)
+
+
 def test_moved_board_changes_ranges_as_its_pose_says() -> None:
     moved = fx.MisplacedBoard(surface="wall", shift_mm=40.0)
     far = (SURFACE == 2) & MAIN

@@ -36,6 +36,7 @@ HIDDEN: dict[str, Effect] = {
         MAKE["multipath"](surface="middle", share=0.1, extra_path_mm=1500.0),
         MAKE["internal_reflection"](amplitude=6.0, range_mm=20.0),
         MAKE["near_return"](share=0.06, range_mm=25.0, sigma_mm=5.0),
+        MAKE["smooth_pattern"](radial_2_mm=14.0, radial_4_mm=10.0),
         MAKE["fixed_pattern"](pixel_sigma_mm=3.0, column_sigma_mm=4.0, row_sigma_mm=2.0),
         MAKE["excess_noise"](factor=1.4),
         MAKE["vignetting"](corner_factor=1.6),

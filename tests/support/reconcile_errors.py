@@ -29,6 +29,7 @@ EFFECTS_OF: dict[str, tuple[Effect, ...]] = {
     "range_offset": (MAKE["range_offset"](offset_mm=8.0),),
     "surface_pose": (MAKE["surface_pose"](surface="middle", shift_mm=15.0),),
     "surface_offset": (MAKE["surface_offset"](surface="middle", offset_mm=15.0),),
+    "smooth_pattern": (MAKE["smooth_pattern"](radial_2_mm=12.0),),
     "wiggling": (MAKE["wiggling"](amplitude_mm=10.0, phase_rad=0.7),),
     "amplitude_walk": (MAKE["amplitude_walk"](scale_mm=8.0, reference_amplitude=100.0, exponent=0.8),),
     "temperature_drift": (MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=4.0),),

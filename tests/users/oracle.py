@@ -300,6 +300,11 @@ def _material(laws: _Laws) -> Iterator[list[_Column]]:
     return _per_surface(laws, lambda name: [laws.of(1.0, "surface_offset", surface=name, offset_mm=1.0)])
 
 
+def _smooth(laws: _Laws) -> Iterator[list[_Column]]:
+    for names in (("radial_2_mm", "radial_4_mm"), ("across_mm", "down_mm", "across_2_mm", "down_2_mm")):
+        yield [laws.of(1.0, "smooth_pattern", **{name: 1.0}) for name in names]
+
+
 def _motion(laws: _Laws) -> Iterator[list[_Column]]:
     def of(name: str) -> list[_Column]:
         mean, width = laws.of(1.0, "surface_pose", surface=name, shift_mm=1.0)
@@ -352,6 +357,7 @@ _COLUMNS: dict[str, Callable[[_Laws], Iterator[list[_Column]]]] = {
     "range_offset": lambda laws: iter([[laws.of(1.0, "range_offset", offset_mm=1.0)]]),
     "surface_pose": _pose,
     "surface_offset": _material,
+    "smooth_pattern": _smooth,
     "motion": _motion,
     "multipath": _multipath,
     "wiggling": _wiggling,

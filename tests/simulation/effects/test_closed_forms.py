@@ -109,6 +109,7 @@ NOTHING = [
     effect("phase_wrapping", unambiguous_range_mm=60_000.0),
     effect("amplitude_walk", scale_mm=0.0, reference_amplitude=100.0, exponent=1.0),
     effect("temperature_drift", amplitude_mm=0.0, time_constant_s=10.0),
+    effect("smooth_pattern", radial_2_mm=0.0, across_mm=0.0),
     effect("fixed_pattern", pixel_sigma_mm=0.0, column_sigma_mm=0.0, row_sigma_mm=0.0),
     effect("excess_noise", factor=1.0),
     effect("near_return", share=0.0, range_mm=25.0, sigma_mm=5.0),

@@ -30,6 +30,7 @@ CASES: list[dict[str, Any]] = [
     *({"kind": "temperature_drift", "amplitude_mm": x, "time_constant_s": 1e-3} for x in (0, 20, -90)),
     *({"kind": "fixed_pattern", "pixel_sigma_mm": x, "column_sigma_mm": x / 2, "row_sigma_mm": x} for x in (0, 9, 40)),
     {"kind": "fixed_pattern", "map": PixelMap("", PATTERN)},
+    *({"kind": "smooth_pattern", "radial_4_mm": x, "across_mm": -x / 2} for x in (0, 20, 200)),
     *({"kind": "scattering", "share": x} for x in (0, 0.03, 0.3)),
     *({"kind": "internal_reflection", "amplitude": x, "range_mm": 20} for x in (0, 3, 20)),
     *({"kind": "near_return", "share": x, "range_mm": 25, "sigma_mm": 5} for x in (0, 0.06, 0.4)),

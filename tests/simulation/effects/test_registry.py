@@ -24,6 +24,7 @@ CONTRACT = {
     "wiggling": "amplitude_mm phase_rad",
     "amplitude_walk": "scale_mm reference_amplitude exponent",
     "temperature_drift": "amplitude_mm time_constant_s",
+    "smooth_pattern": "radial_2_mm radial_4_mm across_mm down_mm across_2_mm down_2_mm",
     "fixed_pattern": "pixel_sigma_mm column_sigma_mm row_sigma_mm map",
     "scattering": "share",
     "internal_reflection": "amplitude range_mm",

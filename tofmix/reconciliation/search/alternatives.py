@@ -12,6 +12,7 @@ Everything is linear and Gaussian, so hundreds of sets take some ten millisecond
 """
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
@@ -126,12 +127,20 @@ class Subsets:
         names = [t.name for t in self.terms]
         count = 0
         for most in range(size + 1):
-            if count + math.comb(len(names), most) > _MOST:
+            if count + _choices(names, most) > _MOST:
                 return
             for numbers in combinations(range(len(names)), most):
                 if len({names[k] for k in numbers}) == most:
                     count += 1
                     yield numbers
+
+
+def _choices(names: Sequence[tuple[str, str]], most: int) -> int:
+    """Number of sets of `most` terms of different names: the elementary symmetric polynomial of the names' counts."""
+    ways = [1, *(0 for _ in range(most))]
+    for count in Counter(names).values():
+        ways = [ways[0], *(ways[k] + count * ways[k - 1] for k in range(1, most + 1))]
+    return ways[most]
 
 
 def _products(

@@ -108,6 +108,8 @@ class SearchFacts:
     range_mm, amplitude, residual_mm, noise_mm : (lit pixel,) float64
         Predicted range and amplitude, measured minus predicted range (NaN where it is not known), and noise, of pixels
         with a return.
+    place : (lit pixel, 2) float64
+        Their places: right and down of the image's centre, in half diagonals.
     amplitudes, lost_shares : (pixel,) float64
         Predicted amplitude and share of invalid samples of all pixels.
     nearer : callable
@@ -123,6 +125,7 @@ class SearchFacts:
     surfaces: tuple[SurfaceFacts, ...]
     farthest_mm: float
     range_mm: FloatArray
+    place: FloatArray
     amplitude: FloatArray
     residual_mm: FloatArray
     noise_mm: FloatArray
