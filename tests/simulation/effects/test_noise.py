@@ -4,12 +4,22 @@ import numpy as np
 import pytest
 from support.effect_bench import Bench, Recorded, effect
 
+from tofmix.simulation.effects import PixelMap
+
 
 @pytest.mark.parametrize("factor", [1.0, 1.3, 4.0])
 def test_excess_noise_scales_each_deviation(bench: Bench, plain_wall: Recorded, factor: float) -> None:
     other = bench.wall(effect("excess_noise", factor=factor))
     deviation = plain_wall.range_mm - plain_wall.true_mm
     assert abs(other.range_mm - plain_wall.true_mm - factor * deviation).max() <= 0.5 * (1 + factor) + 0.01
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan])
+def test_map_of_noise_with_a_value_that_is_no_factor_is_refused(bench: Bench, wrong: float) -> None:
+    values = np.full((9, 11), 2.0, dtype=np.float32)
+    values[3, 4] = wrong
+    with pytest.raises(ValueError, match="map: every pixel needs a finite factor above 0"):
+        bench.boards(effect("excess_noise", factor=1.0, map=PixelMap("", values)))
 
 
 def test_excess_noise_of_one_surface_changes_its_samples_alone(bench: Bench) -> None:

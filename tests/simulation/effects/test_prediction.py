@@ -18,6 +18,7 @@ FRAMES = 400
 ALPHA = 1e-3
 TIME_S = 30.0  # later than any time constant below
 PATTERN = np.random.default_rng(1).normal(0, 40, (9, 11)).astype(np.float32)
+WIDER = np.random.default_rng(3).uniform(0.5, 3, (9, 11)).astype(np.float32)
 STUCK = np.where(np.random.default_rng(2).random((9, 11)) < 0.2, 2345.0, np.nan).astype(np.float32)
 
 CASES: list[dict[str, Any]] = [
@@ -39,6 +40,7 @@ CASES: list[dict[str, Any]] = [
     *({"kind": "flying_pixels", "probability": x} for x in (0, 0.3, 1)),
     *({"kind": "excess_noise", "factor": x} for x in (1, 1.2, 3)),
     {"kind": "excess_noise", "factor": 2, "surface": "middle"},
+    {"kind": "excess_noise", "factor": 1.5, "map": PixelMap("", WIDER)},
     *({"kind": "vignetting", "corner_factor": x} for x in (1, 1.5, 4)),
     *({"kind": "outliers", "probability": x} for x in (0, 0.05, 0.5)),
     *({"kind": "stuck_pixels", "share": x, "value_mm": 2000} for x in (0, 0.1, 1)),

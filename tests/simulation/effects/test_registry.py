@@ -32,7 +32,7 @@ CONTRACT = {
     "multipath": "surface share extra_path_mm",
     "phase_wrapping": "unambiguous_range_mm",
     "flying_pixels": "probability",
-    "excess_noise": "factor surface",
+    "excess_noise": "factor surface map",
     "vignetting": "corner_factor",
     "outliers": "probability",
     "stuck_pixels": "share value_mm map",

@@ -9,9 +9,10 @@ from typing import ClassVar
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
-from tofmix.simulation.effects.parameter import about, number, surface
+from tofmix.simulation.effects.parameter import PixelMap, about, number, pixel_map, surface
 from tofmix.simulation.effects.search import (
     Coefficient,
     FormFacts,
@@ -34,7 +35,8 @@ class ExcessNoise(Effect):
 
     Phase noise is sqrt(B) / A: if the background dominates, more ambient light or a weaker emitter increases every
     sigma by the same factor. Four times the background electrons double sigma. Light that falls on one surface, such as
-    the sun through a window, does so for this surface alone: its ranges and its amplitudes remain as they are.
+    the sun through a window, does so for this surface alone: its ranges and its amplitudes remain as they are. A map
+    gives each pixel a further factor; `reconcile` looks for none.
 
     References
     ----------
@@ -56,6 +58,9 @@ class ExcessNoise(Effect):
         "Factor on sigma.", unit="1", low=0.01, high=100, zero=1, typical=(1.05, 3), prior=about(1, 2)
     )
     surface: str = surface("The only surface with more noise; all surfaces if it is left out.", required=False)
+    map: PixelMap | None = pixel_map(  # noqa: RUF009
+        "Further factor of each pixel, such as of a part of the image in the sun.", unit="1"
+    )
 
     @classmethod
     def problems(cls, facts: SearchFacts) -> Iterator[Problem]:
@@ -81,17 +86,24 @@ class ExcessNoise(Effect):
             wider = Coefficient(effect=make(np.array([_WIDER])), size=_WIDER, spread=spread)
             yield LinearForm(coefficients=(wider,), make=make, surface=name)
 
+    def check(self, sensor: CompleteCamera, surfaces: tuple[str, ...]) -> None:
+        """Refuse a map with values that are no factors."""
+        Effect.check(self, sensor, surfaces)
+        if self.map is not None and not (np.isfinite(self.map.values) & (self.map.values > 0)).all():
+            raise ValueError("map: every pixel needs a finite factor above 0")
+
     def explain(self) -> str:
         """One sentence."""
         of = f' of "{self.surface}"' if self.surface else ""
-        return f"the noise{of} is {self.factor:g} times the sensor's"
+        mapped = "" if self.map is None else f", and a factor of each pixel from {self.map.path or 'a map'}"
+        return f"the noise{of} is {self.factor:g} times the sensor's{mapped}"
 
     def act(self, echoes: Echoes, context: Context) -> None:
         """Scale sigma."""
+        factor = self.factor if self.map is None else self.factor * self.map.values.ravel().astype(np.float64)
         if self.surface:
-            echoes.scale_sigma(np.where(echoes.surface == context.number_of(self.surface), self.factor, 1.0))
-        else:
-            echoes.scale_sigma(self.factor)
+            factor = np.where(echoes.surface == context.number_of(self.surface), factor, 1.0)
+        echoes.scale_sigma(factor)
 
 
 def _alone(names: Iterable[str]) -> list[str]:

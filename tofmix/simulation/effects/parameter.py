@@ -275,7 +275,7 @@ class PixelMap:
     path : str
         Path of the file, as in the model; empty for a map without a file.
     values : (row, col) float32
-        Values, mm. The effect defines the meaning of NaN.
+        Values, in the unit of its parameter. The effect defines the meaning of NaN.
     """
 
     path: str
@@ -326,9 +326,9 @@ def surface(sentence: str, *, required: bool = True) -> Any:  # noqa: ANN401  as
     return field(default=MISSING if required else default, metadata={_METADATA: declared})
 
 
-def pixel_map(sentence: str) -> Any:  # noqa: ANN401  as dataclasses.field
-    """A dataclass field that holds a `PixelMap`, mm, or None."""
-    declared = {"sentence": sentence, "unit": "mm", "holds": Holds.MAP, "required": False}
+def pixel_map(sentence: str, *, unit: str = "mm") -> Any:  # noqa: ANN401  as dataclasses.field
+    """A dataclass field that holds a `PixelMap`, or None."""
+    declared = {"sentence": sentence, "unit": unit, "holds": Holds.MAP, "required": False}
     return field(default=None, compare=False, metadata={_METADATA: declared})
 
 
