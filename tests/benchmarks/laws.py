@@ -4,11 +4,11 @@
     PYTHONPATH=tests python tests/benchmarks/laws.py --output RESULTS --draws 20 --law near_return
     PYTHONPATH=tests python tests/benchmarks/laws.py --output RESULTS --summary
 
-Scenes are those of users in turn (`users.cases`), and rooms. An internal reflection, more noise on one surface and a
-smooth pattern are so large that the best set of up to two other kinds, fitted to predictions without noise, explains
-them worse by 15, 60 or 240 nats (`users.oracle`). A second path of free length moves one surface as its material does:
-the bias of a material is so large that the model without effects is worse by so much. A near return has a share of
-0.1, 1 or 6 %. Every case is a line of `RESULTS/laws.jsonl`; a case that has a line is not
+Scenes are those of users in turn (`users.cases`), and rooms. An internal reflection and a smooth pattern are so large
+that the best set of up to two other kinds, fitted to predictions without noise, explains them worse by 15, 60 or 240
+nats (`users.oracle`). A second path of free share and length gives one surface any bias and any noise: those of one
+surface are so large that the model without effects is worse by so much. A near return has a share of 0.1, 1 or 6 %.
+Every case is a line of `RESULTS/laws.jsonl`; a case that has a line is not
 done again. docs/results/laws.md has the table.
 """
 
@@ -48,7 +48,7 @@ SIZES: Mapping[str, tuple[float, ...]] = {
 UNITS = {
     "internal_reflection": "nats",
     "near_return": "of samples",
-    "excess_noise": "nats, of one surface",
+    "excess_noise": "nats over no effect",
     "surface_offset": "nats over no effect",
     "smooth_pattern": "nats",
 }
@@ -93,9 +93,11 @@ def reflection(given: Model, nats: float, rng: np.random.Generator) -> Effect | 
 
 
 def sunlit(given: Model, nats: float, rng: np.random.Generator) -> Effect | None:
-    """More noise on one of several surfaces, of so many nats."""
+    """More noise on one of several surfaces, of so many nats over no effect."""
     name = _one_of_several(given, rng)
-    return None if name is None else of_nats(given, nats, lambda size: ExcessNoise(surface=name, factor=np.exp(size)))
+    if name is None:
+        return None
+    return of_nats(given, nats, lambda size: ExcessNoise(surface=name, factor=float(np.exp(size))), 0)
 
 
 def translucent(given: Model, nats: float, rng: np.random.Generator) -> Effect | None:
