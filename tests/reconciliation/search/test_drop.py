@@ -25,7 +25,7 @@ def added(model: Model, hidden: tuple[Effect, ...], kinds: tuple[str, ...]) -> S
     part = fit_part(likelihood, settings)
     search = SearchState(likelihood, settings, lambda _: None, begin(likelihood, part[0], settings.tolerance))
     for kind in kinds:
-        (candidate,) = candidates(begin_trial(likelihood, search.state, settings.split, settings.seed), (kind,))
+        candidate, *_ = candidates(begin_trial(likelihood, search.state, settings.split, settings.seed), (kind,))
         search.state = candidate.state
         search.chosen.append(candidate)
         search.rivals.append(())

@@ -98,6 +98,12 @@ def test_second_path_has_less_light_the_longer_it_is() -> None:
     assert not Multipath(surface="wall", share=0.5, extra_path_mm=7495.0).plausible()
 
 
+def test_noise_of_one_surface_is_more_and_that_of_all_may_be_less() -> None:
+    assert ExcessNoise(factor=0.8).plausible()
+    assert not ExcessNoise(factor=0.8, surface="board").plausible()
+    assert ExcessNoise(factor=2.0, surface="board").plausible()
+
+
 def test_log_prior_of_an_effect_is_the_sum_of_those_of_its_numbers() -> None:
     assert ExcessNoise(factor=2.0).log_prior() == pytest.approx(about(1.0, 2.0).log_density(2.0))
     path = Multipath(surface="wall", share=0.1, extra_path_mm=800.0)

@@ -12,7 +12,7 @@ from tofmix.arrays import FloatArray
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
-from tofmix.simulation.effects.parameter import PixelMap, about, number, pixel_map, surface
+from tofmix.simulation.effects.parameter import PixelMap, Prior, StudentPrior, about, number, pixel_map, surface
 from tofmix.simulation.effects.search import (
     Coefficient,
     FormFacts,
@@ -26,7 +26,10 @@ from tofmix.simulation.effects.search import (
 _WIDER = 0.05
 """Logarithm of a factor, for slopes."""
 
-_STARTS = (0.9, 1.1, 1.5)
+_STARTS = (0.9, 1.1, 1.5)  # factors
+
+_ADDED = StudentPrior(scale=math.log(2), log=True, half=True)
+"""Of one surface: light that falls on it adds noise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +74,8 @@ class ExcessNoise(Effect):
             return cls(surface=surface, factor=math.exp(bounded(x[0], low, high)))
 
         for name in _alone(s.name for s in facts.surfaces):
-            yield Problem(make=partial(made, name), starts=tuple((math.log(f),) for f in _STARTS), steps=(0.2,))
+            starts = tuple((math.log(f),) for f in _STARTS if f > 1 or not name)
+            yield Problem(make=partial(made, name), starts=starts, steps=(0.2,))
 
     @classmethod
     def linear_forms(cls, facts: FormFacts) -> Iterator[LinearForm]:
@@ -85,6 +89,10 @@ class ExcessNoise(Effect):
             make = partial(made, name)
             wider = Coefficient(effect=make(np.array([_WIDER])), size=_WIDER, spread=spread)
             yield LinearForm(coefficients=(wider,), make=make, surface=name)
+
+    def priors(self) -> dict[str, Prior]:
+        """That of all surfaces is larger or smaller; that of one surface is larger."""
+        return Effect.priors(self) | ({"factor": _ADDED} if self.surface else {})
 
     def check(self, sensor: CompleteCamera, surfaces: tuple[str, ...]) -> None:
         """Refuse a map with values that are no factors."""
