@@ -7,8 +7,8 @@
 Scenes are those of users in turn (`users.cases`), and rooms. An internal reflection and a smooth pattern are so large
 that the best set of up to two other kinds, fitted to predictions without noise, explains them worse by 15, 60 or 240
 nats (`users.oracle`). A second path of free share and length gives one surface any bias and any noise: those of one
-surface are so large that the model without effects is worse by so much. A near return has a share of 0.1, 1 or 6 %.
-Every case is a line of `RESULTS/laws.jsonl`; a case that has a line is not
+surface are so large that the model without effects is worse by so much, noise by 60, 240 or 960 nats. A near return
+has a share of 0.1, 1 or 6 %. Every case is a line of `RESULTS/laws.jsonl`; a case that has a line is not
 done again. docs/results/laws.md has the table.
 """
 
@@ -41,7 +41,7 @@ SEED = 4501
 SIZES: Mapping[str, tuple[float, ...]] = {
     "internal_reflection": (15.0, 60.0, 240.0),
     "near_return": (0.001, 0.01, 0.06),
-    "excess_noise": (15.0, 60.0, 240.0),
+    "excess_noise": (60.0, 240.0, 960.0),  # 1 % more noise is within the tolerance
     "surface_offset": (15.0, 60.0, 240.0),
     "smooth_pattern": (15.0, 60.0, 240.0),
 }
