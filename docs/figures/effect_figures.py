@@ -389,9 +389,17 @@ SIGNATURES: dict[str, Signature] = {
     "range_offset": Signature(
         scene="slanted-wall", parameters="offset_mm = 25.0", left=_against("range", "bias"), right=_over_time("bias")
     ),
+    "surface_offset": Signature(
+        scene="three-boards", parameters='surface = "middle board"\noffset_mm = 60.0',
+        left=_columns("mean", (0, 176)), right=_map("bias"),
+    ),
     "temperature_drift": Signature(
         scene="slanted-wall", parameters="amplitude_mm = 30.0\ntime_constant_s = 600.0", rate_hz=0.05,
         left=_over_time("bias"), right=_map("bias"),
+    ),
+    "smooth_pattern": Signature(
+        scene="three-boards", parameters="radial_4_mm = 40.0\nacross_mm = 10.0",
+        left=_against("column", "bias"), right=_map("bias"),
     ),
     "fixed_pattern": Signature(
         scene="three-boards", parameters="pixel_sigma_mm = 5.0\ncolumn_sigma_mm = 10.0\nrow_sigma_mm = 5.0",

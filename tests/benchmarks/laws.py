@@ -6,24 +6,25 @@
 
 Scenes are those of users in turn (`users.cases`), and rooms. An internal reflection is so large that the best set of
 up to two other kinds, fitted to predictions without noise, explains it worse by 15, 60 or 240 nats (`users.oracle`);
-so are unequal taps. For an optional part of a law (a harmonic beside a wiggling of 12 mm, the saturation of a walk, the
-second term of a drift) the law without the part is one of the other kinds. A near return has a share of 0.1, 1 or 6 %.
-Every case is a line of `RESULTS/laws.jsonl`; a case that has a line is not done again. docs/results/laws.md has the
-table.
+so are unequal taps and a smooth pattern. For an optional part of a law (a harmonic beside a wiggling of 12 mm, the
+saturation of a walk, the second term of a drift) the law without the part is one of the other kinds. A second path of
+free share and length gives one surface any bias and any noise: those of one surface are so large that the model without
+effects is worse by so much, noise by 60, 240 or 960 nats. A near return has a share of 0.1, 1 or 6 %. Every case is a
+line of `RESULTS/laws.jsonl`; a case that has a line is not done again. docs/results/laws.md has the table.
 """
 
 import argparse
 import json
 import math
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from users.cases import FRAMES, RATE_HZ, Case, draw, recorded
+from users.cases import FRAMES, RATE_HZ, Case, _seen, draw, recorded
 from users.oracle import _Laws, known
 from users.score import alternatives, numbers_of, score
 
@@ -33,7 +34,10 @@ from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.amplitude_walk import AmplitudeWalk
+from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.internal_reflection import InternalReflection
+from tofmix.simulation.effects.smooth_pattern import SmoothPattern
+from tofmix.simulation.effects.surface_offset import SurfaceOffset
 from tofmix.simulation.effects.tap_mismatch import TapMismatch
 from tofmix.simulation.effects.temperature_drift import TemperatureDrift
 from tofmix.simulation.effects.wiggling import Wiggling
@@ -48,7 +52,16 @@ SIZES: Mapping[str, tuple[float, ...]] = {
     "wiggling, a harmonic": _NATS,
     "amplitude_walk, saturating": _NATS,
     "temperature_drift, two terms": _NATS,
+    "excess_noise": (60.0, 240.0, 960.0),  # 1 % more noise is within the tolerance
+    "surface_offset": _NATS,
+    "smooth_pattern": _NATS,
 }
+UNITS: Mapping[str, str] = {
+    "near_return": "of samples",
+    "excess_noise": "nats over no effect",
+    "surface_offset": "nats over no effect",
+}
+"""Units of the sizes; nats over other sets, where there is none."""
 PARTS: Mapping[str, str] = {
     "wiggling, a harmonic": "harmonic_8_mm",
     "amplitude_walk, saturating": "saturation_amplitude",
@@ -72,50 +85,123 @@ def of_scene(scene: str, number: int) -> Case:
     return replace(case, sort="effects", given=given, true=given, hidden=(), stranger=None)
 
 
-def gain_without(given: Model, hidden: Effect, *, part: bool = False) -> float:
-    """Nats by which the best set of at most two other kinds is behind this effect, without noise.
+def gain_without(given: Model, hidden: Effect, *, part: bool = False, most: int = _MOST_KINDS) -> float:
+    """Nats by which the best set of at most so many other kinds is behind this effect, without noise.
 
     With `part`, its own kind without optional parts counts as another kind.
     """
     laws = _Laws(given, optional=not part)
     loss = laws.losses(laws.seen(replace(given, effects=(hidden,)), slower=1.0))
     others = [k for k in laws.kinds if part or k != hidden.kind]
-    return min(loss(kinds) for size in range(_MOST_KINDS + 1) for kinds in combinations(others, size))
+    return min(loss(kinds) for size in range(most + 1) for kinds in combinations(others, size))
 
 
-def drawn(law: str, size: float, rng: np.random.Generator) -> Effect:
-    """An effect of a law, with the magnitude that is to be found."""
-    phases = rng.uniform(-np.pi, np.pi, 2)
-    if law == "internal_reflection":
-        return InternalReflection(amplitude=size, range_mm=float(rng.uniform(0, 150)))
-    if law == "tap_mismatch":
-        sizes = {"amplitude_1_mm": size / 2, "amplitude_2_mm": size}
-        return TapMismatch(phase_1_rad=float(phases[0]), phase_2_rad=float(phases[1]), **sizes)
-    if law == "wiggling, a harmonic":
-        further = ((8.0, size, float(phases[1])),)
-        return Wiggling(amplitude_mm=12.0, phase_rad=float(phases[0]), harmonics=further)
-    if law == "amplitude_walk, saturating":
-        saturation = float(rng.uniform(50, 200))
-        return AmplitudeWalk(
-            scale_mm=size, reference_amplitude=saturation, exponent=1.0, saturation_amplitude=saturation
-        )
-    slow, fast = float(rng.uniform(1.5, 3.0)), float(rng.uniform(0.15, 0.3))
-    return TemperatureDrift(amplitude_mm=size, time_constant_s=slow, amplitude_2_mm=-0.6 * size, time_constant_2_s=fast)
-
-
-def of_nats(given: Model, law: str, nats: float, rng: np.random.Generator) -> Effect | None:
-    """An effect of a law that no other set explains by so many nats; None if it were implausibly large."""
-    size, seed, part = 1.0, int(rng.integers(2**31)), law in PARTS
-    for _ in range(3):  # the gain bends for large ones
-        gain = gain_without(given, drawn(law, size, np.random.default_rng(seed)), part=part)
+def of_nats(
+    given: Model, nats: float, make: Callable[[float], Effect], *, part: bool = False, most: int = _MOST_KINDS
+) -> Effect | None:
+    """The effect, by its size, that other sets explain worse by so many nats; None if it were implausibly large."""
+    size = 0.1
+    for _ in range(4):  # the gain bends for large ones
+        gain = gain_without(given, make(size), part=part, most=most)
         size = min(size * float(np.sqrt(nats / max(gain, 1e-9))), _LARGEST)
-    found = drawn(law, size, np.random.default_rng(seed))
-    return found if found.plausible() and abs(gain_without(given, found, part=part) / nats - 1) < 0.2 else None
+        if not make(size).plausible():
+            return None
+    found = make(size)
+    return found if abs(gain_without(given, found, part=part, most=most) / nats - 1) < 0.2 else None
 
 
-def near_return(share: float, rng: np.random.Generator) -> Effect:
+def reflection(given: Model, nats: float, rng: np.random.Generator) -> Effect | None:
+    """An internal reflection of so many nats."""
+    range_mm = float(rng.uniform(0, 150))
+    return of_nats(given, nats, lambda size: InternalReflection(amplitude=size, range_mm=range_mm))
+
+
+def taps(given: Model, nats: float, rng: np.random.Generator) -> Effect | None:
+    """Unequal taps of so many nats."""
+    one, two = rng.uniform(-np.pi, np.pi, 2).tolist()
+
+    def of_size(size: float) -> Effect:
+        return TapMismatch(amplitude_1_mm=size / 2, phase_1_rad=one, amplitude_2_mm=size, phase_2_rad=two)
+
+    return of_nats(given, nats, of_size)
+
+
+def harmonic(given: Model, nats: float, rng: np.random.Generator) -> Effect | None:
+    """A wiggling of 12 mm, whose harmonic of 8 periods has so many nats."""
+    own, further = rng.uniform(-np.pi, np.pi, 2).tolist()
+
+    def of_size(size: float) -> Effect:
+        return Wiggling(amplitude_mm=12.0, phase_rad=own, harmonics=((8.0, size, further),))
+
+    return of_nats(given, nats, of_size, part=True)
+
+
+def saturating(given: Model, nats: float, rng: np.random.Generator) -> Effect | None:
+    """A walk whose saturation has so many nats."""
+    at = float(rng.uniform(50, 200))
+
+    def of_size(size: float) -> Effect:
+        return AmplitudeWalk(scale_mm=size, reference_amplitude=at, exponent=1.0, saturation_amplitude=at)
+
+    return of_nats(given, nats, of_size, part=True)
+
+
+def two_terms(given: Model, nats: float, rng: np.random.Generator) -> Effect | None:
+    """A drift whose second term has so many nats."""
+    slow, fast = float(rng.uniform(1.5, 3.0)), float(rng.uniform(0.15, 0.3))
+
+    def of_size(size: float) -> Effect:
+        second = {"amplitude_2_mm": -0.6 * size, "time_constant_2_s": fast}
+        return TemperatureDrift(amplitude_mm=size, time_constant_s=slow, **second)
+
+    return of_nats(given, nats, of_size, part=True)
+
+
+def sunlit(given: Model, nats: float, rng: np.random.Generator) -> Effect | None:
+    """More noise on one of several surfaces, of so many nats over no effect."""
+    name = _one_of_several(given, rng)
+    if name is None:
+        return None
+    return of_nats(given, nats, lambda size: ExcessNoise(surface=name, factor=float(np.exp(size))), most=0)
+
+
+def translucent(given: Model, nats: float, rng: np.random.Generator) -> Effect | None:
+    """A bias of one of several surfaces, of so many nats over no effect."""
+    name = _one_of_several(given, rng)
+    if name is None:
+        return None
+    return of_nats(given, nats, lambda size: SurfaceOffset(surface=name, offset_mm=size), most=0)
+
+
+def _one_of_several(given: Model, rng: np.random.Generator) -> str | None:
+    seen = _seen(given)
+    return seen[int(rng.integers(len(seen)))].name if len(seen) > 1 else None
+
+
+def smooth(given: Model, nats: float, rng: np.random.Generator) -> Effect | None:
+    """A smooth pattern of so many nats: of a lens, or of lines."""
+    names = (("radial_2_mm",), ("radial_4_mm",), ("across_mm", "down_mm"))[int(rng.integers(3))]
+    shares = rng.normal(size=len(names))
+    shares /= float(np.hypot.reduce(shares))
+    return of_nats(given, nats, lambda size: SmoothPattern(**dict(zip(names, map(float, size * shares), strict=True))))
+
+
+def near_return(given: Model, share: float, rng: np.random.Generator) -> Effect:  # noqa: ARG001  as the others
     """A near return of this share."""
     return EFFECTS["near_return"](share=share, range_mm=float(rng.uniform(15, 60)), sigma_mm=float(rng.uniform(3, 8)))  # type: ignore[call-arg]
+
+
+MAKERS: Mapping[str, Callable[[Model, float, np.random.Generator], Effect | None]] = {
+    "internal_reflection": reflection,
+    "near_return": near_return,
+    "tap_mismatch": taps,
+    "wiggling, a harmonic": harmonic,
+    "amplitude_walk, saturating": saturating,
+    "temperature_drift, two terms": two_terms,
+    "excess_noise": sunlit,
+    "surface_offset": translucent,
+    "smooth_pattern": smooth,
+}
 
 
 def cases(law: str, draws: int) -> Iterator[tuple[str, float, Case]]:
@@ -126,7 +212,7 @@ def cases(law: str, draws: int) -> Iterator[tuple[str, float, Case]]:
             scene = SCENES[number % len(SCENES)]
             rng = np.random.default_rng([SEED, number, round(1000 * size)])
             case = of_scene(scene, number)
-            effect = near_return(size, rng) if law == "near_return" else of_nats(case.given, law, size, rng)
+            effect = MAKERS[law](case.given, size, rng)
             number += 1
             if effect is None:
                 continue
@@ -150,14 +236,15 @@ def judged(law: str, name: str, size: float, case: Case, seed: int) -> dict[str,
         found = numbers_of(own)
         wanted = as_found(hidden, found)
         off = {n: _off(n, found[n], wanted.get(n, 0.0)) / e for n, e in own["stderr"].items() if e}
+    wrong_place = own is not None and own["parameters"].get("surface", "") != getattr(hidden, "surface", "")
     listed = any(hidden.kind in kinds for kinds in alternatives(gap))
     return {
         "name": name,
         "law": law,
         "part": own is not None and law in PARTS and PARTS[law] in own["stderr"],
         "size": size,
-        "result": outcome.result,
-        "why": outcome.why,
+        "result": "wrong" if wrong_place else outcome.result,
+        "why": "of another surface" if wrong_place else outcome.why,
         "verdict": gap["verdict"],
         "named": sorted(e["kind"] for e in gap["effects"]),
         "listed": listed,
@@ -214,7 +301,7 @@ def table(done: list[dict[str, Any]]) -> str:
                 off = [abs(v) for d in own for v in d["off"].values()]
                 within = f"{sum(v < 2 for v in off)} of {len(off)}"
                 part = str(sum(d["part"] for d in own)) if law in PARTS else "-"
-                unit = "of samples" if law == "near_return" else "nats"
+                unit = UNITS.get(law, "nats")
                 seconds = float(np.median([d["seconds"] for d in own]))
                 out += (
                     f"| {law} | {size:g} {unit} | {len(own)} | {count['right']} | {count['wrong']} | "

@@ -33,7 +33,7 @@ SEED = 20261124
 IN_THE_MODEL = ("outliers", "temporal_correlation", "quantisation", "pixel_crosstalk")
 """Kinds that summaries do not tell of, which the model is given."""
 
-SEEN = ("bowl", "ripple", "noisy part")
+SEEN = ("split", "ripple", "noisy part")
 """Strangers that move or widen samples by a law."""
 
 

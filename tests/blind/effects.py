@@ -226,6 +226,34 @@ class DelayLines(Effect):
 
 
 @dataclass(frozen=True, kw_only=True)
+class FeedLine(Effect):
+    """A clock line without buffers, fed at one side of the image; the calibration is that of the centre.
+
+    The delay at a part s of a line of resistance R and capacitance C is RC (s - s^2 / 2) (Elmore 1948).
+    """
+
+    rc_mm: float  # as a range
+    along: str  # columns ("across") or rows ("down")
+    kind = "smooth_pattern"
+
+    def map(self, device: Device) -> Array:
+        count, axis = (device.cols, 1) if self.along == "across" else (device.rows, 0)
+        part = np.linspace(0, 1, count)
+        delay = part - part**2 / 2
+        shown = np.broadcast_to(np.expand_dims(delay - 0.375, 1 - axis), (device.rows, device.cols))
+        return np.asarray(self.rc_mm * shown)
+
+    def clock(self, x: Exposure) -> None:
+        x.delay(self.map(x.device).reshape(1, -1))
+
+    def equivalent(self, place: Place) -> Parameters:
+        """The delay less that of the centre is RC (u / 4 - u^2 / 8), u from -1 to 1; x is u times this many halves."""
+        rows, cols = place.device.rows, place.device.cols
+        edge = ((cols if self.along == "across" else rows) - 1) / math.hypot(rows - 1, cols - 1)
+        return {f"{self.along}_mm": self.rc_mm / 4 / edge, f"{self.along}_2_mm": -self.rc_mm / 8 / edge**2}
+
+
+@dataclass(frozen=True, kw_only=True)
 class StrayLight(Effect):
     """Light that the lens scatters over the whole image, before the taps: phasor and charge."""
 
@@ -260,6 +288,27 @@ class SecondBounce(Effect):
 
     def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
         return self.physical()
+
+
+@dataclass(frozen=True, kw_only=True)
+class WaxBoard(Effect):
+    """A board that light enters: it comes out after ways of an exponential distribution, of a mean as a range."""
+
+    surface: str
+    depth_mm: float
+    kind = "surface_offset"
+
+    def response(self, device: Device) -> complex:
+        """The mean of exp(i k s) over the ways: 1 / (1 - i k depth), k = 2 pi / d_u."""
+        return 1 / (1 - 2j * math.pi * self.depth_mm / device.unambiguous_mm)
+
+    def light(self, x: Exposure) -> None:
+        on = x.surface == [s.name for s in x.surfaces].index(self.surface)
+        x.z[on] *= np.complex64(self.response(x.device))
+
+    def equivalent(self, place: Place) -> Parameters:
+        turn = float(np.angle(self.response(place.device)))
+        return {"surface": self.surface, "offset_mm": turn * place.device.unambiguous_mm / (2 * math.pi)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -364,6 +413,23 @@ class AmbientLight(Effect):
 
     def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
         return {"factor": math.sqrt(self.times)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class SunOnBoard(Effect):
+    """Sun through a window onto one board: so many times its ambient electrons, the signal as it was."""
+
+    surface: str
+    times: float
+    kind = "excess_noise"
+
+    def light(self, x: Exposure) -> None:
+        on = x.surface == [s.name for s in x.surfaces].index(self.surface)
+        ambient = np.maximum(x.charge - np.abs(x.z), 0)
+        x.charge += np.where(on, np.float32(self.times - 1) * ambient, np.float32(0))
+
+    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
+        return {"factor": math.sqrt(self.times), "surface": self.surface}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,7 +19,7 @@ import numpy as np
 from blind.calibrate import calibrated
 from blind.camera import Device, Mechanism, _correlation, expose, record
 from blind.cases import draw_device, nearly, pose_sigma, strengths
-from blind.effects import CoarsePhase, Effect, MisplacedBoard, MovingBoard, Place
+from blind.effects import CoarsePhase, Effect, MisplacedBoard, MovingBoard, Place, SunOnBoard
 from blind.eligible import FAMILIES
 from blind.geometry import Array, Beams, Surface, cast
 from blind.reference import NoiseTable, scores
@@ -30,6 +30,8 @@ NULLS, RESPONSES, CHECKS = 12, 6, 12
 TEMPLATES = (
     "range_offset",
     "surface_pose",
+    "surface_offset",
+    "smooth_pattern",
     "wiggling",
     "tap_mismatch",
     "amplitude_walk",
@@ -146,7 +148,12 @@ def _lag(m: _Seen) -> float:
 
 
 def _spread(m: _Seen) -> float:
-    return float((_noise(m) ** 2).mean())
+    level = (_noise(m) ** 2).mean(axis=0)
+    if not isinstance(m.effect, SunOnBoard):
+        return float(level.mean())
+    number = [s.name for s in m.trial.model].index(m.effect.surface)
+    own = m.trial.beams.surface[0][m.trial.main()] == number
+    return float(1 + (level[own].mean() - 1) * np.sqrt(own.mean()))
 
 
 def _fall(m: _Seen) -> float:

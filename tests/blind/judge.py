@@ -176,6 +176,11 @@ def _losses(m: _Match) -> tuple[bool, float]:
     return off <= max(2 * SHARE, ERRORS * 2 / math.sqrt(max(count, 1.0))), off
 
 
+def _of_its_surface(m: _Match) -> tuple[bool, float]:
+    ok, off = _plain(m)
+    return ok and m.found.get("surface") == m.truth.get("surface"), off
+
+
 def _well(m: _Match) -> tuple[bool, float]:
     amplitude = m.place.amplitudes()
     full = [(amplitude > p["full_well_amplitude"]).sum() for p in (m.truth, m.found)]
@@ -208,6 +213,8 @@ _RULES: dict[str, _Rule] = {
     "wiggling": _wave,
     "tap_mismatch": _taps,
     "multipath": _bounce,
+    "excess_noise": _of_its_surface,
+    "surface_offset": _of_its_surface,
     "amplitude_walk": _lag,
     "dropout": _losses,
     "saturation": _well,

@@ -272,18 +272,15 @@ class UnevenNoise(Stranger):
         x.charge *= (factor**2 / (factor**2).mean()).astype(np.float32)
 
 
-class SunlitBoard(Stranger):
-    """The sun on one surface: more noise there, and no other bias; of a single surface, on one half of the image."""
+class SplitReadOut(Stranger):
+    """Two halves of the image with clocks of their own: a step of delay from one column to the next."""
 
-    axes = ("all", "surface", "range", "amplitude", "row", "col", "radius", "surfaces_in_pixel", "neighbour_contrast")
+    axes = ("col", "radius", "surface", "range", "amplitude", "all")
 
-    def light(self, x: Exposure) -> None:
-        seen = np.unique(x.surface[x.surface >= 0])
-        if seen.size > 1:
-            sunny = x.surface == seen[int(self.rng().integers(seen.size))]
-        else:
-            sunny = ~x.empty & (np.arange(x.device.rows * x.device.cols) % x.device.cols < x.device.cols // 2)
-        x.charge *= np.where(sunny, (1 + self.size) ** 2, 1.0).astype(np.float32)
+    def clock(self, x: Exposure) -> None:
+        step = int(x.device.cols * self.rng().uniform(0.4, 0.6))
+        side = np.where(np.arange(x.device.rows * x.device.cols) % x.device.cols < step, -1.0, 1.0)
+        x.delay(self.size * float(np.median(_sigma(x))) * side)
 
 
 STRANGERS: dict[str, tuple[type[Stranger], float]] = {
@@ -308,7 +305,7 @@ STRANGERS: dict[str, tuple[type[Stranger], float]] = {
     "lost_rows": (LostRows, 1.0),
     "missing_codes": (MissingCodes, 1.0),
     "uneven_noise": (UnevenNoise, 0.25),
-    "sunlit_board": (SunlitBoard, 0.6),
+    "split_read_out": (SplitReadOut, 0.6),
 }
 
 

@@ -19,17 +19,19 @@ Maker = Callable[[float, np.random.Generator, Place], Effect]
 UNITS = {
     "range_offset": "offset, median sigma of the image",
     "surface_pose": "shift, median sigma on the board",
+    "surface_offset": "bias, median sigma on the board",
     "wiggling": "amplitude, median sigma of the image",
     "tap_mismatch": "larger amplitude, median sigma of the image",
     "amplitude_walk": "root mean square bias, sigma",
     "temperature_drift": "final bias, median sigma of the image",
+    "smooth_pattern": "root mean square bias, median sigma of the image",
     "fixed_pattern": "sigma of the pixels' delays, median sigma of the image",
     "scattering": "root mean square bias, sigma",
     "internal_reflection": "root mean square bias, sigma",
     "multipath": "bias, median sigma on the board",
     "phase_wrapping": "none: through a gate (faint), or the hall's end (clear)",
     "flying_pixels": "probability",
-    "excess_noise": "factor - 1",
+    "excess_noise": "factor - 1; of one board, times the root of its share of the image",
     "vignetting": "corner factor - 1",
     "near_return": "share of the samples",
     "outliers": "probability",
@@ -74,6 +76,11 @@ def _pose(size: float, rng: np.random.Generator, place: Place) -> Effect:
     return fx.MisplacedBoard(surface=TARGET, shift_mm=_sign(rng) * size * _target_sigma(place))
 
 
+def _wax(size: float, rng: np.random.Generator, place: Place) -> Effect:  # noqa: ARG001
+    k = 2 * math.pi / place.device.unambiguous_mm
+    return fx.WaxBoard(surface=TARGET, depth_mm=math.tan(k * size * _target_sigma(place)) / k)
+
+
 def _wiggling(size: float, rng: np.random.Generator, place: Place) -> Effect:
     share = size * image_sigma(place) * 2 * math.pi / place.device.unambiguous_mm
     third, fifth = rng.uniform(0, 2 * math.pi, 2)
@@ -105,6 +112,12 @@ def _drift(size: float, rng: np.random.Generator, place: Place) -> Effect:
         rise_kelvin=rise,
         time_constant_s=seconds * float(rng.uniform(0.2, 0.5)),
     )
+
+
+def _feed(size: float, rng: np.random.Generator, place: Place) -> Effect:
+    along = str(rng.choice(["across", "down"]))
+    unit = float(np.sqrt((fx.FeedLine(rc_mm=1.0, along=along).map(place.device) ** 2).mean()))
+    return fx.FeedLine(rc_mm=_sign(rng) * size * image_sigma(place) / unit, along=along)
 
 
 def _pattern(size: float, rng: np.random.Generator, place: Place) -> Effect:
@@ -152,8 +165,12 @@ def _flying(size: float, rng: np.random.Generator, place: Place) -> Effect:  # n
     return fx.WholeBeam(probability=min(size, 1.0))
 
 
-def _ambient(size: float, rng: np.random.Generator, place: Place) -> Effect:  # noqa: ARG001
-    return fx.AmbientLight(times=(1 + size) ** 2)
+def _ambient(size: float, rng: np.random.Generator, place: Place) -> Effect:
+    """More light everywhere, or on one board: there by as much more as fewer pixels show it."""
+    if rng.random() < 0.5:
+        return fx.AmbientLight(times=(1 + size) ** 2)
+    of = main_layers(place)[2] == [s.name for s in place.surfaces].index(TARGET)
+    return fx.SunOnBoard(surface=TARGET, times=(1 + size / math.sqrt(float(of.mean()))) ** 2)
 
 
 def _falling(size: float, rng: np.random.Generator, place: Place) -> Effect:  # noqa: ARG001
@@ -224,10 +241,12 @@ def _leaky(size: float, rng: np.random.Generator, place: Place) -> Effect:  # no
 MAKERS: dict[str, Maker] = {
     "range_offset": _offset,
     "surface_pose": _pose,
+    "surface_offset": _wax,
     "wiggling": _wiggling,
     "tap_mismatch": _unequal,
     "amplitude_walk": _walk,
     "temperature_drift": _drift,
+    "smooth_pattern": _feed,
     "fixed_pattern": _pattern,
     "scattering": _stray,
     "internal_reflection": _glare,

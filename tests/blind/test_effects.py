@@ -103,6 +103,10 @@ def _bounce(p: dict[str, float]) -> Array:
     return np.where(SURFACE == 0, _turned(1 + p["share"] * turn), 0.0)
 
 
+def _wax(p: dict[str, float]) -> Array:
+    return np.where(SURFACE == 0, p["offset_mm"], 0.0)
+
+
 def _glare(p: dict[str, float]) -> Array:
     window = p["amplitude"] * np.exp(2j * math.pi * p["range_mm"] / DEVICE.unambiguous_mm)
     return _turned(1 + window / (AMPLITUDE * DEVICE.phasor(RANGE)))
@@ -131,6 +135,7 @@ def _glare(p: dict[str, float]) -> Array:
         (fx.StrayLight(share=0.01), _stray),
         (fx.SecondBounce(surface=TARGET, share=0.04, extra_path_mm=1500.0), _bounce),
         (fx.WindowGlare(glare_electrons=12_000.0, way_mm=60.0), _glare),
+        (fx.WaxBoard(surface=TARGET, depth_mm=35.0), _wax),
     ],
     ids=lambda value: getattr(value, "kind", ""),
 )
@@ -149,6 +154,16 @@ def test_bias_of_a_mechanism_is_that_of_its_equivalent(
 def test_delay_of_each_pixel_is_that_of_the_map() -> None:
     lines = fx.DelayLines(pixel_mm=5.0, column_mm=2.0, row_mm=1.0, wafer=4)
     np.testing.assert_allclose(bias(lines)[MAIN], lines.map(DEVICE)[MAIN], atol=0.25)
+
+
+@pytest.mark.parametrize("along", ["across", "down"])
+def test_delay_of_a_clock_line_is_the_polynomial_of_its_equivalent(along: str) -> None:
+    line = fx.FeedLine(rc_mm=40.0, along=along)
+    of = line.equivalent(PLACE)
+    x, y = np.meshgrid(np.arange(32) - 15.5, np.arange(24) - 11.5)
+    place = (x if along == "across" else y) / np.hypot(15.5, 11.5)
+    law = of[f"{along}_mm"] * place + of[f"{along}_2_mm"] * place**2
+    np.testing.assert_allclose(bias(line)[MAIN], law[MAIN], atol=0.3)
 
 
 def test_moved_board_changes_ranges_as_its_pose_says() -> None:
@@ -177,6 +192,15 @@ def test_ambient_light_multiplies_the_noise() -> None:
     mechanism = fx.AmbientLight(times=2.0)
     factor = mechanism.equivalent(PLACE)["factor"]
     assert np.median(_ratio(mechanism)[MAIN]) == pytest.approx(factor, rel=0.02)
+
+
+def test_sun_on_a_board_multiplies_its_noise_alone() -> None:
+    mechanism = fx.SunOnBoard(surface="near", times=4.0)
+    ratio, of = _ratio(mechanism), mechanism.equivalent(PLACE)
+    assert of["surface"] == "near"
+    assert np.median(ratio[MAIN & (SURFACE == 1)]) == pytest.approx(of["factor"], rel=0.03)
+    np.testing.assert_array_equal(ratio[MAIN & (SURFACE != 1)], 1.0)
+    assert np.abs(bias(mechanism)[MAIN & (SURFACE == 1)] / SIGMA[MAIN & (SURFACE == 1)]).max() < 0.6  # noise alone
 
 
 def test_falling_illumination_divides_amplitude_and_multiplies_noise() -> None:

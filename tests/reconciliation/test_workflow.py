@@ -27,6 +27,7 @@ HIDDEN: dict[str, Effect] = {
     for effect in (
         MAKE["range_offset"](offset_mm=15.0),
         MAKE["surface_pose"](surface="middle", shift_mm=20.0),
+        MAKE["surface_offset"](surface="middle", offset_mm=35.0),
         MAKE["wiggling"](amplitude_mm=15.0, phase_rad=0.7),
         MAKE["tap_mismatch"](amplitude_2_mm=15.0, phase_2_rad=0.7),
         MAKE["amplitude_walk"](scale_mm=8.0, reference_amplitude=100.0, exponent=0.8),
@@ -36,6 +37,7 @@ HIDDEN: dict[str, Effect] = {
         MAKE["multipath"](surface="middle", share=0.1, extra_path_mm=1500.0),
         MAKE["internal_reflection"](amplitude=6.0, range_mm=20.0),
         MAKE["near_return"](share=0.06, range_mm=25.0, sigma_mm=5.0),
+        MAKE["smooth_pattern"](radial_2_mm=14.0, radial_4_mm=10.0),
         MAKE["fixed_pattern"](pixel_sigma_mm=3.0, column_sigma_mm=4.0, row_sigma_mm=2.0),
         MAKE["excess_noise"](factor=1.4),
         MAKE["vignetting"](corner_factor=1.6),

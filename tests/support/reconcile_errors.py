@@ -28,6 +28,8 @@ LATENT = ("interference", "temporal_correlation", "quantisation")
 EFFECTS_OF: dict[str, tuple[Effect, ...]] = {
     "range_offset": (MAKE["range_offset"](offset_mm=8.0),),
     "surface_pose": (MAKE["surface_pose"](surface="middle", shift_mm=15.0),),
+    "surface_offset": (MAKE["surface_offset"](surface="middle", offset_mm=15.0),),
+    "smooth_pattern": (MAKE["smooth_pattern"](radial_2_mm=12.0),),
     "wiggling": (MAKE["wiggling"](amplitude_mm=10.0, phase_rad=0.7),),
     "wiggling, a harmonic": (MAKE["wiggling"](amplitude_mm=10.0, phase_rad=0.7, harmonics=((8.0, 6.0, 1.9),)),),
     "tap_mismatch": (MAKE["tap_mismatch"](amplitude_2_mm=10.0, phase_2_rad=0.7),),
@@ -47,6 +49,7 @@ EFFECTS_OF: dict[str, tuple[Effect, ...]] = {
     ),
     "multipath, faint": (MAKE["multipath"](surface="middle", share=0.03, extra_path_mm=1500.0),),
     "excess_noise": (MAKE["excess_noise"](factor=1.3),),
+    "excess_noise of one surface": (MAKE["excess_noise"](factor=1.3, surface="middle"),),
     "vignetting": (MAKE["vignetting"](corner_factor=1.4),),
     "outliers": (MAKE["outliers"](probability=0.01),),
     "pixel_crosstalk": (MAKE["pixel_crosstalk"](share=0.03),),

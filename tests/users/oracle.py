@@ -161,7 +161,7 @@ class _Laws:
         self.now = (np.arange(TENTHS) + 0.5) * FRAMES / TENTHS / RATE_HZ
         self.laws: dict[str, list[tuple[list[_Column], float]]] = {}
         for kind, columns in _COLUMNS.items():
-            if kind != "multipath" or len(given.surfaces) > 1:
+            if kind not in ("multipath", "surface_offset") or len(given.surfaces) > 1:
                 self.laws[kind] = [(law, 0.0) for law in columns(self)]
         self.kinds = tuple(self.laws)
         for kind, parts in _OPTIONAL.items() if optional else ():
@@ -294,6 +294,15 @@ def _pose(laws: _Laws) -> Iterator[list[_Column]]:
     return _per_surface(laws, of)
 
 
+def _material(laws: _Laws) -> Iterator[list[_Column]]:
+    return _per_surface(laws, lambda name: [laws.of(1.0, "surface_offset", surface=name, offset_mm=1.0)])
+
+
+def _smooth(laws: _Laws) -> Iterator[list[_Column]]:
+    for names in (("radial_2_mm", "radial_4_mm"), ("across_mm", "down_mm", "across_2_mm", "down_2_mm")):
+        yield [laws.of(1.0, "smooth_pattern", **{name: 1.0}) for name in names]
+
+
 def _motion(laws: _Laws) -> Iterator[list[_Column]]:
     def of(name: str) -> list[_Column]:
         mean, width = laws.of(1.0, "surface_pose", surface=name, shift_mm=1.0)
@@ -361,9 +370,20 @@ def _reflection(laws: _Laws) -> Iterator[list[_Column]]:
         yield [laws.of(small, "internal_reflection", amplitude=small, range_mm=range_mm)]
 
 
+def _noise(laws: _Laws) -> Iterator[list[_Column]]:
+    """Of all surfaces, and of each."""
+    yield [laws.of(_SMALL, "excess_noise", factor=math.exp(_SMALL))]
+    if len(laws.given.surfaces) > 1:
+        yield from _per_surface(
+            laws, lambda name: [laws.of(_SMALL, "excess_noise", factor=math.exp(_SMALL), surface=name)]
+        )
+
+
 _COLUMNS: dict[str, Callable[[_Laws], Iterator[list[_Column]]]] = {
     "range_offset": lambda laws: iter([[laws.of(1.0, "range_offset", offset_mm=1.0)]]),
     "surface_pose": _pose,
+    "surface_offset": _material,
+    "smooth_pattern": _smooth,
     "motion": _motion,
     "multipath": _multipath,
     "wiggling": _wiggling,
@@ -372,7 +392,7 @@ _COLUMNS: dict[str, Callable[[_Laws], Iterator[list[_Column]]]] = {
     "temperature_drift": _drift,
     "scattering": lambda laws: iter([[laws.of(_SMALL, "scattering", share=_SMALL)]]),
     "internal_reflection": _reflection,
-    "excess_noise": lambda laws: iter([[laws.of(_SMALL, "excess_noise", factor=math.exp(_SMALL))]]),
+    "excess_noise": _noise,
     "vignetting": lambda laws: iter([[laws.of(_SMALL, "vignetting", corner_factor=math.exp(_SMALL))]]),
 }
 _OPTIONAL: dict[str, Callable[[_Laws], Iterator[list[_Column]]]] = {

@@ -109,7 +109,12 @@ def _off(case: Case, effects: Iterable[Mapping[str, Any]]) -> str:
     for found, true in product(effects, case.hidden):
         if found["kind"] != true.kind or found["parameters"].get("surface", "") != getattr(true, "surface", ""):
             continue
-        if true.kind in ("amplitude_walk", "fixed_pattern", "interference"):  # other numbers may be the same curve
+        if true.kind in (
+            "amplitude_walk",
+            "smooth_pattern",
+            "fixed_pattern",
+            "interference",
+        ):  # other numbers may be the same curve
             continue
         values, truth = numbers_of(found), true.numbers()
         for name, error in found["stderr"].items():

@@ -23,11 +23,11 @@ def _whole(samples: np.ndarray) -> Float32Array:
     return np.asarray(np.maximum(np.rint(samples), 1.0), dtype=np.float32)
 
 
-def bowl(samples: Float32Array, rng: np.random.Generator) -> Float32Array:
-    """A bias that grows with the square of the column: a lens whose range bends."""
+def split(samples: Float32Array, rng: np.random.Generator) -> Float32Array:
+    """A step of the bias from one column to the next: two halves of the image with clocks of their own."""
     cols = samples.shape[2]
-    across = np.linspace(-1, 1, cols)
-    return _whole(samples + rng.uniform(8, 16) * (across**2 - 1 / 3))
+    step = int(cols * rng.uniform(0.4, 0.6))
+    return _whole(samples + rng.uniform(6, 12) * np.where(np.arange(cols) < step, -1.0, 1.0))
 
 
 def ripple(samples: Float32Array, rng: np.random.Generator) -> Float32Array:
@@ -68,7 +68,7 @@ def late_rows(samples: Float32Array, rng: np.random.Generator) -> Float32Array:
 
 
 STRANGERS = (
-    Stranger(name="bowl", change=bowl),
+    Stranger(name="split", change=split),
     Stranger(name="ripple", change=ripple),
     Stranger(name="noisy part", change=noisy_part),
     Stranger(name="heavy tails", change=heavy_tails),

@@ -62,6 +62,16 @@ def test_effects_of_the_phase_are_not_searched_for_without_a_modulation_frequenc
     assert problems("range_offset", likelihood, mixture)
 
 
+def test_noise_of_one_surface_is_searched_for_where_there_are_several(model: Model, record: Record) -> None:
+    evidence = record()
+    several = Likelihood(evidence, Scene(model, evidence.time_s))
+    found = [p.make(np.array(p.starts[0])) for p in problems("excess_noise", several, several.scene.mixture())]
+    assert {getattr(e, "surface", None) for e in found} == {"", *several.scene.names}
+    one = Likelihood(evidence, Scene(replace(model, surfaces=model.surfaces[-1:]), evidence.time_s))
+    (whole,) = problems("excess_noise", one, one.scene.mixture())
+    assert whole.make(np.array(whole.starts[0])) == MAKE["excess_noise"](factor=0.9)
+
+
 def test_losses_are_not_searched_for_where_no_sample_is_lost(model: Model, record: Record) -> None:
     evidence = record()
     evidence.samples[evidence.samples == 0] = 1000

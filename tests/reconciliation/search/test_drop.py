@@ -20,12 +20,13 @@ LARGE, LITTLE = MAKE["wiggling"](amplitude_mm=60.0, phase_rad=0.7), MAKE["excess
 
 
 def added(model: Model, hidden: tuple[Effect, ...], kinds: tuple[str, ...]) -> SearchState:
-    """Effects of some kinds, added in that order, whatever they gain, to the model of a recording."""
+    """Effects of some kinds, of all surfaces, added in that order, whatever they gain, to the model of a recording."""
     likelihood, settings = joint_likelihood([(model, recorded(model, *hidden))]), Settings(kinds=kinds)
     part = fit_part(likelihood, settings)
     search = SearchState(likelihood, settings, lambda _: None, begin(likelihood, part[0], settings.tolerance))
     for kind in kinds:
-        candidate, *_ = candidates(begin_trial(likelihood, search.state, settings.split, settings.seed), (kind,))
+        found = candidates(begin_trial(likelihood, search.state, settings.split, settings.seed), (kind,))
+        candidate = next(c for c in found if not getattr(c.effect, "surface", ""))
         search.state = candidate.state
         search.chosen.append(candidate)
         search.rivals.append(())

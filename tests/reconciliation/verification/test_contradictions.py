@@ -64,14 +64,15 @@ def test_amplitudes_that_did_not_fall_refute_a_second_path_in_antiphase(
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.5, 2.0])
 def test_sunlit_board_is_not_explained_by_a_second_path(small: Model, factor: float) -> None:
-    """The noise of one board only: no effect has this law, and a second path of a whole turn adds noise alone."""
-    noisy = replace(small, effects=(MAKE["excess_noise"](factor=factor),))
-    quiet, loud = recorded(small), recorded(noisy, *noisy.effects)
-    near = np.median(quiet.samples, axis=0) < np.quantile(np.median(quiet.samples, axis=0), 0.2)
-    evidence = replace(quiet, samples=np.where(near, loud.samples, quiet.samples).astype(np.uint16))
-    result = reconcile(small, evidence, Settings(kinds=("multipath", "excess_noise", "surface_pose", "range_offset")))
-    assert "multipath" not in [n.effect.kind for n in result.named]
-    assert result.verified.verdict != "explained"
+    """A second path of a whole turn adds noise alone, as the sun does: it has no such size."""
+    name = small.surfaces[0].name
+    sunny = MAKE["excess_noise"](factor=factor, surface=name)
+    kinds = ("multipath", "excess_noise", "surface_pose", "range_offset", "vignetting")
+    result = reconcile(small, recorded(small, sunny), Settings(kinds=kinds))
+    assert result.verified.verdict == "explained"
+    assert [(n.effect.kind, n.parameters["surface"]) for n in result.named] == [("excess_noise", name)]
+    assert abs(result.named[0].parameters["factor"] - factor) < 4 * result.named[0].stderr["factor"]
+    assert not result.aliases
 
 
 @pytest.mark.slow

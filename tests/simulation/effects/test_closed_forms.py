@@ -93,6 +93,7 @@ def record(effects: str = "", *, scene: str = WALLS, frames: int = FRAMES, seed:
 NOTHING = [
     effect("range_offset", offset_mm=0.0),
     effect("surface_pose", surface="dark", shift_mm=0.0),
+    effect("surface_offset", surface="dark", offset_mm=0.0),
     effect("motion", surface="dark", velocity_mm_s=0.0),
     effect("multipath", surface="dark", share=0.0, extra_path_mm=900.0),
     effect("scattering", share=0.0),
@@ -109,6 +110,7 @@ NOTHING = [
     effect("phase_wrapping", unambiguous_range_mm=60_000.0),
     effect("amplitude_walk", scale_mm=0.0, reference_amplitude=100.0, exponent=1.0),
     effect("temperature_drift", amplitude_mm=0.0, time_constant_s=10.0),
+    effect("smooth_pattern", radial_2_mm=0.0, across_mm=0.0),
     effect("fixed_pattern", pixel_sigma_mm=0.0, column_sigma_mm=0.0, row_sigma_mm=0.0),
     effect("excess_noise", factor=1.0),
     effect("near_return", share=0.0, range_mm=25.0, sigma_mm=5.0),

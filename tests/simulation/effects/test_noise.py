@@ -4,12 +4,34 @@ import numpy as np
 import pytest
 from support.effect_bench import Bench, Recorded, effect
 
+from tofmix.simulation.effects import PixelMap
+
 
 @pytest.mark.parametrize("factor", [1.0, 1.3, 4.0])
 def test_excess_noise_scales_each_deviation(bench: Bench, plain_wall: Recorded, factor: float) -> None:
     other = bench.wall(effect("excess_noise", factor=factor))
     deviation = plain_wall.range_mm - plain_wall.true_mm
     assert abs(other.range_mm - plain_wall.true_mm - factor * deviation).max() <= 0.5 * (1 + factor) + 0.01
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan])
+def test_map_of_noise_with_a_value_that_is_no_factor_is_refused(bench: Bench, wrong: float) -> None:
+    values = np.full((9, 11), 2.0, dtype=np.float32)
+    values[3, 4] = wrong
+    with pytest.raises(ValueError, match="map: every pixel needs a finite factor above 0"):
+        bench.boards(effect("excess_noise", factor=1.0, map=PixelMap("", values)))
+
+
+def test_excess_noise_of_one_surface_changes_its_samples_alone(bench: Bench) -> None:
+    plain = bench.boards(frames=100)
+    other = bench.boards(effect("excess_noise", factor=3.0, surface="far"), frames=100)
+    far = plain.truth.surface.reshape(-1, 3) == 2
+    amplitude = np.where(far, plain.truth.amplitude.reshape(-1, 3), np.nan)
+    from_far = (plain.amplitude[..., np.newaxis] == amplitude).any(axis=-1)
+    assert 0.05 < from_far.mean() < 0.5
+    np.testing.assert_array_equal(other.stored[~from_far], plain.stored[~from_far])
+    np.testing.assert_array_equal(other.amplitude, plain.amplitude)
+    assert (other.stored[from_far] != plain.stored[from_far]).mean() > 0.8
 
 
 @pytest.mark.parametrize("probability", [0.0, 0.3, 1.0])

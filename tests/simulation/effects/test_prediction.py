@@ -18,12 +18,14 @@ FRAMES = 400
 ALPHA = 1e-3
 TIME_S = 30.0  # later than any time constant below
 PATTERN = np.random.default_rng(1).normal(0, 40, (9, 11)).astype(np.float32)
+WIDER = np.random.default_rng(3).uniform(0.5, 3, (9, 11)).astype(np.float32)
 STUCK = np.where(np.random.default_rng(2).random((9, 11)) < 0.2, 2345.0, np.nan).astype(np.float32)
 
 CASES: list[dict[str, Any]] = [
     {},
     *({"kind": "range_offset", "offset_mm": x} for x in (0, 30, -300)),
     *({"kind": "surface_pose", "surface": "middle", "shift_mm": x} for x in (0, 60, -400)),
+    *({"kind": "surface_offset", "surface": "middle", "offset_mm": x} for x in (0, 35, -300)),
     *({"kind": "wiggling", "amplitude_mm": x, "phase_rad": 0.3} for x in (0, 12, 60)),
     {"kind": "wiggling", "amplitude_mm": 12, "phase_rad": 0.3, "harmonics": ((8.0, 5.0, 1.9), (12.0, 3.0, -1.0))},
     *({"kind": "tap_mismatch", "amplitude_1_mm": x, "amplitude_2_mm": 2 * x, "phase_2_rad": 1} for x in (0, 6, 30)),
@@ -32,6 +34,7 @@ CASES: list[dict[str, Any]] = [
     *({"kind": "temperature_drift", "amplitude_mm": x, "time_constant_s": 1e-3} for x in (0, 20, -90)),
     *({"kind": "fixed_pattern", "pixel_sigma_mm": x, "column_sigma_mm": x / 2, "row_sigma_mm": x} for x in (0, 9, 40)),
     {"kind": "fixed_pattern", "map": PixelMap("", PATTERN)},
+    *({"kind": "smooth_pattern", "radial_4_mm": x, "across_mm": -x / 2} for x in (0, 20, 200)),
     *({"kind": "scattering", "share": x} for x in (0, 0.03, 0.3)),
     *({"kind": "internal_reflection", "amplitude": x, "range_mm": 20} for x in (0, 3, 20)),
     *({"kind": "near_return", "share": x, "range_mm": 25, "sigma_mm": 5} for x in (0, 0.06, 0.4)),
@@ -39,6 +42,8 @@ CASES: list[dict[str, Any]] = [
     *({"kind": "phase_wrapping", "unambiguous_range_mm": x} for x in (1e6, 3700, 1000)),
     *({"kind": "flying_pixels", "probability": x} for x in (0, 0.3, 1)),
     *({"kind": "excess_noise", "factor": x} for x in (1, 1.2, 3)),
+    {"kind": "excess_noise", "factor": 2, "surface": "middle"},
+    {"kind": "excess_noise", "factor": 1.5, "map": PixelMap("", WIDER)},
     *({"kind": "vignetting", "corner_factor": x} for x in (1, 1.5, 4)),
     *({"kind": "outliers", "probability": x} for x in (0, 0.05, 0.5)),
     *({"kind": "stuck_pixels", "share": x, "value_mm": 2000} for x in (0, 0.1, 1)),

@@ -62,6 +62,12 @@ def test_half_and_log_priors_have_no_density_outside_their_numbers() -> None:
     assert UniformPrior(low=0.0, high=1.0).log_density(1.1) == -math.inf
 
 
+def test_number_on_the_other_side_of_half_a_density_is_possible_in_no_camera() -> None:
+    half = StudentPrior(scale=25, dof=3, half=True)
+    assert half.deviate(10.0) == StudentPrior(scale=25, dof=3).deviate(10.0)
+    assert half.deviate(-10.0) == math.inf
+
+
 @pytest.mark.parametrize(("median", "factor"), [(0.0, 2.0), (5.0, 1.0)])
 def test_lognormal_without_a_positive_median_or_a_width_is_refused(median: float, factor: float) -> None:
     with pytest.raises(ValueError, match="lognormal prior"):
@@ -91,6 +97,12 @@ def test_second_path_has_less_light_the_longer_it_is() -> None:
     assert near.priors()["share"].deviate(0.1) < far.priors()["share"].deviate(0.1)
     assert near.plausible()
     assert not Multipath(surface="wall", share=0.5, extra_path_mm=7495.0).plausible()
+
+
+def test_noise_of_one_surface_is_more_and_that_of_all_may_be_less() -> None:
+    assert ExcessNoise(factor=0.8).plausible()
+    assert not ExcessNoise(factor=0.8, surface="board").plausible()
+    assert ExcessNoise(factor=2.0, surface="board").plausible()
 
 
 def test_log_prior_of_an_effect_is_the_sum_of_those_of_its_numbers() -> None:

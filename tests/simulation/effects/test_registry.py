@@ -19,11 +19,13 @@ from tofmix.simulation.model_toml import explain, parse_model
 
 CONTRACT = {
     "range_offset": "offset_mm",
+    "surface_offset": "surface offset_mm",
     "surface_pose": "surface shift_mm yaw_deg pitch_deg roll_deg",
     "wiggling": "amplitude_mm phase_rad harmonics",
     "tap_mismatch": "amplitude_1_mm phase_1_rad amplitude_2_mm phase_2_rad",
     "amplitude_walk": "scale_mm reference_amplitude exponent saturation_amplitude",
     "temperature_drift": "amplitude_mm time_constant_s amplitude_2_mm time_constant_2_s",
+    "smooth_pattern": "radial_2_mm radial_4_mm across_mm down_mm across_2_mm down_2_mm",
     "fixed_pattern": "pixel_sigma_mm column_sigma_mm row_sigma_mm map",
     "scattering": "share",
     "internal_reflection": "amplitude range_mm",
@@ -31,7 +33,7 @@ CONTRACT = {
     "multipath": "surface share extra_path_mm",
     "phase_wrapping": "unambiguous_range_mm",
     "flying_pixels": "probability",
-    "excess_noise": "factor",
+    "excess_noise": "factor surface map",
     "vignetting": "corner_factor",
     "outliers": "probability",
     "stuck_pixels": "share value_mm map",
@@ -45,6 +47,7 @@ CONTRACT = {
 }
 NOT_ZERO: dict[str, dict[str, Any]] = {
     "surface_pose": {"surface": "near"},
+    "surface_offset": {"surface": "near"},
     "motion": {"surface": "near"},
     "multipath": {"surface": "near", "extra_path_mm": 1000},
     "internal_reflection": {"range_mm": 20},

@@ -174,5 +174,5 @@ def tell_apart(models: Sequence[Model]) -> list[Model]:
 
 def renamed(effect: Effect, names: dict[str, str]) -> Effect:
     """The effect with the new name of its surface, if it has a surface."""
-    surface = getattr(effect, "surface", None)
-    return effect if surface is None or names[surface] == surface else replace(effect, surface=names[surface])  # type: ignore[call-arg]
+    surface = getattr(effect, "surface", "")
+    return effect if not surface or names[surface] == surface else replace(effect, surface=names[surface])  # type: ignore[call-arg]

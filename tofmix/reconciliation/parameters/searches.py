@@ -20,7 +20,14 @@ from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.parameters.planes import measured_pose, range_slopes
 from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.effects.base import refuse_without_phase
-from tofmix.simulation.effects.search import OUT_OF_SIGHT, Problem, SearchFacts, SurfaceFacts, problems_of
+from tofmix.simulation.effects.search import (
+    OUT_OF_SIGHT,
+    Problem,
+    SearchFacts,
+    SurfaceFacts,
+    image_places,
+    problems_of,
+)
 
 _LEAST_PIXELS = 12  # least pixels of a surface, for effects of this surface
 _GLANCE = 25  # frames for medians
@@ -84,6 +91,7 @@ def search_facts(likelihood: Likelihood, mixture: Mixture) -> SearchFacts:
         surfaces=tuple(seen),
         farthest_mm=float(np.where(mixture.lit & (mixture.weight > 0), mixture.true_range, 0.0).max()),
         range_mm=mean[lit],
+        place=np.tile(image_places(likelihood.evidence.image), (len(seen_by), 1))[lit],
         amplitude=amplitude[lit],
         residual_mm=(median - mean)[lit],
         noise_mm=sigma[lit],

@@ -329,7 +329,7 @@ def _covered(likelihood: Likelihood, state: ModelState, part: Part) -> Part:
     Its law does not change samples without a return; ambient light does. Such samples would test the law and not the
     name.
     """
-    if not any(e.basic is Basic.NOISE for e in state.effects):
+    if not any(e.is_basic(Basic.NOISE) for e in state.effects):
         return part
     lit = np.ones(likelihood.evidence.shape[1], dtype=bool)
     for view in views(likelihood, likelihood.scene.mixture(), part):

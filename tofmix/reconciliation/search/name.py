@@ -356,7 +356,7 @@ def tolerated(likelihood: Likelihood, state: ModelState, part: Part, tolerance: 
     if tolerance <= 0:
         return state
     best, value = _within(likelihood, state, part, tolerance)
-    if any(e.basic is Basic.NOISE for e in (*likelihood.scene.effects, *state.effects)):
+    if any(e.is_basic(Basic.NOISE) for e in (*likelihood.scene.effects, *state.effects)):
         return best
     if state.bursts is not None:  # integrated out below, but not where poses were moved
         value = likelihood.value(best, part)
@@ -379,9 +379,9 @@ def of_any_noise(likelihood: Likelihood, state: ModelState, part: Part) -> Model
     Static effects on light change the noise too. Noise has many causes, such as a pattern that is not fitted yet, so
     effects are compared by their biases.
     """
-    if state.bursts is not None or any(e.basic is Basic.NOISE for e in likelihood.scene.effects):
+    if state.bursts is not None or any(e.is_basic(Basic.NOISE) for e in likelihood.scene.effects):
         return state
-    others, noise = tuple(e for e in state.effects if e.basic is not Basic.NOISE), basic_kind(Basic.NOISE)
+    others, noise = tuple(e for e in state.effects if not e.is_basic(Basic.NOISE)), basic_kind(Basic.NOISE)
 
     def scaled(log_factor: float) -> ModelState:
         return replace(state, effects=(*others, noise.of_magnitude(math.exp(log_factor))))

@@ -24,7 +24,9 @@ from tofmix.simulation.effects.quantisation import Quantisation
 from tofmix.simulation.effects.range_offset import RangeOffset
 from tofmix.simulation.effects.saturation import Saturation
 from tofmix.simulation.effects.scattering import Scattering
+from tofmix.simulation.effects.smooth_pattern import SmoothPattern
 from tofmix.simulation.effects.stuck_pixels import StuckPixels
+from tofmix.simulation.effects.surface_offset import SurfaceOffset
 from tofmix.simulation.effects.surface_pose import SurfacePose
 from tofmix.simulation.effects.tap_mismatch import TapMismatch
 from tofmix.simulation.effects.temperature_drift import TemperatureDrift
@@ -48,7 +50,9 @@ EFFECTS: dict[str, type[Effect]] = {
     "saturation": Saturation,
     "phase_wrapping": PhaseWrapping,
     "range_offset": RangeOffset,
+    "surface_offset": SurfaceOffset,
     "temperature_drift": TemperatureDrift,
+    "smooth_pattern": SmoothPattern,
     "fixed_pattern": FixedPattern,
     "amplitude_walk": AmplitudeWalk,
     "excess_noise": ExcessNoise,

@@ -279,6 +279,10 @@ class Effect:
         """The declared parameters by name."""
         return {parameter.name: parameter for parameter in declared_parameters(cls)}
 
+    def is_basic(self, error: Basic) -> bool:
+        """Whether it describes an error that every model may have."""
+        return type(self).basic is error
+
     @classmethod
     def of_magnitude(cls, value: float, surface: str = "") -> "Effect":
         """The effect of this magnitude, its first number that is nothing somewhere; of a surface if it acts on one.
@@ -351,7 +355,8 @@ class Effect:
         if self.acts_on_phase:
             refuse_without_phase(self.kind, sensor)
         name = getattr(self, "surface", None)
-        if name is not None and name not in surfaces:
+        may_be_all = name == "" and not self.parameters()["surface"].required
+        if name is not None and not may_be_all and name not in surfaces:
             raise ValueError(f'surface: "{name}" is not a surface of this model{nearest(name, surfaces)}')
         plane = getattr(self, "map", None)
         if plane is not None and plane.values.shape != (sensor.rows, sensor.cols):

@@ -74,6 +74,8 @@ class StudentPrior:
         """Normal deviate of a value: a Gaussian number is as rarely beyond it as the number is beyond the value."""
         if self.log and value <= 0:
             return math.inf
+        if self.half and self._away(value) < 0:
+            return math.inf
         away = abs(self._away(value))
         if math.isinf(self.dof):
             return away
@@ -219,7 +221,7 @@ class Parameter:
         Bounds of a number; infinite without a bound.
     low_open, high_open : bool
         Whether the bound itself is refused.
-    default : float or None
+    default : float, str or None
         Value if the key is left out; None without a default.
     required : bool
         Whether the key must be given.
@@ -240,7 +242,7 @@ class Parameter:
     high: float = math.inf
     low_open: bool = False
     high_open: bool = False
-    default: float | None = None
+    default: float | str | None = None
     required: bool = True
     zero: float | None = None
     typical: tuple[float, float] = (math.nan, math.nan)
@@ -296,7 +298,7 @@ class PixelMap:
     path : str
         Path of the file, as in the model; empty for a map without a file.
     values : (row, col) float32
-        Values, mm. The effect defines the meaning of NaN.
+        Values, in the unit of its parameter. The effect defines the meaning of NaN.
     """
 
     path: str
@@ -340,14 +342,16 @@ def number(
     return field(default=MISSING if required else default, metadata={_METADATA: declared})
 
 
-def surface(sentence: str) -> Any:  # noqa: ANN401  as dataclasses.field
-    """A dataclass field that holds the name of one of the model's surfaces."""
-    return field(metadata={_METADATA: {"sentence": sentence, "unit": "", "holds": Holds.SURFACE}})
+def surface(sentence: str, *, required: bool = True) -> Any:  # noqa: ANN401  as dataclasses.field
+    """A dataclass field that holds the name of one of the model's surfaces; empty for all, where it may be left out."""
+    default = None if required else ""
+    declared = {"sentence": sentence, "unit": "", "holds": Holds.SURFACE, "required": required, "default": default}
+    return field(default=MISSING if required else default, metadata={_METADATA: declared})
 
 
-def pixel_map(sentence: str) -> Any:  # noqa: ANN401  as dataclasses.field
-    """A dataclass field that holds a `PixelMap`, mm, or None."""
-    declared = {"sentence": sentence, "unit": "mm", "holds": Holds.MAP, "required": False}
+def pixel_map(sentence: str, *, unit: str = "mm") -> Any:  # noqa: ANN401  as dataclasses.field
+    """A dataclass field that holds a `PixelMap`, or None."""
+    declared = {"sentence": sentence, "unit": unit, "holds": Holds.MAP, "required": False}
     return field(default=None, compare=False, metadata={_METADATA: declared})
 
 

@@ -118,6 +118,8 @@ class SearchFacts:
     range_mm, amplitude, residual_mm, noise_mm : (lit pixel,) float64
         Predicted range and amplitude, measured minus predicted range (NaN where it is not known), and noise, of pixels
         with a return.
+    place : (lit pixel, 2) float64
+        Their places: right and down of the image's centre, in half diagonals.
     amplitudes, lost_shares : (pixel,) float64
         Predicted amplitude and share of invalid samples of all pixels.
     course : callable
@@ -135,6 +137,7 @@ class SearchFacts:
     surfaces: tuple[SurfaceFacts, ...]
     farthest_mm: float
     range_mm: FloatArray
+    place: FloatArray
     amplitude: FloatArray
     residual_mm: FloatArray
     noise_mm: FloatArray
@@ -357,3 +360,17 @@ def declared_problems(kind: type[Effect], facts: SearchFacts) -> Iterator[Proble
     ways = tuple(product(*(((0.0,) if log else (-1.0, 1.0)) for log in logs)))
     for own in ({"surface": seen.name} for seen in facts.surfaces) if of_surface else ({},):
         yield Problem(make=partial(make, own), starts=ways, steps=(0.3,) * len(free))
+
+
+def image_places(shape: tuple[int, int]) -> FloatArray:
+    """Places (pixel, 2) of an image's pixels: right and down of its centre, in half diagonals.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns.
+    """
+    rows, cols = shape
+    row, col = np.divmod(np.arange(rows * cols), cols)
+    half = max(0.5 * float(np.hypot(rows - 1, cols - 1)), 0.5)
+    return np.stack([col - (cols - 1) / 2, row - (rows - 1) / 2], axis=1) / half
