@@ -11,6 +11,8 @@ from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
+import numpy as np
+
 from tofmix.arrays import FloatArray
 from tofmix.simulation.effects.base import Effect, Latent, Target
 from tofmix.simulation.effects.parameter import Holds, Parameter

@@ -11,7 +11,15 @@ from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Level, Target
 from tofmix.simulation.effects.parameter import StudentPrior, number
-from tofmix.simulation.effects.search import Coefficient, FormFacts, LinearForm, Problem, SearchFacts, spread_of
+from tofmix.simulation.effects.search import (
+    Coefficient,
+    FormFacts,
+    LinearForm,
+    Problem,
+    SearchFacts,
+    image_places,
+    spread_of,
+)
 
 _ELSEWHERE = "another scene: the pattern stays with its pixels"
 
