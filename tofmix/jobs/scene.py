@@ -68,8 +68,8 @@ class PlaneScene:
     background : (row, col) float32 or None
         The map of background shares that the text names.
     values : dict
-        Counts, for JSON: `surfaces` that were written, `smooth_surfaces` and `hidden_surfaces` that were not,
-        `pixels`, `pixels_changed`, `suspect_left_out`, `window`, and `notes`.
+        Counts, for JSON: `surfaces` that were written, `smooth_surfaces`, `hidden_surfaces` and
+        `covering_surfaces` that were not, `pixels`, `pixels_changed`, `suspect_left_out`, `window`, and `notes`.
     """
 
     model: Model
@@ -80,10 +80,12 @@ class PlaneScene:
     def words(self) -> str:
         """The counts in words."""
         counts = self.values
-        smooth, hidden, suspect = (counts[k] for k in ("smooth_surfaces", "hidden_surfaces", "suspect_left_out"))
+        smooth, hidden, covering = (counts[f"{kind}_surfaces"] for kind in ("smooth", "hidden", "covering"))
+        suspect = counts["suspect_left_out"]
         parts = [counted(counts["surfaces"], "surface", ",")]
         parts += [f"{counted(smooth, 'smooth surface', ',')} left out, no plane"] if smooth else []
         parts += [f"{counted(hidden, 'surface', ',')} left out, nowhere the nearest"] if hidden else []
+        parts += [f"{covering:,} left out, of which a rectangle covers more of others"] if covering else []
         parts += [f"{counted(suspect, 'suspect layer', ',')} left out"] if suspect else []
         changed = f"{counts['pixels_changed']:,} of {counted(counts['pixels'], 'pixel', ',')}"
         parts.append(f"a share changes by more than {CHANGED:g} in {changed}")
@@ -246,49 +248,71 @@ def _scene(seen: _Seen, reporter: Reporter, background: str) -> PlaneScene:
     curve, notes = _noise(seen)
     camera, assumed = _camera(seen, curve)
     notes += [*assumed, *_not_written(seen.sensor)]
-    planes = seen.found.planes
-    flat = seen.numbers[~planes.is_smooth[seen.numbers]]
+    flat = seen.numbers[~seen.found.planes.is_smooth[seen.numbers]].tolist()
     try:
-        rectangles = {int(k): _rectangle(seen, int(k), camera.range_max_mm) for k in flat}
+        found = {k: _rectangle(seen, k, camera.range_max_mm) for k in flat}
     except ValueError as error:
         raise BadInputError(f"{seen.source}: {error}") from error
-    written = [k for k, surface in rectangles.items() if surface is not None]
-    if not written:
+    shown = {k: surface for k, surface in found.items() if surface is not None}
+    kept, changed = _kept(seen, camera, shown)
+    if not kept:
         raise BadInputError(
             f"{seen.source}: window {seen.window}: no plane among its {counted(len(seen.numbers), 'surface')}, and a"
             " model has flat rectangles; record a scene with flat surfaces"
         )
-    light, unit = _reflectivities(seen, written, camera.integration_time_ms)
+    light, unit = _reflectivities(seen, list(kept), camera.integration_time_ms)
     if camera.noise.law is not None:
         law = None if unit is None else camera.noise.law.scaled(1.0 / unit)
         notes += [] if law is not None else ["noise by amplitude is written for usual amplitudes: none are known here"]
         camera = replace(camera, noise=replace(camera.noise, law=law))
-    surfaces = [
-        replace(surface, reflectivity=light.get(k, _REFLECTIVITY))
-        for k, surface in rectangles.items()
-        if surface is not None
-    ]
     for note in notes:
         reporter.note(f"{seen.source}: {note}")
-    model, shares = _model(seen, camera, surfaces, written, notes, background)
+    surfaces = {k: replace(surface, reflectivity=light.get(k, _REFLECTIVITY)) for k, surface in kept.items()}
+    model, shares = _model(seen, camera, surfaces, notes, background)
     values = {
         "window": seen.window,
-        "surfaces": len(written),
+        "surfaces": len(kept),
         "smooth_surfaces": len(seen.numbers) - len(flat),
-        "hidden_surfaces": len(flat) - len(written),
+        "hidden_surfaces": len(flat) - len(shown),
+        "covering_surfaces": len(shown) - len(kept),
         "suspect_left_out": 0 if seen.layers is None else seen.layers.suspects(),
-        "pixels": int(np.prod(seen.shape)),
-        "pixels_changed": int(_changed(model, seen, written).sum()),
+        "pixels": int(changed.size),
+        "pixels_changed": int(changed.sum()),
         "notes": notes,
     }
     return PlaneScene(model=model, background=shares, values=values)
 
 
+def _kept(seen: _Seen, camera: CompleteCamera, surfaces: dict[int, Surface]) -> tuple[dict[int, Surface], BoolArray]:
+    """The rectangles that describe more than they cover of others, and the pixels (row, col) whose shares they change.
+
+    Without its rectangle a surface loses its shares; with it, others lose what it covers of them. The smaller loss is
+    chosen. What a rectangle covers only grows where others are left out, so none is left out too early.
+    """
+    factor, (rows, cols) = seen.found.factor, seen.shape
+    parts = seen.found.surface_fine.reshape(rows, factor, cols, factor)
+    before = {k: (parts == k).mean(axis=(1, 3), dtype=np.float32) for k in seen.numbers.tolist()}
+    kept = surfaces
+    while True:
+        truth = cast_scene(Model(sensor=camera, surfaces=tuple(kept.values())))
+        weight = np.nan_to_num(truth.weight_true)
+        weight /= (weight.sum(axis=2) + truth.weight_no_return)[:, :, np.newaxis]
+        place = {number: k for k, number in enumerate(kept)}
+        changed, covering = np.zeros((rows, cols), dtype=np.bool_), set()
+        for number, share in before.items():
+            after = np.where(truth.surface == place.get(number, len(place)), weight, 0.0).sum(axis=2)
+            changed |= np.abs(share - after) > CHANGED
+            if number in kept and np.maximum(after - share, 0.0).sum() > share.sum():
+                covering.add(number)
+        if not covering:
+            return kept, changed
+        kept = {number: surface for number, surface in kept.items() if number not in covering}
+
+
 def _model(
     seen: _Seen,
     camera: CompleteCamera,
-    surfaces: Sequence[Surface],
-    written: Sequence[int],
+    surfaces: dict[int, Surface],
     notes: Sequence[str],
     background: str,
 ) -> tuple[Model, Float32Array | None]:
@@ -297,7 +321,7 @@ def _model(
     shares = None if of_each is None or of_each.ndim == 0 else of_each.astype(np.float32)
     text = model_text(
         camera,
-        surfaces,
+        list(surfaces.values()),
         seen.recording,
         _effects(seen.sensor),
         background=None if shares is None else background,
@@ -306,7 +330,8 @@ def _model(
             *notes,
         ],
         about=[
-            f"{counted(int(planes.n_pixels[k]), 'layer', ',')}, {planes.rms_mm[k]:.3g} mm about it" for k in written
+            f"{counted(int(planes.n_pixels[k]), 'layer', ',')}, rms {planes.rms_mm[k]:.3g} mm about the plane"
+            for k in surfaces
         ],
     )
     return parse_model(text, source=seen.source, read_map=lambda _path, _shape: _required(shares)), shares
@@ -320,37 +345,12 @@ def _required(shares: Float32Array | None) -> Float32Array:
 
 def _rectangle(seen: _Seen, number: int, reach_mm: float) -> Surface | None:
     """The rectangle of a plane; None if it is nowhere the nearest."""
-    planes, found = seen.found.planes, seen.found
-    normal = planes.normal[number].astype(np.float64)
-    rectangle = outline_rectangle(
-        found.surface_fine,
-        number,
-        normal / np.linalg.norm(normal),
-        float(planes.offset_mm[number]),
-        seen.optics,
-        factor=found.factor,
-        reach_mm=reach_mm,
-    )
+    rectangle = outline_rectangle(seen.found, number, seen.optics, reach_mm=reach_mm)
     if rectangle is None:
         return None
     return surface_along(
         f"surface {number}", center_mm=rectangle.center_mm, size_mm=rectangle.size_mm, axes=rectangle.axes
     )
-
-
-def _changed(model: Model, seen: _Seen, written: Sequence[int]) -> BoolArray:
-    """Pixels (row, col) in which the share of a surface in the model is another than in the fine image."""
-    truth, factor, (rows, cols) = cast_scene(model), seen.found.factor, seen.shape
-    whole = np.nansum(truth.weight_true, axis=2) + truth.weight_no_return
-    after = np.nan_to_num(truth.weight_true) / whole[:, :, np.newaxis]
-    parts = seen.found.surface_fine.reshape(rows, factor, cols, factor)
-    changed = np.zeros((rows, cols), dtype=np.bool_)
-    place = {number: k for k, number in enumerate(written)}
-    for number in seen.numbers.tolist():
-        share = (parts == number).mean(axis=(1, 3))
-        ours = truth.surface == place.get(number, len(place))
-        changed |= np.abs(share - np.where(ours, after, 0.0).sum(axis=2)) > CHANGED
-    return changed
 
 
 def _reflectivities(

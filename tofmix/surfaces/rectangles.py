@@ -2,19 +2,27 @@
 
 Use it where a scene is to be described by flat rectangles. What another surface hides is not in an outline: a wall
 behind a board has a rectangle over the board, too. A rectangle covers what its outline leaves out, such as a door.
+
+Layers far from a surface may be linked to it, as they lie in its plane. A region of the image belongs to the outline if
+the rectangle about it and the larger regions then describes more of the image.
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError
 
-from tofmix.arrays import FloatArray
-from tofmix.optics.projection import Projection, unit
+from tofmix.arrays import BoolArray, FloatArray
+from tofmix.optics.projection import Projection, beam_directions_of, unit
+from tofmix.surfaces.found import WindowSurfaces, plane_ranges
 
 _ENOUGH = 3
 """Points of a polygon, at least."""
+
+_TOUCH_MM = 1e-6  # points on a side lie in the rectangle, whatever the rounding
 
 
 class Rectangle(NamedTuple):
@@ -34,31 +42,23 @@ class Rectangle(NamedTuple):
     size_mm: FloatArray
     axes: FloatArray
 
+    def contains(self, points_mm: FloatArray) -> BoolArray:
+        """Whether points (n, 3) of its plane, mm, lie in it; not if they are NaN."""
+        away = np.abs((points_mm - self.center_mm) @ self.axes[:, :2])
+        return np.asarray((away <= self.size_mm / 2.0 + _TOUCH_MM).all(axis=-1))
 
-def outline_rectangle(
-    surface_fine: NDArray[np.integer],
-    surface: int,
-    normal: FloatArray,
-    offset_mm: float,
-    optics: Projection,
-    *,
-    factor: int,
-    reach_mm: float,
-) -> Rectangle | None:
+
+def outline_rectangle(found: WindowSurfaces, surface: int, optics: Projection, *, reach_mm: float) -> Rectangle | None:
     """The least rectangle about the outline of a plane.
 
     Parameters
     ----------
-    surface_fine : (row_fine, col_fine) int32
-        Number of the surface of each part of a pixel.
+    found : WindowSurfaces
+        The surfaces of a window.
     surface : int
-        The number of this one.
-    normal, offset_mm : (3,) float64, float
-        Its plane n . x = offset, n a unit vector, the offset above 0, mm.
+        Number of a plane among them.
     optics : Projection
         Where the pixels look.
-    factor : int
-        Parts along each side of a pixel.
     reach_mm : float
         The longest range of the camera. A plane that is seen at grazing incidence ends there.
 
@@ -67,10 +67,61 @@ def outline_rectangle(
     Rectangle or None
         None if no part of a pixel shows the surface within the reach.
     """
-    row, col = _border(surface_fine == surface)
-    shape = surface_fine.shape[0] // factor, surface_fine.shape[1] // factor
-    directions = unit(optics.rays(row / factor - 0.5, col / factor - 0.5, shape=shape))
-    return least_rectangle(_on_plane(directions, normal, offset_mm, reach_mm), normal)
+    (rows, cols, _), factor = found.surface.shape, found.factor
+    normal = unit(found.planes.normal[surface].astype(np.float64))
+    offset_mm = float(found.planes.offset_mm[surface])
+    best, points, gain = None, np.zeros((0, 3)), 0.0
+    image = _Image.of(found, surface, beam_directions_of(optics, (rows, cols)))
+    for row, col in _regions(found.surface_fine == surface):
+        directions = unit(optics.rays(row / factor - 0.5, col / factor - 0.5, shape=(rows, cols)))
+        more = _on_plane(directions, normal, offset_mm, reach_mm)
+        if best is not None and best.contains(more).all():
+            continue
+        both = np.concatenate([points, more])
+        wider = least_rectangle(both, normal)
+        if wider is not None and (best is None or image.gain(wider) > gain):
+            best, points, gain = wider, both, image.gain(wider)
+    return best
+
+
+class _Image(NamedTuple):
+    """What a rectangle of a plane would describe of each pixel, and cover.
+
+    Parameters
+    ----------
+    place_mm : (pixel, 3) float64
+        Where beams meet the plane; NaN where they do not.
+    share : (pixel,) float64
+        Share of the surface in the pixel, less that of what lies behind its plane.
+    """
+
+    place_mm: FloatArray
+    share: FloatArray
+
+    @classmethod
+    def of(cls, found: WindowSurfaces, surface: int, directions: FloatArray) -> "_Image":
+        """The image of a plane."""
+        rows, cols, factor = *found.surface.shape[:2], found.factor
+        ranges = plane_ranges(found.planes, np.full((rows, cols), surface), directions)
+        own = found.surface_fine == surface
+        far = ~own & ~(found.range_fine < np.repeat(np.repeat(ranges, factor, axis=0), factor, axis=1))
+        share = (own.astype(np.int8) - far).reshape(rows, factor, cols, factor).mean(axis=(1, 3))
+        return cls((directions * ranges[..., np.newaxis]).reshape(-1, 3), share.ravel())
+
+    def gain(self, rectangle: Rectangle) -> float:
+        """Pixels of the surface in a rectangle, less those of what it would cover."""
+        return float(self.share[rectangle.contains(self.place_mm)].sum())
+
+
+def _regions(inside: BoolArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Corners (row, col) of parts on the border of each connected region, in parts; the largest first."""
+    label, _ = ndimage.label(inside)
+    size = np.bincount(label.ravel())[1:]
+    boxes = ndimage.find_objects(label)
+    for number in np.argsort(-size, kind="stable"):
+        box = boxes[number]
+        row, col = _border(label[box] == number + 1)
+        yield row + box[0].start, col + box[1].start
 
 
 def _border(inside: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
