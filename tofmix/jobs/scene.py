@@ -397,7 +397,7 @@ def _camera(seen: _Seen, curve: NoiseCurve) -> tuple[CompleteCamera, list[str]]:
     tau, far, near = sensor.integration_time_ms, sensor.range_max_mm, sensor.range_min_mm
     if tau is None:
         tau = 1.0
-        notes.append("integration_time_ms is not known: 1 is written, and the noise is that of a sample")
+        notes.append("integration_time_ms is not known: 1 is written, for which the noise holds")
     if far is None:
         far = sensor.sample_max_mm or float(np.ceil(np.nanmax(seen.found.range_fine, initial=1.0)))
         notes.append(f"range_max_mm is not known: {far:g} is written, the longest range that was seen")
