@@ -24,7 +24,7 @@ from tofmix.io.schema import (
 from tofmix.simulation.model_toml import parse_model
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGES = ("tutorials/python.md", "how-to/python.md", "reference/formats.md")
+PAGES = ("tutorials/python.md", "how-to/python.md", "how-to/scene.md", "reference/formats.md")
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 
