@@ -1,5 +1,6 @@
 """Models of recorded scenes: what is written of a simulated scene is the scene."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from tofmix.io.surfaces_file import SurfacesWriter
 from tofmix.jobs.reporter import Reporter
 from tofmix.jobs.scene import PlaneScene, recording_settings, scene_of_file, write_scene
 from tofmix.learnt_noise import LearntNoise
+from tofmix.measurement import ShareLaw
 from tofmix.noise_shape import BackgroundDensity
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 from tofmix.simulation.model import Model
@@ -83,20 +85,25 @@ def _nearest(original: Surface, model: Model) -> Surface:
     return model.surfaces[int(np.argmin(depths))]
 
 
+def _turn_deg(one: Surface, other: Surface) -> float:
+    """Angle between the normals of two surfaces."""
+    cosine = abs(float(one.rotation()[:, 2] @ other.rotation()[:, 2]))
+    return math.degrees(math.acos(min(1.0, cosine)))
+
+
 @pytest.mark.filterwarnings("ignore::tofmix.errors.DoubtWarning")
 def test_model_of_a_simulated_scene_has_the_surfaces_of_the_original(original: Model, seen: Model) -> None:
     wall, board = original.surfaces
     pixel_rad = np.radians(23.5 / 44)
     found = _nearest(board, seen)
-    turn = np.degrees(np.arccos(min(1.0, abs(found.rotation()[:, 2] @ board.rotation()[:, 2]))))
-    assert turn < 0.5
+    assert _turn_deg(found, board) < 0.5
     assert found.center_mm == pytest.approx(board.center_mm, abs=0.5 * pixel_rad * 1800.0)
     assert found.size_mm == pytest.approx(board.size_mm, abs=pixel_rad * 1800.0)
     assert found.reflectivity == pytest.approx(board.reflectivity, rel=0.02)
     # The wall fills the image: its plane is known, and not where it ends beyond the image.
     found = _nearest(wall, seen)
     normal = found.rotation()[:, 2]
-    assert np.degrees(np.arccos(min(1.0, abs(normal @ wall.rotation()[:, 2])))) < 0.2
+    assert _turn_deg(found, wall) < 0.2
     assert abs(normal @ np.array(found.center_mm)) == pytest.approx(3200.0 * np.cos(np.radians(5.0)), abs=2.0)
     assert len(seen.surfaces) == 2
 
@@ -108,7 +115,8 @@ def test_model_of_a_simulated_scene_has_the_camera_and_noise_of_the_original(ori
     ranges = np.linspace(300.0, 7500.0, 50)
     wanted = was.noise_at(10.0).sigma(ranges)
     assert now.noise_at(now.integration_time_ms).sigma(ranges) == pytest.approx(wanted, rel=1e-5)
-    assert (seen.recording.frames, seen.recording.frame_rate_hz) == (60, pytest.approx(20.0))
+    assert seen.recording.frames == 60
+    assert seen.recording.frame_rate_hz == pytest.approx(20.0)
 
 
 @pytest.mark.slow
@@ -181,7 +189,7 @@ def test_what_a_model_has_not_is_said_and_written_as_a_remark(tmp_path: Path) ->
         reference=np.array([900.0, 50.0]), amplitude=np.array([10.0, 2000.0]), factor=np.array([2.0, 0.5])
     )
     curve = replace(CURVE, background_density=density, law=law)
-    sensor = replace(NOISY, noise=curve, integration_time_ms=None, range_max_mm=None, share_law="detections")
+    sensor = replace(NOISY, noise=curve, integration_time_ms=None, range_max_mm=None, share_law=ShareLaw.DETECTIONS)
     made = _scene(_written(tmp_path / "a.surfaces.h5", board_and_wall(), sensor=sensor))
     assert made.model.sensor.noise.law is None
     longest = float(np.ceil(np.nanmax(board_and_wall().range_fine)))
