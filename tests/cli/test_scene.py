@@ -77,7 +77,13 @@ def test_bad_input_is_one_line_and_exit_code_3(tofmix: Tofmix, estimated: Estima
     text = tmp_path / "text.h5"
     text.write_text("no HDF5")
     without_view = estimated(boards(40), window=40)
-    for source, words in ((text, "HDF5"), (tmp_path / "missing.h5", "No such file"), (without_view, "--fov HxV")):
+    refusals = {
+        text: "HDF5",
+        tmp_path / "missing.h5": "No such file",
+        without_view: f"give them to tofmix surfaces {without_view} --fov HxV",
+        tmp_path / "a.h5": "import it with --fov HxV",
+    }
+    for source, words in refusals.items():
         shown = tofmix("scene", source, "--planes", "-o", tmp_path / "scene.toml")
         assert shown.code == 3
         assert words in shown.err

@@ -121,6 +121,16 @@ def test_model_of_a_simulated_scene_has_the_camera_and_noise_of_the_original(ori
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::tofmix.errors.DoubtWarning")
+def test_noise_that_an_estimate_learnt_is_written(original: Model) -> None:
+    learnt = tm.scene(tm.estimate(tm.simulate(original), noise="auto", workers=1))
+    ranges = np.array([1750.0, 1800.0, 1850.0, 3100.0, 3200.0, 3300.0])  # of the board and of the wall
+    wanted = original.sensor.noise_at(10.0).sigma(ranges)
+    assert learnt.sensor.noise_at(learnt.sensor.integration_time_ms).sigma(ranges) == pytest.approx(wanted, rel=0.1)
+    assert learnt.recording.frame_rate_hz == pytest.approx(20.0)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::tofmix.errors.DoubtWarning")
 def test_written_model_is_simulated_and_agrees_with_the_recording_in_reconcile(seen: Model) -> None:
     again = tm.simulate(seen, seed=5)
     assert again.shape == (60, 36, 44)

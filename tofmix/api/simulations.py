@@ -107,7 +107,10 @@ def scene(
     if isinstance(source, Estimate):
         if window >= source.shape[0]:
             raise OptionError(f"window {window}: the estimate has windows 0 to {source.shape[0] - 1}")
-        return scene_of_layers(source, source.provenance.source, reporter, window=window).model
+        frames = int(source.window_stop[window] - source.window_start[window])
+        settings = recording_settings(frames, None if source.recording is None else source.recording.time_s)
+        name = source.provenance.source
+        return scene_of_layers(source, name, reporter, window=window, recording=settings).model
     if isinstance(source, Recording):
         if window:
             raise OptionError(f"window {window}: a recording is one window here")

@@ -181,9 +181,23 @@ def scene_of_file(
     if window:
         raise OptionError(f"{reporter.option('window')} {window}: {source} is a recording, which is one window here")
     with opened_recording(source, reporter) as recording:
+        _check_recorded_view(recording)
         settings, (_, rows, cols) = _settings(recording), recording.shape
     with reporter.steps(rows * cols, "estimate", "px"), _estimated(source, workers, reporter) as layers:
         return scene_of_layers(layers, str(source), reporter, window=0, recording=settings, background=background)
+
+
+def _check_recorded_view(recording: RecordingFile) -> None:
+    """Refuse a recording without the directions of its pixels before it is estimated."""
+    remedy = "import it with --fov HxV or --intrinsics"
+    try:
+        optics = recording.sensor.optics
+        if optics is not None:
+            optics.check(recording.shape[1:])
+    except ValueError as error:
+        raise BadInputError(f"{recording.path}: sensor: {error}; {remedy}") from error
+    if optics is None:
+        raise BadInputError(f"{recording.path}: the directions of its pixels are not known; {remedy}")
 
 
 @contextmanager
