@@ -19,8 +19,8 @@ In Python:
 >>> import tofmix as tm
 >>> layers = tm.estimate(tm.open("recording.h5"))  # doctest: +SKIP
 
-`open`, `from_array`, `estimate`, `simulate`, `reconcile` and `plot` are loaded from `tofmix.api` when they are first
-used. No large library is imported here, so ``tofmix --help`` answers at once.
+`open`, `from_array`, `estimate`, `scene`, `simulate`, `reconcile` and `plot` are loaded from `tofmix.api` when they are
+first used. No large library is imported here, so ``tofmix --help`` answers at once.
 """
 
 from importlib import import_module
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from tofmix.api.estimates import open_file as open  # noqa: A004  tofmix.open reads well, as gzip.open does
     from tofmix.api.plots import plot
     from tofmix.api.recordings import Recording, from_array
-    from tofmix.api.simulations import reconcile, simulate
+    from tofmix.api.simulations import reconcile, scene, simulate
     from tofmix.sensor import NoiseCurve, Sensor
 
 _LAZY = {
@@ -46,6 +46,7 @@ _LAZY = {
     "open": ("tofmix.api.estimates", "open_file"),
     "plot": ("tofmix.api.plots", "plot"),
     "reconcile": ("tofmix.api.simulations", "reconcile"),
+    "scene": ("tofmix.api.simulations", "scene"),
     "simulate": ("tofmix.api.simulations", "simulate"),
 }
 """Names of `import tofmix`: the module of each, and its name there."""
@@ -61,6 +62,7 @@ __all__ = [
     "open",
     "plot",
     "reconcile",
+    "scene",
     "simulate",
 ]
 

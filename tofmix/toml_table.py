@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 from tofmix.arrays import Float32Array
 from tofmix.errors import BadInputError
+from tofmix.wording import readable
 
 MapReader = Callable[[str, tuple[int, int] | None], Float32Array]
 """Reads the map that a file names by a relative path, of an image (rows, cols) where that is known; ValueError, with
@@ -54,6 +55,11 @@ def _shown(value: object) -> str:
     except ValueError:  # an integer of more digits than Python prints
         return kind
     return f"{kind}, {text if len(text) <= 60 else text[:57] + '...'}"  # noqa: PLR2004  one line of a terminal
+
+
+def toml_string(text: str) -> str:
+    """A text as a basic string of TOML, on one line."""
+    return json.dumps(readable(text), ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 @dataclass(frozen=True, slots=True)

@@ -151,6 +151,8 @@ REFUSALS = {
     "other image": Doubtful("reconcile", _modelled(WALL.replace("rows = 12", "rows = 13")), OFFSET, "12 x 16 pixels"),
     "no valid sample": Doubtful("reconcile", _modelled(change=_all_invalid), OFFSET, "no sample is valid"),
     "unknown effect": Doubtful("reconcile", _modelled(), {"effects": "wobble"}, '"wobble" is not an effect'),
+    "window of a recording": Doubtful("scene", _recording(), {"planes": True, "window": 1}, "which is one window here"),
+    "no view": Doubtful("scene", _recording(), {"planes": True}, "the directions of its pixels are not known"),
     "unknown noise": Doubtful("reconcile", _modelled(), {"noise": "no.h5"}, "not model, measured or a layers file"),
 }
 
@@ -174,6 +176,7 @@ def _in_python(case: Doubtful, inputs: tuple[Path, ...]) -> None:
     parameters: dict[str, Any] = {
         name: (value,) if name == "effects" else value for name, value in case.options.items()
     }
+    parameters.pop("planes", None)  # the one form in Python
     if case.job == "import":
         if "fov" in parameters:
             parameters["fov_deg"] = tuple(float(part) for part in parameters.pop("fov").split("x"))

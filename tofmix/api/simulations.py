@@ -1,4 +1,4 @@
-"""Simulated recordings in memory, and the reconciliation of a model with a recording."""
+"""Simulated recordings in memory, models of recorded scenes, and the reconciliation of a model with a recording."""
 
 import os
 from pathlib import Path
@@ -12,6 +12,7 @@ from tofmix.recording import ArrayRecording
 from tofmix.sensor import Sensor
 
 if TYPE_CHECKING:
+    from tofmix.api.estimates import Estimate
     from tofmix.reconciliation.workflow import Reconciliation
     from tofmix.simulation.model import Model
 
@@ -68,6 +69,55 @@ def simulate(
         model_text=scene.text,
         averaged=averaged,
     )
+
+
+def scene(
+    source: "Recording | Estimate | str | os.PathLike[str]", *, window: int = 0, workers: int | None = None
+) -> "Model":
+    """Make a model of what a recording saw: each plane as a rectangle, with the camera and its noise.
+
+    Parameters
+    ----------
+    source : Recording, Estimate or path
+        A recording, which is estimated; layers; or the path of one of the two or of a surfaces file.
+    window : int
+        Number of the window of layers or surfaces. A recording is one window.
+    workers : int, optional
+        Threads of the estimate of a recording; all processors without it. It changes no value.
+
+    Returns
+    -------
+    Model
+        As `tofmix scene --planes` writes it; its `text` is the model file. If the text names a map of background
+        shares, `sensor.noise.background` is the map.
+
+    Raises
+    ------
+    BadInputError
+        If the file cannot be read, the directions of its pixels or its noise are not known, or it shows no plane.
+    UsageError
+        If there is no such window.
+    """
+    from tofmix.api.doubts import PythonReporter
+    from tofmix.api.estimates import Estimate, estimate
+    from tofmix.jobs.reporter import OptionError
+    from tofmix.jobs.scene import recording_settings, scene_of_file, scene_of_layers
+
+    reporter, threads = PythonReporter(), workers or os.cpu_count() or 1
+    if isinstance(source, Estimate):
+        if window >= source.shape[0]:
+            raise OptionError(f"window {window}: the estimate has windows 0 to {source.shape[0] - 1}")
+        frames = int(source.window_stop[window] - source.window_start[window])
+        settings = recording_settings(frames, None if source.recording is None else source.recording.time_s)
+        name = source.provenance.source
+        return scene_of_layers(source, name, reporter, window=window, recording=settings).model
+    if isinstance(source, Recording):
+        if window:
+            raise OptionError(f"window {window}: a recording is one window here")
+        settings = recording_settings(source.shape[0], source.time_s)
+        layers = estimate(source, workers=threads)
+        return scene_of_layers(layers, source.name, reporter, window=0, recording=settings).model
+    return scene_of_file(Path(source), reporter, window=window, workers=threads).model
 
 
 def reconcile(

@@ -22,6 +22,7 @@ from tofmix.cli.options import from_environment, quiet_option, running_command, 
 from tofmix.cli.reconcile import reconcile
 from tofmix.cli.report import report
 from tofmix.cli.reporter import announced
+from tofmix.cli.scene import scene
 from tofmix.cli.sensors import sensors
 from tofmix.cli.simulate import simulate
 from tofmix.cli.surfaces import surfaces
@@ -106,6 +107,7 @@ for _command in (
     export,
     map_,
     surfaces,
+    scene,
     sensors,
     merge,
     warmup,

@@ -171,8 +171,10 @@ def estimate_file(
     files: FileRequest,
     cluster: ClusterEngine | None,
     reporter: Reporter,
+    *,
+    about: Path | None = None,
 ) -> tuple[Outcome, list[Finding]]:
-    """Write the layers file of a recording, or a part of it.
+    """Write the layers file of a recording, or a part of it; findings are said of `about`, else of the file.
 
     Returns
     -------
@@ -203,7 +205,7 @@ def estimate_file(
             _say_left_out(ready, reporter)
             return outcome, ready.findings
         with open_layers(target) as layers:
-            return outcome, say_findings(layers, target, ready, reporter)
+            return outcome, say_findings(layers, about or target, ready, reporter)
 
 
 def merge_files(

@@ -1,7 +1,8 @@
 """The table ``[sensor]`` of a TOML file, into a camera; and a noise curve as the table ``[sensor.noise]``.
 
 `read_camera` and `read_complete` read a table whose keys may override a camera; `tofmix.sensors` finds that
-camera. Use `noise_toml` where a curve is printed to be pasted, or written into a model.
+camera. Use `camera_toml` where a camera is written into a model, and `noise_toml` where a curve is printed to be
+pasted, or written into a model.
 """
 
 from collections.abc import Callable, Iterable
@@ -19,6 +20,7 @@ from tofmix.optics.projection import (
     list_keys,
     make_projection,
     number_keys,
+    projection_values,
 )
 from tofmix.sensor import AmplitudeLaw, NoiseCurve
 from tofmix.sensor_schema import (
@@ -32,7 +34,7 @@ from tofmix.sensor_schema import (
     VIEW_NUMBERS,
 )
 from tofmix.sensors.camera import Camera, CompleteCamera
-from tofmix.toml_table import MapReader, TomlTable, nearest
+from tofmix.toml_table import MapReader, TomlTable, nearest, toml_string
 
 T = TypeVar("T")
 
@@ -242,6 +244,41 @@ def _amplitude_law(noise: TomlTable, base: NoiseCurve | None) -> AmplitudeLaw | 
     if lacking := [key for key in LAW_LISTS if key not in given]:
         raise noise.error(f"missing {lacking[0]}; {', '.join(LAW_LISTS)} go together")
     return AmplitudeLaw(**{name: np.array(given[key]) for key, name in LAW_LISTS.items()})
+
+
+def camera_toml(camera: CompleteCamera, *, background: str | None = None) -> str:
+    """The tables ``[sensor]`` and ``[sensor.noise]`` of a camera, ending in a newline; `read_complete` reads them.
+
+    Parameters
+    ----------
+    camera : CompleteCamera
+        The camera.
+    background : str, optional
+        As of `noise_toml`.
+    """
+    lines = ["[sensor]", f"name = {toml_string(camera.name)}"]
+    lines += [] if camera.measurement is None else [f'measurement = "{camera.measurement.value}"']
+    numbers = {key: value for key in _TABLE_NUMBERS if (value := getattr(camera, key, None)) is not None}
+    if camera.projection is not None:
+        numbers = {key: value for key, value in numbers.items() if key not in VIEW_NUMBERS}
+    lines += [f"{key} = {int(value) if NUMBERS[key].is_whole else float(value)!r}" for key, value in numbers.items()]
+    if camera.projection is not None:
+        lines.append(f'projection = "{camera.projection.name}"')
+        lines += [f"{key} = {_exact(value)}" for key, value in projection_values(camera.projection).items()]
+    noise = noise_toml(
+        camera.noise,
+        integration_time_ms=camera.reference_integration_time_ms,
+        exponent=camera.exponent,
+        background=background,
+    )
+    return "\n".join([*lines, "", noise])
+
+
+def _exact(value: float | tuple[float, ...]) -> str:
+    """A number or a list of numbers, with all digits."""
+    if isinstance(value, tuple):
+        return f"[{', '.join(repr(float(number)) for number in value)}]"
+    return repr(float(value))
 
 
 def noise_toml(

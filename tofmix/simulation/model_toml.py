@@ -5,6 +5,8 @@ A model file's text into a `Model`. Every refusal is one line: file, table, key,
 Reading the file itself is left to the caller, and the built-in models to
 `tofmix.simulation.builtin`.
 
+A model's parts as the text of a model file: `model_text`.
+
 A model with another noise than its file has, and its text with this noise.
 
 Use `with_noise` for a noise that was measured: the model and its text then say the same.
@@ -15,7 +17,7 @@ Description of a simulation in words, effect by effect, for ``simulate --explain
 import json
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -26,14 +28,14 @@ from tofmix.optics.geometry import unambiguous_range_mm
 from tofmix.sensor import AmplitudeLaw, NoiseCurve
 from tofmix.sensors import camera_of_model
 from tofmix.sensors.camera import CompleteCamera
-from tofmix.sensors.camera_toml import noise_toml
+from tofmix.sensors.camera_toml import camera_toml, noise_toml
 from tofmix.simulation.effects import EFFECTS, Effect, PixelMap
 from tofmix.simulation.effects.base import LEVEL_NAMES, Level
 from tofmix.simulation.effects.parameter import Holds, Parameter
 from tofmix.simulation.effects.quantisation import Quantisation
 from tofmix.simulation.model import Model, RecordingSettings
 from tofmix.simulation.surface import Surface
-from tofmix.toml_table import MapReader, TomlTable, nearest, parse_toml
+from tofmix.toml_table import MapReader, TomlTable, nearest, parse_toml, toml_string
 from tofmix.wording import counted
 
 BACKGROUND_MAP = "noise_background.npy"
@@ -92,6 +94,66 @@ def _explicit(curve: NoiseCurve, given: NoiseCurve) -> NoiseCurve:
     if curve.background is None and given.background is not None:
         curve = replace(curve, background=np.zeros(()))
     return curve
+
+
+def model_text(
+    sensor: CompleteCamera,
+    surfaces: Sequence[Surface],
+    recording: RecordingSettings,
+    effects: Sequence[Effect] = (),
+    *,
+    background: str | None = None,
+    remarks: Sequence[str] = (),
+    about: Sequence[str] = (),
+) -> str:
+    """The text of a model file, ending in a newline; `parse_model` reads it.
+
+    Parameters
+    ----------
+    sensor : CompleteCamera
+        The camera.
+    surfaces : sequence of Surface
+        The scene. Lengths are written to a thousandth of a mm, angles to a millionth of a degree.
+    recording : RecordingSettings
+        Frames, frame rate, seed.
+    effects : sequence of Effect
+        Effects without maps.
+    background : str, optional
+        Path of the map of background shares, relative to the model's folder.
+    remarks : sequence of str
+        Comments at the head of the file, one a line.
+    about : sequence of str
+        A comment for each surface; none if it is empty.
+    """
+    settings = {"frames": recording.frames, "frame_rate_hz": float(recording.frame_rate_hz), "seed": recording.seed}
+    tables = [
+        *([_comments(remarks)] if remarks else []),
+        camera_toml(sensor, background=background),
+        _table_text("[recording]", settings),
+    ]
+    for number, surface in enumerate(surfaces):
+        written = {
+            "name": surface.name,
+            "center_mm": [round(x, 3) + 0.0 for x in surface.center_mm],
+            "size_mm": [round(x, 3) for x in surface.size_mm],
+            **{key: round(getattr(surface, key), 6) + 0.0 for key in ("yaw_deg", "pitch_deg", "roll_deg")},
+            "reflectivity": round(surface.reflectivity, 4),
+        }
+        tables.append((_comments(about[number : number + 1])) + _table_text("[[surface]]", written))
+    for effect in effects:
+        values = {name: getattr(effect, name) for name in effect.parameters()}
+        tables.append(_table_text("[[effect]]", {"kind": effect.kind, **values}))
+    return "\n".join(tables)
+
+
+def _comments(lines: Sequence[str]) -> str:
+    return "".join(f"# {_one_line(line)}\n" for line in lines)
+
+
+def _table_text(head: str, values: dict[str, Any]) -> str:
+    """A table with texts, numbers and lists of numbers, which JSON writes as TOML does."""
+    shown = ((key, toml_string(v) if isinstance(v, str) else json.dumps(v)) for key, v in values.items())
+    return "\n".join([head, *(f"{key} = {value}" for key, value in shown)]) + "\n"
 
 
 def explain(model: Model) -> str:

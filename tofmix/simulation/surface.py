@@ -4,6 +4,8 @@ A plane tilts about two axes; a turn about its normal moves its edges alone. Whi
 surface depends on the surface: a side wall (yaw 90) does not change with pitch, and leans by its roll. So a pose is
 fitted in tilts, and is written as changes of yaw and of pitch; or of yaw and of roll, where pitch would change more
 than twice as far.
+
+`surface_along` makes a surface whose axes are known, and not its angles.
 """
 
 import math
@@ -76,12 +78,68 @@ class Surface:
         return rotation
 
 
+def angles_of(rotation: FloatArray) -> tuple[float, float, float]:
+    """Yaw, pitch and roll, degrees, of a rotation R (3, 3): the inverse of `Surface.rotation`.
+
+    Where pitch is 90 degrees, yaw and roll turn about one axis: roll is then 0.
+    """
+    across = math.hypot(rotation[2, 0], rotation[2, 2])  # |cos pitch|
+    pitch = math.atan2(rotation[2, 1], across)
+    if across < _POLE:
+        yaw, roll = math.atan2(rotation[0, 2], rotation[0, 0]), 0.0
+    else:
+        yaw, roll = math.atan2(-rotation[2, 0], rotation[2, 2]), math.atan2(-rotation[0, 1], rotation[1, 1])
+    return math.degrees(yaw), math.degrees(pitch), math.degrees(roll)
+
+
+def surface_along(
+    name: str, *, center_mm: FloatArray, size_mm: FloatArray, axes: FloatArray, reflectivity: float = 0.8
+) -> Surface:
+    """A surface by the axes of its rectangle.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    center_mm : (3,) float64
+        Its centre, mm.
+    size_mm : (2,) float64
+        Its lengths along the first and the second axis, mm.
+    axes : (3, 3) float64
+        A rotation; its columns are the axes of the two sides and the normal. A quarter turn about the normal exchanges
+        width and height: of the four that give the same rectangle, the one with the least sum of angles is taken.
+    reflectivity : float
+        In [0, 1].
+
+    Raises
+    ------
+    ValueError
+        If a number is outside the bounds of a `Surface`.
+    """
+    u, v, normal = axes.T
+    width, height = (float(length) for length in size_mm)
+    quarters = [(u, v, (width, height)), (v, -u, (height, width)), (-u, -v, (width, height)), (-v, u, (height, width))]
+    found = [(angles_of(np.stack([first, second, normal], axis=1)), size) for first, second, size in quarters]
+    (yaw, pitch, roll), size = min(found, key=lambda one: sum(abs(angle) for angle in one[0]))
+    x, y, z = (float(place) for place in center_mm)
+    return Surface(
+        name=name,
+        center_mm=(x, y, z),
+        size_mm=size,
+        yaw_deg=yaw,
+        pitch_deg=pitch,
+        roll_deg=roll,
+        reflectivity=reflectivity,
+    )
+
+
 MOST_DEG = 60.0
 """Largest tilt that is fitted: a surface beyond is another one."""
 
 PITCH_FIRST = 2.0
 """Roll is changed where it tilts a surface so many times as far as pitch does: nearly all models have no roll."""
 
+_POLE = 1e-9  # cosine of pitch below which yaw and roll turn about one axis
 _STEPS = 30  # of Newton's
 _ENOUGH = 1e-13  # difference of two unit normals
 _LEAST_PART = 1e-6  # of a degree of tilt that an angle makes for each degree

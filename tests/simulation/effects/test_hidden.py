@@ -58,4 +58,4 @@ def test_effect_of_a_magnitude_has_it_in_its_first_number_that_can_be_nothing(
 ) -> None:
     made = basic_kind(error).of_magnitude(value, surface="wall" if error is Basic.POSE else "")
     assert getattr(made, name) == value
-    assert getattr(made, "surface", "wall") == "wall"
+    assert getattr(made, "surface", "") == ("wall" if error is Basic.POSE else "")
