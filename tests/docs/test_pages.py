@@ -118,7 +118,7 @@ def test_every_command_of_a_shell_fence_is_one_that_click_takes(kind: str) -> No
 
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGES_PYTHON = ("tutorials/python.md", "how-to/python.md", "reference/formats.md")
+PAGES_PYTHON = ("tutorials/python.md", "how-to/python.md", "how-to/scene.md", "reference/formats.md")
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 
