@@ -61,7 +61,7 @@ class Term:
     form : str
         Form of the kind that this search fits.
     price_nats : float
-        Price of an optional part of the law.
+        Price of numbers that are no columns.
     """
 
     kind: str

@@ -195,7 +195,7 @@ class LinearForm:
     form : str
         That of the `Problem` that fits the same law to samples.
     price_nats : float
-        As that of the `Problem`.
+        Price of numbers that are no coefficients: coefficients pay by their priors.
     """
 
     coefficients: tuple[Coefficient, ...]

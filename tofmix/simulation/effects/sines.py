@@ -95,12 +95,10 @@ def form_of_sines(
     periods: Sequence[float],
     *,
     form: str = "",
-    price_nats: float = 0.0,
 ) -> LinearForm:
-    """Some sines as one linear form."""
+    """Some sines as one linear form; each further one pays by the priors of its coefficients."""
     return LinearForm(
         coefficients=tuple(c for pair in coefficients for c in pair),
         make=lambda c: make(of_components(periods, c)),
         form=form,
-        price_nats=price_nats,
     )

@@ -98,8 +98,7 @@ class TapMismatch(Effect):
         spread = spread_of(cls, "amplitude_1_mm")
         pairs = {p: coefficients_of(cls.of_sines, p, size_mm=facts.sigma_mm, spread_mm=spread) for p in _FORMS["both"]}
         for form, periods in _FORMS.items():
-            price = (len(periods) - 1) * EFFECT_NATS
-            yield form_of_sines(cls.of_sines, [pairs[p] for p in periods], periods, form=form, price_nats=price)
+            yield form_of_sines(cls.of_sines, [pairs[p] for p in periods], periods, form=form)
 
     @classmethod
     def of_sines(cls, all_: tuple[Sine, ...]) -> "TapMismatch":

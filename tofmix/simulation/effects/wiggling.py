@@ -103,8 +103,8 @@ class Wiggling(Effect):
             for p, spread in zip(periods, spreads, strict=True)
         ]
         for n in range(len(_FURTHER) + 1):
-            own, price = slice(0, n + 1), n * EFFECT_NATS
-            yield form_of_sines(cls.of_sines, pairs[own], periods[own], form=_form(n), price_nats=price)
+            own = slice(0, n + 1)
+            yield form_of_sines(cls.of_sines, pairs[own], periods[own], form=_form(n))
 
     @classmethod
     def of_sines(cls, all_: tuple[Sine, ...]) -> "Wiggling":
