@@ -50,9 +50,25 @@ def _recording(samples: FloatArray, sensor: Sensor = CAMERA) -> ArrayRecording:
     return ArrayRecording(samples.reshape(len(samples), -1, COLS), sensor)
 
 
-def _learnt(samples: FloatArray) -> tuple[FoundNoise, Layers]:
-    found = learn_noise(_recording(samples), window_frames=len(samples))
+def _learnt(samples: FloatArray, sensor: Sensor = CAMERA) -> tuple[FoundNoise, Layers]:
+    found = learn_noise(_recording(samples, sensor), window_frames=len(samples))
     return found, layer_pixels(samples, found.sensor)
+
+
+@pytest.mark.compiled("learns the noise of 18 pixels")
+@pytest.mark.usefixtures("few_draws")
+def test_a_few_far_pixels_have_the_sigma_of_their_range_and_one_surface_each(rng: np.random.Generator) -> None:
+    # A zone sensor on the ground: most zones that return light see it at 3 cm, a few see a wall at 2.9 m.
+    near, far = rng.uniform(25.0, 35.0, 13), rng.uniform(2820.0, 2900.0, 5)
+    place, sigma = np.concatenate([near, far]), np.repeat([0.8, 22.0], [13, 5])
+    samples = np.full((45, 30), np.nan)
+    samples[:, 4:22] = place + sigma * rng.standard_normal((45, 18))
+    found, layers = _learnt(samples, replace(CAMERA, range_min_mm=1.0, range_max_mm=4000.0))
+    curve = found.sensor.noise
+    assert curve is not None
+    assert curve.sigma(np.array([30.0, 2860.0])) == pytest.approx([0.8, 22.0], rel=0.15)
+    assert (layers.n_modes[4:22] == 1).all()
+    assert np.abs(layers.range[4:22, 0] - place).max() < 3.0 * 22.0 / np.sqrt(45)
 
 
 @pytest.mark.slow

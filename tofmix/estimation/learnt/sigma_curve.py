@@ -54,6 +54,10 @@ COARSE_SIGMAS = 0.5
 _LEAST_IN_BIN, _WIDEST_BIN = 20, 0.12
 """Least clusters in a bin of range, and greatest width of the bin by its range."""
 
+_FARTHEST_IN_BIN, _FEW = 2.0, 3
+"""Largest factor between ranges in a bin, however few clusters it then has: sigma at 3 cm says nothing of that at 3 m.
+A bin of fewer clusters than the second number keeps its sigma, scaled as that of all: one cluster may be of chance."""
+
 _LEAST_VARIANCE_LEFT = 0.1
 """Least part of the variance that fits leave, for clusters of few samples."""
 
@@ -275,8 +279,12 @@ def _curve_through(
         )
         if len(place) - stop < _LEAST_IN_BIN // 2:
             stop = len(place)
+        near = int(np.searchsorted(place, place[first] * _FARTHEST_IN_BIN + 1e-9, side="right"))
+        stop = min(stop, max(near, first + 1))
         ranges.append(float(np.median(place[first:stop])))
         log_sigma = float(np.median(wide[first:stop]))
+        if stop - first < min(_FEW, len(place)):
+            log_sigma = float(np.median(log_width)) + math.log(float(curve.sigma(np.array(ranges[-1:]))[0]))
         if coarse is not None:
             some = order[first:stop]
             log_step = float(np.median(coarse.log_step[some]))

@@ -26,14 +26,14 @@ PAIRS_A_SAMPLE = 16
 MOST_PAIRS = 1_500_000
 """About the most differences of all pixels: they determine sigma to a fifth of a percent."""
 
-LEAST_PAIRS = 2000
-"""Least differences in a bin of range."""
+LEAST_PAIRS = 1000
+"""Least differences in a bin of range: those of 60 samples, which tell sigma to a tenth."""
 
 WIDE = 0.25
 """Width of a bin by its range."""
 
 WIDEST = 5.0
-"""Largest factor between sigma in a bin and the common one."""
+"""Largest factor between sigma in a bin and the common one, where sigma grows at most as range does (`_most_of`)."""
 
 FLAT = 0.25
 """Largest sigma by the span of the samples: uniform samples have 0.31, those of a surface less than 0.2."""
@@ -88,16 +88,29 @@ def sigma_from_differences(samples_mm: Float32Array) -> tuple[FloatArray, FloatA
     if common is None or common > FLAT * (place[-1] - place[0]):
         return None
     ranges, sigmas = [], []
+    middle = float(np.median(place[lag < PEAK_SIGMAS * common]))
     for first, stop in _bins(place, common):
-        part = np.sort(lag[first:stop])
-        part = part[: np.searchsorted(part, 2.0 * LEVEL_SIGMAS * WIDEST * common)]
-        found = _scale(part, WIDEST * common) if part.size >= LEAST_PAIRS else None
-        if found is not None and found * WIDEST >= common:
+        part, most = np.sort(lag[first:stop]), _most_of(common, middle, float(place[stop - 1]))
+        part = part[: np.searchsorted(part, 2.0 * LEVEL_SIGMAS * most)]
+        found = _scale(part, most) if part.size >= LEAST_PAIRS else None
+        if found is not None and found >= common**2 / _most_of(common, float(place[first]), middle):
             ranges.append(float(np.median(place[first:stop][lag[first:stop] < PEAK_SIGMAS * found])))
             sigmas.append(found)
     if not ranges:
-        ranges, sigmas = [float(np.median(place[lag < PEAK_SIGMAS * common]))], [common]
+        ranges, sigmas = [middle], [common]
     return np.array(ranges), np.array(sigmas)
+
+
+def _most_of(common: float, middle: float, range_mm: float) -> float:
+    """Largest sigma, mm, at a range, mm, for a common one at `middle`, mm.
+
+    The light of a surface falls with the square of range. If its own shot noise is all noise, sigma grows with range.
+
+    References
+    ----------
+    Lange and Seitz, IEEE J. Quantum Electronics 37(3), 2001, doi:10.1109/3.910448.
+    """
+    return WIDEST * common * (max(range_mm / middle, 1.0) if middle > 0.0 else 1.0)
 
 
 def _bins(place: FloatArray, common: float) -> list[tuple[int, int]]:
