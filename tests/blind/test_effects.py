@@ -128,7 +128,7 @@ def _glare(p: dict[str, float]) -> Array:
         (fx.WarmUp(delay_mm_per_kelvin=0.8, rise_kelvin=15.0, time_constant_s=2.0), _drift),
         (
             fx.WarmUp(
-                delay_mm_per_kelvin=0.8, rise_kelvin=15.0, time_constant_s=2.0, chip_mm=-7.0, chip_time_constant_s=0.3
+                delay_mm_per_kelvin=1.6, rise_kelvin=15.0, time_constant_s=2.0, chip_mm=-7.0, chip_time_constant_s=0.3
             ),
             _drift,
         ),

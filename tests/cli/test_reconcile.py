@@ -263,7 +263,8 @@ def test_different_maps_of_one_name_are_refused(tofmix: Tofmix, files: tuple[Pat
         "--effects",
         "range_offset",
     )
-    done.refused(3, "two models of one camera have different maps with the name map.npy")
+    assert (done.code, done.out) == (3, "")
+    assert "two models of one camera have different maps with the name map.npy" in done.err
 
 
 LAW = """\
@@ -387,7 +388,7 @@ def test_noise_of_the_recording_is_tried_only_where_the_models_explains_nothing(
 
 
 @pytest.mark.slow
-def test_noise_of_one_board_alone_stays_unexplained_with_its_place(
+def test_noise_of_one_board_alone_is_named_with_its_board_and_its_factor(
     tofmix: Tofmix, files_noise: tuple[Path, Path], tmp_path: Path
 ) -> None:
     """A curve that is learnt from the recording has a step at the board's ranges, and hides it."""
@@ -401,8 +402,10 @@ def test_noise_of_one_board_alone_stays_unexplained_with_its_place(
         file["range"][...] = np.where(near, np.rint(middle + 1.7 * (samples - middle)), samples).astype(np.uint16)
     tofmix.done("reconcile", files_noise[0], measured, "-o", tmp_path / "gap", "--effects", "excess_noise")
     found = outcome(tmp_path / "gap")
-    assert (found["verdict"], found["noise"]) == ("unexplained", "model")
-    assert found["next_steps"][0].startswith('The noise differs from the model\'s curve by place: on "board" it is 1.')
+    assert (found["verdict"], found["noise"]) == ("explained", "model")
+    (named,) = found["effects"]
+    assert (named["kind"], named["parameters"]["surface"]) == ("excess_noise", "board")
+    assert named["parameters"]["factor"] == pytest.approx(1.7, rel=0.05)
 
 
 @pytest.mark.slow

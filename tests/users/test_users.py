@@ -58,7 +58,9 @@ def test_offset_and_pose_of_one_wall_are_aliases_and_of_a_wall_and_a_box_are_not
     wall, both = known(case("wall", offset)), known(case("wall and box", offset))
     assert wall.traces == both.traces == ("range_offset",)
     assert ("surface_pose",) in wall.aliases
-    assert both.identifiable
+    assert ("surface_pose",) not in both.aliases
+    # Over a small part of a turn, the crest of a sine of one period is an offset.
+    assert set(both.aliases) <= {("tap_mismatch",), ("amplitude_walk",)}
 
 
 @pytest.mark.slow

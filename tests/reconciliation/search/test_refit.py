@@ -28,7 +28,8 @@ def added(model: Model, evidence: Evidence, kinds: Sequence[str]) -> Found:
     part = np.flatnonzero(likelihood.evidence.fit_frames), np.arange(likelihood.evidence.shape[1])
     state, chosen = likelihood.start(), list[TriedEffect]()
     for kind in kinds:
-        best = candidates(begin_trial(likelihood, state, "frames,pixels", 1), (kind,))[0]
+        tried = candidates(begin_trial(likelihood, state, "frames,pixels", 1), (kind,))
+        best = next(one for one in tried if not one.form)  # without harmonics
         state, chosen = refit(likelihood, best.state, [*chosen, best], part)
     errors = standard_errors(numbers(likelihood, state, chosen, part))
     place = kinds.index("wiggling")

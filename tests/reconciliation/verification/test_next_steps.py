@@ -43,7 +43,7 @@ def test_a_surface_elsewhere_comes_first_with_the_table_that_moves_it_there(smal
             *small.surfaces[1:],
         ),
     )
-    result = reconcile(small, recorded(moved), Settings(kinds=("range_offset", "wiggling")))
+    result = reconcile(small, recorded(moved), Settings(kinds=("range_offset", "scattering")))
     first = result.next_steps[0]
     assert result.verified.verdict == "unexplained"
     assert first.startswith(f'"{small.surfaces[0].name}" is ')

@@ -71,7 +71,10 @@ class ExcessNoise(Effect):
         """By the logarithm of the factor: of all surfaces, and of each if there are several."""
 
         def made(surface: str, x: FloatArray) -> Effect:
-            low, high = math.log(cls.parameters()["factor"].low), math.log(cls.parameters()["factor"].high)
+            low, high = (
+                math.log(1.0 if surface else cls.parameters()["factor"].low),
+                math.log(cls.parameters()["factor"].high),
+            )
             return cls(surface=surface, factor=math.exp(bounded(x[0], low, high)))
 
         for name in _alone(s.name for s in facts.surfaces):
@@ -83,7 +86,7 @@ class ExcessNoise(Effect):
         """The logarithm of the factor: of all surfaces, and of each if there are several."""
 
         def made(surface: str, c: FloatArray) -> Effect:
-            return cls(surface=surface, factor=math.exp(c[0]))
+            return cls(surface=surface, factor=math.exp(max(c[0], 0.0) if surface else c[0]))
 
         spread = spread_of_factor(cls, "factor")
         for name in _alone(s.name for s in facts.surfaces):

@@ -103,7 +103,8 @@ class TapMismatch(Effect):
     @classmethod
     def of_sines(cls, all_: tuple[Sine, ...]) -> "TapMismatch":
         """The effect from one or both of its sines."""
-        of = {periods: (size_mm, phase_rad) for periods, size_mm, phase_rad in all_}
+        most = cls.parameters()["amplitude_1_mm"].high  # a linear fit may go beyond
+        of = {periods: (min(size_mm, most), phase_rad) for periods, size_mm, phase_rad in all_}
         (first, phase_1), (second, phase_2) = of.get(1.0, (0.0, 0.0)), of.get(2.0, (0.0, 0.0))
         return cls(amplitude_1_mm=first, phase_1_rad=phase_1, amplitude_2_mm=second, phase_2_rad=phase_2)
 

@@ -109,8 +109,9 @@ class Wiggling(Effect):
     @classmethod
     def of_sines(cls, all_: tuple[Sine, ...]) -> "Wiggling":
         """The effect from all its sines, that of four periods among them or not."""
-        own = next(((size, phase) for p, size, phase in all_ if p == _OWN), (0.0, 0.0))
-        further = tuple(sine for sine in all_ if sine[0] != _OWN)
+        most = cls.parameters()["amplitude_mm"].high  # a linear fit may go beyond
+        own = next(((min(size, most), phase) for p, size, phase in all_ if p == _OWN), (0.0, 0.0))
+        further = tuple((p, min(size, most), phase) for p, size, phase in all_ if p != _OWN)
         return cls(amplitude_mm=own[0], phase_rad=own[1], harmonics=further)
 
     def numbers(self) -> dict[str, float]:
