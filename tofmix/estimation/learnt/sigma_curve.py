@@ -54,7 +54,7 @@ COARSE_SIGMAS = 0.5
 _LEAST_IN_BIN, _WIDEST_BIN = 20, 0.12
 """Least clusters in a bin of range, and greatest width of the bin by its range."""
 
-_FARTHEST_IN_BIN, _FEW = 2.0, 3
+_FARTHEST_IN_BIN, _FEW = 10.0, 3
 """Largest factor between ranges in a bin, however few clusters it then has: sigma at 3 cm says nothing of that at 3 m.
 A bin of fewer clusters than the second number keeps its sigma, scaled as that of all: one cluster may be of chance."""
 
