@@ -2,7 +2,7 @@
 
 Usage: python tests/benchmarks/recovery.py [--seeds 11 12 13]
 
-Prints Markdown tables; docs/results/recovery.md has them in short. Asserts nothing.
+Prints Markdown tables; docs/results/limits.md has them in short. Asserts nothing.
 """
 
 import argparse
