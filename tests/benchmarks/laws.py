@@ -7,9 +7,9 @@
 Scenes are those of users in turn (`users.cases`), and rooms. An internal reflection is so large that the best set of
 up to two other kinds, fitted to predictions without noise, explains it worse by 15, 60 or 240 nats (`users.oracle`);
 so are unequal taps and a smooth pattern. For an optional part of a law (a harmonic beside a wiggling of 12 mm, the
-saturation of a walk, the second term of a drift) the law without the part is one of the other kinds. A second path of
-free share and length gives one surface any bias and any noise: those of one surface are so large that the model without
-effects is worse by so much, noise by 60, 240 or 960 nats. A near return has a share of 0.1, 1 or 6 %. Every case is a
+saturation of a walk, the second term of a drift, noise by the angle of incidence) the law without the part is one of the other kinds. A second path of
+free share and length gives one surface any bias and any noise: those of one surface, a pose and a second path are so
+large that the model without effects is worse by so much, noise by 60, 240 or 960 nats. A near return has a share of 0.1, 1 or 6 %. Every case is a
 line of `RESULTS/laws.jsonl`; a case that has a line is not done again. docs/results/laws.md has the table.
 """
 
@@ -36,8 +36,10 @@ from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.amplitude_walk import AmplitudeWalk
 from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.internal_reflection import InternalReflection
+from tofmix.simulation.effects.multipath import Multipath
 from tofmix.simulation.effects.smooth_pattern import SmoothPattern
 from tofmix.simulation.effects.surface_offset import SurfaceOffset
+from tofmix.simulation.effects.surface_pose import SurfacePose
 from tofmix.simulation.effects.tap_mismatch import TapMismatch
 from tofmix.simulation.effects.temperature_drift import TemperatureDrift
 from tofmix.simulation.effects.wiggling import Wiggling
@@ -53,19 +55,25 @@ SIZES: Mapping[str, tuple[float, ...]] = {
     "amplitude_walk, saturating": _NATS,
     "temperature_drift, two terms": _NATS,
     "excess_noise": (60.0, 240.0, 960.0),  # 1 % more noise is within the tolerance
+    "excess_noise, by angle": _NATS,
     "surface_offset": _NATS,
     "smooth_pattern": _NATS,
+    "surface_pose": _NATS,
+    "multipath": _NATS,
 }
 UNITS: Mapping[str, str] = {
     "near_return": "of samples",
     "excess_noise": "nats over no effect",
     "surface_offset": "nats over no effect",
+    "surface_pose": "nats over no effect",
+    "multipath": "nats over no effect",
 }
 """Units of the sizes; nats over other sets, where there is none."""
 PARTS: Mapping[str, str] = {
     "wiggling, a harmonic": "harmonic_8_mm",
     "amplitude_walk, saturating": "saturation_amplitude",
     "temperature_drift, two terms": "amplitude_2_mm",
+    "excess_noise, by angle": "angle_exponent",
 }
 """The number that is 0 without the optional part."""
 SCENES = ("slanted", "two boards", "wall and box", "corner", "steps", "room", "wall", "corridor", "alcove")
@@ -165,6 +173,32 @@ def sunlit(given: Model, nats: float, rng: np.random.Generator) -> Effect | None
     return of_nats(given, nats, lambda size: ExcessNoise(surface=name, factor=float(np.exp(size))), most=0)
 
 
+def by_angle(given: Model, nats: float, rng: np.random.Generator) -> Effect | None:  # noqa: ARG001  as the others
+    """Noise that grows with the angle of incidence by so many nats; a plain factor is one of the other sets."""
+    most = ExcessNoise.parameters()["angle_exponent"].high
+    return of_nats(given, nats, lambda size: ExcessNoise(factor=1.0, angle_exponent=min(size, most)), part=True)
+
+
+def moved(given: Model, nats: float, rng: np.random.Generator) -> Effect | None:
+    """One of several surfaces elsewhere, of so many nats over no effect."""
+    name = _one_of_several(given, rng)
+    if name is None:
+        return None
+    return of_nats(given, nats, lambda size: SurfacePose(surface=name, shift_mm=size), most=0)
+
+
+def second_path(given: Model, nats: float, rng: np.random.Generator) -> Effect | None:
+    """A second path of constant share on one of several surfaces, of so many nats over no effect."""
+    name, extra_mm = _one_of_several(given, rng), float(rng.uniform(500, 1400))
+    if name is None:
+        return None
+
+    def of_size(size: float) -> Effect:
+        return Multipath(surface=name, share=min(0.1 * size, 1.0), extra_path_mm=extra_mm)
+
+    return of_nats(given, nats, of_size, most=0)
+
+
 def translucent(given: Model, nats: float, rng: np.random.Generator) -> Effect | None:
     """A bias of one of several surfaces, of so many nats over no effect."""
     name = _one_of_several(given, rng)
@@ -199,8 +233,11 @@ MAKERS: Mapping[str, Callable[[Model, float, np.random.Generator], Effect | None
     "amplitude_walk, saturating": saturating,
     "temperature_drift, two terms": two_terms,
     "excess_noise": sunlit,
+    "excess_noise, by angle": by_angle,
     "surface_offset": translucent,
     "smooth_pattern": smooth,
+    "surface_pose": moved,
+    "multipath": second_path,
 }
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from blind.camera import LIGHT_MM_S, Device, Exposure, Mechanism
+from blind.camera import LIGHT_MM_S, READ_OUT, Device, Exposure, Mechanism
 from blind.geometry import Array, Beams, Surface
 
 Parameters = dict[str, Any]
@@ -430,6 +430,25 @@ class SunOnBoard(Effect):
 
     def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
         return {"factor": math.sqrt(self.times), "surface": self.surface}
+
+
+@dataclass(frozen=True, kw_only=True)
+class RoomAtAngles(Effect):
+    """Background light that does not fall with the signal of slanted surfaces, as that of a board that faces does.
+
+    Each sample's electrons that are no read-out noise are those of a surface that faces the camera at its range, and the
+    signal is weaker by the cosine of incidence: sigma grows as its inverse.
+    """
+
+    kind = "excess_noise"
+
+    def light(self, x: Exposure) -> None:
+        cosine = x.beams.cosine[np.maximum(x.layer, 0), np.arange(x.z.shape[1])]
+        facing = (x.charge + np.float32(READ_OUT**2)) / np.maximum(cosine, 1e-3) ** 2 - np.float32(READ_OUT**2)
+        x.charge[...] = np.where(x.empty, x.charge, facing)
+
+    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
+        return {"factor": 1.0, "angle_exponent": 1.0}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -203,6 +203,19 @@ def test_sun_on_a_board_multiplies_its_noise_alone() -> None:
     assert np.abs(bias(mechanism)[MAIN & (SURFACE == 1)] / SIGMA[MAIN & (SURFACE == 1)]).max() < 0.6  # noise alone
 
 
+def test_room_light_at_angles_divides_the_noise_by_the_cosine_of_incidence() -> None:
+    """The target is turned by 45 degrees."""
+    mechanism = fx.RoomAtAngles()
+    cosine = BEAMS.cosine[0].reshape(24, 32)[MAIN]
+    of = mechanism.equivalent(PLACE)
+    wanted = of["factor"] * cosine ** -of["angle_exponent"]
+    assert wanted.max() > 1.6 > 1.1 > wanted.min()
+    ratio = _ratio(mechanism)[MAIN] / wanted
+    assert np.median(ratio) == pytest.approx(1.0, rel=0.02)
+    assert np.median(ratio[wanted > 1.3]) == pytest.approx(1.0, rel=0.02)
+    assert np.abs(bias(mechanism)[MAIN] / SIGMA[MAIN]).max() < 0.6  # noise alone
+
+
 def test_falling_illumination_divides_amplitude_and_multiplies_noise() -> None:
     mechanism = fx.FallingIllumination(power=3.0)
     cosine = mechanism.axis_cosine(DEVICE).reshape(24, 32)

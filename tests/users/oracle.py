@@ -379,6 +379,12 @@ def _noise(laws: _Laws) -> Iterator[list[_Column]]:
         )
 
 
+def _by_angle(laws: _Laws) -> Iterator[list[_Column]]:
+    """Of all surfaces, with an exponent of the cosine of incidence."""
+    plain = laws.of(_SMALL, "excess_noise", factor=math.exp(_SMALL))
+    yield [plain, laws.of(_SMALL, "excess_noise", factor=1.0, angle_exponent=_SMALL)]
+
+
 _COLUMNS: dict[str, Callable[[_Laws], Iterator[list[_Column]]]] = {
     "range_offset": lambda laws: iter([[laws.of(1.0, "range_offset", offset_mm=1.0)]]),
     "surface_pose": _pose,
@@ -400,5 +406,6 @@ _OPTIONAL: dict[str, Callable[[_Laws], Iterator[list[_Column]]]] = {
     "tap_mismatch": lambda laws: iter([_taps(laws, 1) + _taps(laws, 2)]),
     "amplitude_walk": _saturating,
     "temperature_drift": _two_terms,
+    "excess_noise": _by_angle,
 }
 """Laws with parts that not every camera has."""

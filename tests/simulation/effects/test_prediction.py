@@ -44,6 +44,7 @@ CASES: list[dict[str, Any]] = [
     *({"kind": "excess_noise", "factor": x} for x in (1, 1.2, 3)),
     {"kind": "excess_noise", "factor": 2, "surface": "middle"},
     {"kind": "excess_noise", "factor": 1.5, "map": PixelMap("", WIDER)},
+    {"kind": "excess_noise", "factor": 1.2, "angle_exponent": 8},
     *({"kind": "vignetting", "corner_factor": x} for x in (1, 1.5, 4)),
     *({"kind": "outliers", "probability": x} for x in (0, 0.05, 0.5)),
     *({"kind": "stuck_pixels", "share": x, "value_mm": 2000} for x in (0, 0.1, 1)),

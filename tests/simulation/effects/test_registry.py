@@ -33,7 +33,7 @@ CONTRACT = {
     "multipath": "surface share extra_path_mm",
     "phase_wrapping": "unambiguous_range_mm",
     "flying_pixels": "probability",
-    "excess_noise": "factor surface map",
+    "excess_noise": "factor surface map angle_exponent",
     "vignetting": "corner_factor",
     "outliers": "probability",
     "stuck_pixels": "share value_mm map",

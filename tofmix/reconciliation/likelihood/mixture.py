@@ -267,10 +267,12 @@ class Scene:
         times = self._times((*self._still.effects, *effects))
         last = [e for e in effects if e.loses_by_noise]
         acting = tuple(e for e in effects if e.latent not in LINKING and not _stands_apart(e) and not e.loses_by_noise)
-        model = replace(self._still, effects=(*self._still.effects, *acting))
+        own = (*self._still.effects, *acting)
         parts = []
         for t in times:
-            truth, without_effects = self._cast(self._placed(effects, float(t)))
+            placed = self._placed(effects, float(t))
+            truth, without_effects = self._cast(placed)
+            model = replace(self._still, surfaces=placed, effects=own)
             parts.append(predict(model, truth, time_s=float(t), without_effects=without_effects))
         for part in parts:
             for effect in last:

@@ -381,10 +381,11 @@ def of_any_noise(likelihood: Likelihood, state: ModelState, part: Part) -> Model
     """
     if state.bursts is not None or any(e.is_basic(Basic.NOISE) for e in likelihood.scene.effects):
         return state
-    others, noise = tuple(e for e in state.effects if not e.is_basic(Basic.NOISE)), basic_kind(Basic.NOISE)
+    others = tuple(e for e in state.effects if not e.is_basic(Basic.NOISE))
+    named = next((e for e in state.effects if e.is_basic(Basic.NOISE)), basic_kind(Basic.NOISE).of_magnitude(1.0))
 
     def scaled(log_factor: float) -> ModelState:
-        return replace(state, effects=(*others, noise.of_magnitude(math.exp(log_factor))))
+        return replace(state, effects=(*others, named.with_magnitude(math.exp(log_factor))))
 
     best = minimize_scalar(
         lambda x: -likelihood.value(scaled(x), part),
