@@ -4,13 +4,14 @@
     PYTHONPATH=tests python tests/benchmarks/laws.py --output RESULTS --draws 20 --law near_return
     PYTHONPATH=tests python tests/benchmarks/laws.py --output RESULTS --summary
 
-Scenes are those of users in turn (`users.cases`), and rooms. An internal reflection is so large that the best set of
-up to two other kinds, fitted to predictions without noise, explains it worse by 15, 60 or 240 nats (`users.oracle`);
-so are unequal taps and a smooth pattern. For an optional part of a law (a harmonic beside a wiggling of 12 mm, the
-saturation of a walk, the second term of a drift, noise by the angle of incidence) the law without the part is one of the other kinds. A second path of
-free share and length gives one surface any bias and any noise: those of one surface, a pose and a second path are so
-large that the model without effects is worse by so much, noise by 60, 240 or 960 nats. A near return has a share of 0.1, 1 or 6 %. Every case is a
-line of `RESULTS/laws.jsonl`; a case that has a line is not done again. docs/results/laws.md has the table.
+Scenes are those of users in turn (`users.cases`), and rooms. An internal reflection is so large that the best set of up
+to two other kinds, fitted to predictions without noise, explains it worse by 15, 60 or 240 nats (`users.oracle`); so
+are unequal taps and a smooth pattern. For an optional part of a law (a harmonic beside a wiggling of 12 mm, the
+saturation of a walk, the second term of a drift, noise by the angle of incidence) the law without the part is one of
+the other kinds. A second path of free share and length gives one surface any bias and any noise: those of one surface,
+a pose and a second path are so large that the model without effects is worse by so much, noise by 60, 240 or 960 nats.
+A near return has a share of 0.1, 1 or 6 %. Every case is a line of `RESULTS/laws.jsonl`; a case that has a line is not
+done again. docs/results/laws.md has the table.
 """
 
 import argparse

@@ -436,8 +436,8 @@ class SunOnBoard(Effect):
 class RoomAtAngles(Effect):
     """Background light that does not fall with the signal of slanted surfaces, as that of a board that faces does.
 
-    Each sample's electrons that are no read-out noise are those of a surface that faces the camera at its range, and the
-    signal is weaker by the cosine of incidence: sigma grows as its inverse.
+    Each sample's electrons that are no read-out noise are those of a surface that faces the camera at its range, and
+    the signal is weaker by the cosine of incidence: sigma grows as its inverse.
     """
 
     kind = "excess_noise"
@@ -590,6 +590,49 @@ class SecondCamera(Effect):
             "probability": self.share_of_frames,
             "sigma_mm": float(place.device.unambiguous_mm / (2 * np.pi) * self.strength / math.sqrt(2)),
             "burst_frames": self.burst_frames,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnevenClocks(Effect):
+    """A camera beside this one with exposures as long as ours and another frame rate; its light falls off sideways.
+
+    In a frame it adds light for as long as the exposures overlap, in proportion to that time. Both are given in frames
+    of ours: how long an exposure lasts, and by how much their frame is longer. With `spot_cols`, its beam is a Gaussian
+    of that width about the left edge of the image.
+    """
+
+    strength: float  # its amplitude as a share of our own, in a whole exposure
+    exposure: float
+    longer: float
+    spot_cols: float = 0.0
+    kind = "interference"
+
+    def overlap(self, time_s: Array, rate_hz: float, seed: int) -> Array:
+        """Part (frame,) of our exposure in which theirs is open, exposure by exposure."""
+        begin = time_s * rate_hz
+        theirs = float(np.random.default_rng([seed, 54]).random()) + (1 + self.longer) * np.arange(-2, begin.size + 2)
+        shared = np.minimum(begin[:, None], theirs) + self.exposure - np.maximum(begin[:, None], theirs)
+        return np.asarray(np.maximum(shared, 0).sum(axis=1) / self.exposure)
+
+    def beam(self, device: Device) -> Array:
+        """Its light (pixel,), over that at the left edge."""
+        fall = np.exp(-0.5 * (np.arange(device.cols) / self.spot_cols) ** 2) if self.spot_cols else np.ones(device.cols)
+        return np.tile(fall, device.rows)
+
+    def map(self, device: Device) -> Array | None:
+        return self.beam(device).reshape(device.rows, device.cols) if self.spot_cols else None
+
+    def light(self, x: Exposure) -> None:
+        part = self.overlap(x.time_s, x.device.frame_rate_hz, x.seed)[:, None] * self.beam(x.device)
+        other = x.rng.standard_normal(x.z.shape, np.float32) + 1j * x.rng.standard_normal(x.z.shape, np.float32)
+        x.z += ((self.strength / math.sqrt(2)) * part * np.abs(x.z) * other).astype(np.complex64)
+
+    def equivalent(self, place: Place) -> Parameters:
+        return {
+            "probability": 2 * self.exposure / (1 + self.longer),
+            "sigma_mm": float(place.device.unambiguous_mm / (2 * np.pi) * self.strength / math.sqrt(2)),
+            "period_frames": (1 + self.longer) / self.longer,
         }
 
 

@@ -209,7 +209,8 @@ def test_room_light_at_angles_divides_the_noise_by_the_cosine_of_incidence() -> 
     cosine = BEAMS.cosine[0].reshape(24, 32)[MAIN]
     of = mechanism.equivalent(PLACE)
     wanted = of["factor"] * cosine ** -of["angle_exponent"]
-    assert wanted.max() > 1.6 > 1.1 > wanted.min()
+    assert wanted.max() > 1.6
+    assert wanted.min() < 1.1
     ratio = _ratio(mechanism)[MAIN] / wanted
     assert np.median(ratio) == pytest.approx(1.0, rel=0.02)
     assert np.median(ratio[wanted > 1.3]) == pytest.approx(1.0, rel=0.02)
@@ -238,6 +239,32 @@ def test_second_camera_adds_its_noise_in_bursts() -> None:
     assert many.mean() == pytest.approx(0.3, abs=0.03)
     lengths = np.diff(np.flatnonzero(np.diff(np.concatenate([[False], many, [False]]).astype(int))))[::2]
     assert lengths.mean() == pytest.approx(5, abs=2.0)  # bursts may touch
+
+
+def test_clocks_that_differ_beat_with_the_period_of_their_equivalent() -> None:
+    mechanism = fx.UnevenClocks(strength=0.05, exposure=0.3, longer=0.04)
+    of = mechanism.equivalent(PLACE)
+    assert of["period_frames"] == pytest.approx(26)
+    part = mechanism.overlap(np.arange(DEVICE.frames) / DEVICE.frame_rate_hz, DEVICE.frame_rate_hz, 3)
+    assert (part > 0).mean() == pytest.approx(of["probability"], abs=0.05)
+    away = np.arange(DEVICE.frames)[:, None] / of["period_frames"] + np.linspace(0, 1, 2000)
+    triangles = np.maximum(1 - 2 * np.abs(away % 1 - 0.5) / of["probability"], 0)
+    assert np.abs(triangles - part[:, None]).max(axis=0).min() < 0.01
+    with_it, without = pair(mechanism)
+    change = (with_it.range_mm - without.range_mm)[:, MAIN].std(axis=1)
+    np.testing.assert_allclose(change, of["sigma_mm"] * part, atol=0.08 * of["sigma_mm"])  # of some 500 pixels
+
+
+def test_spot_of_another_camera_adds_its_part_in_each_column() -> None:
+    mechanism = fx.UnevenClocks(strength=0.05, exposure=0.999, longer=1e-9, spot_cols=9.0)
+    part = mechanism.map(DEVICE)
+    assert part is not None
+    with_it, without = pair(mechanism)
+    change = np.where(MAIN, (with_it.range_mm - without.range_mm).std(axis=0), 0.0).sum(axis=0)
+    some = MAIN.sum(axis=0) > 3
+    open_ = mechanism.overlap(np.arange(DEVICE.frames) / DEVICE.frame_rate_hz, DEVICE.frame_rate_hz, 3)
+    wanted = mechanism.equivalent(PLACE)["sigma_mm"] * part[0] * open_.mean()
+    np.testing.assert_allclose(change[some] / MAIN.sum(axis=0)[some], wanted[some], atol=0.08 * wanted.max())
 
 
 def test_noise_with_memory_keeps_its_spread() -> None:

@@ -9,6 +9,7 @@ from support.effect_bench import Bench, Floats, Recorded, effect
 from tofmix.optics.projection import beam_directions_of
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import PixelMap
+from tofmix.simulation.effects.base import Context
 from tofmix.simulation.exposure import predict
 
 
@@ -101,6 +102,56 @@ def test_interference_adds_in_quadrature_in_some_frames(
     if sigma:
         assert disturbed.all() == (probability == 1)
         assert quiet.all() == (probability == 0)
+
+
+def test_beat_adds_noise_in_proportion_to_the_overlap(bench: Bench, plain_wall: Recorded) -> None:
+    """The overlap rises and falls evenly, within the share of disturbed frames, and repeats after the period."""
+    period, share = 8.0, 0.5
+    beating = effect("interference", probability=share, sigma_mm=80.0, period_frames=period)
+    other, frames = bench.wall(beating), np.arange(20)
+    context = Context(sensor=other.model.sensor, surfaces=("wall",), seed=3)
+    part = beating.prepare(context, 20)
+    np.testing.assert_allclose(part[:12], part[8:])
+    assert (part > 0).mean() == pytest.approx(share, abs=0.1)
+    triangles = [np.interp((frames - s) % period, [0, 2, 4, period], [0, 1, 0, 0]) for s in np.arange(0, period, 0.01)]
+    assert min(abs(part - triangle).max() for triangle in triangles) < 0.01
+    np.testing.assert_array_equal(beating.prepare(context, 9), part[:9])
+    own = plain_wall.sigma(plain_wall.true_mm)
+    gain = np.hypot(own, 80.0 * part[:, None]) / own
+    deviation = plain_wall.range_mm - plain_wall.true_mm
+    assert (abs(other.range_mm - plain_wall.true_mm - gain * deviation) <= 0.51 * (1 + gain)).all()
+    (truth,) = beating.truth(part)
+    assert truth.values.dtype == np.float32
+
+
+def test_map_of_interference_is_the_part_of_the_noise_of_each_pixel(bench: Bench, plain_wall: Recorded) -> None:
+    values = np.linspace(0, 1, 240, dtype=np.float32).reshape(6, 40)
+    other = bench.wall(effect("interference", probability=1.0, sigma_mm=50.0, map=PixelMap("", values)))
+    own = plain_wall.sigma(plain_wall.true_mm)
+    gain = np.hypot(own, 50.0 * values.ravel()) / own
+    deviation = plain_wall.range_mm - plain_wall.true_mm
+    assert (abs(other.range_mm - plain_wall.true_mm - gain * deviation) <= 0.51 * (1 + gain)).all()
+
+
+@pytest.mark.parametrize("wrong", [-0.1, 1.2, np.nan])
+def test_map_of_interference_with_a_value_that_is_no_part_is_refused(bench: Bench, wrong: float) -> None:
+    values = np.full((9, 11), 0.5, dtype=np.float32)
+    values[2, 5] = wrong
+    with pytest.raises(ValueError, match="map: every pixel needs a part of 0 to 1"):
+        bench.boards(effect("interference", probability=1.0, sigma_mm=5.0, map=PixelMap("", values)))
+
+
+@pytest.mark.parametrize(
+    ("numbers", "hides"),
+    [
+        ({"probability": 1.0}, False),
+        ({"probability": 0.99}, True),
+        ({"probability": 1.0, "period_frames": 30.0}, True),
+    ],
+    ids=["always", "bursts", "beat"],
+)
+def test_only_a_camera_that_is_always_on_hides_nothing(numbers: dict[str, float], hides: bool) -> None:
+    assert effect("interference", sigma_mm=30.0, **numbers).hides is hides
 
 
 @pytest.mark.parametrize(("probability", "burst"), [(0.1, 5.0), (0.4, 2.0), (0.5, 20.0), (0.9, 5.0)])

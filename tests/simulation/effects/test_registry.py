@@ -39,7 +39,7 @@ CONTRACT = {
     "stuck_pixels": "share value_mm map",
     "dropout": "probability threshold threshold_noise",
     "temporal_correlation": "coefficient",
-    "interference": "probability sigma_mm burst_frames",
+    "interference": "probability sigma_mm burst_frames period_frames map",
     "saturation": "full_well_amplitude",
     "motion": "surface velocity_mm_s",
     "quantisation": "step_mm",
@@ -93,6 +93,7 @@ def test_each_effect_describes_itself_and_its_parameters(kind: str) -> None:
                 "unambiguous_range_mm",
                 "harmonics",
                 "time_constant_2_s",
+                "period_frames",
             }
         )
 

@@ -175,7 +175,7 @@ class Scene:
         self._kept_bytes, self._kept = kept_bytes, kept
         self.names = tuple(surface.name for surface in model.surfaces)
         self.members: tuple[Scene, ...] = (self,)
-        self.links = tuple(e for e in model.effects if e.latent in LINKING and not _mapped_bias(e))
+        self.links = tuple(e for e in model.effects if _links(e) and not _mapped_bias(e))
         self._apart = tuple(e for e in model.effects if _stands_apart(e))
         rest = tuple(e for e in model.effects if e not in (*self.links, *self._apart))
         alike = replace(model.sensor.noise, width_spread=0.0)  # widths belong to the recording: a state has them
@@ -266,7 +266,7 @@ class Scene:
         effects = (*self._apart, *self.own(effects))
         times = self._times((*self._still.effects, *effects))
         last = [e for e in effects if e.loses_by_noise]
-        acting = tuple(e for e in effects if e.latent not in LINKING and not _stands_apart(e) and not e.loses_by_noise)
+        acting = tuple(e for e in effects if not _links(e) and not _stands_apart(e) and not e.loses_by_noise)
         own = (*self._still.effects, *acting)
         parts = []
         for t in times:
@@ -328,6 +328,11 @@ class Scene:
             shape=first.error_shape,
             table=self._table,
         )
+
+
+def _links(effect: Effect) -> bool:
+    """Whether an effect has a hidden state that links samples."""
+    return effect.hides and effect.latent in LINKING
 
 
 def _mapped_bias(effect: Effect) -> bool:

@@ -337,6 +337,11 @@ class Effect:
         raise NotImplementedError
 
     @property
+    def hides(self) -> bool:
+        """Whether the samples have its hidden state; not where its numbers leave nothing open."""
+        return self.latent is not Latent.NONE
+
+    @property
     def settled_after_s(self) -> float:
         """Time constant after which a change in time has settled, s; 0 without a change, infinity if it goes on."""
         return math.inf if self.target is Target.TREND else 0.0
@@ -460,7 +465,7 @@ _Hidden = TypeVar("_Hidden", bound=HiddenState)
 def with_hidden(effects: Iterable[Effect], sort: type[_Hidden]) -> Iterator[tuple[Effect, _Hidden]]:
     """The effects with a hidden state of this sort, each with its declaration."""
     for effect in effects:
-        if isinstance(effect.hidden, sort):
+        if effect.hides and isinstance(effect.hidden, sort):
             yield effect, effect.hidden
 
 

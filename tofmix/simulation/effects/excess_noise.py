@@ -45,15 +45,15 @@ _ADDED = StudentPrior(scale=math.log(2), log=True, half=True)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExcessNoise(Effect):
-    """Sigma times `factor` / cos(incidence)^`angle_exponent`: of every sample with a return, or of those of one surface.
+    """Sigma times `factor` / cos(incidence)^`angle_exponent`, of every sample with a return or of one surface.
 
     Phase noise is sqrt(B) / A: if the background dominates, more ambient light or a weaker emitter increases every
     sigma by the same factor. Four times the background electrons double sigma. Light that falls on one surface, such as
     the sun through a window, does so for this surface alone: its ranges and its amplitudes remain as they are. A map
     gives each pixel a further factor; `reconcile` looks for none.
 
-    A sensor's curve is measured on a board that faces the camera. A slanted surface returns less light, as the cosine of
-    incidence: sigma grows with an exponent of 1 where the background dominates, and of 1/2 where the signal's own
+    A sensor's curve is measured on a board that faces the camera. A slanted surface returns less light, as the cosine
+    of incidence: sigma grows with an exponent of 1 where the background dominates, and of 1/2 where the signal's own
     electrons do. A pixel of the slanted surface also covers more ranges. The noise of depth cameras is reported to grow
     with the angle, strongly above 60 degrees. The angle is that between a beam and the surface's normal, by the model.
     `reconcile` looks for the exponent of all surfaces, beside the factor, at the price of one more effect.
@@ -163,9 +163,7 @@ class ExcessNoise(Effect):
         of = f' of "{self.surface}"' if self.surface else ""
         mapped = "" if self.map is None else f", and a factor of each pixel from {self.map.path or 'a map'}"
         divided = f", divided by the cosine of incidence to the power of {self.angle_exponent:g}"
-        return (
-            f"the noise{of} is {self.factor:g} times the sensor's{divided if self.angle_exponent else ''}{mapped}"
-        )
+        return f"the noise{of} is {self.factor:g} times the sensor's{divided if self.angle_exponent else ''}{mapped}"
 
     def act(self, echoes: Echoes, context: Context) -> None:
         """Scale sigma."""
