@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from blind import effects as fx
-from blind.camera import Device, Mechanism, Recording, record
+from blind.camera import Device, Mechanism, Recording, expose, record
 from blind.effects import Effect, Place
 from blind.geometry import Array, Surface, cast
 from blind.scenes import TARGET
@@ -265,6 +265,28 @@ def test_spot_of_another_camera_adds_its_part_in_each_column() -> None:
     open_ = mechanism.overlap(np.arange(DEVICE.frames) / DEVICE.frame_rate_hz, DEVICE.frame_rate_hz, 3)
     wanted = mechanism.equivalent(PLACE)["sigma_mm"] * part[0] * open_.mean()
     np.testing.assert_allclose(change[some] / MAIN.sum(axis=0)[some], wanted[some], atol=0.08 * wanted.max())
+
+
+def test_evenly_lit_wall_lights_a_corner_as_the_form_factors_of_endless_walls_say() -> None:
+    """At distance a from a wall of height h: (1 - a / sqrt(a^2 + h^2)) / 2 of the light that all around would give."""
+    floor = Surface(name="floor", center_mm=(0, 700, 3000), size_mm=(20000, 3000), pitch_deg=-90, reflectivity=0.5)
+    wall = Surface(name="wall", center_mm=(0, -300, 4500), size_mm=(20000, 2000), reflectivity=0.8)
+    mechanism = fx.EvenlyLitWall(surface="floor", wall="wall", returned=0.6)
+    x = expose(DEVICE, [floor, wall], (), 3)
+    factor = mechanism.factor(x)
+    seen = (x.beams.surface[0] == 0) & (x.beams.share[0] == 1)
+    assert seen.sum() > 100
+    azimuth, elevation = DEVICE.view.angles()
+    away = 4500 - (x.beams.range_mm[0] * np.cos(azimuth) * np.cos(elevation))[seen]
+    wanted = 0.3 * (1 - away / np.hypot(away, 2000))
+    far = away > 300  # patches of 330 mm by 33
+    assert np.abs(np.abs(factor[seen]) - wanted)[far].max() < 0.12 * wanted.max()  # ways differ, so phasors add to less
+    with_it = record(DEVICE, [floor, wall], (mechanism,), seed=3).range_mm
+    without = record(DEVICE, [floor, wall], (), seed=3).range_mm
+    moved = (with_it - without).mean(axis=0).ravel()
+    turned = DEVICE.unambiguous_mm / (2 * math.pi) * np.angle(1 + factor)
+    np.testing.assert_allclose(moved[seen], turned[seen], atol=0.05 * np.abs(turned).max() + 1)
+    assert np.abs(moved[(x.beams.surface[0] == 1) & (x.beams.share[0] == 1)]).max() < 0.1
 
 
 def test_noise_with_memory_keeps_its_spread() -> None:

@@ -298,10 +298,11 @@ class Exposer:
         return mean
 
     def _act(self, samples: FrameSamples, frame: int, scene: StillScene, *, read_out: bool, part: int = 0) -> None:
-        now = {"frame": frame, "time_s": self._time(frame), "placed": scene.placed, "part": part}
+        time_s, placed = self._time(frame), scene.placed
         for effect, context, expected in zip(self._effects, self._contexts, scene.expected, strict=True):
             if (effect.level is Level.READ_OUT) == read_out:
-                effect.sample(samples, replace(context, expected=expected, **now))
+                now = replace(context, frame=frame, time_s=time_s, placed=placed, expected=expected, part=part)
+                effect.sample(samples, now)
 
 
 def _samples(scene: StillScene, drawn: Drawn, noise: FloatArray, sigma_mm: FloatArray, turn_mm: float) -> FrameSamples:

@@ -44,7 +44,7 @@ def cosines(recorded: Recorded, normal: tuple[float, float, float]) -> Floats:
     """Cosine (pixel,) of the angle between each pixel's beam and a plane's normal."""
     sensor = recorded.model.sensor
     beams = beam_directions_of(sensor.optics, sensor.shape).reshape(-1, 3)
-    return np.abs(beams @ (np.array(normal) / np.linalg.norm(normal)))
+    return np.asarray(np.abs(beams @ (np.array(normal) / np.linalg.norm(normal))))
 
 
 @pytest.mark.parametrize("exponent", [0.5, 1.0, 2.0])

@@ -40,6 +40,7 @@ CASES: list[dict[str, Any]] = [
     *({"kind": "internal_reflection", "amplitude": x, "range_mm": 20} for x in (0, 3, 20)),
     *({"kind": "near_return", "share": x, "range_mm": 25, "sigma_mm": 5} for x in (0, 0.06, 0.4)),
     *({"kind": "multipath", "surface": "middle", "share": x, "extra_path_mm": 1500} for x in (0, 0.1, 0.5)),
+    {"kind": "multipath", "surface": "far", "share": 0.9, "from_": "near"},
     *({"kind": "phase_wrapping", "unambiguous_range_mm": x} for x in (1e6, 3700, 1000)),
     *({"kind": "flying_pixels", "probability": x} for x in (0, 0.3, 1)),
     *({"kind": "excess_noise", "factor": x} for x in (1, 1.2, 3)),

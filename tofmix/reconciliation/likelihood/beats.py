@@ -52,7 +52,8 @@ class FrameNoise:
 
         def value(size: float) -> FloatArray:
             added = np.full(frames, (size * self.sigma_mm) ** 2)
-            return likelihood.sums(mixture, state, part, variance=added).by_frame[part[0], 0]
+            values: FloatArray = likelihood.sums(mixture, state, part, variance=added).by_frame[part[0], 0]
+            return values
 
         self._knots = np.log1p(_SIZES**2)
         self._pieces = CubicSpline(self._knots, np.stack([value(size) for size in _SIZES])).c

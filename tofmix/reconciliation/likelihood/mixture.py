@@ -216,7 +216,7 @@ class Scene:
 
     def own(self, effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
         """The effects among these that act in this scene."""
-        return tuple(e for e in effects if getattr(e, "surface", "") in ("", *self.names))
+        return tuple(e for e in effects if all(name in self.names for name in e.surfaces.values()))
 
     def _cast(self, surfaces: tuple[Surface, ...]) -> tuple[Truth, Prediction]:
         """The cast of the scene with these surfaces, and its prediction without effects."""

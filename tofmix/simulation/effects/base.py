@@ -22,7 +22,7 @@ from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import beam_directions_of
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.effects.hidden import HiddenState
-from tofmix.simulation.effects.parameter import FARTHEST, Parameter, Prior, declared_parameters
+from tofmix.simulation.effects.parameter import FARTHEST, Holds, Parameter, Prior, declared_parameters
 from tofmix.toml_table import nearest
 
 if TYPE_CHECKING:
@@ -337,6 +337,12 @@ class Effect:
         raise NotImplementedError
 
     @property
+    def surfaces(self) -> dict[str, str]:
+        """Names of the surfaces that it names, by parameter."""
+        named = {name: getattr(self, name) for name, p in self.parameters().items() if p.holds is Holds.SURFACE}
+        return {name: value for name, value in named.items() if value}
+
+    @property
     def hides(self) -> bool:
         """Whether the samples have its hidden state; not where its numbers leave nothing open."""
         return self.latent is not Latent.NONE
@@ -387,10 +393,11 @@ class Effect:
         """
         if self.acts_on_phase:
             refuse_without_phase(self.kind, sensor)
-        name = getattr(self, "surface", None)
-        may_be_all = name == "" and not self.parameters()["surface"].required
-        if name is not None and not may_be_all and name not in surfaces:
-            raise ValueError(f'surface: "{name}" is not a surface of this model{nearest(name, surfaces)}')
+        for parameter in self.parameters().values():
+            name = getattr(self, parameter.name)
+            may_be_all = name == "" and not parameter.required
+            if parameter.holds is Holds.SURFACE and not may_be_all and name not in surfaces:
+                raise ValueError(f'{parameter.key}: "{name}" is not a surface of this model{nearest(name, surfaces)}')
         plane = getattr(self, "map", None)
         if plane is not None and plane.values.shape != (sensor.rows, sensor.cols):
             raise ValueError(f"map: shape {plane.values.shape} differs from the image {(sensor.rows, sensor.cols)}")

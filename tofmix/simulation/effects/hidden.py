@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.simulation.effects.parameter import PixelMap
@@ -35,7 +36,7 @@ class FrameChain(NamedTuple):
     burst_frames: float
     period_frames: float = 0.0
 
-    def overlap(self, frame: FloatArray, phase: FloatArray | float) -> FloatArray:
+    def overlap(self, frame: NDArray[Any], phase: FloatArray | float) -> FloatArray:
         """Overlap (frame,) of the exposures of two cameras, 0 to 1, at some frames; `phase`, in periods, broadcasts.
 
         Both exposures last for half of `probability` of the period, so that the overlap is a triangle in time.
