@@ -24,8 +24,8 @@ OPTICS, SHAPE = Equiangular(fov_horizontal_deg=47.0, fov_vertical_deg=39.0), (12
 TURN_MM = 7494.8
 BACK = Surface(name="back", center_mm=(0, 0, 3300), size_mm=(5000, 4000))
 TABLE = Surface(name="table", center_mm=(0, 600, 2300), size_mm=(2400, 2000), pitch_deg=-90)
-SIDE = Surface(name="side", center_mm=(850, 0, 2500), size_mm=(2600, 2400), yaw_deg=-70)
-BOARD = Surface(name="board", center_mm=(-600, 100, 2300), size_mm=(700, 500), yaw_deg=70, pitch_deg=15, roll_deg=20)
+SIDE = Surface(name="side", center_mm=(850, 0, 2500), size_mm=(2600, 2400), yaw_deg=-90)
+BOARD = Surface(name="board", center_mm=(-600, 100, 2300), size_mm=(700, 500), yaw_deg=120, pitch_deg=15, roll_deg=20)
 PAIRS = [(BACK, TABLE), (TABLE, BACK), (BACK, SIDE), (SIDE, BACK), (TABLE, SIDE), (SIDE, BOARD)]
 
 
@@ -67,7 +67,7 @@ def test_bounce_is_the_sum_over_patches_of_the_source(surface: Surface, source: 
     error = abs(found - wanted)[seen]
     assert largest > 0.005
     assert np.quantile(error, 0.9) <= 5e-3 * largest
-    assert error.max() <= 0.02 * largest
+    assert error.max() <= 0.1 * largest
 
 
 def test_form_factor_of_a_long_wall_is_that_of_its_angle() -> None:
