@@ -59,14 +59,14 @@ def by_patches(surface: Surface, source: Surface, n: int = 150) -> NDArray[np.co
 
 @pytest.mark.parametrize(("surface", "source"), PAIRS, ids=lambda s: s.name)
 def test_bounce_is_the_sum_over_patches_of_the_source(surface: Surface, source: Surface) -> None:
-    """Within 0.5 % of the largest, but for pixels within some patches of the seam, which patches are too coarse for."""
+    """Within 1 % of the largest, but for pixels within some patches of the seam, which patches are too coarse for."""
     found, wanted = one_bounce(surface, source, OPTICS, SHAPE, TURN_MM), by_patches(surface, source)
     seen = np.isfinite(wanted)
     assert seen.any()
     largest = abs(wanted[seen]).max()
     error = abs(found - wanted)[seen]
     assert largest > 0.005
-    assert np.quantile(error, 0.9) <= 5e-3 * largest
+    assert np.quantile(error, 0.9) <= 1e-2 * largest
     assert error.max() <= 0.1 * largest
 
 

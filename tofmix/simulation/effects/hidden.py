@@ -109,7 +109,10 @@ class DisturbedFrames(HiddenState):
     def _named(self, values: Sequence[float]) -> dict[str, Any]:
         own: dict[str, Any] = dict(zip(self.numbers, values, strict=False))
         period = values[len(self.numbers) :]
-        return own | ({self.period: period[0]} if self.period and period and period[0] else {})
+        if not (self.period and period and period[0]):
+            return own
+        del own[self.numbers[2]]  # a beat has no bursts
+        return own | {self.period: period[0]}
 
 
 @dataclass(frozen=True, slots=True)
