@@ -87,7 +87,7 @@ class FrameNoise:
 
 
 def fit_beat(noise: FrameNoise) -> _Beat | None:
-    """The most likely beat and its phase; None if noise in all frames, or none, is nearly as likely.
+    """The most likely beat and its phase; None if noise in all frames, or none, is nearly as likely, or nothing repeats.
 
     Starts are the strongest periods of the frames' own noise.
     """
@@ -101,6 +101,8 @@ def fit_beat(noise: FrameNoise) -> _Beat | None:
         for loud in _LOUD
         for x in [np.array([share, math.log(loud * own.max()), math.log(period), phase])]
     ]
+    if not starts:
+        return None
     starts.sort(key=lambda start: -start[0])
     options: Any = {"maxfev": 600, "xatol": 1e-4, "fatol": 0.02}
 
@@ -123,31 +125,37 @@ def fit_beat(noise: FrameNoise) -> _Beat | None:
 
 def overlaps(noise: FrameNoise, chain: FrameChain) -> FloatArray:
     """Square (frame,) of each frame's overlap in a beat of unknown phase: the most likely one."""
-    phases = np.arange(_PHASES) / _PHASES
-    added = chain.sigma_mm * chain.overlap(noise.frame, phases[:, None])
-    phase = phases[int(noise.of(added).argmax())]
-    fine = phase + np.linspace(-1, 1, _FINE) / _PHASES
-    added = chain.sigma_mm * chain.overlap(noise.frame, fine[:, None])
-    return np.asarray(chain.overlap(noise.frame, fine[int(noise.of(added).argmax())]) ** 2)
+    return np.asarray(chain.overlap(noise.frame, _phase(noise, chain)) ** 2)
+
+
+def _phase(noise: FrameNoise, chain: FrameChain) -> float:
+    """The most likely phase of a beat, periods."""
+    phase, step = 0.0, 1.0
+    for count in (_PHASES, _FINE):
+        tried = phase + step * np.linspace(-1, 1, count)
+        added = chain.sigma_mm * chain.overlap(noise.frame, tried[:, None])
+        phase, step = float(tried[int(noise.of(added).argmax())]), 2 * step / count
+    return phase
 
 
 def beat_errors(noise: FrameNoise, chain: FrameChain) -> tuple[FrameChain, tuple[float, float, float]]:
-    """The beat that fits frames best, near this one, and the errors of share, noise and period; phase unknown."""
-    fitted = fit_beat(noise)
-    if fitted is None:
-        return chain, (chain.probability, chain.sigma_mm, chain.period_frames)
-    chain, phase = fitted
+    """The beat that fits frames best, and the errors of share, noise and period, by the curvature; phase unknown.
+
+    A share of 1 is at its bound: its error is 0.
+    """
+    chain, phase = fit_beat(noise) or (chain, _phase(noise, chain))
     x = np.array([chain.probability, math.log(chain.sigma_mm), math.log(chain.period_frames), phase])
-    unit = np.diag(_NUDGES)
+    free = np.flatnonzero(np.array([chain.probability + _NUDGES[0] < 1.0, True, True, True]))
+    unit = np.diag(_NUDGES)[free]
 
     def at(y: FloatArray) -> float:
         return noise.of_beat(_beat(y), y[3])
 
-    curvature = np.array(
-        [[(at(x + a - b) + at(x - a + b) - at(x + a + b) - at(x - a - b)) / 4 for b in unit] for a in unit]
-    ) / np.outer(_NUDGES, _NUDGES)
-    covariance = np.linalg.pinv(curvature, hermitian=True)
-    share, loud, period = np.sqrt(np.maximum(np.diag(covariance)[:3], 0.0)).tolist()
+    drop = [[at(x + a - b) + at(x - a + b) - at(x + a + b) - at(x - a - b) for b in unit] for a in unit]
+    curvature = np.array(drop) / 4 / np.outer(_NUDGES[free], _NUDGES[free])
+    errors = np.zeros(x.size)
+    errors[free] = np.sqrt(np.maximum(np.diag(np.linalg.pinv(curvature, hermitian=True)), 0.0))
+    share, loud, period, _ = errors.tolist()
     return chain, (share, loud * chain.sigma_mm, period * chain.period_frames)
 
 

@@ -67,7 +67,8 @@ def _bursts(
         everything = np.arange(likelihood.evidence.shape[0]), np.arange(likelihood.evidence.shape[1])
         noise = FrameNoise(likelihood, likelihood.mixture(state), state, everything)
         chain, errors = beat_errors(noise, chain)
-        return hidden.changed(effect, chain), dict(zip((*hidden.numbers[:2], hidden.period), errors, strict=True))
+        named = zip((*hidden.numbers[:2], hidden.period), errors, strict=True)
+        return hidden.changed(effect, chain), {name: error for name, error in named if error}
     share = float(np.clip(state.disturbed.mean(), 1e-4, 0.99))
     frames = state.disturbed.size
     mixture = likelihood.mixture(state)
