@@ -109,7 +109,7 @@ def corner(*effects: object) -> Model:
 def test_bounce_changes_range_amplitude_and_noise_of_its_surface_alone() -> None:
     lit = effect("multipath", surface="back", share=0.6, from_="table")
     plain, other = predict(corner()), predict(corner(lit))
-    light = 1 + 0.6 * one_bounce(BACK, TABLE, corner().sensor.optics, SHAPE, plain.turn_mm)
+    light = 1 + 0.6 * one_bounce(BACK, TABLE, OPTICS, SHAPE, plain.turn_mm)
     of = plain.surface == 0
     wanted = np.where(of, plain.turn_mm / (2 * np.pi) * np.angle(light), 0.0)
     np.testing.assert_allclose(other.range_mm - plain.range_mm, wanted, atol=1e-6)
@@ -124,7 +124,7 @@ def test_bounce_follows_the_pose_of_its_source() -> None:
     moved = corner(lower, lit)
     (_, table) = moved.placed(0.0)
     assert table != TABLE
-    light = 1 + 0.6 * one_bounce(BACK, table, moved.sensor.optics, SHAPE, TURN_MM)
+    light = 1 + 0.6 * one_bounce(BACK, table, OPTICS, SHAPE, TURN_MM)
     truth = cast_scene(moved)
     plain, other = predict(replace(moved, effects=(lower,)), truth), predict(moved, truth)
     wanted = np.where(plain.surface == 0, plain.turn_mm / (2 * np.pi) * np.angle(light), 0.0)

@@ -87,7 +87,7 @@ class FrameNoise:
 
 
 def fit_beat(noise: FrameNoise) -> _Beat | None:
-    """The most likely beat and its phase; None if noise in all frames, or none, is nearly as likely, or nothing repeats.
+    """The most likely beat and its phase; None if the same noise in all frames is nearly as likely, or nothing repeats.
 
     Starts are the strongest periods of the frames' own noise.
     """

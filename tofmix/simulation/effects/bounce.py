@@ -80,7 +80,7 @@ def _towards_camera(surface: Surface) -> FloatArray:
 def _corners(surface: Surface) -> FloatArray:
     """Corners (4, 3) of the rectangle in order, mm."""
     u, v = surface.rotation()[:, :2].T * 0.5 * np.array(surface.size_mm)[:, None]
-    return np.array(surface.center_mm) + np.array([-u - v, u - v, u + v, v - u])
+    return np.asarray(np.array(surface.center_mm) + np.array([-u - v, u - v, u + v, v - u]))
 
 
 def _clipped(corners: FloatArray, normal: FloatArray, point: FloatArray) -> FloatArray:

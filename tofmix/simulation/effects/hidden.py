@@ -104,7 +104,8 @@ class DisturbedFrames(HiddenState):
     def chain(self, effect: object) -> FrameChain:
         """The chain of an effect."""
         period = getattr(effect, self.period) if self.period else None
-        return FrameChain(*self.values(effect), period_frames=period or 0.0)
+        probability, sigma_mm, burst_frames = self.values(effect)
+        return FrameChain(probability, sigma_mm, burst_frames, period or 0.0)
 
     def _named(self, values: Sequence[float]) -> dict[str, Any]:
         own: dict[str, Any] = dict(zip(self.numbers, values, strict=False))

@@ -147,12 +147,12 @@ class Multipath(Effect):
                 starts += [(along / unit, (1 + along) * slope / unit) for along in (-0.3, 0.0, 0.3)]
             yield Problem(make=partial(made, seen.name, unit), starts=tuple(starts), steps=(0.3, 0.3))
 
-        def bounced(unit: "Multipath", x: FloatArray) -> Effect:
-            return replace(unit, share=bounded(x[0], 0.0, 1.0))
+        def bounced(small: "Multipath", x: FloatArray) -> Effect:
+            return replace(small, share=bounded(x[0], 0.0, 1.0))
 
-        for unit, _ in _bounces(cls, [seen.surface for seen in facts.surfaces], facts.gain):
+        for small, _ in _bounces(cls, [seen.surface for seen in facts.surfaces], facts.gain):
             yield Problem(
-                make=partial(bounced, unit),
+                make=partial(bounced, small),
                 starts=tuple((share,) for share in _SHARES),
                 steps=(0.1,),
                 form=_BOUNCE,
