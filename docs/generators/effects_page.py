@@ -113,9 +113,9 @@ def _effect(effect: type[Effect]) -> Iterator[str]:
 
 def _row(parameter: Parameter) -> str:
     bounds = parameter.bounds if parameter.holds is Holds.NUMBER else parameter.holds.value
-    left_out = "" if parameter.required else "all" if parameter.holds is Holds.SURFACE else _shown(parameter.default)
+    left_out = "" if parameter.required else "all" if parameter.name == "surface" else _shown(parameter.default)
     unit = parameter.unit
-    return f"| `{parameter.name}` | {unit} | {bounds} | {left_out} | {table_cell(parameter.sentence)} |"
+    return f"| `{parameter.key}` | {unit} | {bounds} | {left_out} | {table_cell(parameter.sentence)} |"
 
 
 def _shown(default: float | str | None) -> str:

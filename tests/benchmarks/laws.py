@@ -4,13 +4,15 @@
     PYTHONPATH=tests python tests/benchmarks/laws.py --output RESULTS --draws 20 --law near_return
     PYTHONPATH=tests python tests/benchmarks/laws.py --output RESULTS --summary
 
-Scenes are those of users in turn (`users.cases`), and rooms. An internal reflection is so large that the best set of
-up to two other kinds, fitted to predictions without noise, explains it worse by 15, 60 or 240 nats (`users.oracle`);
-so are unequal taps and a smooth pattern. For an optional part of a law (a harmonic beside a wiggling of 12 mm, the
-saturation of a walk, the second term of a drift) the law without the part is one of the other kinds. A second path of
-free share and length gives one surface any bias and any noise: those of one surface are so large that the model without
-effects is worse by so much, noise by 60, 240 or 960 nats. A near return has a share of 0.1, 1 or 6 %. Every case is a
-line of `RESULTS/laws.jsonl`; a case that has a line is not done again. docs/results/laws.md has the table.
+Scenes are those of users in turn (`users.cases`), and rooms. An internal reflection is so large that the best set of up
+to two other kinds, fitted to predictions without noise, explains it worse by 15, 60 or 240 nats (`users.oracle`); so
+are unequal taps and a smooth pattern. For an optional part of a law (a harmonic beside a wiggling of 12 mm, the
+saturation of a walk, the second term of a drift, noise by the angle of incidence, one bounce in place of a constant
+second path) the law without the part is one of the other kinds. A second path of free share and length gives one
+surface any bias and any noise: those of one surface, a pose and a second path are so large that the model without
+effects is worse by so much, noise by 60, 240 or 960 nats. A near return has a share of 0.1, 1 or 6 %; the noise of a
+beat is 0.3, 1 or 3 typical sigma. Every case is a line of `RESULTS/laws.jsonl`; a case that has a line is not done
+again. docs/results/laws.md has the table.
 """
 
 import argparse
@@ -19,7 +21,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, permutations
 from pathlib import Path
 from typing import Any
 
@@ -34,13 +36,18 @@ from tofmix.reconciliation.search.search_state import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.amplitude_walk import AmplitudeWalk
+from tofmix.simulation.effects.bounce import sees
 from tofmix.simulation.effects.excess_noise import ExcessNoise
+from tofmix.simulation.effects.interference import Interference
 from tofmix.simulation.effects.internal_reflection import InternalReflection
+from tofmix.simulation.effects.multipath import Multipath
 from tofmix.simulation.effects.smooth_pattern import SmoothPattern
 from tofmix.simulation.effects.surface_offset import SurfaceOffset
+from tofmix.simulation.effects.surface_pose import SurfacePose
 from tofmix.simulation.effects.tap_mismatch import TapMismatch
 from tofmix.simulation.effects.temperature_drift import TemperatureDrift
 from tofmix.simulation.effects.wiggling import Wiggling
+from tofmix.simulation.exposure import predict
 from tofmix.simulation.model import Model
 
 SEED = 4501
@@ -53,21 +60,33 @@ SIZES: Mapping[str, tuple[float, ...]] = {
     "amplitude_walk, saturating": _NATS,
     "temperature_drift, two terms": _NATS,
     "excess_noise": (60.0, 240.0, 960.0),  # 1 % more noise is within the tolerance
+    "excess_noise, by angle": _NATS,
+    "interference, always on": _NATS,
+    "interference, beat": (0.3, 1.0, 3.0),
     "surface_offset": _NATS,
     "smooth_pattern": _NATS,
+    "surface_pose": _NATS,
+    "multipath": _NATS,
+    "multipath, one bounce": _NATS,
 }
 UNITS: Mapping[str, str] = {
     "near_return": "of samples",
     "excess_noise": "nats over no effect",
+    "interference, beat": "typical sigma",
     "surface_offset": "nats over no effect",
+    "surface_pose": "nats over no effect",
+    "multipath": "nats over no effect",
 }
 """Units of the sizes; nats over other sets, where there is none."""
 PARTS: Mapping[str, str] = {
     "wiggling, a harmonic": "harmonic_8_mm",
     "amplitude_walk, saturating": "saturation_amplitude",
     "temperature_drift, two terms": "amplitude_2_mm",
+    "excess_noise, by angle": "angle_exponent",
+    "interference, beat": "period_frames",
+    "multipath, one bounce": "from",
 }
-"""The number that is 0 without the optional part."""
+"""The parameter that says that the optional part is there."""
 SCENES = ("slanted", "two boards", "wall and box", "corner", "steps", "room", "wall", "corridor", "alcove")
 NOTHING_MOVED_MM, NOTHING_SHARED = 50.0, 0.1
 """A pose and a second path in the place of the law are never larger."""
@@ -165,6 +184,58 @@ def sunlit(given: Model, nats: float, rng: np.random.Generator) -> Effect | None
     return of_nats(given, nats, lambda size: ExcessNoise(surface=name, factor=float(np.exp(size))), most=0)
 
 
+def by_angle(given: Model, nats: float, rng: np.random.Generator) -> Effect | None:  # noqa: ARG001  as the others
+    """Noise that grows with the angle of incidence by so many nats; a plain factor is one of the other sets."""
+    most = ExcessNoise.parameters()["angle_exponent"].high
+    return of_nats(given, nats, lambda size: ExcessNoise(factor=1.0, angle_exponent=min(size, most)), part=True)
+
+
+def always(given: Model, nats: float, rng: np.random.Generator) -> Effect | None:  # noqa: ARG001  as the others
+    """A second camera that is always on, of so many nats over other sets."""
+    return of_nats(given, nats, lambda size: Interference(probability=1.0, sigma_mm=10 * size))
+
+
+def beat(given: Model, size: float, rng: np.random.Generator) -> Effect:
+    """A second camera whose frames beat with ours; its noise is so many typical sigma."""
+    typical = float(np.median(predict(given).sigma_mm[0]))
+    period, share = float(rng.uniform(10, 50)), float(rng.uniform(0.3, 1.0))
+    return Interference(probability=share, sigma_mm=size * typical, period_frames=period)
+
+
+def bounced(given: Model, nats: float, rng: np.random.Generator) -> Effect | None:
+    """Light of one bounce between two surfaces that face each other, of so many nats; a constant share is a rival."""
+    seen = _seen(given)
+    pairs = [(a, b) for a, b in permutations(seen, 2) if sees(a, b)]
+    if not pairs:
+        return None
+    here, there = pairs[int(rng.integers(len(pairs)))]
+
+    def of_size(size: float) -> Effect:
+        return Multipath(surface=here.name, share=min(0.1 * size, 1.0), from_=there.name)
+
+    return of_nats(given, nats, of_size, part=True)
+
+
+def moved(given: Model, nats: float, rng: np.random.Generator) -> Effect | None:
+    """One of several surfaces elsewhere, of so many nats over no effect."""
+    name = _one_of_several(given, rng)
+    if name is None:
+        return None
+    return of_nats(given, nats, lambda size: SurfacePose(surface=name, shift_mm=size), most=0)
+
+
+def second_path(given: Model, nats: float, rng: np.random.Generator) -> Effect | None:
+    """A second path of constant share on one of several surfaces, of so many nats over no effect."""
+    name, extra_mm = _one_of_several(given, rng), float(rng.uniform(500, 1400))
+    if name is None:
+        return None
+
+    def of_size(size: float) -> Effect:
+        return Multipath(surface=name, share=min(0.1 * size, 1.0), extra_path_mm=extra_mm)
+
+    return of_nats(given, nats, of_size, most=0)
+
+
 def translucent(given: Model, nats: float, rng: np.random.Generator) -> Effect | None:
     """A bias of one of several surfaces, of so many nats over no effect."""
     name = _one_of_several(given, rng)
@@ -199,8 +270,14 @@ MAKERS: Mapping[str, Callable[[Model, float, np.random.Generator], Effect | None
     "amplitude_walk, saturating": saturating,
     "temperature_drift, two terms": two_terms,
     "excess_noise": sunlit,
+    "excess_noise, by angle": by_angle,
+    "interference, always on": always,
+    "interference, beat": beat,
     "surface_offset": translucent,
     "smooth_pattern": smooth,
+    "surface_pose": moved,
+    "multipath": second_path,
+    "multipath, one bounce": bounced,
 }
 
 
@@ -241,7 +318,7 @@ def judged(law: str, name: str, size: float, case: Case, seed: int) -> dict[str,
     return {
         "name": name,
         "law": law,
-        "part": own is not None and law in PARTS and PARTS[law] in own["stderr"],
+        "part": own is not None and law in PARTS and PARTS[law] in {**own["stderr"], **own["parameters"]},
         "size": size,
         "result": "wrong" if wrong_place else outcome.result,
         "why": "of another surface" if wrong_place else outcome.why,
@@ -252,7 +329,7 @@ def judged(law: str, name: str, size: float, case: Case, seed: int) -> dict[str,
         "off": off,
         "effects": gap["effects"],
         "aliases": [a["kinds"] for a in gap["aliases"]],
-        "far": far_off(gap),
+        "far": far_off(gap, hidden.kind),
         "identifiable": oracle.identifiable,
         "seconds": round(seconds, 1),
     }
@@ -271,12 +348,13 @@ def _off(name: str, found: float, wanted: float) -> float:
     return math.remainder(found - wanted, 2 * math.pi) if name.endswith("_rad") else found - wanted
 
 
-def far_off(gap: Mapping[str, Any]) -> bool:
-    """Whether a pose of more than 50 mm or a second path of more than 0.1 is named."""
+def far_off(gap: Mapping[str, Any], hidden: str) -> bool:
+    """Whether a pose of more than 50 mm or a second path of more than 0.1 is named in the place of another kind."""
     return any(
         abs(e["parameters"].get("shift_mm", 0.0)) > NOTHING_MOVED_MM
         or (e["kind"] == "multipath" and e["parameters"]["share"] > NOTHING_SHARED)
         for e in gap["effects"]
+        if e["kind"] != hidden
     )
 
 

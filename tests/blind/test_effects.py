@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from blind import effects as fx
-from blind.camera import Device, Mechanism, Recording, record
+from blind.camera import Device, Mechanism, Recording, expose, record
 from blind.effects import Effect, Place
 from blind.geometry import Array, Surface, cast
 from blind.scenes import TARGET
@@ -203,6 +203,20 @@ def test_sun_on_a_board_multiplies_its_noise_alone() -> None:
     assert np.abs(bias(mechanism)[MAIN & (SURFACE == 1)] / SIGMA[MAIN & (SURFACE == 1)]).max() < 0.6  # noise alone
 
 
+def test_room_light_at_angles_divides_the_noise_by_the_cosine_of_incidence() -> None:
+    """The target is turned by 45 degrees."""
+    mechanism = fx.RoomAtAngles()
+    cosine = BEAMS.cosine[0].reshape(24, 32)[MAIN]
+    of = mechanism.equivalent(PLACE)
+    wanted = of["factor"] * cosine ** -of["angle_exponent"]
+    assert wanted.max() > 1.6
+    assert wanted.min() < 1.1
+    ratio = _ratio(mechanism)[MAIN] / wanted
+    assert np.median(ratio) == pytest.approx(1.0, rel=0.02)
+    assert np.median(ratio[wanted > 1.3]) == pytest.approx(1.0, rel=0.02)
+    assert np.abs(bias(mechanism)[MAIN] / SIGMA[MAIN]).max() < 0.6  # noise alone
+
+
 def test_falling_illumination_divides_amplitude_and_multiplies_noise() -> None:
     mechanism = fx.FallingIllumination(power=3.0)
     cosine = mechanism.axis_cosine(DEVICE).reshape(24, 32)
@@ -225,6 +239,54 @@ def test_second_camera_adds_its_noise_in_bursts() -> None:
     assert many.mean() == pytest.approx(0.3, abs=0.03)
     lengths = np.diff(np.flatnonzero(np.diff(np.concatenate([[False], many, [False]]).astype(int))))[::2]
     assert lengths.mean() == pytest.approx(5, abs=2.0)  # bursts may touch
+
+
+def test_clocks_that_differ_beat_with_the_period_of_their_equivalent() -> None:
+    mechanism = fx.UnevenClocks(strength=0.05, exposure=0.3, longer=0.04)
+    of = mechanism.equivalent(PLACE)
+    assert of["period_frames"] == pytest.approx(26)
+    part = mechanism.overlap(np.arange(DEVICE.frames) / DEVICE.frame_rate_hz, DEVICE.frame_rate_hz, 3)
+    assert (part > 0).mean() == pytest.approx(of["probability"], abs=0.05)
+    away = np.arange(DEVICE.frames)[:, None] / of["period_frames"] + np.linspace(0, 1, 2000)
+    triangles = np.maximum(1 - 2 * np.abs(away % 1 - 0.5) / of["probability"], 0)
+    assert np.abs(triangles - part[:, None]).max(axis=0).min() < 0.01
+    with_it, without = pair(mechanism)
+    change = (with_it.range_mm - without.range_mm)[:, MAIN].std(axis=1)
+    np.testing.assert_allclose(change, of["sigma_mm"] * part, atol=0.08 * of["sigma_mm"])  # of some 500 pixels
+
+
+def test_spot_of_another_camera_adds_its_part_in_each_column() -> None:
+    mechanism = fx.UnevenClocks(strength=0.05, exposure=0.999, longer=1e-9, spot_cols=9.0)
+    part = mechanism.map(DEVICE)
+    assert part is not None
+    with_it, without = pair(mechanism)
+    change = np.where(MAIN, (with_it.range_mm - without.range_mm).std(axis=0), 0.0).sum(axis=0)
+    some = MAIN.sum(axis=0) > 3
+    open_ = mechanism.overlap(np.arange(DEVICE.frames) / DEVICE.frame_rate_hz, DEVICE.frame_rate_hz, 3)
+    wanted = mechanism.equivalent(PLACE)["sigma_mm"] * part[0] * open_.mean()
+    np.testing.assert_allclose(change[some] / MAIN.sum(axis=0)[some], wanted[some], atol=0.08 * wanted.max())
+
+
+def test_evenly_lit_wall_lights_a_corner_as_the_form_factors_of_endless_walls_say() -> None:
+    """At distance a from a wall of height h: (1 - a / sqrt(a^2 + h^2)) / 2 of the light that all around would give."""
+    floor = Surface(name="floor", center_mm=(0, 700, 3000), size_mm=(20000, 3000), pitch_deg=-90, reflectivity=0.5)
+    wall = Surface(name="wall", center_mm=(0, -300, 4500), size_mm=(20000, 2000), reflectivity=0.8)
+    mechanism = fx.EvenlyLitWall(surface="floor", wall="wall", returned=0.6)
+    x = expose(DEVICE, [floor, wall], (), 3)
+    factor = mechanism.factor(x)
+    seen = (x.beams.surface[0] == 0) & (x.beams.share[0] == 1)
+    assert seen.sum() > 100
+    azimuth, elevation = DEVICE.view.angles()
+    away = 4500 - (x.beams.range_mm[0] * np.cos(azimuth) * np.cos(elevation))[seen]
+    wanted = 0.3 * (1 - away / np.hypot(away, 2000))
+    far = away > 300  # patches of 330 mm by 33
+    assert np.abs(np.abs(factor[seen]) - wanted)[far].max() < 0.12 * wanted.max()  # ways differ, so phasors add to less
+    with_it = record(DEVICE, [floor, wall], (mechanism,), seed=3).range_mm
+    without = record(DEVICE, [floor, wall], (), seed=3).range_mm
+    moved = (with_it - without).mean(axis=0).ravel()
+    turned = DEVICE.unambiguous_mm / (2 * math.pi) * np.angle(1 + factor)
+    np.testing.assert_allclose(moved[seen], turned[seen], atol=0.05 * np.abs(turned).max() + 1)
+    assert np.abs(moved[(x.beams.surface[0] == 1) & (x.beams.share[0] == 1)]).max() < 0.1
 
 
 def test_noise_with_memory_keeps_its_spread() -> None:

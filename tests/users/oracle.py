@@ -5,15 +5,15 @@ change of the noise's width. A set of kinds is fitted to these by its laws, line
 errors (each surface's place and tilts to 0.1 sigma, the noise to 1 %) are fitted too, at a price. The rest is the
 expected loss against the truth, in nats. This module uses the simulator's predictions and nothing of reconcile.
 
-Kinds that act in another way (random values, returns of a cover glass, a memory, bursts, a lattice, each pixel's own
-bias, leaking neighbours) stand for themselves: none of the others does what they do. Leaking neighbours must do
-something at all.
+Kinds that act in another way (random values, returns of a cover glass, a memory, bursts and beats, a lattice, each
+pixel's own bias, leaking neighbours) stand for themselves: none of the others does what they do. Leaking neighbours
+must do something at all.
 """
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, product
+from itertools import combinations, permutations, product
 from typing import Any
 
 import numpy as np
@@ -82,8 +82,8 @@ class _Seen:
 
 def known(case: Case) -> Known:
     """Say what can be known of a case with effects, or with a moved surface."""
-    static = tuple(e for e in case.hidden if e.kind not in _BY_THEMSELVES)
-    own = [e.kind for e in case.hidden if e.kind in _BY_THEMSELVES and _shows(case.given, e)]
+    static = tuple(e for e in case.hidden if not _by_itself(e))
+    own = [e.kind for e in case.hidden if _by_itself(e) and _shows(case.given, e)]
     truth = sorted({e.kind for e in static})
     laws = _Laws(case.given)
     true = case.true if case.sort == "pose" else replace(case.given, effects=static)
@@ -107,6 +107,11 @@ def known(case: Case) -> Known:
         identifiable=not aliases,
         aliases=tuple(tuple(sorted([*kinds, *own])) for _, kinds in aliases),
     )
+
+
+def _by_itself(effect: Effect) -> bool:
+    """Whether no other kind does what an effect does; a second camera that is always on adds noise as others may."""
+    return effect.kind in _BY_THEMSELVES and (effect.kind != "interference" or effect.hides)
 
 
 def _needed(truth: Sequence[str], loss: Callable[[Sequence[str]], float]) -> list[str]:
@@ -163,9 +168,11 @@ class _Laws:
         for kind, columns in _COLUMNS.items():
             if kind not in ("multipath", "surface_offset") or len(given.surfaces) > 1:
                 self.laws[kind] = [(law, 0.0) for law in columns(self)]
-        self.kinds = tuple(self.laws)
         for kind, parts in _OPTIONAL.items() if optional else ():
-            self.laws[kind] += [(law, _PART_NATS) for law in parts(self)]
+            further = [(law, _PART_NATS) for law in parts(self)]
+            if further:
+                self.laws[kind] = self.laws.get(kind, []) + further
+        self.kinds = tuple(self.laws)
 
     def change(self, model: Model, time_s: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """What another model does to mean and log width (pixel,) of each pixel's main surface."""
@@ -379,6 +386,27 @@ def _noise(laws: _Laws) -> Iterator[list[_Column]]:
         )
 
 
+def _by_angle(laws: _Laws) -> Iterator[list[_Column]]:
+    """Of all surfaces, with an exponent of the cosine of incidence."""
+    plain = laws.of(_SMALL, "excess_noise", factor=math.exp(_SMALL))
+    yield [plain, laws.of(_SMALL, "excess_noise", factor=1.0, angle_exponent=_SMALL)]
+
+
+def _always(laws: _Laws) -> Iterator[list[_Column]]:
+    """The noise of a second camera that is always on, at some sizes: it is added, so that small sigmas grow most."""
+    typical = float(np.median(laws.at_rest.sigma_mm[0]))
+    for part in (0.1, 0.5, 1.5, 4.0):
+        yield [laws.of(1.0, "interference", probability=1.0, sigma_mm=part * typical)]
+
+
+def _bounce(laws: _Laws) -> Iterator[list[_Column]]:
+    """Light of one bounce, to each surface from each other one that it faces."""
+    for here, there in permutations((s.name for s in laws.given.surfaces), 2):
+        column = laws.of(_SMALL, "multipath", surface=here, share=_SMALL, from_=there)
+        if np.any(column[0]):
+            yield [column]
+
+
 _COLUMNS: dict[str, Callable[[_Laws], Iterator[list[_Column]]]] = {
     "range_offset": lambda laws: iter([[laws.of(1.0, "range_offset", offset_mm=1.0)]]),
     "surface_pose": _pose,
@@ -400,5 +428,8 @@ _OPTIONAL: dict[str, Callable[[_Laws], Iterator[list[_Column]]]] = {
     "tap_mismatch": lambda laws: iter([_taps(laws, 1) + _taps(laws, 2)]),
     "amplitude_walk": _saturating,
     "temperature_drift": _two_terms,
+    "excess_noise": _by_angle,
+    "interference": _always,
+    "multipath": _bounce,
 }
 """Laws with parts that not every camera has."""

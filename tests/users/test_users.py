@@ -70,6 +70,24 @@ def test_noise_and_offset_of_a_wall_and_a_box_are_known_and_scattering_beside_th
 
 
 @pytest.mark.slow
+def test_noise_that_is_always_added_is_known_where_sigma_differs_and_is_a_factor_on_one_wall() -> None:
+    always = MAKE["interference"](probability=1.0, sigma_mm=20.0)
+    steps, wall = known(case("steps", always)), known(case("wall", always))
+    assert steps.traces == wall.traces == ("interference",)
+    assert ("excess_noise",) not in steps.aliases
+    assert ("excess_noise",) in wall.aliases
+    bursts = MAKE["interference"](probability=0.2, sigma_mm=80.0)
+    assert known(case("wall", bursts)).identifiable
+
+
+@pytest.mark.slow
+def test_noise_by_angle_is_told_from_noise_towards_the_corners_on_a_slanted_wall() -> None:
+    one = known(case("slanted", MAKE["excess_noise"](factor=1.0, angle_exponent=0.5)))
+    assert one.traces == ("excess_noise",)
+    assert one.identifiable
+
+
+@pytest.mark.slow
 def test_member_without_a_trace_is_not_part_of_the_truth() -> None:
     faint = MAKE["range_offset"](offset_mm=9.0), MAKE["pixel_crosstalk"](share=0.03)
     assert known(case("wall", *faint)).traces == ("range_offset",)  # no neighbours that see anything else

@@ -93,7 +93,7 @@ def effect_text(named: NamedEffect, result: Reconciliation) -> str:
     some = len(named.recordings) < len(result.models)
     within = f" in recording {', '.join(str(k + 1) for k in named.recordings)}" if some else ""
     shown = [
-        f'"{value}"' if isinstance(value, str) else _with_error(name, value, named.stderr.get(name))
+        _text(name, value) if isinstance(value, str) else _with_error(name, value, named.stderr.get(name))
         for name, value in named.parameters.items()
         if isinstance(value, str) or (not isinstance(value, list) and (value or named.stderr.get(name)))
     ]  # zeros are left out
@@ -106,6 +106,11 @@ def effect_text(named: NamedEffect, result: Reconciliation) -> str:
     size = named.effect.size_of_map()  # which the name of its file does not show
     shown += [size] if size else []
     return f"{named.effect.kind} ({', '.join(shown)}){within}" if shown else named.effect.kind
+
+
+def _text(key: str, value: str) -> str:
+    """A text in quotes; only what is no surface of the effect, and no map, needs its key."""
+    return f'"{value}"' if key in ("surface", "map") else f'{key} "{value}"'
 
 
 def _with_error(name: str, value: float, error: float | None) -> str:

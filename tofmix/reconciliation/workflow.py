@@ -95,11 +95,12 @@ class NamedEffect:
             value = getattr(self.effect, name)
             if value in (None, ()) or (value == parameter.default and name not in self.stderr):
                 continue
-            values[name] = value.path if isinstance(value, PixelMap) else value
+            key = parameter.key
+            values[key] = value.path if isinstance(value, PixelMap) else value
             if isinstance(value, float | int):
-                values[name] = rounded(float(value), 8)
+                values[key] = rounded(float(value), 8)
             elif parameter.holds is Holds.SINES:
-                values[name] = [[rounded(float(number), 8) for number in sine] for sine in value]
+                values[key] = [[rounded(float(number), 8) for number in sine] for sine in value]
         return values if "map" not in values else {"map": values["map"]}
 
 

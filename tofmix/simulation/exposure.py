@@ -39,6 +39,7 @@ from tofmix.simulation.events import (
     shaped,
 )
 from tofmix.simulation.model import Model
+from tofmix.simulation.surface import Surface
 from tofmix.simulation.truth import Truth
 
 
@@ -119,7 +120,7 @@ def predict(
     width = drawn_widths(model.sensor, seed=seed)
     if width is not None:
         prediction.sigma_mm = prediction.sigma_mm * width
-    start = Context(sensor=model.sensor, surfaces=names, seed=seed, time_s=time_s)
+    start = Context(sensor=model.sensor, surfaces=names, seed=seed, placed=model.placed(time_s), time_s=time_s)
     for effect in model.acting():
         if effect.level is not Level.GEOMETRY:
             context = replace(start, prepared=effect.prepare(start, 1))
@@ -143,6 +144,8 @@ class StillScene:
         Data of the scene for each acting effect.
     range_true : (row, col, layer) float32
         Its true ranges, mm.
+    placed : tuple of Surface
+        The model's surfaces where they stand.
     """
 
     table: EventTable
@@ -150,6 +153,7 @@ class StillScene:
     surface: IntArray
     expected: tuple[Any, ...]
     range_true: Float32Array
+    placed: tuple[Surface, ...]
 
 
 class Exposer:
@@ -197,7 +201,7 @@ class Exposer:
         return frame / self._model.recording.frame_rate_hz
 
     def _scene(self, truth: Truth, time_s: float) -> StillScene:
-        model = self._model
+        model, placed = self._model, self._model.placed(time_s)
         table = event_table(truth, model.sensor, outlier_share=model.outlier_share)
         pixels, layers = truth.n_modes.size, truth.range_true.shape[2]
         surface = np.full((layers + 2, pixels), -1, dtype=np.int64)
@@ -206,11 +210,12 @@ class Exposer:
             table=table,
             sigma_mm=table.sigma(model.sensor.noise_at(model.sensor.integration_time_ms), self._width),
             surface=surface,
-            expected=self._expect(truth, time_s),
+            expected=self._expect(truth, time_s, placed),
             range_true=truth.range_true,
+            placed=placed,
         )
 
-    def _expect(self, truth: Truth, time_s: float) -> tuple[Any, ...]:
+    def _expect(self, truth: Truth, time_s: float, placed: tuple[Surface, ...]) -> tuple[Any, ...]:
         """Expectations of light effects on the scene: each after those before it."""
         expected: list[Any] = [None] * len(self._effects)
         if any(type(effect).expect is not Effect.expect for effect in self._effects):
@@ -218,7 +223,7 @@ class Exposer:
             for k, effect in enumerate(self._effects):
                 if effect.level is not Level.LIGHT:
                     break
-                context = replace(self._contexts[k], time_s=time_s)
+                context = replace(self._contexts[k], time_s=time_s, placed=placed)
                 expected[k] = effect.expect(prediction, context)
                 effect.predict(prediction, replace(context, expected=expected[k]))
         return tuple(expected)
@@ -293,10 +298,11 @@ class Exposer:
         return mean
 
     def _act(self, samples: FrameSamples, frame: int, scene: StillScene, *, read_out: bool, part: int = 0) -> None:
-        time_s = self._time(frame)
+        time_s, placed = self._time(frame), scene.placed
         for effect, context, expected in zip(self._effects, self._contexts, scene.expected, strict=True):
             if (effect.level is Level.READ_OUT) == read_out:
-                effect.sample(samples, replace(context, frame=frame, time_s=time_s, expected=expected, part=part))
+                now = replace(context, frame=frame, time_s=time_s, placed=placed, expected=expected, part=part)
+                effect.sample(samples, now)
 
 
 def _samples(scene: StillScene, drawn: Drawn, noise: FloatArray, sigma_mm: FloatArray, turn_mm: float) -> FrameSamples:

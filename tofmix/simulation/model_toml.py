@@ -141,7 +141,8 @@ def model_text(
         }
         tables.append((_comments(about[number : number + 1])) + _table_text("[[surface]]", written))
     for effect in effects:
-        values = {name: getattr(effect, name) for name in effect.parameters()}
+        given = {p.key: getattr(effect, name) for name, p in effect.parameters().items()}
+        values = {key: value for key, value in given.items() if value not in (None, "")}
         tables.append(_table_text("[[effect]]", {"kind": effect.kind, **values}))
     return "\n".join(tables)
 
@@ -274,11 +275,11 @@ def _read_effect(table: TomlTable, sensor: CompleteCamera, read_map: MapReader |
     if kind not in EFFECTS:
         raise table.error(f"{json.dumps(kind)} is not an effect{nearest(kind, EFFECTS)}", "kind")
     parameters = EFFECTS[kind].parameters()
-    table.refuse_unknown({"kind", *parameters})
+    table.refuse_unknown({"kind", *(parameter.key for parameter in parameters.values())})
     settings = {
         name: _read_parameter(table, parameter, sensor, read_map)
         for name, parameter in parameters.items()
-        if name in table or parameter.required
+        if parameter.key in table or parameter.required
     }
     try:
         return EFFECTS[kind](**settings)
@@ -290,10 +291,10 @@ def _read_parameter(
     table: TomlTable, parameter: Parameter, sensor: CompleteCamera, read_map: MapReader | None
 ) -> float | str | PixelMap | tuple[tuple[float, ...], ...]:
     if parameter.holds is Holds.NUMBER:
-        return table.number(parameter.name)
+        return table.number(parameter.key)
     if parameter.holds is Holds.SINES:
-        return table.number_lists(parameter.name)
-    path = table.text(parameter.name)
+        return table.number_lists(parameter.key)
+    path = table.text(parameter.key)
     if parameter.holds is Holds.SURFACE:
         return path
     if read_map is None:

@@ -77,6 +77,11 @@ class Surface:
         rotation: FloatArray = about_z @ (about_x @ about_y)
         return rotation
 
+    @property
+    def plane_distance_mm(self) -> float:
+        """Distance of its plane from the sensor, mm."""
+        return abs(float(self.rotation()[:, 2] @ np.array(self.center_mm)))
+
 
 def angles_of(rotation: FloatArray) -> tuple[float, float, float]:
     """Yaw, pitch and roll, degrees, of a rotation R (3, 3): the inverse of `Surface.rotation`.

@@ -1,10 +1,16 @@
 """Effects on noise: spread, memory and bursts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from support.effect_bench import Bench, Recorded, effect
+from support.effect_bench import Bench, Floats, Recorded, effect
 
+from tofmix.optics.projection import beam_directions_of
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import PixelMap
+from tofmix.simulation.effects.base import Context
+from tofmix.simulation.exposure import predict
 
 
 @pytest.mark.parametrize("factor", [1.0, 1.3, 4.0])
@@ -34,6 +40,53 @@ def test_excess_noise_of_one_surface_changes_its_samples_alone(bench: Bench) -> 
     assert (other.stored[from_far] != plain.stored[from_far]).mean() > 0.8
 
 
+def cosines(recorded: Recorded, normal: tuple[float, float, float]) -> Floats:
+    """Cosine (pixel,) of the angle between each pixel's beam and a plane's normal."""
+    sensor = recorded.model.sensor
+    beams = beam_directions_of(sensor.optics, sensor.shape).reshape(-1, 3)
+    return np.asarray(np.abs(beams @ (np.array(normal) / np.linalg.norm(normal))))
+
+
+@pytest.mark.parametrize("exponent", [0.5, 1.0, 2.0])
+def test_noise_by_angle_is_divided_by_a_power_of_the_cosine_of_incidence(
+    bench: Bench, plain_wall: Recorded, exponent: float
+) -> None:
+    """The wall has a yaw of 50 degrees: its beams meet it at 25 to 75 degrees."""
+    other = bench.wall(effect("excess_noise", factor=1.2, angle_exponent=exponent))
+    yaw = np.radians(50)
+    factor = 1.2 * cosines(plain_wall, (np.sin(yaw), 0.0, np.cos(yaw))) ** -exponent
+    assert factor.max() > 1.2 * 1.8**exponent * factor.min() / 1.2
+    deviation = plain_wall.range_mm - plain_wall.true_mm
+    error = abs(other.range_mm - plain_wall.true_mm - factor * deviation)
+    assert (error <= 0.5 * (1 + factor) + 0.02 * abs(factor * deviation)).all()  # a pixel's cosine is that of its mean
+    np.testing.assert_array_equal(other.amplitude, plain_wall.amplitude)
+
+
+def test_noise_by_angle_is_that_of_the_place_where_a_surface_stands(bench: Bench, plain_wall: Recorded) -> None:
+    """A wall that is turned to face the camera has hardly more noise than the curve."""
+    facing = bench.wall(effect("surface_pose", surface="wall", shift_mm=0.0, yaw_deg=-50.0))
+    noisy = effect("excess_noise", factor=1.0, angle_exponent=3.0)
+    turned = predict(replace(facing.model, effects=(*facing.model.effects, noisy)), facing.truth)
+    ratio = turned.sigma_mm[0] / facing.sigma(facing.true_mm)
+    np.testing.assert_allclose(ratio, cosines(facing, (0.0, 0.0, 1.0)) ** -3.0, rtol=0.02)
+    assert ratio.max() < 1.5
+    as_modelled = predict(replace(plain_wall.model, effects=(noisy,)), plain_wall.truth)
+    assert (as_modelled.sigma_mm[0] / plain_wall.sigma(plain_wall.true_mm)).max() > 10
+
+
+def test_noise_by_angle_stays_where_a_wall_moves_along_its_normal(bench: Bench, plain_wall: Recorded) -> None:
+    """Its ranges fall by a third, its angles are the same."""
+    noisy = effect("excess_noise", factor=1.0, angle_exponent=2.0)
+    move = effect("motion", surface="wall", velocity_mm_s=-280.0)
+    still, moving = bench.wall(move), bench.wall(move, noisy)
+    last = cast_scene(still.model, time_s=1.9).range_true[..., 0].ravel()
+    assert (last < 0.7 * plain_wall.true_mm).all()
+    yaw = np.radians(50)
+    factor = cosines(plain_wall, (np.sin(yaw), 0.0, np.cos(yaw))) ** -2.0
+    error = abs(moving.range_mm[-1] - last - factor * (still.range_mm[-1] - last))
+    assert (error <= 0.5 * (1 + factor) + 0.02 * abs(factor * (still.range_mm[-1] - last))).all()
+
+
 @pytest.mark.parametrize("probability", [0.0, 0.3, 1.0])
 @pytest.mark.parametrize("sigma", [0.0, 50.0])
 def test_interference_adds_in_quadrature_in_some_frames(
@@ -49,6 +102,56 @@ def test_interference_adds_in_quadrature_in_some_frames(
     if sigma:
         assert disturbed.all() == (probability == 1)
         assert quiet.all() == (probability == 0)
+
+
+def test_beat_adds_noise_in_proportion_to_the_overlap(bench: Bench, plain_wall: Recorded) -> None:
+    """The overlap rises and falls evenly, within the share of disturbed frames, and repeats after the period."""
+    period, share = 8.0, 0.5
+    beating = effect("interference", probability=share, sigma_mm=80.0, period_frames=period)
+    other, frames = bench.wall(beating), np.arange(20)
+    context = Context(sensor=other.model.sensor, surfaces=("wall",), seed=3)
+    part = beating.prepare(context, 20)
+    np.testing.assert_allclose(part[:12], part[8:])
+    assert (part > 0).mean() == pytest.approx(share, abs=0.1)
+    triangles = [np.interp((frames - s) % period, [0, 2, 4, period], [0, 1, 0, 0]) for s in np.arange(0, period, 0.01)]
+    assert min(abs(part - triangle).max() for triangle in triangles) < 0.01
+    np.testing.assert_array_equal(beating.prepare(context, 9), part[:9])
+    own = plain_wall.sigma(plain_wall.true_mm)
+    gain = np.hypot(own, 80.0 * part[:, None]) / own
+    deviation = plain_wall.range_mm - plain_wall.true_mm
+    assert (abs(other.range_mm - plain_wall.true_mm - gain * deviation) <= 0.51 * (1 + gain)).all()
+    (truth,) = beating.truth(part)
+    assert truth.values.dtype == np.float32
+
+
+def test_map_of_interference_is_the_part_of_the_noise_of_each_pixel(bench: Bench, plain_wall: Recorded) -> None:
+    values = np.linspace(0, 1, 240, dtype=np.float32).reshape(6, 40)
+    other = bench.wall(effect("interference", probability=1.0, sigma_mm=50.0, map=PixelMap("", values)))
+    own = plain_wall.sigma(plain_wall.true_mm)
+    gain = np.hypot(own, 50.0 * values.ravel()) / own
+    deviation = plain_wall.range_mm - plain_wall.true_mm
+    assert (abs(other.range_mm - plain_wall.true_mm - gain * deviation) <= 0.51 * (1 + gain)).all()
+
+
+@pytest.mark.parametrize("wrong", [-0.1, 1.2, np.nan])
+def test_map_of_interference_with_a_value_that_is_no_part_is_refused(bench: Bench, wrong: float) -> None:
+    values = np.full((9, 11), 0.5, dtype=np.float32)
+    values[2, 5] = wrong
+    with pytest.raises(ValueError, match="map: every pixel needs a part of 0 to 1"):
+        bench.boards(effect("interference", probability=1.0, sigma_mm=5.0, map=PixelMap("", values)))
+
+
+@pytest.mark.parametrize(
+    ("numbers", "hides"),
+    [
+        ({"probability": 1.0}, False),
+        ({"probability": 0.99}, True),
+        ({"probability": 1.0, "period_frames": 30.0}, True),
+    ],
+    ids=["always", "bursts", "beat"],
+)
+def test_only_a_camera_that_is_always_on_hides_nothing(numbers: dict[str, float], hides: bool) -> None:
+    assert effect("interference", sigma_mm=30.0, **numbers).hides is hides
 
 
 @pytest.mark.parametrize(("probability", "burst"), [(0.1, 5.0), (0.4, 2.0), (0.5, 20.0), (0.9, 5.0)])

@@ -19,6 +19,7 @@ ALPHA = 1e-3
 TIME_S = 30.0  # later than any time constant below
 PATTERN = np.random.default_rng(1).normal(0, 40, (9, 11)).astype(np.float32)
 WIDER = np.random.default_rng(3).uniform(0.5, 3, (9, 11)).astype(np.float32)
+PARTLY = np.clip(np.random.default_rng(4).uniform(-0.3, 1.3, (9, 11)), 0, 1).astype(np.float32)
 STUCK = np.where(np.random.default_rng(2).random((9, 11)) < 0.2, 2345.0, np.nan).astype(np.float32)
 
 CASES: list[dict[str, Any]] = [
@@ -39,17 +40,20 @@ CASES: list[dict[str, Any]] = [
     *({"kind": "internal_reflection", "amplitude": x, "range_mm": 20} for x in (0, 3, 20)),
     *({"kind": "near_return", "share": x, "range_mm": 25, "sigma_mm": 5} for x in (0, 0.06, 0.4)),
     *({"kind": "multipath", "surface": "middle", "share": x, "extra_path_mm": 1500} for x in (0, 0.1, 0.5)),
+    {"kind": "multipath", "surface": "far", "share": 0.9, "from_": "near"},
     *({"kind": "phase_wrapping", "unambiguous_range_mm": x} for x in (1e6, 3700, 1000)),
     *({"kind": "flying_pixels", "probability": x} for x in (0, 0.3, 1)),
     *({"kind": "excess_noise", "factor": x} for x in (1, 1.2, 3)),
     {"kind": "excess_noise", "factor": 2, "surface": "middle"},
     {"kind": "excess_noise", "factor": 1.5, "map": PixelMap("", WIDER)},
+    {"kind": "excess_noise", "factor": 1.2, "angle_exponent": 8},
     *({"kind": "vignetting", "corner_factor": x} for x in (1, 1.5, 4)),
     *({"kind": "outliers", "probability": x} for x in (0, 0.05, 0.5)),
     *({"kind": "stuck_pixels", "share": x, "value_mm": 2000} for x in (0, 0.1, 1)),
     {"kind": "stuck_pixels", "map": PixelMap("", STUCK)},
     *({"kind": "dropout", "probability": x, "threshold": 300 * x, "threshold_noise": 10} for x in (0, 0.1, 0.5)),
     *({"kind": "interference", "probability": 1, "sigma_mm": x} for x in (0, 20, 200)),
+    {"kind": "interference", "probability": 1, "sigma_mm": 150, "map": PixelMap("", PARTLY)},
     *({"kind": "saturation", "full_well_amplitude": x} for x in (1e9, 80, 36)),
     *({"kind": "quantisation", "step_mm": x} for x in (0, 7.3, 100)),
     *({"kind": "pixel_crosstalk", "share": x} for x in (0, 0.01, 0.03)),
@@ -136,6 +140,14 @@ def test_interference_is_a_mixture_over_the_frames(bench: Bench) -> None:
     u = pit(predict(recorded.model, recorded.truth), recorded.stored, np.random.default_rng(5))
     # frames of a burst share their state: the bound allows for the spread of the share of disturbed frames
     assert stats.kstest(u.ravel(), "uniform").statistic < 4 * 0.1 * (0.24 / 3000) ** 0.5 + 2 / u.size**0.5
+
+
+def test_beat_is_a_mixture_over_the_overlaps(bench: Bench) -> None:
+    """Four overlaps stand for all, so that the shape is right to a percent."""
+    (one,) = effects({"kind": "interference", "probability": 0.6, "sigma_mm": 300.0, "period_frames": 41.3})
+    recorded = bench.boards(one, frames=2000)
+    u = pit(predict(recorded.model, recorded.truth), recorded.stored, np.random.default_rng(5))
+    assert stats.kstest(u.ravel(), "uniform").statistic < 0.01 + 2 / u.size**0.5
 
 
 def test_motion_is_predicted_at_any_time(bench: Bench) -> None:

@@ -30,16 +30,16 @@ CONTRACT = {
     "scattering": "share",
     "internal_reflection": "amplitude range_mm",
     "near_return": "share range_mm sigma_mm",
-    "multipath": "surface share extra_path_mm",
+    "multipath": "surface share extra_path_mm from",
     "phase_wrapping": "unambiguous_range_mm",
     "flying_pixels": "probability",
-    "excess_noise": "factor surface map",
+    "excess_noise": "factor surface map angle_exponent",
     "vignetting": "corner_factor",
     "outliers": "probability",
     "stuck_pixels": "share value_mm map",
     "dropout": "probability threshold threshold_noise",
     "temporal_correlation": "coefficient",
-    "interference": "probability sigma_mm burst_frames",
+    "interference": "probability sigma_mm burst_frames period_frames map",
     "saturation": "full_well_amplitude",
     "motion": "surface velocity_mm_s",
     "quantisation": "step_mm",
@@ -70,7 +70,7 @@ def table(kind: str, **values: object) -> str:
 def test_registry_has_the_kinds_and_parameters_of_the_contract() -> None:
     text = "add the kind to CONTRACT, with its parameters; to NOT_ZERO, where a needed one may not be 0 or has no unit"
     assert set(EFFECTS) == set(CONTRACT), text
-    said = {kind: " ".join(cls.parameters()) for kind, cls in EFFECTS.items()}
+    said = {kind: " ".join(p.key for p in cls.parameters().values()) for kind, cls in EFFECTS.items()}
     assert said == CONTRACT, "CONTRACT in tests/simulation/effects/test_registry.py has other parameters"
 
 
@@ -93,6 +93,8 @@ def test_each_effect_describes_itself_and_its_parameters(kind: str) -> None:
                 "unambiguous_range_mm",
                 "harmonics",
                 "time_constant_2_s",
+                "period_frames",
+                "extra_path_mm",
             }
         )
 
@@ -236,7 +238,7 @@ def test_every_effect_is_explained_with_its_values() -> None:
             for p in cls.parameters().values()
             if p.required
         }
-        text += table(kind, **values)
+        text += table(kind, **values | ({"extra_path_mm": 900} if kind == "multipath" else {}))
     lines = explain(parse_model(text, source="m")).splitlines()
     named = [line.split(": ")[1] for line in lines if line.startswith("  ")]
     assert sorted(named) == sorted(EFFECTS)

@@ -105,7 +105,7 @@ def _curves(z: Float32Array, apart: Float32Array, view: RecordingView, state: Mo
     yield from shapes(z, axes, m, state, part, view.number)
     yield from widths(state, view.scene.model.sensor.noise.width_spread, view.number)
     yield from in_time(apart, evidence, part, m)
-    if state.bursts is not None:
+    if state.bursts is not None and not state.bursts.period_frames:
         yield from burst_share(state.disturbed[view.frames], state.bursts)
     yield from invalid(evidence, m, state, axes, part)
     yield from neighbours(apart, evidence, part)

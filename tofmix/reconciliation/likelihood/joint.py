@@ -7,7 +7,7 @@ equal in both models. Otherwise they have different names during the search (`te
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -173,6 +173,6 @@ def tell_apart(models: Sequence[Model]) -> list[Model]:
 
 
 def renamed(effect: Effect, names: dict[str, str]) -> Effect:
-    """The effect with the new name of its surface, if it has a surface."""
-    surface = getattr(effect, "surface", "")
-    return effect if not surface or names[surface] == surface else replace(effect, surface=names[surface])  # type: ignore[call-arg]
+    """The effect with the new names of its surfaces, if it has any."""
+    new: Any = {key: names[name] for key, name in effect.surfaces.items() if names[name] != name}
+    return replace(effect, **new) if new else effect

@@ -120,7 +120,7 @@ class ModelState:
     stuck_mm : (pixel,) float64
         Value of stuck pixels, NaN for the others.
     disturbed : (frame,) float64
-        Probability that a frame is disturbed; used for scores.
+        Probability that a frame is disturbed, used for scores; the square of its part of the noise in a beat.
     log_width, log_width_error : (recording, pixel) float64
         Logarithm of each pixel's own width of the noise in each recording, and its standard error; 0 if all pixels of
         the camera have the same width.
@@ -142,7 +142,7 @@ class ModelState:
 
     @property
     def bursts(self) -> FrameChain | None:
-        """The chain that disturbs frames, if any."""
+        """The chain that disturbs frames, or their beat, if any."""
         return next((hidden.chain(e) for e, hidden in with_hidden(self.linking, DisturbedFrames)), None)
 
     @property
@@ -379,9 +379,9 @@ class Likelihood:
         return np.asarray(state.disturbed * state.bursts.sigma_mm**2)
 
     def value(self, state: ModelState, part: Part, mixture: Mixture | None = None) -> float:
-        """Log-likelihood of a part, with disturbed frames integrated out."""
+        """Log-likelihood of a part, with disturbed frames integrated out; the frames of a beat are known."""
         mixture = self.mixture(state) if mixture is None else mixture
-        if state.bursts is not None:
+        if state.bursts is not None and not state.bursts.period_frames:
             return self._with_bursts(mixture, state, part, state.bursts)
         return self.sums(mixture, state, part).total
 

@@ -175,7 +175,7 @@ class Scene:
         self._kept_bytes, self._kept = kept_bytes, kept
         self.names = tuple(surface.name for surface in model.surfaces)
         self.members: tuple[Scene, ...] = (self,)
-        self.links = tuple(e for e in model.effects if e.latent in LINKING and not _mapped_bias(e))
+        self.links = tuple(e for e in model.effects if _links(e) and not _mapped_bias(e))
         self._apart = tuple(e for e in model.effects if _stands_apart(e))
         rest = tuple(e for e in model.effects if e not in (*self.links, *self._apart))
         alike = replace(model.sensor.noise, width_spread=0.0)  # widths belong to the recording: a state has them
@@ -216,7 +216,7 @@ class Scene:
 
     def own(self, effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
         """The effects among these that act in this scene."""
-        return tuple(e for e in effects if getattr(e, "surface", "") in ("", *self.names))
+        return tuple(e for e in effects if all(name in self.names for name in e.surfaces.values()))
 
     def _cast(self, surfaces: tuple[Surface, ...]) -> tuple[Truth, Prediction]:
         """The cast of the scene with these surfaces, and its prediction without effects."""
@@ -266,11 +266,13 @@ class Scene:
         effects = (*self._apart, *self.own(effects))
         times = self._times((*self._still.effects, *effects))
         last = [e for e in effects if e.loses_by_noise]
-        acting = tuple(e for e in effects if e.latent not in LINKING and not _stands_apart(e) and not e.loses_by_noise)
-        model = replace(self._still, effects=(*self._still.effects, *acting))
+        acting = tuple(e for e in effects if not _links(e) and not _stands_apart(e) and not e.loses_by_noise)
+        own = (*self._still.effects, *acting)
         parts = []
         for t in times:
-            truth, without_effects = self._cast(self._placed(effects, float(t)))
+            placed = self._placed(effects, float(t))
+            truth, without_effects = self._cast(placed)
+            model = replace(self._still, surfaces=placed, effects=own)
             parts.append(predict(model, truth, time_s=float(t), without_effects=without_effects))
         for part in parts:
             for effect in last:
@@ -326,6 +328,11 @@ class Scene:
             shape=first.error_shape,
             table=self._table,
         )
+
+
+def _links(effect: Effect) -> bool:
+    """Whether an effect has a hidden state that links samples."""
+    return effect.hides and effect.latent in LINKING
 
 
 def _mapped_bias(effect: Effect) -> bool:

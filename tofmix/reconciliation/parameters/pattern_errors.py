@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.reconciliation.likelihood.beats import FrameNoise, beat_errors
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
 from tofmix.reconciliation.likelihood.memory import fit_memory, memory_error
 from tofmix.reconciliation.likelihood.pixel_pattern import PatternLines, pixel_biases, spreads_of, with_pattern
@@ -60,8 +61,14 @@ def latent_errors(
 def _bursts(
     likelihood: Likelihood, state: ModelState, effect: Effect, hidden: DisturbedFrames
 ) -> tuple[Effect, dict[str, float]]:
-    """The share of disturbed frames, with errors from counts and from the curvature."""
+    """The share of disturbed frames, with errors from counts and from the curvature; of a beat, from the curvature."""
     chain = hidden.chain(effect)
+    if chain.period_frames:
+        everything = np.arange(likelihood.evidence.shape[0]), np.arange(likelihood.evidence.shape[1])
+        noise = FrameNoise(likelihood, likelihood.mixture(state), state, everything)
+        chain, errors = beat_errors(noise, chain)
+        named = zip((*hidden.numbers[:2], hidden.period), errors, strict=True)
+        return hidden.changed(effect, chain), {name: error for name, error in named if error}
     share = float(np.clip(state.disturbed.mean(), 1e-4, 0.99))
     frames = state.disturbed.size
     mixture = likelihood.mixture(state)

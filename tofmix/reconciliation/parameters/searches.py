@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import BoolArray, FloatArray
 from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.parameters.planes import measured_pose, range_slopes
-from tofmix.simulation.effects import EFFECTS
+from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.base import refuse_without_phase
 from tofmix.simulation.effects.search import (
     OUT_OF_SIGHT,
@@ -98,6 +98,7 @@ def search_facts(likelihood: Likelihood, mixture: Mixture) -> SearchFacts:
         amplitudes=amplitude,
         lost_shares=lost,
         course=partial(_course, seen_by),
+        gain=partial(_gain, likelihood, (lit, median - mean, sigma)),
         nearer=partial(_nearer, seen_by),
     )
 
@@ -122,6 +123,22 @@ def _with_pose(seen: SurfaceFacts, seen_by: Sequence[RecordingView]) -> SurfaceF
             turned_deg=(about_u, about_v),
         )
     return seen
+
+
+def _gain(likelihood: Likelihood, pixels: tuple[BoolArray, FloatArray, FloatArray], effect: Effect) -> float:
+    """As `SearchFacts.gain`: the bias is that beside the model as given."""
+    lit, residual, sigma = pixels
+    whole = np.arange(likelihood.evidence.shape[0]), np.arange(likelihood.evidence.shape[1])
+    pairs = (views(likelihood, likelihood.scene.mixture(effects), whole) for effects in ((), (effect,)))
+    moved = [
+        after.mixture.of_main(after.mixture.mean) - before.mixture.of_main(before.mixture.mean)
+        for before, after in zip(*pairs, strict=True)
+    ]
+    bias = np.concatenate(moved)
+    use = lit & np.isfinite(residual)
+    weighed = bias[use] * _KNOWN_OF_MEDIAN * min(likelihood.evidence.shape[0], _GLANCE) / sigma[use] ** 2
+    size, pull = float(weighed @ bias[use]), float(weighed @ residual[use])
+    return 0.5 * pull**2 / size if pull > 0 and size > 0 else 0.0
 
 
 def _course(seen_by: Sequence[RecordingView]) -> tuple[FloatArray, FloatArray]:

@@ -120,11 +120,21 @@ class ColumnMaker:
             turn_mm=math.nan if turn is None else likelihood.scene.model.sensor.turn_mm("reconcile"),
             amplitude=float(np.exp(np.log(amplitude).mean())) if amplitude.size else 1.0,
             surfaces=tuple(self._surface(name) for name in surfaces),
+            gain=self._gain,
         )
 
     def _surface(self, name: str) -> Surface:
         """The surface of this name in the model of the first recording that has it."""
         return next(s for seen in self.seen for s in seen.view.scene.model.surfaces if s.name == name)
+
+    def _gain(self, effect: Effect) -> float:
+        """As `FormFacts.gain`."""
+        column = self.column(Coefficient(effect=effect, size=1.0, spread=1.0))
+        size, pull = 0.0, 0.0
+        for s, bias in zip(self.seen, column.bias_mm, strict=True):
+            size += float((s.bias_information * bias**2).sum())
+            pull += float((s.bias_information * s.bias_mm * bias).sum())
+        return 0.5 * pull**2 / size if pull > 0 and size > 0 else 0.0
 
     def terms(self, kind: type[Effect]) -> list[Term]:
         """The terms of a kind; none if the camera or the scene cannot have it."""

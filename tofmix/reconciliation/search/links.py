@@ -18,6 +18,7 @@ from scipy.stats import mode
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.reconciliation.evidence import Evidence
+from tofmix.reconciliation.likelihood.beats import FrameNoise, fit_beat, overlaps
 from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part, forward
 from tofmix.reconciliation.likelihood.mixture import Mixture
@@ -220,10 +221,22 @@ def fit_bursts(likelihood: Likelihood, mixture: Mixture, state: ModelState, part
     return best[1] if best[0] - disturbed > _BEYOND * (best[0] - calm) else None
 
 
+def fitted_again(
+    likelihood: Likelihood, mixture: Mixture, state: ModelState, part: Part, chain: FrameChain
+) -> FrameChain:
+    """Bursts, or a beat, fitted again; as they were if none are found."""
+    if not chain.period_frames:
+        return fit_bursts(likelihood, mixture, state, part) or chain
+    found = fit_beat(FrameNoise(likelihood, mixture, state, part))
+    return chain if found is None else found[0]
+
+
 def disturbed_frames(likelihood: Likelihood, mixture: Mixture, state: ModelState, chain: FrameChain) -> FloatArray:
-    """Probability (frame,) that each frame is disturbed, from all its samples."""
+    """Probability (frame,) that each frame is disturbed, from all its samples; of a beat, the square of its overlap."""
     frames, pixels = likelihood.evidence.shape
     part = (np.arange(frames), np.arange(pixels))
+    if chain.period_frames:
+        return overlaps(FrameNoise(likelihood, mixture, state, part), chain)
     pair = likelihood.frame_pair(mixture, state, part, chain.sigma_mm)
     return forward(*pair, likelihood.evidence.frame_number, chain)[1]
 

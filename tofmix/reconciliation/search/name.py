@@ -15,6 +15,7 @@ from scipy.optimize import minimize_scalar
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.reconciliation.evidence import BLOCK_FRAMES, Evidence
+from tofmix.reconciliation.likelihood.beats import FrameNoise, fit_beat
 from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.memory import fit_memory, memory_gain
@@ -28,6 +29,7 @@ from tofmix.simulation.effects import EFFECTS, Effect, basic_kind
 from tofmix.simulation.effects.base import Basic, Target
 from tofmix.simulation.effects.hidden import (
     DisturbedFrames,
+    FrameChain,
     HiddenState,
     PatternSpreads,
     PixelBias,
@@ -35,6 +37,7 @@ from tofmix.simulation.effects.hidden import (
     RangeStep,
     RememberedNoise,
 )
+from tofmix.simulation.effects.search import EFFECT_NATS, OwnProblems
 
 _Hidden = TypeVar("_Hidden", bound=HiddenState)
 
@@ -68,6 +71,8 @@ class TriedEffect:
         The end of its search, if it was searched for.
     others : tuple of TriedEffect
         The effects added before, if they were fitted again together with it; else empty.
+    price_nats : float
+        Price of an optional part of its law, if it was not searched for; else its search has it.
     """
 
     effect: Effect
@@ -76,6 +81,7 @@ class TriedEffect:
     state: ModelState
     fitted: Fitted | None = None
     others: tuple["TriedEffect", ...] = ()
+    price_nats: float = 0.0
 
     @property
     def kind(self) -> str:
@@ -115,7 +121,8 @@ class TriedEffect:
     @property
     def price(self) -> float:
         """Price of the parameters, and of an optional part of the law, nats."""
-        return PRICE_NATS * self.parameters + (0.0 if self.fitted is None else self.fitted.problem.price_nats)
+        part = self.price_nats if self.fitted is None else self.fitted.problem.price_nats
+        return PRICE_NATS * self.parameters + part
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -184,11 +191,10 @@ def candidates(trial: Trial, kinds: Iterable[str], tick: Callable[[str], None] =
     found: list[TriedEffect] = []
     for kind in kinds:
         special = _BY_HIDDEN.get(type(EFFECTS[kind].hidden))
-        if special is not None:
-            if not trial.has_hidden(EFFECTS[kind]):
-                candidate = special(trial, EFFECTS[kind])
-                found += [] if candidate is None else [candidate]
-        else:
+        if special is not None and not trial.has_hidden(EFFECTS[kind]):
+            candidate = special(trial, EFFECTS[kind])
+            found += [] if candidate is None else [candidate]
+        if special is None or isinstance(EFFECTS[kind], OwnProblems):
             found += _by_search(trial, kind)
         tick(kind)
     return sorted(found, key=lambda c: -c.score)
@@ -283,14 +289,20 @@ def _lattice(trial: Trial, kind: _Kind) -> TriedEffect | None:
 
 
 def _bursts(trial: Trial, kind: _Kind) -> TriedEffect | None:
-    chain = links.fit_bursts(trial.likelihood, trial.mixture, trial.state, trial.fit_part)
-    if chain is None:
-        return None
+    """Bursts, or a beat if it explains more: one number more, its phase, at the price of one more effect."""
+    bursts = links.fit_bursts(trial.likelihood, trial.mixture, trial.state, trial.fit_part)
+    beat = fit_beat(FrameNoise(trial.likelihood, trial.mixture, trial.state, trial.fit_part))
+    found = [] if bursts is None else [_of_frames(trial, kind, bursts, 3, 0.0)]
+    found += [] if beat is None else [_of_frames(trial, kind, beat[0], 4, EFFECT_NATS)]
+    return max(found, key=lambda c: c.score, default=None)
+
+
+def _of_frames(trial: Trial, kind: _Kind, chain: FrameChain, parameters: int, price_nats: float) -> TriedEffect:
     effect = _declared(kind, DisturbedFrames).made(kind, chain)
-    state = replace(trial.state, effects=(*trial.state.effects, effect))
-    gain = trial.likelihood.value(state, trial.test_part, trial.mixture) - trial.base
     frames = links.disturbed_frames(trial.likelihood, trial.mixture, trial.state, chain)
-    return TriedEffect(effect=effect, gain=gain, parameters=3, state=replace(state, disturbed=frames))
+    state = replace(trial.state, effects=(*trial.state.effects, effect), disturbed=frames)
+    gain = trial.likelihood.value(state, trial.test_part, trial.mixture) - trial.base
+    return TriedEffect(effect=effect, gain=gain, parameters=parameters, state=state, price_nats=price_nats)
 
 
 def _pattern(trial: Trial, kind: _Kind) -> TriedEffect | None:
@@ -381,10 +393,11 @@ def of_any_noise(likelihood: Likelihood, state: ModelState, part: Part) -> Model
     """
     if state.bursts is not None or any(e.is_basic(Basic.NOISE) for e in likelihood.scene.effects):
         return state
-    others, noise = tuple(e for e in state.effects if not e.is_basic(Basic.NOISE)), basic_kind(Basic.NOISE)
+    others = tuple(e for e in state.effects if not e.is_basic(Basic.NOISE))
+    named = next((e for e in state.effects if e.is_basic(Basic.NOISE)), basic_kind(Basic.NOISE).of_magnitude(1.0))
 
     def scaled(log_factor: float) -> ModelState:
-        return replace(state, effects=(*others, noise.of_magnitude(math.exp(log_factor))))
+        return replace(state, effects=(*others, named.with_magnitude(math.exp(log_factor))))
 
     best = minimize_scalar(
         lambda x: -likelihood.value(scaled(x), part),

@@ -122,6 +122,8 @@ def latent_states(likelihood: Likelihood, state: ModelState, frames: IntArray) -
     mixture = likelihood.mixture(state)
     part = frames, np.arange(likelihood.evidence.shape[1])
     for effect in state.linking:
+        if not effect.hides:
+            continue
         own = effect in state.given
         hidden = effect.hidden
         if isinstance(hidden, PixelBias):
@@ -133,8 +135,8 @@ def latent_states(likelihood: Likelihood, state: ModelState, frames: IntArray) -
             image = links.pattern_image(pattern, likelihood.evidence.image)
             state = _with(state, effect, hidden.with_map(hidden.changed(effect, spreads), image))
         elif isinstance(hidden, DisturbedFrames):
-            fitted_bursts = None if own else links.fit_bursts(likelihood, mixture, state, part)
-            bursts = hidden.chain(effect) if fitted_bursts is None else fitted_bursts
+            bursts = hidden.chain(effect)
+            bursts = bursts if own else links.fitted_again(likelihood, mixture, state, part, bursts)
             disturbed = links.disturbed_frames(likelihood, mixture, state, bursts)
             state = _with(replace(state, disturbed=disturbed), effect, hidden.changed(effect, bursts))
     return with_widths(likelihood, state, frames)

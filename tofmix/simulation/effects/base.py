@@ -10,7 +10,7 @@ override `sample` and `predict` as well.
 import math
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
@@ -22,13 +22,15 @@ from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import beam_directions_of
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.effects.hidden import HiddenState
-from tofmix.simulation.effects.parameter import FARTHEST, Parameter, Prior, declared_parameters
+from tofmix.simulation.effects.parameter import FARTHEST, Holds, Parameter, Prior, declared_parameters
 from tofmix.toml_table import nearest
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
     from tofmix.simulation.echoes import Echoes, FrameSamples
     from tofmix.simulation.surface import Surface
+
+_NEAREST_MM = 1.0  # no surface is nearer
 
 _RECORDING, _FRAME = 0, 1  # branches of an effect's random streams
 
@@ -94,6 +96,8 @@ class Context:
         Names of the model's surfaces, in its order.
     seed : int
         The recording's seed.
+    placed : tuple of Surface
+        The model's surfaces where they stand at `time_s`, in its order; empty before the scene is known.
     frame : int
         The frame's number.
     time_s : float
@@ -109,6 +113,7 @@ class Context:
     sensor: CompleteCamera
     surfaces: tuple[str, ...]
     seed: int
+    placed: "tuple[Surface, ...]" = ()
     frame: int = 0
     time_s: float = 0.0
     prepared: Any = None
@@ -123,6 +128,15 @@ class Context:
     def number_of(self, surface: str) -> int:
         """Number of a surface in the model."""
         return self.surfaces.index(surface)
+
+    def incidence(self, echoes: "Echoes") -> FloatArray:
+        """Cosine of incidence of each echo, in its arrays' shape; 1 without a surface.
+
+        The plane of a surface at distance h meets a beam at range r under a cosine of h / r.
+        """
+        distance = np.array([*(surface.plane_distance_mm for surface in self.placed), math.inf])
+        cosine: FloatArray = np.minimum(distance[echoes.surface] / np.maximum(echoes.true_range_mm, _NEAREST_MM), 1.0)
+        return cosine
 
     def cosine(self) -> FloatArray:
         """Cosine (pixel,) of each pixel's angle off the axis, its direction's z: ``cos az cos el``."""
@@ -292,9 +306,23 @@ class Effect:
         ValueError
             If the value is out of bounds.
         """
-        name = next(p.name for p in cls.parameters().values() if p.zero is not None)
-        numbers: dict[str, Any] = {name: value} | ({"surface": surface} if surface else {})
+        numbers: dict[str, Any] = {cls._magnitude(): value} | ({"surface": surface} if surface else {})
         return cls(**numbers)
+
+    def with_magnitude(self, value: float) -> "Effect":
+        """The effect with another magnitude, as of `of_magnitude`; its other numbers stay.
+
+        Raises
+        ------
+        ValueError
+            If the value is out of bounds.
+        """
+        numbers: dict[str, Any] = {self._magnitude(): value}
+        return replace(self, **numbers)
+
+    @classmethod
+    def _magnitude(cls) -> str:
+        return next(p.name for p in cls.parameters().values() if p.zero is not None)
 
     @classmethod
     def tilted(cls, surface: "Surface", shift_mm: float, tilts_deg: tuple[float, float] = (0.0, 0.0)) -> "Effect":
@@ -307,6 +335,17 @@ class Effect:
         It has the same kind: a model has an effect of each kind once.
         """
         raise NotImplementedError
+
+    @property
+    def surfaces(self) -> dict[str, str]:
+        """Names of the surfaces that it names, by parameter."""
+        named = {name: getattr(self, name) for name, p in self.parameters().items() if p.holds is Holds.SURFACE}
+        return {name: value for name, value in named.items() if value}
+
+    @property
+    def hides(self) -> bool:
+        """Whether the samples have its hidden state; not where its numbers leave nothing open."""
+        return self.latent is not Latent.NONE
 
     @property
     def settled_after_s(self) -> float:
@@ -354,10 +393,11 @@ class Effect:
         """
         if self.acts_on_phase:
             refuse_without_phase(self.kind, sensor)
-        name = getattr(self, "surface", None)
-        may_be_all = name == "" and not self.parameters()["surface"].required
-        if name is not None and not may_be_all and name not in surfaces:
-            raise ValueError(f'surface: "{name}" is not a surface of this model{nearest(name, surfaces)}')
+        for parameter in self.parameters().values():
+            name = getattr(self, parameter.name)
+            may_be_all = name == "" and not parameter.required
+            if parameter.holds is Holds.SURFACE and not may_be_all and name not in surfaces:
+                raise ValueError(f'{parameter.key}: "{name}" is not a surface of this model{nearest(name, surfaces)}')
         plane = getattr(self, "map", None)
         if plane is not None and plane.values.shape != (sensor.rows, sensor.cols):
             raise ValueError(f"map: shape {plane.values.shape} differs from the image {(sensor.rows, sensor.cols)}")
@@ -432,7 +472,7 @@ _Hidden = TypeVar("_Hidden", bound=HiddenState)
 def with_hidden(effects: Iterable[Effect], sort: type[_Hidden]) -> Iterator[tuple[Effect, _Hidden]]:
     """The effects with a hidden state of this sort, each with its declaration."""
     for effect in effects:
-        if isinstance(effect.hidden, sort):
+        if effect.hides and isinstance(effect.hidden, sort):
             yield effect, effect.hidden
 
 

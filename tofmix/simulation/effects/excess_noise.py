@@ -1,8 +1,8 @@
-"""More noise than the sensor's curve gives: everywhere, or on one surface."""
+"""More noise than the sensor's curve gives: everywhere, on one surface, or by the angle of incidence."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
@@ -14,12 +14,14 @@ from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Basic, Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import PixelMap, Prior, StudentPrior, about, number, pixel_map, surface
 from tofmix.simulation.effects.search import (
+    EFFECT_NATS,
     Coefficient,
     FormFacts,
     LinearForm,
     Problem,
     SearchFacts,
     bounded,
+    spread_of,
     spread_of_factor,
 )
 
@@ -28,34 +30,52 @@ _WIDER = 0.05
 
 _STARTS = (0.9, 1.1, 1.5)  # factors
 
+_EXPONENTS = (0.3, 1.0)
+"""Where searches for the exponent of the cosine begin."""
+
+_STEEPER = 0.05
+"""Exponent, for slopes."""
+
+_BY_ANGLE = "by angle"
+"""Name of the form."""
+
 _ADDED = StudentPrior(scale=math.log(2), log=True, half=True)
 """Of one surface: light that falls on it adds noise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExcessNoise(Effect):
-    """Sigma times `factor`: of every sample with a return, or of those of one surface.
+    """Sigma times `factor` / cos(incidence)^`angle_exponent`, of every sample with a return or of one surface.
 
     Phase noise is sqrt(B) / A: if the background dominates, more ambient light or a weaker emitter increases every
     sigma by the same factor. Four times the background electrons double sigma. Light that falls on one surface, such as
     the sun through a window, does so for this surface alone: its ranges and its amplitudes remain as they are. A map
     gives each pixel a further factor; `reconcile` looks for none.
 
+    A sensor's curve is measured on a board that faces the camera. A slanted surface returns less light, as the cosine
+    of incidence: sigma grows with an exponent of 1 where the background dominates, and of 1/2 where the signal's own
+    electrons do. A pixel of the slanted surface also covers more ranges. The noise of depth cameras is reported to grow
+    with the angle, strongly above 60 degrees. The angle is that between a beam and the surface's normal, by the model.
+    `reconcile` looks for the exponent of all surfaces, beside the factor, at the price of one more effect.
+
     References
     ----------
-    Lange and Seitz, IEEE J. Quantum Electronics 37(3), 2001, doi:10.1109/3.910448.
+    Lange and Seitz, IEEE J. Quantum Electronics 37(3), 2001, doi:10.1109/3.910448: sigma is sqrt(B) / A.
+    Nguyen, Izadi and Lovell, Modeling Kinect sensor noise for improved 3D reconstruction and tracking, 3DIMPVT 2012.
     """
 
     kind: ClassVar[str] = "excess_noise"
     level: ClassVar[Level] = Level.LIGHT
-    signature: ClassVar[str] = "spread, by the same factor everywhere or on one surface; no bias"
-    typical: ClassVar[str] = "2 for four times the background electrons"
+    signature: ClassVar[str] = (
+        "spread, by the same factor everywhere or on one surface, or more on slanted surfaces; no bias"
+    )
+    typical: ClassVar[str] = "2 for four times the background electrons; 1 / cos of the angle, 2 at 60 degrees"
     basis: ClassVar[str] = "physics"
     target: ClassVar[Target] = Target.SPREAD
     basic: ClassVar[Basic | None] = Basic.NOISE
     shows_in: ClassVar[tuple[str, ...]] = ("spread", "tails", "skew", "spread_pattern", "memory")
     separated_from: ClassVar[Mapping[str, str]] = {
-        "vignetting": "a flat wall that fills the image",
+        "vignetting": "a flat wall that fills the image; and the same wall at another angle",
     }
 
     factor: float = number(
@@ -65,12 +85,22 @@ class ExcessNoise(Effect):
     map: PixelMap | None = pixel_map(  # noqa: RUF009
         "Further factor of each pixel, such as of a part of the image in the sun.", unit="1"
     )
+    angle_exponent: float = number(
+        "Sigma is divided by the cosine of incidence to the power of this.",
+        unit="1",
+        low=0,
+        high=10,
+        default=0,
+        zero=0,
+        typical=(0.5, 1.5),
+        prior=StudentPrior(scale=1, half=True),
+    )
 
     @classmethod
     def problems(cls, facts: SearchFacts) -> Iterator[Problem]:
-        """By the logarithm of the factor: of all surfaces, and of each if there are several."""
+        """By the logarithm of the factor: of all surfaces, and of each if there are several. Then by the angle too."""
 
-        def made(surface: str, x: FloatArray) -> Effect:
+        def made(surface: str, x: FloatArray) -> "ExcessNoise":
             low, high = (
                 math.log(1.0 if surface else cls.parameters()["factor"].low),
                 math.log(cls.parameters()["factor"].high),
@@ -81,11 +111,22 @@ class ExcessNoise(Effect):
             starts = tuple((math.log(f),) for f in _STARTS if f > 1 or not name)
             yield Problem(make=partial(made, name), starts=starts, steps=(0.2,))
 
+        def by_angle(x: FloatArray) -> Effect:
+            return replace(made("", x), angle_exponent=bounded(x[1], 0, cls.parameters()["angle_exponent"].high))
+
+        yield Problem(
+            make=by_angle,
+            starts=tuple((0.0, exponent) for exponent in _EXPONENTS),
+            steps=(0.2, 0.2),
+            form=_BY_ANGLE,
+            price_nats=EFFECT_NATS,
+        )
+
     @classmethod
     def linear_forms(cls, facts: FormFacts) -> Iterator[LinearForm]:
-        """The logarithm of the factor: of all surfaces, and of each if there are several."""
+        """The logarithm of the factor: of all surfaces, and of each if there are several. Then with the exponent."""
 
-        def made(surface: str, c: FloatArray) -> Effect:
+        def made(surface: str, c: FloatArray) -> "ExcessNoise":
             return cls(surface=surface, factor=math.exp(max(c[0], 0.0) if surface else c[0]))
 
         spread = spread_of_factor(cls, "factor")
@@ -93,6 +134,15 @@ class ExcessNoise(Effect):
             make = partial(made, name)
             wider = Coefficient(effect=make(np.array([_WIDER])), size=_WIDER, spread=spread)
             yield LinearForm(coefficients=(wider,), make=make, surface=name)
+
+        def by_angle(c: FloatArray) -> Effect:
+            return replace(made("", c), angle_exponent=max(float(c[1]), 0.0))
+
+        of_all = Coefficient(effect=made("", np.array([_WIDER])), size=_WIDER, spread=spread)
+        steeper = Coefficient(
+            effect=cls(factor=1.0, angle_exponent=_STEEPER), size=_STEEPER, spread=spread_of(cls, "angle_exponent")
+        )
+        yield LinearForm(coefficients=(of_all, steeper), make=by_angle, form=_BY_ANGLE)
 
     def is_basic(self, error: Basic) -> bool:
         """The noise of all surfaces is what every model may have wrong; that of one surface is not."""
@@ -112,11 +162,14 @@ class ExcessNoise(Effect):
         """One sentence."""
         of = f' of "{self.surface}"' if self.surface else ""
         mapped = "" if self.map is None else f", and a factor of each pixel from {self.map.path or 'a map'}"
-        return f"the noise{of} is {self.factor:g} times the sensor's{mapped}"
+        divided = f", divided by the cosine of incidence to the power of {self.angle_exponent:g}"
+        return f"the noise{of} is {self.factor:g} times the sensor's{divided if self.angle_exponent else ''}{mapped}"
 
     def act(self, echoes: Echoes, context: Context) -> None:
         """Scale sigma."""
         factor = self.factor if self.map is None else self.factor * self.map.values.ravel().astype(np.float64)
+        if self.angle_exponent:
+            factor = factor * context.incidence(echoes) ** -self.angle_exponent
         if self.surface:
             factor = np.where(echoes.surface == context.number_of(self.surface), factor, 1.0)
         echoes.scale_sigma(factor)

@@ -8,6 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.arrays import FloatArray
 from tofmix.simulation.effects.parameter import PixelMap
 
 
@@ -21,14 +25,24 @@ _MAP = "map"  # the field of every effect with a map
 
 
 class FrameChain(NamedTuple):
-    """A Markov chain of two states, quiet and disturbed, that adds noise to disturbed frames.
+    """A Markov chain of two states, quiet and disturbed, that adds noise to disturbed frames; or a beat.
 
-    Share of disturbed frames; noise that they add, mm; mean length of a burst of them, frames.
+    Share of disturbed frames; noise that they add, mm; mean length of a burst of them, frames; period of a beat,
+    frames, 0 for a chain. A beat adds its noise times `overlap`.
     """
 
     probability: float
     sigma_mm: float
     burst_frames: float
+    period_frames: float = 0.0
+
+    def overlap(self, frame: NDArray[Any], phase: FloatArray | float) -> FloatArray:
+        """Overlap (frame,) of the exposures of two cameras, 0 to 1, at some frames; `phase`, in periods, broadcasts.
+
+        Both exposures last for half of `probability` of the period, so that the overlap is a triangle in time.
+        """
+        away = np.abs((frame / self.period_frames + phase + 0.5) % 1.0 - 0.5)
+        return np.asarray(np.maximum(1.0 - 2.0 * away / self.probability, 0.0))
 
 
 class PatternSpreads(NamedTuple):
@@ -68,11 +82,38 @@ class HiddenState:
 
 @dataclass(frozen=True, slots=True)
 class DisturbedFrames(HiddenState):
-    """Each frame is quiet or disturbed; `numbers` are those of `FrameChain`."""
+    """Each frame is quiet or disturbed, or beats; `numbers` are those of a chain.
+
+    Parameters
+    ----------
+    period : str
+        Parameter of the effect that is the period of a beat, frames, None for a chain; empty for kinds without a beat.
+    """
+
+    period: str = ""
+
+    def made(self, kind: type[_Effect], values: Sequence[float]) -> _Effect:
+        """An effect of a kind with these values of `numbers`, and with the period that may follow them."""
+        return kind(**self._named(values))
+
+    def changed(self, effect: _Effect, values: Sequence[float]) -> _Effect:
+        """The effect with other values, likewise."""
+        of: Any = effect
+        return replace(of, **self._named(values))  # type: ignore[no-any-return]
 
     def chain(self, effect: object) -> FrameChain:
         """The chain of an effect."""
-        return FrameChain(*self.values(effect))
+        period = getattr(effect, self.period) if self.period else None
+        probability, sigma_mm, burst_frames = self.values(effect)
+        return FrameChain(probability, sigma_mm, burst_frames, period or 0.0)
+
+    def _named(self, values: Sequence[float]) -> dict[str, Any]:
+        own: dict[str, Any] = dict(zip(self.numbers, values, strict=False))
+        period = values[len(self.numbers) :]
+        if not (self.period and period and period[0]):
+            return own
+        del own[self.numbers[2]]  # a beat has no bursts
+        return own | {self.period: period[0]}
 
 
 @dataclass(frozen=True, slots=True)

@@ -212,7 +212,7 @@ class Parameter:
     Parameters
     ----------
     name : str
-        Key in the model file, ending in the unit.
+        Name of the field; the key in the model file, ending in the unit, but for an underscore after a word of Python.
     unit : str
         Unit as in the formats: ``mm``, ``rad``, ``s``, ``1``; empty for a name.
     sentence : str
@@ -248,6 +248,11 @@ class Parameter:
     typical: tuple[float, float] = (math.nan, math.nan)
     prior: Prior | None = None
     holds: Holds = Holds.NUMBER
+
+    @property
+    def key(self) -> str:
+        """Key in a model file: its name, without the underscore that a word of Python has."""
+        return self.name.removesuffix("_")
 
     @property
     def bounds(self) -> str:

@@ -126,6 +126,8 @@ class SearchFacts:
         Predicted amplitude and share of invalid samples of all pixels.
     course : callable
         Times, s, of some frames and the median of measured minus predicted range in each, mm: (frame,), (frame,).
+    gain : callable
+        Gain, nats, of the bias of an effect on some samples of these pixels, its size free and not below 0.
     nearer : callable
         Share, median and spread, mm, of the samples that are nearer than all that the model has in their pixel and
         between two ranges, mm; None without such samples.
@@ -146,6 +148,7 @@ class SearchFacts:
     amplitudes: FloatArray
     lost_shares: FloatArray
     course: Callable[[], tuple[FloatArray, FloatArray]]
+    gain: Callable[[Effect], float]
     nearer: Callable[[float, float], tuple[float, float, float] | None]
 
     @property
@@ -223,6 +226,8 @@ class FormFacts:
         Typical amplitude.
     surfaces : tuple of Surface
         Surfaces that pixels see alone.
+    gain : callable
+        As of `SearchFacts`, on all samples of the pixels that see one surface.
     """
 
     sigma_mm: float
@@ -230,6 +235,7 @@ class FormFacts:
     turn_mm: float
     amplitude: float
     surfaces: "tuple[Surface, ...]"
+    gain: Callable[[Effect], float]
 
 
 def bounded(value: float, low: float, high: float) -> float:

@@ -1,0 +1,128 @@
+"""Noise by the angle of incidence, and of a second camera that is always on or beats: named, and told from a factor."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from support.recordings import MAKE, Record, reconciled
+
+from tofmix.reconciliation.likelihood.beats import FrameNoise, beat_errors, fit_beat, overlaps
+from tofmix.reconciliation.likelihood.likelihood import Likelihood
+from tofmix.reconciliation.likelihood.mixture import Scene
+from tofmix.simulation.effects import Effect
+from tofmix.simulation.effects.hidden import FrameChain
+from tofmix.simulation.model import Model
+from tofmix.simulation.surface import Surface
+
+KINDS = ("excess_noise", "vignetting", "interference", "range_offset", "surface_pose")
+STEEP = Surface(name="steep", center_mm=(-300.0, 0.0, 2600.0), size_mm=(9000.0, 7000.0), yaw_deg=50.0, reflectivity=0.8)
+FACING = Surface(name="facing", center_mm=(0.0, 0.0, 2600.0), size_mm=(9000.0, 7000.0), reflectivity=0.8)
+
+
+def named(model: Model, hidden: Effect, **settings: Any) -> list[tuple[Effect, dict[str, float]]]:  # noqa: ANN401
+    found = reconciled(model, hidden, kinds=KINDS, **settings)
+    assert found.verified.verdict == "explained"
+    return [(n.effect, n.stderr) for n in found.named]
+
+
+def within(found: float, wanted: float, error: float) -> bool:
+    return bool(abs(found - wanted) < 3 * error)
+
+
+@pytest.mark.slow
+def test_noise_by_angle_of_a_steep_wall_is_named_with_its_exponent(small: Model) -> None:
+    hidden: Any = MAKE["excess_noise"](factor=1.0, angle_exponent=0.8)
+    ((effect, error),) = named(replace(small, surfaces=(STEEP,)), hidden)
+    numbers = effect.numbers()
+    assert effect.kind == "excess_noise"
+    assert within(numbers["angle_exponent"], 0.8, error["angle_exponent"])
+    assert within(numbers["factor"], 1.0, error["factor"])
+    assert error["angle_exponent"] < 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("wall", [STEEP, FACING], ids=lambda s: s.name)
+def test_factor_of_all_noise_has_no_exponent(small: Model, wall: Surface) -> None:
+    ((effect, error),) = named(replace(small, surfaces=(wall,)), MAKE["excess_noise"](factor=1.3))
+    assert effect.kind == "excess_noise"
+    assert effect.numbers()["angle_exponent"] == 0
+    assert within(effect.numbers()["factor"], 1.3, error["factor"])
+
+
+@pytest.mark.slow
+def test_camera_that_is_always_on_is_named_where_sigma_differs(small: Model) -> None:
+    ((effect, error),) = named(small, MAKE["interference"](probability=1.0, sigma_mm=20.0))
+    assert effect.kind == "interference"
+    assert effect.numbers()["probability"] == 1
+    assert within(effect.numbers()["sigma_mm"], 20.0, error["sigma_mm"])
+    assert error.keys() == {"sigma_mm"}
+    assert effect.explain().endswith("in all frames")
+
+
+@pytest.mark.slow
+def test_noise_that_is_added_before_one_facing_wall_is_a_factor(small: Model) -> None:
+    """One sigma in the image: nothing tells a sum from a product, and more light is the commoner cause."""
+    ((effect, _),) = named(replace(small, surfaces=(FACING,)), MAKE["interference"](probability=1.0, sigma_mm=20.0))
+    assert effect.kind == "excess_noise"
+
+
+@pytest.mark.slow
+def test_beat_is_named_with_its_period(small: Model) -> None:
+    hidden = MAKE["interference"](probability=0.6, sigma_mm=60.0, period_frames=23.0)
+    ((effect, error),) = named(small, hidden)
+    assert effect.kind == "interference"
+    found: Any = effect
+    assert within(found.period_frames, 23.0, error["period_frames"])
+    assert within(found.probability, 0.6, error["probability"])
+    assert within(found.sigma_mm, 60.0, error["sigma_mm"])
+    assert error["period_frames"] < 0.5
+
+
+def noise_of(model: Model, record: Record, *hidden: Effect) -> FrameNoise:
+    evidence = record(*hidden)
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    everything = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
+    return FrameNoise(likelihood, likelihood.scene.mixture(), likelihood.start(), everything)
+
+
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        (),
+        (MAKE["interference"](probability=1.0, sigma_mm=25.0),),
+        (MAKE["excess_noise"](factor=1.5),),
+    ],
+    ids=["none", "always", "factor"],
+)
+def test_frames_of_the_same_noise_have_no_beat(model: Model, record: Record, hidden: tuple[Effect, ...]) -> None:
+    assert fit_beat(noise_of(model, record, *hidden)) is None
+
+
+def test_beat_is_fitted_with_its_errors_and_overlaps(model: Model, record: Record) -> None:
+    hidden = MAKE["interference"](probability=0.5, sigma_mm=50.0, period_frames=31.0)
+    noise = noise_of(model, record, hidden)
+    found, errors = beat_errors(noise, FrameChain(0.5, 50.0, 1.0, 31.0))
+    wanted = (0.5, 50.0, 31.0)
+    for value, true, error in zip((found[0], found[1], found[3]), wanted, errors, strict=True):
+        assert within(value, true, error)
+        assert 0 < error < 0.1 * true
+    square = overlaps(noise, found)
+    assert square.max() > 0.8
+    assert (square == 0).mean() == pytest.approx(0.5, abs=0.1)
+    true = noise.of_beat(FrameChain(0.5, 50.0, 1.0, 31.0), 0.0)
+    fitted = fit_beat(noise)
+    assert fitted is not None
+    assert noise.of_beat(*fitted) > true - 1e-6
+
+
+def test_curves_of_a_frame_are_its_log_likelihood_with_added_noise(model: Model, record: Record) -> None:
+    """Between the sizes of the grid too, to a twentieth of a nat a frame."""
+    evidence = record(MAKE["interference"](probability=0.4, sigma_mm=40.0))
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    mixture, state = likelihood.scene.mixture(), likelihood.start()
+    part = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
+    noise = FrameNoise(likelihood, mixture, state, part)
+    added = np.random.default_rng(1).uniform(0, 150, evidence.shape[0])
+    exact = likelihood.sums(mixture, state, part, variance=added**2).total
+    assert noise.of(added[None])[0] == pytest.approx(exact, abs=0.05 * evidence.shape[0])
