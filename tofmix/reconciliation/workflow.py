@@ -221,7 +221,7 @@ def _named_effects(names: Sequence[Named]) -> list[dict[str, str]]:
 def _considered(weighed: WeighedSet) -> dict[str, Any]:
     return {
         "effects": _named_effects(weighed.names),
-        "evidence_nats": rounded(weighed.evidence_nats),
+        "evidence_nats": round(weighed.evidence_nats, 1) + 0.0,
         "why_not": weighed.why_not,
     }
 
@@ -229,7 +229,7 @@ def _considered(weighed: WeighedSet) -> dict[str, Any]:
 def _alias(alias: Alias) -> dict[str, Any]:
     return {
         "kinds": alias.kinds,
-        "gains": [rounded(g) for g in alias.gains],
+        "gains": [round(g, 1) + 0.0 for g in alias.gains],
         "separate_by": alias.separate_by,
         "effects": [_named_effects(names) for names in alias.sets],
     }

@@ -1,12 +1,13 @@
 """The sets of effects beside the answer, on one scale of evidence, each with the reason why it is not the answer.
 
-After a search, the answer and its rivals are fitted to the samples again, all in the same way, and compared:
+After a search, the answer and the rivals that may be as likely are fitted to the samples again, all in the same way:
 
     evidence = gain in log-likelihood on all samples - price,
 
 over the model as given, which may move within its tolerance as each set may. The price of effects that move or widen
 samples is that of their coefficients in the linear model (`tofmix.reconciliation.search.alternatives`): their priors,
-and the volume of their errors. Other effects pay `PRICE_NATS` for each number. A difference of a few nats says that the
+and the volume of their errors. Other effects pay `PRICE_NATS` for each number. Sets that the search saw far behind keep
+the distance that they had there. A difference of a few nats says that the
 samples do not separate two sets; `tofmix.reconciliation.verification.aliases` lists these.
 """
 
@@ -24,9 +25,9 @@ from tofmix.reconciliation.parameters.standard_errors import standard_errors
 from tofmix.reconciliation.search.add import Added
 from tofmix.reconciliation.search.alternatives import ALIAS_NATS, Explained, apart, as_candidates
 from tofmix.reconciliation.search.columns import summed_up
-from tofmix.reconciliation.search.name import AT_A_BOUND, TriedEffect, tolerated
+from tofmix.reconciliation.search.name import AT_A_BOUND, FAINT_SHARE, TriedEffect, of_all_samples, tolerated
 from tofmix.reconciliation.search.pattern_fits import settled_within, worth
-from tofmix.reconciliation.search.refit import numbers, refit, without_pattern
+from tofmix.reconciliation.search.refit import all_together, numbers, refit, without_pattern
 from tofmix.reconciliation.search.search_state import Settings, fit_part, held_out, name_of
 from tofmix.reconciliation.verdict import inexact
 from tofmix.reconciliation.verification.contradictions import absent, implausible, refuted
@@ -38,8 +39,8 @@ from tofmix.wording import counted, number
 OTHERS = 3
 """Most sets beside the answer and its aliases."""
 
-_FITTED = 4  # sets that are fitted again, of those that the summaries rank
-_OF_A_ROUND = 2  # rivals that are fitted again, of each added effect
+_OF_SUMMARIES = 4  # sets that are weighed again, of those that the summaries rank
+_OF_A_ROUND = 2  # rivals that are weighed again, of each added effect
 NAMED = ("explained", "partly_explained")
 """Verdicts with names."""
 
@@ -88,7 +89,7 @@ def considered(
     settings : Settings
         Options of the search.
     ledger : Ledger
-        The sets of the search; it gets those that are fitted here.
+        The sets of the search; it gets those that are shown.
 
     Returns
     -------
@@ -99,22 +100,25 @@ def considered(
     """
     if ledger.ends():
         return _unfinished(added, verified, ledger)
-    scale = _Scale(likelihood, verified.start, settings)
+    first = WeighedSet(names=(), evidence_nats=0.0)
+    if not added.chosen:
+        return (first, *_others_of_search(first, ledger, "which the model within its tolerance, or chance, may give"))
     named = verified.verdict in NAMED
-    found = None if not added.chosen else _weighed(scale, added.state, added.chosen, _explained(added))
-    answer = found if named and found is not None else None
-    first = WeighedSet(names=(), evidence_nats=0.0) if answer is None else answer.weighed
-    fits = list(_rivals(scale, added, ledger, named=named))
-    if not named and found is not None:
-        refusal = replace(found.weighed, why_not=_refusal(added, verified))
-        fits.insert(0, replace(found, weighed=refusal))
-    told = sorted((_told(scale, fit, first, answer, verified) for fit in fits), key=lambda w: -w.evidence_nats)
-    for each in (first, *told):
-        ledger.weigh(each.names, each.evidence_nats, each.why_not)
-    if not told:  # no rival was worth a fit: the best of the search
-        return (first, *_others_of_search(first, ledger))
+    scale = _Scale(likelihood, verified.start, settings)
+    found = _weighed(scale, added.state, added.chosen, _explained(added))
+    first = found.weighed if named else first
+    told = [] if named else [replace(found.weighed, why_not=_refusal(added, verified))]
+    for rival in _rivals(scale, added, found, ledger, named=named):
+        if isinstance(rival, WeighedSet):
+            told.append(replace(rival, why_not=_less_likely(rival, found, named=named)))
+        else:
+            told.append(replace(rival.weighed, why_not=_why_not(scale, rival, found, verified)))
+    told.sort(key=lambda w: -w.evidence_nats)
     near = [w for w in told if is_alias(w, first)]
-    return (first, *near, *[w for w in told if w not in near][:OTHERS])
+    shown = (first, *near, *[w for w in told if w not in near][:OTHERS])
+    for each in shown:
+        ledger.weigh(each.names, each.evidence_nats, each.why_not)
+    return shown
 
 
 _ALIAS = "cannot be told apart"
@@ -130,22 +134,29 @@ def _unfinished(added: Added, verified: Verified, ledger: Ledger) -> tuple[Weigh
     names = tuple(sorted(name_of(c) for c in added.chosen)) if verified.verdict in NAMED else ()
     nats = [w.evidence_nats for w in ledger.sets if w.names == names and w.why_not is None]
     first = WeighedSet(names=names, evidence_nats=nats[-1] if nats else 0.0)
-    return (first, *_others_of_search(first, ledger))
+    return (first, *_others_of_search(first, ledger, "but not tried to the end"))
 
 
-def _others_of_search(first: WeighedSet, ledger: Ledger) -> Iterator[WeighedSet]:
-    """The best sets of the search that do not contain the answer."""
+def _others_of_search(first: WeighedSet, ledger: Ledger, more: str) -> Iterator[WeighedSet]:
+    """The best sets of the search that do not contain the answer; `more` says why those with more evidence lost."""
     others = [w for w in ledger.best() if not set(w.names) >= set(first.names) or not first.names]
     for other in [w for w in others if w.names != first.names][:OTHERS]:
-        yield replace(other, why_not=_by_evidence(other, first))
+        yield replace(other, why_not=_by_evidence(other, first, more))
 
 
-def _by_evidence(other: WeighedSet, first: WeighedSet) -> str:
-    """How much more or less likely one set is than another, in words."""
+def _by_evidence(other: WeighedSet, first: WeighedSet, more: str) -> str:
+    """How much more or less likely one set is than another, in words; `more` ends those of a more likely one."""
     less = first.evidence_nats - other.evidence_nats
     if less >= 0:
         return f"{number(less, ',.0f')} nats less likely"
-    return f"{number(-less, ',.0f')} nats more likely, but no verdict names it"
+    return f"{number(-less, ',.0f')} nats more likely, {more}"
+
+
+def _less_likely(rival: WeighedSet, found: _Fit, *, named: bool) -> str:
+    """By how much a set is less likely than the found one; of a found set that is not named, with its effects."""
+    than = "" if named else f" than {set_text(found.weighed.names)}, which is not named either"
+    less = found.weighed.evidence_nats - rival.evidence_nats
+    return f"{number(less, ',.0f')} nats less likely{than}"
 
 
 class _Scale:
@@ -209,28 +220,51 @@ def _weighed(scale: _Scale, state: ModelState, chosen: Sequence[TriedEffect], ex
     return _Fit(state=state, chosen=tuple(chosen), weighed=weighed)
 
 
-def _rivals(scale: _Scale, added: Added, ledger: Ledger, *, named: bool) -> Iterator[_Fit]:
-    """The sets that are fitted again: the best by the summaries, and the found one with an effect exchanged."""
+def _rivals(scale: _Scale, added: Added, found: _Fit, ledger: Ledger, *, named: bool) -> Iterator["_Fit | WeighedSet"]:
+    """The best sets by the summaries, and the found one with an effect exchanged.
+
+    Sets that may be as likely as the found one are fitted. Of the others the search knows by how much they are less
+    likely.
+    """
     sets = () if added.sets is None else added.sets.sets
-    own = frozenset(map(name_of, added.chosen))
+    own = frozenset(found.names)
     kept = frozenset(name for name in own if not summed_up(name[0]))
-    fitted: set[frozenset[Named]] = {own}
+    seen: set[frozenset[Named]] = {own, frozenset()}
     for explained in _worth_a_fit(sets, own - kept if named else None):
-        names = explained.names | kept
-        if names in fitted or not names or ledger.ends():
+        names, of_found = explained.names | kept, _explained(added)
+        less = 0.0 if of_found is None else of_found.evidence - explained.evidence
+        if names in seen or ledger.ends():
             continue
-        fitted.add(names)
-        fit = _of_explained(scale, added, explained)
-        if fit is not None:
-            yield fit
-    for number_, rivals in enumerate(added.rivals if added.chosen else ()):
-        others = [c for c in rivals if _may_take_the_place(c, added.chosen[number_], covered=bool(sets))]
-        for other in others[:_OF_A_ROUND]:
-            names = own - {name_of(added.chosen[number_])} | {name_of(other)}
-            if names in fitted or name_of(other) in own or ledger.ends():
+        seen.add(names)
+        if less <= _doubtful(0.0 if of_found is None else of_found.evidence):
+            fit = _of_explained(scale, added, explained)
+            if fit is not None:
+                yield fit
+        else:
+            yield _behind(scale, found, names, less, fit_part(scale.likelihood, scale.settings))
+    for place, rivals in enumerate(added.rivals):
+        mine = added.chosen[place]
+        for other in [c for c in rivals if _may_take_the_place(c, mine, covered=bool(sets))][:_OF_A_ROUND]:
+            names = own - {name_of(mine)} | {name_of(other)}
+            if names in seen or name_of(other) in own or ledger.ends():
                 continue
-            fitted.add(names)
-            yield _exchanged(scale, added, number_, other)
+            seen.add(names)
+            if mine.score - other.score <= _doubtful(mine.score):
+                yield _exchanged(scale, added, place, other)
+            else:
+                test = scale.likelihood.evidence.part(fit=False, split=scale.settings.split)
+                yield _behind(scale, found, names, mine.score - other.score, test)
+
+
+def _doubtful(evidence: float) -> float:
+    """Difference of evidence up to which sets are fitted again: the search's fits are no more exact."""
+    return max(ALIAS_NATS, FAINT_SHARE * evidence)
+
+
+def _behind(scale: _Scale, found: _Fit, names: frozenset[Named], less: float, part: Part) -> WeighedSet:
+    """A set that is less likely than the found one by so many nats of the samples of a part."""
+    nats = found.weighed.evidence_nats - of_all_samples(scale.likelihood, part, less)
+    return WeighedSet(names=tuple(sorted(names)), evidence_nats=nats)
 
 
 def _worth_a_fit(sets: Sequence[Explained], own: frozenset[Named] | None) -> list[Explained]:
@@ -241,7 +275,7 @@ def _worth_a_fit(sets: Sequence[Explained], own: frozenset[Named] | None) -> lis
         less = (o for o in others if o.names < each.names and o.evidence > each.evidence - ALIAS_NATS)
         if next(less, None) is None:
             needed.append(each)
-        if len(needed) == _FITTED:
+        if len(needed) == _OF_SUMMARIES:
             break
     return needed
 
@@ -255,7 +289,7 @@ def _of_explained(scale: _Scale, added: Added, explained: Explained) -> _Fit | N
         return None
     chosen = [*kept, *new]
     state = replace(state, effects=(*state.effects, *(c.effect for c in new)))
-    state, chosen = refit(likelihood, state, chosen, part)
+    state, chosen = all_together(likelihood, state, chosen, part)
     return _weighed(scale, state, chosen, explained)
 
 
@@ -284,20 +318,20 @@ def _exchanged(scale: _Scale, added: Added, number_: int, other: TriedEffect) ->
     return _weighed(scale, state, chosen, explained if same else None)
 
 
-def _told(scale: _Scale, fit: _Fit, first: WeighedSet, answer: _Fit | None, verified: Verified) -> WeighedSet:
-    """A fitted set with the reason why it is not the answer."""
-    weighed = fit.weighed
-    if weighed.why_not is not None:
-        return weighed
-    more = weighed.evidence_nats - first.evidence_nats
+def _why_not(scale: _Scale, fit: _Fit, found: _Fit, verified: Verified) -> str:
+    """Why a set that was fitted again is not the answer."""
+    named = verified.verdict in NAMED
+    more = fit.weighed.evidence_nats - found.weighed.evidence_nats
     if more < -ALIAS_NATS:
-        return replace(weighed, why_not=_by_evidence(weighed, first))
-    why = next(_against(scale, fit, verified, near=abs(more) <= ALIAS_NATS and answer is not None), None)
-    if why is None and abs(more) <= ALIAS_NATS and answer is not None and not fit.names < answer.names:
-        why = f"{_ALIAS}: {number(abs(more), '.1f')} nats {'more' if more > 0 else 'less'} likely"
-    if why is None:
-        why = _beside(scale, fit, answer, more)
-    return replace(weighed, why_not=why)
+        return _less_likely(fit.weighed, found, named=named)
+    near = more <= ALIAS_NATS
+    why = next(_against(scale, fit, verified, near=near and named), None)
+    if why is not None:
+        return why
+    if near and not fit.names < found.names:
+        than = "" if named else f" than {set_text(found.weighed.names)}"
+        return f"{_ALIAS}: {number(abs(more), '.1f')} nats {'more' if more > 0 else 'less'} likely{than}"
+    return _beside(scale, fit, found, more)
 
 
 def _against(scale: _Scale, fit: _Fit, verified: Verified, *, near: bool) -> Iterator[str]:
@@ -326,11 +360,9 @@ def still(curve: Curve) -> str:
     return f"{what} still differs{over}"
 
 
-def _beside(scale: _Scale, fit: _Fit, answer: _Fit | None, more: float) -> str:
+def _beside(scale: _Scale, fit: _Fit, answer: _Fit, more: float) -> str:
     """Why a set is not the answer that explains as much or more, and against which nothing else speaks."""
     size = f"{number(abs(more), ',.0f')} nats {'more' if more > 0 else 'less'} likely"
-    if answer is None:
-        return f"{size} than no effect, and tried by no search to its end"
     if fit.names < answer.names:
         return f"{size} without {set_text(sorted(answer.names - fit.names))}, which a statistic needs"
     own, others = (sum(c.parameters for c in f.chosen) for f in (answer, fit))
