@@ -46,7 +46,8 @@ EXIT_CODE_REMEDIES: dict[ExitCode, str] = {
     ExitCode.STORAGE: "Free the disk, or choose another folder. `tofmix estimate --resume` continues.",
     ExitCode.SOME_FAILED: "stderr has a line for each failed recording. Run the command again with `--resume`.",
     ExitCode.DIFFERENT: "The table on stdout counts the differences. `--allow` accepts a share of differing pixels.",
-    ExitCode.INTERRUPTED: "The process ends by SIGINT, so that a shell loop around it stops. `--resume` continues.",
+    ExitCode.INTERRUPTED: "The process ends by SIGINT, so that a shell loop around it stops. `--resume` continues;"
+    " `reconcile` writes the best so far after one Ctrl-C, and nothing after two.",
     ExitCode.CLOSED_PIPE: "No error: `tofmix report ... | head -1` ends in this way.",
     ExitCode.TERMINATED: "The process ends by SIGTERM. Partial outputs are removed. `--resume` continues.",
 }

@@ -4,6 +4,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tomllib
@@ -104,7 +105,11 @@ def test_folder_holds_gap_report_and_a_model_that_runs(
     assert json.loads(done.out) == gap
     assert gap["verdict"] == "explained"
     assert [e["kind"] for e in gap["effects"]] == ["fixed_pattern"]
-    assert {"verdict", "effects", "where", "candidates", "aliases", "panel", "gap"} <= gap.keys()
+    assert {"verdict", "effects", "where", "candidates", "aliases", "panel", "gap", "considered"} <= gap.keys()
+    assert gap["complete"] is True
+    first, *others = gap["considered"]
+    assert (first["effects"], first["why_not"]) == ([{"kind": "fixed_pattern"}], None)
+    assert all(other["why_not"] for other in others)
     assert {"before", "after", "floor", "closed"} == gap["gap"].keys()
     assert gap["where"][0].keys() >= {"axis", "interval", "statistic", "size", "unit", "p_value"}
     effects = tomllib.loads((folder / "model.toml").read_text())["effect"]
@@ -118,6 +123,50 @@ def test_folder_holds_gap_report_and_a_model_that_runs(
     tofmix.done("simulate", folder / "model.toml", "-o", tmp_path / "again.h5")
     assert verdict(folder / "model.toml", files[1], kinds=("fixed_pattern", "range_offset")) == "agree"
     tofmix("reconcile", *files, "-o", folder).refused(2, "--overwrite")
+
+
+def begun(files: tuple[Path, Path], folder: Path) -> "subprocess.Popen[str]":
+    """A process of `reconcile --trace` that has weighed three sets."""
+    command = [sys.executable, "-m", "tofmix", "reconcile", *map(str, files), "-o", str(folder), "--trace"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    lines: list[str] = []
+    while sum(" nats  " in line for line in lines) < 3:
+        lines.append(process.stderr.readline())
+        assert lines[-1], "".join(lines)
+    return process
+
+
+@pytest.mark.compiled("a search in another process")
+def test_ctrl_c_ends_the_search_and_the_folder_is_whole(files: tuple[Path, Path], tmp_path: Path) -> None:
+    folder = tmp_path / "gap"
+    with begun(files, folder) as process:
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=120)
+    assert process.returncode == -signal.SIGINT  # a shell shows 130
+    assert "Traceback" not in err
+    assert "interrupted: the best so far is written" in err
+    gap = json.loads((folder / "gap.json").read_text())
+    assert gap["complete"] is False
+    assert gap["considered"][0]["why_not"] is None
+    assert "the search was interrupted" in out
+    assert "by a search that was interrupted" in (folder / "report.html").read_text()
+    model = load_model(str(folder / "model.toml"))
+    assert [e.kind for e in model.effects] == [e["kind"] for e in gap["effects"]]
+
+
+@pytest.mark.compiled("a search in another process")
+def test_second_ctrl_c_ends_at_once_and_writes_nothing(files: tuple[Path, Path], tmp_path: Path) -> None:
+    before = sorted(tmp_path.iterdir())
+    with begun(files, tmp_path / "gap") as process:
+        assert process.stderr is not None
+        process.send_signal(signal.SIGINT)
+        while "Ctrl-C again" not in process.stderr.readline():
+            pass
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=20)
+    assert process.returncode == -signal.SIGINT
+    assert sorted(tmp_path.iterdir()) == before
 
 
 @pytest.mark.slow

@@ -165,6 +165,8 @@ def run(arguments: list[str] | None = None) -> NoReturn:
         _say_unknown_variables()
         code = main.main(args=arguments, prog_name="tofmix", standalone_mode=False) or code
         sys.stdout.flush()
+        if code == ExitCode.INTERRUPTED:  # with a whole result; a shell loop around the command stops all the same
+            _end_by(signal.SIGINT)
     except click.UsageError as error:
         command = error.ctx.command_path if error.ctx else "tofmix"
         text = error.format_message()
@@ -215,5 +217,10 @@ def _die(number: int, _: FrameType | None) -> None:
         os.write(sys.stderr.fileno(), b"tofmix: interrupted\n")
     if is_resumable():
         os.write(sys.stderr.fileno(), b"tofmix: finished blocks are kept; --resume continues\n")
+    _end_by(number)
+
+
+def _end_by(number: int) -> None:
+    """End by a signal; a shell sees the exit code 128 + its number."""
     signal.signal(number, signal.SIG_DFL)
     os.kill(os.getpid(), number)

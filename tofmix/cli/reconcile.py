@@ -1,11 +1,13 @@
 """``tofmix reconcile``: a model and a measurement in, the missing effects out."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from tofmix.cli.interrupts import asked_to_stop
 from tofmix.cli.options import PATH, declared, examples, json_option, overwrite_option
 from tofmix.cli.reporter import CommandReporter, Progress
 from tofmix.options import RECONCILE
@@ -52,6 +54,7 @@ tofmix simulate gap/model.toml -o refined.h5
     " explains nothing, measured is tried too]",
 )
 @declared(RECONCILE, "split")
+@click.option("--trace", is_flag=True, help="Print a line on stderr for each set of effects, as it is weighed.")
 @json_option
 @overwrite_option
 def reconcile(
@@ -66,9 +69,10 @@ def reconcile(
     tolerance: float,
     noise: str | None,
     split: str,
+    trace: bool,
     as_json: bool,
     overwrite: bool,
-) -> None:
+) -> int:
     """Find where a simulation of MODEL and the recording MEASURED disagree, name the missing effect, and add it.
 
     The command compares each sample with the model's prediction, locates the
@@ -76,7 +80,11 @@ def reconcile(
     and adds the effects that explain the disagreement. The verdict states whether
     any effect does. Recordings given with --also share the effects' parameters.
     docs/reference/verdicts.md explains the verdicts.
+
+    Ctrl-C ends the search between two sets of effects: the folder is written with
+    the best so far. A second Ctrl-C ends the command at once, and writes nothing.
     """
+    from tofmix.errors import ExitCode
     from tofmix.io.model_file import load_model
     from tofmix.io.reconciliation import locked_folder, model_names, suggested_names
     from tofmix.io.recording.recording_file import open_recording
@@ -106,27 +114,39 @@ def reconcile(
                 recordings.append(
                     (scene, read_evidence(scene, file, reporter, time_s=time_s, temperature_c=temperature_c))
                 )
-        with Progress(len(kinds) * max(max_effects, 1), "reconcile", "kind") as bar:
-            reporter = _KindReporter(bar, len(kinds))
+        with Progress(len(kinds) * max(max_effects, 1), "reconcile", "kind") as bar, asked_to_stop() as stopped:
+            reporter = _KindReporter(bar, len(kinds), stopped, trace=trace)
             result = run(recordings, settings, noise, learnt, reporter)
             bar.total = bar.done  # no other way is tried: the page is left
             bar.describe("reconcile: page")
             write_reconciliation(result, files, output, overwrite=overwrite)
     if as_json:
         click.echo(json.dumps(result.as_dict(), indent=2, allow_nan=False))
-        return
+        return ExitCode.INTERRUPTED if stopped() else ExitCode.DONE
     click.echo("\n".join(summary_lines(result)))
     more = suggested_names(len(files)) if result.suggested else []
     written = ", ".join([*model_names(len(files))[1:], *more, "gap.json", "report.html"])
     click.echo(f"wrote        {output / 'model.toml'}, {written}")
+    return ExitCode.INTERRUPTED if stopped() else ExitCode.DONE
 
 
 class _KindReporter(CommandReporter):
-    """Counts kinds that were tried; where another way is tried, the bar gets longer."""
+    """Counts kinds that were tried; where another way is tried, the bar gets longer. Ctrl-C stops the search."""
 
-    def __init__(self, bar: Progress, kinds: int) -> None:
+    def __init__(self, bar: Progress, kinds: int, stopped: Callable[[], bool], *, trace: bool) -> None:
         super().__init__(bar)
         self._progress, self._kinds = bar, kinds
+        self._stopped, self._trace = stopped, trace
+
+    def weighed(self, line: str) -> None:
+        """Print the line with --trace."""
+        if self._trace:
+            with self.aside():
+                click.echo(line, err=True)
+
+    def is_stopped(self) -> bool:
+        """Whether Ctrl-C was pressed."""
+        return self._stopped()
 
     def progress(self, steps: int) -> None:
         """Move the bar."""

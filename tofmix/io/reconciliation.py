@@ -85,6 +85,10 @@ def gap_faults(gap: dict[str, Any]) -> Iterator[str]:
     for key in _LISTS:
         if not isinstance(gap.get(key), list):
             yield f"{key}: expected a list"
+    if not isinstance(gap.get("considered", []), list):  # files of earlier versions have none
+        yield "considered: expected a list"
+    if not isinstance(gap.get("complete", True), bool):
+        yield f"complete: expected true or false, got {gap['complete']!r}"
     sizes = gap.get("gap")
     for key in _SIZES:
         value = sizes.get(key) if isinstance(sizes, dict) else None

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from tofmix.jobs.reporter import OptionError, Reporter
 from tofmix.optics.geometry import largest_angle_deg
 from tofmix.optics.projection import beam_directions_of, pixel_extent_rad
 from tofmix.reconciliation.evidence import Evidence, make_evidence
+from tofmix.reconciliation.ledger import Ledger
 from tofmix.reconciliation.likelihood.joint import check_camera
 from tofmix.reconciliation.measured_noise import (
     MEASURED,
@@ -168,24 +170,28 @@ def reconcile(
     learnt : callable
         Gives the camera of the first recording with the noise of its samples.
     reporter : Reporter
-        Receives a step of progress for each kind that was tried.
+        Receives a step of progress for each kind that was tried, and each set of effects that was weighed. If it is
+        stopped, the search ends between two sets, with the best so far.
     """
 
     def found(recordings: Recordings) -> Reconciliation:
-        return search(*recordings[0], settings, lambda _: reporter.progress(1), also=recordings[1:])
+        ledger = Ledger(lambda weighed: reporter.weighed(weighed.line), reporter.is_stopped)
+        return search(*recordings[0], settings, lambda _: reporter.progress(1), also=recordings[1:], ledger=ledger)
 
     if noise not in (None, MODEL):
         other = measured_models(recordings, _sensor_of(noise, learnt, reporter))
         return with_note((found(other), other), recordings, settings)
     result = found(recordings)
-    if noise is None and is_open(result):
+    if noise is None and is_open(result) and result.is_complete:
         try:
             with reporter.aside():
                 other = measured_models(recordings, learnt())
         except BadInputError as error:
             reporter.note(f"the noise of the recording is not tried: {error}")
             return result
-        return with_fallback((result, recordings), (found(other), other), settings)
+        measured = found(other)
+        best = with_fallback((result, recordings), (measured, other), settings)
+        return replace(best, is_complete=measured.is_complete)
     return result
 
 

@@ -41,6 +41,13 @@ class Reporter:
     def progress(self, steps: int) -> None:
         """Further steps of the job are done."""
 
+    def weighed(self, line: str) -> None:
+        """A set of effects was weighed: its evidence, its effects, and why it lost."""
+
+    def is_stopped(self) -> bool:
+        """Whether the user wants the job to end with the best result so far."""
+        return False
+
     def before_learning(self) -> None:
         """Noise is learnt next, which not every recording needs."""
 

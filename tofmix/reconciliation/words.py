@@ -123,7 +123,8 @@ def _with_error(name: str, value: float, error: float | None) -> str:
 def summary_lines(result: Reconciliation) -> list[str]:
     """About ten lines for the terminal."""
     v = result.verified
-    lines = [headline(result), "", f"verdict      {v.verdict}"]
+    so_far = "" if result.is_complete else " so far: the search was interrupted"
+    lines = [headline(result), "", f"verdict      {v.verdict}{so_far}"]
     lines += [
         f"effect       {effect_text(n, result)}, held-out gain {number(n.heldout_gain_nats, '.0f')} nats"
         for n in result.named

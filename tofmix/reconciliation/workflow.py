@@ -15,6 +15,7 @@ from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
 from tofmix.reconciliation.comparison.compare import Compared, Place, localise
 from tofmix.reconciliation.evidence import Evidence, make_evidence
+from tofmix.reconciliation.ledger import Ledger, Named, WeighedSet
 from tofmix.reconciliation.likelihood.joint import Recording, joint_likelihood, renamed
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.memory import RandomValues, memory_gain, predicted_noise
@@ -26,6 +27,7 @@ from tofmix.reconciliation.search.name import TriedEffect
 from tofmix.reconciliation.search.refit import latent_states, numbers
 from tofmix.reconciliation.search.search_state import Settings, fit_part
 from tofmix.reconciliation.verification.aliases import Alias, aliases
+from tofmix.reconciliation.verification.considered import considered
 from tofmix.reconciliation.verification.next_steps import next_steps
 from tofmix.reconciliation.verification.rivals import better_model_effect, far_trends
 from tofmix.reconciliation.verification.verify import Verified, as_given, verify
@@ -118,6 +120,10 @@ class Reconciliation:
         Places where the model as given disagrees. If effects explain a part, places of the refined model come first.
     added, verified
         Results of the search and of the verification.
+    considered : tuple of WeighedSet
+        The sets of effects that were weighed: the named one first, then its aliases, then the next best.
+    is_complete : bool
+        Whether the search came to its end; if not, the names are the best so far.
     next_steps : tuple of str
         Next steps, the most useful first.
     suggested : tuple of (int, Effect)
@@ -132,6 +138,8 @@ class Reconciliation:
     left: tuple[Place, ...]
     added: Added
     verified: Verified
+    considered: tuple[WeighedSet, ...] = ()
+    is_complete: bool = True
     next_steps: tuple[str, ...] = ()
     suggested: tuple[tuple[int, Effect], ...] = ()
     measured_noise: bool = False
@@ -139,7 +147,7 @@ class Reconciliation:
     @property
     def aliases(self) -> tuple[Alias, ...]:
         """Explanations that the recording cannot separate."""
-        return aliases(self.added, named=bool(self.named))
+        return aliases(self.considered, named=bool(self.named))
 
     def advised(self, recording: int) -> tuple[NamedEffect, ...]:
         """The effects of the suggested model of one of the recordings, from 0: named ones, and advised ones."""
@@ -180,7 +188,9 @@ class Reconciliation:
                 "floor": rounded(v.floor.gap),
                 "closed": None if v.closed is None else rounded(v.closed),
             },
+            "considered": [_considered(weighed) for weighed in self.considered],
             "next_steps": list(self.next_steps),
+            "complete": self.is_complete,
         }
 
     def _effect(self, named: NamedEffect) -> dict[str, Any]:
@@ -205,13 +215,24 @@ class Reconciliation:
         return {"recording": number + 1} if len(self.models) > 1 else {}
 
 
+def _named_effects(names: Sequence[Named]) -> list[dict[str, str]]:
+    return [{"kind": kind} | ({"surface": of} if of else {}) for kind, of in names]
+
+
+def _considered(weighed: WeighedSet) -> dict[str, Any]:
+    return {
+        "effects": _named_effects(weighed.names),
+        "evidence_nats": round(weighed.evidence_nats, 1) + 0.0,
+        "why_not": weighed.why_not,
+    }
+
+
 def _alias(alias: Alias) -> dict[str, Any]:
-    sets = [[{"kind": kind} | ({"surface": of} if of else {}) for kind, of in named] for named in alias.sets]
     return {
         "kinds": alias.kinds,
-        "gains": [rounded(g) for g in alias.gains],
+        "gains": [round(g, 1) + 0.0 for g in alias.gains],
         "separate_by": alias.separate_by,
-        "effects": sets,
+        "effects": [_named_effects(names) for names in alias.sets],
     }
 
 
@@ -254,6 +275,7 @@ def reconcile(
     tick: Callable[[str], None] = lambda _: None,
     *,
     also: Sequence[Recording] = (),
+    ledger: Ledger | None = None,
 ) -> Reconciliation:
     """Find the effects that a model lacks, from one recording or from several of one camera.
 
@@ -270,6 +292,8 @@ def reconcile(
     also : sequence of (Model, Evidence)
         Further recordings of the same camera, each with the model of its scene. Effects of the camera have the same
         parameters in all.
+    ledger : Ledger, optional
+        Gets each set of effects that is weighed, and may end the search between two sets.
 
     Returns
     -------
@@ -286,8 +310,9 @@ def reconcile(
     for given in models:
         _refuse_what_no_prediction_takes(given)
     likelihood = joint_likelihood(recordings)
-    added, verified = _searched(likelihood, settings, tick)
-    if verified.verdict != "agree":
+    ledger = Ledger() if ledger is None else ledger
+    added, verified = _searched(likelihood, settings, tick, ledger)
+    if verified.verdict != "agree" and not ledger.ends():
         test = likelihood.evidence.part(fit=False, split=settings.split)
         stands = likelihood.value(added.state, test), added.chosen
         own = better_model_effect(recordings, likelihood, stands, settings)
@@ -300,7 +325,17 @@ def reconcile(
     if verified.verdict == "partly_explained":
         where = (*left, *where)
     named = tuple(_placed(n, likelihood, models) for n in _named(likelihood, added, verified, settings))
-    found = Reconciliation(models=models, named=named, where=where, left=left, added=added, verified=verified)
+    weighed = considered(likelihood, added, verified, settings, ledger)
+    found = Reconciliation(
+        models=models,
+        named=named,
+        where=where,
+        left=left,
+        added=added,
+        verified=verified,
+        considered=weighed,
+        is_complete=ledger.is_complete,
+    )
     advice = next_steps(likelihood, added, verified, found.aliases, settings)
     suggested = tuple((k, _of_model(effect, likelihood, models, k)) for k, effect in advice.suggested)
     return replace(found, next_steps=advice.steps, suggested=suggested)
@@ -327,7 +362,9 @@ def _refuse_what_no_prediction_takes(model: Model) -> None:
         )
 
 
-def _searched(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]) -> tuple[Added, Verified]:
+def _searched(
+    likelihood: Likelihood, settings: Settings, tick: Callable[[str], None], ledger: Ledger
+) -> tuple[Added, Verified]:
     """The first search that explains the recording; if none does, the first one with the best verdict.
 
     If a smooth law is better than the effects of a search, no further search runs: other effects would come nearer to
@@ -340,7 +377,7 @@ def _searched(likelihood: Likelihood, settings: Settings, tick: Callable[[str], 
         if given[1].verdict == "agree":
             return given
     tried: list[tuple[Added, Verified]] = []
-    for added in ways(likelihood, settings, tick):
+    for added in ways(likelihood, settings, tick, ledger):
         stood = any(v.law is not None for _, v in tried)
         tried.append(_judged(likelihood, added, settings, law_stood=stood))
         if tried[-1][1].verdict in DONE:

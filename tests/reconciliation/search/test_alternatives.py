@@ -1,13 +1,22 @@
 """Which other set of effects a search begins with, and how many numbers each of its effects has."""
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
+from support.recordings import recorded
 
-from tofmix.reconciliation.search.alternatives import Alternatives, Explained, best_of_names
+from tofmix.arrays import FloatArray
+from tofmix.reconciliation.likelihood.joint import joint_likelihood
+from tofmix.reconciliation.search import alternatives
+from tofmix.reconciliation.search.alternatives import Alternatives, Explained, as_candidates, best_of_names
 from tofmix.reconciliation.search.columns import Column, Term
 from tofmix.simulation.effects.range_offset import RangeOffset
+from tofmix.simulation.effects.search import Problem
+from tofmix.simulation.model import Model
 
 
 def a_set(evidence: float, *kinds: str) -> Explained:
@@ -62,3 +71,18 @@ def test_number_of_a_pose_is_chosen_given_those_of_poses_that_come_after_it() ->
     subsets: Any = Tabled(every, table)
     found = best_of_names(subsets, every, {t.name for t in every})
     assert [len(t.columns) for t in found.terms] == [1, 3]
+
+
+def test_search_whose_start_is_out_of_bounds_is_left_out(small: Model, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a short recording, the second term of a drift may begin beyond its bounds."""
+
+    def make(x: FloatArray) -> RangeOffset:
+        return RangeOffset(offset_mm=float(x[0]))
+
+    beyond, right = (Problem(make=make, starts=((start,),), steps=(1.0,)) for start in (math.inf, 3.0))
+    monkeypatch.setattr(alternatives, "problems", lambda *_: (beyond, right))
+    likelihood = joint_likelihood([(small, recorded(small, RangeOffset(offset_mm=9.0)))])
+    found = a_set(10.0, "range_offset")
+    found = replace(found, coefficients=(np.array([9.0]),))
+    (only,) = as_candidates(likelihood, likelihood.start(), found, likelihood.evidence.part(fit=True))
+    assert only.effect.numbers()["offset_mm"] == pytest.approx(9.0, abs=1.0)

@@ -53,6 +53,16 @@ def test_page_names_the_missing_effect_and_its_place(page: str) -> None:
     assert re.search(r'(src|srcset|href)="(?!data:)', page) is None
 
 
+@pytest.mark.slow
+def test_page_shows_the_weighed_sets_with_the_answer_first(page: str, explained: Reconciliation) -> None:
+    (table,) = re.findall(r'<table class="weighed">(.*?)</table>', page, re.DOTALL)
+    rows = re.findall(r"<tr><td>(.*?)</td><td>(.*?)</td><td>(.*?)</td></tr>", table)
+    assert [row[0] for row in rows[:1]] == ["range_offset"]
+    assert rows[0][2] == "the answer"
+    assert [row[2] for row in rows[1:]] == [w.why_not for w in explained.considered[1:]]
+    assert len(rows) == len(explained.considered) > 1
+
+
 def test_words_of_an_effect_have_four_digits() -> None:
     assert in_words(RangeOffset(offset_mm=9.123456)) == "every range is 9.123 mm longer"
 

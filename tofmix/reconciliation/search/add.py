@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tofmix.reconciliation.comparison.compare import Compared, compare, disagreements
+from tofmix.reconciliation.ledger import Ledger
 from tofmix.reconciliation.likelihood.joint import views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.search.alternatives import Alternatives, Explained, alternatives, apart, as_candidates
@@ -31,7 +32,6 @@ from tofmix.reconciliation.search.name import (
     tolerated,
 )
 from tofmix.reconciliation.search.pattern_fits import (
-    ALIAS_NATS,
     best_with_pattern,
     settled_within,
     together,
@@ -49,7 +49,6 @@ _TRIED = 4  # rivals that are compared with the model moved within its tolerance
 _FAIR = 0.5  # least score, as a share of the best one's, of a candidate that starts another search
 
 _COVERED = 0.999  # share of the beam that surfaces fill
-_ALIAS_SHARE = 0.002  # difference of gains, as a share, up to which candidates are equal
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,23 +63,28 @@ class Added:
         The added effects, in the order in which they were added.
     first : tuple of TriedEffect
         All candidates of the first round, best first.
-    aliases : tuple of tuple of TriedEffect
-        Groups of candidates that the recording cannot separate; a chosen one stands first.
     panel : Compared
         Panel on held-out frames of the refined model, moved within its tolerance to where it fits them best.
     sets : Alternatives or None
         The evidence of other sets of effects; None if no effect moves or widens samples and nothing stands out.
+    rivals : tuple of tuple of TriedEffect
+        For each of `chosen`: the other candidates of its round, best first.
     """
 
     state: ModelState
     chosen: tuple[TriedEffect, ...]
     first: tuple[TriedEffect, ...]
-    aliases: tuple[tuple[TriedEffect, ...], ...]
     panel: Compared
     sets: Alternatives | None = None
+    rivals: tuple[tuple[TriedEffect, ...], ...] = ()
 
 
-def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None] = lambda _: None) -> Iterator[Added]:
+def ways(
+    likelihood: Likelihood,
+    settings: Settings,
+    tick: Callable[[str], None] = lambda _: None,
+    ledger: Ledger | None = None,
+) -> Iterator[Added]:
     """Searches until the panel agrees, no candidate gains enough, or `max_effects` is reached; lazily, one by one.
 
     The first is greedy. If the comparison of all sets of effects finds a better set, of no more numbers or, if a
@@ -95,34 +99,40 @@ def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]
         Options of the search.
     tick : callable
         Called with each kind that was tried.
+    ledger : Ledger, optional
+        Gets each set that is fitted; if it ends the search, the first search ends with its effects so far.
     """
-    best = _begun(likelihood, settings, tick)
+    ledger = Ledger() if ledger is None else ledger
+    best = _begun(likelihood, settings, tick, ledger)
     added = _followed(best)
     if not added.chosen and not disagreements(added.panel, settings.alpha):
         yield added
         return
     first = _or_better(best, added)
     yield first
+    if ledger.ends():
+        return
     larger = None if first.sets is None else first.sets.better(larger=True)
     other = None if larger is None else _from_set(best, first, larger)
     if other is not None:
         yield other
     beginning = _beginning(best)
     if beginning is not None:
-        search = _begun(likelihood, settings, tick)
+        search = _begun(likelihood, settings, tick, ledger)
         search.first = best.first
-        _take(search, _Taken((beginning,), _near(beginning, best.first)), best.first)
+        _take(search, (beginning,), best.first)
         yield _followed(search)
 
 
-def _begun(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]) -> SearchState:
+def _begun(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None], ledger: Ledger) -> SearchState:
     """A search at its beginning: the model as given, with the fold of its range axis if the samples are a turn off."""
     start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
-    search = SearchState(likelihood, settings, tick, start)
+    search = SearchState(likelihood, settings, tick, start, ledger=ledger)
+    search.weigh(start, ())
     folded = fold(likelihood, start, held_out(likelihood, settings)) if settings.max_effects else None
     chance = math.log(max(len(settings.kinds), 1) / settings.alpha)
     if folded is not None and folded.kind in settings.kinds and folded.gain > chance:
-        _take(search, _Taken((folded,), ()), (folded,))
+        _take(search, (folded,), (folded,))
         search.begun = None  # other searches start from the folded axis too
     return search
 
@@ -130,7 +140,7 @@ def _begun(likelihood: Likelihood, settings: Settings, tick: Callable[[str], Non
 def _or_better(search: SearchState, added: Added) -> Added:
     """The outcome, or a subset of it that is enough, or another set of effects that explains more."""
     sets = added.sets
-    if sets is None:
+    if sets is None or search.ledger.ends():
         return added
     stands_out = bool(_open(search, added.panel))
     enough = None if stands_out else sets.enough
@@ -138,6 +148,8 @@ def _or_better(search: SearchState, added: Added) -> Added:
     if part is not None and not _open(search, part.panel):
         return part
     for better in (*_of_more_numbers(sets, added), *_alternatives(sets, larger=stands_out)):
+        if search.ledger.ends():
+            break
         other = None if better is enough else _elsewhere(search, added, better)  # `enough` did not explain it
         if other is None:  # it leads back
             continue
@@ -212,7 +224,10 @@ def _from_set(search: SearchState, added: Added, better: Explained) -> Added | N
     chosen = [*kept, *new]
     state = replace(state, effects=(*state.effects, *(c.effect for c in new)))
     state, chosen = refit(likelihood, state, chosen, part)
-    other = SearchState(likelihood, settings, search.tick, state, first=search.first)
+    other = SearchState(
+        likelihood, settings, search.tick, state, first=search.first, ledger=search.ledger, given=search.given
+    )
+    other.weigh(state, chosen)
     other.chosen, other.rivals = _with_gains(other, chosen), [()] * len(chosen)
     other.begun = chosen[-len(new)]
     drop(other)
@@ -252,21 +267,22 @@ def _followed(search: SearchState) -> Added:
     stood: list[list[tuple[str, str]]] = []
     while True:
         panel = _panel(likelihood, settings, search.state, search.chosen)
-        if not disagreements(panel, settings.alpha) or len(search.chosen) >= settings.max_effects:
+        done = not disagreements(panel, settings.alpha) or len(search.chosen) >= settings.max_effects
+        if done or search.ledger.ends():
             break
         names = sorted(name_of(c) for c in search.chosen)
         if names in stood or not _round(search, _open(search, panel)):  # an effect that was removed is added again
             break
         stood.append(names)
-    kept = {c.kind for c in search.chosen}
     told = any(summed_up(c.kind) for c in search.chosen) or bool(disagreements(panel, settings.alpha))
+    told = told and not search.ledger.ends()
     return Added(
         state=search.state,
         chosen=tuple(search.chosen),
         first=search.first,
-        aliases=tuple(group for group in search.aliases if group[0].kind in kept),
         panel=panel,
         sets=alternatives(likelihood, search.state, search.chosen, settings) if told else None,
+        rivals=tuple(search.rivals),
     )
 
 
@@ -318,8 +334,8 @@ def without_faint(likelihood: Likelihood, settings: Settings, added: Added, fail
         state=state,
         chosen=tuple(chosen),
         panel=_panel(likelihood, settings, state, chosen),
-        aliases=tuple(group for group in added.aliases if group[0].kind in kinds),
         sets=alternatives(likelihood, state, chosen, settings) if any(summed_up(k) for k in kinds) else None,
+        rivals=tuple(own for k, own in enumerate(added.rivals) if k not in faint),
     )
 
 
@@ -352,7 +368,10 @@ def _round(search: SearchState, open_: set[str]) -> bool:
     candidate must change stands out by more than these errors.
     """
     settings, likelihood = search.settings, search.likelihood
-    trial = begin_trial(likelihood, search.state, settings.split, settings.seed)
+    stands = search.evidence_nats(search.state, search.chosen)
+    trial = begin_trial(
+        likelihood, search.state, settings.split, settings.seed, ledger=search.ledger, evidence_nats=stands
+    )
     near = tolerated(likelihood, search.state, fit_part(likelihood, settings), settings.tolerance)
     allowed = max(0.0, likelihood.value(near, trial.test_part) - trial.base)
     tried = candidates(trial, settings.kinds, search.tick)
@@ -372,11 +391,11 @@ def _round(search: SearchState, open_: set[str]) -> bool:
     if found[0].score <= needed and beyond <= max(chance, faint_gain):
         faint = _faint_pattern(search, found, near, needed)
         if faint is not None:
-            _take(search, _Taken((faint,), ()), found)
+            _take(search, (faint,), found)
         return faint is not None
     taken = _best(search, trial, found, near, needed)
-    if len(taken.best) == 1 and taken.best[0].score <= needed:
-        taken = _Taken((found[0],), _near(found[0], found))
+    if len(taken) == 1 and taken[0].score <= needed:
+        taken = (found[0],)
     _take(search, _with_partner(search, trial, taken, max(chance, faint_gain)), found)
     return True
 
@@ -398,25 +417,20 @@ def _faint_pattern(
     return pattern if gain > needed else None
 
 
-@dataclass(frozen=True, slots=True)
-class _Taken:
-    """The effects that a round adds, and the candidates that the recording cannot separate from the first one."""
-
-    best: tuple[TriedEffect, ...]
-    aliases: tuple[TriedEffect, ...]
-
-
-def _with_partner(search: SearchState, trial: Trial, taken: _Taken, needed: float) -> _Taken:
+def _with_partner(
+    search: SearchState, trial: Trial, taken: tuple[TriedEffect, ...], needed: float
+) -> tuple[TriedEffect, ...]:
     """An effect that changes in time, with its static partner if the partner gains enough in its presence.
 
     Alone, the effect may absorb so much of both that the panel agrees, with wrong numbers.
     """
-    first, likelihood = taken.best[0], trial.likelihood
-    if len(taken.best) > 1 or not first.effect.static_partner or first.fitted is None:
+    first, likelihood = taken[0], trial.likelihood
+    if len(taken) > 1 or not first.effect.static_partner or first.fitted is None:
         return taken
     mixture = likelihood.mixture(first.state)
     base = likelihood.value(first.state, trial.test_part, mixture)
-    now = replace(trial, state=first.state, mixture=mixture, base=base)
+    stands = trial.evidence_of(first)
+    now = replace(trial, state=first.state, mixture=mixture, base=base, evidence_nats=stands)
     surface = getattr(first.effect, "surface", "")
     found = (c for c in candidates(now, (first.effect.static_partner,)) if getattr(c.effect, "surface", "") == surface)
     both = [together(now, [*(first.others or search.chosen), first], c) for c in found]
@@ -426,7 +440,7 @@ def _with_partner(search: SearchState, trial: Trial, taken: _Taken, needed: floa
         return taken
     *others, first = both[0].others
     state = replace(both[0].state, effects=both[0].state.effects[:-1])
-    return _Taken((replace(first, state=state, others=tuple(others)), both[0]), taken.aliases)
+    return replace(first, state=state, others=tuple(others)), both[0]
 
 
 def _tolerant(
@@ -458,12 +472,10 @@ def _tolerant(
     return [best, *(c for c in found if c is not best)], beyond
 
 
-def _take(search: SearchState, taken: _Taken, found: Sequence[TriedEffect]) -> None:
+def _take(search: SearchState, taken: tuple[TriedEffect, ...], found: Sequence[TriedEffect]) -> None:
     """Add candidates to the model, up to `max_effects`, and fit all effects again."""
-    best = taken.best[: search.settings.max_effects - len(search.chosen)]
+    best = taken[: search.settings.max_effects - len(search.chosen)]
     search.begun = search.begun or best[0]
-    if taken.aliases:
-        search.aliases.append((best[0], *taken.aliases))
     state = best[0].state
     for candidate in best[1:]:  # added with the first one; all are fitted again
         state = replace(state, effects=(*state.effects, candidate.effect))
@@ -474,11 +486,14 @@ def _take(search: SearchState, taken: _Taken, found: Sequence[TriedEffect]) -> N
     search.state = state
     part = fit_part(search.likelihood, search.settings)
     search.state, search.chosen = refit(search.likelihood, search.state, search.chosen, part)
+    search.weigh(search.state, search.chosen)
     exchange(search, part)
     drop(search)
 
 
-def _best(search: SearchState, trial: Trial, found: Sequence[TriedEffect], near: ModelState, needed: float) -> _Taken:
+def _best(
+    search: SearchState, trial: Trial, found: Sequence[TriedEffect], near: ModelState, needed: float
+) -> tuple[TriedEffect, ...]:
     """The best candidate; if it is a fixed pattern, an effect that gains in its presence comes first.
 
     Pixels of one value come before all others: they are certain, and a pattern would take them as large biases. Only a
@@ -486,17 +501,16 @@ def _best(search: SearchState, trial: Trial, found: Sequence[TriedEffect], near:
     """
     sure = {type(c.effect.hidden): c for c in found if c.score > 0}
     if PixelValue in sure:
-        first = sure.get(RangeStep, sure[PixelValue])
-        return _Taken((first,), _near(first, found))
+        return (sure.get(RangeStep, sure[PixelValue]),)
     if found[0].patterned:
         parts = fit_part(search.likelihood, search.settings), held_out(search.likelihood, search.settings)
         beside = best_with_pattern(trial, search.chosen, found, parts, near, search.settings.alpha)
         if beside is not None:
             # The pattern is added after all effects that gain in its presence, unless it hides the effect
             if not beside.patterned or beside.first.score > needed:
-                return _Taken((beside.first,), beside.rivals)
-            return _Taken((beside.first, _second(search, trial, found, beside.first, parts)), beside.rivals)
-    return _Taken((found[0],), _near(found[0], found))
+                return (beside.first,)
+            return beside.first, _second(search, trial, found, beside.first, parts)
+    return (found[0],)
 
 
 def _second(
@@ -509,9 +523,3 @@ def _second(
     rest = [c for c in found if c.static and name_of(c) != name_of(first)]
     beside = best_with_pattern(now, [*search.chosen, first], rest, parts, near, search.settings.alpha)
     return found[0] if beside is None else beside.first
-
-
-def _near(best: TriedEffect, found: Sequence[TriedEffect]) -> tuple[TriedEffect, ...]:
-    """Candidates of other kinds with nearly the same gain."""
-    limit = max(ALIAS_NATS, _ALIAS_SHARE * best.gain)
-    return tuple(c for c in found if c.kind != best.kind and abs(best.gain - c.gain) < limit)

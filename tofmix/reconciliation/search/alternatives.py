@@ -1,8 +1,9 @@
 """Other sets of effects that explain a recording as well as the found one, or better.
 
 All sets of effects that move or widen samples are compared with the summaries of the fitting frames
-(`tofmix.reconciliation.search.alternatives`). A set with nearly the same evidence is an alias. From a set that is
-clearly better, another search starts.
+(`tofmix.reconciliation.search.alternatives`). From a set that is clearly better, another search starts. The best are
+fitted to samples in the end (`tofmix.reconciliation.verification.considered`); those with nearly the same evidence then
+are aliases.
 
 Which sets of effects explain the summaries of a recording, and which of them cannot be separated.
 
@@ -47,11 +48,14 @@ class Explained:
         Logarithm of its marginal likelihood, over that without any effect, nats.
     coefficients : tuple of (coefficient,) float64
         Coefficients of each term, given the data.
+    occam : float
+        By how much the evidence is below the gain of the best coefficients: what their priors and errors cost, nats.
     """
 
     terms: tuple[Term, ...]
     evidence: float
     coefficients: tuple[FloatArray, ...]
+    occam: float = 0.0
 
     @property
     def names(self) -> frozenset[tuple[str, str]]:
@@ -108,11 +112,16 @@ class Subsets:
         at = np.concatenate([self._of[k] for k in numbers]) if len(numbers) else np.zeros(0, dtype=np.int64)
         root = np.linalg.cholesky(np.eye(at.size) + self._gram[np.ix_(at, at)])
         half = np.linalg.solve(root, self._pull[at])
-        evidence = 0.5 * float(half @ half) - float(np.log(np.diag(root)).sum())
-        evidence -= sum(math.log(t.choices) + t.price_nats for t in chosen)
-        found = np.linalg.solve(root.T, half) * self._prior[at]
+        best = np.linalg.solve(root.T, half)  # in units of the priors
+        volume = float(np.log(np.diag(root)).sum()) + sum(math.log(t.choices) + t.price_nats for t in chosen)
+        found = best * self._prior[at]
         cuts = np.cumsum([self._of[k].size for k in numbers])[:-1]
-        return Explained(terms=chosen, evidence=evidence, coefficients=tuple(np.split(found, cuts)) if chosen else ())
+        return Explained(
+            terms=chosen,
+            evidence=0.5 * float(half @ half) - volume,
+            coefficients=tuple(np.split(found, cuts)) if chosen else (),
+            occam=0.5 * float(best @ best) + volume,
+        )
 
     def all_up_to(self, size: int) -> list[Explained]:
         """All sets of at most `size` effects, each kind and surface once; one a combination of names, best first."""
@@ -210,9 +219,6 @@ def _hats(u: FloatArray, v: FloatArray) -> Iterator[FloatArray]:
 ALIAS_NATS = 4.0
 """Difference of evidence that does not separate two sets: odds of 55 to 1."""
 
-MOST_ALIASES = 3
-"""Most aliases that are listed."""
-
 _BETTER_NATS = 1.0  # evidence above the found set, from which a search starts from another set
 _LARGEST = 3  # most effects of a set
 
@@ -231,17 +237,6 @@ class Alternatives:
 
     found: Explained
     sets: tuple[Explained, ...]
-
-    @property
-    def aliases(self) -> tuple[Explained, ...]:
-        """Sets with nearly the evidence of the found one, without larger sets that contain such a set.
-
-        Subsets of the found set are left out, because without the rest the panel stood out.
-        """
-        least = max(self.found.evidence - ALIAS_NATS, 0.0)  # an alias must be better than no effect
-        near = [s for s in self.sets if s.evidence > least]
-        near = [s for s in near if not s.names > self.found.names and not s.names < self.found.names]
-        return tuple(s for s in near if not any(o.names < s.names for o in near))[:MOST_ALIASES]
 
     @property
     def enough(self) -> Explained | None:
@@ -394,7 +389,10 @@ def _problem(likelihood: Likelihood, state: ModelState, term: Term) -> Problem |
     """The search of a term's kind for its surface; of several, the one of its form or as many numbers."""
     own = []
     for problem in problems(term.kind, likelihood, likelihood.mixture(state)):
-        effect = problem.make(np.array(problem.starts[0]))
+        try:
+            effect = problem.make(np.array(problem.starts[0]))
+        except ValueError:  # the start is out of the effect's bounds, as in `candidates`
+            continue
         if getattr(effect, "surface", "") == term.surface:
             own.append(problem)
     return min(own, key=lambda p: (p.form != term.form, abs(p.parameters - term.searched)), default=None)

@@ -21,6 +21,7 @@ def exchange(search: SearchState, part: Part) -> None:
             effects = (*search.state.effects[:k], rival.effect, *search.state.effects[k + 1 :])
             trial = [*search.chosen[:k], rival, *search.chosen[k + 1 :]]
             state, trial = refit(likelihood, replace(search.state, effects=effects), trial, part)
+            search.weigh(state, trial)
             if likelihood.value(state, test) - rival.price > stood + needed:
                 search.state, search.chosen = state, trial
 
@@ -73,6 +74,7 @@ def drop(search: SearchState) -> None:
         if needed <= whole - worth_ < FAINT_SHARE * sum(c.gain for c in others) and not rest.pixel_bias.any():
             # The others were fitted together with it; without it they may have other numbers
             rest, others = refit(likelihood, rest, others, fit_part(likelihood, search.settings))
+            search.weigh(rest, others)
             worth_ = likelihood.value(rest, part)
         if whole - worth_ < needed or _is_pattern(search, k):
             search.state, search.chosen, whole = rest, others, worth_

@@ -7,7 +7,7 @@ tenth of that part) is a rival, `tolerated`: an effect must explain more than th
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -16,6 +16,7 @@ from scipy.optimize import minimize_scalar
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.reconciliation.evidence import BLOCK_FRAMES, Evidence
 from tofmix.reconciliation.likelihood.beats import FrameNoise, fit_beat
+from tofmix.reconciliation.ledger import Ledger, name_of_effect
 from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.memory import fit_memory, memory_gain
@@ -127,7 +128,10 @@ class TriedEffect:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trial:
-    """Data that all candidates of one round share."""
+    """Data that all candidates of one round share.
+
+    `ledger` receives each set that is fitted, with its evidence: that of the state is `evidence_nats`.
+    """
 
     likelihood: Likelihood
     state: ModelState
@@ -136,6 +140,18 @@ class Trial:
     fit_part: Part
     test_part: Part
     base: float
+    ledger: Ledger = field(default_factory=Ledger)
+    evidence_nats: float = 0.0
+
+    def weigh(self, candidate: "TriedEffect", why_not: str | None = None) -> None:
+        """Enter the state with one more effect into the ledger."""
+        names = [*map(name_of_effect, self.state.effects), name_of_effect(candidate.effect)]
+        self.ledger.weigh(names, self.evidence_of(candidate), why_not)
+
+    def evidence_of(self, candidate: "TriedEffect") -> float:
+        """Log evidence, nats, of the state with one more effect over that of the model as given."""
+        gain = of_all_samples(self.likelihood, self.test_part, candidate.gain)
+        return self.evidence_nats + gain - candidate.price
 
     @property
     def names(self) -> set[tuple[str, str]]:
@@ -151,8 +167,22 @@ class Trial:
         return (*self.likelihood.scene.effects, *self.state.effects)
 
 
-def begin_trial(likelihood: Likelihood, state: ModelState, split: str, seed: int) -> Trial:
-    """Prepare a round."""
+def of_all_samples(likelihood: Likelihood, part: Part, gain: float) -> float:
+    """The gain, nats, that all samples have where those of a part have this one."""
+    frames, pixels = likelihood.evidence.shape
+    return gain * (frames * pixels) / max(len(part[0]) * len(part[1]), 1)
+
+
+def begin_trial(
+    likelihood: Likelihood,
+    state: ModelState,
+    split: str,
+    seed: int,
+    *,
+    ledger: Ledger | None = None,
+    evidence_nats: float = 0.0,
+) -> Trial:
+    """Prepare a round; the ledger gets its sets, and the evidence is that of the state."""
     mixture = likelihood.mixture(state)
     test = likelihood.evidence.part(fit=False, split=split)
     frames, pixels = likelihood.evidence.shape
@@ -165,6 +195,8 @@ def begin_trial(likelihood: Likelihood, state: ModelState, split: str, seed: int
         fit_part=_thinned(likelihood.evidence, likelihood.evidence.part(fit=True, split=split)),
         test_part=test,
         base=likelihood.value(state, test, mixture),
+        ledger=Ledger() if ledger is None else ledger,
+        evidence_nats=evidence_nats,
     )
 
 
@@ -177,7 +209,7 @@ def _thinned(evidence: Evidence, part: Part) -> Part:
 
 
 def candidates(trial: Trial, kinds: Iterable[str], tick: Callable[[str], None] = lambda _: None) -> list[TriedEffect]:
-    """Every possible effect of these kinds, best first.
+    """Every possible effect of these kinds, best first; if the ledger ends the search, those that were tried so far.
 
     Parameters
     ----------
@@ -190,10 +222,14 @@ def candidates(trial: Trial, kinds: Iterable[str], tick: Callable[[str], None] =
     """
     found: list[TriedEffect] = []
     for kind in kinds:
+        if trial.ledger.ends():
+            break
         special = _BY_HIDDEN.get(type(EFFECTS[kind].hidden))
         if special is not None and not trial.has_hidden(EFFECTS[kind]):
             candidate = special(trial, EFFECTS[kind])
-            found += [] if candidate is None else [candidate]
+            if candidate is not None:
+                trial.weigh(candidate)
+                found.append(candidate)
         if special is None or isinstance(EFFECTS[kind], OwnProblems):
             found += _by_search(trial, kind)
         tick(kind)
@@ -203,6 +239,8 @@ def candidates(trial: Trial, kinds: Iterable[str], tick: Callable[[str], None] =
 def _by_search(trial: Trial, kind: str) -> list[TriedEffect]:
     out = []
     for problem in problems(kind, trial.likelihood, trial.mixture):
+        if trial.ledger.ends():
+            break
         if problem.starts and problem.starts[0] is not None:
             try:
                 surface = getattr(problem.make(np.array(problem.starts[0])), "surface", "")
@@ -213,17 +251,28 @@ def _by_search(trial: Trial, kind: str) -> list[TriedEffect]:
         fitted = fit(problem, trial.likelihood, trial.state, trial.fit_part)
         if not np.isfinite(fitted.value):
             continue
-        if fitted.at_a_bound:
-            continue
         state = replace(trial.state, effects=(*trial.state.effects, fitted.effect))
         gain = trial.likelihood.value(state, trial.test_part) - trial.base
         new = TriedEffect(effect=fitted.effect, gain=gain, parameters=problem.parameters, state=state, fitted=fitted)
-        if new.static and gain > 0:
-            ends = (trial.state, trial.mixture), (state, trial.likelihood.mixture(state))
-            if not moves_by_itself(trial.likelihood, *ends, trial.test_part):
-                continue
-        out.append(new)
+        why_not = _refused(trial, new)
+        trial.weigh(new, why_not)
+        if why_not is None:
+            out.append(new)
     return out
+
+
+def _refused(trial: Trial, new: TriedEffect) -> str | None:
+    """Why a candidate is none, whatever it gains; None for a candidate."""
+    if new.fitted is not None and new.fitted.at_a_bound:
+        return AT_A_BOUND
+    if new.static and new.gain > 0:
+        ends = (trial.state, trial.mixture), (new.state, trial.likelihood.mixture(new.state))
+        if not moves_by_itself(trial.likelihood, *ends, trial.test_part):
+            return f"{new.kind} moves no range: its only trace is noise"
+    return None
+
+
+AT_A_BOUND = "a number is at its bound, where another effect does the same"
 
 
 def moves_by_itself(

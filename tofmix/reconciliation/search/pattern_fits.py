@@ -22,9 +22,6 @@ from tofmix.reconciliation.search.static_fits import StaticFits
 from tofmix.simulation.effects.base import Effect, Target, with_hidden
 from tofmix.simulation.effects.hidden import PatternSpreads, PixelBias
 
-ALIAS_NATS = 6.0
-"""Differences of gains below this do not separate effects."""
-
 _EACH = 3  # alternations: of static effects and the model within its tolerance; of a drift and the other effects
 _FAIR = 0.5  # least score, as a share of the best one, of an effect in time that is fitted with all others
 _TRIED = 3  # best static candidates that are tried
@@ -71,13 +68,10 @@ class PatternFit:
         The best effect, with its numbers in the presence of the pattern.
     patterned : bool
         Whether the pattern still gains in the presence of the effect.
-    rivals : tuple of TriedEffect
-        Candidates of other kinds whose gain is less by at most `ALIAS_NATS`.
     """
 
     first: TriedEffect
     patterned: bool
-    rivals: tuple[TriedEffect, ...]
 
 
 def best_with_pattern(
@@ -131,9 +125,8 @@ def best_with_pattern(
             tried.append((value - price, other))
     if not tried:
         return None
-    top, first = max(tried, key=lambda pair: pair[0])
-    as_good = {c.kind: c for value, c in tried if value > top - ALIAS_NATS and c.kind != first.kind}
-    return PatternFit(first=first, patterned=_still_gains(trial, first, unseen), rivals=tuple(as_good.values()))
+    _, first = max(tried, key=lambda pair: pair[0])
+    return PatternFit(first=first, patterned=_still_gains(trial, first, unseen))
 
 
 def _still_gains(trial: Trial, other: TriedEffect, unseen: tuple[Part, Part]) -> bool:

@@ -41,6 +41,16 @@ def refit(
         fitted = fit(candidate.fitted.problem, likelihood, rest, part, start=candidate.fitted.vector)
         chosen[k] = replace(candidate, effect=fitted.effect, fitted=fitted)
         state = replace(state, effects=(*rest.effects[:k], fitted.effect, *rest.effects[k:]))
+    return all_together(likelihood, state, chosen, part)
+
+
+def all_together(
+    likelihood: Likelihood, state: ModelState, chosen: Sequence[TriedEffect], part: Part
+) -> tuple[ModelState, list[TriedEffect]]:
+    """The last step of `refit`, of effects that are fitted already: all numbers move together, with hidden states.
+
+    Parameters as of `refit`.
+    """
     state = latent_states(likelihood, state, part[0])
     last = settle(numbers(likelihood, state, chosen, part))
     ends = [replace(c, fitted=last.fits.get(k, c.fitted)) for k, c in enumerate(chosen)]

@@ -1,6 +1,6 @@
 """The state of a search: its settings, the data that fits may see, and the model with the effects added so far."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -8,8 +8,9 @@ import numpy as np
 from tofmix.errors import UsageError
 from tofmix.options import RECONCILE, check_options
 from tofmix.reconciliation.comparison.compare import Compared
+from tofmix.reconciliation.ledger import Ledger, Named, name_of_effect
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
-from tofmix.reconciliation.search.name import TriedEffect
+from tofmix.reconciliation.search.name import TriedEffect, of_all_samples
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,14 +64,16 @@ class SearchState:
         For each of `chosen`: the other candidates of its round, best first.
     first : tuple of TriedEffect
         All candidates of the first round, best first.
-    aliases : list of tuple of TriedEffect
-        Groups of candidates that the recording cannot separate; a chosen one stands first.
     begun : TriedEffect, optional
         The effect that was added first, even if it was removed later.
     before : Compared, optional
         Panel of the model as given.
     missed : set of str
         Kinds that were added while a statistic in which they must show stood out.
+    ledger : Ledger
+        Gets each set that is fitted.
+    given : float, optional
+        Log-likelihood of the model as given, on the held-out samples that score candidates.
     """
 
     likelihood: Likelihood
@@ -80,10 +83,23 @@ class SearchState:
     chosen: list[TriedEffect] = field(default_factory=list)
     rivals: list[tuple[TriedEffect, ...]] = field(default_factory=list)
     first: tuple[TriedEffect, ...] = ()
-    aliases: list[tuple[TriedEffect, ...]] = field(default_factory=list)
     begun: TriedEffect | None = None
     before: Compared | None = None
     missed: set[str] = field(default_factory=set)
+    ledger: Ledger = field(default_factory=Ledger)
+    given: float | None = None
+
+    def evidence_nats(self, state: ModelState, chosen: Sequence[TriedEffect]) -> float:
+        """Log evidence of fitted effects over that of the model as given, by held-out samples, for all samples."""
+        test = self.likelihood.evidence.part(fit=False, split=self.settings.split)
+        value = self.likelihood.value(state, test)
+        if self.given is None:
+            self.given = value if not chosen else self.likelihood.value(self.likelihood.start(), test)
+        return of_all_samples(self.likelihood, test, value - self.given) - sum(c.price for c in chosen)
+
+    def weigh(self, state: ModelState, chosen: Sequence[TriedEffect], why_not: str | None = None) -> None:
+        """Enter fitted effects into the ledger."""
+        self.ledger.weigh([name_of(c) for c in chosen], self.evidence_nats(state, chosen), why_not)
 
 
 def held_out(likelihood: Likelihood, settings: Settings) -> Part:
@@ -100,6 +116,6 @@ def fit_part(likelihood: Likelihood, settings: Settings) -> Part:
     return np.flatnonzero(likelihood.evidence.fit_frames), np.arange(likelihood.evidence.shape[1])
 
 
-def name_of(candidate: TriedEffect) -> tuple[str, str]:
+def name_of(candidate: TriedEffect) -> Named:
     """The identity of a candidate: its kind, and the surface on which it acts, if any."""
-    return candidate.kind, getattr(candidate.effect, "surface", "")
+    return name_of_effect(candidate.effect)

@@ -3,18 +3,13 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from tofmix.reconciliation.search.add import Added
-from tofmix.reconciliation.search.alternatives import ALIAS_NATS, MOST_ALIASES, Explained
-from tofmix.reconciliation.search.columns import summed_up
+from tofmix.reconciliation.ledger import Named, WeighedSet, set_text
+from tofmix.reconciliation.search.alternatives import ALIAS_NATS
+from tofmix.reconciliation.verification.considered import is_alias
 from tofmix.simulation.effects import EFFECTS
 
-NOTHING = "no effect"
-"""Name of an explanation without any effect."""
-
-_AND = " + "
-
-Named = tuple[str, str]
-"""An effect's kind and surface; the surface is empty for an effect of the camera."""
+MOST_ALIASES = 3
+"""Most aliases that are listed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,7 +21,7 @@ class Alias:
     sets : tuple of tuple of (str, str)
         For each explanation, its effects (kind, surface) that the others do not have; the found one stands first.
     gains : tuple of float
-        Gain of each, nats; only differences count.
+        Log evidence of each, nats, as in `considered`; only differences count.
     """
 
     sets: tuple[tuple[Named, ...], ...]
@@ -35,10 +30,8 @@ class Alias:
     @property
     def kinds(self) -> list[str]:
         """Each explanation in one string, such as ``range_offset + excess_noise``."""
-        plain = [_AND.join(kind for kind, _ in named) or NOTHING for named in self.sets]
-        if len(set(plain)) == len(plain):
-            return plain
-        return [_AND.join(f'{kind} "{surface}"' if surface else kind for kind, surface in s) for s in self.sets]
+        plain = [set_text((kind, "") for kind, _ in named) for named in self.sets]
+        return plain if len(set(plain)) == len(plain) else [set_text(named) for named in self.sets]
 
     @property
     def separate_by(self) -> str:
@@ -63,44 +56,41 @@ def _recordings(kinds: set[str]) -> list[str]:
     ]
 
 
-def aliases(added: Added, *, named: bool) -> tuple[Alias, ...]:
-    """Explanations that the recording cannot separate.
+def aliases(considered: Sequence[WeighedSet], *, named: bool) -> tuple[Alias, ...]:
+    """Explanations that the recording cannot separate: within `ALIAS_NATS` of each other.
 
     Parameters
     ----------
-    added : Added
-        The outcome of the search.
+    considered : sequence of WeighedSet
+        The answer and its rivals, on one scale of evidence.
     named : bool
-        Whether its effects are named. If not, the result is the best explanations that cannot be separated.
+        Whether the answer is named. If not, the result is the best explanations that cannot be separated.
     """
-    sets = added.sets
-    if sets is None:
+    if not considered:
         return ()
+    first, *others = considered
     if not named:
-        return _of_nothing(sets.sets)
-    found = sets.found
+        return _of_nothing([w for w in others if w.names])
+    own = frozenset(first.names)
     groups: dict[tuple[Named, ...], list[tuple[tuple[Named, ...], float]]] = {}
-    for other in sets.aliases:
-        mine, theirs = tuple(sorted(found.names - other.names)), tuple(sorted(other.names - found.names))
-        groups.setdefault(mine, []).append((theirs, other.evidence))
-    out = [
-        Alias(sets=(mine, *(s for s, _ in others)), gains=(found.evidence, *(g for _, g in others)))
-        for mine, others in groups.items()
-    ]
-    for head, *rest in added.aliases:  # kinds that summaries do not show
-        if not summed_up(head.kind):
-            each = tuple(((c.kind, getattr(c.effect, "surface", "")),) for c in (head, *rest))[: MOST_ALIASES + 1]
-            out.append(Alias(sets=each, gains=tuple(c.gain for c in (head, *rest))[: MOST_ALIASES + 1]))
-    return tuple(out)
+    for other in [w for w in others if is_alias(w, first)][:MOST_ALIASES]:
+        names = frozenset(other.names)
+        groups.setdefault(tuple(sorted(own - names)), []).append((tuple(sorted(names - own)), other.evidence_nats))
+    return tuple(
+        Alias(sets=(mine, *(s for s, _ in rest)), gains=(first.evidence_nats, *(g for _, g in rest)))
+        for mine, rest in groups.items()
+    )
 
 
-def _of_nothing(sets: Sequence[Explained]) -> tuple[Alias, ...]:
+def _of_nothing(sets: Sequence[WeighedSet]) -> tuple[Alias, ...]:
     """The best explanations that cannot be separated, without their common effects."""
-    if not sets or sets[0].evidence < ALIAS_NATS:
+    top = max((s.evidence_nats for s in sets), default=0.0)
+    if top < ALIAS_NATS:
         return ()
-    near = [s for s in sets if s.evidence > sets[0].evidence - ALIAS_NATS]
-    near = [s for s in near if not any(o.names < s.names for o in near)][: MOST_ALIASES + 1]
+    near = [s for s in sets if s.evidence_nats > top - ALIAS_NATS]
+    near = [s for s in near if not any({*o.names} < {*s.names} for o in near)][: MOST_ALIASES + 1]
     if len(near) < 2:  # noqa: PLR2004  one is separated from all others
         return ()
-    common = frozenset.intersection(*(s.names for s in near))
-    return (Alias(sets=tuple(tuple(sorted(s.names - common)) for s in near), gains=tuple(s.evidence for s in near)),)
+    common = frozenset.intersection(*(frozenset(s.names) for s in near))
+    apart = tuple(tuple(sorted(frozenset(s.names) - common)) for s in near)
+    return (Alias(sets=apart, gains=tuple(s.evidence_nats for s in near)),)

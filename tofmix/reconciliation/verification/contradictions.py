@@ -62,14 +62,14 @@ def contradictions(likelihood: Likelihood, added: Added, settings: Settings) -> 
     """
     if not added.chosen:
         return ()
-    found = [*_implausible(added.chosen)]
-    found = found or [*_refuted(likelihood, added.chosen, settings.alpha)]
+    found = [*implausible(added.chosen)]
+    found = found or [*refuted(likelihood, added.chosen, settings.alpha)]
     found = found or [*_instead_of_means(likelihood, added.state, added.panel, settings.alpha)]
     found = found or [*_by_others(likelihood, added, settings)]
     return tuple(found or _unknown(likelihood, added, settings))
 
 
-def _implausible(chosen: Sequence[TriedEffect]) -> Iterator[Contradiction]:
+def implausible(chosen: Sequence[TriedEffect]) -> Iterator[Contradiction]:
     """Effects with numbers beyond what their prior has."""
     for number, candidate in enumerate(chosen):
         effect = candidate.effect
@@ -83,7 +83,7 @@ def _possible(effect: Effect, name: str, limits: tuple[float, float]) -> bool:
     return bool(limits[0] <= effect.numbers()[name] <= limits[1])
 
 
-def _refuted(likelihood: Likelihood, chosen: Sequence[TriedEffect], alpha: float) -> Iterator[Contradiction]:
+def refuted(likelihood: Likelihood, chosen: Sequence[TriedEffect], alpha: float) -> Iterator[Contradiction]:
     """Effects that are less likely than none by the recorded amplitudes, by odds of more than 1 / alpha."""
     for number, candidate in enumerate(chosen):
         if sum(side.log_odds(candidate.effect) for side in likelihood.side_information) < math.log(alpha):

@@ -11,6 +11,7 @@ from scipy.stats import norm
 
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.reconciliation.comparison.compare import disagreements
+from tofmix.reconciliation.ledger import name_of_effect
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
 from tofmix.reconciliation.parameters.planes import PlanePose, measured_pose
 from tofmix.reconciliation.search.add import Added
@@ -147,11 +148,6 @@ def remedies(verified: Verified) -> list[str]:
     """How a user measures or lessens the named effects, a sentence each; empty without a name."""
     named = verified.state.effects if verified.verdict in ("explained", "partly_explained") else ()
     return list(dict.fromkeys(e.remedy for e in named if e.remedy))
-
-
-def name_of_effect(effect: Effect) -> tuple[str, str | None]:
-    """Kind and surface: a model has one effect of each."""
-    return effect.kind, getattr(effect, "surface", None)
 
 
 def worse(verified: Verified) -> Iterator[str]:

@@ -90,7 +90,7 @@ def as_given(likelihood: Likelihood, settings: Settings) -> tuple[Added, Verifie
     start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
     near = tolerated(likelihood, start, held, settings.tolerance)
     panel = compare(likelihood, near, held, seed=settings.seed)
-    added = Added(state=start, chosen=(), first=(), aliases=(), panel=panel)
+    added = Added(state=start, chosen=(), first=(), panel=panel)
     return added, verify(likelihood, added, settings)
 
 

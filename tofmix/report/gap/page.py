@@ -2,6 +2,7 @@
 
 from importlib import import_module
 
+from tofmix.reconciliation.ledger import set_text
 from tofmix.reconciliation.search.name import TriedEffect
 from tofmix.reconciliation.words import closed_text, effect_tables, effect_text, headline, in_words, p_text, where_text
 from tofmix.reconciliation.workflow import NamedEffect, Reconciliation
@@ -24,6 +25,8 @@ def render_gap(result: Reconciliation, *, source: str) -> str:
         left=[(where_text(p, result), p_text(p)) for p in result.left[:6]] if result.named else [],
         candidates=[(c.kind, _fitted(c, result), number(c.gain, ",.0f"), c.parameters) for c in result.candidates],
         aliases=said["aliases"],
+        considered=_considered(result),
+        complete=result.is_complete,
         added=_added(result),
         next_steps=result.next_steps,
         panel=said["panel"],
@@ -31,6 +34,15 @@ def render_gap(result: Reconciliation, *, source: str) -> str:
         maps=pictures.map_pictures(result),
         closed_text=closed_text,
     )
+
+
+def _considered(result: Reconciliation) -> list[tuple[str, str, str]]:
+    """The weighed sets, their evidence, and why they are not the answer; the answer itself has no reason."""
+    answer = "the answer" if result.named else "no effect is named"
+    return [
+        (set_text(w.names), number(w.evidence_nats, ",.1f"), answer if w.why_not is None else w.why_not)
+        for w in result.considered
+    ]
 
 
 def _fitted(candidate: TriedEffect, result: Reconciliation) -> str:
