@@ -35,6 +35,7 @@ from tofmix.simulation.events import (
     event_table,
     events_behind,
     frame_generator,
+    loss_draws,
     noisy_amplitude,
     shaped,
 )
@@ -65,17 +66,22 @@ def equation_1(truth: Truth, model: Model) -> Prediction:
     weight = np.vstack([seen, truth.weight_no_return.reshape(1, pixels)]).astype(np.float64)
     random = sensor.random_share
     random = random if isinstance(random, float) else random.ravel()
+    lost = np.zeros(pixels) if truth.lost is None else truth.lost.ravel()
     weight *= (1.0 - random) / weight.sum(axis=0)
+    weight *= 1.0 - lost
     amplitude = np.vstack([truth.amplitude.reshape(pixels, layers).T.astype(np.float64), np.zeros((1, pixels))])
+    sigma_mm = noise.sigma(ranges, amplitude)
+    if truth.width is not None:
+        sigma_mm[:-1] *= truth.width.reshape(pixels, layers).T
     return Prediction(
         turn_mm=Context(sensor=sensor, surfaces=(), seed=0).turn_mm,
         surface=np.vstack([truth.surface.reshape(pixels, layers).T.astype(np.int64), nothing]),
         true_range_mm=ranges,
         range_mm=ranges,
         amplitude=amplitude,
-        sigma_mm=noise.sigma(ranges, amplitude),
+        sigma_mm=sigma_mm,
         weight=weight,
-        invalid=np.zeros(pixels),
+        invalid=lost * (1.0 - random),
         outlier=random,
         limits_mm=(sensor.range_min_mm, sensor.range_max_mm),
         stuck_mm=np.full(pixels, np.nan),
@@ -143,6 +149,8 @@ class StillScene:
         Data of the scene for each acting effect.
     range_true : (row, col, layer) float32
         Its true ranges, mm.
+    lost : (pixel,) float64 or None
+        Share of the samples that are lost, of a measured scene.
     """
 
     table: EventTable
@@ -150,6 +158,7 @@ class StillScene:
     surface: IntArray
     expected: tuple[Any, ...]
     range_true: Float32Array
+    lost: FloatArray | None = None
 
 
 class Exposer:
@@ -208,6 +217,7 @@ class Exposer:
             surface=surface,
             expected=self._expect(truth, time_s),
             range_true=truth.range_true,
+            lost=None if truth.lost is None else truth.lost.ravel(),
         )
 
     def _expect(self, truth: Truth, time_s: float) -> tuple[Any, ...]:
@@ -259,6 +269,8 @@ class Exposer:
             With noise in the amplitudes too. Effects act on the amplitude of the light, which has none.
         """
         samples = _samples(scene, drawn, shaped(noise[0], self._shape), scene.sigma_mm, self._turn_mm)
+        if scene.lost is not None:
+            samples.lose(loss_draws(drawn.event.size, seed=self._seed, frame=frame) < scene.lost)
         self._act(samples, frame, scene, read_out=False)
         samples.measure()
         self._act(samples, frame, scene, read_out=True)
