@@ -3,8 +3,9 @@
 from pathlib import Path, PurePath
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tofmix.arrays import Float32Array, IntArray
+from tofmix.arrays import Float32Array
 from tofmix.errors import BadInputError
 from tofmix.io.layers.layers_file import LayersFile, open_layers
 from tofmix.io.next_command import next_command
@@ -12,9 +13,9 @@ from tofmix.io.recording.recording_file import file_sha256
 from tofmix.io.storage import check_input, read_text
 from tofmix.io.surfaces_file import open_surfaces
 from tofmix.simulation.builtin import BUILTIN_MODELS, builtin_text
-from tofmix.simulation.measured_scene import MeasuredScene, measured_scene
+from tofmix.simulation.measured_scene import SceneParts, measured_scene
 from tofmix.simulation.model import Model
-from tofmix.simulation.model_toml import CompleteCamera, SceneReader, parse_model
+from tofmix.simulation.model_toml import SceneReader, parse_model
 from tofmix.surfaces.found import NO_SURFACE
 from tofmix.surfaces.reconstruct import link_layers
 from tofmix.toml_table import MapReader, TomlTable
@@ -107,7 +108,7 @@ def _within(path: str, such_as: str) -> PurePath:
 def scene_of_model(file: Path) -> SceneReader:
     """Reader of the layers that a model names in ``[scene]``, and of their surfaces."""
 
-    def read_scene(table: TomlTable) -> tuple[CompleteCamera, MeasuredScene]:
+    def read_scene(table: TomlTable) -> SceneParts:
         window = table.integer("window") if "window" in table else 0
         frame_noise = table.number("frame_noise") if "frame_noise" in table else 0.0
         if not 0.0 <= frame_noise <= _MOST_FRAME_NOISE:
@@ -156,7 +157,7 @@ def scene_of_layers(
     surfaces: Path | None = None,
     frame_noise: float = 0.0,
     paths: tuple[str, str] = ("", ""),
-) -> tuple[CompleteCamera, MeasuredScene]:
+) -> SceneParts:
     """The camera and the scene of a window of an open layers file.
 
     Parameters
@@ -179,6 +180,7 @@ def scene_of_layers(
     if made.targets:
         raise BadInputError(f"{counted(made.targets, 'target')} a frame; a scene needs one sample a pixel and frame")
     frames = int(layers.window_stop[window] - layers.window_start[window])
+    numbers: NDArray[np.integer]
     if surfaces is not None:
         numbers = _numbers_of(surfaces, layers, window)
     elif layers.shape[1:] == (1, 1):
@@ -188,7 +190,7 @@ def scene_of_layers(
     return measured_scene(one, made.sensor, numbers, frames=frames, frame_noise=frame_noise, paths=paths)
 
 
-def _numbers_of(path: Path, layers: LayersFile, window: int) -> IntArray:
+def _numbers_of(path: Path, layers: LayersFile, window: int) -> NDArray[np.integer]:
     """The surface (row, col, layer) of each layer, from the surfaces file of these layers, numbered within it."""
     with open_surfaces(path) as file:
         if file.shape[0] <= window or file.shape[1:] != layers.shape[1:]:

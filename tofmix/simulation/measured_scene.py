@@ -6,7 +6,6 @@ places a surface moves the ranges of its layers along the beams. So everything a
 rectangles.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -138,6 +137,10 @@ class MeasuredScene:
         return np.asarray(1.0 / np.sqrt(self.width_spread**-2 + told))
 
 
+SceneParts = tuple[CompleteCamera, MeasuredScene]
+"""The camera and the scene of a recording."""
+
+
 def camera_of(sensor: Sensor, shape: tuple[int, int], *, longest_mm: float) -> tuple[CompleteCamera, list[str]]:
     """The camera of a model of what a sensor saw, and what was assumed of it.
 
@@ -200,7 +203,7 @@ def measured_scene(
     frames: int,
     frame_noise: float = 0.0,
     paths: tuple[str, str] = ("", ""),
-) -> tuple[CompleteCamera, MeasuredScene]:
+) -> SceneParts:
     """The scene of a window's layers, with its camera.
 
     Parameters
@@ -242,7 +245,7 @@ def measured_scene(
     samples = layers.n_samples.astype(np.int64)
     lost = np.zeros((rows, cols)) if layers.invalid_share is None else layers.invalid_share.astype(np.float64)
     lost = np.where(np.isfinite(lost), lost, 0.0)
-    own, planes = _planes(range_mm, there, surface, camera, amplitude)
+    own, planes = _planes(range_mm, there, surface, camera)
     return camera, MeasuredScene(
         range_mm=range_mm,
         share=np.where(there, weight / whole[:, :, None], np.nan),
@@ -276,7 +279,6 @@ def _planes(
     there: BoolArray,
     surface: NDArray[np.integer],
     camera: CompleteCamera,
-    amplitude: FloatArray | None,
 ) -> tuple[NDArray[np.int16], tuple[Surface, ...]]:
     """Numbers (row, col, layer) of surfaces, and the plane of each; those of too few layers are none.
 
@@ -287,19 +289,19 @@ def _planes(
     found: list[Surface] = []
     own = np.where(there, -2, -1).astype(np.int64)
     if camera.shape == (1, 1):
-        for layer in np.flatnonzero(there[0, 0]):
+        for layer in np.flatnonzero(there[0, 0]).tolist():
             place = beams[0, 0] * range_mm[0, 0, layer]
             half = range_mm[0, 0, layer] * np.tan(np.radians(_ONE_ZONE_DEG / 2))
             found.append(_plane(len(found), place[None], beams[0, 0], np.full(2, max(2 * half, 1.0))))
             own[0, 0, layer] = len(found) - 1
-    for number in np.unique(surface[there & (surface >= 0)]):
+    for number in np.unique(surface[there & (surface >= 0)]).tolist():
         row, col, layer = np.nonzero(there & (surface == number))
         points = beams[row, col] * range_mm[row, col, layer][:, None]
         normal = _normal(beams[row, col], range_mm[row, col, layer])
         if normal is None or len(found) >= np.iinfo(np.int16).max - 1:
             continue
         own[row, col, layer] = len(found)
-        found.append(_plane(int(number), points, normal, None))
+        found.append(_plane(number, points, normal, None))
     own[own == -2] = len(found)  # noqa: PLR2004  layers that are of no surface
     return own.astype(np.int16), tuple(found)
 
@@ -312,15 +314,14 @@ def _normal(beams: FloatArray, range_mm: FloatArray) -> FloatArray | None:
     length = float(np.linalg.norm(inverse))
     normal = inverse / max(length, _LEAST_NORMAL)
     seen = beams @ normal
-    return normal if length > _LEAST_NORMAL and (seen > 0).all() else None
+    return np.asarray(normal, dtype=np.float64) if length > _LEAST_NORMAL and (seen > 0).all() else None
 
 
 def _plane(number: int, points: FloatArray, normal: FloatArray, size_mm: FloatArray | None) -> Surface:
     """A surface of this number, as large as the points seen of it."""
     along = float((points @ normal).mean())
-    across = np.cross(
-        np.array([0.0, 1.0, 0.0]) if abs(normal[1]) < abs(normal[2]) else np.array([0.0, 0.0, 1.0]), normal
-    )
+    upright = np.array([0.0, 1.0, 0.0]) if abs(normal[1]) < abs(normal[2]) else np.array([0.0, 0.0, 1.0])
+    across = np.cross(upright, normal)
     u = across / np.linalg.norm(across)
     v = np.cross(normal, u)
     spans = np.stack([points @ u, points @ v], axis=1)
@@ -338,7 +339,7 @@ def _plane(number: int, points: FloatArray, normal: FloatArray, size_mm: FloatAr
 
 def scene_words(scene: MeasuredScene) -> str:
     """The scene in words."""
-    names: Sequence[str] = [f'"{surface.name}"' for surface in scene.surfaces]
+    names = [f'"{surface.name}"' for surface in scene.surfaces]
     layers, free = int((scene.surface >= 0).sum()), int((scene.surface == len(scene.surfaces)).sum())
     of = f", {free:,} of them of no surface" if free else ""
     return f"{layers:,} layers of {scene.layers_path or 'a recording'}{of}; surfaces: {', '.join(names) or 'none'}"

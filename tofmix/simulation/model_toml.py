@@ -33,7 +33,7 @@ from tofmix.simulation.effects import EFFECTS, Effect, PixelMap
 from tofmix.simulation.effects.base import LEVEL_NAMES, Level
 from tofmix.simulation.effects.parameter import Holds, Parameter
 from tofmix.simulation.effects.quantisation import Quantisation
-from tofmix.simulation.measured_scene import MeasuredScene, scene_words
+from tofmix.simulation.measured_scene import MeasuredScene, SceneParts, scene_words
 from tofmix.simulation.model import Model, RecordingSettings
 from tofmix.simulation.surface import Surface
 from tofmix.toml_table import MapReader, TomlTable, nearest, parse_toml, toml_string
@@ -42,7 +42,7 @@ from tofmix.wording import counted
 BACKGROUND_MAP = "noise_background.npy"
 """Path of the map of background shares beside the written model."""
 
-SceneReader = Callable[[TomlTable], tuple[CompleteCamera, MeasuredScene]]
+SceneReader = Callable[[TomlTable], SceneParts]
 """Reads the files that a table ``[scene]`` names; BadInputError, with the key, if it cannot."""
 
 _TABLE = re.compile(r"^\[sensor\.noise\][^\n]*\n(?:(?!\[)[^\n]*(?:\n|\Z))*", re.MULTILINE)
@@ -269,7 +269,7 @@ def parse_model(
         raise root.error(message, "" if message.startswith(("[[effect]]", "[sensor")) else "[[surface]]") from None
 
 
-def _read_scene(root: TomlTable, read_scene: SceneReader | None) -> tuple[CompleteCamera, MeasuredScene]:
+def _read_scene(root: TomlTable, read_scene: SceneReader | None) -> SceneParts:
     """The camera and the scene of the table ``[scene]``, beside which nothing else says what they are."""
     table = root.table("scene")
     table.refuse_unknown({"layers", "surfaces", "window", "frame_noise"})
