@@ -185,8 +185,8 @@ def measured_of_file(
     with opened_recording(source, reporter) as recording:
         if recording.shape[1:] != (1, 1):
             _check_recorded_view(recording)
-        settings, (_, rows, cols) = _settings(recording), recording.shape
-    with reporter.steps(rows * cols, "estimate", "px"), _estimated(source, workers, reporter) as layers:
+        settings, (_, rows, cols) = settings_of(recording), recording.shape
+    with reporter.steps(rows * cols, "estimate", "px"), estimated(source, workers, reporter) as layers:
         return _measured(layers, source, reporter, layers_path, 0, settings)
 
 
@@ -198,9 +198,47 @@ def _measured(
     window: int,
     recording: RecordingSettings | None,
 ) -> MeasuredModel:
+    return measured_model(layers, source, reporter, layers_path, window=window, settings=recording)[0]
+
+
+def measured_model(
+    layers: LayersFile,
+    source: Path,
+    reporter: Reporter,
+    layers_path: str,
+    *,
+    window: int = 0,
+    settings: RecordingSettings | None = None,
+    frame_noise: float = 0.0,
+) -> tuple[MeasuredModel, Model]:
+    """The model of the layers of a window: its files, and the model itself.
+
+    Parameters
+    ----------
+    layers : LayersFile
+        The layers.
+    source : Path
+        What they were made from, for messages and the remark at the head of the text.
+    reporter : Reporter
+        Receives notes.
+    layers_path : str
+        By which the text names the layers.
+    window : int
+        Number of the window.
+    settings : RecordingSettings, optional
+        Of the recording; without it the frames of the window, at the default rate.
+    frame_noise : float
+        As for `MeasuredScene`.
+
+    Raises
+    ------
+    BadInputError
+        If the directions of pixels or the noise are not known, or no pixel has a layer.
+    """
     sensor = layers.provenance.sensor
     try:
-        camera, scene = measured_scene_of(layers, window, paths=(layers_path, ""))
+        parts = measured_scene_of(layers, window, frame_noise=frame_noise, paths=(layers_path, ""))
+        camera, scene = parts
         assumed = camera_of(sensor, camera.shape, longest_mm=float(np.nanmax(scene.range_mm)))[1]
     except (ValueError, BadInputError) as error:
         raise BadInputError(f"{source}: window {window}: {error}") from error
@@ -210,10 +248,10 @@ def _measured(
         reporter.note(f"{source}: {note}")
     text = scene_text(
         scene,
-        recording or recording_settings(scene.frames, None),
+        settings or recording_settings(scene.frames, None),
         _effects(sensor),
         window=window,
-        remarks=[f"what {source.name} saw: written by tofmix {__version__} scene", *notes],
+        remarks=[f"what {source.name} saw: written by tofmix {__version__}", *notes],
     )
     values = {
         "window": window,
@@ -224,7 +262,8 @@ def _measured(
         "pixels_unknown": int((~scene.known).sum()),
         "notes": notes,
     }
-    return MeasuredModel(text=text, layers=layers.path.read_bytes(), values=values)
+    model = parse_model(text, source=str(source), read_scene=lambda _table: parts)
+    return MeasuredModel(text=text, layers=layers.path.read_bytes(), values=values), model
 
 
 def write_scene(
@@ -292,8 +331,8 @@ def scene_of_file(
         raise OptionError(f"{reporter.option('window')} {window}: {source} is a recording, which is one window here")
     with opened_recording(source, reporter) as recording:
         _check_recorded_view(recording)
-        settings, (_, rows, cols) = _settings(recording), recording.shape
-    with reporter.steps(rows * cols, "estimate", "px"), _estimated(source, workers, reporter) as layers:
+        settings, (_, rows, cols) = settings_of(recording), recording.shape
+    with reporter.steps(rows * cols, "estimate", "px"), estimated(source, workers, reporter) as layers:
         return scene_of_layers(layers, str(source), reporter, window=0, recording=settings, background=background)
 
 
@@ -311,19 +350,25 @@ def _check_recorded_view(recording: RecordingFile) -> None:
 
 
 @contextmanager
-def _estimated(recording: Path, workers: int, reporter: Reporter) -> Iterator[LayersFile]:
-    """Estimate a recording into a file for the time of the block."""
+def estimated(recording: Path, workers: int, reporter: Reporter, *, about: Path | None = None) -> Iterator[LayersFile]:
+    """Estimate a recording into a file for the time of the block; findings are said of `about`."""
     request = EstimateRequest(options=EstimateOptions(), workers=workers)
     with TemporaryDirectory(prefix="tofmix-") as folder:
         target = Path(folder) / f"{recording.stem}.layers.h5"
         estimate_file(
-            recording, target, request, FileRequest(memory_bytes=_MEMORY_BYTES), None, reporter, about=recording
+            recording,
+            target,
+            request,
+            FileRequest(memory_bytes=_MEMORY_BYTES),
+            None,
+            reporter,
+            about=about or recording,
         )
         with open_layers(target) as layers:
             yield layers
 
 
-def _settings(recording: RecordingFile) -> RecordingSettings:
+def settings_of(recording: RecordingFile) -> RecordingSettings:
     """As many frames as a recording has, at its rate."""
     time_s, frames = recording.read_time(), recording.shape[0] // max(1, recording.targets)
     return recording_settings(frames, time_s)

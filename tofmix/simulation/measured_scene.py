@@ -18,6 +18,7 @@ from tofmix.optics.projection import beam_directions_of
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.surface import MAX_LENGTH_MM, Surface, surface_along
+from tofmix.temporal_filter import TemporalFilter
 
 LEAST_SAMPLES = 8
 """Valid samples of a pixel, at least, from which its layers are taken as its distribution."""
@@ -26,8 +27,13 @@ OWN_ERROR = 0.02
 """Error of every mean, in sigma, beside that of chance: no scene and no camera stays the same to better than this."""
 
 _EXPONENT = 0.5  # of the law of the integration time, by counting photons: one recording does not tell it
+USUAL_SPREAD = 0.25
+"""Standard deviation of the logarithm of the widths of pixels where the recording was too short to show any: those of
+real cameras are 0.2 to 0.4."""
+
 _REFLECTIVITY = 0.8  # of a surface without amplitudes: the default of a model
 _ONE_ZONE_DEG = 25.0  # field of view of a sensor of one zone that does not give its own
+_SEEN_LOST = 0.5  # weight, in frames, of the image's mean share of lost samples: Jeffreys' prior
 _LEAST_NORMAL = 1e-9  # length of a normal that is none
 _PLANE_POINTS = 3  # that a plane needs
 
@@ -61,11 +67,15 @@ class MeasuredScene:
     range_error_mm : (row, col, layer) float64
         Standard error of each mean, of independent samples.
     width_spread : float
-        Standard deviation of the logarithm of pixels' widths, from which `width` was estimated; 0: pixels are alike.
+        Standard deviation of the logarithm of pixels' own widths, the prior of `width`.
+    recorded_spread : float
+        The same as the estimate found it; 0 if it found pixels alike.
     memory : float
         Correlation of the noise of a pixel from one frame to the next.
     frame_noise : float
         Standard deviation of what all samples of a frame have in common, in sigma.
+    temporal_filter : TemporalFilter or None
+        The camera's filter over time: `samples` are independent ones.
     layers_path, surfaces_path : str
         Files that a model names, relative to its own; surfaces may be empty.
     """
@@ -81,9 +91,11 @@ class MeasuredScene:
     frames: int
     samples: NDArray[np.int64]
     range_error_mm: FloatArray
-    width_spread: float = 0.0
+    width_spread: float = USUAL_SPREAD
+    recorded_spread: float = 0.0
     memory: float = 0.0
     frame_noise: float = 0.0
+    temporal_filter: TemporalFilter | None = None
     layers_path: str = ""
     surfaces_path: str = ""
 
@@ -131,8 +143,6 @@ class MeasuredScene:
 
         The posterior of a width with a normal prior of its logarithm; n samples have the information 2 n.
         """
-        if not self.width_spread:
-            return np.zeros(self.shape)
         told = 2.0 * np.where(self.known, self.samples, 0) / self.repeats
         return np.asarray(1.0 / np.sqrt(self.width_spread**-2 + told))
 
@@ -245,6 +255,8 @@ def measured_scene(
     samples = layers.n_samples.astype(np.int64)
     lost = np.zeros((rows, cols)) if layers.invalid_share is None else layers.invalid_share.astype(np.float64)
     lost = np.where(np.isfinite(lost), lost, 0.0)
+    usual = max(float(lost.mean()), _SEEN_LOST / (frames * lost.size))
+    lost = (lost * frames + _SEEN_LOST * usual) / (frames + _SEEN_LOST)
     own, planes = _planes(range_mm, there, surface, camera)
     return camera, MeasuredScene(
         range_mm=range_mm,
@@ -258,9 +270,11 @@ def measured_scene(
         frames=frames,
         samples=samples,
         range_error_mm=layers.range_stderr.astype(np.float64),
-        width_spread=spread if layers.noise_width is not None else 0.0,
+        width_spread=spread or USUAL_SPREAD,
+        recorded_spread=spread,
         memory=0.0 if sensor.learnt is None else sensor.learnt.memory,
         frame_noise=frame_noise,
+        temporal_filter=sensor.temporal_filter,
         layers_path=paths[0],
         surfaces_path=paths[1],
     )

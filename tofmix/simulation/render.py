@@ -99,7 +99,7 @@ def recording_sensor(model: Model, *, averaged: bool = False) -> Sensor:
         sensor = model.sensor.sensor()
         if model.scene is None or sensor.noise is None:
             return sensor
-        return replace(sensor, noise=replace(sensor.noise, width_spread=model.scene.width_spread))
+        return replace(sensor, noise=replace(sensor.noise, width_spread=model.scene.recorded_spread))
     model.sensor.turn_mm("--averaged")  # the mean is one of phasors
     check_averages(model)
     exposure_times(model.sensor)
