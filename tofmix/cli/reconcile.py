@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tofmix.cli.interrupts import asked_to_stop
-from tofmix.cli.options import PATH, declared, examples, json_option, overwrite_option
+from tofmix.cli.options import PATH, declared, default_workers, examples, json_option, overwrite_option
 from tofmix.cli.reporter import CommandReporter, Progress
 from tofmix.options import RECONCILE
 
@@ -22,12 +22,14 @@ tofmix reconcile my_scene.toml measured.h5 -o gap
 tofmix reconcile my_scene.toml measured.h5 -o gap --effects wiggling,range_offset,surface_pose
 tofmix reconcile near.toml near.h5 -o gap --also far.toml far.h5
 tofmix reconcile my_scene.toml measured.h5 -o gap --noise measured
+tofmix reconcile yesterday.h5 today.h5 -o gap
+tofmix reconcile --self measured.h5 -o gap
 tofmix simulate gap/model.toml -o refined.h5
 """
 )
 @click.command(short_help="Name the effect that a simulation lacks.")
-@click.argument("model")
-@click.argument("measured", type=PATH)
+@click.argument("model", required=False)
+@click.argument("measured", type=PATH, required=False)
 @click.option(
     "-o",
     "--output",
@@ -41,6 +43,15 @@ tofmix simulate gap/model.toml -o refined.h5
     multiple=True,
     metavar="MODEL MEASURED",
     help="Another recording of the same camera, with the model of its scene. Repeatable.",
+)
+@click.option(
+    "--self",
+    "own",
+    is_flag=False,
+    flag_value="",
+    metavar="[SHARE|FRAMES]",
+    help="Take the first frames of MEASURED as the reference, and compare the rest with them: a share below 1, or a"
+    " number of frames.  [default: a third]",
 )
 @declared(RECONCILE, "seed")
 @click.option("--effects", metavar="A,B,...", help="Kinds of effects to try.  [default: all]")
@@ -58,10 +69,11 @@ tofmix simulate gap/model.toml -o refined.h5
 @json_option
 @overwrite_option
 def reconcile(
-    model: str,
-    measured: Path,
+    model: str | None,
+    measured: Path | None,
     output: Path,
     also: tuple[tuple[str, Path], ...],
+    own: str | None,
     seed: int,
     effects: str | None,
     max_effects: int,
@@ -81,9 +93,71 @@ def reconcile(
     any effect does. Recordings given with --also share the effects' parameters.
     docs/reference/verdicts.md explains the verdicts.
 
+    In place of MODEL, a recording or a layers file is the reference: the scene as it was seen, with its errors. What
+    changed since is named. With --self, the first frames of one recording are the reference of the others.
+
     Ctrl-C ends the search between two sets of effects: the folder is written with
     the best so far. A second Ctrl-C ends the command at once, and writes nothing.
     """
+    share = None
+    if own is not None:
+        share, model, measured = _of_itself(own, model, measured)
+    elif model is None or measured is None:
+        raise click.UsageError("give MODEL and MEASURED, or --self and one recording")
+    return _run(
+        model,
+        measured,
+        output,
+        also=also,
+        share=share,
+        seed=seed,
+        effects=effects,
+        max_effects=max_effects,
+        alpha=alpha,
+        tolerance=tolerance,
+        noise=noise,
+        split=split,
+        trace=trace,
+        as_json=as_json,
+        overwrite=overwrite,
+    )
+
+
+def _of_itself(own: str, model: str | None, measured: Path | None) -> tuple[float, str, Path]:
+    """The share or number of frames, and the recording twice: --self takes the argument after it as its value."""
+    from tofmix.jobs.reference import SELF_SHARE
+
+    given = [text for text in (own, model, None if measured is None else str(measured)) if text]
+    try:
+        share = float(own)
+    except ValueError:
+        share = SELF_SHARE
+    else:
+        given = given[1:]
+    if len(given) != 1:
+        raise click.UsageError("--self takes one recording, and no model")
+    return share, given[0], Path(given[0])
+
+
+def _run(
+    model: str,
+    measured: Path,
+    output: Path,
+    *,
+    also: tuple[tuple[str, Path], ...],
+    share: float | None,
+    seed: int,
+    effects: str | None,
+    max_effects: int,
+    alpha: float,
+    tolerance: float,
+    noise: str | None,
+    split: str,
+    trace: bool,
+    as_json: bool,
+    overwrite: bool,
+) -> int:
+    """Reconcile files, print the outcome, and give the exit code."""
     from tofmix.errors import ExitCode
     from tofmix.io.model_file import load_model
     from tofmix.io.reconciliation import locked_folder, model_names, suggested_names
@@ -92,6 +166,7 @@ def reconcile(
     from tofmix.jobs.files import opened_recording
     from tofmix.jobs.reconcile import check_models, kinds_of, read_evidence, write_reconciliation
     from tofmix.jobs.reconcile import reconcile as run
+    from tofmix.jobs.reference import REFERENCE, Reference, first_frames, is_reference, reference_of_file
     from tofmix.reconciliation.search.search_state import Settings
     from tofmix.reconciliation.words import summary_lines
 
@@ -105,21 +180,33 @@ def reconcile(
     files = ((model, measured), *also)
     settings = Settings(kinds=kinds, max_effects=max_effects, alpha=alpha, tolerance=tolerance, split=split, seed=seed)
     with locked_folder(output, overwrite=overwrite, models=len(files)):
-        models = [(name, load_model(name)) for name, _ in files]  # before recordings, which take longer to read
+        reference: Reference | None = None
+        if share is not None:
+            reference = first_frames(measured, share, reporter, workers=default_workers())
+        elif is_reference(Path(model)):
+            reference = reference_of_file(Path(model), reporter, workers=default_workers())
+        rest = files if reference is None else also
+        models = [] if reference is None else [(model, reference.model)]
+        models += [(name, load_model(name)) for name, _ in rest]  # before recordings, which take longer to read
         check_models(models)
         recordings = []
+        after = 0 if reference is None else reference.frames
         for (_, scene), (_, path) in zip(models, files, strict=True):
             with opened_recording(path, reporter) as file:
                 time_s, temperature_c = file.read_time(), file.read_temperature()
                 recordings.append(
-                    (scene, read_evidence(scene, file, reporter, time_s=time_s, temperature_c=temperature_c))
+                    (
+                        scene,
+                        read_evidence(scene, file, reporter, time_s=time_s, temperature_c=temperature_c, after=after),
+                    )
                 )
         with Progress(len(kinds) * max(max_effects, 1), "reconcile", "kind") as bar, asked_to_stop() as stopped:
             reporter = _KindReporter(bar, len(kinds), stopped, trace=trace)
             result = run(recordings, settings, noise, learnt, reporter)
             bar.total = bar.done  # no other way is tried: the page is left
             bar.describe("reconcile: page")
-            write_reconciliation(result, files, output, overwrite=overwrite)
+            beside = {} if reference is None else {REFERENCE: reference.layers}
+            write_reconciliation(result, files, output, overwrite=overwrite, beside=beside)
     if as_json:
         click.echo(json.dumps(result.as_dict(), indent=2, allow_nan=False))
         return ExitCode.INTERRUPTED if stopped() else ExitCode.DONE

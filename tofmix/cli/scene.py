@@ -1,4 +1,4 @@
-"""``tofmix scene``: a recording, its layers or its surfaces in; a model of the scene for editing out."""
+"""``tofmix scene``: a recording, its layers or its surfaces in; a model of the scene out."""
 
 import json
 from pathlib import Path
@@ -7,11 +7,11 @@ import click
 
 from tofmix.cli.options import PATH, default_workers, examples, json_option, overwrite_option
 from tofmix.cli.reporter import CommandReporter
-from tofmix.errors import UsageError
 
 
 @examples(
     """
+tofmix scene boards.h5 -o scene.toml
 tofmix scene boards.h5 --planes -o scene.toml
 tofmix scene boards.layers.h5 --planes -o scene.toml
 tofmix scene fine.surfaces.h5 --planes -o scene.toml
@@ -19,14 +19,14 @@ tofmix simulate scene.toml -o again.h5
 tofmix reconcile scene.toml another.h5 -o gap
 """
 )
-@click.command(short_help="Write what a recording saw as a model for editing.")
+@click.command(short_help="Write what a recording saw as a model.")
 @click.argument("source", type=PATH)
 @click.option("-o", "--output", type=PATH, required=True, help="Model to write, a TOML file.")
 @click.option(
     "--planes",
     is_flag=True,
     allow_from_autoenv=False,
-    help="Write each plane as a rectangle. Required: a model has no other form of a measured scene.",
+    help="Write each plane as a rectangle, for editing. Without it, the layers themselves are the scene.",
 )
 @click.option(
     "--window", type=click.IntRange(0), default=0, show_default=True, help="Window of layers or surfaces, from 0."
@@ -43,16 +43,17 @@ def scene(
 ) -> None:
     """Write the scene that SOURCE saw as a model, a TOML file that simulate and reconcile read.
 
-    SOURCE is a recording, which is estimated as tofmix estimate does; a layers file, whose surfaces are found as
-    tofmix surfaces does; or a surfaces file. Each plane becomes a [[surface]], the least rectangle about its outline.
-    The camera and its noise become [sensor] and [sensor.noise]. Smooth surfaces that are no planes are left out and
-    counted, and so are the pixels in which a rectangle changes a share.
-    """
-    from tofmix.jobs.scene import write_scene
+    SOURCE is a recording, which is estimated as tofmix estimate does; or a layers file. The model's [scene] names the
+    layers, which are written beside it: each pixel keeps its ranges, shares, amplitudes and widths as measured. Its
+    surfaces have the numbers of tofmix surfaces.
 
-    if not planes:
-        raise UsageError("give --planes: rectangles of planes are the one form in which a scene is written")
-    made = write_scene(
+    With --planes, each plane becomes a [[surface]], the least rectangle about its outline, and SOURCE may also be a
+    surfaces file. The camera and its noise become [sensor] and [sensor.noise]. Smooth surfaces that are no planes are
+    left out and counted, and so are the pixels in which a rectangle changes a share.
+    """
+    from tofmix.jobs.scene import write_measured, write_scene
+
+    made = (write_scene if planes else write_measured)(
         source,
         output,
         CommandReporter(),

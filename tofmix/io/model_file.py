@@ -3,15 +3,23 @@
 from pathlib import Path, PurePath
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array
 from tofmix.errors import BadInputError
+from tofmix.io.layers.layers_file import LayersFile, open_layers
 from tofmix.io.next_command import next_command
+from tofmix.io.recording.recording_file import file_sha256
 from tofmix.io.storage import check_input, read_text
+from tofmix.io.surfaces_file import open_surfaces
 from tofmix.simulation.builtin import BUILTIN_MODELS, builtin_text
+from tofmix.simulation.measured_scene import SceneParts, measured_scene
 from tofmix.simulation.model import Model
-from tofmix.simulation.model_toml import parse_model
-from tofmix.toml_table import MapReader
+from tofmix.simulation.model_toml import SceneReader, parse_model
+from tofmix.surfaces.found import NO_SURFACE
+from tofmix.surfaces.reconstruct import link_layers
+from tofmix.toml_table import MapReader, TomlTable
+from tofmix.wording import counted
 
 _IMAGE_RANK = 2  # (row, col)
 
@@ -47,7 +55,7 @@ def load_model(name: str) -> Model:
     if not Path(name).is_file():
         return parse_model(text, source=name)
 
-    return parse_model(text, source=name, read_map=maps_of_model(Path(name)))
+    return parse_model(text, source=name, read_map=maps_of_model(Path(name)), read_scene=scene_of_model(Path(name)))
 
 
 def maps_of_model(file: Path) -> MapReader:
@@ -70,9 +78,7 @@ def _read_map(folder: Path, path: str, shape: tuple[int, int] | None) -> Float32
     ValueError
         If the path is absolute or leaves the folder, or there is no such array.
     """
-    relative = PurePath(path)
-    if not path or relative.is_absolute() or ".." in relative.parts:
-        raise ValueError(f'"{path}": expected a path within the model\'s folder, such as "pattern.npy"')
+    relative = _within(path, "pattern.npy")
     try:
         # Mapped, so that a header that declares terabytes costs nothing
         array = np.load(folder / relative, mmap_mode="r", allow_pickle=False)
@@ -89,3 +95,109 @@ def _read_map(folder: Path, path: str, shape: tuple[int, int] | None) -> Float32
     if shape is not None and array.shape != shape:
         raise ValueError(f'"{path}": shape {array.shape} differs from the image {shape}')
     return array.astype(np.float32)
+
+
+def _within(path: str, such_as: str) -> PurePath:
+    """The relative path of a file of a model; ValueError if it leaves the model's folder."""
+    relative = PurePath(path)
+    if not path or relative.is_absolute() or ".." in relative.parts:
+        raise ValueError(f'"{path}": expected a path within the model\'s folder, such as "{such_as}"')
+    return relative
+
+
+def scene_of_model(file: Path) -> SceneReader:
+    """Reader of the layers that a model names in ``[scene]``, and of their surfaces."""
+
+    def read_scene(table: TomlTable) -> SceneParts:
+        window = table.integer("window") if "window" in table else 0
+        frame_noise = table.number("frame_noise") if "frame_noise" in table else 0.0
+        if not 0.0 <= frame_noise <= _MOST_FRAME_NOISE:
+            raise table.error(f"{frame_noise:g} is not in [0, {_MOST_FRAME_NOISE:g}] sigma", "frame_noise")
+        names = [table.text("layers"), table.text("surfaces") if "surfaces" in table else ""]
+        paths = [
+            _file_of(file.parent, name, table, key) for name, key in zip(names, ("layers", "surfaces"), strict=True)
+        ]
+        with open_layers(paths[0]) as layers:
+            if not 0 <= window < layers.shape[0]:
+                raise table.error(f"{window}: {paths[0]} has windows 0 to {layers.shape[0] - 1}", "window")
+            try:
+                return scene_of_layers(
+                    layers,
+                    window,
+                    surfaces=paths[1] if names[1] else None,
+                    frame_noise=frame_noise,
+                    paths=(names[0], names[1]),
+                )
+            except (ValueError, BadInputError) as error:
+                raise table.error(f"{paths[0]}: {error}", "layers") from None
+
+    return read_scene
+
+
+_MOST_FRAME_NOISE = 10.0  # sigma
+
+
+def _file_of(folder: Path, name: str, table: TomlTable, key: str) -> Path:
+    """A file that ``[scene]`` names."""
+    if not name and key not in table:
+        return folder
+    try:
+        path = folder / _within(name, "first.layers.h5")
+    except ValueError as error:
+        raise table.error(str(error), key) from None
+    if not path.is_file():
+        raise table.error(f'"{name}": no such file beside the model', key)
+    return path
+
+
+def scene_of_layers(
+    layers: LayersFile,
+    window: int,
+    *,
+    surfaces: Path | None = None,
+    frame_noise: float = 0.0,
+    paths: tuple[str, str] = ("", ""),
+) -> SceneParts:
+    """The camera and the scene of a window of an open layers file.
+
+    Parameters
+    ----------
+    layers : LayersFile
+        The layers; of one sample a frame.
+    window : int
+        A window of it.
+    surfaces : Path, optional
+        The surfaces file of these layers; without it, neighbouring layers are linked here.
+    frame_noise, paths
+        As for `measured_scene`.
+
+    Raises
+    ------
+    ValueError, BadInputError
+        If the layers have several targets, no noise, or no directions of pixels; if surfaces are of other layers.
+    """
+    made, one = layers.provenance, layers.read_window(window)
+    if made.targets:
+        raise BadInputError(f"{counted(made.targets, 'target')} a frame; a scene needs one sample a pixel and frame")
+    frames = int(layers.window_stop[window] - layers.window_start[window])
+    numbers: NDArray[np.integer]
+    if surfaces is not None:
+        numbers = _numbers_of(surfaces, layers, window)
+    elif layers.shape[1:] == (1, 1):
+        numbers = np.full(one.range.shape, NO_SURFACE, dtype=np.int32)
+    else:
+        numbers = link_layers(one, made.sensor)
+    return measured_scene(one, made.sensor, numbers, frames=frames, frame_noise=frame_noise, paths=paths)
+
+
+def _numbers_of(path: Path, layers: LayersFile, window: int) -> NDArray[np.integer]:
+    """The surface (row, col, layer) of each layer, from the surfaces file of these layers, numbered within it."""
+    with open_surfaces(path) as file:
+        if file.shape[0] <= window or file.shape[1:] != layers.shape[1:]:
+            raise BadInputError(f"{path} is of other layers: {file.shape} windows, rows and columns")
+        if file.provenance.source_sha256 != file_sha256(layers.path):
+            raise BadInputError(f"{path} is of other layers: {next_command('surfaces', layers.path)}")
+        numbers = file.read_image("surface", window)
+    if numbers.shape != (*layers.shape[1:], layers.max_layers):
+        raise BadInputError(f"{path} is of other layers: {numbers.shape[-1]} layers a pixel")
+    return np.asarray(numbers)

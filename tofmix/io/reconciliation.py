@@ -11,9 +11,10 @@ import io
 import json
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -127,6 +128,7 @@ def write_folder(
     overwrite: bool,
     inputs: tuple[Path, ...] = (),
     suggested_texts: Sequence[str] = (),
+    beside: Mapping[str, bytes] = MappingProxyType({}),
 ) -> None:
     """Write a reconciliation.
 
@@ -146,9 +148,11 @@ def write_folder(
         As for `AtomicFile`.
     suggested_texts : sequence of str
         The models with what the next steps advise, one for each recording; empty if they advise no effect.
+    beside : mapping of str to bytes
+        Further files that the models name, by their path relative to the folder.
     """
     check_folder(folder, overwrite=overwrite, models=len(model_texts))
-    contents: dict[Path, bytes] = {}
+    contents: dict[Path, bytes] = {folder / name: data for name, data in beside.items()}
     for name, values in maps.items():
         buffer = io.BytesIO()
         np.save(buffer, values.astype(np.float32), allow_pickle=False)

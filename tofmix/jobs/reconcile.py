@@ -1,17 +1,20 @@
 """Reconcile models with recordings: checks, doubts, the noise that is tried, and the folder of results."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.errors import BadInputError
+from tofmix.independent_samples import independent_samples
 from tofmix.io.layers.layers_file import open_layers
 from tofmix.io.next_command import import_command
 from tofmix.io.reconciliation import write_folder
+from tofmix.jobs.reference import check_same_camera
 from tofmix.jobs.reporter import OptionError, Reporter
 from tofmix.optics.geometry import largest_angle_deg
 from tofmix.optics.projection import beam_directions_of, pixel_extent_rad
@@ -36,9 +39,11 @@ from tofmix.report.gap.page import render_gap
 from tofmix.sensor import Sensor
 from tofmix.simulation.effects.base import with_hidden
 from tofmix.simulation.effects.hidden import PixelBias
+from tofmix.simulation.measured_scene import LEAST_SAMPLES, MeasuredScene
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import background_path
 from tofmix.toml_table import nearest
+from tofmix.wording import counted
 
 Recordings = list[tuple[Model, Evidence]]
 
@@ -79,8 +84,9 @@ def read_evidence(
     *,
     time_s: FloatArray | None,
     temperature_c: FloatArray | None,
+    after: int = 0,
 ) -> Evidence:
-    """Read a recording into memory, and say where it and the model differ."""
+    """Read a recording into memory, from frame `after` on, and say where it and the model differ."""
     name, every = source.name, slice(None)
     if source.targets:
         raise BadInputError(
@@ -92,8 +98,13 @@ def read_evidence(
             f"{name}: range: {samples:,} samples; reconcile holds them all in memory, {_MOST_SAMPLES:,} at most"
         )
     light = amplitude_source(source)
-    range_mm = source.read_range(every, every)
+    range_mm, begins_s = source.read_range(every, every), 0.0
     amplitude = None if light is None else light.read_amplitude(every, every)
+    if model.scene is not None:
+        check_same_camera(model.scene, model.sensor.sensor(), name, source.sensor, source.shape[1:])
+        range_mm, kept = _of_scene(model.scene, source, range_mm, after, reporter)
+        begins_s = _since_middle(kept[0], after, time_s, model.recording.frame_rate_hz)
+        amplitude, time_s, temperature_c = (None if x is None else x[kept] for x in (amplitude, time_s, temperature_c))
     for number in ("modulation_frequency_hz", "integration_time_ms"):
         own, models = getattr(source.sensor, number), getattr(model.sensor, number)
         if own is not None and models is not None and not math.isclose(own, models, rel_tol=_SAME):
@@ -118,9 +129,46 @@ def read_evidence(
             amplitude=amplitude,
             temperature_c=temperature_c,
             integration_time_ms=source.sensor.integration_time_ms,
+            begins_s=begins_s,
         )
     except BadInputError as error:
         raise BadInputError(f"{name}: {error}") from error
+
+
+def _of_scene(
+    scene: MeasuredScene, source: CameraSource, range_mm: Float32Array, after: int, reporter: Reporter
+) -> tuple[Float32Array, IntArray]:
+    """The samples that are compared with a scene, and the numbers of their frames.
+
+    Those of pixels that the scene does not know are left out. Where the camera filters its ranges over time, they are
+    the independent ones, as those of the scene are.
+    """
+    if scene.temporal_filter is not None:
+        filtered = source.with_sensor(replace(source.sensor, temporal_filter=scene.temporal_filter))
+        range_mm = independent_samples(filtered).read_range(slice(None), slice(None))
+    unknown = ~scene.known
+    if unknown.any():
+        reporter.note(
+            f"{source.name}: {counted(int(unknown.sum()), 'pixel', ',')} left out: the reference has fewer than"
+            f" {LEAST_SAMPLES} samples there"
+        )
+    range_mm = np.where(unknown | ~np.isfinite(range_mm), np.float32(np.nan), range_mm)
+    kept = np.arange(after, len(range_mm))
+    if scene.temporal_filter is not None:
+        kept = kept[np.isfinite(range_mm[kept]).any(axis=(1, 2))]
+    return range_mm[kept], kept
+
+
+def _since_middle(first: int, reference: int, time_s: FloatArray | None, frame_rate_hz: float) -> float:
+    """Time of the first compared frame since the middle of the reference, s, if this is the frames before; else 0.
+
+    What moves steadily moves within the reference too, whose means are those of its middle.
+    """
+    if not reference:
+        return 0.0
+    if time_s is None:
+        return (first - (reference - 1) / 2) / frame_rate_hz
+    return max(float(time_s[first] - time_s[:reference].mean()), 0.0)
 
 
 def _say_other_optics(source: CameraSource, model: Model, reporter: Reporter) -> None:
@@ -133,6 +181,11 @@ def _say_other_optics(source: CameraSource, model: Model, reporter: Reporter) ->
     except ValueError as error:
         raise BadInputError(f"{source.name}: sensor: {error}") from error
     if off_deg > _SAME_PLACE * math.degrees(float(pixel_extent_rad(models, shape).min())):
+        if model.scene is not None:
+            raise BadInputError(
+                f"{source.name}: sensor: another lens than the reference's: directions of pixels differ by up to"
+                f" {off_deg:.2g} degrees"
+            )
         reporter.warn(
             f"{source.name}: sensor: its pixels see {own.words(shape)}; the model's see {models.words(shape)};"
             f" directions differ by up to {off_deg:.2g} degrees"
@@ -173,6 +226,13 @@ def reconcile(
         Receives a step of progress for each kind that was tried, and each set of effects that was weighed. If it is
         stopped, the search ends between two sets, with the best so far.
     """
+    measured = any(model.scene is not None for model, _ in recordings)
+    if measured and noise not in (None, MODEL):
+        raise OptionError(
+            f"{reporter.option('noise')}: the noise of a measured scene is compared too; leave the option out"
+        )
+    if measured and len(recordings) > 1:
+        raise OptionError(f"{reporter.option('also')}: a measured scene is compared with one recording")
 
     def found(recordings: Recordings) -> Reconciliation:
         ledger = Ledger(lambda weighed: reporter.weighed(weighed.line), reporter.is_stopped)
@@ -182,7 +242,7 @@ def reconcile(
         other = measured_models(recordings, _sensor_of(noise, learnt, reporter))
         return with_note((found(other), other), recordings, settings)
     result = found(recordings)
-    if noise is None and is_open(result) and result.is_complete:
+    if noise is None and not measured and is_open(result) and result.is_complete:
         try:
             with reporter.aside():
                 other = measured_models(recordings, learnt())
@@ -215,9 +275,14 @@ def _sensor_of(noise: str | Sensor | None, learnt: Callable[[], Sensor], reporte
 
 
 def write_reconciliation(
-    result: Reconciliation, files: Sequence[tuple[str, Path]], output: Path, *, overwrite: bool
+    result: Reconciliation,
+    files: Sequence[tuple[str, Path]],
+    output: Path,
+    *,
+    overwrite: bool,
+    beside: Mapping[str, bytes] = MappingProxyType({}),
 ) -> None:
-    """Write the folder of a reconciliation of models with recordings."""
+    """Write the folder of a reconciliation of models with recordings; `beside` are further files that models name."""
 
     def texts(tables: Callable[[Reconciliation, int], str]) -> list[str]:
         found = [(model.text.rstrip("\n") + "\n", tables(result, k)) for k, model in enumerate(result.models)]
@@ -235,7 +300,21 @@ def write_reconciliation(
         overwrite=overwrite,
         inputs=inputs,
         suggested_texts=texts(suggested_tables) if result.suggested else (),
+        beside=dict(beside) | _scene_files(result, files, beside),
     )
+
+
+def _scene_files(
+    result: Reconciliation, files: Sequence[tuple[str, Path]], known: Mapping[str, bytes]
+) -> dict[str, bytes]:
+    """The files that a model names in ``[scene]``, by their paths: refined models name them too."""
+    found: dict[str, bytes] = {}
+    for model, (name, _) in zip(result.models, files, strict=True):
+        paths = () if model.scene is None else (model.scene.layers_path, model.scene.surfaces_path)
+        for path in paths:
+            if path and path not in known:
+                found[path] = (Path(name).parent / path).read_bytes()
+    return found
 
 
 def _maps(result: "Reconciliation") -> dict[str, FloatArray]:

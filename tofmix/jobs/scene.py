@@ -1,7 +1,7 @@
-"""Write what a recording saw as a model: each plane of its surfaces as a rectangle, with the camera and its noise.
+"""Write what a recording saw as a model: pixel by pixel, or each plane of its surfaces as a rectangle.
 
-`scene_of_file` takes a recording, a layers file or a surfaces file, `scene_of_layers` what is in memory; `write_scene`
-writes the model file.
+`write_measured` writes a model whose scene is a layers file. `write_scene` writes rectangles, with the camera and its
+noise: `scene_of_file` takes a recording, a layers file or a surfaces file, `scene_of_layers` what is in memory.
 """
 
 import io
@@ -20,6 +20,7 @@ from tofmix.estimation.settings import EstimateOptions
 from tofmix.io.hdf5 import format_of
 from tofmix.io.layers.layers_file import FORMAT as LAYERS
 from tofmix.io.layers.layers_file import LayersFile, open_layers
+from tofmix.io.model_file import scene_of_layers as measured_scene_of
 from tofmix.io.next_command import next_command
 from tofmix.io.recording.recording_file import RecordingFile
 from tofmix.io.storage import locked, write_atomic_group
@@ -38,8 +39,9 @@ from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.quantisation import Quantisation
 from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
+from tofmix.simulation.measured_scene import camera_of
 from tofmix.simulation.model import Model, RecordingSettings
-from tofmix.simulation.model_toml import BACKGROUND_MAP, model_text, parse_model
+from tofmix.simulation.model_toml import BACKGROUND_MAP, model_text, parse_model, scene_text
 from tofmix.simulation.surface import Surface, surface_along
 from tofmix.surfaces.found import WindowSurfaces
 from tofmix.surfaces.reconstruct import reconstruct
@@ -52,7 +54,6 @@ CHANGED = 0.1
 has a straight edge to a sixteenth of a pixel."""
 
 _MEMORY_BYTES = 10**9  # of the estimate of a recording, the default of `tofmix estimate`
-_EXPONENT = 0.5  # of the law of the integration time, by counting photons: one recording does not tell it
 _REFLECTIVITY = 0.8  # of a surface without amplitudes: the default of a model
 _WHOLE_MM = 1.0  # the step of ranges that a simulation stores
 
@@ -115,6 +116,154 @@ class _Seen:
     def shape(self) -> tuple[int, int]:
         rows, cols, _ = self.found.surface.shape
         return rows, cols
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MeasuredModel:
+    """A model whose scene is a layers file.
+
+    Parameters
+    ----------
+    text : str
+        The model file.
+    layers : bytes
+        The layers file.
+    values : dict
+        Counts, for JSON: `surfaces`, `layers`, `layers_of_no_surface`, `pixels`, `pixels_unknown`, `window`, `notes`.
+    """
+
+    text: str
+    layers: bytes
+    values: dict[str, Any]
+
+    @property
+    def words(self) -> str:
+        """The counts in words."""
+        counts = self.values
+        parts = [f"{counted(counts['layers'], 'layer', ',')} of {counted(counts['surfaces'], 'surface', ',')}"]
+        free, unknown = counts["layers_of_no_surface"], counts["pixels_unknown"]
+        parts += [f"{free:,} of no surface"] if free else []
+        parts += [f"{unknown:,} of {counted(counts['pixels'], 'pixel', ',')} with too few samples"] if unknown else []
+        return "; ".join(parts)
+
+
+def write_measured(
+    source: Path, output: Path, reporter: Reporter, *, window: int, workers: int, overwrite: bool
+) -> MeasuredModel:
+    """Write a model whose scene is what a recording, or the window of a layers file, saw; its layers go beside it.
+
+    Raises
+    ------
+    BadInputError
+        If the file cannot be read, is a surfaces file, or the directions of its pixels or its noise are not known.
+    OptionError
+        If there is no such window.
+    """
+    path = output.with_name(f"{output.stem}.layers.h5")
+    with locked(output, overwrite=overwrite, inputs=(source,)):
+        made = measured_of_file(source, reporter, path.name, window=window, workers=workers)
+        write_atomic_group({path: made.layers, output: made.text.encode()}, overwrite=overwrite, inputs=(source,))
+    return made
+
+
+def measured_of_file(
+    source: Path, reporter: Reporter, layers_path: str, *, window: int = 0, workers: int = 1
+) -> MeasuredModel:
+    """The model of what a file saw, which names its layers `layers_path`; refusals as of `write_measured`."""
+    kind = format_of(source)
+    if kind == SURFACES:
+        raise BadInputError(
+            f"{source}: a surfaces file has no widths and no shares of samples; give the layers file that it was made"
+            " from, or --planes"
+        )
+    if kind == LAYERS:
+        with open_layers(source) as layers:
+            check_window(layers, window, reporter)
+            return _measured(layers, source, reporter, layers_path, window, None)
+    if window:
+        raise OptionError(f"{reporter.option('window')} {window}: {source} is a recording, which is one window here")
+    with opened_recording(source, reporter) as recording:
+        if recording.shape[1:] != (1, 1):
+            _check_recorded_view(recording)
+        settings, (_, rows, cols) = settings_of(recording), recording.shape
+    with reporter.steps(rows * cols, "estimate", "px"), estimated(source, workers, reporter) as layers:
+        return _measured(layers, source, reporter, layers_path, 0, settings)
+
+
+def _measured(
+    layers: LayersFile,
+    source: Path,
+    reporter: Reporter,
+    layers_path: str,
+    window: int,
+    recording: RecordingSettings | None,
+) -> MeasuredModel:
+    return measured_model(layers, source, reporter, layers_path, window=window, settings=recording)[0]
+
+
+def measured_model(
+    layers: LayersFile,
+    source: Path,
+    reporter: Reporter,
+    layers_path: str,
+    *,
+    window: int = 0,
+    settings: RecordingSettings | None = None,
+    frame_noise: float = 0.0,
+) -> tuple[MeasuredModel, Model]:
+    """The model of the layers of a window: its files, and the model itself.
+
+    Parameters
+    ----------
+    layers : LayersFile
+        The layers.
+    source : Path
+        What they were made from, for messages and the remark at the head of the text.
+    reporter : Reporter
+        Receives notes.
+    layers_path : str
+        By which the text names the layers.
+    window : int
+        Number of the window.
+    settings : RecordingSettings, optional
+        Of the recording; without it the frames of the window, at the default rate.
+    frame_noise : float
+        As for `MeasuredScene`.
+
+    Raises
+    ------
+    BadInputError
+        If the directions of pixels or the noise are not known, or no pixel has a layer.
+    """
+    sensor = layers.provenance.sensor
+    try:
+        parts = measured_scene_of(layers, window, frame_noise=frame_noise, paths=(layers_path, ""))
+        camera, scene = parts
+        assumed = camera_of(sensor, camera.shape, longest_mm=float(np.nanmax(scene.range_mm)))[1]
+    except (ValueError, BadInputError) as error:
+        raise BadInputError(f"{source}: window {window}: {error}") from error
+    notes = [note.replace("is written", "is used").replace("are written", "are used") for note in assumed]
+    notes += _not_written(sensor)
+    for note in notes:
+        reporter.note(f"{source}: {note}")
+    text = scene_text(
+        scene,
+        settings or recording_settings(scene.frames, None),
+        _effects(sensor),
+        window=window,
+        remarks=[f"what {source.name} saw: written by tofmix {__version__}", *notes],
+    )
+    values = {
+        "window": window,
+        "surfaces": len(scene.surfaces),
+        "layers": int((scene.surface >= 0).sum()),
+        "layers_of_no_surface": int((scene.surface == len(scene.surfaces)).sum()),
+        "pixels": int(scene.known.size),
+        "pixels_unknown": int((~scene.known).sum()),
+        "notes": notes,
+    }
+    model = parse_model(text, source=str(source), read_scene=lambda _table: parts)
+    return MeasuredModel(text=text, layers=layers.path.read_bytes(), values=values), model
 
 
 def write_scene(
@@ -182,8 +331,8 @@ def scene_of_file(
         raise OptionError(f"{reporter.option('window')} {window}: {source} is a recording, which is one window here")
     with opened_recording(source, reporter) as recording:
         _check_recorded_view(recording)
-        settings, (_, rows, cols) = _settings(recording), recording.shape
-    with reporter.steps(rows * cols, "estimate", "px"), _estimated(source, workers, reporter) as layers:
+        settings, (_, rows, cols) = settings_of(recording), recording.shape
+    with reporter.steps(rows * cols, "estimate", "px"), estimated(source, workers, reporter) as layers:
         return scene_of_layers(layers, str(source), reporter, window=0, recording=settings, background=background)
 
 
@@ -201,19 +350,25 @@ def _check_recorded_view(recording: RecordingFile) -> None:
 
 
 @contextmanager
-def _estimated(recording: Path, workers: int, reporter: Reporter) -> Iterator[LayersFile]:
-    """Estimate a recording into a file for the time of the block."""
+def estimated(recording: Path, workers: int, reporter: Reporter, *, about: Path | None = None) -> Iterator[LayersFile]:
+    """Estimate a recording into a file for the time of the block; findings are said of `about`."""
     request = EstimateRequest(options=EstimateOptions(), workers=workers)
     with TemporaryDirectory(prefix="tofmix-") as folder:
         target = Path(folder) / f"{recording.stem}.layers.h5"
         estimate_file(
-            recording, target, request, FileRequest(memory_bytes=_MEMORY_BYTES), None, reporter, about=recording
+            recording,
+            target,
+            request,
+            FileRequest(memory_bytes=_MEMORY_BYTES),
+            None,
+            reporter,
+            about=about or recording,
         )
         with open_layers(target) as layers:
             yield layers
 
 
-def _settings(recording: RecordingFile) -> RecordingSettings:
+def settings_of(recording: RecordingFile) -> RecordingSettings:
     """As many frames as a recording has, at its rate."""
     time_s, frames = recording.read_time(), recording.shape[0] // max(1, recording.targets)
     return recording_settings(frames, time_s)
@@ -406,38 +561,11 @@ def _noise(seen: _Seen) -> tuple[NoiseCurve, list[str]]:
 
 def _camera(seen: _Seen, curve: NoiseCurve) -> tuple[CompleteCamera, list[str]]:
     """The camera of a model, and what was assumed of it."""
-    sensor, (rows, cols) = seen.sensor, seen.shape
-    notes = []
-    tau, far, near = sensor.integration_time_ms, sensor.range_max_mm, sensor.range_min_mm
-    if tau is None:
-        tau = 1.0
-        notes.append("integration_time_ms is not known: 1 is written, for which the noise holds")
-    if far is None:
-        far = sensor.sample_max_mm or float(np.ceil(np.nanmax(seen.found.range_fine, initial=1.0)))
-        notes.append(f"range_max_mm is not known: {far:g} is written, the longest range that was seen")
-    by_angles = sensor.projection is None
+    longest = float(np.nanmax(seen.found.range_fine, initial=1.0))
     try:
-        camera = CompleteCamera(
-            name=sensor.name,
-            rows=rows,
-            cols=cols,
-            fov_horizontal_deg=sensor.fov_horizontal_deg if by_angles else None,
-            fov_vertical_deg=sensor.fov_vertical_deg if by_angles else None,
-            projection=sensor.projection,
-            measurement=sensor.measurement,
-            range_min_mm=max(near or 0.0, 0.0),
-            range_max_mm=far,
-            integration_time_ms=tau,
-            default_integration_time_ms=tau,
-            noise=curve,
-            reference_integration_time_ms=tau,
-            exponent=_EXPONENT,
-            modulation_frequency_hz=sensor.modulation_frequency_hz,
-            outlier_probability=sensor.outlier_probability,
-        )
+        return camera_of(replace(seen.sensor, noise=curve), seen.shape, longest_mm=longest)
     except ValueError as error:
         raise BadInputError(f"{seen.source}: sensor: {error}") from error
-    return camera, notes
 
 
 def _not_written(sensor: Sensor) -> list[str]:

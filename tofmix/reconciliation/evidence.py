@@ -110,6 +110,7 @@ def make_evidence(
     amplitude: FloatArray | Float32Array | None = None,
     temperature_c: FloatArray | None = None,
     integration_time_ms: float | None = None,
+    begins_s: float = 0.0,
 ) -> Evidence:
     """Prepare a recording for reconciliation.
 
@@ -127,6 +128,8 @@ def make_evidence(
         The camera's.
     integration_time_ms : float, optional
         The recording's, of one sample.
+    begins_s : float
+        Time of the first frame: since the middle of the reference, if it is the beginning of the same recording.
 
     Raises
     ------
@@ -181,7 +184,7 @@ def make_evidence(
     pixel_block = (row // size + col // size) % 2 == 0
     return Evidence(
         samples=samples.reshape(len(now), rows * cols),
-        time_s=now - now[0],
+        time_s=now - now[0] + begins_s,
         image=(rows, cols),
         fit_frames=block,
         fit_pixels=pixel_block,

@@ -30,6 +30,16 @@ _AMPLITUDE_STREAM = zlib.crc32(b"amplitude noise")
 """Before the frame's number, the key of its amplitudes' stream: ranges are drawn as if amplitudes had no noise."""
 
 
+_LOSS_STREAM = zlib.crc32(b"lost samples")
+"""Before the frame's number, the key of the stream of samples that are lost in a measured scene."""
+
+
+def loss_draws(pixels: int, *, seed: int, frame: int) -> FloatArray:
+    """Uniform draws (pixel,) of a frame's lost samples, from a random stream of its own."""
+    key = (_LOSS_STREAM, frame)
+    return np.random.Generator(np.random.Philox(np.random.SeedSequence(seed, spawn_key=key))).random(pixels)
+
+
 def amplitude_draws(pixels: int, *, seed: int, frame: int) -> FloatArray:
     """Standard normal noise (pixel,) of a frame's amplitudes, from a random stream of its own."""
     key = (_AMPLITUDE_STREAM, frame)
@@ -105,12 +115,15 @@ class EventTable:
         Amplitude of each event; 0 without a surface.
     range_limits_mm : (float, float)
         A random value is uniform between these.
+    width : (L, pixel) float64 or None
+        Factor on sigma(r) of each surface's samples, of a measured scene.
     """
 
     threshold: FloatArray
     range_mm: FloatArray
     amplitude: Float32Array
     range_limits_mm: tuple[float, float]
+    width: FloatArray | None = None
 
     @property
     def random_value(self) -> int:
@@ -123,6 +136,8 @@ class EventTable:
         With the pixels' own widths (pixel,): times these.
         """
         sigma = noise.sigma(self.range_mm, self.amplitude)
+        if self.width is not None:
+            sigma[: len(self.width)] *= self.width
         if width is not None:
             sigma *= width
         sigma[self.random_value] = 0.0  # equation (1): c_r has a flat density, without noise on top
@@ -184,6 +199,7 @@ def event_table(truth: Truth, sensor: CompleteCamera, *, outlier_share: float | 
         range_mm=np.vstack([np.nan_to_num(surfaces), np.full((1, pixels), sensor.range_max_mm), np.zeros((1, pixels))]),
         amplitude=np.vstack([truth.amplitude.reshape(pixels, layers).T, np.zeros((2, pixels), dtype=np.float32)]),
         range_limits_mm=(sensor.range_min_mm, sensor.range_max_mm),
+        width=None if truth.width is None else np.ascontiguousarray(truth.width.reshape(pixels, layers).T),
     )
 
 

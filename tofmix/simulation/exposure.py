@@ -35,6 +35,7 @@ from tofmix.simulation.events import (
     event_table,
     events_behind,
     frame_generator,
+    loss_draws,
     noisy_amplitude,
     shaped,
 )
@@ -66,17 +67,22 @@ def equation_1(truth: Truth, model: Model) -> Prediction:
     weight = np.vstack([seen, truth.weight_no_return.reshape(1, pixels)]).astype(np.float64)
     random = sensor.random_share
     random = random if isinstance(random, float) else random.ravel()
+    lost = np.zeros(pixels) if truth.lost is None else truth.lost.ravel()
     weight *= (1.0 - random) / weight.sum(axis=0)
+    weight *= 1.0 - lost
     amplitude = np.vstack([truth.amplitude.reshape(pixels, layers).T.astype(np.float64), np.zeros((1, pixels))])
+    sigma_mm = noise.sigma(ranges, amplitude)
+    if truth.width is not None:
+        sigma_mm[:-1] *= truth.width.reshape(pixels, layers).T
     return Prediction(
         turn_mm=Context(sensor=sensor, surfaces=(), seed=0).turn_mm,
         surface=np.vstack([truth.surface.reshape(pixels, layers).T.astype(np.int64), nothing]),
         true_range_mm=ranges,
         range_mm=ranges,
         amplitude=amplitude,
-        sigma_mm=noise.sigma(ranges, amplitude),
+        sigma_mm=sigma_mm,
         weight=weight,
-        invalid=np.zeros(pixels),
+        invalid=lost * (1.0 - random),
         outlier=random,
         limits_mm=(sensor.range_min_mm, sensor.range_max_mm),
         stuck_mm=np.full(pixels, np.nan),
@@ -146,6 +152,8 @@ class StillScene:
         Its true ranges, mm.
     placed : tuple of Surface
         The model's surfaces where they stand.
+    lost : (pixel,) float64 or None
+        Share of the samples that are lost, of a measured scene.
     """
 
     table: EventTable
@@ -154,6 +162,7 @@ class StillScene:
     expected: tuple[Any, ...]
     range_true: Float32Array
     placed: tuple[Surface, ...]
+    lost: FloatArray | None = None
 
 
 class Exposer:
@@ -213,6 +222,7 @@ class Exposer:
             expected=self._expect(truth, time_s, placed),
             range_true=truth.range_true,
             placed=placed,
+            lost=None if truth.lost is None else truth.lost.ravel(),
         )
 
     def _expect(self, truth: Truth, time_s: float, placed: tuple[Surface, ...]) -> tuple[Any, ...]:
@@ -264,6 +274,8 @@ class Exposer:
             With noise in the amplitudes too. Effects act on the amplitude of the light, which has none.
         """
         samples = _samples(scene, drawn, shaped(noise[0], self._shape), scene.sigma_mm, self._turn_mm)
+        if scene.lost is not None:
+            samples.lose(loss_draws(drawn.event.size, seed=self._seed, frame=frame) < scene.lost)
         self._act(samples, frame, scene, read_out=False)
         samples.measure()
         self._act(samples, frame, scene, read_out=True)

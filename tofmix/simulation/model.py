@@ -13,6 +13,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
 from tofmix.sensors.camera import CompleteCamera
+from tofmix.simulation.measured_scene import MeasuredScene
 from tofmix.simulation.surface import Surface
 
 if TYPE_CHECKING:
@@ -67,6 +68,8 @@ class Model:
         The model file's text; empty if there is none.
     effects : tuple of Effect
         Effects of the camera beyond equation (1), in file order.
+    scene : MeasuredScene, optional
+        What a recording saw, in place of rectangles; `surfaces` are then the planes of its surfaces, in its order.
 
     Raises
     ------
@@ -80,6 +83,7 @@ class Model:
     recording: RecordingSettings = RecordingSettings()
     text: str = ""
     effects: "tuple[Effect, ...]" = ()
+    scene: MeasuredScene | None = None
 
     def __post_init__(self) -> None:
         names = [surface.name for surface in self.surfaces]

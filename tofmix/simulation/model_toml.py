@@ -17,7 +17,7 @@ Description of a simulation in words, effect by effect, for ``simulate --explain
 import json
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -33,6 +33,7 @@ from tofmix.simulation.effects import EFFECTS, Effect, PixelMap
 from tofmix.simulation.effects.base import LEVEL_NAMES, Level
 from tofmix.simulation.effects.parameter import Holds, Parameter
 from tofmix.simulation.effects.quantisation import Quantisation
+from tofmix.simulation.measured_scene import MeasuredScene, SceneParts, scene_words
 from tofmix.simulation.model import Model, RecordingSettings
 from tofmix.simulation.surface import Surface
 from tofmix.toml_table import MapReader, TomlTable, nearest, parse_toml, toml_string
@@ -40,6 +41,9 @@ from tofmix.wording import counted
 
 BACKGROUND_MAP = "noise_background.npy"
 """Path of the map of background shares beside the written model."""
+
+SceneReader = Callable[[TomlTable], SceneParts]
+"""Reads the files that a table ``[scene]`` names; BadInputError, with the key, if it cannot."""
 
 _TABLE = re.compile(r"^\[sensor\.noise\][^\n]*\n(?:(?!\[)[^\n]*(?:\n|\Z))*", re.MULTILINE)
 _WHOLE_MM = 1.0  # the step of the stored type, which every model has
@@ -125,11 +129,10 @@ def model_text(
     about : sequence of str
         A comment for each surface; none if it is empty.
     """
-    settings = {"frames": recording.frames, "frame_rate_hz": float(recording.frame_rate_hz), "seed": recording.seed}
     tables = [
         *([_comments(remarks)] if remarks else []),
         camera_toml(sensor, background=background),
-        _table_text("[recording]", settings),
+        _table_text("[recording]", _recording_values(recording)),
     ]
     for number, surface in enumerate(surfaces):
         written = {
@@ -140,11 +143,7 @@ def model_text(
             "reflectivity": round(surface.reflectivity, 4),
         }
         tables.append((_comments(about[number : number + 1])) + _table_text("[[surface]]", written))
-    for effect in effects:
-        given = {p.key: getattr(effect, name) for name, p in effect.parameters().items()}
-        values = {key: value for key, value in given.items() if value not in (None, "")}
-        tables.append(_table_text("[[effect]]", {"kind": effect.kind, **values}))
-    return "\n".join(tables)
+    return "\n".join([*tables, *_effect_texts(effects)])
 
 
 def _comments(lines: Sequence[str]) -> str:
@@ -199,6 +198,9 @@ def _camera(model: Model) -> Iterator[str]:
 
 
 def _scene(model: Model) -> Iterator[str]:
+    if model.scene is not None:
+        yield f"scene: as measured; {scene_words(model.scene)}"
+        return
     names = ", ".join(f'"{surface.name}"' for surface in model.surfaces)
     yield (
         f"scene: {counted(len(model.surfaces), 'surface')}: {names}"
@@ -223,7 +225,9 @@ def _effects(model: Model) -> Iterator[str]:
         yield f"  {LEVEL_NAMES[Level(effect.level)]}: {effect.kind}: {effect.explain()}"
 
 
-def parse_model(text: str, *, source: str, read_map: MapReader | None = None) -> Model:
+def parse_model(
+    text: str, *, source: str, read_map: MapReader | None = None, read_scene: SceneReader | None = None
+) -> Model:
     """Read a model.
 
     Parameters
@@ -234,6 +238,8 @@ def parse_model(text: str, *, source: str, read_map: MapReader | None = None) ->
         The file's name, for messages.
     read_map : callable, optional
         Reads the .npy files that effects and the noise name. Without it a model that names one is refused.
+    read_scene : callable, optional
+        Reads the layers that ``[scene]`` names. Without it a model with a measured scene is refused.
 
     Returns
     -------
@@ -246,16 +252,81 @@ def parse_model(text: str, *, source: str, read_map: MapReader | None = None) ->
         If it is not TOML, has an unknown key, lacks one, or has one of a wrong type or outside its bounds.
     """
     root = parse_toml(text, source=source)
-    root.refuse_unknown({"sensor", "recording", "surface", "effect"})
-    sensor = camera_of_model(root, read_map=read_map)
-    surfaces = tuple(_read_surface(table, number) for number, table in enumerate(root.tables("surface"), 1))
+    root.refuse_unknown({"sensor", "recording", "scene", "surface", "effect"})
+    scene = None
+    if "scene" in root:
+        sensor, scene = _read_scene(root, read_scene)
+        surfaces = scene.surfaces
+    else:
+        sensor = camera_of_model(root, read_map=read_map)
+        surfaces = tuple(_read_surface(table, number) for number, table in enumerate(root.tables("surface"), 1))
     recording = _read_recording(root.table("recording"))
     effects = tuple(_read_effect(table, sensor, read_map) for table in root.tables("effect"))
     try:
-        return Model(sensor=sensor, surfaces=surfaces, recording=recording, text=text, effects=effects)
+        return Model(sensor=sensor, surfaces=surfaces, recording=recording, text=text, effects=effects, scene=scene)
     except ValueError as error:
         message = _one_line(str(error))
         raise root.error(message, "" if message.startswith(("[[effect]]", "[sensor")) else "[[surface]]") from None
+
+
+def _read_scene(root: TomlTable, read_scene: SceneReader | None) -> SceneParts:
+    """The camera and the scene of the table ``[scene]``, beside which nothing else says what they are."""
+    table = root.table("scene")
+    table.refuse_unknown({"layers", "surfaces", "window", "frame_noise"})
+    if "surface" in root:
+        raise root.error("a model has either rectangles or a measured scene; leave out one of both", "[[surface]]")
+    if "sensor" in root:
+        raise root.error("the camera and its noise are those of the layers of [scene]; leave it out", "[sensor]")
+    if read_scene is None:
+        raise table.error("a model without a file of its own has no layers beside it", "layers")
+    return read_scene(table)
+
+
+def scene_text(
+    scene: MeasuredScene,
+    recording: RecordingSettings,
+    effects: Sequence[Effect] = (),
+    *,
+    window: int = 0,
+    remarks: Sequence[str] = (),
+) -> str:
+    """The text of a model of a measured scene, ending in a newline.
+
+    Parameters
+    ----------
+    scene : MeasuredScene
+        With the paths of its files.
+    recording : RecordingSettings
+        Frames, frame rate, seed.
+    effects : sequence of Effect
+        Effects without maps.
+    window : int
+        Window of the layers.
+    remarks : sequence of str
+        Comments at the head of the file, one a line.
+    """
+    values: dict[str, Any] = {"layers": scene.layers_path}
+    values |= {"surfaces": scene.surfaces_path} if scene.surfaces_path else {}
+    values |= {"window": window} if window else {}
+    values |= {"frame_noise": round(scene.frame_noise, 4)} if scene.frame_noise > 0 else {}
+    tables = [
+        *([_comments(remarks)] if remarks else []),
+        _table_text("[recording]", _recording_values(recording)),
+        _table_text("[scene]", values),
+        *_effect_texts(effects),
+    ]
+    return "\n".join(tables)
+
+
+def _recording_values(recording: RecordingSettings) -> dict[str, Any]:
+    return {"frames": recording.frames, "frame_rate_hz": float(recording.frame_rate_hz), "seed": recording.seed}
+
+
+def _effect_texts(effects: Sequence[Effect]) -> Iterator[str]:
+    for effect in effects:
+        given = {p.key: getattr(effect, name) for name, p in effect.parameters().items()}
+        values = {key: value for key, value in given.items() if value not in (None, "")}
+        yield _table_text("[[effect]]", {"kind": effect.kind, **values})
 
 
 def background_path(model: Model) -> str | None:

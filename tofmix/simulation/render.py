@@ -96,7 +96,10 @@ def recording_sensor(model: Model, *, averaged: bool = False) -> Sensor:
         time.
     """
     if not averaged:
-        return model.sensor.sensor()
+        sensor = model.sensor.sensor()
+        if model.scene is None or sensor.noise is None:
+            return sensor
+        return replace(sensor, noise=replace(sensor.noise, width_spread=model.scene.recorded_spread))
     model.sensor.turn_mm("--averaged")  # the mean is one of phasors
     check_averages(model)
     exposure_times(model.sensor)
@@ -162,7 +165,7 @@ def render_blocks(
         check_averages(model)
         exposure_times(model.sensor)
     layers = 0
-    if not model.effects:
+    if not model.effects and truth.lost is None:
         render = _independent(_averaged(model, truth, seed) if averaged else _single(model, truth, seed))
     else:
         exposer = Exposer(model, truth, seed=seed, n_frames=n_frames)

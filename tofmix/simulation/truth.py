@@ -6,7 +6,7 @@ from typing import Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.arrays import ByteArray, Float32Array
+from tofmix.arrays import ByteArray, Float32Array, FloatArray
 
 _T = TypeVar("_T", bound=np.generic)
 
@@ -29,6 +29,10 @@ class Truth:
         Number of the surface in the model, from 0; -1 past `n_modes`.
     amplitude : (row, col, layer) float32
         Amplitude of a sample of each surface; 0 past `n_modes`.
+    width : (row, col, layer) float64 or None
+        Factor on sigma(r) of each surface's samples, of a measured scene; None: sigma is the camera's.
+    lost : (row, col) float64 or None
+        Share of the samples of each pixel that are lost, of a measured scene; None: none is.
     """
 
     n_modes: ByteArray
@@ -37,6 +41,8 @@ class Truth:
     weight_no_return: Float32Array
     surface: NDArray[np.int16]
     amplitude: Float32Array
+    width: FloatArray | None = None
+    lost: FloatArray | None = None
 
     def padded(self, layers: int) -> Self:
         """The same with room for `layers` surfaces a pixel, at least as many as it has."""
@@ -51,4 +57,5 @@ class Truth:
             weight_true=pad(self.weight_true, np.nan),
             surface=pad(self.surface, -1),
             amplitude=pad(self.amplitude, 0.0),
+            width=None if self.width is None else pad(self.width, 1.0),
         )

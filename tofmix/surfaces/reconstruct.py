@@ -51,9 +51,7 @@ def reconstruct(
     ValueError
         If it is not known where the pixels look. The message begins with a key.
     """
-    optics = sensor.optics
-    if optics is None:
-        raise ValueError("sensor: no field of view, so surfaces cannot be placed")
+    optics = _optics_of(sensor)
     rows, cols = layers.shape
     directions = beam_directions_of(optics, (rows, cols))
     nodes = make_nodes(layers, directions, settings.link)
@@ -103,15 +101,37 @@ def reconstruct(
     edges = trace(painted.cuts, painted.regions, kept)
     edges = replace(edges, far=np.where(edges.far < kept, edges.far, NO_SURFACE).astype(np.int32))
     surface_fine[surface_fine >= kept] = NO_SURFACE
-    surface = np.where(nodes.index >= 0, np.append(linked.label, NO_SURFACE)[nodes.index], NO_SURFACE)
     return WindowSurfaces(
-        surface=np.where(surface < kept, surface, NO_SURFACE).astype(np.int32),
+        surface=_numbers(nodes, linked, kept),
         planes=_planes(nodes, linked, smooth_fits, kept),
         edges=edges,
         range_fine=range_fine,
         surface_fine=surface_fine,
         assumed=areas.assumed,
     )
+
+
+def link_layers(layers: Layers, sensor: Sensor, *, settings: SurfaceSettings = DEFAULT_SETTINGS) -> NDArray[np.int32]:
+    """The surface (row, col, layer) of each layer, numbered as by `reconstruct`, without edges or a fine image.
+
+    Parameters and errors are those of `reconstruct`.
+    """
+    optics, shape = _optics_of(sensor), (layers.shape[0], layers.shape[1])
+    nodes = make_nodes(layers, beam_directions_of(optics, shape), settings.link)
+    linked, _ = link_smooth(layers, nodes, link(nodes, settings.link), pixel_rays(optics, shape), settings)
+    return _numbers(nodes, linked, int((linked.sizes >= settings.link.least_layers).sum()))
+
+
+def _optics_of(sensor: Sensor) -> Projection:
+    if sensor.optics is None:
+        raise ValueError("sensor: no field of view, so surfaces cannot be placed")
+    return sensor.optics
+
+
+def _numbers(nodes: Nodes, linked: Linked, kept: int) -> NDArray[np.int32]:
+    """The surface (row, col, layer) of each layer, of the first `kept` surfaces."""
+    surface = np.where(nodes.index >= 0, np.append(linked.label, NO_SURFACE)[nodes.index], NO_SURFACE)
+    return np.where(surface < kept, surface, NO_SURFACE).astype(np.int32)
 
 
 def _fit(cuts: Cuts, *arrays: Any) -> FloatArray:  # noqa: ANN401  those of `fit_edges`

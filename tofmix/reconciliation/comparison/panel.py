@@ -29,6 +29,7 @@ _MANY_BINS = 40  # with more, a sum of squares is nearly normal
 _FAR_WIDTH = 2.5  # largest width in spreads: one pixel with another cause must not decide
 _CLIPPED_MEAN, _CLIPPED_SPREAD = 0.97756, 1.29675  # mean and spread of min(x^2, 2.5^2), x a standard normal number
 _TOLD = 0.5  # least part of the variance of a pixel's log width that its samples determine
+_ROOT_TWO = math.sqrt(2.0)  # of the second Hermite polynomial's norm
 _SMOOTH_MM = 2.0  # least sigma of a density that is smooth over three mm
 
 
@@ -191,17 +192,24 @@ def shapes(
     sigma = m.of_main(m.sigma)[part[1]]
     unknown = state.pixel_variance[part[1]] / sigma**2  # a measured map has errors
     of_width = state.log_width_error[recording, part[1]] ** 2  # so have widths
+    scene = state.errors
+    of_shares = np.zeros(count.size) if scene is None else scene.shares[part[1]]
+    common = 0.0 if scene is None else scene.common_to(len(part[0]), state.memory)
     free = one_surface(m)[part[1]] | (memory_of(state) == 0)  # only pixels of one surface are freed of a memory
     for name, power, off, wider in zip(SHAPES, hermite(z), *moves(m.shape), strict=True):
-        errors = off**2 * unknown + wider**2 * of_width
+        errors = off**2 * unknown + wider**2 * of_width + of_shares
         total: FloatArray = np.asarray(np.nansum(power, axis=0, dtype=np.float64))
+        if scene is not None and name == "spread":  # the square of a bias of this variance, and its scatter
+            total = total - count * unknown / _ROOT_TWO
+            errors = errors + unknown**2 + 2.0 * unknown / np.maximum(count, 1)
         for axis in axes:
-            yield _curve(name, axis, total, (count, errors), sigma_of_lit(m, part))
+            curve = _curve(name, axis, total, (count, errors), sigma_of_lit(m, part))
+            yield curve if not common else replace(curve, variance=curve.variance + off**2 * common)
         enough = (count >= _ENOUGH / 10) & free
         value = total[enough] / count[enough]
         number = part[1][enough].astype(np.float64)
         own = "pattern" if name == "bias" else f"{name}_pattern"
-        spread = 1.0 / count[enough] + errors[enough]
+        spread = 1.0 / count[enough] + errors[enough] + off**2 * common
         yield Curve(
             statistic=own,
             axis="all",
@@ -280,6 +288,7 @@ def invalid(evidence: Evidence, m: Mixture, state: ModelState, axes: list[Axis],
     working = state.working[part[1]]
     expected = m.invalid[0][part[1]] * len(part[0])
     seen = lost.sum(axis=0)
+    of_scene = np.zeros(part[1].size) if state.errors is None else state.errors.lost[part[1]] * len(part[0]) ** 2
     for axis in axes:
         use = axis.bin[working]
         wanted = np.bincount(use, expected[working], minlength=axis.lower.size)
@@ -290,6 +299,7 @@ def invalid(evidence: Evidence, m: Mixture, state: ModelState, axes: list[Axis],
             (m.invalid[0][part[1]] * (1 - m.invalid[0][part[1]]))[working] * len(part[0]),
             minlength=axis.lower.size,
         )
+        unknown = np.bincount(use, of_scene[working], minlength=axis.lower.size)
         some = n >= _ENOUGH
         n = n[some]
         yield Curve(
@@ -298,7 +308,7 @@ def invalid(evidence: Evidence, m: Mixture, state: ModelState, axes: list[Axis],
             lower=axis.lower[some],
             upper=axis.upper[some],
             value=(found - wanted)[some] / n,
-            variance=np.maximum(share[some], 1.0) / n**2,
+            variance=(np.maximum(share[some], 1.0) + unknown[some]) / n**2,
             unit=axis.unit,
             scale_mm=np.ones(n.size),
         )
@@ -312,7 +322,7 @@ def invalid(evidence: Evidence, m: Mixture, state: ModelState, axes: list[Axis],
         lower=frame,
         upper=frame + 1,
         value=by_frame / size,
-        variance=np.full(len(part[0]), level / size**2),
+        variance=np.full(len(part[0]), (level + of_scene.sum() / len(part[0]) ** 2) / size**2),
         unit="1",
         scale_mm=np.ones(len(part[0])),
     )

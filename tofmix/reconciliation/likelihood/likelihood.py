@@ -20,8 +20,9 @@ from tofmix.compiled.jit import jit
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.kernel import Sorted, empty_sums, log_likelihood, sort_pixels, transform
 from tofmix.reconciliation.likelihood.mixture import Mixture, Scene, Scenes
+from tofmix.reconciliation.likelihood.reference_errors import ReferenceErrors
 from tofmix.simulation.effects.base import Effect, with_hidden
-from tofmix.simulation.effects.hidden import AffectedPixels, DisturbedFrames, FrameChain
+from tofmix.simulation.effects.hidden import AffectedPixels, DisturbedFrames, FrameChain, RememberedNoise
 from tofmix.wording import counted
 
 if TYPE_CHECKING:
@@ -124,6 +125,8 @@ class ModelState:
     log_width, log_width_error : (recording, pixel) float64
         Logarithm of each pixel's own width of the noise in each recording, and its standard error; 0 if all pixels of
         the camera have the same width.
+    errors : ReferenceErrors or None
+        Errors of a measured scene; None if the scene is given.
     """
 
     effects: tuple[Effect, ...]
@@ -134,6 +137,7 @@ class ModelState:
     disturbed: FloatArray
     log_width: FloatArray
     log_width_error: FloatArray
+    errors: ReferenceErrors | None = None
 
     @property
     def linking(self) -> tuple[Effect, ...]:
@@ -151,6 +155,19 @@ class ModelState:
         return tuple((e, hidden.share(e)) for e, hidden in with_hidden(self.linking, AffectedPixels))
 
     @property
+    def memory(self) -> float:
+        """Coefficient of the memory of the noise; 0 without one."""
+        return next((hidden.coefficient(e) for e, hidden in with_hidden(self.linking, RememberedNoise)), 0.0)
+
+    @property
+    def unpatterned(self) -> "ModelState":
+        """The state without known biases of pixels; their variance is that of the scene."""
+        nothing = np.zeros_like(self.pixel_bias)
+        return replace(
+            self, pixel_bias=nothing, pixel_variance=nothing if self.errors is None else self.errors.variance_mm2
+        )
+
+    @property
     def working(self) -> BoolArray:
         """Pixels that are not stuck."""
         return np.isnan(self.stuck_mm)
@@ -162,11 +179,12 @@ class Sums:
 
     by_pixel: FloatArray
     by_frame: FloatArray
+    common: float = 0.0  # of the log-likelihood: what no pixel has by itself
 
     @property
     def total(self) -> float:
         """The log-likelihood."""
-        return float(self.by_pixel[:, 0].sum())
+        return float(self.by_pixel[:, 0].sum()) + self.common
 
 
 def _chance(others: Sums, affected: Sums, share: float) -> FloatArray:
@@ -211,15 +229,18 @@ class Likelihood:
     def start(self) -> ModelState:
         """The model without added effects; latent states are not estimated yet."""
         frames, pixels = self.evidence.shape
+        measured = self.scene.model.scene
+        errors = None if measured is None else ReferenceErrors.of(measured, self.scene.mixture())
         return ModelState(
             effects=(),
             given=self.scene.links,
+            errors=errors,
             pixel_bias=np.zeros(pixels),
-            pixel_variance=np.zeros(pixels),
+            pixel_variance=np.zeros(pixels) if errors is None else errors.variance_mm2,
             stuck_mm=np.full(pixels, np.nan),
             disturbed=np.zeros(frames),
             log_width=np.zeros((len(self.evidence.starts), pixels)),
-            log_width_error=np.zeros((len(self.evidence.starts), pixels)),
+            log_width_error=np.zeros((len(self.evidence.starts), pixels)) if errors is None else errors.log_width[None],
         )
 
     def mixture(self, state: ModelState) -> Mixture:
@@ -383,7 +404,17 @@ class Likelihood:
         mixture = self.mixture(state) if mixture is None else mixture
         if state.bursts is not None and not state.bursts.period_frames:
             return self._with_bursts(mixture, state, part, state.bursts)
-        return self.sums(mixture, state, part).total
+        return self.marginal(mixture, state, part).total
+
+    def marginal(self, mixture: Mixture, state: ModelState, part: Part) -> Sums:
+        """The sums of a part, with the errors of a measured scene integrated out of the log-likelihoods of pixels."""
+        sums = self.sums(mixture, state, part)
+        if state.errors is None:
+            return sums
+        repeats = (1.0 + state.memory) / (1.0 - state.memory)
+        more, sums.common = state.errors.marginal(sums, state.pixel_variance, repeats, len(part[0]))
+        sums.by_pixel[:, 0] += more
+        return sums
 
     def objective(self, state: ModelState, part: Part) -> float:
         """The objective of fits, log posterior density but for a constant: `value` and `outside`."""
@@ -399,7 +430,10 @@ class Likelihood:
 
     def _with_bursts(self, mixture: Mixture, state: ModelState, part: Part, chain: FrameChain) -> float:
         numbers = self.evidence.frame_number[part[0]]
-        return forward(*self.frame_pair(mixture, state, part, chain.sigma_mm), numbers, chain)[0]
+        total = forward(*self.frame_pair(mixture, state, part, chain.sigma_mm), numbers, chain)[0]
+        if state.errors is None:
+            return total
+        return total + self.marginal(mixture, state, part).total - self.sums(mixture, state, part).total
 
     def frame_pair(
         self, mixture: Mixture, state: ModelState, part: Part, sigma_mm: float

@@ -39,7 +39,8 @@ def pixel_biases(likelihood: Likelihood, mixture: Mixture, state: ModelState, pa
     """Estimate each pixel's bias by expectation maximisation, in addition to the state's.
 
     A bias of many sigma cannot be reached step by step, so the median of a pixel's samples is another start. If the
-    noise has a memory, information and gain are divided by the factor on the variance of a mean over frames.
+    noise has a memory, information and gain are divided by the factor on the variance of a mean over frames. They are
+    those about a bias of the camera: a measured scene has errors of its own.
     """
     first = likelihood.sums(mixture, state, part)
     far = state.pixel_bias + _median_bias(likelihood, mixture, state, part)
@@ -54,10 +55,12 @@ def pixel_biases(likelihood: Likelihood, mixture: Mixture, state: ModelState, pa
     inside[part[1]] = True
     inside &= state.working & (sums.by_pixel[:, 2] > _LEAST_INFORMATION)
     overstated = inflation(likelihood, mixture, state, part)
+    information = sums.by_pixel[:, 2] / overstated
+    scene = 1.0 if state.errors is None else 1.0 / (1.0 + information * state.pixel_variance)
     return PixelBiases(
         bias=np.where(inside, bias - state.pixel_bias, 0.0),
-        information=np.where(inside, sums.by_pixel[:, 2] / overstated, 0.0),
-        gain=np.where(inside, (sums.by_pixel[:, 0] - first.by_pixel[:, 0]) / overstated, 0.0),
+        information=np.where(inside, information * scene, 0.0),
+        gain=np.where(inside, (sums.by_pixel[:, 0] - first.by_pixel[:, 0]) / overstated * scene, 0.0),
         overstated=overstated,
     )
 

@@ -46,6 +46,8 @@ def with_widths(likelihood: Likelihood, state: ModelState, frames: IntArray) -> 
         Frames for the estimate.
     """
     spread = likelihood.scene.model.sensor.noise.width_spread
+    if state.errors is not None:  # the widths of a measured scene are known, to within these errors
+        spread = state.errors.typical_log_width
     if not spread:
         return state
     mixture = likelihood.scene.mixture(state.effects)
@@ -62,7 +64,7 @@ def _found(
     """The log widths (pixel,) of one recording with their errors."""
 
     def value(log_width: FloatArray) -> FloatArray:
-        return np.asarray(likelihood.sums(mixture.widened(log_width), state, view.part_of_all).by_pixel[:, 0])
+        return np.asarray(likelihood.marginal(mixture.widened(log_width), state, view.part_of_all).by_pixel[:, 0])
 
     at = state.log_width[view.number]
     if not state.log_width_error[view.number].any():

@@ -145,7 +145,7 @@ class Numbers:
             state = self.moved(x).state
         except ValueError:
             return None
-        sums = self.likelihood.sums(self.likelihood.mixture(state), state, self.part)
+        sums = self.likelihood.marginal(self.likelihood.mixture(state), state, self.part)
         return Value(total=sums.total + self.likelihood.outside(state), by_pixel=sums.by_pixel, by_frame=sums.by_frame)
 
 

@@ -135,10 +135,10 @@ def spreads_of_pattern(state: ModelState) -> PatternSpreads | None:
 def integrated(numbers: Numbers, spreads: PatternSpreads) -> float:
     """The objective of fits, with the pattern's values integrated out, for its present spreads."""
     likelihood, state = numbers.likelihood, numbers.state
-    bare = replace(state, pixel_bias=np.zeros_like(state.pixel_bias))
+    bare = state.unpatterned
     mixture = likelihood.mixture(state)
     found = pixel_biases(likelihood, mixture, bare, numbers.part)
-    total = likelihood.sums(mixture, bare, numbers.part).total + likelihood.outside(state)
+    total = likelihood.marginal(mixture, bare, numbers.part).total + likelihood.outside(state)
     return total + with_pattern(found, likelihood.evidence.image, spreads)
 
 

@@ -165,8 +165,9 @@ def _products(
             pull[moving] += weighed.T @ bias
             across += weighed
             told += information * bias
-        if pixel_sigma_mm > 0:  # a pixel's own bias, common to all tenths, is integrated out
-            share = 1.0 / (pixel_sigma_mm**-2 + s.bias_information[:, used].sum(axis=0))
+        own = pixel_sigma_mm**2 + s.own_variance[used]
+        if own.any():  # a pixel's own bias, common to all tenths, is integrated out
+            share = own / (1.0 + own * s.bias_information[:, used].sum(axis=0))
             gram[np.ix_(moving, moving)] -= across.T @ (across * share[:, None])
             pull[moving] -= across.T @ (share * told)
         weighed = width[:, widening] * s.width_information[used][:, None]
@@ -193,6 +194,8 @@ def model_errors(seen: Sequence[PixelSummary], tolerance: float) -> Iterator[Col
             return Column(bias_mm=tuple(moved), profile=profile, width=tuple(wider), prior=prior)
 
         yield alone(np.zeros(s.used.size), 0.1 * tolerance, width=s.used.astype(np.float64))
+        if s.common_variance > 0:
+            yield alone(np.where(s.used, sigma, 0.0), math.sqrt(s.common_variance))
         for _, own in surfaces_of(s):
             error = tolerance * float(np.median(sigma[own]))
             u, v = _across(col, own), _across(row, own)
@@ -341,8 +344,7 @@ def apart(state: ModelState) -> ModelState:
     """The state without effects that summaries show, and without a pattern's map, which contains all static biases."""
     kept = tuple(e for e in state.effects if not summed_up(e.kind))
     if any(with_hidden(state.effects, PixelBias)):
-        nothing = np.zeros_like(state.pixel_bias)
-        state = replace(state, pixel_bias=nothing, pixel_variance=nothing)
+        state = state.unpatterned
     return replace(state, effects=kept)
 
 

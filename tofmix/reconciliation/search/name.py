@@ -511,7 +511,7 @@ def _slopes(likelihood: Likelihood, state: ModelState, part: Part, shifts: Float
     m = likelihood.mixture(state)
     value, slope, information = 0.0, np.zeros(shifts.size), np.zeros(shifts.size)
     for view in views(likelihood, m, part):
-        sums = likelihood.sums(m, state, view.part_of_all)
+        sums = likelihood.marginal(m, state, view.part_of_all)
         value += sums.total
         _add_slopes(likelihood, view, sums.by_pixel, slope, information)
     return _Slopes(state=state, shifts=shifts, value=value, slope=slope, information=information)

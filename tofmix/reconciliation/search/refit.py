@@ -79,8 +79,7 @@ def without(state: ModelState, number: int) -> ModelState:
 
 def without_pattern(state: ModelState, pattern: int) -> ModelState:
     """The state without the added effect of this number, a fixed pattern, and without its map."""
-    nothing = np.zeros_like(state.pixel_bias)
-    return replace(without(state, pattern), pixel_bias=nothing, pixel_variance=nothing)
+    return without(state, pattern).unpatterned
 
 
 def numbers(likelihood: Likelihood, state: ModelState, chosen: Sequence[TriedEffect], part: Part) -> Numbers:
@@ -137,7 +136,7 @@ def latent_states(likelihood: Likelihood, state: ModelState, frames: IntArray) -
         own = effect in state.given
         hidden = effect.hidden
         if isinstance(hidden, PixelBias):
-            bare = replace(state, pixel_bias=np.zeros_like(state.pixel_bias))
+            bare = state.unpatterned if state.errors else replace(state, pixel_bias=np.zeros_like(state.pixel_bias))
             fitted = None if own else links.fit_pattern(likelihood, mixture, bare, part)
             spreads = hidden.spreads(effect) if fitted is None else fitted[0]
             pattern, variance = links.pattern_map(likelihood, mixture, bare, spreads, frames)

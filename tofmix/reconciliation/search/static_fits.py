@@ -217,6 +217,6 @@ def _with_biases(likelihood: Likelihood, state: ModelState, part: Part) -> float
     """Log-likelihood of a part with a bias of each pixel integrated out, of normal spreads that are fitted."""
     mixture = likelihood.mixture(state)
     found = pixel_biases(likelihood, mixture, state, part)
-    bare = likelihood.sums(mixture, state, part).total
+    bare = likelihood.marginal(mixture, state, part).total
     pattern = links.fit_spreads(found, likelihood.evidence.image)
     return bare if pattern is None else bare + with_pattern(found, likelihood.evidence.image, pattern[0])

@@ -42,6 +42,10 @@ class PixelSummary:
         Logarithm of the width of the noise, over the predicted one, and its information.
     elapsed_s : (tenth,) float64
         Mean time of the frames of the tenth.
+    own_variance : (pixel,) float64
+        Variance of a bias that each pixel has in all tenths, mm2: an error of a measured scene.
+    common_variance : float
+        Variance of what these biases have in common, in sigma squared.
     """
 
     view: RecordingView
@@ -51,6 +55,8 @@ class PixelSummary:
     width: FloatArray
     width_information: FloatArray
     elapsed_s: FloatArray
+    own_variance: FloatArray
+    common_variance: float = 0.0
 
 
 def summaries(likelihood: Likelihood, state: ModelState, part: Part) -> list[PixelSummary]:
@@ -103,9 +109,18 @@ def _summed(likelihood: Likelihood, state: ModelState, mixture: Mixture, view: R
         bias_mm=np.where(used, np.stack(shifts) - state.pixel_bias, 0.0),
         bias_information=np.stack(information),
         width=np.where(used, width, 0.0),
-        width_information=np.where(used, known / overstated, 0.0),
+        width_information=np.where(used, _with_error(known / overstated, state, view.number), 0.0),
         elapsed_s=np.array([float(likelihood.evidence.time_s[frames].mean()) for frames, _ in tenths]),
+        own_variance=np.zeros(used.size) if state.errors is None else state.pixel_variance,
+        common_variance=0.0 if state.errors is None else state.errors.common_to(len(view.part[0]), state.memory),
     )
+
+
+def _with_error(information: FloatArray, state: ModelState, recording: int) -> FloatArray:
+    """The information of widths (pixel,) about the camera, if those of a measured scene have errors."""
+    if state.errors is None:
+        return information
+    return information / (1.0 + information * state.log_width_error[recording] ** 2)
 
 
 def _surfaces_move(view: RecordingView, change: FloatArray, information: FloatArray) -> FloatArray:

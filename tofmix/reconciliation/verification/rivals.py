@@ -92,7 +92,7 @@ def better_law(
     if not static:
         return None
     patterned = pattern_of(state) is not None
-    bare = replace(state, pixel_bias=np.zeros_like(state.pixel_bias), pixel_variance=np.zeros_like(state.pixel_bias))
+    bare = state.unpatterned
     named = replace(bare, effects=tuple(e for e in state.effects if not isinstance(e.hidden, PixelBias)))
     rest = replace(bare, effects=tuple(e for e in state.effects if not _stays(e, duration)))
     # A law without a name may replace the named effects, so the price grows with the number of samples (BIC)

@@ -246,7 +246,8 @@ def simulated(likelihood: Likelihood, state: ModelState, settings: Settings, num
     first = settings.seed + 1 + _SIMULATIONS_APART * number
     for k, (frames, scene) in enumerate(zip(evidence.recordings, likelihood.scene.members, strict=True)):
         model = _as_recorded(_as_found(refined_model(scene, state), state), evidence.time_s[frames])
-        samples[frames] = simulate_like(model, frames.stop - frames.start, seed=first + _SEEDS_APART * k)
+        begun = round(float(evidence.time_s[frames.start]) * model.recording.frame_rate_hz)
+        samples[frames] = simulate_like(model, frames.stop - frames.start, seed=first + _SEEDS_APART * k, begun=begun)
     again = Likelihood(replace(evidence, samples=samples), likelihood.scene)
     # A simulation draws its own widths
     alike = replace(state, log_width=np.zeros_like(state.log_width), log_width_error=np.zeros_like(state.log_width))
@@ -277,10 +278,10 @@ def _as_found(model: Model, state: ModelState) -> Model:
     return replace(model, effects=tuple(found(e) for e in model.effects))
 
 
-def simulate_like(model: Model, frames: int, *, seed: int) -> NDArray[np.uint16]:
-    """Samples (frame, pixel) of a model, as `Evidence` holds them."""
+def simulate_like(model: Model, frames: int, *, seed: int, begun: int = 0) -> NDArray[np.uint16]:
+    """Samples (frame, pixel) of a model from frame `begun` on, as `Evidence` holds them."""
     pixels = model.sensor.rows * model.sensor.cols
-    samples = np.empty((frames, pixels), dtype=np.uint16)
-    for block in render_blocks(model, cast_scene(model), n_frames=frames, seed=seed, threads=2):
+    samples = np.empty((begun + frames, pixels), dtype=np.uint16)
+    for block in render_blocks(model, cast_scene(model), n_frames=begun + frames, seed=seed, threads=2):
         samples[block.start : block.stop] = block.range_mm.reshape(-1, pixels)
-    return samples
+    return samples[begun:]

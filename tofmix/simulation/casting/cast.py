@@ -18,6 +18,7 @@ from tofmix.optics.projection import cell_nodes
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.casting.cast_cells import cast_cells, reached_cells
 from tofmix.simulation.casting.cast_kernel import cast_row, reached_row
+from tofmix.simulation.casting.measured_cast import cast_measured
 from tofmix.simulation.casting.scene import SceneArrays, scene_arrays
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import MAX_LENGTH_MM
@@ -67,6 +68,8 @@ def cast_scene(model: Model, *, time_s: float = 0.0) -> Truth:
     """
     if len(model.surfaces) > MAX_SURFACES:
         raise BadInputError(f"[[surface]]: {len(model.surfaces)} surfaces; this version casts up to {MAX_SURFACES}")
+    if model.scene is not None:
+        return cast_measured(_placed(model, time_s), model.scene)
     if model.moves:
         return MovingCaster(model).cast(time_s)
     placed = _placed(model, time_s)
@@ -92,6 +95,9 @@ class MovingCaster:
 
     def __init__(self, model: Model) -> None:
         self._model = model
+        if model.scene is not None:  # each layer moves by itself
+            self.layers = model.scene.range_mm.shape[2]
+            return
         self._moving = np.array([model.moves_surface(surface.name) for surface in model.surfaces], dtype=np.bool_)
         away = tuple(
             replace(
@@ -107,7 +113,10 @@ class MovingCaster:
 
     def cast(self, time_s: float) -> Truth:
         """Surfaces of each pixel at a time; see `cast_scene`."""
-        model, still = _placed(self._model, time_s), self._background
+        model = _placed(self._model, time_s)
+        if model.scene is not None:
+            return cast_measured(model, model.scene)
+        still = self._background
         reached = _reached(model, self._moving)
         fresh = _cast(model, reached)
         kept = ~reached.ravel()[still.pixel]

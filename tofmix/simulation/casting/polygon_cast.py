@@ -58,7 +58,7 @@ class PolygonCaster:
 
     def cast(self, model: Model) -> Truth:
         """The surfaces in each pixel, for a model of this camera without moving effects; see `cast_scene`."""
-        if self._coarse:
+        if self._coarse or model.scene is not None:
             return cast_scene(model)
         scene, count = scene_arrays(model), max(1, len(model.surfaces))
         step, cells, found = max(1, _AT_ONCE // (3 * count)), self._cells, []

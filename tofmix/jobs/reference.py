@@ -1,0 +1,262 @@
+"""The reference of a reconciliation: a recording, or its layers, as the model of the scene.
+
+`reference_of_file` takes a recording or a layers file, `first_frames` the beginning of the measured recording itself.
+Both give a model whose scene is what the reference saw, and the layers file that the model names.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from tofmix.arrays import FloatArray
+from tofmix.errors import BadInputError
+from tofmix.independent_samples import independent_samples
+from tofmix.io.hdf5 import format_of
+from tofmix.io.layers.layers_file import FORMAT as LAYERS
+from tofmix.io.layers.layers_file import LayersFile, open_layers
+from tofmix.io.recording.recording_file import RecordingFile
+from tofmix.io.recording.recording_writer import RecordingWriter
+from tofmix.io.surfaces_file import FORMAT as SURFACES
+from tofmix.jobs.files import opened_recording
+from tofmix.jobs.reporter import OptionError, Reporter
+from tofmix.jobs.scene import estimated, measured_model, recording_settings, settings_of
+from tofmix.recording import SampleSource
+from tofmix.sensor import Sensor
+from tofmix.simulation.measured_scene import LEAST_SAMPLES, MeasuredScene
+from tofmix.simulation.model import Model
+
+REFERENCE = "reference.layers.h5"
+"""The layers of a reference in the folder of a reconciliation."""
+
+SELF_SHARE = 1.0 / 3.0
+"""Share of a recording's first frames that is its own reference."""
+
+_MAIN = 0.95  # share of a pixel's samples in one layer, from which their scatter is that of the noise
+_LEAST_TOGETHER = 12  # pixels of one layer, from which what they share is told from the noise of each
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Reference:
+    """A reference.
+
+    Parameters
+    ----------
+    model : Model
+        Its scene; the text names `REFERENCE`.
+    layers : bytes
+        The layers file.
+    sensor : Sensor
+        The camera of the layers, for comparison.
+    frames : int
+        First frames of the measured recording that are the reference; 0 if it is another file.
+    """
+
+    model: Model
+    layers: bytes
+    sensor: Sensor
+    frames: int = 0
+
+
+def is_reference(path: Path) -> bool:
+    """Whether a file is HDF5, and so no model."""
+    try:
+        with path.open("rb") as file:
+            return file.read(8) == b"\x89HDF\r\n\x1a\n"
+    except OSError:
+        return False
+
+
+def reference_of_file(path: Path, reporter: Reporter, *, workers: int) -> Reference:
+    """The reference of a recording, which is estimated as `tofmix estimate` does, or of the first window of layers.
+
+    Raises
+    ------
+    BadInputError
+        If the file cannot be read, has another format or fewer than 8 frames, or its noise or the directions of its
+        pixels are not known.
+    """
+    kind = format_of(path)
+    if kind == SURFACES:
+        raise BadInputError(f"{path}: a surfaces file is no reference; give the layers file that it was made from")
+    if kind == LAYERS:
+        with open_layers(path) as layers:
+            frames = int(layers.window_stop[0] - layers.window_start[0])
+            _check_frames(path, frames)
+            if layers.shape[0] > 1:
+                reporter.note(f"{path}: {layers.shape[0]} windows; the first one is the reference")
+            return _reference(layers, path, reporter, 0.0, None)
+    with opened_recording(path, reporter) as recording:
+        _check_frames(path, recording.frames)
+        with estimated(path, workers, reporter) as layers:
+            noise = frame_noise(recording, layers)
+            return _reference(layers, path, reporter, noise, recording)
+
+
+def first_frames(path: Path, wanted: float, reporter: Reporter, *, workers: int) -> Reference:
+    """The reference of the first frames of a recording.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    wanted : float
+        A share of its frames, below 1, or a number of frames.
+    reporter : Reporter
+        Receives doubts and notes.
+    workers : int
+        Threads of the estimate.
+
+    Raises
+    ------
+    BadInputError
+        As for `reference_of_file`, of the first frames; also if fewer than 8 frames are left to compare.
+    OptionError
+        If the number is neither a share nor a number of frames.
+    """
+    if not 0 < wanted < np.inf or (wanted >= 1 and wanted != round(wanted)):
+        raise OptionError(
+            f"{reporter.option('self')} {wanted:g}: expected a share below 1, or a number of frames, {LEAST_SAMPLES} or"
+            " more"
+        )
+    with opened_recording(path, reporter) as recording:
+        frames = int(wanted) if wanted >= 1 else int(wanted * recording.frames)
+        _check_frames(path, frames, "the first ")
+        if recording.frames - frames < LEAST_SAMPLES:
+            raise BadInputError(
+                f"{path}: range: {recording.frames} frames, {recording.frames - frames} of them after the reference of"
+                f" {frames}; both need {LEAST_SAMPLES}"
+            )
+        with (
+            _written(recording, frames, path) as part,
+            estimated(part, workers, reporter, about=path) as layers,
+            opened_recording(part, reporter) as first,
+        ):
+            return _reference(layers, path, reporter, frame_noise(first, layers), first, frames=frames)
+
+
+def _check_frames(path: Path, frames: int, which: str = "") -> None:
+    if frames < LEAST_SAMPLES:
+        raise BadInputError(f"{path}: {which}{frames} frames; a reference needs {LEAST_SAMPLES}")
+
+
+@contextmanager
+def _written(recording: RecordingFile, frames: int, path: Path) -> Iterator[Path]:
+    """The first frames of a recording as a file of the same name, for the time of the block."""
+    if recording.targets:
+        raise BadInputError(f"{path}: range: {recording.targets} targets a pixel and frame; a scene needs one sample")
+    light, time_s, every = recording.has_amplitude, recording.read_time(), slice(None)
+    with TemporaryDirectory(prefix="tofmix-") as folder:
+        part = Path(folder) / path.name
+        whole = np.issubdtype(np.dtype(recording.stored_type), np.integer)
+        writer = RecordingWriter(
+            part,
+            shape=(frames, *recording.shape[1:]),
+            sensor=recording.sensor,
+            has_amplitude=light,
+            has_time=time_s is not None,
+            dtype="u2" if whole else "f4",
+            attributes={"averaged": int(recording.averaged)},
+        )
+        samples = recording.read_range(slice(frames), every)
+        with writer:
+            writer.write(
+                0,
+                np.nan_to_num(samples).astype(np.uint16) if whole else samples,
+                amplitude=np.nan_to_num(recording.read_amplitude(slice(frames), every)) if light else None,
+                time_s=None if time_s is None else time_s[:frames] - time_s[0],
+            )
+        yield part
+
+
+def _reference(
+    layers: LayersFile,
+    path: Path,
+    reporter: Reporter,
+    noise: float,
+    recording: RecordingFile | None,
+    *,
+    frames: int = 0,
+) -> Reference:
+    settings = recording_settings(1, None) if recording is None else settings_of(recording)
+    made, model = measured_model(layers, path, reporter, REFERENCE, settings=settings, frame_noise=noise)
+    return Reference(model=model, layers=made.layers, sensor=layers.provenance.sensor, frames=frames)
+
+
+def frame_noise(source: SampleSource, layers: LayersFile) -> float:
+    """Standard deviation of what the samples of a frame have in common, in sigma, beyond the noise of each.
+
+    Parameters
+    ----------
+    source : SampleSource
+        The recording of the layers.
+    layers : LayersFile
+        With one window of all its frames.
+
+    Returns
+    -------
+    float
+        0 if few pixels see one layer.
+
+    References
+    ----------
+    Variance components of a two-way layout by analysis of variance; Searle, Casella and McCulloch, Variance Components,
+    4.3.
+    """
+    one = layers.read_window(0)
+    main = np.nan_to_num(one.weight[..., 0], nan=0.0) > _MAIN
+    if main.sum() < _LEAST_TOGETHER:
+        return 0.0
+    filtered = source.sensor if source.sensor.temporal_filter else layers.provenance.sensor
+    if filtered.temporal_filter is not None and hasattr(source, "with_sensor"):
+        source = independent_samples(source.with_sensor(layers.provenance.sensor))
+    samples = source.read_range(slice(None), slice(None))[:, main].astype(np.float64)
+    z = (samples - one.range[..., 0][main]) / one.sigma[..., 0][main]
+    return _in_common(np.where(np.isfinite(z) & (np.abs(z) < _FAR), z, np.nan))
+
+
+_FAR = 5.0  # sigma: a random value
+
+
+def _in_common(z: FloatArray) -> float:
+    """The standard deviation of frame effects in residuals (frame, pixel), NaN where there is none."""
+    there = np.isfinite(z)
+    frames = there.any(axis=1)
+    z, there = z[frames], there[frames]
+    if len(z) < LEAST_SAMPLES:
+        return 0.0
+    flat = np.where(there, z - np.nansum(z, axis=0) / np.maximum(there.sum(axis=0), 1), 0.0)
+    count = there.sum(axis=1)
+    mean = flat.sum(axis=1) / count
+    each = float((flat**2).sum() / max(int(there.sum()), 1))
+    between = float((mean**2).mean()) - each * float((1.0 / count).mean())
+    return float(np.sqrt(max(between, 0.0) * len(z) / (len(z) - 1)))
+
+
+def check_same_camera(
+    reference: MeasuredScene, sensor: Sensor, name: str, other: Sensor, shape: tuple[int, int]
+) -> None:
+    """Refuse a recording of another camera, image or lens than the reference's.
+
+    Raises
+    ------
+    BadInputError
+        With what differs.
+    """
+    if shape != reference.shape:
+        raise BadInputError(
+            f"{name}: range: an image of {shape[0]} x {shape[1]} pixels; the reference has {reference.shape[0]} x"
+            f" {reference.shape[1]}"
+        )
+    for key in ("name", "modulation_frequency_hz"):
+        ours, theirs = getattr(sensor, key), getattr(other, key)
+        unknown = ours in (None, "unknown") or theirs in (None, "unknown")
+        same = unknown or (ours == theirs if isinstance(ours, str) else bool(np.isclose(ours, theirs, rtol=_SAME)))
+        if not same:
+            raise BadInputError(f"{name}: sensor: {key}: {theirs} is another camera than the reference's {ours}")
+
+
+_SAME = 1e-3  # relative difference of numbers of a camera that are written in a file

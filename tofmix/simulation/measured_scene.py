@@ -1,0 +1,359 @@
+"""A scene as a recording saw it: layers in place of rectangles, pixel by pixel, with the errors of what was seen.
+
+Use `measured_scene` for the layers of a recording, and `camera_of` for the camera of a model of them. A `Model` with a
+`MeasuredScene` is cast by `tofmix.simulation.casting.measured_cast`: each layer keeps its share, and an effect that
+places a surface moves the ranges of its layers along the beams. So everything after the cast is the same as for
+rectangles.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.arrays import BoolArray, FloatArray
+from tofmix.errors import BadInputError
+from tofmix.layers import Layers
+from tofmix.optics.projection import beam_directions_of
+from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.sensors.camera import CompleteCamera
+from tofmix.simulation.surface import MAX_LENGTH_MM, Surface, surface_along
+from tofmix.temporal_filter import TemporalFilter
+
+LEAST_SAMPLES = 8
+"""Valid samples of a pixel, at least, from which its layers are taken as its distribution."""
+
+OWN_ERROR = 0.02
+"""Error of every mean, in sigma, beside that of chance: no scene and no camera stays the same to better than this."""
+
+_EXPONENT = 0.5  # of the law of the integration time, by counting photons: one recording does not tell it
+USUAL_SPREAD = 0.25
+"""Standard deviation of the logarithm of the widths of pixels where the recording was too short to show any: those of
+real cameras are 0.2 to 0.4."""
+
+_REFLECTIVITY = 0.8  # of a surface without amplitudes: the default of a model
+_ONE_ZONE_DEG = 25.0  # field of view of a sensor of one zone that does not give its own
+_SEEN_LOST = 0.5  # weight, in frames, of the image's mean share of lost samples: Jeffreys' prior
+_LEAST_NORMAL = 1e-9  # length of a normal that is none
+_PLANE_POINTS = 3  # that a plane needs
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MeasuredScene:
+    """What a recording saw. Arrays (row, col, layer) run from near to far and are NaN past a pixel's layers.
+
+    Parameters
+    ----------
+    range_mm : (row, col, layer) float64
+        Mean range of each layer.
+    share : (row, col, layer) float64
+        Share of the samples that are of the scene; with `no_return`, those of a pixel sum to 1.
+    no_return : (row, col) float64
+        Share of the samples without a surface.
+    amplitude : (row, col, layer) float64 or None
+        Mean amplitude; None if the recording has no amplitudes.
+    width : (row, col, layer) float64
+        Factor on sigma(r) of the camera.
+    lost : (row, col) float64
+        Share of the frames without a valid sample.
+    surface : (row, col, layer) int16
+        Number of the layer's surface; `len(surfaces)` for a layer that is of none, -1 past the layers.
+    surfaces : tuple of Surface
+        The plane of each surface, as it was seen: its rectangle is as large as what was seen of it.
+    frames : int
+        Frames of the window.
+    samples : (row, col) int64
+        Valid samples of each pixel.
+    range_error_mm : (row, col, layer) float64
+        Standard error of each mean, of independent samples.
+    width_spread : float
+        Standard deviation of the logarithm of pixels' own widths, the prior of `width`.
+    recorded_spread : float
+        The same as the estimate found it; 0 if it found pixels alike.
+    memory : float
+        Correlation of the noise of a pixel from one frame to the next.
+    frame_noise : float
+        Standard deviation of what all samples of a frame have in common, in sigma.
+    temporal_filter : TemporalFilter or None
+        The camera's filter over time: `samples` are independent ones.
+    layers_path, surfaces_path : str
+        Files that a model names, relative to its own; surfaces may be empty.
+    """
+
+    range_mm: FloatArray
+    share: FloatArray
+    no_return: FloatArray
+    amplitude: FloatArray | None
+    width: FloatArray
+    lost: FloatArray
+    surface: NDArray[np.int16]
+    surfaces: tuple[Surface, ...]
+    frames: int
+    samples: NDArray[np.int64]
+    range_error_mm: FloatArray
+    width_spread: float = USUAL_SPREAD
+    recorded_spread: float = 0.0
+    memory: float = 0.0
+    frame_noise: float = 0.0
+    temporal_filter: TemporalFilter | None = None
+    layers_path: str = ""
+    surfaces_path: str = ""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        rows, cols = self.no_return.shape
+        return rows, cols
+
+    @property
+    def known(self) -> BoolArray:
+        """Pixels (row, col) of which the recording tells where their samples lie."""
+        told = np.nan_to_num(self.share).sum(axis=2) + self.no_return > 0
+        return np.asarray((self.samples >= LEAST_SAMPLES) & told)
+
+    @property
+    def repeats(self) -> float:
+        """V = (1 + rho) / (1 - rho): frames that are worth one independent frame, in a mean over many."""
+        return (1.0 + self.memory) / (1.0 - self.memory)
+
+    @property
+    def main(self) -> NDArray[np.int64]:
+        """The layer (row, col) of the largest share."""
+        return np.asarray(np.nan_to_num(self.share, nan=-1.0).argmax(axis=2))
+
+    def of_main(self, values: FloatArray) -> FloatArray:
+        """Values (row, col, layer) of the layer of the largest share, (row, col)."""
+        return np.asarray(np.take_along_axis(values, self.main[:, :, None], axis=2)[:, :, 0])
+
+    def mean_variance(self) -> FloatArray:
+        """Variance (row, col) of the mean of a pixel's samples, in units of its sigma squared; infinite if not known.
+
+        s^2 v / n and the error that no number of samples lowers; s is a layer's sigma.
+        """
+        count = np.where(self.known, self.samples, 0)
+        with np.errstate(divide="ignore"):
+            return np.asarray(self.repeats / count + OWN_ERROR**2)
+
+    def frame_variance(self) -> float:
+        """Variance of the mean of all samples by the noise that the samples of a frame share, in sigma squared."""
+        return self.repeats * self.frame_noise**2 / max(self.frames, 1)
+
+    def width_error(self) -> FloatArray:
+        """Standard error (row, col) of the logarithm of a pixel's width, estimated from its samples.
+
+        The posterior of a width with a normal prior of its logarithm; n samples have the information 2 n.
+        """
+        told = 2.0 * np.where(self.known, self.samples, 0) / self.repeats
+        return np.asarray(1.0 / np.sqrt(self.width_spread**-2 + told))
+
+
+SceneParts = tuple[CompleteCamera, MeasuredScene]
+"""The camera and the scene of a recording."""
+
+
+def camera_of(sensor: Sensor, shape: tuple[int, int], *, longest_mm: float) -> tuple[CompleteCamera, list[str]]:
+    """The camera of a model of what a sensor saw, and what was assumed of it.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        With a noise curve; its background density is not kept.
+    shape : (int, int)
+        Rows and columns.
+    longest_mm : float
+        The longest range that was seen, in place of an unknown `range_max_mm`.
+
+    Raises
+    ------
+    ValueError
+        If there is no noise curve, or a number is outside its bounds. The message begins with a key.
+    """
+    if sensor.noise is None:
+        raise ValueError("no noise curve; estimate the recording with --noise auto")
+    notes = []
+    curve: NoiseCurve = replace(sensor.noise, background_density=None)
+    tau, far, near = sensor.integration_time_ms, sensor.range_max_mm, sensor.range_min_mm
+    if tau is None:
+        tau = 1.0
+        notes.append("integration_time_ms is not known: 1 is written, for which the noise holds")
+    if far is None:
+        far = sensor.sample_max_mm or float(np.ceil(longest_mm))
+        notes.append(f"range_max_mm is not known: {far:g} is written, the longest range that was seen")
+    by_angles = sensor.projection is None
+    wide, high = (sensor.fov_horizontal_deg, sensor.fov_vertical_deg) if by_angles else (None, None)
+    if by_angles and (wide is None or high is None) and shape == (1, 1):
+        wide = high = _ONE_ZONE_DEG
+        notes.append(f"the field of view of the one pixel is not known: {_ONE_ZONE_DEG:g} degrees are written")
+    camera = CompleteCamera(
+        name=sensor.name,
+        rows=shape[0],
+        cols=shape[1],
+        fov_horizontal_deg=wide,
+        fov_vertical_deg=high,
+        projection=sensor.projection,
+        measurement=sensor.measurement,
+        range_min_mm=max(near or 0.0, 0.0),
+        range_max_mm=far,
+        integration_time_ms=tau,
+        default_integration_time_ms=tau,
+        noise=curve,
+        reference_integration_time_ms=tau,
+        exponent=_EXPONENT,
+        modulation_frequency_hz=sensor.modulation_frequency_hz,
+        outlier_probability=sensor.outlier_probability,
+    )
+    return camera, notes
+
+
+def measured_scene(
+    layers: Layers,
+    sensor: Sensor,
+    surface: NDArray[np.integer],
+    *,
+    frames: int,
+    frame_noise: float = 0.0,
+    paths: tuple[str, str] = ("", ""),
+) -> SceneParts:
+    """The scene of a window's layers, with its camera.
+
+    Parameters
+    ----------
+    layers : Layers
+        Of the leading shape (row, col).
+    sensor : Sensor
+        The camera with the noise of the estimate.
+    surface : (row, col, layer) int
+        Number of the surface of each layer; -1 for none.
+    frames : int
+        Frames of the window.
+    frame_noise : float
+        As for `MeasuredScene`.
+    paths : (str, str)
+        Of the layers and the surfaces, for the model.
+
+    Raises
+    ------
+    ValueError
+        If the noise or the directions of pixels are not known. The message begins with a key.
+    BadInputError
+        If no pixel has a layer.
+    """
+    there = np.isfinite(layers.range)
+    if not there.any():
+        raise BadInputError("no pixel has a layer, so there is no scene")
+    rows, cols = layers.n_modes.shape
+    camera, _ = camera_of(sensor, (rows, cols), longest_mm=float(np.nanmax(layers.range)))
+    spread = camera.noise.width_spread
+    camera = replace(camera, noise=replace(camera.noise, width_spread=0.0))  # a measured scene has the widths
+    range_mm = layers.range.astype(np.float64)
+    amplitude = None if layers.amplitude is None else _filled(layers.amplitude.astype(np.float64), there)
+    curve = camera.noise.sigma(np.nan_to_num(range_mm, nan=1.0), amplitude)
+    weight = np.where(there, np.nan_to_num(layers.weight.astype(np.float64)), 0.0)
+    nothing = np.nan_to_num(layers.weight_no_return.astype(np.float64))
+    whole = weight.sum(axis=2) + nothing
+    whole = np.where(whole > 0, whole, 1.0)
+    samples = layers.n_samples.astype(np.int64)
+    lost = np.zeros((rows, cols)) if layers.invalid_share is None else layers.invalid_share.astype(np.float64)
+    lost = np.where(np.isfinite(lost), lost, 0.0)
+    usual = max(float(lost.mean()), _SEEN_LOST / (frames * lost.size))
+    lost = (lost * frames + _SEEN_LOST * usual) / (frames + _SEEN_LOST)
+    own, planes = _planes(range_mm, there, surface, camera)
+    return camera, MeasuredScene(
+        range_mm=range_mm,
+        share=np.where(there, weight / whole[:, :, None], np.nan),
+        no_return=nothing / whole,
+        amplitude=amplitude,
+        width=np.where(there, layers.sigma.astype(np.float64) / curve, np.nan),
+        lost=lost,
+        surface=own,
+        surfaces=planes,
+        frames=frames,
+        samples=samples,
+        range_error_mm=layers.range_stderr.astype(np.float64),
+        width_spread=spread or USUAL_SPREAD,
+        recorded_spread=spread,
+        memory=0.0 if sensor.learnt is None else sensor.learnt.memory,
+        frame_noise=frame_noise,
+        temporal_filter=sensor.temporal_filter,
+        layers_path=paths[0],
+        surfaces_path=paths[1],
+    )
+
+
+def _filled(amplitude: FloatArray, there: BoolArray) -> FloatArray | None:
+    """Amplitudes with the median in place of those that are not known (of phasor sums); None if none is known."""
+    known = np.isfinite(amplitude) & (amplitude > 0)
+    if not known.any():
+        return None
+    return np.where(there, np.where(known, amplitude, float(np.median(amplitude[known]))), np.nan)
+
+
+def _planes(
+    range_mm: FloatArray,
+    there: BoolArray,
+    surface: NDArray[np.integer],
+    camera: CompleteCamera,
+) -> tuple[NDArray[np.int16], tuple[Surface, ...]]:
+    """Numbers (row, col, layer) of surfaces, and the plane of each; those of too few layers are none.
+
+    Smooth surfaces that are no planes have the plane through their points: effects move them along its normal. A
+    sensor of one pixel sees each of its layers as a plane that faces it.
+    """
+    beams = beam_directions_of(camera.optics, camera.shape)
+    found: list[Surface] = []
+    own = np.where(there, -2, -1).astype(np.int64)
+    if camera.shape == (1, 1):
+        for layer in np.flatnonzero(there[0, 0]).tolist():
+            place = beams[0, 0] * range_mm[0, 0, layer]
+            half = range_mm[0, 0, layer] * np.tan(np.radians(_ONE_ZONE_DEG / 2))
+            found.append(_plane(len(found), place[None], beams[0, 0], np.full(2, max(2 * half, 1.0))))
+            own[0, 0, layer] = len(found) - 1
+    for number in np.unique(surface[there & (surface >= 0)]).tolist():
+        row, col, layer = np.nonzero(there & (surface == number))
+        points = beams[row, col] * range_mm[row, col, layer][:, None]
+        normal = _normal(beams[row, col], range_mm[row, col, layer])
+        if normal is None or len(found) >= np.iinfo(np.int16).max - 1:
+            continue
+        own[row, col, layer] = len(found)
+        found.append(_plane(number, points, normal, None))
+    own[own == -2] = len(found)  # noqa: PLR2004  layers that are of no surface
+    return own.astype(np.int16), tuple(found)
+
+
+def _normal(beams: FloatArray, range_mm: FloatArray) -> FloatArray | None:
+    """Unit normal of the plane of layers: 1 / r = m . d by least squares, each by its relative error."""
+    if len(range_mm) < _PLANE_POINTS:
+        return None
+    inverse = np.linalg.lstsq(beams * range_mm[:, None], np.ones(len(range_mm)), rcond=None)[0]
+    length = float(np.linalg.norm(inverse))
+    normal = inverse / max(length, _LEAST_NORMAL)
+    seen = beams @ normal
+    return np.asarray(normal, dtype=np.float64) if length > _LEAST_NORMAL and (seen > 0).all() else None
+
+
+def _plane(number: int, points: FloatArray, normal: FloatArray, size_mm: FloatArray | None) -> Surface:
+    """A surface of this number, as large as the points seen of it."""
+    along = float((points @ normal).mean())
+    upright = np.array([0.0, 1.0, 0.0]) if abs(normal[1]) < abs(normal[2]) else np.array([0.0, 0.0, 1.0])
+    across = np.cross(upright, normal)
+    u = across / np.linalg.norm(across)
+    v = np.cross(normal, u)
+    spans = np.stack([points @ u, points @ v], axis=1)
+    low, high = spans.min(axis=0), spans.max(axis=0)
+    middle = (low + high) / 2
+    size = np.clip(high - low, 1.0, MAX_LENGTH_MM) if size_mm is None else size_mm
+    return surface_along(
+        f"surface {number}",
+        center_mm=along * normal + middle[0] * u + middle[1] * v,
+        size_mm=size,
+        axes=np.stack([u, v, normal], axis=1),
+        reflectivity=_REFLECTIVITY,
+    )
+
+
+def scene_words(scene: MeasuredScene) -> str:
+    """The scene in words."""
+    names = [f'"{surface.name}"' for surface in scene.surfaces]
+    layers, free = int((scene.surface >= 0).sum()), int((scene.surface == len(scene.surfaces)).sum())
+    of = f", {free:,} of them of no surface" if free else ""
+    return f"{layers:,} layers of {scene.layers_path or 'a recording'}{of}; surfaces: {', '.join(names) or 'none'}"
