@@ -297,26 +297,59 @@ def _opened(value: FloatArray, cells: int) -> FloatArray:
     return np.asarray(sliding_window_view(lowest, cells).max(axis=1))
 
 
+@jit
 def _walk(counts: FloatArray, width: FloatArray, deviation: float, start: FloatArray) -> tuple[FloatArray, float]:
     """Most probable log density (cell,) under steps of a standard deviation, by Newton's method, and its log evidence.
 
     The level of the walk has a flat prior, as that of the uniform density.
     """
-    cells = len(counts)
-    steps = np.diff(np.eye(cells), axis=0)
-    precision = steps.T @ steps / deviation**2
-    value = start
+    precision = 1.0 / (deviation * deviation)
+    value, step = start.copy(), np.empty(len(counts))
     for _ in range(_NEWTON_STEPS):
-        expected = np.exp(value) * width
-        step = np.linalg.solve(precision + np.diag(expected), counts - expected - precision @ value)
-        longest = float(np.abs(step).max())
-        value = value + step * min(1.0, _LONGEST_STEP / longest if longest > 0.0 else 1.0)
+        longest, _ = _newton_step(counts, width, precision, value, step)
+        part = min(1.0, _LONGEST_STEP / longest) if longest > 0.0 else 1.0
+        for j in range(len(value)):
+            value[j] += step[j] * part
         if longest < _NEWTON_TOLERANCE:
             break
-    expected = np.exp(value) * width
-    fit = float((counts * np.log(expected)).sum() - expected.sum())
-    squares = float(np.square(np.diff(value)).sum()) / deviation**2
-    _, volume = np.linalg.slogdet(precision + np.diag(expected))
+    _, volume = _newton_step(counts, width, precision, value, step)
+    fit, squares, total = 0.0, 0.0, 0.0
+    for j in range(len(value)):
+        expected = math.exp(value[j]) * width[j]
+        fit += counts[j] * math.log(expected) - expected
+        squares += precision * (value[j] - value[j - 1]) ** 2 if j > 0 else 0.0
+        total += counts[j]
     # The uniform density has the volume of its level alone, 1 / total.
-    prior = -2.0 * (cells - 1) * math.log(deviation)
-    return value, fit + 0.5 * (prior - squares - float(volume) + math.log(float(counts.sum())))
+    prior = -2.0 * (len(counts) - 1) * math.log(deviation)
+    return value, fit + 0.5 * (prior - squares - volume + math.log(total))
+
+
+@jit
+def _newton_step(
+    counts: FloatArray, width: FloatArray, precision: float, value: FloatArray, step: FloatArray
+) -> tuple[float, float]:
+    """Fill `step` (cell,) with Newton's; return the longest, and the log determinant of the Hessian.
+
+    A step of the walk joins two neighbouring cells: the Hessian is tridiagonal, and elimination goes from cell to cell.
+    """
+    cells, longest, volume = len(counts), 0.0, 0.0
+    pivot = np.empty(cells)
+    for j in range(cells):
+        pivot[j] = math.exp(value[j]) * width[j]
+        step[j] = counts[j] - pivot[j]
+        if j > 0:
+            pivot[j] += precision
+            step[j] -= precision * (value[j] - value[j - 1])
+        if j < cells - 1:
+            pivot[j] += precision
+            step[j] -= precision * (value[j] - value[j + 1])
+        if j > 0:
+            pivot[j] -= precision * precision / pivot[j - 1]
+            step[j] += precision / pivot[j - 1] * step[j - 1]
+        volume += math.log(pivot[j])
+    for j in range(cells - 1, -1, -1):
+        if j < cells - 1:
+            step[j] += precision * step[j + 1]
+        step[j] /= pivot[j]
+        longest = max(longest, abs(step[j]))
+    return longest, volume

@@ -3,13 +3,15 @@
 Held-out likelihood: of samples that no fit has seen, in pixels that the noise was not learnt from.
 """
 
+from collections import OrderedDict
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.compiled.jit import borrowing, jit
-from tofmix.estimation.beam import Beam, all_steps, beam_of, steps_of
+from tofmix.estimation.beam import Beam, PixelCurves, all_steps, beam_of, steps_of
 from tofmix.estimation.learnt.acceleration import LEARNING_ITER, LEARNING_TOL, maximise
 from tofmix.estimation.learnt.background import (
     PixelWidths,
@@ -27,10 +29,10 @@ from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.thresholds import GainThresholds
 from tofmix.estimation.learnt.trials import new_workspace
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
-from tofmix.estimation.noise.isolated_clusters import LEAST_TO_CLUSTER, WEAK_PRIOR, Clusters
+from tofmix.estimation.noise.isolated_clusters import LEAST_CLUSTERS, LEAST_TO_CLUSTER, WEAK_PRIOR, Clusters
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel, pixel_curves
 from tofmix.estimation.noise.training_pixels import MANY_PIXELS, Pixels
-from tofmix.sensor import Sensor
+from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 
 PARTS = 4
 """Parts of the frames of a pixel, each predicted by a fit to the others. A fit to fewer samples predicts badly under
@@ -151,6 +153,9 @@ MOST_COUNTED = 600
 MOST_FOR_DENSITY = 300
 """Most pixels whose surfaces are counted, to measure the density of background."""
 
+CURVES_KEPT = 4
+"""Sets of pixels' curves that a fold keeps: those of some training pixels, of all, and of the held-out ones."""
+
 _FOLDS = 3
 """Parts of the pixels: two thirds teach, one third judges."""
 
@@ -173,12 +178,38 @@ class Fold:
 
     def __init__(self, training: Pixels, held_out: Pixels, sensor: Sensor) -> None:
         self.training, self.held_out, self._sensor = training, held_out, sensor
+        self._some: dict[int, Pixels] = {}
+        self._curves: OrderedDict[tuple[int | bytes, ...], PixelCurves] = OrderedDict()
+        self._clusters: tuple[NoiseCurve, Clusters] | None = None
+        self._single: tuple[PixelNoise, Clusters, Clusters] | None = None
 
     def _beam(self, noise: PixelNoise, pixels: Pixels) -> Beam:
         beam = beam_of(replace(self._sensor, noise=noise.curve))
         if noise.curve.law is not None and pixels.amplitude is not None and len(pixels.samples):
-            beam = beam._replace(pixel_curves=pixel_curves(pixels.samples.T, pixels.amplitude.T, noise.curve))
+            beam = beam._replace(
+                pixel_curves=self._pixel_curves(noise.curve, noise.curve.law, pixels, pixels.amplitude)
+            )
         return beam._replace(steps=steps_of(pixels.step, noise.curve)) if pixels.step is not None else beam
+
+    def _pixel_curves(
+        self, curve: NoiseCurve, law: AmplitudeLaw, pixels: Pixels, amplitude: Float32Array
+    ) -> PixelCurves:
+        """Curves of pixels, kept for the next fits: parts of the noise beyond sigma do not change them."""
+        read = curve.range_mm, curve.sigma_mm, law.reference, law.amplitude, law.factor
+        key: tuple[int | bytes, ...] = (id(pixels), *(values.tobytes() for values in read))
+        found = self._curves.get(key)
+        if found is None:
+            found = pixel_curves(pixels.samples.T, amplitude.T, curve)
+            self._curves[key] = found
+            with suppress(KeyError):  # another thread may have removed it
+                while len(self._curves) > CURVES_KEPT:
+                    self._curves.popitem(last=False)
+        return found
+
+    def _training_pixels(self, most: int) -> Pixels:
+        """At most `most` training pixels, evenly spread; the same object at each call."""
+        known = self._some.get(most)
+        return self._some.setdefault(most, self.training.some(most)) if known is None else known
 
     def smooth_errors(self, fits: ClusterFits, clusters: Clusters) -> FloatArray:
         """Standardised errors (cluster, frame) of fits, with the rounding of the samples spread over its step."""
@@ -220,7 +251,16 @@ class Fold:
         return found
 
     def clusters(self, noise: PixelNoise) -> Clusters:
-        """Isolated clusters of the training pixels; none where most have fewer than `LEAST_TO_CLUSTER` samples."""
+        """Isolated clusters of the training pixels; none where most have fewer than `LEAST_TO_CLUSTER` samples.
+
+        They depend on the curve of the noise alone. Those of the last curve are kept.
+        """
+        known = self._clusters
+        if known is None or known[0] is not noise.curve:
+            known = self._clusters = noise.curve, self._found_clusters(noise)
+        return known[1]
+
+    def _found_clusters(self, noise: PixelNoise) -> Clusters:
         samples = self.training.samples
         filled = np.isfinite(samples).sum(axis=1)
         if filled.any() and np.median(filled[filled > 0]) < LEAST_TO_CLUSTER:
@@ -232,15 +272,35 @@ class Fold:
         free = replace(noise, background=noise.background or WEAK_PRIOR)
         return fit_clusters(self.training.samples, clusters, free.laws()[0], self._beam(noise, self.training), second)
 
+    def single_surfaces(self, noise: PixelNoise) -> tuple[Clusters, Clusters]:
+        """Clusters of the training pixels, and those in which a second surface gains less than `LEAST_GAIN`.
+
+        Those of the last noise are kept: each part of the noise is tried with them.
+        """
+        known = self._single
+        if known is None or known[0] is not noise:
+            clusters = self.clusters(noise)
+            single = self.singles_of(noise, clusters) if len(clusters.pixel) >= LEAST_CLUSTERS else clusters
+            known = self._single = noise, clusters, single
+        return known[1:]
+
+    def singles_of(self, noise: PixelNoise, clusters: Clusters) -> Clusters:
+        """Clusters in which a second surface gains less than `LEAST_GAIN`; all where it gains more in most."""
+        single = self.fits(noise, clusters, second=True).gain < LEAST_GAIN
+        # A wrong shape splits most clusters: then a split shows the shape, and not a second surface.
+        if 2 * single.sum() <= len(single):
+            return clusters
+        return Clusters(clusters.pixel[single], clusters.low[single], clusters.high[single])
+
     def widths(self, noise: PixelNoise, free: PixelNoise) -> PixelWidths:
         """Widths of some training pixels under `free`, of the surfaces that are counted under `noise`."""
-        pixels = self.training.some(MOST_COUNTED)
+        pixels = self._training_pixels(MOST_COUNTED)
         beam = self._beam(noise, pixels)
         return pixel_widths(pixels.samples, noise.laws(), free.laws()[0], beam, flat_thresholds(), MAX_LAYERS)
 
     def background_shares(self, noise: PixelNoise) -> tuple[FloatArray, FloatArray]:
         """Share of background and number of samples (pixel,) of some training pixels."""
-        pixels = self.training.some(MOST_COUNTED)
+        pixels = self._training_pixels(MOST_COUNTED)
         return background_shares(pixels.samples, noise.laws(), self._beam(noise, pixels), flat_thresholds(), MAX_LAYERS)
 
     def cell_edges(self, noise: PixelNoise, cell_sigmas: float) -> FloatArray:
@@ -250,12 +310,12 @@ class Fold:
 
     def counts(self, edges: FloatArray) -> FloatArray:
         """Number (cell,) of all samples of some training pixels between edges, mm."""
-        samples = self.training.some(MOST_FOR_DENSITY).samples
+        samples = self._training_pixels(MOST_FOR_DENSITY).samples
         return np.histogram(samples[np.isfinite(samples)], edges)[0].astype(np.float64)
 
     def background_counts(self, noise: PixelNoise, edges: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Number (cell,) of those that are background; and share and number of samples (pixel,) of these pixels."""
-        pixels = self.training.some(MOST_FOR_DENSITY)
+        pixels = self._training_pixels(MOST_FOR_DENSITY)
         beam = self._beam(noise, pixels)
         return background_counts(pixels.samples, noise.laws(), beam, flat_thresholds(), MAX_LAYERS, edges)
 

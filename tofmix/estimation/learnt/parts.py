@@ -14,10 +14,10 @@ from statistics import NormalDist
 
 import numpy as np
 
-from tofmix.arrays import BoolArray, FloatArray
+from tofmix.arrays import FloatArray
 from tofmix.estimation.learnt.background import CELL_SIGMAS, cells_of_surface, smooth_density
 from tofmix.estimation.learnt.clusters import ClusterFits
-from tofmix.estimation.learnt.folds import LEAST_GAIN, Fold
+from tofmix.estimation.learnt.folds import Fold
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, precision_of_t
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.population import spread_beside_pairs
@@ -124,10 +124,7 @@ def with_part(fold: Fold, noise: PixelNoise, part: str) -> PixelNoise | None:
         return _with_background(fold, noise)
     if part == "density":
         return _with_density(fold, noise)
-    clusters = fold.clusters(noise)
-    if len(clusters.pixel) < LEAST_CLUSTERS:
-        return None
-    single = single_surfaces(fold, noise, clusters)
+    clusters, single = fold.single_surfaces(noise)
     if len(single.pixel) < LEAST_CLUSTERS:
         return None
     learnt = {"drift": _with_drift, "widths": _with_widths, "shape": _with_shape}[part]
@@ -136,7 +133,7 @@ def with_part(fold: Fold, noise: PixelNoise, part: str) -> PixelNoise | None:
         # Without the part, pixels that need it most look like two surfaces: they are chosen again with it.
         # Surfaces are not located under a shape that their own errors gave (`_with_shape`).
         start = noise if part == "shape" else trial
-        trial = learnt(fold, start, single_surfaces(fold, with_sigma(fold, trial), clusters))
+        trial = learnt(fold, start, fold.singles_of(with_sigma(fold, trial), clusters))
     return None if trial is None else with_sigma(fold, trial)
 
 
@@ -152,18 +149,6 @@ def without_part(noise: PixelNoise, part: str) -> PixelNoise:
     if part == "widths":
         return replace(noise, curve=replace(noise.curve, width_spread=0.0))
     return replace(noise, curve=replace(noise.curve, shape=None))
-
-
-def _chosen(clusters: Clusters, which: BoolArray) -> Clusters:
-    return Clusters(clusters.pixel[which], clusters.low[which], clusters.high[which])
-
-
-def single_surfaces(fold: Fold, noise: PixelNoise, clusters: Clusters) -> Clusters:
-    """Clusters in which a second surface gains less than `LEAST_GAIN`; all clusters where it gains more in most."""
-    fits = fold.fits(noise, clusters, second=True)
-    single = fits.gain < LEAST_GAIN
-    # A wrong shape splits most clusters: then a split shows the shape, and not a second surface.
-    return _chosen(clusters, single) if 2 * single.sum() > len(single) else clusters
 
 
 def _with_drift(fold: Fold, noise: PixelNoise, clusters: Clusters) -> PixelNoise | None:
@@ -250,7 +235,7 @@ def shrunken_effects(fold: Fold, noise: PixelNoise) -> FloatArray:
     """
     clusters = fold.clusters(noise)
     if len(clusters.pixel):
-        clusters = single_surfaces(fold, noise, clusters)
+        clusters = fold.singles_of(noise, clusters)
     out = np.zeros((len(clusters.pixel), 1 + DRIFTS))
     wide, moves = noise.curve.width_spread > 0.0, noise.drift_mm > 0.0
     if not len(out) or not (wide or moves.any()):

@@ -13,13 +13,14 @@ likelihood.
 """
 
 import math
+from functools import cache
 from itertools import product
 
 import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import jit
-from tofmix.estimation.learnt.law import Law, density_at
+from tofmix.estimation.learnt.law import Law, distribution_at
 from tofmix.learnt_noise import TAIL_DEGREES
 
 MOST_CLUSTERS = 400
@@ -33,6 +34,9 @@ BIN = 0.25
 
 SAME_LEVEL = 0.25
 """Samples closer than this part of a step are in one cell."""
+
+SAME_EDGE = 1e-6
+"""Ends of two cells closer than this part of half a cell are one."""
 
 LOG_WIDTHS = np.linspace(-1.2, 1.5, 28)
 """Log widths under which one surface is fitted."""
@@ -171,15 +175,26 @@ def _mean_over_places(
     variance = width * width + half * half / 3.0 + share * (1.0 - share) * apart * apart
     reach = REACH * math.sqrt(variance / max(n, 1)) + OFF_CENTRE * apart + OFF_STEP * half
     scale = 1.0 / width
-    near, far = (1.0 - rest) * scale * share, (1.0 - rest) * scale * (1.0 - share)
+    near = (1.0 - rest) * share / (2.0 * half)
+    far = (1.0 - rest) * (1.0 - share) / (2.0 * half)
     best, total = -math.inf, 0.0
     for m in range(PLACES):
         first = reach * (2.0 * (m + 0.5) / PLACES - 1.0) - (1.0 - share) * apart
-        log = 0.0
+        log, edge, below, below_far = 0.0, -math.inf, 0.0, 0.0
         for j in range(levels):
-            density = uniform + near * density_at((level[j] - first) * scale, half * scale, law)
+            if level[j] - half - edge > SAME_EDGE * half:  # else the cell begins where the last one ends
+                edge = level[j] - half
+                below = distribution_at((edge - first) * scale, law)
+                if apart > 0.0:
+                    below_far = distribution_at((edge - first - apart) * scale, law)
+            edge = level[j] + half
+            above = distribution_at((edge - first) * scale, law)
+            density = uniform + near * (above - below)
+            below = above
             if apart > 0.0:
-                density += far * density_at((level[j] - first - apart) * scale, half * scale, law)
+                above = distribution_at((edge - first - apart) * scale, law)
+                density += far * (above - below_far)
+                below_far = above
             log += times[j] * math.log(density)
         if log > best:
             total = total * math.exp(best - log) + 1.0
@@ -234,18 +249,16 @@ class _Population:
     """Likelihoods of clusters at fine steps of log width."""
 
     def __init__(self, one: FloatArray, two: FloatArray | None = None) -> None:
-        self._at = np.arange(LOG_WIDTHS[0], LOG_WIDTHS[-1] + 0.5 * _FINE, _FINE)
-        self._pair_at = np.arange(PAIR_LOG_WIDTHS[0], PAIR_LOG_WIDTHS[-1] + 0.5 * _FINE, _FINE)
         most = one.max(axis=1) if two is None else np.maximum(one.max(axis=1), two.max(axis=(1, 2)))
         self._most = float(most.sum())
-        self._one = np.exp(one @ _cubic(LOG_WIDTHS, self._at) - most[:, None])
+        self._one = np.exp(one @ _cubic(LOG_WIDTHS, _fine_widths(LOG_WIDTHS)) - most[:, None])
         self._two = None
         if two is not None:
-            self._two = np.exp(two @ _cubic(PAIR_LOG_WIDTHS, self._pair_at) - most[:, None, None])
+            self._two = np.exp(two @ _cubic(PAIR_LOG_WIDTHS, _fine_widths(PAIR_LOG_WIDTHS)) - most[:, None, None])
 
     def best(self, scale: float) -> float:
         """Log likelihood, nat, at the most likely of `SHIFTS`, with the most likely shares of pairs."""
-        found = np.array([self._value(scale, shift) for shift in SHIFTS])
+        found = np.array([self._value(*masses) for masses in zip(*_masses(float(scale)), strict=True)])
         at = int(np.argmax(found))
         if not 0 < at < len(SHIFTS) - 1:
             return float(found[at])
@@ -253,11 +266,12 @@ class _Population:
         bend = below - 2.0 * here + above
         return float(here - (0.125 * (below - above) ** 2 / bend if bend < 0.0 else 0.0))
 
-    def _value(self, scale: float, shift: float) -> float:
-        part = np.maximum(self._one @ _masses(self._at, shift, scale), np.finfo(np.float64).tiny)
+    def _value(self, of_one: FloatArray, of_pairs: FloatArray) -> float:
+        """Log likelihood, nat, with probabilities (n,) of the log widths of one surface and of pairs."""
+        part = np.maximum(self._one @ of_one, np.finfo(np.float64).tiny)
         if self._two is None:
             return self._most + float(np.log(part).sum())
-        pairs = np.maximum(self._two @ _masses(self._pair_at, shift, scale), np.finfo(np.float64).tiny)
+        pairs = np.maximum(self._two @ of_pairs, np.finfo(np.float64).tiny)
         parts = np.hstack([part[:, None], pairs])
         share = np.full(parts.shape[1], 0.5 / pairs.shape[1])
         share[0] = 0.5
@@ -266,12 +280,24 @@ class _Population:
         return self._most + float(np.log(parts @ share).sum())
 
 
-def _masses(at: FloatArray, shift: float, scale: float) -> FloatArray:
-    """Probability (n,) of the log widths nearest to each of `at` (n,), of a Student t about `shift`."""
+def _fine_widths(log_widths: FloatArray) -> FloatArray:
+    """Log widths (n,), `_FINE` apart, from the first to the last of others."""
+    return np.arange(log_widths[0], log_widths[-1] + 0.5 * _FINE, _FINE)
+
+
+@cache
+def _masses(scale: float) -> tuple[FloatArray, FloatArray]:
+    """Probability (shift, n) of the nearest of `_fine_widths`, of those of one surface and of pairs.
+
+    Log widths have a Student t density of a scale about each of `SHIFTS`.
+    """
     from scipy.special import stdtr
 
-    edge = np.append(at - 0.5 * _FINE, at[-1] + 0.5 * _FINE)
-    return np.asarray(np.diff(stdtr(TAIL_DEGREES, (edge - shift) / scale)))
+    out = []
+    for at in map(_fine_widths, (LOG_WIDTHS, PAIR_LOG_WIDTHS)):
+        edge = np.append(at - 0.5 * _FINE, at[-1] + 0.5 * _FINE)
+        out.append(np.asarray(np.diff(stdtr(TAIL_DEGREES, (edge - SHIFTS[:, None]) / scale), axis=1), np.float64))
+    return out[0], out[1]
 
 
 def _cubic(at: FloatArray, fine: FloatArray) -> FloatArray:
