@@ -15,8 +15,8 @@ from scipy.optimize import minimize_scalar
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.reconciliation.evidence import BLOCK_FRAMES, Evidence
-from tofmix.reconciliation.likelihood.beats import FrameNoise, fit_beat
 from tofmix.reconciliation.ledger import Ledger, name_of_effect
+from tofmix.reconciliation.likelihood.beats import FrameNoise, fit_beat
 from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.memory import fit_memory, memory_gain
