@@ -41,11 +41,14 @@ class WeighedSet:
         Log evidence over that of the model as given; all sets of one ledger are on this scale.
     why_not : str or None
         Why it is not the answer, in plain words; None for the answer, and for a set that still stands.
+    is_alias : bool
+        Whether the samples do not separate it from the answer.
     """
 
     names: tuple[Named, ...]
     evidence_nats: float
     why_not: str | None = None
+    is_alias: bool = False
 
     @property
     def line(self) -> str:

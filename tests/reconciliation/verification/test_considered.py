@@ -67,7 +67,7 @@ def weighed(nats: float, *kinds: str, why_not: str | None = None) -> WeighedSet:
 
 def test_effects_that_a_set_shares_with_the_answer_are_left_out_of_the_alias() -> None:
     first = weighed(100.0, "a", "b")
-    other = weighed(98.0, "b", "c", why_not="cannot be told apart: 2.0 nats less likely")
+    other = replace(weighed(98.0, "b", "c", why_not="cannot be told apart: 2.0 nats less likely"), is_alias=True)
     (alias,) = aliases((first, other, weighed(99.0, "d", why_not="a number is at its bound")), named=True)
     assert alias.sets == ((("a", ""),), (("c", ""),))
     assert alias.gains == (100.0, 98.0)

@@ -192,7 +192,7 @@ def begin_trial(
         state=state,
         mixture=mixture,
         scores=likelihood.scores(state, whole, seed, mixture),
-        fit_part=_thinned(likelihood.evidence, likelihood.evidence.part(fit=True, split=split)),
+        fit_part=thinned(likelihood.evidence, likelihood.evidence.part(fit=True, split=split)),
         test_part=test,
         base=likelihood.value(state, test, mixture),
         ledger=Ledger() if ledger is None else ledger,
@@ -200,7 +200,7 @@ def begin_trial(
     )
 
 
-def _thinned(evidence: Evidence, part: Part) -> Part:
+def thinned(evidence: Evidence, part: Part) -> Part:
     """Every second block of the frames, if there are many. They rank candidates; added effects are fitted to all."""
     frames, pixels = part
     if len(frames) < _MANY_FRAMES:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 from tofmix.reconciliation.ledger import Named, WeighedSet, set_text
 from tofmix.reconciliation.search.alternatives import ALIAS_NATS
-from tofmix.reconciliation.verification.considered import is_alias
 from tofmix.simulation.effects import EFFECTS
 
 MOST_ALIASES = 3
@@ -73,7 +72,7 @@ def aliases(considered: Sequence[WeighedSet], *, named: bool) -> tuple[Alias, ..
         return _of_nothing([w for w in others if w.names])
     own = frozenset(first.names)
     groups: dict[tuple[Named, ...], list[tuple[tuple[Named, ...], float]]] = {}
-    for other in [w for w in others if is_alias(w, first)][:MOST_ALIASES]:
+    for other in [w for w in others if w.is_alias][:MOST_ALIASES]:
         names = frozenset(other.names)
         groups.setdefault(tuple(sorted(own - names)), []).append((tuple(sorted(names - own)), other.evidence_nats))
     return tuple(

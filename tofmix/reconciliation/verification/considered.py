@@ -25,7 +25,7 @@ from tofmix.reconciliation.parameters.standard_errors import standard_errors
 from tofmix.reconciliation.search.add import Added
 from tofmix.reconciliation.search.alternatives import ALIAS_NATS, Explained, apart, as_candidates
 from tofmix.reconciliation.search.columns import summed_up
-from tofmix.reconciliation.search.name import AT_A_BOUND, FAINT_SHARE, TriedEffect, of_all_samples, tolerated
+from tofmix.reconciliation.search.name import AT_A_BOUND, FAINT_SHARE, TriedEffect, of_all_samples, thinned, tolerated
 from tofmix.reconciliation.search.pattern_fits import settled_within, worth
 from tofmix.reconciliation.search.refit import all_together, numbers, refit, without_pattern
 from tofmix.reconciliation.search.search_state import Settings, fit_part, held_out, name_of
@@ -39,7 +39,7 @@ from tofmix.wording import counted, number
 OTHERS = 3
 """Most sets beside the answer and its aliases."""
 
-_OF_SUMMARIES = 4  # sets that are weighed again, of those that the summaries rank
+_OF_SUMMARIES = 3  # sets that are weighed again, of those that the summaries rank
 _OF_A_ROUND = 2  # rivals that are weighed again, of each added effect
 NAMED = ("explained", "partly_explained")
 """Verdicts with names."""
@@ -105,28 +105,19 @@ def considered(
         return (first, *_others_of_search(first, ledger, "which the model within its tolerance, or chance, may give"))
     named = verified.verdict in NAMED
     scale = _Scale(likelihood, verified.start, settings)
-    found = _weighed(scale, added.state, added.chosen, _explained(added))
+    found = _weighed(scale, added.state, added.chosen, _explained(added, frozenset(map(name_of, added.chosen))))
     first = found.weighed if named else first
     told = [] if named else [replace(found.weighed, why_not=_refusal(added, verified))]
     for rival in _rivals(scale, added, found, ledger, named=named):
         if isinstance(rival, WeighedSet):
             told.append(replace(rival, why_not=_less_likely(rival, found, named=named)))
         else:
-            told.append(replace(rival.weighed, why_not=_why_not(scale, rival, found, verified)))
+            told.append(_told(scale, rival, found, verified))
     told.sort(key=lambda w: -w.evidence_nats)
-    near = [w for w in told if is_alias(w, first)]
-    shown = (first, *near, *[w for w in told if w not in near][:OTHERS])
+    shown = (first, *[w for w in told if w.is_alias], *[w for w in told if not w.is_alias][:OTHERS])
     for each in shown:
         ledger.weigh(each.names, each.evidence_nats, each.why_not)
     return shown
-
-
-_ALIAS = "cannot be told apart"
-
-
-def is_alias(other: WeighedSet, first: WeighedSet) -> bool:
-    """Whether a set is an alias of the first one, by its reason."""
-    return bool(first.names) and (other.why_not or "").startswith(_ALIAS)
 
 
 def _unfinished(added: Added, verified: Verified, ledger: Ledger) -> tuple[WeighedSet, ...]:
@@ -210,8 +201,11 @@ class _Scale:
         return worth(likelihood, bare, likelihood.mixture(bare), (part, part), patterned=True)
 
 
-def _explained(added: Added) -> Explained | None:
-    return None if added.sets is None else added.sets.found
+def _explained(added: Added, names: frozenset[Named]) -> Explained | None:
+    """The effects of these names that summaries show, in the linear model; None if it has no such set."""
+    own = frozenset(name for name in names if summed_up(name[0]))
+    sets = () if added.sets is None else (added.sets.found, *added.sets.sets)
+    return next((s for s in sets if s.names == own), None)
 
 
 def _weighed(scale: _Scale, state: ModelState, chosen: Sequence[TriedEffect], explained: Explained | None) -> _Fit:
@@ -229,14 +223,14 @@ def _rivals(scale: _Scale, added: Added, found: _Fit, ledger: Ledger, *, named: 
     sets = () if added.sets is None else added.sets.sets
     own = frozenset(found.names)
     kept = frozenset(name for name in own if not summed_up(name[0]))
+    evidence = 0.0 if added.sets is None else added.sets.found.evidence
     seen: set[frozenset[Named]] = {own, frozenset()}
     for explained in _worth_a_fit(sets, own - kept if named else None):
-        names, of_found = explained.names | kept, _explained(added)
-        less = 0.0 if of_found is None else of_found.evidence - explained.evidence
+        names, less = explained.names | kept, evidence - explained.evidence
         if names in seen or ledger.ends():
             continue
         seen.add(names)
-        if less <= _doubtful(0.0 if of_found is None else of_found.evidence):
+        if less <= _doubtful(evidence):
             fit = _of_explained(scale, added, explained)
             if fit is not None:
                 yield fit
@@ -284,7 +278,7 @@ def _of_explained(scale: _Scale, added: Added, explained: Explained) -> _Fit | N
     """A set of the summaries, fitted to samples beside the effects that summaries do not show; None out of bounds."""
     likelihood, part = scale.likelihood, fit_part(scale.likelihood, scale.settings)
     kept, state = [c for c in added.chosen if not summed_up(c.kind)], apart(added.state)
-    new = as_candidates(likelihood, state, explained, part)
+    new = as_candidates(likelihood, state, explained, thinned(likelihood.evidence, part))
     if not new and explained.terms:
         return None
     chosen = [*kept, *new]
@@ -303,35 +297,33 @@ def _may_take_the_place(other: TriedEffect, own: TriedEffect, *, covered: bool) 
     return not any(isinstance(c.effect.hidden, PixelValue) for c in (other, own))
 
 
-def _exchanged(scale: _Scale, added: Added, number_: int, other: TriedEffect) -> _Fit:
+def _exchanged(scale: _Scale, added: Added, place: int, other: TriedEffect) -> _Fit:
     """The found effects with one of them exchanged, all fitted again."""
     likelihood, part = scale.likelihood, fit_part(scale.likelihood, scale.settings)
-    own, state = added.chosen[number_], added.state
+    own, state = added.chosen[place], added.state
     if own.patterned:
         nothing = np.zeros_like(state.pixel_bias)
         state = replace(state, pixel_bias=nothing, pixel_variance=nothing)
-    effects = (*state.effects[:number_], other.effect, *state.effects[number_ + 1 :])
-    chosen = [*added.chosen[:number_], other, *added.chosen[number_ + 1 :]]
+    effects = (*state.effects[:place], other.effect, *state.effects[place + 1 :])
+    chosen = [*added.chosen[:place], other, *added.chosen[place + 1 :]]
     state, chosen = refit(likelihood, replace(state, effects=effects), chosen, part)
-    explained = _explained(added)
-    same = explained is not None and not summed_up(own.kind) and not summed_up(other.kind)
-    return _weighed(scale, state, chosen, explained if same else None)
+    return _weighed(scale, state, chosen, _explained(added, frozenset(map(name_of, chosen))))
 
 
-def _why_not(scale: _Scale, fit: _Fit, found: _Fit, verified: Verified) -> str:
-    """Why a set that was fitted again is not the answer."""
-    named = verified.verdict in NAMED
-    more = fit.weighed.evidence_nats - found.weighed.evidence_nats
+def _told(scale: _Scale, fit: _Fit, found: _Fit, verified: Verified) -> WeighedSet:
+    """A set that was fitted again, with the reason why it is not the answer."""
+    named, weighed = verified.verdict in NAMED, fit.weighed
+    more = weighed.evidence_nats - found.weighed.evidence_nats
     if more < -ALIAS_NATS:
-        return _less_likely(fit.weighed, found, named=named)
-    near = more <= ALIAS_NATS
-    why = next(_against(scale, fit, verified, near=near and named), None)
+        return replace(weighed, why_not=_less_likely(weighed, found, named=named))
+    near = named and more <= ALIAS_NATS
+    why = next(_against(scale, fit, verified, near=near), None)
     if why is not None:
-        return why
+        return replace(weighed, why_not=why)
     if near and not fit.names < found.names:
-        than = "" if named else f" than {set_text(found.weighed.names)}"
-        return f"{_ALIAS}: {number(abs(more), '.1f')} nats {'more' if more > 0 else 'less'} likely{than}"
-    return _beside(scale, fit, found, more)
+        size = f"{number(abs(more), '.1f')} nats {'more' if more > 0 else 'less'} likely"
+        return replace(weighed, why_not=f"cannot be told apart: {size}", is_alias=True)
+    return replace(weighed, why_not=_beside(scale, fit, found, more))
 
 
 def _against(scale: _Scale, fit: _Fit, verified: Verified, *, near: bool) -> Iterator[str]:
