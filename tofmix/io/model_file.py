@@ -111,6 +111,9 @@ def scene_of_model(file: Path) -> SceneReader:
     def read_scene(table: TomlTable) -> SceneParts:
         window = table.integer("window") if "window" in table else 0
         frame_noise = table.number("frame_noise") if "frame_noise" in table else 0.0
+        every = table.integer("every") if "every" in table else 1
+        if every < 1:
+            raise table.error(f"{every} is not at least 1", "every")
         if not 0.0 <= frame_noise <= _MOST_FRAME_NOISE:
             raise table.error(f"{frame_noise:g} is not in [0, {_MOST_FRAME_NOISE:g}] sigma", "frame_noise")
         names = [table.text("layers"), table.text("surfaces") if "surfaces" in table else ""]
@@ -126,6 +129,7 @@ def scene_of_model(file: Path) -> SceneReader:
                     window,
                     surfaces=paths[1] if names[1] else None,
                     frame_noise=frame_noise,
+                    every=every,
                     paths=(names[0], names[1]),
                 )
             except (ValueError, BadInputError) as error:
@@ -156,6 +160,7 @@ def scene_of_layers(
     *,
     surfaces: Path | None = None,
     frame_noise: float = 0.0,
+    every: int = 1,
     paths: tuple[str, str] = ("", ""),
 ) -> SceneParts:
     """The camera and the scene of a window of an open layers file.
@@ -168,7 +173,7 @@ def scene_of_layers(
         A window of it.
     surfaces : Path, optional
         The surfaces file of these layers; without it, neighbouring layers are linked here.
-    frame_noise, paths
+    frame_noise, every, paths
         As for `measured_scene`.
 
     Raises
@@ -187,7 +192,7 @@ def scene_of_layers(
         numbers = np.full(one.range.shape, NO_SURFACE, dtype=np.int32)
     else:
         numbers = link_layers(one, made.sensor)
-    return measured_scene(one, made.sensor, numbers, frames=frames, frame_noise=frame_noise, paths=paths)
+    return measured_scene(one, made.sensor, numbers, frames=frames, frame_noise=frame_noise, every=every, paths=paths)
 
 
 def _numbers_of(path: Path, layers: LayersFile, window: int) -> NDArray[np.integer]:

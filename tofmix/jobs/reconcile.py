@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -10,7 +9,6 @@ import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.errors import BadInputError
-from tofmix.independent_samples import independent_samples
 from tofmix.io.layers.layers_file import open_layers
 from tofmix.io.next_command import import_command
 from tofmix.io.reconciliation import write_folder
@@ -140,12 +138,9 @@ def _of_scene(
 ) -> tuple[Float32Array, IntArray]:
     """The samples that are compared with a scene, and the numbers of their frames.
 
-    Those of pixels that the scene does not know are left out. Where the camera filters its ranges over time, they are
-    the independent ones, as those of the scene are.
+    Those of pixels that the scene does not know are left out, and frames that a filter of the camera has made of the
+    frames before, as those of the scene are.
     """
-    if scene.temporal_filter is not None:
-        filtered = source.with_sensor(replace(source.sensor, temporal_filter=scene.temporal_filter))
-        range_mm = independent_samples(filtered).read_range(slice(None), slice(None))
     unknown = ~scene.known
     if unknown.any():
         reporter.note(
@@ -153,9 +148,7 @@ def _of_scene(
             f" {LEAST_SAMPLES} samples there"
         )
     range_mm = np.where(unknown | ~np.isfinite(range_mm), np.float32(np.nan), range_mm)
-    kept = np.arange(after, len(range_mm))
-    if scene.temporal_filter is not None:
-        kept = kept[np.isfinite(range_mm[kept]).any(axis=(1, 2))]
+    kept = np.arange(after, len(range_mm), scene.every)
     return range_mm[kept], kept
 
 

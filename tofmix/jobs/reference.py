@@ -4,9 +4,10 @@
 Both give a model whose scene is what the reference saw, and the layers file that the model names.
 """
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -14,7 +15,6 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
-from tofmix.independent_samples import independent_samples
 from tofmix.io.hdf5 import format_of
 from tofmix.io.layers.layers_file import FORMAT as LAYERS
 from tofmix.io.layers.layers_file import LayersFile, open_layers
@@ -23,11 +23,12 @@ from tofmix.io.recording.recording_writer import RecordingWriter
 from tofmix.io.surfaces_file import FORMAT as SURFACES
 from tofmix.jobs.files import opened_recording
 from tofmix.jobs.reporter import OptionError, Reporter
-from tofmix.jobs.scene import estimated, measured_model, recording_settings, settings_of
+from tofmix.jobs.scene import estimated, measured_model, settings_of
 from tofmix.recording import SampleSource
 from tofmix.sensor import Sensor
 from tofmix.simulation.measured_scene import LEAST_SAMPLES, MeasuredScene
 from tofmix.simulation.model import Model
+from tofmix.temporal_filter import ExponentialAverage, TemporalFilter
 
 REFERENCE = "reference.layers.h5"
 """The layers of a reference in the folder of a reconciliation."""
@@ -49,15 +50,12 @@ class Reference:
         Its scene; the text names `REFERENCE`.
     layers : bytes
         The layers file.
-    sensor : Sensor
-        The camera of the layers, for comparison.
     frames : int
         First frames of the measured recording that are the reference; 0 if it is another file.
     """
 
     model: Model
     layers: bytes
-    sensor: Sensor
     frames: int = 0
 
 
@@ -88,12 +86,15 @@ def reference_of_file(path: Path, reporter: Reporter, *, workers: int) -> Refere
             _check_frames(path, frames)
             if layers.shape[0] > 1:
                 reporter.note(f"{path}: {layers.shape[0]} windows; the first one is the reference")
-            return _reference(layers, path, reporter, 0.0, None)
+            if layers.provenance.sensor.temporal_filter is not None:
+                raise BadInputError(
+                    f"{path}: its camera filters ranges over time, so these layers have another noise than its samples;"
+                    " give the recording"
+                )
+            made, model = measured_model(layers, path, reporter, REFERENCE)
+            return Reference(model=model, layers=made.layers)
     with opened_recording(path, reporter) as recording:
-        _check_frames(path, recording.frames)
-        with estimated(path, workers, reporter) as layers:
-            noise = frame_noise(recording, layers)
-            return _reference(layers, path, reporter, noise, recording)
+        return _of_frames(recording, recording.frames, path, reporter, workers, 0)
 
 
 def first_frames(path: Path, wanted: float, reporter: Reporter, *, workers: int) -> Reference:
@@ -130,12 +131,23 @@ def first_frames(path: Path, wanted: float, reporter: Reporter, *, workers: int)
                 f"{path}: range: {recording.frames} frames, {recording.frames - frames} of them after the reference of"
                 f" {frames}; both need {LEAST_SAMPLES}"
             )
-        with (
-            _written(recording, frames, path) as part,
-            estimated(part, workers, reporter, about=path) as layers,
-            opened_recording(part, reporter) as first,
-        ):
-            return _reference(layers, path, reporter, frame_noise(first, layers), first, frames=frames)
+        return _of_frames(recording, frames, path, reporter, workers, frames)
+
+
+def _of_frames(
+    recording: RecordingFile, frames: int, path: Path, reporter: Reporter, workers: int, used: int
+) -> Reference:
+    """The reference of the first frames of a recording, of which those between independent ones are left out."""
+    _check_frames(path, frames, "the first " if used else "")
+    with _written(recording, frames, path, 1) as part, estimated(part, workers, reporter, about=path) as layers:
+        found = layers.provenance.sensor.temporal_filter
+        if found is None:
+            return _reference(layers, path, reporter, recording, part, 1, used)
+    every = frames_apart(found)
+    reporter.note(f"{path}: {found.words()}: one frame of {every} is compared")
+    _check_frames(path, -(-frames // every), f"one frame of {every} is independent: ")
+    with _written(recording, frames, path, every) as part, estimated(part, workers, reporter, about=path) as layers:
+        return _reference(layers, path, reporter, recording, part, every, used)
 
 
 def _check_frames(path: Path, frames: int, which: str = "") -> None:
@@ -144,30 +156,30 @@ def _check_frames(path: Path, frames: int, which: str = "") -> None:
 
 
 @contextmanager
-def _written(recording: RecordingFile, frames: int, path: Path) -> Iterator[Path]:
-    """The first frames of a recording as a file of the same name, for the time of the block."""
+def _written(recording: RecordingFile, frames: int, path: Path, every: int) -> Iterator[Path]:
+    """Every so many of the first frames of a recording as a file of the same name, for the time of the block."""
     if recording.targets:
         raise BadInputError(f"{path}: range: {recording.targets} targets a pixel and frame; a scene needs one sample")
-    light, time_s, every = recording.has_amplitude, recording.read_time(), slice(None)
+    light, time_s, rows = recording.has_amplitude, recording.read_time(), slice(None)
     with TemporaryDirectory(prefix="tofmix-") as folder:
         part = Path(folder) / path.name
         whole = np.issubdtype(np.dtype(recording.stored_type), np.integer)
         writer = RecordingWriter(
             part,
-            shape=(frames, *recording.shape[1:]),
-            sensor=recording.sensor,
+            shape=(len(range(0, frames, every)), *recording.shape[1:]),
+            sensor=recording.sensor if every == 1 else replace(recording.sensor, temporal_filter=None),
             has_amplitude=light,
             has_time=time_s is not None,
             dtype="u2" if whole else "f4",
             attributes={"averaged": int(recording.averaged)},
         )
-        samples = recording.read_range(slice(frames), every)
+        samples = recording.read_range(slice(frames), rows)[::every]
         with writer:
             writer.write(
                 0,
                 np.nan_to_num(samples).astype(np.uint16) if whole else samples,
-                amplitude=np.nan_to_num(recording.read_amplitude(slice(frames), every)) if light else None,
-                time_s=None if time_s is None else time_s[:frames] - time_s[0],
+                amplitude=np.nan_to_num(recording.read_amplitude(slice(frames), rows)[::every]) if light else None,
+                time_s=None if time_s is None else time_s[:frames:every] - time_s[0],
             )
         yield part
 
@@ -176,14 +188,27 @@ def _reference(
     layers: LayersFile,
     path: Path,
     reporter: Reporter,
-    noise: float,
-    recording: RecordingFile | None,
-    *,
-    frames: int = 0,
+    recording: RecordingFile,
+    part: Path,
+    every: int,
+    used: int,
 ) -> Reference:
-    settings = recording_settings(1, None) if recording is None else settings_of(recording)
-    made, model = measured_model(layers, path, reporter, REFERENCE, settings=settings, frame_noise=noise)
-    return Reference(model=model, layers=made.layers, sensor=layers.provenance.sensor, frames=frames)
+    """The reference of the layers of a part of a recording."""
+    with opened_recording(part, reporter) as first:
+        noise = frame_noise(first, layers)
+    settings = settings_of(recording)
+    made, model = measured_model(layers, path, reporter, REFERENCE, settings=settings, frame_noise=noise, every=every)
+    return Reference(model=model, layers=made.layers, frames=used)
+
+
+def frames_apart(found: TemporalFilter) -> int:
+    """Frames from one sample to the next that shares nothing with it, or next to nothing, under a filter."""
+    if isinstance(found, ExponentialAverage):
+        return max(2, math.ceil(math.log(_SHARED) / math.log(1.0 - found.parameter)))
+    return max(2, math.ceil(found.parameter))
+
+
+_SHARED = 0.05  # correlation that is next to nothing
 
 
 def frame_noise(source: SampleSource, layers: LayersFile) -> float:
@@ -210,9 +235,6 @@ def frame_noise(source: SampleSource, layers: LayersFile) -> float:
     main = np.nan_to_num(one.weight[..., 0], nan=0.0) > _MAIN
     if main.sum() < _LEAST_TOGETHER:
         return 0.0
-    filtered = source.sensor if source.sensor.temporal_filter else layers.provenance.sensor
-    if filtered.temporal_filter is not None and hasattr(source, "with_sensor"):
-        source = independent_samples(source.with_sensor(layers.provenance.sensor))
     samples = source.read_range(slice(None), slice(None))[:, main].astype(np.float64)
     z = (samples - one.range[..., 0][main]) / one.sigma[..., 0][main]
     return _in_common(np.where(np.isfinite(z) & (np.abs(z) < _FAR), z, np.nan))

@@ -210,6 +210,7 @@ def measured_model(
     window: int = 0,
     settings: RecordingSettings | None = None,
     frame_noise: float = 0.0,
+    every: int = 1,
 ) -> tuple[MeasuredModel, Model]:
     """The model of the layers of a window: its files, and the model itself.
 
@@ -227,7 +228,7 @@ def measured_model(
         Number of the window.
     settings : RecordingSettings, optional
         Of the recording; without it the frames of the window, at the default rate.
-    frame_noise : float
+    frame_noise, every
         As for `MeasuredScene`.
 
     Raises
@@ -237,7 +238,7 @@ def measured_model(
     """
     sensor = layers.provenance.sensor
     try:
-        parts = measured_scene_of(layers, window, frame_noise=frame_noise, paths=(layers_path, ""))
+        parts = measured_scene_of(layers, window, frame_noise=frame_noise, every=every, paths=(layers_path, ""))
         camera, scene = parts
         assumed = camera_of(sensor, camera.shape, longest_mm=float(np.nanmax(scene.range_mm)))[1]
     except (ValueError, BadInputError) as error:

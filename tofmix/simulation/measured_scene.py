@@ -18,7 +18,6 @@ from tofmix.optics.projection import beam_directions_of
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.surface import MAX_LENGTH_MM, Surface, surface_along
-from tofmix.temporal_filter import TemporalFilter
 
 LEAST_SAMPLES = 8
 """Valid samples of a pixel, at least, from which its layers are taken as its distribution."""
@@ -74,8 +73,8 @@ class MeasuredScene:
         Correlation of the noise of a pixel from one frame to the next.
     frame_noise : float
         Standard deviation of what all samples of a frame have in common, in sigma.
-    temporal_filter : TemporalFilter or None
-        The camera's filter over time: `samples` are independent ones.
+    every : int
+        Frames from one sample to the next: a camera that filters its ranges over time repeats itself in between.
     layers_path, surfaces_path : str
         Files that a model names, relative to its own; surfaces may be empty.
     """
@@ -95,7 +94,7 @@ class MeasuredScene:
     recorded_spread: float = 0.0
     memory: float = 0.0
     frame_noise: float = 0.0
-    temporal_filter: TemporalFilter | None = None
+    every: int = 1
     layers_path: str = ""
     surfaces_path: str = ""
 
@@ -137,6 +136,15 @@ class MeasuredScene:
     def frame_variance(self) -> float:
         """Variance of the mean of all samples by the noise that the samples of a frame share, in sigma squared."""
         return self.repeats * self.frame_noise**2 / max(self.frames, 1)
+
+    def common_width_error(self) -> float:
+        """Standard error of the logarithm of all widths together: by chance, and by the memory of the noise.
+
+        The variance about a mean of n samples is too small by v / n. Squares of AR(1) noise have the memory rho^2.
+        """
+        squares = (1.0 + self.memory**2) / (1.0 - self.memory**2)
+        known = max(int(np.where(self.known, self.samples, 0).sum()), 1)
+        return float(np.hypot(np.sqrt(squares / (2.0 * known)), 0.5 * (self.repeats - 1.0) / max(self.frames, 1)))
 
     def width_error(self) -> FloatArray:
         """Standard error (row, col) of the logarithm of a pixel's width, estimated from its samples.
@@ -212,6 +220,7 @@ def measured_scene(
     *,
     frames: int,
     frame_noise: float = 0.0,
+    every: int = 1,
     paths: tuple[str, str] = ("", ""),
 ) -> SceneParts:
     """The scene of a window's layers, with its camera.
@@ -226,7 +235,7 @@ def measured_scene(
         Number of the surface of each layer; -1 for none.
     frames : int
         Frames of the window.
-    frame_noise : float
+    frame_noise, every
         As for `MeasuredScene`.
     paths : (str, str)
         Of the layers and the surfaces, for the model.
@@ -257,6 +266,8 @@ def measured_scene(
     lost = np.where(np.isfinite(lost), lost, 0.0)
     usual = max(float(lost.mean()), _SEEN_LOST / (frames * lost.size))
     lost = (lost * frames + _SEEN_LOST * usual) / (frames + _SEEN_LOST)
+    told = (weight.sum(axis=2) + nothing > 0) & (samples >= LEAST_SAMPLES)
+    lost = np.where(told, lost, 1.0)  # of other pixels nothing is known, and no sample is predicted
     own, planes = _planes(range_mm, there, surface, camera)
     return camera, MeasuredScene(
         range_mm=range_mm,
@@ -274,7 +285,7 @@ def measured_scene(
         recorded_spread=spread,
         memory=0.0 if sensor.learnt is None else sensor.learnt.memory,
         frame_noise=frame_noise,
-        temporal_filter=sensor.temporal_filter,
+        every=every,
         layers_path=paths[0],
         surfaces_path=paths[1],
     )

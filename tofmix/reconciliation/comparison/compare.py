@@ -104,7 +104,8 @@ def _curves(z: Float32Array, apart: Float32Array, view: RecordingView, state: Mo
     axes = list(panel_axes(evidence, m, part))
     yield from shapes(z, axes, m, state, part, view.number)
     yield from widths(state, view.scene.model.sensor.noise.width_spread, view.number)
-    yield from in_time(apart, evidence, part, m)
+    together = 0.0 if state.errors is None else state.errors.frame_noise**2
+    yield from in_time(apart, evidence, part, m, together)
     if state.bursts is not None and not state.bursts.period_frames:
         yield from burst_share(state.disturbed[view.frames], state.bursts)
     yield from invalid(evidence, m, state, axes, part)

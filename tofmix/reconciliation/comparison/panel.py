@@ -195,6 +195,7 @@ def shapes(
     scene = state.errors
     of_shares = np.zeros(count.size) if scene is None else scene.shares[part[1]]
     common = 0.0 if scene is None else scene.common_to(len(part[0]), state.memory)
+    all_widths = 0.0 if scene is None else scene.common_log_width**2
     free = one_surface(m)[part[1]] | (memory_of(state) == 0)  # only pixels of one surface are freed of a memory
     for name, power, off, wider in zip(SHAPES, hermite(z), *moves(m.shape), strict=True):
         errors = off**2 * unknown + wider**2 * of_width + of_shares
@@ -204,12 +205,13 @@ def shapes(
             errors = errors + unknown**2 + 2.0 * unknown / np.maximum(count, 1)
         for axis in axes:
             curve = _curve(name, axis, total, (count, errors), sigma_of_lit(m, part))
-            yield curve if not common else replace(curve, variance=curve.variance + off**2 * common)
+            shared = off**2 * common + wider**2 * all_widths
+            yield curve if not shared else replace(curve, variance=curve.variance + shared)
         enough = (count >= _ENOUGH / 10) & free
         value = total[enough] / count[enough]
         number = part[1][enough].astype(np.float64)
         own = "pattern" if name == "bias" else f"{name}_pattern"
-        spread = 1.0 / count[enough] + errors[enough] + off**2 * common
+        spread = 1.0 / count[enough] + errors[enough] + off**2 * common + wider**2 * all_widths
         yield Curve(
             statistic=own,
             axis="all",

@@ -152,8 +152,11 @@ _PARTS = 10  # of the time
 _MORE = 4.0  # weight of the effect's share, in frames
 
 
-def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture) -> Iterator[Curve]:
-    """Mean and spread of each frame, without the means of pixels; of tenths of the time; memory at lags 1 to 3."""
+def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture, together: float = 0.0) -> Iterator[Curve]:
+    """Mean and spread of each frame, without the means of pixels; of tenths of the time; memory at lags 1 to 3.
+
+    `together` is the variance of what the samples of a frame have in common, which a measured scene shows already.
+    """
     now = evidence.time_s[part[0]]
     frame = part[0].astype(np.float64)
     ok = np.isfinite(z)
@@ -170,20 +173,23 @@ def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture) -> Iter
     sigma = np.full(int(some.sum()), 1.0 / per_mm if per_mm > 0 else 0.0)
     mean = flat.sum(axis=1, dtype=np.float64)[some] / n[some]
     square = ((flat**2).sum(axis=1, dtype=np.float64)[some] / n[some] - _mean_square(flat, ok)) / np.sqrt(2)
-    for name, value, extra in (("common_mode", mean, 1.0), ("bursts", square, _kurtosis(flat, ok))):
+    for name, value, extra, shared in (
+        ("common_mode", mean, 1.0, together),
+        ("bursts", square, _kurtosis(flat, ok), 2.0 * together**2),
+    ):
         yield Curve(
             statistic=name,
             axis="frame",
             lower=frame[some],
             upper=frame[some] + 1,
             value=value,
-            variance=extra / n[some],
+            variance=extra / n[some] + shared,
             unit="1",
             scale_mm=sigma,
         )
     told = int(some.sum())
     tenth = np.arange(told) * min(_PARTS, told) // told
-    for name, value in (("trend", mean), ("spread", square)):
+    for name, value, shared in (("trend", mean, together), ("spread", square, 2.0 * together**2)):
         size = np.bincount(tenth, n[some])
         start = np.array([now[some][tenth == k][0] for k in range(tenth.max() + 1)])
         end = np.array([now[some][tenth == k][-1] for k in range(tenth.max() + 1)])
@@ -194,7 +200,7 @@ def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture) -> Iter
             lower=start,
             upper=end,
             value=mean_value,
-            variance=1.0 / size,
+            variance=1.0 / size + shared / np.bincount(tenth),
             unit="s",
             scale_mm=sigma[: size.size],
         )

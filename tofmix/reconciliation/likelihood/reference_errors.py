@@ -42,6 +42,8 @@ class ReferenceErrors:
     lost : variance of its share of lost samples.
     common : float
         Variance of what all means have in common, in sigma squared.
+    common_log_width : float
+        Standard error of the logarithm of all widths together.
     frame_noise : float
         Standard deviation of what the samples of one frame have in common, in sigma.
     """
@@ -52,6 +54,7 @@ class ReferenceErrors:
     shares: FloatArray
     lost: FloatArray
     common: float
+    common_log_width: float
     frame_noise: float
 
     @classmethod
@@ -69,6 +72,7 @@ class ReferenceErrors:
             shares=np.where(several, relative, 0.0),
             lost=lost * (1.0 - lost) / (frames + 1.0) * scene.repeats,
             common=scene.frame_variance(),
+            common_log_width=scene.common_width_error(),
             frame_noise=scene.frame_noise,
         )
 

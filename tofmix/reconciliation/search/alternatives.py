@@ -193,7 +193,8 @@ def model_errors(seen: Sequence[PixelSummary], tolerance: float) -> Iterator[Col
             profile = tuple(np.ones(o.elapsed_s.size) for o in seen)
             return Column(bias_mm=tuple(moved), profile=profile, width=tuple(wider), prior=prior)
 
-        yield alone(np.zeros(s.used.size), 0.1 * tolerance, width=s.used.astype(np.float64))
+        error = math.hypot(0.1 * tolerance, s.common_log_width)
+        yield alone(np.zeros(s.used.size), error, width=s.used.astype(np.float64))
         if s.common_variance > 0:
             yield alone(np.where(s.used, sigma, 0.0), math.sqrt(s.common_variance))
         for _, own in surfaces_of(s):

@@ -428,6 +428,8 @@ def tolerated(likelihood: Likelihood, state: ModelState, part: Part, tolerance: 
         return replace(best, effects=(*best.effects, noise.of_magnitude(factor)))
 
     limit = 0.1 * tolerance * SLACK
+    if state.errors is not None:  # the noise of a measured scene has an error too
+        limit += 2.0 * state.errors.common_log_width
     less, more = (likelihood.value(scaled(1 + sign * limit), part) for sign in (-1, 1))
     curve = less - 2 * value + more
     peak = 0.5 * (less - more) / curve if curve < 0 else float(np.sign(more - less))

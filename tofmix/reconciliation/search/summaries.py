@@ -46,6 +46,8 @@ class PixelSummary:
         Variance of a bias that each pixel has in all tenths, mm2: an error of a measured scene.
     common_variance : float
         Variance of what these biases have in common, in sigma squared.
+    common_log_width : float
+        Standard error of the logarithm of all widths together.
     """
 
     view: RecordingView
@@ -57,6 +59,7 @@ class PixelSummary:
     elapsed_s: FloatArray
     own_variance: FloatArray
     common_variance: float = 0.0
+    common_log_width: float = 0.0
 
 
 def summaries(likelihood: Likelihood, state: ModelState, part: Part) -> list[PixelSummary]:
@@ -113,6 +116,7 @@ def _summed(likelihood: Likelihood, state: ModelState, mixture: Mixture, view: R
         elapsed_s=np.array([float(likelihood.evidence.time_s[frames].mean()) for frames, _ in tenths]),
         own_variance=np.zeros(used.size) if state.errors is None else state.pixel_variance,
         common_variance=0.0 if state.errors is None else state.errors.common_to(len(view.part[0]), state.memory),
+        common_log_width=0.0 if state.errors is None else state.errors.common_log_width,
     )
 
 
