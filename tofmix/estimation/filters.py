@@ -201,10 +201,11 @@ def _linear_filter(stored: FloatArray, settings: FilterSettings) -> TemporalFilt
     if wide.sum() < settings.least_pixels or calm.sum() < settings.least_pixels:
         return None
     lags = range(1, min(_LAGS, stored.shape[1] - 2) + 1)
-    at_edges, elsewhere = (np.array([_correlation(stored[which], lag) for lag in lags]) for which in (wide, calm))
     least, tolerance = settings.least_correlation, settings.correlation_tolerance
-    if min(at_edges[0], elsewhere[0]) < least or abs(at_edges[0] - elsewhere[0]) > tolerance:
+    first = [_correlation(stored[which], 1) for which in (wide, calm)]  # without a filter there is none
+    if min(first) < least or abs(first[0] - first[1]) > tolerance:
         return None
+    at_edges, elsewhere = (np.array([_correlation(stored[which], lag) for lag in lags]) for which in (wide, calm))
     found = _exponential(stored[wide], noise[wide], float(at_edges[0]), settings)
     trials: list[ExponentialAverage | RunningMean] = [] if found is None else [found]
     for window in settings.mean_windows:

@@ -166,7 +166,7 @@ def judge_bent(
     beside_open = np.zeros(len(at), np.bool_) if space is None else space.nearby[at]
     alone, several = np.flatnonzero((count == 1) & ~beside_open), np.flatnonzero((count > 1) | beside_open)
     seen = _see(view, at[alone], _some(lit, alone), _COARSE)
-    log = _one(seen, image.phasor[at[alone]], _matrix(image.mean_covariance[at[alone]]), view)
+    log = _one(seen, _totals(seen, view), image.phasor[at[alone]], _matrix(image.mean_covariance[at[alone]]), view)
     best.put_one(owner[alone], number[alone], log_prior[alone] + log)
     owner, number, at, lit, log_prior = (
         owner[several],
@@ -177,33 +177,29 @@ def judge_bent(
     )
     side = _middle(view, at, members[several])
     seen = _see(view, at, lit, _PLACES)
+    totals = _totals(seen, view)
     phasor, noise = image.phasor[at], _matrix(image.mean_covariance[at])
-    best.put_one(owner, number, log_prior + _one(seen, phasor, noise, view))
+    best.put_one(owner, number, log_prior + _one(seen, totals, phasor, noise, view))
     log_share = math.log(PRIORS[Bent.UNSEEN] / PRIORS[Bent.ONE])
-    best.put_unseen(owner, log_prior + log_share + _beside_unseen(seen, phasor, noise, largest, view))
+    best.put_unseen(owner, log_prior + log_share + _beside_unseen(seen, totals, phasor, noise, largest, view))
     first, second = _pairs(owner, seen)
     for start in range(0, first.size, _BLOCK):
         a, b = first[start : start + _BLOCK], second[start : start + _BLOCK]
-        way = side[a] - side[b]
+        order = _order(side[a] - side[b])
+        far = _far(seen, totals, b, order, view)
         for kind in (Bent.LIMB, Bent.CUT):
-            found = _pair(seen, a, b, way, kind, phasor[a], noise[a], view)
+            found = _pair(_ends(seen, totals, a, order, kind, view), far, phasor[a], noise[a], view)
             best.put_pair(owner[a], np.stack([number[a], number[b]], axis=1), kind, math.log(PRIORS[kind]), found)
     if space is not None:
-        nothing = _Behind(space)
         ends = np.flatnonzero(space.nearby[at] & seen.usable & seen.hit.any(axis=(1, 2)))
         for start in range(0, ends.size, _BLOCK):
             a = ends[start : start + _BLOCK]
+            order = _order(side[a])
             for kind in (Bent.LIMB, Bent.CUT):
-                found = _pair(seen, a, nothing, side[a], kind, phasor[a], noise[a], view)
+                found = _pair(_ends(seen, totals, a, order, kind, view), space, phasor[a], noise[a], view)
                 pair = np.stack([number[a], np.full(a.size, -1)], axis=1)
                 best.put_pair(owner[a], pair, kind, math.log(PRIORS[kind]), found)
     return best.verdicts()
-
-
-class _Behind(NamedTuple):
-    """Open space behind a surface."""
-
-    space: OpenSpace
 
 
 def _items(view: View, segment: IntArray, pixels: IntArray) -> tuple[IntArray, IntArray]:
@@ -291,6 +287,10 @@ class _Sums(NamedTuple):
     range_mm: FloatArray
     area_mm: FloatArray
 
+    def some(self, which: IntArray) -> "_Sums":
+        """Those of some items, perhaps several times."""
+        return _Sums(self.light[which], self.range_mm[which], self.area_mm[which])
+
 
 def _means(
     phasor: ComplexArray,
@@ -310,15 +310,15 @@ def _means(
     return _Sums(light, area + scale_mm * np.angle(mean * np.exp(-1j * area / scale_mm)), area)
 
 
-def _totals(seen: _Seen, which: IntArray, view: View) -> _Sums:
+def _totals(seen: _Seen, view: View) -> _Sums:
     """Means over all parts that are hit, (item, draw)."""
     return _means(
-        seen.phasor[which].sum(axis=2),
-        seen.range_mm[which].sum(axis=2),
-        seen.log_cosine[which].sum(axis=2),
-        seen.hit[which].sum(axis=2),
-        seen.level[which],
-        seen.gamma[which],
+        seen.phasor.sum(axis=2),
+        seen.range_mm.sum(axis=2),
+        seen.log_cosine.sum(axis=2),
+        seen.hit.sum(axis=2),
+        seen.level,
+        seen.gamma,
         view.scale_mm,
     )
 
@@ -364,11 +364,10 @@ def _log_normal(error: FloatArray, covariance: FloatArray) -> FloatArray:
     return np.asarray(-0.5 * form / determinant - 0.5 * np.log(determinant) - math.log(2.0 * math.pi))
 
 
-def _one(seen: _Seen, phasor: ComplexArray, noise: FloatArray, view: View) -> FloatArray:
+def _one(seen: _Seen, totals: _Sums, phasor: ComplexArray, noise: FloatArray, view: View) -> FloatArray:
     """Log evidence (item,) of one surface that fills the pixel."""
-    everything = np.arange(len(phasor))
     ok = seen.share > _ALL
-    mean, covariance, _ = _moments(_totals(seen, everything, view), ok)
+    mean, covariance, _ = _moments(totals, ok)
     covariance = covariance + _own(view)
     z, slope = _return(mean, view.scale_mm)
     log = _log_normal(_plane(phasor - z), slope @ covariance @ np.swapaxes(slope, 1, 2) + noise)
@@ -376,10 +375,12 @@ def _one(seen: _Seen, phasor: ComplexArray, noise: FloatArray, view: View) -> Fl
     return np.where(possible, log + np.log(ok.mean(axis=1) + 0.01), -np.inf)
 
 
-def _beside_unseen(seen: _Seen, phasor: ComplexArray, noise: FloatArray, largest: float, view: View) -> FloatArray:
+def _beside_unseen(
+    seen: _Seen, totals: _Sums, phasor: ComplexArray, noise: FloatArray, largest: float, view: View
+) -> FloatArray:
     """Log evidence (item,) of one surface that shares the pixel with one that no pixel nearby sees alone."""
     ok = seen.share > 0.5  # noqa: PLR2004  half
-    mean, covariance, _ = _moments(_totals(seen, np.arange(len(phasor)), view), ok)
+    mean, covariance, _ = _moments(totals, ok)
     z, slope = _return(mean, view.scale_mm)
     error = np.trace(slope @ (covariance + _own(view)) @ np.swapaxes(slope, 1, 2) + noise, axis1=1, axis2=2)
     possible = (ok.sum(axis=1) >= _LEAST_DRAWS) & seen.usable
@@ -414,11 +415,22 @@ class _Ends(NamedTuple):
     offset: FloatArray
 
 
-def _limb(seen: _Seen, which: IntArray, view: View) -> _Ends:
+def _order(way: FloatArray) -> IntArray:
+    """Order (pair, part) of the parts of a pixel, the farthest first in the direction `way` (pair, 2)."""
+    toward = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
+    return np.argsort(-(toward @ _PLACES.T + 1e-6 * _PLACES[:, 0]), axis=1, kind="stable")
+
+
+def _ends(seen: _Seen, totals: _Sums, which: IntArray, order: IntArray, kind: Bent, view: View) -> _Ends:
+    """What is seen of the nearer surface, share by share, under one kind of end."""
+    return _limb(seen, totals, which) if kind is Bent.LIMB else _cut(seen, which, order, view)
+
+
+def _limb(seen: _Seen, totals: _Sums, which: IntArray) -> _Ends:
     """The share of the parts that are hit, and what is seen of the surface for each share: a regression on it."""
     share = seen.share[which]
     ok = (share > _SOME) & (share < 1.0 - _SOME)
-    sums = _totals(seen, which, view)
+    sums = totals.some(which)
     count = ok.sum(axis=1)
     whole = np.maximum(count, 1)
     mean = np.where(ok, share, 0.0).sum(axis=1) / whole
@@ -498,29 +510,35 @@ class _Found(NamedTuple):
     chord: ComplexArray
 
 
-def _pair(
-    seen: _Seen,
-    a: IntArray,
-    b: "IntArray | _Behind",
-    way: FloatArray,
-    kind: Bent,
-    phasor: ComplexArray,
-    noise: FloatArray,
-    view: View,
-) -> _Found:
+class _Far(NamedTuple):
+    """The farther surface of pairs, whichever end the nearer one has.
+
+    `mean` (pair, part, 2) is that of the parts that are left beyond each, `covariance` (pair, 2, 2) and `offset`
+    (pair,) are those of a whole pixel, and `possible` (pair,) says whether the surface is there.
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+    offset: FloatArray
+    possible: BoolArray
+
+    def at(self, share: FloatArray) -> FloatArray:
+        """Mean (pair, bin, 2) where the nearer surface takes a share (pair, bin)."""
+        place = np.clip(np.rint(share * _PARTS).astype(np.int64), 0, _PARTS - 1)
+        return np.take_along_axis(self.mean, place[..., np.newaxis], axis=1)
+
+
+def _pair(ends: _Ends, far: "_Far | OpenSpace", phasor: ComplexArray, noise: FloatArray, view: View) -> _Found:
     """Evidence of pairs, and share, light and ranges of both surfaces, or of one before open space."""
-    toward = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
-    order = np.argsort(-(toward @ _PLACES.T + 1e-6 * _PLACES[:, 0]), axis=1, kind="stable")
-    ends = _limb(seen, a, view) if kind is Bent.LIMB else _cut(seen, a, order, view)
     one, one_slope = _return(ends.mean, view.scale_mm)
-    if isinstance(b, _Behind):
-        far_mean, far_covariance = np.zeros_like(ends.mean), np.zeros((len(a), 2, 2))
-        far_offset, far_possible = np.zeros(len(a)), np.ones(len(a), np.bool_)
-        other, other_slope = np.full_like(one, b.space.phasor), np.zeros_like(one_slope)
-        noise = noise + b.space.variance * np.eye(2)
+    if isinstance(far, OpenSpace):
+        far_mean, far_covariance = np.zeros_like(ends.mean), np.zeros((len(phasor), 2, 2))
+        far_offset, far_possible = np.zeros(len(phasor)), np.ones(len(phasor), np.bool_)
+        other, other_slope = np.full_like(one, far.phasor), np.zeros_like(one_slope)
+        noise = noise + far.variance * np.eye(2)
     else:
-        far_mean, far_covariance, far_offset, far_possible = _far(seen, b, order, ends.share, view)
-        far_covariance = far_covariance + _own(view)
+        far_mean, far_offset, far_possible = far.at(ends.share), far.offset, far.possible
+        far_covariance = far.covariance + _own(view)
         other, other_slope = _return(far_mean, view.scale_mm)
     share = ends.share[..., np.newaxis, np.newaxis]
     slope = np.concatenate([_plane(one - other)[..., np.newaxis], share * one_slope, (1.0 - share) * other_slope], -1)
@@ -554,14 +572,12 @@ def _pair(
     return _Found(evidence, mean, covariance, (weight * (one - other)).sum(axis=1))
 
 
-def _far(
-    seen: _Seen, which: IntArray, order: IntArray, share: FloatArray, view: View
-) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
-    """The farther surface: mean (pair, bin, 2) over the parts that are left, covariance, offset, and if it is there."""
+def _far(seen: _Seen, totals: _Sums, which: IntArray, order: IntArray, view: View) -> _Far:
+    """The farther surface of pairs, the parts of whose pixels the nearer one takes in an order (pair, part)."""
     all_hit = seen.share[which] > _ALL
     most_hit = seen.share[which] > 0.5  # noqa: PLR2004  half
     ok = np.where((all_hit.sum(axis=1) >= _LEAST_DRAWS)[:, np.newaxis], all_hit, most_hit)
-    _, covariance, offset = _moments(_totals(seen, which, view), ok)
+    _, covariance, offset = _moments(totals.some(which), ok)
     hit, phasor, range_mm, log_cosine = (
         np.take_along_axis(part[which], order[:, np.newaxis], axis=2)[..., ::-1].cumsum(axis=2)[..., ::-1]
         for part in (seen.hit, seen.phasor, seen.range_mm, seen.log_cosine)
@@ -579,9 +595,8 @@ def _far(
     flat = _Sums(*(np.swapaxes(part, 1, 2).reshape(n * _PARTS, -1) for part in sums))
     fits = (ok[..., np.newaxis] & (hit > 0)).swapaxes(1, 2).reshape(n * _PARTS, -1)
     mean = _moments(flat, fits)[0].reshape(n, _PARTS, 2)
-    place = np.clip(np.rint(share * _PARTS).astype(np.int64), 0, _PARTS - 1)
     possible = (ok.sum(axis=1) >= _LEAST_DRAWS) & (seen.share[which].mean(axis=1) >= _FEWEST)
-    return np.take_along_axis(mean, place[..., np.newaxis], axis=1), covariance, offset, possible
+    return _Far(mean, covariance, offset, possible)
 
 
 class _Best:

@@ -292,12 +292,14 @@ def _excess(scatter: FloatArray, noise: FloatArray, settings: SeedSettings) -> f
 
 def _excess_at(scatter: FloatArray, noise: FloatArray, part: float) -> float:
     target = chi_square_6(1.0 - part) / _FREE
+    enough = np.sort(scatter / target - noise)  # variance from which on a window's scatter is no more than the target
 
     def too_small(excess: float) -> bool:
-        ratio = scatter / np.maximum(noise + excess, np.finfo(float).tiny)
         # The quantile lies between two of the sorted values; it is worked out where the target does so, too.
-        below = np.count_nonzero(ratio <= target) - int(part * (len(ratio) - 1))
-        return bool(below <= 0 or (below == 1 and np.quantile(ratio, part) > target))
+        below = int(np.searchsorted(enough, excess, side="right")) - int(part * (len(enough) - 1))
+        if below != 1:
+            return below < 1
+        return bool(np.quantile(scatter / np.maximum(noise + excess, np.finfo(float).tiny), part) > target)
 
     if not too_small(0.0):
         return 0.0
