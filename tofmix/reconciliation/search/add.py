@@ -12,6 +12,7 @@ search starts from other candidates.
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -45,6 +46,9 @@ from tofmix.reconciliation.verdict import inexact
 from tofmix.simulation.effects.base import Basic
 from tofmix.simulation.effects.hidden import PixelBias, PixelValue, RangeStep
 
+if TYPE_CHECKING:
+    from tofmix.reconciliation.one.outcome import WeighedSet, WeighedSets
+
 _TRIED = 4  # rivals that are compared with the model moved within its tolerance
 _FAIR = 0.5  # least score, as a share of the best one's, of a candidate that starts another search
 
@@ -68,8 +72,14 @@ class Added:
         Groups of candidates that the recording cannot separate; a chosen one stands first.
     panel : Compared
         Panel on held-out frames of the refined model, moved within its tolerance to where it fits them best.
-    sets : Alternatives or None
+    sets : Alternatives, WeighedSets or None
         The evidence of other sets of effects; None if no effect moves or widens samples and nothing stands out.
+    considered : tuple of WeighedSet
+        Of the one search: the set, its aliases and the best others, each with the reason why it is not the answer.
+    law : str or None
+        Of the one search: axis of a smooth law that is clearly better than every set of effects; None without one.
+    laws_tried : bool
+        Whether smooth laws have competed in the search.
     """
 
     state: ModelState
@@ -77,7 +87,10 @@ class Added:
     first: tuple[TriedEffect, ...]
     aliases: tuple[tuple[TriedEffect, ...], ...]
     panel: Compared
-    sets: Alternatives | None = None
+    sets: "Alternatives | WeighedSets | None" = None
+    considered: "tuple[WeighedSet, ...]" = ()
+    law: str | None = None
+    laws_tried: bool = False
 
 
 def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None] = lambda _: None) -> Iterator[Added]:
@@ -278,7 +291,7 @@ def _panel(likelihood: Likelihood, settings: Settings, state: ModelState, chosen
     """
     held = held_out(likelihood, settings)
     near = settled_within(likelihood, state, chosen, held, settings.tolerance)
-    return compare(likelihood, near, _covered(likelihood, state, held), seed=settings.seed)
+    return compare(likelihood, near, covered(likelihood, state, held), seed=settings.seed)
 
 
 def without_faint(likelihood: Likelihood, settings: Settings, added: Added, failed: Sequence[int]) -> Added | None:
@@ -323,7 +336,7 @@ def without_faint(likelihood: Likelihood, settings: Settings, added: Added, fail
     )
 
 
-def _covered(likelihood: Likelihood, state: ModelState, part: Part) -> Part:
+def covered(likelihood: Likelihood, state: ModelState, part: Part) -> Part:
     """The part without pixels that see open space, if more noise was added.
 
     Its law does not change samples without a return; ambient light does. Such samples would test the law and not the
