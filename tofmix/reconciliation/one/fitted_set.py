@@ -47,6 +47,7 @@ _NUDGE = 0.3  # of sigma, for slopes of quantised samples that change in time
 _THIRD = 3  # every third frame, for such samples in the steps of a fit
 _FLAT = 1e-3  # least curvature in a step
 _DROP = (0.02, 50.0)  # nats by which a step changes the log-likelihood
+_LEVEL = 1e-4  # nats: a drop that shows no curvature
 _PATTERN_CHANGE = 0.1  # relative change of a spread after which a set is fitted again
 _WIDTH_NUDGE, _FAR_WIDTH = 0.05, 1.0  # of the logarithm of a width: step for slopes, longest step
 _PARABOLA = 4.5  # nats, up to which a pixel's log-likelihood is taken as a parabola in any case
@@ -371,6 +372,8 @@ class FittedSet:
         if self.hessian is None:
             self.hessian = 100 * precision
         self.started = self.log_likelihood(self.x) + self.log_prior(self.x)
+        if not math.isfinite(self.started):
+            return -math.inf
         if self.memory_nats is None:
             state = self.state()
             self.memory_nats = self._memory_gain(state, self.task.likelihood.mixture(state))
@@ -406,38 +409,40 @@ class FittedSet:
         unit = _correlations(self.hessian)
         for turn in range(_TURNS if x.size else 0):
             slope, curve, steps = self._slopes(x, here, steps, sd)
-            if turn >= _FULL_HESSIAN and x.size > 1:
+            if turn >= _FULL_HESSIAN:
                 unit = _correlations(self._curvature(x, steps, slope, curve, here))
             self.hessian = unit * np.sqrt(curve)[:, None] * np.sqrt(curve) / steps[:, None] / steps
-            try:
-                _, precision = self._prior_precision(x)
-            except ValueError:
-                break
-            whole = (_positive(self.hessian) + precision) * steps[:, None] * steps
-            rise = slope + self._prior_slope(x, steps)
-            move = np.linalg.solve(whole, rise)
-            expected = 0.5 * float(rise @ move)
+            move, expected = self._newton(x, slope, steps)
             if here + 4 * expected + self._offset < hopeless:
                 break
-            gained = 0.0
-            if expected > _ENOUGH_NATS:
-                for share in (1.0, 0.4, 0.1, 0.02):
-                    to = x + share * move * steps
-                    there = self.log_likelihood(to) + self.log_prior(to)
-                    if there > here:
-                        gained, here, x = there - here, there, to
-                        break
+            x, there = self._climbed(x, here, move) if expected > _ENOUGH_NATS else (x, here)
+            gained, here = there - here, there
             if gained < _ENOUGH_NATS:
                 if not again:
                     break
                 again = self._refit_pattern(x)
-                here = self.log_likelihood(x) + self.log_prior(x)
             elif gained > _AGAIN_NATS:
                 self.settle_errors(x)
-                here = self.log_likelihood(x) + self.log_prior(x)
+            here = self.log_likelihood(x) + self.log_prior(x)
         self.x = x
         self.finish()
         return self
+
+    def _newton(self, x: FloatArray, slope: FloatArray, steps: FloatArray) -> tuple[FloatArray, float]:
+        """The step to the top of the parabola, and how many nats it is expected to gain."""
+        _, precision = self._prior_precision(x)
+        whole = (_positive(self.hessian) + precision) * steps[:, None] * steps
+        rise = slope + self._prior_slope(x, steps)
+        move = np.linalg.solve(whole, rise)
+        return np.asarray(move * steps), 0.5 * float(rise @ move)
+
+    def _climbed(self, x: FloatArray, here: float, move: FloatArray) -> tuple[FloatArray, float]:
+        """A vector on the way of a step where the log density is higher, and the log density there."""
+        for share in (1.0, 0.4, 0.1, 0.02):
+            there = self.log_likelihood(x + share * move) + self.log_prior(x + share * move)
+            if there > here:
+                return x + share * move, there
+        return x, here
 
     def _prior_sd(self, x: FloatArray) -> FloatArray:
         _, precision = self._prior_precision(x)
@@ -472,7 +477,7 @@ class FittedSet:
                 slope[k], curve[k] = 0.5 * (above - below), drop
                 if _DROP[0] < drop < _DROP[1] or (drop <= _DROP[0] and steps[k] >= sd[k]):
                     break
-                scale = 5.0 if drop <= 1e-4 else min(max(drop**-0.5, 0.02), 20.0)
+                scale = 5.0 if drop <= _LEVEL else min(max(drop**-0.5, 0.02), 20.0)
                 steps[k] = min(steps[k] * scale, sd[k])
         return slope, np.maximum(np.abs(curve), _FLAT), steps
 
@@ -673,10 +678,10 @@ def _correlations(hessian: FloatArray) -> FloatArray:
     return np.asarray(hessian / scale[:, None] / scale)
 
 
-def _positive(hessian: FloatArray) -> FloatArray:
+def _positive(hessian: FloatArray | None) -> FloatArray:
     """A curvature without directions in which the log-likelihood rises on both sides."""
-    if not hessian.size:
-        return hessian
+    if hessian is None or not hessian.size:
+        return np.zeros((0, 0))
     scale = np.sqrt(np.maximum(np.abs(np.diag(hessian)), 1e-12))
     values, vectors = np.linalg.eigh(hessian / scale[:, None] / scale)
     return np.asarray((vectors * np.maximum(np.abs(values), 1e-6)) @ vectors.T * scale[:, None] * scale)

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tofmix.arrays import FloatArray
 from tofmix.reconciliation.comparison.compare import Compared, compare
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
 from tofmix.reconciliation.likelihood.memory import memory_gain
@@ -167,7 +166,7 @@ def refitted(s: FittedSet) -> tuple[ModelState, tuple[TriedEffect, ...]]:
         TriedEffect(
             effect=effect,
             gain=_gain(s, last.state, number),
-            parameters=_parameters(s, effect, fits.get(number)),
+            parameters=_parameters(effect, fits.get(number)),
             state=last.state,
             fitted=fits.get(number),
         )
@@ -176,7 +175,7 @@ def refitted(s: FittedSet) -> tuple[ModelState, tuple[TriedEffect, ...]]:
     return last.state, chosen
 
 
-def _parameters(s: FittedSet, effect: Effect, fitted: Fitted | None) -> int:
+def _parameters(effect: Effect, fitted: Fitted | None) -> int:
     if fitted is not None:
         return fitted.problem.parameters
     hidden = effect.hidden
@@ -226,7 +225,7 @@ def _moved(best: FittedSet, state: ModelState, chosen: Sequence[TriedEffect]) ->
         noise = (basic_kind(Basic.NOISE).of_magnitude(float(np.exp(best.x[-1]))),)
     near = replace(state, effects=(*state.effects, *noise))
     found = pixel_biases(like, like.mixture(near), near, held)
-    known: FloatArray = np.where(task.lit, found.information, 0.0)
+    known = np.where(task.lit, found.information, 0.0)
     errors = StaticErrors.of(task.low, known, like.evidence.image, more_variance=state.pixel_variance)
     return replace(near, pixel_bias=near.pixel_bias + errors.of_model(found.bias[None])[0])
 

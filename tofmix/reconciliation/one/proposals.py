@@ -1,4 +1,4 @@
-"""Which sets are worth a fit: the linear evidence of all sets of a size about a fitted one, and single effects by trial.
+"""Which sets are worth a fit: linear evidence of all sets of a size about a fitted one, and single effects by trial.
 
 About a fitted set, summaries of the samples (`FittedSet.summary`) are nearly linear in the numbers of small effects and
 nearly Gaussian. So the evidence of a set that keeps some members and has up to two others is a matter of a small
@@ -41,6 +41,7 @@ _BURST_SIZES = (1.0, 3.0, 8.0)  # sigma
 _OCCAM = 3.0  # nats, typical, of a number that is tried on samples
 _UNSEEN = 100.0  # curvature of a number that the linear model does not have, over that of its prior
 _NUDGE = 0.05  # of the prior's standard deviation, for derivatives
+_FAR_SCORE = 4.0  # beyond, a sample is no noise
 _FIFTH = 5  # pixels whose scores show a memory
 
 
@@ -345,6 +346,18 @@ class About:
         found = np.linalg.solve(inner, (gram[at] @ self._data(kept)) * prior) * prior
         return np.split(found, np.cumsum([o.at.size for o in options]))[: len(options)]
 
+    def _noise_beside(
+        self, options: Sequence[_Option], coefficients: Sequence[FloatArray], kept: set[Key], *, patterned: bool
+    ) -> FloatArray:
+        """The model's own error of log sigma (1,) beside members with these coefficients."""
+        raw, sd = self.raw[patterned][self.noise], self.base.task.noise_sd
+        if not sd:
+            return np.zeros(1)
+        pull = float(raw @ self._data(kept))
+        for option, own in zip(options, coefficients, strict=True):
+            pull -= float(raw[option.at] @ own)
+        return np.array([pull / (raw[self.noise] + sd**-2)])
+
     def sets(self, size: int, *, unnamed: bool = False) -> Iterator[Proposal]:
         """Sets of a size: some members of the base, with at most two others; all hidden states but a pattern stay."""
         base, task = self.base, self.base.task
@@ -399,30 +412,29 @@ class About:
     def _built(self, options: Sequence[_Option], kept: set[Key], *, patterned: bool) -> FittedSet:
         """The set at its linear start; for a law with a start that the recording shows, at that one if it is better."""
         found = self.coefficients(options, kept, patterned=patterned)
+        noise = self._noise_beside(options, found, kept, patterned=patterned)
         x = [o.start(c) for o, c in zip(options, found, strict=True)]
         by_number = [_derivatives(o, c, own) for o, c, own in zip(options, found, x, strict=True)]
-        made = [self._at(options, x, by_number, patterned=patterned)]
+        made = [self._at(options, [*x, noise], by_number, patterned=patterned)]
         for k, option in enumerate(options):
             if option.form is not None and _measured(option.law):
                 other = [*x[:k], np.array(option.law.problem.starts[0]), *x[k + 1 :]]
-                made.append(self._at(options, other, by_number, patterned=patterned))
+                made.append(self._at(options, [*other, noise], by_number, patterned=patterned))
         return made[0] if len(made) == 1 else max(made, key=lambda s: s.at_start)
 
     def _at(
         self, options: Sequence[_Option], x: Sequence[FloatArray], by_number: Sequence[FloatArray], *, patterned: bool
     ) -> FittedSet:
-        base, task = self.base, self.base.task
+        *own, noise = x
         out = replace(
-            base,
+            self.base,
             laws=tuple(o.law for o in options),
-            x=np.concatenate([*x, np.zeros(0)]),
+            x=np.concatenate([*own, np.zeros(0)]),
             pattern=self.pattern if patterned else None,
             started=None,
             refused="",
         )
         if out.free_noise:
-            limit = 2 * task.noise_sd
-            noise = np.clip(base.x[-1:], -limit, limit) if base.free_noise else np.zeros(1)
             out.x = np.concatenate([out.x, noise])
         out.hessian = self._guess(out, options, by_number, patterned=patterned)
         return out
@@ -446,7 +458,7 @@ class About:
 
 
 def _derivatives(option: _Option, coefficients: FloatArray, x: FloatArray) -> FloatArray:
-    """Derivatives (number, coefficient) of an option's coefficients by its vector; zeros for numbers that a form fixes."""
+    """Derivatives (number, coefficient) of coefficients by the vector; zeros for numbers that a form fixes."""
     if option.form is None:
         return np.eye(option.law.size)
     columns = []
@@ -496,26 +508,23 @@ def by_trial(base: FittedSet) -> Iterator[Proposal]:
                 near=(len(base.keys), gain),
             )
     for kind in task.hidden:
-        hidden = kind.hidden
-        if (
-            type(hidden) in base.sorts
-            or isinstance(hidden, PixelBias)
-            or kind.kind in {e.kind for e in task.likelihood.scene.effects}
-        ):
-            continue
-        proposal = None
-        if isinstance(hidden, RangeStep) and task.step_mm is not None:
-            effect = hidden.made(kind, (task.step_mm,))
-            gain = _total(base, (*base.linked, effect), base.x, beta) - rest
-            proposal = _linked(base, effect, gain, lambda e=effect: _with_linked(base, e), INEXACT)  # type: ignore[misc]
-        elif isinstance(hidden, PixelValue):
-            proposal = _stuck(base, kind, mixture)
-        elif isinstance(hidden, RememberedNoise):
-            proposal = _memory(base, kind)
-        elif isinstance(hidden, DisturbedFrames):
-            proposal = _bursts(base, kind, rest)
-        if proposal is not None:
-            yield proposal
+        if type(kind.hidden) not in base.sorts and kind.kind not in task.given_kinds:
+            proposal = _of_hidden(base, kind, mixture, beta, rest)
+            yield from () if proposal is None else (proposal,)
+
+
+def _of_hidden(base: FittedSet, kind: type[Effect], mixture: Mixture, beta: FloatArray, rest: float) -> Proposal | None:
+    """The base with an effect of a hidden state; None where the recordings show none."""
+    task, hidden = base.task, kind.hidden
+    if isinstance(hidden, RangeStep) and task.step_mm is not None:
+        effect = hidden.made(kind, (task.step_mm,))
+        gain = _total(base, (*base.linked, effect), base.x, beta) - rest
+        return _linked(base, effect, gain, lambda: _with_linked(base, effect), INEXACT)
+    if isinstance(hidden, PixelValue):
+        return _stuck(base, kind, mixture)
+    if isinstance(hidden, RememberedNoise):
+        return _memory(base, kind)
+    return _bursts(base, kind, rest) if isinstance(hidden, DisturbedFrames) else None
 
 
 def _total(
@@ -531,7 +540,7 @@ def _total(
     return float(other.expanded(state, mixture, beta)[0].sum())
 
 
-def _vector_with(base: FittedSet, law: Law, x: FloatArray) -> FloatArray:
+def _vector_with(base: FittedSet, x: FloatArray) -> FloatArray:
     cut = base.x.size - int(base.free_noise)
     return np.concatenate([base.x[:cut], x, base.x[cut:]])
 
@@ -540,7 +549,7 @@ def _climbed(base: FittedSet, law: Law, beta: FloatArray) -> tuple[FloatArray, f
     """The best start of a law's search on the samples, after a step along each number, and its log-likelihood."""
 
     def value(x: FloatArray) -> float:
-        return _total(base, base.linked, _vector_with(base, law, x), beta, (*base.laws, law))
+        return _total(base, base.linked, _vector_with(base, x), beta, (*base.laws, law))
 
     tried = [(np.array(start, dtype=np.float64), value(np.array(start))) for start in law.problem.starts]
     best = max(tried, key=lambda pair: pair[1], default=None)
@@ -561,7 +570,7 @@ def _climbed(base: FittedSet, law: Law, beta: FloatArray) -> tuple[FloatArray, f
 def _with_law(base: FittedSet, law: Law, x: FloatArray) -> FittedSet:
     cut = base.x.size - int(base.free_noise)
     _, precision = law.prior_at(x)
-    whole = _vector_with(base, law, x)
+    whole = _vector_with(base, x)
     hessian = np.zeros((whole.size, whole.size))
     old = [*range(cut), *range(cut + law.size, whole.size)]
     if base.hessian is not None:
@@ -617,7 +626,7 @@ def _memory(base: FittedSet, kind: type[Effect]) -> Proposal | None:
     some = task.part[0], task.part[1][:: min(_FIFTH, max(task.part[1].size // 100, 1))]
     z = task.likelihood.scores(state, some, task.settings.seed, mixture)
     u = z[:, some[1]]
-    good = np.abs(np.nan_to_num(u, nan=9.0)) < 4
+    good = np.abs(np.nan_to_num(u, nan=2 * _FAR_SCORE)) < _FAR_SCORE
     u = np.where(good, u, 0.0)
     u = np.where(good, u - u.sum(axis=0) / np.maximum(good.sum(axis=0), 1), 0.0)
     u = u - u.mean(axis=1, keepdims=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.reconciliation.likelihood.joint import RecordingView, views
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part
 from tofmix.reconciliation.likelihood.memory import one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.one.coordinates import Law, Name, laws
@@ -98,6 +98,8 @@ class SearchTask:
         so that noise adds one of m effects to at most a share alpha of recordings if each costs log(m / alpha).
     noise_sd : float
         Standard deviation of the model's own error of log sigma; 0 if the model may have none.
+    given_kinds : set of str
+        Kinds that the model has.
     given : PatternSpreads
         Spreads of the model's own pattern; zeros without one.
     passes : int
@@ -125,6 +127,7 @@ class SearchTask:
         self.price_nats = math.log(max(len(names) + len(self.hidden), 1) / settings.alpha)
         scaled = any(e.is_basic(Basic.NOISE) for e in likelihood.scene.effects)
         self.noise_sd = 0.0 if scaled else _NOISE * settings.tolerance * UNIFORM
+        self.given_kinds = {e.kind for e in likelihood.scene.effects}
         self.given = next((h.spreads(e) for e, h in with_hidden(self.null.given, PixelBias)), PatternSpreads(0, 0, 0))
 
     def _recording(self, view: RecordingView) -> OneRecording:

@@ -2,8 +2,8 @@
 
 For each size, about the best sets of the size before, all sets with at most two new members are ranked by linear
 evidence, those with a bias of each pixel apart from the others: it can imitate any static effect, and would crowd the
-others out. The best are fitted. At the end, every neighbour of the winner (one member fewer, exchanged, or more, unnamed
-laws among them) that may be as good is fitted too, until none is better.
+others out. The best are fitted. At the end, every neighbour of the winner (one member fewer, exchanged, or more,
+unnamed laws among them) that may be as good is fitted too, until none is better.
 """
 
 import math
@@ -69,7 +69,7 @@ class FoundSets:
         return next(law.surface for law in best.laws if not law.named)
 
     def fit_best(self, proposals: Iterable[Proposal], keep: Callable[[Proposal], bool]) -> None:
-        """Fit the proposals of the highest predicted scores. The best one at its start is first: others may end early."""
+        """Fit the proposals of the highest predicted scores, the best one at its start first: others may end early."""
         pool: dict[frozenset[Name], Proposal] = {}
         for p in proposals:  # of one set, the prediction from the nearest base
             if p.keys not in self.table and (p.names not in pool or p.near > pool[p.names].near):
@@ -111,7 +111,7 @@ class FoundSets:
         return f"{spoken(s.names)}: {score} nats (predicted {predicted}, at the start {began}) {s.refused}".rstrip()
 
     def aliases(self, best: FittedSet) -> list[FittedSet]:
-        """Sets within `ALIAS_NATS` of the evidence of the best one, none a subset or superset of another, best first."""
+        """Sets within `ALIAS_NATS` of the evidence of the best one, none a part or extension of another, best first."""
         least = best.evidence - ALIAS_NATS
         near = [s for s in self.table.values() if s.named and math.isfinite(s.score) and s.evidence > least]
         near = [s for s in near if s is not best and not s.names <= best.names and not s.names > best.names]
@@ -169,7 +169,7 @@ def search(
         if not level or found.best.score > level[0].score:
             break
         bases = [*level[:BASES], *([null] if size == 1 else [])]
-    _closed(found, about)
+    closed(found, about)
     return found
 
 
@@ -201,7 +201,7 @@ def _with_laws(s: FittedSet, keep: list[int]) -> FittedSet:
     return other
 
 
-def _closed(found: FoundSets, about: Callable[[FittedSet], About]) -> None:
+def closed(found: FoundSets, about: Callable[[FittedSet], About]) -> None:
     """Fit all neighbours of the best set that may be as good, until none is better."""
     task = found.task
     most = task.settings.max_effects

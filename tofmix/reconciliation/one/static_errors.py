@@ -1,8 +1,8 @@
 """Static errors of pixels, integrated out: those of any model within its tolerance, and those of a fixed pattern.
 
-The bias of a pixel in a recording is U a + column + row + own + noise, each part with a normal prior. U holds the errors
-that every model may have; column, row and own belong to the camera and are the same in all recordings. One form serves
-fits of samples, proposals from summaries, and the posterior mean.
+The bias of a pixel in a recording is U a + column + row + own + noise, each part with a normal prior. U holds the
+errors that every model may have; column, row and own belong to the camera and are the same in all recordings. One form
+serves fits of samples, proposals from summaries, and the posterior mean.
 
 References
 ----------
@@ -85,7 +85,7 @@ class StaticErrors:
         k, lines = len(low), (image[1] + image[0] if spreads.column_sigma_mm or spreads.row_sigma_mm else 0)
         small = np.eye(k + lines)
         weighed = _weighed(low, weight, own * shrink)
-        small[:k, :k] += weighed.reshape(k, -1) @ low.reshape(k, -1).T
+        small[:k, :k] += weighed.reshape(k, weight.size) @ low.reshape(k, weight.size).T
         if lines:
             pulled = _line_sums(weighed.sum(axis=1), image, spreads.column_sigma_mm, spreads.row_sigma_mm)
             small[:k, k:], small[k:, :k] = pulled, pulled.T
@@ -129,7 +129,7 @@ class StaticErrors:
     def _pull(self, weighed: FloatArray) -> FloatArray:
         """Sums (n, k + lines) of weighed vectors over the columns of U and over lines."""
         n, k = len(weighed), len(self.low)
-        out: FloatArray = weighed.reshape(n, -1) @ self.low.reshape(k, -1).T
+        out: FloatArray = weighed.reshape(n, self.weight.size) @ self.low.reshape(k, self.weight.size).T
         if not (self.by_column_mm or self.by_row_mm):
             return out
         lines = _line_sums(weighed.sum(axis=1), self.image, self.by_column_mm, self.by_row_mm)
