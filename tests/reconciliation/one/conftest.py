@@ -26,7 +26,7 @@ def wall() -> Model:
 def make_task(wall: Model) -> MakeTask:
     """The task of a search for some kinds, with effects in the recording."""
 
-    def make(kinds: tuple[str, ...], *hidden: Effect, of: Model = wall, **options: float) -> SearchTask:
-        return SearchTask(joint_likelihood([(of, recorded(of, *hidden))]), Settings(kinds=kinds, **options))
+    def make(kinds: tuple[str, ...], *hidden: Effect, of: Model = wall) -> SearchTask:
+        return SearchTask(joint_likelihood([(of, recorded(of, *hidden))]), Settings(kinds=kinds))
 
     return make

@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 from support.recordings import MAKE
 from support.search_tasks import MakeTask
 
-from tofmix.reconciliation.one.fitted_set import FittedSet
+from tofmix.reconciliation.one.fitted_set import FittedSet, scatter_of_tenths
 from tofmix.reconciliation.one.recordings import SearchTask
 from tofmix.simulation.effects.hidden import PatternSpreads, PixelBias
 
@@ -71,6 +71,18 @@ def test_an_effect_that_is_there_scores_and_one_that_is_not_costs_its_price(make
     gains = [_with_offset(t).fit().score - FittedSet.without_effects(t).fit().score for t in (there, absent)]
     assert gains[0] > 10
     assert -15 < gains[1] < 0
+
+
+@pytest.mark.parametrize("correlated", [1.0, 2.5])
+def test_scatter_of_tenths_is_the_factor_on_the_variance_of_means(correlated: float) -> None:
+    rng = np.random.default_rng(1)
+    information = rng.uniform(0.5, 2.0, (10, 4000))
+    noise = rng.normal(size=information.shape) * np.sqrt(correlated / information)
+    surface = np.arange(4000) % 3
+    course = np.linspace(0, 5, 10)[:, None] * surface  # a surface may move, and each pixel has a bias of its own
+    found = scatter_of_tenths(noise + course + rng.normal(0, 9, 4000), information, surface)
+    assert found == pytest.approx(correlated, rel=0.03)
+    assert scatter_of_tenths(noise[:, :2], information[:, :2], surface[:2]) is None
 
 
 def test_a_set_with_numbers_of_no_camera_is_refused(make_task: MakeTask) -> None:

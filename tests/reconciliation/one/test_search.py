@@ -56,9 +56,10 @@ def test_aliases_are_within_four_nats_and_neither_part_nor_extension() -> None:
 @pytest.mark.parametrize(("lead", "axis"), [(3.0, None), (5.0, "range")])
 def test_a_smooth_law_stands_if_it_is_four_nats_better(lead: float, axis: str | None) -> None:
     law = _set(0.0, "unnamed", score=100.0 + lead, named=False)
+    named = _set(0.0, "a", score=100.0)
     law.laws = (SimpleNamespace(named=False, surface="range"),)
     task: Any = None
-    found = FoundSets(task, lambda _: None, lambda _: None, dict(enumerate([_set(0, "a", score=100.0), law])))  # type: ignore[misc]
+    found = FoundSets(task, lambda _: None, lambda _: None, {s.keys: s for s in (named, law)})
     assert found.law == axis
     assert found.best_named.score == 100.0
 
@@ -72,6 +73,7 @@ def test_a_smooth_law_stands_if_it_is_four_nats_better(lead: float, axis: str | 
         (MAKE["fixed_pattern"](pixel_sigma_mm=8.0, column_sigma_mm=5.0, row_sigma_mm=5.0),),
         (MAKE["quantisation"](step_mm=30.0), MAKE["range_offset"](offset_mm=8.0)),
         (MAKE["temporal_correlation"](coefficient=0.5),),
+        (MAKE["quantisation"](step_mm=40.0), MAKE["temporal_correlation"](coefficient=0.5)),
     ],
     ids=lambda hidden: "+".join(e.kind for e in hidden) or "nothing",
 )

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import FloatArray, IntArray
 from tofmix.reconciliation.one.static_errors import NO_PATTERN, StaticErrors
 from tofmix.simulation.effects.hidden import PatternSpreads
 
@@ -19,7 +19,7 @@ class _Dense(NamedTuple):
     model: FloatArray
     pattern: FloatArray
     noise: FloatArray
-    known: FloatArray
+    known: IntArray
 
     @property
     def whole(self) -> FloatArray:

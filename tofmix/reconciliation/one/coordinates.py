@@ -19,13 +19,11 @@ from scipy.optimize import least_squares
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.one.unnamed import Unnamed, unnamed_laws
 from tofmix.reconciliation.parameters.searches import problems_from
+from tofmix.reconciliation.weighed import Name
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.base import refuse_without_phase
 from tofmix.simulation.effects.parameter import Prior
 from tofmix.simulation.effects.search import FormFacts, LinearForm, Problem, SearchFacts, forms_of, has_form
-
-Name = tuple[str, str]
-"""Kind and surface; the surface is empty for an effect of the camera."""
 
 Key = tuple[str, str, int]
 """Kind, surface, and number of the search among those of both."""

@@ -20,16 +20,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tofmix.arrays import BoolArray, FloatArray
-from tofmix.reconciliation.likelihood.likelihood import ModelState, forward
+from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.reconciliation.likelihood.likelihood import ModelState, Part, forward
 from tofmix.reconciliation.likelihood.memory import inflation, memory_gain, memory_of, one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.likelihood.pixel_pattern import PixelBiases
-from tofmix.reconciliation.one.coordinates import Key, Law, Name
+from tofmix.reconciliation.one.coordinates import Key, Law
 from tofmix.reconciliation.one.recordings import SearchTask, hidden_of
 from tofmix.reconciliation.one.static_errors import LEAST_INFORMATION, StaticErrors
 from tofmix.reconciliation.one.steps_kernel import by_values, is_static
 from tofmix.reconciliation.search import links
+from tofmix.reconciliation.weighed import Name
 from tofmix.simulation.effects import Effect, basic_kind
 from tofmix.simulation.effects.base import Basic
 from tofmix.simulation.effects.hidden import (
@@ -50,6 +51,7 @@ _DROP = (0.02, 50.0)  # nats by which a step changes the log-likelihood
 _LEVEL = 1e-4  # nats: a drop that shows no curvature
 _PATTERN_CHANGE = 0.1  # relative change of a spread after which a set is fitted again
 _WIDTH_NUDGE, _FAR_WIDTH = 0.05, 1.0  # of the logarithm of a width: step for slopes, longest step
+_LEAST_SCATTER = 0.1  # of tenths, over that of independent samples
 _PARABOLA = 4.5  # nats, up to which a pixel's log-likelihood is taken as a parabola in any case
 
 
@@ -262,7 +264,16 @@ class FittedSet:
         task = self.task
         if not memory_of(state):
             return np.ones(task.lit.shape)
-        return np.stack([inflation(task.likelihood, mixture, state, r.part) for r in task.recordings])
+        out = np.stack([inflation(task.likelihood, mixture, state, r.part) for r in task.recordings])
+        # of quantised samples the coefficient says too little, so the scatter of tenths has the last word
+        beta = np.zeros(task.lit.shape) if self.beta is None else self.beta
+        bias, told = self._by_tenth(state, mixture, beta, task.single & state.working)
+        for number, recording in enumerate(task.recordings):
+            used = task.single[number] & (told[:, number] > 0).all(axis=0)
+            scatter = scatter_of_tenths(bias[:, number, used], told[:, number, used], recording.surface[used])
+            if scatter is not None:
+                out[number] *= max(scatter, _LEAST_SCATTER) / float(out[number][used].mean())
+        return out
 
     def log_likelihood(self, x: FloatArray, *, final: bool = False) -> float:
         """Log density of samples and side information, static errors integrated out; minus infinity out of bounds."""
@@ -606,7 +617,7 @@ class FittedSet:
         return shifts, told
 
     def _slope_of(
-        self, state: ModelState, mixture: Mixture, part: tuple[FloatArray, FloatArray], bias: FloatArray
+        self, state: ModelState, mixture: Mixture, part: Part, bias: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         like = self.task.likelihood
         here = like.sums(mixture, state, part, bias=bias).by_pixel
@@ -651,6 +662,33 @@ class FittedSet:
         return width, known
 
 
+def scatter_of_tenths(bias_mm: FloatArray, information: FloatArray, surface: IntArray) -> float | None:
+    """Mean square of biases of tenths about their pixel's mean and their surface's course, over that of noise.
+
+    Parameters
+    ----------
+    bias_mm, information : (tenth, pixel) float64
+        Biases, and their information by independent samples.
+    surface : (pixel,) int64
+        Surface of each pixel.
+
+    Returns
+    -------
+    float or None
+        1 for independent samples; None if there are not enough tenths or pixels.
+    """
+    tenths, pixels = bias_mm.shape
+    surfaces = np.unique(surface)
+    free = (tenths - 1) * (pixels - surfaces.size)
+    if free <= 0:
+        return None
+    away = bias_mm - (bias_mm * information).sum(axis=0) / information.sum(axis=0)
+    for number in surfaces:
+        own = surface == number
+        away[:, own] -= ((away * information)[:, own].sum(axis=1) / information[:, own].sum(axis=1))[:, None]
+    return float((away**2 * information).sum() / free)
+
+
 def spreads_of_biases(task: SearchTask, bias_mm: FloatArray, information: FloatArray) -> PatternSpreads | None:
     """Spreads of the pattern that biases (recording, pixel) show together; None if they show none."""
     total = information.sum(axis=0)
@@ -662,7 +700,7 @@ def spreads_of_biases(task: SearchTask, bias_mm: FloatArray, information: FloatA
     return None if fitted is None else fitted[0]
 
 
-def _moves(change: FloatArray, told: FloatArray, surface: FloatArray, used: BoolArray) -> FloatArray:
+def _moves(change: FloatArray, told: FloatArray, surface: IntArray, used: BoolArray) -> FloatArray:
     """Shift of each surface in each tenth (tenth, pixel), mm: a mean over its pixels."""
     out = np.zeros_like(change)
     for number in np.unique(surface[used]):

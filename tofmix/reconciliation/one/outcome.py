@@ -5,7 +5,7 @@ has seen. A member that leaves a statistic open in which it must show is taken o
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from tofmix.reconciliation.comparison.compare import Compared, compare
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
 from tofmix.reconciliation.likelihood.memory import memory_gain
 from tofmix.reconciliation.likelihood.pixel_pattern import marginal_pattern, pixel_biases
-from tofmix.reconciliation.one.coordinates import Name
 from tofmix.reconciliation.one.fitted_set import FittedSet
 from tofmix.reconciliation.one.search import FoundSets, search
 from tofmix.reconciliation.one.static_errors import StaticErrors
@@ -25,58 +24,13 @@ from tofmix.reconciliation.search.pattern_fits import settled_within
 from tofmix.reconciliation.search.refit import latent_states, settle, without
 from tofmix.reconciliation.search.search_state import Settings, fit_part, held_out
 from tofmix.reconciliation.verification.verify import Verified, verify
+from tofmix.reconciliation.weighed import Name, SetOfNames, WeighedSet, WeighedSets
 from tofmix.simulation.effects import Effect, basic_kind
 from tofmix.simulation.effects.base import Basic
 from tofmix.simulation.effects.hidden import PixelBias, PixelValue, RememberedNoise
 
 OTHERS = 3
 """Most sets beside the best one and its aliases of which the reason is given."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WeighedSet:
-    """A set of effects, its evidence, and why it is not the answer.
-
-    Parameters
-    ----------
-    names : tuple of (str, str)
-        Kind and surface of each effect.
-    evidence_nats : float
-        Log evidence over that without any effect.
-    why_not : str or None
-        Why it is not the answer; None for the answer.
-    """
-
-    names: tuple[Name, ...]
-    evidence_nats: float
-    why_not: str | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SetOfNames:
-    """Names of effects, and log evidence over that without any effect, nats."""
-
-    names: frozenset[Name]
-    evidence: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class WeighedSets:
-    """The named set and others, with the interface of `tofmix.reconciliation.search.alternatives.Alternatives`.
-
-    Parameters
-    ----------
-    found : SetOfNames
-        The named set.
-    aliases : tuple of SetOfNames
-        Sets that the recording does not separate from it.
-    sets : tuple of SetOfNames
-        All other sets, best first.
-    """
-
-    found: SetOfNames
-    aliases: tuple[SetOfNames, ...]
-    sets: tuple[SetOfNames, ...]
 
 
 def unsupported(likelihood: Likelihood) -> str:
@@ -132,7 +86,7 @@ def as_added(found: FoundSets, best: FittedSet) -> Added:
         first=_singles(found),
         aliases=(),
         panel=_panel(best, state, chosen),
-        sets=_sets(found, best),
+        weighed=_weighed(found, best),
         considered=considered(found, best),
         law=found.law,
         laws_tried=True,
@@ -250,7 +204,7 @@ def _singles(found: FoundSets) -> tuple[TriedEffect, ...]:
     return tuple(out)
 
 
-def _sets(found: FoundSets, best: FittedSet) -> WeighedSets:
+def _weighed(found: FoundSets, best: FittedSet) -> WeighedSets:
     nothing = found.table[frozenset()]
 
     def of(s: FittedSet, *, price: bool = False) -> SetOfNames:

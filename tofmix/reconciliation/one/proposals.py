@@ -10,17 +10,19 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import FloatArray, IntArray
 from tofmix.reconciliation.likelihood.memory import fit_memory
 from tofmix.reconciliation.likelihood.mixture import Mixture
-from tofmix.reconciliation.one.coordinates import Key, Law, Name
+from tofmix.reconciliation.one.coordinates import Key, Law
 from tofmix.reconciliation.one.fitted_set import FittedSet, spreads_of_biases
 from tofmix.reconciliation.one.recordings import SearchTask
 from tofmix.reconciliation.one.static_errors import LEAST_INFORMATION, StaticErrors
 from tofmix.reconciliation.search import links
+from tofmix.reconciliation.weighed import Name
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.hidden import (
     DisturbedFrames,
@@ -31,6 +33,9 @@ from tofmix.simulation.effects.hidden import (
     RememberedNoise,
 )
 from tofmix.simulation.effects.search import LinearForm
+
+if TYPE_CHECKING:
+    from tofmix.reconciliation.search.columns import Column
 
 INEXACT = 0.02
 """Possible relative error of a predicted gain."""
@@ -81,7 +86,7 @@ class _Option:
     """A member that a set may have: its columns, and the vector or the form at coefficients 0."""
 
     law: Law
-    at: FloatArray
+    at: IntArray
     prior: FloatArray
     price_nats: float
     form: LinearForm | None = None
@@ -114,7 +119,7 @@ class Columns:
         Change of the log width.
     """
 
-    options: list[tuple[Law, LinearForm, FloatArray]]
+    options: list[tuple[Law, LinearForm, IntArray]]
     prior: FloatArray
     bias_mm: FloatArray
     course: FloatArray
@@ -124,7 +129,9 @@ class Columns:
     def of(cls, task: SearchTask) -> "Columns":
         """Those of all laws of a task that summaries show."""
         number: dict[int, int] = {}
-        made, options, kept = [], [], []
+        made: list[Column] = []
+        options: list[tuple[Law, LinearForm, IntArray]] = []
+        kept = []
         for law in task.laws:
             for form in law.forms:
                 try:
@@ -318,12 +325,12 @@ class About:
         gram, data = self.gram[patterned], self._data(kept)
         pull = gram @ data
         out = np.full(len(many), -0.5 * (float(data @ pull) + self.logdet[patterned]))
-        columns = [np.concatenate([o.at for o in options]) if options else np.zeros(0, dtype=int) for options in many]
+        columns = [np.concatenate([np.zeros(0, dtype=np.int64), *(o.at for o in options)]) for options in many]
         sizes = np.array([c.size for c in columns])
         for size in np.unique(sizes[sizes > 0]):
             of = np.flatnonzero(sizes == size)
-            at = np.stack([columns[k] for k in of])
-            prior = np.stack([np.concatenate([o.prior for o in many[k]]) for k in of])
+            at = np.stack([columns[int(k)] for k in of])
+            prior = np.stack([np.concatenate([o.prior for o in many[int(k)]]) for k in of])
             inner = gram[at[:, :, None], at[:, None, :]] * prior[:, :, None] * prior[:, None, :] + np.eye(size)
             root = np.linalg.cholesky(inner)
             half = np.linalg.solve(root, (pull[at] * prior)[:, :, None])[:, :, 0]

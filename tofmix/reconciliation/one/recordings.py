@@ -11,7 +11,7 @@ from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part
 from tofmix.reconciliation.likelihood.memory import one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
-from tofmix.reconciliation.one.coordinates import Law, Name, laws
+from tofmix.reconciliation.one.coordinates import Law, laws
 from tofmix.reconciliation.one.steps_kernel import DistinctValues
 from tofmix.reconciliation.parameters.searches import search_facts
 from tofmix.reconciliation.search.alternatives import DISCREPANCY, across_surface, hats
@@ -138,7 +138,7 @@ class SearchTask:
 
     def _laws(self, kinds: list[str]) -> list[Law]:
         like = self.likelihood
-        taken: set[Name] = {(e.kind, getattr(e, "surface", "")) for e in like.scene.effects}
+        taken = {(e.kind, getattr(e, "surface", "")) for e in like.scene.effects}
         found = laws(kinds, search_facts(like, self.mixture), self.columns.facts, taken, like.scene.model.sensor)
         lost = [k for k in kinds if EFFECTS[k].loses_by_noise]
         return [law for law in found if law.kind.kind not in lost or self._loses]

@@ -14,12 +14,13 @@ from itertools import chain
 import numpy as np
 
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
-from tofmix.reconciliation.one.coordinates import Key, Name
+from tofmix.reconciliation.one.coordinates import Key
 from tofmix.reconciliation.one.fitted_set import FittedSet
 from tofmix.reconciliation.one.proposals import About, Columns, Proposal, by_trial
 from tofmix.reconciliation.one.recordings import SearchTask
 from tofmix.reconciliation.search.alternatives import ALIAS_NATS, MOST_ALIASES
 from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.weighed import Name
 from tofmix.simulation.effects.hidden import PixelBias
 
 BASES, PLAIN, PATTERNED, LARGEST = 3, 8, 4, 3

@@ -147,10 +147,10 @@ class StaticErrors:
 
 def _weighed(vectors: FloatArray, weight: FloatArray, taken: FloatArray) -> FloatArray:
     """Vectors (n, recording, pixel) by the inverse covariance of own bias and noise of each pixel."""
-    out = vectors * weight
+    out: FloatArray = vectors * weight
     if not taken.any():
         return out
-    return out - weight * (taken * out.sum(axis=1))[:, None]
+    return np.asarray(out - weight * (taken * out.sum(axis=1))[:, None])
 
 
 def _line_sums(values: FloatArray, image: tuple[int, int], by_column_mm: float, by_row_mm: float) -> FloatArray:

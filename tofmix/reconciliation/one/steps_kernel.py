@@ -65,10 +65,24 @@ def by_values(values: DistinctValues, m: Mixture, bias_mm: FloatArray) -> FloatA
         Bias of each pixel.
     """
     out: FloatArray = np.zeros((bias_mm.size, 3))
-    rows = (np.ascontiguousarray(a[0]) for a in (m.weight, m.mean, m.sigma))
+    weight, mean, sigma = (np.ascontiguousarray(a[0]) for a in (m.weight, m.mean, m.sigma))
     density = m.outlier / (m.high - m.low)
     lit = np.ascontiguousarray(m.lit[0])
-    _sums(values.first, values.value, values.count, *rows, lit, m.invalid[0], density, m.step, bias_mm, out)
+    invalid = m.invalid[0]
+    _sums(
+        values.first,
+        values.value,
+        values.count,
+        weight,
+        mean,
+        sigma,
+        lit,
+        invalid,
+        density,
+        m.step,
+        bias_mm,
+        out,
+    )
     return out
 
 

@@ -17,8 +17,8 @@ from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import StudentPrior, number
 from tofmix.simulation.effects.search import Coefficient, LinearForm, Problem
 
-_SPREAD_MM = 25.0
-_MIDDLE_MM, _UNIT_MM = 2500.0, 1000.0
+_SPREAD_MM = 25.0  # of a coefficient: as large as an offset of a camera
+_MIDDLE_MM, _UNIT_MM = 2500.0, 1000.0  # of range, so that coefficients are biases within a room
 AXES: dict[str, int] = {"place": 6, "range": 3}
 """Axes, each with its number of coefficients."""
 

@@ -12,7 +12,6 @@ search starts from other candidates.
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -43,11 +42,9 @@ from tofmix.reconciliation.search.refit import begin, refit, without
 from tofmix.reconciliation.search.search_state import SearchState, Settings, fit_part, held_out, name_of
 from tofmix.reconciliation.search.static_fits import fold
 from tofmix.reconciliation.verdict import inexact
+from tofmix.reconciliation.weighed import WeighedSet, WeighedSets
 from tofmix.simulation.effects.base import Basic
 from tofmix.simulation.effects.hidden import PixelBias, PixelValue, RangeStep
-
-if TYPE_CHECKING:
-    from tofmix.reconciliation.one.outcome import WeighedSet, WeighedSets
 
 _TRIED = 4  # rivals that are compared with the model moved within its tolerance
 _FAIR = 0.5  # least score, as a share of the best one's, of a candidate that starts another search
@@ -72,8 +69,10 @@ class Added:
         Groups of candidates that the recording cannot separate; a chosen one stands first.
     panel : Compared
         Panel on held-out frames of the refined model, moved within its tolerance to where it fits them best.
-    sets : Alternatives, WeighedSets or None
+    sets : Alternatives or None
         The evidence of other sets of effects; None if no effect moves or widens samples and nothing stands out.
+    weighed : WeighedSets or None
+        Of the one search, in place of `sets`.
     considered : tuple of WeighedSet
         Of the one search: the set, its aliases and the best others, each with the reason why it is not the answer.
     law : str or None
@@ -87,8 +86,9 @@ class Added:
     first: tuple[TriedEffect, ...]
     aliases: tuple[tuple[TriedEffect, ...], ...]
     panel: Compared
-    sets: "Alternatives | WeighedSets | None" = None
-    considered: "tuple[WeighedSet, ...]" = ()
+    sets: Alternatives | None = None
+    weighed: WeighedSets | None = None
+    considered: tuple[WeighedSet, ...] = ()
     law: str | None = None
     laws_tried: bool = False
 

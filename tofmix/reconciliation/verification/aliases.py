@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from tofmix.reconciliation.search.add import Added
 from tofmix.reconciliation.search.alternatives import ALIAS_NATS, MOST_ALIASES, Explained
 from tofmix.reconciliation.search.columns import summed_up
+from tofmix.reconciliation.weighed import SetOfNames
 from tofmix.simulation.effects import EFFECTS
 
 NOTHING = "no effect"
@@ -73,7 +74,7 @@ def aliases(added: Added, *, named: bool) -> tuple[Alias, ...]:
     named : bool
         Whether its effects are named. If not, the result is the best explanations that cannot be separated.
     """
-    sets = added.sets
+    sets = added.sets if added.weighed is None else added.weighed
     if sets is None:
         return ()
     if not named:
@@ -94,7 +95,7 @@ def aliases(added: Added, *, named: bool) -> tuple[Alias, ...]:
     return tuple(out)
 
 
-def _of_nothing(sets: Sequence[Explained]) -> tuple[Alias, ...]:
+def _of_nothing(sets: Sequence[Explained | SetOfNames]) -> tuple[Alias, ...]:
     """The best explanations that cannot be separated, without their common effects."""
     if not sets or sets[0].evidence < ALIAS_NATS:
         return ()
