@@ -51,6 +51,7 @@ _DROP = (0.02, 50.0)  # nats by which a step changes the log-likelihood
 _LEVEL = 1e-4  # nats: a drop that shows no curvature
 _PATTERN_CHANGE = 0.1  # relative change of a spread after which a set is fitted again
 _WIDTH_NUDGE, _FAR_WIDTH = 0.05, 1.0  # of the logarithm of a width: step for slopes, longest step
+_ALTERNATIONS = 4  # of means of pixels and of surfaces
 _LEAST_SCATTER = 0.1  # of tenths, over that of independent samples
 _PARABOLA = 4.5  # nats, up to which a pixel's log-likelihood is taken as a parabola in any case
 
@@ -682,10 +683,12 @@ def scatter_of_tenths(bias_mm: FloatArray, information: FloatArray, surface: Int
     free = (tenths - 1) * (pixels - surfaces.size)
     if free <= 0:
         return None
-    away = bias_mm - (bias_mm * information).sum(axis=0) / information.sum(axis=0)
-    for number in surfaces:
-        own = surface == number
-        away[:, own] -= ((away * information)[:, own].sum(axis=1) / information[:, own].sum(axis=1))[:, None]
+    away = bias_mm
+    for _ in range(_ALTERNATIONS):  # of both means: weights differ
+        away = away - (away * information).sum(axis=0) / information.sum(axis=0)
+        for number in surfaces:
+            own = surface == number
+            away[:, own] -= ((away * information)[:, own].sum(axis=1) / information[:, own].sum(axis=1))[:, None]
     return float((away**2 * information).sum() / free)
 
 
