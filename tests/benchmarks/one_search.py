@@ -23,10 +23,11 @@ from users.cases import FRAMES, RATE_HZ, draw, recorded
 from users.oracle import known
 from users.score import score
 
+from tofmix.options import NEW_SEARCH, OLD_SEARCH, SEARCH_VARIABLE
 from tofmix.reconciliation.evidence import make_evidence
 from tofmix.reconciliation.search.name import KINDS
 from tofmix.reconciliation.search.search_state import Settings
-from tofmix.reconciliation.workflow import NEW, OLD, SEARCH_VARIABLE, reconcile
+from tofmix.reconciliation.workflow import reconcile
 
 SEED = 6203
 DONE = "pairs.jsonl"
@@ -38,7 +39,7 @@ def judged(seed: int, number: int, scenes: str) -> Iterator[Line]:
     case = draw(seed, number, scenes)
     samples = recorded(case)
     oracle = known(case) if case.hidden else None
-    for which in (NEW, OLD) if number % 2 else (OLD, NEW):
+    for which in (NEW_SEARCH, OLD_SEARCH) if number % 2 else (OLD_SEARCH, NEW_SEARCH):
         evidence = make_evidence(case.given, samples, time_s=np.arange(FRAMES) / RATE_HZ)
         os.environ[SEARCH_VARIABLE] = which
         wall, cpu = time.perf_counter(), time.process_time()
@@ -67,22 +68,22 @@ def table(lines: Sequence[Line]) -> Iterator[str]:
     pairs = [pair for pair in of.values() if len(pair) > 1]
     yield "| search | cases | right | wrong | open | CPU s, median | CPU s, all | wall s, median |"
     yield "|---|---|---|---|---|---|---|---|"
-    for which in (OLD, NEW):
+    for which in (OLD_SEARCH, NEW_SEARCH):
         own = [pair[which] for pair in pairs]
         results = [line["result"] for line in own]
         counts = " | ".join(str(results.count(r)) for r in ("right", "wrong", "open"))
         cpu = [line["cpu_s"] for line in own]
         walls = median(line["wall_s"] for line in own)
         yield f"| {which} | {len(own)} | {counts} | {median(cpu):.1f} | {sum(cpu):.0f} | {walls:.1f} |"
-    right = [[pair[which]["result"] == "right" for which in (OLD, NEW)] for pair in pairs]
+    right = [[pair[which]["result"] == "right" for which in (OLD_SEARCH, NEW_SEARCH)] for pair in pairs]
     lost, won = right.count([True, False]), right.count([False, True])
     chance = binomtest(won, won + lost).pvalue if won + lost else 1.0
     yield ""
     yield f"Right by one alone: {lost} old, {won} new; a sign test gives p = {chance:.2g}."
     for pair in pairs:
-        if pair[OLD]["result"] != pair[NEW]["result"]:
-            said = (f"{w}: {pair[w]['result']} {' + '.join(pair[w]['named'])}" for w in (OLD, NEW))
-            yield f"- {pair[OLD]['name']}: {'; '.join(said)}"
+        if pair[OLD_SEARCH]["result"] != pair[NEW_SEARCH]["result"]:
+            said = (f"{w}: {pair[w]['result']} {' + '.join(pair[w]['named'])}" for w in (OLD_SEARCH, NEW_SEARCH))
+            yield f"- {pair[OLD_SEARCH]['name']}: {'; '.join(said)}"
 
 
 def main() -> None:

@@ -16,6 +16,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError, UsageError
+from tofmix.options import NEW_SEARCH, OLD_SEARCH, SEARCH_VARIABLE
 from tofmix.reconciliation.comparison.compare import Compared, Place, localise
 from tofmix.reconciliation.evidence import Evidence, make_evidence
 from tofmix.reconciliation.likelihood.joint import Recording, joint_likelihood, renamed
@@ -357,10 +358,6 @@ def _searched(likelihood: Likelihood, settings: Settings, tick: Callable[[str], 
     return next((search for search in tried if search[1].verdict == "partly_explained"), tried[0])
 
 
-SEARCH_VARIABLE, NEW, OLD = "TOFMIX_SEARCH", "new", "old"
-"""Variable of the environment that chooses the search, and its values: `tofmix.reconciliation.one`, or ways."""
-
-
 def _is_new_wanted(likelihood: Likelihood) -> bool:
     """Whether the one search is asked for and can take the recordings; a warning if it cannot.
 
@@ -369,14 +366,14 @@ def _is_new_wanted(likelihood: Likelihood) -> bool:
     UsageError
         If the variable has another value.
     """
-    wanted = os.environ.get(SEARCH_VARIABLE, OLD)
-    if wanted not in (NEW, OLD):
-        raise UsageError(f"{SEARCH_VARIABLE}: {wanted} is neither {NEW} nor {OLD}")
-    if wanted == OLD:
+    wanted = os.environ.get(SEARCH_VARIABLE, OLD_SEARCH)
+    if wanted not in (NEW_SEARCH, OLD_SEARCH):
+        raise UsageError(f"{SEARCH_VARIABLE}: {wanted} is neither {NEW_SEARCH} nor {OLD_SEARCH}")
+    if wanted == OLD_SEARCH:
         return False
     why = one.unsupported(likelihood)
     if why:
-        print(f"{SEARCH_VARIABLE}={NEW}: {why}; the search of {OLD} runs", file=sys.stderr)  # noqa: T201
+        print(f"tofmix: {SEARCH_VARIABLE}={NEW_SEARCH} is not used: {why}", file=sys.stderr)  # noqa: T201
     return not why
 
 

@@ -7,8 +7,9 @@ import pytest
 from support.recordings import MAKE, recorded
 
 from tofmix.errors import UsageError
+from tofmix.options import NEW_SEARCH, OLD_SEARCH, SEARCH_VARIABLE
 from tofmix.reconciliation.search.search_state import Settings
-from tofmix.reconciliation.workflow import NEW, OLD, SEARCH_VARIABLE, Reconciliation, reconcile
+from tofmix.reconciliation.workflow import Reconciliation, reconcile
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
 
@@ -18,7 +19,7 @@ OFFSET, NOISE = MAKE["range_offset"](offset_mm=9.0), MAKE["excess_noise"](factor
 
 @pytest.fixture(autouse=True)
 def _new(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(SEARCH_VARIABLE, NEW)
+    monkeypatch.setenv(SEARCH_VARIABLE, NEW_SEARCH)
 
 
 def _found(model: Model, *hidden: Effect, also: Model | None = None, **options: object) -> Reconciliation:
@@ -118,7 +119,7 @@ def test_other_values_of_the_variable_are_refused(small: Model, monkeypatch: pyt
 
 
 def test_old_is_todays_search(small: Model, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(SEARCH_VARIABLE, OLD)
+    monkeypatch.setenv(SEARCH_VARIABLE, OLD_SEARCH)
     found = _found(small, OFFSET, kinds=("range_offset",))
     assert _kinds(found) == {"range_offset"}
     assert not found.added.laws_tried
