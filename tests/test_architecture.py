@@ -141,7 +141,7 @@ ORDER = {
     "estimation": ("noise", "peaks", "mixture", "learnt", "blocks"),
     "io": ("guard", "recording", "layers", "importers", "exporters"),
     "report": ("summary", "descriptions", "pixels", "figures", "explorer", "page", "comparison", "gap"),
-    "reconciliation": ("likelihood", "comparison", "parameters", "search", "verification"),
+    "reconciliation": ("likelihood", "comparison", "parameters", "search", "verification", "one"),
     "simulation": ("casting", "effects"),
 }
 """Subfolders of a folder: each may import those before it. What two of them use stands in the folder above."""

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -242,9 +243,9 @@ def reconcile(
         except BadInputError as error:
             reporter.note(f"the noise of the recording is not tried: {error}")
             return result
-        measured = found(other)
-        best = with_fallback((result, recordings), (measured, other), settings)
-        return replace(best, is_complete=measured.is_complete)
+        again = found(other)
+        best = with_fallback((result, recordings), (again, other), settings)
+        return replace(best, is_complete=again.is_complete)
     return result
 
 

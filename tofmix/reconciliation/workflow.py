@@ -5,6 +5,9 @@ Use `reconcile` for samples in memory; `tofmix.cli.reconcile` does the same for 
 `warm_up` compiles the kernels of reconciliation by using each once.
 """
 
+import math
+import os
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,13 +15,15 @@ from typing import Any
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.errors import BadInputError
+from tofmix.errors import BadInputError, UsageError
+from tofmix.options import NEW_SEARCH, OLD_SEARCH, SEARCH_VARIABLE
 from tofmix.reconciliation.comparison.compare import Compared, Place, localise
 from tofmix.reconciliation.evidence import Evidence, make_evidence
 from tofmix.reconciliation.ledger import Ledger, Named, WeighedSet
 from tofmix.reconciliation.likelihood.joint import Recording, joint_likelihood, renamed
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.memory import RandomValues, memory_gain, predicted_noise
+from tofmix.reconciliation.one import outcome as one
 from tofmix.reconciliation.parameters.pattern_errors import latent_errors
 from tofmix.reconciliation.parameters.standard_errors import standard_errors
 from tofmix.reconciliation.search import links
@@ -376,6 +381,8 @@ def _searched(
         given = as_given(likelihood, settings)
         if given[1].verdict == "agree":
             return given
+    if _is_new_wanted(likelihood):
+        return one.named(likelihood, settings, _Steps(settings.kinds, tick).done, ledger)
     tried: list[tuple[Added, Verified]] = []
     for added in ways(likelihood, settings, tick, ledger):
         stood = any(v.law is not None for _, v in tried)
@@ -387,6 +394,39 @@ def _searched(
         if tried[-1][1].law is not None and not patterned and not set_is_left:
             break
     return next((search for search in tried if search[1].verdict == "partly_explained"), tried[0])
+
+
+def _is_new_wanted(likelihood: Likelihood) -> bool:
+    """Whether the one search is asked for and can take the recordings; a warning if it cannot.
+
+    Raises
+    ------
+    UsageError
+        If the variable has another value.
+    """
+    wanted = os.environ.get(SEARCH_VARIABLE, OLD_SEARCH)
+    if wanted not in (NEW_SEARCH, OLD_SEARCH):
+        raise UsageError(f"{SEARCH_VARIABLE}: {wanted} is neither {NEW_SEARCH} nor {OLD_SEARCH}")
+    if wanted == OLD_SEARCH:
+        return False
+    why = one.unsupported(likelihood)
+    if why:
+        print(f"tofmix: {SEARCH_VARIABLE}={NEW_SEARCH} is not used: {why}", file=sys.stderr)  # noqa: T201
+    return not why
+
+
+class _Steps:
+    """Calls a function with each kind as often as steps of a search are done, a step as long as all kinds."""
+
+    def __init__(self, kinds: Sequence[str], tick: Callable[[str], None]) -> None:
+        self._kinds, self._tick, self._part = kinds, tick, 0.0
+
+    def done(self, share: float) -> None:
+        """A share of a step is done."""
+        before, self._part = self._part, self._part + share
+        first, last = (math.floor(part * len(self._kinds) + 1e-9) for part in (before, self._part))
+        for number in range(first, last):
+            self._tick(self._kinds[number % len(self._kinds)])
 
 
 def _judged(likelihood: Likelihood, added: Added, settings: Settings, *, law_stood: bool) -> tuple[Added, Verified]:

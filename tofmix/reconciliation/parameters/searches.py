@@ -48,7 +48,12 @@ def problems(kind: str, likelihood: Likelihood, mixture: Mixture) -> list[Proble
             refuse_without_phase(kind, likelihood.scene.model.sensor)
         except ValueError:
             return []
-    return [_plausible(problem) for problem in problems_of(effect, search_facts(likelihood, mixture))]
+    return problems_from(effect, search_facts(likelihood, mixture))
+
+
+def problems_from(effect: type[Effect], facts: SearchFacts) -> list[Problem]:
+    """The searches of a kind that the camera can have, from the data of recordings."""
+    return [_plausible(problem) for problem in problems_of(effect, facts)]
 
 
 def _plausible(problem: Problem) -> Problem:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tofmix.reconciliation.comparison.compare import Compared, compare, disagreements
-from tofmix.reconciliation.ledger import Ledger
+from tofmix.reconciliation.ledger import Ledger, WeighedSet
 from tofmix.reconciliation.likelihood.joint import views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.search.alternatives import Alternatives, Explained, alternatives, apart, as_candidates
@@ -69,6 +69,12 @@ class Added:
         The evidence of other sets of effects; None if no effect moves or widens samples and nothing stands out.
     rivals : tuple of tuple of TriedEffect
         For each of `chosen`: the other candidates of its round, best first.
+    considered : tuple of WeighedSet
+        Of the one search: the set, its aliases and the best others, each with the reason why it is not the answer.
+    law : str or None
+        Of the one search: axis of a smooth law that is clearly better than every set of effects; None without one.
+    laws_tried : bool
+        Whether smooth laws have competed in the search.
     """
 
     state: ModelState
@@ -77,6 +83,9 @@ class Added:
     panel: Compared
     sets: Alternatives | None = None
     rivals: tuple[tuple[TriedEffect, ...], ...] = ()
+    considered: tuple[WeighedSet, ...] = ()
+    law: str | None = None
+    laws_tried: bool = False
 
 
 def ways(
@@ -294,7 +303,7 @@ def _panel(likelihood: Likelihood, settings: Settings, state: ModelState, chosen
     """
     held = held_out(likelihood, settings)
     near = settled_within(likelihood, state, chosen, held, settings.tolerance)
-    return compare(likelihood, near, _covered(likelihood, state, held), seed=settings.seed)
+    return compare(likelihood, near, covered(likelihood, state, held), seed=settings.seed)
 
 
 def without_faint(likelihood: Likelihood, settings: Settings, added: Added, failed: Sequence[int]) -> Added | None:
@@ -339,7 +348,7 @@ def without_faint(likelihood: Likelihood, settings: Settings, added: Added, fail
     )
 
 
-def _covered(likelihood: Likelihood, state: ModelState, part: Part) -> Part:
+def covered(likelihood: Likelihood, state: ModelState, part: Part) -> Part:
     """The part without pixels that see open space, if more noise was added.
 
     Its law does not change samples without a return; ambient light does. Such samples would test the law and not the

@@ -32,7 +32,7 @@ from tofmix.simulation.effects.hidden import PixelBias
 from tofmix.simulation.effects.search import Problem
 
 _SMOOTH = 3  # functions along each side of a surface
-_DISCREPANCY = 0.25  # of the tolerance: prior of a tilt, and of a smooth error of a surface's ranges
+DISCREPANCY = 0.25  # of the tolerance: prior of a tilt, and of a smooth error of a surface's ranges
 _MOST = 10_000  # most sets that are compared, 0.1 ms each
 
 
@@ -199,19 +199,19 @@ def model_errors(seen: Sequence[PixelSummary], tolerance: float) -> Iterator[Col
             yield alone(np.where(s.used, sigma, 0.0), math.sqrt(s.common_variance))
         for _, own in surfaces_of(s):
             error = tolerance * float(np.median(sigma[own]))
-            u, v = _across(col, own), _across(row, own)
+            u, v = across_surface(col, own), across_surface(row, own)
             yield alone(own.astype(np.float64), error)
-            for smooth in (u, v, *_hats(u, v)):
-                yield alone(np.where(own, smooth, 0.0), _DISCREPANCY * error)
+            for smooth in (u, v, *hats(u, v)):
+                yield alone(np.where(own, smooth, 0.0), DISCREPANCY * error)
 
 
-def _across(place: IntArray, own: BoolArray) -> FloatArray:
+def across_surface(place: IntArray, own: BoolArray) -> FloatArray:
     """Coordinates (pixel,) that run from -1 to 1 over a surface."""
     low, high = float(place[own].min()), float(place[own].max())
     return np.asarray(2 * (place - low) / max(high - low, 1.0) - 1)
 
 
-def _hats(u: FloatArray, v: FloatArray) -> Iterator[FloatArray]:
+def hats(u: FloatArray, v: FloatArray) -> Iterator[FloatArray]:
     """Products (pixel,) of linear splines over -1 to 1 in both directions."""
     knots = np.linspace(-1, 1, _SMOOTH)
     width = 2 / (_SMOOTH - 1)

@@ -100,6 +100,8 @@ def considered(
     """
     if ledger.ends():
         return _unfinished(added, verified, ledger)
+    if added.considered:
+        return _of_one_search(added, verified)
     first = WeighedSet(names=(), evidence_nats=0.0)
     if not added.chosen:
         return (first, *_others_of_search(first, ledger, "which the model within its tolerance, or chance, may give"))
@@ -118,6 +120,16 @@ def considered(
     for each in shown:
         ledger.weigh(each.names, each.evidence_nats, each.why_not)
     return shown
+
+
+def _of_one_search(added: Added, verified: Verified) -> tuple[WeighedSet, ...]:
+    """The sets of a search that has them on one scale; the best one with its refusal, if it is not named."""
+    best, *others = added.considered
+    if verified.verdict in NAMED or not best.names:
+        return added.considered
+    others = [replace(w, is_alias=False) for w in others if w.names]
+    refused = replace(best, why_not=_refusal(added, verified))
+    return (WeighedSet(names=(), evidence_nats=0.0), refused, *others[:OTHERS])
 
 
 def _unfinished(added: Added, verified: Verified, ledger: Ledger) -> tuple[WeighedSet, ...]:

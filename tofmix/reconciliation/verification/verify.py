@@ -129,7 +129,9 @@ def verify(
         frames=likelihood.evidence.shape[0],
         independent=independent(likelihood, added.state, settings.alpha, settings.seed),
         judged=len(held[0]) * len(held[1]) / max(len(part[0]) * len(part[1]), 1),
-        law=better_law(
+        law=added.law
+        if added.laws_tried
+        else better_law(
             likelihood,
             added.state,
             added.chosen,

@@ -88,6 +88,11 @@ class StudentPrior:
         return self.scale
 
     @property
+    def mode(self) -> float:
+        """The most likely value; of the logarithm, if `log` is set."""
+        return math.exp(self.center) if self.log else self.center
+
+    @property
     def farthest(self) -> tuple[float, float]:
         """The smallest and the largest value that is not beyond `FARTHEST`."""
         reach = self.scale * self._quantile()
@@ -155,6 +160,11 @@ class UniformPrior:
     def spread(self) -> float:
         """Standard deviation of the Gaussian that stands for it in linear fits: half of the largest magnitude."""
         return 0.5 * (math.log(self.high) if self.log else self.high)
+
+    @property
+    def mode(self) -> float:
+        """A most likely value: the middle of the interval."""
+        return math.sqrt(self.low * self.high) if self.log else 0.5 * (self.low + self.high)
 
     @property
     def farthest(self) -> tuple[float, float]:

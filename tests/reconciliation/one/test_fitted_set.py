@@ -1,0 +1,94 @@
+"""The value and the evidence of a set, against dense covariances and numerical integration."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+from scipy.stats import multivariate_normal
+from support.recordings import MAKE
+from support.search_tasks import MakeTask
+
+from tofmix.reconciliation.one.fitted_set import FittedSet, scatter_of_tenths
+from tofmix.reconciliation.one.recordings import SearchTask
+from tofmix.simulation.effects.hidden import PatternSpreads, PixelBias
+
+OFFSET = MAKE["range_offset"](offset_mm=4.0)
+
+
+def _with_offset(task: SearchTask) -> FittedSet:
+    (law,) = (law for law in task.laws if law.kind.kind == "range_offset")
+    start = law.vector_of(MAKE["range_offset"](offset_mm=2.0))
+    return FittedSet(task=task, laws=(law,), x=np.array([*start, 0.0]))
+
+
+@pytest.mark.parametrize("patterned", [False, True])
+def test_log_likelihood_integrates_the_static_errors_out(make_task: MakeTask, patterned: bool) -> None:
+    task = make_task(("range_offset", "fixed_pattern"), OFFSET)
+    s = _with_offset(task)
+    spreads = PatternSpreads(4.0, 2.0, 3.0) if patterned else PatternSpreads(0.0, 0.0, 0.0)
+    (kind,) = (k for k in task.hidden if isinstance(k.hidden, PixelBias))
+    s.pattern = (kind, spreads) if patterned else None
+    s.settle_errors(s.x)
+    other = s.x + np.array([0.4, 0.0])
+    found = s.log_likelihood(other) - s.log_likelihood(s.x)
+
+    samples = task.likelihood.evidence.samples.astype(float)
+    rows, cols = task.likelihood.evidence.image
+    row, col = np.divmod(np.arange(rows * cols), cols)
+    errors = task.low.reshape(len(task.low), -1)
+    covariance = errors.T @ errors + spreads.pixel_sigma_mm**2 * np.eye(rows * cols)
+    covariance += spreads.column_sigma_mm**2 * (col[:, None] == col) + spreads.row_sigma_mm**2 * (row[:, None] == row)
+    values = []
+    for x in (other, s.x):
+        mixture = task.likelihood.mixture(s.state(x))
+        noise = (mixture.of_main(mixture.sigma) ** 2 + 1 / 12) / len(samples)
+        away = samples.mean(axis=0) - mixture.of_main(mixture.mean)
+        values.append(multivariate_normal.logpdf(away, cov=covariance + np.diag(noise)))
+    assert found == pytest.approx(values[0] - values[1], rel=0.01, abs=0.05)
+
+
+def test_evidence_is_the_integral_of_the_likelihood_over_the_prior(make_task: MakeTask) -> None:
+    task = make_task(("range_offset",), OFFSET)
+    s = _with_offset(task).fit()
+    assert s.members()[0].numbers()["offset_mm"] == pytest.approx(4.0, abs=1.0)
+    width = 1.0 / np.sqrt(np.diag(s.hessian))  # type: ignore[arg-type]
+    (law,) = s.laws
+    offsets = s.x[0] + width[0] * np.linspace(-6, 6, 41)
+    noises = np.linspace(-5, 5, 21) * task.noise_sd
+    values = np.array([[s.log_likelihood(np.array([x, n])) for n in noises] for x in offsets])
+    unit_mm = law.make(np.array([1.0])).numbers()["offset_mm"]
+    prior = [law.log_density(np.array([x])) + math.log(unit_mm) for x in offsets]
+    of_noise = -0.5 * (noises / task.noise_sd) ** 2 - math.log(task.noise_sd * math.sqrt(2 * math.pi))
+    cell = math.log((offsets[1] - offsets[0]) * (noises[1] - noises[0]))
+    whole = logsumexp(values + np.array(prior)[:, None] + of_noise) + cell
+    assert s.evidence == pytest.approx(whole, abs=0.1)
+    assert s.score == pytest.approx(s.evidence - task.price_nats - s.laws[0].price_nats)
+
+
+def test_an_effect_that_is_there_scores_and_one_that_is_not_costs_its_price(make_task: MakeTask) -> None:
+    there, absent = make_task(("range_offset",), OFFSET), make_task(("range_offset",))
+    gains = [_with_offset(t).fit().score - FittedSet.without_effects(t).fit().score for t in (there, absent)]
+    assert gains[0] > 10
+    assert -15 < gains[1] < 0
+
+
+@pytest.mark.parametrize("correlated", [1.0, 2.5])
+def test_scatter_of_tenths_is_the_factor_on_the_variance_of_means(correlated: float) -> None:
+    rng = np.random.default_rng(1)
+    information = rng.uniform(0.5, 2.0, (10, 4000))
+    noise = rng.normal(size=information.shape) * np.sqrt(correlated / information)
+    surface = np.arange(4000) % 3
+    course = np.linspace(0, 5, 10)[:, None] * surface  # a surface may move, and each pixel has a bias of its own
+    found = scatter_of_tenths(noise + course + rng.normal(0, 9, 4000), information, surface)
+    assert found == pytest.approx(correlated, rel=0.03)
+    assert scatter_of_tenths(noise[:, :2], information[:, :2], surface[:2]) is None
+
+
+def test_a_set_with_numbers_of_no_camera_is_refused(make_task: MakeTask) -> None:
+    task = make_task(("range_offset",), MAKE["range_offset"](offset_mm=900.0))
+    s = _with_offset(task)
+    s.x[0] = s.laws[0].vector_of(MAKE["range_offset"](offset_mm=900.0))[0]
+    s.fit()
+    assert s.score == -math.inf
+    assert "beyond that of real cameras" in s.refused

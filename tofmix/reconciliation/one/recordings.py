@@ -1,0 +1,192 @@
+"""What all sets of effects of one search share: the recordings, the model as given, the laws, and the prices."""
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.reconciliation.likelihood.joint import RecordingView, views
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part
+from tofmix.reconciliation.likelihood.memory import one_surface
+from tofmix.reconciliation.likelihood.mixture import Mixture
+from tofmix.reconciliation.one.coordinates import Law, laws
+from tofmix.reconciliation.one.steps_kernel import DistinctValues
+from tofmix.reconciliation.parameters.searches import search_facts
+from tofmix.reconciliation.search.alternatives import DISCREPANCY, across_surface, hats
+from tofmix.reconciliation.search.columns import ColumnMaker
+from tofmix.reconciliation.search.links import find_lattice
+from tofmix.reconciliation.search.refit import begin
+from tofmix.reconciliation.search.search_state import Settings, fit_part
+from tofmix.reconciliation.search.summaries import TENTHS, summaries
+from tofmix.simulation.effects import EFFECTS, Effect
+from tofmix.simulation.effects.base import Basic, with_hidden
+from tofmix.simulation.effects.hidden import (
+    DisturbedFrames,
+    PatternSpreads,
+    PixelBias,
+    PixelValue,
+    RangeStep,
+    RememberedNoise,
+)
+
+UNIFORM = 3**-0.5
+"""Standard deviation of an error that may be anything up to the tolerance, over the tolerance."""
+
+SORTS = (PixelValue, RangeStep, DisturbedFrames, PixelBias, RememberedNoise)
+"""Hidden states with a fit of their own; a set has one of each sort."""
+
+_NOISE = 0.1  # of the tolerance: accepted relative error of sigma
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class OneRecording:
+    """One recording, with the main surface of each pixel by the model as given.
+
+    Parameters
+    ----------
+    view : RecordingView
+        The recording, all of its frames.
+    surface : (pixel,) int64
+        Number of the main surface.
+    tenths : list of (n,) int64
+        Frames of each tenth of the time, by their numbers among all recordings.
+    values : DistinctValues
+        Of its samples.
+    """
+
+    view: RecordingView
+    surface: IntArray
+    tenths: list[IntArray]
+    values: DistinctValues
+
+    @property
+    def part(self) -> Part:
+        """All of it."""
+        return self.view.part_of_all
+
+
+class SearchTask:
+    """The recordings, the model as given, the laws, and the prices.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        Of the recordings.
+    settings : Settings
+        Options.
+
+    Attributes
+    ----------
+    null : ModelState
+        The model as given, without biases of pixels.
+    mixture : Mixture
+        Its prediction.
+    recordings : tuple of OneRecording
+        All of them.
+    lit, single : (recording, pixel) bool
+        Pixels whose main component is light of a surface; those that also see only one surface.
+    low : (k, recording, pixel) float64
+        Errors of any model, mm, with unit priors: of each surface a shift, two tilts and a smooth error.
+    laws : tuple of Law
+        All laws that may be members.
+    hidden : tuple of type of Effect
+        Kinds with a hidden state of one of `SORTS`.
+    price_nats : float
+        Price of a member. Without effects, a Bayes factor of x comes up with a probability of at most 1 / x (Markov),
+        so that noise adds one of m effects to at most a share alpha of recordings if each costs log(m / alpha).
+    noise_sd : float
+        Standard deviation of the model's own error of log sigma; 0 if the model may have none.
+    given_kinds : set of str
+        Kinds that the model has.
+    given : PatternSpreads
+        Spreads of the model's own pattern; zeros without one.
+    passes : int
+        Passes over the samples so far.
+    """
+
+    def __init__(self, likelihood: Likelihood, settings: Settings) -> None:
+        self.likelihood, self.settings, self.passes = likelihood, settings, 0
+        frames, pixels = likelihood.evidence.shape
+        self.part: Part = (np.arange(frames), np.arange(pixels))
+        begun = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
+        self.null = replace(begun, pixel_bias=np.zeros(pixels))
+        self.mixture = likelihood.mixture(self.null)
+        self.recordings = tuple(self._recording(view) for view in views(likelihood, self.mixture, self.part))
+        mixtures = [r.view.mixture for r in self.recordings]
+        self.lit: BoolArray = np.stack([m.of_main(m.lit).astype(bool) for m in mixtures])
+        self.single: BoolArray = np.stack([one_surface(m) for m in mixtures]) & self.lit
+        self.low = self._model_errors()
+        seen = summaries(likelihood, self.null, self.part)
+        self.columns = ColumnMaker(likelihood, self.null, seen)
+        own = [EFFECTS[kind] for kind in settings.kinds]
+        self.hidden = tuple(kind for kind in own if isinstance(kind.hidden, SORTS))
+        self.laws = tuple(self._laws([kind.kind for kind in own if kind not in self.hidden]))
+        names = {law.name for law in self.laws}
+        self.price_nats = math.log(max(len(names) + len(self.hidden), 1) / settings.alpha)
+        scaled = any(e.is_basic(Basic.NOISE) for e in likelihood.scene.effects)
+        self.noise_sd = 0.0 if scaled else _NOISE * settings.tolerance * UNIFORM
+        self.given_kinds = {e.kind for e in likelihood.scene.effects}
+        self.given = next((h.spreads(e) for e, h in with_hidden(self.null.given, PixelBias)), PatternSpreads(0, 0, 0))
+
+    def _recording(self, view: RecordingView) -> OneRecording:
+        m = view.mixture
+        tenths = [f for f in np.array_split(view.part_of_all[0], TENTHS) if f.size]
+        values = DistinctValues.of(view.evidence.samples)
+        return OneRecording(view=view, surface=m.of_main(m.surface), tenths=tenths, values=values)
+
+    def _laws(self, kinds: list[str]) -> list[Law]:
+        like = self.likelihood
+        taken = {(e.kind, getattr(e, "surface", "")) for e in like.scene.effects}
+        found = laws(kinds, search_facts(like, self.mixture), self.columns.facts, taken, like.scene.model.sensor)
+        lost = [k for k in kinds if EFFECTS[k].loses_by_noise]
+        return [law for law in found if law.kind.kind not in lost or self._loses]
+
+    @cached_property
+    def _loses(self) -> bool:
+        """Whether samples are lost beyond those that the model loses."""
+        return bool((self.likelihood.evidence.samples == 0).mean() > self.mixture.invalid.mean())
+
+    def _model_errors(self) -> FloatArray:
+        rows, cols = self.likelihood.evidence.image
+        row, col = np.divmod(np.arange(rows * cols), cols)
+        out: list[FloatArray] = []
+        for number, recording in enumerate(self.recordings):
+            m = recording.view.mixture
+            sigma = m.of_main(m.sigma)
+            for surface in np.unique(recording.surface[self.lit[number]]):
+                own = self.lit[number] & (recording.surface == surface)
+                error = self.settings.tolerance * UNIFORM * float(np.median(sigma[own]))
+                u, v = across_surface(col, own), across_surface(row, own)
+                smooth = ((s, DISCREPANCY * error) for s in (u, v, *hats(u, v)))
+                for shape, size in ((np.ones(own.size), error), *smooth):
+                    column = np.zeros(self.lit.shape)
+                    column[number] = np.where(own, shape * size, 0.0)
+                    out.append(column)
+        if not out or not self.settings.tolerance:
+            return np.zeros((0, *self.lit.shape))
+        return np.stack(out)
+
+    @cached_property
+    def step_mm(self) -> float | None:
+        """The step of the stored values, mm; None if there is none."""
+        return find_lattice(self.likelihood.evidence, self.null)
+
+    @cached_property
+    def sigma_mm(self) -> float:
+        """Typical noise."""
+        sigma = [
+            r.view.mixture.of_main(r.view.mixture.sigma)[lit] for r, lit in zip(self.recordings, self.lit, strict=True)
+        ]
+        every = np.concatenate(sigma)
+        return float(np.median(every)) if every.size else float(np.median(self.mixture.of_main(self.mixture.sigma)))
+
+    def split(self, mixture: Mixture) -> list[Mixture]:
+        """The mixture of each recording."""
+        return [mixture.of_frames(r.view.frames) for r in self.recordings]
+
+
+def hidden_of(effects: tuple[Effect, ...], sort: type) -> Effect | None:
+    """The effect with a hidden state of a sort; None without one."""
+    return next((e for e in effects if isinstance(e.hidden, sort)), None)

@@ -1,0 +1,223 @@
+"""One search over sets of effects by size: summaries propose, samples confirm, one score decides.
+
+For each size, about the best sets of the size before, all sets with at most two new members are ranked by linear
+evidence, those with a bias of each pixel apart from the others: it can imitate any static effect, and would crowd the
+others out. The best are fitted. At the end, every neighbour of the winner (one member fewer, exchanged, or more,
+unnamed laws among them) that may be as good is fitted too, until none is better.
+"""
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+from itertools import chain
+
+import numpy as np
+
+from tofmix.reconciliation.ledger import Ledger, Named
+from tofmix.reconciliation.likelihood.likelihood import Likelihood
+from tofmix.reconciliation.one.coordinates import Key
+from tofmix.reconciliation.one.fitted_set import FittedSet
+from tofmix.reconciliation.one.proposals import About, Columns, Proposal, by_trial
+from tofmix.reconciliation.one.recordings import SearchTask
+from tofmix.reconciliation.search.alternatives import ALIAS_NATS
+from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.verification.aliases import MOST_ALIASES
+from tofmix.simulation.effects.hidden import PixelBias
+
+BASES, PLAIN, PATTERNED, LARGEST = 3, 8, 4, 3
+"""Effort: sets of the size before about which sets are proposed; fits of a size without and with a bias of each pixel;
+largest size of which all sets are compared."""
+
+
+@dataclass(eq=False)
+class FoundSets:
+    """All sets that were fitted.
+
+    Parameters
+    ----------
+    task : SearchTask
+        What they share.
+    tick : callable
+        Called with the share of the work that is done, of each step.
+    ledger : Ledger
+        Gets each set that is fitted, and may end the search before the next one.
+    table : dict
+        The sets by their members.
+    """
+
+    task: SearchTask
+    tick: Callable[[float], None]
+    ledger: Ledger
+    table: dict[frozenset[Key], FittedSet] = field(default_factory=dict)
+
+    @property
+    def best(self) -> FittedSet:
+        """The set of the highest score."""
+        return max(self.table.values(), key=lambda s: s.score)
+
+    @property
+    def best_named(self) -> FittedSet:
+        """The set of the highest score of those without an unnamed law."""
+        return max((s for s in self.table.values() if s.named), key=lambda s: s.score)
+
+    @property
+    def law(self) -> str | None:
+        """Axis of an unnamed law of a set that is clearly better than all named ones; None without one."""
+        best = self.best
+        if best.named or best.score <= self.best_named.score + ALIAS_NATS:
+            return None
+        return next(law.surface for law in best.laws if not law.named)
+
+    def fit_best(self, proposals: Iterable[Proposal], keep: Callable[[Proposal], bool]) -> None:
+        """Fit the proposals of the highest predicted scores, the best one at its start first: others may end early."""
+        pool: dict[frozenset[Named], Proposal] = {}
+        for p in proposals:  # of one set, the prediction from the nearest base
+            if p.keys not in self.table and (p.names not in pool or p.near > pool[p.names].near):
+                pool[p.names] = p
+        ranked = sorted((p for p in pool.values() if keep(p)), key=lambda p: -p.predicted)
+        patterned = {k.kind for k in self.task.hidden if isinstance(k.hidden, PixelBias)}
+        with_pattern = [bool(patterned & {kind for kind, _ in p.names}) for p in ranked]
+        begun: list[tuple[float, Proposal, FittedSet]] = []
+        for wanted, most in ((False, PLAIN), (True, PATTERNED)):
+            own = (p for p, has in zip(ranked, with_pattern, strict=True) if has is wanted)
+            begun += self._begun(own, most)
+        share = 1.0 / max(len(begun), 1)
+        for _, p, s in sorted(begun, key=lambda b: -b[0]):
+            if self.ledger.ends():
+                return
+            more = max(len(s.keys) - len(self.best.keys), 0)  # an alias may be larger
+            s.fit(hopeless=self.best.score - ALIAS_NATS - more * self.task.price_nats)
+            self.table[p.keys] = s
+            self.weigh(s)
+            self.tick(share)
+
+    def weigh(self, s: FittedSet) -> None:
+        """Enter a set of named effects into the ledger."""
+        if s.named and math.isfinite(s.evidence):
+            nothing = self.table[frozenset()].evidence
+            self.ledger.weigh(tuple(s.names), s.evidence - nothing, s.refused or None)
+
+    def _begun(self, ranked: Iterable[Proposal], most: int) -> list[tuple[float, Proposal, FittedSet]]:
+        """The first proposals that can be, with their scores at the start."""
+        out: list[tuple[float, Proposal, FittedSet]] = []
+        for p in ranked:
+            if len(out) == most:
+                break
+            try:
+                s = p.build()
+                start = s.at_start
+            except ValueError:  # numbers of the other sign, for instance
+                start = -math.inf
+            if math.isfinite(start):
+                out.append((start, p, s))
+        return out
+
+    def aliases(self, best: FittedSet) -> list[FittedSet]:
+        """Sets within `ALIAS_NATS` of the evidence of the best one, none a part or extension of another, best first."""
+        least = best.evidence - ALIAS_NATS
+        near = [s for s in self.table.values() if s.named and math.isfinite(s.score) and s.evidence > least]
+        near = [s for s in near if s is not best and not s.names <= best.names and not s.names > best.names]
+        near = [s for s in near if not any(o.names < s.names for o in near)]
+        return sorted(near, key=lambda s: -s.evidence)[:MOST_ALIASES]
+
+
+def search(
+    likelihood: Likelihood,
+    settings: Settings,
+    tick: Callable[[float], None] = lambda _: None,
+    ledger: Ledger | None = None,
+) -> FoundSets:
+    """Find the most likely set of effects.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        Of the recordings.
+    settings : Settings
+        Options.
+    tick : callable
+        Called with shares of a step that are done; a step is a size, or a round of the closing step.
+    ledger : Ledger, optional
+        Gets each set that is fitted, and may end the search between two sets.
+    """
+    task = SearchTask(likelihood, settings)
+    null = FittedSet.without_effects(task).fit()
+    found = FoundSets(task, tick, Ledger() if ledger is None else ledger, {frozenset(): null})
+    if settings.max_effects == 0:
+        return found
+    columns = Columns.of(task)
+    known: dict[frozenset[Key], About] = {}
+
+    def about(s: FittedSet) -> About:
+        if s.keys not in known:
+            known[s.keys] = About(columns, s)
+        return known[s.keys]
+
+    bases = [null]
+    for size in range(1, min(LARGEST, settings.max_effects) + 1):
+        top = found.best.score
+        proposals = chain.from_iterable(
+            chain(about(b).sets(size), by_trial(b) if len(b.keys) == size - 1 else ()) for b in bases
+        )
+        found.fit_best(proposals, lambda p, least=top - ALIAS_NATS: p.predicted + p.slack > least)  # type: ignore[misc]
+        _without_members_at_a_bound(found, size)
+        of_size = [s for s in found.table.values() if len(s.keys) == size and math.isfinite(s.score)]
+        level = sorted(of_size, key=lambda s: -s.score)
+        if not level or found.best.score > level[0].score or found.ledger.ends():
+            break
+        bases = [*level[:BASES], *([null] if size == 1 else [])]
+    closed(found, about)
+    return found
+
+
+def _without_members_at_a_bound(found: FoundSets, size: int) -> None:
+    """Fit what is left of sets that cannot be, from where their other members are."""
+    for s in [s for s in found.table.values() if len(s.keys) == size and s.refused and math.isfinite(s.evidence)]:
+        bad = [law for law, part in zip(s.laws, s.parts(s.x), strict=True) if law.at_a_bound(part)]
+        for law in bad:
+            rest = s.keys - {law.key}
+            if not rest or rest in found.table:
+                continue
+            keep = [k for k, other in enumerate(s.laws) if other is not law]
+            found.table[rest] = _with_laws(s, keep).fit()
+            found.weigh(found.table[rest])
+
+
+def _with_laws(s: FittedSet, keep: list[int]) -> FittedSet:
+    """The set with some of its laws, at its numbers."""
+    parts = s.parts(s.x)
+    other = replace(
+        s,
+        laws=tuple(s.laws[k] for k in keep),
+        x=np.concatenate([*(parts[k] for k in keep), np.zeros(0)]),
+        hessian=None,
+        started=None,
+        refused="",
+    )
+    if other.free_noise:
+        other.x = np.concatenate([other.x, s.x[-1:] if s.free_noise else np.zeros(1)])
+    return other
+
+
+def closed(found: FoundSets, about: Callable[[FittedSet], About]) -> None:
+    """Fit all neighbours of the best set that may be as good, until none is better."""
+    task = found.task
+    most = task.settings.max_effects
+    unnamed = {law.key for law in task.laws if not law.named}
+    while True:
+        best = found.best
+        size = len(best.keys)
+        around = about(best)
+        sizes = (k for k in (size - 1, size, size + 1) if 0 < k <= most)
+        proposals = chain(
+            chain.from_iterable(around.sets(k, unnamed=True) for k in sizes), by_trial(best) if size < most else ()
+        )
+
+        def as_good(p: Proposal, best: FittedSet = best) -> bool:
+            if p.keys > best.keys or any(key in unnamed for key in p.keys):
+                return p.predicted + p.slack > best.score
+            return p.predicted + p.slack + task.price_nats * len(p.keys) > best.evidence - ALIAS_NATS
+
+        found.fit_best(proposals, as_good)
+        if found.best is best or found.ledger.ends():
+            return
