@@ -397,7 +397,10 @@ def _problem(likelihood: Likelihood, state: ModelState, term: Term) -> Problem |
     """The search of a term's kind for its surface; of several, the one of its form or as many numbers."""
     own = []
     for problem in problems(term.kind, likelihood, likelihood.mixture(state)):
-        effect = problem.make(np.array(problem.starts[0]))
+        try:
+            effect = problem.make(np.array(problem.starts[0]))
+        except ValueError:  # out of the bounds of the kind
+            continue
         if getattr(effect, "surface", "") == term.surface:
             own.append(problem)
     return min(own, key=lambda p: (p.form != term.form, abs(p.parameters - term.searched)), default=None)
