@@ -56,10 +56,49 @@ def test_json_has_the_counts_and_quiet_leaves_out_the_notes(tofmix: Tofmix, surf
     }
 
 
-def test_the_form_of_the_scene_must_be_named(tofmix: Tofmix, surfaces: Path, tmp_path: Path) -> None:
+def test_surfaces_without_planes_are_refused_with_the_remedy(tofmix: Tofmix, surfaces: Path, tmp_path: Path) -> None:
     shown = tofmix("scene", surfaces, "-o", tmp_path / "scene.toml")
-    assert shown.code == 2
-    assert "give --planes" in shown.err
+    assert shown.code == 3
+    assert "or --planes" in shown.err
+    assert not (tmp_path / "scene.toml").exists()
+
+
+def test_layers_are_the_scene_without_planes(tofmix: Tofmix, estimated: Estimated, tmp_path: Path) -> None:
+    layers, out = estimated(boards(), window=30), tmp_path / "scene.toml"
+    shown = tofmix("scene", layers, "-o", out)
+    assert shown.code == 0, shown.err
+    assert (tmp_path / "scene.layers.h5").read_bytes() == layers.read_bytes()
+    assert 'layers = "scene.layers.h5"' in out.read_text()
+    assert tofmix("verify", out).code == 0
+    assert tofmix("info", out).code == 0
+    assert tofmix("simulate", out, "-o", tmp_path / "again.h5", "--frames", 3).code == 0
+    assert "scene: as measured" in tofmix("simulate", out, "--explain").out
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('[scene]\nlayers = "b.layers.h5"\n', "no such file beside the model"),
+        ('[scene]\nlayers = "../a.layers.h5"\n', "expected a path within the model's folder"),
+        ('[scene]\nlayers = "a.layers.h5"\nwindow = 4\n', "window: 4"),
+        ('[scene]\nlayers = "a.layers.h5"\nwidth = 4\n', "is not a key here"),
+        ('[scene]\nlayers = "a.layers.h5"\n[sensor]\nprofile = "sr3000"\n', "those of the layers of [scene]"),
+        ('[scene]\nlayers = "a.layers.h5"\nevery = 0\n', "not at least 1"),
+        ('[scene]\nlayers = "a.layers.h5"\nsurfaces = "a.layers.h5"\n', "a.layers.h5"),
+    ],
+)
+def test_wrong_scene_is_refused_in_one_line(
+    tofmix: Tofmix, estimated: Estimated, tmp_path: Path, text: str, said: str
+) -> None:
+    estimated(boards(), window=30)
+    model = tmp_path / "model.toml"
+    model.write_text(text)
+    shown = tofmix("verify", model)
+    assert shown.code == 3
+    refused = tofmix("simulate", model, "-o", tmp_path / "x.h5")
+    assert refused.code == 3
+    assert said in refused.err
+    assert refused.err.count("\n") == 1
 
 
 def test_an_output_that_exists_is_replaced_only_with_overwrite(tofmix: Tofmix, surfaces: Path, tmp_path: Path) -> None:

@@ -1,0 +1,66 @@
+"""`tofmix reconcile` with a recording as the reference: what it refuses, and what it writes."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.commandline import Tofmix
+
+import tofmix as tm
+
+
+def _zone(path: Path, mean_mm: float, *, frames: int = 200, shape: tuple[int, int] = (1, 1), seed: int = 1) -> Path:
+    """A recording of a zone sensor before a wall."""
+    rng = np.random.default_rng(seed)
+    samples = np.rint(rng.normal(mean_mm, 3.0, (frames, *shape)))
+    tm.from_array(samples, units="mm", fov_deg=(25.0, 25.0), time_s=np.arange(frames) / 50.0).save(path)
+    return path
+
+
+def test_other_image_than_the_reference_is_refused(tofmix: Tofmix, tmp_path: Path) -> None:
+    one, other = _zone(tmp_path / "one.h5", 500.0), _zone(tmp_path / "other.h5", 500.0, shape=(2, 2))
+    shown = tofmix("reconcile", one, other, "-o", tmp_path / "gap", "--quiet")
+    assert shown.code == 3
+    assert "2 x 2 pixels; the reference has 1 x 1" in shown.err
+    assert not (tmp_path / "gap").exists()
+
+
+@pytest.mark.parametrize(
+    ("share", "code", "said"),
+    [("7", 3, "a reference needs 8"), ("0.99", 3, "both need 8"), ("-1", 2, "expected a share"), ("9.5", 2, "a share")],
+)
+def test_reference_and_rest_need_eight_frames(tofmix: Tofmix, tmp_path: Path, share: str, code: int, said: str) -> None:
+    recording = _zone(tmp_path / "a.h5", 500.0)
+    shown = tofmix("reconcile", f"--self={share}", recording, "-o", tmp_path / "gap", "--quiet")
+    assert shown.code == code
+    assert said in shown.err
+
+
+def test_self_takes_one_recording(tofmix: Tofmix, tmp_path: Path) -> None:
+    recording = _zone(tmp_path / "a.h5", 500.0)
+    assert tofmix("reconcile", "--self=0.5", recording, recording, "-o", tmp_path / "gap").code == 2
+    assert tofmix("reconcile", recording, "-o", tmp_path / "gap").code == 2
+
+
+@pytest.mark.slow
+def test_offset_since_the_reference_is_named_with_its_size(tofmix: Tofmix, tmp_path: Path) -> None:
+    first, second = _zone(tmp_path / "first.h5", 500.0), _zone(tmp_path / "second.h5", 504.0, seed=2)
+    gap = tmp_path / "gap"
+    tofmix.done("reconcile", first, second, "-o", gap)
+    found = tm.reconcile(gap / "model.toml", second)
+    assert found.verified.verdict == "agree"
+    assert (gap / "reference.layers.h5").is_file()
+    text = (gap / "model.toml").read_text()
+    assert 'layers = "reference.layers.h5"' in text
+    assert 'kind = "range_offset"' in text
+    offset = float(next(line for line in text.splitlines() if line.startswith("offset_mm")).split("=")[1])
+    assert offset == pytest.approx(4.0, abs=1.0)
+    assert tofmix("verify", gap).code == 0
+
+
+@pytest.mark.slow
+def test_recording_agrees_with_its_own_first_frames(tofmix: Tofmix, tmp_path: Path) -> None:
+    recording = _zone(tmp_path / "a.h5", 500.0, shape=(4, 4), frames=60)
+    shown = tofmix("reconcile", "--self", recording, "-o", tmp_path / "gap", "--quiet")
+    assert shown.code == 0, shown.err
+    assert "agree" in shown.out

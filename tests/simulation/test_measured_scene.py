@@ -1,0 +1,141 @@
+"""Measured scenes: layers keep their shares, surfaces move their ranges, and errors are those of the samples."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tofmix.layers import Layers, layer_fields
+from tofmix.optics.projection import beam_directions_of
+from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.simulation.casting.cast import cast_scene
+from tofmix.simulation.effects.motion import Motion
+from tofmix.simulation.effects.surface_pose import SurfacePose
+from tofmix.simulation.exposure import equation_1
+from tofmix.simulation.measured_scene import OWN_ERROR, measured_scene
+from tofmix.simulation.model import Model, RecordingSettings
+from tofmix.simulation.render import render_blocks
+
+ROWS, COLS, FRAMES = 6, 8, 50
+SENSOR = Sensor(
+    name="a",
+    fov_horizontal_deg=40.0,
+    fov_vertical_deg=30.0,
+    range_min_mm=0.0,
+    range_max_mm=4000.0,
+    integration_time_ms=1.0,
+    outlier_probability=0.0,
+    noise=NoiseCurve(np.array([1000.0]), np.array([4.0])),
+)
+
+
+def _layers() -> tuple[Layers, np.ndarray]:
+    """A wall that is 1000 mm ahead, before it an object in the left columns with a share of 0.4; and their numbers."""
+    layers = Layers.empty((ROWS, COLS), 2, layer_fields(SENSOR))
+    beams = beam_directions_of(SENSOR.optics, (ROWS, COLS))
+    wall = 1000.0 / beams[..., 2]
+    numbers = np.full((ROWS, COLS, 2), -1)
+    near = np.arange(COLS) < 3
+    layers.n_modes[:] = 1 + near
+    layers.range[..., 0] = np.where(near, 600.0 / beams[..., 2], wall)
+    layers.range[..., 1] = np.where(near, wall, np.nan)
+    layers.weight[..., 0] = np.where(near, 0.4, 1.0)
+    layers.weight[..., 1] = np.where(near, 0.6, np.nan)
+    layers.sigma[..., 0] = 8.0
+    layers.sigma[..., 1] = np.where(near, 4.0, np.nan)
+    layers.weight_no_return[:] = 0.0
+    layers.weight_outlier[:] = 0.0
+    layers.n_samples[:] = FRAMES
+    if layers.invalid_share is not None:
+        layers.invalid_share[:] = 0.0
+    numbers[..., 0] = np.where(near, 1, 0)
+    numbers[..., 1] = np.where(near, 0, -1)
+    return layers, numbers
+
+
+def _model() -> Model:
+    layers, numbers = _layers()
+    camera, scene = measured_scene(layers, SENSOR, numbers, frames=FRAMES)
+    return Model(sensor=camera, surfaces=scene.surfaces, recording=RecordingSettings(frames=400, seed=3), scene=scene)
+
+
+def test_cast_is_what_was_measured() -> None:
+    truth = cast_scene(_model())
+    layers, numbers = _layers()
+    np.testing.assert_allclose(truth.range_true, layers.range, rtol=1e-6)
+    np.testing.assert_allclose(truth.weight_true, layers.weight, rtol=1e-6)
+    assert np.array_equal(truth.surface, numbers)
+
+
+def test_planes_are_those_of_the_layers() -> None:
+    wall, box = _model().surfaces
+    assert (wall.name, box.name) == ("surface 0", "surface 1")
+    for surface, distance_mm in ((wall, 1000.0), (box, 600.0)):
+        normal = surface.rotation()[:, 2]
+        assert abs(normal[2]) == pytest.approx(1.0, abs=1e-6)
+        assert float(normal @ surface.center_mm) == pytest.approx(distance_mm, rel=1e-5)
+
+
+def test_motion_moves_ranges_along_the_beams_and_keeps_shares() -> None:
+    model = replace(_model(), effects=(Motion(surface="surface 0", velocity_mm_s=50.0),))
+    before, after = cast_scene(model, time_s=0.0), cast_scene(model, time_s=2.0)
+    beams = beam_directions_of(model.sensor.optics, (ROWS, COLS))
+    moved = np.nan_to_num(after.range_true - before.range_true)
+    expected = np.where(before.surface == 0, (100.0 / beams[..., 2])[..., None], 0.0)
+    np.testing.assert_allclose(moved, expected, atol=1e-3)
+    np.testing.assert_array_equal(after.weight_true, before.weight_true)
+
+
+def test_layers_are_from_near_to_far_after_a_pose() -> None:
+    model = replace(_model(), effects=(SurfacePose(surface="surface 1", shift_mm=600.0),))
+    truth = cast_scene(model)
+    assert (truth.surface[:, :3, 0] == 0).all()
+    assert (np.diff(truth.range_true[:, :3], axis=2) > 0).all()
+    np.testing.assert_allclose(truth.weight_true[:, :3, 0], 0.6, rtol=1e-6)
+
+
+def test_samples_have_the_shares_means_and_widths_that_were_measured() -> None:
+    model = _model()
+    truth = cast_scene(model)
+    (block,) = render_blocks(model, truth, n_frames=400, seed=3, block_frames=400)
+    x = block.range_mm.astype(np.float64)
+    near = x[:, :, :3] < 800.0
+    assert near.mean() == pytest.approx(0.4, abs=4 * math.sqrt(0.24 / near.size))
+    wall = x[:, :, 3:] - truth.range_true[:, 3:, 0]
+    assert wall.std() == pytest.approx(8.0, rel=0.05)
+    assert wall.mean() == pytest.approx(0.0, abs=0.3)
+
+
+def test_prediction_has_the_widths_of_layers() -> None:
+    model = _model()
+    sigma = equation_1(cast_scene(model), model).sigma_mm.reshape(3, ROWS, COLS)
+    np.testing.assert_allclose(sigma[0], 8.0, rtol=1e-6)
+    np.testing.assert_allclose(sigma[1, :, :3], 4.0, rtol=1e-6)
+
+
+def test_lost_samples_are_simulated_by_their_share() -> None:
+    layers, numbers = _layers()
+    layers = replace(layers, invalid_share=np.full((ROWS, COLS), 0.3, np.float32))
+    camera, scene = measured_scene(layers, SENSOR, numbers, frames=FRAMES)
+    model = Model(sensor=camera, surfaces=scene.surfaces, scene=scene)
+    (block,) = render_blocks(model, cast_scene(model), n_frames=200, seed=1, block_frames=200)
+    assert (block.range_mm == 0).mean() == pytest.approx(0.3, abs=0.02)
+
+
+def test_errors_of_means_follow_samples_and_memory() -> None:
+    scene = _model().scene
+    assert scene is not None
+    np.testing.assert_allclose(scene.mean_variance(), 1.0 / FRAMES + OWN_ERROR**2)
+    remembering = replace(scene, memory=0.5)
+    np.testing.assert_allclose(remembering.mean_variance(), 3.0 / FRAMES + OWN_ERROR**2)
+    assert replace(scene, frame_noise=0.5).frame_variance() == pytest.approx(0.25 / FRAMES)
+
+
+def test_pixels_of_few_samples_are_not_known() -> None:
+    layers, numbers = _layers()
+    layers.n_samples[0, 0] = 5
+    _, scene = measured_scene(layers, SENSOR, numbers, frames=FRAMES)
+    assert not scene.known[0, 0]
+    assert scene.known.sum() == ROWS * COLS - 1
+    assert scene.lost[0, 0] == 1.0
