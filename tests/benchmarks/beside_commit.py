@@ -59,7 +59,7 @@ def write_recordings(folder: Path, names: list[str]) -> dict[str, tuple[Path, st
     cases = {
         "three_boards.h5": (samples / "three_boards.h5", "file"),
         "three_boards.h5, auto": (samples / "three_boards.h5", "auto"),
-        "tmf8829_edge.h5": (samples / "tmf8829_edge.h5", "file"),
+        "tmf8829_edge.h5": (samples / "tmf8829_edge.h5", ""),
         "hidden_effect.h5": (samples / "hidden_effect.h5", "file"),
         "plane": (folder / "plane.h5", "file"),
         "plane, learnt": (folder / "learnt.h5", "auto"),

@@ -320,12 +320,12 @@ def _planes(
             found.append(_plane(len(found), place[None], beams[0, 0], np.full(2, max(2 * half, 1.0))))
             own[0, 0, layer] = len(found) - 1
     for number in np.unique(surface[there & (surface >= 0)]).tolist():
-        row, col, layer = np.nonzero(there & (surface == number))
-        points = beams[row, col] * range_mm[row, col, layer][:, None]
-        normal = _normal(beams[row, col], range_mm[row, col, layer])
+        row, col, seen = np.nonzero(there & (surface == number))
+        points = beams[row, col] * range_mm[row, col, seen][:, None]
+        normal = _normal(beams[row, col], range_mm[row, col, seen])
         if normal is None or len(found) >= np.iinfo(np.int16).max - 1:
             continue
-        own[row, col, layer] = len(found)
+        own[row, col, seen] = len(found)
         found.append(_plane(number, points, normal, None))
     own[own == -2] = len(found)  # noqa: PLR2004  layers that are of no surface
     return own.astype(np.int16), tuple(found)
