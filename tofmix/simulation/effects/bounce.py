@@ -21,7 +21,7 @@ from tofmix.simulation.surface import Surface
 _NODES = 7  # of Gauss and Legendre, in each direction: phases are right to 0.001 rad in a room
 _BEYOND = 1.5  # of half a surface's width: pixels whose centre is a little beside it may see it
 _PARALLEL = 1.0e-9  # sine of the angle of two planes
-_LEAST_MM = 1.0e-6  # rounding of places
+_LEAST_MM = 1.0e-6  # less is no length
 
 
 _Optics = Equiangular | Pinhole

@@ -149,8 +149,9 @@ class ExcessNoise(Effect):
         return Effect.is_basic(self, error) and not self.surface
 
     def priors(self) -> dict[str, Prior]:
-        """That of all surfaces is larger or smaller; that of one surface is larger."""
-        return Effect.priors(self) | ({"factor": _ADDED} if self.surface else {})
+        """That of all surfaces is larger or smaller; that of one surface is larger. Without an exponent it has none."""
+        own = Effect.priors(self) | ({"factor": _ADDED} if self.surface else {})
+        return {name: prior for name, prior in own.items() if name != "angle_exponent" or self.angle_exponent}
 
     def check(self, sensor: CompleteCamera, surfaces: tuple[str, ...]) -> None:
         """Refuse a map with values that are no factors."""
