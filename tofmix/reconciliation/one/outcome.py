@@ -181,23 +181,33 @@ def _moved(best: FittedSet, state: ModelState, chosen: Sequence[TriedEffect]) ->
 
 
 def _singles(found: FoundSets) -> tuple[TriedEffect, ...]:
-    """The fitted sets of one named effect, most evidence first, with their evidence as gain."""
-    nothing = found.table[frozenset()]
-    task = found.task
-    test = task.likelihood.evidence.part(fit=False, split=task.settings.split)
+    """The fitted sets of one named effect, the largest gain first: its gain on held-out data over the model as given.
+
+    Of a hidden state it is the evidence, times the share of the samples that are held out.
+    """
+    nothing, task = found.table[frozenset()], found.task
+    like = task.likelihood
+    test = like.evidence.part(fit=False, split=task.settings.split)
     share = test[0].size * test[1].size / (task.part[0].size * task.part[1].size)
+    given = like.value(nothing.state(), test)
     out = []
-    for s in sorted(found.table.values(), key=lambda s: -s.evidence):
+    for s in found.table.values():
         if len(s.keys) != 1 or not s.named or not np.isfinite(s.evidence):
             continue
-        if s.pattern is not None:
-            kind, spreads = s.pattern
-            effect = kind.hidden.made(kind, spreads) if kind.hidden is not None else kind()
+        if s.laws:
+            (effect,), gain = s.members(), like.value(s.state(), test) - given
         else:
-            (effect,) = (*s.members(), *s.linked)
-        gain = share * (s.evidence - nothing.evidence)
+            effect, gain = _only_hidden(s), share * (s.evidence - nothing.evidence)
         out.append(TriedEffect(effect=effect, gain=gain, parameters=max(s.x.size, 1), state=nothing.state()))
-    return tuple(out)
+    return tuple(sorted(out, key=lambda c: -c.gain))
+
+
+def _only_hidden(s: FittedSet) -> Effect:
+    """The one effect of a set, which has a hidden state."""
+    if s.pattern is None:
+        return s.linked[0]
+    kind, spreads = s.pattern
+    return kind.hidden.made(kind, spreads) if kind.hidden is not None else kind()
 
 
 def considered(found: FoundSets, best: FittedSet) -> tuple[WeighedSet, ...]:
