@@ -33,6 +33,7 @@ SENSOR = Sensor(
 def _layers() -> tuple[Layers, np.ndarray]:
     """A wall that is 1000 mm ahead, before it an object in the left columns with a share of 0.4; and their numbers."""
     layers = Layers.empty((ROWS, COLS), 2, layer_fields(SENSOR))
+    assert SENSOR.optics is not None
     beams = beam_directions_of(SENSOR.optics, (ROWS, COLS))
     wall = 1000.0 / beams[..., 2]
     numbers = np.full((ROWS, COLS, 2), -1)

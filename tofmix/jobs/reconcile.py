@@ -101,7 +101,8 @@ def read_evidence(
         check_same_camera(model.scene, model.sensor.sensor(), name, source.sensor, source.shape[1:])
         range_mm, kept = _of_scene(model.scene, source, range_mm, after, reporter)
         begins_s = _since_middle(kept[0], after, time_s, model.recording.frame_rate_hz)
-        amplitude, time_s, temperature_c = (None if x is None else x[kept] for x in (amplitude, time_s, temperature_c))
+        amplitude = None if amplitude is None else amplitude[kept]
+        time_s, temperature_c = (None if x is None else x[kept] for x in (time_s, temperature_c))
     for number in ("modulation_frequency_hz", "integration_time_ms"):
         own, models = getattr(source.sensor, number), getattr(model.sensor, number)
         if own is not None and models is not None and not math.isclose(own, models, rel_tol=_SAME):

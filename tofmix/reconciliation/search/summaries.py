@@ -124,7 +124,7 @@ def _with_error(information: FloatArray, state: ModelState, recording: int) -> F
     """The information of widths (pixel,) about the camera, if those of a measured scene have errors."""
     if state.errors is None:
         return information
-    return information / (1.0 + information * state.log_width_error[recording] ** 2)
+    return np.asarray(information / (1.0 + information * state.log_width_error[recording] ** 2))
 
 
 def _surfaces_move(view: RecordingView, change: FloatArray, information: FloatArray) -> FloatArray:
