@@ -27,7 +27,7 @@ def test_other_image_than_the_reference_is_refused(tofmix: Tofmix, tmp_path: Pat
 
 @pytest.mark.parametrize(
     ("share", "code", "said"),
-    [("7", 3, "a reference needs 8"), ("0.99", 3, "both need 8"), ("-1", 2, "expected a share"), ("9.5", 2, "a share")],
+    [("7", 3, "a reference needs 8"), ("0.99", 3, "both need 8"), ("9.5", 2, "a share")],
 )
 def test_reference_and_rest_need_eight_frames(tofmix: Tofmix, tmp_path: Path, share: str, code: int, said: str) -> None:
     recording = _zone(tmp_path / "a.h5", 500.0)
@@ -44,7 +44,9 @@ def test_self_takes_one_recording(tofmix: Tofmix, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_offset_since_the_reference_is_named_with_its_size(tofmix: Tofmix, tmp_path: Path) -> None:
-    first, second = _zone(tmp_path / "first.h5", 500.0), _zone(tmp_path / "second.h5", 504.0, seed=2)
+    first, second = (
+        _zone(tmp_path / f"{seed}.h5", mean_mm, frames=400, seed=seed) for seed, mean_mm in ((1, 500.0), (2, 504.0))
+    )
     gap = tmp_path / "gap"
     tofmix.done("reconcile", first, second, "-o", gap)
     found = tm.reconcile(gap / "model.toml", second)

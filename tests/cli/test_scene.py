@@ -64,7 +64,8 @@ def test_surfaces_without_planes_are_refused_with_the_remedy(tofmix: Tofmix, sur
 
 
 def test_layers_are_the_scene_without_planes(tofmix: Tofmix, estimated: Estimated, tmp_path: Path) -> None:
-    layers, out = estimated(boards(), window=30), tmp_path / "scene.toml"
+    view = {"fov_horizontal_deg": 24.0, "fov_vertical_deg": 16.0}
+    layers, out = estimated(boards(), window=30, attributes=view), tmp_path / "scene.toml"
     shown = tofmix("scene", layers, "-o", out)
     assert shown.code == 0, shown.err
     assert (tmp_path / "scene.layers.h5").read_bytes() == layers.read_bytes()

@@ -179,6 +179,8 @@ def measured_of_file(
     if kind == LAYERS:
         with open_layers(source) as layers:
             check_window(layers, window, reporter)
+            if layers.shape[1:] != (1, 1):
+                check_view(layers)
             return _measured(layers, source, reporter, layers_path, window, None)
     if window:
         raise OptionError(f"{reporter.option('window')} {window}: {source} is a recording, which is one window here")

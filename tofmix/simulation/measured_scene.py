@@ -314,11 +314,11 @@ def _planes(
     found: list[Surface] = []
     own = np.where(there, -2, -1).astype(np.int64)
     if camera.shape == (1, 1):
-        for layer in np.flatnonzero(there[0, 0]).tolist():
-            place = beams[0, 0] * range_mm[0, 0, layer]
-            half = range_mm[0, 0, layer] * np.tan(np.radians(_ONE_ZONE_DEG / 2))
+        for k in np.flatnonzero(there[0, 0]).tolist():
+            place = beams[0, 0] * range_mm[0, 0, k]
+            half = range_mm[0, 0, k] * np.tan(np.radians(_ONE_ZONE_DEG / 2))
             found.append(_plane(len(found), place[None], beams[0, 0], np.full(2, max(2 * half, 1.0))))
-            own[0, 0, layer] = len(found) - 1
+            own[0, 0, k] = len(found) - 1
     for number in np.unique(surface[there & (surface >= 0)]).tolist():
         row, col, seen = np.nonzero(there & (surface == number))
         points = beams[row, col] * range_mm[row, col, seen][:, None]
