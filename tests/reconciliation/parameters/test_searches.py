@@ -14,6 +14,7 @@ from tofmix.reconciliation.parameters.standard_errors import numeric
 from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.effects.base import Latent
 from tofmix.simulation.effects.internal_reflection import stray_phasor
+from tofmix.simulation.effects.search import EFFECT_NATS
 from tofmix.simulation.model import Model
 
 
@@ -68,8 +69,10 @@ def test_noise_of_one_surface_is_searched_for_where_there_are_several(model: Mod
     found = [p.make(np.array(p.starts[0])) for p in problems("excess_noise", several, several.scene.mixture())]
     assert {getattr(e, "surface", None) for e in found} == {"", *several.scene.names}
     one = Likelihood(evidence, Scene(replace(model, surfaces=model.surfaces[-1:]), evidence.time_s))
-    (whole,) = problems("excess_noise", one, one.scene.mixture())
+    whole, by_angle = problems("excess_noise", one, one.scene.mixture())
     assert whole.make(np.array(whole.starts[0])) == MAKE["excess_noise"](factor=0.9)
+    assert by_angle.make(np.array(by_angle.starts[1])) == MAKE["excess_noise"](factor=1.0, angle_exponent=1.0)
+    assert (by_angle.form, by_angle.price_nats) == ("by angle", EFFECT_NATS)
 
 
 def test_losses_are_not_searched_for_where_no_sample_is_lost(model: Model, record: Record) -> None:
