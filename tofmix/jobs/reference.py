@@ -157,9 +157,12 @@ def _check_frames(path: Path, frames: int, which: str = "") -> None:
 
 @contextmanager
 def _written(recording: RecordingFile, frames: int, path: Path, every: int) -> Iterator[Path]:
-    """Every so many of the first frames of a recording as a file of the same name, for the time of the block."""
+    """Every so many of the first frames of a recording as a file for the time of the block; the recording if all."""
     if recording.targets:
         raise BadInputError(f"{path}: range: {recording.targets} targets a pixel and frame; a scene needs one sample")
+    if frames == recording.frames and every == 1:
+        yield path
+        return
     light, time_s, rows = recording.has_amplitude, recording.read_time(), slice(None)
     with TemporaryDirectory(prefix="tofmix-") as folder:
         part = Path(folder) / path.name

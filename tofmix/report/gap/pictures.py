@@ -122,7 +122,8 @@ def _count(axes: Axes, curve: Curve, names: list[str]) -> None:
     """Whole numbers at the middles of their bins; the surfaces' own names where they are few."""
     middle = (curve.lower + curve.upper) / 2
     if curve.axis == "surface" and curve.dof <= len(names) + 1 <= 6:  # noqa: PLR2004
-        words = [names[int(low)] if low >= 0 else "no return" for low in curve.lower]
+        named = [*names, "no surface"]  # layers of a measured scene may be of none
+        words = [named[int(low)] if low >= 0 else "no return" for low in curve.lower]
         axes.set_xticks(middle, [w.replace(" ", "\n", 1) for w in words], fontsize=8)
     elif curve.axis in ("surface", "surfaces_in_pixel"):
         axes.set_xticks(middle, [f"{low:.0f}" for low in curve.lower])
