@@ -182,7 +182,7 @@ def test_every_fenced_block_is_run_or_parsed() -> None:
 
 def test_model_and_statuses_of_the_pages_are_those_of_the_code() -> None:
     page = (DOCS / "reference/formats.md").read_text(encoding="utf-8")
-    (text,) = re.findall(r"^```toml\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    text, *_ = re.findall(r"^```toml\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
     assert parse_model(text, source="docs/reference/formats.md").surfaces[0].name == "white board"
     page = (DOCS / "reference/formats.md").read_text(encoding="utf-8")
     for status, meaning in STATUS_MEANINGS.items():

@@ -46,7 +46,6 @@ tofmix simulate gap/model.toml -o refined.h5
 )
 @click.option(
     "--self",
-    "own",
     is_flag=False,
     flag_value="",
     metavar="[SHARE|FRAMES]",
@@ -73,7 +72,7 @@ def reconcile(
     measured: Path | None,
     output: Path,
     also: tuple[tuple[str, Path], ...],
-    own: str | None,
+    self: str | None,
     seed: int,
     effects: str | None,
     max_effects: int,
@@ -100,8 +99,8 @@ def reconcile(
     the best so far. A second Ctrl-C ends the command at once, and writes nothing.
     """
     share = None
-    if own is not None:
-        share, model, measured = _of_itself(own, model, measured)
+    if self is not None:
+        share, model, measured = _of_itself(self, model, measured)
     elif model is None or measured is None:
         raise click.UsageError("give MODEL and MEASURED, or --self and one recording")
     return _run(

@@ -86,7 +86,7 @@ def read_evidence(
     after: int = 0,
 ) -> Evidence:
     """Read a recording into memory, from frame `after` on, and say where it and the model differ."""
-    name, every = source.name, slice(None)
+    name, every, model = source.name, slice(None), _compared(model)
     if source.targets:
         raise BadInputError(
             f"{name}: range: {source.targets} targets a pixel and frame; reconcile compares one sample a frame."
@@ -140,18 +140,28 @@ def _of_scene(
 ) -> tuple[Float32Array, IntArray]:
     """The samples that are compared with a scene, and the numbers of their frames.
 
-    Those of pixels that the scene does not know are left out, and frames that a filter of the camera has made of the
-    frames before, as those of the scene are.
+    Those of pixels that the scene does not know are left out, and those that may see more than it knows, and frames
+    that a filter of the camera has made of the frames before, as those of the scene are.
     """
-    unknown = ~scene.known
+    unknown, beside = ~scene.known, scene.beside_others & scene.known
     if unknown.any():
         reporter.note(
             f"{source.name}: {counted(int(unknown.sum()), 'pixel', ',')} left out: the reference has fewer than"
             f" {LEAST_SAMPLES} samples there"
         )
-    range_mm = np.where(unknown | ~np.isfinite(range_mm), np.float32(np.nan), range_mm)
+    if beside.any():
+        reporter.note(
+            f"{source.name}: {counted(int(beside.sum()), 'pixel', ',')} left out: a neighbour sees another surface, of"
+            " which the pixel may see a little"
+        )
+    range_mm = np.where(unknown | beside | ~np.isfinite(range_mm), np.float32(np.nan), range_mm)
     kept = np.arange(after, len(range_mm), scene.every)
     return range_mm[kept], kept
+
+
+def _compared(model: Model) -> Model:
+    """The model, with a measured scene as it is compared."""
+    return model if model.scene is None else replace(model, scene=model.scene.compared())
 
 
 def _since_middle(first: int, reference: int, time_s: FloatArray | None, frame_rate_hz: float) -> float:
@@ -221,6 +231,7 @@ def reconcile(
         Receives a step of progress for each kind that was tried, and each set of effects that was weighed. If it is
         stopped, the search ends between two sets, with the best so far.
     """
+    recordings = [(_compared(model), evidence) for model, evidence in recordings]
     measured = any(model.scene is not None for model, _ in recordings)
     if measured and noise not in (None, MODEL):
         raise OptionError(

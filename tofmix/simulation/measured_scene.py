@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.errors import BadInputError
@@ -109,6 +110,24 @@ class MeasuredScene:
         """Pixels (row, col) of which the recording tells where their samples lie."""
         told = np.nan_to_num(self.share).sum(axis=2) + self.no_return > 0
         return np.asarray((self.samples >= LEAST_SAMPLES) & told)
+
+    @property
+    def beside_others(self) -> BoolArray:
+        """Pixels (row, col) one of whose eight neighbours sees a surface, or nothing, that they do not see.
+
+        A small share of that surface may be in the pixel: n samples tell shares to 1 / n, and a sample of the other
+        surface lies many sigma away.
+        """
+        seen = np.zeros((*self.shape, len(self.surfaces) + 2), dtype=np.bool_)
+        row, col, layer = np.nonzero(self.surface >= 0)
+        seen[row, col, self.surface[row, col, layer]] = True
+        seen[..., -1] = self.no_return > 0
+        around = maximum_filter(seen, size=(3, 3, 1), mode="nearest")
+        return np.asarray((around & ~seen).any(axis=2))
+
+    def compared(self) -> "MeasuredScene":
+        """The scene without samples in pixels that may see more than it knows: with these, it is not compared."""
+        return replace(self, lost=np.where(self.known & ~self.beside_others, self.lost, 1.0))
 
     @property
     def repeats(self) -> float:

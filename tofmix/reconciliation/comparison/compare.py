@@ -101,7 +101,7 @@ def _apart(z: Float32Array, view: RecordingView) -> Float32Array:
 def _curves(z: Float32Array, apart: Float32Array, view: RecordingView, state: ModelState) -> Iterator[Curve]:
     """The panel of one recording's scores (frame, pixel); `apart` are the scores for correlations."""
     evidence, m, part = view.evidence, view.mixture, view.part
-    axes = list(panel_axes(evidence, m, part))
+    axes = list(panel_axes(evidence, m, part, measured=state.errors is not None))
     yield from shapes(z, axes, m, state, part, view.number)
     yield from widths(state, view.scene.model.sensor.noise.width_spread, view.number)
     together = 0.0 if state.errors is None else state.errors.frame_noise**2

@@ -139,8 +139,14 @@ class Axis:
     upper: FloatArray
 
 
-def panel_axes(evidence: Evidence, m: Mixture, part: Part, *, bins: int = BINS) -> Iterator[Axis]:
-    """Bins of the part's pixels, by predicted quantities and by position."""
+def panel_axes(
+    evidence: Evidence, m: Mixture, part: Part, *, bins: int = BINS, measured: bool = False
+) -> Iterator[Axis]:
+    """Bins of the part's pixels, by predicted quantities and by position.
+
+    Ranges and amplitudes of a `measured` scene have errors. Bins of them would collect the pixels whose errors are
+    large and of one sign, so pixels are sorted by what their neighbours saw of the same surface.
+    """
     shares = tuple(np.arange(1, bins) / bins)
     rows, cols = evidence.image
     row, col = np.divmod(part[1], cols)
@@ -152,8 +158,11 @@ def panel_axes(evidence: Evidence, m: Mixture, part: Part, *, bins: int = BINS) 
         several += (seen == number).any(axis=0)
     ones = np.zeros(part[1].size, dtype=np.int64)
     yield Axis(name="all", unit="1", bin=ones, lower=np.zeros(1), upper=np.ones(1))
-    yield _quantiles("range", "mm", mean[part[1]], shares)
-    yield _quantiles("amplitude", "1", m.of_main(m.amplitude)[part[1]], shares)
+    by_range, by_amplitude = mean, m.of_main(m.amplitude)
+    if measured:
+        by_range, by_amplitude = (of_neighbours(v, m.of_main(m.surface), (rows, cols)) for v in (mean, by_amplitude))
+    yield _quantiles("range", "mm", by_range[part[1]], shares)
+    yield _quantiles("amplitude", "1", by_amplitude[part[1]], shares)
     yield _values("surface", m.of_main(m.surface)[part[1]])
     yield _values("surfaces_in_pixel", np.minimum(several, 3))
     if rows > 1:  # a single row equals the axis `all`
@@ -162,6 +171,19 @@ def panel_axes(evidence: Evidence, m: Mixture, part: Part, *, bins: int = BINS) 
         yield _values("col", col)
     yield _quantiles("radius", "pixel", np.hypot(row - (rows - 1) / 2, col - (cols - 1) / 2), shares)
     yield _quantiles("neighbour_contrast", "mm", contrast, (0.5, 0.8, 0.9, 0.95))
+
+
+def of_neighbours(values: FloatArray, surface: IntArray, image: tuple[int, int]) -> FloatArray:
+    """Mean (pixel,) of the eight neighbours that see the same surface; the pixel's own value where none does."""
+    own, of = (np.pad(v.reshape(image), 1, constant_values=-2) for v in (values, surface))
+    total, count = np.zeros(image), np.zeros(image)
+    rows, cols = image
+    for down, right in ((i, j) for i in range(3) for j in range(3) if (i, j) != (1, 1)):
+        place = slice(down, down + rows), slice(right, right + cols)
+        same = of[place] == surface.reshape(image)
+        total += np.where(same, own[place], 0.0)
+        count += same
+    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), values.reshape(image)).ravel())
 
 
 def _quantiles(name: str, unit: str, values: FloatArray, shares: tuple[float, ...]) -> Axis:

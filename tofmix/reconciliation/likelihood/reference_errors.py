@@ -21,7 +21,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.likelihood.mixture import Mixture
-from tofmix.simulation.measured_scene import MeasuredScene
+from tofmix.simulation.measured_scene import OWN_ERROR, MeasuredScene
 
 if TYPE_CHECKING:
     from tofmix.reconciliation.likelihood.likelihood import Sums
@@ -64,10 +64,13 @@ class ReferenceErrors:
         relative = np.where(known, scene.mean_variance().ravel(), 0.0)
         several = ((scene.surface >= 0).sum(axis=2) + (scene.no_return > 0) > 1).ravel()
         lost, frames = scene.lost.ravel(), max(scene.frames, 1)
-        main = np.nan_to_num(np.maximum(scene.of_main(scene.share), scene.no_return)).ravel()
+        # Samples without a return have no range, so the mean is that of the main layer, however few samples it has
+        share, error = scene.of_main(scene.share).ravel(), scene.of_main(scene.range_error_mm).ravel()
+        of_mean = scene.repeats * error**2 + (OWN_ERROR * sigma) ** 2
+        by_count = relative / np.where(share > 0, share, 1.0) * sigma**2
         return cls(
             sigma_mm=sigma,
-            variance_mm2=relative / np.where(main > 0, main, 1.0) * sigma**2,
+            variance_mm2=np.where(known & np.isfinite(error), of_mean, by_count),
             log_width=np.where(known, scene.width_error().ravel(), 0.0),
             shares=np.where(several, relative, 0.0),
             lost=lost * (1.0 - lost) / (frames + 1.0) * scene.repeats,
