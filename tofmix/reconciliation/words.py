@@ -32,12 +32,19 @@ _UNITS = {"range": "mm", "time": "s", "radius": "pixels", "neighbour_contrast": 
 def headline(result: Reconciliation) -> str:
     """The place of the disagreement, its explanation, and the fall of the gap."""
     v = result.verified
-    if v.verdict == "agree" or not result.where:
+    if v.verdict == "agree":
         gap = f"the gap is {v.before.gap:.2f}, noise alone gives {v.floor.gap:.2f}"
         within = "; the rest is within --tolerance" if v.before.gap > _WIDER * v.floor.gap else ""
         noise = ", with measured noise in place of that of the model" if result.measured_noise else ""
         return f"{_TITLES['agree']}{noise}: no disagreement beyond noise and tolerance; {gap}{within}."
-    place = where_text(result.where[0], result)
+    if not result.where and v.verdict == "unexplained":
+        if v.findings.few:
+            return "There are too few independent samples to tell whether simulation and measurement disagree."
+        return (
+            "No statistic stands out beyond noise and tolerance, but effects fit the samples better than the model"
+            " alone. None of them explains the difference."
+        )
+    place = where_text(result.where[0], result) if result.where else "where no single statistic shows it"
     if v.verdict == "unexplained":
         stays = result.where[0].statistic in ("bias", "pattern")  # a smooth law of place or range has no change in time
         law = f"; a smooth function of {v.law} fits better than any of them" if v.law and stays else ""
