@@ -8,6 +8,8 @@ from support.commandline import Tofmix
 
 import tofmix as tm
 
+SAMPLES = Path(__file__).parents[2] / "sample_data"
+
 
 def _zone(path: Path, mean_mm: float, *, frames: int = 200, shape: tuple[int, int] = (1, 1), seed: int = 1) -> Path:
     """A recording of a zone sensor before a wall."""
@@ -66,3 +68,12 @@ def test_recording_agrees_with_its_own_first_frames(tofmix: Tofmix, tmp_path: Pa
     shown = tofmix("reconcile", "--self", recording, "-o", tmp_path / "gap", "--quiet")
     assert shown.code == 0, shown.err
     assert "agree" in shown.out
+
+
+@pytest.mark.slow
+def test_a_static_image_with_edges_and_open_space_agrees_with_its_own_beginning(tofmix: Tofmix, tmp_path: Path) -> None:
+    """Its mixed pixels have shares of few samples, and 33 frames do not show shares below 3 %."""
+    shown = tofmix("reconcile", "--self", SAMPLES / "three_boards.h5", "-o", tmp_path / "gap")
+    assert shown.code == 0
+    assert "verdict      agree" in shown.out
+    assert "pixels left out: a neighbour sees another surface" in shown.err

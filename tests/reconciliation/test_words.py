@@ -45,6 +45,16 @@ def test_summary_calls_the_floor_noise_alone_and_says_which_round_candidates_are
     assert "fits all effects jointly, to more data: its numbers and gains differ from these" in page
 
 
+def test_headline_without_a_place_says_that_no_statistic_stands_out(small: Model) -> None:
+    agreed = reconciled(small, kinds=("range_offset",))
+    assert headline(agreed).startswith("Simulation and measurement agree")
+    unexplained = replace(agreed, verified=replace(agreed.verified, verdict="unexplained"))
+    assert headline(unexplained).startswith("No statistic stands out")
+    named = reconciled(small, MAKE["range_offset"](offset_mm=9.0), kinds=("range_offset",))
+    said = headline(replace(named, where=()))
+    assert "disagree most where no single statistic shows it. range_offset" in said
+
+
 def test_zero_is_written_without_a_sign(small: Model) -> None:
     result = reconciled(small, MAKE["range_offset"](offset_mm=9.0), kinds=("range_offset",))
     (named,) = result.named

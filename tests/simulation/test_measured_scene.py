@@ -140,3 +140,24 @@ def test_pixels_of_few_samples_are_not_known() -> None:
     assert not scene.known[0, 0]
     assert scene.known.sum() == ROWS * COLS - 1
     assert scene.lost[0, 0] == 1.0
+
+
+def test_pixels_beside_a_surface_that_they_do_not_see_are_not_compared() -> None:
+    scene = _model().scene
+    assert scene is not None
+    beside = np.zeros((ROWS, COLS), dtype=np.bool_)
+    beside[:, 3] = True  # the first column without the box
+    np.testing.assert_array_equal(scene.beside_others, beside)
+    np.testing.assert_array_equal(scene.compared().lost, np.where(beside, 1.0, scene.lost))
+    np.testing.assert_array_equal(scene.compared().share, scene.share)
+
+
+def test_a_neighbour_that_sees_nothing_is_another_surface() -> None:
+    scene = _model().scene
+    assert scene is not None
+    nothing = scene.no_return.copy()
+    nothing[0, COLS - 1] = 0.2
+    beside = replace(scene, no_return=nothing).beside_others
+    assert beside[0, COLS - 2]
+    assert beside[1, COLS - 1]
+    assert not beside[0, COLS - 1]

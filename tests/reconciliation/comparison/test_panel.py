@@ -7,7 +7,7 @@ import pytest
 from support.recordings import Record, recorded
 
 from tofmix.reconciliation.comparison.compare import compare
-from tofmix.reconciliation.comparison.panel import Curve
+from tofmix.reconciliation.comparison.panel import Curve, of_neighbours
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
 from tofmix.reconciliation.search.search_state import Settings
@@ -64,3 +64,20 @@ def test_missing_codes_are_unexplained_discreteness(small: Model) -> None:
     result = reconcile(small, _without(recorded(small), 6), Settings(kinds=kinds))
     assert result.verified.verdict == "unexplained"
     assert result.where[0].statistic == "discreteness"
+
+
+def test_value_of_neighbours_is_the_mean_of_those_on_the_same_surface_without_the_pixel() -> None:
+    rng = np.random.default_rng(5)
+    rows, cols = 5, 7
+    values, surface = rng.normal(size=rows * cols), rng.integers(-1, 2, rows * cols)
+    found = of_neighbours(values, surface, (rows, cols))
+    for pixel in range(rows * cols):
+        row, col = divmod(pixel, cols)
+        around = [
+            (r, c)
+            for r in range(max(row - 1, 0), min(row + 2, rows))
+            for c in range(max(col - 1, 0), min(col + 2, cols))
+            if (r, c) != (row, col) and surface[r * cols + c] == surface[pixel]
+        ]
+        expected = np.mean([values[r * cols + c] for r, c in around]) if around else values[pixel]
+        assert found[pixel] == pytest.approx(expected)
