@@ -20,6 +20,7 @@ from typing import Any, Protocol
 PARTS = {
     "walls": "walls at stated distances, with a folded axis, an offset, and a bias of each pixel",
     "same": "real recordings with permuted frames, against a model made from their own first half",
+    "references": "real recordings with permuted frames, against their own first third as the scene",
     "flights": "flights towards a wall, against the wall at their start",
 }
 """Modules of `measured_parts`, each with the members of `Part`."""

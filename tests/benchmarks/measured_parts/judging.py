@@ -30,13 +30,18 @@ def reconciled(
         gap = reconcile(model, evidence, Settings(kinds=KINDS)).as_dict()
     except BadInputError as error:
         gap = {"verdict": "refused", "effects": [], "where": [], "next_steps": [str(error)]}
+    return said_of(gap, time.perf_counter() - start)
+
+
+def said_of(gap: Mapping[str, Any], seconds: float) -> dict[str, Any]:
+    """What a part notes of `gap.json`."""
     return {
         "verdict": gap["verdict"],
         "named": sorted(e["kind"] for e in gap["effects"]),
         "effects": [{key: e[key] for key in ("kind", "parameters", "stderr")} for e in gap["effects"]],
         "where": gap["where"][:3],
         "next": list(gap["next_steps"]),
-        "seconds": round(time.perf_counter() - start, 1),
+        "seconds": round(seconds, 1),
     }
 
 

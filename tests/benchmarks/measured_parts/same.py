@@ -111,18 +111,20 @@ def judged(number: int, seed: int) -> dict[str, Any] | None:
         samples = RECORDINGS[name](rng)[:MOST_FRAMES]
     except FileNotFoundError:
         return None
-    samples = _part(samples, rng)
-    if group == "permuted":
-        samples = samples[rng.permutation(len(samples))]
-    else:
-        width = WIDTH[group]
-        samples = median_filter(samples[rng.permutation(len(samples))], size=(width, 1, 1), mode="nearest")
+    samples = in_group(part_of(samples, rng), group, rng)
     half = len(samples) // 2
     found = reconciled(model_of(samples[:half]), samples[half:].astype(np.float32))
     return {"number": number, "group": group, "name": name, "frames": half, **found}
 
 
-def _part(samples: FloatArray, rng: np.random.Generator) -> FloatArray:
+def in_group(samples: FloatArray, group: str, rng: np.random.Generator) -> FloatArray:
+    """The frames in another order, with the running median of the group."""
+    samples = samples[rng.permutation(len(samples))]
+    width = WIDTH.get(group)
+    return samples if width is None else np.asarray(median_filter(samples, size=(width, 1, 1), mode="nearest"))
+
+
+def part_of(samples: FloatArray, rng: np.random.Generator) -> FloatArray:
     """A part of the image whose pixels have few invalid samples; invalid ones take another sample of their pixel."""
     _, rows, cols = samples.shape
     top, left = (int(rng.integers(max(n - 2 * SIDE, 0) + 1)) for n in (rows, cols))

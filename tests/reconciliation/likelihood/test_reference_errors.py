@@ -38,7 +38,7 @@ def _sums(off_mm: np.ndarray) -> tuple[Sums, float]:
 def test_marginal_is_the_density_of_correlated_samples(common: float) -> None:
     off = np.random.default_rng(1).normal(0.7, 1.0, (FRAMES, 3)) * SIGMA
     sums, plain = _sums(off)
-    by_pixel, shared = _errors(common=common).marginal(sums, VARIANCE, 1.0, FRAMES)
+    by_pixel, shared = _errors(common=common).marginal(sums.by_pixel, VARIANCE, 1.0, FRAMES)
     between = np.diag(VARIANCE) + common * np.outer(SIGMA, SIGMA)
     covariance = np.kron(np.ones((FRAMES, FRAMES)), between) + np.kron(np.eye(FRAMES), np.diag(SIGMA**2))
     exact = multivariate_normal(np.zeros(3 * FRAMES), covariance).logpdf(off.ravel())
@@ -52,7 +52,7 @@ def test_memory_divides_the_gain_of_a_bias() -> None:
         values = []
         for bias in (0.0, 1.0):
             sums, plain = _sums(off + bias * SIGMA - off.mean(axis=0))
-            by_pixel, shared = _errors().marginal(sums, np.zeros(3), repeats, FRAMES)
+            by_pixel, shared = _errors().marginal(sums.by_pixel, np.zeros(3), repeats, FRAMES)
             values.append(plain + float(by_pixel.sum()) + shared)
         gains.append(values[0] - values[1])
     assert gains[1] == pytest.approx(gains[0] / 4.0, rel=1e-6)

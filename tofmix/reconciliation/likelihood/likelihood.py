@@ -412,7 +412,7 @@ class Likelihood:
         if state.errors is None:
             return sums
         repeats = (1.0 + state.memory) / (1.0 - state.memory)
-        more, sums.common = state.errors.marginal(sums, state.pixel_variance, repeats, len(part[0]))
+        more, sums.common = state.errors.marginal(sums.by_pixel, state.pixel_variance, repeats, len(part[0]))
         sums.by_pixel[:, 0] += more
         return sums
 

@@ -15,16 +15,13 @@ Kennedy and O'Hagan, J. R. Statist. Soc. B 63 (2001) 425, for a discrepancy that
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.simulation.measured_scene import OWN_ERROR, MeasuredScene
-
-if TYPE_CHECKING:
-    from tofmix.reconciliation.likelihood.likelihood import Sums
 
 _LEAST_INFORMATION = 1e-12  # 1/mm2
 
@@ -89,13 +86,15 @@ class ReferenceErrors:
         """Variance of what all means over some frames have in common, less those of the scene, in sigma squared."""
         return self.common + (1.0 + memory) / (1.0 - memory) * self.frame_noise**2 / max(frames, 1)
 
-    def marginal(self, sums: "Sums", variance_mm2: FloatArray, repeats: float, frames: int) -> tuple[FloatArray, float]:
+    def marginal(
+        self, sums: FloatArray, variance_mm2: FloatArray, repeats: float, frames: int
+    ) -> tuple[FloatArray, float]:
         """What the errors change in a log-likelihood.
 
         Parameters
         ----------
-        sums : Sums
-            Of a pass.
+        sums : (pixel, 4) float64
+            Sums of a pass: log-likelihood, its slope (1/mm) and information (1/mm2) in a bias, and samples.
         variance_mm2 : (pixel,) float64
             Of each pixel's bias: the scene's, or what a pattern leaves of it.
         repeats : float
@@ -110,7 +109,7 @@ class ReferenceErrors:
         common : float
             Of the common one, nats.
         """
-        slope, information = sums.by_pixel[:, 1], sums.by_pixel[:, 2]
+        slope, information = sums[:, 1], sums[:, 2]
         told = information > _LEAST_INFORMATION
         safe = np.where(told, information, 1.0)
         free = repeats + safe * variance_mm2
