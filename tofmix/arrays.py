@@ -10,3 +10,6 @@ Float32Array: TypeAlias = NDArray[np.float32]
 IntArray: TypeAlias = NDArray[np.int64]
 ByteArray: TypeAlias = NDArray[np.uint8]
 BoolArray: TypeAlias = NDArray[np.bool_]
+
+IMAGE_RANK = 2
+"""Axes of an image: (row, col)."""

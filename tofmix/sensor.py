@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import IMAGE_RANK, FloatArray
 from tofmix.learnt_noise import LearntNoise, RangeStep
 from tofmix.measurement import Measurement, ShareLaw, measurement_of, share_law_of
 from tofmix.noise_shape import BackgroundDensity, NoiseShape
@@ -28,8 +28,6 @@ _LEAST_FREQUENCY_HZ, _MOST_FREQUENCY_HZ = 1.0, 1e12  # of modulation; anything e
 
 MOST_WIDTH_SPREAD = 2.0
 """Standard deviation of log width: widths that differ by a factor of e^2 from pixel to pixel are no camera's."""
-
-_IMAGE_RANK = 2  # (row, col)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -296,7 +294,7 @@ class Sensor:
     def _check_step(self, range_step_mm: ArrayLike) -> None:
         step = np.array(range_step_mm, dtype=np.float64, copy=True)
         points = 0 if self.noise is None else len(self.noise.range_mm)
-        if step.ndim > _IMAGE_RANK or step.size == 0 or not (np.isfinite(step) & (step > 0)).all():
+        if step.ndim > IMAGE_RANK or step.size == 0 or not (np.isfinite(step) & (step > 0)).all():
             raise ValueError("range_step_mm: expected a number, a map (row, col) or a list of finite numbers above 0")
         if step.ndim == 1 and len(step) != points:
             raise ValueError(
@@ -376,4 +374,4 @@ def with_view(sensor: Sensor, view_deg: tuple[float, float], projection: str, sh
 def sensor_of_part(sensor: Sensor, rows: slice, cols: slice) -> Sensor:
     """The sensor of a part of its image: steps of single pixels are those of the part."""
     step = sensor.range_step_mm
-    return sensor if step is None or step.ndim != _IMAGE_RANK else replace(sensor, range_step_mm=step[rows, cols])
+    return sensor if step is None or step.ndim != IMAGE_RANK else replace(sensor, range_step_mm=step[rows, cols])

@@ -30,7 +30,7 @@ _TYPE_NAMES = {
 }
 
 
-_MOST_CHARACTERS = 1_000_000
+MOST_CHARACTERS = 1_000_000
 """Characters of a TOML file: the parser holds the whole file."""
 
 _MOST_IN_A_LINE = 2000
@@ -194,9 +194,9 @@ def parse_toml(text: str, *, source: str) -> TomlTable:
         If it is not TOML, or longer than any that a person writes; the message has the line as `tomllib` gives it.
     """
     longest = max(map(len, text.split("\n")))
-    if len(text) > _MOST_CHARACTERS or longest > _MOST_IN_A_LINE:
+    if len(text) > MOST_CHARACTERS or longest > _MOST_IN_A_LINE:
         raise BadInputError(
-            f"{source}: {len(text)} characters, {longest} in the longest line; no more than {_MOST_CHARACTERS} and"
+            f"{source}: {len(text)} characters, {longest} in the longest line; no more than {MOST_CHARACTERS} and"
             f" {_MOST_IN_A_LINE} are read"
         )
     try:

@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 from matplotlib import style
@@ -47,6 +48,7 @@ _SETTINGS = {
     "legend.frameon": False,
 }
 _SIZE_INCH, _DPI = (7.6, 2.7), 100.0
+_TITLE_CHARACTERS = 100  # of a line: more do not fit into the width
 _BINS = 24
 _FEWEST, _FEWEST_PIXELS = 40, 4  # samples, and pixels, that a point of a curve rests on
 _MIDDLE_ROW, _MIXED_COL = 72, 92  # the pixel of three-boards that sees all three
@@ -437,7 +439,8 @@ def draw(kind: str, plain: Recorded) -> Figure:
     layout = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.06)
     figure = Figure(figsize=_SIZE_INCH, dpi=_DPI, layout=layout, facecolor="white")
     shown = signature.parameters.replace("\n", ", ")
-    figure.suptitle(f"{kind}: {shown}; scene {signature.scene}", x=0.01, ha="left", fontsize=9.0, color=_VERMILLION)
+    title = fill(f"{kind}: {shown}; scene {signature.scene}", _TITLE_CHARACTERS)
+    figure.suptitle(title, x=0.01, ha="left", fontsize=9.0, color=_VERMILLION)
     for axes, panel in zip(figure.subplots(1, 2), (signature.left, signature.right), strict=True):
         panel(axes, plain, other)
     return figure

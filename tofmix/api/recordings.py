@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tofmix.api.doubts import PythonReporter
-from tofmix.arrays import Float32Array, FloatArray, IntArray
+from tofmix.arrays import IMAGE_RANK, Float32Array, FloatArray, IntArray
 from tofmix.errors import BadInputError, DoubtWarning
 from tofmix.options import DepthAxis, Units
 from tofmix.recording import ArrayRecording, CameraSource
@@ -20,9 +20,6 @@ from tofmix.sensor import NoiseCurve, Sensor
 if TYPE_CHECKING:
     from tofmix.sensors import Camera
     from tofmix.simulation.truth import Truth
-
-_IMAGE_DIMENSIONS = 2
-"""Rows and columns."""
 
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 """Length of each unit of `from_array`, mm."""
@@ -373,7 +370,7 @@ def from_array(
     camera = built_in.sensor() if sensor is None or isinstance(sensor, str) else sensor
     if integration_time_ms is not None:
         camera = replace(camera, integration_time_ms=integration_time_ms)
-    if range_mm.ndim >= _IMAGE_DIMENSIONS:
+    if range_mm.ndim >= IMAGE_RANK:
         image = range_mm.shape[-2], range_mm.shape[-1]
         if reason := built_in.turned(image):
             raise ValueError(f"ranges: {reason}; give ranges.swapaxes(-2, -1)")
@@ -522,7 +519,7 @@ def _say_doubts(
     from tofmix.io.recording.range_check import implausible, outside_doubt
     from tofmix.io.samples import guessed
 
-    doubts = [built_in.size_doubt(range_mm.shape[-2:]) if range_mm.ndim >= _IMAGE_DIMENSIONS else ""]
+    doubts = [built_in.size_doubt(range_mm.shape[-2:]) if range_mm.ndim >= IMAGE_RANK else ""]
     if unnamed := guessed(dropped):
         doubts.append(f"no samples: {unnamed}; keep_values=True keeps fill values")
     seen = range_mm[np.isfinite(range_mm)]

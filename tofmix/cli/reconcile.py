@@ -2,8 +2,9 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -67,23 +68,7 @@ tofmix simulate gap/model.toml -o refined.h5
 @click.option("--trace", is_flag=True, help="Print a line on stderr for each set of effects, as it is weighed.")
 @json_option
 @overwrite_option
-def reconcile(
-    model: str | None,
-    measured: Path | None,
-    output: Path,
-    also: tuple[tuple[str, Path], ...],
-    self: str | None,
-    seed: int,
-    effects: str | None,
-    max_effects: int,
-    alpha: float,
-    tolerance: float,
-    noise: str | None,
-    split: str,
-    trace: bool,
-    as_json: bool,
-    overwrite: bool,
-) -> int:
+def reconcile(model: str | None, measured: Path | None, output: Path, self: str | None, **options: Any) -> int:  # noqa: ANN401  fields of `_Asked`
     """Find where a simulation of MODEL and the recording MEASURED disagree, name the missing effect, and add it.
 
     The command compares each sample with the model's prediction, locates the
@@ -103,23 +88,22 @@ def reconcile(
         share, model, measured = _of_itself(self, model, measured)
     elif model is None or measured is None:
         raise click.UsageError("give MODEL and MEASURED, or --self and one recording")
-    return _run(
-        model,
-        measured,
-        output,
-        also=also,
-        share=share,
-        seed=seed,
-        effects=effects,
-        max_effects=max_effects,
-        alpha=alpha,
-        tolerance=tolerance,
-        noise=noise,
-        split=split,
-        trace=trace,
-        as_json=as_json,
-        overwrite=overwrite,
-    )
+    search = {name: options.pop(name) for name in RECONCILE}
+    return _run(model, measured, output, _Asked(share=share, search=search, **options))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Asked:
+    """The options of a command."""
+
+    also: tuple[tuple[str, Path], ...]
+    share: float | None  # of the frames, or their number, with --self
+    effects: str | None
+    noise: str | None
+    trace: bool
+    as_json: bool
+    overwrite: bool
+    search: dict[str, Any]  # fields of the search's `Settings`
 
 
 def _of_itself(own: str, model: str | None, measured: Path | None) -> tuple[float, str, Path]:
@@ -138,24 +122,7 @@ def _of_itself(own: str, model: str | None, measured: Path | None) -> tuple[floa
     return share, given[0], Path(given[0])
 
 
-def _run(
-    model: str,
-    measured: Path,
-    output: Path,
-    *,
-    also: tuple[tuple[str, Path], ...],
-    share: float | None,
-    seed: int,
-    effects: str | None,
-    max_effects: int,
-    alpha: float,
-    tolerance: float,
-    noise: str | None,
-    split: str,
-    trace: bool,
-    as_json: bool,
-    overwrite: bool,
-) -> int:
+def _run(model: str, measured: Path, output: Path, asked: _Asked) -> int:
     """Reconcile files, print the outcome, and give the exit code."""
     from tofmix.errors import ExitCode
     from tofmix.io.model_file import load_model
@@ -174,17 +141,17 @@ def _run(
             return learnt_sensor(source, reporter)
 
     reporter = CommandReporter()
-    names = None if effects is None else [name.strip() for name in effects.split(",") if name.strip()]
+    names = None if asked.effects is None else [name.strip() for name in asked.effects.split(",") if name.strip()]
     kinds = kinds_of(names, reporter)
-    files = ((model, measured), *also)
-    settings = Settings(kinds=kinds, max_effects=max_effects, alpha=alpha, tolerance=tolerance, split=split, seed=seed)
-    with locked_folder(output, overwrite=overwrite, models=len(files)):
+    files = ((model, measured), *asked.also)
+    settings = Settings(kinds=kinds, **asked.search)
+    with locked_folder(output, overwrite=asked.overwrite, models=len(files)):
         reference: Reference | None = None
-        if share is not None:
-            reference = first_frames(measured, share, reporter, workers=default_workers())
+        if asked.share is not None:
+            reference = first_frames(measured, asked.share, reporter, workers=default_workers())
         elif is_reference(Path(model)):
             reference = reference_of_file(Path(model), reporter, workers=default_workers())
-        rest = files if reference is None else also
+        rest = files if reference is None else asked.also
         models = [] if reference is None else [(model, reference.model)]
         models += [(name, load_model(name)) for name, _ in rest]  # before recordings, which take longer to read
         check_models(models)
@@ -199,14 +166,17 @@ def _run(
                         read_evidence(scene, file, reporter, time_s=time_s, temperature_c=temperature_c, after=after),
                     )
                 )
-        with Progress(len(kinds) * max(max_effects, 1), "reconcile", "kind") as bar, asked_to_stop() as stopped:
-            reporter = _KindReporter(bar, len(kinds), stopped, trace=trace)
-            result = run(recordings, settings, noise, learnt, reporter)
+        with (
+            Progress(len(kinds) * max(settings.max_effects, 1), "reconcile", "kind") as bar,
+            asked_to_stop() as stopped,
+        ):
+            reporter = _KindReporter(bar, len(kinds), stopped, trace=asked.trace)
+            result = run(recordings, settings, asked.noise, learnt, reporter)
             bar.total = bar.done  # no other way is tried: the page is left
             bar.describe("reconcile: page")
             beside = {} if reference is None else {REFERENCE: reference.layers}
-            write_reconciliation(result, files, output, overwrite=overwrite, beside=beside)
-    if as_json:
+            write_reconciliation(result, files, output, overwrite=asked.overwrite, beside=beside)
+    if asked.as_json:
         click.echo(json.dumps(result.as_dict(), indent=2, allow_nan=False))
         return ExitCode.INTERRUPTED if stopped() else ExitCode.DONE
     click.echo("\n".join(summary_lines(result)))

@@ -365,7 +365,7 @@ def _layers_on_circle(
     fold_layers(out, length)
 
 
-_MADE_UP_MM = 1000.0  # range of the made-up samples
+MADE_UP_MM = 1000.0  # range of the made-up samples
 
 
 def warm_up(options: EstimateOptions, sensor: Sensor | None = None) -> None:
@@ -379,7 +379,7 @@ def warm_up(options: EstimateOptions, sensor: Sensor | None = None) -> None:
         Whose noise decides which kernels are needed; default: one of Gaussian noise by range.
     """
     camera = _made_up_sensor(options, sensor)
-    samples = np.full((options.min_samples, 1), _MADE_UP_MM)
+    samples = np.full((options.min_samples, 1), MADE_UP_MM)
     is_gaussian = not options.paper and not counts_with_learnt(camera, options)
     if is_gaussian:
         out = Layers.empty((1,), options.max_layers, layer_fields(camera))
@@ -393,7 +393,7 @@ def warm_up(options: EstimateOptions, sensor: Sensor | None = None) -> None:
 
 def find_made_up_peaks(options: EstimateOptions) -> None:
     """Compile the kernels that find peaks, or load them from their cache."""
-    samples = sort_samples(np.full((options.min_samples, 1), _MADE_UP_MM, dtype=np.float32))
+    samples = sort_samples(np.full((options.min_samples, 1), MADE_UP_MM, dtype=np.float32))
     options.counter.peaks(samples, beam_of(_made_up_sensor(options, None)))
 
 
@@ -403,6 +403,6 @@ def _made_up_sensor(options: EstimateOptions, like: Sensor | None) -> Sensor:
     law = None
     if like is not None and like.noise is not None and like.noise.law is not None:
         law = AmplitudeLaw(np.array([100.0]), np.array([50.0, 200.0]), np.array([2.0, 0.5]))
-    noise = NoiseCurve(np.array([_MADE_UP_MM]), np.array([sigma]), None if options.unambiguous_range_mm else law)
+    noise = NoiseCurve(np.array([MADE_UP_MM]), np.array([sigma]), None if options.unambiguous_range_mm else law)
     learnt = None if like is None else like.learnt
-    return Sensor(name="warm-up", range_max_mm=2.0 * _MADE_UP_MM, noise=noise, learnt=learnt)
+    return Sensor(name="warm-up", range_max_mm=2.0 * MADE_UP_MM, noise=noise, learnt=learnt)

@@ -26,7 +26,7 @@ _LEAST_WINDOWS = 3
 _LEAST_MEMBERS = 10
 _LEAST_VARIANCE = 0.5
 """Least variance of the members' places across, square pixels: two columns (0.25) tell no curvature, three do."""
-_MOST_WORSE = 25.0
+MOST_NATS = 25.0
 """Most nats that one window speaks against scales: one crease does not outweigh the rest."""
 
 
@@ -81,7 +81,7 @@ def _evidence(
         same = np.ones(at.size)
         fitted = fit_patches(view, at, members, bend * same, third * same, robust=False, quadric=True)
         evidence[number, 0], evidence[number, 1:] = fitted.log_evidence, fitted.log_ways[:, 1:].T
-    evidence = np.maximum(evidence, evidence.max(axis=(0, 1)) - _MOST_WORSE)
+    evidence = np.maximum(evidence, evidence.max(axis=(0, 1)) - MOST_NATS)
     sums = np.stack([evidence[..., owner == place].sum(axis=-1) for place in range(len(numbers))], axis=-1)
     return owner, np.asarray(np.logaddexp.reduce(sums + LOG_WAYS[:, np.newaxis], axis=1))
 

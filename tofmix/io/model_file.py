@@ -5,7 +5,7 @@ from pathlib import Path, PurePath
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.arrays import Float32Array
+from tofmix.arrays import IMAGE_RANK, Float32Array
 from tofmix.errors import BadInputError
 from tofmix.io.layers.layers_file import LayersFile, open_layers
 from tofmix.io.next_command import next_command
@@ -13,15 +13,13 @@ from tofmix.io.recording.recording_file import file_sha256
 from tofmix.io.storage import check_input, read_text
 from tofmix.io.surfaces_file import open_surfaces
 from tofmix.simulation.builtin import BUILTIN_MODELS, builtin_text
-from tofmix.simulation.measured_scene import SceneParts, measured_scene
+from tofmix.simulation.measured_scene import SceneParts, SceneTable, measured_scene
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import SceneReader, parse_model
 from tofmix.surfaces.found import NO_SURFACE
 from tofmix.surfaces.reconstruct import link_layers
 from tofmix.toml_table import MapReader, TomlTable
 from tofmix.wording import counted
-
-_IMAGE_RANK = 2  # (row, col)
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 """The first bytes of an HDF5 file: its format specification, III.A."""
@@ -90,7 +88,7 @@ def _read_map(folder: Path, path: str, shape: tuple[int, int] | None) -> Float32
         raise ValueError(f'"{path}": expected one array in an .npy file')  # noqa: TRY004  a file's fault
     if array.dtype.kind != "f":
         raise ValueError(f'"{path}": expected float32, got {array.dtype}')
-    if shape is None and array.ndim != _IMAGE_RANK:
+    if shape is None and array.ndim != IMAGE_RANK:
         raise ValueError(f'"{path}": shape {array.shape} is not an image (row, col)')
     if shape is not None and array.shape != shape:
         raise ValueError(f'"{path}": shape {array.shape} differs from the image {shape}')
@@ -116,24 +114,21 @@ def scene_of_model(file: Path) -> SceneReader:
             raise table.error(f"{every} is not at least 1", "every")
         if not 0.0 <= frame_noise <= _MOST_FRAME_NOISE:
             raise table.error(f"{frame_noise:g} is not in [0, {_MOST_FRAME_NOISE:g}] sigma", "frame_noise")
-        names = [table.text("layers"), table.text("surfaces") if "surfaces" in table else ""]
-        paths = [
-            _file_of(file.parent, name, table, key) for name, key in zip(names, ("layers", "surfaces"), strict=True)
-        ]
-        with open_layers(paths[0]) as layers:
+        given = SceneTable(
+            frame_noise=frame_noise,
+            every=every,
+            layers_path=table.text("layers"),
+            surfaces_path=table.text("surfaces") if "surfaces" in table else "",
+        )
+        path = _file_of(file.parent, given.layers_path, table, "layers")
+        surfaces = _file_of(file.parent, given.surfaces_path, table, "surfaces")
+        with open_layers(path) as layers:
             if not 0 <= window < layers.shape[0]:
-                raise table.error(f"{window}: {paths[0]} has windows 0 to {layers.shape[0] - 1}", "window")
+                raise table.error(f"{window}: {path} has windows 0 to {layers.shape[0] - 1}", "window")
             try:
-                return scene_of_layers(
-                    layers,
-                    window,
-                    surfaces=paths[1] if names[1] else None,
-                    frame_noise=frame_noise,
-                    every=every,
-                    paths=(names[0], names[1]),
-                )
+                return scene_of_layers(layers, window, given, surfaces=surfaces if given.surfaces_path else None)
             except (ValueError, BadInputError) as error:
-                raise table.error(f"{paths[0]}: {error}", "layers") from None
+                raise table.error(f"{path}: {error}", "layers") from None
 
     return read_scene
 
@@ -154,15 +149,7 @@ def _file_of(folder: Path, name: str, table: TomlTable, key: str) -> Path:
     return path
 
 
-def scene_of_layers(
-    layers: LayersFile,
-    window: int,
-    *,
-    surfaces: Path | None = None,
-    frame_noise: float = 0.0,
-    every: int = 1,
-    paths: tuple[str, str] = ("", ""),
-) -> SceneParts:
+def scene_of_layers(layers: LayersFile, window: int, table: SceneTable, *, surfaces: Path | None = None) -> SceneParts:
     """The camera and the scene of a window of an open layers file.
 
     Parameters
@@ -171,10 +158,10 @@ def scene_of_layers(
         The layers; of one sample a frame.
     window : int
         A window of it.
+    table : SceneTable
+        What the model says of these layers.
     surfaces : Path, optional
         The surfaces file of these layers; without it, neighbouring layers are linked here.
-    frame_noise, every, paths
-        As for `measured_scene`.
 
     Raises
     ------
@@ -192,7 +179,7 @@ def scene_of_layers(
         numbers = np.full(one.range.shape, NO_SURFACE, dtype=np.int32)
     else:
         numbers = link_layers(one, made.sensor)
-    return measured_scene(one, made.sensor, numbers, frames=frames, frame_noise=frame_noise, every=every, paths=paths)
+    return measured_scene(one, made.sensor, numbers, frames=frames, table=table)
 
 
 def _numbers_of(path: Path, layers: LayersFile, window: int) -> NDArray[np.integer]:

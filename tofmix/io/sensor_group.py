@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from tofmix.arrays import IMAGE_RANK
 from tofmix.errors import BadInputError
 from tofmix.io.guard import guard
 from tofmix.io.hdf5 import PACKED, add_group, text_attribute
@@ -63,7 +64,6 @@ _PRIOR: _Table = {"noise_background_prior": ("background", "1", None)}
 _MEMORY, _WIDTH_SPREAD = "noise_memory", "noise_width_spread"
 _BACKGROUND, _STEP = "noise_background", "range_step_mm"
 _FILTER, _FILTER_PARAMETER = "temporal_filter", "temporal_filter_parameter"
-_IMAGE_RANK = 2  # (row, col)
 _MOST_OF_IMAGE = MOST_PIXELS_A_SIDE**2
 
 
@@ -254,7 +254,7 @@ def check_maps(sensor: Sensor, image: tuple[int, int], path: Path) -> None:
     """Refuse a map of background shares, or of steps of the ranges, that is of another image than the file's."""
     background = None if sensor.noise is None else sensor.noise.background
     for name, values in ((_BACKGROUND, background), (_STEP, sensor.range_step_mm)):
-        if values is not None and values.ndim == _IMAGE_RANK and values.shape != tuple(image):
+        if values is not None and values.ndim == IMAGE_RANK and values.shape != tuple(image):
             raise BadInputError(f"{path}: sensor/{name}: shape {values.shape} differs from the image {tuple(image)}")
 
 

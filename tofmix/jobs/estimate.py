@@ -9,6 +9,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from tofmix.errors import BadInputError
 from tofmix.estimation.blocks.sample_span import sensor_with_span
@@ -25,6 +26,7 @@ from tofmix.estimation.noise_choice import (
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
 from tofmix.io.layers.journal import WHOLE, Shard
 from tofmix.io.layers.layers_file import open_layers
+from tofmix.io.recording.recording_file import open_recording
 from tofmix.io.storage import check_output
 from tofmix.jobs.files import findings_of_samples, opened_recording
 from tofmix.jobs.reporter import OptionError, Reporter
@@ -77,6 +79,18 @@ class FileRequest:
         return nullcontext() if self.scheduler is None else open_cluster(self.scheduler, memory_bytes=self.memory_bytes)
 
 
+class About(NamedTuple):
+    """The recording that messages name: the one that the user gave, if the file in hand was made of it."""
+
+    recording: Path
+    part: str = ""  # which part of it the file is
+
+    @property
+    def name(self) -> str:
+        """The recording and its part."""
+        return f"{self.recording}: {self.part}" if self.part else str(self.recording)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prepared:
     """A recording with the camera of its estimate, the job on it, and the findings of its samples."""
@@ -106,7 +120,9 @@ def check_request(request: EstimateRequest, reporter: Reporter) -> None:
         raise OptionError(str(error)) from error
 
 
-def prepare(source: CameraSource, request: EstimateRequest, reporter: Reporter) -> Prepared:
+def prepare(
+    source: CameraSource, request: EstimateRequest, reporter: Reporter, *, about: About | None = None
+) -> Prepared:
     """Settle the camera, the windows and the job of a recording.
 
     Parameters
@@ -117,6 +133,8 @@ def prepare(source: CameraSource, request: EstimateRequest, reporter: Reporter) 
         Checked by `check_request`.
     reporter : Reporter
         Receives doubts about the samples and their noise, and notes.
+    about : About, optional
+        What a remedy's command names; without it, the open recording.
     """
     options = request.options
     _check_frames(source, request, reporter)
@@ -148,7 +166,7 @@ def prepare(source: CameraSource, request: EstimateRequest, reporter: Reporter) 
         source = source.with_sensor(sensor)
         noise = AUTO if choice.from_samples else asked if isinstance(asked, str) else "given"
         remedy = Remedy(
-            recording=source.name,
+            recording=source.name if about is None else str(about.recording),
             noise=noise,
             window_frames=windows.length,
             windows=windows.count,
@@ -172,19 +190,23 @@ def estimate_file(
     cluster: ClusterEngine | None,
     reporter: Reporter,
     *,
-    about: Path | None = None,
+    about: About | None = None,
 ) -> tuple[Outcome, list[Finding]]:
-    """Write the layers file of a recording, or a part of it; findings are said of `about`, else of the file.
+    """Write the layers file of a recording, or a part of it.
+
+    With `about`, the layers are for the time of a job: the doubts about that recording were said when it was opened,
+    and all else is said of it.
 
     Returns
     -------
     (Outcome, list of Finding)
         The result, and what was found doubtful.
     """
-    with opened_recording(recording, reporter) as source:
+    opened = opened_recording(recording, reporter) if about is None else open_recording(recording, name=about.name)
+    with opened as source:
         if not files.resume:
             check_output(target, overwrite=files.overwrite, inputs=(recording,))
-        ready = prepare(source, request, reporter)
+        ready = prepare(source, request, reporter, about=about)
         job, engine = ready.job, cluster or _local_engine(ready, request, files, target, reporter)
         outcome = run_job(
             job,
@@ -198,14 +220,14 @@ def estimate_file(
             verify_source=source.verify_unchanged,
         )
         if outcome.mixture is not None:
-            reporter.note(f"{recording}: mixing: {outcome.mixture.words()}")
+            reporter.note(f"{source.name}: mixing: {outcome.mixture.words()}")
         if outcome.continued:
             reporter.note(f"{target}: blocks from the interrupted run: {outcome.continued} of {outcome.cells}")
         if files.shard != WHOLE:
             _say_left_out(ready, reporter)
             return outcome, ready.findings
         with open_layers(target) as layers:
-            return outcome, say_findings(layers, about or target, ready, reporter)
+            return outcome, say_findings(layers, target if about is None else about.name, ready, reporter)
 
 
 def merge_files(

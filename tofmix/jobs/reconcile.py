@@ -13,7 +13,7 @@ from tofmix.errors import BadInputError
 from tofmix.io.layers.layers_file import open_layers
 from tofmix.io.next_command import import_command
 from tofmix.io.reconciliation import write_folder
-from tofmix.jobs.reference import check_same_camera
+from tofmix.jobs.reference import SAME, check_same_camera
 from tofmix.jobs.reporter import OptionError, Reporter
 from tofmix.optics.geometry import largest_angle_deg
 from tofmix.optics.projection import beam_directions_of, pixel_extent_rad
@@ -47,7 +47,6 @@ from tofmix.wording import counted
 Recordings = list[tuple[Model, Evidence]]
 
 _MOST_SAMPLES = 1 << 28  # samples held in memory: a gigabyte
-_SAME = 1e-3  # relative difference of numbers of a camera that are written in a file
 _SAME_PLACE = 0.1  # part of a pixel: directions that differ by less are the same
 _SAME_RATE = 0.02  # relative difference of frame rates: clocks are not exact
 
@@ -107,7 +106,7 @@ def read_evidence(
         time_s, temperature_c = (None if x is None else x[kept] for x in (time_s, temperature_c))
     for number in ("modulation_frequency_hz", "integration_time_ms"):
         own, models = getattr(source.sensor, number), getattr(model.sensor, number)
-        if own is not None and models is not None and not math.isclose(own, models, rel_tol=_SAME):
+        if own is not None and models is not None and not math.isclose(own, models, rel_tol=SAME):
             reporter.warn(f"{name}: sensor: {number} is {own:g}; the model has {models:g}")
     _say_other_optics(source, model, reporter)
     _say_other_rate(name, time_s, model, reporter)

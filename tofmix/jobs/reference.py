@@ -18,15 +18,16 @@ from tofmix.errors import BadInputError
 from tofmix.io.hdf5 import format_of
 from tofmix.io.layers.layers_file import FORMAT as LAYERS
 from tofmix.io.layers.layers_file import LayersFile, open_layers
-from tofmix.io.recording.recording_file import RecordingFile
+from tofmix.io.recording.recording_file import RecordingFile, open_recording
 from tofmix.io.recording.recording_writer import RecordingWriter
 from tofmix.io.surfaces_file import FORMAT as SURFACES
+from tofmix.jobs.estimate import About
 from tofmix.jobs.files import opened_recording
 from tofmix.jobs.reporter import OptionError, Reporter
 from tofmix.jobs.scene import estimated, measured_model, settings_of
 from tofmix.recording import SampleSource
 from tofmix.sensor import Sensor
-from tofmix.simulation.measured_scene import LEAST_SAMPLES, MeasuredScene
+from tofmix.simulation.measured_scene import LEAST_SAMPLES, MeasuredScene, SceneTable
 from tofmix.simulation.model import Model
 from tofmix.temporal_filter import ExponentialAverage, TemporalFilter
 
@@ -139,14 +140,15 @@ def _of_frames(
 ) -> Reference:
     """The reference of the first frames of a recording, of which those between independent ones are left out."""
     _check_frames(path, frames, "the first " if used else "")
-    with _written(recording, frames, path, 1) as part, estimated(part, workers, reporter, about=path) as layers:
+    about = About(path, f"its first {frames} frames" if used else "")
+    with _written(recording, frames, path, 1) as part, estimated(part, workers, reporter, about=about) as layers:
         found = layers.provenance.sensor.temporal_filter
         if found is None:
             return _reference(layers, path, reporter, recording, part, 1, used)
     every = frames_apart(found)
     reporter.note(f"{path}: {found.words()}: one frame of {every} is compared")
     _check_frames(path, -(-frames // every), f"one frame of {every} is independent: ")
-    with _written(recording, frames, path, every) as part, estimated(part, workers, reporter, about=path) as layers:
+    with _written(recording, frames, path, every) as part, estimated(part, workers, reporter, about=about) as layers:
         return _reference(layers, path, reporter, recording, part, every, used)
 
 
@@ -197,10 +199,10 @@ def _reference(
     used: int,
 ) -> Reference:
     """The reference of the layers of a part of a recording."""
-    with opened_recording(part, reporter) as first:
+    with open_recording(part) as first:
         noise = frame_noise(first, layers)
-    settings = settings_of(recording)
-    made, model = measured_model(layers, path, reporter, REFERENCE, settings=settings, frame_noise=noise, every=every)
+    settings, table = settings_of(recording), SceneTable(frame_noise=noise, every=every)
+    made, model = measured_model(layers, path, reporter, REFERENCE, settings=settings, table=table)
     return Reference(model=model, layers=made.layers, frames=used)
 
 
@@ -279,9 +281,9 @@ def check_same_camera(
     for key in ("name", "modulation_frequency_hz"):
         ours, theirs = getattr(sensor, key), getattr(other, key)
         unknown = ours in (None, "unknown") or theirs in (None, "unknown")
-        same = unknown or (ours == theirs if isinstance(ours, str) else bool(np.isclose(ours, theirs, rtol=_SAME)))
+        same = unknown or (ours == theirs if isinstance(ours, str) else bool(np.isclose(ours, theirs, rtol=SAME)))
         if not same:
             raise BadInputError(f"{name}: sensor: {key}: {theirs} is another camera than the reference's {ours}")
 
 
-_SAME = 1e-3  # relative difference of numbers of a camera that are written in a file
+SAME = 1e-3  # relative difference of numbers of a camera that are written in a file

@@ -26,10 +26,11 @@ from tofmix.io.recording.recording_file import RecordingFile
 from tofmix.io.storage import locked, write_atomic_group
 from tofmix.io.surfaces_file import FORMAT as SURFACES
 from tofmix.io.surfaces_file import open_surfaces
-from tofmix.jobs.estimate import EstimateRequest, FileRequest, estimate_file
+from tofmix.jobs.estimate import About, EstimateRequest, FileRequest, estimate_file
 from tofmix.jobs.files import check_view, check_window, opened_recording
 from tofmix.jobs.reporter import OptionError, Reporter
 from tofmix.layers import Layers
+from tofmix.learnt_noise import WHOLE_MM
 from tofmix.measurement import ShareLaw
 from tofmix.optics.projection import Projection, beam_directions_of
 from tofmix.report.sources import LayersSource
@@ -39,10 +40,10 @@ from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.quantisation import Quantisation
 from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
-from tofmix.simulation.measured_scene import camera_of
+from tofmix.simulation.measured_scene import SceneTable, camera_of
 from tofmix.simulation.model import Model, RecordingSettings
 from tofmix.simulation.model_toml import BACKGROUND_MAP, model_text, parse_model, scene_text
-from tofmix.simulation.surface import Surface, surface_along
+from tofmix.simulation.surface import USUAL_REFLECTIVITY, Surface, surface_along
 from tofmix.surfaces.found import WindowSurfaces
 from tofmix.surfaces.reconstruct import reconstruct
 from tofmix.surfaces.rectangles import outline_rectangle
@@ -54,8 +55,6 @@ CHANGED = 0.1
 has a straight edge to a sixteenth of a pixel."""
 
 _MEMORY_BYTES = 10**9  # of the estimate of a recording, the default of `tofmix estimate`
-_REFLECTIVITY = 0.8  # of a surface without amplitudes: the default of a model
-_WHOLE_MM = 1.0  # the step of ranges that a simulation stores
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -211,8 +210,7 @@ def measured_model(
     *,
     window: int = 0,
     settings: RecordingSettings | None = None,
-    frame_noise: float = 0.0,
-    every: int = 1,
+    table: SceneTable | None = None,
 ) -> tuple[MeasuredModel, Model]:
     """The model of the layers of a window: its files, and the model itself.
 
@@ -230,8 +228,8 @@ def measured_model(
         Number of the window.
     settings : RecordingSettings, optional
         Of the recording; without it the frames of the window, at the default rate.
-    frame_noise, every
-        As for `MeasuredScene`.
+    table : SceneTable, optional
+        What the model says of these layers; its paths are not used.
 
     Raises
     ------
@@ -240,7 +238,7 @@ def measured_model(
     """
     sensor = layers.provenance.sensor
     try:
-        parts = measured_scene_of(layers, window, frame_noise=frame_noise, every=every, paths=(layers_path, ""))
+        parts = measured_scene_of(layers, window, replace(table or SceneTable(), layers_path=layers_path))
         camera, scene = parts
         assumed = camera_of(sensor, camera.shape, longest_mm=float(np.nanmax(scene.range_mm)))[1]
     except (ValueError, BadInputError) as error:
@@ -353,8 +351,8 @@ def _check_recorded_view(recording: RecordingFile) -> None:
 
 
 @contextmanager
-def estimated(recording: Path, workers: int, reporter: Reporter, *, about: Path | None = None) -> Iterator[LayersFile]:
-    """Estimate a recording into a file for the time of the block; findings are said of `about`."""
+def estimated(recording: Path, workers: int, reporter: Reporter, *, about: About | None = None) -> Iterator[LayersFile]:
+    """Estimate a recording into a file for the time of the block; messages are about `about`, else the recording."""
     request = EstimateRequest(options=EstimateOptions(), workers=workers)
     with TemporaryDirectory(prefix="tofmix-") as folder:
         target = Path(folder) / f"{recording.stem}.layers.h5"
@@ -365,7 +363,7 @@ def estimated(recording: Path, workers: int, reporter: Reporter, *, about: Path 
             FileRequest(memory_bytes=_MEMORY_BYTES),
             None,
             reporter,
-            about=about or recording,
+            about=about or About(recording),
         )
         with open_layers(target) as layers:
             yield layers
@@ -439,7 +437,7 @@ def _scene(seen: _Seen, reporter: Reporter, background: str) -> PlaneScene:
         camera = replace(camera, noise=replace(camera.noise, law=law))
     for note in notes:
         reporter.note(f"{seen.source}: {note}")
-    surfaces = {k: replace(surface, reflectivity=light.get(k, _REFLECTIVITY)) for k, surface in kept.items()}
+    surfaces = {k: replace(surface, reflectivity=light.get(k, USUAL_REFLECTIVITY)) for k, surface in kept.items()}
     model, shares = _model(seen, camera, surfaces, notes, background)
     values = {
         "window": seen.window,
@@ -592,6 +590,6 @@ def _effects(sensor: Sensor) -> list[Effect]:
     step, effects = sensor.range_step_mm, list[Effect]()
     if sensor.learnt is not None and sensor.learnt.memory > 0:
         effects.append(TemporalCorrelation(coefficient=round(sensor.learnt.memory, 4)))
-    if step is not None and step.ndim == 0 and float(step) > _WHOLE_MM:
+    if step is not None and step.ndim == 0 and float(step) > WHOLE_MM:
         effects.append(Quantisation(step_mm=float(step)))
     return effects

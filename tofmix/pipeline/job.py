@@ -18,6 +18,7 @@ from tofmix.grid import Cell, Grid, plan_grid
 from tofmix.independent_samples import independent_samples
 from tofmix.io.layers.chunks import EncodedCell, encode_cell
 from tofmix.io.layers.provenance import header_image
+from tofmix.io.recording.recording_file import RecordingFile
 from tofmix.io.recording.scratch import on_scratch
 from tofmix.layers import Provenance
 from tofmix.recording import CameraSource, SampleSource
@@ -88,7 +89,8 @@ def plan_job(
     ValueError
         If phasor sums are insisted on, and it has no phasors.
     """
-    options, recording = resolved_mixing(options, source), Path(source.name)
+    options = resolved_mixing(options, source)
+    recording = source.path if isinstance(source, RecordingFile) else Path(source.name)
     provenance = Provenance(
         source=recording.name,
         source_sha256=source.sha256(),

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from tofmix.estimation.beam import beam_of, is_uniform
 from tofmix.estimation.blocks.finishing import layer_amplitudes
-from tofmix.estimation.layering import layer_pixels, warm_up
+from tofmix.estimation.layering import MADE_UP_MM, layer_pixels, warm_up
 from tofmix.estimation.learnt import warm_up as learnt
 from tofmix.estimation.mixture.em import fit_mixture
 from tofmix.estimation.noise.measurement import measure_noise
@@ -32,8 +32,7 @@ from tofmix.surfaces.reconstruct import reconstruct
 from tofmix.suspicion.evidence import warm_up as warm_up_evidence
 from tofmix.unmixing import unmix as unmixing
 
-_RANGE_MM = 1000.0  # of the made-up samples
-_NOISE = NoiseCurve(np.array([_RANGE_MM]), np.array([10.0]))
+_NOISE = NoiseCurve(np.array([MADE_UP_MM]), np.array([10.0]))
 _EDGE_SIDE = 12  # pixels of the made-up images with edges, along each side
 _PINHOLE = Pinhole(fx=20.0, fy=20.0, cx=5.5, cy=5.5)
 """A lens that sees the made-up scenes."""
@@ -53,7 +52,7 @@ def compile_options() -> None:
     """Compile the kernels that estimate layers, with all options, or load them from their cache."""
     for sigma, refine, counter in product(SigmaMode, Refine, COUNTERS.values()):
         warm_up(EstimateOptions(sigma=sigma, refine=refine, counter=counter()))
-    warm_up(EstimateOptions(unambiguous_range_mm=2.0 * _RANGE_MM))
+    warm_up(EstimateOptions(unambiguous_range_mm=2.0 * MADE_UP_MM))
     warm_up(EstimateOptions(paper=True))
     range_mm, sensor, amplitude = _made_up()
     law = AmplitudeLaw(np.array([100.0]), np.array([50.0, 200.0]), np.array([2.0, 0.5]))
@@ -81,8 +80,8 @@ def compile_scenes() -> None:
     live.add(range_mm[:1, 0, :1])
     live.modes()
     find_modes(range_mm[:, 0, 0], _NOISE)
-    density(range_mm[:, 0, 0], [_RANGE_MM], _NOISE)
-    fit_mixture(range_mm[:, 0, 0], [_RANGE_MM], camera)
+    density(range_mm[:, 0, 0], [MADE_UP_MM], _NOISE)
+    fit_mixture(range_mm[:, 0, 0], [MADE_UP_MM], camera)
     _compile_casts()
 
 
@@ -90,7 +89,7 @@ def _compile_edges(sensor: Sensor) -> None:
     """Find the edge between two surfaces that share the pixels of a diagonal, by counts and by unmixed shares."""
     rows, cols = np.indices((_EDGE_SIDE, _EDGE_SIDE))
     far = np.random.default_rng(1).random((50, _EDGE_SIDE, _EDGE_SIDE)) < 0.5 + 0.5 * np.sign(rows - cols)
-    near_mm, far_mm = np.random.default_rng(2).normal([[[[_RANGE_MM]]], [[[1.5 * _RANGE_MM]]]], 10.0, (2, *far.shape))
+    near_mm, far_mm = np.random.default_rng(2).normal([[[[MADE_UP_MM]]], [[[1.5 * MADE_UP_MM]]]], 10.0, (2, *far.shape))
     layers = layer_pixels(np.where(far, far_mm, near_mm), _with_sigma(sensor)).reshaped(rows.shape)
     reconstruct(layers, sensor, factor=2)
     reconstruct(replace(layers, mixing=np.full(rows.shape, int(Mixing.PHASOR), np.uint8)), sensor, factor=2)
@@ -116,6 +115,6 @@ def _with_sigma(sensor: Sensor, law: AmplitudeLaw | None = None) -> Sensor:
 
 def _made_up() -> tuple[NDArray[np.float64], Sensor, NDArray[np.float64]]:
     """Samples of one surface in 6 x 6 pixels, their camera and their amplitudes."""
-    range_mm = np.random.default_rng(1).normal(_RANGE_MM, 10.0, (20, 6, 6))
-    sensor = Sensor(name="warm-up", range_max_mm=2.0 * _RANGE_MM, fov_horizontal_deg=10.0, fov_vertical_deg=10.0)
+    range_mm = np.random.default_rng(1).normal(MADE_UP_MM, 10.0, (20, 6, 6))
+    sensor = Sensor(name="warm-up", range_max_mm=2.0 * MADE_UP_MM, fov_horizontal_deg=10.0, fov_vertical_deg=10.0)
     return range_mm, sensor, np.full(range_mm.shape, 100.0)

@@ -18,7 +18,7 @@ from tofmix.layers import Layers
 from tofmix.optics.projection import beam_directions_of
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.sensors.camera import CompleteCamera
-from tofmix.simulation.surface import MAX_LENGTH_MM, Surface, surface_along
+from tofmix.simulation.surface import MAX_LENGTH_MM, USUAL_REFLECTIVITY, Surface, surface_along
 
 LEAST_SAMPLES = 8
 """Valid samples of a pixel, at least, from which its layers are taken as its distribution."""
@@ -31,7 +31,6 @@ USUAL_SPREAD = 0.25
 """Standard deviation of the logarithm of the widths of pixels where the recording was too short to show any: those of
 real cameras are 0.2 to 0.4."""
 
-_REFLECTIVITY = 0.8  # of a surface without amplitudes: the default of a model
 _ONE_ZONE_DEG = 25.0  # field of view of a sensor of one zone that does not give its own
 _SEEN_LOST = 0.5  # weight, in frames, of the image's mean share of lost samples: Jeffreys' prior
 _LEAST_NORMAL = 1e-9  # length of a normal that is none
@@ -39,7 +38,27 @@ _PLANE_POINTS = 3  # that a plane needs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MeasuredScene:
+class SceneTable:
+    """What the table ``[scene]`` of a model says of its layers, beside the window.
+
+    Parameters
+    ----------
+    frame_noise : float
+        Standard deviation of what all samples of a frame have in common, in sigma.
+    every : int
+        Frames from one sample to the next: a camera that filters its ranges over time repeats itself in between.
+    layers_path, surfaces_path : str
+        Files, relative to the model; surfaces may be empty.
+    """
+
+    frame_noise: float = 0.0
+    every: int = 1
+    layers_path: str = ""
+    surfaces_path: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MeasuredScene(SceneTable):
     """What a recording saw. Arrays (row, col, layer) run from near to far and are NaN past a pixel's layers.
 
     Parameters
@@ -72,12 +91,6 @@ class MeasuredScene:
         The same as the estimate found it; 0 if it found pixels alike.
     memory : float
         Correlation of the noise of a pixel from one frame to the next.
-    frame_noise : float
-        Standard deviation of what all samples of a frame have in common, in sigma.
-    every : int
-        Frames from one sample to the next: a camera that filters its ranges over time repeats itself in between.
-    layers_path, surfaces_path : str
-        Files that a model names, relative to its own; surfaces may be empty.
     """
 
     range_mm: FloatArray
@@ -94,10 +107,6 @@ class MeasuredScene:
     width_spread: float = USUAL_SPREAD
     recorded_spread: float = 0.0
     memory: float = 0.0
-    frame_noise: float = 0.0
-    every: int = 1
-    layers_path: str = ""
-    surfaces_path: str = ""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -238,9 +247,7 @@ def measured_scene(
     surface: NDArray[np.integer],
     *,
     frames: int,
-    frame_noise: float = 0.0,
-    every: int = 1,
-    paths: tuple[str, str] = ("", ""),
+    table: SceneTable | None = None,
 ) -> SceneParts:
     """The scene of a window's layers, with its camera.
 
@@ -254,10 +261,8 @@ def measured_scene(
         Number of the surface of each layer; -1 for none.
     frames : int
         Frames of the window.
-    frame_noise, every
-        As for `MeasuredScene`.
-    paths : (str, str)
-        Of the layers and the surfaces, for the model.
+    table : SceneTable, optional
+        Of the model; its defaults without it.
 
     Raises
     ------
@@ -266,7 +271,7 @@ def measured_scene(
     BadInputError
         If no pixel has a layer.
     """
-    there = np.isfinite(layers.range)
+    table, there = table or SceneTable(), np.isfinite(layers.range)
     if not there.any():
         raise BadInputError("no pixel has a layer, so there is no scene")
     rows, cols = layers.n_modes.shape
@@ -303,10 +308,10 @@ def measured_scene(
         width_spread=spread or USUAL_SPREAD,
         recorded_spread=spread,
         memory=0.0 if sensor.learnt is None else sensor.learnt.memory,
-        frame_noise=frame_noise,
-        every=every,
-        layers_path=paths[0],
-        surfaces_path=paths[1],
+        frame_noise=table.frame_noise,
+        every=table.every,
+        layers_path=table.layers_path,
+        surfaces_path=table.surfaces_path,
     )
 
 
@@ -377,7 +382,7 @@ def _plane(number: int, points: FloatArray, normal: FloatArray, size_mm: FloatAr
         center_mm=along * normal + middle[0] * u + middle[1] * v,
         size_mm=size,
         axes=np.stack([u, v, normal], axis=1),
-        reflectivity=_REFLECTIVITY,
+        reflectivity=USUAL_REFLECTIVITY,
     )
 
 

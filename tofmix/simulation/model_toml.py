@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from tofmix.errors import BadInputError
+from tofmix.learnt_noise import WHOLE_MM
 from tofmix.optics.geometry import unambiguous_range_mm
 from tofmix.sensor import AmplitudeLaw, NoiseCurve
 from tofmix.sensors import camera_of_model
@@ -46,7 +47,6 @@ SceneReader = Callable[[TomlTable], SceneParts]
 """Reads the files that a table ``[scene]`` names; BadInputError, with the key, if it cannot."""
 
 _TABLE = re.compile(r"^\[sensor\.noise\][^\n]*\n(?:(?!\[)[^\n]*(?:\n|\Z))*", re.MULTILINE)
-_WHOLE_MM = 1.0  # the step of the stored type, which every model has
 
 
 def with_noise(model: Model, curve: NoiseCurve, *, step_mm: float | None = None) -> Model:
@@ -69,7 +69,7 @@ def with_noise(model: Model, curve: NoiseCurve, *, step_mm: float | None = None)
     sensor = model.sensor
     curve = _explicit(replace(curve, background_density=None), sensor.noise)
     path = BACKGROUND_MAP if curve.background is not None and curve.background.ndim else None
-    stepped = step_mm is not None and step_mm > _WHOLE_MM
+    stepped = step_mm is not None and step_mm > WHOLE_MM
     added = () if not stepped or any(isinstance(e, Quantisation) for e in model.effects) else (_step(step_mm),)
     text = model.text
     if text:

@@ -15,6 +15,12 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 
+USUAL_REFLECTIVITY = 0.8
+"""Reflectivity, 0 to 1, of a surface that gives none: that of a light wall."""
+
+NEAREST_MM = 1.0
+"""No surface is nearer: a recording of whole mm stores no shorter range, and 0 means no sample."""
+
 MAX_LENGTH_MM = 1.0e6  # a kilometre: far beyond any range, and no product of lengths overflows
 
 
@@ -49,7 +55,7 @@ class Surface:
     yaw_deg: float = 0.0
     pitch_deg: float = 0.0
     roll_deg: float = 0.0
-    reflectivity: float = 0.8
+    reflectivity: float = USUAL_REFLECTIVITY
 
     def __post_init__(self) -> None:
         if not self.name:
@@ -98,7 +104,7 @@ def angles_of(rotation: FloatArray) -> tuple[float, float, float]:
 
 
 def surface_along(
-    name: str, *, center_mm: FloatArray, size_mm: FloatArray, axes: FloatArray, reflectivity: float = 0.8
+    name: str, *, center_mm: FloatArray, size_mm: FloatArray, axes: FloatArray, reflectivity: float = USUAL_REFLECTIVITY
 ) -> Surface:
     """A surface by the axes of its rectangle.
 

@@ -19,7 +19,7 @@ import numpy as np
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.masks import components, count_around, near, neighbour_pairs
 from tofmix.image.patch import LEAST_HITS, PLACES_9, drawn_ranges, fit_patches
-from tofmix.image.scales import BENDS, THIRDS, UNKNOWN, Scales, learn_scales, may_bend
+from tofmix.image.scales import BENDS, MOST_NATS, THIRDS, UNKNOWN, Scales, learn_scales, may_bend
 from tofmix.image.segments import LEAST_PIXELS, REACH, View, around
 from tofmix.layers import Layers
 from tofmix.surfaces.linking import Linked, fit, numbered
@@ -33,7 +33,6 @@ _TRIALS = np.array(
 
 _REACH = 3  # of these windows: more takes in the next border
 _WINDOWS = 4  # along the border of two pieces
-_MOST_NATS = 25.0  # that one window speaks for or against: one flying pixel does not outweigh the rest
 
 
 def pieces_of(view: View, label: IntArray, settings: LinkSettings) -> IntArray:
@@ -121,7 +120,7 @@ def _gains(view: View, group: IntArray, pairs: list[tuple[int, int]], borders: l
     usable = (first >= 0).any(axis=1) & (second >= 0).any(axis=1)
     at, owner, first, second, both = (part[usable] for part in (at, owner, first, second, both))
     apart = _best_of(view, at, first, owner, len(pairs)) + _best_of(view, at, second, owner, len(pairs))
-    gain = np.clip(_best_of(view, at, both, owner, len(pairs)) - apart, -_MOST_NATS, _MOST_NATS)
+    gain = np.clip(_best_of(view, at, both, owner, len(pairs)) - apart, -MOST_NATS, MOST_NATS)
     total: list[float] = np.bincount(owner, weights=gain, minlength=len(pairs)).tolist()
     return total
 

@@ -9,15 +9,13 @@ import math
 import numpy as np
 
 from tofmix.arrays import BoolArray
-from tofmix.suspicion.scene import FALSE_MARKS, Suspicion, WindowScene
+from tofmix.suspicion.scene import FALSE_MARKS, NOISE_SIGMAS, Suspicion, WindowScene
 
 MOST_MM = 300.0
 """Farthest near return, mm: cover glass and housing are parts of the device."""
 
 LEAST_SHARE = 0.8
 """Nearly every pixel: of those with a layer, this share has the near one. Few samples of a window may miss it."""
-
-_AT_RANGE = 3.0  # standard errors
 
 
 def mark_near_return(scene: WindowScene) -> BoolArray:
@@ -41,7 +39,7 @@ def mark_near_return(scene: WindowScene) -> BoolArray:
     if common > MOST_MM:
         return marked
     with np.errstate(invalid="ignore"):
-        near = np.abs(first - common) <= np.maximum(_AT_RANGE * error, scene.sigma_mm[..., 0])
+        near = np.abs(first - common) <= np.maximum(NOISE_SIGMAS * error, scene.sigma_mm[..., 0])
         behind = (count > 1) | (scene.weight[..., 0] < 0.5)  # noqa: PLR2004  most of the samples are of other things
     members = near & behind
     if members.sum() >= LEAST_SHARE * seen:

@@ -18,14 +18,12 @@ from tofmix.suspicion.albedo import (
     plane_misfit_mm,
     rms,
 )
-from tofmix.suspicion.scene import FALSE_MARKS, Suspicion, WindowScene
+from tofmix.suspicion.scene import FALSE_MARKS, NOISE_SIGMAS, Suspicion, WindowScene
 
 MOST_SCATTERED = 0.05
 """Most of a bright thing's light that a pixel elsewhere gets of it."""
 
 MOST_SOURCES = 4  # bright things that are looked at, from the brightest on
-
-_AT_RANGE = 3.0  # standard deviations
 
 _SLOPE = 0.1  # how much ranges of one surface differ between neighbouring pixels, of the range
 
@@ -70,7 +68,7 @@ def _agrees(scene: WindowScene, source: tuple[np.intp, ...]) -> BoolArray:
 
     Layers that noise joins to one of them count too: a split layer has parts beside the range of the source.
     """
-    error = _AT_RANGE * np.maximum(np.hypot(scene.stderr_mm, scene.stderr_mm[source]), scene.sigma_mm)
+    error = NOISE_SIGMAS * np.maximum(np.hypot(scene.stderr_mm, scene.stderr_mm[source]), scene.sigma_mm)
     with np.errstate(invalid="ignore"):
         agrees = np.asarray(np.abs(scene.range_mm - scene.range_mm[source]) <= error)
     joined = scene.joined

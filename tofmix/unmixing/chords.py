@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.unmixing.functions import logsumexp, ndtr
-from tofmix.unmixing.image import ComplexArray, PhasorImage, inverse_form, polar_covariance, variance_along
+from tofmix.unmixing.image import TINY, ComplexArray, PhasorImage, inverse_form, polar_covariance, variance_along
 from tofmix.unmixing.likeliest import (
     OPEN,
     PRIORS,
-    TINY,
     Best,
     Kind,
     OpenSpace,

@@ -20,10 +20,9 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.unmixing.chords import Ends, put_distant_pairs, put_pairs, put_triples, put_unseen
-from tofmix.unmixing.image import PhasorImage, polar_covariance, variance_along
+from tofmix.unmixing.image import TINY, PhasorImage, polar_covariance, variance_along
 from tofmix.unmixing.likeliest import (
     PRIORS,
-    TINY,
     Best,
     Kind,
     LikeliestHypotheses,

@@ -18,6 +18,9 @@ from numpy.typing import NDArray
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, ImageSettings
 
+TINY = 1.0e-30
+"""Least variance, determinant or divisor, in units of the image's median amplitude, squared: divisions stay finite."""
+
 ComplexArray = NDArray[np.complex128]
 
 
@@ -300,13 +303,9 @@ def places(pixels: IntArray, shape: tuple[int, int], around: Window) -> tuple[In
     return np.where(inside, rows * shape[1] + cols, 0), inside
 
 
-_LEAST_DETERMINANT = 1.0e-30
-"""Least determinant of a covariance: divisions stay finite."""
-
-
 def inverse_form(covariance: FloatArray, one: ComplexArray, other: ComplexArray) -> FloatArray:
     """One . C^-1 . other, (n,), of covariances (n, 3): of the parts, and between them."""
-    determinant = np.maximum(covariance[:, 0] * covariance[:, 1] - covariance[:, 2] ** 2, _LEAST_DETERMINANT)
+    determinant = np.maximum(covariance[:, 0] * covariance[:, 1] - covariance[:, 2] ** 2, TINY)
     mixed = one.real * other.imag + one.imag * other.real
     form = covariance[:, 1] * one.real * other.real + covariance[:, 0] * one.imag * other.imag
     return np.asarray((form - covariance[:, 2] * mixed) / determinant)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.unmixing.functions import logsumexp
-from tofmix.unmixing.image import ComplexArray, PhasorImage, inverse_form
+from tofmix.unmixing.image import TINY, ComplexArray, PhasorImage, inverse_form
 from tofmix.unmixing.surface_fit import MOST_SURFACES, NeighbourSurfaces
 
 
@@ -43,9 +43,6 @@ ENDS = 3
 
 OPEN = MOST_SURFACES
 """Number of the first kind of open space among the ends."""
-
-TINY = 1.0e-30
-"""Least variance, and area, in units of the image's median amplitude, squared: divisions stay finite."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -16,7 +16,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.masks import components, near, neighbour_pairs
-from tofmix.unmixing.image import ComplexArray, PhasorImage, inverse_form, polar_covariance
+from tofmix.unmixing.image import TINY, ComplexArray, PhasorImage, inverse_form, polar_covariance
 from tofmix.unmixing.seeds import Seeds
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, LabelSettings
 
@@ -194,18 +194,14 @@ def _on_chord(
         _end(image, seeds, other, settings),
     )
     chord, offset = first - second, image.phasor[pixels] - second
-    square = np.maximum(np.abs(chord) ** 2, _TINY)
+    square = np.maximum(np.abs(chord) ** 2, TINY)
     share = (offset * np.conj(chord)).real / square
     part = np.clip(share, 0.0, 1.0)[:, np.newaxis]
     covariance = image.mean_covariance[pixels] + part**2 * first_error + (1.0 - part) ** 2 * second_error
-    variance = 1.0 / np.maximum(inverse_form(covariance, chord, chord), _TINY)
+    variance = 1.0 / np.maximum(inverse_form(covariance, chord, chord), TINY)
     share = inverse_form(covariance, chord, offset) * variance
     across = offset - share * chord
     return share, np.sqrt(variance), inverse_form(covariance, across, across) < settings.agree_sigmas**2
-
-
-_TINY = 1.0e-30
-"""Least divisor."""
 
 
 def _end(

@@ -13,14 +13,11 @@ import numpy as np
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.compiled.plane import dot, fit_plane
-from tofmix.unmixing.image import Measured, PixelDirections
+from tofmix.unmixing.image import TINY, Measured, PixelDirections
 from tofmix.unmixing.settings import NeighbourSettings
 
 MOST_SURFACES = 4
 """Most neighbouring surfaces of a pixel, the largest first."""
-
-_TINY = 1.0e-30
-"""Least divisor."""
 
 _NUMBERS, _INDICES = 15, 9
 """Rows of the scratch, of numbers and of indices. The columns are the members in a window, in the order of places."""
@@ -568,8 +565,8 @@ def _widen(
     for i in range(3):
         for j in range(3):
             covariance[i, j] *= inflation
-    total = max(total, _TINY)
-    free = max(total * total / max(squares, _TINY) - 3.0, 1.0)
+    total = max(total, TINY)
+    free = max(total * total / max(squares, TINY) - 3.0, 1.0)
     excess = square / total - 1.0 - chance_sigmas * math.sqrt(2.0 / free)
     covariance[0, 0] += max(excess, 0.0) * level / total
 

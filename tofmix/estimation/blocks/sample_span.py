@@ -10,8 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tofmix.estimation.samples import FARTHEST_MM
-from tofmix.recording import DECODED_SAMPLES, SampleSource
+from tofmix.recording import DECODED_SAMPLES, FARTHEST_MM, SampleSource
 from tofmix.sensor import Sensor
 
 

@@ -31,13 +31,11 @@ from tofmix.estimation.learnt.components import (
 )
 from tofmix.estimation.learnt.em import drifts, em_step, mix, objective, step_up
 from tofmix.estimation.learnt.law import Law
+from tofmix.estimation.mixture.em import LEAST_SHARE
 from tofmix.learnt_noise import DRIFTS, MOST_LOG_WIDTH
 
 _LONGEST_JUMP = 32.0
 """Most EM steps that one jump stands for."""
-
-_LEAST_SHARE = 1.0e-9
-"""Least share after a jump: a jump to a smaller one is taken back."""
 
 LEARNING_ITER, LEARNING_TOL = 60, 1.0e-3
 """Most EM iterations, and tolerance in sigmas, of the fits that noise is learnt from."""
@@ -65,10 +63,10 @@ def _unpack(k: int, fit: FloatArray, law: Law, row: int, beam: Beam) -> bool:
     own = row + VECTOR - 1
     background = fit[own, BACKGROUND]
     for i in range(k):
-        if fit[row + 1, i] < _LEAST_SHARE:
+        if fit[row + 1, i] < LEAST_SHARE:
             return False
         total += fit[row + 1, i]
-    if no_return < 0.0 or (no_return < _LEAST_SHARE < fit[WEIGHT, -1]) or not 0.0 <= background < 1.0:
+    if no_return < 0.0 or (no_return < LEAST_SHARE < fit[WEIGHT, -1]) or not 0.0 <= background < 1.0:
         return False
     scale = (1.0 - background) / (total + no_return)
     moving = drifts(law) > 0

@@ -43,6 +43,7 @@ from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.thresholds import GainThresholds
 from tofmix.estimation.learnt.trials import first_surface, new_workspace, try_one_more
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
+from tofmix.estimation.noise.series import SEED
 from tofmix.learnt_noise import DRIFTS, TAIL_DEGREES
 
 DRAWS = 6000, 20_000
@@ -70,9 +71,6 @@ SAMPLES = (3, 6, 12, 25, 50, 100, 200, 400, 1000)
 
 LEAST_WORTH = 1.0
 """Gain bound, nat, from which on a trial is made: smaller gains are no part of the tail."""
-
-_SEED = 20080922
-"""Seed of the bootstrap: the same model gives the same thresholds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -205,7 +203,7 @@ class _Drawing:
 
     def block(self, cell: _Cell, count: int) -> FloatArray:
         """Draw samples (pixel, frame), mm."""
-        rng = np.random.default_rng([_SEED, cell.number, cell.samples])
+        rng = np.random.default_rng([SEED, cell.number, cell.samples])
         n, beam, noise = cell.samples, self._beam, self._noise
         if cell.background is None:
             return self._random(rng, (count, n))

@@ -32,6 +32,7 @@ from tofmix.estimation.learnt.components import (
 )
 from tofmix.estimation.learnt.em import detrend, mix
 from tofmix.estimation.learnt.law import Law, density_at, spread_at
+from tofmix.estimation.learnt.population import SAME_LEVEL
 from tofmix.estimation.learnt.trials import densest_place, new_workspace, try_one_more
 from tofmix.estimation.noise.isolated_clusters import (
     APART,
@@ -51,9 +52,6 @@ SIGMAS = LEAST_SIGMA * np.exp(0.1 * np.arange(38))
 
 RANGES = 96
 """Ranges of a surface over which a likelihood is averaged."""
-
-SAME_VALUE = 0.25
-"""Samples closer than this part of a step have one value."""
 
 
 class ClusterFits(NamedTuple):
@@ -165,7 +163,7 @@ def cluster_likelihoods(
             if not clusters.low[c] <= value[j] <= clusters.high[c]:
                 continue
             n += 1.0
-            if levels > 0 and value[j] - value[levels - 1] < SAME_VALUE * step[c]:
+            if levels > 0 and value[j] - value[levels - 1] < SAME_LEVEL * step[c]:
                 times[levels - 1] += 1.0
             else:
                 value[levels], times[levels] = value[j], 1.0

@@ -29,8 +29,9 @@ from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.estimation.beam import NO_RETURN_REACH, Beam, background_at, near_no_return, sigma_at
 from tofmix.estimation.learnt.law import has_steps, step_at
-from tofmix.estimation.samples import FARTHEST_MM
+from tofmix.estimation.mixture.em import LEAST_SHARE
 from tofmix.learnt_noise import DRIFTS
+from tofmix.recording import FARTHEST_MM
 
 MEAN, SIGMA, WEIGHT, SUPPORT, GAIN, DRIFT = range(6)
 OWN = DRIFT + DRIFTS
@@ -50,9 +51,6 @@ OWN_NUMBERS = 2
 TOTAL, SHARE, TERM, NEW, CELL, RANDOM, TIME = range(7)
 SCORES = TIME + DRIFTS
 DENSITY = SCORES + 3
-
-_LEAST_SHARE = 1.0e-9
-"""Least share that scales the others up where a surface is removed: a smaller one is rounding."""
 
 
 @jit
@@ -150,7 +148,7 @@ def remove_surface(k: int, index: int, fit: FloatArray) -> int:
     if k == 1 and fit[WEIGHT, -1] == 0.0:
         fit[OWN, BACKGROUND] = 1.0
         clear_width_and_drift(fit)
-    elif left > _LEAST_SHARE:
+    elif left > LEAST_SHARE:
         for i in range(k - 1):
             fit[WEIGHT, i] /= left
         fit[WEIGHT, -1] /= left

@@ -55,10 +55,8 @@ from tofmix.estimation.learnt.law import (
     precision_of_t,
 )
 from tofmix.estimation.mixture.em import gaussians
+from tofmix.estimation.noise.isolated_clusters import LONGEST_STEP
 from tofmix.learnt_noise import DRIFTS, MOST_LOG_WIDTH, SIGMA_OF_STEP
-
-LONGEST_STEP = 1.0
-"""Most that a mean moves in one iteration, in sigmas: scoring may overshoot where log f is not concave."""
 
 _LEAST_BACKGROUND = 1.0e-12
 """Least share of background, and of the rest, before its logarithm is taken."""

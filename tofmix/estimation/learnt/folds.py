@@ -31,6 +31,7 @@ from tofmix.estimation.learnt.trials import new_workspace
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
 from tofmix.estimation.noise.isolated_clusters import LEAST_CLUSTERS, LEAST_TO_CLUSTER, WEAK_PRIOR, Clusters
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel, pixel_curves
+from tofmix.estimation.noise.series import SEED
 from tofmix.estimation.noise.training_pixels import MANY_PIXELS, Pixels
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 
@@ -158,9 +159,6 @@ CURVES_KEPT = 4
 
 _FOLDS = 3
 """Parts of the pixels: two thirds teach, one third judges."""
-
-_SEED = 20080922
-"""Seed of the split into folds: the same recording gives the same noise."""
 
 
 class Fold:
@@ -323,7 +321,7 @@ class Fold:
 def folds_of(pixels: Pixels, sensor: Sensor) -> list[Fold]:
     """Split pixels into thirds: one third judges; where pixels are few, each third in turn."""
     count = len(pixels.samples)
-    part = np.random.default_rng(_SEED).permutation(count) % _FOLDS  # neighbours are alike: no fold has them all
+    part = np.random.default_rng(SEED).permutation(count) % _FOLDS  # neighbours are alike: no fold has them all
     turns = range(_FOLDS) if count < MANY_PIXELS else [_FOLDS - 1]
     return [Fold(pixels.chosen(part != turn), pixels.chosen(part == turn), sensor) for turn in turns]
 

@@ -38,16 +38,14 @@ from tofmix.estimation.learnt.components import (
 )
 from tofmix.estimation.learnt.em import drifts
 from tofmix.estimation.learnt.law import Law, density_at, fill_edges, has_steps, precision_of_t, step_at
-from tofmix.estimation.mixture.gain_bound import LEAST_BEND, next_share
-
-_STEP_SIGMAS = 0.5
-"""Distance between the places that are compared: a quarter of a sigma off the best place, a surface gains 3 % less."""
-
-_QUICK_STEPS, _FINAL_STEPS = 3, 6
-"""Newton steps for the share of a new surface: at each place that is compared, and at the place of a trial."""
-
-_LEAST_INFORMATION = 1.0e-6
-"""Least information of a direction, by sample: less is rounding, and no direction."""
+from tofmix.estimation.mixture.gain_bound import (
+    LAST_STEPS,
+    LEAST_BEND,
+    LEAST_INFORMATION,
+    QUICK_STEPS,
+    SEARCH_STEP,
+    next_share,
+)
 
 
 @borrowing
@@ -77,7 +75,7 @@ def _best_share(ratio: FloatArray, outside: float, steps: int) -> float:
 def _gain_of_share(ratio: FloatArray, n: float) -> float:
     """Gain, nat, of the best share of a new surface in `n` samples; `ratio` as for `_best_share`."""
     outside = n - len(ratio)
-    part = _best_share(ratio, outside, _QUICK_STEPS)
+    part = _best_share(ratio, outside, QUICK_STEPS)
     gain = outside * math.log(1.0 - part)
     for j in range(len(ratio)):
         gain += log_of(1.0 + part * (ratio[j] - 1.0))
@@ -116,7 +114,7 @@ def _fill_scores(
     else:
         for j in range(n):
             c[j] = 0.0
-    least = _LEAST_INFORMATION * n
+    least = LEAST_INFORMATION * n
     l00 = math.sqrt(s00) if s00 > least else 0.0
     l10, l20 = (s01 / l00, s02 / l00) if l00 > 0.0 else (0.0, 0.0)
     s11 -= l10 * l10
@@ -173,7 +171,7 @@ def steepest_place(  # noqa: PLR0915  one pass over the places
         past = max(past, near)
         while past < n and y[past] <= theta + law.high * sigma + half:
             past += 1
-        here, theta = theta, theta + _STEP_SIGMAS * sigma
+        here, theta = theta, theta + SEARCH_STEP * sigma
         if near == past and near < n:
             theta = max(theta, y[near] - sigma)  # no sample near: go on to the next one
             continue
@@ -211,7 +209,7 @@ def steepest_place(  # noqa: PLR0915  one pass over the places
             q1 = (p1 - l10 * q0) / l11 if l11 > 0.0 else 0.0
             q2 = (p2 - l20 * q0 - l21 * q1) / l22 if l22 > 0.0 else 0.0
             information -= q0 * q0 + q1 * q1 + q2 * q2
-            bound = max(bound, 0.5 * slope * slope / max(information, _LEAST_INFORMATION * n))
+            bound = max(bound, 0.5 * slope * slope / max(information, LEAST_INFORMATION * n))
     return most, place, bound
 
 
@@ -223,4 +221,4 @@ def best_share_at(data: Samples, place: float, fit: FloatArray, law: Law, beam: 
     y, ratio = data.value, scratch[NEW, : len(data.value)]
     for j in range(len(ratio)):
         ratio[j] = density_at((y[j] - place) / sigma, half, law) / sigma / scratch[TOTAL, j]
-    return _best_share(ratio, 0.0, _FINAL_STEPS)
+    return _best_share(ratio, 0.0, LAST_STEPS)

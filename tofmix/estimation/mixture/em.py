@@ -290,7 +290,7 @@ def fit_mixture(
 _LONGEST_JUMP = 64.0
 """Most EM steps that one extrapolation stands for."""
 
-_LEAST_SHARE = 1.0e-9
+LEAST_SHARE = 1.0e-9
 """Least share after an extrapolation: one to a smaller share is taken back."""
 
 _FIRST, _SECOND, _THIRD = STEPS, STEPS + 3, STEPS + 6
@@ -313,10 +313,10 @@ def _unpack(k: int, fit: Components, row: int, beam: Beam, mode: int) -> bool:
     """Set the components from the vector of `_pack`; return false, and set nothing, if a share is not above 0."""
     total, no_return = 0.0, fit[row + 2, k]
     for i in range(k):
-        if fit[row + 2, i] < _LEAST_SHARE:
+        if fit[row + 2, i] < LEAST_SHARE:
             return False
         total += fit[row + 2, i]
-    if no_return < 0.0 or (no_return < _LEAST_SHARE < fit[WEIGHT, -1]):
+    if no_return < 0.0 or (no_return < LEAST_SHARE < fit[WEIGHT, -1]):
         return False
     scale = (1.0 - beam.p_outlier) / (total + no_return)
     for i in range(k):

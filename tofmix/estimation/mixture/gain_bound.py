@@ -70,19 +70,19 @@ def next_share(share: float, slope: float, bend: float) -> float:
     return min(max(share + slope / bend, 0.5 * share), 0.5 * (share + LARGEST_SHARE))
 
 
-_SEARCH_STEP = 0.5
+SEARCH_STEP = 0.5
 """Step of the search in sigmas: a quarter of a sigma off the best place, a surface gains 3 % less."""
 
 _REACH = 5.0
 """A surface lends samples farther away than this, in sigmas, less than 4e-6 of its peak."""
 
-_LAST_STEPS = 6
+LAST_STEPS = 6
 """Newton steps of the best share at the place that is taken: the share is then exact to rounding."""
 
-_QUICK_STEPS = 3
+QUICK_STEPS = 3
 """Newton steps of the best share at each place that is compared: the order of places needs no more."""
 
-_LEAST_NORM = 1.0e-6
+LEAST_INFORMATION = 1.0e-6
 """Below this, by sample, a direction is no direction: its information is rounding."""
 
 
@@ -112,7 +112,7 @@ def steepest_place(
     while theta <= end:
         sigma = sigma_at(theta, beam.curve_range, beam.curve_sigma)
         near, past = within_reach(values, near, past, theta - _REACH * sigma, theta + _REACH * sigma)
-        next_theta = theta + _SEARCH_STEP * sigma
+        next_theta = theta + SEARCH_STEP * sigma
         if near == past and near < m:
             next_theta = max(next_theta, values[near] - sigma)  # nothing near: go to the next sample
         first, stop = whole_lanes(near, past, m)
@@ -160,7 +160,7 @@ def _gain_of_place(data: Readings, first: int, stop: int, scratch: Scratch) -> f
     count, total = data.times[first:stop], scratch[TOTAL, first:stop]
     new, term = scratch[SPARE, : stop - first], scratch[OTHER, : stop - first]
     outside, share = data.total - total_of(count), 1.0 / data.total
-    for _ in range(_QUICK_STEPS):
+    for _ in range(QUICK_STEPS):
         for j in range(len(count)):
             excess = new[j] - total[j]
             term[j] = excess / (total[j] + share * excess)
@@ -213,13 +213,13 @@ def _score_statistic(
         term[j] *= new[j] / total[j]
     information = total_of(term) - 2.0 * overlap + data.total
     mean_norm, share_norm, cross = norms
-    if mean_norm > _LEAST_NORM * data.total:
+    if mean_norm > LEAST_INFORMATION * data.total:
         information -= by_mean * by_mean / mean_norm
         share_norm -= cross * cross / mean_norm
         by_share -= cross * by_mean / mean_norm
-    if share_norm > _LEAST_NORM * data.total:
+    if share_norm > LEAST_INFORMATION * data.total:
         information -= by_share * by_share / share_norm
-    return 0.5 * slope * slope / max(information, _LEAST_NORM * data.total)
+    return 0.5 * slope * slope / max(information, LEAST_INFORMATION * data.total)
 
 
 @borrowing
@@ -233,7 +233,7 @@ def best_share(data: Readings, place: float, beam: Beam, scratch: Scratch) -> fl
     term, share = scratch[OTHER, :m], 1.0 / data.total
     uniform = is_uniform(beam)
     gaussians(data.value, place, sigma, scratch[SPARE])
-    for _ in range(_LAST_STEPS):
+    for _ in range(LAST_STEPS):
         for j in range(m):
             new = scratch[SPARE, j] + (beam.outlier_density if uniform else scratch[RANDOM, j])
             term[j] = (new - scratch[TOTAL, j]) / ((1.0 - share) * scratch[TOTAL, j] + share * new)
@@ -257,12 +257,7 @@ _STEPS = 6
 _HEAVY = 0.5
 """Where one sample has such a part in a new surface, the score statistic falls short, and the gain is worked out."""
 
-_LEAST_INFORMATION = 1.0e-6
-"""Least information by sample: less is rounding."""
-
 _ROOT = math.exp(_STEP * SURFACE_SIGMAS)
-_NEWTON_STEPS = 3
-"""Newton steps for the best share in a gain bound."""
 
 
 @borrowing
@@ -345,7 +340,7 @@ def _gain_bound_near(
             information = scale * scale * square - 2.0 * scale * new + own.total
             if squares > 0.0 and free_mean > 0.0:
                 information -= scale * scale * by_mean * by_mean / squares
-            information = max(information, _LEAST_INFORMATION * own.total)
+            information = max(information, LEAST_INFORMATION * own.total)
             bound = max(bound, 0.5 * slope * slope / information)
             if bound < least and slope * scale * math.exp(delta * farthest) > _HEAVY * information:
                 bound = max(bound, _gain_of_best_share(power, scale, own, scratch[TOTAL, :m]))
@@ -393,7 +388,7 @@ def _next_power(power: FloatArray, base: FloatArray, z: FloatArray, count: Float
 def _gain_of_best_share(power: FloatArray, scale: float, own: Readings, term: FloatArray) -> float:
     """Gain, nat, of the best share of a new surface with density ratios scale * power, all else held."""
     count, share = own.times, 1.0 / own.total
-    for _ in range(_NEWTON_STEPS):
+    for _ in range(QUICK_STEPS):
         for j in range(len(count)):
             excess = scale * power[j] - 1.0
             term[j] = excess / (1.0 + share * excess)

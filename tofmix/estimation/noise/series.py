@@ -15,8 +15,10 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.compiled.vector import MAD_TO_SIGMA
-from tofmix.estimation.samples import FARTHEST_MM
-from tofmix.recording import AmplitudeSource, SampleSource, amplitude_source
+from tofmix.recording import FARTHEST_MM, AmplitudeSource, SampleSource, amplitude_source
+
+SEED = 20080922
+"""Seed of every random draw that an estimate makes: the same recording gives the same noise and the same layers."""
 
 SERIES_FRAMES = 100
 """Frames of a series: long enough to determine a shape, short enough for drift to be a polynomial."""
@@ -38,7 +40,6 @@ _BLOCK = 1 << 18  # samples that are worked on at once: they stay in the process
 _ROUNDS = 4  # of fitting a trend and setting samples aside
 _RESOLUTION_MM = 0.01  # finer steps are not told from none
 _SHAPE_TRIALS = 2000  # simulated Gaussian series for each size
-_SHAPE_SEED = 20080922  # of these series, so that the limits are always the same
 _USUAL_STRICTNESS = 0.1  # of `NoiseSettings`
 _USUAL_LIMITS = (
     (0.9302248796326201, 1.6889123682259486, 5.122634928518553),
@@ -247,7 +248,7 @@ def _limits_of_shape(index: int, strictness: float) -> tuple[float, float, float
 @lru_cache(maxsize=64)
 def drawn_limits(index: int, strictness: float) -> tuple[float, float, float]:
     """The limits of series of `_SHAPE_SIZES[index]` samples, from drawn ones."""
-    rng = np.random.default_rng(_SHAPE_SEED)
+    rng = np.random.default_rng(SEED)
     for n in _SHAPE_SIZES[: index + 1]:  # all sizes share one stream: the draws of the smaller ones come first
         gaussian = rng.standard_normal((_SHAPE_TRIALS, n))
     drawn = _series_statistics(gaussian.astype(np.float32), 0.0)

@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
-from tofmix.estimation.noise.series import quantisation_step, read_runs
-from tofmix.estimation.samples import FARTHEST_MM
+from tofmix.estimation.noise.series import SEED, quantisation_step, read_runs
 from tofmix.learnt_noise import RangeStep
-from tofmix.recording import AmplitudeSource, SampleSource, amplitude_source
+from tofmix.recording import FARTHEST_MM, AmplitudeSource, SampleSource, amplitude_source
 from tofmix.sensor import NoiseCurve
 
 COARSE = 2.0
@@ -30,9 +29,6 @@ MOST_FRAMES = 1000
 
 FEW_PIXELS = 0.02
 """Part of the pixels whose number of samples may lie beyond those that gains are drawn for, at either end."""
-
-_SEED = 20080922
-"""Seed of the noise that is added over the rounding: the same recording gives the same noise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -144,7 +140,7 @@ def pixels_of(
     light = None
     if (amplitudes := amplitude_source(source)) is not None:
         light = read_runs(_AmplitudesAsRanges(amplitudes, source), starts.tolist(), length, chosen, None).samples[keep]
-    rng = np.random.default_rng(_SEED)
+    rng = np.random.default_rng(SEED)
     if step is None:
         rounding = quantisation_step(samples)
         smooth = samples + rng.uniform(-0.5 * rounding, 0.5 * rounding, samples.shape)

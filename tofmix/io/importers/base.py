@@ -19,6 +19,9 @@ from tofmix.optics.pinhole import Pinhole
 from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
 from tofmix.sensor import Sensor
 
+BLOCK_BYTES = 64_000_000
+"""Most bytes of a source that are held at once, where a frame is not larger."""
+
 _MOST_SAMPLES_A_FRAME = 1 << 26
 """Four targets of the largest image: a frame is held whole."""
 

@@ -25,7 +25,7 @@ from tofmix.errors import BadInputError
 from tofmix.io.guard import guard
 from tofmix.io.importers.arrays import Frames
 from tofmix.io.importers.axes import as_stack, stack_shape
-from tofmix.io.importers.base import check_numbers
+from tofmix.io.importers.base import BLOCK_BYTES, check_numbers
 
 _DEFAULT_FILLS = {f"i{n}": -(2 ** (8 * n - 1)) + 1 for n in (1, 2, 4)} | {f"u{n}": 2 ** (8 * n) - 1 for n in (1, 2, 4)}
 _DEFAULT_FILLS |= {"i8": -(2**63) + 2, "u8": 2**64 - 2}
@@ -171,10 +171,6 @@ def _numbers(dataset: h5py.Dataset, key: str, path: Path, *, count: int | None =
     return tuple(float(number) for number in numbers)
 
 
-_BLOCK_BYTES = 64_000_000
-"""About the most that is read at once."""
-
-
 def dataset_frames(
     dataset: h5py.Dataset, names: tuple[str, ...], image: tuple[int, int] | None, path: Path, name: str
 ) -> Frames:
@@ -202,7 +198,7 @@ def _parts(dataset: h5py.Dataset, names: tuple[str, ...], frames: int, values: i
         return
     axis = names.index("frame")
     stored = dataset.chunks[axis] if dataset.chunks else 1
-    most = max(1, _BLOCK_BYTES // (values * dataset.dtype.itemsize))
+    most = max(1, BLOCK_BYTES // (values * dataset.dtype.itemsize))
     step = max(1, most // stored * stored) if most >= stored else most
     for start in range(0, frames, step):
         yield (*(slice(None),) * axis, slice(start, min(start + step, frames)))

@@ -21,11 +21,11 @@ from tofmix.io.importers.streams import depths_among
 from tofmix.io.next_command import need
 from tofmix.io.storage import read_text
 from tofmix.optics.pinhole import DISTORTION_LENGTHS, Pinhole
+from tofmix.toml_table import MOST_CHARACTERS
 
 MODELS = ("plumb_bob", "rational_polynomial")
 """Distortion models of ROS that are OpenCV's pinhole with k1 k2 p1 p2 k3 and with k4 k5 k6 too."""
 
-_MOST_CHARACTERS = 1_000_000  # of a calibration file
 _MATRIX, _PROJECTION = 9, 12  # numbers of K (3 x 3) and P (3 x 4) in ROS's camera_info
 
 
@@ -195,8 +195,8 @@ def read_calibration(path: Path) -> Calibration:
     """Read a calibration file: of ROS's `camera_calibration`, a `CameraInfo` as text, or OpenCV's own YAML."""
     _refuse_arrays(path)
     text = read_text(path)
-    if len(text) > _MOST_CHARACTERS:
-        raise BadInputError(f"{path}: {len(text):,} characters; a calibration has no more than {_MOST_CHARACTERS:,}")
+    if len(text) > MOST_CHARACTERS:
+        raise BadInputError(f"{path}: {len(text):,} characters; a calibration has no more than {MOST_CHARACTERS:,}")
     with foreign(path):
         kind, unread = _of_other_syntax(text)
     if kind:

@@ -23,6 +23,7 @@ from tofmix.io.importers.intrinsics import Calibration, differences, from_camera
 from tofmix.io.importers.streams import depths_among, stream_of
 from tofmix.io.next_command import need
 from tofmix.optics.pinhole import Pinhole
+from tofmix.points import MM_A_METRE
 
 SUFFIXES = (".bag", ".mcap", ".db3")
 
@@ -35,7 +36,6 @@ _IMAGE, _INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
 _COMPRESSED, _NUMBER = "sensor_msgs/msg/CompressedImage", "std_msgs/msg/Float32"
 _UNIT_TOPIC = "/option/Depth_Units/value"
 _DEPTH_TRANSPORT = "/compressedDepth"
-_MM = 1000.0  # in a metre
 _WAITING = 64
 """Frames that wait for an amplitude image of the same time stamp; older frames have none."""
 
@@ -194,7 +194,7 @@ def _stated_unit_mm(bag: _Bag, topic: str) -> float | None:
     if len(set(values)) > 1:
         text = ", ".join(f"{value:g}" for value in dict.fromkeys(values))
         raise BadInputError(f"{bag.path}: {near[0]}: the unit changes ({text} m); cut the bag where it does")
-    unit_mm = values[0] * _MM
+    unit_mm = values[0] * MM_A_METRE
     if not (math.isfinite(unit_mm) and unit_mm > 0):
         raise BadInputError(f"{bag.path}: {near[0]}: {values[0]:g} m is no unit of a count")
     return round(unit_mm, 12)

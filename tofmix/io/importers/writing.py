@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from tofmix.errors import BadInputError
-from tofmix.io.importers.base import Frame, FrameSource
+from tofmix.io.importers.base import BLOCK_BYTES, Frame, FrameSource
 from tofmix.io.importers.conversion import Conversion
 from tofmix.io.importers.times import Settled, Twins, ascends, settled
 from tofmix.io.locks import scratch_folder
@@ -21,9 +21,6 @@ from tofmix.io.units import refuse_metres
 from tofmix.recording import SAMPLE_BYTES
 from tofmix.sensor import Sensor
 from tofmix.wording import counted
-
-BLOCK_BYTES = 64_000_000
-"""Most bytes of ranges that are held at once, where a frame is not larger."""
 
 Target = Literal["nearest", "strongest"]
 """Which of several targets is kept."""

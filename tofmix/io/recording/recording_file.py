@@ -43,8 +43,8 @@ class RecordingFile:
     follow each other: `shape`, `frame_step` and blocks count samples, not frames.
     """
 
-    def __init__(self, root: h5py.File, path: Path) -> None:
-        self._root, self.path = root, path
+    def __init__(self, root: h5py.File, path: Path, name: str = "") -> None:
+        self._root, self.path, self.name = root, path, name or str(path)
         self._identity = guard.identity(root)
         self.verified = False
         self._sensor = sensor_group.read_sensor(root, path)
@@ -66,11 +66,6 @@ class RecordingFile:
             raise BadInputError(
                 f"{path}: amplitude: shape {self._amplitude.shape} differs from range {self._range.shape}"
             )
-
-    @property
-    def name(self) -> str:
-        """The path, for messages."""
-        return str(self.path)
 
     @property
     def sensor(self) -> Sensor:
@@ -219,7 +214,7 @@ class RecordingFile:
 
 
 @contextmanager
-def open_recording(path: Path, *, check_units: bool = True) -> Iterator[RecordingFile]:
+def open_recording(path: Path, *, check_units: bool = True, name: str = "") -> Iterator[RecordingFile]:
     """Open a recording for reading.
 
     Parameters
@@ -228,6 +223,8 @@ def open_recording(path: Path, *, check_units: bool = True) -> Iterator[Recordin
         The file.
     check_units : bool
         Whether floats without `units` are held against mm (`tofmix.io.recording.range_check`).
+    name : str
+        In place of the path, for messages about its samples.
 
     Raises
     ------
@@ -239,7 +236,7 @@ def open_recording(path: Path, *, check_units: bool = True) -> Iterator[Recordin
     with guard.open_for_reading(path, verified=lambda: recording is not None and recording.verified) as root:
         with guard.reading(path, "header"):
             hdf5.check_format(root, path, kind=FORMAT, required=False)
-            recording = RecordingFile(root, path)
+            recording = RecordingFile(root, path, name)
         if check_units:
             recording.remarks = check_range(recording)
         yield recording

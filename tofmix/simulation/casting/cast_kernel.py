@@ -37,8 +37,8 @@ Without it an oblique edge would meet the same points in the same way in every c
 add up.
 """
 
-SHIFT_DOWN = 0.5698402909980532  # the square of the same
-_TIE = 1.0e-9  # relative difference of ranges below which two surfaces are one plane: the first in the model is seen
+SHIFT_DOWN = SHIFT_ACROSS**2
+TIE = 1.0e-9  # relative difference of ranges below which two surfaces are one plane: the first in the model is seen
 
 
 @jit
@@ -63,7 +63,7 @@ def judge(
             continue
         kept[n_kept] = s
         n_kept += 1
-        if inside > radius and cosine / scene.distance[s] > cover_inverse * (1.0 + _TIE):
+        if inside > radius and cosine / scene.distance[s] > cover_inverse * (1.0 + TIE):
             cover = s
             cover_inverse = cosine / scene.distance[s]
     if n_kept == 0:
@@ -89,7 +89,7 @@ def _hides(x: float, y: float, z: float, radius: float, scene: SceneArrays, fron
         gap += slope * (x if axis == 0 else y if axis == 1 else z)
         spread += slope * slope
     spread = math.sqrt(spread)
-    if spread <= _TIE * scale:
+    if spread <= TIE * scale:
         return front < back
     return gap > spread * radius
 
@@ -103,7 +103,7 @@ def nearest(x: float, y: float, z: float, scene: SceneArrays, candidates: IntArr
         s = candidates[k]
         cosine = scene.normal[s, 0] * x + scene.normal[s, 1] * y + scene.normal[s, 2] * z
         inverse = cosine / scene.distance[s]
-        if cosine < scene.min_cosine[s] or inverse <= best_inverse * (1.0 + _TIE):
+        if cosine < scene.min_cosine[s] or inverse <= best_inverse * (1.0 + TIE):
             continue
         inside = 0.0
         for e in range(4):

@@ -12,10 +12,9 @@ from tofmix.arrays import FloatArray
 from tofmix.optics.projection import beam_directions_of
 from tofmix.simulation.measured_scene import MeasuredScene
 from tofmix.simulation.model import Model
-from tofmix.simulation.surface import Surface
+from tofmix.simulation.surface import NEAREST_MM, Surface
 from tofmix.simulation.truth import Truth
 
-_NEAREST_MM = 1.0  # a recording stores no nearer range
 _EDGE_ON = 1.0e-3  # cosine of incidence below which a plane is seen edge-on, and its layers stay
 
 
@@ -44,7 +43,7 @@ def cast_measured(model: Model, scene: MeasuredScene) -> Truth:
         (was_mm, was_cosine), (is_mm, is_cosine) = (_seen(s, beams[row, col]) for s in (before, now))
         here = (was_cosine > _EDGE_ON) & (is_cosine > _EDGE_ON)
         old = range_mm[row, col, layer]
-        new = np.maximum(np.where(here, old + is_mm - was_mm, old), _NEAREST_MM)
+        new = np.maximum(np.where(here, old + is_mm - was_mm, old), NEAREST_MM)
         range_mm[row, col, layer] = new
         brighter = np.where(here, is_cosine / np.maximum(was_cosine, _EDGE_ON), 1.0) * (old / new) ** 2
         amplitude[row, col, layer] *= brighter

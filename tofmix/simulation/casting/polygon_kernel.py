@@ -14,7 +14,7 @@ import numpy as np
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.optics.cells import patch_ray
-from tofmix.simulation.casting.cast_kernel import MIXED, judge
+from tofmix.simulation.casting.cast_kernel import MIXED, TIE, judge
 from tofmix.simulation.casting.scene import SceneArrays
 
 MOST_IN_FRONT = 6
@@ -22,7 +22,6 @@ MOST_IN_FRONT = 6
 
 _CONDITIONS = 5  # of a surface: four edges and the range
 _CORNERS = 2 * (4 + (_CONDITIONS + 1) * (MOST_IN_FRONT + 1))  # a cut adds one; two where an edge is bent
-_PARALLEL = 1.0e-9  # relative difference of two planes below which they are one: the first in the model is seen
 _ROUND_PARTS = 6  # times as many parts a side, where a circle crosses the cell
 _STEP = 0.25  # of a cell, for slopes of the cosine
 
@@ -208,7 +207,7 @@ def _hiding(
         scratch.half_space[axis] = slope
         size += slope * slope
     scratch.half_space[3] = 0.0
-    if math.sqrt(size) <= _PARALLEL / scene.distance[front]:
+    if math.sqrt(size) <= TIE / scene.distance[front]:
         return 0 if front < back else -1
     return _fill_condition(patch, scratch.half_space, centre, radius, scratch.nearer_here)
 

@@ -23,14 +23,13 @@ from tofmix.optics.projection import beam_directions_of
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.effects.hidden import HiddenState
 from tofmix.simulation.effects.parameter import FARTHEST, Holds, Parameter, Prior, declared_parameters
+from tofmix.simulation.surface import NEAREST_MM
 from tofmix.toml_table import nearest
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
     from tofmix.simulation.echoes import Echoes, FrameSamples
     from tofmix.simulation.surface import Surface
-
-_NEAREST_MM = 1.0  # no surface is nearer
 
 _RECORDING, _FRAME = 0, 1  # branches of an effect's random streams
 
@@ -135,7 +134,7 @@ class Context:
         The plane of a surface at distance h meets a beam at range r under a cosine of h / r.
         """
         distance = np.array([*(surface.plane_distance_mm for surface in self.placed), math.inf])
-        cosine: FloatArray = np.minimum(distance[echoes.surface] / np.maximum(echoes.true_range_mm, _NEAREST_MM), 1.0)
+        cosine: FloatArray = np.minimum(distance[echoes.surface] / np.maximum(echoes.true_range_mm, NEAREST_MM), 1.0)
         return cosine
 
     def cosine(self) -> FloatArray:

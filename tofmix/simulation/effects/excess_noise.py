@@ -15,6 +15,7 @@ from tofmix.simulation.effects.base import Basic, Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import PixelMap, Prior, StudentPrior, about, number, pixel_map, surface
 from tofmix.simulation.effects.search import (
     EFFECT_NATS,
+    SMALL_LOG,
     Coefficient,
     FormFacts,
     LinearForm,
@@ -24,9 +25,6 @@ from tofmix.simulation.effects.search import (
     spread_of,
     spread_of_factor,
 )
-
-_WIDER = 0.05
-"""Logarithm of a factor, for slopes."""
 
 _STARTS = (0.9, 1.1, 1.5)  # factors
 
@@ -132,13 +130,13 @@ class ExcessNoise(Effect):
         spread = spread_of_factor(cls, "factor")
         for name in _alone(s.name for s in facts.surfaces):
             make = partial(made, name)
-            wider = Coefficient(effect=make(np.array([_WIDER])), size=_WIDER, spread=spread)
+            wider = Coefficient(effect=make(np.array([SMALL_LOG])), size=SMALL_LOG, spread=spread)
             yield LinearForm(coefficients=(wider,), make=make, surface=name)
 
         def by_angle(c: FloatArray) -> Effect:
             return replace(made("", c), angle_exponent=max(float(c[1]), 0.0))
 
-        of_all = Coefficient(effect=made("", np.array([_WIDER])), size=_WIDER, spread=spread)
+        of_all = Coefficient(effect=made("", np.array([SMALL_LOG])), size=SMALL_LOG, spread=spread)
         steeper = Coefficient(
             effect=cls(factor=1.0, angle_exponent=_STEEPER), size=_STEEPER, spread=spread_of(cls, "angle_exponent")
         )

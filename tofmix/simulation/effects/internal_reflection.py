@@ -13,6 +13,7 @@ from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import StudentPrior, number
 from tofmix.simulation.effects.search import (
+    SMALL_SHARE,
     Coefficient,
     FormFacts,
     LinearForm,
@@ -21,9 +22,6 @@ from tofmix.simulation.effects.search import (
     bounded,
     spread_of,
 )
-
-_SMALL = 0.01
-"""Part of a typical amplitude, for slopes."""
 
 _DARK = "a dark and a bright board at each of two distances, of which nothing else of the scene is near"
 
@@ -110,7 +108,7 @@ class InternalReflection(Effect):
     @classmethod
     def linear_forms(cls, facts: FormFacts) -> Iterator[LinearForm]:
         """The phasor's component at the most likely range, and that a quarter turn off, as the range is uncertain."""
-        turn_mm, size = facts.turn_mm, _SMALL * facts.amplitude
+        turn_mm, size = facts.turn_mm, SMALL_SHARE * facts.amplitude
         likely = cls.parameters()["range_mm"].prior
         middle_mm = likely.center if isinstance(likely, StudentPrior) else 0.0
 

@@ -17,6 +17,7 @@ from tofmix.simulation.effects.parameter import Prior, StudentPrior, about, numb
 from tofmix.simulation.effects.parameter import surface as another
 from tofmix.simulation.effects.search import (
     EFFECT_NATS,
+    SMALL_SHARE,
     Coefficient,
     FormFacts,
     LinearForm,
@@ -35,9 +36,6 @@ _SHARE = 0.25
 _NEAR_MM = 2000.0
 """Distance of a surface in a room, from which the light of a second path spreads."""
 
-
-_SMALL = 0.01
-"""Share for slopes."""
 
 _FULL_SHARE = 0.5
 """Scale of the share of one bounce at full form factor: half of the light that a bright surface gets, it returns."""
@@ -174,8 +172,8 @@ class Multipath(Effect):
         for seen in facts.surfaces:
             make = partial(made, seen.name)
             both = tuple(
-                Coefficient(effect=make(np.array(c)), size=_SMALL, spread=spread)
-                for c in ((_SMALL, 0.0), (0.0, _SMALL))
+                Coefficient(effect=make(np.array(c)), size=SMALL_SHARE, spread=spread)
+                for c in ((SMALL_SHARE, 0.0), (0.0, SMALL_SHARE))
             )
             yield LinearForm(coefficients=both, make=make, surface=seen.name)
 
@@ -183,7 +181,7 @@ class Multipath(Effect):
             return replace(unit, share=max(float(c[0]), 0.0))
 
         for unit, sources in _bounces(cls, facts.surfaces, facts.gain):
-            one = Coefficient(effect=unit, size=_SMALL, spread=_FULL_SHARE)
+            one = Coefficient(effect=unit, size=SMALL_SHARE, spread=_FULL_SHARE)
             yield LinearForm(
                 coefficients=(one,), make=partial(bounced, unit), surface=unit.surface, choices=sources, form=_BOUNCE
             )
@@ -232,6 +230,6 @@ def _bounces(
     """A small bounce to each surface from the other one that explains most, and how many others could light it."""
     for here in surfaces:
         others = [other for other in surfaces if other is not here and sees(here, other)]
-        units = [kind(surface=here.name, share=_SMALL, from_=other.name) for other in others]
+        units = [kind(surface=here.name, share=SMALL_SHARE, from_=other.name) for other in others]
         if units:
             yield (units[0] if len(units) == 1 else max(units, key=gain)), len(units)

@@ -8,6 +8,7 @@ from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import StudentPrior, number
 from tofmix.simulation.effects.search import (
+    SMALL_SHARE,
     Coefficient,
     FormFacts,
     LinearForm,
@@ -19,10 +20,6 @@ from tofmix.simulation.effects.search import (
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
-
-
-_SMALL = 0.01
-"""Share for slopes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,7 +75,7 @@ class Scattering(Effect):
     @classmethod
     def linear_forms(cls, facts: FormFacts) -> Iterator[LinearForm]:  # noqa: ARG003
         """The share."""
-        one = Coefficient(effect=cls(share=_SMALL), size=_SMALL, spread=spread_of(cls, "share"))
+        one = Coefficient(effect=cls(share=SMALL_SHARE), size=SMALL_SHARE, spread=spread_of(cls, "share"))
         yield LinearForm(coefficients=(one,), make=lambda c: cls(share=float(c[0])))
 
     def explain(self) -> str:

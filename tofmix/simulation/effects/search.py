@@ -20,6 +20,12 @@ from tofmix.simulation.effects.parameter import Holds, Parameter
 if TYPE_CHECKING:
     from tofmix.simulation.surface import Surface
 
+SMALL_SHARE = 0.01
+"""Share, or part of a typical amplitude, by which an effect is tried for a slope."""
+
+SMALL_LOG = 0.05
+"""Logarithm of a factor by which an effect is tried for a slope."""
+
 EFFECT_NATS = 7.8
 """Price of one more effect, and of an optional part of a law that another camera does not have: log of some 25
 kinds and surfaces that could be named, over one false alarm in 100 recordings."""

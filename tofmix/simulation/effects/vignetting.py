@@ -13,6 +13,7 @@ from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import StudentPrior, number
 from tofmix.simulation.effects.search import (
+    SMALL_LOG,
     Coefficient,
     FormFacts,
     LinearForm,
@@ -21,9 +22,6 @@ from tofmix.simulation.effects.search import (
     bounded,
     spread_of_factor,
 )
-
-_WIDER = 0.05
-"""Logarithm of the factor, for slopes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,7 +64,7 @@ class Vignetting(Effect):
     def linear_forms(cls, facts: FormFacts) -> Iterator[LinearForm]:  # noqa: ARG003
         """The logarithm of the factor in the corner."""
         wider = Coefficient(
-            effect=cls(corner_factor=math.exp(_WIDER)), size=_WIDER, spread=spread_of_factor(cls, "corner_factor")
+            effect=cls(corner_factor=math.exp(SMALL_LOG)), size=SMALL_LOG, spread=spread_of_factor(cls, "corner_factor")
         )
         yield LinearForm(coefficients=(wider,), make=lambda c: cls(corner_factor=math.exp(c[0])))
 
