@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from support.commandline import Tofmix
@@ -36,6 +37,15 @@ def test_reference_and_rest_need_eight_frames(tofmix: Tofmix, tmp_path: Path, sh
     shown = tofmix("reconcile", f"--self={share}", recording, "-o", tmp_path / "gap", "--quiet")
     assert shown.code == code
     assert said in shown.err
+
+
+def test_messages_about_the_first_frames_name_the_recording(tofmix: Tofmix, tmp_path: Path) -> None:
+    recording = _zone(tmp_path / "a.h5", 500.0)
+    with h5py.File(recording, "r+") as root:
+        root.attrs["averaged"] = 1
+    shown = tofmix("reconcile", "--self=0.5", recording, "-o", tmp_path / "gap", "--quiet")
+    assert shown.code == 3
+    assert f"{recording}: its first 100 frames: marked as averaged" in shown.err
 
 
 def test_self_takes_one_recording(tofmix: Tofmix, tmp_path: Path) -> None:
