@@ -23,9 +23,6 @@ MOST_PIXELS_A_SIDE = int(NUMBERS["rows"].high)
 
 MOST_FRAMES = 1 << 26  # of a recording: a month at 25 Hz
 
-FARTHEST_MM = 1.0e9
-"""A value beyond this many mm, 1,000 km, is no range of any camera but a fill value; netCDF's is 9.97e36."""
-
 MOST_TARGETS = 64
 """Targets that a pixel returns in one frame; lidars and zone sensors return up to four."""
 

@@ -11,8 +11,8 @@ from tofmix.arrays import FloatArray
 from tofmix.compiled.vector import LANES
 from tofmix.errors import DoubtWarning
 from tofmix.estimation.filters import learn_filter
-from tofmix.estimation.samples import BIN, LONG_WINDOW, Readings, gather, padded, sort_samples
-from tofmix.recording import FARTHEST_MM, ArrayRecording
+from tofmix.estimation.samples import BIN, FARTHEST_MM, LONG_WINDOW, Readings, gather, padded, sort_samples
+from tofmix.recording import ArrayRecording
 from tofmix.temporal_filter import ExponentialAverage, RunningMean, RunningMedian, TemporalFilter
 
 

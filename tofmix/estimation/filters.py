@@ -26,8 +26,9 @@ import numpy as np
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.bounds import AtLeastTwo, Count, Factor, Share, checked
 from tofmix.estimation.noise.series import read_runs
+from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.layers import Layers
-from tofmix.recording import FARTHEST_MM, SampleSource, samples_a_frame
+from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.sensor import Sensor
 from tofmix.temporal_filter import ExponentialAverage, RunningMean, RunningMedian, TemporalFilter
 

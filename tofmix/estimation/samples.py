@@ -18,7 +18,6 @@ from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.compiled.vector import LANES
 from tofmix.estimation.beam import sigma_at
-from tofmix.recording import FARTHEST_MM
 
 
 @borrowing
@@ -42,6 +41,9 @@ def within_reach(values: FloatArray, first: int, stop: int, low: float, high: fl
         stop += 1
     return first, stop
 
+
+FARTHEST_MM = 1.0e9
+"""A value beyond this is no range of any camera, and is skipped as invalid."""
 
 LONG_WINDOW = 1000
 """From this many samples on, values closer than `BIN` sigma become one, their mean."""

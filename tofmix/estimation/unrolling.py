@@ -21,9 +21,9 @@ from tofmix.circle import FOLD_SIGMAS, fold, unseen_zone
 from tofmix.compiled.jit import jit
 from tofmix.compiled.vector import MAD_TO_SIGMA
 from tofmix.estimation.beam import Beam, beam_of, sigma_at
-from tofmix.estimation.samples import SortedSamples
+from tofmix.estimation.samples import FARTHEST_MM, SortedSamples
 from tofmix.layers import LAYER_FIELDS, Layers
-from tofmix.recording import FARTHEST_MM, SampleSource
+from tofmix.recording import SampleSource
 from tofmix.sensor import Sensor
 
 CUT_SIGMAS = 4.0

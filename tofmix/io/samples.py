@@ -11,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray
-from tofmix.recording import FARTHEST_MM
 
 FILLS_16_BIT = (32768.0, 65535.0)
 """Fill values of 16-bit counts. Wider types hold them too, to which counts were converted, as they are or in mm."""
+
+MOST_MM = 1.0e9
+"""A range above this many mm, 1,000 km, is a fill value; netCDF's is 9.97e36."""
 
 _EQUAL_MM = 0.01
 """65.535 as a float32, and in mm, is within this of 65535 mm."""
@@ -130,7 +132,7 @@ def _fills(values: NDArray[Any], unit_mm: float, offset_mm: float) -> Iterator[t
                     f"fill value {value:g} mm",
                     np.abs(range_mm - value) < _equal_mm(values, value, unit_mm, offset_mm),
                 )
-            yield f"above {FARTHEST_MM:g} mm", range_mm > FARTHEST_MM
+            yield f"above {MOST_MM:g} mm", range_mm > MOST_MM
     if values.dtype.itemsize >= _BITS_16 and _are_16_bit_counts(values):
         with np.errstate(over="ignore"):
             for value in FILLS_16_BIT:

@@ -10,7 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tofmix.recording import DECODED_SAMPLES, FARTHEST_MM, SampleSource
+from tofmix.estimation.samples import FARTHEST_MM
+from tofmix.recording import DECODED_SAMPLES, SampleSource
 from tofmix.sensor import Sensor
 
 

@@ -30,8 +30,8 @@ from tofmix.compiled.jit import borrowing, jit
 from tofmix.estimation.beam import NO_RETURN_REACH, Beam, background_at, near_no_return, sigma_at
 from tofmix.estimation.learnt.law import has_steps, step_at
 from tofmix.estimation.mixture.em import LEAST_SHARE
+from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.learnt_noise import DRIFTS
-from tofmix.recording import FARTHEST_MM
 
 MEAN, SIGMA, WEIGHT, SUPPORT, GAIN, DRIFT = range(6)
 OWN = DRIFT + DRIFTS

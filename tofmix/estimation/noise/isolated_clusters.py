@@ -12,8 +12,8 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.estimation.beam import Beam
+from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.learnt_noise import DRIFTS, MOST_LOG_WIDTH, TAIL_DEGREES
-from tofmix.recording import FARTHEST_MM
 
 CLOSE = 1.2
 """Half the width, in sigmas, of the window of the densest place: it holds 77 % of a Gaussian surface."""

@@ -15,7 +15,7 @@ import numpy as np
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam, PixelCurves, Steps, sigma_at
-from tofmix.recording import FARTHEST_MM
+from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.sensor import NoiseCurve
 
 APART_SIGMAS = 3.0

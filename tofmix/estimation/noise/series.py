@@ -15,7 +15,8 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.compiled.vector import MAD_TO_SIGMA
-from tofmix.recording import FARTHEST_MM, AmplitudeSource, SampleSource, amplitude_source
+from tofmix.estimation.samples import FARTHEST_MM
+from tofmix.recording import AmplitudeSource, SampleSource, amplitude_source
 
 SEED = 20080922
 """Seed of every random draw that an estimate makes: the same recording gives the same noise and the same layers."""
