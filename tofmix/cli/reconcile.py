@@ -1,20 +1,27 @@
 """``tofmix reconcile``: a model and a measurement in, the missing effects out."""
 
 import json
-from collections.abc import Callable
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from tofmix.cli.interrupts import asked_to_stop
 from tofmix.cli.options import PATH, declared, default_workers, examples, json_option, overwrite_option
 from tofmix.cli.reporter import CommandReporter, Progress
 from tofmix.options import RECONCILE
 
 if TYPE_CHECKING:
     from tofmix.sensor import Sensor
+
+
+_INTERRUPTED = b"\ntofmix: interrupted: the best so far is written; Ctrl-C again ends at once, and writes nothing\n"
 
 
 @examples(
@@ -168,7 +175,7 @@ def _run(model: str, measured: Path, output: Path, asked: _Asked) -> int:
                 )
         with (
             Progress(len(kinds) * max(settings.max_effects, 1), "reconcile", "kind") as bar,
-            asked_to_stop() as stopped,
+            _asked_to_stop() as stopped,
         ):
             reporter = _KindReporter(bar, len(kinds), stopped, trace=asked.trace)
             result = run(recordings, settings, asked.noise, learnt, reporter)
@@ -184,6 +191,33 @@ def _run(model: str, measured: Path, output: Path, asked: _Asked) -> int:
     written = ", ".join([*model_names(len(files))[1:], *more, "gap.json", "report.html"])
     click.echo(f"wrote        {output / 'model.toml'}, {written}")
     return ExitCode.INTERRUPTED if stopped() else ExitCode.DONE
+
+
+@contextmanager
+def _asked_to_stop() -> Iterator[Callable[[], bool]]:
+    """Let the block look whether Ctrl-C was pressed; the second Ctrl-C has the meaning that it had before the block.
+
+    No exception is raised: within a kernel that is compiled it would be lost.
+
+    Yields
+    ------
+    callable
+        Whether Ctrl-C was pressed.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    pressed = False
+
+    def once(number: int, frame: FrameType | None) -> None:  # noqa: ARG001  as signals call it
+        nonlocal pressed
+        pressed = True
+        signal.signal(number, before)
+        os.write(sys.stderr.fileno(), _INTERRUPTED)
+
+    signal.signal(signal.SIGINT, once)
+    try:
+        yield lambda: pressed
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 class _KindReporter(CommandReporter):
