@@ -27,8 +27,6 @@ from scipy.special import betainc, betaln, gammaln, xlog1py, xlogy
 
 from tofmix.arrays import BoolArray, FloatArray
 
-_ITERATIONS = 30  # of EM, at most
-_CHANGE = 1e-6  # of the common loss, at which EM stops
 _LEAST_COMMON = 1e-9  # common loss that is as good as none
 _NARROWNESS = (1.0, 2.0, 5.0, 10.0, 30.0, 100.0, 1e3, math.inf)  # widths of the beta distribution that are tried
 _AS_BINOMIAL = 1e7  # from here on as good as infinite, and differences of beta functions are not exact
@@ -145,11 +143,18 @@ def learn_losses(invalid_share: ArrayLike, frames: int, *, first_quantile: float
 
 
 def _fitted(
-    lost: FloatArray, pixels: NDArray[np.int64], frames: int, common: float, narrowness: float
+    lost: FloatArray,
+    pixels: NDArray[np.int64],
+    frames: int,
+    common: float,
+    narrowness: float,
+    *,
+    most_iterations: int = 30,  # of EM
+    tolerance: float = 1e-6,  # change of the common loss at which EM stops
 ) -> tuple[Losses, float]:
     """Losses for one width of the beta distribution, by EM from a common loss on; and their log likelihood."""
     total, valid, by_chance = pixels.sum(), frames - lost, 0.5
-    for _ in range(_ITERATIONS):
+    for _ in range(most_iterations):
         spread = _concentration(common, narrowness)
         chance = by_chance * _chance_density(valid, frames, common, spread)
         own = (1.0 - by_chance) * _own_density(valid, frames, common)
@@ -158,7 +163,7 @@ def _fitted(
         by_chance = float((weight.sum() + 1.0) / (total + 2.0))  # the mean after a uniform prior
         before, common = common, float((weight * lost).sum() / max(weight.sum() * frames, 1e-300))
         common = max(common, _LEAST_COMMON)
-        if abs(common - before) < _CHANGE:
+        if abs(common - before) < tolerance:
             break
     return found, float(pixels @ np.log(chance + own))
 

@@ -25,9 +25,6 @@ DISTORTION_LENGTHS = (0, 4, 5, 8)
 MOST_OFF_AXIS = 1000.0
 """Largest tangent of an angle off the axis that a pinhole images: 89.94 degrees."""
 
-_MOST_STEPS = 50
-"""Newton steps of an undistortion; a place that needs more has no undistorted one."""
-
 _STARTS = 4097
 """Radii in a table of starts for the undistortion."""
 
@@ -115,13 +112,20 @@ class Distortion:
         return out[0].reshape(np.shape(x)), out[1].reshape(np.shape(x))
 
     def _newton(
-        self, to_x: FloatArray, to_y: FloatArray, imaged: FloatArray, radius: FloatArray, fold: float
+        self,
+        to_x: FloatArray,
+        to_y: FloatArray,
+        imaged: FloatArray,
+        radius: FloatArray,
+        fold: float,
+        *,
+        most_steps: int = 50,  # of Newton's; a place that needs more has no undistorted one
     ) -> tuple[FloatArray, FloatArray]:
         far = np.hypot(to_x, to_y)
         start = np.interp(far, imaged, radius) / np.where(far > 0, far, 1.0)
         x, y = to_x * start, to_y * start
         with np.errstate(all="ignore"):  # what leaves the lens ends as NaN
-            for _ in range(_MOST_STEPS):
+            for _ in range(most_steps):
                 at_x, at_y = self.apply(x, y)
                 a, b, c = self._derivatives(x, y)
                 off_x, off_y, size = at_x - to_x, at_y - to_y, a * c - b * b

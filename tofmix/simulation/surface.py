@@ -151,7 +151,6 @@ PITCH_FIRST = 2.0
 """Roll is changed where it tilts a surface so many times as far as pitch does: nearly all models have no roll."""
 
 _POLE = 1e-9  # cosine of pitch below which yaw and roll turn about one axis
-_STEPS = 30  # of Newton's
 _ENOUGH = 1e-13  # difference of two unit normals
 _LEAST_PART = 1e-6  # of a degree of tilt that an angle makes for each degree
 
@@ -164,7 +163,12 @@ def tilts_to(surface: Surface, normal: FloatArray) -> tuple[float, float]:
     return -float(v) * part, float(u) * part
 
 
-def angle_changes(surface: Surface, tilts_deg: tuple[float, float]) -> tuple[float, float, float]:
+def angle_changes(
+    surface: Surface,
+    tilts_deg: tuple[float, float],
+    *,
+    most_steps: int = 30,  # of Newton's
+) -> tuple[float, float, float]:
     """Changes of yaw, pitch and roll, degrees, that tilt a surface about its own u and v axes.
 
     Parameters
@@ -197,7 +201,7 @@ def angle_changes(surface: Surface, tilts_deg: tuple[float, float]) -> tuple[flo
     if max(of_pitch, of_roll) < _LEAST_PART:
         raise ValueError(f'"{surface.name}" tilts about one axis alone by its angles; give it another yaw or pitch')
     change = np.zeros(2)
-    for _ in range(_STEPS):
+    for _ in range(most_steps):
         turned = (yaw + change[0], pitch + change[1] * by_pitch, roll + change[1] * (not by_pitch))
         normal, by_yaw, *others = _normal_and_slopes(*turned)
         if float(np.abs(wanted - normal).max()) < _ENOUGH:

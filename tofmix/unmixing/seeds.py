@@ -22,9 +22,6 @@ _FREE = 6
 _LINE = 8
 """Pixels of a line that is as free as a window: a straight line through them leaves six degrees of freedom."""
 
-_HALVINGS = 24
-"""Halvings of the interval in which a scatter is looked for: to a ten millionth of it."""
-
 
 def _continued(away: int) -> float:
     """Variance of a plane through 3 x 3 pixels, `away` pixels beyond these, in units of a pixel's own."""
@@ -290,7 +287,13 @@ def _excess(scatter: FloatArray, noise: FloatArray, settings: SeedSettings) -> f
     return min(_excess_at(scatter, noise, part) for part in settings.quantiles)
 
 
-def _excess_at(scatter: FloatArray, noise: FloatArray, part: float) -> float:
+def _excess_at(
+    scatter: FloatArray,
+    noise: FloatArray,
+    part: float,
+    *,
+    halvings: int = 24,  # of the interval in which a scatter is looked for: to a ten millionth of it
+) -> float:
     target = chi_square_6(1.0 - part) / _FREE
     enough = np.sort(scatter / target - noise)  # variance from which on a window's scatter is no more than the target
 
@@ -304,7 +307,7 @@ def _excess_at(scatter: FloatArray, noise: FloatArray, part: float) -> float:
     if not too_small(0.0):
         return 0.0
     low, high = 0.0, float(np.quantile(scatter, part)) / target
-    for _ in range(_HALVINGS):
+    for _ in range(halvings):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if too_small(middle) else (low, middle)
     return high

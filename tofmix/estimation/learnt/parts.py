@@ -38,9 +38,6 @@ _CENTRAL = 4.0
 _SIGNIFICANT = 3.0
 """Standard errors of a correlation, 1 / sqrt(pairs) for errors without memory, up to which it counts as 0."""
 
-_ROUNDS = 30
-"""Iterations for the part of the memory that fitted means and drifts hide."""
-
 
 def centred(error: FloatArray) -> FloatArray:
     """Errors (cluster, frame) less the mean of each cluster: that of rounded samples is not 0, and is no memory."""
@@ -49,7 +46,12 @@ def centred(error: FloatArray) -> FloatArray:
     return np.asarray(error - mean[:, None])
 
 
-def memory_of(fits: ClusterFits, noise: PixelNoise) -> float:
+def memory_of(
+    fits: ClusterFits,
+    noise: PixelNoise,
+    *,
+    rounds: int = 30,  # for the part of the memory that fitted means and drifts hide
+) -> float:
     """Correlation of the errors of all clusters from frame to frame; 0 where noise without memory may give it.
 
     The fitted mean and each polynomial of a drift remove a part of the slow errors: `taken` / n of their variance,
@@ -75,7 +77,7 @@ def memory_of(fits: ClusterFits, noise: PixelNoise) -> float:
         information = n * noise.laws()[0].information / (float(np.median(fits.sigma)) ** 2 * (2.0 * d + 3.0))
         taken += information / (information + precision_of_t(0.0, scale)) if scale > 0.0 else 0.0
     found = seen
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         slow = (1.0 + found) / (1.0 - found) * taken / n
         found = min(max(seen + slow * (1.0 - seen), 0.0), MOST_MEMORY)
     return found if found > max(LEAST_MEMORY, _SIGNIFICANT / math.sqrt(both.sum())) else 0.0

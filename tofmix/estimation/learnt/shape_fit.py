@@ -30,15 +30,6 @@ RING = (12.0, 16.0)
 _PENALTIES = np.logspace(-5, 5, 11)
 """Weights of the mean square of the third derivative that are tried, by error."""
 
-_NEWTON_STEPS = 40
-"""Most steps of one fit of the shape."""
-
-_BACKGROUND_ROUNDS = 6
-"""Rounds of EM between the shape and the background under it."""
-
-_TOLERANCE = 1e-6
-"""Gain of the penalised log likelihood by error, nat, below which a fit ends."""
-
 _RIDGE = 1e-11
 """Damps Newton's steps where rounding makes the matrix singular: the penalty leaves parabolas free."""
 
@@ -131,7 +122,11 @@ def shapes_differ(
     return ratio > max(least_ratio, 1.0 + standard_errors * spread)
 
 
-def _without_background(counts: FloatArray) -> FloatArray:
+def _without_background(
+    counts: FloatArray,
+    *,
+    rounds: int = 6,  # of EM between the shape and the background under it
+) -> FloatArray:
     """Errors of the surface (bin,): those of each bin over the level of `RING`, by rounds of EM with a smooth fit."""
     ring = (np.abs(CENTRES) >= RING[0]) & (np.abs(CENTRES) <= RING[1])
     level = float(counts[ring].mean())
@@ -139,13 +134,19 @@ def _without_background(counts: FloatArray) -> FloatArray:
     if level <= 0.0:
         return np.where(inside, counts, 0.0)
     surface = np.where(inside, np.maximum(counts - level, 0.0), 0.0)
-    for _ in range(_BACKGROUND_ROUNDS):
+    for _ in range(rounds):
         expected = surface.sum() * STEP * np.exp(_log_density(surface, 1.0))
         surface = np.where(inside, counts * expected / (expected + level), 0.0)
     return surface
 
 
-def _log_density(counts: FloatArray, penalty: float) -> FloatArray:
+def _log_density(
+    counts: FloatArray,
+    penalty: float,
+    *,
+    most_steps: int = 40,  # of Newton's
+    tolerance: float = 1e-6,  # gain of the penalised log likelihood by error, nat, below which a fit ends
+) -> FloatArray:
     """Penalised maximum likelihood of the logarithm of the density in each bin, by Newton's method."""
     n = counts.sum()
     mean = float(counts @ CENTRES / n)
@@ -164,7 +165,7 @@ def _log_density(counts: FloatArray, penalty: float) -> FloatArray:
         return float(counts @ log_density - n * STEP * np.exp(log_density).sum() - 0.5 * weight * bend @ bend)
 
     now = value(g)
-    for _ in range(_NEWTON_STEPS):
+    for _ in range(most_steps):
         expected = n * STEP * np.exp(g)
         slope = counts - expected - _times(band, g)
         bent = band.copy()
@@ -180,7 +181,7 @@ def _log_density(counts: FloatArray, penalty: float) -> FloatArray:
             break
         gained = value(after) - now
         g, now = after, now + gained
-        if gained < _TOLERANCE * n:
+        if gained < tolerance * n:
             break
     return np.asarray(g, dtype=np.float64)
 

@@ -18,12 +18,6 @@ from tofmix.sensor import AmplitudeLaw
 _SEED = SEED + 1
 """Seed of the split into folds: the same recording gives the same law."""
 
-_ROUNDS = 30
-"""Most steps of scoring."""
-
-_CONVERGED = 1e-4
-"""Step of log sigma that ends the scoring: 0.01 % of sigma."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpreadSeries:
@@ -139,7 +133,14 @@ def _heldout(
 
 
 def _fit(
-    series: SpreadSeries, groups: int, mixtures: ScaleMixtures, knots: FloatArray | None, limits: tuple[float, float]
+    series: SpreadSeries,
+    groups: int,
+    mixtures: ScaleMixtures,
+    knots: FloatArray | None,
+    limits: tuple[float, float],
+    *,
+    most_rounds: int = 30,  # of scoring
+    tolerance: float = 1e-4,  # step of log sigma that ends the scoring: 0.01 % of sigma
 ) -> _Fit:
     """Fit levels and exponents by Fisher scoring, with the mixture that does best at each third step."""
     basis, group = _basis(series.log_amplitude, knots), series.group
@@ -150,7 +151,7 @@ def _fit(
     level = np.array([_median_or(flat[group == g], float(np.median(flat))) for g in range(groups)])
     best = 0
     log_density = np.log(mixtures.density)
-    for step in range(_ROUNDS):
+    for step in range(most_rounds):
         away = series.log_sigma - level[group] + basis @ exponents
         if step % 3 == 0:
             counts = np.bincount(place(away), minlength=len(GRID))
@@ -163,7 +164,7 @@ def _fit(
         new = np.clip(exponents + fall, *limits)
         moved = max(float(np.abs(shift).max()), float(np.abs(new - exponents).max(initial=0.0)))
         exponents = new
-        if step % 3 and moved < _CONVERGED:
+        if step % 3 and moved < tolerance:
             break
     return _Fit(level, exponents, best)
 

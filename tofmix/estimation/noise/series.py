@@ -40,7 +40,6 @@ LEAST_KEPT = 0.7
 _BLOCK = 1 << 18  # samples that are worked on at once: they stay in the processor's cache
 _ROUNDS = 4  # of fitting a trend and setting samples aside
 _RESOLUTION_MM = 0.01  # finer steps are not told from none
-_SHAPE_TRIALS = 2000  # simulated Gaussian series for each size
 _USUAL_STRICTNESS = 0.1  # of `NoiseSettings`
 _USUAL_LIMITS = (
     (0.9302248796326201, 1.6889123682259486, 5.122634928518553),
@@ -247,11 +246,16 @@ def _limits_of_shape(index: int, strictness: float) -> tuple[float, float, float
 
 
 @lru_cache(maxsize=64)
-def drawn_limits(index: int, strictness: float) -> tuple[float, float, float]:
+def drawn_limits(
+    index: int,
+    strictness: float,
+    *,
+    trials: int = 2000,  # simulated Gaussian series for each size
+) -> tuple[float, float, float]:
     """The limits of series of `_SHAPE_SIZES[index]` samples, from drawn ones."""
     rng = np.random.default_rng(SEED)
     for n in _SHAPE_SIZES[: index + 1]:  # all sizes share one stream: the draws of the smaller ones come first
-        gaussian = rng.standard_normal((_SHAPE_TRIALS, n))
+        gaussian = rng.standard_normal((trials, n))
     drawn = _series_statistics(gaussian.astype(np.float32), 0.0)
     skewness = np.quantile(np.abs(drawn.skewness), 1.0 - strictness)
     least, largest = np.quantile(drawn.kurtosis, (strictness, 1.0 - 0.1 * strictness))

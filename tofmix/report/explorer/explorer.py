@@ -39,9 +39,6 @@ _LAYER_UNITS = {
 _AVERAGED_UNIT_MM = 0.1
 """Resolution of averaged ranges in a page, mm."""
 
-_SHAPE_POINTS = 161
-"""Points of a noise shape in a page."""
-
 _LEAST_DENSITY = 1.0e-4
 """Part of a shape's peak below which its line is not visible."""
 _ANGLE_DIGITS = 6  # of an angle in rad: 0.01 mm at 10 m
@@ -187,7 +184,11 @@ def _settings(layers_file: LayersSource, scale: tuple[float, float], most: int) 
     }
 
 
-def _learnt(provenance: Provenance) -> dict[str, Any]:
+def _learnt(
+    provenance: Provenance,
+    *,
+    shape_points: int = 161,  # of a noise shape in a page
+) -> dict[str, Any]:
     """How components are drawn under learnt noise; nothing of a Gaussian.
 
     It is the shape, [first z, step, densities], and whether there is a background to leave out of the view.
@@ -199,7 +200,7 @@ def _learnt(provenance: Provenance) -> dict[str, Any]:
     shape = sensor.noise.shape
     if shape is not None:
         seen = shape.z[shape.density > _LEAST_DENSITY * shape.density.max()]
-        z = np.linspace(seen[0], seen[-1], _SHAPE_POINTS)
+        z = np.linspace(seen[0], seen[-1], shape_points)
         said["shape"] = [round(float(z[0]), 4), float(z[1] - z[0]), [round(float(p), 5) for p in shape.pdf(z)]]
     return said
 

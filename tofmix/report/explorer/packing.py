@@ -105,10 +105,6 @@ def text_of(content: bytes) -> str:
     return base64.b64encode(content).decode("ascii")
 
 
-_MOST_STEPS = 65_000  # most steps from the lowest sample to the highest
-_STEPS_A_SIGMA = 20.0  # samples are rounded to a twentieth of sigma or finer
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PackedSamples:
     """Samples of a window.
@@ -137,6 +133,7 @@ def pack_samples(
     windows: int = 1,
     limits: PageLimits = DEFAULT_LIMITS,
     block_samples: int = 1 << 21,
+    most_steps: int = 65_000,  # from the lowest sample to the highest
 ) -> PackedSamples | None:
     """Read and pack the samples of frames [start, stop).
 
@@ -171,7 +168,7 @@ def pack_samples(
     offset = min(0.0, math.floor(lowest))
     step = _step(samples, noise)
     while True:
-        while (highest - offset) / step > _MOST_STEPS:
+        while (highest - offset) / step > most_steps:
             step *= 2
         deflated = pack_gaps(_gaps(samples, offset, step))
         if len(deflated) <= characters * 3 // 4 or step > highest - offset:
@@ -211,13 +208,18 @@ def _ends(samples: Float32Array) -> tuple[float, float]:
     return (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
 
 
-def _step(samples: Float32Array, noise: NoiseCurve | None) -> float:
+def _step(
+    samples: Float32Array,
+    noise: NoiseCurve | None,
+    *,
+    steps_a_sigma: float = 20.0,  # samples are rounded to a twentieth of sigma or finer
+) -> float:
     """1 mm for whole millimetres; else a power of ten, at most a twentieth of the least sigma."""
     finite = samples[np.isfinite(samples)]
     if bool((finite == np.rint(finite)).all()):
         return 1.0
     sigma = 1.0 if noise is None else float(noise.sigma_mm.min())
-    return float(10.0 ** math.floor(math.log10(sigma / _STEPS_A_SIGMA)))
+    return float(10.0 ** math.floor(math.log10(sigma / steps_a_sigma)))
 
 
 def _gaps(samples: Float32Array, offset: float, step: float) -> NDArray[np.uint16]:

@@ -17,7 +17,6 @@ SHOWN_LAYERS = len(LAYER_LINES)
 """Most layers that are drawn separately; more are not distinguishable."""
 
 _HISTOGRAM_INCH = (5.0, 3.3)  # width and height
-_GAP_BINS = 60  # bins of the axis of differences
 
 _PLAIN_NUMBER = FuncFormatter(lambda value, _: f"{value:,.0f}")
 
@@ -98,7 +97,14 @@ def sigma_figure(layers: Layers, *, curve: NoiseCurve | None, theme: Theme, bins
     return figure
 
 
-def gap_histogram(gap_errors: FloatArray, *, tolerance: float, theme: Theme, least_errors: float = 5.0) -> Figure:
+def gap_histogram(
+    gap_errors: FloatArray,
+    *,
+    tolerance: float,
+    theme: Theme,
+    least_errors: float = 5.0,
+    bins: int = 60,  # of the axis of differences
+) -> Figure:
     """Draw differences of ranges in combined standard errors, with the normal law and the tolerance.
 
     gap_errors of any shape; values that are not finite are passed over, those beyond the view counted in its title.
@@ -108,7 +114,7 @@ def gap_histogram(gap_errors: FloatArray, *, tolerance: float, theme: Theme, lea
     finite = gap_errors[np.isfinite(gap_errors)]
     most = max(least_errors, 1.3 * tolerance)
     figure, axes = curve_axes("range in B minus range in A (combined standard errors)", "layers")
-    edges = np.linspace(-most, most, _GAP_BINS + 1)
+    edges = np.linspace(-most, most, bins + 1)
     counts = np.histogram(finite, edges)[0]
     axes.stairs(counts, edges, baseline=None, color=theme.layers[0], linewidth=1.8, label="layers")
     middles = 0.5 * (edges[1:] + edges[:-1])

@@ -25,9 +25,6 @@ REACH = 3
 _SAME_SURFACE = 0.03
 """Part of a layer's range within which a neighbour's range is of the same surface."""
 
-_BLOCK_FRAMES = 64
-"""Frames that are read at once, at least: rows are stored whole, of which a few columns are kept."""
-
 _REAL, _IMAGINARY, _VARIANCE_REAL, _VARIANCE_IMAGINARY, _COVARIANCE, _SAMPLES = (
     FIELDS.index(name) for name in ("real", "imaginary", "variance_real", "variance_imaginary", "covariance", "samples")
 )
@@ -98,9 +95,15 @@ def read_around(source: SampleSource, *, row: int, col: int, start: int, stop: i
     return SamplesAround(first_row=rows_near.start, first_col=cols_near.start, range_mm=range_mm, amplitude=amplitude)
 
 
-def _frame_blocks(start: int, stop: int, step: int) -> Iterator[slice]:
+def _frame_blocks(
+    start: int,
+    stop: int,
+    step: int,
+    *,
+    least_frames: int = 64,  # read at once: rows are stored whole, of which a few columns are kept
+) -> Iterator[slice]:
     """Cut frames into blocks of whole steps, so that each stored chunk is read once."""
-    length = step * math.ceil(_BLOCK_FRAMES / step)
+    length = step * math.ceil(least_frames / step)
     while start < stop:
         end = min(stop, (start // length + 1) * length)
         yield slice(start, end)

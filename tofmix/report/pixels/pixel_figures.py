@@ -28,9 +28,6 @@ _PANEL_INCH = 2.5
 _STRIP_INCH, _SCATTER_INCH = 1.15, 2.4
 """Heights of one number of samples, and of the modes over samples, inch."""
 
-_PLACES = 1500
-"""Ranges at which a line is drawn: more than the pixels of a figure."""
-
 _MARGIN_SIGMAS = 5.0
 """Margin of a view beyond the outermost surface, in its sigma."""
 
@@ -78,6 +75,7 @@ def neighbours_figure(
     plane: PhasorPlane | None = None,
     most_columns: int = 2,
     most_sigmas: float = 150.0,
+    places: int = 1500,  # ranges at which a line is drawn: more than the pixels of a figure
 ) -> Figure:
     """Draw pixels side by side: histogram and density of the samples, fitted components with their means (Fig. 8).
 
@@ -120,7 +118,7 @@ def neighbours_figure(
     panels = part.subplots(rows, columns, sharex=shared, squeeze=False)
     for number, (axes, view, names) in enumerate(zip(panels.flat, views, named, strict=False)):
         limits = (low, high) if shared else _view([view])
-        _draw_pixel(axes, view, names, np.linspace(*limits, _PLACES), noise, theme)
+        _draw_pixel(axes, view, names, np.linspace(*limits, places), noise, theme)
         below = number + columns >= len(views)
         axes.set(
             xlim=limits,

@@ -21,7 +21,6 @@ Cause = Callable[[BoolArray], str]
 UNKNOWN_CAUSE = "too dark, saturated, or out of range"
 """The cause, where amplitudes do not tell."""
 
-_FRAMES = 100  # frames of which amplitudes are read
 _SPREAD = (0.05, 0.95)  # quantiles of the valid amplitudes, beyond which a lost one is dark or saturated
 
 
@@ -118,7 +117,12 @@ def _where(pixels: BoolArray) -> str:
     return f"within {', '.join(spans)}" if pixels.sum() > 1 else ", ".join(spans)
 
 
-def cause_of_loss(source: SampleSource, pixels: BoolArray) -> str:
+def cause_of_loss(
+    source: SampleSource,
+    pixels: BoolArray,
+    *,
+    most_frames: int = 100,  # of which amplitudes are read
+) -> str:
     """Why samples of some pixels were lost, as far as the recording's amplitudes tell.
 
     Parameters
@@ -140,7 +144,7 @@ def cause_of_loss(source: SampleSource, pixels: BoolArray) -> str:
     rows = np.flatnonzero(pixels.any(axis=1))
     high = int(rows[-1] - rows[0] + 1)
     part = slice(max(0, int(rows[0]) - high), min(source.shape[1], int(rows[-1]) + 1 + high))
-    frames = slice(0, min(_FRAMES, source.shape[0]))
+    frames = slice(0, min(most_frames, source.shape[0]))
     valid, amplitude = np.isfinite(source.read_range(frames, part)), light.read_amplitude(frames, part)
     chosen = np.broadcast_to(pixels[part], valid.shape)
     lost, seen = (_known(amplitude[where]) for where in (chosen & ~valid, ~chosen & valid))
