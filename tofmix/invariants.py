@@ -25,7 +25,7 @@ class Rule(NamedTuple):
     broken: BoolArray
 
 
-def _any(broken: BoolArray) -> BoolArray:
+def in_any_layer(broken: BoolArray) -> BoolArray:
     """Pixels that break a rule in any layer."""
     return np.asarray(broken.any(-1))
 
@@ -59,11 +59,11 @@ def layer_rules(
     yield from _bounds(layers, present)
     ranges = layers.range
     with np.errstate(invalid="ignore"):
-        falls = _any(np.diff(ranges, axis=-1) < 0)
+        falls = in_any_layer(np.diff(ranges, axis=-1) < 0)
         yield Rule("range", "near to far", falls)
         if circle_mm is not None:
             outside = ((ranges < 0) | (ranges >= circle_mm)) & present
-            yield Rule("range", f"within [0, {circle_mm:g}) mm, the circle", _any(outside))
+            yield Rule("range", f"within [0, {circle_mm:g}) mm, the circle", in_any_layer(outside))
     yield from _shares(layers, present, fitted)
     yield from _statuses(layers, present, fitted)
     if layers.mixing is not None:
@@ -82,12 +82,12 @@ def _patterns(layers: Layers, present: BoolArray) -> Iterator[Rule]:
     for name in ("range", "sigma", "weight"):
         values = getattr(layers, name)
         wrong = np.where(present, ~np.isfinite(values), ~np.isnan(values))
-        yield Rule(name, "finite for the first n_modes layers, NaN past them", _any(wrong))
+        yield Rule(name, "finite for the first n_modes layers, NaN past them", in_any_layer(wrong))
     light = () if layers.amplitude is None else ("amplitude",)
     for name in ("range_stderr", "weight_stderr", "probability", *light):
         values = getattr(layers, name)
         wrong = np.where(present, np.isinf(values), ~np.isnan(values))
-        yield Rule(name, "never infinite, NaN past n_modes", _any(wrong))
+        yield Rule(name, "never infinite, NaN past n_modes", in_any_layer(wrong))
 
 
 def _bounds(layers: Layers, present: BoolArray) -> Iterator[Rule]:
@@ -100,7 +100,7 @@ def _bounds(layers: Layers, present: BoolArray) -> Iterator[Rule]:
             ("weight_stderr", "not below 0", layers.weight_stderr < 0),
             ("probability", "between 0 and 1", (layers.probability < 0) | (layers.probability > 1)),
         ):
-            yield Rule(name, text, _any(wrong & present))
+            yield Rule(name, text, in_any_layer(wrong & present))
 
 
 def _no_share(values: NDArray[np.floating]) -> BoolArray:
@@ -124,7 +124,7 @@ def _statuses(layers: Layers, present: BoolArray, fitted: BoolArray) -> Iterator
     yield Rule("status", f"one of {', '.join(str(int(s)) for s in Status)}", ~np.isin(status, [int(s) for s in Status]))
     yield Rule("status", "too_few_samples and no_surface have no layer", (n > 0) & np.isin(status, _EMPTY))
     yield Rule("status", "ok, not_converged and degenerate have a layer", (n == 0) & np.isin(status, _FILLED))
-    unknown = _any(np.isnan(layers.range_stderr) & present)
+    unknown = in_any_layer(np.isnan(layers.range_stderr) & present)
     yield Rule("status", "ok has a standard error for each range", unknown & (status == int(Status.OK)))
     yield Rule("n_peaks", "0 where nothing was fitted", ~fitted & (layers.n_peaks > 0))
 
@@ -143,7 +143,7 @@ def _mixing(layers: Layers, mixing: NDArray[np.uint8]) -> Iterator[Rule]:
     yield Rule("mixing", f"one of {', '.join(map(str, kinds))}", ~np.isin(mixing, kinds))
     yield Rule("mixing", "phasor has a layer", (mixing == int(Mixing.PHASOR)) & (layers.n_modes == 0))
     with np.errstate(invalid="ignore"):
-        sure = _any(layers.probability > MOST_UNDECIDED)
+        sure = in_any_layer(layers.probability > MOST_UNDECIDED)
     text = f"at most {MOST_UNDECIDED:g} where mixing is undecided"
     yield Rule("probability", text, sure & (mixing == int(Mixing.UNDECIDED)))
 

@@ -10,8 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.arrays import BoolArray
-from tofmix.invariants import Rule
+from tofmix.invariants import Rule, in_any_layer
 from tofmix.layers import SUSPECT, SUSPECT_FRAMES, Layers
 from tofmix.sensor import Sensor
 from tofmix.suspicion.folded import FOLDED
@@ -99,20 +98,15 @@ def suspect_rules(layers: Layers) -> Iterator[Rule]:
     if layers.suspect is not None:
         flags = [suspicion.flag for suspicion in SUSPICIONS]
         unknown = (layers.suspect & ~np.uint8(sum(flags))) > 0
-        yield Rule(SUSPECT.name, f"sums of {', '.join(map(str, flags))}", _any(unknown))
-        yield Rule(SUSPECT.name, "0 past n_modes", _any((layers.suspect > 0) & ~present))
+        yield Rule(SUSPECT.name, f"sums of {', '.join(map(str, flags))}", in_any_layer(unknown))
+        yield Rule(SUSPECT.name, "0 past n_modes", in_any_layer((layers.suspect > 0) & ~present))
         passing = (layers.suspect & PASSING.flag) > 0
     if layers.suspect_frames is None:
-        yield Rule(SUSPECT_FRAMES.name, "there where layers pass", _any(passing))
+        yield Rule(SUSPECT_FRAMES.name, "there where layers pass", in_any_layer(passing))
         return
     first, last = layers.suspect_frames[..., 0], layers.suspect_frames[..., 1]
-    yield Rule(SUSPECT_FRAMES.name, "the first is not after the last", _any(first > last))
-    yield Rule(SUSPECT_FRAMES.name, "0 for layers that do not pass", _any((last > 0) & ~passing))
-
-
-def _any(broken: BoolArray) -> BoolArray:
-    """Pixels that break a rule in any layer."""
-    return np.asarray(broken.any(-1))
+    yield Rule(SUSPECT_FRAMES.name, "the first is not after the last", in_any_layer(first > last))
+    yield Rule(SUSPECT_FRAMES.name, "0 for layers that do not pass", in_any_layer((last > 0) & ~passing))
 
 
 def count_suspects(suspect: NDArray[np.uint8] | None) -> dict[str, int]:

@@ -190,7 +190,7 @@ def learn_noise(
         if measured is not None and model.kept_start and pixels.rounding_mm < COARSE * curve.sigma_mm.min():
             curve = measured.curve
         return FoundNoise(sensor=replace(sensor, noise=curve), measured=measured, model=model)
-    if noise.is_gaussian and measured is not None and model.kept_start and not _is_coarse(pixels, measured.curve):
+    if noise.is_gaussian and measured is not None and model.kept_start and not pixels.is_coarse(measured.curve, COARSE):
         noise = replace(noise, curve=measured.curve)  # where pixels of several surfaces are many, it is less wrong
     steps = None if pixels.step is None else pixels.step.without_pixels()
     beam = beam_of(replace(sensor, noise=noise.curve))._replace(steps=steps_of(steps, noise.curve))
@@ -234,11 +234,6 @@ def _pixels(
     """Pixels that teach; their samples are as stored where the step is no small part of sigma."""
     pixels = pixels_of(source, window, stride, step=step)
     return pixels if step is None or _matters(step, pixels, measured) else pixels.with_fine_step()
-
-
-def _is_coarse(pixels: Pixels, curve: NoiseCurve) -> bool:
-    """Whether the step is more than `COARSE` sigmas at some range of a curve."""
-    return pixels.step is not None and bool((pixels.step.at(curve.range_mm) > COARSE * curve.sigma_mm).any())
 
 
 def _matters(step: RangeStep, pixels: Pixels, measured: MeasuredNoise | None, *, of_type: bool = False) -> bool:

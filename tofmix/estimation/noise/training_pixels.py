@@ -74,9 +74,9 @@ class Pixels:
         """Samples (pixel, frame), mm, with their rounding spread over its step."""
         return self.samples if self.spread is None else self.spread
 
-    def is_coarse(self, curve: NoiseCurve) -> bool:
-        """Whether the step is above `COARSE` sigmas at some range of a curve: order of samples then tells nothing."""
-        return self.step is not None and bool((self.step.at(curve.range_mm) > COARSE * curve.sigma_mm).any())
+    def is_coarse(self, curve: NoiseCurve, sigmas: float = COARSE) -> bool:
+        """Whether the step is above so many sigmas at some range of a curve; by default, order then tells nothing."""
+        return self.step is not None and bool((self.step.at(curve.range_mm) > sigmas * curve.sigma_mm).any())
 
     def with_fine_step(self) -> "Pixels":
         """Return the pixels with their rounding spread over its step, for fits that do not integrate over it."""

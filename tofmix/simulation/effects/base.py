@@ -192,6 +192,12 @@ class EffectTruth:
     long_name: str
 
 
+def truth_of_bias(kind: str, bias_mm: FloatArray) -> tuple[EffectTruth, ...]:
+    """The draw of an effect that adds a bias (pixel,), mm, to each pixel."""
+    values = bias_mm.astype(np.float32)
+    return (EffectTruth(name=kind, dims=("row", "col"), values=values, unit="mm", long_name="bias of each pixel"),)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Effect:
     """An effect of a real camera. Its fields are its parameters.

@@ -9,7 +9,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.echoes import Echoes
-from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Latent, Level, Target
+from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Latent, Level, Target, truth_of_bias
 from tofmix.simulation.effects.hidden import HiddenState, PixelBias
 from tofmix.simulation.effects.parameter import PixelMap, StudentPrior, number, pixel_map
 
@@ -113,10 +113,7 @@ class FixedPattern(Effect):
 
     def truth(self, prepared: Any) -> tuple[EffectTruth, ...]:  # noqa: ANN401
         """The map."""
-        values = prepared.astype(np.float32)
-        return (
-            EffectTruth(name=self.kind, dims=("row", "col"), values=values, unit="mm", long_name="bias of each pixel"),
-        )
+        return truth_of_bias(self.kind, prepared)
 
     def act(self, echoes: Echoes, context: Context) -> None:
         """Add each pixel's bias."""

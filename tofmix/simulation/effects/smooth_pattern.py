@@ -9,7 +9,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import Echoes
-from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Level, Target
+from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Level, Target, truth_of_bias
 from tofmix.simulation.effects.parameter import StudentPrior, number
 from tofmix.simulation.effects.search import (
     Coefficient,
@@ -182,10 +182,7 @@ class SmoothPattern(Effect):
 
     def truth(self, prepared: Any) -> tuple[EffectTruth, ...]:  # noqa: ANN401
         """The map of the bias."""
-        values = prepared.astype(np.float32)
-        return (
-            EffectTruth(name=self.kind, dims=("row", "col"), values=values, unit="mm", long_name="bias of each pixel"),
-        )
+        return truth_of_bias(self.kind, prepared)
 
     def act(self, echoes: Echoes, context: Context) -> None:
         """Add each pixel's bias."""
