@@ -202,4 +202,4 @@ RECONCILE = {
 """Options of `tofmix.reconciliation.search.search_state.Settings`, but for the kinds of effects."""
 
 SEARCH_VARIABLE, NEW_SEARCH, OLD_SEARCH = "TOFMIX_SEARCH", "new", "old"
-"""Variable of the environment that chooses the search of `tofmix reconcile`, and its values; the default is old."""
+"""Variable of the environment that chooses the search of `tofmix reconcile`, and its values; the default is new."""

@@ -397,21 +397,21 @@ def _searched(
 
 
 def _is_new_wanted(likelihood: Likelihood) -> bool:
-    """Whether the one search is asked for and can take the recordings; a warning if it cannot.
+    """Whether the one search can take the recordings, and nothing else is asked for; a warning if it cannot.
 
     Raises
     ------
     UsageError
         If the variable has another value.
     """
-    wanted = os.environ.get(SEARCH_VARIABLE, OLD_SEARCH)
+    wanted = os.environ.get(SEARCH_VARIABLE, NEW_SEARCH)
     if wanted not in (NEW_SEARCH, OLD_SEARCH):
         raise UsageError(f"{SEARCH_VARIABLE}: {wanted} is neither {NEW_SEARCH} nor {OLD_SEARCH}")
     if wanted == OLD_SEARCH:
         return False
     why = one.unsupported(likelihood)
     if why:
-        print(f"tofmix: {SEARCH_VARIABLE}={NEW_SEARCH} is not used: {why}", file=sys.stderr)  # noqa: T201
+        print(f"tofmix: the old search is used, since the new one cannot be: {why}", file=sys.stderr)  # noqa: T201
     return not why
 
 

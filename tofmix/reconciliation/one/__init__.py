@@ -1,4 +1,4 @@
-"""One score and one search for sets of effects: an alternative to `search/`, taken with ``TOFMIX_SEARCH=new``.
+"""One score and one search for sets of effects; with ``TOFMIX_SEARCH=old``, `search/` is taken.
 
 In the order of the data: `static_errors` (the errors of pixels that are integrated out), `coordinates` (an effect as a
 vector with a prior), `unnamed` (smooth laws without a name), `recordings` (what all sets share), `steps_kernel` (exact
