@@ -10,9 +10,9 @@ from support.recordings import MAKE, recorded, simulated
 
 from tofmix.errors import BadInputError
 from tofmix.reconciliation.comparison.compare import disagreements
+from tofmix.reconciliation.likelihood.hidden_states import begin
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
-from tofmix.reconciliation.search.refit import begin
-from tofmix.reconciliation.search.search_state import Settings, fit_part
+from tofmix.reconciliation.settings import Settings, fit_part
 from tofmix.reconciliation.workflow import Reconciliation, reconcile
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.events import drawn_widths

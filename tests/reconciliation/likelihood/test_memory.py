@@ -10,7 +10,7 @@ from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.memory import attenuation, fit_memory, inflation
 from tofmix.reconciliation.likelihood.mixture import Scene
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.model import Model
 

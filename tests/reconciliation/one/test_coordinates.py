@@ -9,8 +9,7 @@ from support.recordings import MAKE, Record
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
 from tofmix.reconciliation.one.coordinates import Law
 from tofmix.reconciliation.one.recordings import SearchTask
-from tofmix.reconciliation.search.name import KINDS
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import KINDS, Settings
 from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.effects.parameter import StudentPrior
 from tofmix.simulation.effects.search import Problem

@@ -5,9 +5,8 @@ from dataclasses import replace
 import pytest
 from support.recordings import MAKE, reconciled, recorded
 
-from tofmix.reconciliation.ledger import Ledger, WeighedSet
-from tofmix.reconciliation.search.alternatives import ALIAS_NATS
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.ledger import ALIAS_NATS, Ledger, WeighedSet
+from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.verification.aliases import aliases
 from tofmix.reconciliation.workflow import Reconciliation, reconcile
 from tofmix.simulation.effects import Effect

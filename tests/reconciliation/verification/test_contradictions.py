@@ -10,7 +10,7 @@ from benchmarks.measured_parts import same
 from support.recordings import MAKE, recorded
 
 from tofmix.reconciliation.likelihood.side_information import AmplitudeInformation
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.verification.contradictions import absent, deviate
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.model import Model

@@ -127,10 +127,10 @@ class Law:
         relative = sum(_log_density(priors[n], numbers[n]) - _log_density(priors[n], priors[n].mode) for n in moving)
         widths = np.array([math.exp(-_log_density(priors[n], priors[n].mode)) / math.sqrt(2 * math.pi) for n in moving])
         jacobian = np.array([slopes[n] for n in moving]).reshape(len(moving), self.size)
-        precision = (jacobian / widths[:, None]).T @ (jacobian / widths[:, None]) if moving else 0.0
+        precision = (jacobian / widths[:, None]).T @ (jacobian / widths[:, None])
         if len(moving) < self.size:
             precision = precision + np.eye(self.size) / UNPRIORED**2
-        return relative, np.asarray(precision).reshape(self.size, self.size)
+        return relative, np.asarray(precision)
 
     def _slopes(self, x: FloatArray, priors: dict[str, Prior]) -> dict[str, FloatArray]:
         """Derivatives (n,) of each number, or of its logarithm, by the vector; the smaller one-sided ones: no jump."""

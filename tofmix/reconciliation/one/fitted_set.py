@@ -22,6 +22,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.reconciliation.ledger import Named
+from tofmix.reconciliation.likelihood import hidden_fits
 from tofmix.reconciliation.likelihood.likelihood import ModelState, Part, forward
 from tofmix.reconciliation.likelihood.memory import inflation, memory_gain, memory_of, one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
@@ -30,7 +31,6 @@ from tofmix.reconciliation.one.coordinates import Key, Law
 from tofmix.reconciliation.one.recordings import SearchTask, hidden_of
 from tofmix.reconciliation.one.static_errors import LEAST_INFORMATION, StaticErrors
 from tofmix.reconciliation.one.steps_kernel import by_values, is_static
-from tofmix.reconciliation.search import links
 from tofmix.simulation.effects import Effect, basic_kind
 from tofmix.simulation.effects.base import Basic
 from tofmix.simulation.effects.hidden import (
@@ -306,7 +306,7 @@ class FittedSet:
         self.memory_nats = self._memory_gain(state, mixture)
         total += self.memory_nats
         if self.stuck_mm is not None:
-            total -= links.VALUE_NATS * float(np.isfinite(self.stuck_mm).sum())
+            total -= hidden_fits.VALUE_NATS * float(np.isfinite(self.stuck_mm).sum())
         return total
 
     def chain(self, state: ModelState, mixture: Mixture) -> tuple[float, FloatArray]:
@@ -316,14 +316,16 @@ class FittedSet:
             raise TypeError("no effect disturbs frames")
         beta = np.zeros(self.task.lit.shape) if self.beta is None else self.beta
         frames = like.evidence.shape[0]
-        pair = np.zeros((2, frames))
+        pair, unsure = np.zeros((2, frames)), 0.0  # sums by frame take the more likely state of each pixel as known
         for recording, bias in zip(self.task.recordings, beta, strict=True):
             self.task.passes += 2
             for number, size in enumerate((0.0, state.bursts.sigma_mm)):
                 added = np.full(frames, size**2)
                 sums = like.sums(mixture, state, recording.part, bias=bias, variance=added)
                 pair[number] += sums.by_frame[:, 0]
-        return forward(pair[0], pair[1], like.evidence.frame_number, state.bursts)
+                unsure += (1 - number) * (sums.total - float(sums.by_frame[:, 0].sum()))
+        total, disturbed = forward(pair[0], pair[1], like.evidence.frame_number, state.bursts)
+        return total + unsure, disturbed
 
     def _memory_gain(self, state: ModelState, mixture: Mixture) -> float:
         """Log density of the scores as AR(1) over that of independent ones, each pixel's own bias given."""
@@ -446,7 +448,9 @@ class FittedSet:
         whole = (_positive(self.hessian) + precision) * steps[:, None] * steps
         rise = slope + self._prior_slope(x, steps)
         move = np.linalg.solve(whole, rise)
-        return np.asarray(move * steps), 0.5 * float(rise @ move)
+        # where the log density is no parabola, a step may be as long as nothing that the prior has
+        far = float((np.abs(move * steps) / self._prior_sd(x)).max(initial=0.0))
+        return np.asarray(move * steps) / max(far, 1.0), 0.5 * float(rise @ move) / max(far, 1.0)
 
     def _climbed(self, x: FloatArray, here: float, move: FloatArray) -> tuple[FloatArray, float]:
         """A vector on the way of a step where the log density is higher, and the log density there."""
@@ -699,7 +703,7 @@ def spreads_of_biases(task: SearchTask, bias_mm: FloatArray, information: FloatA
     known = np.where(total > LEAST_INFORMATION, total, 0.0)
     mean = np.where(known > 0, mean, 0.0)
     found = PixelBiases(bias=mean, information=known, gain=0.5 * mean**2 * known)
-    fitted = links.fit_spreads(found, task.likelihood.evidence.image)
+    fitted = hidden_fits.fit_spreads(found, task.likelihood.evidence.image)
     return None if fitted is None else fitted[0]
 
 

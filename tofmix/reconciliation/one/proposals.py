@@ -16,13 +16,13 @@ import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.reconciliation.ledger import Named
+from tofmix.reconciliation.likelihood import hidden_fits
 from tofmix.reconciliation.likelihood.memory import fit_memory
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.one.coordinates import Key, Law
 from tofmix.reconciliation.one.fitted_set import FittedSet, spreads_of_biases
 from tofmix.reconciliation.one.recordings import SearchTask
 from tofmix.reconciliation.one.static_errors import LEAST_INFORMATION, StaticErrors
-from tofmix.reconciliation.search import links
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.hidden import (
     DisturbedFrames,
@@ -35,7 +35,7 @@ from tofmix.simulation.effects.hidden import (
 from tofmix.simulation.effects.search import LinearForm
 
 if TYPE_CHECKING:
-    from tofmix.reconciliation.search.columns import Column
+    from tofmix.reconciliation.one.columns import Column
 
 INEXACT = 0.02
 """Possible relative error of a predicted gain."""
@@ -606,13 +606,13 @@ def _linked(
 
 
 def _stuck(base: FittedSet, kind: type[Effect], mixture: Mixture) -> Proposal | None:
-    values = links.find_stuck(base.task.likelihood, mixture)
+    values = hidden_fits.find_stuck(base.task.likelihood, mixture)
     if values is None:
         return None
     task, out = base.task, np.isfinite(values)
     state = base.state()
     beta = np.zeros(task.lit.shape) if base.beta is None else base.beta
-    gain = -float(base.expanded(state, mixture, beta)[0][:, out].sum()) - links.VALUE_NATS * float(out.sum())
+    gain = -float(base.expanded(state, mixture, beta)[0][:, out].sum()) - hidden_fits.VALUE_NATS * float(out.sum())
     rows, cols = task.likelihood.evidence.image
     hidden = kind.hidden
     if not isinstance(hidden, PixelValue):
@@ -669,7 +669,7 @@ def _bursts(base: FittedSet, kind: type[Effect], rest: float) -> Proposal | None
     def build() -> FittedSet:
         state = base.state()
         state = replace(state, pixel_bias=np.zeros(task.part[1].size) if base.beta is None else base.beta.mean(axis=0))
-        found = links.fit_bursts(task.likelihood, task.likelihood.mixture(state), state, task.part)
+        found = hidden_fits.fit_bursts(task.likelihood, task.likelihood.mixture(state), state, task.part)
         if found is None:
             raise ValueError("no frames are disturbed")
         made = _with_linked(base, hidden.made(kind, found))

@@ -7,19 +7,18 @@ from functools import cached_property
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.reconciliation.likelihood.hidden_fits import find_lattice
+from tofmix.reconciliation.likelihood.hidden_states import begin
 from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part
 from tofmix.reconciliation.likelihood.memory import one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
+from tofmix.reconciliation.one.columns import TENTHS, ColumnMaker
 from tofmix.reconciliation.one.coordinates import Law, laws
+from tofmix.reconciliation.one.static_errors import DISCREPANCY, across_surface, hats
 from tofmix.reconciliation.one.steps_kernel import DistinctValues
 from tofmix.reconciliation.parameters.searches import search_facts
-from tofmix.reconciliation.search.alternatives import DISCREPANCY, across_surface, hats
-from tofmix.reconciliation.search.columns import ColumnMaker
-from tofmix.reconciliation.search.links import find_lattice
-from tofmix.reconciliation.search.refit import begin
-from tofmix.reconciliation.search.search_state import Settings, fit_part
-from tofmix.reconciliation.search.summaries import TENTHS, summaries
+from tofmix.reconciliation.settings import Settings, fit_part
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.base import Basic, with_hidden
 from tofmix.simulation.effects.hidden import (
@@ -118,8 +117,7 @@ class SearchTask:
         self.lit: BoolArray = np.stack([m.of_main(m.lit).astype(bool) for m in mixtures])
         self.single: BoolArray = np.stack([one_surface(m) for m in mixtures]) & self.lit
         self.low = self._model_errors()
-        seen = summaries(likelihood, self.null, self.part)
-        self.columns = ColumnMaker(likelihood, self.null, seen)
+        self.columns = ColumnMaker(likelihood, self.null, self.part)
         own = [EFFECTS[kind] for kind in settings.kinds]
         self.hidden = tuple(kind for kind in own if isinstance(kind.hidden, SORTS))
         self.laws = tuple(self._laws([kind.kind for kind in own if kind not in self.hidden]))
