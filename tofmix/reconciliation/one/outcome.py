@@ -25,8 +25,7 @@ from tofmix.reconciliation.search.pattern_fits import settled_within
 from tofmix.reconciliation.search.refit import latent_states, settle, without
 from tofmix.reconciliation.search.search_state import Settings, fit_part, held_out
 from tofmix.reconciliation.verification.verify import Verified, verify
-from tofmix.simulation.effects import Effect, basic_kind
-from tofmix.simulation.effects.base import Basic
+from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.hidden import PixelBias, PixelValue, RememberedNoise
 
 OTHERS = 3
@@ -99,7 +98,7 @@ def refitted(s: FittedSet) -> tuple[ModelState, tuple[TriedEffect, ...]]:
         if not isinstance(kind.hidden, PixelBias):
             raise TypeError(f"{kind.kind} has no bias of a pixel")
         pattern = (kind.hidden.made(kind, spreads),)
-    bare = s.state()
+    bare = replace(s.state(), log_width=task.null.log_width)  # the model's own error of widths is no part of it
     members = s.members()
     state = replace(bare, effects=(*members, *s.linked, *pattern))
     if not state.effects:
@@ -170,10 +169,10 @@ def _moved(best: FittedSet, state: ModelState, chosen: Sequence[TriedEffect]) ->
     held = held_out(like, settings)
     if len(task.recordings) > 1:  # a state has one bias of a pixel, and each recording its own errors of poses
         return settled_within(like, state, chosen, held, settings.tolerance)
-    noise: tuple[Effect, ...] = ()
-    if best.free_noise:
-        noise = (basic_kind(Basic.NOISE).of_magnitude(float(np.exp(best.x[-1]))),)
-    near = replace(state, effects=(*state.effects, *noise))
+    near = state
+    if best.about is not None and not task.width_variance.any():  # where pixels have widths, these are in the state
+        error = best.about.model_log_width(like.mixture(best.state()))
+        near = replace(state, log_width=state.log_width + error)
     found = pixel_biases(like, like.mixture(near), near, held)
     known = np.where(task.lit, found.information, 0.0)
     errors = StaticErrors.of(task.low, known, like.evidence.image, more_variance=state.pixel_variance)

@@ -19,9 +19,11 @@ from tofmix.reconciliation.ledger import Named
 from tofmix.reconciliation.likelihood.memory import fit_memory
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.one.coordinates import Key, Law
-from tofmix.reconciliation.one.fitted_set import FittedSet, spreads_of_biases
+from tofmix.reconciliation.one.expansion import pixel_sums
+from tofmix.reconciliation.one.fitted_set import FittedSet
 from tofmix.reconciliation.one.recordings import SearchTask
 from tofmix.reconciliation.one.static_errors import LEAST_INFORMATION, StaticErrors
+from tofmix.reconciliation.one.summary import spreads_of_biases
 from tofmix.reconciliation.search import links
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.hidden import (
@@ -202,8 +204,7 @@ class About:
         self.base, task = base, base.task
         summary = base.summary()
         here = observed(task, task.likelihood.mixture(base.state()))
-        noise = base.x[-1] if base.free_noise else 0.0  # the model's own error of noise counts from the model as given
-        bias, width = [summary.bias_mm], [summary.width + noise]
+        bias, width = [summary.bias_mm], [summary.width]
         self.whole: dict[Key, int] = {}
         self.own: list[_Option] = []
         place = 0
@@ -234,42 +235,40 @@ class About:
             )
             for law, form, at in columns.options
         ]
-        self.noise = first + len(columns.prior)
         self._products(columns, np.stack(bias), np.stack(width), summary.bias_information, summary.width_information)
         total = summary.bias_information.sum(axis=0)
         self.pattern: tuple[type[Effect], PatternSpreads] | None = base.pattern or self._pattern(summary.mean_mm, total)
-        self.gram, self.raw, self.logdet = {}, {}, {}
+        self.gram, self.logdet = {}, {}
         static, rest = self._static, self._gram
         for patterned in (False, True) if self.pattern is not None else (False,):
             spreads = self.pattern[1] if patterned and self.pattern is not None else task.given
             image = task.likelihood.evidence.image
             errors = StaticErrors.of(task.low, total, image, spreads, task.null.pixel_variance)
-            whole = rest + errors.products(static)
-            self.raw[patterned], self.logdet[patterned] = whole, errors.logdet
+            self.gram[patterned], self.logdet[patterned] = rest + errors.products(static), errors.logdet
             if patterned:
                 self.logdet[True] += sum(math.log(2 * count) for count in (task.part[1].size, *image))
-            column = whole[:, self.noise]  # the noise's own error is integrated out
-            own = column[self.noise] + task.noise_sd**-2 if task.noise_sd else math.inf
-            self.gram[patterned] = whole - np.outer(column, column) / own
 
     def _products(
         self, columns: Columns, bias: FloatArray, width: FloatArray, told: FloatArray, width_told: FloatArray
     ) -> None:
-        """Static parts of all columns, and products of what is not static: changes in time, and widths."""
-        first, shape = len(bias), bias.shape[2:]
+        """Static parts of all columns, and products of what is not static: changes in time, and widths.
+
+        Errors of widths are integrated out of the products.
+        """
+        first = len(bias)
         moving = columns.moving
         in_time = np.concatenate([bias, columns.bias_mm[moving][:, None] * columns.course[moving][..., None]])
         total = told.sum(axis=0)
         mean = (in_time * told).sum(axis=1) / np.maximum(total, LEAST_INFORMATION)
-        static = np.concatenate([mean[:first], columns.bias_mm, np.zeros((1, *shape))])
+        static = np.concatenate([mean[:first], columns.bias_mm])
         at = np.concatenate([np.arange(first), first + np.flatnonzero(moving)])
         static[at] = mean
         left = ((in_time - mean[:, None]) * np.sqrt(told)).reshape(len(in_time), -1)
-        wide = np.concatenate([width, columns.width, np.ones((1, *shape))])
+        wide = np.concatenate([width, columns.width])
         widening = np.flatnonzero(wide.any(axis=(1, 2)))
-        some = wide[widening].reshape(widening.size, -1)
         gram = np.zeros((len(static), len(static)))
-        gram[np.ix_(widening, widening)] = (some * width_told.ravel()) @ some.T
+        errors = self.base.task.width_errors(width_told)
+        gram[np.ix_(widening, widening)] = errors.products(wide[widening].reshape(widening.size, 1, -1))
         gram[np.ix_(at, at)] += left @ left.T
         self._static, self._gram = static, gram
 
@@ -277,11 +276,10 @@ class About:
         base = self.base
         keep = [k for k in range(len(base.laws)) if k != number]
         parts = base.parts(base.x)
-        rest = base.x[base.x.size - int(base.free_noise) :] if base.free_noise else np.zeros(0)
         other = replace(
             base,
             laws=tuple(base.laws[k] for k in keep),
-            x=np.concatenate([*(parts[k] for k in keep), rest, np.zeros(0)]),
+            x=np.concatenate([*(parts[k] for k in keep), np.zeros(0)]),
         )
         return observed(base.task, base.task.likelihood.mixture(other.state()))
 
@@ -353,18 +351,6 @@ class About:
         found = np.linalg.solve(inner, (gram[at] @ self._data(kept)) * prior) * prior
         return np.split(found, np.cumsum([o.at.size for o in options]))[: len(options)]
 
-    def _noise_beside(
-        self, options: Sequence[_Option], coefficients: Sequence[FloatArray], kept: set[Key], *, patterned: bool
-    ) -> FloatArray:
-        """The model's own error of log sigma (1,) beside members with these coefficients."""
-        raw, sd = self.raw[patterned][self.noise], self.base.task.noise_sd
-        if not sd:
-            return np.zeros(1)
-        pull = float(raw @ self._data(kept))
-        for option, own in zip(options, coefficients, strict=True):
-            pull -= float(raw[option.at] @ own)
-        return np.array([pull / (raw[self.noise] + sd**-2)])
-
     def sets(self, size: int, *, unnamed: bool = False) -> Iterator[Proposal]:
         """Sets of a size: some members of the base, with at most two others; all hidden states but a pattern stay."""
         base, task = self.base, self.base.task
@@ -419,30 +405,26 @@ class About:
     def _built(self, options: Sequence[_Option], kept: set[Key], *, patterned: bool) -> FittedSet:
         """The set at its linear start; for a law with a start that the recording shows, at that one if it is better."""
         found = self.coefficients(options, kept, patterned=patterned)
-        noise = self._noise_beside(options, found, kept, patterned=patterned)
         x = [o.start(c) for o, c in zip(options, found, strict=True)]
         by_number = [_derivatives(o, c, own) for o, c, own in zip(options, found, x, strict=True)]
-        made = [self._at(options, [*x, noise], by_number, patterned=patterned)]
+        made = [self._at(options, x, by_number, patterned=patterned)]
         for k, option in enumerate(options):
             if option.form is not None and _measured(option.law):
                 other = [*x[:k], np.array(option.law.problem.starts[0]), *x[k + 1 :]]
-                made.append(self._at(options, [*other, noise], by_number, patterned=patterned))
+                made.append(self._at(options, other, by_number, patterned=patterned))
         return made[0] if len(made) == 1 else max(made, key=lambda s: s.at_start)
 
     def _at(
         self, options: Sequence[_Option], x: Sequence[FloatArray], by_number: Sequence[FloatArray], *, patterned: bool
     ) -> FittedSet:
-        *own, noise = x
         out = replace(
             self.base,
             laws=tuple(o.law for o in options),
-            x=np.concatenate([*own, np.zeros(0)]),
+            x=np.concatenate([*x, np.zeros(0)]),
             pattern=self.pattern if patterned else None,
             started=None,
             refused="",
         )
-        if out.free_noise:
-            out.x = np.concatenate([out.x, noise])
         out.hessian = self._guess(out, options, by_number, patterned=patterned)
         return out
 
@@ -450,8 +432,8 @@ class About:
         self, made: FittedSet, options: Sequence[_Option], by_number: Sequence[FloatArray], *, patterned: bool
     ) -> FloatArray:
         """Curvature over the vectors by the linear model; of numbers that it does not have, that of their priors."""
-        raw, size = self.raw[patterned], made.x.size
-        jacobian, hessian, start = np.zeros((size, len(raw))), np.zeros((size, size)), 0
+        gram, size = self.gram[patterned], made.x.size
+        jacobian, hessian, start = np.zeros((size, len(gram))), np.zeros((size, size)), 0
         for option, part, slopes in zip(options, made.parts(made.x), by_number, strict=True):
             own = slice(start, start + option.law.size)
             jacobian[own, option.at] = slopes
@@ -459,9 +441,7 @@ class About:
             unseen = ~slopes.any(axis=1)
             hessian[own, own] = np.diag(np.where(unseen, _UNSEEN * np.diag(precision), 0.0))
             start += option.law.size
-        if size > start:
-            jacobian[start, self.noise] = 1.0
-        return np.asarray(hessian + jacobian @ raw @ jacobian.T)
+        return np.asarray(hessian + jacobian @ gram @ jacobian.T)
 
 
 def _derivatives(option: _Option, coefficients: FloatArray, x: FloatArray) -> FloatArray:
@@ -499,7 +479,7 @@ def by_trial(base: FittedSet) -> Iterator[Proposal]:
     taken = base.names
     state = base.state()
     mixture = task.likelihood.mixture(state)
-    beta = np.zeros(task.lit.shape) if base.beta is None else base.beta
+    beta = base.beta
     rest = _total(base, base.linked, base.x, beta)
     for law in task.laws:
         if law.forms or law.name in taken or not law.named:
@@ -544,19 +524,14 @@ def _total(
     except (ValueError, OverflowError):
         return -math.inf
     mixture = base.task.likelihood.mixture(state)
-    return float(other.expanded(state, mixture, beta)[0].sum())
-
-
-def _vector_with(base: FittedSet, x: FloatArray) -> FloatArray:
-    cut = base.x.size - int(base.free_noise)
-    return np.concatenate([base.x[:cut], x, base.x[cut:]])
+    return float(pixel_sums(base.task, state, mixture, beta)[0].sum())
 
 
 def _climbed(base: FittedSet, law: Law, beta: FloatArray) -> tuple[FloatArray, float] | None:
     """The best start of a law's search on the samples, after a step along each number, and its log-likelihood."""
 
     def value(x: FloatArray) -> float:
-        return _total(base, base.linked, _vector_with(base, x), beta, (*base.laws, law))
+        return _total(base, base.linked, np.concatenate([base.x, x]), beta, (*base.laws, law))
 
     tried = [(np.array(start, dtype=np.float64), value(np.array(start))) for start in law.problem.starts]
     best = max(tried, key=lambda pair: pair[1], default=None)
@@ -575,15 +550,12 @@ def _climbed(base: FittedSet, law: Law, beta: FloatArray) -> tuple[FloatArray, f
 
 
 def _with_law(base: FittedSet, law: Law, x: FloatArray) -> FittedSet:
-    cut = base.x.size - int(base.free_noise)
     _, precision = law.prior_at(x)
-    whole = _vector_with(base, x)
+    whole, cut = np.concatenate([base.x, x]), base.x.size
     hessian = np.zeros((whole.size, whole.size))
-    old = [*range(cut), *range(cut + law.size, whole.size)]
     if base.hessian is not None:
-        hessian[np.ix_(old, old)] = base.hessian
-    own = np.arange(cut, cut + law.size)
-    hessian[own, own] = 100 * np.diag(precision)
+        hessian[:cut, :cut] = base.hessian
+    hessian[cut:, cut:] = _UNSEEN * np.diag(np.diag(precision))
     return replace(base, laws=(*base.laws, law), x=whole, hessian=hessian, started=None, refused="")
 
 
@@ -611,8 +583,7 @@ def _stuck(base: FittedSet, kind: type[Effect], mixture: Mixture) -> Proposal | 
         return None
     task, out = base.task, np.isfinite(values)
     state = base.state()
-    beta = np.zeros(task.lit.shape) if base.beta is None else base.beta
-    gain = -float(base.expanded(state, mixture, beta)[0][:, out].sum()) - links.VALUE_NATS * float(out.sum())
+    gain = -float(pixel_sums(task, state, mixture, base.beta)[0][:, out].sum()) - links.VALUE_NATS * float(out.sum())
     rows, cols = task.likelihood.evidence.image
     hidden = kind.hidden
     if not isinstance(hidden, PixelValue):
@@ -627,8 +598,7 @@ def _memory(base: FittedSet, kind: type[Effect]) -> Proposal | None:
     task, hidden = base.task, kind.hidden
     if not isinstance(hidden, RememberedNoise):
         raise TypeError(f"{kind.kind} has no memory")
-    state = base.state()
-    state = replace(state, pixel_bias=np.zeros(task.part[1].size) if base.beta is None else base.beta.mean(axis=0))
+    state = base.with_errors
     mixture = task.likelihood.mixture(state)
     some = task.part[0], task.part[1][:: min(_FIFTH, max(task.part[1].size // 100, 1))]
     z = task.likelihood.scores(state, some, task.settings.seed, mixture)
@@ -667,8 +637,7 @@ def _bursts(base: FittedSet, kind: type[Effect], rest: float) -> Proposal | None
         return None
 
     def build() -> FittedSet:
-        state = base.state()
-        state = replace(state, pixel_bias=np.zeros(task.part[1].size) if base.beta is None else base.beta.mean(axis=0))
+        state = base.with_errors
         found = links.fit_bursts(task.likelihood, task.likelihood.mixture(state), state, task.part)
         if found is None:
             raise ValueError("no frames are disturbed")
