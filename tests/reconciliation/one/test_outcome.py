@@ -104,12 +104,13 @@ def test_numbers_are_fitted_to_the_fitting_frames_alone(small: Model) -> None:
     assert one == pytest.approx(other, abs=1e-2)
 
 
-def test_widths_of_pixels_fall_back_with_a_warning(small: Model, capsys: pytest.CaptureFixture[str]) -> None:
-    noise = replace(small.sensor.noise, width_spread=0.1)
+@pytest.mark.parametrize("hidden", [(), (OFFSET,), (NOISE,)], ids=lambda hidden: "".join(e.kind for e in hidden))
+def test_widths_of_single_pixels_are_integrated_out(small: Model, hidden: tuple[Effect, ...]) -> None:
+    noise = replace(small.sensor.noise, width_spread=0.2)
     wide = replace(small, sensor=replace(small.sensor, noise=noise))
-    found = reconcile(wide, recorded(wide, OFFSET), Settings(kinds=("range_offset",)))
-    assert _kinds(found) == {"range_offset"}
-    assert "widths of single pixels" in capsys.readouterr().err
+    found = reconcile(wide, recorded(wide, *hidden), Settings(kinds=("range_offset", "excess_noise", "fixed_pattern")))
+    assert found.verified.verdict == ("explained" if hidden else "agree")
+    assert _kinds(found) == {e.kind for e in hidden}
 
 
 def test_other_values_of_the_variable_are_refused(small: Model, monkeypatch: pytest.MonkeyPatch) -> None:

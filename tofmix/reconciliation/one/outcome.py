@@ -34,8 +34,6 @@ OTHERS = 3
 
 def unsupported(likelihood: Likelihood) -> str:
     """Why this search cannot take the recordings, as the end of a sentence; empty if it can."""
-    if likelihood.scene.model.sensor.noise.width_spread:
-        return "it has no evidence for the widths of single pixels yet"
     if likelihood.scene.model.scene is not None:
         return "it does not know the errors of a measured scene yet"
     return ""
