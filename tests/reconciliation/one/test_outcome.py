@@ -95,3 +95,12 @@ def test_numbers_are_fitted_to_the_fitting_frames_alone(small: Model) -> None:
     second = reconcile(small, replace(evidence, samples=rows), Settings(kinds=("range_offset",))).added
     one, other = (a.chosen[0].effect.numbers()["offset_mm"] for a in (first, second))
     assert one == pytest.approx(other, abs=1e-2)
+
+
+@pytest.mark.parametrize("hidden", [(), (OFFSET,), (NOISE,)], ids=lambda hidden: "".join(e.kind for e in hidden))
+def test_widths_of_single_pixels_are_integrated_out(small: Model, hidden: tuple[Effect, ...]) -> None:
+    noise = replace(small.sensor.noise, width_spread=0.2)
+    wide = replace(small, sensor=replace(small.sensor, noise=noise))
+    found = reconcile(wide, recorded(wide, *hidden), Settings(kinds=("range_offset", "excess_noise", "fixed_pattern")))
+    assert found.verified.verdict == ("explained" if hidden else "agree")
+    assert _kinds(found) == {e.kind for e in hidden}

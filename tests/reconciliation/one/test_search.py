@@ -105,3 +105,15 @@ def test_search_that_is_stopped_ends_with_the_sets_of_before(make_task: MakeTask
     assert len(ledger.sets) == 1
     assert not ledger.is_complete
     assert len(found.table) == 2  # that without effects too
+
+
+@pytest.mark.slow
+def test_noise_within_the_tolerance_is_not_named_and_more_is(small: Model) -> None:
+    near = small.surfaces[1].name
+    kinds = ("wiggling", "excess_noise", "range_offset")
+    wiggling = MAKE["wiggling"](amplitude_mm=15.0)
+    for factor, of_noise in ((1.012, set()), (1.5, {near})):
+        hidden = wiggling, MAKE["excess_noise"](factor=factor, surface=near)
+        found = begun(joint_likelihood([(small, recorded(small, *hidden))]), Settings(kinds=kinds))
+        search(found)
+        assert {s for kind, s in found.best.names if kind == "excess_noise"} == of_noise

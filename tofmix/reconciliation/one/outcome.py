@@ -4,12 +4,14 @@ The numbers are fitted once more, to the fitting frames alone, so that the check
 has seen. A member that leaves a statistic open in which it must show is taken out.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import chain
 
 import numpy as np
 
+from tofmix.arrays import FloatArray
 from tofmix.reconciliation.comparison.compare import Compared, compare
 from tofmix.reconciliation.found import Added, TriedEffect
 from tofmix.reconciliation.ledger import ALIAS_NATS, Ledger, WeighedSet, name_of_effect
@@ -20,11 +22,12 @@ from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, 
 from tofmix.reconciliation.likelihood.memory import memory_gain
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.likelihood.pixel_pattern import marginal_pattern, pixel_biases
+from tofmix.reconciliation.one.expansion import WIDTH_NUDGE
 from tofmix.reconciliation.one.fitted_set import FittedSet
 from tofmix.reconciliation.one.proposals import About, Columns, Proposal, by_trial
 from tofmix.reconciliation.one.recordings import UNIFORM, SearchTask
 from tofmix.reconciliation.one.search import FoundSets, begun, search
-from tofmix.reconciliation.one.static_errors import StaticErrors
+from tofmix.reconciliation.one.static_errors import LEAST_INFORMATION, StaticErrors
 from tofmix.reconciliation.parameters.fits import Fitted, Numbers
 from tofmix.reconciliation.parameters.polish import settle
 from tofmix.reconciliation.settings import Settings, fit_part, held_out
@@ -144,7 +147,7 @@ def refitted(s: FittedSet) -> tuple[ModelState, tuple[TriedEffect, ...]]:
         if not isinstance(kind.hidden, PixelBias):
             raise TypeError(f"{kind.kind} has no bias of a pixel")
         pattern = (kind.hidden.made(kind, spreads),)
-    bare = s.state()
+    bare = replace(s.state(), log_width=task.null.log_width)  # the model's own error of widths is no part of it
     members = s.members()
     state = replace(bare, effects=(*members, *s.linked, *pattern))
     if not state.effects:
@@ -208,16 +211,16 @@ def _panel(best: FittedSet, state: ModelState) -> Compared:
     """
     like, settings = best.task.likelihood, best.task.settings
     held = held_out(like, settings)
-    mixture = _moved(best, state, held)
-    return compare(like, state, _covered(like, state, held), seed=settings.seed, mixture=mixture)
+    near, mixture = _moved(best.task, state, held)
+    return compare(like, near, _covered(like, state, held), seed=settings.seed, mixture=mixture)
 
 
-def _moved(best: FittedSet, state: ModelState, held: Part) -> Mixture:
-    """The prediction with the errors of surfaces of each recording, and with the model's own error of noise.
+def _moved(task: SearchTask, state: ModelState, held: Part) -> tuple[ModelState, Mixture]:
+    """The state with the model's own errors of widths, and its prediction with the errors of surfaces too.
 
-    Neither error is larger than the tolerance, times `SLACK`.
+    Both are found from the held-out frames, and no error is larger than the tolerance, times `SLACK`. Where pixels have
+    widths of their own, the state has them.
     """
-    task = best.task
     like, most = task.likelihood, SLACK / UNIFORM
     mixture = like.mixture(state)
     bias, known = np.zeros(task.lit.shape), np.zeros(task.lit.shape)
@@ -226,19 +229,36 @@ def _moved(best: FittedSet, state: ModelState, held: Part) -> Mixture:
         bias[view.number], known[view.number] = found.bias, np.where(task.lit[view.number], found.information, 0.0)
     errors = StaticErrors.of(task.low, known, like.evidence.image, more_variance=state.pixel_variance)
     moved = errors.of_model(bias, most)
+    if task.width_variance.any():
+        return state, _with_biases(task, mixture, moved)
+    wider = _log_width(task, state, _with_biases(task, mixture, moved), held, most * math.sqrt(0.5))
+    near = replace(state, log_width=state.log_width + wider)
+    return near, _with_biases(task, like.mixture(near), moved)
+
+
+def _log_width(task: SearchTask, state: ModelState, mixture: Mixture, held: Part, most: float) -> FloatArray:
+    """The model's own errors of log widths (recording, pixel), each of at most so many standard deviations."""
+    rise, told = np.zeros(task.lit.shape), np.zeros(task.lit.shape)
+    for view in views(task.likelihood, mixture, held):
+        below, here, above = (
+            task.likelihood.sums(mixture.widened(np.array(step)), state, view.part_of_all).by_pixel[:, 0]
+            for step in (-WIDTH_NUDGE, 0.0, WIDTH_NUDGE)
+        )
+        curve = (2 * here - below - above) / WIDTH_NUDGE**2
+        told[view.number] = np.where(task.lit[view.number], np.maximum(curve, 0.0), 0.0)
+        rise[view.number] = (above - below) / (2 * WIDTH_NUDGE)
+    step = np.where(told > 0, rise / np.maximum(told, LEAST_INFORMATION), 0.0)
+    return task.width_errors(told).of_model(step.reshape(1, -1), most).reshape(step.shape)
+
+
+def _with_biases(task: SearchTask, mixture: Mixture, bias_mm: FloatArray) -> Mixture:
+    """The prediction with biases (recording, pixel), mm, of all that has light."""
     mean = mixture.mean.copy()
     for number, recording in enumerate(task.recordings):
         keys = mixture.key[recording.view.frames]
         times = slice(int(keys.min()), int(keys.max()) + 1)
-        mean[times] += np.where(mixture.lit[times], moved[number], 0.0)
-    mixture = replace(mixture, mean=mean)
-    if not best.free_noise:
-        return mixture
-    limit = most * task.noise_sd  # of the logarithm of sigma: over so little the log-likelihood is a parabola
-    less, here, more = (like.value(state, held, mixture.widened(np.array(x))) for x in (-limit, 0.0, limit))
-    curve = less - 2 * here + more
-    top = 0.5 * (less - more) / curve if curve < 0 else np.sign(more - less)
-    return mixture.widened(np.array(limit * np.clip(top, -1, 1)))
+        mean[times] += np.where(mixture.lit[times], bias_mm[number], 0.0)
+    return replace(mixture, mean=mean)
 
 
 def _covered(likelihood: Likelihood, state: ModelState, part: Part) -> Part:

@@ -15,12 +15,12 @@ from tofmix.reconciliation.likelihood.memory import one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.one.columns import TENTHS, ColumnMaker
 from tofmix.reconciliation.one.coordinates import Law, laws
-from tofmix.reconciliation.one.static_errors import DISCREPANCY, across_surface, hats
+from tofmix.reconciliation.one.static_errors import DISCREPANCY, StaticErrors, across_surface, hats
 from tofmix.reconciliation.one.steps_kernel import DistinctValues
 from tofmix.reconciliation.parameters.searches import search_facts
 from tofmix.reconciliation.settings import Settings, fit_part
 from tofmix.simulation.effects import EFFECTS, Effect
-from tofmix.simulation.effects.base import Basic, with_hidden
+from tofmix.simulation.effects.base import with_hidden
 from tofmix.simulation.effects.hidden import (
     DisturbedFrames,
     PatternSpreads,
@@ -95,8 +95,10 @@ class SearchTask:
     price_nats : float
         Price of a member. Without effects, a Bayes factor of x comes up with a probability of at most 1 / x (Markov),
         so that noise adds one of m effects to at most a share alpha of recordings if each costs log(m / alpha).
-    noise_sd : float
-        Standard deviation of the model's own error of log sigma; 0 if the model may have none.
+    low_width : (k, 1, recording x pixel) float64
+        The model's own errors of the logarithm of sigma, with unit priors: one common, and one of each surface.
+    width_variance : (recording x pixel,) float64
+        Variance of the logarithm of each pixel's own width.
     given_kinds : set of str
         Kinds that the model has.
     given : PatternSpreads
@@ -110,7 +112,7 @@ class SearchTask:
         frames, pixels = likelihood.evidence.shape
         self.part: Part = (np.arange(frames), np.arange(pixels))
         begun = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
-        self.null = replace(begun, pixel_bias=np.zeros(pixels))
+        self.null = replace(begun, pixel_bias=np.zeros(pixels), log_width=np.zeros_like(begun.log_width))
         self.mixture = likelihood.mixture(self.null)
         self.recordings = tuple(self._recording(view) for view in views(likelihood, self.mixture, self.part))
         mixtures = [r.view.mixture for r in self.recordings]
@@ -123,8 +125,9 @@ class SearchTask:
         self.laws = tuple(self._laws([kind.kind for kind in own if kind not in self.hidden]))
         names = {law.name for law in self.laws}
         self.price_nats = math.log(max(len(names) + len(self.hidden), 1) / settings.alpha)
-        scaled = any(e.is_basic(Basic.NOISE) for e in likelihood.scene.effects)
-        self.noise_sd = 0.0 if scaled else _NOISE * settings.tolerance * UNIFORM
+        self.low_width = self._noise_errors()
+        spread = likelihood.scene.model.sensor.noise.width_spread
+        self.width_variance = np.full(self.lit.size, spread**2)
         self.given_kinds = {e.kind for e in likelihood.scene.effects}
         self.given = next((h.spreads(e) for e, h in with_hidden(self.null.given, PixelBias)), PatternSpreads(0, 0, 0))
 
@@ -165,6 +168,25 @@ class SearchTask:
         if not out or not self.settings.tolerance:
             return np.zeros((0, *self.lit.shape))
         return np.stack(out)
+
+    def _noise_errors(self) -> FloatArray:
+        """Half of the variance is common to all surfaces, as of a curve that is wrong, and half is of each surface."""
+        size = _NOISE * self.settings.tolerance * UNIFORM * math.sqrt(0.5)
+        out = [self.lit * size]
+        for number, recording in enumerate(self.recordings):
+            for surface in np.unique(recording.surface[self.lit[number]]):
+                column = np.zeros(self.lit.shape)
+                column[number] = np.where(self.lit[number] & (recording.surface == surface), size, 0.0)
+                out.append(column)
+        return np.stack(out).reshape(len(out), 1, -1) if size else np.zeros((0, 1, self.lit.size))
+
+    def width_errors(self, information: FloatArray) -> StaticErrors:
+        """The covariance of log widths, all recordings in one row, for some information (recording, pixel) about each.
+
+        A recording has its own widths of single pixels.
+        """
+        row = information.reshape(1, -1)
+        return StaticErrors.of(self.low_width, row, row.shape, more_variance=self.width_variance)
 
     @cached_property
     def step_mm(self) -> float | None:

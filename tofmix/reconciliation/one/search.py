@@ -190,7 +190,7 @@ def _without_members_at_a_bound(found: FoundSets, size: int) -> None:
 def _with_laws(s: FittedSet, keep: list[int]) -> FittedSet:
     """The set with some of its laws, at its numbers."""
     parts = s.parts(s.x)
-    other = replace(
+    return replace(
         s,
         laws=tuple(s.laws[k] for k in keep),
         x=np.concatenate([*(parts[k] for k in keep), np.zeros(0)]),
@@ -198,9 +198,6 @@ def _with_laws(s: FittedSet, keep: list[int]) -> FittedSet:
         started=None,
         refused="",
     )
-    if other.free_noise:
-        other.x = np.concatenate([other.x, s.x[-1:] if s.free_noise else np.zeros(1)])
-    return other
 
 
 def closed(found: FoundSets, about: Callable[[FittedSet], About]) -> None:
