@@ -7,7 +7,6 @@ Use `reconcile` for samples in memory; `tofmix.cli.reconcile` does the same for 
 
 import math
 import os
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -381,7 +380,7 @@ def _searched(
         given = as_given(likelihood, settings)
         if given[1].verdict == "agree":
             return given
-    if _is_new_wanted(likelihood):
+    if _is_new_wanted():
         return one.named(likelihood, settings, _Steps(settings.kinds, tick).done, ledger)
     tried: list[tuple[Added, Verified]] = []
     for added in ways(likelihood, settings, tick, ledger):
@@ -396,8 +395,8 @@ def _searched(
     return next((search for search in tried if search[1].verdict == "partly_explained"), tried[0])
 
 
-def _is_new_wanted(likelihood: Likelihood) -> bool:
-    """Whether the one search is asked for and can take the recordings; a warning if it cannot.
+def _is_new_wanted() -> bool:
+    """Whether the one search is asked for.
 
     Raises
     ------
@@ -407,12 +406,7 @@ def _is_new_wanted(likelihood: Likelihood) -> bool:
     wanted = os.environ.get(SEARCH_VARIABLE, OLD_SEARCH)
     if wanted not in (NEW_SEARCH, OLD_SEARCH):
         raise UsageError(f"{SEARCH_VARIABLE}: {wanted} is neither {NEW_SEARCH} nor {OLD_SEARCH}")
-    if wanted == OLD_SEARCH:
-        return False
-    why = one.unsupported(likelihood)
-    if why:
-        print(f"tofmix: {SEARCH_VARIABLE}={NEW_SEARCH} is not used: {why}", file=sys.stderr)  # noqa: T201
-    return not why
+    return wanted == NEW_SEARCH
 
 
 class _Steps:

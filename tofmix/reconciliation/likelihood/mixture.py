@@ -32,6 +32,8 @@ LINKING = (Latent.FRAME, Latent.PIXEL, Latent.MEMORY)
 _TIMES = (4, 8, 16, 32)  # times at which a changing scene is computed; the most unless only surfaces move
 _STEP_MM = 15.0  # largest move of a surface from one time to the next, if there are enough times
 _SOON_S = 1e-3  # for the velocity of a surface
+_LEAST_SIGMA_MM = 0.05  # of a prediction
+_LEAST_REST = 0.3  # of a measured width, at least, is noise: a way takes no more of it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -261,6 +263,15 @@ class Scene:
             out[:-1] = (soon / now - 1.0) / _SOON_S
         return out
 
+    def _at_rest(self, sigma: FloatArray, rate: FloatArray) -> FloatArray:
+        """Noise (time, component, pixel) of a measured scene, mm, without the way of surfaces in the reference.
+
+        Times count from the middle of a reference that the recording itself begins with, else from 0: then the surfaces
+        stood still. A steady way of w has the standard deviation w / sqrt 12.
+        """
+        way = 2.0 * max(float(self.time_s[0]), 0.0) * rate
+        return np.asarray(np.sqrt(np.maximum(sigma**2 - way**2 / 12.0, (_LEAST_REST * sigma) ** 2)))
+
     def mixture(self, effects: tuple[Effect, ...] = ()) -> Mixture:
         """The prediction of the model and these effects, without hidden states that link samples."""
         effects = (*self._apart, *self.own(effects))
@@ -303,13 +314,16 @@ class Scene:
         rate = np.zeros(true_range.shape)
         if velocity.any():
             rate = true_range * np.take_along_axis(velocity[:, None], surface, axis=2)
+        sigma = np.maximum(stack("sigma_mm", 1.0), _LEAST_SIGMA_MM)
+        if self.model.scene is not None and velocity.any():
+            sigma = self._at_rest(sigma, rate)
         sensor = self.model.sensor
         share = 0.0 if sensor.noise.background is None else sensor.noise.background
         background = np.broadcast_to(share, sensor.shape).ravel().astype(np.float64)
         return Mixture(
             weight=stack("weight", 0.0),
             mean=stack("range_mm", 1.0),
-            sigma=np.maximum(stack("sigma_mm", 1.0), 0.05),
+            sigma=sigma,
             rate=rate,
             lit=surface >= 0,
             surface=surface,

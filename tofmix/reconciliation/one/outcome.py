@@ -32,13 +32,6 @@ OTHERS = 3
 """Most sets beside the best one and its aliases of which the reason is given."""
 
 
-def unsupported(likelihood: Likelihood) -> str:
-    """Why this search cannot take the recordings, as the end of a sentence; empty if it can."""
-    if likelihood.scene.model.scene is not None:
-        return "it does not know the errors of a measured scene yet"
-    return ""
-
-
 def named(
     likelihood: Likelihood,
     settings: Settings,
@@ -172,8 +165,9 @@ def _moved(best: FittedSet, state: ModelState, chosen: Sequence[TriedEffect]) ->
         error = best.about.model_log_width(like.mixture(best.state()))
         near = replace(state, log_width=state.log_width + error)
     found = pixel_biases(like, like.mixture(near), near, held)
-    known = np.where(task.lit, found.information, 0.0)
-    errors = StaticErrors.of(task.low, known, like.evidence.image, more_variance=state.pixel_variance)
+    known = np.where(task.lit, found.information, 0.0)  # a measured scene's own errors are taken off already
+    own = state.pixel_variance if state.errors is None else np.zeros_like(state.pixel_variance)
+    errors = StaticErrors.of(task.low, known, like.evidence.image, more_variance=own)
     return replace(near, pixel_bias=near.pixel_bias + errors.of_model(found.bias[None])[0])
 
 
