@@ -17,6 +17,7 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.noise_shape import NoiseShape
 from tofmix.optics.projection import beam_directions_of
 from tofmix.reconciliation.likelihood.error_shape import GAUSSIAN, ShapeTable, shape_table
+from tofmix.simulation.casting.measured_cast import by_neighbours
 from tofmix.simulation.casting.polygon_cast import PolygonCaster
 from tofmix.simulation.distribution import Prediction
 from tofmix.simulation.effects.base import Effect, Latent, Level
@@ -182,6 +183,10 @@ class Scene:
         rest = tuple(e for e in model.effects if e not in (*self.links, *self._apart))
         alike = replace(model.sensor.noise, width_spread=0.0)  # widths belong to the recording: a state has them
         self._still = replace(model, effects=rest, sensor=replace(model.sensor, noise=alike))
+        self._apart_mm: FloatArray | None = None
+        if model.scene is not None:  # laws act on ranges without the pixels' own errors, which stay as they were seen
+            smooth, self._apart_mm = by_neighbours(model, model.scene)
+            self._still = replace(self._still, scene=smooth)
         self._table = shape_table(model.sensor.noise.shape)
         self._caster = PolygonCaster(model.sensor)
         self.beams = beam_directions_of(model.sensor.optics, model.sensor.shape).reshape(-1, 3)
@@ -314,6 +319,9 @@ class Scene:
         rate = np.zeros(true_range.shape)
         if velocity.any():
             rate = true_range * np.take_along_axis(velocity[:, None], surface, axis=2)
+        mean = stack("range_mm", 1.0)
+        if self._apart_mm is not None:
+            mean = mean + np.take_along_axis(self._apart_mm[None], surface, axis=1)
         sigma = np.maximum(stack("sigma_mm", 1.0), _LEAST_SIGMA_MM)
         if self.model.scene is not None and velocity.any():
             sigma = self._at_rest(sigma, rate)
@@ -322,7 +330,7 @@ class Scene:
         background = np.broadcast_to(share, sensor.shape).ravel().astype(np.float64)
         return Mixture(
             weight=stack("weight", 0.0),
-            mean=stack("range_mm", 1.0),
+            mean=mean,
             sigma=sigma,
             rate=rate,
             lit=surface >= 0,
