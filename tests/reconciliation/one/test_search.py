@@ -12,7 +12,7 @@ from tofmix.reconciliation.ledger import Ledger
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
 from tofmix.reconciliation.one.fitted_set import FittedSet
 from tofmix.reconciliation.one.proposals import About, Columns
-from tofmix.reconciliation.one.search import FoundSets, begun, closed, search
+from tofmix.reconciliation.one.search import FoundSets, closed, search
 from tofmix.reconciliation.settings import Settings
 from tofmix.simulation.model import Model
 
@@ -80,8 +80,7 @@ def test_a_smooth_law_stands_if_it_is_four_nats_better(lead: float, axis: str | 
 )
 def test_hidden_effects_are_found(small: Model, hidden: Any) -> None:  # noqa: ANN401
     kinds = (*KINDS, "outliers", "quantisation", "temporal_correlation", "interference", "dropout")
-    found = begun(joint_likelihood([(small, recorded(small, *hidden))]), Settings(kinds=kinds))
-    search(found)
+    found = search(joint_likelihood([(small, recorded(small, *hidden))]), Settings(kinds=kinds))
     assert {kind for kind, _ in found.best.names} == {e.kind for e in hidden}
 
 
@@ -89,8 +88,7 @@ def test_work_of_each_step_adds_up_and_each_fit_is_weighed(make_task: MakeTask) 
     task = make_task(("range_offset", "excess_noise"), MAKE["range_offset"](offset_mm=6.0))
     shares: list[float] = []
     ledger = Ledger()
-    found = begun(task.likelihood, task.settings, shares.append, ledger)
-    search(found)
+    found = search(task.likelihood, task.settings, shares.append, ledger)
     named = [s for s in found.table.values() if s.named and s.keys and math.isfinite(s.evidence)]
     assert {w.names for w in ledger.sets} == {tuple(s.names) for s in named}
     assert sum(shares) == pytest.approx(round(sum(shares)))
@@ -100,8 +98,7 @@ def test_work_of_each_step_adds_up_and_each_fit_is_weighed(make_task: MakeTask) 
 def test_search_that_is_stopped_ends_with_the_sets_of_before(make_task: MakeTask) -> None:
     task = make_task(("range_offset", "excess_noise"), MAKE["range_offset"](offset_mm=6.0))
     ledger = Ledger(is_stopped=lambda: bool(ledger.sets))
-    found = begun(task.likelihood, task.settings, ledger=ledger)
-    search(found)
+    found = search(task.likelihood, task.settings, ledger=ledger)
     assert len(ledger.sets) == 1
     assert not ledger.is_complete
     assert len(found.table) == 2  # that without effects too
@@ -114,6 +111,5 @@ def test_noise_within_the_tolerance_is_not_named_and_more_is(small: Model) -> No
     wiggling = MAKE["wiggling"](amplitude_mm=15.0)
     for factor, of_noise in ((1.012, set()), (1.5, {near})):
         hidden = wiggling, MAKE["excess_noise"](factor=factor, surface=near)
-        found = begun(joint_likelihood([(small, recorded(small, *hidden))]), Settings(kinds=kinds))
-        search(found)
+        found = search(joint_likelihood([(small, recorded(small, *hidden))]), Settings(kinds=kinds))
         assert {s for kind, s in found.best.names if kind == "excess_noise"} == of_noise

@@ -17,6 +17,7 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.noise_shape import NoiseShape
 from tofmix.optics.projection import beam_directions_of
 from tofmix.reconciliation.likelihood.error_shape import GAUSSIAN, ShapeTable, shape_table
+from tofmix.simulation.casting.measured_cast import by_neighbours
 from tofmix.simulation.casting.polygon_cast import PolygonCaster
 from tofmix.simulation.distribution import Prediction
 from tofmix.simulation.effects.base import Effect, Latent, Level
@@ -32,6 +33,8 @@ LINKING = (Latent.FRAME, Latent.PIXEL, Latent.MEMORY)
 _TIMES = (4, 8, 16, 32)  # times at which a changing scene is computed; the most unless only surfaces move
 _STEP_MM = 15.0  # largest move of a surface from one time to the next, if there are enough times
 _SOON_S = 1e-3  # for the velocity of a surface
+_LEAST_SIGMA_MM = 0.05  # of a prediction
+_LEAST_REST = 0.3  # of a measured width, at least, is noise: a way takes no more of it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -180,6 +183,10 @@ class Scene:
         rest = tuple(e for e in model.effects if e not in (*self.links, *self._apart))
         alike = replace(model.sensor.noise, width_spread=0.0)  # widths belong to the recording: a state has them
         self._still = replace(model, effects=rest, sensor=replace(model.sensor, noise=alike))
+        self._apart_mm: FloatArray | None = None
+        if model.scene is not None:  # laws act on ranges without the pixels' own errors, which stay as they were seen
+            smooth, self._apart_mm = by_neighbours(model, model.scene)
+            self._still = replace(self._still, scene=smooth)
         self._table = shape_table(model.sensor.noise.shape)
         self._caster = PolygonCaster(model.sensor)
         self.beams = beam_directions_of(model.sensor.optics, model.sensor.shape).reshape(-1, 3)
@@ -261,6 +268,15 @@ class Scene:
             out[:-1] = (soon / now - 1.0) / _SOON_S
         return out
 
+    def _at_rest(self, sigma: FloatArray, rate: FloatArray) -> FloatArray:
+        """Noise (time, component, pixel) of a measured scene, mm, without the way of surfaces in the reference.
+
+        Times count from the middle of a reference that the recording itself begins with, else from 0: then the surfaces
+        stood still. A steady way of w has the standard deviation w / sqrt 12.
+        """
+        way = 2.0 * max(float(self.time_s[0]), 0.0) * rate
+        return np.asarray(np.sqrt(np.maximum(sigma**2 - way**2 / 12.0, (_LEAST_REST * sigma) ** 2)))
+
     def mixture(self, effects: tuple[Effect, ...] = ()) -> Mixture:
         """The prediction of the model and these effects, without hidden states that link samples."""
         effects = (*self._apart, *self.own(effects))
@@ -303,13 +319,19 @@ class Scene:
         rate = np.zeros(true_range.shape)
         if velocity.any():
             rate = true_range * np.take_along_axis(velocity[:, None], surface, axis=2)
+        mean = stack("range_mm", 1.0)
+        if self._apart_mm is not None:
+            mean = mean + np.take_along_axis(self._apart_mm[None], surface, axis=1)
+        sigma = np.maximum(stack("sigma_mm", 1.0), _LEAST_SIGMA_MM)
+        if self.model.scene is not None and velocity.any():
+            sigma = self._at_rest(sigma, rate)
         sensor = self.model.sensor
         share = 0.0 if sensor.noise.background is None else sensor.noise.background
         background = np.broadcast_to(share, sensor.shape).ravel().astype(np.float64)
         return Mixture(
             weight=stack("weight", 0.0),
-            mean=stack("range_mm", 1.0),
-            sigma=np.maximum(stack("sigma_mm", 1.0), 0.05),
+            mean=mean,
+            sigma=sigma,
             rate=rate,
             lit=surface >= 0,
             surface=surface,

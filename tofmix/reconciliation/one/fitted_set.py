@@ -180,16 +180,43 @@ class FittedSet:
             return -math.inf
         mixture = like.mixture(state)
         total, samples = self.about.log_likelihood(state, mixture, thin=self._thin and not final)
+        total += self._of_scene(state, mixture)
         if final:
             total += self._of_states(state, mixture, samples)
         return total + like.side_log_density(state)
+
+    def _of_scene(self, state: ModelState, mixture: Mixture) -> float:
+        """Log density by the errors of a measured scene beside those of its means."""
+        total = 0.0
+        for number, recording in enumerate(self.task.recordings):
+            if recording.scene.lost_frames.any():
+                share = mixture.of_frames(recording.view.frames).invalid[0]
+                total += recording.scene.by_lost(recording.lost, recording.part[0].size, share)
+            total += float(self._frame_gains(number, state, mixture).sum())
+        return total
+
+    def _frame_gains(
+        self, number: int, state: ModelState, mixture: Mixture, added: FloatArray | None = None
+    ) -> FloatArray:
+        """What the noise that a recording's frames share changes in the log-likelihood of each (frame,), nats.
+
+        `added` is the variance that each frame has in addition, mm2; without it, that of the state.
+        """
+        task, recording = self.task, self.task.recordings[number]
+        if not recording.scene.frame_noise_mm:
+            return np.zeros(recording.part[0].size)
+        task.passes += 1
+        sums = task.likelihood.sums(mixture, state, recording.part, bias=self.beta[number], variance=added)
+        own = sums.by_frame[recording.part[0]]
+        return recording.scene.by_frames(own[:, 1], own[:, 2])
 
     def _of_states(self, state: ModelState, mixture: Mixture, samples: float) -> float:
         """Log density by hidden states of frames, noise and pixels."""
         total = 0.0
         if state.bursts is not None:
             chain, self.disturbed = self.chain(state, mixture)
-            total += chain - samples
+            frames = (self._frame_gains(k, state, mixture).sum() for k in range(len(self.task.recordings)))
+            total += chain - samples - float(sum(frames))  # of which the chain has its own
         self.memory_nats = self._memory_gain(state, mixture)
         total += self.memory_nats
         if self.stuck_mm is not None:
@@ -203,13 +230,14 @@ class FittedSet:
             raise TypeError("no effect disturbs frames")
         frames = like.evidence.shape[0]
         pair, unsure = np.zeros((2, frames)), 0.0  # sums by frame take the more likely state of each pixel as known
-        for recording, bias in zip(self.task.recordings, self.beta, strict=True):
+        for place, (recording, bias) in enumerate(zip(self.task.recordings, self.beta, strict=True)):
             self.task.passes += 2
             for number, size in enumerate((0.0, state.bursts.sigma_mm)):
                 added = np.full(frames, size**2)
                 sums = like.sums(mixture, state, recording.part, bias=bias, variance=added)
                 pair[number] += sums.by_frame[:, 0]
                 unsure += (1 - number) * (sums.total - float(sums.by_frame[:, 0].sum()))
+                pair[number, recording.part[0]] += self._frame_gains(place, state, mixture, added)
         total, disturbed = forward(pair[0], pair[1], like.evidence.frame_number, state.bursts)
         return total + unsure, disturbed
 

@@ -26,7 +26,7 @@ from tofmix.reconciliation.one.expansion import WIDTH_NUDGE
 from tofmix.reconciliation.one.fitted_set import FittedSet
 from tofmix.reconciliation.one.proposals import About, Columns, Proposal, by_trial
 from tofmix.reconciliation.one.recordings import UNIFORM, SearchTask
-from tofmix.reconciliation.one.search import FoundSets, begun, search
+from tofmix.reconciliation.one.search import FoundSets, begun, extend
 from tofmix.reconciliation.one.static_errors import LEAST_INFORMATION, StaticErrors
 from tofmix.reconciliation.parameters.fits import Fitted, Numbers
 from tofmix.reconciliation.parameters.polish import settle
@@ -64,7 +64,7 @@ def named(
         verified = verify(likelihood, given, settings)
         if verified.verdict == "agree":
             return given, verified
-    search(found)
+    extend(found)
     best = found.best_named
     added = as_added(found, best)
     verified = verify(likelihood, added, settings)
@@ -227,7 +227,8 @@ def _moved(task: SearchTask, state: ModelState, held: Part) -> tuple[ModelState,
     for view in views(like, mixture, held):
         found = pixel_biases(like, mixture, state, view.part_of_all)
         bias[view.number], known[view.number] = found.bias, np.where(task.lit[view.number], found.information, 0.0)
-    errors = StaticErrors.of(task.low, known, like.evidence.image, more_variance=state.pixel_variance)
+    own = state.pixel_variance if state.errors is None else np.zeros_like(state.pixel_variance)  # taken off already
+    errors = StaticErrors.of(task.low, known, like.evidence.image, more_variance=own)
     moved = errors.of_model(bias, most)
     if task.width_variance.any():
         return state, _with_biases(task, mixture, moved)

@@ -144,7 +144,19 @@ def begun(
     return FoundSets(task, tick, Ledger() if ledger is None else ledger, {frozenset(): null})
 
 
-def search(found: FoundSets) -> None:
+def search(
+    likelihood: Likelihood,
+    settings: Settings,
+    tick: Callable[[float], None] = lambda _: None,
+    ledger: Ledger | None = None,
+) -> FoundSets:
+    """Find the most likely set of effects; parameters as of `begun`."""
+    found = begun(likelihood, settings, tick, ledger)
+    extend(found)
+    return found
+
+
+def extend(found: FoundSets) -> None:
     """Find the most likely set of effects, from the sets of `begun`; all sets that are fitted are added to them."""
     task, null = found.task, found.best
     settings = task.settings

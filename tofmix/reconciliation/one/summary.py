@@ -165,7 +165,7 @@ def spreads_of_biases(task: SearchTask, bias_mm: FloatArray, information: FloatA
     """Spreads of the pattern that biases (recording, pixel) show together; None if they show none."""
     total = information.sum(axis=0)
     mean = (bias_mm * information).sum(axis=0) / np.maximum(total, LEAST_INFORMATION)
-    known = np.where(total > LEAST_INFORMATION, total, 0.0)
+    known = task.known_with_scene(np.where(total > LEAST_INFORMATION, total, 0.0))
     mean = np.where(known > 0, mean, 0.0)
     found = PixelBiases(bias=mean, information=known, gain=0.5 * mean**2 * known)
     fitted = hidden_fits.fit_spreads(found, task.likelihood.evidence.image)
