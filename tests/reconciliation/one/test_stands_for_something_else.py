@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from support.recordings import MAKE, recorded
 
-from tofmix.reconciliation.likelihood.joint import joint_likelihood
 from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.model import Model
@@ -47,12 +46,3 @@ def test_wrong_given_offset_is_named_neither_drift_nor_walk(small: Model, kinds:
     result = reconcile(wrong, recorded(two, MAKE["range_offset"](offset_mm=18.0)), Settings(kinds=kinds))
     assert not {"temperature_drift", "amplitude_walk"} & {n.effect.kind for n in result.named}
     assert result.verified.verdict == "unexplained"
-
-
-def test_sigma_of_place_is_the_median_of_the_recordings_that_show_the_surface(model: Model) -> None:
-    parts = replace(model, surfaces=model.surfaces[:2]), replace(model, surfaces=model.surfaces[1:])
-    joined = joint_likelihood([(part, recorded(part)) for part in parts]).scene
-    single = [dict(zip(s.names, s.sigma_of_place, strict=True)) for s in joined.members]
-    first, shared, last = (s.name for s in model.surfaces)
-    wanted = [single[0][first], np.median([single[0][shared], single[1][shared]]), single[1][last]]
-    assert joined.sigma_of_place == pytest.approx(np.array(wanted))

@@ -7,7 +7,6 @@ registry's effects.
 
 from collections import OrderedDict
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -191,21 +190,6 @@ class Scene:
         self._caster = PolygonCaster(model.sensor)
         self.beams = beam_directions_of(model.sensor.optics, model.sensor.shape).reshape(-1, 3)
         self._casts: OrderedDict[tuple[Surface, ...], tuple[Truth, Prediction]] = OrderedDict()
-        self.distance = np.array([_plane_distance(s) for s in model.surfaces])
-
-    @cached_property
-    def sigma_of_place(self) -> FloatArray:
-        """Shift (surface,) of each surface along its normal, mm, that changes its ranges by their sigma.
-
-        The median over the pixels in which it has the most light; NaN without such pixels.
-        """
-        m = self.mixture()
-        surface, sigma, ranges = m.of_main(m.surface), m.of_main(m.sigma), m.of_main(m.true_range)
-        out = np.full(len(self.names), np.nan)
-        for number in np.intersect1d(surface, np.arange(len(self.names))):
-            own = surface == number
-            out[number] = float(np.median(sigma[own] / ranges[own])) * abs(self.distance[number])
-        return out
 
     @property
     def casts(self) -> int:
@@ -390,16 +374,7 @@ class Scenes:
     def __init__(self, members: tuple[Scene, ...]) -> None:
         self.members = members
         self.model = members[0].model
-        distances = {name: d for m in reversed(members) for name, d in zip(m.names, m.distance, strict=True)}
         self.names = tuple(dict.fromkeys(name for m in members for name in m.names))
-        self.distance = np.array([distances[name] for name in self.names])
-
-    @property
-    def sigma_of_place(self) -> FloatArray:
-        """As `Scene.sigma_of_place`: the median over the recordings that show a surface."""
-        found = [dict(zip(m.names, m.sigma_of_place, strict=True)) for m in self.members]
-        seen = ([own[name] for own in found if name in own and own[name] > 0] for name in self.names)
-        return np.array([float(np.median(values)) if values else np.nan for values in seen])
 
     @property
     def effects(self) -> tuple[Effect, ...]:
