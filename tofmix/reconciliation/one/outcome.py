@@ -101,13 +101,15 @@ def better_own_effect(recordings: Sequence[Recording], added: Added, settings: S
         less = joint_likelihood([(_without(model, effect), evidence) for model, evidence in recordings])
         task = SearchTask(less, replace(settings, kinds=(effect.kind,)))
         nothing = FittedSet.without_effects(task).fit()
-        proposals = chain(About(Columns.of(task), nothing).sets(1), by_trial(nothing))
-        for p in proposals:
-            if p.names != {name_of_effect(effect)}:
+        # the amplitudes that other numbers change are no part of the score of the effect as given
+        as_given = sum(side.log_density(effect) for side in less.side_information)
+        for p in chain(About(Columns.of(task), nothing).sets(1), by_trial(nothing)):
+            s = _fitted(p) if p.names == {name_of_effect(effect)} else None
+            if s is None or s.refused:
                 continue
-            s = _fitted(p)
-            if s is not None and s.evidence > top and not s.refused:
-                best, top = s.members()[0], s.evidence
+            score = s.score + task.price_nats - as_given  # it takes the place of one, so it has no price
+            if score > top:
+                best, top = s.members()[0], score
     return best
 
 
