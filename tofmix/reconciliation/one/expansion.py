@@ -39,7 +39,13 @@ _THIRD = 3  # every third frame, for a faster pass
 
 
 def pixel_sums(
-    task: SearchTask, state: ModelState, mixture: Mixture, bias_mm: FloatArray, *, thin: bool = False
+    task: SearchTask,
+    state: ModelState,
+    mixture: Mixture,
+    bias_mm: FloatArray,
+    *,
+    thin: bool = False,
+    exact: bool = False,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Log-likelihood, slope, 1/mm, and information, 1/mm2, about biases; arrays (recording, pixel).
 
@@ -51,9 +57,11 @@ def pixel_sums(
         Bias of each pixel.
     thin : bool
         Take every third frame for three.
+    exact : bool
+        Take the exact information of quantised samples that change in time, not that of cells as noise.
     """
     out = [
-        _of_one(task, number, own, state, mixture, bias_mm[number], thin=thin)
+        _of_one(task, number, own, state, mixture, bias_mm[number], thin=thin, exact=exact)
         for number, own in enumerate(task.split(mixture))
     ]
     value, slope, information = np.stack(out, axis=1) * (_THIRD if thin else 1)
@@ -61,7 +69,15 @@ def pixel_sums(
 
 
 def _of_one(
-    task: SearchTask, number: int, own: Mixture, state: ModelState, mixture: Mixture, bias: FloatArray, *, thin: bool
+    task: SearchTask,
+    number: int,
+    own: Mixture,
+    state: ModelState,
+    mixture: Mixture,
+    bias: FloatArray,
+    *,
+    thin: bool,
+    exact: bool,
 ) -> FloatArray:
     """The same of one recording, (3, pixel), and of a third if `thin`."""
     like, recording = task.likelihood, task.recordings[number]
@@ -74,13 +90,12 @@ def _of_one(
     frames, pixels = recording.part
     part = (frames[1::_THIRD], pixels) if thin else (frames, pixels)
     out = like.sums(mixture, state, part, bias=bias).by_pixel[:, :3].T.copy()
-    if own.step > task.sigma_mm:  # slopes that take a cell as noise are wrong there
+    if exact and own.step > task.sigma_mm:  # information that takes a cell as noise is wrong there
         task.passes += 2
         nudge = NUDGE * task.sigma_mm
-        up, down = (like.sums(mixture, state, part, bias=bias + d).by_pixel[:, 0] for d in (nudge, -nudge))
-        exact = (2 * out[0] - up - down) / nudge**2
-        out[1] = (up - down) / (2 * nudge)
-        out[2] = np.where(exact > _LEAST * out[2], exact, 0.0)
+        up, down = (like.sums(mixture, state, part, bias=bias + d).by_pixel[:, 1] for d in (nudge, -nudge))
+        told = (down - up) / (2 * nudge)
+        out[2] = np.where(told > _LEAST * out[2], told, 0.0)
     return np.asarray(out)
 
 
@@ -156,7 +171,7 @@ class Expansion:
         image = task.likelihood.evidence.image
         for _ in range(passes):
             at = bias_mm
-            value, slope, information = pixel_sums(task, state, mixture, at, thin=thin)
+            value, slope, information = pixel_sums(task, state, mixture, at, thin=thin, exact=True)
             used = task.lit & (information > LEAST_INFORMATION) & state.working
             information = np.where(used, information, 0.0)
             errors = StaticErrors.of(task.low, information / over, image, spreads, state.pixel_variance)

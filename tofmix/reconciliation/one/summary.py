@@ -88,12 +88,12 @@ class Summary:
 def _biases(task: SearchTask, state: ModelState, mixture: Mixture) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Most likely bias of each pixel (recording, pixel), its information, and the log-likelihood that it gains."""
     at = np.zeros(task.lit.shape)
-    first, slope, information = pixel_sums(task, state, mixture, at)
+    first, slope, information = pixel_sums(task, state, mixture, at, exact=True)
     value = first
     limit = _FAR_BIAS * mixture.step if mixture.step > 0 else math.inf
     if state.working.any():  # a bias of many sigma is not reached step by step
         far = _medians(task, mixture)
-        there = pixel_sums(task, state, mixture, far)
+        there = pixel_sums(task, state, mixture, far, exact=True)
         better = there[0] > value
         at = np.where(better, far, at)
         value, slope, information = (
@@ -102,7 +102,7 @@ def _biases(task: SearchTask, state: ModelState, mixture: Mixture) -> tuple[Floa
     for _ in range(_STEPS):
         move = np.where(information > LEAST_INFORMATION, slope / np.maximum(information, LEAST_INFORMATION), 0.0)
         at = at + np.clip(move, -limit, limit)
-        value, slope, information = pixel_sums(task, state, mixture, at)
+        value, slope, information = pixel_sums(task, state, mixture, at, exact=True)
     return at, information, value - first
 
 

@@ -49,9 +49,9 @@ def _slope_of(
     if mixture.step <= task.sigma_mm:
         return here[:, 1], here[:, 2]
     nudge = _NUDGE * task.sigma_mm
-    up, down = (like.sums(mixture, state, part, bias=bias + d).by_pixel[:, 0] for d in (nudge, -nudge))
-    exact = (2 * here[:, 0] - up - down) / nudge**2
-    return (up - down) / (2 * nudge), np.where(exact > _LEAST * here[:, 2], exact, 0.0)
+    up, down = (like.sums(mixture, state, part, bias=bias + d).by_pixel[:, 1] for d in (nudge, -nudge))
+    exact = (down - up) / (2 * nudge)
+    return here[:, 1], np.where(exact > _LEAST * here[:, 2], exact, 0.0)
 
 
 def overstated(task: SearchTask, state: ModelState, mixture: Mixture, bias_mm: FloatArray) -> FloatArray:
