@@ -16,9 +16,10 @@ import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.reconciliation.ledger import Named
+from tofmix.reconciliation.likelihood.beats import FrameNoise, fit_beat
 from tofmix.reconciliation.likelihood.memory import fit_memory
 from tofmix.reconciliation.likelihood.mixture import Mixture
-from tofmix.reconciliation.one.coordinates import Key, Law
+from tofmix.reconciliation.one.coordinates import Key, Law, key_of_state
 from tofmix.reconciliation.one.expansion import pixel_sums
 from tofmix.reconciliation.one.fitted_set import FittedSet
 from tofmix.reconciliation.one.recordings import SearchTask
@@ -34,7 +35,7 @@ from tofmix.simulation.effects.hidden import (
     RangeStep,
     RememberedNoise,
 )
-from tofmix.simulation.effects.search import LinearForm
+from tofmix.simulation.effects.search import EFFECT_NATS, LinearForm
 
 if TYPE_CHECKING:
     from tofmix.reconciliation.search.columns import Column
@@ -357,7 +358,7 @@ class About:
         always = [o for o in self.own if not o.law.forms]
         own = [o for o in self.own if o.law.forms]
         others = [o for o in self.new if o.law.named or unnamed]
-        linked = {(e.kind, "", 0) for e in base.linked}
+        linked = {key_of_state(e) for e in base.linked}
         everything = {o.law.key for o in self.own}
         whole = float(self.evidence([self.own], everything, patterned=base.pattern is not None)[0])
         anchor = base.evidence - whole - sum(o.price_nats for o in self.own) - task.price_nats * size
@@ -495,13 +496,17 @@ def by_trial(base: FittedSet) -> Iterator[Proposal]:
                 near=(len(base.keys), gain),
             )
     for kind in task.hidden:
-        if type(kind.hidden) not in base.sorts and kind.kind not in task.given_kinds:
+        free = (kind.kind, "") not in taken and kind.kind not in task.given_kinds
+        if free and type(kind.hidden) not in base.sorts:
+            if isinstance(kind.hidden, DisturbedFrames):
+                yield from _disturbed(base, kind, rest + base.frame_gain(state, mixture))
+                continue
             proposal = _of_hidden(base, kind, mixture, beta, rest)
             yield from () if proposal is None else (proposal,)
 
 
 def _of_hidden(base: FittedSet, kind: type[Effect], mixture: Mixture, beta: FloatArray, rest: float) -> Proposal | None:
-    """The base with an effect of a hidden state; None where the recordings show none."""
+    """The base with an effect of a hidden state of pixels or noise; None where the recordings show none."""
     task, hidden = base.task, kind.hidden
     if isinstance(hidden, RangeStep) and task.step_mm is not None:
         effect = hidden.made(kind, (task.step_mm,))
@@ -509,9 +514,7 @@ def _of_hidden(base: FittedSet, kind: type[Effect], mixture: Mixture, beta: Floa
         return _linked(base, effect, gain, lambda: _with_linked(base, effect), INEXACT)
     if isinstance(hidden, PixelValue):
         return _stuck(base, kind, mixture)
-    if isinstance(hidden, RememberedNoise):
-        return _memory(base, kind)
-    return _bursts(base, kind, rest) if isinstance(hidden, DisturbedFrames) else None
+    return _memory(base, kind) if isinstance(hidden, RememberedNoise) else None
 
 
 def _total(
@@ -569,8 +572,8 @@ def _linked(
     if not gain > 0:
         return None
     return Proposal(
-        keys=base.keys | {(effect.kind, "", 0)},
-        predicted=base.score + gain - base.task.price_nats,
+        keys=base.keys | {key_of_state(effect)},
+        predicted=base.score + gain - base.task.price_nats - EFFECT_NATS * key_of_state(effect)[2],
         build=build,
         slack=inexact * gain,
         near=(len(base.keys), gain),
@@ -620,8 +623,11 @@ def _memory(base: FittedSet, kind: type[Effect]) -> Proposal | None:
     return _linked(base, effect, gain, build, _HIDDEN_INEXACT)
 
 
-def _bursts(base: FittedSet, kind: type[Effect], rest: float) -> Proposal | None:
-    """Disturbed frames, by three sizes of the noise that they add."""
+def _disturbed(base: FittedSet, kind: type[Effect], rest: float) -> Iterator[Proposal]:
+    """Disturbed frames: bursts, by three sizes of the noise that they add; and a beat, where bursts explain anything.
+
+    `rest` is the log-likelihood without them.
+    """
     task, hidden = base.task, kind.hidden
     if not isinstance(hidden, DisturbedFrames):
         raise TypeError(f"{kind.kind} disturbs no frames")
@@ -633,8 +639,8 @@ def _bursts(base: FittedSet, kind: type[Effect], rest: float) -> Proposal | None
         chain, _ = other.chain(state, task.likelihood.mixture(state))
         best = max(best, (chain - rest, effect), key=lambda pair: pair[0])
     gain, effect_found = best
-    if effect_found is None or gain <= task.price_nats:
-        return None
+    if effect_found is None:
+        return
 
     def build() -> FittedSet:
         state = base.with_errors
@@ -646,4 +652,19 @@ def _bursts(base: FittedSet, kind: type[Effect], rest: float) -> Proposal | None
         made.disturbed = made.chain(after, task.likelihood.mixture(after))[1]
         return made
 
-    return _linked(base, effect_found, gain, build, _HIDDEN_INEXACT)
+    bursts = _linked(base, effect_found, gain, build, _HIDDEN_INEXACT) if gain > task.price_nats else None
+    beat = _beat(base, kind, hidden, rest) if hidden.period else None
+    yield from (p for p in (bursts, beat) if p is not None)
+
+
+def _beat(base: FittedSet, kind: type[Effect], hidden: DisturbedFrames, rest: float) -> Proposal | None:
+    """The most likely beat; None if noise in all frames explains nearly as much."""
+    task, state = base.task, base.with_errors
+    found = fit_beat(FrameNoise(task.likelihood, task.likelihood.mixture(state), state, task.part))
+    if found is None:
+        return None
+    effect = hidden.made(kind, found[0])
+    made = _with_linked(base, effect)
+    after = made.state()
+    value, made.disturbed = made.chain(after, task.likelihood.mixture(after))
+    return _linked(base, effect, value - rest, lambda: made, _HIDDEN_INEXACT)
