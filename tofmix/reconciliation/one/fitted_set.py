@@ -17,10 +17,11 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.ledger import Named
 from tofmix.reconciliation.likelihood import hidden_fits
+from tofmix.reconciliation.likelihood.beats import FrameNoise, of_unknown_phase
 from tofmix.reconciliation.likelihood.likelihood import ModelState, forward
 from tofmix.reconciliation.likelihood.memory import memory_gain, memory_of
 from tofmix.reconciliation.likelihood.mixture import Mixture
-from tofmix.reconciliation.one.coordinates import Key, Law
+from tofmix.reconciliation.one.coordinates import Key, Law, key_of_state
 from tofmix.reconciliation.one.expansion import Expansion
 from tofmix.reconciliation.one.recordings import SearchTask, hidden_of
 from tofmix.reconciliation.one.summary import Summary, spreads_of_biases
@@ -31,6 +32,7 @@ from tofmix.simulation.effects.hidden import (
     PixelValue,
     RangeStep,
 )
+from tofmix.simulation.effects.search import EFFECT_NATS
 
 _TURNS = 8  # of Newton's steps
 _FULL_HESSIAN = 2  # turn from which correlations are numerical
@@ -101,8 +103,8 @@ class FittedSet:
     @property
     def keys(self) -> frozenset[Key]:
         """Its members, with the search of each."""
-        states = (*(e.kind for e in self.linked), *((self.pattern[0].kind,) if self.pattern else ()))
-        return frozenset([*(law.key for law in self.laws), *((kind, "", 0) for kind in states)])
+        pattern = [(self.pattern[0].kind, "", 0)] if self.pattern else []
+        return frozenset([*(law.key for law in self.laws), *map(key_of_state, self.linked), *pattern])
 
     @property
     def names(self) -> frozenset[Named]:
@@ -188,12 +190,16 @@ class FittedSet:
     def _of_scene(self, state: ModelState, mixture: Mixture) -> float:
         """Log density by the errors of a measured scene beside those of its means."""
         total = 0.0
-        for number, recording in enumerate(self.task.recordings):
+        for recording in self.task.recordings:
             if recording.scene.lost_frames.any():
                 share = mixture.of_frames(recording.view.frames).invalid[0]
                 total += recording.scene.by_lost(recording.lost, recording.part[0].size, share)
-            total += float(self._frame_gains(number, state, mixture).sum())
-        return total
+        return total + self.frame_gain(state, mixture)
+
+    def frame_gain(self, state: ModelState, mixture: Mixture) -> float:
+        """What the noise that frames of a measured scene share changes in the log-likelihood, nats."""
+        gains = (self._frame_gains(number, state, mixture) for number in range(len(self.task.recordings)))
+        return float(sum(own.sum() for own in gains))
 
     def _frame_gains(
         self, number: int, state: ModelState, mixture: Mixture, added: FloatArray | None = None
@@ -215,8 +221,7 @@ class FittedSet:
         total = 0.0
         if state.bursts is not None:
             chain, self.disturbed = self.chain(state, mixture)
-            frames = (self._frame_gains(k, state, mixture).sum() for k in range(len(self.task.recordings)))
-            total += chain - samples - float(sum(frames))  # of which the chain has its own
+            total += chain - samples - self.frame_gain(state, mixture)  # of which the chain has its own
         self.memory_nats = self._memory_gain(state, mixture)
         total += self.memory_nats
         if self.stuck_mm is not None:
@@ -224,10 +229,17 @@ class FittedSet:
         return total
 
     def chain(self, state: ModelState, mixture: Mixture) -> tuple[float, FloatArray]:
-        """Log-likelihood with the states of frames integrated out, and the probability that each is disturbed."""
+        """Log-likelihood with the states of frames integrated out, and the probability that each is disturbed.
+
+        Of a beat, the phase is integrated out, and the square of each frame's overlap takes the place of a probability.
+        """
         like = self.task.likelihood
         if state.bursts is None:
             raise TypeError("no effect disturbs frames")
+        if state.bursts.period_frames:
+            known = replace(state, pixel_bias=self.beta.mean(axis=0))
+            value, overlap = of_unknown_phase(FrameNoise(like, mixture, known, self.task.part), state.bursts)
+            return value + self.frame_gain(replace(state, disturbed=overlap), mixture), overlap
         frames = like.evidence.shape[0]
         pair, unsure = np.zeros((2, frames)), 0.0  # sums by frame take the more likely state of each pixel as known
         for place, (recording, bias) in enumerate(zip(self.task.recordings, self.beta, strict=True)):
@@ -283,7 +295,8 @@ class FittedSet:
     # ---- fit -----------------------------------------------------------------------------------------------------
     @property
     def _members_price(self) -> float:
-        return self.task.price_nats * len(self.keys) + sum(law.price_nats for law in self.laws)
+        forms = sum(key_of_state(effect)[2] for effect in self.linked)
+        return self.task.price_nats * len(self.keys) + sum(law.price_nats for law in self.laws) + EFFECT_NATS * forms
 
     def begin(self) -> float:
         """The score at the start, with the volume of the linear model; minus infinity if it is out of bounds."""

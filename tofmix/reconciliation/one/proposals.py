@@ -17,9 +17,10 @@ import numpy as np
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.reconciliation.ledger import Named
 from tofmix.reconciliation.likelihood import hidden_fits
+from tofmix.reconciliation.likelihood.beats import FrameNoise, fit_beat
 from tofmix.reconciliation.likelihood.memory import fit_memory
 from tofmix.reconciliation.likelihood.mixture import Mixture
-from tofmix.reconciliation.one.coordinates import Key, Law
+from tofmix.reconciliation.one.coordinates import Key, Law, key_of_state
 from tofmix.reconciliation.one.expansion import pixel_sums
 from tofmix.reconciliation.one.fitted_set import FittedSet
 from tofmix.reconciliation.one.recordings import SearchTask
@@ -34,7 +35,7 @@ from tofmix.simulation.effects.hidden import (
     RangeStep,
     RememberedNoise,
 )
-from tofmix.simulation.effects.search import LinearForm
+from tofmix.simulation.effects.search import EFFECT_NATS, LinearForm
 
 if TYPE_CHECKING:
     from tofmix.reconciliation.one.columns import Column
@@ -357,7 +358,7 @@ class About:
         always = [o for o in self.own if not o.law.forms]
         own = [o for o in self.own if o.law.forms]
         others = [o for o in self.new if o.law.named or unnamed]
-        linked = {(e.kind, "", 0) for e in base.linked}
+        linked = {key_of_state(e) for e in base.linked}
         everything = {o.law.key for o in self.own}
         whole = float(self.evidence([self.own], everything, patterned=base.pattern is not None)[0])
         anchor = base.evidence - whole - sum(o.price_nats for o in self.own) - task.price_nats * size
@@ -484,6 +485,21 @@ def by_trial(base: FittedSet) -> Iterator[Proposal]:
     about, cost = base.about.without_model_errors()
     rest = _total(base, base.linked, base.x, base.beta)
     bases = [(base, rest), *([(replace(base, about=about), rest - cost)] if cost > _OCCAM else [])]
+    yield from _laws_by_trial(base, bases)
+    for kind in task.hidden:
+        if (kind.kind, "") not in base.names | {(k, "") for k in task.given_kinds} and type(
+            kind.hidden
+        ) not in base.sorts:
+            best: dict[frozenset[Key], Proposal] = {}
+            for p in (p for own, nats in bases for p in _of_hidden(own, kind, nats)):
+                if p.keys not in best or p.predicted > best[p.keys].predicted:
+                    best[p.keys] = p
+            yield from best.values()
+
+
+def _laws_by_trial(base: FittedSet, bases: Sequence[tuple[FittedSet, float]]) -> Iterator[Proposal]:
+    """The base with one more law that summaries do not show; `bases` are with and without the model's own errors."""
+    task = base.task
     for law in task.laws:
         if law.forms or law.name in base.names or not law.named:
             continue
@@ -497,24 +513,23 @@ def by_trial(base: FittedSet) -> Iterator[Proposal]:
                 slack=INEXACT * gain,
                 near=(len(base.keys), gain),
             )
-    for kind in task.hidden:
-        if type(kind.hidden) not in base.sorts and kind.kind not in task.given_kinds:
-            proposals = [p for own, nats in bases if (p := _of_hidden(own, kind, nats)) is not None]
-            yield from sorted(proposals, key=lambda p: -p.predicted)[:1]
 
 
-def _of_hidden(base: FittedSet, kind: type[Effect], rest: float) -> Proposal | None:
-    """The base with an effect of a hidden state; None where the recordings show none."""
-    task, hidden = base.task, kind.hidden
-    if isinstance(hidden, RangeStep) and task.step_mm is not None:
+def _of_hidden(base: FittedSet, kind: type[Effect], rest: float) -> Iterator[Proposal]:
+    """The base with an effect of a hidden state; none where the recordings show none."""
+    task, hidden, found = base.task, kind.hidden, None
+    if isinstance(hidden, DisturbedFrames):
+        state = base.state()
+        yield from _disturbed(base, kind, rest + base.frame_gain(state, task.likelihood.mixture(state)))
+    elif isinstance(hidden, RangeStep) and task.step_mm is not None:
         effect = hidden.made(kind, (task.step_mm,))
         gain = _total(base, (*base.linked, effect), base.x, base.beta) - rest
-        return _linked(base, effect, gain, lambda: _with_linked(base, effect), INEXACT)
-    if isinstance(hidden, PixelValue):
-        return _stuck(base, kind)
-    if isinstance(hidden, RememberedNoise):
-        return _memory(base, kind)
-    return _bursts(base, kind, rest) if isinstance(hidden, DisturbedFrames) else None
+        found = _linked(base, effect, gain, lambda: _with_linked(base, effect), INEXACT)
+    elif isinstance(hidden, PixelValue):
+        found = _stuck(base, kind)
+    elif isinstance(hidden, RememberedNoise):
+        found = _memory(base, kind)
+    yield from () if found is None else (found,)
 
 
 def _total(
@@ -572,8 +587,8 @@ def _linked(
     if not gain > 0:
         return None
     return Proposal(
-        keys=base.keys | {(effect.kind, "", 0)},
-        predicted=base.score + gain - base.task.price_nats,
+        keys=base.keys | {key_of_state(effect)},
+        predicted=base.score + gain - base.task.price_nats - EFFECT_NATS * key_of_state(effect)[2],
         build=build,
         slack=inexact * gain,
         near=(len(base.keys), gain),
@@ -626,8 +641,11 @@ def _memory(base: FittedSet, kind: type[Effect]) -> Proposal | None:
     return _linked(base, effect, gain, build, _HIDDEN_INEXACT)
 
 
-def _bursts(base: FittedSet, kind: type[Effect], rest: float) -> Proposal | None:
-    """Disturbed frames, by three sizes of the noise that they add."""
+def _disturbed(base: FittedSet, kind: type[Effect], rest: float) -> Iterator[Proposal]:
+    """Disturbed frames: bursts, by three sizes of the noise that they add; and a beat, where bursts explain anything.
+
+    `rest` is the log-likelihood without them.
+    """
     task, hidden = base.task, kind.hidden
     if not isinstance(hidden, DisturbedFrames):
         raise TypeError(f"{kind.kind} disturbs no frames")
@@ -639,8 +657,8 @@ def _bursts(base: FittedSet, kind: type[Effect], rest: float) -> Proposal | None
         chain, _ = other.chain(state, task.likelihood.mixture(state))
         best = max(best, (chain - rest, effect), key=lambda pair: pair[0])
     gain, effect_found = best
-    if effect_found is None or gain <= task.price_nats:
-        return None
+    if effect_found is None:
+        return
 
     def build() -> FittedSet:
         state = base.with_errors
@@ -652,4 +670,19 @@ def _bursts(base: FittedSet, kind: type[Effect], rest: float) -> Proposal | None
         made.disturbed = made.chain(after, task.likelihood.mixture(after))[1]
         return made
 
-    return _linked(base, effect_found, gain, build, _HIDDEN_INEXACT)
+    bursts = _linked(base, effect_found, gain, build, _HIDDEN_INEXACT) if gain > task.price_nats else None
+    beat = _beat(base, kind, hidden, rest) if hidden.period else None
+    yield from (p for p in (bursts, beat) if p is not None)
+
+
+def _beat(base: FittedSet, kind: type[Effect], hidden: DisturbedFrames, rest: float) -> Proposal | None:
+    """The most likely beat; None if noise in all frames explains nearly as much."""
+    task, state = base.task, base.with_errors
+    found = fit_beat(FrameNoise(task.likelihood, task.likelihood.mixture(state), state, task.part))
+    if found is None:
+        return None
+    effect = hidden.made(kind, found[0])
+    made = _with_linked(base, effect)
+    after = made.state()
+    value, made.disturbed = made.chain(after, task.likelihood.mixture(after))
+    return _linked(base, effect, value - rest, lambda: made, _HIDDEN_INEXACT)

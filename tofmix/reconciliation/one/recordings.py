@@ -30,6 +30,7 @@ from tofmix.simulation.effects.hidden import (
     RangeStep,
     RememberedNoise,
 )
+from tofmix.simulation.effects.search import OwnProblems
 
 UNIFORM = 3**-0.5
 """Standard deviation of an error that may be anything up to the tolerance, over the tolerance."""
@@ -133,9 +134,10 @@ class SearchTask:
         self.columns = ColumnMaker(likelihood, self.null, self.part)
         own = [EFFECTS[kind] for kind in settings.kinds]
         self.hidden = tuple(kind for kind in own if isinstance(kind.hidden, SORTS))
-        self.laws = tuple(self._laws([kind.kind for kind in own if kind not in self.hidden]))
-        names = {law.name for law in self.laws}
-        self.price_nats = math.log(max(len(names) + len(self.hidden), 1) / settings.alpha)
+        searched = [k.kind for k in own if k not in self.hidden or isinstance(k, OwnProblems)]
+        self.laws = tuple(self._laws(searched))
+        names = {law.name for law in self.laws} | {(kind.kind, "") for kind in self.hidden}
+        self.price_nats = math.log(max(len(names), 1) / settings.alpha)
         self.low_width = self._noise_errors()
         spread = likelihood.scene.model.sensor.noise.width_spread
         of_scene = np.concatenate([r.scene.log_width_variance for r in self.recordings])
