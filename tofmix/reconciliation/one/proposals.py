@@ -264,12 +264,12 @@ class About:
         static = np.concatenate([mean[:first], columns.bias_mm])
         at = np.concatenate([np.arange(first), first + np.flatnonzero(moving)])
         static[at] = mean
-        left = ((in_time - mean[:, None]) * np.sqrt(told)).reshape(len(in_time), -1)
+        left = ((in_time - mean[:, None]) * np.sqrt(told)).reshape(len(in_time), in_time[0].size)
         wide = np.concatenate([width, columns.width])
         widening = np.flatnonzero(wide.any(axis=(1, 2)))
         gram = np.zeros((len(static), len(static)))
         errors = self.base.task.width_errors(width_told)
-        gram[np.ix_(widening, widening)] = errors.products(wide[widening].reshape(widening.size, 1, -1))
+        gram[np.ix_(widening, widening)] = errors.products(wide[widening].reshape(widening.size, 1, wide[0].size))
         gram[np.ix_(at, at)] += left @ left.T
         self._static, self._gram = static, gram
 
