@@ -104,6 +104,15 @@ def test_search_that_is_stopped_ends_with_the_sets_of_before(make_task: MakeTask
     assert len(found.table) == 2  # that without effects too
 
 
+def test_memory_under_wide_steps_has_its_true_coefficient(small: Model) -> None:
+    hidden = MAKE["quantisation"](step_mm=56.0), MAKE["temporal_correlation"](coefficient=0.3)
+    kinds = ("quantisation", "temporal_correlation", "fixed_pattern", "range_offset", "excess_noise")
+    best = search(joint_likelihood([(small, recorded(small, *hidden))]), Settings(kinds=kinds)).best
+    assert {kind for kind, _ in best.names} == {e.kind for e in hidden}
+    memory = next(e for e in best.linked if e.kind == "temporal_correlation")
+    assert memory.numbers()["coefficient"] == pytest.approx(0.3, abs=0.05)
+
+
 @pytest.mark.slow
 def test_noise_within_the_tolerance_is_not_named_and_more_is(small: Model) -> None:
     near = small.surfaces[1].name

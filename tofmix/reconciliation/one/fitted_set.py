@@ -19,7 +19,7 @@ from tofmix.reconciliation.ledger import Named
 from tofmix.reconciliation.likelihood import hidden_fits
 from tofmix.reconciliation.likelihood.beats import FrameNoise, of_unknown_phase
 from tofmix.reconciliation.likelihood.likelihood import ModelState, forward
-from tofmix.reconciliation.likelihood.memory import memory_gain, memory_of
+from tofmix.reconciliation.likelihood.memory import fit_memory, memory_gain, memory_of
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.one.coordinates import Key, Law, key_of_state
 from tofmix.reconciliation.one.expansion import Expansion
@@ -31,6 +31,7 @@ from tofmix.simulation.effects.hidden import (
     PatternSpreads,
     PixelValue,
     RangeStep,
+    RememberedNoise,
 )
 from tofmix.simulation.effects.search import EFFECT_NATS
 
@@ -262,6 +263,20 @@ class FittedSet:
         z = task.likelihood.scores(known, task.part, task.settings.seed, mixture)
         return memory_gain(task.likelihood, z, mixture, task.part, coefficient)
 
+    def _refit_memory(self) -> None:
+        """Fit the coefficient of a memory again: other members change the scores."""
+        task = self.task
+        old = hidden_of(self.linked, RememberedNoise)
+        if old is None or not isinstance(old.hidden, RememberedNoise):
+            return
+        state = self.with_errors
+        mixture = task.likelihood.mixture(state)
+        z = task.likelihood.scores(state, task.part, task.settings.seed, mixture)
+        found = fit_memory(task.likelihood, z, mixture, task.part)
+        if found is not None:
+            new = old.hidden.made(type(old), (found,))
+            self.linked = tuple(new if e is old else e for e in self.linked)
+
     @property
     def price_of_states(self) -> float:
         """Volume of the numbers of hidden states, nats: half the logarithm of the count of what tells each."""
@@ -452,6 +467,7 @@ class FittedSet:
             if self.disturbed is not None:
                 self.settle_errors(self.x, passes=1)
                 self.log_likelihood(self.x, final=True)  # which frames are disturbed, the static errors given
+            self._refit_memory()
             self.settle_errors(self.x, final=True)
             relative, precision = self._prior_precision(self.x)
         except (ValueError, OverflowError):
