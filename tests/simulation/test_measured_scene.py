@@ -211,3 +211,30 @@ def test_law_of_range_moves_with_no_error_of_a_measured_range() -> None:
     assert at.size > single.size
     assert moved == pytest.approx(0.1 * (m.true_range[0, 0, single] - 2500.0))
     assert error.std() > 10.0
+
+
+def test_width_at_rest_has_no_way_of_the_reference() -> None:
+    """A surface with sigma 8 mm that went 24 mm along its normal: the variance of the way is 24^2 / 12 on the axis."""
+    model = _model()
+    times = 0.6 + np.arange(10) / 10  # the reference lasted 1.2 s
+    moving = Motion(surface="surface 1", velocity_mm_s=20.0)
+    scene = Scene(model, times)
+    m, plain = scene.mixture((moving,)), scene.mixture()
+    near = plain.surface[0] == 1
+    assert plain.sigma[0][near] == pytest.approx(8.0, rel=1e-3)
+    way_mm = 24.0 / scene.beams[np.nonzero(near)[1], 2]
+    assert m.sigma[0][m.surface[0] == 1] == pytest.approx(np.sqrt(64.0 - way_mm**2 / 12.0), rel=0.01)
+    assert m.sigma[0][m.surface[0] == 0] == pytest.approx(plain.sigma[0][plain.surface[0] == 0])
+    rest = scene.measured_at_rest((moving,))
+    assert rest is not None
+    assert model.scene is not None
+    own = model.scene.surface == 1
+    assert (rest.width / model.scene.width)[own] == pytest.approx(m.sigma[0][m.surface[0] == 1] / 8.0, rel=0.01)
+    assert (rest.width / model.scene.width)[model.scene.surface == 0] == pytest.approx(1.0)
+
+
+def test_scene_of_another_file_was_at_rest() -> None:
+    scene = Scene(_model(), np.arange(10) / 10)
+    moving = Motion(surface="surface 1", velocity_mm_s=20.0)
+    m = scene.mixture((moving,))
+    assert m.sigma[0][m.surface[0] == 1] == pytest.approx(8.0, rel=1e-3)

@@ -22,6 +22,7 @@ from tofmix.simulation.distribution import Prediction
 from tofmix.simulation.effects.base import Effect, Latent, Level
 from tofmix.simulation.effects.hidden import PixelBias
 from tofmix.simulation.exposure import equation_1, predict
+from tofmix.simulation.measured_scene import MeasuredScene
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface
 from tofmix.simulation.truth import Truth
@@ -260,6 +261,17 @@ class Scene:
         """
         way = 2.0 * max(float(self.time_s[0]), 0.0) * rate
         return np.asarray(np.sqrt(np.maximum(sigma**2 - way**2 / 12.0, (_LEAST_REST * sigma) ** 2)))
+
+    def measured_at_rest(self, effects: tuple[Effect, ...]) -> MeasuredScene | None:
+        """The measured scene with the widths of its surfaces at rest, as these effects move them; None without one."""
+        scene = self.model.scene
+        velocity = self._velocities((*self._apart, *self.own(effects)), 0.0)
+        if scene is None or not velocity.any():
+            return scene
+        noise = self.model.sensor.noise_at(self.model.sensor.integration_time_ms)
+        sigma = scene.width * noise.sigma(np.nan_to_num(scene.range_mm, nan=1.0), scene.amplitude)
+        rate = scene.range_mm * velocity[np.minimum(scene.surface, velocity.size - 1)]
+        return replace(scene, width=scene.width * self._at_rest(sigma, rate) / sigma)
 
     def mixture(self, effects: tuple[Effect, ...] = ()) -> Mixture:
         """The prediction of the model and these effects, without hidden states that link samples."""
