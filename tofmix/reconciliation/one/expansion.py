@@ -33,6 +33,9 @@ NUDGE = 0.3
 WIDTH_NUDGE = 0.05
 """Step of the logarithm of a width for its slope: a Gaussian's information is exact to 1e-3."""
 
+FAR_NATS = 4.5
+"""Gain of a pixel's own bias, nats, up to which its log-likelihood is taken as a parabola in any case: three sigma."""
+
 _LEAST = 0.05  # of the information of independent samples, below which quantised samples tell nothing of a bias
 _FAR_WIDTH = 0.5  # longest step of a log width: the log-likelihood is no parabola over more
 _THIRD = 3  # every third frame, for a faster pass
@@ -222,11 +225,14 @@ class Expansion:
         thin : bool
             Take every third frame for three.
         """
-        value, slope, _ = pixel_sums(self.task, state, mixture, self.bias_mm, thin=thin)
+        value, slope, now = pixel_sums(self.task, state, mixture, self.bias_mm, thin=thin)
         slope = np.where(self.used, slope, 0.0)
         samples = float(value.sum())
         wider = log_sigma(self.task, mixture) - self._log_sigma
-        step = slope / np.maximum(self._information * np.exp(-2 * wider), LEAST_INFORMATION)
+        told = np.maximum(self._information * np.exp(-2 * wider), LEAST_INFORMATION)
+        # far from the samples a pixel may have hardly been told its bias where it was expanded, and be told it here
+        told = np.where(0.5 * slope**2 > FAR_NATS * told, np.maximum(told, now), told)
+        step = slope / told
         scaled = (self.bias_mm + step) * np.exp(-wider)  # as if the noise, not the bias, were that of the expansion
         logdet = self.errors.logdet - 2 * float((self._taken * wider).sum())
         by_bias = float((slope * step).sum()) - self.errors.square(scaled) - logdet
