@@ -185,9 +185,10 @@ class Expansion:
             for step in (WIDTH_NUDGE, -WIDTH_NUDGE)
         )
         told = np.where(used, (2 * value - up - down) / WIDTH_NUDGE**2, 0.0)
-        # a pixel's own mean is known from the same samples, whose scatter is smaller by that
+        # a pixel's own mean is known from the same samples: their scatter is smaller by that, and as the noise of the
+        # mean counts as `over` samples, its square changes with the noise
         taken = np.where(used, errors.own_share + over - 1.0, 0.0)
-        rise = (up - down) / (2 * WIDTH_NUDGE) + taken
+        rise = (up - down) / (2 * WIDTH_NUDGE) + np.where(used, errors.own_share * over, 0.0)
         square = 0.5 * told
         count = square - rise
         some = (count > 0) & (square > 0)
