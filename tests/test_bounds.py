@@ -46,7 +46,7 @@ from tofmix.estimation.peaks.counters import COUNTERS
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.io.guard.structure_rules import Limits
 from tofmix.options import ESTIMATE, NOISE, RECONCILE, Option
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import Settings
 from tofmix.report.explorer.packing import PageLimits
 from tofmix.report.summary.thresholds import Thresholds
 from tofmix.surfaces.settings import BrightnessSettings, EdgeSettings, LinkSettings, ShareSettings, SurfaceSettings

@@ -199,7 +199,4 @@ RECONCILE = {
         help="Data held out from the fit: frames, pixels or both.",
     ),
 }
-"""Options of `tofmix.reconciliation.search.search_state.Settings`, but for the kinds of effects."""
-
-SEARCH_VARIABLE, NEW_SEARCH, OLD_SEARCH = "TOFMIX_SEARCH", "new", "old"
-"""Variable of the environment that chooses the search of `tofmix reconcile`, and its values; the default is old."""
+"""Options of `tofmix.reconciliation.settings.Settings`, but for the kinds of effects."""

@@ -31,8 +31,7 @@ from users.oracle import _Laws, known
 from users.score import alternatives, numbers_of, score
 
 from tofmix.reconciliation.evidence import make_evidence
-from tofmix.reconciliation.search.name import KINDS
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import KINDS, Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.amplitude_walk import AmplitudeWalk

@@ -30,8 +30,8 @@ from blind.write import model_text, write_recording
 from tofmix.io.model_file import load_model
 from tofmix.io.recording.recording_file import open_recording
 from tofmix.reconciliation.evidence import Evidence, make_evidence
-from tofmix.reconciliation.search.name import KINDS as TRIED
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import KINDS as TRIED
+from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.model import Model
 

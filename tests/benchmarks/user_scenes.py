@@ -36,8 +36,7 @@ from users.score import score
 from tofmix.arrays import Float32Array
 from tofmix.reconciliation import workflow
 from tofmix.reconciliation.evidence import make_evidence
-from tofmix.reconciliation.search.name import KINDS
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import KINDS, Settings
 from tofmix.reconciliation.workflow import Reconciliation, reconcile
 
 SEED = 20261124

@@ -32,7 +32,6 @@ from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode
 from tofmix.io.importers import IMPORTERS
 from tofmix.io.importers.folder import IMAGE_KINDS
 from tofmix.io.next_command import foreign_fault, import_command
-from tofmix.options import NEW_SEARCH, SEARCH_VARIABLE
 
 PROGRAM = (sys.executable, "-m", "tofmix")
 
@@ -256,7 +255,6 @@ def test_variables_of_no_option_are_named_and_those_of_options_are_not() -> None
         "TOFMIX_MERGE_QUIET": f"--quiet {typed}",
     }
     assert unknown_variables(dict.fromkeys(wrong, "1")) == wrong
-    assert unknown_variables({SEARCH_VARIABLE: NEW_SEARCH}) == {}
 
 
 def test_export_takes_options_of_the_environment_where_they_belong(

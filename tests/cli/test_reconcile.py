@@ -22,7 +22,7 @@ from tofmix.arrays import FloatArray
 from tofmix.io.model_file import load_model
 from tofmix.io.recording.recording_file import open_recording
 from tofmix.reconciliation.evidence import make_evidence
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.workflow import reconcile
 
 SAMPLES = Path(__file__).parents[2] / "sample_data"

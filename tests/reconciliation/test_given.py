@@ -7,7 +7,7 @@ import pytest
 from support.reconcile_errors import EFFECTS_OF
 from support.recordings import MAKE, reconciled, recorded
 
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.parameter import PixelMap

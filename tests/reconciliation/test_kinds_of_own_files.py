@@ -16,7 +16,7 @@ from support.reconcile_errors import scene
 from tofmix.reconciliation.evidence import Evidence, make_evidence
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.mixture import Scene
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.words import effect_tables, headline, in_words, summary_lines
 from tofmix.reconciliation.workflow import Reconciliation, reconcile
 from tofmix.report.gap.page import render_gap

@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from support.recordings import MAKE, recorded
 
-from tofmix.reconciliation.search.columns import summed_up
-from tofmix.reconciliation.search.name import KINDS
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import KINDS, Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects import EFFECTS, Effect, Level
 from tofmix.simulation.effects.base import Context, Target
 from tofmix.simulation.effects.parameter import number
+from tofmix.simulation.effects.search import has_form
 from tofmix.simulation.model import Model
 
 
@@ -98,7 +97,7 @@ def test_registered_kind_is_found_with_its_numbers(
 
 @pytest.mark.slow
 def test_registered_kind_that_moves_samples_is_among_the_sets(small: Model, kinds: tuple[str, ...]) -> None:
-    assert summed_up("slant")
+    assert has_form(Slant)
     hidden = Slant(slope_mm=-30.0), MAKE["range_offset"](offset_mm=12.0)
     result = reconcile(small, recorded(small, *hidden), Settings(kinds=kinds))
     assert sorted(n.effect.kind for n in result.named) == ["range_offset", "slant"]

@@ -8,11 +8,11 @@ import pytest
 from support.recordings import recorded
 
 from tofmix.arrays import FloatArray
+from tofmix.reconciliation.likelihood.hidden_states import begin
 from tofmix.reconciliation.likelihood.joint import Recording, joint_likelihood
 from tofmix.reconciliation.likelihood.likelihood import ModelState
 from tofmix.reconciliation.measured_noise import Uneven, uneven_noise
-from tofmix.reconciliation.search.refit import begin
-from tofmix.reconciliation.search.search_state import Settings, fit_part
+from tofmix.reconciliation.settings import Settings, fit_part
 from tofmix.sensor import NoiseCurve
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface

@@ -10,8 +10,7 @@ from support.recordings import MAKE
 
 from tofmix.reconciliation.comparison.compare import Compared
 from tofmix.reconciliation.evidence import Evidence, make_evidence
-from tofmix.reconciliation.search.name import KINDS
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import KINDS, Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import Effect

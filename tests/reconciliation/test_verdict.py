@@ -8,10 +8,10 @@ from support.recordings import MAKE, Record
 
 from tofmix.reconciliation.comparison.compare import LEAST_SIZE, Compared, compare
 from tofmix.reconciliation.comparison.panel import Curve
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
+from tofmix.reconciliation.found import TriedEffect
+from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.mixture import Scene
-from tofmix.reconciliation.search.name import TriedEffect
-from tofmix.reconciliation.search.search_state import Settings, held_out
+from tofmix.reconciliation.settings import Settings, held_out
 from tofmix.reconciliation.verdict import VerdictData, inexact, judge
 from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.model import Model
@@ -42,18 +42,7 @@ def panel(**sizes: float) -> Compared:
 
 
 def chosen(kind: str = "range_offset", gain: float = 60_000.0, **values: float) -> TriedEffect:
-    nothing = np.zeros(1)
-    state = ModelState(
-        effects=(),
-        given=(),
-        pixel_bias=nothing,
-        pixel_variance=nothing,
-        stuck_mm=nothing,
-        disturbed=nothing,
-        log_width=nothing,
-        log_width_error=nothing,
-    )
-    return TriedEffect(effect=MAKE[kind](**(values or {"offset_mm": 9.0})), gain=gain, parameters=1, state=state)
+    return TriedEffect(effect=MAKE[kind](**(values or {"offset_mm": 9.0})), gain=gain, parameters=1)
 
 
 def findings(before: Compared, near: Compared, *effects: TriedEffect, samples: int = 100_000) -> VerdictData:

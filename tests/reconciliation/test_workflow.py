@@ -12,8 +12,7 @@ from support.recordings import MAKE, Record, reconciled, recorded
 from tofmix.reconciliation.comparison.compare import localise
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.parameters.standard_errors import numeric
-from tofmix.reconciliation.search.name import KINDS
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import KINDS, Settings
 from tofmix.reconciliation.words import headline
 from tofmix.reconciliation.workflow import Reconciliation, reconcile
 from tofmix.simulation.effects import EFFECTS, Effect

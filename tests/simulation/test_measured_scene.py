@@ -8,8 +8,11 @@ import pytest
 
 from tofmix.layers import Layers, layer_fields
 from tofmix.optics.projection import beam_directions_of
+from tofmix.reconciliation.likelihood.mixture import Scene
+from tofmix.reconciliation.one.unnamed import Unnamed
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.simulation.casting.cast import cast_scene
+from tofmix.simulation.casting.measured_cast import by_neighbours
 from tofmix.simulation.effects.motion import Motion
 from tofmix.simulation.effects.surface_pose import SurfacePose
 from tofmix.simulation.exposure import equation_1
@@ -161,3 +164,77 @@ def test_a_neighbour_that_sees_nothing_is_another_surface() -> None:
     assert beside[0, COLS - 2]
     assert beside[1, COLS - 1]
     assert not beside[0, COLS - 1]
+
+
+def test_range_of_neighbours_has_no_error_of_the_pixel_itself() -> None:
+    model = _model()
+    assert model.scene is not None
+    rng = np.random.default_rng(4)
+    error = np.where(np.isfinite(model.scene.range_mm), rng.normal(0, 3.0, model.scene.range_mm.shape), np.nan)
+    noisy = replace(model.scene, range_mm=model.scene.range_mm + error)
+    smooth, apart = by_neighbours(model, noisy)
+    measured = smooth.range_mm[..., 0] + apart[0].reshape(ROWS, COLS)
+    right = np.s_[:, 3:]  # sees the wall alone
+    np.testing.assert_allclose(measured[right], noisy.range_mm[..., 0][right])
+    one = replace(noisy, range_mm=noisy.range_mm.copy())
+    one.range_mm[2, 5, 0] += 50.0
+    again, _ = by_neighbours(model, one)
+    assert again.range_mm[2, 5, 0] == pytest.approx(smooth.range_mm[2, 5, 0])
+    assert again.range_mm[2, 6, 0] != pytest.approx(smooth.range_mm[2, 6, 0])
+
+
+def test_flat_surfaces_keep_their_ranges() -> None:
+    model = _model()
+    assert model.scene is not None
+    smooth, apart = by_neighbours(model, model.scene)
+    np.testing.assert_allclose(smooth.range_mm, model.scene.range_mm, rtol=1e-6)
+    assert apart[-1].max() == 0
+    assert abs(apart).max() < 1e-2
+
+
+def test_law_of_range_moves_with_no_error_of_a_measured_range() -> None:
+    """The slope of an offset that goes by range, on a wall whose ranges have errors as large as their spread."""
+    model = _model()
+    assert model.scene is not None
+    rng = np.random.default_rng(5)
+    noisy = model.scene.range_mm + np.where(np.isfinite(model.scene.range_mm), rng.normal(0, 20.0, (ROWS, COLS, 2)), 0)
+    model = replace(model, scene=replace(model.scene, range_mm=noisy))
+    assert model.scene is not None
+    scene = Scene(model, np.arange(5.0))
+    m = scene.mixture((Unnamed(over_range=1.0, c1_mm=100.0),))
+    plain = scene.mixture()
+    at = np.arange(ROWS * COLS)
+    single = np.flatnonzero((model.scene.surface[..., 1] < 0).ravel())
+    np.testing.assert_allclose(plain.mean[0, 0, single], noisy[..., 0].ravel()[single], rtol=1e-6)
+    moved = (m.mean - plain.mean)[0, 0, single]
+    error = (noisy[..., 0].ravel() - scene.mixture().true_range[0, 0])[single]
+    assert at.size > single.size
+    assert moved == pytest.approx(0.1 * (m.true_range[0, 0, single] - 2500.0))
+    assert error.std() > 10.0
+
+
+def test_width_at_rest_has_no_way_of_the_reference() -> None:
+    """A surface with sigma 8 mm that went 24 mm along its normal: the variance of the way is 24^2 / 12 on the axis."""
+    model = _model()
+    times = 0.6 + np.arange(10) / 10  # the reference lasted 1.2 s
+    moving = Motion(surface="surface 1", velocity_mm_s=20.0)
+    scene = Scene(model, times)
+    m, plain = scene.mixture((moving,)), scene.mixture()
+    near = plain.surface[0] == 1
+    assert plain.sigma[0][near] == pytest.approx(8.0, rel=1e-3)
+    way_mm = 24.0 / scene.beams[np.nonzero(near)[1], 2]
+    assert m.sigma[0][m.surface[0] == 1] == pytest.approx(np.sqrt(64.0 - way_mm**2 / 12.0), rel=0.01)
+    assert m.sigma[0][m.surface[0] == 0] == pytest.approx(plain.sigma[0][plain.surface[0] == 0])
+    rest = scene.measured_at_rest((moving,))
+    assert rest is not None
+    assert model.scene is not None
+    own = model.scene.surface == 1
+    assert (rest.width / model.scene.width)[own] == pytest.approx(m.sigma[0][m.surface[0] == 1] / 8.0, rel=0.01)
+    assert (rest.width / model.scene.width)[model.scene.surface == 0] == pytest.approx(1.0)
+
+
+def test_scene_of_another_file_was_at_rest() -> None:
+    scene = Scene(_model(), np.arange(10) / 10)
+    moving = Motion(surface="surface 1", velocity_mm_s=20.0)
+    m = scene.mixture((moving,))
+    assert m.sigma[0][m.surface[0] == 1] == pytest.approx(8.0, rel=1e-3)

@@ -6,14 +6,16 @@ from dataclasses import replace
 import numpy as np
 
 from support.recordings import MAKE, simulated
+from support.simplex import fit
 from tofmix.reconciliation.evidence import Evidence
+from tofmix.reconciliation.likelihood.hidden_states import latent_states
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.mixture import Scene
-from tofmix.reconciliation.parameters.fits import Fitted, Numbers, fit
+from tofmix.reconciliation.parameters.fits import Fitted, Numbers
+from tofmix.reconciliation.parameters.polish import settle
 from tofmix.reconciliation.parameters.searches import problems
 from tofmix.reconciliation.parameters.standard_errors import numeric, standard_errors
-from tofmix.reconciliation.search.refit import latent_states, settle
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.sensor import NoiseCurve
 from tofmix.sensors import load_profile
@@ -153,7 +155,7 @@ def _fitted(model: Model, evidence: Evidence, effects: tuple[Effect, ...], besid
 
 
 def _fit(likelihood: Likelihood, effects: tuple[Effect, ...], beside: tuple[Effect, ...]) -> Numbers:
-    """Fit effects that are known by kind and surface, one given the others, as the search does; then all at once."""
+    """Fit effects that are known by kind and surface, one given the others; then all at once."""
     pixels = likelihood.evidence.shape[1]
     part = np.flatnonzero(likelihood.evidence.fit_frames), np.arange(pixels)
     state, fits = replace(likelihood.start(), effects=beside), dict[int, Fitted]()
@@ -170,7 +172,14 @@ def _fit(likelihood: Likelihood, effects: tuple[Effect, ...], beside: tuple[Effe
 def _one(likelihood: Likelihood, effect: Effect, state: ModelState, part: Part) -> Fitted:
     mixture = likelihood.scene.mixture(state.effects)
     found = [fit(p, likelihood, state, part) for p in problems(effect.kind, likelihood, mixture)]
-    return max((f for f in found if _form(f.effect) == _form(effect)), key=lambda f: f.value)
+
+    def value(fitted: Fitted) -> float:
+        return likelihood.objective(replace(state, effects=(*state.effects, fitted.effect)), part)
+
+    return max(
+        (f for f in found if _form(f.effect) == _form(effect)),
+        key=lambda f: likelihood.objective(replace(state, effects=(*state.effects, f.effect)), part),
+    )
 
 
 def _form(effect: Effect) -> tuple[object, ...]:

@@ -42,6 +42,10 @@ def _between(lower: Array, upper: Array) -> Array:
     return np.asarray(ndtr(np.where(flip, -lower, upper)) - ndtr(np.where(flip, -upper, lower)))
 
 
+def _normal_height(x: Array) -> Array:
+    return np.asarray(np.exp(-0.5 * x**2) / np.sqrt(2 * np.pi))
+
+
 def _points(table: ShapeTable) -> Array:
     return np.asarray(table[0] + table[1] * np.arange(table[2].size), dtype=np.float64)
 
@@ -99,9 +103,8 @@ def log_likelihood(
     inside = np.where(w > 0, w, 0.0) * between
     total = inside.sum(axis=1) + random_density[pixels] * (upper - lower)[:, 0] + FLOOR
     precision = glows / (s**2 + (upper - lower) ** 2 / 12)
-    pull = inside * (0.5 * (lower + upper) + turn - m) * precision
-    if not gaussian:
-        pull = glows * np.where(w > 0, w, 0.0) * (_pdf_of(table)(below) - _pdf_of(table)(above)) / s
+    height = _normal_height if gaussian else _pdf_of(table)
+    pull = glows * np.where(w > 0, w, 0.0) * (height(below) - height(above)) / s
     slope = pull.sum(axis=1) / total
     information = table[4] * (inside * precision).sum(axis=1) / total
     valid = value > 0

@@ -6,19 +6,23 @@ tolerance of the model, no rivals, no aliases, and no check of what is left.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
+from tofmix.reconciliation.one.fitted_set import FittedSet
+from tofmix.reconciliation.one.outcome import refitted
+from tofmix.reconciliation.one.proposals import About, Columns, Proposal, by_trial
+from tofmix.reconciliation.one.recordings import SearchTask
 from tofmix.reconciliation.parameters.pattern_errors import latent_errors
+from tofmix.reconciliation.parameters.polish import numbers_of
 from tofmix.reconciliation.parameters.standard_errors import standard_errors
-from tofmix.reconciliation.search.name import Trial, TriedEffect, candidates
-from tofmix.reconciliation.search.refit import begin, numbers, refit
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import Settings, fit_part
 from tofmix.simulation.model import Model
 
 
@@ -47,45 +51,48 @@ def greedy_bic(
     ----------
     Schwarz, Ann. Statist. 6 (1978) 461.
     """
-    likelihood = joint_likelihood(((model, evidence),))
-    frames, pixels = evidence.shape
-    whole = np.arange(frames), np.arange(pixels)
+    task = SearchTask(joint_likelihood(((model, evidence),)), replace(settings, tolerance=0.0))
     price = 0.5 * math.log(max(int((evidence.samples > 0).sum()), 1))  # of a number: half of BIC's, as gains are nats
-    state, chosen = begin(likelihood, whole[0], settings.tolerance), list[TriedEffect]()
-    while len(chosen) < settings.max_effects:
-        found = candidates(_all_samples(likelihood, state, whole, settings.seed), settings.kinds, tick)
-        best = max(found, key=lambda c: c.gain - price * c.parameters, default=None)
-        if best is None or best.gain <= price * best.parameters:
+    columns, best = Columns.of(task), FittedSet.without_effects(task).fit()
+    value = best.log_likelihood(best.x, final=True)
+    while len(best.keys) < settings.max_effects:
+        tried = []
+        for p in chain(About(columns, best).sets(len(best.keys) + 1), by_trial(best)):
+            fitted = _fitted(p) if p.keys > best.keys else None
+            if fitted is not None:
+                tried.append((fitted.log_likelihood(fitted.x, final=True) - price * _numbers(fitted), fitted))
+            tick("")
+        top, first = max(tried, key=lambda pair: pair[0], default=(-math.inf, best))
+        if top <= value:
             break
-        state, chosen = refit(likelihood, best.state, [*chosen, best], whole)
-    effects = _described(likelihood, state, chosen, whole, settings.seed)
-    return {"verdict": "explained" if chosen else "agree", "effects": effects, "aliases": []}
+        value, best = top, first
+    return {"verdict": "explained" if best.keys else "agree", "effects": _described(best), "aliases": []}
 
 
-def _all_samples(likelihood: Likelihood, state: ModelState, whole: Part, seed: int) -> Trial:
-    """A round in which each effect is fitted to all samples, and gains on all samples."""
-    mixture = likelihood.mixture(state)
-    return Trial(
-        likelihood=likelihood,
-        state=state,
-        mixture=mixture,
-        scores=likelihood.scores(state, whole, seed, mixture),
-        fit_part=whole,
-        test_part=whole,
-        base=likelihood.value(state, whole, mixture),
-    )
+def _fitted(proposal: Proposal) -> FittedSet | None:
+    """A set at its most likely numbers; None if it cannot be."""
+    try:
+        fitted = proposal.build().fit()
+    except ValueError:
+        return None
+    return None if fitted.refused or not np.isfinite(fitted.evidence) else fitted
 
 
-def _described(
-    likelihood: Likelihood, state: ModelState, chosen: Sequence[TriedEffect], whole: Part, seed: int
-) -> list[dict[str, Any]]:
+def _numbers(fitted: FittedSet) -> int:
+    hidden = [e.hidden for e in fitted.linked] + ([fitted.pattern[0].hidden] if fitted.pattern else [])
+    return fitted.x.size + sum(max(len(h.numbers), 1) for h in hidden if h is not None)
+
+
+def _described(best: FittedSet) -> list[dict[str, Any]]:
     """Each effect with its numbers and their standard errors."""
-    errors_of = standard_errors(numbers(likelihood, state, chosen, whole))
+    task, (state, chosen) = best.task, refitted(best)
+    like = task.likelihood
+    errors_of = standard_errors(numbers_of(like, state, chosen, fit_part(like, task.settings)))
     out = []
     for k, candidate in enumerate(chosen):
         effect, errors = state.effects[k], errors_of.get(k, {})
         if candidate.fitted is None and k not in errors_of:
-            effect, errors = latent_errors(likelihood, state, effect, seed)
+            effect, errors = latent_errors(like, state, effect, task.settings.seed)
         values = {name: getattr(effect, name) for name in effect.parameters()}
         out.append({"kind": effect.kind, "parameters": values, "stderr": errors})
     return out

@@ -10,8 +10,7 @@ import pytest
 from support.recordings import MAKE
 
 from tofmix.reconciliation.evidence import make_evidence
-from tofmix.reconciliation.search.name import KINDS
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import KINDS, Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.exposure import predict

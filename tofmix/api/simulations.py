@@ -172,7 +172,7 @@ def reconcile(
     from tofmix.jobs.estimate import learnt_sensor
     from tofmix.jobs.reconcile import check_models, kinds_of, read_evidence
     from tofmix.jobs.reconcile import reconcile as run
-    from tofmix.reconciliation.search.search_state import Settings
+    from tofmix.reconciliation.settings import Settings
 
     def learnt() -> "Sensor":
         with measured.opened() as samples:

@@ -31,7 +31,6 @@ from tofmix.cli.warmup import warmup
 from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode, TofmixError, os_error_text
 from tofmix.io.guard import watchdog
 from tofmix.io.locks import discard_partial_outputs, is_resumable
-from tofmix.options import SEARCH_VARIABLE
 from tofmix.version import __version__
 
 _EPILOG = """\b
@@ -135,7 +134,7 @@ def unknown_variables(environment: Mapping[str, str]) -> dict[str, str]:
         if name == watchdog.VARIABLE:
             if not watchdog.is_limit(environment[name]):
                 unknown[name] = f"{environment[name]!r} is no number of seconds above 0"
-        elif option is None and name != SEARCH_VARIABLE:  # which reconcile reads
+        elif option is None:
             unknown[name] = "no option has this name"
         elif option is not None and not option.allow_from_autoenv:
             unknown[name] = f"{option.opts[-1]} is for the command line alone"

@@ -140,7 +140,7 @@ def _run(model: str, measured: Path, output: Path, asked: _Asked) -> int:
     from tofmix.jobs.reconcile import check_models, kinds_of, read_evidence, write_reconciliation
     from tofmix.jobs.reconcile import reconcile as run
     from tofmix.jobs.reference import REFERENCE, Reference, first_frames, is_reference, reference_of_file
-    from tofmix.reconciliation.search.search_state import Settings
+    from tofmix.reconciliation.settings import Settings
     from tofmix.reconciliation.words import summary_lines
 
     def learnt() -> "Sensor":

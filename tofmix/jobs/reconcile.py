@@ -28,8 +28,7 @@ from tofmix.reconciliation.measured_noise import (
     with_fallback,
     with_note,
 )
-from tofmix.reconciliation.search.name import KINDS
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import KINDS, Settings
 from tofmix.reconciliation.words import effect_tables, suggested_tables
 from tofmix.reconciliation.workflow import Reconciliation, maps_of
 from tofmix.reconciliation.workflow import reconcile as search

@@ -1,7 +1,7 @@
-"""Where a simulation and a recording disagree, and which effect explains it.
+"""Where a simulation and a recording disagree, and which effects explain it.
 
-`workflow` runs the path compare -> localise -> name -> add -> verify. Its modules lie in five folders: `comparison` has
-`compare` and `localise`, `search` has `name` and `add`, `verification` has `verify`. All of them use the likelihood of
-`likelihood`, and the searches and standard errors of `parameters`. With ``TOFMIX_SEARCH=new``, `one` takes the place of
-`name` and `add`; `ledger` has the sets of effects that either weighs.
+`workflow` runs the path compare -> localise -> search -> verify. `comparison` has `compare` and `localise`; `one` the
+search, with the score of a set of effects; `verification` has `verify`. All of them use the likelihood of `likelihood`,
+and the numbers and standard errors of `parameters`. `settings` has the options, `found` the outcome of the search,
+`ledger` the sets of effects that it weighs, `verdict` the verdict.
 """

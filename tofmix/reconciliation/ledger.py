@@ -1,6 +1,6 @@
 """The sets of effects that a search weighs, in order, each with its evidence and the reason for which it lost.
 
-Every search writes into one `Ledger`: what it has fitted, and what came of it. A caller may follow it line by line, and
+The search writes into one `Ledger`: what it has fitted, and what came of it. A caller may follow it line by line, and
 may end the search between two sets. `tofmix.reconciliation.verification.considered` chooses the sets that are shown.
 """
 
@@ -12,6 +12,9 @@ from tofmix.wording import number
 
 Named = tuple[str, str]
 """An effect's kind and surface; the surface is empty for an effect of the camera."""
+
+ALIAS_NATS = 4.0
+"""Difference of evidence that does not separate two sets: odds of 55 to 1."""
 
 NOTHING = "no effect"
 """Name of a set without any effect."""

@@ -28,7 +28,7 @@ from tofmix.reconciliation.likelihood.joint import Recording, joint_likelihood
 from tofmix.reconciliation.likelihood.likelihood import ModelState
 from tofmix.reconciliation.likelihood.mixture import Mixture, Scene
 from tofmix.reconciliation.likelihood.side_information import log_ratios
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.verdict import LAW
 from tofmix.reconciliation.workflow import DONE, Reconciliation
 from tofmix.sensor import MOST_WIDTH_SPREAD, NoiseCurve, Sensor

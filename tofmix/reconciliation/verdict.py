@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from tofmix.reconciliation.comparison.compare import LEAST_SIZE, Compared, disagreements
 from tofmix.reconciliation.comparison.panel import SHAPES, Curve
-from tofmix.reconciliation.search.name import TriedEffect
+from tofmix.reconciliation.found import TriedEffect
 from tofmix.simulation.effects.base import Effect
 
 LAW = 0.1

@@ -1,4 +1,4 @@
-"""Run the steps compare, localise, name, add and verify, and collect the result.
+"""Run the steps compare, localise, search and verify, and collect the result.
 
 Use `reconcile` for samples in memory; `tofmix.cli.reconcile` does the same for files.
 
@@ -6,8 +6,6 @@ Use `reconcile` for samples in memory; `tofmix.cli.reconcile` does the same for 
 """
 
 import math
-import os
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -15,27 +13,26 @@ from typing import Any
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.errors import BadInputError, UsageError
-from tofmix.options import NEW_SEARCH, OLD_SEARCH, SEARCH_VARIABLE
+from tofmix.errors import BadInputError
 from tofmix.reconciliation.comparison.compare import Compared, Place, localise
 from tofmix.reconciliation.evidence import Evidence, make_evidence
+from tofmix.reconciliation.found import Added, TriedEffect
 from tofmix.reconciliation.ledger import Ledger, Named, WeighedSet
+from tofmix.reconciliation.likelihood.hidden_fits import fit_bursts
+from tofmix.reconciliation.likelihood.hidden_states import latent_states
 from tofmix.reconciliation.likelihood.joint import Recording, joint_likelihood, renamed
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.memory import RandomValues, memory_gain, predicted_noise
-from tofmix.reconciliation.one import outcome as one
+from tofmix.reconciliation.one import outcome
 from tofmix.reconciliation.parameters.pattern_errors import latent_errors
+from tofmix.reconciliation.parameters.polish import numbers_of
 from tofmix.reconciliation.parameters.standard_errors import standard_errors
-from tofmix.reconciliation.search import links
-from tofmix.reconciliation.search.add import Added, ways, without_faint
-from tofmix.reconciliation.search.name import TriedEffect
-from tofmix.reconciliation.search.refit import latent_states, numbers
-from tofmix.reconciliation.search.search_state import Settings, fit_part
+from tofmix.reconciliation.settings import Settings, fit_part
 from tofmix.reconciliation.verification.aliases import Alias, aliases
 from tofmix.reconciliation.verification.considered import considered
+from tofmix.reconciliation.verification.far_trends import far_trends
 from tofmix.reconciliation.verification.next_steps import next_steps
-from tofmix.reconciliation.verification.rivals import better_model_effect, far_trends
-from tofmix.reconciliation.verification.verify import Verified, as_given, verify
+from tofmix.reconciliation.verification.verify import Verified, verify
 from tofmix.simulation.casting.polygon_cast import PolygonCaster
 from tofmix.simulation.effects.base import Effect, with_hidden
 from tofmix.simulation.effects.hidden import RememberedNoise
@@ -63,14 +60,14 @@ def warm_up(model: Model) -> None:
     likelihood.sums(mixture, state, everything)
     likelihood.sums(replace(mixture, step=7.0), state, everything)  # a lattice: sample by sample
     likelihood.scores(state, everything, 1)
-    links.fit_bursts(likelihood, mixture, state, everything)
+    fit_bursts(likelihood, mixture, state, everything)
     alike = RandomValues(share=np.zeros(36), below=np.zeros(36), density=np.ones(36))
     memory_gain(likelihood, likelihood.scores(state, everything, 1), mixture, everything, 0.5)
     predicted_noise(np.zeros((_FRAMES, 36)), 0.5, np.ones(36), alike)
 
 
 DONE = ("agree", "explained")
-"""Verdicts after which no further search runs."""
+"""Verdicts that leave nothing to explain."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -316,13 +313,11 @@ def reconcile(
         _refuse_what_no_prediction_takes(given)
     likelihood = joint_likelihood(recordings)
     ledger = Ledger() if ledger is None else ledger
-    added, verified = _searched(likelihood, settings, tick, ledger)
+    added, verified = outcome.named(likelihood, settings, _Steps(settings.kinds, tick).done, ledger)
     if verified.verdict != "agree" and not ledger.ends():
-        test = likelihood.evidence.part(fit=False, split=settings.split)
-        stands = likelihood.value(added.state, test), added.chosen
-        own = better_model_effect(recordings, likelihood, stands, settings)
+        own = outcome.better_own_effect(recordings, added, settings)
         if own is not None:
-            verified = verify(likelihood, added, settings, own, law_stood=verified.law is not None)
+            verified = verify(likelihood, added, settings, own)
     where: tuple[Place, ...] = ()
     if verified.verdict != "agree":
         where = (*far_trends(likelihood, verified.start, settings.alpha), *localise(verified.before, settings.alpha))
@@ -330,7 +325,7 @@ def reconcile(
     if verified.verdict == "partly_explained":
         where = (*left, *where)
     named = tuple(_placed(n, likelihood, models) for n in _named(likelihood, added, verified, settings))
-    weighed = considered(likelihood, added, verified, settings, ledger)
+    weighed = considered(added, verified, ledger)
     found = Reconciliation(
         models=models,
         named=named,
@@ -367,54 +362,6 @@ def _refuse_what_no_prediction_takes(model: Model) -> None:
         )
 
 
-def _searched(
-    likelihood: Likelihood, settings: Settings, tick: Callable[[str], None], ledger: Ledger
-) -> tuple[Added, Verified]:
-    """The first search that explains the recording; if none does, the first one with the best verdict.
-
-    If a smooth law is better than the effects of a search, no further search runs: other effects would come nearer to
-    the law only by accident. There are two exceptions. A law that is better than a fixed pattern alone shows only that
-    something else is there. And a set of effects that explains clearly more is tried; it must then be better than the
-    law.
-    """
-    if likelihood.scene.effects:  # else predictions do not approximate
-        given = as_given(likelihood, settings)
-        if given[1].verdict == "agree":
-            return given
-    if _is_new_wanted(likelihood):
-        return one.named(likelihood, settings, _Steps(settings.kinds, tick).done, ledger)
-    tried: list[tuple[Added, Verified]] = []
-    for added in ways(likelihood, settings, tick, ledger):
-        stood = any(v.law is not None for _, v in tried)
-        tried.append(_judged(likelihood, added, settings, law_stood=stood))
-        if tried[-1][1].verdict in DONE:
-            return tried[-1]
-        set_is_left = len(tried) == 1 and added.sets is not None and added.sets.better(larger=True) is not None
-        patterned = all(c.patterned for c in added.chosen)
-        if tried[-1][1].law is not None and not patterned and not set_is_left:
-            break
-    return next((search for search in tried if search[1].verdict == "partly_explained"), tried[0])
-
-
-def _is_new_wanted(likelihood: Likelihood) -> bool:
-    """Whether the one search is asked for and can take the recordings; a warning if it cannot.
-
-    Raises
-    ------
-    UsageError
-        If the variable has another value.
-    """
-    wanted = os.environ.get(SEARCH_VARIABLE, OLD_SEARCH)
-    if wanted not in (NEW_SEARCH, OLD_SEARCH):
-        raise UsageError(f"{SEARCH_VARIABLE}: {wanted} is neither {NEW_SEARCH} nor {OLD_SEARCH}")
-    if wanted == OLD_SEARCH:
-        return False
-    why = one.unsupported(likelihood)
-    if why:
-        print(f"tofmix: {SEARCH_VARIABLE}={NEW_SEARCH} is not used: {why}", file=sys.stderr)  # noqa: T201
-    return not why
-
-
 class _Steps:
     """Calls a function with each kind as often as steps of a search are done, a step as long as all kinds."""
 
@@ -427,18 +374,6 @@ class _Steps:
         first, last = (math.floor(part * len(self._kinds) + 1e-9) for part in (before, self._part))
         for number in range(first, last):
             self._tick(self._kinds[number % len(self._kinds)])
-
-
-def _judged(likelihood: Likelihood, added: Added, settings: Settings, *, law_stood: bool) -> tuple[Added, Verified]:
-    """A search and its verdict. If it is unexplained, faint effects that explain nothing are taken back."""
-    verified = verify(likelihood, added, settings, law_stood=law_stood)
-    if verified.verdict != "unexplained":
-        return added, verified
-    less = without_faint(likelihood, settings, added, verified.findings.unsigned)
-    if less is None:
-        return added, verified
-    without = verify(likelihood, less, settings, law_stood=law_stood)
-    return (added, verified) if without.verdict == "unexplained" else (less, without)
 
 
 def _placed(named: NamedEffect, likelihood: Likelihood, models: tuple[Model, ...]) -> NamedEffect:
@@ -455,7 +390,7 @@ def _named(likelihood: Likelihood, added: Added, verified: Verified, settings: S
         return ()
     frames, pixels = likelihood.evidence.shape
     everything = np.arange(frames), np.arange(pixels)
-    errors_of = standard_errors(numbers(likelihood, added.state, added.chosen, fit_part(likelihood, settings)))
+    errors_of = standard_errors(numbers_of(likelihood, added.state, added.chosen, fit_part(likelihood, settings)))
     state = latent_states(likelihood, added.state, everything[0])
     out = []
     for k, candidate in enumerate(added.chosen):

@@ -7,8 +7,7 @@ from typing import Any
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.errors import BadInputError
 from tofmix.reconciliation.evidence import make_evidence
-from tofmix.reconciliation.search.name import KINDS
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import KINDS, Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.model import Model
 

@@ -19,8 +19,7 @@ from tofmix.io.recording.recording_file import open_recording
 from tofmix.jobs import reconcile as job
 from tofmix.jobs.reference import SELF_SHARE, first_frames
 from tofmix.jobs.reporter import Reporter
-from tofmix.reconciliation.search.name import KINDS
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import KINDS, Settings
 
 CASES = 300
 """100 permuted, 100 medians over 3, 100 medians over 5."""

@@ -10,7 +10,7 @@ from tofmix.reconciliation.comparison.compare import compare
 from tofmix.reconciliation.comparison.panel import Curve, of_neighbours
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.model import Model
 

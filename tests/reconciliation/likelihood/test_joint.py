@@ -13,7 +13,7 @@ from tofmix.reconciliation.likelihood.joint import Recording, check_camera, join
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part
 from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.reconciliation.parameters.standard_errors import numeric
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.words import summary_lines
 from tofmix.reconciliation.workflow import Reconciliation, reconcile
 from tofmix.simulation.effects import Effect

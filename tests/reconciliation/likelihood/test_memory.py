@@ -8,9 +8,9 @@ from support.recordings import MAKE, Record, reconciled, recorded
 
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
-from tofmix.reconciliation.likelihood.memory import attenuation, fit_memory, inflation
+from tofmix.reconciliation.likelihood.memory import attenuation, cell_share, fit_memory, inflation
 from tofmix.reconciliation.likelihood.mixture import Scene
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.model import Model
 
@@ -56,8 +56,29 @@ def test_inflation_of_a_mean_is_the_sum_over_all_pairs_of_frames(
     wanted = (coefficient ** np.abs(frames[:, None] - frames)).mean() * frames.size
     alone = mixture.weight[0].max(axis=0) > 0.999
     assert alone.sum() > 200
-    share = attenuation(mixture)[alone]  # whole mm have no memory
+    share = cell_share(mixture).mean(axis=0)[alone]  # whole mm have no memory
     assert found[alone] == pytest.approx(1 + (wanted - 1) * share, rel=2e-3)
+
+
+@pytest.mark.parametrize("step_mm", [5.0, 15.0, 30.0])
+def test_memory_of_stored_values_is_attenuated_by_the_cells(model: Model, record: Record, step_mm: float) -> None:
+    """Scores correlate by the memory times the attenuation, but for its cube, and the fit finds that of the noise."""
+    effects = MAKE["quantisation"](step_mm=step_mm), MAKE["temporal_correlation"](coefficient=0.3)
+    found = []
+    for seed in (5, 6, 7):
+        evidence = record(*effects, seed=seed)
+        likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+        state = replace(likelihood.start(), effects=effects)
+        mixture, part = likelihood.mixture(state), (np.arange(evidence.shape[0]), np.arange(evidence.shape[1]))
+        z = likelihood.scores(state, part, 1, mixture)
+        alone = (mixture.weight[0].max(axis=0) > 0.999) & (attenuation(mixture) > 0)
+        near = np.where(np.abs(z[:, alone]) < 5, z[:, alone], 0.0)
+        pairs = (near[1:] * near[:-1]).mean(axis=0)
+        assert pairs.mean() == pytest.approx(0.3 * attenuation(mixture)[alone].mean(), abs=0.025)
+        coefficient = fit_memory(likelihood, z, mixture, part)
+        assert coefficient is not None
+        found.append(coefficient)
+    assert np.mean(found) == pytest.approx(0.3, abs=0.02)
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.recordings import MAKE
+from support.simplex import fit
 
 from tofmix.reconciliation.evidence import Evidence, make_evidence
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
@@ -16,10 +17,10 @@ from tofmix.reconciliation.likelihood.side_information import (
     log_ratios,
     warm_up_information,
 )
-from tofmix.reconciliation.parameters.fits import Numbers, fit
+from tofmix.reconciliation.parameters.fits import Numbers
 from tofmix.reconciliation.parameters.searches import problems
 from tofmix.reconciliation.parameters.standard_errors import numeric, standard_errors
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.workflow import Reconciliation, reconcile
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import Effect

@@ -9,7 +9,7 @@ from support.search_tasks import MakeTask
 
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
 from tofmix.reconciliation.one.recordings import SearchTask
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import Settings
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface

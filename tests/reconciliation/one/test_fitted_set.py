@@ -1,6 +1,7 @@
 """The value and the evidence of a set, against dense covariances and numerical integration."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,8 +10,9 @@ from scipy.stats import multivariate_normal
 from support.recordings import MAKE
 from support.search_tasks import MakeTask
 
-from tofmix.reconciliation.one.fitted_set import FittedSet, scatter_of_tenths
+from tofmix.reconciliation.one.fitted_set import FittedSet
 from tofmix.reconciliation.one.recordings import SearchTask
+from tofmix.reconciliation.one.tenths import scatter_of_tenths
 from tofmix.simulation.effects.hidden import PatternSpreads, PixelBias
 
 OFFSET = MAKE["range_offset"](offset_mm=4.0)
@@ -19,7 +21,7 @@ OFFSET = MAKE["range_offset"](offset_mm=4.0)
 def _with_offset(task: SearchTask) -> FittedSet:
     (law,) = (law for law in task.laws if law.kind.kind == "range_offset")
     start = law.vector_of(MAKE["range_offset"](offset_mm=2.0))
-    return FittedSet(task=task, laws=(law,), x=np.array([*start, 0.0]))
+    return FittedSet(task=task, laws=(law,), x=np.array(start))
 
 
 @pytest.mark.parametrize("patterned", [False, True])
@@ -30,7 +32,7 @@ def test_log_likelihood_integrates_the_static_errors_out(make_task: MakeTask, pa
     (kind,) = (k for k in task.hidden if isinstance(k.hidden, PixelBias))
     s.pattern = (kind, spreads) if patterned else None
     s.settle_errors(s.x)
-    other = s.x + np.array([0.4, 0.0])
+    other = s.x + 0.4
     found = s.log_likelihood(other) - s.log_likelihood(s.x)
 
     samples = task.likelihood.evidence.samples.astype(float)
@@ -55,13 +57,10 @@ def test_evidence_is_the_integral_of_the_likelihood_over_the_prior(make_task: Ma
     width = 1.0 / np.sqrt(np.diag(s.hessian))  # type: ignore[arg-type]
     (law,) = s.laws
     offsets = s.x[0] + width[0] * np.linspace(-6, 6, 41)
-    noises = np.linspace(-5, 5, 21) * task.noise_sd
-    values = np.array([[s.log_likelihood(np.array([x, n])) for n in noises] for x in offsets])
+    values = np.array([s.log_likelihood(np.array([x])) for x in offsets])
     unit_mm = law.make(np.array([1.0])).numbers()["offset_mm"]
     prior = [law.log_density(np.array([x])) + math.log(unit_mm) for x in offsets]
-    of_noise = -0.5 * (noises / task.noise_sd) ** 2 - math.log(task.noise_sd * math.sqrt(2 * math.pi))
-    cell = math.log((offsets[1] - offsets[0]) * (noises[1] - noises[0]))
-    whole = logsumexp(values + np.array(prior)[:, None] + of_noise) + cell
+    whole = logsumexp(values + np.array(prior)) + math.log(offsets[1] - offsets[0])
     assert s.evidence == pytest.approx(whole, abs=0.1)
     assert s.score == pytest.approx(s.evidence - task.price_nats - s.laws[0].price_nats)
 
@@ -71,6 +70,34 @@ def test_an_effect_that_is_there_scores_and_one_that_is_not_costs_its_price(make
     gains = [_with_offset(t).fit().score - FittedSet.without_effects(t).fit().score for t in (there, absent)]
     assert gains[0] > 10
     assert -15 < gains[1] < 0
+
+
+def test_errors_of_the_noise_are_integrated_out(make_task: MakeTask) -> None:
+    noise = MAKE["excess_noise"](factor=1.05)
+    task = make_task(("excess_noise",), noise)
+    law = next(law for law in task.laws if law.kind.kind == "excess_noise")
+    s = FittedSet(task=task, laws=(law,), x=law.vector_of(noise)).fit()
+    one, other = s.x, law.vector_of(MAKE["excess_noise"](factor=1.02))
+    found = s.log_likelihood(other) - s.log_likelihood(one)
+
+    samples = task.likelihood.evidence.samples.astype(float)
+    errors = task.low.reshape(len(task.low), -1)
+    sd = float(np.sqrt((task.low_width**2).sum(axis=0)).max())
+    widths = np.linspace(-5, 5, 41) * sd
+    values = []
+    for x in (other, one):
+        state = replace(s.state(x), log_width=np.zeros_like(task.null.log_width))
+        mixture = task.likelihood.mixture(state)
+        middle, scatter = samples.mean(axis=0), ((samples - samples.mean(axis=0)) ** 2).sum(axis=0)
+        of_width = []
+        for width in widths:
+            variance = mixture.of_main(mixture.sigma) ** 2 * np.exp(2 * width) + 1 / 12
+            own = multivariate_normal(cov=errors.T @ errors + np.diag(variance / len(samples)))
+            inside = -0.5 * (scatter / variance + (len(samples) - 1) * np.log(variance)).sum()
+            of_width.append(own.logpdf(middle - mixture.of_main(mixture.mean)) + inside - 0.5 * (width / sd) ** 2)
+        values.append(logsumexp(of_width))
+    # the twelve errors of biases, found from the same samples, take twelve degrees of freedom of 4,800
+    assert found == pytest.approx(values[0] - values[1], rel=0.05)
 
 
 @pytest.mark.parametrize("correlated", [1.0, 2.5])

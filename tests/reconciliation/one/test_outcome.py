@@ -1,4 +1,4 @@
-"""The one search as `reconcile` runs it: chosen by a variable, with the same outcome as today's."""
+"""The outcome of the search as `reconcile` has it."""
 
 from dataclasses import replace
 
@@ -6,20 +6,13 @@ import numpy as np
 import pytest
 from support.recordings import MAKE, recorded
 
-from tofmix.errors import UsageError
-from tofmix.options import NEW_SEARCH, OLD_SEARCH, SEARCH_VARIABLE
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.workflow import Reconciliation, reconcile
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
 
 KINDS = ("range_offset", "surface_pose", "amplitude_walk", "excess_noise", "temperature_drift", "fixed_pattern")
 OFFSET, NOISE = MAKE["range_offset"](offset_mm=9.0), MAKE["excess_noise"](factor=1.4)
-
-
-@pytest.fixture(autouse=True)
-def _new(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(SEARCH_VARIABLE, NEW_SEARCH)
 
 
 def _found(model: Model, *hidden: Effect, also: Model | None = None, **options: object) -> Reconciliation:
@@ -104,22 +97,10 @@ def test_numbers_are_fitted_to_the_fitting_frames_alone(small: Model) -> None:
     assert one == pytest.approx(other, abs=1e-2)
 
 
-def test_widths_of_pixels_fall_back_with_a_warning(small: Model, capsys: pytest.CaptureFixture[str]) -> None:
-    noise = replace(small.sensor.noise, width_spread=0.1)
+@pytest.mark.parametrize("hidden", [(), (OFFSET,), (NOISE,)], ids=lambda hidden: "".join(e.kind for e in hidden))
+def test_widths_of_single_pixels_are_integrated_out(small: Model, hidden: tuple[Effect, ...]) -> None:
+    noise = replace(small.sensor.noise, width_spread=0.2)
     wide = replace(small, sensor=replace(small.sensor, noise=noise))
-    found = reconcile(wide, recorded(wide, OFFSET), Settings(kinds=("range_offset",)))
-    assert _kinds(found) == {"range_offset"}
-    assert "widths of single pixels" in capsys.readouterr().err
-
-
-def test_other_values_of_the_variable_are_refused(small: Model, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(SEARCH_VARIABLE, "both")
-    with pytest.raises(UsageError, match="neither new nor old"):
-        _found(small, OFFSET)
-
-
-def test_old_is_todays_search(small: Model, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(SEARCH_VARIABLE, OLD_SEARCH)
-    found = _found(small, OFFSET, kinds=("range_offset",))
-    assert _kinds(found) == {"range_offset"}
-    assert not found.added.laws_tried
+    found = reconcile(wide, recorded(wide, *hidden), Settings(kinds=("range_offset", "excess_noise", "fixed_pattern")))
+    assert found.verified.verdict == ("explained" if hidden else "agree")
+    assert _kinds(found) == {e.kind for e in hidden}

@@ -13,7 +13,7 @@ from tofmix.reconciliation.likelihood.joint import joint_likelihood
 from tofmix.reconciliation.one.fitted_set import FittedSet
 from tofmix.reconciliation.one.proposals import About, Columns
 from tofmix.reconciliation.one.search import FoundSets, closed, search
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import Settings
 from tofmix.simulation.model import Model
 
 KINDS = ("range_offset", "amplitude_walk", "wiggling", "excess_noise", "temperature_drift", "fixed_pattern")
@@ -102,3 +102,23 @@ def test_search_that_is_stopped_ends_with_the_sets_of_before(make_task: MakeTask
     assert len(ledger.sets) == 1
     assert not ledger.is_complete
     assert len(found.table) == 2  # that without effects too
+
+
+def test_memory_under_wide_steps_has_its_true_coefficient(small: Model) -> None:
+    hidden = MAKE["quantisation"](step_mm=56.0), MAKE["temporal_correlation"](coefficient=0.3)
+    kinds = ("quantisation", "temporal_correlation", "fixed_pattern", "range_offset", "excess_noise")
+    best = search(joint_likelihood([(small, recorded(small, *hidden))]), Settings(kinds=kinds)).best
+    assert {kind for kind, _ in best.names} == {e.kind for e in hidden}
+    memory = next(e for e in best.linked if e.kind == "temporal_correlation")
+    assert memory.numbers()["coefficient"] == pytest.approx(0.3, abs=0.05)
+
+
+@pytest.mark.slow
+def test_noise_within_the_tolerance_is_not_named_and_more_is(small: Model) -> None:
+    near = small.surfaces[1].name
+    kinds = ("wiggling", "excess_noise", "range_offset")
+    wiggling = MAKE["wiggling"](amplitude_mm=15.0)
+    for factor, of_noise in ((1.012, set()), (1.5, {near})):
+        hidden = wiggling, MAKE["excess_noise"](factor=factor, surface=near)
+        found = search(joint_likelihood([(small, recorded(small, *hidden))]), Settings(kinds=kinds))
+        assert {s for kind, s in found.best.names if kind == "excess_noise"} == of_noise

@@ -9,12 +9,12 @@ from support.reconcile_errors import scene
 from support.recordings import recorded
 
 from tofmix.arrays import FloatArray
+from tofmix.reconciliation.likelihood.hidden_fits import fit_spreads
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.reconciliation.likelihood.pixel_pattern import PixelBiases, marginal_pattern
 from tofmix.reconciliation.parameters.fits import Numbers, Parabola, Value
 from tofmix.reconciliation.parameters.pattern_errors import Averaged, UnderPattern
-from tofmix.reconciliation.search.links import fit_spreads
 from tofmix.simulation.effects.hidden import PatternSpreads
 
 IMAGE = (8, 10)

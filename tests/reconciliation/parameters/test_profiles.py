@@ -19,7 +19,7 @@ def parameter(
     name: str, make: Callable[[FloatArray], Effect], vector: FloatArray, steps: FloatArray
 ) -> ProfiledParameter:
     problem = Problem(make=make, starts=(tuple(vector),), steps=tuple(steps))
-    fitted = Fitted(effect=make(vector), vector=vector, problem=problem, value=0.0)
+    fitted = Fitted(effect=make(vector), vector=vector, problem=problem)
     return ProfiledParameter(name=name, fitted=fitted, own=slice(0, vector.size), steps=steps)
 
 

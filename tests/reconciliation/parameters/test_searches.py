@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.recordings import MAKE, Record
+from support.simplex import fit
 
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.mixture import Scene
-from tofmix.reconciliation.parameters.fits import fit
 from tofmix.reconciliation.parameters.searches import problems
 from tofmix.reconciliation.parameters.standard_errors import numeric
 from tofmix.simulation.effects import EFFECTS
@@ -95,7 +95,8 @@ def test_fitted_dropout_is_the_share_that_is_lost(lossy: Likelihood) -> None:
     whole = np.arange(lossy.evidence.shape[0]), np.arange(lossy.evidence.shape[1])
     found = fit(by_chance, lossy, lossy.start(), whole)
     assert numeric(found.effect)["probability"] == pytest.approx(0.05, abs=0.003)
-    assert found.value > lossy.value(lossy.start(), whole) + 1000
+    lost = replace(lossy.start(), effects=(found.effect,))
+    assert lossy.value(lost, whole) > lossy.value(lossy.start(), whole) + 1000
 
 
 @pytest.mark.parametrize("size", [1.0, 6.0])

@@ -10,13 +10,14 @@ from support.reconcile_errors import EFFECTS_OF, FRAMES, MEMORY, deviations, sce
 from support.recordings import MAKE, Record, reconciled
 
 from tofmix.arrays import FloatArray
+from tofmix.reconciliation.likelihood.hidden_states import latent_states
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.reconciliation.likelihood.pixel_pattern import PixelBiases, marginal_pattern
 from tofmix.reconciliation.parameters.fits import Fitted, Numbers, Value, inverse, parabola
+from tofmix.reconciliation.parameters.polish import polish
 from tofmix.reconciliation.parameters.searches import problems
-from tofmix.reconciliation.parameters.standard_errors import numeric, polish, standard_errors
-from tofmix.reconciliation.search.refit import latent_states
+from tofmix.reconciliation.parameters.standard_errors import numeric, standard_errors
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.model import Model
 
@@ -60,7 +61,7 @@ def fitted_offset(model: Model, likelihood: Likelihood, start_sigma: float) -> N
     """An offset that was not searched for, so many typical sigmas long."""
     (problem,) = problems("range_offset", likelihood, likelihood.scene.mixture())
     vector = np.array([start_sigma])
-    fitted = Fitted(effect=problem.make(vector), vector=vector, problem=problem, value=0.0)
+    fitted = Fitted(effect=problem.make(vector), vector=vector, problem=problem)
     part = np.arange(FRAMES), np.arange(model.sensor.rows * model.sensor.cols)
     state = replace(likelihood.start(), effects=(fitted.effect,))
     return Numbers(likelihood=likelihood, state=state, fits={0: fitted}, part=part)

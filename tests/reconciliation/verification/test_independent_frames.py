@@ -8,7 +8,7 @@ import pytest
 from tofmix.reconciliation.evidence import Evidence, make_evidence
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
 from tofmix.reconciliation.likelihood.memory import independent
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.model import Model
 

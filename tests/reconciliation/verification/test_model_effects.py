@@ -7,7 +7,7 @@ from support.reconcile_errors import scene
 from support.recordings import MAKE, recorded
 
 from tofmix.reconciliation.parameters.standard_errors import numeric
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.words import headline
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.effects import Effect

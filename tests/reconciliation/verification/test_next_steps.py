@@ -8,7 +8,7 @@ import pytest
 from support.recordings import MAKE, reconciled, recorded
 
 from tofmix.reconciliation.evidence import make_evidence
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.verification.aliases import separate_by
 from tofmix.reconciliation.verification.next_steps import remedies, worse
 from tofmix.reconciliation.workflow import reconcile

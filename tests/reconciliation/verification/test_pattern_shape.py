@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tofmix.reconciliation.verification.rivals import smooth, tilted
+from tofmix.reconciliation.verification.pattern_shape import smooth, tilted
 
 
 @pytest.mark.parametrize("everywhere", [True, False], ids=["lit", "two boards"])

@@ -11,7 +11,7 @@ from support.recordings import recorded
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.evidence import Evidence
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.words import headline
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.model import Model

@@ -10,8 +10,8 @@ from tofmix.reconciliation.comparison.compare import compare
 from tofmix.reconciliation.comparison.panel import Curve
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.mixture import Scene
-from tofmix.reconciliation.search.add import ways
-from tofmix.reconciliation.search.search_state import Settings, held_out
+from tofmix.reconciliation.one import outcome
+from tofmix.reconciliation.settings import Settings, held_out
 from tofmix.reconciliation.verdict import VerdictData
 from tofmix.reconciliation.verification.verify import changes_in_time, verify
 from tofmix.reconciliation.workflow import reconcile
@@ -28,7 +28,7 @@ def test_panel_of_held_out_frames_does_not_depend_on_the_fitted_ones(model: Mode
     samples = np.where(evidence.fit_frames[:, None], other.samples, evidence.samples)
     panels = []
     for one in (evidence, replace(evidence, samples=samples)):
-        (added,) = ways(Likelihood(one, Scene(model, one.time_s)), replace(SETTINGS, max_effects=0))
+        added, _ = outcome.named(Likelihood(one, Scene(model, one.time_s)), replace(SETTINGS, max_effects=0))
         panels.append({c.name: c.chi2 for c in added.panel.curves})
     assert panels[0] == panels[1]
 
@@ -89,7 +89,7 @@ class Inconsistent(RangeOffset):
 def test_model_whose_simulation_contradicts_its_prediction_is_unexplained(small: Model) -> None:
     evidence = recorded(small, MAKE["range_offset"](offset_mm=8.0))
     likelihood = Likelihood(evidence, Scene(small, evidence.time_s))
-    (added, *_) = ways(likelihood, SETTINGS)
+    added, _ = outcome.named(likelihood, SETTINGS)
     assert verify(likelihood, added, SETTINGS).verdict == "explained"
     (found,) = added.state.effects
     assert isinstance(found, RangeOffset)

@@ -128,6 +128,20 @@ def overlaps(noise: FrameNoise, chain: FrameChain) -> FloatArray:
     return np.asarray(chain.overlap(noise.frame, _phase(noise, chain)) ** 2)
 
 
+def of_unknown_phase(noise: FrameNoise, chain: FrameChain) -> tuple[float, FloatArray]:
+    """Log-likelihood with a beat whose phase is integrated out, and the square (frame,) of each frame's overlap.
+
+    References
+    ----------
+    MacKay, Information Theory, Inference, and Learning Algorithms, chapter 27, for the volume about the likely phase.
+    """
+    phase, step = _phase(noise, chain), _NUDGES[3]
+    here, *sides = (noise.of_beat(chain, phase + move) for move in (0.0, -step, step))
+    curvature = (2 * here - sum(sides)) / step**2
+    volume = min(math.sqrt(2 * math.pi / curvature), 1.0) if curvature > 0 else 1.0  # periods
+    return here + math.log(volume), np.asarray(chain.overlap(noise.frame, phase) ** 2)
+
+
 def _phase(noise: FrameNoise, chain: FrameChain) -> float:
     """The most likely phase of a beat, periods."""
     phase, step = 0.0, 1.0

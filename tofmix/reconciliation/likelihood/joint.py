@@ -9,8 +9,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from tofmix.errors import BadInputError
 from tofmix.reconciliation.evidence import Evidence, join
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part
@@ -75,19 +73,6 @@ def views(likelihood: Likelihood, mixture: Mixture, part: Part) -> Iterator[Reco
                 mixture=mixture.of_frames(frames),
                 part=(own, part[1]),
             )
-
-
-def acting_part(likelihood: Likelihood, effect: Effect, part: Part) -> Part:
-    """The frames of the recordings in which an effect acts."""
-    evidence, members = likelihood.evidence, likelihood.scene.members
-    acts = [bool(scene.own((effect,))) for scene in members]
-    if all(acts):
-        return part
-    frames = part[0]
-    use = np.zeros(evidence.shape[0], dtype=bool)
-    for own, acting in zip(evidence.recordings, acts, strict=True):
-        use[own] = acting
-    return frames[use[frames]], part[1]
 
 
 def joint_likelihood(recordings: Sequence[Recording]) -> Likelihood:

@@ -20,6 +20,7 @@ from tofmix.reconciliation.likelihood.smooth_kernel import smooth_log_likelihood
 _FLOOR = 1.0e-12  # probability of what the model rules out: one impossible sample must not decide alone
 _INVALID_FLOOR = 1.0e-6  # probability that any sample is lost, whatever the model says
 _ROOT2 = math.sqrt(2.0)
+_PER_ROOT_TWO_PI = 1.0 / math.sqrt(2.0 * math.pi)
 _FAR = 40.0  # exp(-40) adds nothing
 _FINE = 0.7  # a cell narrower than this many sigma: its probability is density times width (Sheppard's correction)
 
@@ -70,6 +71,16 @@ def _inside(lower: float, upper: float, mean: float, sigma: float) -> float:
     if below > 0:  # in the tail that erfc resolves
         below, above = -above, -below
     return _phi(above) - _phi(below)
+
+
+@jit
+def _share_and_slope(lower: float, upper: float, mean: float, sigma: float) -> tuple[float, float]:
+    """Probability that a normal value lies in a cell, and its derivative by the mean."""
+    share, width = _inside(lower, upper, mean, sigma), upper - lower
+    if width < _FINE * sigma:
+        return share, share * (0.5 * (lower + upper) - mean) / (sigma * sigma + width * width / 12.0)
+    below, above = (lower - mean) / sigma, (upper - mean) / sigma
+    return share, _PER_ROOT_TWO_PI / sigma * (math.exp(-0.5 * below * below) - math.exp(-0.5 * above * above))
 
 
 @jit
@@ -184,7 +195,8 @@ def log_likelihood(
     table : ShapeTable
         Shape of the errors.
     by_pixel, by_frame : (pixel, 4), (frame, 4) float64
-        Results, added to: log-likelihood, its slope against a bias (1/mm), its information (1/mm2), samples.
+        Results, added to: log-likelihood, its slope against a bias (1/mm), its information (1/mm2), samples. The
+        information takes a cell as noise, so that it is never negative.
     """
     scene = key, since, frame_bias, extra_variance, pixel_bias, weight, mean, sigma, rate, lit
     if pixels.narrow.size:
@@ -258,8 +270,8 @@ def any_log_likelihood(  # noqa: C901  one pass, kept in one place
                             turn = np.rint((m - centre) / period) * period
                     precision = 1.0 / (s * s + (upper - lower) ** 2 / 12.0)
                     if table[2].size == 0:
-                        inside = w * _inside(lower + turn, upper + turn, m, s)
-                        pull = inside * (centre + turn - m) * precision
+                        share, slope_of_share = _share_and_slope(lower + turn, upper + turn, m, s)
+                        inside, pull = w * share, w * slope_of_share
                     else:
                         below, above = (lower + turn - m) / s, (upper + turn - m) / s
                         inside = w * (_below(above, table) - _below(below, table))

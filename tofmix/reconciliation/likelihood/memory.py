@@ -60,6 +60,8 @@ _LEAST_PAIRS = 100  # to 0.1
 _SHOWING = 500  # pixels that show a memory well enough to count independent samples
 _LEAST_POWER = 1e-6  # mean square of scores that are no mere rounding
 _LAGS = 24  # frames
+_TIMES = 10  # at which means are compared with cells
+_WIDE = 0.7  # cells over sigma, above which their places count
 _AT_ONCE = 1 << 12  # pixels
 _ROOT_TWO_PI = math.sqrt(2 * math.pi)
 
@@ -91,10 +93,43 @@ def whitened(z: Float32Array, mixture: Mixture, coefficient: float) -> Float32Ar
 
 
 def attenuation(mixture: Mixture) -> FloatArray:
-    """Share (pixel,) of a score's variance that comes from the camera, not from whole mm."""
-    cell = max(mixture.step, 1.0)
+    """Share (pixel,) of the memory's coefficient by which scores correlate from frame to frame.
+
+    A score is drawn within the cell of its stored value, so that its covariance with the noise is `cell_share`.
+    """
+    return np.asarray((cell_share(mixture) ** 2).mean(axis=0))
+
+
+def cell_share(mixture: Mixture) -> FloatArray:
+    """Variance (time, pixel) of the noise's mean given the cell of its stored value, over that of the noise.
+
+    A bias that is known from stored values has this share of the information that samples would have, and the noise in
+    it remembers by this share. It is that at some times, if surfaces move over cells that are wide against the noise.
+    """
     sigma = mixture.of_main(mixture.sigma)
-    return np.asarray(sigma**2 / (sigma**2 + cell**2 / 12))
+    cell = max(mixture.step, 1.0) / sigma
+    frames = np.unique(np.linspace(0, mixture.key.size - 1, _TIMES).astype(np.int64))
+    out = np.broadcast_to(1.0 / (1.0 + cell**2 / 12.0), (frames.size, sigma.size)).copy()  # Sheppard
+    wide = np.flatnonzero(cell > _WIDE)
+    for number, frame in enumerate(frames if wide.size else ()):
+        mean = _main_mean(mixture, int(frame))[wide] / sigma[wide]
+        out[number, wide] = _of_wide_cells(mean, cell[wide])
+    return out
+
+
+def _main_mean(m: Mixture, frame: int) -> FloatArray:
+    """Mean (pixel,) of the main components in a frame, mm."""
+    t = m.key[frame]
+    mean = m.mean[t] + m.rate[t] * m.since[frame] + m.frame_bias[frame]
+    return np.asarray(np.take_along_axis(mean, m.main[None], axis=0)[0])
+
+
+def _of_wide_cells(mean: FloatArray, cell: FloatArray) -> FloatArray:
+    """The share (pixel,) for cells about multiples of their width; mean and width in units of the noise."""
+    around = np.arange(-math.ceil(_REACH / _WIDE), math.ceil(_REACH / _WIDE) + 2)[:, None]
+    edge = (np.rint(mean / cell) - 0.5 + around) * cell - mean
+    height, below = np.exp(-0.5 * edge**2) / _ROOT_TWO_PI, ndtr(edge)
+    return np.asarray((np.diff(height, axis=0) ** 2 / np.maximum(np.diff(below, axis=0), _LEAST_CHANCE)).sum(axis=0))
 
 
 def one_surface(mixture: Mixture, share: float = _MAIN) -> BoolArray:
@@ -368,7 +403,7 @@ def _inflation(likelihood: Likelihood, mixture: Mixture, coefficient: float, par
     for linked, view in seen:
         m = view.mixture
         alike = (m.weight[0] ** 2).sum(axis=0) / np.maximum(m.weight[0].sum(axis=0), 1e-9) ** 2
-        out += 2 * linked / frames * alike * attenuation(m)
+        out += 2 * linked / frames * alike * cell_share(m).mean(axis=0)
     return out
 
 

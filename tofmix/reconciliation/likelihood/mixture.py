@@ -7,7 +7,6 @@ registry's effects.
 
 from collections import OrderedDict
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,11 +16,13 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.noise_shape import NoiseShape
 from tofmix.optics.projection import beam_directions_of
 from tofmix.reconciliation.likelihood.error_shape import GAUSSIAN, ShapeTable, shape_table
+from tofmix.simulation.casting.measured_cast import by_neighbours
 from tofmix.simulation.casting.polygon_cast import PolygonCaster
 from tofmix.simulation.distribution import Prediction
 from tofmix.simulation.effects.base import Effect, Latent, Level
 from tofmix.simulation.effects.hidden import PixelBias
 from tofmix.simulation.exposure import equation_1, predict
+from tofmix.simulation.measured_scene import MeasuredScene
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface
 from tofmix.simulation.truth import Truth
@@ -32,6 +33,8 @@ LINKING = (Latent.FRAME, Latent.PIXEL, Latent.MEMORY)
 _TIMES = (4, 8, 16, 32)  # times at which a changing scene is computed; the most unless only surfaces move
 _STEP_MM = 15.0  # largest move of a surface from one time to the next, if there are enough times
 _SOON_S = 1e-3  # for the velocity of a surface
+_LEAST_SIGMA_MM = 0.05  # of a prediction
+_LEAST_REST = 0.3  # of a measured width, at least, is noise: a way takes no more of it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -180,25 +183,14 @@ class Scene:
         rest = tuple(e for e in model.effects if e not in (*self.links, *self._apart))
         alike = replace(model.sensor.noise, width_spread=0.0)  # widths belong to the recording: a state has them
         self._still = replace(model, effects=rest, sensor=replace(model.sensor, noise=alike))
+        self._apart_mm: FloatArray | None = None
+        if model.scene is not None:  # laws act on ranges without the pixels' own errors, which stay as they were seen
+            smooth, self._apart_mm = by_neighbours(model, model.scene)
+            self._still = replace(self._still, scene=smooth)
         self._table = shape_table(model.sensor.noise.shape)
         self._caster = PolygonCaster(model.sensor)
         self.beams = beam_directions_of(model.sensor.optics, model.sensor.shape).reshape(-1, 3)
         self._casts: OrderedDict[tuple[Surface, ...], tuple[Truth, Prediction]] = OrderedDict()
-        self.distance = np.array([_plane_distance(s) for s in model.surfaces])
-
-    @cached_property
-    def sigma_of_place(self) -> FloatArray:
-        """Shift (surface,) of each surface along its normal, mm, that changes its ranges by their sigma.
-
-        The median over the pixels in which it has the most light; NaN without such pixels.
-        """
-        m = self.mixture()
-        surface, sigma, ranges = m.of_main(m.surface), m.of_main(m.sigma), m.of_main(m.true_range)
-        out = np.full(len(self.names), np.nan)
-        for number in np.intersect1d(surface, np.arange(len(self.names))):
-            own = surface == number
-            out[number] = float(np.median(sigma[own] / ranges[own])) * abs(self.distance[number])
-        return out
 
     @property
     def casts(self) -> int:
@@ -261,6 +253,26 @@ class Scene:
             out[:-1] = (soon / now - 1.0) / _SOON_S
         return out
 
+    def _at_rest(self, sigma: FloatArray, rate: FloatArray) -> FloatArray:
+        """Noise (time, component, pixel) of a measured scene, mm, without the way of surfaces in the reference.
+
+        Times count from the middle of a reference that the recording itself begins with, else from 0: then the surfaces
+        stood still. A steady way of w has the standard deviation w / sqrt 12.
+        """
+        way = 2.0 * max(float(self.time_s[0]), 0.0) * rate
+        return np.asarray(np.sqrt(np.maximum(sigma**2 - way**2 / 12.0, (_LEAST_REST * sigma) ** 2)))
+
+    def measured_at_rest(self, effects: tuple[Effect, ...]) -> MeasuredScene | None:
+        """The measured scene with the widths of its surfaces at rest, as these effects move them; None without one."""
+        scene = self.model.scene
+        velocity = self._velocities((*self._apart, *self.own(effects)), 0.0)
+        if scene is None or not velocity.any():
+            return scene
+        noise = self.model.sensor.noise_at(self.model.sensor.integration_time_ms)
+        sigma = scene.width * noise.sigma(np.nan_to_num(scene.range_mm, nan=1.0), scene.amplitude)
+        rate = scene.range_mm * velocity[np.minimum(scene.surface, velocity.size - 1)]
+        return replace(scene, width=scene.width * self._at_rest(sigma, rate) / sigma)
+
     def mixture(self, effects: tuple[Effect, ...] = ()) -> Mixture:
         """The prediction of the model and these effects, without hidden states that link samples."""
         effects = (*self._apart, *self.own(effects))
@@ -303,13 +315,19 @@ class Scene:
         rate = np.zeros(true_range.shape)
         if velocity.any():
             rate = true_range * np.take_along_axis(velocity[:, None], surface, axis=2)
+        mean = stack("range_mm", 1.0)
+        if self._apart_mm is not None:
+            mean = mean + np.take_along_axis(self._apart_mm[None], surface, axis=1)
+        sigma = np.maximum(stack("sigma_mm", 1.0), _LEAST_SIGMA_MM)
+        if self.model.scene is not None and velocity.any():
+            sigma = self._at_rest(sigma, rate)
         sensor = self.model.sensor
         share = 0.0 if sensor.noise.background is None else sensor.noise.background
         background = np.broadcast_to(share, sensor.shape).ravel().astype(np.float64)
         return Mixture(
             weight=stack("weight", 0.0),
-            mean=stack("range_mm", 1.0),
-            sigma=np.maximum(stack("sigma_mm", 1.0), 0.05),
+            mean=mean,
+            sigma=sigma,
             rate=rate,
             lit=surface >= 0,
             surface=surface,
@@ -368,16 +386,7 @@ class Scenes:
     def __init__(self, members: tuple[Scene, ...]) -> None:
         self.members = members
         self.model = members[0].model
-        distances = {name: d for m in reversed(members) for name, d in zip(m.names, m.distance, strict=True)}
         self.names = tuple(dict.fromkeys(name for m in members for name in m.names))
-        self.distance = np.array([distances[name] for name in self.names])
-
-    @property
-    def sigma_of_place(self) -> FloatArray:
-        """As `Scene.sigma_of_place`: the median over the recordings that show a surface."""
-        found = [dict(zip(m.names, m.sigma_of_place, strict=True)) for m in self.members]
-        seen = ([own[name] for own in found if name in own and own[name] > 0] for name in self.names)
-        return np.array([float(np.median(values)) if values else np.nan for values in seen])
 
     @property
     def effects(self) -> tuple[Effect, ...]:

@@ -1,7 +1,9 @@
-"""One score and one search for sets of effects: an alternative to `search/`, taken with ``TOFMIX_SEARCH=new``.
+"""One score and one search for sets of effects.
 
-In the order of the data: `static_errors` (the errors of pixels that are integrated out), `coordinates` (an effect as a
-vector with a prior), `unnamed` (smooth laws without a name), `recordings` (what all sets share), `steps_kernel` (exact
-likelihood of quantised samples), `fitted_set` (a set at its most likely numbers, with its score), `proposals` (the
-linear evidence of all sets), `search` (which sets are fitted), `outcome` (the best set as the verdict needs it).
+In the order of the data: `static_errors` (errors of pixels that are integrated out), `columns` (changes by small
+effects), `unnamed` (smooth laws without a name), `coordinates` (an effect as a vector with a prior), `recordings` (what
+all sets share), `steps_kernel` (exact likelihood of quantised samples), `tenths` (biases in time, and what a memory of
+the noise leaves of them), `expansion` (the samples with static errors integrated out), `summary` (what proposals need
+of the samples), `fitted_set` (a set at its most likely numbers, with its score), `proposals` (the linear evidence of
+all sets), `search` (which sets are fitted), `outcome` (the best set as the verdict needs it).
 """

@@ -26,7 +26,13 @@ from tofmix.simulation.effects.parameter import Prior
 from tofmix.simulation.effects.search import FormFacts, LinearForm, Problem, SearchFacts, forms_of, has_form
 
 Key = tuple[str, str, int]
-"""Kind, surface, and number of the search among those of both."""
+"""Kind, surface, and number of the search among those of both, or of the form of a hidden state."""
+
+
+def key_of_state(effect: Effect) -> Key:
+    """The identity of an effect with a hidden state that has a fit of its own."""
+    return effect.kind, "", 0 if effect.hidden is None else effect.hidden.form(effect)
+
 
 UNPRIORED = 3.0
 """Standard deviation of a number without a prior, in the units of its search, in which a step of 1 is reasonable."""
@@ -127,10 +133,10 @@ class Law:
         relative = sum(_log_density(priors[n], numbers[n]) - _log_density(priors[n], priors[n].mode) for n in moving)
         widths = np.array([math.exp(-_log_density(priors[n], priors[n].mode)) / math.sqrt(2 * math.pi) for n in moving])
         jacobian = np.array([slopes[n] for n in moving]).reshape(len(moving), self.size)
-        precision = (jacobian / widths[:, None]).T @ (jacobian / widths[:, None]) if moving else 0.0
+        precision = (jacobian / widths[:, None]).T @ (jacobian / widths[:, None])
         if len(moving) < self.size:
             precision = precision + np.eye(self.size) / UNPRIORED**2
-        return relative, np.asarray(precision).reshape(self.size, self.size)
+        return relative, np.asarray(precision)
 
     def _slopes(self, x: FloatArray, priors: dict[str, Prior]) -> dict[str, FloatArray]:
         """Derivatives (n,) of each number, or of its logarithm, by the vector; the smaller one-sided ones: no jump."""
@@ -197,7 +203,8 @@ def laws(kinds: Sequence[str], search: SearchFacts, form: FormFacts, taken: set[
     Parameters
     ----------
     kinds : sequence of str
-        Kinds of the registry that are tried; those whose hidden state has a fit of its own have no law.
+        Kinds of the registry that are tried. Those whose hidden state has a fit of its own have laws only for forms
+        that hide nothing.
     search, form : SearchFacts, FormFacts
         Data for the searches and for linear forms.
     taken : set of (str, str)
@@ -236,7 +243,8 @@ def surface_of(problem: Problem) -> str | None:
 
 def _of_kind(kind: type[Effect], problems: list[tuple[str, Problem]], forms: list[LinearForm]) -> Iterator[Law]:
     free = Counter(surface for surface, p in problems if not p.price_nats)
-    numbers: Counter[str] = Counter()
+    first = 0 if kind.hidden is None else kind.hidden.forms  # after those of its hidden state
+    numbers: Counter[str] = Counter({surface: first for surface, _ in problems})
     for surface, problem in problems:
         own = [
             f for f in forms if f.surface == surface and _begins(f, problem, [p for s, p in problems if s == surface])

@@ -4,42 +4,41 @@ The numbers are fitted once more, to the fitting frames alone, so that the check
 has seen. A member that leaves a statistic open in which it must show is taken out.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
+from tofmix.arrays import FloatArray
 from tofmix.reconciliation.comparison.compare import Compared, compare
-from tofmix.reconciliation.ledger import Ledger, WeighedSet, name_of_effect
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
+from tofmix.reconciliation.found import Added, TriedEffect
+from tofmix.reconciliation.ledger import ALIAS_NATS, Ledger, WeighedSet, name_of_effect
+from tofmix.reconciliation.likelihood import hidden_fits
+from tofmix.reconciliation.likelihood.hidden_states import SLACK, latent_states, without
+from tofmix.reconciliation.likelihood.joint import Recording, joint_likelihood, views
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.memory import memory_gain
+from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.likelihood.pixel_pattern import marginal_pattern, pixel_biases
+from tofmix.reconciliation.one.expansion import WIDTH_NUDGE
 from tofmix.reconciliation.one.fitted_set import FittedSet
-from tofmix.reconciliation.one.search import FoundSets, search
-from tofmix.reconciliation.one.static_errors import StaticErrors
+from tofmix.reconciliation.one.proposals import About, Columns, Proposal, by_trial
+from tofmix.reconciliation.one.recordings import UNIFORM, SearchTask
+from tofmix.reconciliation.one.search import FoundSets, begun, extend
+from tofmix.reconciliation.one.static_errors import LEAST_INFORMATION, StaticErrors
 from tofmix.reconciliation.parameters.fits import Fitted, Numbers
-from tofmix.reconciliation.search import links
-from tofmix.reconciliation.search.add import Added, covered
-from tofmix.reconciliation.search.name import TriedEffect
-from tofmix.reconciliation.search.pattern_fits import settled_within
-from tofmix.reconciliation.search.refit import latent_states, settle, without
-from tofmix.reconciliation.search.search_state import Settings, fit_part, held_out
+from tofmix.reconciliation.parameters.polish import settle
+from tofmix.reconciliation.settings import Settings, fit_part, held_out
+from tofmix.reconciliation.verification.considered import OTHERS
 from tofmix.reconciliation.verification.verify import Verified, verify
-from tofmix.simulation.effects import Effect, basic_kind
-from tofmix.simulation.effects.base import Basic
+from tofmix.simulation.effects import EFFECTS, Effect
+from tofmix.simulation.effects.base import Basic, Latent
 from tofmix.simulation.effects.hidden import PixelBias, PixelValue, RememberedNoise
+from tofmix.simulation.model import Model
 
-OTHERS = 3
-"""Most sets beside the best one and its aliases of which the reason is given."""
-
-
-def unsupported(likelihood: Likelihood) -> str:
-    """Why this search cannot take the recordings, as the end of a sentence; empty if it can."""
-    if likelihood.scene.model.sensor.noise.width_spread:
-        return "it has no evidence for the widths of single pixels yet"
-    if likelihood.scene.model.scene is not None:
-        return "it does not know the errors of a measured scene yet"
-    return ""
+_COVERED = 0.999  # share of the beam that surfaces fill
 
 
 def named(
@@ -48,7 +47,7 @@ def named(
     tick: Callable[[float], None] = lambda _: None,
     ledger: Ledger | None = None,
 ) -> tuple[Added, Verified]:
-    """Search, and judge the best set.
+    """Search, and judge the best set. A model with effects may be right, so it is judged before the search.
 
     Parameters
     ----------
@@ -59,7 +58,13 @@ def named(
     tick, ledger
         As of `tofmix.reconciliation.one.search.search`.
     """
-    found = search(likelihood, settings, tick, ledger)
+    found = begun(likelihood, settings, tick, ledger)
+    if likelihood.scene.effects:  # else predictions do not approximate
+        given = as_added(found, found.best_named)
+        verified = verify(likelihood, given, settings)
+        if verified.verdict == "agree":
+            return given, verified
+    extend(found)
     best = found.best_named
     added = as_added(found, best)
     verified = verify(likelihood, added, settings)
@@ -75,6 +80,51 @@ def named(
     return (added, verified) if judged.verdict == "unexplained" else (other, judged)
 
 
+def better_own_effect(recordings: Sequence[Recording], added: Added, settings: Settings) -> Effect | None:
+    """The model's own effect with numbers that are clearly better than all added effects; None without one.
+
+    Such an effect with wrong numbers may be imitated by others. It stands as an unnamed law does.
+
+    Parameters
+    ----------
+    recordings : sequence of (Model, Evidence)
+        As given.
+    added : Added
+        The outcome of the search.
+    settings : Settings
+        Options.
+    """
+    best, top = None, added.score + ALIAS_NATS
+    given = joint_likelihood(recordings).scene.effects
+    searched = (e for e in given if e.latent is Latent.NONE and e.kind in EFFECTS)
+    for effect in dict.fromkeys(searched):  # recorded amplitudes are among the effects, but are no registered kind
+        less = joint_likelihood([(_without(model, effect), evidence) for model, evidence in recordings])
+        task = SearchTask(less, replace(settings, kinds=(effect.kind,)))
+        nothing = FittedSet.without_effects(task).fit()
+        # the amplitudes that other numbers change are no part of the score of the effect as given
+        as_given = sum(side.log_density(effect) for side in less.side_information)
+        for p in chain(About(Columns.of(task), nothing).sets(1), by_trial(nothing)):
+            s = _fitted(p) if p.names == {name_of_effect(effect)} else None
+            if s is None or s.refused:
+                continue
+            score = s.score + task.price_nats - as_given  # it takes the place of one, so it has no price
+            if score > top:
+                best, top = s.members()[0], score
+    return best
+
+
+def _fitted(proposal: Proposal) -> FittedSet | None:
+    """A proposed set, fitted; None if it cannot be."""
+    try:
+        return proposal.build().fit()
+    except ValueError:
+        return None
+
+
+def _without(model: Model, effect: Effect) -> Model:
+    return replace(model, effects=tuple(e for e in model.effects if e != effect))
+
+
 def as_added(found: FoundSets, best: FittedSet) -> Added:
     """A fitted set as the outcome of a search, with numbers from the fitting frames."""
     state, chosen = refitted(best)
@@ -82,10 +132,10 @@ def as_added(found: FoundSets, best: FittedSet) -> Added:
         state=state,
         chosen=chosen,
         first=_singles(found),
-        panel=_panel(best, state, chosen),
+        panel=_panel(best, state),
         considered=considered(found, best),
         law=found.law,
-        laws_tried=True,
+        score=best.score,
     )
 
 
@@ -99,13 +149,13 @@ def refitted(s: FittedSet) -> tuple[ModelState, tuple[TriedEffect, ...]]:
         if not isinstance(kind.hidden, PixelBias):
             raise TypeError(f"{kind.kind} has no bias of a pixel")
         pattern = (kind.hidden.made(kind, spreads),)
-    bare = s.state()
+    bare = replace(s.state(), log_width=task.null.log_width)  # the model's own error of widths is no part of it
     members = s.members()
     state = replace(bare, effects=(*members, *s.linked, *pattern))
     if not state.effects:
         return latent_states(like, replace(state, effects=()), part[0]), ()
     fits = {
-        k: Fitted(effect=effect, vector=x, problem=law.problem, value=0.0)
+        k: Fitted(effect=effect, vector=x, problem=law.problem)
         for k, (effect, law, x) in enumerate(zip(members, s.laws, s.parts(s.x), strict=True))
     }
     state = latent_states(like, state, part[0])
@@ -117,7 +167,6 @@ def refitted(s: FittedSet) -> tuple[ModelState, tuple[TriedEffect, ...]]:
             effect=effect,
             gain=_gain(s, last.state, number),
             parameters=_parameters(effect, fits.get(number)),
-            state=last.state,
             fitted=fits.get(number),
         )
         for number, effect in enumerate(last.state.effects)
@@ -143,7 +192,7 @@ def _gain(s: FittedSet, state: ModelState, number: int) -> float:
         part = test[0], np.intersect1d(test[1], out) if np.intersect1d(test[1], out).size else out
         freed = replace(rest, stuck_mm=np.full_like(rest.stuck_mm, np.nan))
         before = like.sums(like.mixture(freed), freed, part).total
-        return float(-before - links.VALUE_NATS * part[1].size)
+        return float(-before - hidden_fits.VALUE_NATS * part[1].size)
     if isinstance(hidden, PixelBias):
         nothing = np.zeros_like(state.pixel_bias)
         bare = replace(rest, pixel_bias=nothing, pixel_variance=nothing)
@@ -156,28 +205,78 @@ def _gain(s: FittedSet, state: ModelState, number: int) -> float:
     return like.value(state, test) - like.value(rest, test)
 
 
-def _panel(best: FittedSet, state: ModelState, chosen: Sequence[TriedEffect]) -> Compared:
-    """Panel of the model, moved within its tolerance to where it fits the held-out frames best."""
-    task = best.task
-    like, settings = task.likelihood, task.settings
+def _panel(best: FittedSet, state: ModelState) -> Compared:
+    """Panel of the model, moved within its tolerance to where it fits the held-out frames best.
+
+    It tests whether any model within the tolerance agrees with these frames. A model moved to other frames would have
+    their noise.
+    """
+    like, settings = best.task.likelihood, best.task.settings
     held = held_out(like, settings)
-    return compare(like, _moved(best, state, chosen), covered(like, state, held), seed=settings.seed)
+    near, mixture = _moved(best.task, state, held)
+    return compare(like, near, _covered(like, state, held), seed=settings.seed, mixture=mixture)
 
 
-def _moved(best: FittedSet, state: ModelState, chosen: Sequence[TriedEffect]) -> ModelState:
-    task = best.task
-    like, settings = task.likelihood, task.settings
-    held = held_out(like, settings)
-    if len(task.recordings) > 1:  # a state has one bias of a pixel, and each recording its own errors of poses
-        return settled_within(like, state, chosen, held, settings.tolerance)
-    noise: tuple[Effect, ...] = ()
-    if best.free_noise:
-        noise = (basic_kind(Basic.NOISE).of_magnitude(float(np.exp(best.x[-1]))),)
-    near = replace(state, effects=(*state.effects, *noise))
-    found = pixel_biases(like, like.mixture(near), near, held)
-    known = np.where(task.lit, found.information, 0.0)
-    errors = StaticErrors.of(task.low, known, like.evidence.image, more_variance=state.pixel_variance)
-    return replace(near, pixel_bias=near.pixel_bias + errors.of_model(found.bias[None])[0])
+def _moved(task: SearchTask, state: ModelState, held: Part) -> tuple[ModelState, Mixture]:
+    """The state with the model's own errors of widths, and its prediction with the errors of surfaces too.
+
+    Both are found from the held-out frames, and no error is larger than the tolerance, times `SLACK`. Where pixels have
+    widths of their own, the state has them.
+    """
+    like, most = task.likelihood, SLACK / UNIFORM
+    mixture = like.mixture(state)
+    bias, known = np.zeros(task.lit.shape), np.zeros(task.lit.shape)
+    for view in views(like, mixture, held):
+        found = pixel_biases(like, mixture, state, view.part_of_all)
+        bias[view.number], known[view.number] = found.bias, np.where(task.lit[view.number], found.information, 0.0)
+    own = state.pixel_variance if state.errors is None else np.zeros_like(state.pixel_variance)  # taken off already
+    errors = StaticErrors.of(task.low, known, like.evidence.image, more_variance=own)
+    moved = errors.of_model(bias, most)
+    if task.width_variance.any():
+        return state, _with_biases(task, mixture, moved)
+    wider = _log_width(task, state, _with_biases(task, mixture, moved), held, most * math.sqrt(0.5))
+    near = replace(state, log_width=state.log_width + wider)
+    return near, _with_biases(task, like.mixture(near), moved)
+
+
+def _log_width(task: SearchTask, state: ModelState, mixture: Mixture, held: Part, most: float) -> FloatArray:
+    """The model's own errors of log widths (recording, pixel), each of at most so many standard deviations."""
+    rise, told = np.zeros(task.lit.shape), np.zeros(task.lit.shape)
+    for view in views(task.likelihood, mixture, held):
+        below, here, above = (
+            task.likelihood.sums(mixture.widened(np.array(step)), state, view.part_of_all).by_pixel[:, 0]
+            for step in (-WIDTH_NUDGE, 0.0, WIDTH_NUDGE)
+        )
+        curve = (2 * here - below - above) / WIDTH_NUDGE**2
+        told[view.number] = np.where(task.lit[view.number], np.maximum(curve, 0.0), 0.0)
+        rise[view.number] = (above - below) / (2 * WIDTH_NUDGE)
+    step = np.where(told > 0, rise / np.maximum(told, LEAST_INFORMATION), 0.0)
+    return task.width_errors(told).of_model(step.reshape(1, -1), most).reshape(step.shape)
+
+
+def _with_biases(task: SearchTask, mixture: Mixture, bias_mm: FloatArray) -> Mixture:
+    """The prediction with biases (recording, pixel), mm, of all that has light."""
+    mean = mixture.mean.copy()
+    for number, recording in enumerate(task.recordings):
+        keys = mixture.key[recording.view.frames]
+        times = slice(int(keys.min()), int(keys.max()) + 1)
+        mean[times] += np.where(mixture.lit[times], bias_mm[number], 0.0)
+    return replace(mixture, mean=mean)
+
+
+def _covered(likelihood: Likelihood, state: ModelState, part: Part) -> Part:
+    """The part without pixels that see open space, if more noise was added.
+
+    Its law does not change samples without a return; ambient light does. Such samples would test the law and not the
+    name.
+    """
+    if not any(e.is_basic(Basic.NOISE) for e in state.effects):
+        return part
+    lit = np.ones(likelihood.evidence.shape[1], dtype=bool)
+    for view in views(likelihood, likelihood.scene.mixture(), part):
+        lit &= (view.mixture.weight[0] * view.mixture.lit[0]).sum(axis=0) > _COVERED
+    pixels = part[1][lit[part[1]]]
+    return (part[0], pixels) if pixels.size else part
 
 
 def _singles(found: FoundSets) -> tuple[TriedEffect, ...]:
@@ -198,7 +297,7 @@ def _singles(found: FoundSets) -> tuple[TriedEffect, ...]:
             (effect,), gain = s.members(), like.value(s.state(), test) - given
         else:
             effect, gain = _only_hidden(s), share * (s.evidence - nothing.evidence)
-        out.append(TriedEffect(effect=effect, gain=gain, parameters=max(s.x.size, 1), state=nothing.state()))
+        out.append(TriedEffect(effect=effect, gain=gain, parameters=max(s.x.size, 1)))
     return tuple(sorted(out, key=lambda c: -c.gain))
 
 

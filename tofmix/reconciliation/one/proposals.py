@@ -16,13 +16,16 @@ import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.reconciliation.ledger import Named
+from tofmix.reconciliation.likelihood import hidden_fits
+from tofmix.reconciliation.likelihood.beats import FrameNoise, fit_beat
 from tofmix.reconciliation.likelihood.memory import fit_memory
 from tofmix.reconciliation.likelihood.mixture import Mixture
-from tofmix.reconciliation.one.coordinates import Key, Law
-from tofmix.reconciliation.one.fitted_set import FittedSet, spreads_of_biases
+from tofmix.reconciliation.one.coordinates import Key, Law, key_of_state
+from tofmix.reconciliation.one.expansion import pixel_sums
+from tofmix.reconciliation.one.fitted_set import FittedSet
 from tofmix.reconciliation.one.recordings import SearchTask
 from tofmix.reconciliation.one.static_errors import LEAST_INFORMATION, StaticErrors
-from tofmix.reconciliation.search import links
+from tofmix.reconciliation.one.summary import spreads_of_biases
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.hidden import (
     DisturbedFrames,
@@ -32,10 +35,10 @@ from tofmix.simulation.effects.hidden import (
     RangeStep,
     RememberedNoise,
 )
-from tofmix.simulation.effects.search import LinearForm
+from tofmix.simulation.effects.search import EFFECT_NATS, LinearForm
 
 if TYPE_CHECKING:
-    from tofmix.reconciliation.search.columns import Column
+    from tofmix.reconciliation.one.columns import Column
 
 INEXACT = 0.02
 """Possible relative error of a predicted gain."""
@@ -202,8 +205,7 @@ class About:
         self.base, task = base, base.task
         summary = base.summary()
         here = observed(task, task.likelihood.mixture(base.state()))
-        noise = base.x[-1] if base.free_noise else 0.0  # the model's own error of noise counts from the model as given
-        bias, width = [summary.bias_mm], [summary.width + noise]
+        bias, width = [summary.bias_mm], [summary.width]
         self.whole: dict[Key, int] = {}
         self.own: list[_Option] = []
         place = 0
@@ -234,42 +236,40 @@ class About:
             )
             for law, form, at in columns.options
         ]
-        self.noise = first + len(columns.prior)
         self._products(columns, np.stack(bias), np.stack(width), summary.bias_information, summary.width_information)
         total = summary.bias_information.sum(axis=0)
         self.pattern: tuple[type[Effect], PatternSpreads] | None = base.pattern or self._pattern(summary.mean_mm, total)
-        self.gram, self.raw, self.logdet = {}, {}, {}
+        self.gram, self.logdet = {}, {}
         static, rest = self._static, self._gram
         for patterned in (False, True) if self.pattern is not None else (False,):
             spreads = self.pattern[1] if patterned and self.pattern is not None else task.given
             image = task.likelihood.evidence.image
             errors = StaticErrors.of(task.low, total, image, spreads, task.null.pixel_variance)
-            whole = rest + errors.products(static)
-            self.raw[patterned], self.logdet[patterned] = whole, errors.logdet
+            self.gram[patterned], self.logdet[patterned] = rest + errors.products(static), errors.logdet
             if patterned:
                 self.logdet[True] += sum(math.log(2 * count) for count in (task.part[1].size, *image))
-            column = whole[:, self.noise]  # the noise's own error is integrated out
-            own = column[self.noise] + task.noise_sd**-2 if task.noise_sd else math.inf
-            self.gram[patterned] = whole - np.outer(column, column) / own
 
     def _products(
         self, columns: Columns, bias: FloatArray, width: FloatArray, told: FloatArray, width_told: FloatArray
     ) -> None:
-        """Static parts of all columns, and products of what is not static: changes in time, and widths."""
-        first, shape = len(bias), bias.shape[2:]
+        """Static parts of all columns, and products of what is not static: changes in time, and widths.
+
+        Errors of widths are integrated out of the products.
+        """
+        first = len(bias)
         moving = columns.moving
         in_time = np.concatenate([bias, columns.bias_mm[moving][:, None] * columns.course[moving][..., None]])
         total = told.sum(axis=0)
         mean = (in_time * told).sum(axis=1) / np.maximum(total, LEAST_INFORMATION)
-        static = np.concatenate([mean[:first], columns.bias_mm, np.zeros((1, *shape))])
+        static = np.concatenate([mean[:first], columns.bias_mm])
         at = np.concatenate([np.arange(first), first + np.flatnonzero(moving)])
         static[at] = mean
-        left = ((in_time - mean[:, None]) * np.sqrt(told)).reshape(len(in_time), -1)
-        wide = np.concatenate([width, columns.width, np.ones((1, *shape))])
+        left = ((in_time - mean[:, None]) * np.sqrt(told)).reshape(len(in_time), in_time[0].size)
+        wide = np.concatenate([width, columns.width])
         widening = np.flatnonzero(wide.any(axis=(1, 2)))
-        some = wide[widening].reshape(widening.size, -1)
         gram = np.zeros((len(static), len(static)))
-        gram[np.ix_(widening, widening)] = (some * width_told.ravel()) @ some.T
+        errors = self.base.task.width_errors(width_told)
+        gram[np.ix_(widening, widening)] = errors.products(wide[widening].reshape(widening.size, 1, wide[0].size))
         gram[np.ix_(at, at)] += left @ left.T
         self._static, self._gram = static, gram
 
@@ -277,11 +277,10 @@ class About:
         base = self.base
         keep = [k for k in range(len(base.laws)) if k != number]
         parts = base.parts(base.x)
-        rest = base.x[base.x.size - int(base.free_noise) :] if base.free_noise else np.zeros(0)
         other = replace(
             base,
             laws=tuple(base.laws[k] for k in keep),
-            x=np.concatenate([*(parts[k] for k in keep), rest, np.zeros(0)]),
+            x=np.concatenate([*(parts[k] for k in keep), np.zeros(0)]),
         )
         return observed(base.task, base.task.likelihood.mixture(other.state()))
 
@@ -353,25 +352,13 @@ class About:
         found = np.linalg.solve(inner, (gram[at] @ self._data(kept)) * prior) * prior
         return np.split(found, np.cumsum([o.at.size for o in options]))[: len(options)]
 
-    def _noise_beside(
-        self, options: Sequence[_Option], coefficients: Sequence[FloatArray], kept: set[Key], *, patterned: bool
-    ) -> FloatArray:
-        """The model's own error of log sigma (1,) beside members with these coefficients."""
-        raw, sd = self.raw[patterned][self.noise], self.base.task.noise_sd
-        if not sd:
-            return np.zeros(1)
-        pull = float(raw @ self._data(kept))
-        for option, own in zip(options, coefficients, strict=True):
-            pull -= float(raw[option.at] @ own)
-        return np.array([pull / (raw[self.noise] + sd**-2)])
-
     def sets(self, size: int, *, unnamed: bool = False) -> Iterator[Proposal]:
         """Sets of a size: some members of the base, with at most two others; all hidden states but a pattern stay."""
         base, task = self.base, self.base.task
         always = [o for o in self.own if not o.law.forms]
         own = [o for o in self.own if o.law.forms]
         others = [o for o in self.new if o.law.named or unnamed]
-        linked = {(e.kind, "", 0) for e in base.linked}
+        linked = {key_of_state(e) for e in base.linked}
         everything = {o.law.key for o in self.own}
         whole = float(self.evidence([self.own], everything, patterned=base.pattern is not None)[0])
         anchor = base.evidence - whole - sum(o.price_nats for o in self.own) - task.price_nats * size
@@ -419,30 +406,26 @@ class About:
     def _built(self, options: Sequence[_Option], kept: set[Key], *, patterned: bool) -> FittedSet:
         """The set at its linear start; for a law with a start that the recording shows, at that one if it is better."""
         found = self.coefficients(options, kept, patterned=patterned)
-        noise = self._noise_beside(options, found, kept, patterned=patterned)
         x = [o.start(c) for o, c in zip(options, found, strict=True)]
         by_number = [_derivatives(o, c, own) for o, c, own in zip(options, found, x, strict=True)]
-        made = [self._at(options, [*x, noise], by_number, patterned=patterned)]
+        made = [self._at(options, x, by_number, patterned=patterned)]
         for k, option in enumerate(options):
             if option.form is not None and _measured(option.law):
                 other = [*x[:k], np.array(option.law.problem.starts[0]), *x[k + 1 :]]
-                made.append(self._at(options, [*other, noise], by_number, patterned=patterned))
+                made.append(self._at(options, other, by_number, patterned=patterned))
         return made[0] if len(made) == 1 else max(made, key=lambda s: s.at_start)
 
     def _at(
         self, options: Sequence[_Option], x: Sequence[FloatArray], by_number: Sequence[FloatArray], *, patterned: bool
     ) -> FittedSet:
-        *own, noise = x
         out = replace(
             self.base,
             laws=tuple(o.law for o in options),
-            x=np.concatenate([*own, np.zeros(0)]),
+            x=np.concatenate([*x, np.zeros(0)]),
             pattern=self.pattern if patterned else None,
             started=None,
             refused="",
         )
-        if out.free_noise:
-            out.x = np.concatenate([out.x, noise])
         out.hessian = self._guess(out, options, by_number, patterned=patterned)
         return out
 
@@ -450,8 +433,8 @@ class About:
         self, made: FittedSet, options: Sequence[_Option], by_number: Sequence[FloatArray], *, patterned: bool
     ) -> FloatArray:
         """Curvature over the vectors by the linear model; of numbers that it does not have, that of their priors."""
-        raw, size = self.raw[patterned], made.x.size
-        jacobian, hessian, start = np.zeros((size, len(raw))), np.zeros((size, size)), 0
+        gram, size = self.gram[patterned], made.x.size
+        jacobian, hessian, start = np.zeros((size, len(gram))), np.zeros((size, size)), 0
         for option, part, slopes in zip(options, made.parts(made.x), by_number, strict=True):
             own = slice(start, start + option.law.size)
             jacobian[own, option.at] = slopes
@@ -459,9 +442,7 @@ class About:
             unseen = ~slopes.any(axis=1)
             hessian[own, own] = np.diag(np.where(unseen, _UNSEEN * np.diag(precision), 0.0))
             start += option.law.size
-        if size > start:
-            jacobian[start, self.noise] = 1.0
-        return np.asarray(hessian + jacobian @ raw @ jacobian.T)
+        return np.asarray(hessian + jacobian @ gram @ jacobian.T)
 
 
 def _derivatives(option: _Option, coefficients: FloatArray, x: FloatArray) -> FloatArray:
@@ -494,44 +475,61 @@ def _measured(law: Law) -> bool:
 
 
 def by_trial(base: FittedSet) -> Iterator[Proposal]:
-    """The base with one more effect that summaries do not show."""
+    """The base with one more effect that summaries do not show.
+
+    The model's own errors may have taken the place of the effect, so it is also tried without them.
+    """
     task = base.task
-    taken = base.names
-    state = base.state()
-    mixture = task.likelihood.mixture(state)
-    beta = np.zeros(task.lit.shape) if base.beta is None else base.beta
-    rest = _total(base, base.linked, base.x, beta)
+    if base.about is None:
+        raise TypeError("samples are not expanded yet")
+    about, cost = base.about.without_model_errors()
+    rest = _total(base, base.linked, base.x, base.beta)
+    bases = [(base, rest), *([(replace(base, about=about), rest - cost)] if cost > _OCCAM else [])]
+    yield from _laws_by_trial(base, bases)
+    for kind in task.hidden:
+        if (kind.kind, "") not in base.names | {(k, "") for k in task.given_kinds} and type(
+            kind.hidden
+        ) not in base.sorts:
+            best: dict[frozenset[Key], Proposal] = {}
+            for p in (p for own, nats in bases for p in _of_hidden(own, kind, nats)):
+                if p.keys not in best or p.predicted > best[p.keys].predicted:
+                    best[p.keys] = p
+            yield from best.values()
+
+
+def _laws_by_trial(base: FittedSet, bases: Sequence[tuple[FittedSet, float]]) -> Iterator[Proposal]:
+    """The base with one more law that summaries do not show; `bases` are with and without the model's own errors."""
+    task = base.task
     for law in task.laws:
-        if law.forms or law.name in taken or not law.named:
+        if law.forms or law.name in base.names or not law.named:
             continue
-        found = _climbed(base, law, beta)
-        if found is not None and found[1] > rest:
-            gain = found[1] - rest
+        tried = [(found[1] - nats, found[0], own) for own, nats in bases if (found := _climbed(own, law)) is not None]
+        gain, x, own = max(tried, key=lambda one: one[0], default=(0.0, base.x, base))
+        if gain > 0:
             yield Proposal(
                 keys=base.keys | {law.key},
                 predicted=base.score + gain - _OCCAM * law.size - task.price_nats - law.price_nats,
-                build=lambda w=law, x=found[0]: _with_law(base, w, x),  # type: ignore[misc]
+                build=lambda w=law, x=x, own=own: _with_law(own, w, x),  # type: ignore[misc]
                 slack=INEXACT * gain,
                 near=(len(base.keys), gain),
             )
-    for kind in task.hidden:
-        if type(kind.hidden) not in base.sorts and kind.kind not in task.given_kinds:
-            proposal = _of_hidden(base, kind, mixture, beta, rest)
-            yield from () if proposal is None else (proposal,)
 
 
-def _of_hidden(base: FittedSet, kind: type[Effect], mixture: Mixture, beta: FloatArray, rest: float) -> Proposal | None:
-    """The base with an effect of a hidden state; None where the recordings show none."""
-    task, hidden = base.task, kind.hidden
-    if isinstance(hidden, RangeStep) and task.step_mm is not None:
+def _of_hidden(base: FittedSet, kind: type[Effect], rest: float) -> Iterator[Proposal]:
+    """The base with an effect of a hidden state; none where the recordings show none."""
+    task, hidden, found = base.task, kind.hidden, None
+    if isinstance(hidden, DisturbedFrames):
+        state = base.state()
+        yield from _disturbed(base, kind, rest + base.frame_gain(state, task.likelihood.mixture(state)))
+    elif isinstance(hidden, RangeStep) and task.step_mm is not None:
         effect = hidden.made(kind, (task.step_mm,))
-        gain = _total(base, (*base.linked, effect), base.x, beta) - rest
-        return _linked(base, effect, gain, lambda: _with_linked(base, effect), INEXACT)
-    if isinstance(hidden, PixelValue):
-        return _stuck(base, kind, mixture)
-    if isinstance(hidden, RememberedNoise):
-        return _memory(base, kind)
-    return _bursts(base, kind, rest) if isinstance(hidden, DisturbedFrames) else None
+        gain = _total(base, (*base.linked, effect), base.x, base.beta) - rest
+        found = _linked(base, effect, gain, lambda: _with_linked(base, effect), INEXACT)
+    elif isinstance(hidden, PixelValue):
+        found = _stuck(base, kind)
+    elif isinstance(hidden, RememberedNoise):
+        found = _memory(base, kind)
+    yield from () if found is None else (found,)
 
 
 def _total(
@@ -544,19 +542,14 @@ def _total(
     except (ValueError, OverflowError):
         return -math.inf
     mixture = base.task.likelihood.mixture(state)
-    return float(other.expanded(state, mixture, beta)[0].sum())
+    return float(pixel_sums(base.task, state, mixture, beta)[0].sum())
 
 
-def _vector_with(base: FittedSet, x: FloatArray) -> FloatArray:
-    cut = base.x.size - int(base.free_noise)
-    return np.concatenate([base.x[:cut], x, base.x[cut:]])
-
-
-def _climbed(base: FittedSet, law: Law, beta: FloatArray) -> tuple[FloatArray, float] | None:
+def _climbed(base: FittedSet, law: Law) -> tuple[FloatArray, float] | None:
     """The best start of a law's search on the samples, after a step along each number, and its log-likelihood."""
 
     def value(x: FloatArray) -> float:
-        return _total(base, base.linked, _vector_with(base, x), beta, (*base.laws, law))
+        return _total(base, base.linked, np.concatenate([base.x, x]), base.beta, (*base.laws, law))
 
     tried = [(np.array(start, dtype=np.float64), value(np.array(start))) for start in law.problem.starts]
     best = max(tried, key=lambda pair: pair[1], default=None)
@@ -575,15 +568,12 @@ def _climbed(base: FittedSet, law: Law, beta: FloatArray) -> tuple[FloatArray, f
 
 
 def _with_law(base: FittedSet, law: Law, x: FloatArray) -> FittedSet:
-    cut = base.x.size - int(base.free_noise)
     _, precision = law.prior_at(x)
-    whole = _vector_with(base, x)
+    whole, cut = np.concatenate([base.x, x]), base.x.size
     hessian = np.zeros((whole.size, whole.size))
-    old = [*range(cut), *range(cut + law.size, whole.size)]
     if base.hessian is not None:
-        hessian[np.ix_(old, old)] = base.hessian
-    own = np.arange(cut, cut + law.size)
-    hessian[own, own] = 100 * np.diag(precision)
+        hessian[:cut, :cut] = base.hessian
+    hessian[cut:, cut:] = _UNSEEN * np.diag(np.diag(precision))
     return replace(base, laws=(*base.laws, law), x=whole, hessian=hessian, started=None, refused="")
 
 
@@ -597,22 +587,24 @@ def _linked(
     if not gain > 0:
         return None
     return Proposal(
-        keys=base.keys | {(effect.kind, "", 0)},
-        predicted=base.score + gain - base.task.price_nats,
+        keys=base.keys | {key_of_state(effect)},
+        predicted=base.score + gain - base.task.price_nats - EFFECT_NATS * key_of_state(effect)[2],
         build=build,
         slack=inexact * gain,
         near=(len(base.keys), gain),
     )
 
 
-def _stuck(base: FittedSet, kind: type[Effect], mixture: Mixture) -> Proposal | None:
-    values = links.find_stuck(base.task.likelihood, mixture)
+def _stuck(base: FittedSet, kind: type[Effect]) -> Proposal | None:
+    mixture = base.task.likelihood.mixture(base.state())
+    values = hidden_fits.find_stuck(base.task.likelihood, mixture)
     if values is None:
         return None
     task, out = base.task, np.isfinite(values)
     state = base.state()
-    beta = np.zeros(task.lit.shape) if base.beta is None else base.beta
-    gain = -float(base.expanded(state, mixture, beta)[0][:, out].sum()) - links.VALUE_NATS * float(out.sum())
+    gain = -float(pixel_sums(task, state, mixture, base.beta)[0][:, out].sum()) - hidden_fits.VALUE_NATS * float(
+        out.sum()
+    )
     rows, cols = task.likelihood.evidence.image
     hidden = kind.hidden
     if not isinstance(hidden, PixelValue):
@@ -627,8 +619,7 @@ def _memory(base: FittedSet, kind: type[Effect]) -> Proposal | None:
     task, hidden = base.task, kind.hidden
     if not isinstance(hidden, RememberedNoise):
         raise TypeError(f"{kind.kind} has no memory")
-    state = base.state()
-    state = replace(state, pixel_bias=np.zeros(task.part[1].size) if base.beta is None else base.beta.mean(axis=0))
+    state = base.with_errors
     mixture = task.likelihood.mixture(state)
     some = task.part[0], task.part[1][:: min(_FIFTH, max(task.part[1].size // 100, 1))]
     z = task.likelihood.scores(state, some, task.settings.seed, mixture)
@@ -650,8 +641,11 @@ def _memory(base: FittedSet, kind: type[Effect]) -> Proposal | None:
     return _linked(base, effect, gain, build, _HIDDEN_INEXACT)
 
 
-def _bursts(base: FittedSet, kind: type[Effect], rest: float) -> Proposal | None:
-    """Disturbed frames, by three sizes of the noise that they add."""
+def _disturbed(base: FittedSet, kind: type[Effect], rest: float) -> Iterator[Proposal]:
+    """Disturbed frames: bursts, by three sizes of the noise that they add; and a beat, where bursts explain anything.
+
+    `rest` is the log-likelihood without them.
+    """
     task, hidden = base.task, kind.hidden
     if not isinstance(hidden, DisturbedFrames):
         raise TypeError(f"{kind.kind} disturbs no frames")
@@ -663,13 +657,12 @@ def _bursts(base: FittedSet, kind: type[Effect], rest: float) -> Proposal | None
         chain, _ = other.chain(state, task.likelihood.mixture(state))
         best = max(best, (chain - rest, effect), key=lambda pair: pair[0])
     gain, effect_found = best
-    if effect_found is None or gain <= task.price_nats:
-        return None
+    if effect_found is None:
+        return
 
     def build() -> FittedSet:
-        state = base.state()
-        state = replace(state, pixel_bias=np.zeros(task.part[1].size) if base.beta is None else base.beta.mean(axis=0))
-        found = links.fit_bursts(task.likelihood, task.likelihood.mixture(state), state, task.part)
+        state = base.with_errors
+        found = hidden_fits.fit_bursts(task.likelihood, task.likelihood.mixture(state), state, task.part)
         if found is None:
             raise ValueError("no frames are disturbed")
         made = _with_linked(base, hidden.made(kind, found))
@@ -677,4 +670,19 @@ def _bursts(base: FittedSet, kind: type[Effect], rest: float) -> Proposal | None
         made.disturbed = made.chain(after, task.likelihood.mixture(after))[1]
         return made
 
-    return _linked(base, effect_found, gain, build, _HIDDEN_INEXACT)
+    bursts = _linked(base, effect_found, gain, build, _HIDDEN_INEXACT) if gain > task.price_nats else None
+    beat = _beat(base, kind, hidden, rest) if hidden.period else None
+    yield from (p for p in (bursts, beat) if p is not None)
+
+
+def _beat(base: FittedSet, kind: type[Effect], hidden: DisturbedFrames, rest: float) -> Proposal | None:
+    """The most likely beat; None if noise in all frames explains nearly as much."""
+    task, state = base.task, base.with_errors
+    found = fit_beat(FrameNoise(task.likelihood, task.likelihood.mixture(state), state, task.part))
+    if found is None:
+        return None
+    effect = hidden.made(kind, found[0])
+    made = _with_linked(base, effect)
+    after = made.state()
+    value, made.disturbed = made.chain(after, task.likelihood.mixture(after))
+    return _linked(base, effect, value - rest, lambda: made, _HIDDEN_INEXACT)

@@ -7,21 +7,21 @@ from functools import cached_property
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.reconciliation.likelihood.hidden_fits import find_lattice
+from tofmix.reconciliation.likelihood.hidden_states import begin
 from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part
-from tofmix.reconciliation.likelihood.memory import one_surface
+from tofmix.reconciliation.likelihood.memory import memory_of, one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
+from tofmix.reconciliation.one.columns import TENTHS, ColumnMaker
 from tofmix.reconciliation.one.coordinates import Law, laws
+from tofmix.reconciliation.one.scene_errors import SceneErrors
+from tofmix.reconciliation.one.static_errors import DISCREPANCY, StaticErrors, across_surface, hats
 from tofmix.reconciliation.one.steps_kernel import DistinctValues
 from tofmix.reconciliation.parameters.searches import search_facts
-from tofmix.reconciliation.search.alternatives import DISCREPANCY, across_surface, hats
-from tofmix.reconciliation.search.columns import ColumnMaker
-from tofmix.reconciliation.search.links import find_lattice
-from tofmix.reconciliation.search.refit import begin
-from tofmix.reconciliation.search.search_state import Settings, fit_part
-from tofmix.reconciliation.search.summaries import TENTHS, summaries
+from tofmix.reconciliation.settings import Settings, fit_part
 from tofmix.simulation.effects import EFFECTS, Effect
-from tofmix.simulation.effects.base import Basic, with_hidden
+from tofmix.simulation.effects.base import with_hidden
 from tofmix.simulation.effects.hidden import (
     DisturbedFrames,
     PatternSpreads,
@@ -30,6 +30,7 @@ from tofmix.simulation.effects.hidden import (
     RangeStep,
     RememberedNoise,
 )
+from tofmix.simulation.effects.search import OwnProblems
 
 UNIFORM = 3**-0.5
 """Standard deviation of an error that may be anything up to the tolerance, over the tolerance."""
@@ -54,12 +55,18 @@ class OneRecording:
         Frames of each tenth of the time, by their numbers among all recordings.
     values : DistinctValues
         Of its samples.
+    scene : SceneErrors
+        Errors of its scene.
+    lost : (pixel,) int64
+        Lost samples of each pixel.
     """
 
     view: RecordingView
     surface: IntArray
     tenths: list[IntArray]
     values: DistinctValues
+    scene: SceneErrors
+    lost: IntArray
 
     @property
     def part(self) -> Part:
@@ -88,7 +95,10 @@ class SearchTask:
     lit, single : (recording, pixel) bool
         Pixels whose main component is light of a surface; those that also see only one surface.
     low : (k, recording, pixel) float64
-        Errors of any model, mm, with unit priors: of each surface a shift, two tilts and a smooth error.
+        Errors of means that pixels have in common, mm, with unit priors: those of any model, of each surface a shift,
+        two tilts and a smooth error; and those of a measured scene.
+    own_variance_mm2 : (pixel,) float64
+        Variance of the mean of each pixel in a measured scene; 0 where the scene is given.
     laws : tuple of Law
         All laws that may be members.
     hidden : tuple of type of Effect
@@ -96,8 +106,10 @@ class SearchTask:
     price_nats : float
         Price of a member. Without effects, a Bayes factor of x comes up with a probability of at most 1 / x (Markov),
         so that noise adds one of m effects to at most a share alpha of recordings if each costs log(m / alpha).
-    noise_sd : float
-        Standard deviation of the model's own error of log sigma; 0 if the model may have none.
+    low_width : (k, 1, recording x pixel) float64
+        The model's own errors of the logarithm of sigma, with unit priors: one common, and one of each surface.
+    width_variance : (recording x pixel,) float64
+        Variance of the logarithm of each pixel's own width.
     given_kinds : set of str
         Kinds that the model has.
     given : PatternSpreads
@@ -111,22 +123,25 @@ class SearchTask:
         frames, pixels = likelihood.evidence.shape
         self.part: Part = (np.arange(frames), np.arange(pixels))
         begun = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
-        self.null = replace(begun, pixel_bias=np.zeros(pixels))
+        self.null = replace(begun, pixel_bias=np.zeros(pixels), log_width=np.zeros_like(begun.log_width))
         self.mixture = likelihood.mixture(self.null)
         self.recordings = tuple(self._recording(view) for view in views(likelihood, self.mixture, self.part))
         mixtures = [r.view.mixture for r in self.recordings]
         self.lit: BoolArray = np.stack([m.of_main(m.lit).astype(bool) for m in mixtures])
         self.single: BoolArray = np.stack([one_surface(m) for m in mixtures]) & self.lit
-        self.low = self._model_errors()
-        seen = summaries(likelihood, self.null, self.part)
-        self.columns = ColumnMaker(likelihood, self.null, seen)
+        self.low = np.concatenate([self._model_errors(), self._scene_errors()])
+        self.own_variance_mm2 = self.recordings[0].scene.own_variance_mm2
+        self.columns = ColumnMaker(likelihood, self.null, self.part)
         own = [EFFECTS[kind] for kind in settings.kinds]
         self.hidden = tuple(kind for kind in own if isinstance(kind.hidden, SORTS))
-        self.laws = tuple(self._laws([kind.kind for kind in own if kind not in self.hidden]))
-        names = {law.name for law in self.laws}
-        self.price_nats = math.log(max(len(names) + len(self.hidden), 1) / settings.alpha)
-        scaled = any(e.is_basic(Basic.NOISE) for e in likelihood.scene.effects)
-        self.noise_sd = 0.0 if scaled else _NOISE * settings.tolerance * UNIFORM
+        searched = [k.kind for k in own if k not in self.hidden or isinstance(k, OwnProblems)]
+        self.laws = tuple(self._laws(searched))
+        names = {law.name for law in self.laws} | {(kind.kind, "") for kind in self.hidden}
+        self.price_nats = math.log(max(len(names), 1) / settings.alpha)
+        self.low_width = self._noise_errors()
+        spread = likelihood.scene.model.sensor.noise.width_spread
+        of_scene = np.concatenate([r.scene.log_width_variance for r in self.recordings])
+        self.width_variance = spread**2 + of_scene
         self.given_kinds = {e.kind for e in likelihood.scene.effects}
         self.given = next((h.spreads(e) for e, h in with_hidden(self.null.given, PixelBias)), PatternSpreads(0, 0, 0))
 
@@ -134,7 +149,11 @@ class SearchTask:
         m = view.mixture
         tenths = [f for f in np.array_split(view.part_of_all[0], TENTHS) if f.size]
         values = DistinctValues.of(view.evidence.samples)
-        return OneRecording(view=view, surface=m.of_main(m.surface), tenths=tenths, values=values)
+        errors = SceneErrors.of(self.null.errors, m, view.part[0].size, memory_of(self.null))
+        lost = np.asarray((view.evidence.samples == 0).sum(axis=0), dtype=np.int64)
+        return OneRecording(
+            view=view, surface=m.of_main(m.surface), tenths=tenths, values=values, scene=errors, lost=lost
+        )
 
     def _laws(self, kinds: list[str]) -> list[Law]:
         like = self.likelihood
@@ -167,6 +186,45 @@ class SearchTask:
         if not out or not self.settings.tolerance:
             return np.zeros((0, *self.lit.shape))
         return np.stack(out)
+
+    def _noise_errors(self) -> FloatArray:
+        """Half of the variance is common to all surfaces, as of a curve that is wrong, and half is of each surface.
+
+        All widths of a measured scene have another error in common.
+        """
+        size = _NOISE * self.settings.tolerance * UNIFORM * math.sqrt(0.5)
+        out = [self.lit * size]
+        for number, recording in enumerate(self.recordings):
+            for surface in np.unique(recording.surface[self.lit[number]]):
+                column = np.zeros(self.lit.shape)
+                column[number] = np.where(self.lit[number] & (recording.surface == surface), size, 0.0)
+                out.append(column)
+        out = out if size else []
+        common = np.array([r.scene.common_log_width for r in self.recordings])[:, None] * self.lit
+        out += [common] if common.any() else []
+        return np.stack(out).reshape(len(out), 1, -1) if out else np.zeros((0, 1, self.lit.size))
+
+    def width_errors(self, information: FloatArray) -> StaticErrors:
+        """The covariance of log widths, all recordings in one row, for some information (recording, pixel) about each.
+
+        A recording has its own widths of single pixels.
+        """
+        row = information.reshape(1, -1)
+        return StaticErrors.of(self.low_width, row, row.shape, more_variance=self.width_variance)
+
+    def _scene_errors(self) -> FloatArray:
+        """Columns (k, recording, pixel) of what all means of a measured scene have in common."""
+        out: list[FloatArray] = []
+        for number, recording in enumerate(self.recordings):
+            for own in recording.scene.columns_mm:
+                column = np.zeros(self.lit.shape)
+                column[number] = own
+                out.append(column)
+        return np.stack(out) if out else np.zeros((0, *self.lit.shape))
+
+    def known_with_scene(self, information: FloatArray) -> FloatArray:
+        """Information (..., pixel) about biases of the camera, 1/mm2, by that about biases from the measured scene."""
+        return np.asarray(information / (1.0 + information * self.own_variance_mm2))
 
     @cached_property
     def step_mm(self) -> float | None:

@@ -13,14 +13,13 @@ from itertools import chain
 
 import numpy as np
 
-from tofmix.reconciliation.ledger import Ledger, Named
+from tofmix.reconciliation.ledger import ALIAS_NATS, Ledger, Named
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.one.coordinates import Key
 from tofmix.reconciliation.one.fitted_set import FittedSet
 from tofmix.reconciliation.one.proposals import About, Columns, Proposal, by_trial
 from tofmix.reconciliation.one.recordings import SearchTask
-from tofmix.reconciliation.search.alternatives import ALIAS_NATS
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.verification.aliases import MOST_ALIASES
 from tofmix.simulation.effects.hidden import PixelBias
 
@@ -121,13 +120,13 @@ class FoundSets:
         return sorted(near, key=lambda s: -s.evidence)[:MOST_ALIASES]
 
 
-def search(
+def begun(
     likelihood: Likelihood,
     settings: Settings,
     tick: Callable[[float], None] = lambda _: None,
     ledger: Ledger | None = None,
 ) -> FoundSets:
-    """Find the most likely set of effects.
+    """The sets of a search before it runs: the empty one.
 
     Parameters
     ----------
@@ -142,9 +141,27 @@ def search(
     """
     task = SearchTask(likelihood, settings)
     null = FittedSet.without_effects(task).fit()
-    found = FoundSets(task, tick, Ledger() if ledger is None else ledger, {frozenset(): null})
+    return FoundSets(task, tick, Ledger() if ledger is None else ledger, {frozenset(): null})
+
+
+def search(
+    likelihood: Likelihood,
+    settings: Settings,
+    tick: Callable[[float], None] = lambda _: None,
+    ledger: Ledger | None = None,
+) -> FoundSets:
+    """Find the most likely set of effects; parameters as of `begun`."""
+    found = begun(likelihood, settings, tick, ledger)
+    extend(found)
+    return found
+
+
+def extend(found: FoundSets) -> None:
+    """Find the most likely set of effects, from the sets of `begun`; all sets that are fitted are added to them."""
+    task, null = found.task, found.best
+    settings = task.settings
     if settings.max_effects == 0:
-        return found
+        return
     columns = Columns.of(task)
     known: dict[frozenset[Key], About] = {}
 
@@ -167,7 +184,6 @@ def search(
             break
         bases = [*level[:BASES], *([null] if size == 1 else [])]
     closed(found, about)
-    return found
 
 
 def _without_members_at_a_bound(found: FoundSets, size: int) -> None:
@@ -186,7 +202,7 @@ def _without_members_at_a_bound(found: FoundSets, size: int) -> None:
 def _with_laws(s: FittedSet, keep: list[int]) -> FittedSet:
     """The set with some of its laws, at its numbers."""
     parts = s.parts(s.x)
-    other = replace(
+    return replace(
         s,
         laws=tuple(s.laws[k] for k in keep),
         x=np.concatenate([*(parts[k] for k in keep), np.zeros(0)]),
@@ -194,9 +210,6 @@ def _with_laws(s: FittedSet, keep: list[int]) -> FittedSet:
         started=None,
         refused="",
     )
-    if other.free_noise:
-        other.x = np.concatenate([other.x, s.x[-1:] if s.free_noise else np.zeros(1)])
-    return other
 
 
 def closed(found: FoundSets, about: Callable[[FittedSet], About]) -> None:

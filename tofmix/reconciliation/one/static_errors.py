@@ -9,17 +9,24 @@ References
 Woodbury matrix identity, in two steps: first the own bias of each pixel, then the columns of U and the lines.
 """
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.simulation.effects.hidden import PatternSpreads
 
 LEAST_INFORMATION = 1e-10
 """Information of a bias, 1/mm2, below which it is unknown."""
+
+DISCREPANCY = 0.25
+"""Of the tolerance: prior of a tilt, and of a smooth error of a surface's ranges."""
+
+_SMOOTH = 3  # functions along each side of a surface
 
 NO_PATTERN = PatternSpreads(0.0, 0.0, 0.0)
 
@@ -101,6 +108,11 @@ class StaticErrors:
             low, image, weight, own, spreads.column_sigma_mm, spreads.row_sigma_mm, logdet, _shrink=shrink, _root=root
         )
 
+    @property
+    def own_share(self) -> FloatArray:
+        """Share (recording, pixel) of a degree of freedom of each pixel's samples that its own bias takes."""
+        return self.weight * self.own_variance * self._shrink
+
     def products(self, vectors: FloatArray) -> FloatArray:
         """Products (n, n) of biases (n, recording, pixel), mm, by the inverse covariance."""
         weighed = self._weigh(vectors)
@@ -119,9 +131,17 @@ class StaticErrors:
         left = (self.weight * (bias_mm - common)).sum(axis=0)
         return np.asarray(common + self.own_variance * self._shrink * left)
 
-    def of_model(self, bias_mm: FloatArray) -> FloatArray:
-        """Posterior mean (recording, pixel) of the errors of the model alone, U a, mm."""
-        return self._common(bias_mm, lines=False)
+    def of_model(self, bias_mm: FloatArray, most: float = math.inf) -> FloatArray:
+        """Posterior mean (recording, pixel) of the errors of the model alone, U a, mm, each of at most so many sd."""
+        return self._common(bias_mm, lines=False, most=most)
+
+    def square_of_model(self, bias_mm: FloatArray) -> float:
+        """The square of the posterior mean of the errors of the model alone, by their prior."""
+        return float((self._coordinates(bias_mm)[: len(self.low)] ** 2).sum())
+
+    def _coordinates(self, bias_mm: FloatArray) -> FloatArray:
+        """Posterior mean (k + lines,) of the columns of U and the lines, in standard deviations of their priors."""
+        return np.asarray(cho_solve(self._root, self._pull(self._weigh(bias_mm[None]))[0], check_finite=False))
 
     def _weigh(self, vectors: FloatArray) -> FloatArray:
         return _weighed(vectors, self.weight, self.own_variance * self._shrink)
@@ -135,10 +155,10 @@ class StaticErrors:
         lines = _line_sums(weighed.sum(axis=1), self.image, self.by_column_mm, self.by_row_mm)
         return np.concatenate([out, lines], axis=1)
 
-    def _common(self, bias_mm: FloatArray, *, lines: bool) -> FloatArray:
-        a = cho_solve(self._root, self._pull(self._weigh(bias_mm[None]))[0], check_finite=False)
+    def _common(self, bias_mm: FloatArray, *, lines: bool, most: float = math.inf) -> FloatArray:
+        a = self._coordinates(bias_mm)
         k, cols = len(self.low), self.image[1]
-        common = np.tensordot(a[:k], self.low, axes=1)
+        common = np.tensordot(np.clip(a[:k], -most, most), self.low, axes=1)
         if lines and (self.by_column_mm or self.by_row_mm):
             by_line = self.by_row_mm * a[k + cols :, None] + self.by_column_mm * a[None, k : k + cols]
             common = common + by_line.ravel()
@@ -157,3 +177,18 @@ def _line_sums(values: FloatArray, image: tuple[int, int], by_column_mm: float, 
     """Sums (n, columns and rows) of values (n, pixel), times the standard deviation of a line."""
     grid = values.reshape(len(values), *image)
     return np.concatenate([grid.sum(axis=1) * by_column_mm, grid.sum(axis=2) * by_row_mm], axis=1)
+
+
+def across_surface(place: IntArray, own: BoolArray) -> FloatArray:
+    """Coordinates (pixel,) that run from -1 to 1 over a surface."""
+    low, high = float(place[own].min()), float(place[own].max())
+    return np.asarray(2 * (place - low) / max(high - low, 1.0) - 1)
+
+
+def hats(u: FloatArray, v: FloatArray) -> Iterator[FloatArray]:
+    """Products (pixel,) of linear splines over -1 to 1 in both directions."""
+    knots = np.linspace(-1, 1, _SMOOTH)
+    width = 2 / (_SMOOTH - 1)
+    for a in knots:
+        for b in knots:
+            yield np.clip(1 - np.abs(u - a) / width, 0, None) * np.clip(1 - np.abs(v - b) / width, 0, None)

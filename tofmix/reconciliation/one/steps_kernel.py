@@ -1,8 +1,8 @@
 """Log-likelihood of quantised samples by their distinct values, with its exact derivatives by a pixel's bias.
 
 A quantised pixel has few distinct values, so this takes a twentieth of the time of a pass over samples. Use it where
-the distribution of a pixel is constant in time. The derivatives of `tofmix.reconciliation.likelihood.kernel` take a
-cell as noise, which is wrong where cells are wider than sigma.
+the distribution of a pixel is constant in time. The information of `tofmix.reconciliation.likelihood.kernel` takes
+a cell as noise, which is wrong where cells are wider than sigma.
 """
 
 import math

@@ -17,7 +17,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.likelihood.beats import FrameNoise, beat_errors
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
-from tofmix.reconciliation.likelihood.memory import fit_memory, memory_error
+from tofmix.reconciliation.likelihood.memory import fit_memory, inflation, memory_error
 from tofmix.reconciliation.likelihood.pixel_pattern import PatternLines, pixel_biases, spreads_of, with_pattern
 from tofmix.reconciliation.parameters.fits import SOFT, Numbers, Parabola, inverse
 from tofmix.simulation.effects.base import Effect, with_hidden
@@ -264,3 +264,10 @@ def _grid(sigma_mm: float, noise: float, count: int) -> tuple[FloatArray, float]
     edges = np.linspace(max(middle - _BELOW * width, least), middle + _ABOVE * width, _CELLS + 1)
     whole = np.exp(edges[1:] + edges[:-1])
     return np.sqrt(whole - noise), float(edges[1] - edges[0])
+
+
+def under_pattern(numbers: Numbers, about: Parabola, spreads: PatternSpreads) -> UnderPattern:
+    """The numbers about a parabola, with the values of a pattern of these spreads integrated out."""
+    mixture = numbers.likelihood.mixture(numbers.state)
+    overstated = inflation(numbers.likelihood, mixture, numbers.state, numbers.part)
+    return UnderPattern(numbers, about, spreads, overstated)

@@ -1,7 +1,7 @@
 """Searches for the numbers of effects: what each effect declares, with the data of the recordings that it needs.
 
 An effect without a hidden state declares its searches in its own file (`tofmix.simulation.effects.search`). Effects
-with a hidden state are in `tofmix.reconciliation.search.links`.
+with a hidden state are in `tofmix.reconciliation.likelihood.hidden_fits`.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Standard errors of the numbers of all effects together, and the last step of their fit.
+"""Standard errors of the numbers of all effects together.
 
 The curvature of the log-likelihood over all numbers gives the error of each with the others free; a fixed pattern's
 values are integrated out. If noise is common to frames (a memory) or to pixels (bursts), samples are not independent.
@@ -20,11 +20,9 @@ import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.reconciliation.evidence import BLOCK_FRAMES, BLOCK_PIXELS, Evidence
-from tofmix.reconciliation.likelihood.memory import inflation
 from tofmix.reconciliation.parameters.fits import Fitted, Numbers, Parabola, inverse, parabola
-from tofmix.reconciliation.parameters.pattern_errors import UnderPattern, integrated, pattern_of, spreads_of_pattern
+from tofmix.reconciliation.parameters.pattern_errors import pattern_of, under_pattern
 from tofmix.simulation.effects import Effect
-from tofmix.simulation.effects.hidden import PatternSpreads
 
 _REACH = 2.0  # standard errors, for both sides
 _NEARER = (1.0, 0.5, 0.15)  # parts of this distance that are tried at a bound
@@ -202,101 +200,7 @@ def numeric(effect: Effect) -> dict[str, float]:
     return effect.numbers()
 
 
-_MOST_STEPS = 4  # of Newton's to the top
-_ENOUGH = 0.01  # nats: a smaller gain needs no step
-_PARTS = (1.0, 0.5, 0.2, 0.05)  # of a step that are tried
-_DAMPINGS = (0.0, 0.1, 1.0, 10.0)  # in units of a number's own curvature
 _SEEN = 0.05  # share of the beam, from which a surface's amplitude is one of the scene
-_OFF = 0.1  # relative difference of parts, from which another part is tried
-
-
-def polish(numbers: Numbers) -> Numbers:
-    """Newton steps for all numbers together, to the top of the log-likelihood; no step lowers it.
-
-    Under a fixed pattern its values are integrated out of the log-likelihood, and one step is made; the values are
-    fitted after the step.
-    """
-    spreads = spreads_of_pattern(numbers.state)
-    for _ in range(_MOST_STEPS if spreads is None else 1):
-        about = parabola(numbers)
-        if about is None:
-            break
-        slope, curvature = about.slope, about.hessian
-        if spreads is not None:
-            under = _under(numbers, about, spreads)
-            slope, curvature = under.slope(), under.curvature(spreads.column_sigma_mm, spreads.row_sigma_mm)
-        if 0 <= 0.5 * float(slope @ inverse(curvature) @ slope) < _ENOUGH:  # below 0: far from any top
-            break
-        better = _climbed(numbers, about.steps, (slope, curvature), spreads)
-        if better is None:
-            break
-        numbers = better
-    return numbers
-
-
-def _climbed(
-    numbers: Numbers, steps: FloatArray, about: tuple[FloatArray, FloatArray], spreads: PatternSpreads | None
-) -> Numbers | None:
-    """A Newton step, damped if the whole step does not climb, as far from the top; None if none climbs.
-
-    References
-    ----------
-    Levenberg, Quart. Appl. Math. 2 (1944) 164.
-    """
-    slope, curvature = about
-    for damping in _DAMPINGS:
-        move = inverse(curvature + damping * np.eye(slope.size)) @ slope
-        better = _better(_Line(numbers, move * steps, spreads), 0.5 * float(slope @ move))
-        if better is not None:
-            return better
-    return None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Line:
-    """The numbers along a step, and the objective of fits there."""
-
-    numbers: Numbers
-    move: FloatArray
-    spreads: PatternSpreads | None
-
-    def at(self, part: float) -> tuple[float, Numbers]:
-        """The objective and the numbers after a part of the step; minus infinity out of bounds."""
-        try:
-            moved = self.numbers.moved(self.numbers.vector + part * self.move)
-        except ValueError:
-            return -math.inf, self.numbers
-        if self.spreads is not None:
-            return integrated(moved, self.spreads), moved
-        found = moved.at(moved.vector)
-        return -math.inf if found is None else found.total, moved
-
-
-def _better(line: _Line, gain: float) -> Numbers | None:
-    """A step, or a part of it, that raises the log-likelihood; a better part if the values indicate one.
-
-    Parameters
-    ----------
-    line : _Line
-        The step.
-    gain : float
-        Gain by half the slope along the step, nats. A parabola of this slope through any point gives the next part.
-    """
-    top, _ = line.at(0.0)
-    for part in _PARTS:
-        height, found = line.at(part)
-        if height > top:
-            bend = 2 * gain * part - (height - top)
-            near = gain * part**2 / bend if bend > 0 else part
-            other, nearer = line.at(near) if abs(near / part - 1) > _OFF else (-math.inf, found)
-            return nearer if other > height else found
-    return None
-
-
-def _under(numbers: Numbers, about: Parabola, spreads: PatternSpreads) -> UnderPattern:
-    mixture = numbers.likelihood.mixture(numbers.state)
-    overstated = inflation(numbers.likelihood, mixture, numbers.state, numbers.part)
-    return UnderPattern(numbers, about, spreads, overstated)
 
 
 def standard_errors(numbers: Numbers, *, by_blocks: bool = True) -> dict[int, dict[str, float]]:
@@ -332,7 +236,7 @@ def standard_errors(numbers: Numbers, *, by_blocks: bool = True) -> dict[int, di
         found += [known, *([_sandwich(known, _summed(about.by_pixel, pixels))] if by_blocks else [])]
     else:
         effect, hidden = pattern
-        averaged = _under(numbers, about, hidden.spreads(effect)).averaged()
+        averaged = under_pattern(numbers, about, hidden.spreads(effect)).averaged()
         found.append(averaged.covariance)
         if effect in numbers.state.effects:
             errors = zip(hidden.numbers, averaged.spreads_mm.tolist(), strict=True)

@@ -7,27 +7,31 @@ in the presence of the others, and by the recorded amplitudes. None of these tes
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import norm
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.comparison.compare import Compared, disagreements
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
+from tofmix.reconciliation.found import Added, TriedEffect
+from tofmix.reconciliation.likelihood.hidden_states import begin, without, without_pattern
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.parameters.pattern_errors import latent_errors
+from tofmix.reconciliation.parameters.polish import numbers_of, settle
 from tofmix.reconciliation.parameters.standard_errors import standard_errors
-from tofmix.reconciliation.search.add import Added
-from tofmix.reconciliation.search.name import PRICE_NATS, TriedEffect, moves_by_itself
-from tofmix.reconciliation.search.refit import begin, numbers, refit, without, without_pattern
-from tofmix.reconciliation.search.search_state import Settings, fit_part, held_out
+from tofmix.reconciliation.settings import Settings, fit_part, held_out
 from tofmix.reconciliation.verdict import LAW
 from tofmix.simulation.effects.base import Effect
 
 CANCELS = 20.0
 """Gain of an effect in the presence of the others over that of the best effect alone, and over that of all together:
 two biases that cancel to less than a quarter gain so much, since gains are squares of biases."""
+
+PRICE_NATS = 3.0  # of each number, for effects whose samples are not independent
+FAINT_SHARE = 0.01
+"""Share of an effect's gain that is too faint to tell: no law is exact."""
 
 _MEANS = (("common_mode", "frame"), ("pattern", "all"))  # curves of means by frame and by pixel
 
@@ -138,13 +142,39 @@ def _by_others(likelihood: Likelihood, added: Added, settings: Settings) -> Iter
             yield Contradiction(number=number, reason="moves no range: its only trace is noise")
 
 
+def moves_by_itself(
+    likelihood: Likelihood, before: tuple[ModelState, Mixture], after: tuple[ModelState, Mixture], part: Part
+) -> bool:
+    """Whether the bias of an effect gives more than a faint part of its gain; the rest is by a change of the noise.
+
+    Some effects on light change both. A second path that is longer by one turn only adds noise to a surface. Noise has
+    many causes, and a bias that is not seen is an unlikely one.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        The recordings.
+    before, after : (ModelState, Mixture)
+        The model without and with the effect.
+    part : (frames, pixels)
+        Data of the gains.
+    """
+    (without_it, bare), (with_it, mixture) = before, after
+    if mixture.mean.shape != bare.mean.shape or np.array_equal(mixture.sigma, bare.sigma):
+        return True
+    whole = likelihood.value(with_it, part, mixture)
+    by_bias = whole - likelihood.value(with_it, part, replace(mixture, mean=bare.mean))
+    gain = whole - likelihood.value(without_it, part, bare)
+    return by_bias > max(2 * PRICE_NATS, FAINT_SHARE * gain)
+
+
 def _unknown(likelihood: Likelihood, added: Added, settings: Settings) -> Iterator[Contradiction]:
     """Effects whose posterior does not exclude that they are absent, with the others free.
 
     Numbers of one effect may be tied to each other, as the two of a slow drift; so where their errors are large, the
     others are fitted again without the effect.
     """
-    own = numbers(likelihood, added.state, added.chosen, fit_part(likelihood, settings))
+    own = numbers_of(likelihood, added.state, added.chosen, fit_part(likelihood, settings))
     errors_of = standard_errors(own)
     for number, candidate in enumerate(added.chosen):
         effect = added.state.effects[number]
@@ -172,7 +202,7 @@ def _needed(likelihood: Likelihood, added: Added, number: int, share: float, set
     others = [c for k, c in enumerate(added.chosen) if k != number]
     patterned = added.chosen[number].patterned
     rest = without_pattern(added.state, number) if patterned else without(added.state, number)
-    rest, _ = refit(likelihood, rest, others, fit_part(likelihood, settings))
+    rest = settle(numbers_of(likelihood, rest, others, fit_part(likelihood, settings))).state
     part = held_out(likelihood, settings)
     lost = likelihood.value(added.state, part) - likelihood.value(rest, part)
     return share * lost > PRICE_NATS * added.chosen[number].parameters

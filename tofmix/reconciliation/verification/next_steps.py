@@ -9,18 +9,17 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
-from tofmix.arrays import BoolArray, FloatArray
 from tofmix.reconciliation.comparison.compare import disagreements
+from tofmix.reconciliation.found import Added
 from tofmix.reconciliation.ledger import name_of_effect
+from tofmix.reconciliation.likelihood.biases import biases_of_recordings
+from tofmix.reconciliation.likelihood.hidden_states import begin
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
 from tofmix.reconciliation.parameters.planes import PlanePose, measured_pose
-from tofmix.reconciliation.search.add import Added
-from tofmix.reconciliation.search.refit import begin
-from tofmix.reconciliation.search.search_state import Settings, fit_part, name_of
-from tofmix.reconciliation.search.static_fits import fold
-from tofmix.reconciliation.search.summaries import PixelSummary, summaries, surfaces_of
+from tofmix.reconciliation.settings import Settings, fit_part
 from tofmix.reconciliation.verification.aliases import Alias
-from tofmix.reconciliation.verification.rivals import far_trends
+from tofmix.reconciliation.verification.far_trends import far_trends
+from tofmix.reconciliation.verification.fold import fold
 from tofmix.reconciliation.verification.verify import Verified
 from tofmix.simulation.effects import EFFECTS, basic_kind
 from tofmix.simulation.effects.base import Basic, Effect
@@ -31,7 +30,6 @@ from tofmix.wording import counted
 _CLEAR = 5.0  # least distance from the model's pose, in standard errors
 _MOSTLY = 0.8  # least share of the weighted squares of a surface's biases that another pose explains
 _LEAST_PIXELS = 12  # of a surface, for a pose of three numbers
-_LEAST = 1e-30  # information
 _SAME = 1e-3  # relative difference of integration times that are written in files
 _MOST_POSES = 3  # most poses that are listed; more are another scene
 _SEVERAL = 2  # surfaces
@@ -100,11 +98,11 @@ def next_steps(
         state = verified.state if named else begin(likelihood, part[0], settings.tolerance)
         folded = fold(likelihood, state, part)
         if folded is not None:
-            state = folded.state
-            suggested += [(k, folded.effect) for k in range(len(likelihood.scene.members))]
+            effect, state = folded
+            suggested += [(k, effect) for k in range(len(likelihood.scene.members))]
             steps.append(
                 "The samples of a surface lie a turn of the phase from the model's,"
-                f" {likelihood.mixture(folded.state).period:.5g} mm: {folded.kind} is missing."
+                f" {likelihood.mixture(state).period:.5g} mm: {effect.kind} is missing."
             )
         # Poses of a model that lacks more effects than the search may add are shifted by what those do
         limited = not named and 0 < settings.max_effects <= len(added.chosen)
@@ -192,7 +190,7 @@ def _of_the_recording(likelihood: Likelihood, verified: Verified) -> Iterator[st
 
 def _of_contradictions(added: Added, verified: Verified) -> Iterator[str]:
     for against in verified.against:
-        kind, surface = name_of(added.chosen[against.number])
+        kind, surface = added.chosen[against.number].name
         of = f' of "{surface}"' if surface else ""
         yield f"{kind}{of} fits, but is no explanation: it {against.reason}."
 
@@ -307,9 +305,9 @@ def common_offset(likelihood: Likelihood, settings: Settings, state: ModelState)
     By the same share of the weighted squares that a pose must explain of one surface.
     """
     surfaces, weight, weighed, squares = 0, 0.0, 0.0, 0.0
-    for summary in summaries(likelihood, state, fit_part(likelihood, settings)):
-        for _, own in surfaces_of(summary):
-            information, bias = _of_pixels(summary, own)
+    for biases in biases_of_recordings(likelihood, state, fit_part(likelihood, settings)):
+        for _, own in biases.surfaces:
+            information, bias = biases.information[own], biases.bias_mm[own]
             surfaces += int(own.sum() >= _LEAST_PIXELS)
             weight += float(information.sum())
             weighed += float((information * bias).sum())
@@ -327,10 +325,10 @@ def poses_win(likelihood: Likelihood, settings: Settings, state: ModelState, pos
     Each by the squares that it leaves, with half the logarithm of the number of pixels for each of its numbers (BIC).
     """
     gain = 0.0
-    for summary in summaries(likelihood, state, fit_part(likelihood, settings)):
+    for biases in biases_of_recordings(likelihood, state, fit_part(likelihood, settings)):
         rows, cols = likelihood.evidence.image
-        used = np.flatnonzero(summary.used)
-        information, bias = _of_pixels(summary, summary.used)
+        used = np.flatnonzero(biases.used)
+        information, bias = biases.information[biases.used], biases.bias_mm[biases.used]
         row, col = np.divmod(used, cols)
         v, u = 2 * row / max(rows - 1, 1) - 1, 2 * col / max(cols - 1, 1) - 1
         columns = np.stack([u**i * v**j for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)], axis=1)
@@ -339,19 +337,12 @@ def poses_win(likelihood: Likelihood, settings: Settings, state: ModelState, pos
         total, price = float((information * bias**2).sum()), math.log(max(used.size, 1))
         by_law = total - float(left @ left) - columns.shape[1] * price
         by_poses = 0.0
-        names = dict(surfaces_of(summary))
-        for found in (f for f in poses if f.recording == summary.view.number):
-            weights, off = _of_pixels(summary, names[found.surface.name])
+        names = dict(biases.surfaces)
+        for found in (f for f in poses if f.recording == biases.view.number):
+            weights, off = biases.information[names[found.surface.name]], biases.bias_mm[names[found.surface.name]]
             by_poses += found.pose.explained * float((weights * off**2).sum()) - _NUMBERS_OF_POSE * price
         gain += by_poses - by_law
     return gain > 0
-
-
-def _of_pixels(summary: PixelSummary, own: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Information (n,), 1/mm2, and mean bias, mm, of some pixels (pixel,)."""
-    information = summary.bias_information[:, own].sum(axis=0)
-    bias = (summary.bias_information * summary.bias_mm)[:, own].sum(axis=0) / np.maximum(information, _LEAST)
-    return information, bias
 
 
 def found_poses(likelihood: Likelihood, settings: Settings, state: ModelState | None = None) -> list[FoundPose]:
@@ -369,13 +360,13 @@ def found_poses(likelihood: Likelihood, settings: Settings, state: ModelState | 
     part = fit_part(likelihood, settings)
     state = state or begin(likelihood, part[0], settings.tolerance)
     out = []
-    for summary in summaries(likelihood, state, part):
-        scene = summary.view.scene
-        for name, own in surfaces_of(summary):
+    for biases in biases_of_recordings(likelihood, state, part):
+        scene = biases.view.scene
+        for name, own in biases.surfaces:
             if own.sum() < _LEAST_PIXELS:
                 continue
             surface = next(s for s in scene.model.surfaces if s.name == name)
-            information, bias = _of_pixels(summary, own)
+            information, bias = biases.information[own], biases.bias_mm[own]
             pose = measured_pose(surface, scene.beams[own], bias, information)
-            out.append(FoundPose(surface=surface, recording=summary.view.number, pose=pose))
+            out.append(FoundPose(surface=surface, recording=biases.view.number, pose=pose))
     return [f for f in out if f.pose.z > _CLEAR and f.pose.explained > _MOSTLY]

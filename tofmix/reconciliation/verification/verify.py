@@ -11,18 +11,18 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.comparison.compare import Compared, compare, disagreements
+from tofmix.reconciliation.found import Added
+from tofmix.reconciliation.likelihood.hidden_fits import pattern_image
+from tofmix.reconciliation.likelihood.hidden_states import begin, latent_states
 from tofmix.reconciliation.likelihood.joint import views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.memory import independent, memory_left, memory_of
 from tofmix.reconciliation.likelihood.mixture import LINKING, Scene
-from tofmix.reconciliation.search import links
-from tofmix.reconciliation.search.add import Added
-from tofmix.reconciliation.search.name import tolerated
-from tofmix.reconciliation.search.refit import begin, latent_states
-from tofmix.reconciliation.search.search_state import Settings, fit_part, held_out
+from tofmix.reconciliation.settings import Settings, fit_part, held_out
 from tofmix.reconciliation.verdict import VerdictData, judge, share_closed
 from tofmix.reconciliation.verification.contradictions import Contradiction, contradictions
-from tofmix.reconciliation.verification.rivals import better_law, far_trends, smooth, tilted
+from tofmix.reconciliation.verification.far_trends import far_trends
+from tofmix.reconciliation.verification.pattern_shape import smooth, tilted
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects.base import Effect, with_hidden
 from tofmix.simulation.effects.hidden import PixelBias, PixelValue
@@ -84,19 +84,7 @@ class Verified:
         return share_closed(self.before, self.after, self.floor)
 
 
-def as_given(likelihood: Likelihood, settings: Settings) -> tuple[Added, Verified]:
-    """The verification of the model as given, before the search."""
-    held = held_out(likelihood, settings)
-    start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
-    near = tolerated(likelihood, start, held, settings.tolerance)
-    panel = compare(likelihood, near, held, seed=settings.seed)
-    added = Added(state=start, chosen=(), first=(), panel=panel)
-    return added, verify(likelihood, added, settings)
-
-
-def verify(
-    likelihood: Likelihood, added: Added, settings: Settings, own: Effect | None = None, *, law_stood: bool = False
-) -> Verified:
+def verify(likelihood: Likelihood, added: Added, settings: Settings, own: Effect | None = None) -> Verified:
     """Judge the added effects.
 
     Parameters
@@ -109,8 +97,6 @@ def verify(
         How.
     own : Effect, optional
         The model's own effect with other numbers, if it is better than the added effects.
-    law_stood : bool
-        Whether a smooth law was better than the effects of an earlier search.
     """
     held = held_out(likelihood, settings)
     start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
@@ -129,16 +115,7 @@ def verify(
         frames=likelihood.evidence.shape[0],
         independent=independent(likelihood, added.state, settings.alpha, settings.seed),
         judged=len(held[0]) * len(held[1]) / max(len(part[0]) * len(part[1]), 1),
-        law=added.law
-        if added.laws_tried
-        else better_law(
-            likelihood,
-            added.state,
-            added.chosen,
-            (fit_part(likelihood, settings), held),
-            settings.tolerance,
-            stood=law_stood,
-        ),
+        law=added.law,
         own=own,
         bound=any(c.fitted is not None and c.fitted.at_a_bound for c in added.chosen),
         echo=_echoes(likelihood, added.state, settings),
@@ -228,9 +205,9 @@ def changes_in_time(state: ModelState, found: VerdictData, gain: float) -> bool:
 
 
 def refined_model(scene: Scene, state: ModelState) -> Model:
-    """The model of a scene with the effects of a state that act in it."""
+    """The model of a scene with the effects of a state that act in it, and a measured scene as it is beside them."""
     effects: tuple[Effect, ...] = (*scene.model.effects, *scene.own(state.effects))
-    return replace(scene.model, effects=effects)
+    return replace(scene.model, effects=effects, scene=scene.measured_at_rest(effects))
 
 
 def simulated(likelihood: Likelihood, state: ModelState, settings: Settings, number: int = 0) -> Compared:
@@ -272,7 +249,7 @@ def _as_found(model: Model, state: ModelState) -> Model:
     def found(effect: Effect) -> Effect:
         hidden = effect.hidden
         if isinstance(hidden, PixelBias) and hidden.map_of(effect) is None:
-            return hidden.with_map(effect, links.pattern_image(state.pixel_bias, image))
+            return hidden.with_map(effect, pattern_image(state.pixel_bias, image))
         if isinstance(hidden, PixelValue) and hidden.map_of(effect) is None:
             return hidden.with_map(effect, state.stuck_mm.reshape(image).astype(np.float32))
         return effect

@@ -5,8 +5,10 @@ stay as they were measured. Amplitudes follow ``cos(incidence) / r^2``, as those
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import convolve
 
 from tofmix.arrays import FloatArray
 from tofmix.optics.projection import beam_directions_of
@@ -15,6 +17,7 @@ from tofmix.simulation.model import Model
 from tofmix.simulation.surface import NEAREST_MM, Surface
 from tofmix.simulation.truth import Truth
 
+_NEIGHBOURS = 3  # of the same surface, at least, whose mean is taken
 _EDGE_ON = 1.0e-3  # cosine of incidence below which a plane is seen edge-on, and its layers stay
 
 
@@ -48,6 +51,50 @@ def cast_measured(model: Model, scene: MeasuredScene) -> Truth:
         brighter = np.where(here, is_cosine / np.maximum(was_cosine, _EDGE_ON), 1.0) * (old / new) ** 2
         amplitude[row, col, layer] *= brighter
     return _sorted(model, scene, range_mm, amplitude)
+
+
+def by_neighbours(model: Model, scene: MeasuredScene) -> tuple[MeasuredScene, FloatArray]:
+    """The scene with each range as the neighbours of its pixel saw it, and what the pixel itself saw beside that.
+
+    A law of range that is evaluated at a measured range moves with the error of this range, which every pixel's mean of
+    another recording shows with the other sign. The mean of the neighbours has no part of that error. Ranges are
+    smoothed beside the plane of their surface, so that only its curvature matters.
+
+    Parameters
+    ----------
+    model : Model
+        Of the camera.
+    scene : MeasuredScene
+        The model's scene.
+
+    Returns
+    -------
+    MeasuredScene
+        Layers of no surface, and pixels with few neighbours of their surface, keep their ranges.
+    (surface + 1, pixel) float64
+        Measured range less the smoothed one, mm; 0 of no surface, and where a pixel sees a surface twice.
+
+    References
+    ----------
+    Fuller, Measurement Error Models (1987), section 1.2: the slope of a law by values with errors.
+    """
+    beams = beam_directions_of(model.sensor.optics, model.sensor.shape)
+    around = np.ones((3, 3))
+    around[1, 1] = 0.0
+    range_mm, apart = scene.range_mm.copy(), np.zeros((len(scene.surfaces) + 1, *scene.shape))
+    for number, surface in enumerate(scene.surfaces):
+        own = scene.surface == number
+        once = own.sum(axis=2) == 1
+        row, col, layer = np.nonzero(own & once[:, :, None])
+        beside = np.zeros(scene.shape)
+        beside[row, col] = scene.range_mm[row, col, layer] - _seen(surface, beams[row, col])[0]
+        count = convolve(once.astype(np.float64), around, mode="constant")
+        mean = convolve(beside, around, mode="constant") / np.maximum(count, 1.0)
+        use = count[row, col] >= _NEIGHBOURS
+        row, col, layer = row[use], col[use], layer[use]
+        apart[number, row, col] = (beside - mean)[row, col]
+        range_mm[row, col, layer] -= apart[number, row, col]
+    return replace(scene, range_mm=range_mm), apart.reshape(len(apart), -1)
 
 
 def _sorted(model: Model, scene: MeasuredScene, range_mm: FloatArray, amplitude: FloatArray) -> Truth:

@@ -10,7 +10,7 @@ override `sample` and `predict` as well.
 import math
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum, IntEnum
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
@@ -240,13 +240,6 @@ class Effect:
     changes_in_time : bool
         Whether the distribution of a pixel's samples depends on the time. `reconcile` then predicts it at several times
         of the recording.
-    static_partner : str
-        Kind of the static part of an effect that changes in time; empty for none.
-    yields_to : str
-        Kind that is taken instead, on the same surface, where it explains as much; empty for none.
-    several_optima : bool
-        Whether its likelihood has several optima in the presence of an effect that is fitted with it. Each such fit
-        then uses all starts.
     links_neighbours : bool
         Whether samples of neighbouring pixels depend on each other.
     loses_by_noise : bool
@@ -277,9 +270,6 @@ class Effect:
     basic: ClassVar[Basic | None] = None
     exact_law: ClassVar[bool] = False
     changes_in_time: ClassVar[bool] = False
-    static_partner: ClassVar[str] = ""
-    yields_to: ClassVar[str] = ""
-    several_optima: ClassVar[bool] = False
     links_neighbours: ClassVar[bool] = False
     loses_by_noise: ClassVar[bool] = False
     acts_on_phase: ClassVar[bool] = False
@@ -314,17 +304,6 @@ class Effect:
         numbers: dict[str, Any] = {cls._magnitude(): value} | ({"surface": surface} if surface else {})
         return cls(**numbers)
 
-    def with_magnitude(self, value: float) -> "Effect":
-        """The effect with another magnitude, as of `of_magnitude`; its other numbers stay.
-
-        Raises
-        ------
-        ValueError
-            If the value is out of bounds.
-        """
-        numbers: dict[str, Any] = {self._magnitude(): value}
-        return replace(self, **numbers)
-
     @classmethod
     def _magnitude(cls) -> str:
         return next(p.name for p in cls.parameters().values() if p.zero is not None)
@@ -351,11 +330,6 @@ class Effect:
     def hides(self) -> bool:
         """Whether the samples have its hidden state; not where its numbers leave nothing open."""
         return self.latent is not Latent.NONE
-
-    @property
-    def settled_after_s(self) -> float:
-        """Time constant after which a change in time has settled, s; 0 without a change, infinity if it goes on."""
-        return math.inf if self.target is Target.TREND else 0.0
 
     @property
     def warm_up_s(self) -> float | None:

@@ -65,6 +65,15 @@ class HiddenState:
 
     numbers: tuple[str, ...] = ()
 
+    @property
+    def forms(self) -> int:
+        """Forms of the state that have a fit of their own, each told from the others by `form`."""
+        return 1
+
+    def form(self, effect: object) -> int:  # noqa: ARG002
+        """Number of an effect's form, from 0; each form beyond the first has the price of one more effect."""
+        return 0
+
     def made(self, kind: type[_Effect], values: Sequence[float]) -> _Effect:
         """An effect of a kind with these values of `numbers`; ValueError out of bounds."""
         return kind(**dict(zip(self.numbers, values, strict=True)))
@@ -91,6 +100,15 @@ class DisturbedFrames(HiddenState):
     """
 
     period: str = ""
+
+    @property
+    def forms(self) -> int:
+        """Bursts, and a beat if the kind may have one."""
+        return 2 if self.period else 1
+
+    def form(self, effect: object) -> int:
+        """1 of a beat."""
+        return int(self.chain(effect).period_frames > 0)
 
     def made(self, kind: type[_Effect], values: Sequence[float]) -> _Effect:
         """An effect of a kind with these values of `numbers`, and with the period that may follow them."""
@@ -140,6 +158,11 @@ class AffectedPixels(HiddenState):
 
     `Effect.in_affected` is what acts in an affected pixel.
     """
+
+    @property
+    def forms(self) -> int:
+        """None: the share is a number of the effect like others."""
+        return 0
 
     def share(self, effect: object) -> float:
         """The share of an effect."""

@@ -32,7 +32,6 @@ class Motion(Effect):
     target: ClassVar[Target] = Target.TREND
     shows_in: ClassVar[tuple[str, ...]] = ("trend", "common_mode")
     changes_in_time: ClassVar[bool] = True
-    static_partner: ClassVar[str] = "surface_pose"
 
     surface: str = surface("The surface that moves.")
     velocity_mm_s: float = number(

@@ -86,7 +86,6 @@ class Multipath(Effect):
     )
     shows_in: ClassVar[tuple[str, ...]] = ("bias", "pattern", "spread")
     acts_on_phase: ClassVar[bool] = True
-    yields_to: ClassVar[str] = "surface_pose"
     separated_from: ClassVar[Mapping[str, str]] = {
         "range_offset": "a scene without a surface beside the one that is too far",
         "wiggling": "the same surface at a second distance, without others around it",

@@ -74,8 +74,6 @@ class TemperatureDrift(Effect):
     target: ClassVar[Target] = Target.TREND
     shows_in: ClassVar[tuple[str, ...]] = ("trend", "common_mode")
     changes_in_time: ClassVar[bool] = True
-    static_partner: ClassVar[str] = "range_offset"
-    several_optima: ClassVar[bool] = True
     separated_from: ClassVar[Mapping[str, str]] = {
         "range_offset": "20 minutes from power-on",
         "motion": "20 minutes from power-on, or a second surface that stands still",
@@ -216,11 +214,6 @@ class TemperatureDrift(Effect):
             f"ranges drift by {self.amplitude_mm:+g} mm, 63 % of it within {self.time_constant_s:g} s, "
             f"and besides by {self.amplitude_2_mm:+g} mm, 63 % of it within {self.time_constant_2_s or 0:g} s"
         )
-
-    @property
-    def settled_after_s(self) -> float:
-        """Its time constant."""
-        return self.time_constant_s
 
     @property
     def warm_up_s(self) -> float:

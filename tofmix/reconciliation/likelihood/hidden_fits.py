@@ -1,10 +1,7 @@
 """Fits of hidden states, which a smooth search cannot find.
 
 Each function returns the numbers of a hidden state (`tofmix.simulation.effects.hidden`), or the values of pixels, or
-None if there is no evidence.
-`tofmix.reconciliation.search.name` computes the gains.
-
-The step of quantised samples, which no smooth search finds.
+None if there is no evidence. The step of quantised samples is among them.
 """
 
 import math

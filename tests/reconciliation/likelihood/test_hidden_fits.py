@@ -11,9 +11,9 @@ from scipy.optimize import minimize_scalar
 from support.recordings import MAKE, Record
 
 from tofmix.reconciliation.evidence import Evidence
+from tofmix.reconciliation.likelihood.hidden_fits import find_stuck, fit_bursts
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, forward
 from tofmix.reconciliation.likelihood.mixture import Scene
-from tofmix.reconciliation.search.links import find_stuck, fit_bursts
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
 

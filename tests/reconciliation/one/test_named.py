@@ -1,4 +1,4 @@
-"""Earlier effects are replaced if a rival gains more in the presence of a later one."""
+"""The hidden effects are named together, and no effect that imitates them."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ from support.reconcile_errors import in_errors, scene
 from support.recordings import MAKE, reconciled, recorded
 
 from tofmix.reconciliation.parameters.standard_errors import numeric
-from tofmix.reconciliation.search.search_state import Settings
+from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.words import headline
 from tofmix.reconciliation.workflow import Reconciliation, reconcile
 from tofmix.simulation.effects import Effect

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from support.recordings import MAKE, Record
 
+from tofmix.reconciliation.likelihood.hidden_fits import find_lattice
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.mixture import Scene
-from tofmix.reconciliation.search.links import find_lattice
 from tofmix.simulation.model import Model
 
 

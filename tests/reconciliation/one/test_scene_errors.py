@@ -1,0 +1,123 @@
+"""Errors of a measured scene in the score: the closed forms against numerical integrals, and whole searches."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import beta, binom
+from support.recordings import recorded
+
+from tofmix.layers import Layers, layer_fields
+from tofmix.reconciliation.evidence import Evidence
+from tofmix.reconciliation.likelihood.joint import joint_likelihood
+from tofmix.reconciliation.likelihood.reference_errors import ReferenceErrors
+from tofmix.reconciliation.one.recordings import SearchTask
+from tofmix.reconciliation.one.scene_errors import SceneErrors
+from tofmix.reconciliation.one.search import search
+from tofmix.reconciliation.settings import Settings
+from tofmix.simulation.effects import Effect
+from tofmix.simulation.effects.motion import Motion
+from tofmix.simulation.effects.range_offset import RangeOffset
+from tofmix.simulation.measured_scene import measured_scene
+from tofmix.simulation.model import Model
+
+KINDS = ("surface_pose", "motion", "range_offset", "excess_noise", "dropout", "fixed_pattern")
+FRAMES = 12
+"""Of the reference: its means have large errors."""
+
+
+def _errors(pixels: int, *, lost_frames: float = 0.0, frame_noise_mm: float = 0.0) -> SceneErrors:
+    none = SceneErrors.none(pixels)
+    return replace(none, lost_frames=np.full(pixels, lost_frames), frame_noise_mm=frame_noise_mm)
+
+
+def test_lost_samples_have_the_probability_of_an_integral_over_the_share() -> None:
+    share, worth, lost, frames = 0.1, 15.0, 4, 20
+    prior = beta(worth * share, worth * (1 - share))
+    # the integrand has a pole of power 0.5 at 0, which a square takes away
+    whole, _ = quad(lambda u: 2 * u * binom.pmf(lost, frames, u * u) * prior.pdf(u * u), 0, 1)
+    more = _errors(1, lost_frames=worth).by_lost(np.array([lost]), frames, np.array([share]))
+    assert more == pytest.approx(np.log(whole) - binom.logpmf(lost, frames, share), abs=1e-6)
+
+
+def test_a_given_share_of_lost_samples_has_no_error() -> None:
+    assert SceneErrors.none(2).by_lost(np.array([0, 5]), 20, np.array([0.0, 0.5])) == 0.0
+
+
+def test_a_bias_of_each_frame_is_integrated_out() -> None:
+    slope, information, sigma_mm = np.array([2.0, -2.0]), np.array([3.0, 3.0]), 0.7
+    found = _errors(1, frame_noise_mm=sigma_mm).by_frames(slope, information)
+
+    def of(s: float, i: float) -> float:
+        density = lambda x: np.exp(s * x - 0.5 * i * x * x - 0.5 * (x / sigma_mm) ** 2)  # noqa: E731
+        return float(np.log(quad(density, -10, 10)[0] / (sigma_mm * np.sqrt(2 * np.pi))))
+
+    assert found == pytest.approx([of(2.0, 3.0), of(-2.0, 3.0)], abs=1e-6)
+
+
+def test_a_bias_of_all_frames_is_none_of_single_frames() -> None:
+    nothing = _errors(1, frame_noise_mm=0.7).by_frames(np.zeros(3), np.ones(3))
+    assert _errors(1, frame_noise_mm=0.7).by_frames(np.full(3, 5.0), np.ones(3)) == pytest.approx(nothing)
+
+
+def test_means_share_the_noise_of_frames_of_both_recordings(wall: Model) -> None:
+    task = SearchTask(joint_likelihood([(wall, recorded(wall))]), Settings(kinds=KINDS))
+    pixels = task.lit.shape[1]
+    known = ReferenceErrors(
+        sigma_mm=np.full(pixels, 5.0),
+        variance_mm2=np.full(pixels, 2.0),
+        log_width=np.full(pixels, 0.1),
+        shares=np.zeros(pixels),
+        lost=np.full(pixels, 0.0),
+        common=0.02,
+        common_log_width=0.01,
+        frame_noise=0.5,
+    )
+    found = SceneErrors.of(known, task.mixture, 50, 0.0)
+    assert found.columns_mm == pytest.approx(np.full((1, pixels), 5.0 * np.sqrt(0.02 + 0.25 / 50)))
+    assert found.frame_noise_mm == pytest.approx(2.5)
+    assert task.own_variance_mm2.max() == 0  # rectangles are given
+
+
+def _measured(wall: Model, *effects: Effect) -> tuple[Model, Evidence]:
+    """A scene as a recording of `FRAMES` frames saw the wall, and a recording with effects."""
+    samples = recorded(replace(wall, recording=replace(wall.recording, frames=FRAMES, seed=91))).samples
+    range_mm = samples.reshape(FRAMES, wall.sensor.rows, wall.sensor.cols).astype(np.float64)
+    sensor = wall.sensor.sensor()
+    layers = Layers.empty(range_mm.shape[1:], 1, layer_fields(sensor))
+    layers.n_modes[:] = 1
+    layers.range[..., 0] = range_mm.mean(axis=0)
+    layers.sigma[..., 0] = range_mm.std(axis=0, ddof=1)
+    layers.range_stderr[..., 0] = layers.sigma[..., 0] / np.sqrt(FRAMES)
+    layers.weight[..., 0], layers.weight_no_return[:], layers.weight_outlier[:] = 1.0, 0.0, 0.0
+    layers.n_samples[:] = FRAMES
+    if layers.invalid_share is not None:
+        layers.invalid_share[:] = 0.0
+    numbers = np.zeros((*range_mm.shape[1:], 1), dtype=np.int64)
+    camera, scene = measured_scene(layers, sensor, numbers, frames=FRAMES)
+    model = Model(sensor=camera, surfaces=scene.surfaces, recording=wall.recording, scene=scene)
+    return model, recorded(wall, *effects)
+
+
+def test_a_static_scene_with_few_frames_has_no_effect(wall: Model) -> None:
+    found = search(joint_likelihood([_measured(wall)]), Settings(kinds=KINDS))
+    assert found.best.names == set()
+
+
+@pytest.mark.slow
+def test_motion_since_the_reference_is_named_with_its_speed(wall: Model) -> None:
+    """To 10 %: the means of the reference, of 12 frames of 80 pixels, are wrong by 0.03 sigma together."""
+    found = search(
+        joint_likelihood([_measured(wall, Motion(surface="wall", velocity_mm_s=8.0))]), Settings(kinds=KINDS)
+    )
+    assert found.best.names == {("motion", "surface 0")}
+    assert abs(found.best.members()[0].numbers()["velocity_mm_s"]) == pytest.approx(8.0, rel=0.1)
+
+
+@pytest.mark.slow
+def test_an_offset_since_the_reference_is_named_or_is_an_alias(wall: Model) -> None:
+    found = search(joint_likelihood([_measured(wall, RangeOffset(offset_mm=6.0))]), Settings(kinds=KINDS))
+    sets = [found.best, *found.aliases(found.best)]
+    assert {("range_offset", "")} in [set(s.names) for s in sets]
+    assert len(found.best.names) == 1

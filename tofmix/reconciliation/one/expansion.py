@@ -1,0 +1,260 @@
+"""The samples about static errors of biases and of widths, with these errors integrated out.
+
+About errors b0, a pixel's log-likelihood L with slope s and information I is a parabola with its top at b = b0 + s / I,
+so that with the covariance C of the errors and N = 1 / I of the noise
+
+    log p = sum(L + s^2 / 2 I) - b' (C + N)^-1 b / 2 - log |1 + N^-1 C| / 2.
+
+The logarithms of the widths of the noise have errors of the same form, and are integrated out in the same way: those of
+the model within its tolerance, and those of single pixels of a camera whose widths are spread. With n samples of mean
+square S, L(w) = -n w - S exp(-2 w) / 2, from which slope and information follow if the predicted widths change.
+
+References
+----------
+Rasmussen and Williams, Gaussian Processes for Machine Learning, section 3.4, for the expansion.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tofmix.arrays import BoolArray, FloatArray
+from tofmix.reconciliation.likelihood.likelihood import ModelState
+from tofmix.reconciliation.likelihood.mixture import Mixture
+from tofmix.reconciliation.one.recordings import SearchTask
+from tofmix.reconciliation.one.static_errors import LEAST_INFORMATION, StaticErrors
+from tofmix.reconciliation.one.steps_kernel import by_values, is_static
+from tofmix.reconciliation.one.tenths import overstated, overstated_width
+from tofmix.simulation.effects.hidden import PatternSpreads
+
+NUDGE = 0.3
+"""Step of a bias for the slopes of quantised samples that change in time, of sigma."""
+
+WIDTH_NUDGE = 0.05
+"""Step of the logarithm of a width for its slope: a Gaussian's information is exact to 1e-3."""
+
+FAR_NATS = 4.5
+"""Gain of a pixel's own bias, nats, up to which its log-likelihood is taken as a parabola in any case: three sigma."""
+
+_LEAST = 0.05  # of the information of independent samples, below which quantised samples tell nothing of a bias
+_FAR_WIDTH = 0.5  # longest step of a log width: the log-likelihood is no parabola over more
+_THIRD = 3  # every third frame, for a faster pass
+
+
+def pixel_sums(
+    task: SearchTask,
+    state: ModelState,
+    mixture: Mixture,
+    bias_mm: FloatArray,
+    *,
+    thin: bool = False,
+    exact: bool = False,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Log-likelihood, slope, 1/mm, and information, 1/mm2, about biases; arrays (recording, pixel).
+
+    Parameters
+    ----------
+    task, state, mixture
+        The recordings, the model, and its prediction.
+    bias_mm : (recording, pixel) float64
+        Bias of each pixel.
+    thin : bool
+        Take every third frame for three.
+    exact : bool
+        Take the exact information of quantised samples that change in time, not that of cells as noise.
+    """
+    out = [
+        _of_one(task, number, own, state, mixture, bias_mm[number], thin=thin, exact=exact)
+        for number, own in enumerate(task.split(mixture))
+    ]
+    value, slope, information = np.stack(out, axis=1) * (_THIRD if thin else 1)
+    return value, slope, information
+
+
+def _of_one(
+    task: SearchTask,
+    number: int,
+    own: Mixture,
+    state: ModelState,
+    mixture: Mixture,
+    bias: FloatArray,
+    *,
+    thin: bool,
+    exact: bool,
+) -> FloatArray:
+    """The same of one recording, (3, pixel), and of a third if `thin`."""
+    like, recording = task.likelihood, task.recordings[number]
+    task.passes += 1
+    if state.bursts is None and not state.some_pixels and is_static(own):
+        found = np.where(state.working[:, None], by_values(recording.values, own, bias), 0.0).T
+        least = _LEAST * recording.part[0].size / own.of_main(own.sigma) ** 2
+        found[2] = np.where(found[2] > least, found[2], 0.0)
+        return np.asarray(found / _THIRD if thin else found)
+    frames, pixels = recording.part
+    part = (frames[1::_THIRD], pixels) if thin else (frames, pixels)
+    out = like.sums(mixture, state, part, bias=bias).by_pixel[:, :3].T.copy()
+    if exact and own.step > task.sigma_mm:  # information that takes a cell as noise is wrong there
+        task.passes += 2
+        nudge = NUDGE * task.sigma_mm
+        up, down = (like.sums(mixture, state, part, bias=bias + d).by_pixel[:, 1] for d in (nudge, -nudge))
+        told = (down - up) / (2 * nudge)
+        out[2] = np.where(told > _LEAST * out[2], told, 0.0)
+    return np.asarray(out)
+
+
+def log_sigma(task: SearchTask, mixture: Mixture) -> FloatArray:
+    """Logarithm of the predicted noise (recording, pixel) of the main components, mm."""
+    return np.stack([np.log(m.of_main(m.sigma)) for m in task.split(mixture)])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Expansion:
+    """The samples about the most likely static errors of a model. Use `Expansion.of`.
+
+    Parameters
+    ----------
+    task : SearchTask
+        The recordings.
+    bias_mm : (recording, pixel) float64
+        The biases.
+    log_width : (recording, pixel) float64
+        The logarithms of widths over those that the model's effects predict.
+    used : (recording, pixel) bool
+        Pixels with a bias that is told.
+    measured_mm : (recording, pixel) float64
+        Most likely bias of each pixel by its own samples.
+    errors : StaticErrors
+        Covariance of the biases.
+    widths : StaticErrors
+        Covariance of the log widths, all recordings in one row.
+    """
+
+    task: SearchTask
+    bias_mm: FloatArray
+    log_width: FloatArray
+    used: BoolArray
+    measured_mm: FloatArray
+    errors: StaticErrors
+    widths: StaticErrors
+    _information: FloatArray  # of the biases by independent samples, 0 where they are not used
+    _measured_width: FloatArray  # most likely log width of each pixel by its own samples
+    _log_sigma: FloatArray  # of the model about which widths are expanded
+    _taken: FloatArray  # degrees of freedom of its samples that a pixel's own mean takes, beyond those of a given mean
+    _count: FloatArray  # samples that tell a width, 0 where none do
+    _square: FloatArray  # sum of their squares, in units of the variance
+
+    @classmethod
+    def of(
+        cls,
+        task: SearchTask,
+        state: ModelState,
+        spreads: PatternSpreads,
+        bias_mm: FloatArray,
+        *,
+        thin: bool = False,
+        passes: int = 2,
+    ) -> "Expansion":
+        """Expand about errors that are found in some passes.
+
+        Parameters
+        ----------
+        task, state
+            The recordings, and the model. The state has the log widths of the start.
+        spreads : PatternSpreads
+            Of a fixed pattern.
+        bias_mm : (recording, pixel) float64
+            Biases of the start.
+        thin : bool
+            Take every third frame for three.
+        passes : int
+            Steps of the biases.
+        """
+        mixture = task.likelihood.mixture(state)
+        over = overstated(task, state, mixture, bias_mm)
+        image = task.likelihood.evidence.image
+        for _ in range(passes):
+            at = bias_mm
+            value, slope, information = pixel_sums(task, state, mixture, at, thin=thin, exact=True)
+            used = task.lit & (information > LEAST_INFORMATION) & state.working
+            information = np.where(used, information, 0.0)
+            errors = StaticErrors.of(task.low, information / over, image, spreads, state.pixel_variance)
+            measured = at + np.where(used, slope / np.maximum(information, LEAST_INFORMATION), 0.0)
+            bias_mm = errors.mean(measured)
+        up, down = (
+            pixel_sums(task, state, mixture.widened(np.array(step)), at, thin=thin)[0]
+            for step in (WIDTH_NUDGE, -WIDTH_NUDGE)
+        )
+        told = np.where(used, (2 * value - up - down) / WIDTH_NUDGE**2, 0.0)
+        # a pixel's own mean is known from the same samples: their scatter is smaller by that, and as the noise of the
+        # mean counts as `over` samples, its square changes with the noise
+        taken = np.where(used, errors.own_share + over - 1.0, 0.0)
+        rise = (up - down) / (2 * WIDTH_NUDGE) + np.where(used, errors.own_share * over, 0.0)
+        square = 0.5 * told
+        count = square - rise
+        some = (count > 0) & (square > 0)
+        count, square = np.where(some, count, 0.0), np.where(some, square, 0.0)
+        widths = task.width_errors(np.where(some, told, 0.0) / overstated_width(over))
+        step = np.where(some, rise / np.maximum(told, LEAST_INFORMATION), 0.0)
+        start = state.log_width
+        width = (start + np.clip(step, -_FAR_WIDTH, _FAR_WIDTH)).reshape(1, -1)
+        log_width = widths.mean(width).reshape(start.shape)
+        return cls(
+            task=task,
+            bias_mm=bias_mm,
+            log_width=log_width,
+            used=used,
+            measured_mm=measured,
+            errors=errors,
+            widths=widths,
+            _information=information,
+            _measured_width=width,
+            _log_sigma=log_sigma(task, mixture),
+            _taken=taken,
+            _count=count,
+            _square=square,
+        )
+
+    def log_likelihood(self, state: ModelState, mixture: Mixture, *, thin: bool = False) -> tuple[float, float]:
+        """Log density of the samples with the errors integrated out, and the log-likelihood about the errors.
+
+        Parameters
+        ----------
+        state : ModelState
+            With the log widths of this expansion.
+        mixture : Mixture
+            Its prediction.
+        thin : bool
+            Take every third frame for three.
+        """
+        value, slope, now = pixel_sums(self.task, state, mixture, self.bias_mm, thin=thin)
+        slope = np.where(self.used, slope, 0.0)
+        samples = float(value.sum())
+        wider = log_sigma(self.task, mixture) - self._log_sigma
+        told = np.maximum(self._information * np.exp(-2 * wider), LEAST_INFORMATION)
+        # far from the samples a pixel may have hardly been told its bias where it was expanded, and be told it here
+        told = np.where(0.5 * slope**2 > FAR_NATS * told, np.maximum(told, now), told)
+        step = slope / told
+        scaled = (self.bias_mm + step) * np.exp(-wider)  # as if the noise, not the bias, were that of the expansion
+        logdet = self.errors.logdet - 2 * float((self._taken * wider).sum())
+        by_bias = float((slope * step).sum()) - self.errors.square(scaled) - logdet
+        rise, step = self._width_step(wider)
+        by_width = float((rise * step).sum()) - self.widths.square(self._row(step)) - self.widths.logdet
+        return samples + 0.5 * (by_bias + by_width), samples
+
+    def _width_step(self, wider: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Slope of log widths where the noise is predicted wider, and the step to the most likely ones.
+
+        The information is that of the expansion, so that the scatter of single pixels cancels.
+        """
+        rise = self._square * np.exp(-2 * wider) - self._count
+        return rise, 0.5 * rise / np.maximum(self._square, LEAST_INFORMATION)
+
+    def _row(self, step: FloatArray) -> FloatArray:
+        return (self.log_width + step).reshape(1, -1)
+
+    def without_model_errors(self) -> tuple["Expansion", float]:
+        """The samples about biases and widths without the model's own errors, and what their priors cost, nats."""
+        wide = self.widths.of_model(self._measured_width).reshape(self.log_width.shape)
+        bias_mm = self.bias_mm - self.errors.of_model(self.measured_mm)
+        squares = self.errors.square_of_model(self.measured_mm), self.widths.square_of_model(self._measured_width)
+        return replace(self, bias_mm=bias_mm, log_width=self.log_width - wide), 0.5 * sum(squares)

@@ -1,0 +1,140 @@
+"""The errors of what a model knows of its scene: the interface by which the one search takes them.
+
+A scene of rectangles is given, and has none. A measured scene is known as well as its recording tells:
+
+- the mean of each pixel to the variance `own_variance_mm2`, and all means together by `columns_mm`;
+- the width of its noise to `log_width_variance`, and all widths together to `common_log_width`;
+- its share of lost samples as from `lost_frames` frames: the number of lost samples is beta-binomial;
+- the noise that all samples of a frame share goes on while the recording is measured, so that a course in time is known
+  to `frame_noise_mm` in each frame, however many pixels show it.
+
+The first two are parts of covariances (`tofmix.reconciliation.one.static_errors`); the others are integrated out of the
+log-likelihood here, in closed form.
+
+References
+----------
+Skellam, J. R. Statist. Soc. B 10 (1948) 257, for the beta-binomial distribution; Searle, Casella and McCulloch,
+Variance Components, 4.3, for what the samples of a frame share.
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from scipy.special import betaln
+
+from tofmix.arrays import FloatArray, IntArray
+from tofmix.reconciliation.likelihood.mixture import Mixture
+from tofmix.reconciliation.likelihood.reference_errors import ReferenceErrors
+
+_LEAST_SHARE = 1e-6  # probability of a lost sample, as of the pass over samples
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SceneErrors:
+    """The errors of a scene in one recording. Use `SceneErrors.of` or `SceneErrors.none`.
+
+    Parameters
+    ----------
+    columns_mm : (k, pixel) float64
+        Errors that all means have in common, mm, with unit priors.
+    own_variance_mm2 : (pixel,) float64
+        Variance of the mean of each pixel.
+    log_width_variance : (pixel,) float64
+        Variance of the logarithm of each pixel's width.
+    common_log_width : float
+        Standard error of the logarithm of all widths together.
+    lost_frames : (pixel,) float64
+        Independent frames that tell the share of lost samples; 0 where it is given.
+    frame_noise_mm : float
+        Standard deviation of what the samples of one frame have in common.
+    """
+
+    columns_mm: FloatArray
+    own_variance_mm2: FloatArray
+    log_width_variance: FloatArray
+    common_log_width: float
+    lost_frames: FloatArray
+    frame_noise_mm: float
+
+    @classmethod
+    def none(cls, pixels: int) -> Self:
+        """Those of a scene that is given."""
+        nothing = np.zeros(pixels)
+        return cls(
+            columns_mm=np.zeros((0, pixels)),
+            own_variance_mm2=nothing,
+            log_width_variance=nothing,
+            common_log_width=0.0,
+            lost_frames=nothing,
+            frame_noise_mm=0.0,
+        )
+
+    @classmethod
+    def of(cls, errors: ReferenceErrors | None, mixture: Mixture, frames: int, memory: float) -> Self:
+        """Those of a measured scene; `none` without any.
+
+        Parameters
+        ----------
+        errors : ReferenceErrors or None
+            Errors of the scene; None if it is given.
+        mixture : Mixture
+            The prediction of the model as given.
+        frames : int
+            Frames of the measured recording.
+        memory : float
+            Coefficient of the memory of the noise in the model as given.
+        """
+        lit = mixture.of_main(mixture.lit).astype(bool)
+        if errors is None:
+            return cls.none(lit.size)
+        shared = errors.common_to(frames, memory)
+        share = mixture.invalid[0]
+        told = (errors.lost > 0) & (share > 0) & (share < 1)
+        weight = np.where(lit, 1.0 / errors.sigma_mm**2, 0.0)
+        # of a shift of every pixel by its own sigma, the shift of all by as many mm that is nearest to it
+        typical = float((weight * errors.sigma_mm).sum() / max(float(weight.sum()), 1e-300))
+        return cls(
+            columns_mm=np.where(lit, np.sqrt(shared) * errors.sigma_mm, 0.0)[None]
+            if shared
+            else np.zeros((0, lit.size)),
+            own_variance_mm2=errors.variance_mm2,
+            log_width_variance=errors.log_width**2,
+            common_log_width=errors.common_log_width,
+            lost_frames=np.where(told, share * (1.0 - share) / np.where(told, errors.lost, 1.0), 0.0),
+            frame_noise_mm=errors.frame_noise * typical,
+        )
+
+    def by_frames(self, slope: FloatArray, information: FloatArray) -> FloatArray:
+        """What a bias of each frame changes in the log-likelihood (frame,), nats, beside the mean of all frames.
+
+        Parameters
+        ----------
+        slope, information : (frame,) float64
+            Of the log-likelihood in a bias of all samples of the frame, 1/mm and 1/mm2. The mean of all frames is an
+            error of all means, which `columns_mm` has.
+        """
+        variance = self.frame_noise_mm**2
+        if not variance:
+            return np.zeros(slope.shape)
+        left = slope - information * float(slope.sum()) / max(float(information.sum()), 1e-300)
+        free = 1.0 + information * variance
+        return np.asarray(0.5 * left**2 * variance / free - 0.5 * np.log(free))
+
+    def by_lost(self, lost: IntArray, frames: int, share: FloatArray) -> float:
+        """What errors of the shares of lost samples change in the log-likelihood, nats.
+
+        Parameters
+        ----------
+        lost : (pixel,) int64
+            Lost samples.
+        frames : int
+            Frames of the recording.
+        share : (pixel,) float64
+            Predicted share of lost samples.
+        """
+        told = (self.lost_frames > 0) & (share < 1)
+        p, k, worth = np.maximum(share[told], _LEAST_SHARE), lost[told], self.lost_frames[told]
+        a, b = worth * p, worth * (1.0 - p)
+        binomial = k * np.log(p) + (frames - k) * np.log1p(-p)
+        return float((betaln(k + a, frames - k + b) - betaln(a, b) - binomial).sum())
