@@ -118,7 +118,8 @@ class StaticErrors:
         weighed = self._weigh(vectors)
         pulled = self._pull(weighed)
         n = len(vectors)
-        inner: FloatArray = weighed.reshape(n, -1) @ vectors.reshape(n, -1).T
+        size = self.weight.size
+        inner: FloatArray = weighed.reshape(n, size) @ vectors.reshape(n, size).T
         return inner - pulled @ cho_solve(self._root, pulled.T, check_finite=False)
 
     def square(self, bias_mm: FloatArray) -> float:
