@@ -4,6 +4,7 @@ import math
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from support.recordings import MAKE, recorded
 from support.search_tasks import MakeTask
@@ -120,5 +121,16 @@ def test_noise_within_the_tolerance_is_not_named_and_more_is(small: Model) -> No
     wiggling = MAKE["wiggling"](amplitude_mm=15.0)
     for factor, of_noise in ((1.012, set()), (1.5, {near})):
         hidden = wiggling, MAKE["excess_noise"](factor=factor, surface=near)
-        found = search(joint_likelihood([(small, recorded(small, *hidden))]), Settings(kinds=kinds))
-        assert {s for kind, s in found.best.names if kind == "excess_noise"} == of_noise
+        found = search(joint_likelihood([(small, recorded(small, *hidden))]), Settings(kinds=kinds)).best
+        assert {s for kind, s in found.names if kind == "excess_noise"} == of_noise
+
+
+def test_of_even_sets_the_one_of_fewer_numbers_is_named() -> None:
+    def of(score: float, numbers: int) -> Any:  # noqa: ANN401  what `best_named` looks at
+        return SimpleNamespace(score=score, named=True, x=np.zeros(numbers))
+
+    walk, offset, other = of(-10.0, 2), of(-10.05, 1), of(-10.3, 0)
+    table = {frozenset({(str(k), "", 0)}): s for k, s in enumerate((walk, offset, other))}
+    task: Any = None
+    found = FoundSets(task, lambda _: None, Ledger(), table)
+    assert found.best_named is offset

@@ -27,6 +27,9 @@ BASES, PLAIN, PATTERNED, LARGEST = 3, 8, 4, 3
 """Effort: sets of the size before about which sets are proposed; fits of a size without and with a bias of each pixel;
 largest size of which all sets are compared."""
 
+EVEN_NATS = 0.1
+"""Difference of scores below which neither set is better: the evidence by Laplace is no more exact."""
+
 
 @dataclass(eq=False)
 class FoundSets:
@@ -56,8 +59,10 @@ class FoundSets:
 
     @property
     def best_named(self) -> FittedSet:
-        """The set of the highest score of those without an unnamed law."""
-        return max((s for s in self.table.values() if s.named), key=lambda s: s.score)
+        """The set of the highest score of those without an unnamed law; of even ones, that of the fewest numbers."""
+        own = [s for s in self.table.values() if s.named]
+        top = max(s.score for s in own)
+        return min((s for s in own if s.score >= top - EVEN_NATS), key=lambda s: (s.x.size, -s.score))
 
     @property
     def law(self) -> str | None:
