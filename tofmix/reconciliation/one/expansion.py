@@ -6,14 +6,16 @@ so that with the covariance C of the errors and N = 1 / I of the noise
     log p = sum(L + s^2 / 2 I) - b' (C + N)^-1 b / 2 - log |1 + N^-1 C| / 2.
 
 The logarithms of the widths of the noise have errors of the same form, and are integrated out in the same way: those of
-the model within its tolerance, and those of single pixels of a camera whose widths are spread. With n samples of mean
-square S, L(w) = -n w - S exp(-2 w) / 2, from which slope and information follow if the predicted widths change.
+the model within its tolerance, and those of single pixels of a camera whose widths are spread. If the squares of n
+samples about their own mean add up to S, L(w) = -n w - S exp(-2 w) / 2 has its top at log(S / n) / 2, with the
+information 2 n.
 
 References
 ----------
 Rasmussen and Williams, Gaussian Processes for Machine Learning, section 3.4, for the expansion.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,13 +33,12 @@ NUDGE = 0.3
 """Step of a bias for the slopes of quantised samples that change in time, of sigma."""
 
 WIDTH_NUDGE = 0.05
-"""Step of the logarithm of a width for its slope: a Gaussian's information is exact to 1e-3."""
+"""Step of the logarithm of a width for differences of the log-likelihood."""
 
 FAR_NATS = 4.5
 """Gain of a pixel's own bias, nats, up to which its log-likelihood is taken as a parabola in any case: three sigma."""
 
 _LEAST = 0.05  # of the information of independent samples, below which quantised samples tell nothing of a bias
-_FAR_WIDTH = 0.5  # longest step of a log width: the log-likelihood is no parabola over more
 _THIRD = 3  # every third frame, for a faster pass
 
 
@@ -107,6 +108,18 @@ def log_sigma(task: SearchTask, mixture: Mixture) -> FloatArray:
     return np.stack([np.log(m.of_main(m.sigma)) for m in task.split(mixture)])
 
 
+def _top(square: FloatArray, count: FloatArray) -> FloatArray:
+    """The log width at which samples with such a sum of squares are most likely; 0 where none tell it."""
+    told = count > 0
+    return np.where(told, 0.5 * np.log(np.where(told, square, 1.0) / np.where(told, count, 1.0)), 0.0)
+
+
+def _unbiased(width: FloatArray, widths: StaticErrors) -> FloatArray:
+    """Log widths, all recordings in one row, without the bias of a logarithm of a mean square, minus its variance."""
+    told = widths.weight > 0
+    return width.reshape(1, -1) + np.where(told, 1.0 / np.where(told, widths.weight, 1.0), 0.0)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Expansion:
     """The samples about the most likely static errors of a model. Use `Expansion.of`.
@@ -139,7 +152,7 @@ class Expansion:
     _information: FloatArray  # of the biases by independent samples, 0 where they are not used
     _measured_width: FloatArray  # most likely log width of each pixel by its own samples
     _log_sigma: FloatArray  # of the model about which widths are expanded
-    _taken: FloatArray  # degrees of freedom of its samples that a pixel's own mean takes, beyond those of a given mean
+    _mean_taken: FloatArray  # degrees of freedom of its samples that a pixel's own mean takes
     _count: FloatArray  # samples that tell a width, 0 where none do
     _square: FloatArray  # sum of their squares, in units of the variance
 
@@ -184,20 +197,17 @@ class Expansion:
             pixel_sums(task, state, mixture.widened(np.array(step)), at, thin=thin)[0]
             for step in (WIDTH_NUDGE, -WIDTH_NUDGE)
         )
-        told = np.where(used, (2 * value - up - down) / WIDTH_NUDGE**2, 0.0)
-        # a pixel's own mean is known from the same samples: their scatter is smaller by that, and as the noise of the
-        # mean counts as `over` samples, its square changes with the noise
-        taken = np.where(used, errors.own_share + over - 1.0, 0.0)
-        rise = (up - down) / (2 * WIDTH_NUDGE) + np.where(used, errors.own_share * over, 0.0)
-        square = 0.5 * told
-        count = square - rise
-        some = (count > 0) & (square > 0)
+        square = (2 * value - up - down) / (math.cosh(2 * WIDTH_NUDGE) - 1.0)
+        count = (square * math.sinh(2 * WIDTH_NUDGE) - (up - down)) / (2 * WIDTH_NUDGE)
+        # about a pixel's own mean, which takes a degree of freedom, and more if samples resemble those before
+        mean_taken = np.where(used, over, 0.0)
+        square = square - slope * np.where(used, slope / np.maximum(information, LEAST_INFORMATION), 0.0)
+        count = count - mean_taken
+        some = used & (count > 0) & (square > 0)
         count, square = np.where(some, count, 0.0), np.where(some, square, 0.0)
-        widths = task.width_errors(np.where(some, told, 0.0) / overstated_width(over))
-        step = np.where(some, rise / np.maximum(told, LEAST_INFORMATION), 0.0)
-        start = state.log_width
-        width = (start + np.clip(step, -_FAR_WIDTH, _FAR_WIDTH)).reshape(1, -1)
-        log_width = widths.mean(width).reshape(start.shape)
+        widths = task.width_errors(2 * count / overstated_width(over))
+        measured_width = _unbiased(state.log_width + _top(square, count), widths)
+        log_width = widths.mean(measured_width).reshape(state.log_width.shape)
         return cls(
             task=task,
             bias_mm=bias_mm,
@@ -207,9 +217,9 @@ class Expansion:
             errors=errors,
             widths=widths,
             _information=information,
-            _measured_width=width,
+            _measured_width=measured_width,
             _log_sigma=log_sigma(task, mixture),
-            _taken=taken,
+            _mean_taken=mean_taken,
             _count=count,
             _square=square,
         )
@@ -234,23 +244,15 @@ class Expansion:
         # far from the samples a pixel may have hardly been told its bias where it was expanded, and be told it here
         told = np.where(0.5 * slope**2 > FAR_NATS * told, np.maximum(told, now), told)
         step = slope / told
-        scaled = (self.bias_mm + step) * np.exp(-wider)  # as if the noise, not the bias, were that of the expansion
-        logdet = self.errors.logdet - 2 * float((self._taken * wider).sum())
-        by_bias = float((slope * step).sum()) - self.errors.square(scaled) - logdet
-        rise, step = self._width_step(wider)
-        by_width = float((rise * step).sum()) - self.widths.square(self._row(step)) - self.widths.logdet
-        return samples + 0.5 * (by_bias + by_width), samples
+        by_bias = float((slope * step).sum()) - self.errors.square(self.bias_mm + step) - self.errors.logdet
+        by_bias += 2 * float((self._mean_taken * wider).sum())
+        return samples + 0.5 * (by_bias + self._by_width(wider)), samples
 
-    def _width_step(self, wider: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Slope of log widths where the noise is predicted wider, and the step to the most likely ones.
-
-        The information is that of the expansion, so that the scatter of single pixels cancels.
-        """
-        rise = self._square * np.exp(-2 * wider) - self._count
-        return rise, 0.5 * rise / np.maximum(self._square, LEAST_INFORMATION)
-
-    def _row(self, step: FloatArray) -> FloatArray:
-        return (self.log_width + step).reshape(1, -1)
+    def _by_width(self, wider: FloatArray) -> float:
+        """Twice the log density that is gained by log widths, where the noise is predicted wider."""
+        change = _top(self._square * np.exp(-2 * wider), self._count)
+        gain = float((self._count * (np.expm1(2 * change) - 2 * change)).sum())
+        return gain - self.widths.square(_unbiased(self.log_width + change, self.widths)) - self.widths.logdet
 
     def without_model_errors(self) -> tuple["Expansion", float]:
         """The samples about biases and widths without the model's own errors, and what their priors cost, nats."""

@@ -108,11 +108,6 @@ class StaticErrors:
             low, image, weight, own, spreads.column_sigma_mm, spreads.row_sigma_mm, logdet, _shrink=shrink, _root=root
         )
 
-    @property
-    def own_share(self) -> FloatArray:
-        """Share (recording, pixel) of a degree of freedom of each pixel's samples that its own bias takes."""
-        return self.weight * self.own_variance * self._shrink
-
     def products(self, vectors: FloatArray) -> FloatArray:
         """Products (n, n) of biases (n, recording, pixel), mm, by the inverse covariance."""
         weighed = self._weigh(vectors)

@@ -69,8 +69,8 @@ class Summary:
         used = alone & (information > LEAST_INFORMATION) & state.working
         shifts, told = biases_by_tenth(task, state, mixture, bias, used)
         width, width_information = _widths(task, state, mixture, bias, shifts, told, used)
-        # a spread about the mean of the same samples is too small by this
-        width += over / np.maximum(width_information, 1.0)
+        # a spread about the mean of the same samples is too small, and so is the logarithm of its square
+        width += (over + overstated_width(over)) / np.maximum(width_information, 1.0)
         return cls(
             bias_mm=np.where(used, shifts, 0.0),
             bias_information=told * share / over,
