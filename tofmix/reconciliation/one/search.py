@@ -74,10 +74,10 @@ class FoundSets:
 
     def fit_best(self, proposals: Iterable[Proposal], keep: Callable[[Proposal], bool]) -> None:
         """Fit the proposals of the highest predicted scores, the best one at its start first: others may end early."""
-        pool: dict[frozenset[Named], Proposal] = {}
+        pool: dict[frozenset[Key], Proposal] = {}
         for p in proposals:  # of one set, the prediction from the nearest base
-            if p.keys not in self.table and (p.names not in pool or p.near > pool[p.names].near):
-                pool[p.names] = p
+            if p.keys not in self.table and (p.keys not in pool or p.near > pool[p.keys].near):
+                pool[p.keys] = p
         ranked = sorted((p for p in pool.values() if keep(p)), key=lambda p: -p.predicted)
         patterned = {k.kind for k in self.task.hidden if isinstance(k.hidden, PixelBias)}
         with_pattern = [bool(patterned & {kind for kind, _ in p.names}) for p in ranked]
