@@ -10,6 +10,7 @@ from support.recordings import MAKE, Record, reconciled
 from tofmix.reconciliation.likelihood.beats import FrameNoise, beat_errors, fit_beat, overlaps
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.mixture import Scene
+from tofmix.sensor import NoiseCurve
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.hidden import FrameChain
 from tofmix.simulation.model import Model
@@ -61,10 +62,28 @@ def test_camera_that_is_always_on_is_named_where_sigma_differs(small: Model) -> 
 
 
 @pytest.mark.slow
-def test_noise_that_is_added_before_one_facing_wall_is_a_factor(small: Model) -> None:
+def test_noise_that_is_added_to_one_sigma_is_a_factor_with_interference_as_an_alias(small: Model) -> None:
     """One sigma in the image: nothing tells a sum from a product, and more light is the commoner cause."""
-    ((effect, _),) = named(replace(small, surfaces=(FACING,)), MAKE["interference"](probability=1.0, sigma_mm=20.0))
-    assert effect.kind == "excess_noise"
+    alike = replace(small.sensor, noise=NoiseCurve(np.array([500.0, 6000.0]), np.array([10.0, 10.0])))
+    wall = replace(small, surfaces=(FACING,), sensor=alike)
+    found = reconciled(wall, MAKE["interference"](probability=1.0, sigma_mm=20.0), kinds=KINDS)
+    assert found.verified.verdict == "explained"
+    assert [n.effect.kind for n in found.named] == ["excess_noise"]
+    assert [(("excess_noise", ""),), (("interference", ""),)] in [list(alias.sets) for alias in found.aliases]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "hidden",
+    [MAKE["interference"](probability=1.0, sigma_mm=20.0), MAKE["excess_noise"](factor=2.2)],
+    ids=lambda e: e.kind,
+)
+def test_sum_is_told_from_product_before_one_facing_wall_if_sigma_is_a_fifth_more_in_corners(
+    small: Model, hidden: Effect
+) -> None:
+    """The corners are farther: sigma is 9.8 to 12.0 mm, which a sum makes 22.3 to 23.3 mm and a product 22 to 26."""
+    ((effect, _),) = named(replace(small, surfaces=(FACING,)), hidden)
+    assert effect.kind == hidden.kind
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """The changes that effects make to the biases and widths of pixels, by a unit of each coefficient of a linear form."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,7 +29,7 @@ class Column:
     profile : tuple of (tenth,) float64
         Factor on this change in each tenth of the time.
     width : tuple of (pixel,) float64
-        Change of the logarithm of the width.
+        Change of the logarithm of the width, a mean over the tenths.
     prior : float
         Standard deviation of the prior of the coefficient.
     """
@@ -55,9 +56,10 @@ class ColumnMaker:
     def __init__(self, likelihood: Likelihood, state: ModelState, part: Part) -> None:
         self.likelihood, self.state = likelihood, state
         self.seen = seen = biases_of_recordings(likelihood, state, part)
-        frames = [[f for f in np.array_split(s.view.part_of_all[0], TENTHS) if f.size] for s in seen]
-        self.elapsed_s = [np.array([float(likelihood.evidence.time_s[f].mean()) for f in own]) for own in frames]
-        self.base = likelihood.mixture(state)
+        self.tenths = [[f for f in np.array_split(s.view.part_of_all[0], TENTHS) if f.size] for s in seen]
+        self.elapsed_s = [np.array([float(likelihood.evidence.time_s[f].mean()) for f in own]) for own in self.tenths]
+        self.surface = [s.view.mixture.of_main(s.view.mixture.surface) for s in seen]
+        self.before = self._by_tenth(likelihood.mixture(state))
         used = [s.view.mixture.of_main(s.view.mixture.sigma)[s.used] for s in seen]
         lit = [s.view.mixture.of_main(s.view.mixture.amplitude)[s.used] for s in seen]
         amplitude = np.concatenate(lit)
@@ -95,23 +97,57 @@ class ColumnMaker:
             If the camera or the scene cannot have its effect.
         """
         of.effect.check(self.likelihood.scene.model.sensor, self.likelihood.scene.names)
-        changed = self.likelihood.mixture(_with(self.state, of.effect))
+        after = self._by_tenth(self.likelihood.mixture(_with(self.state, of.effect)))
         bias, width, times = [], [], []
-        for s, elapsed_s in zip(self.seen, self.elapsed_s, strict=True):
-            before, after = self.base.of_frames(s.view.frames), changed.of_frames(s.view.frames)
-            place = after.main_of(before)
-            seen = s.used & (place >= 0)  # if the surface is out of the pixel, nothing is known
-            moved = _of(after, "mean", place) - before.of_main(before.mean)
-            wider = np.log(_of(after, "sigma", place) / before.of_main(before.sigma))
-            bias.append(np.where(seen, moved, 0.0) / of.size)
-            width.append(np.where(seen, wider, 0.0) / of.size)
-            times.append(np.ones(elapsed_s.size) if of.course is None else of.course(elapsed_s))
+        for s, elapsed_s, now, before in zip(self.seen, self.elapsed_s, after, self.before, strict=True):
+            moved, wider = (
+                np.where(s.used, np.nan_to_num(new - old), 0.0) / of.size for new, old in zip(now, before, strict=True)
+            )
+            shape, course = _static(moved)
+            bias.append(shape)
+            width.append(wider.mean(axis=0))
+            times.append(course if of.course is None else of.course(elapsed_s))
         return Column(bias_mm=tuple(bias), profile=tuple(times), width=tuple(width), prior=of.spread)
 
+    def _by_tenth(self, mixture: Mixture) -> list[tuple[FloatArray, FloatArray]]:
+        """As `by_tenth`, for each recording."""
+        return [by_tenth(mixture, own, s) for own, s in zip(self.tenths, self.surface, strict=True)]
 
-def _of(m: Mixture, name: str, component: IntArray) -> FloatArray:
-    values: FloatArray = getattr(m, name)[0]
-    return np.asarray(np.take_along_axis(values, np.maximum(component, 0)[None], axis=0)[0])
+
+def by_tenth(mixture: Mixture, tenths: Sequence[IntArray], surface: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Mean, mm, and log width (tenth, pixel) of one surface of each pixel; NaN where it is out of the pixel.
+
+    Parameters
+    ----------
+    mixture : Mixture
+        The prediction of all recordings.
+    tenths : sequence of (n,) int64
+        Frames of each tenth of one recording.
+    surface : (pixel,) int64
+        Number of the surface.
+    """
+    at = np.arange(surface.size)
+    found: dict[int, tuple[FloatArray, ...]] = {}
+    mean, width = np.zeros((2, len(tenths), surface.size))
+    for tenth, frames in enumerate(tenths):
+        f = int(frames[frames.size // 2])
+        t = int(mixture.key[f])
+        if t not in found:
+            own = (mixture.surface[t] == surface) & (mixture.weight[t] > 0)
+            place = np.where(own, mixture.weight[t], -1.0).argmax(axis=0)
+            known = np.where(own.any(axis=0), mixture.mean[t][place, at], np.nan)
+            wide = np.where(own.any(axis=0), np.log(mixture.sigma[t][place, at]), np.nan)
+            found[t] = known, mixture.rate[t][place, at], wide
+        middle, rate, width[tenth] = found[t]
+        mean[tenth] = middle + rate * mixture.since[f] + mixture.frame_bias[f]
+    return mean, width
+
+
+def _static(change: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A change (tenth, pixel) as that of the tenth in which it is largest, and its size in each tenth over this one."""
+    largest = change[int((change**2).sum(axis=1).argmax())]
+    square = float((largest**2).sum())
+    return largest, change @ largest / square if square else np.ones(len(change))
 
 
 def _with(state: ModelState, effect: Effect) -> ModelState:

@@ -160,14 +160,16 @@ class Law:
     def vector_of(self, effect: Effect) -> FloatArray:
         """The vector whose effect has numbers nearest to those of an effect of the same kind."""
         priors, wanted = effect.priors(), effect.numbers()
+        declared = {name: p for name, p in effect.parameters().items() if name in wanted and p.prior is None}
+        sizes = {name: p.typical[0] for name, p in declared.items() if p.typical[0] > 0}
 
         def residual(x: FloatArray) -> FloatArray:
             try:
                 found = self.make(x).numbers()
             except (ValueError, OverflowError):
-                return np.full(len(priors) + 1, _FAR)
+                return np.full(len(priors) + len(sizes) + 1, _FAR)
             away = [_away(prior, wanted[n], found.get(n, 0.0), angle=n.endswith("_rad")) for n, prior in priors.items()]
-            return np.array([*away, 0.0])
+            return np.array([*away, *((found.get(n, 0.0) - wanted[n]) / size for n, size in sizes.items()), 0.0])
 
         starts = sorted((np.array(s) for s in self.problem.starts), key=lambda s: float((residual(s) ** 2).sum()))
         if not self.size:

@@ -42,6 +42,7 @@ _ENOUGH_NATS = 0.05  # of a step
 _FLAT = 1e-3  # least curvature in a step
 _DROP = (0.02, 50.0)  # nats by which a step changes the log-likelihood
 _LEVEL = 1e-4  # nats: a drop that shows no curvature
+_HALVINGS = 10  # of a step to a bound, after which a number stays
 _PATTERN_CHANGE = 0.1  # relative change of a spread after which a set is fitted again
 
 
@@ -381,14 +382,41 @@ class FittedSet:
         return self
 
     def _newton(self, x: FloatArray, slope: FloatArray, steps: FloatArray) -> tuple[FloatArray, float]:
-        """The step to the top of the parabola, and how many nats it is expected to gain."""
+        """The step to the top of the parabola, and how many nats it is expected to gain.
+
+        A number that it would take out of its bounds goes at least half of the way to its bound, and the others go to
+        the top beside it.
+        """
         _, precision = self._prior_precision(x)
         whole = (_positive(self.hessian) + precision) * steps[:, None] * steps
         rise = slope + self._prior_slope(x, steps)
-        move = np.linalg.solve(whole, rise)
+        move, free = np.zeros(x.size), np.arange(x.size)
+        while free.size:
+            held = np.setdiff1d(np.arange(x.size), free)
+            pull = rise[free] - whole[np.ix_(free, held)] @ move[held]
+            move[free] = np.linalg.solve(whole[np.ix_(free, free)], pull)
+            parts = {k: self._part_within(x, k, move[k] * steps[k]) for k in free}
+            out = [k for k in free if parts[k] < 1]
+            if not out:
+                break
+            for k in out:
+                move[k] *= parts[k]
+            free = np.setdiff1d(free, out)
         # where the log density is no parabola, a step may be as long as nothing that the prior has
         far = float((np.abs(move * steps) / self._prior_sd(x)).max(initial=0.0))
-        return np.asarray(move * steps) / max(far, 1.0), 0.5 * float(rise @ move) / max(far, 1.0)
+        return np.asarray(move * steps) / max(far, 1.0), float(rise @ move - 0.5 * move @ whole @ move) / max(far, 1.0)
+
+    def _part_within(self, x: FloatArray, number: int, step: float) -> float:
+        """The part of a step of one number that is within its bounds: a power of 1/2, or 0."""
+        for part in (*(0.5**k for k in range(_HALVINGS)), 0.0):
+            moved = x.copy()
+            moved[number] += part * step
+            try:
+                self.members(moved)
+            except (ValueError, OverflowError):
+                continue
+            return part
+        return 0.0
 
     def _climbed(self, x: FloatArray, here: float, move: FloatArray) -> tuple[FloatArray, float]:
         """A vector on the way of a step where the log density is higher, and the log density there."""

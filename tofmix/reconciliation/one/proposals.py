@@ -20,6 +20,7 @@ from tofmix.reconciliation.likelihood import hidden_fits
 from tofmix.reconciliation.likelihood.beats import FrameNoise, fit_beat
 from tofmix.reconciliation.likelihood.memory import fit_memory
 from tofmix.reconciliation.likelihood.mixture import Mixture
+from tofmix.reconciliation.one.columns import by_tenth
 from tofmix.reconciliation.one.coordinates import Key, Law, key_of_state
 from tofmix.reconciliation.one.expansion import pixel_sums
 from tofmix.reconciliation.one.fitted_set import FittedSet
@@ -169,24 +170,12 @@ class Columns:
 
 
 def observed(task: SearchTask, mixture: Mixture) -> tuple[FloatArray, FloatArray]:
-    """Mean (tenth, recording, pixel), mm, and log width (recording, pixel) of the main surfaces of the given model."""
+    """Mean, mm, and log width (tenth, recording, pixel) of the main surfaces of the given model."""
     most = max(len(r.tenths) for r in task.recordings)
-    mean, width = np.full((most, *task.lit.shape), np.nan), np.full(task.lit.shape, np.nan)
-    at = np.arange(task.lit.shape[1])
+    mean, width = np.full((2, most, *task.lit.shape), np.nan)
     for number, recording in enumerate(task.recordings):
-        found: dict[int, tuple[FloatArray, ...]] = {}
-        for tenth, frames in enumerate(recording.tenths):
-            f = int(frames[frames.size // 2])
-            t = int(mixture.key[f])
-            if t not in found:
-                own = (mixture.surface[t] == recording.surface) & (mixture.weight[t] > 0)
-                place = np.where(own, mixture.weight[t], -1.0).argmax(axis=0)
-                known = np.where(own.any(axis=0), mixture.mean[t][place, at], np.nan)
-                found[t] = known, mixture.rate[t][place, at], mixture.sigma[t][place, at]
-            middle, rate, sigma = found[t]
-            mean[tenth, number] = middle + rate * mixture.since[f] + mixture.frame_bias[f]
-            if not tenth:
-                width[number] = np.log(sigma)
+        own = slice(len(recording.tenths)), number
+        mean[own], width[own] = by_tenth(mixture, recording.tenths, recording.surface)
     return mean, width
 
 
@@ -303,7 +292,10 @@ class About:
     def _change(
         after: tuple[FloatArray, FloatArray], before: tuple[FloatArray, FloatArray]
     ) -> tuple[FloatArray, FloatArray]:
-        return np.nan_to_num(after[0] - before[0]), np.nan_to_num(after[1] - before[1])
+        """Change of the mean (tenth, recording, pixel), and of the log width, a mean over the tenths."""
+        wider = after[1] - before[1]
+        known = np.maximum(np.isfinite(wider).sum(axis=0), 1)
+        return np.nan_to_num(after[0] - before[0]), np.nan_to_num(wider).sum(axis=0) / known
 
     def _pattern(self, mean: FloatArray, told: FloatArray) -> tuple[type[Effect], PatternSpreads] | None:
         """The pattern that the biases show, if a kind can be one."""
