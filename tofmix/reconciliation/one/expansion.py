@@ -39,6 +39,7 @@ FAR_NATS = 4.5
 """Gain of a pixel's own bias, nats, up to which its log-likelihood is taken as a parabola in any case: three sigma."""
 
 _LEAST = 0.05  # of the information of independent samples, below which quantised samples tell nothing of a bias
+_WIDTH_STEPS = 3  # of log widths, where samples are too far for a parabola
 _THIRD = 3  # every third frame, for a faster pass
 
 
@@ -166,6 +167,7 @@ class Expansion:
         *,
         thin: bool = False,
         passes: int = 2,
+        again: int = _WIDTH_STEPS,
     ) -> "Expansion":
         """Expand about errors that are found in some passes.
 
@@ -181,6 +183,8 @@ class Expansion:
             Take every third frame for three.
         passes : int
             Steps of the biases.
+        again : int
+            Most expansions about other log widths, where samples are too far for those of the start.
         """
         mixture = task.likelihood.mixture(state)
         over = overstated(task, state, mixture, bias_mm)
@@ -204,10 +208,19 @@ class Expansion:
         square = square - slope * np.where(used, slope / np.maximum(information, LEAST_INFORMATION), 0.0)
         count = count - mean_taken
         some = used & (count > 0) & (square > 0)
+        # many sigma away samples count as outliers, and have no parabola: a step by the expected information leads there
+        independent = information * np.exp(2 * log_sigma(task, mixture)) - mean_taken
+        far = used & ~some & (up > down) & (independent > 0) & (task.width_variance.reshape(used.shape) > 0)
+        count = np.where(far, independent, count)
+        square = np.where(far, independent + (up - down) / (2 * WIDTH_NUDGE), square)
+        some |= far
         count, square = np.where(some, count, 0.0), np.where(some, square, 0.0)
         widths = task.width_errors(2 * count / overstated_width(over))
         measured_width = _unbiased(state.log_width + _top(square, count), widths)
         log_width = widths.mean(measured_width).reshape(state.log_width.shape)
+        if again and far.any():
+            near = replace(state, log_width=log_width)
+            return cls.of(task, near, spreads, bias_mm, thin=thin, passes=passes, again=again - 1)
         return cls(
             task=task,
             bias_mm=bias_mm,
