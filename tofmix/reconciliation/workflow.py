@@ -22,7 +22,12 @@ from tofmix.reconciliation.likelihood.hidden_fits import fit_bursts
 from tofmix.reconciliation.likelihood.hidden_states import latent_states
 from tofmix.reconciliation.likelihood.joint import Recording, joint_likelihood, renamed
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
-from tofmix.reconciliation.likelihood.memory import RandomValues, memory_gain, predicted_noise
+from tofmix.reconciliation.likelihood.memory import (
+    RandomValues,
+    memory_gain,
+    memory_gain_at_own_widths,
+    predicted_noise,
+)
 from tofmix.reconciliation.one import outcome
 from tofmix.reconciliation.parameters.pattern_errors import latent_errors
 from tofmix.reconciliation.parameters.polish import numbers_of
@@ -62,7 +67,9 @@ def warm_up(model: Model) -> None:
     likelihood.scores(state, everything, 1)
     fit_bursts(likelihood, mixture, state, everything)
     alike = RandomValues(share=np.zeros(36), below=np.zeros(36), density=np.ones(36))
-    memory_gain(likelihood, likelihood.scores(state, everything, 1), mixture, everything, 0.5)
+    scores = likelihood.scores(state, everything, 1)
+    for gain in (memory_gain, memory_gain_at_own_widths):
+        gain(likelihood, scores, mixture, everything, 0.5)
     predicted_noise(np.zeros((_FRAMES, 36)), 0.5, np.ones(36), alike)
 
 

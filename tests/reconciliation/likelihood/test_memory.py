@@ -8,7 +8,13 @@ from support.recordings import MAKE, Record, reconciled, recorded
 
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
-from tofmix.reconciliation.likelihood.memory import attenuation, cell_share, fit_memory, inflation
+from tofmix.reconciliation.likelihood.memory import (
+    attenuation,
+    cell_share,
+    fit_memory,
+    inflation,
+    memory_gain_at_own_widths,
+)
 from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.workflow import reconcile
@@ -79,6 +85,30 @@ def test_memory_of_stored_values_is_attenuated_by_the_cells(model: Model, record
         assert coefficient is not None
         found.append(coefficient)
     assert np.mean(found) == pytest.approx(0.3, abs=0.02)
+
+
+def test_gain_at_own_widths_is_that_of_the_most_likely_widths_and_depends_on_no_prediction(
+    model: Model, record: Record
+) -> None:
+    """Against the densities of AR(1) and of independent samples, each at its most likely width, of dense matrices."""
+    evidence = record(MAKE["temporal_correlation"](coefficient=0.8))
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    part = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
+    mixture = replace(likelihood.scene.mixture(), outlier=np.zeros(evidence.shape[1]))
+    z = likelihood.scores(likelihood.start(), part, 1, mixture)
+    found = memory_gain_at_own_widths(likelihood, z, mixture, part, 0.8)
+    uneven = (z * np.linspace(0.9, 1.1, z.shape[1])).astype(np.float32)  # as if widths were predicted otherwise
+    assert memory_gain_at_own_widths(likelihood, uneven, mixture, part, 0.8) == pytest.approx(found, rel=2e-3)
+
+    alone = mixture.of_main(mixture.weight) > 0.9995 * mixture.weight[0].sum(axis=0)
+    u = z[:, alone] - z[:, alone].mean(axis=0)
+    u = u - u.mean(axis=1, keepdims=True)
+    n, gap = len(u), np.abs(np.arange(len(u))[:, None] - np.arange(len(u)))
+    wanted = 0.0
+    for own, camera in zip(u.T, attenuation(mixture)[alone], strict=True):
+        matrix = camera * 0.8**gap + (1 - camera) * np.eye(n)
+        wanted += 0.5 * (n * np.log(own @ own / (own @ np.linalg.solve(matrix, own))) - np.linalg.slogdet(matrix)[1])
+    assert found == pytest.approx(wanted, rel=0.02)  # the first frame is given
 
 
 @pytest.mark.slow

@@ -12,7 +12,6 @@ from support.search_tasks import MakeTask
 
 from tofmix.reconciliation.one.fitted_set import FittedSet
 from tofmix.reconciliation.one.recordings import SearchTask
-from tofmix.reconciliation.one.tenths import scatter_of_tenths
 from tofmix.simulation.effects.hidden import PatternSpreads, PixelBias
 
 OFFSET = MAKE["range_offset"](offset_mm=4.0)
@@ -100,16 +99,29 @@ def test_errors_of_the_noise_are_integrated_out(make_task: MakeTask) -> None:
     assert found == pytest.approx(values[0] - values[1], rel=0.05)
 
 
-@pytest.mark.parametrize("correlated", [1.0, 2.5])
-def test_scatter_of_tenths_is_the_factor_on_the_variance_of_means(correlated: float) -> None:
-    rng = np.random.default_rng(1)
-    information = rng.uniform(0.5, 2.0, (10, 4000))
-    noise = rng.normal(size=information.shape) * np.sqrt(correlated / information)
-    surface = np.arange(4000) % 3
-    course = np.linspace(0, 5, 10)[:, None] * surface  # a surface may move, and each pixel has a bias of its own
-    found = scatter_of_tenths(noise + course + rng.normal(0, 9, 4000), information, surface)
-    assert found == pytest.approx(correlated, rel=0.03)
-    assert scatter_of_tenths(noise[:, :2], information[:, :2], surface[:2]) is None
+def test_a_memory_close_to_none_adds_little_more_than_its_gain(make_task: MakeTask) -> None:
+    """At 0.01 the noise of a mean grows by two hundredths: no evidence comes of that."""
+    task = make_task(("temporal_correlation",), OFFSET)
+    null = FittedSet.without_effects(task).fit()
+    small = FittedSet(task=task, linked=(MAKE["temporal_correlation"](coefficient=0.01),))
+    small.settle_errors(final=True)
+    gain = small.log_likelihood(small.x, final=True) - null.log_likelihood(null.x, final=True)
+    assert small.memory_nats is not None
+    assert gain == pytest.approx(small.memory_nats, abs=1.0)
+
+
+def test_density_with_a_memory_is_the_same_wherever_it_is_expanded(make_task: MakeTask) -> None:
+    memory = MAKE["temporal_correlation"](coefficient=0.8)
+    task = make_task(("excess_noise", "temporal_correlation"), memory)
+    law = next(law for law in task.laws if law.kind.kind == "excess_noise")
+    one, other = (law.vector_of(MAKE["excess_noise"](factor=f)) for f in (1.03, 0.98))
+    values = []
+    for about in (one, other):
+        s = FittedSet(task=task, laws=(law,), x=about, linked=(memory,))
+        s.settle_errors(final=True)
+        values.append(s.log_likelihood(one, final=True))
+    # a nat a pixel of each unit of log sigma would be 0.05 nats a pixel
+    assert values[0] == pytest.approx(values[1], abs=0.004 * task.lit.size)
 
 
 def test_a_set_with_numbers_of_no_camera_is_refused(make_task: MakeTask) -> None:

@@ -241,6 +241,11 @@ class _Noise:
         """Gain, nats, by the samples before in the prediction of each sample."""
         return float(_gain(self.u, coefficient, self.camera, self.random.share, self.random.density, self.scored))
 
+    def gain_at_own_widths(self, coefficient: float) -> float:
+        """The same with the noise of each pixel as wide as is most likely, with a memory and without one."""
+        own = _own_gain(self.u, coefficient, self.camera, self.random.share, self.random.density, self.scored)
+        return float(own)
+
 
 def _noises(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part) -> list[_Noise]:
     """The noise of each recording in the part's pixels; scored samples are in its frames and have a frame before."""
@@ -284,6 +289,13 @@ def fit_memory(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: 
 def memory_gain(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part, coefficient: float) -> float:
     """Gain, nats, by earlier frames in the prediction of a part's samples."""
     return sum(n.gain(coefficient) for n in _noises(likelihood, z, mixture, part))
+
+
+def memory_gain_at_own_widths(
+    likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part, coefficient: float
+) -> float:
+    """As `memory_gain`, with the noise of each pixel as wide as is most likely: it depends on no predicted width."""
+    return sum(n.gain_at_own_widths(coefficient) for n in _noises(likelihood, z, mixture, part))
 
 
 def memory_left(likelihood: Likelihood, state: ModelState, coefficient: float, seed: int) -> float:
@@ -382,6 +394,40 @@ def _gain(
             if not math.isnan(x):
                 at, spread = _told(x, at, spread, camera[p], share[p], density[p])
             at, spread = coefficient * at, coefficient * coefficient * spread + 1 - coefficient * coefficient
+    return total
+
+
+@jit
+def _own_gain(
+    u: FloatArray, coefficient: float, camera: FloatArray, share: FloatArray, density: FloatArray, scored: BoolArray
+) -> float:
+    """As `_gain`, at the most likely width of each pixel, with a memory and without one.
+
+    n samples of width s whose squares add up to s^2 S have the log-likelihood -n log s - S / 2, with its top at
+    s^2 = S / n, so that the gain is n log(S / Q) / 2, less the logarithms of the predictions' widths, if Q are the
+    squares about the predictions. A sample counts by the probability that it is noise.
+    """
+    pixels, frames = u.shape
+    total = 0.0
+    for p in range(pixels):
+        stray = share[p] * density[p] * _ROOT_TWO_PI
+        at, spread, count, bare, held, widths = 0.0, 1.0, 0.0, 0.0, 0.0, 0.0
+        for t in range(frames):
+            x = u[p, t]
+            if scored[p, t]:
+                width = camera[p] * spread + 1 - camera[p]
+                off = x - math.sqrt(camera[p]) * at
+                likely = (1 - share[p]) * math.exp(-0.5 * off * off / width) / math.sqrt(width)
+                noise = likely / (likely + stray) if share[p] > 0 else 1.0
+                count += noise
+                bare += noise * x * x
+                held += noise * off * off / width
+                widths += noise * math.log(width)
+            if not math.isnan(x):
+                at, spread = _told(x, at, spread, camera[p], share[p], density[p])
+            at, spread = coefficient * at, coefficient * coefficient * spread + 1 - coefficient * coefficient
+        if bare > _LEAST_POWER * count and held > _LEAST_POWER * count:
+            total += 0.5 * (count * math.log(bare / held) - widths)
     return total
 
 

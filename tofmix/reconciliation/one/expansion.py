@@ -187,7 +187,7 @@ class Expansion:
             Most expansions about other log widths, where samples are too far for those of the start.
         """
         mixture = task.likelihood.mixture(state)
-        over = overstated(task, state, mixture, bias_mm)
+        over = overstated(task, state, mixture)
         image = task.likelihood.evidence.image
         for _ in range(passes):
             at = bias_mm
@@ -258,13 +258,17 @@ class Expansion:
         told = np.where(0.5 * slope**2 > FAR_NATS * told, np.maximum(told, now), told)
         step = slope / told
         by_bias = float((slope * step).sum()) - self.errors.square(self.bias_mm + step) - self.errors.logdet
-        by_bias += 2 * float((self._mean_taken * wider).sum())
+        by_bias += 2 * float((self.used * wider).sum())  # a wider noise explains more of the biases, and less is told
         return samples + 0.5 * (by_bias + self._by_width(wider)), samples
 
     def _by_width(self, wider: FloatArray) -> float:
-        """Twice the log density that is gained by log widths, where the noise is predicted wider."""
+        """Twice the log density that is gained by log widths, where the noise is predicted wider.
+
+        A pixel's mean has one density, of one degree of freedom, whatever memory takes from the squares about it.
+        """
         change = _top(self._square * np.exp(-2 * wider), self._count)
-        gain = float((self._count * (np.expm1(2 * change) - 2 * change)).sum())
+        by_squares = self._count * (np.expm1(2 * change) - 2 * change)
+        gain = float((by_squares - 2 * np.maximum(self._mean_taken - 1.0, 0.0) * change).sum())
         return gain - self.widths.square(_unbiased(self.log_width + change, self.widths)) - self.widths.logdet
 
     def without_model_errors(self) -> tuple["Expansion", float]:

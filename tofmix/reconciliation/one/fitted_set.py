@@ -19,7 +19,7 @@ from tofmix.reconciliation.ledger import Named
 from tofmix.reconciliation.likelihood import hidden_fits
 from tofmix.reconciliation.likelihood.beats import FrameNoise, of_unknown_phase
 from tofmix.reconciliation.likelihood.likelihood import ModelState, forward
-from tofmix.reconciliation.likelihood.memory import fit_memory, memory_gain, memory_of
+from tofmix.reconciliation.likelihood.memory import fit_memory, memory_gain_at_own_widths, memory_of
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.one.coordinates import Key, Law, key_of_state
 from tofmix.reconciliation.one.expansion import Expansion
@@ -256,13 +256,17 @@ class FittedSet:
         return total + unsure, disturbed
 
     def _memory_gain(self, state: ModelState, mixture: Mixture) -> float:
-        """Log density of the scores as AR(1) over that of independent ones, each pixel's own bias given."""
+        """Log density of the scores as AR(1) over that of independent ones, each pixel's own bias and width given.
+
+        The density of independent samples is taken at each pixel's own width, and the widths' errors count by what a
+        memory leaves of their information. If the gain depended on predicted widths, they would count twice.
+        """
         task, coefficient = self.task, memory_of(state)
         if not coefficient:
             return 0.0
         known = replace(state, pixel_bias=self.beta.mean(axis=0))
         z = task.likelihood.scores(known, task.part, task.settings.seed, mixture)
-        return memory_gain(task.likelihood, z, mixture, task.part, coefficient)
+        return memory_gain_at_own_widths(task.likelihood, z, mixture, task.part, coefficient)
 
     def _refit_memory(self) -> None:
         """Fit the coefficient of a memory again: other members change the scores."""
@@ -509,7 +513,7 @@ class FittedSet:
 
     def summary(self) -> Summary:
         """Summarise the samples about the set; a pattern's values are a part of the biases."""
-        return Summary.of(self.task, self.state(), self.beta)
+        return Summary.of(self.task, self.state())
 
 
 def _correlations(hessian: FloatArray) -> FloatArray:

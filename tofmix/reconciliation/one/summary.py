@@ -47,18 +47,16 @@ class Summary:
     width_information: FloatArray
 
     @classmethod
-    def of(cls, task: SearchTask, state: ModelState, error_mm: FloatArray) -> "Summary":
+    def of(cls, task: SearchTask, state: ModelState) -> "Summary":
         """Summarise the samples about a state; a pattern's values are a part of the biases.
 
         Parameters
         ----------
         task, state
             The recordings, and the model.
-        error_mm : (recording, pixel) float64
-            Static errors by which a memory of the noise is judged.
         """
         mixture = task.likelihood.mixture(state)
-        over = overstated(task, state, mixture, error_mm)
+        over = overstated(task, state, mixture)
         bias, information, gain = _biases(task, state, mixture)
         # far from the model the log-likelihood is no parabola; one of its height has less information
         high = 0.5 * bias**2 * information

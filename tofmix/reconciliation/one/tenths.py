@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.arrays import BoolArray, FloatArray
 from tofmix.reconciliation.likelihood.likelihood import ModelState, Part
 from tofmix.reconciliation.likelihood.memory import inflation, memory_of
 from tofmix.reconciliation.likelihood.mixture import Mixture
@@ -11,8 +11,6 @@ from tofmix.reconciliation.one.static_errors import LEAST_INFORMATION
 
 _NUDGE = 0.3  # of sigma, for slopes of quantised samples
 _LEAST = 0.05  # of the information of independent samples, below which quantised samples tell nothing of a bias
-_ALTERNATIONS = 4  # of means of pixels and of surfaces
-_LEAST_SCATTER = 0.1  # of tenths, over that of independent samples
 
 
 def biases_by_tenth(
@@ -54,19 +52,11 @@ def _slope_of(
     return here[:, 1], np.where(exact > _LEAST * here[:, 2], exact, 0.0)
 
 
-def overstated(task: SearchTask, state: ModelState, mixture: Mixture, bias_mm: FloatArray) -> FloatArray:
+def overstated(task: SearchTask, state: ModelState, mixture: Mixture) -> FloatArray:
     """Factor (recording, pixel) by which independent samples would overstate the information about a bias."""
     if not memory_of(state):
         return np.ones(task.lit.shape)
-    out = np.stack([inflation(task.likelihood, mixture, state, r.part) for r in task.recordings])
-    # of quantised samples the coefficient says too little, so the scatter of tenths has the last word
-    bias, told = biases_by_tenth(task, state, mixture, bias_mm, task.single & state.working)
-    for number, recording in enumerate(task.recordings):
-        used = task.single[number] & (told[:, number] > 0).all(axis=0)
-        scatter = scatter_of_tenths(bias[:, number, used], told[:, number, used], recording.surface[used])
-        if scatter is not None:
-            out[number] *= max(scatter, _LEAST_SCATTER) / float(out[number][used].mean())
-    return out
+    return np.stack([inflation(task.likelihood, mixture, state, r.part) for r in task.recordings])
 
 
 def overstated_width(of_bias: FloatArray) -> FloatArray:
@@ -76,32 +66,3 @@ def overstated_width(of_bias: FloatArray) -> FloatArray:
     (1 + rho^2) / (1 - rho^2).
     """
     return (of_bias**2 + 1.0) / (2.0 * of_bias)
-
-
-def scatter_of_tenths(bias_mm: FloatArray, information: FloatArray, surface: IntArray) -> float | None:
-    """Mean square of biases of tenths about their pixel's mean and their surface's course, over that of noise.
-
-    Parameters
-    ----------
-    bias_mm, information : (tenth, pixel) float64
-        Biases, and their information by independent samples.
-    surface : (pixel,) int64
-        Surface of each pixel.
-
-    Returns
-    -------
-    float or None
-        1 for independent samples; None if there are not enough tenths or pixels.
-    """
-    tenths, pixels = bias_mm.shape
-    surfaces = np.unique(surface)
-    free = (tenths - 1) * (pixels - surfaces.size)
-    if free <= 0:
-        return None
-    away = bias_mm
-    for _ in range(_ALTERNATIONS):  # of both means: weights differ
-        away = away - (away * information).sum(axis=0) / information.sum(axis=0)
-        for number in surfaces:
-            own = surface == number
-            away[:, own] -= ((away * information)[:, own].sum(axis=1) / information[:, own].sum(axis=1))[:, None]
-    return float((away**2 * information).sum() / free)
