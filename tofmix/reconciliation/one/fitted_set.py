@@ -364,6 +364,8 @@ class FittedSet:
         sd = self._prior_sd(x)
         steps = np.minimum(1.0 / np.sqrt(np.maximum(np.diag(self.hessian), 1e-12)), sd)
         unit = _correlations(self.hessian)
+        if not x.size:
+            self._fit_pattern_alone()
         for turn in range(_TURNS if x.size else 0):
             slope, curve, steps = self._slopes(x, here, steps, sd)
             if turn >= _FULL_HESSIAN:
@@ -433,6 +435,15 @@ class FittedSet:
     def _prior_sd(self, x: FloatArray) -> FloatArray:
         _, precision = self._prior_precision(x)
         return np.asarray(1.0 / np.sqrt(np.maximum(np.diag(precision), 1e-12)))
+
+    def _fit_pattern_alone(self) -> None:
+        """Fit the spreads of a set without numbers: biases far from the model are reached in some steps."""
+        here = -math.inf
+        for _ in range(_TURNS):
+            again, there = self._refit_pattern(self.x), self.log_likelihood(self.x)
+            if not again and there - here < _AGAIN_NATS:
+                return
+            here = there
 
     def _refit_pattern(self, x: FloatArray) -> bool:
         """Fit the pattern's spreads to the biases about `x`; whether one has changed by more than a tenth."""
