@@ -400,7 +400,7 @@ class FittedSet:
             held = np.setdiff1d(np.arange(x.size), free)
             pull = rise[free] - whole[np.ix_(free, held)] @ move[held]
             move[free] = np.linalg.solve(whole[np.ix_(free, free)], pull)
-            parts = {k: self._part_within(x, k, move[k] * steps[k]) for k in free}
+            parts = {k: self._part_within(x, int(k), move[k] * steps[k]) for k in free}
             out = [k for k in free if parts[k] < 1]
             if not out:
                 break
