@@ -371,10 +371,13 @@ class FittedSet:
             if turn >= _FULL_HESSIAN:
                 unit = _correlations(self._curvature(x, steps, slope, curve, here))
             self.hessian = unit * np.sqrt(curve)[:, None] * np.sqrt(curve) / steps[:, None] / steps
-            move, expected = self._newton(x, slope, steps)
+            move, within, expected = self._newton(x, slope, steps)
             if here + 4 * expected + self._offset < hopeless:
                 break
-            x, there = self._climbed(x, here, move) if expected > _ENOUGH_NATS else (x, here)
+            there = here
+            for way in (move, within) if expected > _ENOUGH_NATS else ():
+                if there <= here:  # where the whole step leaves bounds, numbers that do not may gain
+                    x, there = self._climbed(x, here, way)
             gained, here = there - here, there
             if gained < _ENOUGH_NATS:
                 if not again:
@@ -387,30 +390,35 @@ class FittedSet:
         self.finish()
         return self
 
-    def _newton(self, x: FloatArray, slope: FloatArray, steps: FloatArray) -> tuple[FloatArray, float]:
-        """The step to the top of the parabola, and how many nats it is expected to gain.
+    def _newton(self, x: FloatArray, slope: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+        """The step to the top of the parabola, the same within bounds, and how many nats it is expected to gain.
 
-        A number that it would take out of its bounds goes at least half of the way to its bound, and the others go to
-        the top beside it.
+        A number that leaves its bounds goes at least half of the way to its bound, and the others go to the top beside
+        it.
         """
         _, precision = self._prior_precision(x)
         whole = (_positive(self.hessian) + precision) * steps[:, None] * steps
         rise = slope + self._prior_slope(x, steps)
+        top = np.linalg.solve(whole, rise)
+        far = self._times_prior(x, top * steps)
         move, free = np.zeros(x.size), np.arange(x.size)
         while free.size:
             held = np.setdiff1d(np.arange(x.size), free)
             pull = rise[free] - whole[np.ix_(free, held)] @ move[held]
             move[free] = np.linalg.solve(whole[np.ix_(free, free)], pull)
-            parts = {k: self._part_within(x, k, move[k] * steps[k]) for k in free}
+            parts = {k: self._part_within(x, int(k), move[k] * steps[k]) for k in free}
             out = [k for k in free if parts[k] < 1]
             if not out:
                 break
             for k in out:
                 move[k] *= parts[k]
             free = np.setdiff1d(free, out)
-        # where the log density is no parabola, a step may be as long as nothing that the prior has
-        far = float((np.abs(move * steps) / self._prior_sd(x)).max(initial=0.0))
-        return np.asarray(move * steps) / max(far, 1.0), float(rise @ move - 0.5 * move @ whole @ move) / max(far, 1.0)
+        move *= steps
+        return top * steps / far, move / self._times_prior(x, move), 0.5 * float(rise @ top) / far
+
+    def _times_prior(self, x: FloatArray, move: FloatArray) -> float:
+        """How many times as long as all that the prior has a step is, at least 1: there, no parabola holds."""
+        return max(float((np.abs(move) / self._prior_sd(x)).max(initial=0.0)), 1.0)
 
     def _part_within(self, x: FloatArray, number: int, step: float) -> float:
         """The part of a step of one number that is within its bounds: a power of 1/2, or 0."""
