@@ -34,7 +34,7 @@ def test_closing_step_finds_the_neighbour_that_is_better(make_task: MakeTask) ->
 def _set(evidence: float, *kinds: str, score: float | None = None, named: bool = True) -> Any:  # noqa: ANN401
     names = frozenset((kind, "") for kind in kinds)
     own = evidence - 8 * len(kinds) if score is None else score
-    return SimpleNamespace(names=names, keys=names, evidence=evidence, score=own, named=named, laws=())
+    return SimpleNamespace(names=names, keys=names, evidence=evidence, score=own, named=named, laws=(), x=np.zeros(0))
 
 
 def test_aliases_are_within_four_nats_and_neither_part_nor_extension() -> None:

@@ -53,7 +53,7 @@ def test_scale_that_is_off_by_1_percent_is_a_law_of_range(model: Model) -> None:
 
 @pytest.mark.slow
 def test_bias_that_rises_from_column_to_column_is_no_pattern(model: Model) -> None:
-    """The bias is faint: the price of a law of six numbers exceeds its gain."""
+    """The bias is faint: a law of six numbers is less likely than a pattern, a plane is more likely."""
     evidence = recorded(model)
     cols = evidence.image[1]
     slope = 4.0 * (np.arange(evidence.shape[1]) % cols / cols - 0.5)

@@ -229,8 +229,13 @@ def laws(kinds: Sequence[str], search: SearchFacts, form: FormFacts, taken: set[
             continue
         problems = [(surface_of(p), p) for p in problems_from(effect, search)]
         yield from _of_kind(effect, [(s, p) for s, p in problems if s is not None and (kind, s) not in taken], forms)
-    for axis, problem, linear in unnamed_laws(search.sigma_mm):
-        yield Law(kind=Unnamed, surface=axis, variant=0, problem=problem, forms=(linear,), price_nats=0.0)
+    unnamed = list(unnamed_laws(search.sigma_mm))
+    of_axis = Counter(axis for axis, _, _ in unnamed)
+    number: Counter[str] = Counter()
+    for axis, problem, linear in unnamed:
+        price = math.log(of_axis[axis])
+        yield Law(kind=Unnamed, surface=axis, variant=number[axis], problem=problem, forms=(linear,), price_nats=price)
+        number[axis] += 1
 
 
 def surface_of(problem: Problem) -> str | None:

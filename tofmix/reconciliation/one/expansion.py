@@ -208,7 +208,7 @@ class Expansion:
         square = square - slope * np.where(used, slope / np.maximum(information, LEAST_INFORMATION), 0.0)
         count = count - mean_taken
         some = used & (count > 0) & (square > 0)
-        # many sigma away samples count as outliers, and have no parabola: a step by the expected information leads there
+        # many sigma away samples count as outliers and have no parabola: the expected information leads there
         independent = information * np.exp(2 * log_sigma(task, mixture)) - mean_taken
         far = used & ~some & (up > down) & (independent > 0) & (task.width_variance.reshape(used.shape) > 0)
         count = np.where(far, independent, count)

@@ -19,8 +19,9 @@ from tofmix.simulation.effects.search import Coefficient, LinearForm, Problem
 
 _SPREAD_MM = 25.0  # of a coefficient: as large as an offset of a camera
 _MIDDLE_MM, _UNIT_MM = 2500.0, 1000.0  # of range, so that coefficients are biases within a room
-AXES: dict[str, int] = {"place": 6, "range": 3}
-"""Axes, each with its number of coefficients."""
+PLACE, RANGE = "place in the image", "range"
+LAWS = ((PLACE, 3), (PLACE, 6), (RANGE, 3))
+"""Axes, each with a number of coefficients: over the image a plane, or a curved surface."""
 
 _PRIOR = StudentPrior(scale=_SPREAD_MM)
 
@@ -47,7 +48,7 @@ class Unnamed(Effect):
 
     def explain(self) -> str:
         """One sentence."""
-        return f"the bias is a smooth function of {'range' if self.over_range else 'place in the image'}"
+        return f"the bias is a smooth function of {RANGE if self.over_range else PLACE}"
 
     def act(self, echoes: Echoes, context: Context) -> None:
         """Add the bias."""
@@ -63,12 +64,12 @@ class Unnamed(Effect):
 
 
 def _made(axis: str, unit_mm: float, x: FloatArray) -> Unnamed:
-    return Unnamed(over_range=float(axis == "range"), **{f"c{k}_mm": float(v) * unit_mm for k, v in enumerate(x)})
+    return Unnamed(over_range=float(axis == RANGE), **{f"c{k}_mm": float(v) * unit_mm for k, v in enumerate(x)})
 
 
 def unnamed_laws(sigma_mm: float) -> Iterator[tuple[str, Problem, LinearForm]]:
     """Each axis with its search, in sigma, and its linear form."""
-    for axis, size in AXES.items():
+    for axis, size in LAWS:
         problem = Problem(make=partial(_made, axis, sigma_mm), starts=((0.0,) * size,), steps=(0.3,) * size)
         small = (partial(_made, axis, 1.0)(sigma_mm * row) for row in np.eye(size))
         coefficients = tuple(Coefficient(effect=e, size=sigma_mm, spread=_SPREAD_MM) for e in small)
