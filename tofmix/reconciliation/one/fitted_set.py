@@ -364,8 +364,7 @@ class FittedSet:
         sd = self._prior_sd(x)
         steps = np.minimum(1.0 / np.sqrt(np.maximum(np.diag(self.hessian), 1e-12)), sd)
         unit = _correlations(self.hessian)
-        if not x.size:
-            self._fit_pattern_alone()
+        self._fit_pattern_alone()
         for turn in range(_TURNS if x.size else 0):
             slope, curve, steps = self._slopes(x, here, steps, sd)
             if turn >= _FULL_HESSIAN:
@@ -447,7 +446,7 @@ class FittedSet:
     def _fit_pattern_alone(self) -> None:
         """Fit the spreads of a set without numbers: biases far from the model are reached in some steps."""
         here = -math.inf
-        for _ in range(_TURNS):
+        for _ in range(0 if self.x.size else _TURNS):
             again, there = self._refit_pattern(self.x), self.log_likelihood(self.x)
             if not again and there - here < _AGAIN_NATS:
                 return
