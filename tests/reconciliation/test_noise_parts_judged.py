@@ -40,13 +40,7 @@ def outcome(
     return reconcile(model, evidence, Settings(kinds=kinds))
 
 
-COUPLED = pytest.mark.xfail(
-    reason="bias and width of a skewed shape have information in common; the score takes them as independent",
-    strict=True,
-)
-
-
-@pytest.mark.parametrize("name", [pytest.param(name, marks=COUPLED if name == "all" else ()) for name in PARTS])
+@pytest.mark.parametrize("name", PARTS)
 def test_recording_agrees_with_a_model_that_has_its_noise(small: Model, name: str) -> None:
     has = with_noise(small, **PARTS[name])
     result = outcome(has, has)
@@ -127,7 +121,6 @@ def test_widths_are_found_with_their_errors(small: Model, name: str) -> None:
     assert np.corrcoef(state.log_width[0], true)[0, 1] > 0.8
 
 
-@COUPLED
 def test_two_recordings_have_separate_widths_and_agree(small: Model) -> None:
     has = with_noise(small, **PARTS["all"])
     other = replace(has, surfaces=has.surfaces[1:])

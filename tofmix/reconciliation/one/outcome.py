@@ -14,7 +14,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.comparison.compare import Compared, compare
 from tofmix.reconciliation.found import Added, TriedEffect
-from tofmix.reconciliation.ledger import ALIAS_NATS, Ledger, WeighedSet, name_of_effect
+from tofmix.reconciliation.ledger import ALIAS_NATS, Ledger, Named, WeighedSet, name_of_effect
 from tofmix.reconciliation.likelihood import hidden_fits
 from tofmix.reconciliation.likelihood.hidden_states import SLACK, latent_states, without
 from tofmix.reconciliation.likelihood.joint import Recording, joint_likelihood, views
@@ -319,12 +319,12 @@ def considered(found: FoundSets, best: FittedSet) -> tuple[WeighedSet, ...]:
         return WeighedSet(names=tuple(sorted(s.names)), evidence_nats=nats, why_not=why_not, is_alias=is_alias)
 
     seen = {best.names, *(s.names for s in near)}
-    others = []
+    of_names: dict[frozenset[Named], FittedSet] = {}  # of one kind's forms the best that can be
     fitted = (s for s in found.table.values() if s.named and np.isfinite(s.evidence))
-    for s in sorted(fitted, key=lambda s: -s.evidence):
+    for s in sorted(fitted, key=lambda s: (bool(s.refused), -s.evidence)):
         if s.names not in seen and not s.names > best.names:
-            seen.add(s.names)
-            others.append(s)
+            of_names.setdefault(s.names, s)
+    others = sorted(of_names.values(), key=lambda s: -s.evidence)
     alike = "cannot be told apart"
     return (
         of(best, None),
