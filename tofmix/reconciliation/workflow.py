@@ -29,6 +29,7 @@ from tofmix.reconciliation.likelihood.memory import (
     predicted_noise,
 )
 from tofmix.reconciliation.one import outcome
+from tofmix.reconciliation.one.steps_kernel import DistinctValues, by_values
 from tofmix.reconciliation.parameters.pattern_errors import latent_errors
 from tofmix.reconciliation.parameters.polish import numbers_of
 from tofmix.reconciliation.parameters.standard_errors import standard_errors
@@ -63,7 +64,9 @@ def warm_up(model: Model) -> None:
     state, mixture = likelihood.start(), likelihood.scene.mixture()
     everything = np.arange(_FRAMES), np.arange(36)
     likelihood.sums(mixture, state, everything)
-    likelihood.sums(replace(mixture, step=7.0), state, everything)  # a lattice: sample by sample
+    stepped = replace(mixture, step=7.0)
+    likelihood.sums(stepped, state, everything)  # a lattice: sample by sample
+    by_values(DistinctValues.of(likelihood.evidence.samples), stepped, np.zeros(36))
     likelihood.scores(state, everything, 1)
     fit_bursts(likelihood, mixture, state, everything)
     alike = RandomValues(share=np.zeros(36), below=np.zeros(36), density=np.ones(36))
