@@ -311,7 +311,7 @@ def _only_hidden(s: FittedSet) -> Effect:
 
 def considered(found: FoundSets, best: FittedSet) -> tuple[WeighedSet, ...]:
     """The best set, its aliases, and the best others, each with the reason why it is not the answer."""
-    nothing = found.table[frozenset()].evidence
+    nothing, price_nats = found.table[frozenset()].evidence, found.task.price_nats
     near = found.aliases(best)
 
     def of(s: FittedSet, why_not: str | None, *, is_alias: bool = False) -> WeighedSet:
@@ -328,20 +328,14 @@ def considered(found: FoundSets, best: FittedSet) -> tuple[WeighedSet, ...]:
     alike = "cannot be told apart"
     return (
         of(best, None),
-        *(of(s, f"{alike}: {_less(s.evidence - best.evidence)}", is_alias=True) for s in near),
-        *(of(s, s.refused or _why(s, best, found.task.price_nats)) for s in others[:OTHERS]),
+        *(of(s, f"{alike}: {_why(s, best, price_nats)}", is_alias=True) for s in near),
+        *(of(s, s.refused or _why(s, best, price_nats)) for s in others[:OTHERS]),
     )
 
 
 def _why(s: FittedSet, best: FittedSet, price_nats: float) -> str:
-    more = len(s.keys) - len(best.keys)
-    if s.evidence > best.evidence and more > 0:
-        return (
-            f"{s.evidence - best.evidence:.0f} nats more likely, by {more} more, at a price of {more * price_nats:.0f}"
-        )
-    return _less(s.evidence - best.evidence)
-
-
-def _less(nats: float) -> str:
+    """How much more or less likely a set is than the best one, and what its further effects cost."""
+    nats, more = s.evidence - best.evidence, len(s.keys) - len(best.keys)
     size = f"{abs(nats):.1f}" if abs(nats) < 10 else f"{abs(nats):,.0f}"  # noqa: PLR2004  two digits are enough
-    return f"{size} nats {'more' if nats > 0 else 'less'} likely"
+    price = f", by {more} more, at a price of {more * price_nats:.0f}" if nats > 0 and more > 0 else ""
+    return f"{size} nats {'more' if nats > 0 else 'less'} likely{price}"

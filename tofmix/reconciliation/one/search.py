@@ -117,12 +117,16 @@ class FoundSets:
         return out
 
     def aliases(self, best: FittedSet) -> list[FittedSet]:
-        """Sets within `ALIAS_NATS` of the evidence of the best one, none a part or extension of another, best first."""
+        """Sets within `ALIAS_NATS` of the evidence of the best one, none a part or extension of another, best first.
+
+        Of one kind's forms the best stands for all.
+        """
         least = best.evidence - ALIAS_NATS
         near = [s for s in self.table.values() if s.named and math.isfinite(s.score) and s.evidence > least]
         near = [s for s in near if s is not best and not s.names <= best.names and not s.names > best.names]
         near = [s for s in near if not any(o.names < s.names for o in near)]
-        return sorted(near, key=lambda s: -s.evidence)[:MOST_ALIASES]
+        of_names = {s.names: s for s in sorted(near, key=lambda s: s.evidence)}
+        return sorted(of_names.values(), key=lambda s: -s.evidence)[:MOST_ALIASES]
 
 
 def begun(
