@@ -94,6 +94,7 @@ class FittedSet:
     started: float | None = None
     about: Expansion | None = None
     memory_nats: float | None = None
+    below_top_nats: float = math.inf
     _offset: float = 0.0
 
     @classmethod
@@ -359,6 +360,7 @@ class FittedSet:
         if not math.isfinite(self.at_start) or self.started is None or self.hessian is None:
             self.refused = self.refused or "cannot have these numbers"
             return self
+        self.below_top_nats = 0.0
         x, here = self.x.copy(), self.started
         again = self.pattern is not None
         sd = self._prior_sd(x)
@@ -372,6 +374,7 @@ class FittedSet:
             self.hessian = unit * np.sqrt(curve)[:, None] * np.sqrt(curve) / steps[:, None] / steps
             move, within, expected = self._newton(x, slope, steps)
             if here + 4 * expected + self._offset < hopeless:
+                self.below_top_nats = 4 * expected
                 break
             there = here
             for way in (move, within) if expected > _ENOUGH_NATS else ():

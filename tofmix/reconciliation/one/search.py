@@ -7,7 +7,7 @@ unnamed laws among them) that may be as good is fitted too, until none is better
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import chain
 
@@ -17,7 +17,7 @@ from tofmix.reconciliation.ledger import ALIAS_NATS, Ledger
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.one.coordinates import Key
 from tofmix.reconciliation.one.fitted_set import FittedSet
-from tofmix.reconciliation.one.proposals import About, Columns, Proposal, by_trial
+from tofmix.reconciliation.one.proposals import INEXACT, About, Columns, Proposal, by_trial
 from tofmix.reconciliation.one.recordings import SearchTask
 from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.verification.aliases import MOST_ALIASES
@@ -89,11 +89,17 @@ class FoundSets:
         for _, p, s in sorted(begun, key=lambda b: -b[0]):
             if self.ledger.ends():
                 return
-            more = max(len(s.keys) - len(self.best.keys), 0)  # an alias may be larger
-            s.fit(hopeless=self.best.score - ALIAS_NATS - more * self.task.price_nats)
+            s.fit(hopeless=self._least(s))
             self.table[p.keys] = s
             self.weigh(s)
             self.tick(share)
+
+    def _least(self, s: FittedSet) -> float:
+        """The least score of a set that is worth a fit: that of the best set, or of an alias, which may be larger."""
+        best = self.best
+        if s.names >= best.names or s.names < best.names:  # of the same effects, a part or an extension: no alias
+            return best.score
+        return best.score - ALIAS_NATS - max(len(s.keys) - len(best.keys), 0) * self.task.price_nats
 
     def weigh(self, s: FittedSet) -> None:
         """Enter a set of named effects into the ledger."""
@@ -231,15 +237,34 @@ def closed(found: FoundSets, about: Callable[[FittedSet], About]) -> None:
         size = len(best.keys)
         around = about(best)
         sizes = (k for k in (size - 1, size, size + 1) if 0 < k <= most)
-        proposals = chain(
-            chain.from_iterable(around.sets(k, unnamed=True) for k in sizes), by_trial(best) if size < most else ()
-        )
+        linear = chain.from_iterable(around.sets(k, unnamed=True) for k in sizes)
+        proposals = chain(_from_fitted(found, linear), by_trial(best) if size < most else ())
 
         def as_good(p: Proposal, best: FittedSet = best) -> bool:
-            if p.keys > best.keys or any(key in unnamed for key in p.keys):
+            if p.names >= best.names or p.names < best.names or any(key in unnamed for key in p.keys):  # no alias
                 return p.predicted + p.slack > best.score
             return p.predicted + p.slack + task.price_nats * len(p.keys) > best.evidence - ALIAS_NATS
 
         found.fit_best(proposals, as_good)
         if found.best is best or found.ledger.ends():
             return
+
+
+def _from_fitted(found: FoundSets, proposals: Iterable[Proposal]) -> Iterator[Proposal]:
+    """Proposals about one set, each told from the fitted set of one member fewer that tells it best.
+
+    What a member changes is predicted better than what a whole set does.
+    """
+    nearest: dict[frozenset[Key], Proposal] = {}
+    for p in proposals:
+        if p.keys not in nearest or p.near > nearest[p.keys].near:
+            nearest[p.keys] = p
+    for p in nearest.values():
+        told = [p]
+        for t in (p.keys - {key} for key in p.keys):
+            s = found.table.get(t)
+            if s is not None and t in nearest and math.isfinite(s.score):
+                gain = p.predicted - nearest[t].predicted
+                top, slack = s.score + gain, INEXACT * abs(gain) + s.below_top_nats
+                told.append(replace(p, predicted=top, slack=slack, near=(p.near[0], top)))
+        yield min(told, key=lambda one: one.slack)
