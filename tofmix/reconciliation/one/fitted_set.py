@@ -319,6 +319,11 @@ class FittedSet:
         forms = sum(key_of_state(effect)[2] for effect in self.linked)
         return self.task.price_nats * len(self.keys) + sum(law.price_nats for law in self.laws) + EFFECT_NATS * forms
 
+    @property
+    def score_anyhow(self) -> float:
+        """The score, also of a set that cannot be."""
+        return self.evidence - self._members_price
+
     def begin(self) -> float:
         """The score at the start, with the volume of the linear model; minus infinity if it is out of bounds."""
         try:
@@ -528,7 +533,7 @@ class FittedSet:
             return
         here = self.log_likelihood(self.x, final=True)
         self.evidence = here + relative - self._occam(precision) - self.price_of_states
-        self.score = self.evidence - self._members_price
+        self.score = self.score_anyhow
         if bad is not None:
             self.refused, self.score = f"{_spoken(bad[0])} {bad[1]}", -math.inf
 

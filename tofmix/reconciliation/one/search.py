@@ -241,6 +241,8 @@ def closed(found: FoundSets, about: Callable[[FittedSet], About]) -> None:
         proposals = chain(_from_fitted(found, linear), by_trial(best) if size < most else ())
 
         def as_good(p: Proposal, best: FittedSet = best) -> bool:
+            if p.names > best.names and not p.keys > best.keys:  # other forms as good were extended about themselves
+                return False
             if p.names >= best.names or p.names < best.names or any(key in unnamed for key in p.keys):  # no alias
                 return p.predicted + p.slack > best.score
             return p.predicted + p.slack + task.price_nats * len(p.keys) > best.evidence - ALIAS_NATS
@@ -263,8 +265,8 @@ def _from_fitted(found: FoundSets, proposals: Iterable[Proposal]) -> Iterator[Pr
         told = [p]
         for t in (p.keys - {key} for key in p.keys):
             s = found.table.get(t)
-            if s is not None and t in nearest and math.isfinite(s.score):
+            if s is not None and t in nearest and math.isfinite(s.evidence):
                 gain = p.predicted - nearest[t].predicted
-                top, slack = s.score + gain, INEXACT * abs(gain) + s.below_top_nats
+                top, slack = s.score_anyhow + gain, INEXACT * abs(gain) + s.below_top_nats
                 told.append(replace(p, predicted=top, slack=slack, near=(p.near[0], top)))
         yield min(told, key=lambda one: one.slack)
