@@ -349,9 +349,9 @@ class About:
         base, task = self.base, self.base.task
         always = [o for o in self.own if not o.law.forms]
         own = [o for o in self.own if o.law.forms]
-        others = [o for o in self.new if o.law.named or unnamed]
         linked = {key_of_state(e) for e in base.linked}
         everything = {o.law.key for o in self.own}
+        others = [o for o in self.new if (o.law.named or unnamed) and o.law.key not in everything]
         whole = float(self.evidence([self.own], everything, patterned=base.pattern is not None)[0])
         anchor = base.evidence - whole - sum(o.price_nats for o in self.own) - task.price_nats * size
         for patterned in self.gram:
