@@ -186,10 +186,15 @@ def extend(found: FoundSets) -> None:
         return known[s.keys]
 
     bases = [null]
+
+    def linear(b: FittedSet, size: int) -> Iterator[Proposal]:
+        with_parts = _from_fitted(found, chain(about(b).sets(size - 1), about(b).sets(size)))
+        return (p for p in with_parts if len(p.keys) == size)
+
     for size in range(1, min(LARGEST, settings.max_effects) + 1):
         top = found.best.score
         proposals = chain.from_iterable(
-            chain(about(b).sets(size), by_trial(b) if len(b.keys) == size - 1 else ()) for b in bases
+            chain(linear(b, size), by_trial(b) if len(b.keys) == size - 1 else ()) for b in bases
         )
         found.fit_best(proposals, lambda p, least=top - ALIAS_NATS: p.predicted + p.slack > least)  # type: ignore[misc]
         _without_members_at_a_bound(found, size)
@@ -266,7 +271,8 @@ def _from_fitted(found: FoundSets, proposals: Iterable[Proposal]) -> Iterator[Pr
         for t in (p.keys - {key} for key in p.keys):
             s = found.table.get(t)
             if s is not None and t in nearest and math.isfinite(s.evidence):
-                gain = p.predicted - nearest[t].predicted
-                top, slack = s.score_anyhow + gain, INEXACT * abs(gain) + s.below_top_nats
-                told.append(replace(p, predicted=top, slack=slack, near=(p.near[0], top)))
+                gain, top = p.predicted - nearest[t].predicted, s.score_anyhow
+                off = max(nearest[t].predicted - top, 0.0)  # what was predicted too high another member may bring
+                slack = INEXACT * abs(gain) + s.below_top_nats + off
+                told.append(replace(p, predicted=top + gain, slack=slack, near=(p.near[0], top + gain)))
         yield min(told, key=lambda one: one.slack)
