@@ -498,12 +498,13 @@ def _laws_by_trial(base: FittedSet, bases: Sequence[tuple[FittedSet, float]]) ->
         tried = [(found[1] - nats, found[0], own) for own, nats in bases if (found := _climbed(own, law)) is not None]
         gain, x, own = max(tried, key=lambda one: one[0], default=(0.0, base.x, base))
         if gain > 0:
+            predicted = base.score + gain - _OCCAM * law.size - task.price_nats - law.price_nats
             yield Proposal(
                 keys=base.keys | {law.key},
-                predicted=base.score + gain - _OCCAM * law.size - task.price_nats - law.price_nats,
+                predicted=predicted,
                 build=lambda w=law, x=x, own=own: _with_law(own, w, x),  # type: ignore[misc]
                 slack=INEXACT * gain,
-                near=(len(base.keys), gain),
+                near=(len(base.keys), predicted),
             )
 
 
@@ -578,12 +579,13 @@ def _linked(
 ) -> Proposal | None:
     if not gain > 0:
         return None
+    predicted = base.score + gain - base.task.price_nats - EFFECT_NATS * key_of_state(effect)[2]
     return Proposal(
         keys=base.keys | {key_of_state(effect)},
-        predicted=base.score + gain - base.task.price_nats - EFFECT_NATS * key_of_state(effect)[2],
+        predicted=predicted,
         build=build,
         slack=inexact * gain,
-        near=(len(base.keys), gain),
+        near=(len(base.keys), predicted),
     )
 
 
