@@ -97,6 +97,10 @@ def test_each_effect_describes_itself_and_its_parameters(kind: str) -> None:
                 "time_constant_2_s",
                 "period_frames",
                 "extra_path_mm",
+                "spot_across",
+                "spot_down",
+                "spot_radius_across",
+                "spot_radius_down",
             }
         )
 
