@@ -47,7 +47,7 @@ _FALLOFFS = (1.0, 0.0)
 """Of the lamp, that are tried."""
 
 _BOUNCE = "one bounce"
-"""Name of the form."""
+"""Name of the forms."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,7 +168,7 @@ class Multipath(Effect):
                 make=partial(bounced, small),
                 starts=tuple((share,) for share in _SHARES),
                 steps=(0.1,),
-                form=_BOUNCE,
+                form=_form(small),
                 price_nats=EFFECT_NATS,
             )
 
@@ -198,7 +198,11 @@ class Multipath(Effect):
         for unit, sources in _bounces(cls, facts.surfaces, facts.gain):
             one = Coefficient(effect=unit, size=SMALL_SHARE, spread=_FULL_SHARE)
             yield LinearForm(
-                coefficients=(one,), make=partial(bounced, unit), surface=unit.surface, choices=sources, form=_BOUNCE
+                coefficients=(one,),
+                make=partial(bounced, unit),
+                surface=unit.surface,
+                choices=sources,
+                form=_form(unit),
             )
 
     def priors(self) -> dict[str, Prior]:
@@ -242,16 +246,21 @@ class Multipath(Effect):
         echoes.replace_phasor(z, z * np.where(echoes.surface == context.number_of(self.surface), 1 + light, 1.0))
 
 
+def _form(bounce: Multipath) -> str:
+    """Name of the form of a bounce."""
+    return f"{_BOUNCE}, light to the power of {bounce.lamp_falloff:g}"
+
+
 def _bounces(
     kind: type[Multipath], surfaces: "Sequence[Surface]", gain: Callable[[Effect], float]
 ) -> Iterator[tuple[Multipath, int]]:
-    """A small bounce to each surface that explains most, and of how many: from each other one, in either light."""
+    """A small bounce to each surface, in the lamp's and in even light, from the other one that explains most.
+
+    And how many there are, of either light.
+    """
     for here in surfaces:
         others = [other for other in surfaces if other is not here and sees(here, other)]
-        units = [
-            kind(surface=here.name, share=SMALL_SHARE, from_=other.name, lamp_falloff=falloff)
-            for other in others
-            for falloff in _FALLOFFS
-        ]
-        if units:
-            yield max(units, key=gain), len(units)
+        for falloff in _FALLOFFS if others else ():
+            small = (kind(surface=here.name, share=SMALL_SHARE, from_=o.name, lamp_falloff=falloff) for o in others)
+            units = list(small)
+            yield (units[0] if len(units) == 1 else max(units, key=gain)), len(_FALLOFFS) * len(units)
