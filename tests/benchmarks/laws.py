@@ -61,6 +61,8 @@ SIZES: Mapping[str, tuple[float, ...]] = {
     "excess_noise": (60.0, 240.0, 960.0),  # 1 % more noise is within the tolerance
     "excess_noise, by angle": _NATS,
     "interference, always on": _NATS,
+    "interference, in a part": _NATS,
+    "excess_noise, in a part": _NATS,
     "interference, beat": (0.3, 1.0, 3.0),
     "surface_offset": _NATS,
     "smooth_pattern": _NATS,
@@ -82,6 +84,8 @@ PARTS: Mapping[str, str] = {
     "amplitude_walk, saturating": "saturation_amplitude",
     "temperature_drift, two terms": "amplitude_2_mm",
     "excess_noise, by angle": "angle_exponent",
+    "interference, in a part": "spot_across",
+    "excess_noise, in a part": "spot_across",
     "interference, beat": "period_frames",
     "multipath, one bounce": "from",
 }
@@ -194,6 +198,24 @@ def always(given: Model, nats: float, rng: np.random.Generator) -> Effect | None
     return of_nats(given, nats, lambda size: Interference(probability=1.0, sigma_mm=10 * size))
 
 
+def _spot(rng: np.random.Generator) -> dict[str, float]:
+    across, down = rng.uniform(-0.5, 0.5, 2).tolist()
+    wide, high = rng.uniform(0.2, 0.6, 2).tolist()
+    return {"spot_across": across, "spot_down": down, "spot_radius_across": wide, "spot_radius_down": high}
+
+
+def always_in_a_part(given: Model, nats: float, rng: np.random.Generator) -> Effect | None:
+    """A second camera that is always on and lights a part of the image, by so many nats over laws of all of it."""
+    spot: Any = _spot(rng)
+    return of_nats(given, nats, lambda size: Interference(probability=1.0, sigma_mm=10 * size, **spot), part=True)
+
+
+def sunlit_part(given: Model, nats: float, rng: np.random.Generator) -> Effect | None:
+    """Light of the sun on a part of the image, of so many nats over laws of the whole image."""
+    spot: Any = _spot(rng)
+    return of_nats(given, nats, lambda size: ExcessNoise(factor=1 + size, **spot), part=True)
+
+
 def beat(given: Model, size: float, rng: np.random.Generator) -> Effect:
     """A second camera whose frames beat with ours; its noise is so many typical sigma."""
     typical = float(np.median(predict(given).sigma_mm[0]))
@@ -271,6 +293,8 @@ MAKERS: Mapping[str, Callable[[Model, float, np.random.Generator], Effect | None
     "excess_noise": sunlit,
     "excess_noise, by angle": by_angle,
     "interference, always on": always,
+    "interference, in a part": always_in_a_part,
+    "excess_noise, in a part": sunlit_part,
     "interference, beat": beat,
     "surface_offset": translucent,
     "smooth_pattern": smooth,

@@ -67,4 +67,5 @@ def test_bounce_costs_as_much_as_one_more_effect(corner: Model) -> None:
     likelihood = joint_likelihood([(corner, recorded(corner))])
     searches = problems("multipath", likelihood, likelihood.scene.mixture())
     prices = {(p.form, p.price_nats, p.parameters) for p in searches}
-    assert prices == {("", 0.0, 2), ("one bounce", EFFECT_NATS, 1)}
+    lights = {(f"one bounce, light to the power of {falloff}", EFFECT_NATS, 1) for falloff in (0, 1)}
+    assert prices == {("", 0.0, 2), *lights}

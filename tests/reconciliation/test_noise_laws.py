@@ -11,7 +11,7 @@ from tofmix.reconciliation.likelihood.beats import FrameNoise, beat_errors, fit_
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.sensor import NoiseCurve
-from tofmix.simulation.effects import Effect
+from tofmix.simulation.effects import Effect, PixelMap
 from tofmix.simulation.effects.hidden import FrameChain
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface
@@ -145,3 +145,42 @@ def test_curves_of_a_frame_are_its_log_likelihood_with_added_noise(model: Model,
     added = np.random.default_rng(1).uniform(0, 150, evidence.shape[0])
     exact = likelihood.sums(mixture, state, part, variance=added**2).total
     assert noise.of(added[None])[0] == pytest.approx(exact, abs=0.05 * evidence.shape[0])
+
+
+def lit_part(model: Model) -> np.ndarray:
+    """A Gaussian left of and above the centre, by rows and columns: radii of 8 rows and 9 columns."""
+    row, col = np.indices(model.sensor.shape)
+    rows, cols = model.sensor.shape
+    away = ((row - 0.4 * rows) / 8.0) ** 2 + ((col - 0.35 * cols) / 9.0) ** 2
+    return np.asarray(np.exp(-0.5 * away), dtype=np.float32)
+
+
+@pytest.mark.slow
+def test_second_camera_that_is_always_on_in_a_part_of_the_image_is_named_there(small: Model) -> None:
+    """Not as noise of the board behind the part. The truth is a map, the law that is found has a place and radii."""
+    hidden = MAKE["interference"](probability=1.0, sigma_mm=25.0, map=PixelMap(path="part.npy", values=lit_part(small)))
+    ((effect, error),) = named(small, hidden)
+    rows, cols = small.sensor.shape
+    half = 0.5 * np.hypot(rows - 1, cols - 1)
+    wanted = {
+        "sigma_mm": 25.0,
+        "spot_across": (0.35 * cols - 0.5 * (cols - 1)) / half,
+        "spot_down": (0.4 * rows - 0.5 * (rows - 1)) / half,
+        "spot_radius_across": 9.0 / half,
+        "spot_radius_down": 8.0 / half,
+    }
+    assert effect.kind == "interference"
+    assert effect.numbers()["probability"] == 1
+    for name, value in wanted.items():
+        assert within(effect.numbers()[name], value, error[name]), name
+
+
+@pytest.mark.slow
+def test_sun_on_a_part_of_the_image_is_named_there(small: Model) -> None:
+    factor = np.sqrt(1 + (2.5**2 - 1) * lit_part(small))
+    hidden = MAKE["excess_noise"](factor=1.0, map=PixelMap(path="part.npy", values=factor.astype(np.float32)))
+    ((effect, error),) = named(small, hidden)
+    assert effect.kind == "excess_noise"
+    assert within(effect.numbers()["factor"], 2.5, error["factor"])
+    half = 0.5 * np.hypot(small.sensor.rows - 1, small.sensor.cols - 1)
+    assert within(effect.numbers()["spot_radius_across"], 9.0 / half, error["spot_radius_across"])

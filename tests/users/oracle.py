@@ -38,6 +38,7 @@ TENTHS = 10
 _ALONE = 0.95  # share of the beam
 _TOLERANCE, _NOISE = 0.1, 0.01  # errors of the model: of poses, sigma; of the noise
 _SMALL = 0.01
+_PEAKS = (0.2, 0.5, 1.0, 2.0, 4.0)  # noise in the middle of a spot, over the typical one
 _PART_NATS = 7.8  # price of an optional part of a law: one effect more
 _MAKE: Mapping[str, Callable[..., Effect]] = EFFECTS
 _BY_THEMSELVES = (
@@ -85,7 +86,7 @@ def known(case: Case) -> Known:
     static = tuple(e for e in case.hidden if not _by_itself(e))
     own = [e.kind for e in case.hidden if _by_itself(e) and _shows(case.given, e)]
     truth = sorted({e.kind for e in static})
-    laws = _Laws(case.given)
+    laws = _Laws(case.given, spots=_spots(static))
     true = case.true if case.sort == "pose" else replace(case.given, effects=static)
     own_bias = next((float(e.pixel_sigma_mm) for e in case.hidden if e.kind == "fixed_pattern"), 0.0)  # type: ignore[attr-defined]
     seen = replace(laws.seen(true, slower=_memory(case.hidden)), pattern_mm=own_bias)
@@ -107,6 +108,12 @@ def known(case: Case) -> Known:
         identifiable=not aliases,
         aliases=tuple(tuple(sorted([*kinds, *own])) for _, kinds in aliases),
     )
+
+
+def _spots(effects: Sequence[Effect]) -> tuple[dict[str, float], ...]:
+    """Parts of the image in which effects act: other kinds may act there too."""
+    numbers = ({n: v for n, v in e.numbers().items() if n.startswith("spot_")} for e in effects)
+    return tuple(spot for spot in numbers if spot)
 
 
 def _by_itself(effect: Effect) -> bool:
@@ -158,9 +165,9 @@ _Column = tuple[FloatArray, FloatArray]
 class _Laws:
     """The kinds' laws about a given model, as columns."""
 
-    def __init__(self, given: Model, *, optional: bool = True) -> None:
-        """With or without the optional parts of laws."""
-        self.given = given
+    def __init__(self, given: Model, *, optional: bool = True, spots: Sequence[Mapping[str, float]] = ()) -> None:
+        """With or without the optional parts of laws; of parts of the image, these."""
+        self.given, self.spots = given, spots
         self.truth = cast_scene(given)
         self.at_rest = predict(given, self.truth)
         self.now = (np.arange(TENTHS) + 0.5) * FRAMES / TENTHS / RATE_HZ
@@ -390,6 +397,9 @@ def _by_angle(laws: _Laws) -> Iterator[list[_Column]]:
     """Of all surfaces, with an exponent of the cosine of incidence."""
     plain = laws.of(_SMALL, "excess_noise", factor=math.exp(_SMALL))
     yield [plain, laws.of(_SMALL, "excess_noise", factor=1.0, angle_exponent=_SMALL)]
+    for spot in laws.spots:  # the light of the same place, of which the noise of a second camera is the square
+        for times in _PEAKS:
+            yield [laws.of(1.0, "excess_noise", factor=math.hypot(1.0, times), **_narrower(spot))]
 
 
 def _always(laws: _Laws) -> Iterator[list[_Column]]:
@@ -397,6 +407,14 @@ def _always(laws: _Laws) -> Iterator[list[_Column]]:
     typical = float(np.median(laws.at_rest.sigma_mm[0]))
     for part in (0.1, 0.5, 1.5, 4.0):
         yield [laws.of(1.0, "interference", probability=1.0, sigma_mm=part * typical)]
+    for spot in laws.spots:
+        for part in _PEAKS:
+            yield [laws.of(1.0, "interference", probability=1.0, sigma_mm=part * typical, **spot)]
+
+
+def _narrower(spot: Mapping[str, float]) -> dict[str, float]:
+    """The spot whose light is the square of another one's."""
+    return {name: value / math.sqrt(2) if "radius" in name else value for name, value in spot.items()}
 
 
 def _bounce(laws: _Laws) -> Iterator[list[_Column]]:

@@ -30,16 +30,18 @@ CONTRACT = {
     "scattering": "share",
     "internal_reflection": "amplitude range_mm",
     "near_return": "share range_mm sigma_mm",
-    "multipath": "surface share extra_path_mm from",
+    "multipath": "surface share extra_path_mm from lamp_falloff",
     "phase_wrapping": "unambiguous_range_mm",
     "flying_pixels": "probability",
-    "excess_noise": "factor surface map angle_exponent",
+    "excess_noise": "factor surface map angle_exponent spot_across spot_down spot_radius_across spot_radius_down",
     "vignetting": "corner_factor",
     "outliers": "probability",
     "stuck_pixels": "share value_mm map",
     "dropout": "probability threshold threshold_noise",
     "temporal_correlation": "coefficient",
-    "interference": "probability sigma_mm burst_frames period_frames map",
+    "interference": (
+        "probability sigma_mm burst_frames period_frames spot_across spot_down spot_radius_across spot_radius_down map"
+    ),
     "saturation": "full_well_amplitude",
     "motion": "surface velocity_mm_s",
     "quantisation": "step_mm",
@@ -95,6 +97,10 @@ def test_each_effect_describes_itself_and_its_parameters(kind: str) -> None:
                 "time_constant_2_s",
                 "period_frames",
                 "extra_path_mm",
+                "spot_across",
+                "spot_down",
+                "spot_radius_across",
+                "spot_radius_down",
             }
         )
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
+from tofmix.reconciliation.likelihood.memory import one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.parameters.planes import measured_pose, range_slopes
 from tofmix.simulation.effects import EFFECTS, Effect
@@ -32,6 +33,9 @@ from tofmix.simulation.effects.search import (
 _LEAST_PIXELS = 12  # least pixels of a surface, for effects of this surface
 _GLANCE = 25  # frames for medians
 _COURSE_FRAMES, _COURSE_PIXELS = 100, 1000  # for the course in time: their medians are known to some 0.05 sigma
+_NOISE_FRAMES = 200  # for the noise from frame to frame, which is then known to some 5 %
+_OUTLYING = 4.0  # sigma, beyond which a difference of two frames is no noise
+_TO_SIGMA = 1.4826 / math.sqrt(2)  # of the median size of differences of two frames of Gaussian noise
 _KNOWN_OF_MEDIAN = 2 / math.pi  # information of a median over that of a mean
 _AT_THE_EDGE = 0.95  # quantile
 _LEAST_LEVER = 0.1  # mm a degree: a tilt with less effect on ranges is not searched for
@@ -100,6 +104,7 @@ def search_facts(likelihood: Likelihood, mixture: Mixture) -> SearchFacts:
         amplitude=amplitude[lit],
         residual_mm=(median - mean)[lit],
         noise_mm=sigma[lit],
+        measured_noise_mm=np.concatenate([_noise(view) for view in seen_by])[lit],
         amplitudes=amplitude,
         lost_shares=lost,
         course=partial(_course, seen_by),
@@ -184,6 +189,22 @@ def _before_the_scene(view: RecordingView, low_mm: float, high_mm: float) -> tup
     nearest = np.where(m.weight > 0, m.mean - OUT_OF_SIGHT * m.sigma, np.inf).min(axis=(0, 1))
     near = (samples > low_mm) & (samples < np.minimum(nearest, high_mm))
     return int((samples > 0).sum()), samples[near].astype(np.float64)
+
+
+def _noise(view: RecordingView) -> FloatArray:
+    """As `SearchFacts.measured_noise_mm`, of all pixels: the root mean square difference of consecutive frames."""
+    m, samples = view.mixture, view.evidence.samples[:_NOISE_FRAMES].astype(np.float64)
+    out = np.full(samples.shape[1], np.nan)
+    if len(samples) < 3:  # noqa: PLR2004  of one difference there is no median
+        return out
+    samples[samples == 0] = np.nan
+    away = m.near_turn(np.diff(samples, axis=0)) if m.period > 0 else np.diff(samples, axis=0)
+    use = one_surface(m) & (np.isfinite(away).sum(axis=0) >= 0.5 * len(away))  # half of the differences
+    away = np.abs(away[:, use])
+    typical = _TO_SIGMA * np.nanmedian(away, axis=0)
+    limit = _OUTLYING * math.sqrt(2) * np.maximum(typical, _HALF_CELL_MM)
+    out[use] = np.sqrt(0.5 * np.nanmean(np.where(away <= limit, away**2, np.nan), axis=0))
+    return out
 
 
 def _main(view: RecordingView) -> _Main:

@@ -18,7 +18,7 @@ from tofmix.optics.projection import beam_directions_of
 from tofmix.simulation.echoes import ComplexArray
 from tofmix.simulation.surface import Surface
 
-_NODES = 7  # of Gauss and Legendre, in each direction: phases are right to 0.001 rad in a room
+_NODES = 9  # of Gauss and Legendre, in each direction: right to 0.5 % in a room, lit by the lamp
 _BEYOND = 1.5  # of half a surface's width: pixels whose centre is a little beside it may see it
 _PARALLEL = 1.0e-9  # sine of the angle of two planes
 _LEAST_MM = 1.0e-6  # less is no length
@@ -29,7 +29,7 @@ _Optics = Equiangular | Pinhole
 
 @lru_cache(maxsize=64)
 def one_bounce(
-    surface: Surface, source: Surface, optics: _Optics, shape: tuple[int, int], turn_mm: float
+    surface: Surface, source: Surface, optics: _Optics, shape: tuple[int, int], turn_mm: float, falloff: float = 0.0
 ) -> ComplexArray:
     """Light of one bounce over the direct light, for a share of 1 at full form factor.
 
@@ -41,11 +41,15 @@ def one_bounce(
         Of the camera, at the origin with its lamp.
     turn_mm : float
         d_u, mm.
+    falloff : float
+        Power of the lamp's light at each point of the rectangle over that at the point where the light arrives, both by
+        the square of the distance and the cosine of incidence: 0 for a source that is lit as the point is.
 
     Returns
     -------
     (pixel,) complex128
-        Sum over the rectangle of form factor times exp(i pi extra path / d_u); 0 for a point that does not face it.
+        Sum over the rectangle of form factor times exp(i pi extra path / d_u), times the lamp's part; 0 for a point
+        that does not face it.
 
     References
     ----------
@@ -60,7 +64,7 @@ def one_bounce(
     corners = _clipped(_corners(source), facing, np.array(surface.center_mm))
     out = np.zeros(len(beams), dtype=np.complex128)
     if use.any() and len(corners):
-        out[use] = _integral(points[use], facing, away, corners, turn_mm)
+        out[use] = _integral(points[use], facing, away, corners, turn_mm, falloff)
     out.setflags(write=False)
     return out
 
@@ -107,7 +111,7 @@ def _points(surface: Surface, facing: FloatArray, beams: FloatArray) -> tuple[Fl
 
 
 def _integral(
-    points: FloatArray, facing: FloatArray, away: FloatArray, corners: FloatArray, turn_mm: float
+    points: FloatArray, facing: FloatArray, away: FloatArray, corners: FloatArray, turn_mm: float, falloff: float
 ) -> ComplexArray:
     """The sum (n,) for points (n, 3) of a plane with normal `facing`, from a polygon with normal `away`."""
     axis = np.cross(facing, away)
@@ -141,7 +145,11 @@ def _integral(
     height, aside = (points @ facing)[:, None] + rho * sine, (points @ up)[:, None] + rho * cosine
     lamp = np.sqrt((height**2 + aside**2)[..., None] + ((points @ axis)[:, None, None] + along) ** 2)
     phase = (math.pi / turn_mm) * (lamp + way - direct)
-    light = (half * weight * np.cos(phi) ** 2 * np.exp(1j * phase)).sum(axis=2)
+    light = half * weight * np.cos(phi) ** 2 * np.exp(1j * phase)
+    if falloff:
+        there, here = abs(float(origin @ away)) / lamp**3, np.abs(points @ facing)[:, None, None] / direct**3
+        light = light * (there / here) ** falloff
+    light = light.sum(axis=2)
     return np.asarray((by_psi * light).sum(axis=1) / math.pi)
 
 

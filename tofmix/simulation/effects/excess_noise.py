@@ -1,4 +1,4 @@
-"""More noise than the sensor's curve gives: everywhere, on one surface, or by the angle of incidence."""
+"""More noise than the sensor's curve gives: everywhere, on one surface, in a spot, or by the angle of incidence."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
@@ -22,8 +22,19 @@ from tofmix.simulation.effects.search import (
     Problem,
     SearchFacts,
     bounded,
+    image_places,
     spread_of,
     spread_of_factor,
+)
+from tofmix.simulation.effects.spot import (
+    light_of,
+    measured_spots,
+    spot_from,
+    spot_of,
+    spot_place,
+    spot_radius,
+    spot_steps,
+    words_of,
 )
 
 _STARTS = (0.9, 1.1, 1.5)  # factors
@@ -34,11 +45,11 @@ _EXPONENTS = (0.3, 1.0)
 _STEEPER = 0.05
 """Exponent, for slopes."""
 
-_BY_ANGLE = "by angle"
-"""Name of the form."""
+_BY_ANGLE, _IN_A_PART = "by angle", "in a part of the image"
+"""Names of the forms."""
 
 _ADDED = StudentPrior(scale=math.log(2), log=True, half=True)
-"""Of one surface: light that falls on it adds noise."""
+"""Of one surface, or of a part of the image: light that falls on it adds noise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,8 +58,11 @@ class ExcessNoise(Effect):
 
     Phase noise is sqrt(B) / A: if the background dominates, more ambient light or a weaker emitter increases every
     sigma by the same factor. Four times the background electrons double sigma. Light that falls on one surface, such as
-    the sun through a window, does so for this surface alone: its ranges and its amplitudes remain as they are. A map
-    gives each pixel a further factor; `reconcile` looks for none.
+    the sun through a window, does so for this surface alone: its ranges and its amplitudes remain as they are. Light
+    that falls on a part of a wall is a spot: sigma is times the root of 1 + (`factor`^2 - 1) light, with a Gaussian of
+    the pixel's place as the light, 1 in the middle and exp(-1/2) at the radii. `reconcile` looks for a spot at the
+    price of one more effect. A second camera that lights a part of the image (`interference`) is told from it only
+    where sigma differs within the spot. A map gives each pixel a further factor; `reconcile` looks for none.
 
     A sensor's curve is measured on a board that faces the camera. A slanted surface returns less light, as the cosine
     of incidence: sigma grows with an exponent of 1 where the background dominates, and of 1/2 where the signal's own
@@ -94,9 +108,21 @@ class ExcessNoise(Effect):
         prior=StudentPrior(scale=1, half=True),
     )
 
+    spot_across: float | None = spot_place("to the right")
+    spot_down: float | None = spot_place("below")
+    spot_radius_across: float | None = spot_radius("rows")
+    spot_radius_down: float | None = spot_radius("columns")
+
+    def __post_init__(self) -> None:
+        Effect.__post_init__(self)
+        spot_of(self)
+
     @classmethod
     def problems(cls, facts: SearchFacts) -> Iterator[Problem]:
-        """By the logarithm of the factor: of all surfaces, and of each if there are several. Then by the angle too."""
+        """By the logarithm of the factor: of all surfaces, and of each if there are several; of a spot; by the angle.
+
+        The spot begins where the noise shows it.
+        """
 
         def made(surface: str, x: FloatArray) -> "ExcessNoise":
             low, high = (
@@ -119,6 +145,18 @@ class ExcessNoise(Effect):
             form=_BY_ANGLE,
             price_nats=EFFECT_NATS,
         )
+
+        def in_a_part(x: FloatArray) -> Effect:
+            factor = math.exp(bounded(x[0], 0.0, math.log(cls.parameters()["factor"].high)))
+            return cls(factor=factor, **spot_from(x[1:]))
+
+        spots = tuple(
+            (0.5 * math.log1p(size), *spot) for size, spot in measured_spots(facts, np.ones(facts.noise_mm.size))
+        )
+        if spots:
+            yield Problem(
+                make=in_a_part, starts=spots, steps=(0.2, *spot_steps()), form=_IN_A_PART, price_nats=EFFECT_NATS
+            )
 
     @classmethod
     def linear_forms(cls, facts: FormFacts) -> Iterator[LinearForm]:
@@ -144,11 +182,11 @@ class ExcessNoise(Effect):
 
     def is_basic(self, error: Basic) -> bool:
         """The noise of all surfaces is what every model may have wrong; that of one surface is not."""
-        return Effect.is_basic(self, error) and not self.surface
+        return Effect.is_basic(self, error) and not self.surface and self.spot_across is None
 
     def priors(self) -> dict[str, Prior]:
         """That of all surfaces is larger or smaller; that of one surface is larger. Without an exponent it has none."""
-        own = Effect.priors(self) | ({"factor": _ADDED} if self.surface else {})
+        own = Effect.priors(self) | ({"factor": _ADDED} if self.surface or self.spot_across is not None else {})
         return {name: prior for name, prior in own.items() if name != "angle_exponent" or self.angle_exponent}
 
     def check(self, sensor: CompleteCamera, surfaces: tuple[str, ...]) -> None:
@@ -162,11 +200,17 @@ class ExcessNoise(Effect):
         of = f' of "{self.surface}"' if self.surface else ""
         mapped = "" if self.map is None else f", and a factor of each pixel from {self.map.path or 'a map'}"
         divided = f", divided by the cosine of incidence to the power of {self.angle_exponent:g}"
+        spot = spot_of(self)
+        of += "" if spot is None else f" {words_of(spot)}"
         return f"the noise{of} is {self.factor:g} times the sensor's{divided if self.angle_exponent else ''}{mapped}"
 
     def act(self, echoes: Echoes, context: Context) -> None:
         """Scale sigma."""
-        factor = self.factor if self.map is None else self.factor * self.map.values.ravel().astype(np.float64)
+        spot, factor = spot_of(self), np.asarray(self.factor)
+        if spot is not None:
+            factor = np.sqrt(1 + (self.factor**2 - 1) * light_of(spot, image_places(context.sensor.shape)))
+        if self.map is not None:
+            factor = factor * self.map.values.ravel().astype(np.float64)
         if self.angle_exponent:
             factor = factor * context.incidence(echoes) ** -self.angle_exponent
         if self.surface:

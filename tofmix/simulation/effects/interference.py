@@ -13,7 +13,17 @@ from tofmix.simulation.echoes import Echoes, FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Latent, Level, Target
 from tofmix.simulation.effects.hidden import DisturbedFrames, FrameChain, HiddenState
 from tofmix.simulation.effects.parameter import PixelMap, Prior, UniformPrior, about, number, pixel_map
-from tofmix.simulation.effects.search import EFFECT_NATS, Problem, SearchFacts, bounded
+from tofmix.simulation.effects.search import EFFECT_NATS, Problem, SearchFacts, bounded, image_places
+from tofmix.simulation.effects.spot import (
+    light_of,
+    measured_spots,
+    spot_from,
+    spot_of,
+    spot_place,
+    spot_radius,
+    spot_steps,
+    words_of,
+)
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
@@ -22,7 +32,8 @@ _STARTS = (0.5, 1.5, 4.0)
 """Noise of a camera that is always on, over the typical noise, where searches begin."""
 
 _ALWAYS = "always on"
-"""Name of the form."""
+_IN_A_PART = "always on, in a part of the image"
+"""Names of the forms."""
 
 _SPLIT = 4
 """Equally likely overlaps for which a beat is predicted."""
@@ -49,9 +60,10 @@ class Interference(Effect):
     of a camera with many short exposures. Told from `excess_noise` where sigma differs over the image, since the noise
     is added and not multiplied.
 
-    A `map` is the part of it, 0 to 1, that each pixel receives: the second camera lights a part of the image.
-    `reconcile` looks for bursts, for a beat and for a camera that is always on (a beat, and always, at the price of one
-    more effect), but for no map.
+    The second camera may light a part of the image. With the four numbers of a spot, the noise is `sigma_mm` times a
+    Gaussian of the pixel's place: 1 in the middle, exp(-1/2) at the radii. A `map` is the part of the noise, 0 to 1,
+    that each pixel receives. `reconcile` looks for bursts, for a beat and for a camera that is always on, everywhere or
+    in a spot (a beat, and always, at the price of one more effect), but for no map.
 
     References
     ----------
@@ -104,19 +116,41 @@ class Interference(Effect):
         typical=(10, 200),
         prior=about(50, 4),
     )
+    spot_across: float | None = spot_place("to the right")
+    spot_down: float | None = spot_place("below")
+    spot_radius_across: float | None = spot_radius("rows")
+    spot_radius_down: float | None = spot_radius("columns")
     map: PixelMap | None = pixel_map("Part of the noise that each pixel has, 0 to 1.", unit="1")  # noqa: RUF009
+
+    def __post_init__(self) -> None:
+        Effect.__post_init__(self)
+        spot_of(self)
 
     @classmethod
     def problems(cls, facts: SearchFacts) -> Iterator[Problem]:
-        """By the logarithm of the noise of a camera that is always on. Bursts and beats are found by their frames."""
+        """By the logarithm of the noise of a camera that is always on, everywhere or in a spot that the noise shows.
+
+        Bursts and beats are found by their frames.
+        """
+        most = math.log(cls.parameters()["sigma_mm"].high)
 
         def make(x: FloatArray) -> Effect:
-            return cls(
-                probability=1.0, sigma_mm=math.exp(bounded(x[0], -5, math.log(cls.parameters()["sigma_mm"].high)))
-            )
+            return cls(probability=1.0, sigma_mm=math.exp(bounded(x[0], -5, most)))
+
+        def in_a_part(x: FloatArray) -> Effect:
+            return cls(probability=1.0, sigma_mm=math.exp(bounded(x[0], -5, most)), **spot_from(x[1:]))
 
         starts = tuple((math.log(part * facts.sigma_mm),) for part in _STARTS)
         yield Problem(make=make, starts=starts, steps=(0.3,), form=_ALWAYS, price_nats=EFFECT_NATS)
+        # the variance is the square of the noise, and falls off with the square of the light
+        spots = tuple(
+            (0.5 * math.log(size), *spot[:2], *(spot[2:] + 0.5 * math.log(2)))
+            for size, spot in measured_spots(facts, facts.noise_mm**-2.0)
+        )
+        if spots:
+            yield Problem(
+                make=in_a_part, starts=spots, steps=(0.3, *spot_steps()), form=_IN_A_PART, price_nats=EFFECT_NATS
+            )
 
     @property
     def hides(self) -> bool:
@@ -147,7 +181,9 @@ class Interference(Effect):
             else "in all frames"
         )
         mapped = "" if self.map is None else f", times the part of each pixel from {self.map.path or 'a map'}"
-        return f"a second camera adds noise of {self.sigma_mm:g} mm {when}{mapped}"
+        spot = spot_of(self)
+        where = "" if spot is None else f", {words_of(spot)}"
+        return f"a second camera adds noise of {self.sigma_mm:g} mm {when}{where}{mapped}"
 
     def prepare(self, context: Context, n_frames: int) -> BoolArray | FloatArray:
         """Whether each frame (frame,) is disturbed, or its overlap; the first are the same however many follow."""
@@ -173,15 +209,15 @@ class Interference(Effect):
         name = "part of its noise" if beats else "1 where disturbed"
         return (EffectTruth(name=self.kind, dims=("frame",), values=values, unit="1", long_name=name),)
 
-    def act(self, echoes: Echoes, context: Context) -> None:  # noqa: ARG002
+    def act(self, echoes: Echoes, context: Context) -> None:
         """Add the whole noise."""
-        self._add(echoes, 1.0)
+        self._add(echoes, context, 1.0)
 
     def sample(self, samples: FrameSamples, context: Context) -> None:
         """Disturb the frame by its part, if it is one of those."""
         part = float(context.prepared[context.frame])
         if part:
-            self._add(samples, part)
+            self._add(samples, context, part)
 
     def predict(self, prediction: "Prediction", context: Context) -> None:
         """Every surface's component splits in disturbed and quiet; with a beat, in several overlaps and quiet."""
@@ -193,16 +229,18 @@ class Interference(Effect):
         disturbed = []
         for part in parts:
             _, copy = prediction.split(lit)
-            self._add(copy, part)
+            self._add(copy, context, part)
             disturbed.append(copy)
         quiet, _ = prediction.split(len(parts) * lit)
         for copy in disturbed:
             prediction.join(quiet, copy)
             quiet, _ = prediction.split(0.0)
 
-    def _add(self, echoes: Echoes, part: float) -> None:
+    def _add(self, echoes: Echoes, context: Context, part: float) -> None:
+        spot = spot_of(self)
         sigma = self.sigma_mm * part
-        added = sigma if self.map is None else sigma * self.map.values.ravel().astype(np.float64)
+        light = 1.0 if spot is None else light_of(spot, image_places(context.sensor.shape))
+        added = sigma * light if self.map is None else sigma * light * self.map.values.ravel().astype(np.float64)
         echoes.sigma_mm = np.where(echoes.returned, np.hypot(echoes.sigma_mm, added), echoes.sigma_mm)
 
     def _chain(self) -> FrameChain:

@@ -43,8 +43,11 @@ _FULL_SHARE = 0.5
 _SHARES = (0.1, 0.5)
 """Where searches for it begin."""
 
+_FALLOFFS = (1.0, 0.0)
+"""Of the lamp, that are tried."""
+
 _BOUNCE = "one bounce"
-"""Name of the form."""
+"""Name of the forms."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,8 +65,11 @@ class Multipath(Effect):
     form factor at the point that the pixel sees, with the path of each of its parts. It is most at the seam of both
     (half of `share` where two long walls meet at a right angle), and the extra path is 0 there. `share` is what a point
     would get if the other surface were all that it faces: the reflectivity of this surface, times its light over the
-    point's own. All of the rectangle that faces the point counts as lit, whatever stands before it. One surface can get
-    light from one other; two walls of a corner light each other by two effects.
+    point's own. A source that the camera's own lamp lights is not lit evenly: with a `lamp_falloff` of 1, each of its
+    parts is weighted by the lamp's light there over that at the point, by the square of the distance and the cosine of
+    incidence, and `share` is the reflectivity of the source. `reconcile` tries 0 and 1. All of the rectangle that faces
+    the point counts as lit, whatever stands before it. One surface can get light from one other; two walls of a corner
+    light each other by two effects.
 
     A priori, the light of a longer second path is weaker, as it spreads over more area: the scale of the share falls
     with the square of 1 + half the extra path over 2 m. `reconcile` looks for one bounce from the other surface that
@@ -115,8 +121,18 @@ class Multipath(Effect):
         "The surface from which the light comes by one bounce; needed without `extra_path_mm`.", required=False
     )
 
+    lamp_falloff: float = number(
+        "With `from`: power of the lamp's light on that surface, part by part, over the light at the point.",
+        unit="1",
+        low=0,
+        high=1,
+        default=0,
+    )
+
     def __post_init__(self) -> None:
         Effect.__post_init__(self)
+        if self.lamp_falloff and not self.from_:
+            raise ValueError("lamp_falloff: it needs from, the surface that the lamp lights")
         if (self.extra_path_mm is None) == (not self.from_):
             known = "there beside from" if self.from_ else "missing"
             raise ValueError(f"extra_path_mm: it is {known}; give it, or the surface from which the light comes")
@@ -152,7 +168,7 @@ class Multipath(Effect):
                 make=partial(bounced, small),
                 starts=tuple((share,) for share in _SHARES),
                 steps=(0.1,),
-                form=_BOUNCE,
+                form=_form(small),
                 price_nats=EFFECT_NATS,
             )
 
@@ -182,7 +198,11 @@ class Multipath(Effect):
         for unit, sources in _bounces(cls, facts.surfaces, facts.gain):
             one = Coefficient(effect=unit, size=SMALL_SHARE, spread=_FULL_SHARE)
             yield LinearForm(
-                coefficients=(one,), make=partial(bounced, unit), surface=unit.surface, choices=sources, form=_BOUNCE
+                coefficients=(one,),
+                make=partial(bounced, unit),
+                surface=unit.surface,
+                choices=sources,
+                form=_form(unit),
             )
 
     def priors(self) -> dict[str, Prior]:
@@ -199,6 +219,7 @@ class Multipath(Effect):
         """One sentence."""
         if self.extra_path_mm is None:
             light = f"{100 * self.share:g} % more light times the form factor of each point, most at their seam"
+            light += f", by the lamp's light there to the power of {self.lamp_falloff:g}" if self.lamp_falloff else ""
             return f'"{self.surface}" is also lit by one bounce from "{self.from_}": {light}'
         return (
             f'"{self.surface}" is also lit through another surface: {100 * self.share:g} % more light on a path '
@@ -216,19 +237,30 @@ class Multipath(Effect):
         if self.extra_path_mm is None:
             here, there = (context.placed[context.number_of(name)] for name in (self.surface, self.from_))
             optics: Any = context.sensor.optics  # a frozen dataclass, by which results are kept
-            light = self.share * one_bounce(here, there, optics, context.sensor.shape, context.turn_mm)
+            light = self.share * one_bounce(
+                here, there, optics, context.sensor.shape, context.turn_mm, self.lamp_falloff
+            )
         else:
             light = np.asarray(self.share * cmath.exp(1j * math.pi * self.extra_path_mm / context.turn_mm))
         z = echoes.phasor()
         echoes.replace_phasor(z, z * np.where(echoes.surface == context.number_of(self.surface), 1 + light, 1.0))
 
 
+def _form(bounce: Multipath) -> str:
+    """Name of the form of a bounce."""
+    return f"{_BOUNCE}, light to the power of {bounce.lamp_falloff:g}"
+
+
 def _bounces(
     kind: type[Multipath], surfaces: "Sequence[Surface]", gain: Callable[[Effect], float]
 ) -> Iterator[tuple[Multipath, int]]:
-    """A small bounce to each surface from the other one that explains most, and how many others could light it."""
+    """A small bounce to each surface, in the lamp's and in even light, from the other one that explains most.
+
+    And how many there are, of either light.
+    """
     for here in surfaces:
         others = [other for other in surfaces if other is not here and sees(here, other)]
-        units = [kind(surface=here.name, share=SMALL_SHARE, from_=other.name) for other in others]
-        if units:
-            yield (units[0] if len(units) == 1 else max(units, key=gain)), len(units)
+        for falloff in _FALLOFFS if others else ():
+            small = (kind(surface=here.name, share=SMALL_SHARE, from_=o.name, lamp_falloff=falloff) for o in others)
+            units = list(small)
+            yield (units[0] if len(units) == 1 else max(units, key=gain)), len(_FALLOFFS) * len(units)

@@ -126,6 +126,8 @@ class SearchFacts:
     range_mm, amplitude, residual_mm, noise_mm : (lit pixel,) float64
         Predicted range and amplitude, measured minus predicted range (NaN where it is not known), and noise, of pixels
         with a return.
+    measured_noise_mm : (lit pixel,) float64
+        Spread of the samples from frame to frame; NaN where it is not known or the pixel sees several surfaces.
     place : (lit pixel, 2) float64
         Their places: right and down of the image's centre, in half diagonals.
     amplitudes, lost_shares : (pixel,) float64
@@ -151,6 +153,7 @@ class SearchFacts:
     amplitude: FloatArray
     residual_mm: FloatArray
     noise_mm: FloatArray
+    measured_noise_mm: FloatArray
     amplitudes: FloatArray
     lost_shares: FloatArray
     course: Callable[[], tuple[FloatArray, FloatArray]]
