@@ -1,7 +1,7 @@
 """How a stored range depends on independent ones, where a camera filters its ranges over time.
 
 Each class is one filter: the independent samples that it leaves, the number of independent frames that its frames are
-worth, and its effect on fitted layers. `tofmix.independent_samples` reads a recording by it;
+worth, and its effect on fitted layers. `tofmix.recording` reads a recording by it;
 `tofmix.estimation.filters` finds the filter of a recording. Noise with a memory is no filter: its pixels change from
 one surface to another within a frame, and the memory is a part of the learnt noise.
 """

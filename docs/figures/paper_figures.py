@@ -20,9 +20,8 @@ from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.peaks.counters import Counter, Cpdf, Fourier, Kde
-from tofmix.estimation.peaks.density import density
 from tofmix.estimation.peaks.incremental import IncrementalDensity
-from tofmix.estimation.peaks.modes import find_modes
+from tofmix.estimation.peaks.modes import density, find_modes
 from tofmix.estimation.samples import sort_samples
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.io.model_file import load_model

@@ -18,9 +18,8 @@ from tofmix.io import hdf5, sensor_group
 from tofmix.io.model_file import load_model, load_model_text
 from tofmix.io.recording.recording_file import open_recording
 from tofmix.io.sensor_group import read_sensor, write_sensor
-from tofmix.learnt_noise import LearntNoise
 from tofmix.measurement import Measurement
-from tofmix.noise_shape import BackgroundDensity
+from tofmix.noise_shape import BackgroundDensity, LearntNoise
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.pinhole import Pinhole
 from tofmix.sensor import NoiseCurve, Sensor

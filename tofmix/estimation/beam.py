@@ -11,7 +11,7 @@ import numpy as np
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.circle import NO_RETURN_SIGMAS, circular_noise, has_no_return
 from tofmix.compiled.jit import borrowing
-from tofmix.learnt_noise import RangeStep
+from tofmix.noise_shape import RangeStep
 from tofmix.sensor import NoiseCurve, Sensor
 
 

@@ -17,10 +17,24 @@ from tofmix.compiled.jit import borrowing, jit
 from tofmix.compiled.vector import least_of, product_of
 from tofmix.estimation.beam import Beam, beam_of, is_no_return, is_uniform, reaches_no_return, sigma_at
 from tofmix.estimation.filters import layers_before_filter
-from tofmix.estimation.mixture.components import (
+from tofmix.estimation.mixture.counting import (
+    Rules,
+    Workspace,
+    chance_of,
+    count_surfaces,
+    drop_unsupported,
+    gain_table,
+    grow,
+    least_gain,
+    may_gain_more,
+    new_workspace,
+    surface_gains,
+)
+from tofmix.estimation.mixture.em import (
     GAIN,
     MEAN,
     RANDOM,
+    ROOT_TWO_PI,
     SHARE,
     SIGMA,
     SPARE,
@@ -29,33 +43,19 @@ from tofmix.estimation.mixture.components import (
     WEIGHT,
     Components,
     Scratch,
-    fill_random,
-    remove_surface,
-    sort_surfaces,
-)
-from tofmix.estimation.mixture.counting import (
-    Rules,
-    Workspace,
-    count_surfaces,
-    drop_unsupported,
-    grow,
-    may_gain_more,
-    new_workspace,
-    surface_gains,
-)
-from tofmix.estimation.mixture.em import (
-    ROOT_TWO_PI,
     draw_sigmas,
     em_step,
     expectation_maximisation,
+    fill_random,
     gaussians,
     log_likelihood,
     maximise_likelihood,
     mix,
     new_sigma,
+    remove_surface,
+    sort_surfaces,
     start_at,
 )
-from tofmix.estimation.mixture.false_alarms import chance_of, gain_table, least_gain
 from tofmix.estimation.mixture.uncertainty import standard_errors
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel, pixel_curves
 from tofmix.estimation.paper import paper_pixels

@@ -32,14 +32,11 @@ from numpy.typing import NDArray
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.estimation.beam import Beam, beam_of, is_no_return, sigma_at, uniform_background
-from tofmix.estimation.mixture.components import GAIN, MEAN, SIGMA, SUPPORT, WEIGHT, sort_surfaces
-from tofmix.estimation.mixture.counting import new_workspace, surface_gains
-from tofmix.estimation.mixture.em import ROOT_TWO_PI, log_likelihood
-from tofmix.estimation.mixture.false_alarms import chance_of, gain_table
+from tofmix.estimation.mixture.counting import chance_of, gain_table, new_workspace, surface_gains
+from tofmix.estimation.mixture.em import GAIN, MEAN, ROOT_TWO_PI, SIGMA, SUPPORT, WEIGHT, log_likelihood, sort_surfaces
 from tofmix.estimation.mixture.uncertainty import standard_errors
 from tofmix.estimation.peaks.counters import MAX_PEAKS
-from tofmix.estimation.peaks.density import BANDWIDTH
-from tofmix.estimation.peaks.modes import keep_peak
+from tofmix.estimation.peaks.modes import BANDWIDTH, keep_peak
 from tofmix.estimation.samples import SortedSamples, gather, padded, within_reach
 from tofmix.estimation.settings import MODE_FREE
 from tofmix.flags import Status

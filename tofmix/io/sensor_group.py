@@ -11,9 +11,8 @@ from tofmix.arrays import IMAGE_RANK
 from tofmix.errors import BadInputError
 from tofmix.io.guard import guard
 from tofmix.io.hdf5 import PACKED, add_group, text_attribute
-from tofmix.learnt_noise import LearntNoise
 from tofmix.measurement import measurement_of, share_law_of
-from tofmix.noise_shape import BackgroundDensity, NoiseShape
+from tofmix.noise_shape import BackgroundDensity, LearntNoise, NoiseShape
 from tofmix.optics.projection import (
     DEFAULT_PROJECTION,
     PROJECTIONS,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tofmix.errors import BadInputError
 from tofmix.io import hdf5, sensor_group
 from tofmix.io.hdf5 import ResultFile, open_result
-from tofmix.io.layers.provenance import read_surfaces_provenance, write_provenance
+from tofmix.io.layers.layers_file import read_surfaces_provenance, write_provenance
 from tofmix.io.schema import (
     AXIS,
     FINE_DIMS,

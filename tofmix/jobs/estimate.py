@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tofmix.errors import BadInputError
-from tofmix.estimation.blocks.sample_span import sensor_with_span
-from tofmix.estimation.noise.outliers import no_return_constant
+from tofmix.estimation.noise.measurement import no_return_constant
 from tofmix.estimation.noise_choice import (
     AUTO,
     FILE,
@@ -23,7 +22,9 @@ from tofmix.estimation.noise_choice import (
     choose_sensor,
     noise_options,
 )
+from tofmix.estimation.samples import sensor_with_span
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
+from tofmix.grid import Windows, plan_windows
 from tofmix.io.layers.journal import WHOLE, Shard
 from tofmix.io.layers.layers_file import open_layers
 from tofmix.io.recording.recording_file import open_recording
@@ -43,7 +44,6 @@ from tofmix.report.summary.lost import cause_of_loss
 from tofmix.report.summary.summary import find
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.sensors import PROFILES, noise_of_profile, profiles_with_noise
-from tofmix.windows import Windows, plan_windows
 from tofmix.wording import counted
 
 

@@ -18,7 +18,7 @@ from tofmix.jobs.reporter import OptionError, Reporter
 from tofmix.optics.geometry import largest_angle_deg
 from tofmix.optics.projection import beam_directions_of, pixel_extent_rad
 from tofmix.reconciliation.evidence import Evidence, make_evidence
-from tofmix.reconciliation.ledger import Ledger
+from tofmix.reconciliation.found import Ledger
 from tofmix.reconciliation.likelihood.joint import check_camera
 from tofmix.reconciliation.measured_noise import (
     MEASURED,

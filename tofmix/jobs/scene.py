@@ -30,8 +30,8 @@ from tofmix.jobs.estimate import About, EstimateRequest, FileRequest, estimate_f
 from tofmix.jobs.files import check_view, check_window, opened_recording
 from tofmix.jobs.reporter import OptionError, Reporter
 from tofmix.layers import Layers
-from tofmix.learnt_noise import WHOLE_MM
 from tofmix.measurement import ShareLaw
+from tofmix.noise_shape import WHOLE_MM
 from tofmix.optics.projection import Projection, beam_directions_of
 from tofmix.report.sources import LayersSource
 from tofmix.sensor import NoiseCurve, Sensor

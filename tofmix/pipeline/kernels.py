@@ -13,9 +13,8 @@ from tofmix.estimation.learnt import warm_up as learnt
 from tofmix.estimation.mixture.em import fit_mixture
 from tofmix.estimation.noise.measurement import measure_noise
 from tofmix.estimation.peaks.counters import COUNTERS
-from tofmix.estimation.peaks.density import density
 from tofmix.estimation.peaks.incremental import IncrementalDensity
-from tofmix.estimation.peaks.modes import find_modes
+from tofmix.estimation.peaks.modes import density, find_modes
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.flags import Mixing
 from tofmix.io.model_file import load_model

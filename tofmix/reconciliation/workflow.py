@@ -16,8 +16,7 @@ from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
 from tofmix.reconciliation.comparison.compare import Compared, Place, localise
 from tofmix.reconciliation.evidence import Evidence, make_evidence
-from tofmix.reconciliation.found import Added, TriedEffect
-from tofmix.reconciliation.ledger import Ledger, Named, WeighedSet
+from tofmix.reconciliation.found import Added, Ledger, Named, TriedEffect, WeighedSet
 from tofmix.reconciliation.likelihood.hidden_fits import fit_bursts
 from tofmix.reconciliation.likelihood.hidden_states import latent_states
 from tofmix.reconciliation.likelihood.joint import Recording, joint_likelihood, renamed

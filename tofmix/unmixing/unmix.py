@@ -26,11 +26,10 @@ from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import beam_directions_of
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.unmixing.curved_labels import label_curved
-from tofmix.unmixing.image import PhasorImage, make_image
+from tofmix.unmixing.image import PhasorImage, make_image, mean_phasors, phase_scale_mm
 from tofmix.unmixing.labels import Labels, label
 from tofmix.unmixing.law import MixingLaw, measure_law
 from tofmix.unmixing.likeliest import Kind
-from tofmix.unmixing.phasors import mean_phasors, phase_scale_mm
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, UnfoldingSettings, UnmixSettings
 
 
@@ -281,7 +280,7 @@ def unmix(
     layers : Layers
         Of the leading shape (row, col), as samples of one surface each give them. They are not changed.
     phasors : (row, col, 7) float32
-        From `tofmix.unmixing.phasors.mean_phasors`, of the same window.
+        From `tofmix.unmixing.image.mean_phasors`, of the same window.
     sensor : Sensor
         Its modulation frequency must be known; its optics and noise curve are used if known.
     insist : bool

@@ -23,7 +23,7 @@ from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError, UsageError
 from tofmix.io.importers import open_source
 from tofmix.io.importers.base import Frame, FrameSource, SourceRequest
-from tofmix.io.importers.streams import depths_among, stream_of, stream_of_file
+from tofmix.io.importers.conversion import depths_among, stream_of, stream_of_file
 from tofmix.io.importers.times import epoch_unit_s, settled, time_unit_s, times_of_array, unit_of_stamps
 
 WALL = np.rint(np.random.default_rng(7).normal(2100.0, 6.0, (9, 4, 5)))

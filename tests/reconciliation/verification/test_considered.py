@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from support.recordings import MAKE, reconciled, recorded
 
-from tofmix.reconciliation.ledger import ALIAS_NATS, Ledger, WeighedSet
+from tofmix.reconciliation.found import ALIAS_NATS, Ledger, WeighedSet
 from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.verification.aliases import aliases
 from tofmix.reconciliation.workflow import Reconciliation, reconcile

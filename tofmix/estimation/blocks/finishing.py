@@ -106,7 +106,7 @@ def finish_window(
     layers : Layers
         Of the leading shape (row, col), pixel by pixel.
     phasors : (row, col, 7) float32 or None
-        Mean phasors of the pixels (`tofmix.unmixing.phasors`); None: nothing is unmixed.
+        Mean phasors of the pixels (`tofmix.unmixing.image`); None: nothing is unmixed.
     sensor : Sensor
         The camera.
     frames : int

@@ -32,7 +32,7 @@ from tofmix.estimation.learnt.components import (
 from tofmix.estimation.learnt.em import drifts, em_step, mix, objective, step_up
 from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.mixture.em import LEAST_SHARE
-from tofmix.learnt_noise import DRIFTS, MOST_LOG_WIDTH
+from tofmix.noise_shape import DRIFTS, MOST_LOG_WIDTH
 
 _LONGEST_JUMP = 32.0
 """Most EM steps that one jump stands for."""

@@ -44,7 +44,7 @@ from tofmix.estimation.learnt.components import (
 from tofmix.estimation.learnt.counting import LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, LearntRules, count_surfaces
 from tofmix.estimation.learnt.em import mix
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.learnt.thresholds import GainThresholds
+from tofmix.estimation.learnt.model import GainThresholds
 from tofmix.estimation.learnt.trials import new_workspace
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.noise_shape import BackgroundDensity

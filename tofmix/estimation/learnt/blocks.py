@@ -47,17 +47,16 @@ from tofmix.estimation.learnt.components import (
 from tofmix.estimation.learnt.counting import LearntRules, count_surfaces
 from tofmix.estimation.learnt.em import mix
 from tofmix.estimation.learnt.law import Law, edges_at, has_steps, information_of, precision_of_t, step_at
-from tofmix.estimation.learnt.model import PixelNoise, thresholds_of
-from tofmix.estimation.learnt.thresholds import GainThresholds, read_gains
+from tofmix.estimation.learnt.model import GainThresholds, PixelNoise, read_gains, thresholds_of
 from tofmix.estimation.learnt.trials import new_workspace
-from tofmix.estimation.mixture.components import sort_surfaces
-from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, chance_of
+from tofmix.estimation.mixture.counting import FALSE_ALARMS, chance_of
+from tofmix.estimation.mixture.em import sort_surfaces
 from tofmix.estimation.mixture.uncertainty import scaled_cholesky
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.estimation.settings import EstimateOptions, KernelOptions, SigmaMode, kernel_options
 from tofmix.flags import Status
 from tofmix.layers import Layers
-from tofmix.learnt_noise import DRIFTS, LEAST_SIGMA
+from tofmix.noise_shape import DRIFTS, LEAST_SIGMA
 from tofmix.sensor import Sensor
 
 _NOTHING = 1.0e-12

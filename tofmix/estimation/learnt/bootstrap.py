@@ -39,12 +39,11 @@ from tofmix.estimation.learnt.components import (
 )
 from tofmix.estimation.learnt.jumps import gain_of_jump
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, Law
-from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.thresholds import GainThresholds
+from tofmix.estimation.learnt.model import GainThresholds, PixelNoise
 from tofmix.estimation.learnt.trials import first_surface, new_workspace, try_one_more
-from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
+from tofmix.estimation.mixture.counting import FALSE_ALARMS
 from tofmix.estimation.noise.series import SEED
-from tofmix.learnt_noise import DRIFTS, TAIL_DEGREES
+from tofmix.noise_shape import DRIFTS, TAIL_DEGREES
 
 DRAWS = 6000, 20_000
 """Fewest and most pixels of each number of samples and share of background: the tail then has 300 gains or more."""

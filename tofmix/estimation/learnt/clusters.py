@@ -45,7 +45,7 @@ from tofmix.estimation.noise.isolated_clusters import (
     Clusters,
 )
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
-from tofmix.learnt_noise import DRIFTS, LEAST_SIGMA
+from tofmix.noise_shape import DRIFTS, LEAST_SIGMA
 
 SIGMAS = LEAST_SIGMA * np.exp(0.1 * np.arange(38))
 """Sigmas, in steps, whose likelihood is computed: from the least that a step tells to 4 steps."""

@@ -1,7 +1,7 @@
 """How many surfaces the samples of one pixel show under the learnt noise: each must gain its threshold.
 
 A count starts without surfaces: background, and c_0 where samples lie near r_max. Surfaces are added while one more
-gains its threshold (`thresholds`) in a trial (`trials`). A pair of surfaces must not pass for one wide surface; so,
+gains its threshold (`GainThresholds`) in a trial (`trials`). A pair of surfaces must not pass for one wide surface; so,
 where a pixel has a width of its own, trials start from this width and from the common one. At the end, c_0 and surfaces
 that the samples do not need are removed, the least needed first.
 """
@@ -28,7 +28,7 @@ from tofmix.estimation.learnt.components import (
 from tofmix.estimation.learnt.em import mix
 from tofmix.estimation.learnt.jumps import gain_of_jump
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.learnt.thresholds import GainThresholds, read_gains
+from tofmix.estimation.learnt.model import GainThresholds, read_gains
 from tofmix.estimation.learnt.trials import (
     LearntWorkspace,
     first_surface,
@@ -37,8 +37,7 @@ from tofmix.estimation.learnt.trials import (
     surely_needed,
     try_one_more,
 )
-from tofmix.estimation.mixture.counting import MIN_SUPPORT
-from tofmix.estimation.mixture.false_alarms import least_gain
+from tofmix.estimation.mixture.counting import MIN_SUPPORT, least_gain
 
 NEAR_NO_RETURN = 5.0
 """Distance, in sigmas, within which c_0 and a surface may stand for the same samples."""

@@ -56,7 +56,7 @@ from tofmix.estimation.learnt.law import (
 )
 from tofmix.estimation.mixture.em import gaussians
 from tofmix.estimation.noise.isolated_clusters import LONGEST_STEP
-from tofmix.learnt_noise import DRIFTS, MOST_LOG_WIDTH, SIGMA_OF_STEP
+from tofmix.noise_shape import DRIFTS, MOST_LOG_WIDTH, SIGMA_OF_STEP
 
 _LEAST_BACKGROUND = 1.0e-12
 """Least share of background, and of the rest, before its logarithm is taken."""

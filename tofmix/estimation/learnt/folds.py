@@ -25,10 +25,9 @@ from tofmix.estimation.learnt.components import LEAST_SAMPLES, TOTAL, Samples, f
 from tofmix.estimation.learnt.counting import LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, LearntRules, count_surfaces
 from tofmix.estimation.learnt.em import background_density, mix
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.thresholds import GainThresholds
+from tofmix.estimation.learnt.model import GainThresholds, PixelNoise
 from tofmix.estimation.learnt.trials import new_workspace
-from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
+from tofmix.estimation.mixture.counting import FALSE_ALARMS
 from tofmix.estimation.noise.isolated_clusters import LEAST_CLUSTERS, LEAST_TO_CLUSTER, WEAK_PRIOR, Clusters
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel, pixel_curves
 from tofmix.estimation.noise.series import SEED

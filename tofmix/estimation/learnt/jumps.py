@@ -26,7 +26,7 @@ from tofmix.estimation.learnt.components import (
 )
 from tofmix.estimation.learnt.em import log_priors
 from tofmix.estimation.learnt.law import Law, density_at, slope_at, step_at
-from tofmix.learnt_noise import DRIFTS
+from tofmix.noise_shape import DRIFTS
 
 NEAR_SIGMAS = 5.0
 """Samples this near to the drifting surface, in sigmas beyond its drift, determine the time of the jump."""

@@ -16,8 +16,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
 from tofmix.estimation.beam import Beam, sigma_at
-from tofmix.learnt_noise import DRIFTS, SIGMA_OF_STEP, TAIL_DEGREES
-from tofmix.noise_shape import NoiseShape
+from tofmix.noise_shape import DRIFTS, SIGMA_OF_STEP, TAIL_DEGREES, NoiseShape
 
 STEPS = 32
 """Points of the tables by sigma."""

@@ -24,7 +24,7 @@ from tofmix.estimation.learnt.population import spread_beside_pairs
 from tofmix.estimation.learnt.shape_fit import fit_shape, histogram
 from tofmix.estimation.learnt.sigma_curve import FREE_WIDTH, ROUNDS, variance_left, with_sigma
 from tofmix.estimation.noise.isolated_clusters import FREE_DRIFT_SIGMAS, LEAST_CLUSTERS, Clusters
-from tofmix.learnt_noise import DRIFTS, MOST_LOG_WIDTH, TAIL_DEGREES
+from tofmix.noise_shape import DRIFTS, MOST_LOG_WIDTH, TAIL_DEGREES
 
 LEAST_MEMORY, MOST_MEMORY = 0.05, 0.95
 """Correlations below the first count as 0, and none above the second is given."""

@@ -15,8 +15,7 @@ from tofmix.circle import open_at
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.learnt.law import REACH, Law
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.learnt_noise import DRIFTS, TAIL_DEGREES
-from tofmix.noise_shape import BackgroundDensity
+from tofmix.noise_shape import DRIFTS, TAIL_DEGREES, BackgroundDensity
 from tofmix.sensor import Sensor
 
 _WIDER = (4.0, 2.0, 1.0)

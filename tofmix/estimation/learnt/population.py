@@ -21,7 +21,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.estimation.learnt.law import Law, distribution_at
-from tofmix.learnt_noise import TAIL_DEGREES
+from tofmix.noise_shape import TAIL_DEGREES
 
 MOST_CLUSTERS = 400
 """Most clusters that are compared, evenly chosen."""

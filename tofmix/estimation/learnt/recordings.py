@@ -13,9 +13,8 @@ from tofmix.estimation.learnt.background import background_shares
 from tofmix.estimation.learnt.bootstrap import known_thresholds
 from tofmix.estimation.learnt.folds import MAX_LAYERS, flat_thresholds
 from tofmix.estimation.learnt.learning import LearntModel, learn_pixel_noise
-from tofmix.estimation.learnt.model import PixelNoise
+from tofmix.estimation.learnt.model import PixelNoise, noise_words
 from tofmix.estimation.learnt.parts import beta_prior
-from tofmix.estimation.learnt.words import noise_words
 from tofmix.estimation.noise.measurement import MeasuredNoise, measure_noise
 from tofmix.estimation.noise.pair_differences import sigma_from_differences
 from tofmix.estimation.noise.training_pixels import (
@@ -26,7 +25,7 @@ from tofmix.estimation.noise.training_pixels import (
     sample_numbers,
     scatters,
 )
-from tofmix.learnt_noise import DRIFTS, RangeStep
+from tofmix.noise_shape import DRIFTS, RangeStep
 from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
 from tofmix.wording import counted

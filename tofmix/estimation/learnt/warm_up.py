@@ -14,7 +14,7 @@ from tofmix.estimation.learnt.folds import flat_thresholds, held_out_scores
 from tofmix.estimation.learnt.law import precision_of_t
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.population import LOG_WIDTHS, ONE_SURFACE, population_likelihoods
-from tofmix.learnt_noise import RangeStep
+from tofmix.noise_shape import RangeStep
 from tofmix.sensor import NoiseCurve, Sensor
 
 _RANGE_MM, _SIGMA_MM = 1000.0, 10.0

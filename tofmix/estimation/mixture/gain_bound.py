@@ -39,12 +39,13 @@ from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
 from tofmix.compiled.vector import exp_minus, log_of, product_of, total_of
 from tofmix.estimation.beam import Beam, is_beyond, is_uniform, sigma_at
-from tofmix.estimation.mixture.components import (
+from tofmix.estimation.mixture.em import (
     DENSITY,
     MEAN,
     MEAN_SCORE,
     OTHER,
     RANDOM,
+    ROOT_TWO_PI,
     SHARE,
     SHARE_SCORE,
     SIGMA,
@@ -53,8 +54,9 @@ from tofmix.estimation.mixture.components import (
     WEIGHT,
     Components,
     Scratch,
+    gaussians,
+    mix,
 )
-from tofmix.estimation.mixture.em import ROOT_TWO_PI, gaussians, mix
 from tofmix.estimation.samples import Readings, whole_lanes, within_reach
 
 LARGEST_SHARE = 0.9

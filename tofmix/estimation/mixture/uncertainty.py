@@ -15,9 +15,10 @@ from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.compiled.vector import product_of
 from tofmix.estimation.beam import Beam, sigma_at
-from tofmix.estimation.mixture.components import (
+from tofmix.estimation.mixture.em import (
     DENSITY,
     MEAN,
+    PRIOR_SAMPLES,
     SHARE,
     SIGMA,
     SPARE,
@@ -26,10 +27,10 @@ from tofmix.estimation.mixture.components import (
     WEIGHT,
     Components,
     Scratch,
+    expect,
     gradient_row,
     no_return_row,
 )
-from tofmix.estimation.mixture.em import PRIOR_SAMPLES, expect
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED
 

@@ -23,7 +23,7 @@ from tofmix.estimation.noise.series import (
     series_statistics,
 )
 from tofmix.estimation.unrolling import UnrolledSource
-from tofmix.learnt_noise import SIGMA_OF_STEP, RangeStep
+from tofmix.noise_shape import SIGMA_OF_STEP, RangeStep
 from tofmix.recording import SampleSource, amplitude_source, by_target
 from tofmix.sensor import NoiseCurve
 

@@ -29,7 +29,7 @@ from tofmix.estimation.noise.isolated_clusters import (
 from tofmix.estimation.noise.pair_differences import sigma_from_differences
 from tofmix.estimation.noise.pixel_noise import pixel_curves
 from tofmix.estimation.noise.training_pixels import Pixels, pixels_of, scatters
-from tofmix.learnt_noise import DRIFTS, RangeStep
+from tofmix.noise_shape import DRIFTS, RangeStep
 from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
 

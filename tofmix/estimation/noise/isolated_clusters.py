@@ -13,7 +13,7 @@ import numpy as np
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.samples import FARTHEST_MM
-from tofmix.learnt_noise import DRIFTS, MOST_LOG_WIDTH, TAIL_DEGREES
+from tofmix.noise_shape import DRIFTS, MOST_LOG_WIDTH, TAIL_DEGREES
 
 CLOSE = 1.2
 """Half the width, in sigmas, of the window of the densest place: it holds 77 % of a Gaussian surface."""

@@ -20,7 +20,7 @@ import numpy as np
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.estimation.noise.series import read_runs
 from tofmix.estimation.samples import FARTHEST_MM
-from tofmix.learnt_noise import WHOLE_MM, RangeStep
+from tofmix.noise_shape import WHOLE_MM, RangeStep
 from tofmix.recording import SampleSource, samples_a_frame
 
 MOST_MULTIPLE = 4

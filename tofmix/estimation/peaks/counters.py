@@ -16,7 +16,7 @@ knows the noise curve, and each surface has side lobes that look like weak surfa
 
 The paper's choice (section IV c): peaks of a kernel density whose bandwidth follows the noise curve.
 
-See `tofmix.estimation.peaks.density` for equation (4) and `tofmix.estimation.peaks.modes` for test (5).
+See `tofmix.estimation.peaks.modes` for equation (4) and `tofmix.estimation.peaks.modes` for test (5).
 """
 
 import math

@@ -18,8 +18,7 @@ from tofmix.circle import fold
 from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.peaks.counters import SIGMAS_BEYOND, Kde, Peaks, no_peaks
-from tofmix.estimation.peaks.density import BANDWIDTH, REACH
-from tofmix.estimation.peaks.modes import LONE_SAMPLES, PEAK_OF_SHARE, STEP, keep_peak
+from tofmix.estimation.peaks.modes import BANDWIDTH, LONE_SAMPLES, PEAK_OF_SHARE, REACH, STEP, keep_peak
 from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.sensor import Sensor
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import IO
 
 from tofmix.io.importers.base import foreign
-from tofmix.io.importers.streams import set_of
+from tofmix.io.importers.conversion import set_of
 
 _NUMBER = re.compile(r"[+-]?\d+(?:[.,]\d+)?(?:e[+-]?\d+)?", re.IGNORECASE)
 _NUMBER_WITH_COMMA = re.compile(r"[+-]?\d*,\d+(?:e[+-]?\d+)?", re.IGNORECASE)

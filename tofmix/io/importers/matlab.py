@@ -24,8 +24,8 @@ from tofmix.io.guard.watchdog import watched
 from tofmix.io.importers.arrays import Container, Frames, frames_of, source_of
 from tofmix.io.importers.axes import FRAMES_FIRST, FRAMES_LAST, STACK_DIMENSIONS, axes_of
 from tofmix.io.importers.base import FrameSource, SourceRequest, foreign
+from tofmix.io.importers.conversion import set_of
 from tofmix.io.importers.datasets import dataset_frames
-from tofmix.io.importers.streams import set_of
 from tofmix.io.locks import scratch_folder
 
 _BYTES = set_of("int8 uint8 logical char")

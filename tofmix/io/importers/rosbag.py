@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
 from tofmix.io.importers.base import Frame, FrameSource, SourceRequest, check_frame, foreign, unused
+from tofmix.io.importers.conversion import depths_among, stream_of
 from tofmix.io.importers.intrinsics import Calibration, differences, from_camera_info
-from tofmix.io.importers.streams import depths_among, stream_of
 from tofmix.io.next_command import need
 from tofmix.optics.pinhole import Pinhole
 from tofmix.points import MM_A_METRE

@@ -36,7 +36,7 @@ from tofmix.io.importers.base import (
     foreign,
     unused,
 )
-from tofmix.io.importers.streams import depths_among, stream_of
+from tofmix.io.importers.conversion import depths_among, stream_of
 from tofmix.io.next_command import import_command, need
 from tofmix.io.units import unit_in_name, unit_mm_of
 

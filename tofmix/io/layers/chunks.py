@@ -43,7 +43,7 @@ def encode_cell(
 ) -> EncodedCell:
     """Encode the layers (window, row, col) of a cell.
 
-    `phasors` (window, row, col, 7) are the mean phasors of the same pixels (`tofmix.unmixing.phasors`), `evidence` is
+    `phasors` (window, row, col, 7) are the mean phasors of the same pixels (`tofmix.unmixing.image`), `evidence` is
     that of each window. `shape` is the leading shape of a stored chunk; a cell at the far edge is filled up to it.
     """
     tally = np.bincount(layers.n_modes.ravel(), minlength=layers.max_layers + 1)

@@ -13,7 +13,7 @@ from itertools import chain
 
 import numpy as np
 
-from tofmix.reconciliation.ledger import ALIAS_NATS, Ledger
+from tofmix.reconciliation.found import ALIAS_NATS, Ledger
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.one.coordinates import Key
 from tofmix.reconciliation.one.fitted_set import FittedSet

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from tofmix.reconciliation.ledger import ALIAS_NATS, Named, WeighedSet, set_text
+from tofmix.reconciliation.found import ALIAS_NATS, Named, WeighedSet, set_text
 from tofmix.simulation.effects import EFFECTS
 
 MOST_ALIASES = 3

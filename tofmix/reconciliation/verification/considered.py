@@ -9,8 +9,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from tofmix.reconciliation.comparison.panel import Curve
-from tofmix.reconciliation.found import Added
-from tofmix.reconciliation.ledger import Ledger, WeighedSet, set_text
+from tofmix.reconciliation.found import Added, Ledger, WeighedSet, set_text
 from tofmix.reconciliation.verification.verify import Verified
 from tofmix.wording import number
 

@@ -1,4 +1,10 @@
-"""Next steps after a verdict: one sentence each, the most useful first."""
+"""Next steps after a verdict: one sentence each, the most useful first.
+
+Whether the range axis folds is asked here: of two static biases that fit equally, the one of a turn is no bias.
+A wall beyond the unambiguous range appears a turn nearer. A bias, a pose or a second path of metres fits such samples
+as well, and the fold alone fits them badly where a pixel has a bias of several sigma. So both hypotheses are compared
+with a bias of each pixel integrated out, whose spread is fitted: without the fold it is a turn, with it some mm.
+"""
 
 import json
 import math
@@ -10,22 +16,55 @@ import numpy as np
 from scipy.stats import norm
 
 from tofmix.reconciliation.comparison.compare import disagreements
-from tofmix.reconciliation.found import Added
-from tofmix.reconciliation.ledger import name_of_effect
+from tofmix.reconciliation.found import Added, name_of_effect
+from tofmix.reconciliation.likelihood import hidden_fits
 from tofmix.reconciliation.likelihood.biases import biases_of_recordings
 from tofmix.reconciliation.likelihood.hidden_states import begin
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
-from tofmix.reconciliation.parameters.planes import PlanePose, measured_pose
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
+from tofmix.reconciliation.likelihood.pixel_pattern import pixel_biases, with_pattern
+from tofmix.reconciliation.parameters.searches import PlanePose, measured_pose, problems
 from tofmix.reconciliation.settings import Settings, fit_part
 from tofmix.reconciliation.verification.aliases import Alias
 from tofmix.reconciliation.verification.far_trends import far_trends
-from tofmix.reconciliation.verification.fold import fold
 from tofmix.reconciliation.verification.verify import Verified
 from tofmix.simulation.effects import EFFECTS, basic_kind
 from tofmix.simulation.effects.base import Basic, Effect
 from tofmix.simulation.effects.hidden import PixelBias
 from tofmix.simulation.surface import Surface
 from tofmix.wording import counted
+
+
+def fold(likelihood: Likelihood, state: ModelState, part: Part) -> tuple[Effect, ModelState] | None:
+    """The fold of the camera's phase, and the state with it, if it explains more than the state; None if not.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        The recordings.
+    state : ModelState
+        The model with the effects added so far.
+    part : (frames, pixels)
+        The samples.
+    """
+    mixture = likelihood.mixture(state)
+    if mixture.period > 0:
+        return None
+    for problem in problems(basic_kind(Basic.FOLD).kind, likelihood, mixture):
+        effect = problem.make(np.array(problem.starts[0]))
+        folded = replace(state, effects=(*state.effects, effect))
+        if _with_biases(likelihood, folded, part) > _with_biases(likelihood, state, part):
+            return effect, folded
+    return None
+
+
+def _with_biases(likelihood: Likelihood, state: ModelState, part: Part) -> float:
+    """Log-likelihood of a part with a bias of each pixel integrated out, of normal spreads that are fitted."""
+    mixture = likelihood.mixture(state)
+    found = pixel_biases(likelihood, mixture, state, part)
+    bare = likelihood.marginal(mixture, state, part).total
+    pattern = hidden_fits.fit_spreads(found, likelihood.evidence.image)
+    return bare if pattern is None else bare + with_pattern(found, likelihood.evidence.image, pattern[0])
+
 
 _CLEAR = 5.0  # least distance from the model's pose, in standard errors
 _MOSTLY = 0.8  # least share of the weighted squares of a surface's biases that another pose explains

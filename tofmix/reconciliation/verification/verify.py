@@ -20,9 +20,8 @@ from tofmix.reconciliation.likelihood.memory import independent, memory_left, me
 from tofmix.reconciliation.likelihood.mixture import LINKING, Scene
 from tofmix.reconciliation.settings import Settings, fit_part, held_out
 from tofmix.reconciliation.verdict import VerdictData, judge, share_closed
-from tofmix.reconciliation.verification.contradictions import Contradiction, contradictions
+from tofmix.reconciliation.verification.contradictions import Contradiction, contradictions, smooth, tilted
 from tofmix.reconciliation.verification.far_trends import far_trends
-from tofmix.reconciliation.verification.pattern_shape import smooth, tilted
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects.base import Effect, with_hidden
 from tofmix.simulation.effects.hidden import PixelBias, PixelValue

@@ -16,8 +16,7 @@ from tofmix.flags import Mixing
 from tofmix.layers import Layers
 from tofmix.recording import SampleSource, amplitude_source
 from tofmix.sensor import Sensor
-from tofmix.unmixing.image import ComplexArray
-from tofmix.unmixing.phasors import FIELDS, mean_phasors, phase_scale_mm
+from tofmix.unmixing.image import FIELDS, ComplexArray, mean_phasors, phase_scale_mm
 
 REACH = 3
 """Neighbours are shown up to so many pixels from the pixel, by row and by column: unmixing looks as far."""

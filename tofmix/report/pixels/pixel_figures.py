@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from tofmix.arrays import FloatArray
 from tofmix.circle import cut_between
 from tofmix.estimation.learnt.pixel_mixture import PixelMixture
-from tofmix.estimation.peaks.density import density
+from tofmix.estimation.peaks.modes import density
 from tofmix.points import MM_A_METRE as _M
 from tofmix.report.pixels.phasor_figure import PLANE_INCH, draw_plane
 from tofmix.report.pixels.phasor_plane import PhasorPlane

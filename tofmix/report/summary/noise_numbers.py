@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from tofmix.estimation.learnt.words import noise_words, shape_words
+from tofmix.estimation.learnt.model import noise_words, shape_words
 from tofmix.report.summary.quantiles import Quantiles, ValueCounts, spread_of
 from tofmix.sensor import Sensor
 

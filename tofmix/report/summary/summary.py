@@ -18,8 +18,10 @@ from tofmix.flags import Mixing, Status, mixing_name, status_name
 from tofmix.layers import Layers, Provenance
 from tofmix.report.sources import LayersSource
 from tofmix.report.summary.findings import (
+    DEFAULT_THRESHOLDS,
     Finding,
     Remedy,
+    Thresholds,
     count_findings,
     filter_findings,
     frame_findings,
@@ -32,7 +34,6 @@ from tofmix.report.summary.findings import (
 from tofmix.report.summary.lost import Cause, LostNumbers, LostTally
 from tofmix.report.summary.noise_numbers import NoiseNumbers, noise_numbers
 from tofmix.report.summary.quantiles import Quantiles, ValueCounts, spread_of
-from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from tofmix.sensor import NoiseCurve
 from tofmix.suspicion.registry import SUSPICIONS, count_suspects
 from tofmix.unmixing.settings import DEFAULT_SETTINGS

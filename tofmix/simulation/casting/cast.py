@@ -17,9 +17,8 @@ from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import cell_nodes
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.casting.cast_cells import cast_cells, reached_cells
-from tofmix.simulation.casting.cast_kernel import cast_row, reached_row
+from tofmix.simulation.casting.cast_kernel import SceneArrays, cast_row, reached_row, scene_arrays
 from tofmix.simulation.casting.measured_cast import cast_measured
-from tofmix.simulation.casting.scene import SceneArrays, scene_arrays
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import MAX_LENGTH_MM
 from tofmix.simulation.truth import Truth

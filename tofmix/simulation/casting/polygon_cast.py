@@ -16,8 +16,8 @@ from tofmix.optics.projection import Projection, cell_nodes, pixel_extent_rad
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.casting.cast import SeenSurfaces, cast_scene, sift, truth_of
 from tofmix.simulation.casting.cast_cells import BULGE
+from tofmix.simulation.casting.cast_kernel import scene_arrays
 from tofmix.simulation.casting.polygon_kernel import cast_polygons
-from tofmix.simulation.casting.scene import scene_arrays
 from tofmix.simulation.model import Model
 from tofmix.simulation.truth import Truth
 

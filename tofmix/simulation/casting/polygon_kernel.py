@@ -1,7 +1,7 @@
 """Kernels that cut a pixel's cell along the edges of surfaces: shares and mean ranges as areas, without beams.
 
 They validate nothing; call `tofmix.simulation.casting.polygon_cast`. Places (u, v) run
-across and down a cell, from 0 to 1. A condition of `tofmix.simulation.casting.scene` is a
+across and down a cell, from 0 to 1. A condition of `tofmix.simulation.casting.cast_kernel` is a
 polynomial of second degree in u and in v there, and the part of a cell that fulfils it is
 cut with straight lines between its places on the sides of the polygon.
 """
@@ -14,8 +14,7 @@ import numpy as np
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.optics.cells import patch_ray
-from tofmix.simulation.casting.cast_kernel import MIXED, TIE, judge
-from tofmix.simulation.casting.scene import SceneArrays
+from tofmix.simulation.casting.cast_kernel import MIXED, TIE, SceneArrays, judge
 
 MOST_IN_FRONT = 6
 """Surfaces that may hide parts of one surface in one part of a cell; the subsets of more are too many."""
