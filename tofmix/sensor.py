@@ -12,12 +12,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import IMAGE_RANK, FloatArray
-from tofmix.measurement import Measurement, ShareLaw, measurement_of, share_law_of
 from tofmix.noise_shape import BackgroundDensity, LearntNoise, NoiseShape, RangeStep
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import PINHOLE, Projection, ideal_pinhole
-from tofmix.sensor_schema import NUMBERS, RARE_SENSOR_NUMBERS, SENSOR_NUMBERS
+from tofmix.sensor_schema import (
+    NUMBERS,
+    RARE_SENSOR_NUMBERS,
+    SENSOR_NUMBERS,
+    Measurement,
+    ShareLaw,
+    measurement_of,
+    share_law_of,
+)
 from tofmix.temporal_filter import TemporalFilter
 from tofmix.wording import counted
 

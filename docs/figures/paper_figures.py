@@ -32,9 +32,9 @@ from tofmix.report.theme import LIGHT, drawing, new_figure
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.sensors import load_profile
 from tofmix.simulation.casting.cast import cast_scene
+from tofmix.simulation.events import Truth
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import recording_sensor, render_blocks
-from tofmix.simulation.truth import Truth
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 

@@ -23,7 +23,7 @@ from tofmix.sensor import NoiseCurve, Sensor
 
 if TYPE_CHECKING:
     from tofmix.sensors import Camera
-    from tofmix.simulation.truth import Truth
+    from tofmix.simulation.events import Truth
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -482,7 +482,7 @@ def _seen_by(
 def _seconds(times: ArrayLike) -> FloatArray:
     """Times as numbers of s: dates count from the first one; NaN where one is missing."""
     from tofmix.io.importers.times import epoch_unit_s, times_of_array
-    from tofmix.io.units import TIME_UNITS_S
+    from tofmix.io.recording.range_check import TIME_UNITS_S
 
     stamps = np.asarray(times)
     if stamps.dtype.kind not in "mM":

@@ -190,8 +190,8 @@ def import_(
     """
     from tofmix.io.importers.axes import check_axes
     from tofmix.io.importers.base import SourceRequest
+    from tofmix.io.recording.range_check import TIME_UNITS_S, UNITS_MM
     from tofmix.io.samples import guessed
-    from tofmix.io.units import TIME_UNITS_S, UNITS_MM
     from tofmix.jobs.import_ import ImportRequest, Lens, camera_of, import_file
 
     for name, value in (("--scale", scale), ("--frame-rate", frame_rate)):

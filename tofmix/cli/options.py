@@ -10,8 +10,8 @@ from typing import Any, ClassVar, TypeVar
 import click
 
 from tofmix.errors import UsageError
-from tofmix.measurement import ShareLaw
 from tofmix.options import Option
+from tofmix.sensor_schema import ShareLaw
 
 F = TypeVar("F", bound=Callable[..., Any])
 """A command's function, or the command."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.patch import DIRECTIONS, LEAST_HITS, LOG_WAYS, drawn_ranges, fit_patches
-from tofmix.image.segments import View, around, rim_of
+from tofmix.image.segments import View, members_around, rim_of
 
 BENDS = (1e-7, 1e-4, 5e-4, 2e-3, 5e-3, 1e-2)
 """Standard deviations of a curvature that are tried, 1 / mm: from a plane to a radius of 100 mm."""
@@ -71,7 +71,7 @@ def _evidence(
     Each window bends in its own way, or all of a segment in one direction, as those of a cylinder do: as probable.
     """
     at, owner = _windows(segment, numbers)
-    members = around(view.shape, segment, at, segment[at], reach, own=True)
+    members = members_around(view.shape, segment, at, segment[at], reach, own=True)
     usable = ((members >= 0).sum(axis=1) >= _LEAST_MEMBERS) & (_narrowest(members, view.shape[1]) >= _LEAST_VARIANCE)
     at, owner, members = at[usable], owner[usable], members[usable]
     if not at.size:
@@ -168,7 +168,7 @@ def _on_one_side(
 ) -> IntArray:
     """Members (n, place) around pixels, on the side where most of them are; -1 for none."""
     cols = view.shape[1]
-    members = around(view.shape, segment, at, np.full(at.size, number), reach)
+    members = members_around(view.shape, segment, at, np.full(at.size, number), reach)
     there = members >= 0
     down = np.where(there, members // cols - (at // cols)[:, np.newaxis], 0)
     right = np.where(there, members % cols - (at % cols)[:, np.newaxis], 0)

@@ -11,7 +11,6 @@ from tofmix.arrays import IMAGE_RANK
 from tofmix.errors import BadInputError
 from tofmix.io.guard import guard
 from tofmix.io.hdf5 import PACKED, add_group, text_attribute
-from tofmix.measurement import measurement_of, share_law_of
 from tofmix.noise_shape import BackgroundDensity, LearntNoise, NoiseShape
 from tofmix.optics.projection import (
     DEFAULT_PROJECTION,
@@ -24,7 +23,7 @@ from tofmix.optics.projection import (
 )
 from tofmix.recording import MOST_PIXELS_A_SIDE
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, AmplitudeLaw, NoiseCurve, Sensor
-from tofmix.sensor_schema import RARE_SENSOR_NUMBERS, SENSOR_NUMBERS
+from tofmix.sensor_schema import RARE_SENSOR_NUMBERS, SENSOR_NUMBERS, measurement_of, share_law_of
 from tofmix.temporal_filter import make_filter
 
 T = TypeVar("T")

@@ -149,7 +149,7 @@ def _compile(task: str) -> None:
 
         warm_up()
     elif task == "learning":
-        from tofmix.estimation.learnt.warm_up import warm_up_later
+        from tofmix.estimation.learnt.recordings import warm_up_later
 
         warm_up_later()
     else:

@@ -33,11 +33,9 @@ from tofmix.reconciliation.parameters.pattern_errors import latent_errors
 from tofmix.reconciliation.parameters.polish import numbers_of
 from tofmix.reconciliation.parameters.standard_errors import standard_errors
 from tofmix.reconciliation.settings import Settings, fit_part
-from tofmix.reconciliation.verification.aliases import Alias, aliases
-from tofmix.reconciliation.verification.considered import considered
-from tofmix.reconciliation.verification.far_trends import far_trends
+from tofmix.reconciliation.verification.considered import Alias, aliases, considered
 from tofmix.reconciliation.verification.next_steps import next_steps
-from tofmix.reconciliation.verification.verify import Verified, verify
+from tofmix.reconciliation.verification.verify import Verified, far_trends, verify
 from tofmix.simulation.casting.polygon_cast import PolygonCaster
 from tofmix.simulation.effects.base import Effect, with_hidden
 from tofmix.simulation.effects.hidden import RememberedNoise

@@ -1,7 +1,7 @@
 """A scene as a recording saw it: layers in place of rectangles, pixel by pixel, with the errors of what was seen.
 
 Use `measured_scene` for the layers of a recording, and `camera_of` for the camera of a model of them. A `Model` with a
-`MeasuredScene` is cast by `tofmix.simulation.casting.measured_cast`: each layer keeps its share, and an effect that
+`MeasuredScene` is cast by `tofmix.simulation.casting.cast`: each layer keeps its share, and an effect that
 places a surface moves the ranges of its layers along the beams. So everything after the cast is the same as for
 rectangles.
 """

@@ -19,6 +19,7 @@ from tofmix.sensor import Sensor
 from tofmix.simulation.averaging import average_frame, exposure_times, exposures
 from tofmix.simulation.events import (
     Drawn,
+    Truth,
     amplitude_draws,
     draw,
     drawn_widths,
@@ -29,7 +30,6 @@ from tofmix.simulation.events import (
 )
 from tofmix.simulation.exposure import Exposer, StillScene, check_averages, recorded_amplitude
 from tofmix.simulation.model import Model
-from tofmix.simulation.truth import Truth
 
 _FRAMES_AT_ONCE = 16  # held in memory with all that their samples carry
 

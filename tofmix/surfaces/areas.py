@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.flags import Mixing
 from tofmix.layers import Layers
-from tofmix.measurement import ShareLaw
+from tofmix.sensor_schema import ShareLaw
 from tofmix.surfaces.found import NO_SURFACE
 from tofmix.surfaces.linking import Linked
 from tofmix.surfaces.nodes import Nodes

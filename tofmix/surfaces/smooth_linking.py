@@ -17,10 +17,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.image.masks import components, count_around, near, neighbour_pairs
 from tofmix.image.patch import LEAST_HITS, PLACES_9, drawn_ranges, fit_patches
 from tofmix.image.scales import BENDS, MOST_NATS, THIRDS, UNKNOWN, Scales, learn_scales, may_bend
-from tofmix.image.segments import LEAST_PIXELS, REACH, View, around
+from tofmix.image.segments import (
+    LEAST_PIXELS,
+    REACH,
+    View,
+    components,
+    count_around,
+    members_around,
+    near,
+    neighbour_pairs,
+)
 from tofmix.layers import Layers
 from tofmix.surfaces.linking import Linked, fit, numbered
 from tofmix.surfaces.nodes import Nodes
@@ -115,7 +123,7 @@ def _gains(view: View, group: IntArray, pairs: list[tuple[int, int]], borders: l
     at = np.concatenate(borders)
     owner = np.repeat(np.arange(len(pairs)), [border.size for border in borders])
     one, other = (np.array(part)[owner] for part in zip(*pairs, strict=True))
-    first, second = (around(view.shape, group, at, number, _REACH, own=True) for number in (one, other))
+    first, second = (members_around(view.shape, group, at, number, _REACH, own=True) for number in (one, other))
     both = np.where(first >= 0, first, second)
     usable = (first >= 0).any(axis=1) & (second >= 0).any(axis=1)
     at, owner, first, second, both = (part[usable] for part in (at, owner, first, second, both))
@@ -324,7 +332,9 @@ class _Rim:
             has = self._has(label, self._planes + place)
             beside = (near(has, 1) & ~has).ravel()
             some = np.flatnonzero(free & beside[self._pixel])
-            members = around(self._view.shape, self._segment, self._pixel[some], np.full(some.size, place), REACH)
+            members = members_around(
+                self._view.shape, self._segment, self._pixel[some], np.full(some.size, place), REACH
+            )
             some = some[(members >= 0).sum(axis=1) >= LEAST_PIXELS]
             found.append(some)
             places.append(np.full(some.size, place))
@@ -391,7 +401,7 @@ def predict(
         Mean range over the part of the pixel that is hit, mm; its variance, mm^2; the change of the range along a
         pixel's side, mm; whether enough draws hit the pixel.
     """
-    members = around(view.shape, segment, pixel, place, REACH)
+    members = members_around(view.shape, segment, pixel, place, REACH)
     patches = fit_patches(view, pixel, members, scales.bend[place], scales.third[place])
     patches = patches._replace(covariance=patches.covariance * scales.inflation[place][:, np.newaxis, np.newaxis])
     ranges = drawn_ranges(patches, view.rays(pixel, PLACES_9))

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray
-from tofmix.image.masks import around, count_around
+from tofmix.image.segments import around, count_around
 from tofmix.suspicion.albedo import (
     PLANE_NUMBERS,
     AlbedoLaw,

@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.image.masks import around
+from tofmix.image.segments import around
 from tofmix.suspicion.scene import CLUSTER_FIELDS, FALSE_MARKS, NOISE_SIGMAS, Suspicion, WindowScene
 
 _ROW, _COL, _LAYER, _FRAMES, _SAMPLES, _OUTSIDE, _LENGTH, _FIRST, _LAST = range(len(CLUSTER_FIELDS))

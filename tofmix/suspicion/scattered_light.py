@@ -8,7 +8,7 @@ it would be flat, where scattered light has one range.
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray
-from tofmix.image.masks import count_around
+from tofmix.image.segments import count_around
 from tofmix.suspicion.albedo import (
     PLANE_NUMBERS,
     AlbedoLaw,

@@ -26,7 +26,7 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.light import STATES, Lit, with_light
 from tofmix.image.patch import STATE, fit_patches, meet
 from tofmix.image.scales import Scales
-from tofmix.image.segments import LEAST_PIXELS, REACH, View, around, grid_of_places, lattice_of_places
+from tofmix.image.segments import LEAST_PIXELS, REACH, View, grid_of_places, lattice_of_places, members_around
 from tofmix.unmixing.chords import unseen_log_density
 from tofmix.unmixing.image import ComplexArray, PhasorImage
 from tofmix.unmixing.likeliest import OpenSpace
@@ -157,7 +157,7 @@ def judge_bent(
     if not owner.size:
         return best.verdicts()
     at = pixels[owner]
-    members = around(view.shape, segment, at, number, REACH)
+    members = members_around(view.shape, segment, at, number, REACH)
     patches = fit_patches(view, at, members, scales.bend[number], scales.third[number])
     patches = patches._replace(covariance=patches.covariance * scales.inflation[number][:, np.newaxis, np.newaxis])
     lit = with_light(view, at, patches)

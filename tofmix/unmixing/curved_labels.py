@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.image.masks import near
 from tofmix.image.scales import BENDS, THIRDS, Scales, learn_scales, may_bend
-from tofmix.image.segments import LEAST_PIXELS, REACH, View, rim_of, segments_of
+from tofmix.image.segments import LEAST_PIXELS, REACH, View, near, rim_of, segments_of
 from tofmix.unmixing.curved import Bent, Verdicts, judge_bent
 from tofmix.unmixing.functions import ndtr
 from tofmix.unmixing.image import ComplexArray, PhasorImage, polar_covariance, variance_along

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.image.masks import near, sum_around
+from tofmix.image.segments import near, sum_around
 from tofmix.unmixing.hypotheses import judge
 from tofmix.unmixing.image import ComplexArray, PhasorImage
 from tofmix.unmixing.likeliest import ENDS, Kind, LikeliestHypotheses, OpenSpace

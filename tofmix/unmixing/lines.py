@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.image.masks import components, near, neighbour_pairs
+from tofmix.image.segments import components, near, neighbour_pairs
 from tofmix.unmixing.image import TINY, ComplexArray, PhasorImage, inverse_form, polar_covariance
 from tofmix.unmixing.seeds import Seeds
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, LabelSettings

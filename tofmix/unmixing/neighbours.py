@@ -15,7 +15,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.compiled.vector import MAD_TO_SIGMA
-from tofmix.image.masks import components
+from tofmix.image.segments import components
 from tofmix.unmixing.image import ComplexArray, PhasorImage
 from tofmix.unmixing.seeds import Seeds
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, NeighbourSettings, PlaneSettings

@@ -11,7 +11,7 @@ import numpy as np
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.compiled.plane import fit_plane
-from tofmix.image.masks import components
+from tofmix.image.segments import components
 from tofmix.unmixing.functions import chi_square_6
 from tofmix.unmixing.image import Measured, PhasorImage, PixelDirections, places, window
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, SeedSettings

@@ -14,7 +14,7 @@ from tofmix.reconciliation.likelihood.hidden_fits import fit_pattern
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
 from tofmix.reconciliation.likelihood.pixel_pattern import spreads_of
 from tofmix.reconciliation.settings import Settings
-from tofmix.reconciliation.verification.aliases import separate_by
+from tofmix.reconciliation.verification.considered import separate_by
 from tofmix.reconciliation.verification.next_steps import fold, remedies, worse
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.sensors import load_profile

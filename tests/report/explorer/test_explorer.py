@@ -10,6 +10,7 @@ from support.alike import MakeLayers, MakeRecording, MakeSource
 from support.learnt_noises import ALL, Parts, camera
 from support.unpacking import samples_of, unpack
 
+from tofmix.layers import LayersSource
 from tofmix.recording import ArrayRecording, SampleSource
 from tofmix.report.averaging import average_layers
 from tofmix.report.explorer.explorer import (
@@ -22,7 +23,6 @@ from tofmix.report.explorer.explorer import (
     pack_samples,
     windows_around,
 )
-from tofmix.report.sources import LayersSource
 from tofmix.sensor import NoiseCurve, Sensor
 
 

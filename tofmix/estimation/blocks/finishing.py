@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import jit
-from tofmix.layer_of_sample import layer_of
 from tofmix.layers import Layers
 from tofmix.lost_samples import learn_losses
 from tofmix.sensor import Sensor
+from tofmix.suspicion.evidence import layer_of
 from tofmix.unmixing.unmix import unmix
 
 

@@ -37,10 +37,9 @@ from tofmix.estimation.learnt.components import (
     start_without_surface,
     take_samples,
 )
-from tofmix.estimation.learnt.jumps import gain_of_jump
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, Law
 from tofmix.estimation.learnt.model import GainThresholds, PixelNoise
-from tofmix.estimation.learnt.trials import first_surface, new_workspace, try_one_more
+from tofmix.estimation.learnt.trials import first_surface, gain_of_jump, new_workspace, try_one_more
 from tofmix.estimation.mixture.counting import FALSE_ALARMS
 from tofmix.estimation.noise.series import SEED
 from tofmix.noise_shape import DRIFTS, TAIL_DEGREES

@@ -26,12 +26,12 @@ from tofmix.estimation.learnt.components import (
     start_without_surface,
 )
 from tofmix.estimation.learnt.em import mix
-from tofmix.estimation.learnt.jumps import gain_of_jump
 from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.learnt.model import GainThresholds, read_gains
 from tofmix.estimation.learnt.trials import (
     LearntWorkspace,
     first_surface,
+    gain_of_jump,
     gain_of_surface,
     settle,
     surely_needed,

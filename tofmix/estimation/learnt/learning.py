@@ -1,6 +1,6 @@
 """Learn the noise of pixels: sigma by range, shape of the error, width, background and drift of pixels, memory.
 
-1. sigma(r) comes from isolated clusters (`noise.measurement`) and from differences of samples (`pair_differences`).
+1. sigma(r) comes from isolated clusters (`noise.measurement`) and from differences of samples (`noise.series`).
    Where surfaces lie close together, both are too large. So smaller sigmas are tried too, and the one of the largest
    held-out likelihood is kept (`sigma_curve`). Each is judged with the background that it leaves: fog
    seems to be a surface of a wide sigma, where the model has no fog.

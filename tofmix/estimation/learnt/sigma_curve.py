@@ -13,7 +13,7 @@ from tofmix.estimation.learnt.clusters import SIGMAS, ClusterFits
 from tofmix.estimation.learnt.folds import Fold
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.noise.isolated_clusters import LEAST_CLUSTERS, Clusters
-from tofmix.estimation.noise.pair_differences import sigma_from_differences
+from tofmix.estimation.noise.series import sigma_from_differences
 from tofmix.estimation.noise.training_pixels import Pixels, medians
 from tofmix.sensor import NoiseCurve, Sensor
 

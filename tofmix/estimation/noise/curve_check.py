@@ -26,8 +26,8 @@ from tofmix.estimation.noise.isolated_clusters import (
     find_clusters,
     fit_clusters,
 )
-from tofmix.estimation.noise.pair_differences import sigma_from_differences
 from tofmix.estimation.noise.pixel_noise import pixel_curves
+from tofmix.estimation.noise.series import sigma_from_differences
 from tofmix.estimation.noise.training_pixels import Pixels, pixels_of, scatters
 from tofmix.noise_shape import DRIFTS, RangeStep
 from tofmix.recording import SampleSource, samples_a_frame

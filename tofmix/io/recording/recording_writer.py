@@ -24,7 +24,7 @@ from tofmix.io.schema import (
 )
 from tofmix.sensor import Sensor
 from tofmix.simulation.effects import EffectTruth
-from tofmix.simulation.truth import Truth
+from tofmix.simulation.events import Truth
 from tofmix.version import __version__
 
 CHUNK_FRAMES = 100

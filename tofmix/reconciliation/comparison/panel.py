@@ -52,7 +52,7 @@ class Curve:
     scale_mm : (bin,) float64
         Shift of the bin's samples with a return that raises their mean by 1, mm; 0 without returns.
     information : float, optional
-        Information beyond curves of lower order, nats (`tofmix.reconciliation.comparison.information`); None if not
+        Information beyond curves of lower order, nats (`tofmix.reconciliation.comparison.compare`); None if not
         computed.
     recording : int
         Number of its recording, from 0.

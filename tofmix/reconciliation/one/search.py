@@ -20,7 +20,7 @@ from tofmix.reconciliation.one.fitted_set import FittedSet
 from tofmix.reconciliation.one.proposals import About, Columns, Proposal, by_trial
 from tofmix.reconciliation.one.recordings import SearchTask
 from tofmix.reconciliation.settings import Settings
-from tofmix.reconciliation.verification.aliases import MOST_ALIASES
+from tofmix.reconciliation.verification.considered import MOST_ALIASES
 from tofmix.simulation.effects.hidden import PixelBias
 
 BASES, PLAIN, PATTERNED, LARGEST = 3, 8, 4, 3

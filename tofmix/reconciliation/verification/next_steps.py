@@ -24,9 +24,8 @@ from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, 
 from tofmix.reconciliation.likelihood.pixel_pattern import pixel_biases, with_pattern
 from tofmix.reconciliation.parameters.searches import PlanePose, measured_pose, problems
 from tofmix.reconciliation.settings import Settings, fit_part
-from tofmix.reconciliation.verification.aliases import Alias
-from tofmix.reconciliation.verification.far_trends import far_trends
-from tofmix.reconciliation.verification.verify import Verified
+from tofmix.reconciliation.verification.considered import Alias
+from tofmix.reconciliation.verification.verify import Verified, far_trends
 from tofmix.simulation.effects import EFFECTS, basic_kind
 from tofmix.simulation.effects.base import Basic, Effect
 from tofmix.simulation.effects.hidden import PixelBias

@@ -21,12 +21,11 @@ from numpy.typing import NDArray
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.bounds import WholeNumber, check_bounds
 from tofmix.flags import STATUS_MEANINGS, Status, status_name
-from tofmix.layers import Layers, Provenance
+from tofmix.layers import Layers, LayersSource, Provenance
 from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.report.averaging import AveragedImage, average_window
-from tofmix.report.figures.rasters import ABOVE, BELOW, count_colours, count_label, range_shades
+from tofmix.report.figures.picture import ABOVE, BELOW, count_colours, count_label, range_shades
 from tofmix.report.pixels.pixels import drifts, learnt_sensor
-from tofmix.report.sources import LayersSource
 from tofmix.report.theme import DARK, LIGHT
 from tofmix.sensor import NoiseCurve, Sensor
 

@@ -1,7 +1,7 @@
 """A pixel of a lock-in camera in the complex plane: its samples, its neighbours, and the surfaces it was unmixed to.
 
 Use `read_around` for the samples and `phasor_plane` for the data of the figure. Drawing is left to
-`tofmix.report.pixels.phasor_figure`.
+`tofmix.report.pixels.pixel_figures`.
 """
 
 import cmath

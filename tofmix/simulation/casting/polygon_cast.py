@@ -18,8 +18,8 @@ from tofmix.simulation.casting.cast import SeenSurfaces, cast_scene, sift, truth
 from tofmix.simulation.casting.cast_cells import BULGE
 from tofmix.simulation.casting.cast_kernel import scene_arrays
 from tofmix.simulation.casting.polygon_kernel import cast_polygons
+from tofmix.simulation.events import Truth
 from tofmix.simulation.model import Model
-from tofmix.simulation.truth import Truth
 
 _BEAMS = 8  # a side of a pixel, for the moments of its directions: as `cast` has them
 _STRAIGHT_RAD = 0.013

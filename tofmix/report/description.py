@@ -1,9 +1,10 @@
-"""A description of any file for `tofmix info`: its sections, and those of sources.
+"""A description of any file for `tofmix info`: its sections, those of sources, and those of results.
 
 A description is sections of named values, warnings, and their text for the terminal. The common sections are the
 camera, its noise and its view. Sources are cameras, models, recordings, and files of other programs: a recording is
 described from its header and the times of its frames, a model by its camera, the recording that it gives, its surfaces
-and effects.
+and effects. Results are layers files (`tofmix.report.summary.summary`), surfaces files, and the folder of a
+reconciliation, described from its `gap.json`.
 """
 
 import textwrap
@@ -18,8 +19,16 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.noise_shape import BackgroundDensity, NoiseShape
 from tofmix.optics.projection import projection_values
-from tofmix.report.summary.findings import Finding, Remedy, light_findings, split_notes, target_findings
-from tofmix.report.summary.noise_numbers import noise_numbers
+from tofmix.report.summary.findings import (
+    Finding,
+    Remedy,
+    count_findings,
+    light_findings,
+    split_notes,
+    suspect_findings,
+    target_findings,
+)
+from tofmix.report.summary.summary import Counts, noise_numbers, remedy_for
 from tofmix.report.summary.tables import printable
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 from tofmix.sensor_schema import DENSITY_LISTS, LAW_LISTS, RARE_SENSOR_NUMBERS, SENSOR_NUMBERS, SHAPE_LISTS
@@ -31,6 +40,9 @@ from tofmix.wording import counted, finite_or_none, number
 if TYPE_CHECKING:
     from tofmix.io.importers.base import FrameSource
     from tofmix.io.recording.recording_file import RecordingFile
+if TYPE_CHECKING:
+    from tofmix.io.layers.layers_file import LayersFile
+    from tofmix.io.surfaces_file import SurfacesFile
 
 
 _NAME_WIDTH = 26  # characters of the column of names
@@ -343,3 +355,143 @@ def describe_source(source: "FrameSource", *, name: str, command: str) -> Descri
     warnings = [Finding(code="note", text=note) for note in source.notes]
     warnings.append(Finding(code="not_a_recording", text=f"Not a recording yet: {command}"))
     return Description(kind="source", name=name, sections={"sizes": sizes, "depths": depths}, warnings=tuple(warnings))
+
+
+_COUNTED = ("n_modes", "status", "suspect", "invalid_share")
+
+
+def describe_layers(file: "LayersFile", *, name: str, file_bytes: int) -> Description:
+    """Describe a layers file from its header, its counts and its status, read window by window."""
+    windows, rows, cols = file.shape
+    provenance = file.provenance
+    counts = Counts(file)
+    for window in range(windows):
+        read: dict[str, Any] = {
+            field: file.read_field(field, window) if field in file.names else None for field in _COUNTED
+        }
+        counts.count(**read)
+    sections: dict[str, Section] = {
+        "sizes": {
+            "windows": windows,
+            "rows": rows,
+            "cols": cols,
+            "max_layers": file.max_layers,
+            "file_bytes": file_bytes,
+            "window_frames": int(file.window_stop[0] - file.window_start[0]),
+            "frames_left_out": provenance.frames_left_out,
+        },
+        "units": {"range": "mm", "sigma": "mm", "range_stderr": "mm", "weight": "1"},
+        "made_from": {
+            "source": provenance.source,
+            "source_sha256": provenance.source_sha256,
+            "tofmix_version": provenance.version,
+        },
+        "options": dict(sorted(provenance.options.items())),
+        "sensor": sensor_section(provenance.sensor),
+    }
+    if (losses := counts.lost.numbers()) is not None:
+        sections["lost_samples"] = {
+            "mean_share": losses.mean_share,
+            "median_share": losses.share.q50,
+            "pixels_without_sample": losses.pixels_without_sample,
+            "pixels_at_limit": losses.pixels_at_limit,
+        }
+    noise = noise_section(provenance.sensor)
+    sections |= {"noise": noise} if noise else {}
+    law = file.mixing_law
+    sections |= {"mixing": {"law": law.words(), **law.as_dict()}} if law is not None else {}
+    sections |= {"suspect_layers": {**counts.suspicions}} if any(counts.suspicions.values()) else {}
+    warnings = count_findings(
+        pixels=windows * rows * cols,
+        by_status=counts.by_status(),
+        by_surfaces=counts.surfaces,
+        max_layers=file.max_layers,
+        remedy=remedy_for(provenance, windows),
+        lost=counts.lost.too_few,
+    )
+    of_losses = [finding for finding in counts.lost.findings() if not finding.is_note]
+    return Description(
+        kind="layers",
+        name=name,
+        sections=sections,
+        warnings=(
+            *of_losses,
+            *warnings,
+            *target_findings(provenance.targets),
+            *suspect_findings(counts.suspicions),
+            *view_findings(provenance.sensor, (rows, cols)),
+        ),
+        table=noise_table(provenance.sensor),
+    )
+
+
+def describe_surfaces(file: "SurfacesFile", *, name: str, file_bytes: int) -> Description:
+    """Describe a surfaces file from its header."""
+    windows, rows, cols = file.shape
+    provenance = file.provenance
+    sections: dict[str, Section] = {
+        "sizes": {
+            "windows": windows,
+            "rows": rows,
+            "cols": cols,
+            "max_layers": file.max_layers,
+            "file_bytes": file_bytes,
+            "factor": file.factor,
+            "rows_fine": rows * file.factor,
+            "cols_fine": cols * file.factor,
+        },
+        "found": {
+            "surfaces": file.surfaces,
+            "smooth_surfaces": file.smooth_surfaces,
+            "edge_lines": file.edge_lines,
+            "edge_points": file.edge_points,
+        },
+        "units": {"range_fine": "mm", "edge_row": "pixel", "edge_stderr": "pixel", "plane_offset_mm": "mm"},
+        "made_from": {
+            "source": provenance.source,
+            "source_sha256": provenance.source_sha256,
+            "tofmix_version": provenance.version,
+        },
+        "options": dict(sorted(provenance.options.items())),
+        "sensor": sensor_section(provenance.sensor),
+    }
+    noise = noise_section(provenance.sensor)
+    sections |= {"noise": noise} if noise else {}
+    found = tuple(view_findings(provenance.sensor, (rows, cols)))
+    table = noise_table(provenance.sensor)
+    return Description(kind="surfaces", name=name, sections=sections, warnings=found, table=table)
+
+
+def describe_gap(gap: dict[str, Any], *, name: str, most_shown: int = 20) -> Description:
+    """Describe the result of `tofmix reconcile`, from its `gap.json`.
+
+    Of effects and of places `most_shown` each are listed.
+    """
+    effects: list[dict[str, Any]] = [
+        {"kind": effect.get("kind"), **_flat(effect.get("parameters"))} for effect in _dicts(gap["effects"])
+    ]
+    places: list[dict[str, Any]] = [
+        {key: place[key] for key in ("statistic", "axis", "interval", "size", "unit") if key in place}
+        for place in _dicts(gap.get("where"))
+    ]
+    sections: dict[str, Section] = {
+        "found": {"verdict": str(gap["verdict"]), "effects": effects[:most_shown], "where": places[:most_shown]},
+        "gap": {key: _plain(gap["gap"].get(key)) for key in ("before", "after", "floor", "closed")},
+    }
+    steps = gap.get("next_steps")
+    if isinstance(steps, list) and steps:
+        sections["next_steps"] = {str(number): str(step) for number, step in enumerate(steps[:most_shown], 1)}
+    return Description(kind="reconciliation", name=name, sections=sections, warnings=())
+
+
+def _dicts(value: object) -> list[dict[str, Any]]:
+    return [item for item in value if isinstance(item, dict)] if isinstance(value, list) else []
+
+
+def _flat(value: object) -> dict[str, Any]:
+    return {str(key): _plain(item) for key, item in value.items()} if isinstance(value, dict) else {}
+
+
+def _plain(value: object) -> Value:
+    known = finite_or_none(value)
+    return known if isinstance(known, str | int | float | None) else str(known)
