@@ -77,8 +77,6 @@ from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 CLEAR_SIGMAS = 4.0
 """One peak and no sample farther from the mean than this: the mean is the fit, no EM is needed."""
 
-QUIET = 1.0e-3
-"""A sample of which c_r takes no more than this part belongs to the surface."""
 
 _OK = int(Status.OK)
 _TOO_FEW_SAMPLES = int(Status.TOO_FEW_SAMPLES)
@@ -145,7 +143,8 @@ def _finish_clear(data: Readings, fit: Components, beam: Beam, mode: int, scratc
     if not is_uniform(beam):
         for j in range(m):
             random = max(random, scratch[RANDOM, j])
-    if random < QUIET * height * math.exp(-0.5 * (away / sigma) ** 2):
+    quiet = 1.0e-3  # a sample of which c_r takes no more than this part belongs to the surface
+    if random < quiet * height * math.exp(-0.5 * (away / sigma) ** 2):
         fit[SIGMA, 0] = sigma
         return float(data.total * math.log(height) - 0.5 * squares / sigma**2)
     if mode != MODE_TIED:

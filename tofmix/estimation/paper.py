@@ -52,8 +52,6 @@ SPACING = 0.125
 KERNEL_REACH = 6.0
 """A sample farther than this many h adds less than 2e-8 of a kernel's height, and is left out."""
 
-_LEAST_SIGMA = 1.0e-6
-"""A sigma below this part of the curve's has collapsed onto equal samples, where (1) has no maximum."""
 
 _TOO_FEW_SAMPLES = int(Status.TOO_FEW_SAMPLES)
 _NO_SURFACE = int(Status.NO_SURFACE)
@@ -141,6 +139,8 @@ def _iterate(values: FloatArray, n: int, k: int, fit: FloatArray, beam: Beam, su
     known, whole = True, 0.0
     for e in range(k + 1):
         whole += sums[e, 0]
+    # A sigma below this part of the curve's has collapsed onto equal samples, where (1) has no maximum.
+    least_sigma = 1.0e-6
     for e in range(k + 1):
         i = e if e < k else capacity
         support = sums[e, 0]
@@ -150,7 +150,7 @@ def _iterate(values: FloatArray, n: int, k: int, fit: FloatArray, beam: Beam, su
             continue
         shift = sums[e, 1] / support if e < k else 0.0  # mu_0 is held at r_max
         variance = sums[e, 2] / support - shift * shift  # about the new mean
-        least = _LEAST_SIGMA * sigma_at(fit[MEAN, i], beam.curve_range, beam.curve_sigma)
+        least = least_sigma * sigma_at(fit[MEAN, i], beam.curve_range, beam.curve_sigma)
         fit[MEAN, i] += shift
         if variance > least * least:
             fit[SIGMA, i] = math.sqrt(variance)

@@ -59,10 +59,6 @@ LONG_WINDOW = 1000
 BIN = 1.0 / 16.0
 """Width of a bin in sigmas. Its values are replaced by their mean, which loses their spread, 0.03 % of sigma^2."""
 
-WIDE_BINS = 10_000.0
-"""Up to this many samples. Beyond, bins narrow with the fourth root of the number: standard errors shrink with the
-square root, and the shift by binning, which follows the square of the width, stays the same part of them."""
-
 
 class SortedSamples(NamedTuple):
     """Samples of many pixels: `values` (pixel, frame) float64 in mm, of which the first `valid` (pixel,) ascend."""
@@ -140,7 +136,10 @@ def gather(
     `padded` of n.
     """
     m, width, first, last, inside, pulled = -1, -1.0, 0.0, 0.0, 0.0, 0.0
-    bin_sigmas = BIN * math.sqrt(math.sqrt(min(1.0, WIDE_BINS / n)))
+    # Up to this many samples. Beyond, bins narrow with the fourth root of the number: standard errors shrink with the
+    # square root, and the shift by binning, which follows the square of the width, stays the same part of them.
+    wide_bins = 10_000.0
+    bin_sigmas = BIN * math.sqrt(math.sqrt(min(1.0, wide_bins / n)))
     for j in range(n):
         x = values[j]
         if m >= 0 and (x == last or x - first <= width):

@@ -29,9 +29,6 @@ from tofmix.sensor import Sensor
 CUT_SIGMAS = 4.0
 """A cut is empty where no reading lies within this many sigma of it."""
 
-CUT_AFTER_SIGMAS = 5.0
-"""It is tried this many sigma after a reading, or in the middle of a gap that is shorter."""
-
 
 _CLEAR_SIGMAS = 8.0
 """A series whose median is this far, in robust sigmas, from the fold has no part on the other side."""
@@ -66,11 +63,12 @@ def _emptiest(values: FloatArray, beam: Beam, length: float) -> float:
     place = 0.0
     if best == 0.0:
         return place
+    cut_after_sigmas = 5.0  # it is tried this many sigma after a reading, or in the middle of a gap that is shorter
     for j in range(n):
         gap = (values[j + 1] if j + 1 < n else values[0] + length) - values[j]
         if gap <= 0.0:
             continue
-        at = values[j] + min(0.5 * gap, CUT_AFTER_SIGMAS * sigma_at(values[j], beam.curve_range, beam.curve_sigma))
+        at = values[j] + min(0.5 * gap, cut_after_sigmas * sigma_at(values[j], beam.curve_range, beam.curve_sigma))
         if at >= length:
             at -= length
         crowding = _crowding(values, at, CUT_SIGMAS * sigma_at(at, beam.curve_range, beam.curve_sigma), length)

@@ -31,15 +31,12 @@ STATE = BENT + 3
 """Numbers of a patch: those, and p, q, e."""
 
 _ROUNDS = 3  # of least squares: the frame is tilted to the patch between two
-_FIRST = 10  # nearest members, through which the first plane goes
 _ORIGIN = 3  # nearest members, in whose middle the origin lies
 _OUTLIER = 4.5  # standard errors
 _RIDGE = 1.0e-12
 _HEIGHT_MM, _SLOPE = 1e4, 2.0  # standard deviations of a, and of b and c, which pixels in one line leave open
-_STEEPEST = 1.0e-4  # least square of the cosine of incidence by which noise counts
 _SKEW, _CONIC = 0.5, 1.0
 """Standard deviations of p and q, and of e, in units of the size of the curvatures."""
-_LEAST_BEND = 1e-7  # 1 / mm, so that the prior of a plane is finite
 _REMAINDER = 0.3
 """Part of the cubic terms' error that each pixel has on its own."""
 THIRD_OF_BEND = 2.0
@@ -273,11 +270,13 @@ def fit_patches(
     rank = np.argsort(np.argsort(np.where(there, away, np.inf), axis=1, kind="stable"), axis=1, kind="stable")
     ray, range_mm = view.direction[pixel], view.range_mm[pixel]
     noise = view.range_variance[pixel]
-    normal, origin = _first_plane(ray * range_mm[..., np.newaxis], there & (rank < _FIRST), there & (rank < _ORIGIN))
+    first = 10  # nearest members, through which the first plane goes
+    normal, origin = _first_plane(ray * range_mm[..., np.newaxis], there & (rank < first), there & (rank < _ORIGIN))
     n, places = members.shape
     averaged, keep, state = np.zeros((n, places)), there.copy(), np.zeros((n, STATE))
     inner = view.rays(pixel, PLACES_9).reshape(n, places * len(PLACES_9), 3)
     e1 = e2 = normal
+    least_bend = 1e-7  # 1 / mm, so that the prior of a plane is finite
     for number in range(_ROUNDS):
         if number:
             tilted = normal - state[:, 1:2] * e1 - state[:, 2:3] * e2
@@ -293,7 +292,7 @@ def fit_patches(
         )
         prior = np.full((n, STATE), [0.0, _SLOPE**-2, _SLOPE**-2, *np.zeros(STATE - 3)])
         prior[:, 3:BENT] = (1.0 / bend**2)[:, np.newaxis]
-        size = np.sqrt(bent**2 @ np.array([1.0, 2.0, 1.0]) + _LEAST_BEND**2)[:, np.newaxis]
+        size = np.sqrt(bent**2 @ np.array([1.0, 2.0, 1.0]) + least_bend**2)[:, np.newaxis]
         prior[:, BENT:] = 1.0 / (np.array([_SKEW, _SKEW, _CONIC]) * size) ** 2
         state, covariance, residual = _solved(design, cubic, value, keep / variance, prior)
         residual = residual / np.sqrt(variance)
@@ -365,7 +364,8 @@ def _equations(
     other = third[:, np.newaxis]
     away = u * u + v * v + h * h
     own = _REMAINDER**2 * (other**2 * away**3 / 36.0 + quadric**2 * (ku * ku + kv * kv))
-    steep = np.maximum(slope**2, _STEEPEST)
+    steepest = 1.0e-4  # least square of the cosine of incidence by which noise counts
+    steep = np.maximum(slope**2, steepest)
     variance = steep * noise + own
     terms = [other * u**3 / 6.0, other * u * u * v / 2.0, other * u * v * v / 2.0, other * v**3 / 6.0]
     cubic = np.stack([*terms, quadric * ku, quadric * kv] if slope_of_quadric else terms, axis=-1)

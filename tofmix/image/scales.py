@@ -31,10 +31,7 @@ MOST_NATS = 25.0
 
 
 _TESTS, _LEAST_TESTS = 18, 5  # pixels at the rim that are predicted, and the fewest that tell
-_ASIDE = 0.7  # pixels beyond the pixel in question, on the side that predicts it
-_LEAST_ASIDE = 9  # pixels on that side
 _UNTESTED, _MOST_INFLATED = 1.5, 4.0  # factors on the variance: without tests, and at most
-_LEFT_OUT = 2  # of the largest errors
 
 
 class Scales(NamedTuple):
@@ -132,6 +129,7 @@ def _inflation(
     """Mean square (m,) of errors over stated ones, where pixels at the rim are predicted from one side alone."""
     draw = np.random.default_rng(1)
     at, members, owner = [], [], []
+    least_aside = 9  # pixels on that side
     for place, number in enumerate(numbers.tolist()):
         own = np.flatnonzero(segment == number)
         rim = rim_of(segment == number, view.shape)[own]
@@ -139,7 +137,7 @@ def _inflation(
         order = order[np.argsort(~rim[order], kind="stable")][: 4 * _TESTS]
         pixels = own[order]
         sides = _on_one_side(view, segment, pixels, number, reach, draw)
-        usable = np.flatnonzero((sides >= 0).sum(axis=1) >= _LEAST_ASIDE)[:_TESTS]
+        usable = np.flatnonzero((sides >= 0).sum(axis=1) >= least_aside)[:_TESTS]
         if usable.size >= _LEAST_TESTS:
             at.append(pixels[usable])
             members.append(sides[usable])
@@ -156,10 +154,11 @@ def _inflation(
     variance = np.where(seen, (range_mm - mean[:, np.newaxis]) ** 2, 0.0).sum(axis=1) / count
     square = (view.range_mm[pixel] - mean) ** 2 / (variance + view.range_variance[pixel] + 0.01)
     usable = seen.sum(axis=1) >= LEAST_HITS
+    left_out = 2  # of the largest errors
     for place in range(len(numbers)):
         own = np.sort(square[usable & (whose == place)])
         if own.size:
-            inflation[place] = np.clip(own[: max(own.size - _LEFT_OUT, 1)].mean(), 1.0, _MOST_INFLATED)
+            inflation[place] = np.clip(own[: max(own.size - left_out, 1)].mean(), 1.0, _MOST_INFLATED)
     return inflation
 
 
@@ -178,7 +177,8 @@ def _on_one_side(
     way[vague] = draw.standard_normal((int(vague.sum()), 2))
     way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
     beyond = down * way[:, :1] + right * way[:, 1:]
-    return np.where(there & (beyond > _ASIDE), members, -1)
+    aside = 0.7  # pixels beyond the pixel in question, on the side that predicts it
+    return np.where(there & (beyond > aside), members, -1)
 
 
 def _windows(segment: IntArray, numbers: IntArray) -> tuple[IntArray, IntArray]:

@@ -159,7 +159,6 @@ _LIGHT, _LOOSE_LIGHT = 0.06, 0.32
 """Second differences that a bent surface has by itself: of range in widths of a pixel, of the logarithm of light."""
 _STEP, _LIGHT_STEP = 0.04, 0.35
 """Largest difference between neighbours of one surface: part of the range, and of the logarithm of light."""
-_SEED_REACH = 2  # pixels
 
 
 def segments_of(view: View) -> IntArray:
@@ -175,7 +174,8 @@ def segments_of(view: View) -> IntArray:
     even = (bent < _NOISE * error + _PITCHES * width) & (faded < _LIGHT_NOISE * light_error + _LIGHT)
     loose = (bent < _NOISE * error + _LOOSE_PITCHES * width) & (faded < _LIGHT_NOISE * light_error + _LOOSE_LIGHT)
     first = _linked(view, even & view.valid, error) >= 0
-    return _linked(view, first | (loose & view.valid & ~near(first.reshape(rows, cols), _SEED_REACH).ravel()), error)
+    seed_reach = 2  # pixels
+    return _linked(view, first | (loose & view.valid & ~near(first.reshape(rows, cols), seed_reach).ravel()), error)
 
 
 def _linked(view: View, seed: BoolArray, error: FloatArray) -> IntArray:

@@ -29,7 +29,6 @@ from tofmix.temporal_filter import make_filter
 T = TypeVar("T")
 
 _MOST_POINTS = 100_000  # of a list in the group `sensor`
-_MOST_COEFFICIENTS = 64  # of a lens; OpenCV has up to 14
 
 _Table = dict[str, tuple[str, str, str | None]]
 """Datasets that go together: the field that each holds, its unit, and the dimension scale of its one axis."""
@@ -197,7 +196,8 @@ def _read_projection(group: h5py.Group, path: Path) -> Projection | None:
 
 def _short_list(group: h5py.Group, key: str, path: Path) -> list[float]:
     value = np.asarray(group.attrs[key])
-    if value.size > _MOST_COEFFICIENTS or (value.size > 0 and value.dtype.kind not in "iuf"):
+    most_coefficients = 64  # of a lens; OpenCV has up to 14
+    if value.size > most_coefficients or (value.size > 0 and value.dtype.kind not in "iuf"):
         raise BadInputError(
             f"{path}: sensor: {key}: expected a short list of numbers, got {value.dtype} of shape {value.shape}"
         )

@@ -275,9 +275,6 @@ def _check_truth(root: h5py.File, recording: RecordingFile, findings: Findings) 
         findings.add_broken(f"truth/{name}", text, np.asarray(broken), ("row", "col"), (0, 0))
 
 
-_UNIT_TOLERANCE = 1e-5
-"""Of a normal's length: some hundred times the rounding of float32."""
-
 _MARGIN = 1.0
 """Pixels by which a point of an edge may lie outside the centres of the image's pixels: half of one, and rounding."""
 
@@ -306,7 +303,8 @@ def _check_planes(small: dict[str, NDArray[Any]], findings: Findings) -> None:
     no_offset = np.False_ if offset is None else np.isnan(offset)
     if normal is not None:
         length = np.linalg.norm(normal.astype(np.float64), axis=-1)
-        broken = ~(np.abs(length - 1) <= _UNIT_TOLERANCE) & ~(no_normal & no_offset)
+        unit_tolerance = 1e-5  # of a normal's length: some hundred times the rounding of float32
+        broken = ~(np.abs(length - 1) <= unit_tolerance) & ~(no_normal & no_offset)
         findings.add_broken("plane_normal", "of unit length, or NaN with its offset", broken, ("surface_index",), (0,))
     for name, values, text, unknown in (
         ("plane_offset_mm", offset, "0 mm or more, or NaN with its normal", no_normal & no_offset),

@@ -80,9 +80,6 @@ class Pose:
 _POINTS = np.array([p for p in product((0.0, 0.5, 1.0), repeat=3) if p.count(0.5) <= 1])
 """Corners of a cell and the middles of its edges, in cells: where the lens bends an edge outward its middle counts."""
 
-_SLACK_RAD = 1e-6
-"""Added to the cone of the image, so that its border lies inside."""
-
 
 def image_nodes(optics: Projection, shape: tuple[int, int]) -> FloatArray:
     """Rays (2 rows + 1, 2 cols + 1, 3) at the pixels' corners, sides and centres.
@@ -103,7 +100,8 @@ def image_cone(nodes: FloatArray) -> tuple[FloatArray, float]:
     """A cone around all rays of an image: its axis (3,) of unit length, and its half angle, rad."""
     border = unit(np.concatenate([nodes[0], nodes[-1], nodes[:, 0], nodes[:, -1]]))
     axis = unit(border.mean(axis=0))
-    return axis, float(np.arccos(np.clip(border @ axis, -1.0, 1.0)).max()) + _SLACK_RAD
+    slack_rad = 1e-6  # added to the cone of the image, so that its border lies inside
+    return axis, float(np.arccos(np.clip(border @ axis, -1.0, 1.0)).max()) + slack_rad
 
 
 def cell_outlines(

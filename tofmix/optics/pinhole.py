@@ -25,8 +25,6 @@ DISTORTION_LENGTHS = (0, 4, 5, 8)
 MOST_OFF_AXIS = 1000.0
 """Largest tangent of an angle off the axis that a pinhole images: 89.94 degrees."""
 
-_STARTS = 4097
-"""Radii in a table of starts for the undistortion."""
 
 _EXACT = 1e-11
 """Largest error of an undistorted place, in focal lengths: 1e-7 of a pixel where the focal length is 10,000."""
@@ -101,7 +99,8 @@ class Distortion:
         if not any(self.coefficients):
             return x, y
         fold = self.fold_radius()
-        radius = np.tan(np.linspace(0.0, math.atan(fold), _STARTS, endpoint=False))  # the fold may be a pole
+        starts = 4097  # radii in a table of starts for the undistortion
+        radius = np.tan(np.linspace(0.0, math.atan(fold), starts, endpoint=False))  # the fold may be a pole
         top, bottom, _, _ = self._radial(radius**2)
         imaged = np.maximum.accumulate(np.nan_to_num(radius * top / bottom))
         flat_x, flat_y = np.ravel(x), np.ravel(y)

@@ -46,9 +46,7 @@ if TYPE_CHECKING:
 
 
 _NAME_WIDTH = 26  # characters of the column of names
-_TEXT_WIDTH = 100  # characters of a line
 _LONGEST_SENTENCE = 1000  # characters of a sentence from a file before it is cut
-_LONGEST_VALUE = 120  # characters of a value from a file before it is cut
 _SENTENCES = ("found",)
 """Names of values that are sentences, and are not cut."""
 _OF_SENTENCES = ("sources", "next_steps")
@@ -92,8 +90,9 @@ def format_description(description: Description) -> str:
 
 
 def _wrapped(value: Value) -> list[str]:
+    text_width = 100  # characters of a line
     return textwrap.wrap(
-        printable(str(value), _LONGEST_SENTENCE), _TEXT_WIDTH, initial_indent="  - ", subsequent_indent="    "
+        printable(str(value), _LONGEST_SENTENCE), text_width, initial_indent="  - ", subsequent_indent="    "
     )
 
 
@@ -101,7 +100,8 @@ def _lines(key: str, value: Value) -> list[str]:
     if isinstance(value, list) and value and isinstance(value[0], dict):
         rows = (", ".join(f"{k} {_shown(v)}" for k, v in item.items()) for item in value)
         return [f"  {key} {number}: {printable(row, 160)}" for number, row in enumerate(rows, 1)]
-    longest = _LONGEST_SENTENCE if key in _SENTENCES else _LONGEST_VALUE
+    longest_value = 120  # characters of a value from a file before it is cut
+    longest = _LONGEST_SENTENCE if key in _SENTENCES else longest_value
     return [f"  {printable(key, _NAME_WIDTH):<{_NAME_WIDTH}} {printable(_shown(value), longest)}"]
 
 

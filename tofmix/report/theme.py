@@ -27,8 +27,6 @@ DENSITY_MAP = "cividis"
 GAP_MAP = "PuOr"
 LAYER_LINES = ("-", "--", ":")
 
-WIDTH_INCH = 7.2
-"""Width of a figure, inch: of a page of text."""
 
 _HATCH = "////"
 _SETTINGS = {
@@ -160,4 +158,5 @@ def no_data_patch(theme: Theme, label: str) -> Patch:
 
 def new_figure(height_inch: float) -> Figure:
     """Make a figure of the width of a page."""
-    return Figure(figsize=(WIDTH_INCH, height_inch), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06))
+    width_inch = 7.2  # width of a figure, inch: of a page of text
+    return Figure(figsize=(width_inch, height_inch), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06))

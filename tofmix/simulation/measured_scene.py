@@ -26,7 +26,6 @@ LEAST_SAMPLES = 8
 OWN_ERROR = 0.02
 """Error of every mean, in sigma, beside that of chance: no scene and no camera stays the same to better than this."""
 
-_EXPONENT = 0.5  # of the law of the integration time, by counting photons: one recording does not tell it
 USUAL_SPREAD = 0.25
 """Standard deviation of the logarithm of the widths of pixels where the recording was too short to show any: those of
 real cameras are 0.2 to 0.4."""
@@ -34,7 +33,6 @@ real cameras are 0.2 to 0.4."""
 _ONE_ZONE_DEG = 25.0  # field of view of a sensor of one zone that does not give its own
 _SEEN_LOST = 0.5  # weight, in frames, of the image's mean share of lost samples: Jeffreys' prior
 _LEAST_NORMAL = 1e-9  # length of a normal that is none
-_PLANE_POINTS = 3  # that a plane needs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -220,6 +218,7 @@ def camera_of(sensor: Sensor, shape: tuple[int, int], *, longest_mm: float) -> t
     if by_angles and (wide is None or high is None) and shape == (1, 1):
         wide = high = _ONE_ZONE_DEG
         notes.append(f"the field of view of the one pixel is not known: {_ONE_ZONE_DEG:g} degrees are written")
+    exponent = 0.5  # of the law of the integration time, by counting photons: one recording does not tell it
     camera = CompleteCamera(
         name=sensor.name,
         rows=shape[0],
@@ -234,7 +233,7 @@ def camera_of(sensor: Sensor, shape: tuple[int, int], *, longest_mm: float) -> t
         default_integration_time_ms=tau,
         noise=curve,
         reference_integration_time_ms=tau,
-        exponent=_EXPONENT,
+        exponent=exponent,
         modulation_frequency_hz=sensor.modulation_frequency_hz,
         outlier_probability=sensor.outlier_probability,
     )
@@ -357,7 +356,8 @@ def _planes(
 
 def _normal(beams: FloatArray, range_mm: FloatArray) -> FloatArray | None:
     """Unit normal of the plane of layers: 1 / r = m . d by least squares, each by its relative error."""
-    if len(range_mm) < _PLANE_POINTS:
+    plane_points = 3  # that a plane needs
+    if len(range_mm) < plane_points:
         return None
     inverse = np.linalg.lstsq(beams * range_mm[:, None], np.ones(len(range_mm)), rcond=None)[0]
     length = float(np.linalg.norm(inverse))

@@ -27,9 +27,6 @@ from tofmix.surfaces.nodes import Nodes
 from tofmix.surfaces.settings import DEFAULT_SETTINGS, BrightnessSettings
 from tofmix.surfaces.shares import Shares
 
-_MEDIAN_DEVIATION = 1.482602218505602
-"""A Gaussian's standard deviation over its median absolute deviation."""
-
 
 class Brightness(NamedTuple):
     """Logarithm of A r^2, r in mm, of the surface that alone fills a pixel.
@@ -125,7 +122,8 @@ def _scatter(log_light: FloatArray, inside: BoolArray, settings: BrightnessSetti
     off = (here - around)[np.isfinite(here - around)]
     if len(off) < settings.least_scatter_pixels:
         return settings.usual_scatter
-    return max(float(np.median(np.abs(off)) * _MEDIAN_DEVIATION / np.sqrt(1.25)), settings.least_scatter)
+    median_deviation = 1.482602218505602  # a Gaussian's standard deviation over its median absolute deviation
+    return max(float(np.median(np.abs(off)) * median_deviation / np.sqrt(1.25)), settings.least_scatter)
 
 
 _PAIR = 2

@@ -39,9 +39,6 @@ _TRIALS = np.array(
 )
 """Scales of curvatures and cubic terms that pieces are tried with, the same for one piece and for both."""
 
-_REACH = 3  # of these windows: more takes in the next border
-_WINDOWS = 4  # along the border of two pieces
-
 
 def pieces_of(view: View, label: IntArray, settings: LinkSettings) -> IntArray:
     """Number (pixel,) of the piece of each valid pixel: connected pixels of one surface; -1 for small pieces.
@@ -99,21 +96,19 @@ def _borders(view: View, group: IntArray, settings: LinkSettings) -> dict[tuple[
     a, b = a[touch], b[touch]
     sigma = np.sqrt(view.range_variance[a] + view.range_variance[b])
     near_mm = np.minimum(view.range_mm[a], view.range_mm[b])
-    even = np.abs(view.range_mm[a] - view.range_mm[b]) < _STEP * near_mm + settings.most_sigmas * sigma
+    step = 0.04  # largest difference between neighbours that may be of one surface, as a part of the range
+    even = np.abs(view.range_mm[a] - view.range_mm[b]) < step * near_mm + settings.most_sigmas * sigma
     a, b = a[even], b[even]
     low, high = np.minimum(group[a], group[b]), np.maximum(group[a], group[b])
     keys, which = np.unique(np.stack([low, high], axis=1), axis=0, return_inverse=True)
     which = which.reshape(len(a))
     draw = np.random.default_rng(1)
     out = {}
+    windows = 4  # along the border of two pieces
     for number, (one, other) in enumerate(keys.tolist()):
         pixels = np.unique(np.concatenate([a[which == number], b[which == number]]))
-        out[one, other] = pixels[draw.permutation(pixels.size)[:_WINDOWS]]
+        out[one, other] = pixels[draw.permutation(pixels.size)[:windows]]
     return out
-
-
-_STEP = 0.04
-"""Largest difference between neighbours that may be of one surface, as a part of the range."""
 
 
 def _gains(view: View, group: IntArray, pairs: list[tuple[int, int]], borders: list[IntArray]) -> list[float]:
@@ -123,7 +118,8 @@ def _gains(view: View, group: IntArray, pairs: list[tuple[int, int]], borders: l
     at = np.concatenate(borders)
     owner = np.repeat(np.arange(len(pairs)), [border.size for border in borders])
     one, other = (np.array(part)[owner] for part in zip(*pairs, strict=True))
-    first, second = (members_around(view.shape, group, at, number, _REACH, own=True) for number in (one, other))
+    reach = 3  # of these windows: more takes in the next border
+    first, second = (members_around(view.shape, group, at, number, reach, own=True) for number in (one, other))
     both = np.where(first >= 0, first, second)
     usable = (first >= 0).any(axis=1) & (second >= 0).any(axis=1)
     at, owner, first, second, both = (part[usable] for part in (at, owner, first, second, both))

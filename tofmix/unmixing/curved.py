@@ -57,7 +57,6 @@ Of the pairs, one in 50 has a surface that no pixel within two sees alone: none 
 person's neck, 0.1 beside fingers.
 """
 
-_NEAREST = 2  # pixels, within which a surface must have one
 _PARTS = 64
 _PLACES = lattice_of_places(_PARTS, 27)
 _COARSE = grid_of_places(3)
@@ -210,7 +209,8 @@ def _items(view: View, segment: IntArray, pixels: IntArray) -> tuple[IntArray, I
     row, col = (pixels // cols)[:, np.newaxis] + down, (pixels % cols)[:, np.newaxis] + right
     inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols) & ((down != 0) | (right != 0))
     found = np.where(inside, segment[np.where(inside, row * cols + col, 0)], -1)
-    close = np.maximum(np.abs(down), np.abs(right)) <= _NEAREST
+    nearest = 2  # pixels, within which a surface must have one
+    close = np.maximum(np.abs(down), np.abs(right)) <= nearest
     owners, numbers = [], []
     for place in range(len(pixels)):
         for number in np.unique(found[place]).tolist():

@@ -23,8 +23,6 @@ from tofmix.unmixing.settings import DEFAULT_SETTINGS, CurvedSettings, UnmixSett
 
 _LEAVING = 1
 """Round in which members at the rim may leave."""
-_LEAST_WALL = 36
-"""Fewest pixels of a part that tell whether it bends: a window of 6 x 6."""
 _WALLS = 0.8
 """Part of a segment's pixels that flat parts must have; the rest lies at creases."""
 _RELEARNT = 2
@@ -97,7 +95,8 @@ def _parted(
     """
     part, origin = without_creases(image, labels.seeds, segment, settings.seeds.different_sigmas)
     size = np.bincount(part[part >= 0], minlength=origin.size)
-    large = np.flatnonzero(bent[origin] & (size >= _LEAST_WALL))
+    least_wall = 36  # fewest pixels of a part that tell whether it bends: a window of 6 x 6
+    large = np.flatnonzero(bent[origin] & (size >= least_wall))
     learnt = learn_scales(view, part, large, REACH)
     flat = large[learnt.is_known() & learnt.is_flat()]
     count = len(bent)

@@ -89,10 +89,6 @@ def measure_law(image: PhasorImage, labels: Labels, settings: LawSettings) -> Mi
     return MixingLaw(phasor_share=share, pixels=int(main.sum()), is_sum=is_sum)
 
 
-_LEAST_SIDE = 3
-"""Rows and columns of the least window of a plane."""
-
-
 def _assumed(image: PhasorImage, labels: Labels, settings: LawSettings) -> MixingLaw:
     """The law where no edge tells it: sums, the physics of a lock-in camera, unless the samples contradict them.
 
@@ -102,7 +98,8 @@ def _assumed(image: PhasorImage, labels: Labels, settings: LawSettings) -> Mixin
     nothing = MixingLaw(phasor_share=float("nan"), pixels=0, is_sum=np.zeros(image.count, bool))
     edge = image.valid & ~labels.is_surface
     alone = image.valid & labels.is_surface
-    if not edge.any() or min(image.shape) < _LEAST_SIDE or alone.sum() <= edge.sum():
+    least_side = 3  # rows and columns of the least window of a plane
+    if not edge.any() or min(image.shape) < least_side or alone.sum() <= edge.sum():
         return nothing  # an image too narrow for planes, or one of which little is understood
     x, y, both = image.covariance.T
     largest = 0.5 * (x + y) + np.sqrt(0.25 * (x - y) ** 2 + both**2)

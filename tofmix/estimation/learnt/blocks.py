@@ -220,9 +220,6 @@ def _error_of(lower: FloatArray, unit: FloatArray, first: int, at_share: int, su
     return math.sqrt(square)
 
 
-AT_LEAST = 1.001
-"""A sigma up to this factor on the least one that a step tells is the least: both are interpolated by range."""
-
 _CHANCES = len(FALSE_ALARMS)
 _OK = int(Status.OK)
 _TOO_FEW_SAMPLES = int(Status.TOO_FEW_SAMPLES)
@@ -238,7 +235,9 @@ def _told_by_step(sigma: float, error: float, range_mm: float, beam: Beam) -> tu
     A smaller sigma is not told; nor is then where between two values the surface is.
     """
     least = LEAST_SIGMA * step_at(range_mm, beam)
-    if sigma < AT_LEAST * least:
+    # A sigma up to this factor on the least one that a step tells is the least: both are interpolated by range.
+    at_least = 1.001
+    if sigma < at_least * least:
         return least, math.sqrt(error * error + least * least)
     return sigma, error
 

@@ -46,9 +46,6 @@ LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN = 1.0e-3, 4.0
 """Rules of the counts that noise is learnt from: false alarms, and c_0's gain in nat, which noise alone gives it with a
 probability of 0.002."""
 
-INEXACT_GAIN = 1.0e-3
-"""Gain, nat, that no fit of a trial tells from 0. Where noise gains nothing, as on steps of ten sigma, it is needed."""
-
 
 class LearntRules(NamedTuple):
     """Rules for a surface: the requested false-alarm probability, and the most layers.
@@ -68,7 +65,9 @@ def _wanted_gain(
     """Threshold, nat, of a surface beside `k` others in `n` samples; `fit` has the share of background."""
     read_gains(n, fit[OWN, BACKGROUND], k == 0, thresholds, work.gains)
     least = least_gain(rules.false_alarm, work.gains)
-    return max(least, INEXACT_GAIN) if k > 0 else least  # the first surface may be wanted for any gain
+    # Gain, nat, that no fit of a trial tells from 0. Where noise gains nothing, as on steps of ten sigma, it is needed.
+    inexact_gain = 1.0e-3
+    return max(least, inexact_gain) if k > 0 else least  # the first surface may be wanted for any gain
 
 
 @borrowing

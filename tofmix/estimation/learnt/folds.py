@@ -41,12 +41,6 @@ the true noise too, above all where a shape is steep."""
 LEAST_GAIN = 7.0
 """Threshold of a further surface under any model, nat: for Gaussian noise it is 6 at one false alarm in 1000."""
 
-LEAST_FIRST_GAIN = 4.0
-"""Threshold of the first surface over background alone, nat. It is low because the background may span few sigmas: a
-pixel with a surface must not pass for background. A pixel without surfaces costs all models the same."""
-
-NO_SURFACE_NATS = 1.0e9
-"""Threshold of the first surface where each pixel has one, below 0: no gain is as low."""
 
 SURPRISES = 0.02
 """Share of background that is mixed into every model: samples of a surface that no other frame shows are improbable
@@ -63,11 +57,15 @@ def flat_thresholds(*, always_one: bool = False) -> GainThresholds:
     With `always_one`, each pixel has a surface. A model without background by pixel must not explain a pixel by
     background alone.
     """
+    no_surface_nats = 1.0e9  # threshold of the first surface where each pixel has one, below 0: no gain is as low
+    # Threshold of the first surface over background alone, nat. It is low because the background may span few sigmas: a
+    # pixel with a surface must not pass for background. A pixel without surfaces costs all models the same.
+    least_first_gain = 4.0
     return GainThresholds(
         log_n=np.zeros(1),
         background=np.zeros(1),
         more=np.full((1, 1, _CHANCES), LEAST_GAIN) + 1e-9 * np.arange(_CHANCES),
-        first=np.full((1, _CHANCES), -NO_SURFACE_NATS if always_one else LEAST_FIRST_GAIN) + 1e-9 * np.arange(_CHANCES),
+        first=np.full((1, _CHANCES), -no_surface_nats if always_one else least_first_gain) + 1e-9 * np.arange(_CHANCES),
     )
 
 
@@ -153,8 +151,6 @@ MOST_COUNTED = 600
 MOST_FOR_DENSITY = 300
 """Most pixels whose surfaces are counted, to measure the density of background."""
 
-CURVES_KEPT = 4
-"""Sets of pixels' curves that a fold keeps: those of some training pixels, of all, and of the held-out ones."""
 
 _FOLDS = 3
 """Parts of the pixels: two thirds teach, one third judges."""
@@ -199,7 +195,10 @@ class Fold:
             found = pixel_curves(pixels.samples.T, amplitude.T, curve)
             self._curves[key] = found
             with suppress(KeyError):  # another thread may have removed it
-                while len(self._curves) > CURVES_KEPT:
+                # Sets of pixels' curves that a fold keeps: those of some training pixels, of all, and of the held-out
+                # ones.
+                curves_kept = 4
+                while len(self._curves) > curves_kept:
                     self._curves.popitem(last=False)
         return found
 

@@ -170,10 +170,6 @@ def thresholds_of(learnt: LearntNoise) -> GainThresholds:
     )
 
 
-SEEN_SKEWNESS = 0.2
-"""Least absolute skewness of a shape that is called skewed."""
-
-
 def noise_words(sensor: Sensor) -> list[str]:
     """One short text a part, for a user; the shape and the widths always have one.
 
@@ -203,7 +199,8 @@ def shape_words(curve: NoiseCurve) -> str:
     if curve.shape is None:
         return "Gaussian"
     _, _, skewness, kurtosis = curve.shape.moments()
-    if abs(skewness) >= SEEN_SKEWNESS:
+    seen_skewness = 0.2  # least absolute skewness of a shape that is called skewed
+    if abs(skewness) >= seen_skewness:
         return f"skewed ({skewness:.1f})"
     return "long-tailed" if kurtosis > 0 else "short-tailed"
 

@@ -24,9 +24,6 @@ _WIDER = (4.0, 2.0, 1.0)
 _ITERATIONS, _TOLERANCE = 60, 1.0e-3
 """Most steps at each factor, and the step, in sigmas, that ends them."""
 
-_MOST_TIMES = 200
-"""Most times at which a drifting surface is drawn."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PixelMixture:
@@ -184,7 +181,8 @@ def pixel_mixture(
         law=law,
     )[0]
     time = times(len(samples_mm))[known]
-    some = np.unique(np.linspace(0, max(0, len(time) - 1), min(len(time), _MOST_TIMES)).astype(int))
+    most_times = 200  # most times at which a drifting surface is drawn
+    some = np.unique(np.linspace(0, max(0, len(time) - 1), min(len(time), most_times)).astype(int))
     return replace(mixture, drift_mm=found[0], time=time[some])
 
 

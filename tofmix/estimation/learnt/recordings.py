@@ -43,9 +43,6 @@ LEAST_IN_PIXEL, LEAST_IN_ALL = 5, 100
 FALSE_CHOICE = 1.0e-3
 """Probability of a share of outliers by chance, as of a part of the noise (`candidates.held_out_gain`)."""
 
-DISAGREE = 1.25
-"""Ratio of two measurements of sigma from which on both are reported: drifts and shapes change it by less."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FoundNoise:
@@ -93,7 +90,9 @@ class FoundNoise:
         other = self.measured.curve
         wide = 1.0 if curve.shape is None else curve.shape.moments()[1]
         ratio = float(np.exp(np.median(np.log(other.sigma_mm / (wide * curve.sigma(other.range_mm))))))
-        if max(ratio, 1.0 / ratio) < DISAGREE:
+        # Ratio of two measurements of sigma from which on both are reported: drifts and shapes change it by less.
+        disagree = 1.25
+        if max(ratio, 1.0 / ratio) < disagree:
             return ""
         low, high = float(other.sigma_mm.min()), float(other.sigma_mm.max())
         return f"; pixels taken for one surface alone would give sigma {low:.3g} to {high:.3g} mm"

@@ -59,9 +59,6 @@ LEAST_AFTER = 2
 SIGNIFICANT = 2.0
 """Standard errors from which on a width or a drift exceeds noise, and may stand for a further surface."""
 
-_ROUNDS = 8
-"""Steps of scoring for the range on one side of a jump."""
-
 
 @borrowing
 def _side(
@@ -73,7 +70,8 @@ def _side(
     widths.
     """
     place, total = start, 0.0
-    for _ in range(_ROUNDS):
+    rounds = 8  # steps of scoring for the range on one side of a jump
+    for _ in range(rounds):
         push, held, total = 0.0, 0.0, 0.0
         for j in range(len(value)):
             z = (value[j] - place) / width

@@ -145,15 +145,10 @@ MIN_SUPPORT = 1.5
 CERTAIN_SUPPORT, CERTAIN_GAIN = 5.0, 40.0
 """Least samples of a surface that needs no trial, and least loss, nat, without it: its probability rounds to 1."""
 
-LOST_BY_SAMPLE = 2.0
-"""What a sample's density falls short of its surface's peak, nat: 0.5 by its error, 1 at most by the share that others
-gain without the surface, and 0.5 to spare."""
 
 CERTAIN_SIGMAS = 5.0
 """Distance of such a surface from all others, in sigmas."""
 
-UNEXPLAINED_SIGMAS = 3.0
-"""Samples that only c_r explains are gathered when they lie within this many sigma of one of them."""
 
 SPLIT_SIGMAS = 0.8
 """Half the distance, in sigmas, at which a trial splits one surface in two equal ones."""
@@ -161,14 +156,9 @@ SPLIT_SIGMAS = 0.8
 MOVED_SHARE = 0.9
 """Part of c_0 that a trial gives to a surface in its place: EM moves a share of 0 no more."""
 
-ALONE_SIGMAS = 4.0
-"""Distance from all other surfaces, in sigmas, from which a surface may be a chance group of outliers."""
 
 SCAN_SIGMAS = 4.0
 """Distance from such a surface, in sigmas, within which its samples are counted."""
-
-MOST_BY_CHANCE = 12.0
-"""Samples from which a surface is no chance group of outliers."""
 
 
 _STEEPEST, _SPLIT, _MOVED = 0, 1, 2  # starts of one surface more
@@ -221,8 +211,10 @@ def _most_unexplained(data: Readings, k: int, fit: Components, beam: Beam, scrat
             unexplained[n], counts[n] = data.value[j], data.times[j]
             n += 1
     most, place, first, stop = 0.0, 0.0, 0, 0
+    # Samples that only c_r explains are gathered when they lie within this many sigma of one of them.
+    unexplained_sigmas = 3.0
     for centre in unexplained[:n]:
-        reach = UNEXPLAINED_SIGMAS * sigma_at(centre, beam.curve_range, beam.curve_sigma)
+        reach = unexplained_sigmas * sigma_at(centre, beam.curve_range, beam.curve_sigma)
         first, stop = within_reach(unexplained[:n], first, stop, centre - reach, centre + reach)
         group_size = total_of(counts[first:stop])
         if group_size > most:
@@ -283,7 +275,10 @@ def _by_chance(n: float, k: int, index: int, fit: Components, beam: Beam, rules:
     group.
     """
     support = fit[SUPPORT, index]
-    if support > MOST_BY_CHANCE or _gap_sigmas(k, index, fit, beam) < ALONE_SIGMAS:
+    most_by_chance = 12.0  # samples from which a surface is no chance group of outliers
+    # Distance from all other surfaces, in sigmas, from which a surface may be a chance group of outliers.
+    alone_sigmas = 4.0
+    if support > most_by_chance or _gap_sigmas(k, index, fit, beam) < alone_sigmas:
         return False
     expected = n * outlier_density_at(fit[MEAN, index], beam) * SCAN_SIGMAS * fit[SIGMA, index]
     fewer, term = 0.0, math.exp(-expected)
@@ -321,7 +316,10 @@ def _certain(k: int, index: int, fit: Components, beam: Beam) -> bool:
     if _gap_sigmas(k, index, fit, beam) <= CERTAIN_SIGMAS:
         return False
     peak = fit[WEIGHT, index] / (ROOT_TWO_PI * fit[SIGMA, index])
-    by_sample = math.log(peak / outlier_density_at(fit[MEAN, index], beam)) - LOST_BY_SAMPLE
+    # What a sample's density falls short of its surface's peak, nat: 0.5 by its error, 1 at most by the share that
+    # others gain without the surface, and 0.5 to spare.
+    lost_by_sample = 2.0
+    by_sample = math.log(peak / outlier_density_at(fit[MEAN, index], beam)) - lost_by_sample
     return bool(fit[SUPPORT, index] * by_sample > CERTAIN_GAIN)
 
 

@@ -253,11 +253,6 @@ SURFACE_SIGMAS = 4.0
 _STEP = 0.75
 """Distance between the places of a trial surface, in sigmas."""
 
-_STEPS = 6
-"""Places on either side: up to 4.5 sigma."""
-
-_HEAVY = 0.5
-"""Where one sample has such a part in a new surface, the score statistic falls short, and the gain is worked out."""
 
 _ROOT = math.exp(_STEP * SURFACE_SIGMAS)
 
@@ -325,6 +320,9 @@ def _gain_bound_near(
         base[j] = _ROOT * exp_minus(_STEP * (SURFACE_SIGMAS - z[j]))  # exp(_STEP z)
         power[j] = count[j] * z[j] * z[j]
     bound, squares = 0.0, total_of(power)
+    steps = 6  # places on either side: up to 4.5 sigma
+    # Where one sample has such a part in a new surface, the score statistic falls short, and the gain is worked out.
+    heavy = 0.5
     for side in range(2):
         for j in range(m):
             power[j] = 1.0
@@ -332,7 +330,7 @@ def _gain_bound_near(
             for j in range(m):
                 base[j] = 1.0 / base[j]
         farthest = z[m - 1] if side == 0 else -z[0]
-        for step in range(1, _STEPS + 1):
+        for step in range(1, steps + 1):
             delta = _STEP * step
             scale = math.exp(-0.5 * delta * delta)
             new, by_mean, square = _next_power(power, base, z, count)
@@ -344,7 +342,7 @@ def _gain_bound_near(
                 information -= scale * scale * by_mean * by_mean / squares
             information = max(information, LEAST_INFORMATION * own.total)
             bound = max(bound, 0.5 * slope * slope / information)
-            if bound < least and slope * scale * math.exp(delta * farthest) > _HEAVY * information:
+            if bound < least and slope * scale * math.exp(delta * farthest) > heavy * information:
                 bound = max(bound, _gain_of_best_share(power, scale, own, scratch[TOTAL, :m]))
             if bound >= least:
                 return bound

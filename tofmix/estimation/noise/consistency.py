@@ -34,7 +34,6 @@ _QUARTILE = 0.75  # of the pixels' changes: a drift shows in a quarter of the pi
 GAUSSIAN_QUARTILE = NormalDist().inv_cdf(0.5 * (1.0 + _QUARTILE))
 """That quantile of the absolute value of a standard Gaussian number."""
 
-_NO_RETURN_SIGMAS = 3.0  # samples this near to the largest range may be no return
 _ENDS = 3  # the change over a window is that from its first third to its last
 
 
@@ -163,7 +162,8 @@ def _returns(source: SampleSource, curve: NoiseCurve, range_mm: FloatArray) -> B
     most = source.sensor.range_max_mm
     if most is None:
         return np.ones(range_mm.shape, dtype=np.bool_)
-    return np.asarray(range_mm < most - _NO_RETURN_SIGMAS * float(curve.sigma(most)), dtype=np.bool_)
+    no_return_sigmas = 3.0  # samples this near to the largest range may be no return
+    return np.asarray(range_mm < most - no_return_sigmas * float(curve.sigma(most)), dtype=np.bool_)
 
 
 def _scatter(

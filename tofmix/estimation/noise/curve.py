@@ -185,8 +185,6 @@ _REACH = 0.45  # from the median down to the least sigma that is tried, and a th
 _CONTAMINATED = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6])  # share of wider series
 _EXCESS = (0.08, 0.25, 0.7)  # mean of the exponential log factor by which they are wider
 _DISPERSION = (1.0, 0.6, 0.35, 0.2, 0.1)  # factors on the degrees of freedom: sigma itself differs between pixels
-_BACKGROUND = 0.002  # density of series that are neither, so that no single one decides
-_ROUNDS = 60  # EM steps for the chances of the mixtures
 _PRIOR_GROUPS = 1.0  # weight of equal chances for all mixtures, in groups
 
 
@@ -220,6 +218,7 @@ class ScaleMixtures:
     def of(cls, degrees: int) -> Self:
         """Mixtures for variances of so many degrees of freedom."""
         single, density, left = [], [], []
+        background = 0.002  # density of series that are neither, so that no single one decides
         for dispersion in _DISPERSION:
             one = np.exp(_log_density(STEP * GRID, dispersion * degrees))
             for excess in _EXCESS:
@@ -227,7 +226,7 @@ class ScaleMixtures:
                 wider = np.mean([np.exp(_log_density(STEP * (GRID - u), dispersion * degrees)) for u in steps], axis=0)
                 for share in _CONTAMINATED:
                     single.append((1.0 - share) * one)
-                    density.append(single[-1] + share * wider + _BACKGROUND)
+                    density.append(single[-1] + share * wider + background)
                     left.append(dispersion * degrees)
         return cls(np.array(single), np.array(density), np.array(left))
 
@@ -256,7 +255,8 @@ def locate(groups: Sequence[FloatArray], degrees: int) -> Located:
     likelihood = np.exp(tables)
     evidence = likelihood.sum(axis=1)
     chances = np.full(evidence.shape[1], 1.0 / evidence.shape[1])
-    for _ in range(_ROUNDS):
+    rounds = 60  # EM steps for the chances of the mixtures
+    for _ in range(rounds):
         mine = evidence * chances
         mine /= mine.sum(axis=1, keepdims=True)
         chances = (mine.sum(axis=0) + _PRIOR_GROUPS / len(chances)) / (len(groups) + _PRIOR_GROUPS)

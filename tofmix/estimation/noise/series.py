@@ -46,9 +46,7 @@ LEAST_KEPT = 0.7
 
 
 _BLOCK = 1 << 18  # samples that are worked on at once: they stay in the processor's cache
-_ROUNDS = 4  # of fitting a trend and setting samples aside
 _RESOLUTION_MM = 0.01  # finer steps are not told from none
-_USUAL_STRICTNESS = 0.1  # of `NoiseSettings`
 _USUAL_LIMITS = (
     (0.9302248796326201, 1.6889123682259486, 5.122634928518553),
     (0.8639173947030889, 1.76993153084951, 5.023172992937566),
@@ -200,7 +198,8 @@ def _fill_statistics(samples: Float32Array, rows: IntArray, degree: int, step: f
     centre = _middle(raw, known)
     values = np.where(known, raw - centre[:, None], 0.0)
     trend, keep = np.zeros(values.shape), known
-    for _ in range(_ROUNDS):
+    rounds = 4  # of fitting a trend and setting samples aside
+    for _ in range(rounds):
         rest = values - trend
         away = np.abs(rest - _middle(rest, known)[:, None])
         spread = MAD_TO_SIGMA * _middle(away, known)
@@ -250,7 +249,8 @@ def series_statistics(series: Series, step_mm: float) -> SeriesStatistics:
 
 def _limits_of_shape(index: int, strictness: float) -> tuple[float, float, float]:
     """Largest absolute skewness, least and largest kurtosis of Gaussian series of `_SHAPE_SIZES[index]` samples."""
-    return _USUAL_LIMITS[index] if strictness == _USUAL_STRICTNESS else drawn_limits(index, strictness)
+    usual_strictness = 0.1  # of `NoiseSettings`
+    return _USUAL_LIMITS[index] if strictness == usual_strictness else drawn_limits(index, strictness)
 
 
 @lru_cache(maxsize=64)
@@ -316,14 +316,6 @@ MEDIAN_OF_DIFFERENCE = NormalDist().inv_cdf(0.75) * math.sqrt(2.0)
 PEAK_SIGMAS, LEVEL_SIGMAS = 5.0, 10.0
 """Differences up to the first are the peak's, those between the two the level's, in sigmas."""
 
-PAIRS_A_SAMPLE = 16
-"""Pairs of each sample, with the next valid ones of its pixel: a drift over them is small."""
-
-MOST_PAIRS = 1_500_000
-"""About the most differences of all pixels: they determine sigma to a fifth of a percent."""
-
-LEAST_PAIRS = 1000
-"""Least differences in a bin of range: those of 60 samples, which tell sigma to a tenth."""
 
 WIDE = 0.25
 """Width of a bin by its range."""
@@ -334,14 +326,10 @@ WIDEST = 5.0
 FLAT = 0.25
 """Largest sigma by the span of the samples: uniform samples have 0.31, those of a surface less than 0.2."""
 
-LEAST_EXCESS = 0.02
-"""Least part of the differences that the peak has over the level."""
 
 LEAST_IN_PEAK = 10
 """Least differences of a peak."""
 
-SIGNIFICANT_EXCESS = 5.0
-"""Least excess of a peak over the level, in standard errors of the number of differences up to `LEVEL_SIGMAS`."""
 
 _GRID_STEP = math.log(1.12)
 """Step between the logarithms of the sigmas that are tried."""
@@ -373,8 +361,10 @@ def sigma_from_differences(samples_mm: Float32Array) -> tuple[FloatArray, FloatA
     (n,), (n,) float64 or None
         Ranges, mm, ascending, and sigma at each, mm; None where no peak of differences stands out.
     """
-    partners = min(PAIRS_A_SAMPLE, max(samples_mm.shape[1] - 1, 1))
-    some = samples_mm[:: 1 + samples_mm.size * partners // MOST_PAIRS]
+    pairs_a_sample = 16  # pairs of each sample, with the next valid ones of its pixel: a drift over them is small
+    partners = min(pairs_a_sample, max(samples_mm.shape[1] - 1, 1))
+    most_pairs = 1_500_000  # about the most differences of all pixels: they determine sigma to a fifth of a percent
+    some = samples_mm[:: 1 + samples_mm.size * partners // most_pairs]
     place, lag = _differences(some, partners)
     if place.size == 0:
         return None
@@ -385,10 +375,11 @@ def sigma_from_differences(samples_mm: Float32Array) -> tuple[FloatArray, FloatA
         return None
     ranges, sigmas = [], []
     middle = float(np.median(place[lag < PEAK_SIGMAS * common]))
+    least_pairs = 1000  # least differences in a bin of range: those of 60 samples, which tell sigma to a tenth
     for first, stop in _bins(place, common):
         part, most = np.sort(lag[first:stop]), _most_of(common, middle, float(place[stop - 1]))
         part = part[: np.searchsorted(part, 2.0 * LEVEL_SIGMAS * most)]
-        found = _scale(part, most) if part.size >= LEAST_PAIRS else None
+        found = _scale(part, most) if part.size >= least_pairs else None
         if found is not None and found >= common**2 / _most_of(common, float(place[first]), middle):
             ranges.append(float(np.median(place[first:stop][lag[first:stop] < PEAK_SIGMAS * found])))
             sigmas.append(found)
@@ -446,7 +437,10 @@ def _peak(lags: FloatArray, scale: float) -> float | None:
     near, far = np.searchsorted(lags, [PEAK_SIGMAS * scale, LEVEL_SIGMAS * scale], side="right")
     level = (far - near) / ((LEVEL_SIGMAS - PEAK_SIGMAS) * scale)
     excess = near - level * PEAK_SIGMAS * scale
-    if near < LEAST_IN_PEAK or excess < max(LEAST_EXCESS * near, SIGNIFICANT_EXCESS * math.sqrt(far)):
+    least_excess = 0.02  # least part of the differences that the peak has over the level
+    # Least excess of a peak over the level, in standard errors of the number of differences up to `LEVEL_SIGMAS`.
+    significant_excess = 5.0
+    if near < LEAST_IN_PEAK or excess < max(least_excess * near, significant_excess * math.sqrt(far)):
         return None
     over = np.arange(1, near + 1) - level * lags[:near]
     at = int(np.argmax(over >= 0.5 * excess))

@@ -22,8 +22,6 @@ from tofmix.estimation.peaks.modes import BANDWIDTH, LONE_SAMPLES, PEAK_OF_SHARE
 from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.sensor import Sensor
 
-_DIMENSIONS = 2  # (frame, pixel)
-
 
 @jit
 def _add(
@@ -191,7 +189,8 @@ class IncrementalDensity:
             If the block has not these pixels.
         """
         values = np.ascontiguousarray(block, dtype=np.float64)
-        if values.ndim != _DIMENSIONS or values.shape[1] != len(self._n_samples):
+        dimensions = 2  # (frame, pixel)
+        if values.ndim != dimensions or values.shape[1] != len(self._n_samples):
             raise ValueError(f"block: expected (frame, {len(self._n_samples)}), got shape {values.shape}")
         n_samples = self._n_samples.copy()
         if self._length is not None:

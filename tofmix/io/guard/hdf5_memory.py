@@ -22,8 +22,6 @@ _AHEAD = 4
 _LIST_BYTES, _ALL_LISTS_BYTES = 16 << 20, 32 << 20
 """Memory that the library may keep for freed objects of one kind, and of all kinds, bytes."""
 
-_MOST_FILES = 28
-"""The caches of so many files fit into the list; it is emptied when more of them are given back."""
 
 _caches = [0]
 """Number of caches, in use or in the list."""
@@ -44,7 +42,8 @@ def reserve_memory() -> None:
         with ExitStack() as stack:
             for _ in range(_AHEAD):
                 stack.enter_context(h5py.File(io.BytesIO(), "w"))
-        _caches[0] = min(opened + _AHEAD, _MOST_FILES)
+        most_files = 28  # the caches of so many files fit into the list; it is emptied when more of them are given back
+        _caches[0] = min(opened + _AHEAD, most_files)
 
 
 @cache

@@ -35,9 +35,6 @@ _NUMBERS = _BYTES | set_of("int16 uint16 int32 uint32 int64 uint64 single double
 _STRUCTS = ("struct", "object", "cell", "opaque", "unknown")
 """MATLAB's classes of variables that hold others."""
 
-_UNPACKING_TIMES = 6.0
-"""Factor on the time limit of a read: a whole file is unpacked at once."""
-
 
 @contextmanager
 def open_mat(path: Path, request: SourceRequest) -> Iterator[FrameSource]:
@@ -127,8 +124,9 @@ class _OfHdf5(_Matlab):
 def _of_scipy(path: Path, request: SourceRequest, folder: Path) -> FrameSource:
     program = [sys.executable, "-P", str(Path(__file__).with_name("mat_child.py")), str(path), str(folder)]
     pipe = subprocess.PIPE
+    unpacking_times = 6.0  # factor on the time limit of a read: a whole file is unpacked at once
     with (
-        watched(str(path), times=_UNPACKING_TIMES),
+        watched(str(path), times=unpacking_times),
         subprocess.Popen(program, stdin=pipe, stdout=pipe, stderr=pipe, text=True, start_new_session=True) as child,  # noqa: S603  our own
     ):
         return source_of(_OfScipy(path, folder, child), request, path)

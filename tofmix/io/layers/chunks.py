@@ -16,10 +16,6 @@ from tofmix.arrays import Float32Array
 from tofmix.layers import LayerField, Layers
 from tofmix.suspicion.scene import CLUSTER_FIELDS, WindowSamples
 
-COMPRESSION_LEVEL = 1
-"""The fastest level of gzip: packing must not slow down the kernels."""
-
-
 _EVIDENCE_CHUNKS = 2  # clusters in time, and the memory of samples
 
 
@@ -115,7 +111,8 @@ def _chunks(layers: Layers, shape: tuple[int, int, int]) -> Iterator[bytes]:
 
 def _packed(values: NDArray[Any]) -> bytes:
     """Shuffled, compressed, and with a checksum."""
-    packed = zlib.compress(_shuffled(values), COMPRESSION_LEVEL)
+    compression_level = 1  # the fastest level of gzip: packing must not slow down the kernels
+    packed = zlib.compress(_shuffled(values), compression_level)
     return packed + fletcher32(packed).to_bytes(4, "little")
 
 

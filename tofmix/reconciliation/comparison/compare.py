@@ -46,11 +46,7 @@ EVERYWHERE = 0.05
 STRUCTURED = 0.15
 """Least share of the gain of single pixels at which an axis is the place."""
 
-FINE = 48
-"""Number of bins of axes that are divided by quantiles; changes within a bin are lost."""
 
-_REACH = 2.0  # largest mean, in sigma, of a pixel with a valid spread: scores beyond 4 count as 4
-_TENTHS = 10  # parts of the time, for slow changes
 _LAGS = (1, 2, 3)  # frames
 _LEAST = 1e-9  # weight of a pixel
 
@@ -130,7 +126,8 @@ def _over(
     by_pixel, by_frame = values.sum(axis=0, dtype=np.float64), values.sum(axis=1, dtype=np.float64)
     single = _chi2(by_pixel, mass[0])
     found = {(name, axis.name): _binned(axis.bin, by_pixel, mass[0]) for axis in s.axes}
-    tenth = np.arange(len(by_frame)) * _TENTHS // max(len(by_frame), 1)
+    tenths = 10  # parts of the time, for slow changes
+    tenth = np.arange(len(by_frame)) * tenths // max(len(by_frame), 1)
     if names[0]:
         found[names[0], "frame"] = _chi2(by_frame, mass[1])
         found[names[1], "time"] = _binned(tenth, by_frame, mass[1])
@@ -163,7 +160,8 @@ def _binned(bins: IntArray, total: FloatArray, mass: FloatArray) -> tuple[float,
 def _within_reach(s: Scored) -> Scored:
     """Without pixels with a large mean: their scores are clipped, so they have no valid spread."""
     mean = np.abs(s.z.sum(axis=0)) / np.maximum(s.ok.sum(axis=0), 1)
-    ok = s.ok & (mean < _REACH)
+    reach = 2.0  # largest mean, in sigma, of a pixel with a valid spread: scores beyond 4 count as 4
+    ok = s.ok & (mean < reach)
     return replace(s, z=np.where(ok, s.z, np.float32(0)), ok=ok)
 
 
@@ -241,7 +239,8 @@ def of_losses(lost: BoolArray, expected: FloatArray, axes: Iterable[Axis]) -> In
 
 def information_of(z: Float32Array, evidence: Evidence, m: Mixture, part: Part) -> Information:
     """All gains of a part's scores (frame, pixel), NaN where invalid."""
-    axes = tuple(panel_axes(evidence, m, part, bins=FINE))
+    fine = 48  # number of bins of axes that are divided by quantiles; changes within a bin are lost
+    axes = tuple(panel_axes(evidence, m, part, bins=fine))
     ok = np.isfinite(z)
     scored = Scored(
         z=np.where(ok, z, np.float32(0)),
@@ -364,8 +363,6 @@ _IN_SIGMA = (
 SMALLEST_P = 1.0e-300
 """Smallest p-value, above 0, which some JSON readers take as a missing value."""
 
-_MOST_BINS = 60  # times ten: with more bins, intervals are not scanned
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
@@ -435,7 +432,8 @@ def _strongest(curve: Curve, looked_at: int) -> Place:
     weight = 1 / curve.variance
     total, mass = np.concatenate([[0], np.cumsum(curve.value * weight)]), np.concatenate([[0], np.cumsum(weight)])
     best, where = -1.0, (0, curve.dof)
-    longest = curve.dof if curve.dof <= _MOST_BINS * 10 else 1
+    most_bins = 60  # times ten: with more bins, intervals are not scanned
+    longest = curve.dof if curve.dof <= most_bins * 10 else 1
     for length in range(1, longest + 1):
         z = np.abs(total[length:] - total[:-length]) / np.sqrt(mass[length:] - mass[:-length])
         at = int(z.argmax())

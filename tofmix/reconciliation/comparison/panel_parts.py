@@ -20,8 +20,6 @@ from tofmix.reconciliation.likelihood.memory import lag_product, one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.simulation.effects.hidden import FrameChain
 
-_CLEAR = 4.5  # sigma from a surface, beyond which it has no samples
-_ENOUGH = 100  # samples of a bin
 _LEAST_SHARE = 1e-3  # of the beam
 
 
@@ -48,7 +46,8 @@ def bridging(evidence: Evidence, m: Mixture, state: ModelState, axes: Sequence[A
         np.bincount(axis.bin[use], by_pixel, minlength=axis.lower.size)
         for by_pixel in (inside.sum(axis=0), chance, valid.sum(axis=0))
     )
-    some = n >= _ENOUGH
+    enough = 100  # samples of a bin
+    some = n >= enough
     found, expected, n = found[some], expected[some], n[some]
     # Few are expected, so the squared deviation of their number is no chi-square; a variance that also follows the
     # number found keeps it small
@@ -75,7 +74,8 @@ def _valleys(m: Mixture) -> tuple[FloatArray, FloatArray, BoolArray]:
     others = own | (m.surface[0] == m.surface[0][second, at])
     share = np.where(own, 0.0, weight).sum(axis=0)
     two = (share > _LEAST_SHARE) & (np.where(others, 0.0, weight).sum(axis=0) == 0)
-    mean, reach = m.mean[0], _CLEAR * m.sigma[0] + m.step / 2
+    clear = 4.5  # sigma from a surface, beyond which it has no samples
+    mean, reach = m.mean[0], clear * m.sigma[0] + m.step / 2
     near = np.where(mean[first, at] < mean[second, at], first, second)
     far = np.where(mean[first, at] < mean[second, at], second, first)
     return mean[near, at] + reach[near, at], mean[far, at] - reach[far, at], two
@@ -147,7 +147,6 @@ def lines(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
         )
 
 
-_ENOUGH_IN_FRAME = 30  # samples
 _PARTS = 10  # of the time
 _MORE = 4.0  # weight of the effect's share, in frames
 
@@ -166,7 +165,8 @@ def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture, togethe
     alone = one_surface(m)[part[1]]  # in other pixels a score also depends on the surface that was drawn
     if alone.any() and ok.any():
         yield from _memory(flat[:, alone], ok[:, alone], part[0])
-    some = n >= _ENOUGH_IN_FRAME
+    enough_in_frame = 30  # samples
+    some = n >= enough_in_frame
     if not some.any():
         return
     per_mm = float((count / sigma_of_lit(m, part)).sum() / count.sum())

@@ -32,7 +32,6 @@ from tofmix.simulation.effects.search import (
 from tofmix.simulation.surface import Surface, tilts_to
 
 _PASSES, _FAR = 12, 6.0  # of a fit; largest residual of a pixel, in medians of the residuals
-_LEAST_MM = 1.0  # range
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,7 +104,8 @@ def measured_pose(surface: Surface, beams: FloatArray, bias_mm: FloatArray, info
     Schlossmacher, J. Am. Stat. Assoc. 68 (1973) 857: least absolute values by weighted least squares.
     """
     expected = ranges_to(surface, beams)
-    measured = np.maximum(expected + bias_mm, _LEAST_MM)
+    least_mm = 1.0  # range
+    measured = np.maximum(expected + bias_mm, least_mm)
     root = np.sqrt(information) * expected**2  # the error of 1 / r is that of r over r squared
     rows, wanted = beams * root[:, None], (1 / measured - 1 / expected) * root
     use = np.isfinite(wanted)
@@ -139,9 +139,6 @@ _LEAST_PIXELS = 12  # least pixels of a surface, for effects of this surface
 _GLANCE = 25  # frames for medians
 _COURSE_FRAMES, _COURSE_PIXELS = 100, 1000  # for the course in time: their medians are known to some 0.05 sigma
 _KNOWN_OF_MEDIAN = 2 / math.pi  # information of a median over that of a mean
-_AT_THE_EDGE = 0.95  # quantile
-_LEAST_LEVER = 0.1  # mm a degree: a tilt with less effect on ranges is not searched for
-_HALF_CELL_MM = 0.5  # samples are whole mm
 
 _Main = tuple[NDArray[Any], ...]
 
@@ -216,6 +213,8 @@ def search_facts(likelihood: Likelihood, mixture: Mixture) -> SearchFacts:
 
 def _with_pose(seen: SurfaceFacts, seen_by: Sequence[RecordingView]) -> SurfaceFacts:
     """A surface with its pose, from pixels of the first recording that shows it, and tilts of one sigma."""
+    at_the_edge = 0.95  # quantile
+    least_lever = 0.1  # mm a degree: a tilt with less effect on ranges is not searched for
     for view in seen_by:
         lit, _, mean, names, _, _, median = _main(view)
         own = lit & (names == seen.name) & ~np.isnan(median)
@@ -224,8 +223,8 @@ def _with_pose(seen: SurfaceFacts, seen_by: Sequence[RecordingView]) -> SurfaceF
         beams = view.scene.beams[own]
         known = np.full(int(own.sum()), _KNOWN_OF_MEDIAN * min(len(view.evidence.samples), _GLANCE) / seen.sigma_mm**2)
         pose = measured_pose(seen.surface, beams, (median - mean)[own], known)
-        slopes = np.quantile(np.abs(range_slopes(seen.surface, beams)[:, 1:]), _AT_THE_EDGE, axis=0)
-        about_u, about_v = (seen.sigma_mm / float(v) if v > _LEAST_LEVER else 0.0 for v in slopes)
+        slopes = np.quantile(np.abs(range_slopes(seen.surface, beams)[:, 1:]), at_the_edge, axis=0)
+        about_u, about_v = (seen.sigma_mm / float(v) if v > least_lever else 0.0 for v in slopes)
         return replace(
             seen,
             shift_mm=pose.shift_mm,
@@ -280,7 +279,8 @@ def _nearer(seen_by: Sequence[RecordingView], low_mm: float, high_mm: float) -> 
     if not near.size:
         return None
     middle = float(np.median(near))
-    return near.size / sum(counts), middle, max(float(np.median(np.abs(near - middle))), _HALF_CELL_MM)
+    half_cell_mm = 0.5  # samples are whole mm
+    return near.size / sum(counts), middle, max(float(np.median(np.abs(near - middle))), half_cell_mm)
 
 
 def _before_the_scene(view: RecordingView, low_mm: float, high_mm: float) -> tuple[int, FloatArray]:

@@ -36,9 +36,6 @@ TILTED = 0.8
 """Share of a plane in a map on one surface, above which the map is no pattern."""
 
 _LINES = 0.2  # least share of the columns, or rows, in a map, from which they are tested
-_CHANCE = 4.0  # margin of the correlation of neighbouring lines, in its standard deviations
-_PLANE_LINES = 8  # least rows and columns for the test of a plane
-_SWEEPS = 30  # alternations of columns and rows, if some pixels are unknown
 
 
 def tilted(values: FloatArray, known: BoolArray, surface: IntArray) -> bool:
@@ -46,9 +43,10 @@ def tilted(values: FloatArray, known: BoolArray, surface: IntArray) -> bool:
 
     On a surface of so many rows and columns, a pattern looks like a plane once in some thousands of recordings.
     """
+    plane_lines = 8  # least rows and columns for the test of a plane
     for number in range(int(surface.max()) + 1):
         row, col = np.nonzero(known & (surface == number))
-        if min(np.unique(row).size, np.unique(col).size) < _PLANE_LINES:
+        if min(np.unique(row).size, np.unique(col).size) < plane_lines:
             continue
         value = values[row, col] - values[row, col].mean()
         slopes = np.stack([row - row.mean(), col - col.mean()], axis=1)
@@ -69,7 +67,8 @@ def smooth(values: FloatArray, known: BoolArray) -> bool:
     rest = np.where(known, values - values[known].mean(), 0.0)
     whole = float((rest**2).sum())
     lines = [np.zeros(values.shape[1]), np.zeros(values.shape[0])]
-    for _ in range(_SWEEPS):
+    sweeps = 30  # alternations of columns and rows, if some pixels are unknown
+    for _ in range(sweeps):
         for axis in (0, 1):
             mean = rest.sum(axis=axis) / np.maximum(known.sum(axis=axis), 1)
             lines[axis] += mean
@@ -95,16 +94,13 @@ def _lines_smooth(line: FloatArray, pixels: IntArray, whole: float) -> bool:
         return False
     power = float((value**2).sum()) / seen.sum()
     near = _mean_product(value[1:], value[:-1], seen[1:] & seen[:-1])
-    return bool(near > (SMOOTH + _CHANCE / np.sqrt(seen.sum())) * power)
+    chance = 4.0  # margin of the correlation of neighbouring lines, in its standard deviations
+    return bool(near > (SMOOTH + chance / np.sqrt(seen.sum())) * power)
 
 
 def _mean_product(a: FloatArray, b: FloatArray, both: BoolArray) -> float:
     return float((a * b).sum() / max(int(both.sum()), 1))
 
-
-CANCELS = 20.0
-"""Gain of an effect in the presence of the others over that of the best effect alone, and over that of all together:
-two biases that cancel to less than a quarter gain so much, since gains are squares of biases."""
 
 PRICE_NATS = 3.0  # of each number, for effects whose samples are not independent
 FAINT_SHARE = 0.01
@@ -207,13 +203,16 @@ def _by_others(likelihood: Likelihood, added: Added, settings: Settings) -> Iter
     judged = len(part[0]) * len(part[1]) / max(len(scored[0]) * len(scored[1]), 1)
     given = whole - likelihood.value(begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance), part)
     best = max(given, judged * max((c.gain for c in added.first), default=0.0))
+    # Gain of an effect in the presence of the others over that of the best effect alone, and over that of all together:
+    # two biases that cancel to less than a quarter gain so much, since gains are squares of biases.
+    cancels = 20.0
     for number, candidate in enumerate(added.chosen):
         if candidate.fitted is None:
             continue
         rest = without(added.state, number)
         bare = likelihood.mixture(rest)
         gain = whole - likelihood.value(rest, part, bare)
-        if len(added.chosen) > 1 and gain > CANCELS * best > 0:
+        if len(added.chosen) > 1 and gain > cancels * best > 0:
             yield Contradiction(number=number, reason="cancels another effect")
         if candidate.static and not moves_by_itself(likelihood, (rest, bare), (added.state, mixture), part):
             yield Contradiction(number=number, reason="moves no range: its only trace is noise")

@@ -68,11 +68,8 @@ def _with_biases(likelihood: Likelihood, state: ModelState, part: Part) -> float
 _CLEAR = 5.0  # least distance from the model's pose, in standard errors
 _MOSTLY = 0.8  # least share of the weighted squares of a surface's biases that another pose explains
 _LEAST_PIXELS = 12  # of a surface, for a pose of three numbers
-_SAME = 1e-3  # relative difference of integration times that are written in files
-_MOST_POSES = 3  # most poses that are listed; more are another scene
 _SEVERAL = 2  # surfaces
 _DEGREE = 2  # of the smooth function of place in the image
-_NUMBERS_OF_POSE = 3  # a shift and two tilts
 _LEAST_TURN_DEG = 0.02  # smaller tilts are not reported
 
 
@@ -151,7 +148,8 @@ def next_steps(
         if offset is not None:
             suggested += [(k, offset) for k in range(len(likelihood.scene.members))]
             steps.append(f"All surfaces are off by one value: {offset.explain()}.")
-        shown = sorted(poses, key=lambda f: -f.pose.z)[:_MOST_POSES]
+        most_poses = 3  # most poses that are listed; more are another scene
+        shown = sorted(poses, key=lambda f: -f.pose.z)[:most_poses]
         steps += _of_poses(shown, several=len(likelihood.scene.members) > 1)
         suggested += [(f.recording, pose_of(f)) for f in shown]
         there = {name_of_effect(e) for e in (*likelihood.scene.effects, *(state.effects if named else ()))}
@@ -207,7 +205,8 @@ def worse(verified: Verified) -> Iterator[str]:
 def _of_the_recording(likelihood: Likelihood, verified: Verified) -> Iterator[str]:
     repeated, found = likelihood.evidence.repeated, verified.findings
     own, given = likelihood.evidence.integration_time_ms, likelihood.scene.model.sensor.integration_time_ms
-    if own is not None and not math.isclose(own, given, rel_tol=_SAME):
+    same = 1e-3  # relative difference of integration times that are written in files
+    if own is not None and not math.isclose(own, given, rel_tol=same):
         yield (
             f"The recording has an integration time of {own:g} ms, the model {given:g} ms: give [sensor] of the model"
             f" integration_time_ms = {own:g}, or use --noise measured."
@@ -363,6 +362,7 @@ def poses_win(likelihood: Likelihood, settings: Settings, state: ModelState, pos
     Each by the squares that it leaves, with half the logarithm of the number of pixels for each of its numbers (BIC).
     """
     gain = 0.0
+    numbers_of_pose = 3  # a shift and two tilts
     for biases in biases_of_recordings(likelihood, state, fit_part(likelihood, settings)):
         rows, cols = likelihood.evidence.image
         used = np.flatnonzero(biases.used)
@@ -378,7 +378,7 @@ def poses_win(likelihood: Likelihood, settings: Settings, state: ModelState, pos
         names = dict(biases.surfaces)
         for found in (f for f in poses if f.recording == biases.view.number):
             weights, off = biases.information[names[found.surface.name]], biases.bias_mm[names[found.surface.name]]
-            by_poses += found.pose.explained * float((weights * off**2).sum()) - _NUMBERS_OF_POSE * price
+            by_poses += found.pose.explained * float((weights * off**2).sum()) - numbers_of_pose * price
         gain += by_poses - by_law
     return gain > 0
 

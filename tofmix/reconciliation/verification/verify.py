@@ -34,9 +34,7 @@ from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks
 
 _PARTS = 10  # of the time
-_LEAST_FRAMES = 3  # of a part, for a median with a scatter
 _PIXELS = 256  # enough for a median
-_POLISHED = 30  # turns of the levels of pixels and frames
 
 
 def far_trends(likelihood: Likelihood, state: ModelState, alpha: float) -> list[Place]:
@@ -63,7 +61,8 @@ def far_trends(likelihood: Likelihood, state: ModelState, alpha: float) -> list[
 
 def _far_trend(view: RecordingView, alpha: float) -> Place | None:
     medians, frames, sigma = _medians(view)
-    parts = min(_PARTS, medians.size // _LEAST_FRAMES)
+    least_frames = 3  # of a part, for a median with a scatter
+    parts = min(_PARTS, medians.size // least_frames)
     if parts < 2:  # noqa: PLR2004  two parts of the time to compare
         return None
     part = np.arange(medians.size) * parts // medians.size
@@ -108,7 +107,8 @@ def _medians(view: RecordingView) -> tuple[FloatArray, IntArray, float]:
         return np.zeros(0), np.zeros(0, dtype=np.int64), math.inf
     away = away[some][:, np.isfinite(away).any(axis=0)]
     level = np.zeros(len(away))
-    for _ in range(_POLISHED):
+    polished = 30  # turns of the levels of pixels and frames
+    for _ in range(polished):
         own = np.nanmedian(away - level[:, None], axis=0)
         level = np.nanmedian(away - own, axis=1)
     return level, np.flatnonzero(some), float(np.median(m.of_main(m.sigma)[use]))
@@ -117,11 +117,8 @@ def _medians(view: RecordingView) -> tuple[FloatArray, IntArray, float]:
 IN_TIME = 0.005
 """Share of the effects' gain that may remain as a change of all frames in time."""
 
-ECHO = 0.1
-"""Correlation at any lag that may remain after a memory of one frame."""
 
 _SEEDS_APART, _SIMULATIONS_APART = 1000, 100_000  # distance between seeds of recordings, and of simulations
-_NULLS = 3  # simulations, if one is not enough
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -235,7 +232,8 @@ def _nulls(likelihood: Likelihood, state: ModelState, settings: Settings, found:
     loud = disagreements(found.near, found.alpha)
     linked = any(e.latent in LINKING for e in state.linking)
     several = bool(loud) and (linked or any(found.is_simulated(c) for c in loud))
-    more = range(1, _NULLS) if several else range(0)
+    nulls = 3  # simulations, if one is not enough
+    more = range(1, nulls) if several else range(0)
     return (found.floor, *(simulated(likelihood, state, settings, number) for number in more))
 
 
@@ -248,7 +246,8 @@ def revoked(likelihood: Likelihood, found: Verified, settings: Settings) -> Veri
 def _echoes(likelihood: Likelihood, state: ModelState, settings: Settings) -> bool:
     """Whether a correlation at any lag remains after a memory of one frame."""
     coefficient = memory_of(state)
-    return bool(coefficient) and memory_left(likelihood, state, coefficient, settings.seed) > ECHO
+    echo = 0.1  # correlation at any lag that may remain after a memory of one frame
+    return bool(coefficient) and memory_left(likelihood, state, coefficient, settings.seed) > echo
 
 
 def _shaped(likelihood: Likelihood, state: ModelState, held: Part) -> bool:

@@ -252,10 +252,6 @@ _LAYER_UNITS = {
 _AVERAGED_UNIT_MM = 0.1
 """Resolution of averaged ranges in a page, mm."""
 
-_LEAST_DENSITY = 1.0e-4
-"""Part of a shape's peak below which its line is not visible."""
-_ANGLE_DIGITS = 6  # of an angle in rad: 0.01 mm at 10 m
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Explorer:
@@ -412,7 +408,8 @@ def _learnt(
     said: dict[str, Any] = {"background": True} if sensor.noise.background is not None else {}
     shape = sensor.noise.shape
     if shape is not None:
-        seen = shape.z[shape.density > _LEAST_DENSITY * shape.density.max()]
+        least_density = 1.0e-4  # part of a shape's peak below which its line is not visible
+        seen = shape.z[shape.density > least_density * shape.density.max()]
         z = np.linspace(seen[0], seen[-1], shape_points)
         said["shape"] = [round(float(z[0]), 4), float(z[1] - z[0]), [round(float(p), 5) for p in shape.pdf(z)]]
     return said
@@ -430,7 +427,8 @@ def _angles(sensor: Sensor, shape: tuple[int, int]) -> list[list[float]] | None:
     except ValueError:  # numbers that no camera has; `info` says which
         return None
     angles = np.arctan2(across[:, 0], across[:, 2]), np.arctan2(down[:, 1], np.hypot(down[:, 0], down[:, 2]))
-    return [[round(float(angle), _ANGLE_DIGITS) for angle in line] for line in angles]
+    angle_digits = 6  # of an angle in rad: 0.01 mm at 10 m
+    return [[round(float(angle), angle_digits) for angle in line] for line in angles]
 
 
 def _windows_note(chosen: range, windows: int) -> str:

@@ -21,8 +21,6 @@ from tofmix.unmixing.image import FIELDS, ComplexArray, mean_phasors, phase_scal
 REACH = 3
 """Neighbours are shown up to so many pixels from the pixel, by row and by column: unmixing looks as far."""
 
-_SAME_SURFACE = 0.03
-"""Part of a layer's range within which a neighbour's range is of the same surface."""
 
 _REAL, _IMAGINARY, _VARIANCE_REAL, _VARIANCE_IMAGINARY, _COVARIANCE, _SAMPLES = (
     FIELDS.index(name) for name in ("real", "imaginary", "variance_real", "variance_imaginary", "covariance", "samples")
@@ -181,8 +179,9 @@ def _ends(
         gap = np.minimum(gap % length_mm, length_mm - gap % length_mm)
     nearest = gap.argmin(axis=1) if count and range_mm.size else np.zeros(range_mm.size, np.int64)
     ends = []
+    same_surface = 0.03  # part of a layer's range within which a neighbour's range is of the same surface
     for k in range(count):
-        same = (nearest == k) & (gap[:, k] <= _SAME_SURFACE * of_layers[k])
+        same = (nearest == k) & (gap[:, k] <= same_surface * of_layers[k])
         ends.append(
             PhasorEnd(
                 share=float(layers.weight[(*pixel, k)]),

@@ -34,8 +34,6 @@ _ERRORS = 3.0
 _SIDE_MARGIN, _MARGIN = 0.4, 0.1
 """Margins on each side of the drawing, as parts of its extent: for the labels of the ends."""
 
-_PLANE_POINTS = 250.0
-"""Height of the plane in points of 1/72 inch, about: for the distance between labels."""
 
 _LABEL_POINTS = (75.0, 27.0)
 """Width and height of a label in points."""
@@ -239,7 +237,8 @@ def _label_ends(axes: Axes, plane: PhasorPlane, theme: Theme) -> None:
     if not known:
         return
     middle = sum(place for _, place in known) / len(known)
-    points = _PLANE_POINTS / float(np.ptp(axes.dataLim.get_points()[:, 1]) or 1.0)
+    plane_points = 250.0  # height of the plane in points of 1/72 inch, about: for the distance between labels
+    points = plane_points / float(np.ptp(axes.dataLim.get_points()[:, 1]) or 1.0)
     width, height = _LABEL_POINTS
     written: list[tuple[bool, float, float]] = []
     for end, place in sorted(known, key=lambda pair: pair[1].imag):
@@ -269,18 +268,10 @@ def _label_ends(axes: Axes, plane: PhasorPlane, theme: Theme) -> None:
         )
 
 
-_PANEL_INCH = 2.5
-"""Height of a panel, inch, and panels side by side."""
-
 _STRIP_INCH, _SCATTER_INCH = 1.15, 2.4
 """Heights of one number of samples, and of the modes over samples, inch."""
 
-_MARGIN_SIGMAS = 5.0
-"""Margin of a view beyond the outermost surface, in its sigma."""
 
-_BACKGROUND_SIGMAS = 12.0
-"""Under learnt noise, samples this many sigma from every layer are background, and may lie outside the view."""
-_LEAST_MARGIN_M = 0.05  # beyond the outermost sample, m
 _MOST_BINS = 80  # of a histogram
 
 
@@ -352,7 +343,8 @@ def neighbours_figure(
         views = [view.opened(cut, unambiguous_range_mm) for view in views]
     columns = min(most_columns, len(views))
     rows = math.ceil(len(views) / columns)
-    height = _PANEL_INCH * rows + 0.7
+    panel_inch = 2.5  # height of a panel, inch, and panels side by side
+    height = panel_inch * rows + 0.7
     figure = new_figure(height + (0.0 if plane is None else PLANE_INCH))
     part: Figure | SubFigure = figure
     if plane is not None:
@@ -528,8 +520,9 @@ def _mark_layers(axes: Axes, view: PixelView, theme: Theme, *, top: float = 1.0)
 def _view(views: list[PixelView]) -> tuple[float, float]:
     """Limits in m that hold every component and most samples."""
     lows, highs = [], []
+    margin_sigmas = 5.0  # margin of a view beyond the outermost surface, in its sigma
     for view in views:
-        reach = _MARGIN_SIGMAS * view.sigma_mm
+        reach = margin_sigmas * view.sigma_mm
         lows += (view.range_mm - reach).tolist()
         highs += (view.range_mm + reach).tolist()
         samples = _near_layers(view)
@@ -540,7 +533,8 @@ def _view(views: list[PixelView]) -> tuple[float, float]:
     if not lows:
         return 0.0, 1.0
     low, high = min(lows) / _M, max(highs) / _M
-    margin = max(_LEAST_MARGIN_M, 0.03 * (high - low))
+    least_margin_m = 0.05  # beyond the outermost sample, m
+    margin = max(least_margin_m, 0.03 * (high - low))
     return low - margin, high + margin
 
 
@@ -548,7 +542,9 @@ def _near_layers(view: PixelView) -> FloatArray | None:
     """Samples that the view is to hold; under learnt noise without those that are background, far from every layer."""
     if view.samples_mm is None or view.mixture is None or not len(view.range_mm):
         return view.samples_mm
-    reach = _BACKGROUND_SIGMAS * view.sigma_mm + view.mixture.drift_extent_mm()
+    # Under learnt noise, samples this many sigma from every layer are background, and may lie outside the view.
+    background_sigmas = 12.0
+    reach = background_sigmas * view.sigma_mm + view.mixture.drift_extent_mm()
     return view.samples_mm[(np.abs(view.samples_mm[:, np.newaxis] - view.range_mm) < reach).any(axis=1)]
 
 

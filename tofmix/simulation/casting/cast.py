@@ -28,7 +28,6 @@ from tofmix.simulation.measured_scene import MeasuredScene
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import MAX_LENGTH_MM, NEAREST_MM, Surface
 
-_NEIGHBOURS = 3  # of the same surface, at least, whose mean is taken
 _EDGE_ON = 1.0e-3  # cosine of incidence below which a plane is seen edge-on, and its layers stay
 
 
@@ -93,6 +92,7 @@ def by_neighbours(model: Model, scene: MeasuredScene) -> tuple[MeasuredScene, Fl
     around = np.ones((3, 3))
     around[1, 1] = 0.0
     range_mm, apart = scene.range_mm.copy(), np.zeros((len(scene.surfaces) + 1, *scene.shape))
+    neighbours = 3  # of the same surface, at least, whose mean is taken
     for number, surface in enumerate(scene.surfaces):
         own = scene.surface == number
         once = own.sum(axis=2) == 1
@@ -101,7 +101,7 @@ def by_neighbours(model: Model, scene: MeasuredScene) -> tuple[MeasuredScene, Fl
         beside[row, col] = scene.range_mm[row, col, layer] - _seen(surface, beams[row, col])[0]
         count = convolve(once.astype(np.float64), around, mode="constant")
         mean = convolve(beside, around, mode="constant") / np.maximum(count, 1.0)
-        use = count[row, col] >= _NEIGHBOURS
+        use = count[row, col] >= neighbours
         row, col, layer = row[use], col[use], layer[use]
         apart[number, row, col] = (beside - mean)[row, col]
         range_mm[row, col, layer] -= apart[number, row, col]

@@ -27,8 +27,6 @@ from tofmix.compiled.jit import jit
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface
 
-_EDGE_ON_MM = 1.0e-6  # a plane that passes this near to the sensor is seen edge-on: it covers no area
-
 
 class SceneArrays(NamedTuple):
     """S surfaces for the kernel.
@@ -70,7 +68,8 @@ def _fill(scene: SceneArrays, k: int, surface: Surface, range_max_mm: float) -> 
     center = np.array(surface.center_mm)
     normal = axes[:, 2] if axes[:, 2] @ center >= 0 else -axes[:, 2]
     distance = float(normal @ center)
-    if distance < _EDGE_ON_MM:
+    edge_on_mm = 1.0e-6  # a plane that passes this near to the sensor is seen edge-on: it covers no area
+    if distance < edge_on_mm:
         scene.distance[k] = 1.0
         scene.min_cosine[k] = 2.0  # a cosine that no beam has
         return

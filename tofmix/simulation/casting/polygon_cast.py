@@ -25,11 +25,6 @@ _BEAMS = 8  # a side of a pixel, for the moments of its directions: as `cast` ha
 _STRAIGHT_RAD = 0.013
 """A part of a cell up to which an edge that is bent by the projection passes for straight: to 0.0005 of its area."""
 
-_COARSE_RAD = 0.05
-"""Extent of a pixel beyond which second moments describe its directions too roughly: its beams are cast one by one."""
-
-_AT_ONCE = 4_000_000  # numbers that a cast holds
-
 
 class _Cells(NamedTuple):
     """The cells of a camera's pixels, as `cast_polygons` takes them."""
@@ -53,7 +48,10 @@ class PolygonCaster:
     """
 
     def __init__(self, sensor: CompleteCamera) -> None:
-        self._coarse = float(pixel_extent_rad(sensor.optics, sensor.shape).max()) > _COARSE_RAD
+        # Extent of a pixel beyond which second moments describe its directions too roughly: its beams are cast one by
+        # one.
+        coarse_rad = 0.05
+        self._coarse = float(pixel_extent_rad(sensor.optics, sensor.shape).max()) > coarse_rad
         self._cells = _cells(sensor.optics, sensor.shape)  # type: ignore[arg-type]  # a frozen dataclass
 
     def cast(self, model: Model) -> Truth:
@@ -61,7 +59,8 @@ class PolygonCaster:
         if self._coarse or model.scene is not None:
             return cast_scene(model)
         scene, count = scene_arrays(model), max(1, len(model.surfaces))
-        step, cells, found = max(1, _AT_ONCE // (3 * count)), self._cells, []
+        at_once = 4_000_000  # numbers that a cast holds
+        step, cells, found = max(1, at_once // (3 * count)), self._cells, []
         for start in range(0, len(cells.radii), step):
             own = slice(start, start + step)
             sums = np.zeros((len(cells.radii[own]), len(model.surfaces), 3))

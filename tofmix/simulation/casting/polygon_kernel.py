@@ -21,7 +21,6 @@ MOST_IN_FRONT = 6
 
 _CONDITIONS = 5  # of a surface: four edges and the range
 _CORNERS = 2 * (4 + (_CONDITIONS + 1) * (MOST_IN_FRONT + 1))  # a cut adds one; two where an edge is bent
-_ROUND_PARTS = 6  # times as many parts a side, where a circle crosses the cell
 _STEP = 0.25  # of a cell, for slopes of the cosine
 
 
@@ -334,7 +333,8 @@ def _cast_mixed(
 ) -> int:
     """A cell that an edge crosses, part by part. Returns 1 where too many surfaces are before one, else 0."""
     if _find_conditions(patch, scene, centre, radius, seen, n_seen, scratch):
-        parts *= _ROUND_PARTS
+        round_parts = 6  # times as many parts a side, where a circle crosses the cell
+        parts *= round_parts
     crowded = 0
     for k in range(n_seen):
         for m in range(6):
