@@ -23,8 +23,6 @@ from numpy.typing import ArrayLike
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 
-LEAST_BACKGROUND_POINTS = 2  # of a density
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BackgroundDensity:
@@ -50,10 +48,11 @@ class BackgroundDensity:
     def __post_init__(self) -> None:
         range_mm = np.array(self.range_mm, dtype=np.float64, copy=True)
         density = np.array(self.density, dtype=np.float64, copy=True)
-        if range_mm.ndim != 1 or range_mm.shape != density.shape or range_mm.size < LEAST_BACKGROUND_POINTS:
+        least_background_points = 2  # of a density
+        if range_mm.ndim != 1 or range_mm.shape != density.shape or range_mm.size < least_background_points:
             raise ValueError(
                 "background density: range and density must be two lists of one length, at least"
-                f" {LEAST_BACKGROUND_POINTS}, got shapes {range_mm.shape} and {density.shape}"
+                f" {least_background_points}, got shapes {range_mm.shape} and {density.shape}"
             )
         if not (np.isfinite(range_mm).all() and np.isfinite(density).all()):
             raise ValueError("background density: a value is not finite")
@@ -101,7 +100,6 @@ class BackgroundDensity:
 CENTRAL = (0.158655253931457, 0.5, 0.841344746068543)
 """Chances that a standard Gaussian number is below -1, 0 and 1."""
 
-LEAST_POINTS = 3  # points of a density
 
 _ROUNDING = 1.0e-12
 """How far an area may be from 1 by the rounding of some thousand sums."""
@@ -134,9 +132,10 @@ class NoiseShape:
     def __post_init__(self) -> None:
         z = np.array(self.z, dtype=np.float64, copy=True)
         density = np.array(self.density, dtype=np.float64, copy=True)
-        if z.ndim != 1 or z.shape != density.shape or z.size < LEAST_POINTS:
+        least_points = 3  # points of a density
+        if z.ndim != 1 or z.shape != density.shape or z.size < least_points:
             raise ValueError(
-                f"noise shape: z and density must be two lists of one length, at least {LEAST_POINTS}, got shapes"
+                f"noise shape: z and density must be two lists of one length, at least {least_points}, got shapes"
                 f" {z.shape} and {density.shape}"
             )
         if not (np.isfinite(z).all() and np.isfinite(density).all()):

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from tofmix.io.importers.writing import Target
     from tofmix.optics.pinhole import Pinhole
 
-_INTRINSICS = 4  # numbers: FX, FY, CX, CY
 MEANINGS = ("frame", "time", "row", "col", "target", "range", "amplitude", "status")
 """Meanings of a column."""
 
@@ -290,7 +289,8 @@ def _intrinsics_of(text: str | None) -> "Pinhole | Calibration | None":
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
         numbers = []
-    if len(numbers) == _INTRINSICS:
+    intrinsics = 4  # numbers: FX, FY, CX, CY
+    if len(numbers) == intrinsics:
         try:
             return Pinhole(fx=numbers[0], fy=numbers[1], cx=numbers[2], cy=numbers[3])
         except ValueError as error:

@@ -20,7 +20,6 @@ _REACH = 6  # bins on either side of a sample that its kernel reaches
 _GAP = 4.0  # sigmas between neighbouring samples of two surfaces
 _WIDE = 2.0  # largest changes: single surfaces keep their tails
 _NARROW = 0.5  # of the noise that differences give
-_NEAR = 2.5  # sigmas around a sample whose mean it is compared with
 
 
 @jit
@@ -276,6 +275,7 @@ def _refine(out: FloatArray, m: int, sigma: float) -> None:
     """Move chains by the mean distance of their samples from the mean of all samples near them, until they rest."""
     n = len(out)
     steps = 12  # of the continuous refinement, at most
+    near = 2.5  # sigmas around a sample whose mean it is compared with
     for _ in range(steps):
         ordered = np.sort(out)
         upto = np.zeros(n + 1)
@@ -286,8 +286,8 @@ def _refine(out: FloatArray, m: int, sigma: float) -> None:
         for c in range(m):
             total, count = 0.0, 0
             for t in range(c, n, m):
-                a = np.searchsorted(ordered, out[t] - _NEAR * sigma, side="left")
-                b = np.searchsorted(ordered, out[t] + _NEAR * sigma, side="right")
+                a = np.searchsorted(ordered, out[t] - near * sigma, side="left")
+                b = np.searchsorted(ordered, out[t] + near * sigma, side="right")
                 total += (upto[b] - upto[a]) / (b - a) - out[t]
                 count += 1
             moves[c] = total / count

@@ -129,7 +129,6 @@ DEFAULT_SETTINGS = FilterSettings()
 _GROUP = 64  # pixels of similar range whose lower quartile of spreads is the noise
 _ABOVE_LINE = 1.5  # noise of a range over the line through all ranges, at most
 _LAGS = 12  # frames apart, of repeated values
-_FEW = 3  # samples that make a heap
 
 
 def learn_filter(source: SampleSource, settings: FilterSettings = DEFAULT_SETTINGS) -> TemporalFilter | None:
@@ -358,7 +357,8 @@ def _refined(before: FloatArray, change: FloatArray, noise: FloatArray, share: f
     weight = np.broadcast_to(sigma[:, None] ** -2, values.shape).ravel()
     members = np.bincount(group)
     base, slope = (_about_heap(part.ravel(), group, members) for part in (before, change))
-    used = (members[group] >= _FEW) & _near(values.ravel(), group, members, np.repeat(sigma, values.shape[1]))
+    few = 3  # samples that make a heap
+    used = (members[group] >= few) & _near(values.ravel(), group, members, np.repeat(sigma, values.shape[1]))
     along = float((weight * base * base)[used].sum())
     found = -float((weight * base * slope)[used].sum()) / along if along > 0.0 else share
     return min(max(found, 1e-6), 1.0)

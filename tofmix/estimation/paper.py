@@ -49,9 +49,6 @@ ITERATIONS = 50
 SPACING = 0.125
 """Spacing of the grid in units of the least sigma: a quarter of the narrowest kernel's h."""
 
-KERNEL_REACH = 6.0
-"""A sample farther than this many h adds less than 2e-8 of a kernel's height, and is left out."""
-
 
 _TOO_FEW_SAMPLES = int(Status.TOO_FEW_SAMPLES)
 _NO_SURFACE = int(Status.NO_SURFACE)
@@ -68,12 +65,13 @@ def _grid_modes(
     peak_of_share = 1.0 / math.sqrt(1.0 + 1.0 / BANDWIDTH**2)
     count, first, stop = 0, 0, 0
     p, before, middle, middle_share = 0.0, 0.0, 0.0, 0.0
-    margin = KERNEL_REACH * BANDWIDTH * sigma_at(origin, beam.curve_range, beam.curve_sigma)
+    kernel_reach = 6.0  # a sample farther than this many h adds less than 2e-8 of a kernel's height, and is left out
+    margin = kernel_reach * BANDWIDTH * sigma_at(origin, beam.curve_range, beam.curve_sigma)
     g = -math.ceil(margin / spacing)
     while True:
         r = origin + g * spacing
         h = BANDWIDTH * sigma_at(r, beam.curve_range, beam.curve_sigma)
-        first, stop = within_reach(values, first, stop, r - KERNEL_REACH * h, r + KERNEL_REACH * h)
+        first, stop = within_reach(values, first, stop, r - kernel_reach * h, r + kernel_reach * h)
         total = 0.0
         for j in range(first, stop):
             z = (r - values[j]) / h
@@ -87,7 +85,7 @@ def _grid_modes(
             if first == n:
                 return count
             near = BANDWIDTH * sigma_at(values[first], beam.curve_range, beam.curve_sigma)
-            g = max(g, math.ceil((values[first] - KERNEL_REACH * near - origin) / spacing))
+            g = max(g, math.ceil((values[first] - kernel_reach * near - origin) / spacing))
 
 
 @borrowing

@@ -30,10 +30,6 @@ CUT_SIGMAS = 4.0
 """A cut is empty where no reading lies within this many sigma of it."""
 
 
-_CLEAR_SIGMAS = 8.0
-"""A series whose median is this far, in robust sigmas, from the fold has no part on the other side."""
-
-
 @jit
 def _crowding(values: FloatArray, place: float, reach: float, length: float) -> float:
     """Sum of 1 - distance / reach over the sorted readings within `reach` of a place; 0 without any."""
@@ -207,9 +203,11 @@ class UnrolledSource:
         nearest = np.maximum(self.sensor.range_min_mm or 0.0, FOLD_SIGMAS * spread)
         middle = np.where(middle < nearest, middle + self._length, middle)
         # The far end of the heap, seen past the fold; no cut where the heap ends before it.
-        beyond = middle + _CLEAR_SIGMAS * spread - self._length
-        cut = np.clip(beyond, 0.0, np.maximum(middle - _CLEAR_SIGMAS * spread, 0.0))
-        cut = np.where(2 * _CLEAR_SIGMAS * spread < self._length, cut, 0.0)
+        # A series whose median is this far, in robust sigmas, from the fold has no part on the other side.
+        clear_sigmas = 8.0
+        beyond = middle + clear_sigmas * spread - self._length
+        cut = np.clip(beyond, 0.0, np.maximum(middle - clear_sigmas * spread, 0.0))
+        cut = np.where(2 * clear_sigmas * spread < self._length, cut, 0.0)
         return np.asarray(readings + self._length * (readings < cut), dtype=np.float32)
 
 

@@ -17,11 +17,18 @@ from tofmix.image.segments import View
 STATES = STATE + 4
 """Numbers of a patch with its light: those of the patch, c, two slopes (a pixel), gamma."""
 
+_GAMMA = 0.15  # standard deviation: light between cos^0.7 and cos^1.3
 _SLOPE = 0.01  # a pixel
+_FREE = 1e-6  # precision of c
+_ROUNDS = 2  # of Gauss and Newton
 _STEP = 0.3  # of a standard deviation, for derivatives
 _LARGEST_STEP = np.array([10.0, 0.05, 0.05, *np.full(STATE - 3, 1e-3)])
 """In mm, 1 and 1 / mm: rays still meet the patch."""
 _LEAST = 3  # pixels
+_ROUGH = 0.004  # of ln A: what no law of light is exact to
+_GRAZING = 0.002  # the same in units of 1 / cos(theta)^2
+_OWN_PART = 0.1  # of the cubic terms' variance, that each pixel has on its own
+_HUBER = 4.0  # standard errors, beyond which a pixel counts less
 
 
 class Lit(NamedTuple):
@@ -71,29 +78,22 @@ def with_light(view: View, at: IntArray, patches: Patches) -> Lit:
     prior[:, :STATE, :STATE] = scaled_inverse(
         patches.covariance + 1e-9 * sd[:, :, np.newaxis] * sd[:, np.newaxis, :] * np.eye(STATE)
     )
-    free = 1e-6  # precision of c
-    gamma = 0.15  # standard deviation: light between cos^0.7 and cos^1.3
-    prior[:, range(STATE, STATES), range(STATE, STATES)] = (free, _SLOPE**-2, _SLOPE**-2, gamma**-2)
+    prior[:, range(STATE, STATES), range(STATE, STATES)] = (_FREE, _SLOPE**-2, _SLOPE**-2, _GAMMA**-2)
     first = _light(patches.frame, state[:, np.newaxis, :STATE], ray)[0][:, 0]
     state[:, STATE] = _median(corrected - first, usable & np.isfinite(first))
     start = state.copy()
     inflation, covariance = np.ones(n), scaled_inverse(prior)
     fitted = usable.sum(axis=1) >= _LEAST
-    rough = 0.004  # of ln A: what no law of light is exact to
-    noise = view.amplitude_variance[pixel] + rough**2
-    rounds = 2  # of Gauss and Newton
-    grazing = 0.002  # the same in units of 1 / cos(theta)^2
-    own_part = 0.1  # of the cubic terms' variance, that each pixel has on its own
-    huber = 4.0  # standard errors, beyond which a pixel counts less
-    for number in range(rounds):
+    noise = view.amplitude_variance[pixel] + _ROUGH**2
+    for number in range(_ROUNDS):
         design, light, log_cosine, good = _linear(patches.frame, state, sd, ray, down, right, usable)
         fitted &= good.sum(axis=1) >= _LEAST
         residual = np.where(good, corrected - light - (design[..., STATE:] @ state[:, STATE:, np.newaxis])[..., 0], 0.0)
         cubic = _cubic(view, patches, pixel, log_cosine)
-        variance = noise + (grazing * np.exp(-2.0 * log_cosine)) ** 2 + own_part * (cubic**2).sum(axis=-1)
+        variance = noise + (_GRAZING * np.exp(-2.0 * log_cosine)) ** 2 + _OWN_PART * (cubic**2).sum(axis=-1)
         whole = variance + (cubic**2).sum(axis=-1)
         size = np.sqrt(residual**2 / whole / inflation[:, np.newaxis])
-        weight = good / np.maximum(1.0, size / huber) / variance / inflation[:, np.newaxis]
+        weight = good / np.maximum(1.0, size / _HUBER) / variance / inflation[:, np.newaxis]
         weighed = cubic * weight[..., np.newaxis]
         turned = np.swapaxes(weighed, 1, 2)
         inner = np.linalg.inv(np.eye(cubic.shape[-1]) + turned @ cubic)

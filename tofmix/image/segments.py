@@ -153,7 +153,6 @@ REACH = 4
 """Reach of the window whose pixels a patch goes through, pixels."""
 
 _NOISE = 4.0  # standard errors of a second difference of range
-_LIGHT_NOISE = 6.0  # and of the logarithm of light
 _PITCHES, _LOOSE_PITCHES = 0.3, 0.8
 _LIGHT, _LOOSE_LIGHT = 0.06, 0.32
 """Second differences that a bent surface has by itself: of range in widths of a pixel, of the logarithm of light."""
@@ -171,8 +170,9 @@ def segments_of(view: View) -> IntArray:
     bent, error = _second_difference(view, view.range_mm, view.range_variance)
     faded, light_error = _second_difference(view, view.log_amplitude, view.amplitude_variance)
     width = view.range_mm * view.pitch
-    even = (bent < _NOISE * error + _PITCHES * width) & (faded < _LIGHT_NOISE * light_error + _LIGHT)
-    loose = (bent < _NOISE * error + _LOOSE_PITCHES * width) & (faded < _LIGHT_NOISE * light_error + _LOOSE_LIGHT)
+    light_noise = 6.0  # and of the logarithm of light
+    even = (bent < _NOISE * error + _PITCHES * width) & (faded < light_noise * light_error + _LIGHT)
+    loose = (bent < _NOISE * error + _LOOSE_PITCHES * width) & (faded < light_noise * light_error + _LOOSE_LIGHT)
     first = _linked(view, even & view.valid, error) >= 0
     seed_reach = 2  # pixels
     return _linked(view, first | (loose & view.valid & ~near(first.reshape(rows, cols), seed_reach).ravel()), error)

@@ -275,10 +275,6 @@ def _check_truth(root: h5py.File, recording: RecordingFile, findings: Findings) 
         findings.add_broken(f"truth/{name}", text, np.asarray(broken), ("row", "col"), (0, 0))
 
 
-_MARGIN = 1.0
-"""Pixels by which a point of an edge may lie outside the centres of the image's pixels: half of one, and rounding."""
-
-
 def verify_surfaces(root: h5py.File, file: SurfacesFile, findings: Findings) -> None:
     """Check an open surfaces file, whose header has passed already."""
     check_fields(root, SURFACES_FIELDS, file.path, findings)
@@ -317,9 +313,11 @@ def _check_planes(small: dict[str, NDArray[Any]], findings: Findings) -> None:
 
 def _check_edges(file: SurfacesFile, small: dict[str, NDArray[Any]], findings: Findings) -> None:
     rules: list[tuple[str, str, BoolArray]] = []
+    # Pixels by which a point of an edge may lie outside the centres of the image's pixels: half of one, and rounding.
+    margin = 1.0
     for name, pixels in zip(("edge_row", "edge_col"), file.shape[1:], strict=True):
         if (place := small.get(name)) is not None:
-            inside = (place >= -_MARGIN) & (place <= pixels - 1 + _MARGIN)
+            inside = (place >= -margin) & (place <= pixels - 1 + margin)
             rules.append((name, "in the image", ~inside))
     if (stderr := small.get("edge_stderr")) is not None:
         rules.append(("edge_stderr", "not below 0", (stderr < 0) | np.isinf(stderr)))

@@ -32,9 +32,6 @@ _EXACT = 1e-11
 _POINTS_AT_ONCE = 1 << 18
 """Places that are undistorted at once: bounds the memory."""
 
-_NEGLIGIBLE = 1e-30
-"""A coefficient below this adds less than 1e-12 at the largest radius, 1000 focal lengths."""
-
 
 @dataclass(frozen=True, slots=True)
 class Distortion:
@@ -146,11 +143,12 @@ class Distortion:
 @cache
 def _fold_radius(coefficients: tuple[float, ...]) -> float:
     """The distorted radius r N(s) / D(s), s = r^2, grows while (N + 2 s N') D - 2 s N D' and D are above 0."""
-    k1, k2, _, _, k3, k4, k5, k6 = (0.0 if abs(k) < _NEGLIGIBLE else k for k in coefficients)
+    negligible = 1e-30  # a coefficient below this adds less than 1e-12 at the largest radius, 1000 focal lengths
+    k1, k2, _, _, k3, k4, k5, k6 = (0.0 if abs(k) < negligible else k for k in coefficients)
     s = np.polynomial.Polynomial([0.0, 1.0])
     top = np.polynomial.Polynomial([1.0, k1, k2, k3]).trim()
     bottom = np.polynomial.Polynomial([1.0, k4, k5, k6]).trim()
-    growth = ((top + 2 * s * top.deriv()) * bottom - 2 * s * top * bottom.deriv()).trim(_NEGLIGIBLE)
+    growth = ((top + 2 * s * top.deriv()) * bottom - 2 * s * top * bottom.deriv()).trim(negligible)
     return math.sqrt(min(_least_positive_root(growth), _least_positive_root(bottom), MOST_OFF_AXIS**2))
 
 

@@ -45,7 +45,6 @@ if TYPE_CHECKING:
     from tofmix.io.surfaces_file import SurfacesFile
 
 
-_NAME_WIDTH = 26  # characters of the column of names
 _LONGEST_SENTENCE = 1000  # characters of a sentence from a file before it is cut
 _SENTENCES = ("found",)
 """Names of values that are sentences, and are not cut."""
@@ -102,7 +101,8 @@ def _lines(key: str, value: Value) -> list[str]:
         return [f"  {key} {number}: {printable(row, 160)}" for number, row in enumerate(rows, 1)]
     longest_value = 120  # characters of a value from a file before it is cut
     longest = _LONGEST_SENTENCE if key in _SENTENCES else longest_value
-    return [f"  {printable(key, _NAME_WIDTH):<{_NAME_WIDTH}} {printable(_shown(value), longest)}"]
+    name_width = 26  # characters of the column of names
+    return [f"  {printable(key, name_width):<{name_width}} {printable(_shown(value), longest)}"]
 
 
 def _shown(value: object) -> str:

@@ -31,8 +31,6 @@ USUAL_SPREAD = 0.25
 real cameras are 0.2 to 0.4."""
 
 _ONE_ZONE_DEG = 25.0  # field of view of a sensor of one zone that does not give its own
-_SEEN_LOST = 0.5  # weight, in frames, of the image's mean share of lost samples: Jeffreys' prior
-_LEAST_NORMAL = 1e-9  # length of a normal that is none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -287,8 +285,9 @@ def measured_scene(
     samples = layers.n_samples.astype(np.int64)
     lost = np.zeros((rows, cols)) if layers.invalid_share is None else layers.invalid_share.astype(np.float64)
     lost = np.where(np.isfinite(lost), lost, 0.0)
-    usual = max(float(lost.mean()), _SEEN_LOST / (frames * lost.size))
-    lost = (lost * frames + _SEEN_LOST * usual) / (frames + _SEEN_LOST)
+    seen_lost = 0.5  # weight, in frames, of the image's mean share of lost samples: Jeffreys' prior
+    usual = max(float(lost.mean()), seen_lost / (frames * lost.size))
+    lost = (lost * frames + seen_lost * usual) / (frames + seen_lost)
     told = (weight.sum(axis=2) + nothing > 0) & (samples >= LEAST_SAMPLES)
     lost = np.where(told, lost, 1.0)  # of other pixels nothing is known, and no sample is predicted
     own, planes = _planes(range_mm, there, surface, camera)
@@ -361,9 +360,10 @@ def _normal(beams: FloatArray, range_mm: FloatArray) -> FloatArray | None:
         return None
     inverse = np.linalg.lstsq(beams * range_mm[:, None], np.ones(len(range_mm)), rcond=None)[0]
     length = float(np.linalg.norm(inverse))
-    normal = inverse / max(length, _LEAST_NORMAL)
+    least_normal = 1e-9  # length of a normal that is none
+    normal = inverse / max(length, least_normal)
     seen = beams @ normal
-    return np.asarray(normal, dtype=np.float64) if length > _LEAST_NORMAL and (seen > 0).all() else None
+    return np.asarray(normal, dtype=np.float64) if length > least_normal and (seen > 0).all() else None
 
 
 def _plane(number: int, points: FloatArray, normal: FloatArray, size_mm: FloatArray | None) -> Surface:

@@ -31,8 +31,6 @@ from tofmix.simulation.events import (
 from tofmix.simulation.exposure import Exposer, StillScene, check_averages, recorded_amplitude
 from tofmix.simulation.model import Model
 
-_FRAMES_AT_ONCE = 16  # held in memory with all that their samples carry
-
 
 class _Frame(NamedTuple):
     """One frame's samples, (pixel,), and its true scene."""
@@ -251,8 +249,9 @@ def _with_effects(exposer: Exposer) -> _Frames:
             yield frame, scene, drawn, before
 
     def render(frames: range, pool: _Map) -> Iterator[_Frame]:
-        for first in range(0, len(frames), _FRAMES_AT_ONCE):
-            some = frames[first : first + _FRAMES_AT_ONCE]
+        frames_at_once = 16  # held in memory with all that their samples carry
+        for first in range(0, len(frames), frames_at_once):
+            some = frames[first : first + frames_at_once]
             yield from pool(end, list(coloured(pool(begin, some))))
 
     return render

@@ -99,10 +99,6 @@ def _squares(fits: FloatArray, share: FloatArray, samples: FloatArray, floor: Fl
     return out
 
 
-_REACH = 1.0
-"""Distance, pixels, from the end of a piece to the beginning of the next one at most."""
-
-
 _LEAST_TURN = -0.5
 """Least cosine between the directions of two pieces: 120 degrees, as at the tip of a triangle."""
 
@@ -214,7 +210,8 @@ def _followers(pieces: FloatArray, near: NDArray[np.int32]) -> IntArray:
     count = len(pieces)
     candidates = 6  # beginnings that are looked at for each end
     wanted = min(candidates, count)
-    found = cKDTree(pieces[:, :2]).query(pieces[:, 4:6], k=wanted, distance_upper_bound=_REACH)
+    reach = 1.0  # distance, pixels, from the end of a piece to the beginning of the next one at most
+    found = cKDTree(pieces[:, :2]).query(pieces[:, 4:6], k=wanted, distance_upper_bound=reach)
     distance, other = (np.asarray(values).ravel() for values in found)
     one = np.repeat(np.arange(count), wanted)
     there = np.isfinite(distance)

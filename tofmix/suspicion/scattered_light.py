@@ -20,9 +20,6 @@ from tofmix.suspicion.albedo import (
 )
 from tofmix.suspicion.scene import FALSE_MARKS, NOISE_SIGMAS, Suspicion, WindowScene
 
-MOST_SCATTERED = 0.05
-"""Most of a bright thing's light that a pixel elsewhere gets of it."""
-
 
 def mark_scattered(scene: WindowScene) -> BoolArray:
     """Layers (row, col, layer) that are scattered light.
@@ -39,9 +36,10 @@ def mark_scattered(scene: WindowScene) -> BoolArray:
     surfaces = None
     most_sources = 4  # bright things that are looked at, from the brightest on
     slope = 0.1  # how much ranges of one surface differ between neighbouring pixels, of the range
+    most_scattered = 0.05  # most of a bright thing's light that a pixel elsewhere gets of it
     for _ in range(most_sources):
         source = np.unravel_index(int(light.argmax()), light.shape)
-        if light[source] * MOST_SCATTERED < dimmest:
+        if light[source] * most_scattered < dimmest:
             break
         surfaces = surfaces or find_surfaces(scene, bright)
         at_range = known & _agrees(scene, source)
@@ -50,7 +48,7 @@ def mark_scattered(scene: WindowScene) -> BoolArray:
         others = others[others >= 0]
         if len(others):
             law = AlbedoLaw.of(surfaces.log_brightness[others])
-            candidates = at_range & (scene.amplitude <= MOST_SCATTERED * scene.amplitude[source])
+            candidates = at_range & (scene.amplitude <= most_scattered * scene.amplitude[source])
             improbable = _improbable(scene, candidates, bright, law, source)
             with np.errstate(invalid="ignore"):
                 close = np.abs(scene.range_mm / scene.range_mm[source] - 1.0) <= slope

@@ -21,12 +21,8 @@ from tofmix.unmixing.likeliest import Kind, OpenSpace
 from tofmix.unmixing.seeds import without_creases
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, CurvedSettings, UnmixSettings
 
-_LEAVING = 1
-"""Round in which members at the rim may leave."""
 _WALLS = 0.8
 """Part of a segment's pixels that flat parts must have; the rest lies at creases."""
-_RELEARNT = 2
-"""Round after which scales are learnt again."""
 
 
 def label_curved(image: PhasorImage, labels: Labels, settings: UnmixSettings = DEFAULT_SETTINGS) -> Labels:
@@ -217,6 +213,8 @@ def _grown(
     """Segments with the pixels that joined, and the verdicts on those beside bent ones that are in none."""
     judged = _Judged(image, view, settings.hypotheses.apart, space)
     first, segment = segment, segment.copy()
+    relearnt = 2  # round after which scales are learnt again
+    leaving = 1  # round in which members at the rim may leave
     for number in range(settings.curved.rounds):
         area = image.valid & _beside(segment, bent, view.shape, REACH)
         candidates = _open_pixels(segment, area, view, settings.curved.beside)
@@ -229,11 +227,11 @@ def _grown(
                 changed[pixel] = verdict[2]
                 joined += 1
         segment = changed
-        if not joined and number >= _RELEARNT:
+        if not joined and number >= relearnt:
             break
-        if number == _LEAVING:
+        if number == leaving:
             _leave(judged, segment, scales, np.flatnonzero(rim_of(segment >= 0, view.shape) & area))
-        if number == _RELEARNT:
+        if number == relearnt:
             curved = np.flatnonzero(bent)
             again = learn_scales(view, segment, curved, REACH)
             for old, new in zip(scales, again, strict=True):

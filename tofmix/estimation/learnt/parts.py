@@ -97,9 +97,6 @@ _UPPER_QUARTILE = round(NormalDist().inv_cdf(7.0 / 8.0), 4)
 _WIDTH_SCALES = np.geomspace(0.02, 1.0, 30)
 """Scales of log width that are tried."""
 
-_LEAST_LIKELIHOOD = 1e-12
-"""Least likelihood of a scale before its logarithm is taken."""
-
 
 def with_part(fold: Fold, noise: PixelNoise, part: str) -> PixelNoise | None:
     """Learn one part under `noise`, from the training pixels of a fold, and sigma(r) again.
@@ -217,10 +214,11 @@ def width_scale(log_width: FloatArray, variance: FloatArray) -> float | None:
     at = np.linspace(-MOST_LOG_WIDTH, MOST_LOG_WIDTH, 601)
     seen = np.exp(-0.5 * (log_width[:, None] - at) ** 2 / variance[:, None]) / np.sqrt(variance[:, None])
     alike = np.exp(-0.5 * log_width**2 / variance) / np.sqrt(variance)
-    best, chosen = float(np.log(np.maximum(alike, _LEAST_LIKELIHOOD)).sum()), None
+    least_likelihood = 1e-12  # least likelihood of a scale before its logarithm is taken
+    best, chosen = float(np.log(np.maximum(alike, least_likelihood)).sum()), None
     for scale in _WIDTH_SCALES:
         prior = (1.0 + (at / scale) ** 2 / TAIL_DEGREES) ** (-0.5 * (TAIL_DEGREES + 1.0))
-        found = float(np.log(np.maximum(seen @ (prior / prior.sum()), _LEAST_LIKELIHOOD)).sum())
+        found = float(np.log(np.maximum(seen @ (prior / prior.sum()), least_likelihood)).sum())
         if found > best:
             best, chosen = found, float(scale)
     return chosen

@@ -33,11 +33,6 @@ _PENALTIES = np.logspace(-5, 5, 11)
 _RIDGE = 1e-11
 """Damps Newton's steps where rounding makes the matrix singular: the penalty leaves parabolas free."""
 
-_LEAST_FALL = 0.5
-"""Least fall of the log density by sigma beyond the last errors."""
-
-_LAST_ERRORS = 3.0
-"""Errors from a bin outward up to which it counts as beyond the last errors."""
 
 CENTRES = np.arange(-round(REACH / STEP), round(REACH / STEP) + 1) * STEP
 
@@ -199,10 +194,12 @@ def _with_tails(log_density: FloatArray, counts: FloatArray) -> FloatArray:
     """Make the density fall on either side of its peak, also beyond the last errors."""
     out, peak = log_density.copy(), int(np.argmax(log_density))
     outward = np.cumsum(counts[::-1])[::-1], np.cumsum(counts)
+    last_errors = 3.0  # errors from a bin outward up to which it counts as beyond the last errors
+    least_fall = 0.5  # least fall of the log density by sigma beyond the last errors
     for j in range(peak + 1, len(out)):
-        fall = 0.0 if outward[0][j] > _LAST_ERRORS else _LEAST_FALL * STEP
+        fall = 0.0 if outward[0][j] > last_errors else least_fall * STEP
         out[j] = min(out[j], out[j - 1] - fall)
     for j in range(peak - 1, -1, -1):
-        fall = 0.0 if outward[1][j] > _LAST_ERRORS else _LEAST_FALL * STEP
+        fall = 0.0 if outward[1][j] > last_errors else least_fall * STEP
         out[j] = min(out[j], out[j + 1] - fall)
     return out

@@ -53,8 +53,6 @@ from tofmix.noise_shape import DRIFTS
 NEAR_SIGMAS = 5.0
 """Samples this near to the drifting surface, in sigmas beyond its drift, determine the time of the jump."""
 
-LEAST_AFTER = 2
-"""Least samples on either side of a jump."""
 
 SIGNIFICANT = 2.0
 """Standard errors from which on a width or a drift exceeds noise, and may stand for a further surface."""
@@ -110,13 +108,14 @@ def value_of_jump(data: Samples, fit: FloatArray, law: Law, beam: Beam) -> float
             total += value[j]
     before, below, best, at = 0, 0.0, -1.0, -1
     first_mean, second_mean = 0.0, 0.0
+    least_after = 2  # least samples on either side of a jump
     for j in range(n):
         if abs(value[j] - fit[MEAN, 0]) > reach:
             continue
         before += 1
         below += value[j]
         after = inside - before
-        if before < LEAST_AFTER or after < LEAST_AFTER:
+        if before < least_after or after < least_after:
             continue
         between = below * below / before + (total - below) ** 2 / after
         if between > best or at < 0:

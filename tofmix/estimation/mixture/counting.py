@@ -153,9 +153,6 @@ CERTAIN_SIGMAS = 5.0
 SPLIT_SIGMAS = 0.8
 """Half the distance, in sigmas, at which a trial splits one surface in two equal ones."""
 
-MOVED_SHARE = 0.9
-"""Part of c_0 that a trial gives to a surface in its place: EM moves a share of 0 no more."""
-
 
 SCAN_SIGMAS = 4.0
 """Distance from such a surface, in sigmas, within which its samples are counted."""
@@ -481,7 +478,8 @@ def _move_no_return(data: Readings, k: int, fit: Components, beam: Beam, scratch
     if is_beyond(place, beam):
         return False
     _add_surface(k, place, 0.0, fit, beam)
-    fit[WEIGHT, k], fit[WEIGHT, -1] = MOVED_SHARE * weight, (1.0 - MOVED_SHARE) * weight
+    moved_share = 0.9  # part of c_0 that a trial gives to a surface in its place: EM moves a share of 0 no more
+    fit[WEIGHT, k], fit[WEIGHT, -1] = moved_share * weight, (1.0 - moved_share) * weight
     return True
 
 

@@ -75,8 +75,6 @@ def next_share(share: float, slope: float, bend: float) -> float:
 SEARCH_STEP = 0.5
 """Step of the search in sigmas: a quarter of a sigma off the best place, a surface gains 3 % less."""
 
-_REACH = 5.0
-"""A surface lends samples farther away than this, in sigmas, less than 4e-6 of its peak."""
 
 LAST_STEPS = 6
 """Newton steps of the best share at the place that is taken: the share is then exact to rounding."""
@@ -111,9 +109,10 @@ def steepest_place(
     end = values[-1] + sigma_at(values[-1], beam.curve_range, beam.curve_sigma)
     if math.isinf(beam.no_return_to):
         end = min(end, beam.surface_end)
+    reach = 5.0  # a surface lends samples farther away than this, in sigmas, less than 4e-6 of its peak
     while theta <= end:
         sigma = sigma_at(theta, beam.curve_range, beam.curve_sigma)
-        near, past = within_reach(values, near, past, theta - _REACH * sigma, theta + _REACH * sigma)
+        near, past = within_reach(values, near, past, theta - reach * sigma, theta + reach * sigma)
         next_theta = theta + SEARCH_STEP * sigma
         if near == past and near < m:
             next_theta = max(next_theta, values[near] - sigma)  # nothing near: go to the next sample

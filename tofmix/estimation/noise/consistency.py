@@ -34,8 +34,6 @@ _QUARTILE = 0.75  # of the pixels' changes: a drift shows in a quarter of the pi
 GAUSSIAN_QUARTILE = NormalDist().inv_cdf(0.5 * (1.0 + _QUARTILE))
 """That quantile of the absolute value of a standard Gaussian number."""
 
-_ENDS = 3  # the change over a window is that from its first third to its last
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Consistency:
@@ -193,7 +191,8 @@ def _drift(
     """
     runs = series.samples.shape[1]
     pixels = len(series.pixel) if window_frames <= runs else len(series.pixel) // 2
-    part = min(window_frames, runs) // _ENDS if window_frames <= runs else min(window_frames // _ENDS, runs)
+    ends = 3  # the change over a window is that from its first third to its last
+    part = min(window_frames, runs) // ends if window_frames <= runs else min(window_frames // ends, runs)
     if window_frames < LEAST_SAMPLES:
         return None
     early = series.samples[:pixels, :part]

@@ -181,11 +181,9 @@ STEP = 0.005
 GRID = np.arange(-1200, 1201)
 """Places, in steps, at which densities are kept."""
 
-_REACH = 0.45  # from the median down to the least sigma that is tried, and a third of it up
 _CONTAMINATED = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6])  # share of wider series
 _EXCESS = (0.08, 0.25, 0.7)  # mean of the exponential log factor by which they are wider
 _DISPERSION = (1.0, 0.6, 0.35, 0.2, 0.1)  # factors on the degrees of freedom: sigma itself differs between pixels
-_PRIOR_GROUPS = 1.0  # weight of equal chances for all mixtures, in groups
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -249,17 +247,19 @@ def locate(groups: Sequence[FloatArray], degrees: int) -> Located:
     """
     log_density = np.log(ScaleMixtures.of(degrees).density)
     centre = [float(np.median(group)) for group in groups]
-    shifts = np.arange(-int(_REACH / STEP), int(_REACH / STEP) // 3 + 1)
+    reach = 0.45  # from the median down to the least sigma that is tried, and a third of it up
+    shifts = np.arange(-int(reach / STEP), int(reach / STEP) // 3 + 1)
     tables = np.array([_likelihoods(g - c, shifts, log_density) for g, c in zip(groups, centre, strict=True)])
     tables -= tables.max(axis=(1, 2), keepdims=True)
     likelihood = np.exp(tables)
     evidence = likelihood.sum(axis=1)
     chances = np.full(evidence.shape[1], 1.0 / evidence.shape[1])
     rounds = 60  # EM steps for the chances of the mixtures
+    prior_groups = 1.0  # weight of equal chances for all mixtures, in groups
     for _ in range(rounds):
         mine = evidence * chances
         mine /= mine.sum(axis=1, keepdims=True)
-        chances = (mine.sum(axis=0) + _PRIOR_GROUPS / len(chances)) / (len(groups) + _PRIOR_GROUPS)
+        chances = (mine.sum(axis=0) + prior_groups / len(chances)) / (len(groups) + prior_groups)
     weight = likelihood @ chances
     weight /= weight.sum(axis=1, keepdims=True)
     mean = weight @ shifts

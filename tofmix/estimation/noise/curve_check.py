@@ -36,9 +36,6 @@ from tofmix.sensor import NoiseCurve, Sensor
 QUESTIONED_PIXELS = 1000
 """Most pixels whose samples are compared with a file's curve."""
 
-FREE_SCALE = 0.5
-"""Scale of log width while widths are measured: this prior leaves each width to its samples."""
-
 
 _QUARTILE = NormalDist().inv_cdf(7.0 / 8.0)
 _QUARTILE_ERROR = round(math.sqrt(3.0) / (4.0 * _QUARTILE * NormalDist().pdf(_QUARTILE)), 2)
@@ -127,9 +124,10 @@ def doubts(pixels: Pixels, sensor: Sensor, *, tolerances: CurveTolerances = DEFA
     filled = np.count_nonzero(np.isfinite(pixels.samples).any(axis=1))
     if len(clusters.pixel) < LEAST_CLUSTERS or len(owners) < tolerances.least_with_cluster * filled:
         return _by_differences(pixels, sensor.noise, tolerances)
-    fits = fit_clusters(samples, clusters, sigma, width_scale=FREE_SCALE)
+    free_scale = 0.5  # scale of log width while widths are measured: this prior leaves each width to its samples
+    fits = fit_clusters(samples, clusters, sigma, width_scale=free_scale)
     drift_mm = FREE_DRIFT_SIGMAS * float(np.median(fits.sigma))
-    drifting = fit_clusters(samples, clusters, sigma, width_scale=FREE_SCALE, drift_mm=drift_mm)
+    drifting = fit_clusters(samples, clusters, sigma, width_scale=free_scale, drift_mm=drift_mm)
     found, errors = [], tolerances.standard_errors
     variance = 1.0 / (WIDTH_INFORMATION * np.maximum(fits.support, 1.0))
     count = len(fits.place)

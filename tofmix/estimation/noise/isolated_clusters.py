@@ -58,7 +58,6 @@ LONGEST_STEP = 1.0
 """Most that a mean moves in one iteration, in sigmas."""
 
 _MOST_ITERATIONS, _TOLERANCE = 100, 2e-4  # of EM; in sigmas, and as a share
-_FLOOR = 1e-30  # 1/mm, of a density, so that none is 0
 
 
 class Clusters(NamedTuple):
@@ -303,10 +302,11 @@ class _Em:
         width = self.sigma[which] * np.exp(log_width)
         z = self.errors(data)
         density = ((1.0 - background) / (width * math.sqrt(2.0 * math.pi)))[own] * np.exp(-0.5 * z * z)
-        part = density / (density + (background / self._length[which] + _FLOOR)[own])
+        floor = 1e-30  # 1/mm, of a density, so that none is 0
+        part = density / (density + (background / self._length[which] + floor)[own])
         pull = part * z
         support, push, square = data.summed(part), data.summed(pull), data.summed(pull * z)
-        held = np.maximum(support, _FLOOR)
+        held = np.maximum(support, floor)
         step = push / held
         if self._drift_mm > 0.0:
             step -= self._move_drift(data, part, pull, width, held, push)

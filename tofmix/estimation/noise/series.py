@@ -46,7 +46,6 @@ LEAST_KEPT = 0.7
 
 
 _BLOCK = 1 << 18  # samples that are worked on at once: they stay in the processor's cache
-_RESOLUTION_MM = 0.01  # finer steps are not told from none
 _USUAL_LIMITS = (
     (0.9302248796326201, 1.6889123682259486, 5.122634928518553),
     (0.8639173947030889, 1.76993153084951, 5.023172992937566),
@@ -150,10 +149,11 @@ def _medians(amplitude: Float32Array) -> FloatArray:
 def quantisation_step(samples_mm: Float32Array) -> float:
     """Step between neighbouring stored ranges, mm: that of the densest tenth; tiny where ranges are continuous."""
     values = samples_mm[np.abs(samples_mm) <= FARTHEST_MM]
-    distinct = np.unique(np.rint(values.astype(np.float64) / _RESOLUTION_MM))
+    resolution_mm = 0.01  # finer steps are not told from none
+    distinct = np.unique(np.rint(values.astype(np.float64) / resolution_mm))
     if distinct.size < 3:  # noqa: PLR2004  two values may be any distance apart
-        return _RESOLUTION_MM
-    gaps = np.diff(distinct) * _RESOLUTION_MM
+        return resolution_mm
+    gaps = np.diff(distinct) * resolution_mm
     # A step that is no whole number of mm is stored as two gaps by turns: their mean is the step.
     return float(gaps[gaps <= 1.5 * np.quantile(gaps, 0.1)].mean())
 

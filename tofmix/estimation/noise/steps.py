@@ -36,8 +36,6 @@ LEAST_DISTANCES = 20
 ALIKE = 0.01
 """Relative difference of two steps that are one."""
 
-LEAST_ALIKE = 0.9
-"""Part of the pixels whose steps are predicted by one number, or by range."""
 
 TOLERANCES = (4.0, 32.0, 256.0)
 """Distances within a level that are tried, in units of the resolution of float32 at the pixel's ranges."""
@@ -258,18 +256,19 @@ def _chosen(
         ((found.range_mm, form) for form in _by_octave(found, step)),
         ((middle_mm, form) for form in _by_range(middle_mm, step)),
     )
+    least_alike = 0.9  # part of the pixels whose steps are predicted by one number, or by range
     for at_mm, (range_mm, by_range) in forms:
         predicted = np.interp(at_mm, range_mm, by_range)
         ratio = step / predicted
         multiple = np.maximum(np.rint(ratio), 1.0)  # few samples may show no two neighbouring values
         alike = np.abs(ratio / multiple - 1.0) <= ALIKE
-        if alike.mean() >= LEAST_ALIKE and _agrees(found, predicted, other=False):
+        if alike.mean() >= least_alike and _agrees(found, predicted, other=False):
             return RangeStep(range_mm, by_range)
     alike = _of_one_size(step, float(np.median(step)))
     # Part of the samples that repeat a level from which on two levels tell a step: values of surfaces repeat alike.
     most_repeated = 0.8
     two_levels = repeated >= most_repeated and len(step) >= LEAST_DISTANCES
-    if alike.mean() < LEAST_ALIKE or not (two_levels or _agrees(found, step, other=True)):
+    if alike.mean() < least_alike or not (two_levels or _agrees(found, step, other=True)):
         return None
     out = np.full(pixels, np.nan)
     _fill_pixels(found, step, alike, out)

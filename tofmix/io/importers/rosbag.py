@@ -39,8 +39,6 @@ _DEPTH_TRANSPORT = "/compressedDepth"
 _WAITING = 64
 """Frames that wait for an amplitude image of the same time stamp; older frames have none."""
 
-_NS = 1.0e-9  # s in a nanosecond
-
 
 def is_bag_folder(path: Path) -> bool:
     """Whether a folder is a ROS 2 bag."""
@@ -247,7 +245,8 @@ def _frames(bag: _Bag, topic: str, amplitude: str | None, first: NDArray[Any]) -
 
 
 def _joined(stamp: int, depth: NDArray[Any], amplitudes: dict[int, NDArray[Any]], origin: int | None) -> Frame:
-    time_s = (stamp - (origin or 0)) * _NS
+    ns = 1.0e-9  # s in a nanosecond
+    time_s = (stamp - (origin or 0)) * ns
     return Frame(depth=depth, amplitude=amplitudes.pop(stamp, None), time_s=time_s)
 
 

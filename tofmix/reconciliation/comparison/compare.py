@@ -40,9 +40,6 @@ from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, 
 from tofmix.reconciliation.likelihood.memory import lag_product, memory_of, one_surface, whitened
 from tofmix.reconciliation.likelihood.mixture import Mixture
 
-EVERYWHERE = 0.05
-"""Part, of the gain of `all`, that an axis must add to be the place instead of `all`."""
-
 STRUCTURED = 0.15
 """Least share of the gain of single pixels at which an axis is the place."""
 
@@ -138,9 +135,10 @@ def _ranked(name: str, found: dict[tuple[str, str], tuple[float, int]], single: 
     """Gains by axis; an axis that adds little to the gain of `all` comes after `all`."""
     gains = {key: gain(*value) for key, value in found.items()}
     common = gains[name, "all"]
+    everywhere = 0.05  # part, of the gain of `all`, that an axis must add to be the place instead of `all`
     for key, value in gains.items():
-        if key != (name, "all") and value < (1 + EVERYWHERE) * common:
-            gains[key] = min(value, common) * (1 - EVERYWHERE)
+        if key != (name, "all") and value < (1 + everywhere) * common:
+            gains[key] = min(value, common) * (1 - everywhere)
     of_pixels = {key: value for key, value in gains.items() if key[0] == name and key[1] != "time"}
     best = max(of_pixels, key=lambda key: of_pixels[key])
     structured = (found[best][0] - found[best][1]) > STRUCTURED * (single[0] - single[1])

@@ -102,7 +102,6 @@ def _chance(m: Mixture, low: FloatArray, high: FloatArray) -> FloatArray:
     return np.asarray((1 - m.outlier) * inside + m.outlier * (high - low) / max(m.high - m.low, 1.0))
 
 
-_FEW = 4  # samples of a line in a frame
 _LEAST = 1e-9  # variance of a line that is not constant
 
 
@@ -123,15 +122,16 @@ def lines(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
     seen[:, part[1]] = ok
     image, valid = cube.reshape(-1, rows, cols), seen.reshape(-1, rows, cols)
     sigma = np.ones(1)
+    few = 4  # samples of a line in a frame
     for axis, name in ((2, "row"), (1, "col")):
         if image.shape[3 - axis] == 1:
             continue
         n = valid.sum(axis=axis)
-        use = n >= _FEW
+        use = n >= few
         frames = use.sum(axis=0)
         level = (image**2).sum(axis=(0, axis), dtype=np.float64) / np.maximum(n.sum(axis=0), 1)
         square = np.where(use, image.sum(axis=axis, dtype=np.float64) ** 2 / np.maximum(n, 1), 0.0).sum(axis=0)
-        some = (frames >= _FEW) & (level > _LEAST)
+        some = (frames >= few) & (level > _LEAST)
         lost = 1.0 - 1.0 / image.shape[3 - axis]  # the part that the means of frames removed
         value = (square[some] / frames[some] / level[some] / lost - 1) / np.sqrt(2)
         at = np.flatnonzero(some).astype(np.float64)
@@ -148,7 +148,6 @@ def lines(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
 
 
 _PARTS = 10  # of the time
-_MORE = 4.0  # weight of the effect's share, in frames
 
 
 def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture, together: float = 0.0) -> Iterator[Curve]:
@@ -218,7 +217,8 @@ def burst_share(disturbed: FloatArray, chain: FrameChain) -> Iterator[Curve]:
     """
     p = chain.probability
     bursts = disturbed.size / max(2 * chain.burst_frames * (1 - p) - 1, 1.0)  # number of independent frames
-    share = (float(disturbed.sum()) * bursts / disturbed.size + _MORE * p) / (bursts + _MORE)
+    more = 4.0  # weight of the effect's share, in frames
+    share = (float(disturbed.sum()) * bursts / disturbed.size + more * p) / (bursts + more)
     yield Curve(
         statistic="bursts",
         axis="all",

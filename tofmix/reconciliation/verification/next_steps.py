@@ -68,8 +68,6 @@ def _with_biases(likelihood: Likelihood, state: ModelState, part: Part) -> float
 _CLEAR = 5.0  # least distance from the model's pose, in standard errors
 _MOSTLY = 0.8  # least share of the weighted squares of a surface's biases that another pose explains
 _LEAST_PIXELS = 12  # of a surface, for a pose of three numbers
-_SEVERAL = 2  # surfaces
-_DEGREE = 2  # of the smooth function of place in the image
 _LEAST_TURN_DEG = 0.02  # smaller tilts are not reported
 
 
@@ -349,7 +347,8 @@ def common_offset(likelihood: Likelihood, settings: Settings, state: ModelState)
             weight += float(information.sum())
             weighed += float((information * bias).sum())
             squares += float((information * bias**2).sum())
-    if surfaces < _SEVERAL or weight <= 0:
+    several = 2  # surfaces
+    if surfaces < several or weight <= 0:
         return None
     offset, explained = weighed / weight, weighed**2 / weight
     clear = abs(offset) * math.sqrt(weight) > _CLEAR and explained > _MOSTLY * squares
@@ -363,13 +362,14 @@ def poses_win(likelihood: Likelihood, settings: Settings, state: ModelState, pos
     """
     gain = 0.0
     numbers_of_pose = 3  # a shift and two tilts
+    degree = 2  # of the smooth function of place in the image
     for biases in biases_of_recordings(likelihood, state, fit_part(likelihood, settings)):
         rows, cols = likelihood.evidence.image
         used = np.flatnonzero(biases.used)
         information, bias = biases.information[biases.used], biases.bias_mm[biases.used]
         row, col = np.divmod(used, cols)
         v, u = 2 * row / max(rows - 1, 1) - 1, 2 * col / max(cols - 1, 1) - 1
-        columns = np.stack([u**i * v**j for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)], axis=1)
+        columns = np.stack([u**i * v**j for i in range(degree + 1) for j in range(degree + 1 - i)], axis=1)
         root = np.sqrt(information)
         left = root * (bias - columns @ np.linalg.lstsq(columns * root[:, None], root * bias, rcond=None)[0])
         total, price = float((information * bias**2).sum()), math.log(max(used.size, 1))

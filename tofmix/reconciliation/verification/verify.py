@@ -34,7 +34,6 @@ from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks
 
 _PARTS = 10  # of the time
-_PIXELS = 256  # enough for a median
 
 
 def far_trends(likelihood: Likelihood, state: ModelState, alpha: float) -> list[Place]:
@@ -99,7 +98,8 @@ def _medians(view: RecordingView) -> tuple[FloatArray, IntArray, float]:
     """
     m, samples = view.mixture, view.evidence.samples
     use = np.flatnonzero(m.of_main(m.lit))
-    use = use[:: math.ceil(max(use.size, 1) / _PIXELS)]
+    pixels = 256  # enough for a median
+    use = use[:: math.ceil(max(use.size, 1) / pixels)]
     off = m.near_turn(samples[:, use] - m.of_main(m.mean)[use])
     away = np.where(samples[:, use] > 0, off, np.nan)
     some = np.isfinite(away).any(axis=1)
@@ -112,10 +112,6 @@ def _medians(view: RecordingView) -> tuple[FloatArray, IntArray, float]:
         own = np.nanmedian(away - level[:, None], axis=0)
         level = np.nanmedian(away - own, axis=1)
     return level, np.flatnonzero(some), float(np.median(m.of_main(m.sigma)[use]))
-
-
-IN_TIME = 0.005
-"""Share of the effects' gain that may remain as a change of all frames in time."""
 
 
 _SEEDS_APART, _SIMULATIONS_APART = 1000, 100_000  # distance between seeds of recordings, and of simulations
@@ -285,7 +281,8 @@ def changes_in_time(state: ModelState, found: VerdictData, gain: float) -> bool:
         max((found.left(c) for c in loud if c.statistic in some), default=0.0)
         for some in (("memory",), ("bias", "pattern"))
     )
-    return max(left, default=0.0) > IN_TIME * gain or same > max(IN_TIME * gain, stays)
+    in_time = 0.005  # share of the effects' gain that may remain as a change of all frames in time
+    return max(left, default=0.0) > in_time * gain or same > max(in_time * gain, stays)
 
 
 def refined_model(scene: Scene, state: ModelState) -> Model:

@@ -25,9 +25,6 @@ from tofmix.report.theme import Theme, new_figure
 from tofmix.sensor import NoiseCurve
 from tofmix.wording import counted
 
-PLANE_INCH = 4.2
-"""Height of the panel."""
-
 _ERRORS = 3.0
 """Half axes of the mean's ellipse, in standard errors."""
 
@@ -345,10 +342,11 @@ def neighbours_figure(
     rows = math.ceil(len(views) / columns)
     panel_inch = 2.5  # height of a panel, inch, and panels side by side
     height = panel_inch * rows + 0.7
-    figure = new_figure(height + (0.0 if plane is None else PLANE_INCH))
+    plane_inch = 4.2  # height of the panel
+    figure = new_figure(height + (0.0 if plane is None else plane_inch))
     part: Figure | SubFigure = figure
     if plane is not None:
-        part, below_it = figure.subfigures(2, 1, height_ratios=(height, PLANE_INCH), squeeze=False)[:, 0]
+        part, below_it = figure.subfigures(2, 1, height_ratios=(height, plane_inch), squeeze=False)[:, 0]
         draw_plane(below_it, plane, theme=theme)
     low, high = _view(views)
     known = np.concatenate([view.sigma_mm for view in views])

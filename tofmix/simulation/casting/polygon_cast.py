@@ -21,7 +21,6 @@ from tofmix.simulation.casting.polygon_kernel import cast_polygons
 from tofmix.simulation.events import Truth
 from tofmix.simulation.model import Model
 
-_BEAMS = 8  # a side of a pixel, for the moments of its directions: as `cast` has them
 _STRAIGHT_RAD = 0.013
 """A part of a cell up to which an edge that is bent by the projection passes for straight: to 0.0005 of its area."""
 
@@ -131,7 +130,8 @@ def _moments(patches: FloatArray, *, even: bool) -> tuple[FloatArray, FloatArray
     """Mean (pixel, 3) and covariance (pixel, 3, 3) of the directions in each cell."""
     total, first, second = np.zeros(len(patches)), np.zeros((len(patches), 3)), np.zeros((len(patches), 3, 3))
     middle = _at(patches, 0.5, 0.5)[0]
-    places = (np.arange(_BEAMS) + 0.5) / _BEAMS
+    beams = 8  # a side of a pixel, for the moments of its directions: as `cast` has them
+    places = (np.arange(beams) + 0.5) / beams
     for v in places:
         for u in places:
             directions, angle = _at(patches, float(u), float(v))
