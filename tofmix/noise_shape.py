@@ -104,9 +104,6 @@ CENTRAL = (0.158655253931457, 0.5, 0.841344746068543)
 _ROUNDING = 1.0e-12
 """How far an area may be from 1 by the rounding of some thousand sums."""
 
-_TOLERANCE = 0.05
-"""How far, in sigmas, a given shape's median and half width may be from 0 and 1: a table has a step."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoiseShape:
@@ -152,7 +149,9 @@ class NoiseShape:
         object.__setattr__(self, "z", z)
         object.__setattr__(self, "density", density)
         low, middle, high = self.quantile(CENTRAL)
-        if abs(middle) > _TOLERANCE or abs(0.5 * (high - low) - 1.0) > _TOLERANCE:
+        # How far, in sigmas, a given shape's median and half width may be from 0 and 1: a table has a step.
+        tolerance = 0.05
+        if abs(middle) > tolerance or abs(0.5 * (high - low) - 1.0) > tolerance:
             raise ValueError(
                 "noise shape: expected median 0 and half width 1 of the central 68 %, as of a standard Gaussian; got"
                 f" {middle:.3g} and {0.5 * (high - low):.3g}"

@@ -17,7 +17,6 @@ from tofmix.compiled.jit import jit
 _NOTHING = 1e-9  # density that is left of kernels that were taken away
 _BINS = 2.0  # bins of the density in a sigma
 _REACH = 6  # bins on either side of a sample that its kernel reaches
-_GAP = 4.0  # sigmas between neighbouring samples of two surfaces
 _WIDE = 2.0  # largest changes: single surfaces keep their tails
 _NARROW = 0.5  # of the noise that differences give
 
@@ -64,7 +63,8 @@ def _solve(means: FloatArray, m: int, out: FloatArray, only_sure: bool) -> None:
         _refine(out, m, sigma)
         # Samples that a chain has at least where samples are of several surfaces: fewer do not tell of which they are.
         least_of_several = 7
-        too_few = n < least_of_several * m and np.diff(np.sort(out)).max() > _GAP * noise
+        gap = 4.0  # sigmas between neighbouring samples of two surfaces
+        too_few = n < least_of_several * m and np.diff(np.sort(out)).max() > gap * noise
         # Samples are known if their chains are more probably where they are put than elsewhere. A chain whose samples
         # are all of one surface may be of another one instead.
         least_probability = 0.5

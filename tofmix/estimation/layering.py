@@ -74,10 +74,6 @@ from tofmix.flags import Status
 from tofmix.layers import Layers, layer_fields
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 
-CLEAR_SIGMAS = 4.0
-"""One peak and no sample farther from the mean than this: the mean is the fit, no EM is needed."""
-
-
 _OK = int(Status.OK)
 _TOO_FEW_SAMPLES = int(Status.TOO_FEW_SAMPLES)
 _NOT_CONVERGED = int(Status.NOT_CONVERGED)
@@ -104,7 +100,8 @@ def _fit_clear(data: Readings, fit: Components, beam: Beam) -> bool:
     values = data.value
     mean = product_of(values, data.times) / data.total
     sigma = sigma_at(mean, beam.curve_range, beam.curve_sigma)
-    if max(values[-1] - mean, mean - values[0]) > CLEAR_SIGMAS * sigma or is_no_return(mean, beam):
+    clear_sigmas = 4.0  # one peak and no sample farther from the mean than this: the mean is the fit, no EM is needed
+    if max(values[-1] - mean, mean - values[0]) > clear_sigmas * sigma or is_no_return(mean, beam):
         return False
     fit[MEAN, 0], fit[SIGMA, 0], fit[WEIGHT, 0], fit[WEIGHT, -1] = mean, sigma, 1.0 - beam.p_outlier, 0.0
     fit[SUPPORT, 0], fit[SUPPORT, -1] = data.total, 0.0

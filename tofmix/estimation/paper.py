@@ -43,9 +43,6 @@ from tofmix.flags import Status
 from tofmix.layers import Layers
 from tofmix.sensor import Sensor
 
-ITERATIONS = 50
-"""EM iterations (paper, section V)."""
-
 SPACING = 0.125
 """Spacing of the grid in units of the least sigma: a quarter of the narrowest kernel's h."""
 
@@ -212,6 +209,7 @@ def _paper_block(
     range_errors, weight_errors = np.zeros(MAX_PEAKS), np.zeros(MAX_PEAKS)
     work, sums = new_workspace(MAX_PEAKS, columns), np.zeros((MAX_PEAKS + 1, 3))
     fit = work.fit
+    iterations = 50  # EM iterations (paper, section V)
     for pixel in range(len(block.valid)):
         n = block.valid[pixel]
         n_samples[pixel] = n
@@ -233,9 +231,9 @@ def _paper_block(
         if k == 0:
             fit[SIGMA, -1], fit[WEIGHT, -1] = beam.sigma_max, 1.0 - beam.p_outlier if with_no_return else 0.0
         else:
-            for _ in range(ITERATIONS):
+            for _ in range(iterations):
                 known = _iterate(values, n, k, fit, beam, sums[: k + 1]) and known
-            n_iter[pixel] = ITERATIONS
+            n_iter[pixel] = iterations
         sort_surfaces(k, fit, GAIN + 1)
         data = gather(values, n, beam.curve_range, beam.curve_sigma, value, times)
         fitted = _with_sigma_0(beam, fit[SIGMA, -1])

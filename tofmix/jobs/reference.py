@@ -240,10 +240,8 @@ def frame_noise(source: SampleSource, layers: LayersFile) -> float:
         return 0.0
     samples = source.read_range(slice(None), slice(None))[:, main].astype(np.float64)
     z = (samples - one.range[..., 0][main]) / one.sigma[..., 0][main]
-    return _in_common(np.where(np.isfinite(z) & (np.abs(z) < _FAR), z, np.nan))
-
-
-_FAR = 5.0  # sigma: a random value
+    far = 5.0  # sigma: a random value
+    return _in_common(np.where(np.isfinite(z) & (np.abs(z) < far), z, np.nan))
 
 
 def _in_common(z: FloatArray) -> float:

@@ -43,8 +43,6 @@ from tofmix.simulation.effects.parameter import Holds, PixelMap
 from tofmix.simulation.model import Model
 from tofmix.wording import rounded
 
-_FRAMES = 20  # as few as are taken
-
 
 def warm_up(model: Model) -> None:
     """Compile the kernels of `reconcile`, except those of simulation, or load them from the cache.
@@ -56,10 +54,11 @@ def warm_up(model: Model) -> None:
     """
     PolygonCaster(model.sensor).cast(model)  # 6 x 6 pixels are too wide for it
     model = replace(model, sensor=replace(model.sensor, rows=6, cols=6))
-    range_mm = np.random.default_rng(1).normal(1500.0, 10.0, (_FRAMES, 6, 6)).astype(np.float32)
+    frames = 20  # as few as are taken
+    range_mm = np.random.default_rng(1).normal(1500.0, 10.0, (frames, 6, 6)).astype(np.float32)
     likelihood = joint_likelihood([(model, make_evidence(model, range_mm))])
     state, mixture = likelihood.start(), likelihood.scene.mixture()
-    everything = np.arange(_FRAMES), np.arange(36)
+    everything = np.arange(frames), np.arange(36)
     likelihood.sums(mixture, state, everything)
     stepped = replace(mixture, step=7.0)
     likelihood.sums(stepped, state, everything)  # a lattice: sample by sample
@@ -70,7 +69,7 @@ def warm_up(model: Model) -> None:
     scores = likelihood.scores(state, everything, 1)
     for gain in (memory_gain, memory_gain_at_own_widths):
         gain(likelihood, scores, mixture, everything, 0.5)
-    predicted_noise(np.zeros((_FRAMES, 36)), 0.5, np.ones(36), alike)
+    predicted_noise(np.zeros((frames, 36)), 0.5, np.ones(36), alike)
 
 
 DONE = ("agree", "explained")

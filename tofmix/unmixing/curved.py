@@ -67,7 +67,6 @@ _SOME = 0.01  # and as some
 _LEAST_DRAWS, _LEAST_LIMBS, _LEAST_CUTS = 6, 4, _DRAWS // 4
 _BINS = 50  # of the share
 _ANY = 0.03  # part of a limb's shares that no draw has
-_FEWEST = 0.3  # share of the pixel that the farther surface fills in the mean of its draws
 _FAR, _NEAR = 4.0, 0.25  # of the range in the middle: a patch is not continued farther
 _BLOCK = 48  # pairs at once: some 50 MB
 
@@ -595,7 +594,8 @@ def _far(seen: _Seen, totals: _Sums, which: IntArray, order: IntArray, view: Vie
     flat = _Sums(*(np.swapaxes(part, 1, 2).reshape(n * _PARTS, -1) for part in sums))
     fits = (ok[..., np.newaxis] & (hit > 0)).swapaxes(1, 2).reshape(n * _PARTS, -1)
     mean = _moments(flat, fits)[0].reshape(n, _PARTS, 2)
-    possible = (ok.sum(axis=1) >= _LEAST_DRAWS) & (seen.share[which].mean(axis=1) >= _FEWEST)
+    fewest = 0.3  # share of the pixel that the farther surface fills in the mean of its draws
+    possible = (ok.sum(axis=1) >= _LEAST_DRAWS) & (seen.share[which].mean(axis=1) >= fewest)
     return _Far(mean, covariance, offset, possible)
 
 

@@ -189,16 +189,13 @@ class _Judged:
         if not fresh:
             return np.zeros(0, np.int64)
         chosen = np.array(fresh, dtype=np.int64)
-        for start in range(0, chosen.size, _CHUNK):
-            block = chosen[start : start + _CHUNK]
+        chunk = 128  # pixels that are judged at once: the draws of their surfaces take some 100 MB
+        for start in range(0, chosen.size, chunk):
+            block = chosen[start : start + chunk]
             found = judge_bent(self._image, self._view, segment, block, scales, self._apart, self._space)
             for place, pixel in enumerate(block.tolist()):
                 self.verdict[pixel] = tuple(part[place] for part in found)
         return chosen
-
-
-_CHUNK = 128
-"""Pixels that are judged at once: the draws of their surfaces take some 100 MB."""
 
 
 def _grown(

@@ -59,9 +59,6 @@ from tofmix.layers import Layers
 from tofmix.noise_shape import DRIFTS, LEAST_SIGMA
 from tofmix.sensor import Sensor
 
-_NOTHING = 1.0e-12
-"""Least responsibility of a surface for a sample that has information on it."""
-
 
 @jit
 def standard_errors(  # noqa: PLR0915  one pass over the samples
@@ -105,6 +102,7 @@ def standard_errors(  # noqa: PLR0915  one pass over the samples
     information = np.zeros((size, size))
     score, mean_score = np.zeros(size), np.zeros(size)
     reference = np.zeros(shares)
+    nothing = 1.0e-12  # least responsibility of a surface for a sample that has information on it
     for j in range(n):
         total = scratch[TOTAL, j]
         mean_score[:] = 0.0
@@ -119,7 +117,7 @@ def standard_errors(  # noqa: PLR0915  one pass over the samples
         mean_score[at_share + place] = (scratch[RANDOM, j] - scratch[DENSITY + largest, j]) / total
         for i in range(k):
             part = fit[WEIGHT, i] * scratch[DENSITY + i, j] / total
-            if part < _NOTHING:
+            if part < nothing:
                 continue
             scale = 1.0 / (width * fit[SIGMA, i])
             psi = scratch[slopes + i, j] / scratch[DENSITY + i, j]

@@ -152,10 +152,6 @@ MOST_FOR_DENSITY = 300
 """Most pixels whose surfaces are counted, to measure the density of background."""
 
 
-_FOLDS = 3
-"""Parts of the pixels: two thirds teach, one third judges."""
-
-
 class Fold:
     """Pixels that teach, other pixels that judge, and their camera.
 
@@ -319,8 +315,9 @@ class Fold:
 def folds_of(pixels: Pixels, sensor: Sensor) -> list[Fold]:
     """Split pixels into thirds: one third judges; where pixels are few, each third in turn."""
     count = len(pixels.samples)
-    part = np.random.default_rng(SEED).permutation(count) % _FOLDS  # neighbours are alike: no fold has them all
-    turns = range(_FOLDS) if count < MANY_PIXELS else [_FOLDS - 1]
+    folds = 3  # parts of the pixels: two thirds teach, one third judges
+    part = np.random.default_rng(SEED).permutation(count) % folds  # neighbours are alike: no fold has them all
+    turns = range(folds) if count < MANY_PIXELS else [folds - 1]
     return [Fold(pixels.chosen(part != turn), pixels.chosen(part == turn), sensor) for turn in turns]
 
 

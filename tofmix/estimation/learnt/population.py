@@ -55,8 +55,6 @@ SCALES = np.geomspace(0.025, 0.8, 11)
 SHIFTS = np.linspace(-0.24, 0.09, 12)
 """Log widths of the population's sigma by that of the curve, which a few pairs make too large."""
 
-ITERATIONS = 60
-"""Iterations of EM for the shares of pairs."""
 
 DECISIVE = math.log(1.0e3)
 """Difference, nat, from which one population is preferred: the other has such a ratio once in 1000 times."""
@@ -267,7 +265,8 @@ class _Population:
         parts = np.hstack([part[:, None], pairs])
         share = np.full(parts.shape[1], 0.5 / pairs.shape[1])
         share[0] = 0.5
-        for _ in range(ITERATIONS):
+        iterations = 60  # iterations of EM for the shares of pairs
+        for _ in range(iterations):
             share *= (1.0 / (parts @ share)) @ parts / len(parts)
         return self._most + float(np.log(parts @ share).sum())
 

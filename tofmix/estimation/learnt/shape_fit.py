@@ -30,9 +30,6 @@ RING = (12.0, 16.0)
 _PENALTIES = np.logspace(-5, 5, 11)
 """Weights of the mean square of the third derivative that are tried, by error."""
 
-_RIDGE = 1e-11
-"""Damps Newton's steps where rounding makes the matrix singular: the penalty leaves parabolas free."""
-
 
 CENTRES = np.arange(-round(REACH / STEP), round(REACH / STEP) + 1) * STEP
 
@@ -160,11 +157,12 @@ def _log_density(
         return float(counts @ log_density - n * STEP * np.exp(log_density).sum() - 0.5 * weight * bend @ bend)
 
     now = value(g)
+    ridge = 1e-11  # damps Newton's steps where rounding makes the matrix singular: the penalty leaves parabolas free
     for _ in range(most_steps):
         expected = n * STEP * np.exp(g)
         slope = counts - expected - _times(band, g)
         bent = band.copy()
-        bent[0] += expected + _RIDGE * band[0].max() + 1e-9 * n
+        bent[0] += expected + ridge * band[0].max() + 1e-9 * n
         step = solveh_banded(bent, slope, lower=True)
         size = 1.0
         while size > 1e-4:  # noqa: PLR2004  shorter steps change nothing

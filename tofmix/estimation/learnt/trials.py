@@ -50,10 +50,6 @@ from tofmix.estimation.mixture.gain_bound import LARGEST_SHARE
 from tofmix.estimation.noise.isolated_clusters import CLOSE
 from tofmix.noise_shape import DRIFTS
 
-NEAR_SIGMAS = 5.0
-"""Samples this near to the drifting surface, in sigmas beyond its drift, determine the time of the jump."""
-
-
 SIGNIFICANT = 2.0
 """Standard errors from which on a width or a drift exceeds noise, and may stand for a further surface."""
 
@@ -95,7 +91,9 @@ def value_of_jump(data: Samples, fit: FloatArray, law: Law, beam: Beam) -> float
     reach = 0.0
     for d in range(DRIFTS):
         reach += abs(fit[DRIFT + d, 0])
-    reach += NEAR_SIGMAS * width
+    # Samples this near to the drifting surface, in sigmas beyond its drift, determine the time of the jump.
+    near_sigmas = 5.0
+    reach += near_sigmas * width
     order = np.argsort(data.time)
     value, background = np.empty(n), np.empty(n)
     for j in range(n):

@@ -160,8 +160,6 @@ SCAN_SIGMAS = 4.0
 
 _STEEPEST, _SPLIT, _MOVED = 0, 1, 2  # starts of one surface more
 
-BY_CHANCE = 0.1
-"""Part of the wanted false alarms that heaps of outliers may add: `gain_table` has used up the rest."""
 
 LEAST_BOUND = 0.4
 """One more surface is tried where its gain bound (see `gradient`) is this part of the least gain."""
@@ -282,7 +280,8 @@ def _by_chance(n: float, k: int, index: int, fit: Components, beam: Beam, rules:
     for m in range(round(support) - 1):
         fewer += term
         term *= expected / (m + 1)
-    return n * beam.p_outlier * (1.0 - fewer) > BY_CHANCE * rules.false_alarm
+    by_chance = 0.1  # part of the wanted false alarms that heaps of outliers may add: `gain_table` has used up the rest
+    return n * beam.p_outlier * (1.0 - fewer) > by_chance * rules.false_alarm
 
 
 @borrowing

@@ -320,12 +320,6 @@ PEAK_SIGMAS, LEVEL_SIGMAS = 5.0, 10.0
 WIDE = 0.25
 """Width of a bin by its range."""
 
-WIDEST = 5.0
-"""Largest factor between sigma in a bin and the common one, where sigma grows at most as range does (`_most_of`)."""
-
-FLAT = 0.25
-"""Largest sigma by the span of the samples: uniform samples have 0.31, those of a surface less than 0.2."""
-
 
 LEAST_IN_PEAK = 10
 """Least differences of a peak."""
@@ -371,7 +365,8 @@ def sigma_from_differences(samples_mm: Float32Array) -> tuple[FloatArray, FloatA
     order = np.argsort(place, kind="stable")
     place, lag = place[order], lag[order]
     common = _scale(np.sort(lag), math.inf)
-    if common is None or common > FLAT * (place[-1] - place[0]):
+    flat = 0.25  # largest sigma by the span of the samples: uniform samples have 0.31, those of a surface less than 0.2
+    if common is None or common > flat * (place[-1] - place[0]):
         return None
     ranges, sigmas = [], []
     middle = float(np.median(place[lag < PEAK_SIGMAS * common]))
@@ -397,7 +392,9 @@ def _most_of(common: float, middle: float, range_mm: float) -> float:
     ----------
     Lange and Seitz, IEEE J. Quantum Electronics 37(3), 2001, doi:10.1109/3.910448.
     """
-    return WIDEST * common * (max(range_mm / middle, 1.0) if middle > 0.0 else 1.0)
+    # Largest factor between sigma in a bin and the common one, where sigma grows at most as range does (`_most_of`).
+    widest = 5.0
+    return widest * common * (max(range_mm / middle, 1.0) if middle > 0.0 else 1.0)
 
 
 def _bins(place: FloatArray, common: float) -> list[tuple[int, int]]:

@@ -54,9 +54,6 @@ FIRST_FRAMES, MOST_VALUES = 100, 60_000
 MOST_FRAMES, MOST_LOOKED_AT = 300, 600_000
 """Most frames of a recording, and about the most samples, that are looked at."""
 
-LOW = 0.1
-"""Part of the groups whose smallest distance is the step, at least, where one step is common."""
-
 
 LEAST_AT_RANGE = 5
 """Fewest pixels at each of them."""
@@ -312,7 +309,8 @@ def _by_range(group_mm: FloatArray, step: FloatArray) -> Iterator[tuple[FloatArr
 
     In sparse samples, most groups show multiples of the step only; so a low quantile is tried after the median.
     """
-    for part in (0.5, LOW):
+    low = 0.1  # part of the groups whose smallest distance is the step, at least, where one step is common
+    for part in (0.5, low):
         yield np.array([np.median(group_mm)]), np.array([np.quantile(step, part, method="lower")])
     ranges = 24  # most points of a step by range
     points = min(ranges, len(step) // LEAST_AT_RANGE)

@@ -106,8 +106,6 @@ def density(samples_mm: ArrayLike, at_mm: ArrayLike, noise: NoiseCurve) -> Float
 STEP = 0.125
 """Step of the walk in units of sigma(r): a quarter of the bandwidth."""
 
-STEEP = 0.3
-"""Where |dp/dr| is above this, in units of p / h, the walk takes double steps: two turns do not fit into one."""
 
 PEAK_OF_SHARE = 1.0 / math.sqrt(1.0 + 1.0 / BANDWIDTH**2)
 """Height of the smoothed peak of a surface of share 1, in units of one kernel's peak."""
@@ -142,6 +140,8 @@ def find_peaks(
     # p rises up to the first sample and falls from the last one on: a step beyond each is enough.
     r = values[0] - STEP * sigma_at(values[0], curve_range, curve_sigma)
     end = values[-1] + STEP * sigma_at(values[-1], curve_range, curve_sigma)
+    # Where |dp/dr| is above this, in units of p / h, the walk takes double steps: two turns do not fit into one.
+    steep = 0.3
     while r <= end:
         sigma = sigma_at(r, curve_range, curve_sigma)
         h = BANDWIDTH * sigma
@@ -154,7 +154,7 @@ def find_peaks(
             turns = before > 0.0 >= slope
             if abs(slope) < epsilon:  # |dp/dr| < epsilon and d2p/dr2 < 0
                 flat = kernel_bend(data, low, high, r, h, scratch) < 0.0
-            if abs(slope) > STEEP:
+            if abs(slope) > steep:
                 step *= 2.0
         elif first < len(values):
             step = max(step, values[first] - REACH * h - r)  # nothing near: go to the next sample

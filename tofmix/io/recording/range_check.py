@@ -22,7 +22,6 @@ from tofmix.errors import BadInputError
 from tofmix.io.next_command import import_command
 from tofmix.sensor import Sensor
 
-_BLOCKS = 4  # parts of the recording that are checked
 _BLOCK_SAMPLES = 1 << 16  # samples at each place
 
 
@@ -84,7 +83,8 @@ def look(recording: FloatRecording) -> RangeCheck:
 def _blocks(recording: FloatRecording) -> Iterator[tuple[slice, slice]]:
     """Frames and rows of blocks that are spread over recording and image; all of a small recording."""
     frames, rows, cols = recording.shape
-    if frames * rows * cols <= _BLOCKS * _BLOCK_SAMPLES:
+    blocks = 4  # parts of the recording that are checked
+    if frames * rows * cols <= blocks * _BLOCK_SAMPLES:
         yield slice(0, frames), slice(0, rows)
         return
     # Whole stored chunks where they are small; of larger ones a part, so that no block is larger than its limit.
@@ -94,7 +94,7 @@ def _blocks(recording: FloatRecording) -> Iterator[tuple[slice, slice]]:
     deep = min(frames, max(1, _BLOCK_SAMPLES // (high * cols)))
     for k, row in enumerate((0, 2, 1, 3)):  # the later frames of a scene that changes are not all of its lower rows
         first, top = (
-            (size - part) * place // (_BLOCKS - 1) for size, part, place in ((frames, deep, k), (rows, high, row))
+            (size - part) * place // (blocks - 1) for size, part, place in ((frames, deep, k), (rows, high, row))
         )
         yield slice(first, first + deep), slice(top, top + high)
 

@@ -45,7 +45,6 @@ STRUCTURED = 0.15
 
 
 _LAGS = (1, 2, 3)  # frames
-_LEAST = 1e-9  # weight of a pixel
 
 Information = dict[tuple[str, str], float]
 
@@ -168,7 +167,8 @@ def _without_means(s: Scored, weight: Float32Array) -> Float32Array:
     n = np.maximum(s.ok.sum(axis=0), 2)
     rest = np.where(s.ok, s.z - s.z.sum(axis=0) / n, np.float32(0))
     mass = np.where(s.ok, weight**2, np.float32(0)).sum(axis=1)
-    bias = (rest * weight).sum(axis=1) / np.maximum(mass, _LEAST)
+    least = 1e-9  # weight of a pixel
+    bias = (rest * weight).sum(axis=1) / np.maximum(mass, least)
     rest -= np.where(s.ok, bias[:, None].astype(np.float32) * weight, np.float32(0))
     return np.asarray(rest * np.sqrt(n / (n - 1.0)), dtype=np.float32)
 

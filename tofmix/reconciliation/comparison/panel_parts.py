@@ -20,8 +20,6 @@ from tofmix.reconciliation.likelihood.memory import lag_product, one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.simulation.effects.hidden import FrameChain
 
-_LEAST_SHARE = 1e-3  # of the beam
-
 
 def bridging(evidence: Evidence, m: Mixture, state: ModelState, axes: Sequence[Axis], part: Part) -> Iterator[Curve]:
     """Share of samples between the two surfaces of a pixel, beyond the predicted share.
@@ -73,7 +71,8 @@ def _valleys(m: Mixture) -> tuple[FloatArray, FloatArray, BoolArray]:
     second = np.where(own, 0.0, weight).argmax(axis=0)
     others = own | (m.surface[0] == m.surface[0][second, at])
     share = np.where(own, 0.0, weight).sum(axis=0)
-    two = (share > _LEAST_SHARE) & (np.where(others, 0.0, weight).sum(axis=0) == 0)
+    least_share = 1e-3  # of the beam
+    two = (share > least_share) & (np.where(others, 0.0, weight).sum(axis=0) == 0)
     clear = 4.5  # sigma from a surface, beyond which it has no samples
     mean, reach = m.mean[0], clear * m.sigma[0] + m.step / 2
     near = np.where(mean[first, at] < mean[second, at], first, second)
@@ -102,9 +101,6 @@ def _chance(m: Mixture, low: FloatArray, high: FloatArray) -> FloatArray:
     return np.asarray((1 - m.outlier) * inside + m.outlier * (high - low) / max(m.high - m.low, 1.0))
 
 
-_LEAST = 1e-9  # variance of a line that is not constant
-
-
 def lines(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
     """Variance of the mean of each row, and column, over that of independent samples, minus 1, over root 2.
 
@@ -123,6 +119,7 @@ def lines(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
     image, valid = cube.reshape(-1, rows, cols), seen.reshape(-1, rows, cols)
     sigma = np.ones(1)
     few = 4  # samples of a line in a frame
+    least = 1e-9  # variance of a line that is not constant
     for axis, name in ((2, "row"), (1, "col")):
         if image.shape[3 - axis] == 1:
             continue
@@ -131,7 +128,7 @@ def lines(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
         frames = use.sum(axis=0)
         level = (image**2).sum(axis=(0, axis), dtype=np.float64) / np.maximum(n.sum(axis=0), 1)
         square = np.where(use, image.sum(axis=axis, dtype=np.float64) ** 2 / np.maximum(n, 1), 0.0).sum(axis=0)
-        some = (frames >= few) & (level > _LEAST)
+        some = (frames >= few) & (level > least)
         lost = 1.0 - 1.0 / image.shape[3 - axis]  # the part that the means of frames removed
         value = (square[some] / frames[some] / level[some] / lost - 1) / np.sqrt(2)
         at = np.flatnonzero(some).astype(np.float64)
@@ -145,9 +142,6 @@ def lines(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
             unit="1",
             scale_mm=np.broadcast_to(sigma, at.shape),
         )
-
-
-_PARTS = 10  # of the time
 
 
 def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture, together: float = 0.0) -> Iterator[Curve]:
@@ -187,7 +181,8 @@ def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture, togethe
             scale_mm=sigma,
         )
     told = int(some.sum())
-    tenth = np.arange(told) * min(_PARTS, told) // told
+    parts = 10  # of the time
+    tenth = np.arange(told) * min(parts, told) // told
     for name, value, shared in (("trend", mean, together), ("spread", square, 2.0 * together**2)):
         size = np.bincount(tenth, n[some])
         start = np.array([now[some][tenth == k][0] for k in range(tenth.max() + 1)])

@@ -35,8 +35,6 @@ SMOOTH = 0.2
 TILTED = 0.8
 """Share of a plane in a map on one surface, above which the map is no pattern."""
 
-_LINES = 0.2  # least share of the columns, or rows, in a map, from which they are tested
-
 
 def tilted(values: FloatArray, known: BoolArray, surface: IntArray) -> bool:
     """Whether a map (row, col) is a plane over a surface, which is then tilted.
@@ -90,7 +88,8 @@ def _lines_smooth(line: FloatArray, pixels: IntArray, whole: float) -> bool:
     """
     seen = pixels > 0
     value = np.where(seen, line - line[seen].mean(), 0.0)
-    if float((value**2 * pixels).sum()) < _LINES * whole:
+    lines = 0.2  # least share of the columns, or rows, in a map, from which they are tested
+    if float((value**2 * pixels).sum()) < lines * whole:
         return False
     power = float((value**2).sum()) / seen.sum()
     near = _mean_product(value[1:], value[:-1], seen[1:] & seen[:-1])

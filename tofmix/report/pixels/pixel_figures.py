@@ -25,9 +25,6 @@ from tofmix.report.theme import Theme, new_figure
 from tofmix.sensor import NoiseCurve
 from tofmix.wording import counted
 
-_ERRORS = 3.0
-"""Half axes of the mean's ellipse, in standard errors."""
-
 _SIDE_MARGIN, _MARGIN = 0.4, 0.1
 """Margins on each side of the drawing, as parts of its extent: for the labels of the ends."""
 
@@ -140,7 +137,8 @@ def _principal(plane: PhasorPlane) -> tuple[FloatArray, FloatArray]:
 def _draw_mean(axes: Axes, mean: complex, plane: PhasorPlane, theme: Theme) -> None:
     """Draw the mean as a cross, in the ellipse of its error."""
     values, vectors = _principal(plane)
-    width, height = (2.0 * _ERRORS * math.sqrt(float(value)) for value in values)
+    errors = 3.0  # half axes of the mean's ellipse, in standard errors
+    width, height = (2.0 * errors * math.sqrt(float(value)) for value in values)
     turn = math.degrees(math.atan2(vectors[1, 0], vectors[0, 0]))
     axes.add_patch(
         Ellipse(
@@ -162,7 +160,7 @@ def _draw_mean(axes: Axes, mean: complex, plane: PhasorPlane, theme: Theme) -> N
         markersize=9.0,
         markeredgewidth=1.4,
         zorder=3.7,
-        label=f"mean of the samples, and\nan ellipse of {_ERRORS:.0f} standard errors",
+        label=f"mean of the samples, and\nan ellipse of {errors:.0f} standard errors",
     )
 
 

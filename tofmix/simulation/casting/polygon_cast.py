@@ -21,9 +21,6 @@ from tofmix.simulation.casting.polygon_kernel import cast_polygons
 from tofmix.simulation.events import Truth
 from tofmix.simulation.model import Model
 
-_STRAIGHT_RAD = 0.013
-"""A part of a cell up to which an edge that is bent by the projection passes for straight: to 0.0005 of its area."""
-
 
 class _Cells(NamedTuple):
     """The cells of a camera's pixels, as `cast_polygons` takes them."""
@@ -90,13 +87,15 @@ def _cells(optics: Projection, shape: tuple[int, int]) -> _Cells:
     centres = np.ascontiguousarray(directions[:, 1, 1])
     chord = np.linalg.norm(directions - centres[:, None, None], axis=-1).reshape(len(centres), 9)
     even = isinstance(optics, Equiangular)
+    # A part of a cell up to which an edge that is bent by the projection passes for straight: to 0.0005 of its area.
+    straight_rad = 0.013
     return _Cells(
         patches,
         centres,
         BULGE * chord.max(axis=1),
         *_moments(patches, even=even),
         _weights(patches, even=even),
-        max(1, math.ceil(float(pixel_extent_rad(optics, shape).max()) / _STRAIGHT_RAD)),
+        max(1, math.ceil(float(pixel_extent_rad(optics, shape).max()) / straight_rad)),
     )
 
 
