@@ -16,7 +16,6 @@ from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.patches import Patch
 
 RANGE_MAP = "cividis"
 """Ranges alone, so that one colour means one thing."""
@@ -149,11 +148,6 @@ def _data_uri(content: bytes, kind: Format) -> str:
 def mark_no_data(axes: Axes, theme: Theme) -> None:
     """Hatch the background of an image, which is visible where the image has no value."""
     axes.patch.set(facecolor=theme.no_data, edgecolor=theme.hatch, hatch=_HATCH, linewidth=0)
-
-
-def no_data_patch(theme: Theme, label: str) -> Patch:
-    """Make the legend entry for the hatched ground."""
-    return Patch(facecolor=theme.no_data, edgecolor=theme.hatch, hatch=_HATCH, linewidth=0, label=label)
 
 
 def new_figure(height_inch: float) -> Figure:

@@ -6,7 +6,7 @@ neighbours.
 
 The data's path: samples -> `image` (mean and covariance of each pixel, the measurements of one window, surfaces
 beyond the fold of a folded axis: `unmix.unfolded`) -> `seeds` (pixels that certainly see one surface), `lines`
-(narrow surfaces, of one column or row of pixels) and `distant` (planes of large surfaces) -> `neighbours` (the surfaces
-beside a pixel, continued to it) -> `hypotheses` (one surface; `chords`: two, three; `likeliest`: the one to keep) ->
+(narrow surfaces, of one column or row of pixels) -> `neighbours` (the surfaces beside a pixel, continued to it, and
+planes of large surfaces) -> `hypotheses` (one surface; `chords`: two, three; `likeliest`: the one to keep) ->
 `labels` (rounds over all pixels) -> `unmix` (are the samples phasor sums at all? and the layers).
 """

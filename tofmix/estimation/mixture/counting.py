@@ -60,16 +60,12 @@ from tofmix.estimation.mixture.em import (
 from tofmix.estimation.mixture.gain_bound import best_share, gain_bound_of_clear, steepest_place
 from tofmix.estimation.samples import Readings, within_reach
 from tofmix.estimation.settings import MODE_TIED
-from tofmix.options import ESTIMATE
 
 FALSE_ALARMS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0001)
 """Chances of a false alarm, a column each."""
 
 SAMPLES = (5, 10, 15, 30, 60, 100, 200, 500, 1000)
 """Samples in the pixel, a row each."""
-
-LEAST_FALSE_ALARM, MOST_FALSE_ALARM = ESTIMATE["false_alarm"].low, ESTIMATE["false_alarm"].high
-"""Least and greatest probability of a false alarm that the table covers, the least by extrapolation."""
 
 _GAINS = np.array(
     [
@@ -162,7 +158,7 @@ _STEEPEST, _SPLIT, _MOVED = 0, 1, 2  # starts of one surface more
 
 
 LEAST_BOUND = 0.4
-"""One more surface is tried where its gain bound (see `gradient`) is this part of the least gain."""
+"""One more surface is tried where its gain bound (`mixture.gain_bound`) is this part of the least gain."""
 
 
 class Rules(NamedTuple):

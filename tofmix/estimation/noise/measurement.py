@@ -9,7 +9,7 @@ knows a curve beforehand.
 3. If amplitudes were recorded and predict held-out pixels better, sigma is a function of range and amplitude
    (`amplitude`); the series are then divided by the factor of amplitude.
 4. A bin's sigma is that of the lowest group of its series: two surfaces closer than some 3 sigma look like one
-   with a larger sigma, never a smaller one (`scale`).
+   with a larger sigma, never a smaller one (`curve`).
 5. The curve through the bins is divided out and the bins are measured again, so a steep curve within a bin causes no
    error. They are smoothed according to their scatter.
 
