@@ -1,4 +1,4 @@
-// The numbers of the page: unpacks what tofmix.report.explorer.explorer and sample_packing wrote.
+// The numbers of the page: unpacks what tofmix.report.explorer.explorer wrote.
 
 const NOT_KNOWN = -(2 ** 31);
 const PER_LAYER = ["range", "range_stderr", "weight", "weight_stderr", "sigma", "probability"];
