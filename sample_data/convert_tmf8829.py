@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.io.recording.recording_writer import RecordingWriter
-from tofmix.measurement import Measurement
 from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.sensor_schema import Measurement
 
 STEADY_MM = 50.0
 INTERVALS_MM = (0.0, 400.0, 1200.0, 1800.0, 2400.0, 3000.0)

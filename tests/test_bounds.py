@@ -40,15 +40,15 @@ from tofmix.errors import (
     os_error_text,
 )
 from tofmix.estimation.filters import FilterSettings
+from tofmix.estimation.noise.curve import AmplitudeSettings, CurveSettings, NoiseSettings, OutlierSettings
 from tofmix.estimation.noise.curve_check import CurveTolerances
-from tofmix.estimation.noise.settings import AmplitudeSettings, CurveSettings, NoiseSettings, OutlierSettings
 from tofmix.estimation.peaks.counters import COUNTERS
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.io.guard.structure_rules import Limits
 from tofmix.options import ESTIMATE, NOISE, RECONCILE, Option
 from tofmix.reconciliation.settings import Settings
-from tofmix.report.explorer.packing import PageLimits
-from tofmix.report.summary.thresholds import Thresholds
+from tofmix.report.explorer.explorer import PageLimits
+from tofmix.report.summary.findings import Thresholds
 from tofmix.surfaces.settings import BrightnessSettings, EdgeSettings, LinkSettings, ShareSettings, SurfaceSettings
 from tofmix.toml_table import nearest, parse_toml
 from tofmix.unmixing.settings import (

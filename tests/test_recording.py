@@ -8,12 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tofmix.circle import circular_noise, cut_between, fold, has_no_return, open_at
-from tofmix.grid import plan_grid
-from tofmix.independent_samples import independent_samples
-from tofmix.recording import ArrayRecording, FrameSpan
+from tofmix.grid import plan_grid, plan_windows
+from tofmix.recording import ArrayRecording, FrameSpan, independent_samples
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.temporal_filter import ExponentialAverage, RunningMean, RunningMedian, make_filter
-from tofmix.windows import plan_windows
 
 
 def test_array_recording_copies_samples_and_stores_invalid_as_nan(sensor: Sensor) -> None:

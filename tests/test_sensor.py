@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
-from tofmix.learnt_noise import LearntNoise
-from tofmix.noise_shape import BackgroundDensity, NoiseShape
+from tofmix.estimation.mixture.counting import FALSE_ALARMS
+from tofmix.noise_shape import BackgroundDensity, LearntNoise, NoiseShape
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.sensor_schema import NUMBERS, RARE_SENSOR_NUMBERS, SENSOR_NUMBERS
 from tofmix.sensors import Camera

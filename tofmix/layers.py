@@ -2,15 +2,18 @@
 
 `LAYER_FIELDS` is the one list of datasets. The estimator fills a `Layers`, the
 layers file stores one, the report reads one; all three follow this list.
+
+The report reads a `LayersSource`: a file of `tofmix.io`, or anything else with its members.
 """
 
 import math
 from dataclasses import dataclass, field, fields
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tofmix.flags import MixingLaw
 from tofmix.sensor import Sensor
 
 LAYER_DIMS = ("window", "row", "col", "layer")
@@ -236,3 +239,34 @@ class Provenance:
 
 if tuple(f.name for f in fields(Layers)) != tuple(spec.name for spec in (*LAYER_FIELDS, *OPTIONAL_FIELDS)):
     raise AssertionError("Layers and its lists of datasets differ")
+
+
+class LayersSource(Protocol):
+    """Layers of an image sequence, read window by window."""
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Windows, rows, columns."""
+
+    @property
+    def max_layers(self) -> int:
+        """Length of the layer axis."""
+
+    @property
+    def window_start(self) -> NDArray[np.uint64]:
+        """First frame of each window, (window,)."""
+
+    @property
+    def window_stop(self) -> NDArray[np.uint64]:
+        """One past the last frame of each window, (window,)."""
+
+    @property
+    def provenance(self) -> Provenance:
+        """Source and options of the layers."""
+
+    @property
+    def mixing_law(self) -> MixingLaw | None:
+        """The law of mixing over all windows; None where it was not measured."""
+
+    def read_window(self, window: int) -> Layers:
+        """Layers of one window, of the leading shape (row, col)."""

@@ -27,9 +27,7 @@ from scipy.special import betainc, betaln, gammaln, xlog1py, xlogy
 
 from tofmix.arrays import BoolArray, FloatArray
 
-_LEAST_COMMON = 1e-9  # common loss that is as good as none
 _NARROWNESS = (1.0, 2.0, 5.0, 10.0, 30.0, 100.0, 1e3, math.inf)  # widths of the beta distribution that are tried
-_AS_BINOMIAL = 1e7  # from here on as good as infinite, and differences of beta functions are not exact
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,6 +152,7 @@ def _fitted(
 ) -> tuple[Losses, float]:
     """Losses for one width of the beta distribution, by EM from a common loss on; and their log likelihood."""
     total, valid, by_chance = pixels.sum(), frames - lost, 0.5
+    least_common = 1e-9  # common loss that is as good as none
     for _ in range(most_iterations):
         spread = _concentration(common, narrowness)
         chance = by_chance * _chance_density(valid, frames, common, spread)
@@ -162,7 +161,7 @@ def _fitted(
         weight = pixels * chance / (chance + own)
         by_chance = float((weight.sum() + 1.0) / (total + 2.0))  # the mean after a uniform prior
         before, common = common, float((weight * lost).sum() / max(weight.sum() * frames, 1e-300))
-        common = max(common, _LEAST_COMMON)
+        common = max(common, least_common)
         if abs(common - before) < tolerance:
             break
     return found, float(pixels @ np.log(chance + own))
@@ -171,7 +170,8 @@ def _fitted(
 def _concentration(common: float, narrowness: float) -> float:
     """Sum of the parameters of a beta distribution of this mean, so many times the least with which it has one peak."""
     least = 1.0 / min(common, 1.0 - common)
-    return narrowness * least if narrowness * least < _AS_BINOMIAL else math.inf
+    as_binomial = 1e7  # from here on as good as infinite, and differences of beta functions are not exact
+    return narrowness * least if narrowness * least < as_binomial else math.inf
 
 
 def _known(invalid_share: ArrayLike) -> FloatArray:

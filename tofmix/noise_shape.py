@@ -1,25 +1,27 @@
-"""Densities of noise: of an error that is not Gaussian, and of random values that are not uniform.
+"""Noise beyond sigma(r), as a sensor carries it: shape, random values, learnt noise, and the step of stored ranges.
 
-The shape of the error of one sample: the density of z = (x - r) / sigma(r), where it is not Gaussian.
+`NoiseShape`: the density of z = (x - r) / sigma(r), where the error of one sample is not Gaussian. One shape holds for
+all pixels of a camera. Its location and scale are fixed, so that a noise curve keeps its meaning: the median of z is 0,
+and its central 68.27 % are as wide as a standard Gaussian's.
 
-One shape holds for all pixels of a camera. Its location and scale are fixed, so that a noise curve keeps its meaning:
-the median of z is 0, and its central 68.27 % are as wide as a standard Gaussian's.
+`BackgroundDensity`: the density over range of random values, p(c_r): fog, rain or dust, whose returns lie near the
+sensor. Without it, random values are uniform over the working range. One density holds for all pixels of a recording;
+how many of a pixel's samples are random is the pixel's own share.
 
-The density over range of random values, p(c_r): fog, rain or dust, whose returns lie near the sensor.
+`LearntNoise`: background, drift, memory, and gains by chance. `tofmix.estimation.learnt` learns it; a sensor carries
+it, so threads, shards, clusters and resumed runs all use the same noise.
 
-Without it, random values are uniform over the working range. One density holds for all pixels of a recording; how many
-of a pixel's samples are random is the pixel's own share.
+`RangeStep`: the step on which the ranges of a recording are stored, common, by range, or of each pixel.
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, fields
 from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tofmix.arrays import FloatArray
-
-LEAST_BACKGROUND_POINTS = 2  # of a density
+from tofmix.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,10 +48,11 @@ class BackgroundDensity:
     def __post_init__(self) -> None:
         range_mm = np.array(self.range_mm, dtype=np.float64, copy=True)
         density = np.array(self.density, dtype=np.float64, copy=True)
-        if range_mm.ndim != 1 or range_mm.shape != density.shape or range_mm.size < LEAST_BACKGROUND_POINTS:
+        least_background_points = 2  # of a density
+        if range_mm.ndim != 1 or range_mm.shape != density.shape or range_mm.size < least_background_points:
             raise ValueError(
                 "background density: range and density must be two lists of one length, at least"
-                f" {LEAST_BACKGROUND_POINTS}, got shapes {range_mm.shape} and {density.shape}"
+                f" {least_background_points}, got shapes {range_mm.shape} and {density.shape}"
             )
         if not (np.isfinite(range_mm).all() and np.isfinite(density).all()):
             raise ValueError("background density: a value is not finite")
@@ -97,13 +100,9 @@ class BackgroundDensity:
 CENTRAL = (0.158655253931457, 0.5, 0.841344746068543)
 """Chances that a standard Gaussian number is below -1, 0 and 1."""
 
-LEAST_POINTS = 3  # points of a density
 
 _ROUNDING = 1.0e-12
 """How far an area may be from 1 by the rounding of some thousand sums."""
-
-_TOLERANCE = 0.05
-"""How far, in sigmas, a given shape's median and half width may be from 0 and 1: a table has a step."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,9 +129,10 @@ class NoiseShape:
     def __post_init__(self) -> None:
         z = np.array(self.z, dtype=np.float64, copy=True)
         density = np.array(self.density, dtype=np.float64, copy=True)
-        if z.ndim != 1 or z.shape != density.shape or z.size < LEAST_POINTS:
+        least_points = 3  # points of a density
+        if z.ndim != 1 or z.shape != density.shape or z.size < least_points:
             raise ValueError(
-                f"noise shape: z and density must be two lists of one length, at least {LEAST_POINTS}, got shapes"
+                f"noise shape: z and density must be two lists of one length, at least {least_points}, got shapes"
                 f" {z.shape} and {density.shape}"
             )
         if not (np.isfinite(z).all() and np.isfinite(density).all()):
@@ -149,7 +149,9 @@ class NoiseShape:
         object.__setattr__(self, "z", z)
         object.__setattr__(self, "density", density)
         low, middle, high = self.quantile(CENTRAL)
-        if abs(middle) > _TOLERANCE or abs(0.5 * (high - low) - 1.0) > _TOLERANCE:
+        # How far, in sigmas, a given shape's median and half width may be from 0 and 1: a table has a step.
+        tolerance = 0.05
+        if abs(middle) > tolerance or abs(0.5 * (high - low) - 1.0) > tolerance:
             raise ValueError(
                 "noise shape: expected median 0 and half width 1 of the central 68 %, as of a standard Gaussian; got"
                 f" {middle:.3g} and {0.5 * (high - low):.3g}"
@@ -221,3 +223,156 @@ def _quantile(chance: FloatArray, z: FloatArray, density: FloatArray) -> FloatAr
     root = np.sqrt(np.maximum(density[at] ** 2 + 2.0 * slope * rest, 0.0))
     t = 2.0 * rest / np.maximum(density[at] + root, np.finfo(np.float64).tiny)
     return np.asarray(z[at] + np.clip(t, 0.0, width), dtype=np.float64)
+
+
+WHOLE_MM = 1.0
+"""Step, mm, of ranges that are stored as integers."""
+
+LEAST_SIGMA = 0.1
+"""Least sigma that a step tells, in steps: a surface in the middle of its step then shows one value in 10^6 samples."""
+
+SIGMA_OF_STEP = 1.0 / math.sqrt(12.0)
+"""Standard deviation of a uniform error over a step, in steps."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RangeStep:
+    """A step of stored ranges.
+
+    Parameters
+    ----------
+    range_mm, step_mm : (n,) float64
+        Ranges, mm, ascending, and the step at each, mm: linear in between, constant past the ends. One point is a
+        common step.
+    own_mm : (pixel,) float64, optional
+        Step of each pixel, mm, NaN where it is not known; the points then are one, the median.
+    """
+
+    range_mm: FloatArray
+    step_mm: FloatArray
+    own_mm: FloatArray | None = None
+
+    @classmethod
+    def common(cls, step_mm: float) -> Self:
+        """One step for all."""
+        return cls(np.zeros(1), np.array([step_mm]))
+
+    @classmethod
+    def of_pixels(cls, own_mm: ArrayLike) -> Self:
+        """A step of each pixel, NaN where it is not known."""
+        own = np.asarray(own_mm, dtype=np.float64).ravel()
+        return cls(np.zeros(1), np.array([np.nanmedian(own)]), own)
+
+    @property
+    def is_common(self) -> bool:
+        """Whether it is one number."""
+        return self.own_mm is None and len(self.step_mm) == 1
+
+    def chosen(self, pixel: IntArray | BoolArray) -> "RangeStep":
+        """The step of some pixels (n,), by their numbers, or by a mask (pixel,)."""
+        if self.own_mm is None:
+            return self
+        return RangeStep(self.range_mm, self.step_mm, self.own_mm[pixel])
+
+    def without_pixels(self) -> "RangeStep":
+        """The step by range alone: the median one where each pixel has its own."""
+        return RangeStep(self.range_mm, self.step_mm)
+
+    def typical(self) -> float:
+        """Median step, mm."""
+        return float(np.median(self.step_mm))
+
+    def at(self, range_mm: ArrayLike, pixel: IntArray | None = None) -> FloatArray:
+        """Step, mm, at ranges, mm, of pixels, both of one shape; the median one where a pixel's is not known."""
+        by_range = np.asarray(np.interp(np.asarray(range_mm), self.range_mm, self.step_mm), dtype=np.float64)
+        if self.own_mm is None or pixel is None:
+            return by_range
+        own = self.own_mm[pixel]
+        return np.where(np.isfinite(own), own, by_range)
+
+    def least_sigma(self, range_mm: ArrayLike) -> FloatArray:
+        """Least sigma, mm, that values on the step tell at ranges, mm."""
+        return np.asarray(LEAST_SIGMA * self.at(range_mm), dtype=np.float64)
+
+    def rounding(self, range_mm: ArrayLike) -> FloatArray:
+        """Standard deviation, mm, of the rounding to the step at ranges, mm."""
+        return np.asarray(SIGMA_OF_STEP * self.at(range_mm), dtype=np.float64)
+
+
+DRIFTS = 3
+"""Legendre polynomials of time, of the degrees 1 to 3, that a pixel's ranges may follow within a window."""
+
+TAIL_DEGREES = 4.0
+"""Degrees of freedom of the Student t priors of log width and drift: some pixels are far wider than others."""
+
+MOST_LOG_WIDTH = 1.5
+"""Largest absolute log width of a pixel."""
+
+_SHAPES = {"drift_mm": 1, "gain_samples": 1, "gain_background": 1, "gain_more": 3, "gain_first": 2}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LearntNoise:
+    """Noise of pixels in addition to a curve, and the gains in likelihood that this noise alone reaches.
+
+    Parameters
+    ----------
+    background : (float, float) or None
+        Prior of each pixel's share of uniform background, a Beta density: pseudo-counts, in samples, of background and
+        of the rest. None: every pixel has about the sensor's p(c_r).
+    drift_mm : (DRIFTS,) float64
+        Scale, mm, of what each pixel's ranges follow within a window.
+    memory : float
+        Correlation of the standardised error from one frame to the next, as of AR(1) noise, in [0, 1).
+    gain_samples : (n,) float64
+        Numbers of samples, ascending, that the gains are known for.
+    gain_background : (b,) float64
+        Shares of background, ascending, that they are known for.
+    gain_more : (n, b, chance) float64
+        Gain, nat, of one surface more that noise exceeds with each of
+        `tofmix.estimation.mixture.counting.FALSE_ALARMS`.
+    gain_first : (n, chance) float64
+        The same for the first surface beside background alone.
+
+    Raises
+    ------
+    ValueError
+        If an array has a wrong number of dimensions or a wrong length, a number is not finite, or one is out of its
+        bounds.
+    """
+
+    background: tuple[float, float] | None
+    drift_mm: FloatArray
+    memory: float
+    gain_samples: FloatArray
+    gain_background: FloatArray
+    gain_more: FloatArray
+    gain_first: FloatArray
+
+    def __post_init__(self) -> None:
+        for name, dimensions in _SHAPES.items():
+            values = np.array(getattr(self, name), dtype=np.float64, copy=True)
+            if values.ndim != dimensions or values.size == 0 or not np.isfinite(values).all() or (values < 0).any():
+                raise ValueError(
+                    f"learnt noise: {name}: expected {dimensions} dimensions of finite numbers, none negative"
+                )
+            values.setflags(write=False)
+            object.__setattr__(self, name, values)
+        sizes = len(self.gain_samples), len(self.gain_background)
+        if self.gain_more.shape[:2] != sizes or self.gain_first.shape != (sizes[0], self.gain_more.shape[2]):
+            raise ValueError("learnt noise: the tables of gains differ in size")
+        if len(self.drift_mm) != DRIFTS:
+            raise ValueError(f"learnt noise: drift_mm: {len(self.drift_mm)} numbers, not {DRIFTS}")
+        if not 0 <= self.memory < 1:
+            raise ValueError(f"learnt noise: memory {self.memory:g} is not in [0, 1)")
+        if self.background is not None and not (min(self.background) > 0 and np.isfinite(self.background).all()):
+            raise ValueError("learnt noise: background: two finite numbers above 0 are expected")
+
+    def same_as(self, other: "LearntNoise | None") -> bool:
+        """Whether all numbers are equal."""
+        return other is not None and all(
+            np.array_equal(np.array(getattr(self, f.name) or 0.0), np.array(getattr(other, f.name) or 0.0))
+            if f.name == "background"
+            else np.array_equal(getattr(self, f.name), getattr(other, f.name))
+            for f in fields(self)
+        )

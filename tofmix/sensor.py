@@ -12,13 +12,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import IMAGE_RANK, FloatArray
-from tofmix.learnt_noise import LearntNoise, RangeStep
-from tofmix.measurement import Measurement, ShareLaw, measurement_of, share_law_of
-from tofmix.noise_shape import BackgroundDensity, NoiseShape
+from tofmix.noise_shape import BackgroundDensity, LearntNoise, NoiseShape, RangeStep
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import PINHOLE, Projection, ideal_pinhole
-from tofmix.sensor_schema import NUMBERS, RARE_SENSOR_NUMBERS, SENSOR_NUMBERS
+from tofmix.sensor_schema import (
+    NUMBERS,
+    RARE_SENSOR_NUMBERS,
+    SENSOR_NUMBERS,
+    Measurement,
+    ShareLaw,
+    measurement_of,
+    share_law_of,
+)
 from tofmix.temporal_filter import TemporalFilter
 from tofmix.wording import counted
 
@@ -237,7 +243,7 @@ class Sensor:
         around `range_max_mm` as those of a surface there do.
     sample_min_mm, sample_max_mm : float or None
         Least and largest valid sample of the recording, where `range_max_mm` is not known: random values spread
-        between them (`tofmix.estimation.blocks.sample_span`). None: not looked for.
+        between them (`tofmix.estimation.samples`). None: not looked for.
     noise : NoiseCurve or None
         sigma(r) at `integration_time_ms`.
     learnt : LearntNoise or None

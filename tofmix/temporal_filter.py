@@ -1,7 +1,7 @@
 """How a stored range depends on independent ones, where a camera filters its ranges over time.
 
 Each class is one filter: the independent samples that it leaves, the number of independent frames that its frames are
-worth, and its effect on fitted layers. `tofmix.independent_samples` reads a recording by it;
+worth, and its effect on fitted layers. `tofmix.recording` reads a recording by it;
 `tofmix.estimation.filters` finds the filter of a recording. Noise with a memory is no filter: its pixels change from
 one surface to another within a frame, and the memory is a part of the learnt noise.
 """
@@ -16,17 +16,10 @@ import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
 
-MOST_WINDOW = 99
-"""Longest window of a median or a mean, frames."""
-
-MOST_MEDIAN = 9
-"""Longest window of a median, frames: the arrangements of its neighbours are counted one by one."""
-
 SPAN_FRAMES = 100
 """About the frames of a span of running means: many a chain, few for the rounding of stored ranges to add up."""
 
 _SPAN_WINDOWS = 12  # windows of a span at least: a chain's samples tell where it is
-_QUADRATURE = 200  # points of the integral over a surface's samples
 _DRAWN_FRAMES, _DRAWN_PIXELS, _SEED = 100, 4000, 20080922  # of the dependence of seen samples
 _QUANTILES = 2001  # of the distribution of seen samples
 
@@ -128,8 +121,9 @@ class ExponentialAverage:
 
 
 def _check_window(window: float, what: str) -> None:
-    if not 2 <= window <= MOST_WINDOW or window != int(window):  # noqa: PLR2004  a window of one frame is no filter
-        raise ValueError(f"temporal filter: {what} of {window:g} frames; expected 2 to {MOST_WINDOW}")
+    most_window = 99  # longest window of a median or a mean, frames
+    if not 2 <= window <= most_window or window != int(window):  # noqa: PLR2004  a window of one frame is no filter
+        raise ValueError(f"temporal filter: {what} of {window:g} frames; expected 2 to {most_window}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,9 +152,10 @@ class RunningMedian:
 
     def __post_init__(self) -> None:
         _check_window(self.parameter, "a median")
-        if self.parameter % 2 == 0 or self.parameter > MOST_MEDIAN:
+        most_median = 9  # longest window of a median, frames: the arrangements of its neighbours are counted one by one
+        if self.parameter % 2 == 0 or self.parameter > most_median:
             raise ValueError(
-                f"temporal filter: a median of {self.parameter:g} frames; expected an odd number up to {MOST_MEDIAN}"
+                f"temporal filter: a median of {self.parameter:g} frames; expected an odd number up to {most_median}"
             )
 
     @property
@@ -278,7 +273,8 @@ def _dependence(median: RunningMedian) -> float:
 def _moments(median: RunningMedian, below: float, above: float) -> tuple[float, float]:
     from scipy.special import ndtri
 
-    part = (np.arange(_QUADRATURE) + 0.5) / _QUADRATURE
+    quadrature = 200  # points of the integral over a surface's samples
+    part = (np.arange(quadrature) + 0.5) / quadrature
     weight, z = median.seen(below + (above - below) * part), ndtri(part)
     mean = float((weight * z).sum() / weight.sum())
     return mean, math.sqrt(float((weight * (z - mean) ** 2).sum() / weight.sum()))

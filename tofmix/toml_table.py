@@ -33,9 +33,6 @@ _TYPE_NAMES = {
 MOST_CHARACTERS = 1_000_000
 """Characters of a TOML file: the parser holds the whole file."""
 
-_MOST_IN_A_LINE = 2000
-"""Characters of a line: the parser's memory grows with the square of a dotted key's length."""
-
 
 def nearest(name: str, known: Iterable[str]) -> str:
     """``; did you mean "x"?`` and the known names, to end a refusal of `name`."""
@@ -194,10 +191,11 @@ def parse_toml(text: str, *, source: str) -> TomlTable:
         If it is not TOML, or longer than any that a person writes; the message has the line as `tomllib` gives it.
     """
     longest = max(map(len, text.split("\n")))
-    if len(text) > MOST_CHARACTERS or longest > _MOST_IN_A_LINE:
+    most_in_a_line = 2000  # characters of a line: the parser's memory grows with the square of a dotted key's length
+    if len(text) > MOST_CHARACTERS or longest > most_in_a_line:
         raise BadInputError(
             f"{source}: {len(text)} characters, {longest} in the longest line; no more than {MOST_CHARACTERS} and"
-            f" {_MOST_IN_A_LINE} are read"
+            f" {most_in_a_line} are read"
         )
     try:
         return TomlTable(tomllib.loads(text), source)

@@ -25,11 +25,11 @@ from tofmix.simulation.builtin import builtin_text
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.distribution import Prediction
 from tofmix.simulation.effects import EFFECTS
+from tofmix.simulation.events import Truth
 from tofmix.simulation.exposure import predict
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import parse_model
 from tofmix.simulation.render import render_blocks
-from tofmix.simulation.truth import Truth
 
 SEED = 1
 FRAMES = 100

@@ -30,9 +30,9 @@ from tofmix.recording import ArrayRecording
 from tofmix.report.averaging import average_samples
 from tofmix.report.theme import LIGHT, drawing
 from tofmix.simulation.casting.cast import cast_scene
+from tofmix.simulation.events import Truth
 from tofmix.simulation.render import recording_sensor, render_blocks
 from tofmix.simulation.surface import Surface
-from tofmix.simulation.truth import Truth
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 

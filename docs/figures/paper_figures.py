@@ -20,9 +20,8 @@ from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.peaks.counters import Counter, Cpdf, Fourier, Kde
-from tofmix.estimation.peaks.density import density
 from tofmix.estimation.peaks.incremental import IncrementalDensity
-from tofmix.estimation.peaks.modes import find_modes
+from tofmix.estimation.peaks.modes import density, find_modes
 from tofmix.estimation.samples import sort_samples
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.io.model_file import load_model
@@ -33,9 +32,9 @@ from tofmix.report.theme import LIGHT, drawing, new_figure
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.sensors import load_profile
 from tofmix.simulation.casting.cast import cast_scene
+from tofmix.simulation.events import Truth
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import recording_sensor, render_blocks
-from tofmix.simulation.truth import Truth
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 

@@ -29,9 +29,9 @@ from tofmix.optics.projection import beam_directions_of
 from tofmix.recording import ArrayRecording
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects.flying_pixels import FlyingPixels
+from tofmix.simulation.events import Truth
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import recording_sensor, render_blocks
-from tofmix.simulation.truth import Truth
 
 MODEL = "three-boards"
 SEED = 1

@@ -21,7 +21,7 @@ import tofmix as tm
 from tofmix import options
 from tofmix.errors import BadInputError, DoubtWarning, UsageError
 from tofmix.estimation.settings import MixingChoice, Refine, SigmaMode
-from tofmix.io.units import UNITS_MM
+from tofmix.io.recording.range_check import UNITS_MM
 from tofmix.layers import LAYER_FIELDS
 from tofmix.options import Units
 from tofmix.sensor import NoiseCurve

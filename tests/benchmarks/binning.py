@@ -16,8 +16,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.beam import Beam, beam_of
-from tofmix.estimation.mixture.components import MEAN, WEIGHT, new_components, new_scratch
-from tofmix.estimation.mixture.em import maximise_likelihood, start_at
+from tofmix.estimation.mixture.em import MEAN, WEIGHT, maximise_likelihood, new_components, new_scratch, start_at
 from tofmix.estimation.mixture.uncertainty import standard_errors
 from tofmix.estimation.samples import Readings, gather, padded, readings_of
 from tofmix.estimation.settings import MODE_TIED

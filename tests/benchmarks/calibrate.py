@@ -1,4 +1,4 @@
-"""The table of `tofmix.estimation.mixture.false_alarms`: how much likelihood a second surface gains where there is one.
+"""The table of `tofmix.estimation.mixture.counting`: how much likelihood a second surface gains where there is one.
 
 Usage: python tests/benchmarks/calibrate.py [--pixels 100000] [--seed 1]
 
@@ -14,10 +14,8 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam, beam_of
-from tofmix.estimation.mixture.components import MEAN, SIGMA, WEIGHT
-from tofmix.estimation.mixture.counting import Rules, new_workspace, try_one_more
-from tofmix.estimation.mixture.em import expectation_maximisation
-from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, SAMPLES
+from tofmix.estimation.mixture.counting import FALSE_ALARMS, SAMPLES, Rules, new_workspace, try_one_more
+from tofmix.estimation.mixture.em import MEAN, SIGMA, WEIGHT, expectation_maximisation
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_TIED
 from tofmix.sensor import NoiseCurve, Sensor

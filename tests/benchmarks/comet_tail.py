@@ -24,10 +24,10 @@ from tofmix.io.model_file import load_model
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve
 from tofmix.simulation.casting.cast import cast_scene
+from tofmix.simulation.events import Truth
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import parse_model
 from tofmix.simulation.render import recording_sensor, render_blocks
-from tofmix.simulation.truth import Truth
 
 CLEAR_SIGMAS = 3.0
 FOUND_SIGMAS = 1.5

@@ -23,8 +23,8 @@ from tofmix.estimation.samples import sort_samples
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.io.model_file import load_model
 from tofmix.simulation.casting.cast import cast_scene
+from tofmix.simulation.events import Truth
 from tofmix.simulation.render import recording_sensor, render_blocks
-from tofmix.simulation.truth import Truth
 
 MODEL = load_model("three-boards")
 CAMERA = recording_sensor(MODEL)

@@ -52,7 +52,7 @@ from tofmix.arrays import Float32Array
 from tofmix.errors import DoubtWarning
 from tofmix.surfaces.found import WindowSurfaces
 from tofmix.surfaces.reconstruct import reconstruct
-from tofmix.unmixing.phasors import mean_phasors
+from tofmix.unmixing.image import mean_phasors
 from tofmix.unmixing.settings import CurvedSettings, UnmixSettings
 from tofmix.unmixing.unmix import unmix
 

@@ -15,7 +15,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.compiled.vector import exp_minus, product_of, total_of
-from tofmix.estimation.mixture.components import MEAN, SIGMA, SUPPORT, WEIGHT, new_components
+from tofmix.estimation.mixture.em import MEAN, SIGMA, SUPPORT, WEIGHT, new_components
 
 SURFACES, SAMPLES, ROUNDS, REPEATS = 2, 64, 20_000, 7
 HEIGHT = 1.0 / np.sqrt(2.0 * np.pi)

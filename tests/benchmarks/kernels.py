@@ -30,8 +30,7 @@ from tofmix.compiled.vector import exp_minus
 from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.mixture.components import Components, Scratch, new_components, new_scratch
-from tofmix.estimation.mixture.em import expect, maximise, start_at
+from tofmix.estimation.mixture.em import Components, Scratch, expect, maximise, new_components, new_scratch, start_at
 from tofmix.estimation.samples import Readings, readings_of
 from tofmix.estimation.settings import MODE_PRIOR
 from tofmix.recording import ArrayRecording

@@ -41,8 +41,8 @@ from tofmix.recording import ArrayRecording
 from tofmix.report.averaging import average_samples
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects.flying_pixels import FlyingPixels
+from tofmix.simulation.events import Truth
 from tofmix.simulation.render import recording_sensor, render_blocks
-from tofmix.simulation.truth import Truth
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.mixture.false_alarms import gain_table, least_gain
+from tofmix.estimation.mixture.counting import gain_table, least_gain
 from tofmix.estimation.settings import no_return_gain
 from tofmix.layers import Layers
 from tofmix.sensor import Sensor

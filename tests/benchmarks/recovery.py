@@ -20,8 +20,8 @@ from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.simulation.casting.cast import cast_scene
+from tofmix.simulation.events import Truth
 from tofmix.simulation.render import recording_sensor, render_blocks
-from tofmix.simulation.truth import Truth
 
 SAMPLE = Path(__file__).parents[2] / "sample_data" / "tmf8829_edge.h5"
 

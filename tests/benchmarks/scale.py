@@ -25,14 +25,13 @@ import numpy as np
 from tofmix.arrays import Float32Array
 from tofmix.estimation.blocks.sequence import estimate_cells
 from tofmix.estimation.settings import EstimateOptions
-from tofmix.grid import plan_grid
+from tofmix.grid import plan_grid, plan_windows
 from tofmix.io.model_file import load_model
 from tofmix.layers import LAYER_FIELDS, Layers
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import Sensor
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.render import recording_sensor, render_blocks
-from tofmix.windows import plan_windows
 
 BLOCK_FRAMES = 100
 

@@ -21,7 +21,7 @@ from tofmix.compiled.vector import exp_minus, log_of, moments_of, product_of, su
 from tofmix.compiled.watching import FIRST_RUN, Unwatched, watched, watcher
 
 PROGRAM = """
-from tofmix.estimation.peaks.density import density
+from tofmix.estimation.peaks.modes import density
 import numpy as np
 from tofmix.sensor import NoiseCurve
 print(density([1000.0], [1000.0], NoiseCurve(np.array([0.0]), np.array([10.0])))[0])

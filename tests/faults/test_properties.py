@@ -20,12 +20,12 @@ from tofmix.errors import UsageError
 from tofmix.estimation.peaks.counters import COUNTERS
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.flags import Status
+from tofmix.grid import plan_windows
 from tofmix.io.layers.layers_file import open_layers
 from tofmix.io.recording.recording_file import open_recording
 from tofmix.layers import LAYER_FIELDS, Layers
 from tofmix.pipeline.job import LocalEngine, plan_job
 from tofmix.pipeline.run import run_job
-from tofmix.windows import plan_windows
 
 TIMES = int(os.environ.get("TOFMIX_TEST_EXAMPLES_TIMES", "1"))
 """The long run asks for more examples, drawn at random."""

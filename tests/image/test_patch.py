@@ -9,10 +9,19 @@ from scipy.sparse.csgraph import connected_components
 from support.round_things import Thing, cylinder, ellipsoid, rays_of, sphere, wall
 
 from tofmix.image.light import with_light
-from tofmix.image.masks import components, count_around, near, sum_around
 from tofmix.image.patch import STATE, TangentFrame, bend_term, fit_patches, meet
 from tofmix.image.scales import UNKNOWN, learn_scales, may_bend
-from tofmix.image.segments import View, around, grid_of_places, lattice_of_places, segments_of
+from tofmix.image.segments import (
+    View,
+    components,
+    count_around,
+    grid_of_places,
+    lattice_of_places,
+    members_around,
+    near,
+    segments_of,
+    sum_around,
+)
 
 SIZE, FOCAL = 24, 75.0
 
@@ -140,7 +149,7 @@ def test_prediction_of_a_pixel_at_the_rim_is_as_far_off_as_it_says(thing: Thing)
     rows, cols = np.divmod(np.flatnonzero(exact.valid), SIZE)
     middle = (np.hypot(rows - 12, cols - 12) < 6) & ((rows + cols) % 3 == 0)
     at = np.flatnonzero(exact.valid)[middle]
-    members = around(noisy.shape, segment, at, np.zeros(at.size, np.int64), 4)
+    members = members_around(noisy.shape, segment, at, np.zeros(at.size, np.int64), 4)
     members = np.where(members % SIZE < (at % SIZE)[:, np.newaxis], members, -1)  # those on one side
     fitted = fit_patches(noisy, at, members, scales.bend[[0] * at.size], scales.third[[0] * at.size])
     spread = np.linalg.cholesky(fitted.covariance)
@@ -202,7 +211,7 @@ def test_light_of_two_columns_is_fitted_where_their_curvature_is_open() -> None:
     view = seen(cylinder(30, 4000, 220), 1.0)
     segment = np.where(view.valid & (np.abs(np.arange(SIZE * SIZE) % SIZE - 12.5) < 1), 0, -1)
     at = np.array([12 * SIZE + 11, 12 * SIZE + 14])
-    members = around(view.shape, segment, at, np.zeros(2, np.int64), 4)
+    members = members_around(view.shape, segment, at, np.zeros(2, np.int64), 4)
     bend, third = (np.full(2, scale) for scale in UNKNOWN)
     assert with_light(view, at, fit_patches(view, at, members, bend, third)).fitted.all()
 

@@ -18,12 +18,11 @@ from tofmix.io import hdf5, sensor_group
 from tofmix.io.model_file import load_model, load_model_text
 from tofmix.io.recording.recording_file import open_recording
 from tofmix.io.sensor_group import read_sensor, write_sensor
-from tofmix.learnt_noise import LearntNoise
-from tofmix.measurement import Measurement
-from tofmix.noise_shape import BackgroundDensity
+from tofmix.noise_shape import BackgroundDensity, LearntNoise
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.pinhole import Pinhole
 from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.sensor_schema import Measurement
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 
 PINHOLE: dict[str, Any] = {"projection": "pinhole", "fx": 5.0, "fy": 6.0, "cx": 2.5, "cy": 1.5}

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from support.files import boards, write_recording
 
+from tofmix.grid import Windows
 from tofmix.io.layers.layers_file import LayersFile, LayersWriter
 from tofmix.io.recording.recording_writer import RecordingWriter
 from tofmix.io.verify import verify
 from tofmix.layers import Provenance
 from tofmix.sensor import NoiseCurve, Sensor
-from tofmix.simulation.truth import Truth
-from tofmix.windows import Windows
+from tofmix.simulation.events import Truth
 
 Change = Callable[[h5py.File], object]
 CAMERA = Sensor(name="camera", range_max_mm=7500.0, noise=NoiseCurve(np.array([500.0]), np.array([10.0])))

@@ -14,10 +14,9 @@ from tofmix.errors import BadInputError, UsageError
 from tofmix.io.surfaces_file import SurfacesWriter
 from tofmix.jobs.reporter import Reporter
 from tofmix.jobs.scene import PlaneScene, recording_settings, scene_of_file, write_scene
-from tofmix.learnt_noise import LearntNoise
-from tofmix.measurement import ShareLaw
-from tofmix.noise_shape import BackgroundDensity
+from tofmix.noise_shape import BackgroundDensity, LearntNoise
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
+from tofmix.sensor_schema import ShareLaw
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import parse_model
 from tofmix.simulation.surface import Surface

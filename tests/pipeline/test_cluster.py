@@ -12,12 +12,11 @@ from support.files import boards, write_recording
 
 from tofmix.errors import BadInputError, StorageError, UsageError
 from tofmix.estimation.settings import EstimateOptions
-from tofmix.grid import plan_grid
+from tofmix.grid import plan_grid, plan_windows
 from tofmix.io.recording.recording_file import open_recording
 from tofmix.pipeline import cluster
 from tofmix.pipeline.cluster import Block, identity, run_block
 from tofmix.pipeline.job import Job, plan_job
-from tofmix.windows import plan_windows
 
 
 @pytest.fixture

@@ -19,6 +19,7 @@ from tofmix.arrays import Float32Array
 from tofmix.compiled import kept
 from tofmix.errors import BadInputError, StorageError, UsageError
 from tofmix.estimation.settings import EstimateOptions
+from tofmix.grid import plan_windows
 from tofmix.io.layers.chunks import EncodedCell
 from tofmix.io.layers.journal import journal_path
 from tofmix.io.recording.recording_file import RecordingFile, open_recording
@@ -29,7 +30,6 @@ from tofmix.pipeline.job import PROGRAM_BYTES, LocalEngine, plan_job
 from tofmix.pipeline.run import run_job
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import Sensor
-from tofmix.windows import plan_windows
 
 if TYPE_CHECKING:
     from collections.abc import Callable

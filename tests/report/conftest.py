@@ -10,8 +10,7 @@ from support.alike import MakeLayers, MakeSource
 
 from tofmix.arrays import Float32Array
 from tofmix.flags import MixingLaw, Status
-from tofmix.layers import Layers, Provenance
-from tofmix.report.sources import LayersSource
+from tofmix.layers import Layers, LayersSource, Provenance
 from tofmix.sensor import NoiseCurve, Sensor
 
 CURVE = NoiseCurve(np.array([500.0, 3000.0, 7500.0]), np.array([9.0, 70.0, 430.0]))

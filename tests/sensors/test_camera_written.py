@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tofmix.arrays import Float32Array
-from tofmix.measurement import Measurement
 from tofmix.noise_shape import NoiseShape
 from tofmix.optics.pinhole import Pinhole
 from tofmix.sensor import AmplitudeLaw, NoiseCurve
+from tofmix.sensor_schema import Measurement
 from tofmix.sensors import camera_of_model
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.sensors.camera_toml import camera_toml

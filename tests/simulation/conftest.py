@@ -12,10 +12,10 @@ from tofmix.sensors import CompleteCamera, load_profile
 from tofmix.simulation.builtin import builtin_text
 from tofmix.simulation.casting import cast, cast_cells, cast_kernel
 from tofmix.simulation.casting.cast import cast_scene
+from tofmix.simulation.events import Truth
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import parse_model
 from tofmix.simulation.surface import Surface
-from tofmix.simulation.truth import Truth
 
 Floats = NDArray[np.float64]
 MakeModel = Callable[..., Model]

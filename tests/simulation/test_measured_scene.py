@@ -11,8 +11,7 @@ from tofmix.optics.projection import beam_directions_of
 from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.reconciliation.one.unnamed import Unnamed
 from tofmix.sensor import NoiseCurve, Sensor
-from tofmix.simulation.casting.cast import cast_scene
-from tofmix.simulation.casting.measured_cast import by_neighbours
+from tofmix.simulation.casting.cast import by_neighbours, cast_scene
 from tofmix.simulation.effects.motion import Motion
 from tofmix.simulation.effects.surface_pose import SurfacePose
 from tofmix.simulation.exposure import equation_1

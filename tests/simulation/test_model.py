@@ -12,11 +12,11 @@ from tofmix.sensor import NoiseCurve
 from tofmix.sensors import CompleteCamera
 from tofmix.simulation.builtin import BUILTIN_MODELS, builtin_description, builtin_text
 from tofmix.simulation.casting.cast import cast_scene
+from tofmix.simulation.events import Truth
 from tofmix.simulation.model import Model, RecordingSettings
 from tofmix.simulation.model_toml import BACKGROUND_MAP, background_path, parse_model, with_noise
 from tofmix.simulation.render import render_blocks
 from tofmix.simulation.surface import Surface
-from tofmix.simulation.truth import Truth
 
 BOARD = Surface(name="board", center_mm=(0, 0, 2000), size_mm=(500, 400))
 

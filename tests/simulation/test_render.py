@@ -14,12 +14,11 @@ from tofmix.errors import BadInputError
 from tofmix.simulation.averaging import exposure_times
 from tofmix.simulation.builtin import builtin_text
 from tofmix.simulation.casting.cast import cast_scene
-from tofmix.simulation.events import EventSamples, EventTable, draw, event_table, frame_generator, stored_range
+from tofmix.simulation.events import EventSamples, EventTable, Truth, draw, event_table, frame_generator, stored_range
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import parse_model
 from tofmix.simulation.render import FrameBlock, recording_sensor, render_blocks
 from tofmix.simulation.surface import Surface
-from tofmix.simulation.truth import Truth
 
 Floats = NDArray[np.float64]
 MakeModel = Callable[..., Model]

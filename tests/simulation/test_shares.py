@@ -14,9 +14,9 @@ from scipy import ndimage
 
 from tofmix.optics.equiangular import Equiangular
 from tofmix.simulation.casting.cast import cast_scene
+from tofmix.simulation.events import Truth
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface
-from tofmix.simulation.truth import Truth
 
 pytestmark = pytest.mark.usefixtures("kernel_casts")
 

@@ -3,9 +3,8 @@
 from collections.abc import Callable
 from typing import TypeAlias
 
-from tofmix.layers import Layers
+from tofmix.layers import Layers, LayersSource
 from tofmix.recording import SampleSource
-from tofmix.report.sources import LayersSource
 
 MakeLayers: TypeAlias = Callable[..., Layers]
 """Layers that are the same in every pixel, from ranges and weights."""

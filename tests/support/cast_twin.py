@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.simulation.casting.scene import SceneArrays
+from tofmix.simulation.casting.cast_kernel import SceneArrays
 
 Floats = NDArray[np.float64]
 

@@ -32,7 +32,7 @@ def noise_and_reconciliation() -> None:
 
 def learnt_noise() -> None:
     """Compile what learns noise, and counts under it."""
-    from tofmix.estimation.learnt.warm_up import warm_up
+    from tofmix.estimation.learnt.recordings import warm_up
 
     warm_up()
 

@@ -13,10 +13,10 @@ from tofmix.sensor import NoiseCurve
 from tofmix.sensors import CompleteCamera, load_profile
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import EFFECTS, Effect
+from tofmix.simulation.events import Truth
 from tofmix.simulation.model import Model, RecordingSettings
 from tofmix.simulation.render import render_blocks
 from tofmix.simulation.surface import Surface
-from tofmix.simulation.truth import Truth
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,14 +10,13 @@ from support.noise_parts import skewed
 from tofmix.arrays import FloatArray
 from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.estimation.learnt.folds import flat_thresholds
+from tofmix.grid import plan_windows
 from tofmix.io.layers.layers_file import LayersWriter
 from tofmix.io.recording.recording_file import file_sha256
 from tofmix.layers import Layers, Provenance
-from tofmix.learnt_noise import LearntNoise
-from tofmix.noise_shape import NoiseShape
+from tofmix.noise_shape import LearntNoise, NoiseShape
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor
-from tofmix.windows import plan_windows
 
 SPAN_MM = (300.0, 5300.0)
 SIGMA_MM = 20.0

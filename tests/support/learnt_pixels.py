@@ -9,11 +9,9 @@ from numpy.typing import ArrayLike
 from scipy import stats
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.thresholds import GainThresholds
-from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
-from tofmix.learnt_noise import DRIFTS
-from tofmix.noise_shape import NoiseShape
+from tofmix.estimation.learnt.model import GainThresholds, PixelNoise
+from tofmix.estimation.mixture.counting import FALSE_ALARMS
+from tofmix.noise_shape import DRIFTS, NoiseShape
 from tofmix.sensor import NoiseCurve, Sensor
 
 LOW_MM, TOP_MM = 300.0, 6000.0

@@ -23,8 +23,8 @@ import tofmix as tm
 from tofmix.arrays import FloatArray
 from tofmix.flags import Mixing
 from tofmix.layers import Layers
-from tofmix.measurement import ShareLaw
 from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.sensor_schema import ShareLaw
 from tofmix.surfaces.edge_run import is_of_run
 from tofmix.surfaces.edge_shape import ARC, chord, chord_outside, covered, covered_by_both, covered_by_three, predict
 from tofmix.surfaces.reconstruct import reconstruct

@@ -19,11 +19,10 @@ from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import Projection, beam_directions_of
 from tofmix.sensor import Sensor
 from tofmix.unmixing.functions import binomial_most, chi_square_6, logsumexp, ndtr
-from tofmix.unmixing.image import PhasorImage, make_image
+from tofmix.unmixing.image import FIELDS, PhasorImage, make_image, mean_phasors, phase_scale_mm
 from tofmix.unmixing.labels import label
 from tofmix.unmixing.lines import Mixtures, find_lines
 from tofmix.unmixing.neighbours import find_neighbours
-from tofmix.unmixing.phasors import FIELDS, mean_phasors, phase_scale_mm
 from tofmix.unmixing.seeds import find_seeds, plane_vector, without_creases
 from tofmix.unmixing.surface_fit import Members
 from tofmix.unmixing.unmix import unfolded

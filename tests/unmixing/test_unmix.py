@@ -20,8 +20,8 @@ from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
 from tofmix.unmixing.chords import unseen_log_density
 from tofmix.unmixing.curved_labels import _lesser_part, _seen_probability
+from tofmix.unmixing.image import mean_phasors
 from tofmix.unmixing.labels import mixed_probability
-from tofmix.unmixing.phasors import mean_phasors
 from tofmix.unmixing.settings import CurvedSettings, LawSettings, UnmixSettings
 from tofmix.unmixing.unmix import unmix
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
     from tofmix.estimation.peaks.counters import Counter
-    from tofmix.windows import Windows
+    from tofmix.grid import Windows
 
 
 class Choices(TypedDict, total=False):
@@ -189,7 +189,7 @@ class Estimate(Layers):
         return target
 
     def _windows(self) -> "Windows":
-        from tofmix.windows import Windows
+        from tofmix.grid import Windows
 
         length = int(self.window_stop[0] - self.window_start[0])
         stride = int(self.window_start[1]) if len(self.window_start) > 1 else int(self.options.get("stride", length))
@@ -252,7 +252,7 @@ def estimate(
         If the scatter of the samples differs from the noise curve, if ranges drift within a window, if a default or a
         simplification replaces a part of the noise, and for the findings of `tofmix report`.
     """
-    from tofmix.api.doubts import PythonReporter
+    from tofmix.api.recordings import PythonReporter
     from tofmix.estimation.blocks.sequence import estimate_windows
     from tofmix.estimation.settings import EstimateOptions
     from tofmix.jobs.estimate import EstimateRequest, check_request, prepare, say_findings

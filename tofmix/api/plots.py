@@ -38,7 +38,7 @@ def plot(layers: "Estimate", *, pixel: tuple[int, int] | None = None, window: in
         If Matplotlib is missing.
     """
     try:
-        from tofmix.report.figures.overview_figure import overview_figure
+        from tofmix.report.figures.pictures import overview_figure
         from tofmix.report.pixels.pixel_figures import neighbours_figure
         from tofmix.report.theme import LIGHT, drawing
     except ImportError as error:

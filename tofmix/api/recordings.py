@@ -1,5 +1,9 @@
-"""Recordings in Python: opened from a file, or made of an array."""
+"""Recordings in Python: opened from a file, or made of an array.
 
+What a job says is a warning of Python (`PythonReporter`); its notes are none.
+"""
+
+import inspect
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -10,16 +14,50 @@ from typing import TYPE_CHECKING, Any, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tofmix.api.doubts import PythonReporter
 from tofmix.arrays import IMAGE_RANK, Float32Array, FloatArray, IntArray
 from tofmix.errors import BadInputError, DoubtWarning
+from tofmix.jobs.reporter import Reporter
 from tofmix.options import DepthAxis, Units
 from tofmix.recording import ArrayRecording, CameraSource
 from tofmix.sensor import NoiseCurve, Sensor
 
 if TYPE_CHECKING:
     from tofmix.sensors import Camera
-    from tofmix.simulation.truth import Truth
+    from tofmix.simulation.events import Truth
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tofmix.report.summary.findings import Finding
+
+
+_REMEDIES = {
+    "scatter_off_curve": "noise='auto' measures it.",
+    "sigma_off_curve": "noise='auto' measures it.",
+    "drift": "Take a shorter window.",
+    "close_layers": "Take a shorter window, or noise='auto'.",
+    "all_layers_used": "A larger max_layers shows them.",
+    "not_converged": "Take a larger max_iter.",
+    "too_few_samples": "Take a longer window.",
+    "flying_pixels_counted": "from_array takes amplitude=..., with_sensor modulation_frequency_hz=...",
+}
+"""Remedies of findings, as parameters of `estimate`."""
+
+
+class PythonReporter(Reporter):
+    """Warns of doubts, at the line that called the package."""
+
+    def warn(self, text: str) -> None:
+        """Warn of a doubt."""
+        frame, level = inspect.currentframe(), 1
+        while frame is not None and frame.f_globals["__name__"].startswith(("tofmix.", "contextlib")):
+            frame, level = frame.f_back, level + 1
+        warnings.warn(text, DoubtWarning, stacklevel=level)
+
+    def finding(self, about: object, finding: "Finding") -> None:  # noqa: ARG002  the text does without it
+        """Warn of it with its remedy in Python."""
+        if not finding.is_note:
+            self.warn(f"{finding.text} {_REMEDIES.get(finding.code, '')}".strip())
+
 
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 """Length of each unit of `from_array`, mm."""
@@ -444,7 +482,7 @@ def _seen_by(
 def _seconds(times: ArrayLike) -> FloatArray:
     """Times as numbers of s: dates count from the first one; NaN where one is missing."""
     from tofmix.io.importers.times import epoch_unit_s, times_of_array
-    from tofmix.io.units import TIME_UNITS_S
+    from tofmix.io.recording.range_check import TIME_UNITS_S
 
     stamps = np.asarray(times)
     if stamps.dtype.kind not in "mM":

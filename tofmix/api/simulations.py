@@ -98,8 +98,8 @@ def scene(
     UsageError
         If there is no such window.
     """
-    from tofmix.api.doubts import PythonReporter
     from tofmix.api.estimates import Estimate, estimate
+    from tofmix.api.recordings import PythonReporter
     from tofmix.jobs.reporter import OptionError
     from tofmix.jobs.scene import recording_settings, scene_of_file, scene_of_layers
 
@@ -167,8 +167,7 @@ def reconcile(
         If the recording and the model differ in numbers of the camera, directions of pixels or frame rate, or the model
         leaves a pattern or widths of pixels open.
     """
-    from tofmix.api.doubts import PythonReporter
-    from tofmix.api.recordings import opened_recording
+    from tofmix.api.recordings import PythonReporter, opened_recording
     from tofmix.jobs.estimate import learnt_sensor
     from tofmix.jobs.reconcile import check_models, kinds_of, read_evidence
     from tofmix.jobs.reconcile import reconcile as run

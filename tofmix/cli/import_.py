@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from tofmix.io.importers.writing import Target
     from tofmix.optics.pinhole import Pinhole
 
-_INTRINSICS = 4  # numbers: FX, FY, CX, CY
 MEANINGS = ("frame", "time", "row", "col", "target", "range", "amplitude", "status")
 """Meanings of a column."""
 
@@ -190,8 +189,8 @@ def import_(
     """
     from tofmix.io.importers.axes import check_axes
     from tofmix.io.importers.base import SourceRequest
+    from tofmix.io.recording.range_check import TIME_UNITS_S, UNITS_MM
     from tofmix.io.samples import guessed
-    from tofmix.io.units import TIME_UNITS_S, UNITS_MM
     from tofmix.jobs.import_ import ImportRequest, Lens, camera_of, import_file
 
     for name, value in (("--scale", scale), ("--frame-rate", frame_rate)):
@@ -290,7 +289,8 @@ def _intrinsics_of(text: str | None) -> "Pinhole | Calibration | None":
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
         numbers = []
-    if len(numbers) == _INTRINSICS:
+    intrinsics = 4  # numbers: FX, FY, CX, CY
+    if len(numbers) == intrinsics:
         try:
             return Pinhole(fx=numbers[0], fy=numbers[1], cx=numbers[2], cy=numbers[3])
         except ValueError as error:

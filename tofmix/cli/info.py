@@ -9,7 +9,7 @@ import click
 from tofmix.cli.options import PATH, examples, json_option
 
 if TYPE_CHECKING:
-    from tofmix.report.descriptions.description import Description
+    from tofmix.report.description import Description
 
 _TOML = ".toml"
 
@@ -36,7 +36,7 @@ def info(file: Path, as_json: bool) -> None:
     that tofmix reconcile wrote, or any source of tofmix import: a bag, images, an array, CSV, other HDF5. It reads at
     most a few blocks of samples, to check their unit. tofmix report summarises a layers file.
     """
-    from tofmix.report.descriptions.description import format_description
+    from tofmix.report.description import format_description
 
     description = _describe(file)
     if as_json:
@@ -47,7 +47,7 @@ def info(file: Path, as_json: bool) -> None:
 
 def _describe(file: Path) -> "Description":
     from tofmix.io.reconciliation import is_gap_folder, read_gap
-    from tofmix.report.descriptions.results import describe_gap
+    from tofmix.report.description import describe_gap
     from tofmix.sensors import PROFILES
     from tofmix.simulation.builtin import BUILTIN_MODELS
 
@@ -57,7 +57,7 @@ def _describe(file: Path) -> "Description":
     if file.suffix == _TOML or (name in BUILTIN_MODELS and not file.exists()):
         return _of_text(name)
     if name in PROFILES and not file.exists():
-        from tofmix.report.descriptions.sources import describe_sensor
+        from tofmix.report.description import describe_sensor
         from tofmix.sensors import load_camera
 
         return describe_sensor(load_camera(name), name=name)
@@ -81,7 +81,7 @@ def _of_source(path: Path) -> "Description":
     from tofmix.io.importers import open_source
     from tofmix.io.importers.base import SourceRequest
     from tofmix.io.next_command import import_command
-    from tofmix.report.descriptions.sources import describe_source
+    from tofmix.report.description import describe_source
 
     with open_source(path, SourceRequest()) as source:
         return describe_source(source, name=str(path), command=import_command(path))
@@ -89,7 +89,7 @@ def _of_source(path: Path) -> "Description":
 
 def _of_text(name: str) -> "Description":
     from tofmix.io.model_file import load_model, load_model_text
-    from tofmix.report.descriptions.sources import describe_model, describe_sensor
+    from tofmix.report.description import describe_model, describe_sensor
     from tofmix.sensors import parse_profile
     from tofmix.toml_table import parse_toml
 
@@ -107,8 +107,7 @@ def _of_hdf5(path: Path) -> "Description":
     from tofmix.io.recording.recording_file import open_recording
     from tofmix.io.surfaces_file import FORMAT as SURFACES_FORMAT
     from tofmix.io.surfaces_file import open_surfaces
-    from tofmix.report.descriptions.results import describe_layers, describe_surfaces
-    from tofmix.report.descriptions.sources import describe_recording
+    from tofmix.report.description import describe_layers, describe_recording, describe_surfaces
 
     kind, size = format_of(path), path.stat().st_size
     if kind == layers_file.FORMAT:

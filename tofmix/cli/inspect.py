@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from tofmix.report.pixels.phasor_plane import PhasorPlane
     from tofmix.report.pixels.pixels import GrowingDensity, PixelView
 
-_COORDINATES = 2  # of a pixel: row and column
-
 
 @examples(
     """
@@ -123,7 +121,8 @@ def _place(pixel: str, file: "LayersFile") -> tuple[int, int]:
         numbers = [int(part) for part in pixel.split(",")]
     except ValueError:
         numbers = []
-    if len(numbers) != _COORDINATES:
+    coordinates = 2  # of a pixel: row and column
+    if len(numbers) != coordinates:
         raise UsageError(f"--pixel: {pixel!r} is not ROW,COL, such as 72,92")
     _, rows, cols = file.shape
     if not (0 <= numbers[0] < rows and 0 <= numbers[1] < cols):

@@ -10,8 +10,8 @@ from typing import Any, ClassVar, TypeVar
 import click
 
 from tofmix.errors import UsageError
-from tofmix.measurement import ShareLaw
 from tofmix.options import Option
+from tofmix.sensor_schema import ShareLaw
 
 F = TypeVar("F", bound=Callable[..., Any])
 """A command's function, or the command."""
@@ -65,8 +65,9 @@ class _Memory(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # gener
         if found is None or found[2] not in self._units:
             self.fail(f"{value!r} is not a size; write 300MB or 1.5GB", param, ctx)
         size = int(float(found[1]) * self._units[found[2]])
-        if size < _LEAST_MEMORY:
-            self.fail(f"{value!r} is too small; give at least {_LEAST_MEMORY // 10**6}MB", param, ctx)
+        least_memory = 250_000_000  # bytes: the program with its kernels, and one block
+        if size < least_memory:
+            self.fail(f"{value!r} is too small; give at least {least_memory // 10**6}MB", param, ctx)
         return size
 
 
@@ -85,7 +86,6 @@ class _Shard(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generi
 
 SHARD = _Shard()
 
-_LEAST_MEMORY = 250_000_000  # bytes: the program with its kernels, and one block
 _QUIET, _COMMAND = "tofmix.quiet", "tofmix.command"  # keys of a context's `meta`, which its parents share
 
 MEMORY = _Memory()

@@ -60,8 +60,7 @@ def sensors(name: str | None, as_toml: bool, as_json: bool) -> None:
     elif as_json:
         click.echo(json.dumps(_as_dict(name, camera)))
     else:
-        from tofmix.report.descriptions.description import format_description
-        from tofmix.report.descriptions.sources import describe_sensor
+        from tofmix.report.description import describe_sensor, format_description
 
         click.echo(format_description(describe_sensor(camera, name=name)))
 

@@ -11,7 +11,7 @@ from tofmix.errors import ExitCode
 from tofmix.wording import counted
 
 if TYPE_CHECKING:
-    from tofmix.io.findings import Findings
+    from tofmix.io.verify import Findings
 
 
 @examples(

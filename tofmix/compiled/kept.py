@@ -118,7 +118,7 @@ _KERNEL_FOLDERS = (
     "suspicion",
     "unmixing",
 )
-_KERNEL_FILES = "layer_of_sample.py", "learnt_noise.py", "optics/cells.py"
+_KERNEL_FILES = "noise_shape.py", "optics/cells.py"
 """Files of other folders with a kernel, or a constant that kernels use."""
 _WITHOUT_KERNELS = ("reading.py", "sequence.py")
 """Modules above the kernels, which no kernel takes a constant from."""

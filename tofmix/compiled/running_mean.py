@@ -14,31 +14,11 @@ import numpy as np
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.compiled.jit import jit
 
-LEAST_WINDOWS = 3
-"""A run of fewer windows has too few samples a chain: its samples are not sought."""
-
-LEAST_OF_SEVERAL = 7
-"""Samples that a chain has at least where samples are of several surfaces: fewer do not tell of which they are."""
-
-LEAST_PROBABILITY = 0.5
-"""Samples are known if their chains are more probably where they are put than elsewhere.
-
-A chain whose samples are all of one surface may be of another one instead.
-"""
-
-_UNKNOWN = 0.01  # kernels' heights that the density has everywhere: a sample may be alone
 _NOTHING = 1e-9  # density that is left of kernels that were taken away
 _BINS = 2.0  # bins of the density in a sigma
-_MOST_BINS = 20_000.0  # of all chains: an error of a sample may be as large as a range
 _REACH = 6  # bins on either side of a sample that its kernel reaches
-_GAP = 4.0  # sigmas between neighbouring samples of two surfaces
-_STARTS = 3  # chains that the others are put to in turn
-_SWEEPS = 8  # of improving one offset after the other, at most
 _WIDE = 2.0  # largest changes: single surfaces keep their tails
 _NARROW = 0.5  # of the noise that differences give
-_NEAR = 2.5  # sigmas around a sample whose mean it is compared with
-_STEPS = 12  # of the continuous refinement, at most
-_EM_STEPS = 20  # at most
 
 
 @jit
@@ -50,11 +30,12 @@ def samples_of_means(means: FloatArray, window: int, only_sure: bool) -> FloatAr
     """
     pixels, frames = means.shape
     out = np.full((pixels, frames), np.nan)
+    least_windows = 3  # a run of fewer windows has too few samples a chain: its samples are not sought
     for pixel in range(pixels):
         first = 0
         for t in range(frames + 1):
             if t == frames or not math.isfinite(means[pixel, t]):
-                if t - first >= LEAST_WINDOWS * window:
+                if t - first >= least_windows * window:
                     _solve(means[pixel, first:t], window, out[pixel, first:t], only_sure)
                 first = t + 1
     return out
@@ -80,8 +61,14 @@ def _solve(means: FloatArray, m: int, out: FloatArray, only_sure: bool) -> None:
             probability = narrow_probability
             out[:] = narrow
         _refine(out, m, sigma)
-        too_few = n < LEAST_OF_SEVERAL * m and np.diff(np.sort(out)).max() > _GAP * noise
-        if only_sure and (too_few or probability < LEAST_PROBABILITY):
+        # Samples that a chain has at least where samples are of several surfaces: fewer do not tell of which they are.
+        least_of_several = 7
+        gap = 4.0  # sigmas between neighbouring samples of two surfaces
+        too_few = n < least_of_several * m and np.diff(np.sort(out)).max() > gap * noise
+        # Samples are known if their chains are more probably where they are put than elsewhere. A chain whose samples
+        # are all of one surface may be of another one instead.
+        least_probability = 0.5
+        if only_sure and (too_few or probability < least_probability):
             out[:] = np.nan
             return
     total = 0.0
@@ -109,7 +96,8 @@ def _noise(changes: FloatArray) -> float:
             least = value
             break
     sigma, share = max(0.5 * size[n // 8] / 0.1573, 0.4 * least), 0.7
-    for _ in range(_EM_STEPS):
+    em_steps = 20  # at most
+    for _ in range(em_steps):
         weight, square = 0.0, 0.0
         for value in size:
             same = share * math.exp(-0.5 * (value / sigma) ** 2) / (sigma * 2.5066)
@@ -146,12 +134,14 @@ def _align(out: FloatArray, m: int, sigma: float) -> tuple[float, float]:
     for c in range(m):
         low[c] = out[c::m].min()
         span[c] = out[c::m].max() - low[c]
-    step = max(sigma / _BINS, span.sum() * 2.0 / _MOST_BINS)
+    most_bins = 20_000.0  # of all chains: an error of a sample may be as large as a range
+    step = max(sigma / _BINS, span.sum() * 2.0 / most_bins)
     bins = _new_bins(out, low, span, step, sigma)
     order = np.argsort(-span)  # chains of several surfaces come first
     place, best_place = np.zeros(m, dtype=np.int64), np.zeros(m, dtype=np.int64)
     best = -np.inf
-    for start in range(min(_STARTS, m)):
+    starts = 3  # chains that the others are put to in turn
+    for start in range(min(starts, m)):
         _put_one_by_one(bins, order, start, place)
         total = _improve(bins, place)
         if total > best + _NOTHING:
@@ -194,7 +184,8 @@ def _put_one_by_one(bins: _Bins, order: IntArray, start: int, place: IntArray) -
 def _improve(bins: _Bins, place: IntArray) -> float:
     """Move one chain after the other to where all others explain it best; return the log likelihood of all."""
     m, total = len(place), 0.0
-    for _ in range(_SWEEPS):
+    sweeps = 8  # of improving one offset after the other, at most
+    for _ in range(sweeps):
         is_changed, total = False, 0.0
         for c in range(m):
             _put(bins, c, m, place[c], -1.0)
@@ -243,10 +234,11 @@ def _score_places(bins: _Bins, c: int, m: int) -> tuple[int, int]:
         length = max(length, at[t])
     score[:] = 0.0
     first, last = size, 0
+    unknown = 0.01  # kernels' heights that the density has everywhere: a sample may be alone
     for i in range(size):
         if density[i] > _NOTHING:
             first, last = min(first, i), i
-            gain = math.log1p(density[i] / _UNKNOWN)
+            gain = math.log1p(density[i] / unknown)
             for t in range(c, len(at), m):
                 if i >= at[t]:
                     score[i - at[t]] += gain
@@ -282,7 +274,9 @@ def _probability(bins: _Bins, c: int, m: int, place: int) -> float:
 def _refine(out: FloatArray, m: int, sigma: float) -> None:
     """Move chains by the mean distance of their samples from the mean of all samples near them, until they rest."""
     n = len(out)
-    for _ in range(_STEPS):
+    steps = 12  # of the continuous refinement, at most
+    near = 2.5  # sigmas around a sample whose mean it is compared with
+    for _ in range(steps):
         ordered = np.sort(out)
         upto = np.zeros(n + 1)
         for j in range(n):
@@ -292,8 +286,8 @@ def _refine(out: FloatArray, m: int, sigma: float) -> None:
         for c in range(m):
             total, count = 0.0, 0
             for t in range(c, n, m):
-                a = np.searchsorted(ordered, out[t] - _NEAR * sigma, side="left")
-                b = np.searchsorted(ordered, out[t] + _NEAR * sigma, side="right")
+                a = np.searchsorted(ordered, out[t] - near * sigma, side="left")
+                b = np.searchsorted(ordered, out[t] + near * sigma, side="right")
                 total += (upto[b] - upto[a]) / (b - a) - out[t]
                 count += 1
             moves[c] = total / count

@@ -33,7 +33,6 @@ LANES = 8
 LARGEST = 700.0
 """Beyond it, exp(-x) is replaced by exp(-700), 10^-304."""
 
-_SQUARINGS = 10  # the series is taken at x / 2^10, and squared ten times
 _LOG_2 = math.log(2.0)
 _ROOT_2 = math.sqrt(2.0)
 
@@ -44,7 +43,8 @@ def exp_minus(x: float) -> float:
 
     exp(-x / 1024) by its series, squared ten times. Never 0: values past `LARGEST` are as at it.
     """
-    y = min(x, LARGEST) * (-1.0 / 2.0**_SQUARINGS)
+    squarings = 10  # the series is taken at x / 2^10, and squared ten times
+    y = min(x, LARGEST) * (-1.0 / 2.0**squarings)
     p = 1.0 + y * (1.0 + y * (1.0 / 2.0 + y * (1.0 / 6.0 + y * (1.0 / 24.0 + y * (1.0 / 120.0)))))
     p *= p
     p *= p

@@ -11,7 +11,7 @@ import numpy as np
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.circle import NO_RETURN_SIGMAS, circular_noise, has_no_return
 from tofmix.compiled.jit import borrowing
-from tofmix.learnt_noise import RangeStep
+from tofmix.noise_shape import RangeStep
 from tofmix.sensor import NoiseCurve, Sensor
 
 
@@ -37,8 +37,6 @@ def sigma_at(range_mm: float, curve_range: FloatArray, curve_sigma: FloatArray) 
 NO_RETURN_REACH = 6.0
 """Without a sample this near to range_max, in sigmas, p(c_0) is 0 from the start."""
 
-CONSTANT_SIGMA_MM = 0.5
-"""Spread of c_0, mm, where the camera returns one value for it: half a step of whole mm."""
 
 SPAN_SIGMAS = 6.0
 """Random values between extreme samples spread over this many sigma at least: as far as those of one surface do."""
@@ -263,11 +261,12 @@ def beam_of(sensor: Sensor, unambiguous_range_mm: float | None = None, *, at_fol
     range_max = np.inf if sensor.range_max_mm is None else sensor.range_max_mm
     sigma_max = float(sensor.noise.sigma(high))
     p_outlier, constant = sensor.outlier_probability, sensor.no_return_mm
+    constant_sigma_mm = 0.5  # spread of c_0, mm, where the camera returns one value for it: half a step of whole mm
     return Beam(
         curve_range=np.array(sensor.noise.range_mm),
         curve_sigma=np.array(sensor.noise.sigma_mm),
         range_max=float(range_max) if constant is None else constant,
-        sigma_max=sigma_max if constant is None else CONSTANT_SIGMA_MM,
+        sigma_max=sigma_max if constant is None else constant_sigma_mm,
         no_return_from=float(range_max - NO_RETURN_SIGMAS * sigma_max),
         no_return_to=np.inf,
         surface_end=float(range_max),

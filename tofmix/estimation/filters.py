@@ -129,10 +129,6 @@ DEFAULT_SETTINGS = FilterSettings()
 _GROUP = 64  # pixels of similar range whose lower quartile of spreads is the noise
 _ABOVE_LINE = 1.5  # noise of a range over the line through all ranges, at most
 _LAGS = 12  # frames apart, of repeated values
-_FAR_LAGS = 4  # the last of them: no window is as long
-_LEAST_SPREADS = 0.1  # spreads of the noise: the resolution of the density
-_STEP = 0.5  # step of the search for a, in the sigmas by which samples of the widest pixel move
-_FEW = 3  # samples that make a heap
 
 
 def learn_filter(source: SampleSource, settings: FilterSettings = DEFAULT_SETTINGS) -> TemporalFilter | None:
@@ -177,7 +173,8 @@ def _median_filter(stored: FloatArray, settings: FilterSettings) -> RunningMedia
     length = stored.shape[1]
     lags = range(1, min(_LAGS, length - 1) + 1)
     ties = np.array([np.mean(stored[:, lag:] == stored[:, :-lag], axis=1) for lag in lags])  # (lag, pixel)
-    chance = ties[-_FAR_LAGS:].mean(axis=0)
+    far_lags = 4  # the last of them: no window is as long
+    chance = ties[-far_lags:].mean(axis=0)
     told = chance < settings.most_ties
     if told.sum() < settings.least_pixels:
         return None
@@ -315,7 +312,8 @@ def _exponential(
     low, high = (np.clip(1.0 - correlation + d, 0.02, 0.98) for d in (-settings.correlation_tolerance, 0.1))
     # Samples move by d ln a times (x - y): half a sigma at most from one trial to the next.
     ratio = float(np.quantile(np.ptp(wide[known], axis=1) / noise, 0.9))
-    count = int(math.log(high / low) * ratio / _STEP) + 2
+    step = 0.5  # step of the search for a, in the sigmas by which samples of the widest pixel move
+    count = int(math.log(high / low) * ratio / step) + 2
     trials = np.geomspace(low, high, min(count, 4000))
     entropies = np.array(
         [np.median(_entropy(before[few] + change[few] / a, noise[few] / a) + math.log(a)) for a in trials]
@@ -337,7 +335,8 @@ def _entropy(values: FloatArray, noise: FloatArray) -> FloatArray:
     reach = max(1, round(math.sqrt(n)) // 2)
     ordered = np.sort(values, axis=1)
     spacing = ordered[:, 2 * reach :] - ordered[:, : -2 * reach]
-    return np.asarray(np.log(spacing + _LEAST_SPREADS * noise[:, None]).mean(axis=1) + math.log(n / (2 * reach)))
+    least_spreads = 0.1  # spreads of the noise: the resolution of the density
+    return np.asarray(np.log(spacing + least_spreads * noise[:, None]).mean(axis=1) + math.log(n / (2 * reach)))
 
 
 def _refined(before: FloatArray, change: FloatArray, noise: FloatArray, share: float) -> float:
@@ -358,7 +357,8 @@ def _refined(before: FloatArray, change: FloatArray, noise: FloatArray, share: f
     weight = np.broadcast_to(sigma[:, None] ** -2, values.shape).ravel()
     members = np.bincount(group)
     base, slope = (_about_heap(part.ravel(), group, members) for part in (before, change))
-    used = (members[group] >= _FEW) & _near(values.ravel(), group, members, np.repeat(sigma, values.shape[1]))
+    few = 3  # samples that make a heap
+    used = (members[group] >= few) & _near(values.ravel(), group, members, np.repeat(sigma, values.shape[1]))
     along = float((weight * base * base)[used].sum())
     found = -float((weight * base * slope)[used].sum()) / along if along > 0.0 else share
     return min(max(found, 1e-6), 1.0)

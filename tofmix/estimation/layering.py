@@ -17,10 +17,24 @@ from tofmix.compiled.jit import borrowing, jit
 from tofmix.compiled.vector import least_of, product_of
 from tofmix.estimation.beam import Beam, beam_of, is_no_return, is_uniform, reaches_no_return, sigma_at
 from tofmix.estimation.filters import layers_before_filter
-from tofmix.estimation.mixture.components import (
+from tofmix.estimation.mixture.counting import (
+    Rules,
+    Workspace,
+    chance_of,
+    count_surfaces,
+    drop_unsupported,
+    gain_table,
+    grow,
+    least_gain,
+    may_gain_more,
+    new_workspace,
+    surface_gains,
+)
+from tofmix.estimation.mixture.em import (
     GAIN,
     MEAN,
     RANDOM,
+    ROOT_TWO_PI,
     SHARE,
     SIGMA,
     SPARE,
@@ -29,33 +43,19 @@ from tofmix.estimation.mixture.components import (
     WEIGHT,
     Components,
     Scratch,
-    fill_random,
-    remove_surface,
-    sort_surfaces,
-)
-from tofmix.estimation.mixture.counting import (
-    Rules,
-    Workspace,
-    count_surfaces,
-    drop_unsupported,
-    grow,
-    may_gain_more,
-    new_workspace,
-    surface_gains,
-)
-from tofmix.estimation.mixture.em import (
-    ROOT_TWO_PI,
     draw_sigmas,
     em_step,
     expectation_maximisation,
+    fill_random,
     gaussians,
     log_likelihood,
     maximise_likelihood,
     mix,
     new_sigma,
+    remove_surface,
+    sort_surfaces,
     start_at,
 )
-from tofmix.estimation.mixture.false_alarms import chance_of, gain_table, least_gain
 from tofmix.estimation.mixture.uncertainty import standard_errors
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel, pixel_curves
 from tofmix.estimation.paper import paper_pixels
@@ -73,12 +73,6 @@ from tofmix.estimation.unrolling import fold_layers, unrolled
 from tofmix.flags import Status
 from tofmix.layers import Layers, layer_fields
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
-
-CLEAR_SIGMAS = 4.0
-"""One peak and no sample farther from the mean than this: the mean is the fit, no EM is needed."""
-
-QUIET = 1.0e-3
-"""A sample of which c_r takes no more than this part belongs to the surface."""
 
 _OK = int(Status.OK)
 _TOO_FEW_SAMPLES = int(Status.TOO_FEW_SAMPLES)
@@ -106,7 +100,8 @@ def _fit_clear(data: Readings, fit: Components, beam: Beam) -> bool:
     values = data.value
     mean = product_of(values, data.times) / data.total
     sigma = sigma_at(mean, beam.curve_range, beam.curve_sigma)
-    if max(values[-1] - mean, mean - values[0]) > CLEAR_SIGMAS * sigma or is_no_return(mean, beam):
+    clear_sigmas = 4.0  # one peak and no sample farther from the mean than this: the mean is the fit, no EM is needed
+    if max(values[-1] - mean, mean - values[0]) > clear_sigmas * sigma or is_no_return(mean, beam):
         return False
     fit[MEAN, 0], fit[SIGMA, 0], fit[WEIGHT, 0], fit[WEIGHT, -1] = mean, sigma, 1.0 - beam.p_outlier, 0.0
     fit[SUPPORT, 0], fit[SUPPORT, -1] = data.total, 0.0
@@ -145,7 +140,8 @@ def _finish_clear(data: Readings, fit: Components, beam: Beam, mode: int, scratc
     if not is_uniform(beam):
         for j in range(m):
             random = max(random, scratch[RANDOM, j])
-    if random < QUIET * height * math.exp(-0.5 * (away / sigma) ** 2):
+    quiet = 1.0e-3  # a sample of which c_r takes no more than this part belongs to the surface
+    if random < quiet * height * math.exp(-0.5 * (away / sigma) ** 2):
         fit[SIGMA, 0] = sigma
         return float(data.total * math.log(height) - 0.5 * squares / sigma**2)
     if mode != MODE_TIED:

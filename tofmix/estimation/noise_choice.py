@@ -13,17 +13,23 @@ import numpy as np
 from tofmix.circle import has_no_return
 from tofmix.errors import BadInputError
 from tofmix.estimation.beam import beam_of, outlier_interval, step_matters
-from tofmix.estimation.blocks.sample_span import sensor_with_span
 from tofmix.estimation.filters import learn_filter
 from tofmix.estimation.noise.curve_check import is_contradicted
 from tofmix.estimation.noise.measurement import MeasuredNoise, disagreement, measure_noise
 from tofmix.estimation.noise.steps import step_of_recording
+from tofmix.estimation.samples import sensor_with_span
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.estimation.unrolling import UnrolledSource
-from tofmix.independent_samples import independent_samples
-from tofmix.learnt_noise import WHOLE_MM, RangeStep
+from tofmix.noise_shape import WHOLE_MM, RangeStep
 from tofmix.options import NOISE
-from tofmix.recording import SampleSource, TypedSource, amplitude_source, by_target, samples_a_frame
+from tofmix.recording import (
+    SampleSource,
+    TypedSource,
+    amplitude_source,
+    by_target,
+    independent_samples,
+    samples_a_frame,
+)
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.temporal_filter import ApartMedians, RunningMedian
 

@@ -32,31 +32,20 @@ from numpy.typing import NDArray
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.estimation.beam import Beam, beam_of, is_no_return, sigma_at, uniform_background
-from tofmix.estimation.mixture.components import GAIN, MEAN, SIGMA, SUPPORT, WEIGHT, sort_surfaces
-from tofmix.estimation.mixture.counting import new_workspace, surface_gains
-from tofmix.estimation.mixture.em import ROOT_TWO_PI, log_likelihood
-from tofmix.estimation.mixture.false_alarms import chance_of, gain_table
+from tofmix.estimation.mixture.counting import chance_of, gain_table, new_workspace, surface_gains
+from tofmix.estimation.mixture.em import GAIN, MEAN, ROOT_TWO_PI, SIGMA, SUPPORT, WEIGHT, log_likelihood, sort_surfaces
 from tofmix.estimation.mixture.uncertainty import standard_errors
 from tofmix.estimation.peaks.counters import MAX_PEAKS
-from tofmix.estimation.peaks.density import BANDWIDTH
-from tofmix.estimation.peaks.modes import keep_peak
+from tofmix.estimation.peaks.modes import BANDWIDTH, keep_peak
 from tofmix.estimation.samples import SortedSamples, gather, padded, within_reach
 from tofmix.estimation.settings import MODE_FREE
 from tofmix.flags import Status
 from tofmix.layers import Layers
 from tofmix.sensor import Sensor
 
-ITERATIONS = 50
-"""EM iterations (paper, section V)."""
-
 SPACING = 0.125
 """Spacing of the grid in units of the least sigma: a quarter of the narrowest kernel's h."""
 
-KERNEL_REACH = 6.0
-"""A sample farther than this many h adds less than 2e-8 of a kernel's height, and is left out."""
-
-_LEAST_SIGMA = 1.0e-6
-"""A sigma below this part of the curve's has collapsed onto equal samples, where (1) has no maximum."""
 
 _TOO_FEW_SAMPLES = int(Status.TOO_FEW_SAMPLES)
 _NO_SURFACE = int(Status.NO_SURFACE)
@@ -73,12 +62,13 @@ def _grid_modes(
     peak_of_share = 1.0 / math.sqrt(1.0 + 1.0 / BANDWIDTH**2)
     count, first, stop = 0, 0, 0
     p, before, middle, middle_share = 0.0, 0.0, 0.0, 0.0
-    margin = KERNEL_REACH * BANDWIDTH * sigma_at(origin, beam.curve_range, beam.curve_sigma)
+    kernel_reach = 6.0  # a sample farther than this many h adds less than 2e-8 of a kernel's height, and is left out
+    margin = kernel_reach * BANDWIDTH * sigma_at(origin, beam.curve_range, beam.curve_sigma)
     g = -math.ceil(margin / spacing)
     while True:
         r = origin + g * spacing
         h = BANDWIDTH * sigma_at(r, beam.curve_range, beam.curve_sigma)
-        first, stop = within_reach(values, first, stop, r - KERNEL_REACH * h, r + KERNEL_REACH * h)
+        first, stop = within_reach(values, first, stop, r - kernel_reach * h, r + kernel_reach * h)
         total = 0.0
         for j in range(first, stop):
             z = (r - values[j]) / h
@@ -92,7 +82,7 @@ def _grid_modes(
             if first == n:
                 return count
             near = BANDWIDTH * sigma_at(values[first], beam.curve_range, beam.curve_sigma)
-            g = max(g, math.ceil((values[first] - KERNEL_REACH * near - origin) / spacing))
+            g = max(g, math.ceil((values[first] - kernel_reach * near - origin) / spacing))
 
 
 @borrowing
@@ -144,6 +134,8 @@ def _iterate(values: FloatArray, n: int, k: int, fit: FloatArray, beam: Beam, su
     known, whole = True, 0.0
     for e in range(k + 1):
         whole += sums[e, 0]
+    # A sigma below this part of the curve's has collapsed onto equal samples, where (1) has no maximum.
+    least_sigma = 1.0e-6
     for e in range(k + 1):
         i = e if e < k else capacity
         support = sums[e, 0]
@@ -153,7 +145,7 @@ def _iterate(values: FloatArray, n: int, k: int, fit: FloatArray, beam: Beam, su
             continue
         shift = sums[e, 1] / support if e < k else 0.0  # mu_0 is held at r_max
         variance = sums[e, 2] / support - shift * shift  # about the new mean
-        least = _LEAST_SIGMA * sigma_at(fit[MEAN, i], beam.curve_range, beam.curve_sigma)
+        least = least_sigma * sigma_at(fit[MEAN, i], beam.curve_range, beam.curve_sigma)
         fit[MEAN, i] += shift
         if variance > least * least:
             fit[SIGMA, i] = math.sqrt(variance)
@@ -217,6 +209,7 @@ def _paper_block(
     range_errors, weight_errors = np.zeros(MAX_PEAKS), np.zeros(MAX_PEAKS)
     work, sums = new_workspace(MAX_PEAKS, columns), np.zeros((MAX_PEAKS + 1, 3))
     fit = work.fit
+    iterations = 50  # EM iterations (paper, section V)
     for pixel in range(len(block.valid)):
         n = block.valid[pixel]
         n_samples[pixel] = n
@@ -238,9 +231,9 @@ def _paper_block(
         if k == 0:
             fit[SIGMA, -1], fit[WEIGHT, -1] = beam.sigma_max, 1.0 - beam.p_outlier if with_no_return else 0.0
         else:
-            for _ in range(ITERATIONS):
+            for _ in range(iterations):
                 known = _iterate(values, n, k, fit, beam, sums[: k + 1]) and known
-            n_iter[pixel] = ITERATIONS
+            n_iter[pixel] = iterations
         sort_surfaces(k, fit, GAIN + 1)
         data = gather(values, n, beam.curve_range, beam.curve_sigma, value, times)
         fitted = _with_sigma_0(beam, fit[SIGMA, -1])

@@ -6,9 +6,15 @@ long, so are values that differ by a small part of sigma. The time of a pixel th
 beyond 10,000 by their fourth root.
 
 Which of a pixel's sorted samples lie near a range: the part of them that a sum over a narrow kernel needs.
+
+Random values spread over the working range. Where its end is not known, they spread between the extreme valid samples:
+use `sensor_with_span` before an estimate. The whole recording is read, so the result does not depend on the estimated
+part or on the blocks.
 """
 
 import math
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +24,8 @@ from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.compiled.vector import LANES
 from tofmix.estimation.beam import sigma_at
+from tofmix.recording import DECODED_SAMPLES, SampleSource
+from tofmix.sensor import Sensor
 
 
 @borrowing
@@ -50,10 +58,6 @@ LONG_WINDOW = 1000
 
 BIN = 1.0 / 16.0
 """Width of a bin in sigmas. Its values are replaced by their mean, which loses their spread, 0.03 % of sigma^2."""
-
-WIDE_BINS = 10_000.0
-"""Up to this many samples. Beyond, bins narrow with the fourth root of the number: standard errors shrink with the
-square root, and the shift by binning, which follows the square of the width, stays the same part of them."""
 
 
 class SortedSamples(NamedTuple):
@@ -95,7 +99,7 @@ def invalid_share(block: NDArray[np.floating], *, samples_a_frame: int = 1, is_f
     samples_a_frame : int
         Targets of a frame, at least 1.
     is_filtered : bool
-        Whether the samples are of `tofmix.independent_samples`: infinite ones add none to those before, and do not
+        Whether the samples are of `tofmix.recording`: infinite ones add none to those before, and do not
         count.
 
     Returns
@@ -132,7 +136,10 @@ def gather(
     `padded` of n.
     """
     m, width, first, last, inside, pulled = -1, -1.0, 0.0, 0.0, 0.0, 0.0
-    bin_sigmas = BIN * math.sqrt(math.sqrt(min(1.0, WIDE_BINS / n)))
+    # Up to this many samples. Beyond, bins narrow with the fourth root of the number: standard errors shrink with the
+    # square root, and the shift by binning, which follows the square of the width, stays the same part of them.
+    wide_bins = 10_000.0
+    bin_sigmas = BIN * math.sqrt(math.sqrt(min(1.0, wide_bins / n)))
     for j in range(n):
         x = values[j]
         if m >= 0 and (x == last or x - first <= width):
@@ -175,3 +182,61 @@ def readings_of(samples_mm: ArrayLike) -> Readings:
     if samples.size == 0:
         raise ValueError("samples: none is finite")
     return Readings(samples, np.ones_like(samples), float(samples.size))
+
+
+def sample_span(source: SampleSource) -> tuple[float, float] | None:
+    """Find the extreme valid samples of a recording.
+
+    Parameters
+    ----------
+    source : SampleSource
+        The recording. All of it is read once, about 2^20 samples at a time, or a stored chunk where that is larger.
+
+    Returns
+    -------
+    tuple of float or None
+        The least and the largest sample, mm; None where no sample is valid.
+    """
+    low, high = np.inf, -np.inf
+    for frames, rows in _blocks(source):
+        samples = source.read_range(frames, rows)
+        with np.errstate(invalid="ignore"):
+            valid = samples[np.abs(samples) <= FARTHEST_MM]  # false for NaN
+        if valid.size:
+            low, high = min(low, float(valid.min())), max(high, float(valid.max()))
+    return (low, high) if low <= high else None
+
+
+def sensor_with_span(source: SampleSource, unambiguous_range_mm: float | None = None) -> Sensor:
+    """The recording's camera, with the extreme samples where random values need them.
+
+    Parameters
+    ----------
+    source : SampleSource
+        The recording. It is read where its camera has no `range_max_mm` and ranges are on a line.
+    unambiguous_range_mm : float, optional
+        Length of the circle that ranges are on, mm; a line without it.
+
+    Returns
+    -------
+    Sensor
+        With `sample_min_mm` and `sample_max_mm`, or without them if the working range, or the circle, is the interval
+        of random values.
+    """
+    sensor, span = source.sensor, None
+    if sensor.range_max_mm is None and unambiguous_range_mm is None:
+        span = sample_span(source)
+    low, high = span or (None, None)
+    return replace(sensor, sample_min_mm=low, sample_max_mm=high)
+
+
+def _blocks(source: SampleSource) -> Iterator[tuple[slice, slice]]:
+    """Cut a recording into blocks (frames, rows) of whole stored chunks, which cover it once."""
+    frames, rows, cols = source.shape
+    high, deep = min(source.row_step, rows), min(source.frame_step, frames)
+    more = max(1, DECODED_SAMPLES // (deep * high * cols))
+    high = min(rows, high * more)
+    deep *= max(1, DECODED_SAMPLES // (deep * high * cols))
+    for first in range(0, frames, deep):
+        for top in range(0, rows, high):
+            yield slice(first, min(first + deep, frames)), slice(top, min(top + high, rows))

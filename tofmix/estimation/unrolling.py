@@ -29,13 +29,6 @@ from tofmix.sensor import Sensor
 CUT_SIGMAS = 4.0
 """A cut is empty where no reading lies within this many sigma of it."""
 
-CUT_AFTER_SIGMAS = 5.0
-"""It is tried this many sigma after a reading, or in the middle of a gap that is shorter."""
-
-
-_CLEAR_SIGMAS = 8.0
-"""A series whose median is this far, in robust sigmas, from the fold has no part on the other side."""
-
 
 @jit
 def _crowding(values: FloatArray, place: float, reach: float, length: float) -> float:
@@ -66,11 +59,12 @@ def _emptiest(values: FloatArray, beam: Beam, length: float) -> float:
     place = 0.0
     if best == 0.0:
         return place
+    cut_after_sigmas = 5.0  # it is tried this many sigma after a reading, or in the middle of a gap that is shorter
     for j in range(n):
         gap = (values[j + 1] if j + 1 < n else values[0] + length) - values[j]
         if gap <= 0.0:
             continue
-        at = values[j] + min(0.5 * gap, CUT_AFTER_SIGMAS * sigma_at(values[j], beam.curve_range, beam.curve_sigma))
+        at = values[j] + min(0.5 * gap, cut_after_sigmas * sigma_at(values[j], beam.curve_range, beam.curve_sigma))
         if at >= length:
             at -= length
         crowding = _crowding(values, at, CUT_SIGMAS * sigma_at(at, beam.curve_range, beam.curve_sigma), length)
@@ -209,9 +203,11 @@ class UnrolledSource:
         nearest = np.maximum(self.sensor.range_min_mm or 0.0, FOLD_SIGMAS * spread)
         middle = np.where(middle < nearest, middle + self._length, middle)
         # The far end of the heap, seen past the fold; no cut where the heap ends before it.
-        beyond = middle + _CLEAR_SIGMAS * spread - self._length
-        cut = np.clip(beyond, 0.0, np.maximum(middle - _CLEAR_SIGMAS * spread, 0.0))
-        cut = np.where(2 * _CLEAR_SIGMAS * spread < self._length, cut, 0.0)
+        # A series whose median is this far, in robust sigmas, from the fold has no part on the other side.
+        clear_sigmas = 8.0
+        beyond = middle + clear_sigmas * spread - self._length
+        cut = np.clip(beyond, 0.0, np.maximum(middle - clear_sigmas * spread, 0.0))
+        cut = np.where(2 * clear_sigmas * spread < self._length, cut, 0.0)
         return np.asarray(readings + self._length * (readings < cut), dtype=np.float32)
 
 

@@ -30,18 +30,12 @@ BENT = 6
 STATE = BENT + 3
 """Numbers of a patch: those, and p, q, e."""
 
-_ROUNDS = 3  # of least squares: the frame is tilted to the patch between two
-_FIRST = 10  # nearest members, through which the first plane goes
 _ORIGIN = 3  # nearest members, in whose middle the origin lies
 _OUTLIER = 4.5  # standard errors
 _RIDGE = 1.0e-12
 _HEIGHT_MM, _SLOPE = 1e4, 2.0  # standard deviations of a, and of b and c, which pixels in one line leave open
-_STEEPEST = 1.0e-4  # least square of the cosine of incidence by which noise counts
 _SKEW, _CONIC = 0.5, 1.0
 """Standard deviations of p and q, and of e, in units of the size of the curvatures."""
-_LEAST_BEND = 1e-7  # 1 / mm, so that the prior of a plane is finite
-_REMAINDER = 0.3
-"""Part of the cubic terms' error that each pixel has on its own."""
 THIRD_OF_BEND = 2.0
 """Least third derivative in units of the square of the curvatures: what a bent thing bends otherwise."""
 _SLOPE_OF_QUADRIC = THIRD_OF_BEND / 3.0
@@ -51,8 +45,6 @@ _ALONG = 0.05
 """Ways in which a thing may bend in one direction, and its bend along its axis, as a part of that across."""
 LOG_WAYS = np.log(np.array([0.5, *np.full(DIRECTIONS, 0.5 / DIRECTIONS)]))
 """Log prior of bending in all directions alike, and in each one."""
-_MOST_AVERAGED = 0.02
-"""Largest difference, as a part of the range, between a pixel's mean and its middle."""
 
 _SAMPLES, LEAST_HITS = 40, 10
 """Draws of a patch, and the fewest of them that a ray must meet."""
@@ -273,12 +265,15 @@ def fit_patches(
     rank = np.argsort(np.argsort(np.where(there, away, np.inf), axis=1, kind="stable"), axis=1, kind="stable")
     ray, range_mm = view.direction[pixel], view.range_mm[pixel]
     noise = view.range_variance[pixel]
-    normal, origin = _first_plane(ray * range_mm[..., np.newaxis], there & (rank < _FIRST), there & (rank < _ORIGIN))
+    first = 10  # nearest members, through which the first plane goes
+    normal, origin = _first_plane(ray * range_mm[..., np.newaxis], there & (rank < first), there & (rank < _ORIGIN))
     n, places = members.shape
     averaged, keep, state = np.zeros((n, places)), there.copy(), np.zeros((n, STATE))
     inner = view.rays(pixel, PLACES_9).reshape(n, places * len(PLACES_9), 3)
     e1 = e2 = normal
-    for number in range(_ROUNDS):
+    least_bend = 1e-7  # 1 / mm, so that the prior of a plane is finite
+    rounds = 3  # of least squares: the frame is tilted to the patch between two
+    for number in range(rounds):
         if number:
             tilted = normal - state[:, 1:2] * e1 - state[:, 2:3] * e2
             origin = origin + state[:, :1] * normal
@@ -293,13 +288,13 @@ def fit_patches(
         )
         prior = np.full((n, STATE), [0.0, _SLOPE**-2, _SLOPE**-2, *np.zeros(STATE - 3)])
         prior[:, 3:BENT] = (1.0 / bend**2)[:, np.newaxis]
-        size = np.sqrt(bent**2 @ np.array([1.0, 2.0, 1.0]) + _LEAST_BEND**2)[:, np.newaxis]
+        size = np.sqrt(bent**2 @ np.array([1.0, 2.0, 1.0]) + least_bend**2)[:, np.newaxis]
         prior[:, BENT:] = 1.0 / (np.array([_SKEW, _SKEW, _CONIC]) * size) ** 2
         state, covariance, residual = _solved(design, cubic, value, keep / variance, prior)
         residual = residual / np.sqrt(variance)
         if robust and number:
             keep = _without_outliers(residual, there)
-        if number == _ROUNDS - 1:
+        if number == rounds - 1:
             break
         averaged = _averaged(frame, state, inner, ray, range_mm)
     evidence, ways = _log_evidence(design[..., :BENT], cubic, value, variance, there, bend)
@@ -364,8 +359,10 @@ def _equations(
     quadric = 0.5 * slope_of_quadric * (u * ku + v * kv)
     other = third[:, np.newaxis]
     away = u * u + v * v + h * h
-    own = _REMAINDER**2 * (other**2 * away**3 / 36.0 + quadric**2 * (ku * ku + kv * kv))
-    steep = np.maximum(slope**2, _STEEPEST)
+    remainder = 0.3  # part of the cubic terms' error that each pixel has on its own
+    own = remainder**2 * (other**2 * away**3 / 36.0 + quadric**2 * (ku * ku + kv * kv))
+    steepest = 1.0e-4  # least square of the cosine of incidence by which noise counts
+    steep = np.maximum(slope**2, steepest)
     variance = steep * noise + own
     terms = [other * u**3 / 6.0, other * u * u * v / 2.0, other * u * v * v / 2.0, other * v**3 / 6.0]
     cubic = np.stack([*terms, quadric * ku, quadric * kv] if slope_of_quadric else terms, axis=-1)
@@ -421,7 +418,8 @@ def _averaged(
     total = light.sum(axis=-1)
     mean = (light * np.where(seen, t, 0.0)).sum(axis=-1) / np.maximum(total, 1e-30)
     difference = np.where(np.isfinite(middle) & (total > 0), mean - middle, 0.0)
-    return np.clip(difference, -_MOST_AVERAGED * range_mm, _MOST_AVERAGED * range_mm)
+    most_averaged = 0.02  # largest difference, as a part of the range, between a pixel's mean and its middle
+    return np.clip(difference, -most_averaged * range_mm, most_averaged * range_mm)
 
 
 def _log_evidence(

@@ -7,7 +7,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.patch import DIRECTIONS, LEAST_HITS, LOG_WAYS, drawn_ranges, fit_patches
-from tofmix.image.segments import View, around, rim_of
+from tofmix.image.segments import View, members_around, rim_of
 
 BENDS = (1e-7, 1e-4, 5e-4, 2e-3, 5e-3, 1e-2)
 """Standard deviations of a curvature that are tried, 1 / mm: from a plane to a radius of 100 mm."""
@@ -31,10 +31,7 @@ MOST_NATS = 25.0
 
 
 _TESTS, _LEAST_TESTS = 18, 5  # pixels at the rim that are predicted, and the fewest that tell
-_ASIDE = 0.7  # pixels beyond the pixel in question, on the side that predicts it
-_LEAST_ASIDE = 9  # pixels on that side
 _UNTESTED, _MOST_INFLATED = 1.5, 4.0  # factors on the variance: without tests, and at most
-_LEFT_OUT = 2  # of the largest errors
 
 
 class Scales(NamedTuple):
@@ -71,7 +68,7 @@ def _evidence(
     Each window bends in its own way, or all of a segment in one direction, as those of a cylinder do: as probable.
     """
     at, owner = _windows(segment, numbers)
-    members = around(view.shape, segment, at, segment[at], reach, own=True)
+    members = members_around(view.shape, segment, at, segment[at], reach, own=True)
     usable = ((members >= 0).sum(axis=1) >= _LEAST_MEMBERS) & (_narrowest(members, view.shape[1]) >= _LEAST_VARIANCE)
     at, owner, members = at[usable], owner[usable], members[usable]
     if not at.size:
@@ -132,6 +129,7 @@ def _inflation(
     """Mean square (m,) of errors over stated ones, where pixels at the rim are predicted from one side alone."""
     draw = np.random.default_rng(1)
     at, members, owner = [], [], []
+    least_aside = 9  # pixels on that side
     for place, number in enumerate(numbers.tolist()):
         own = np.flatnonzero(segment == number)
         rim = rim_of(segment == number, view.shape)[own]
@@ -139,7 +137,7 @@ def _inflation(
         order = order[np.argsort(~rim[order], kind="stable")][: 4 * _TESTS]
         pixels = own[order]
         sides = _on_one_side(view, segment, pixels, number, reach, draw)
-        usable = np.flatnonzero((sides >= 0).sum(axis=1) >= _LEAST_ASIDE)[:_TESTS]
+        usable = np.flatnonzero((sides >= 0).sum(axis=1) >= least_aside)[:_TESTS]
         if usable.size >= _LEAST_TESTS:
             at.append(pixels[usable])
             members.append(sides[usable])
@@ -156,10 +154,11 @@ def _inflation(
     variance = np.where(seen, (range_mm - mean[:, np.newaxis]) ** 2, 0.0).sum(axis=1) / count
     square = (view.range_mm[pixel] - mean) ** 2 / (variance + view.range_variance[pixel] + 0.01)
     usable = seen.sum(axis=1) >= LEAST_HITS
+    left_out = 2  # of the largest errors
     for place in range(len(numbers)):
         own = np.sort(square[usable & (whose == place)])
         if own.size:
-            inflation[place] = np.clip(own[: max(own.size - _LEFT_OUT, 1)].mean(), 1.0, _MOST_INFLATED)
+            inflation[place] = np.clip(own[: max(own.size - left_out, 1)].mean(), 1.0, _MOST_INFLATED)
     return inflation
 
 
@@ -168,7 +167,7 @@ def _on_one_side(
 ) -> IntArray:
     """Members (n, place) around pixels, on the side where most of them are; -1 for none."""
     cols = view.shape[1]
-    members = around(view.shape, segment, at, np.full(at.size, number), reach)
+    members = members_around(view.shape, segment, at, np.full(at.size, number), reach)
     there = members >= 0
     down = np.where(there, members // cols - (at // cols)[:, np.newaxis], 0)
     right = np.where(there, members % cols - (at % cols)[:, np.newaxis], 0)
@@ -178,7 +177,8 @@ def _on_one_side(
     way[vague] = draw.standard_normal((int(vague.sum()), 2))
     way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
     beyond = down * way[:, :1] + right * way[:, 1:]
-    return np.where(there & (beyond > _ASIDE), members, -1)
+    aside = 0.7  # pixels beyond the pixel in question, on the side that predicts it
+    return np.where(there & (beyond > aside), members, -1)
 
 
 def _windows(segment: IntArray, numbers: IntArray) -> tuple[IntArray, IntArray]:

@@ -2,14 +2,79 @@
 
 The input is ranges and amplitudes of an image's pixels, and the directions of their beams. Segments are found by second
 differences of range and light.
+
+Masks of pixels stand here too: connected components, and what lies around pixels, in NumPy, for SciPy takes longer to
+import. `tests/image/test_patch.py` holds each against SciPy.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.image.masks import components, near
+
+
+def components(one: IntArray, other: IntArray, count: int) -> IntArray:
+    """Number (count,) of the connected component of each of `count` nodes, in the order of their first nodes.
+
+    `one` and `other` (edge,) are the nodes that an edge connects.
+    """
+    least = np.arange(count)
+    while True:
+        before = least
+        low = np.minimum(least[one], least[other])
+        least = before.copy()
+        np.minimum.at(least, before[one], low)
+        np.minimum.at(least, before[other], low)
+        while not np.array_equal(least, least[least]):
+            least = least[least]
+        if np.array_equal(least, before):
+            return np.unique(least, return_inverse=True)[1].astype(np.int64).reshape(count)
+
+
+def count_around(mask: BoolArray, reach: int) -> IntArray:
+    """How many pixels of a mask (row, col) are true within `reach` rows and columns of each."""
+    return _summed(mask.astype(np.int64), reach)
+
+
+def sum_around(values: FloatArray, reach: int) -> FloatArray:
+    """Sum of the values (row, col) within `reach` rows and columns of each pixel."""
+    return _summed(values.astype(np.float64), reach)
+
+
+def _summed(total: NDArray[Any], reach: int) -> NDArray[Any]:
+    for axis in (0, 1):
+        pads = [(0, 0), (0, 0)]
+        pads[axis] = reach + 1, reach
+        sums = np.cumsum(np.pad(total, pads), axis=axis)
+        first, last = np.arange(total.shape[axis]), np.arange(total.shape[axis]) + 2 * reach + 1
+        total = np.take(sums, last, axis=axis) - np.take(sums, first, axis=axis)
+    return total
+
+
+def near(mask: BoolArray, reach: int) -> BoolArray:
+    """Which pixels (row, col) have a true pixel of the mask within `reach` rows and columns."""
+    return count_around(mask, reach) > 0
+
+
+def around(values: FloatArray, choose: np.ufunc) -> FloatArray:
+    """Least or most (`np.minimum`, `np.maximum`) of the 3 x 3 pixels around each; the image's edge is repeated."""
+    for axis in (0, 1):
+        pads = [(0, 0), (0, 0)]
+        pads[axis] = 1, 1
+        wide = np.moveaxis(np.pad(values, pads, mode="edge"), axis, 0)
+        values = np.moveaxis(choose(choose(wide[:-2], wide[1:-1]), wide[2:]), 0, axis)
+    return values
+
+
+def neighbour_pairs(shape: tuple[int, int]) -> tuple[IntArray, IntArray]:
+    """Pixels (pair,) to the left of others, then above them, and these."""
+    index = np.arange(shape[0] * shape[1]).reshape(shape)
+    return (
+        np.concatenate([index[:, :-1].ravel(), index[:-1].ravel()]),
+        np.concatenate([index[:, 1:].ravel(), index[1:].ravel()]),
+    )
 
 
 class View(NamedTuple):
@@ -88,13 +153,11 @@ REACH = 4
 """Reach of the window whose pixels a patch goes through, pixels."""
 
 _NOISE = 4.0  # standard errors of a second difference of range
-_LIGHT_NOISE = 6.0  # and of the logarithm of light
 _PITCHES, _LOOSE_PITCHES = 0.3, 0.8
 _LIGHT, _LOOSE_LIGHT = 0.06, 0.32
 """Second differences that a bent surface has by itself: of range in widths of a pixel, of the logarithm of light."""
 _STEP, _LIGHT_STEP = 0.04, 0.35
 """Largest difference between neighbours of one surface: part of the range, and of the logarithm of light."""
-_SEED_REACH = 2  # pixels
 
 
 def segments_of(view: View) -> IntArray:
@@ -107,10 +170,12 @@ def segments_of(view: View) -> IntArray:
     bent, error = _second_difference(view, view.range_mm, view.range_variance)
     faded, light_error = _second_difference(view, view.log_amplitude, view.amplitude_variance)
     width = view.range_mm * view.pitch
-    even = (bent < _NOISE * error + _PITCHES * width) & (faded < _LIGHT_NOISE * light_error + _LIGHT)
-    loose = (bent < _NOISE * error + _LOOSE_PITCHES * width) & (faded < _LIGHT_NOISE * light_error + _LOOSE_LIGHT)
+    light_noise = 6.0  # and of the logarithm of light
+    even = (bent < _NOISE * error + _PITCHES * width) & (faded < light_noise * light_error + _LIGHT)
+    loose = (bent < _NOISE * error + _LOOSE_PITCHES * width) & (faded < light_noise * light_error + _LOOSE_LIGHT)
     first = _linked(view, even & view.valid, error) >= 0
-    return _linked(view, first | (loose & view.valid & ~near(first.reshape(rows, cols), _SEED_REACH).ravel()), error)
+    seed_reach = 2  # pixels
+    return _linked(view, first | (loose & view.valid & ~near(first.reshape(rows, cols), seed_reach).ravel()), error)
 
 
 def _linked(view: View, seed: BoolArray, error: FloatArray) -> IntArray:
@@ -149,7 +214,7 @@ def _second_difference(view: View, values: FloatArray, variance: FloatArray) -> 
     return largest.ravel(), error.ravel()
 
 
-def around(
+def members_around(
     shape: tuple[int, int], segment: IntArray, at: IntArray, number: IntArray, reach: int, *, own: bool = False
 ) -> IntArray:
     """Pixels (n, place) of a segment within `reach` of each pixel; -1 for none.

@@ -1,6 +1,6 @@
 """Files in and out.
 
-`schema` declares every dataset. Below it: outputs that appear whole or not at all (`atomic`), safe reading of files of
+`schema` declares every dataset. Below it: outputs that appear whole or not at all (`storage`), safe reading of files of
 unknown origin (`guard`), each kind of file, what is imported and exported, and `verify`.
 
 Errors are one line that names the file, the dataset, the reason and, where there is one, the remedy: `BadInputError`

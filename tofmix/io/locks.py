@@ -75,11 +75,6 @@ _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.
 ATTEMPTS = 10
 """Attempts at a lock before the error."""
 
-_PAUSE_S = 0.02
-"""Seconds between attempts; a run that clears a folder holds a lock for less."""
-
-_MOST_DESCRIPTORS = 4096
-"""File descriptors that a signal handler checks: more than a process has by default."""
 
 _cleared: set[Path] = set()
 
@@ -156,8 +151,9 @@ def lock_output(target: Path) -> OutputLock:
 
 def _discard_begun() -> None:
     """Remove files that a signal finds created, but not yet noted as ours; never one that another run has locked."""
+    most_descriptors = 4096  # file descriptors that a signal handler checks: more than a process has by default
     for path in _begun:
-        for descriptor in range(3, _MOST_DESCRIPTORS):
+        for descriptor in range(3, most_descriptors):
             try:
                 if _leads_to(path, descriptor):
                     fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -175,6 +171,7 @@ def _machine() -> str:
 
 def _lock(path: Path) -> OutputLock | None:
     """Create and lock a file; None if the disk does not support locks. A file of a dead run is replaced."""
+    pause_s = 0.02  # seconds between attempts; a run that clears a folder holds a lock for less
     for attempt in range(ATTEMPTS):
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
         try:
@@ -186,7 +183,7 @@ def _lock(path: Path) -> OutputLock | None:
                 return None
             if attempt == ATTEMPTS - 1 or not isinstance(error, BlockingIOError):
                 raise
-            time.sleep(_PAUSE_S)
+            time.sleep(pause_s)
             continue
         if _leads_to(path, descriptor):
             if os.fstat(descriptor).st_size == 0:

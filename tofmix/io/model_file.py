@@ -112,8 +112,9 @@ def scene_of_model(file: Path) -> SceneReader:
         every = table.integer("every") if "every" in table else 1
         if every < 1:
             raise table.error(f"{every} is not at least 1", "every")
-        if not 0.0 <= frame_noise <= _MOST_FRAME_NOISE:
-            raise table.error(f"{frame_noise:g} is not in [0, {_MOST_FRAME_NOISE:g}] sigma", "frame_noise")
+        most_frame_noise = 10.0  # sigma
+        if not 0.0 <= frame_noise <= most_frame_noise:
+            raise table.error(f"{frame_noise:g} is not in [0, {most_frame_noise:g}] sigma", "frame_noise")
         given = SceneTable(
             frame_noise=frame_noise,
             every=every,
@@ -131,9 +132,6 @@ def scene_of_model(file: Path) -> SceneReader:
                 raise table.error(f"{path}: {error}", "layers") from None
 
     return read_scene
-
-
-_MOST_FRAME_NOISE = 10.0  # sigma
 
 
 def _file_of(folder: Path, name: str, table: TomlTable, key: str) -> Path:

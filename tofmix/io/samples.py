@@ -15,11 +15,6 @@ from tofmix.arrays import BoolArray
 FILLS_16_BIT = (32768.0, 65535.0)
 """Fill values of 16-bit counts. Wider types hold them too, to which counts were converted, as they are or in mm."""
 
-MOST_MM = 1.0e9
-"""A range above this many mm, 1,000 km, is a fill value; netCDF's is 9.97e36."""
-
-_EQUAL_MM = 0.01
-"""65.535 as a float32, and in mm, is within this of 65535 mm."""
 
 _BITS_16 = 2  # bytes
 
@@ -124,6 +119,7 @@ def _fills(values: NDArray[Any], unit_mm: float, offset_mm: float) -> Iterator[t
         ends = np.iinfo(values.dtype)
         for end in (int(ends.max), *([int(ends.min)] if ends.min else [])):
             yield f"fill value {end}", values == np.array(end, dtype=values.dtype)
+    most_mm = 1.0e9  # a range above this many mm, 1,000 km, is a fill value; netCDF's is 9.97e36
     if is_float or values.dtype.itemsize > _BITS_16:
         with np.errstate(invalid="ignore", over="ignore"):
             range_mm = _wide(values) * float(unit_mm) + offset_mm
@@ -132,7 +128,7 @@ def _fills(values: NDArray[Any], unit_mm: float, offset_mm: float) -> Iterator[t
                     f"fill value {value:g} mm",
                     np.abs(range_mm - value) < _equal_mm(values, value, unit_mm, offset_mm),
                 )
-            yield f"above {MOST_MM:g} mm", range_mm > MOST_MM
+            yield f"above {most_mm:g} mm", range_mm > most_mm
     if values.dtype.itemsize >= _BITS_16 and _are_16_bit_counts(values):
         with np.errstate(over="ignore"):
             for value in FILLS_16_BIT:
@@ -146,11 +142,12 @@ def _wide(values: NDArray[Any]) -> NDArray[Any]:
 
 def _equal_mm(values: NDArray[Any], fill_mm: float, unit_mm: float, offset_mm: float) -> float:
     """Most that a value in mm may differ from a fill value and still be the nearest number of its type."""
+    equal_mm = 0.01  # 65.535 as a float32, and in mm, is within this of 65535 mm
     if values.dtype.kind != "f":
-        return _EQUAL_MM
+        return equal_mm
     with np.errstate(over="ignore", invalid="ignore"):
         spacing = float(np.spacing(values.dtype.type((fill_mm - offset_mm) / unit_mm)))
-    return max(_EQUAL_MM, spacing * unit_mm / 2) if math.isfinite(spacing) else _EQUAL_MM
+    return max(equal_mm, spacing * unit_mm / 2) if math.isfinite(spacing) else equal_mm
 
 
 def _are_16_bit_counts(values: NDArray[Any]) -> bool:

@@ -2,7 +2,7 @@
 
 Writers make the datasets from these lists by `hdf5.add_field`, readers hold files against them, and `verify` checks
 units, storage and rules by them. The group `sensor` is `tofmix.io.sensor_group`, the root attributes of results are
-`tofmix.io.layers.provenance`, and a reconciliation's `gap.json` is `tofmix.io.reconciliation`.
+`tofmix.io.layers.layers_file`, and a reconciliation's `gap.json` is `tofmix.io.reconciliation`.
 """
 
 import math

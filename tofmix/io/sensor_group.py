@@ -11,9 +11,7 @@ from tofmix.arrays import IMAGE_RANK
 from tofmix.errors import BadInputError
 from tofmix.io.guard import guard
 from tofmix.io.hdf5 import PACKED, add_group, text_attribute
-from tofmix.learnt_noise import LearntNoise
-from tofmix.measurement import measurement_of, share_law_of
-from tofmix.noise_shape import BackgroundDensity, NoiseShape
+from tofmix.noise_shape import BackgroundDensity, LearntNoise, NoiseShape
 from tofmix.optics.projection import (
     DEFAULT_PROJECTION,
     PROJECTIONS,
@@ -25,13 +23,12 @@ from tofmix.optics.projection import (
 )
 from tofmix.recording import MOST_PIXELS_A_SIDE
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, AmplitudeLaw, NoiseCurve, Sensor
-from tofmix.sensor_schema import RARE_SENSOR_NUMBERS, SENSOR_NUMBERS
+from tofmix.sensor_schema import RARE_SENSOR_NUMBERS, SENSOR_NUMBERS, measurement_of, share_law_of
 from tofmix.temporal_filter import make_filter
 
 T = TypeVar("T")
 
 _MOST_POINTS = 100_000  # of a list in the group `sensor`
-_MOST_COEFFICIENTS = 64  # of a lens; OpenCV has up to 14
 
 _Table = dict[str, tuple[str, str, str | None]]
 """Datasets that go together: the field that each holds, its unit, and the dimension scale of its one axis."""
@@ -199,7 +196,8 @@ def _read_projection(group: h5py.Group, path: Path) -> Projection | None:
 
 def _short_list(group: h5py.Group, key: str, path: Path) -> list[float]:
     value = np.asarray(group.attrs[key])
-    if value.size > _MOST_COEFFICIENTS or (value.size > 0 and value.dtype.kind not in "iuf"):
+    most_coefficients = 64  # of a lens; OpenCV has up to 14
+    if value.size > most_coefficients or (value.size > 0 and value.dtype.kind not in "iuf"):
         raise BadInputError(
             f"{path}: sensor: {key}: expected a short list of numbers, got {value.dtype} of shape {value.shape}"
         )

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tofmix.errors import BadInputError
 from tofmix.io import hdf5, sensor_group
 from tofmix.io.hdf5 import ResultFile, open_result
-from tofmix.io.layers.provenance import read_surfaces_provenance, write_provenance
+from tofmix.io.layers.layers_file import read_surfaces_provenance, write_provenance
 from tofmix.io.schema import (
     AXIS,
     FINE_DIMS,
@@ -35,8 +35,6 @@ from tofmix.wording import counted
 
 FORMAT = SURFACES
 
-MOST_POINTS_A_PIXEL = 64
-"""Points of edges for each pixel, on average over a file: beyond it, they are no edges. A thin bar has four."""
 
 _CHUNK_BYTES = 1 << 20
 """Approximate bytes of a stored chunk: a reader of a few rows unpacks little."""
@@ -187,7 +185,9 @@ class SurfacesFile(ResultFile):
         pixels = windows * rows * cols
         if self.surfaces > pixels * self.max_layers:
             raise BadInputError(f"{path}: n_pixels: {self.surfaces} surfaces, more than layers")
-        if self.edge_points > pixels * MOST_POINTS_A_PIXEL:
+        # Points of edges for each pixel, on average over a file: beyond it, they are no edges. A thin bar has four.
+        most_points_a_pixel = 64
+        if self.edge_points > pixels * most_points_a_pixel:
             points = f"{self.edge_points} points of edges in {counted(pixels, 'pixel')}"
             raise BadInputError(f"{path}: edge_row: {points}")
         self.provenance = read_surfaces_provenance(root, path)

@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tofmix.errors import BadInputError
-from tofmix.estimation.blocks.sample_span import sensor_with_span
-from tofmix.estimation.noise.outliers import no_return_constant
+from tofmix.estimation.noise.measurement import no_return_constant
 from tofmix.estimation.noise_choice import (
     AUTO,
     FILE,
@@ -23,27 +22,28 @@ from tofmix.estimation.noise_choice import (
     choose_sensor,
     noise_options,
 )
+from tofmix.estimation.samples import sensor_with_span
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
+from tofmix.grid import Windows, plan_windows
 from tofmix.io.layers.journal import WHOLE, Shard
 from tofmix.io.layers.layers_file import open_layers
 from tofmix.io.recording.recording_file import open_recording
 from tofmix.io.storage import check_output
 from tofmix.jobs.files import findings_of_samples, opened_recording
 from tofmix.jobs.reporter import OptionError, Reporter
-from tofmix.measurement import share_law_of
+from tofmix.layers import LayersSource
 from tofmix.optics.geometry import unambiguous_range_mm
 from tofmix.pipeline.cluster import ClusterEngine, open_cluster
 from tofmix.pipeline.first_run import compile_for
 from tofmix.pipeline.job import Engine, Job, LocalEngine, plan_job
 from tofmix.pipeline.run import Outcome, merge_parts, run_job
 from tofmix.recording import CameraSource
-from tofmix.report.sources import LayersSource
 from tofmix.report.summary.findings import OPTIONS, Finding, Remedy, lacking
 from tofmix.report.summary.lost import cause_of_loss
 from tofmix.report.summary.summary import find
 from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.sensor_schema import share_law_of
 from tofmix.sensors import PROFILES, noise_of_profile, profiles_with_noise
-from tofmix.windows import Windows, plan_windows
 from tofmix.wording import counted
 
 

@@ -18,11 +18,11 @@ from tofmix.io.sensor_group import check_maps
 from tofmix.io.storage import locked, read_text
 from tofmix.jobs.files import view_note, view_words, viewed
 from tofmix.jobs.reporter import OptionError, Reporter
-from tofmix.measurement import share_law_of
 from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import Projection, centre_doubt, projection_of_view, ray_factor
 from tofmix.report.summary.findings import OPTIONS, lacking
 from tofmix.sensor import Sensor, with_lens
+from tofmix.sensor_schema import share_law_of
 from tofmix.sensors import PROFILES, UNKNOWN, Camera, load_camera, parse_camera, parse_profile
 from tofmix.toml_table import parse_toml
 from tofmix.wording import readable

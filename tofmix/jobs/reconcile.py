@@ -18,7 +18,7 @@ from tofmix.jobs.reporter import OptionError, Reporter
 from tofmix.optics.geometry import largest_angle_deg
 from tofmix.optics.projection import beam_directions_of, pixel_extent_rad
 from tofmix.reconciliation.evidence import Evidence, make_evidence
-from tofmix.reconciliation.ledger import Ledger
+from tofmix.reconciliation.found import Ledger
 from tofmix.reconciliation.likelihood.joint import check_camera
 from tofmix.reconciliation.measured_noise import (
     MEASURED,
@@ -46,8 +46,6 @@ from tofmix.wording import counted
 Recordings = list[tuple[Model, Evidence]]
 
 _MOST_SAMPLES = 1 << 28  # samples held in memory: a gigabyte
-_SAME_PLACE = 0.1  # part of a pixel: directions that differ by less are the same
-_SAME_RATE = 0.02  # relative difference of frame rates: clocks are not exact
 
 
 def kinds_of(effects: Sequence[str] | None, reporter: Reporter) -> tuple[str, ...]:
@@ -183,7 +181,8 @@ def _say_other_optics(source: CameraSource, model: Model, reporter: Reporter) ->
         off_deg = largest_angle_deg(beam_directions_of(own, shape), beam_directions_of(models, shape))
     except ValueError as error:
         raise BadInputError(f"{source.name}: sensor: {error}") from error
-    if off_deg > _SAME_PLACE * math.degrees(float(pixel_extent_rad(models, shape).min())):
+    same_place = 0.1  # part of a pixel: directions that differ by less are the same
+    if off_deg > same_place * math.degrees(float(pixel_extent_rad(models, shape).min())):
         if model.scene is not None:
             raise BadInputError(
                 f"{source.name}: sensor: another lens than the reference's: directions of pixels differ by up to"
@@ -201,7 +200,8 @@ def _say_other_rate(name: str, time_s: FloatArray | None, model: Model, reporter
         return
     models, steps = model.recording.frame_rate_hz, np.diff(time_s)
     mean, usual = 1.0 / float(steps.mean()), 1.0 / float(np.median(steps[steps > 0]))
-    if not any(math.isclose(own, models, rel_tol=_SAME_RATE) for own in (mean, usual)):  # a pause is no other rate
+    same_rate = 0.02  # relative difference of frame rates: clocks are not exact
+    if not any(math.isclose(own, models, rel_tol=same_rate) for own in (mean, usual)):  # a pause is no other rate
         reporter.warn(f"{name}: time: {usual:.4g} Hz; the model has frame_rate_hz {models:g}")
 
 

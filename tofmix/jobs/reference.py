@@ -38,7 +38,6 @@ SELF_SHARE = 1.0 / 3.0
 """Share of a recording's first frames that is its own reference."""
 
 _MAIN = 0.95  # share of a pixel's samples in one layer, from which their scatter is that of the noise
-_LEAST_TOGETHER = 12  # pixels of one layer, from which what they share is told from the noise of each
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -209,11 +208,9 @@ def _reference(
 def frames_apart(found: TemporalFilter) -> int:
     """Frames from one sample to the next that shares nothing with it, or next to nothing, under a filter."""
     if isinstance(found, ExponentialAverage):
-        return max(2, math.ceil(math.log(_SHARED) / math.log(1.0 - found.parameter)))
+        shared = 0.05  # correlation that is next to nothing
+        return max(2, math.ceil(math.log(shared) / math.log(1.0 - found.parameter)))
     return max(2, math.ceil(found.parameter))
-
-
-_SHARED = 0.05  # correlation that is next to nothing
 
 
 def frame_noise(source: SampleSource, layers: LayersFile) -> float:
@@ -238,14 +235,13 @@ def frame_noise(source: SampleSource, layers: LayersFile) -> float:
     """
     one = layers.read_window(0)
     main = np.nan_to_num(one.weight[..., 0], nan=0.0) > _MAIN
-    if main.sum() < _LEAST_TOGETHER:
+    least_together = 12  # pixels of one layer, from which what they share is told from the noise of each
+    if main.sum() < least_together:
         return 0.0
     samples = source.read_range(slice(None), slice(None))[:, main].astype(np.float64)
     z = (samples - one.range[..., 0][main]) / one.sigma[..., 0][main]
-    return _in_common(np.where(np.isfinite(z) & (np.abs(z) < _FAR), z, np.nan))
-
-
-_FAR = 5.0  # sigma: a random value
+    far = 5.0  # sigma: a random value
+    return _in_common(np.where(np.isfinite(z) & (np.abs(z) < far), z, np.nan))
 
 
 def _in_common(z: FloatArray) -> float:

@@ -29,12 +29,11 @@ from tofmix.io.surfaces_file import open_surfaces
 from tofmix.jobs.estimate import About, EstimateRequest, FileRequest, estimate_file
 from tofmix.jobs.files import check_view, check_window, opened_recording
 from tofmix.jobs.reporter import OptionError, Reporter
-from tofmix.layers import Layers
-from tofmix.learnt_noise import WHOLE_MM
-from tofmix.measurement import ShareLaw
+from tofmix.layers import Layers, LayersSource
+from tofmix.noise_shape import WHOLE_MM
 from tofmix.optics.projection import Projection, beam_directions_of
-from tofmix.report.sources import LayersSource
 from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.sensor_schema import ShareLaw
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import Effect

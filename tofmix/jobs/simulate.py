@@ -10,10 +10,10 @@ from tofmix.io.recording.recording_writer import CHUNK_FRAMES, RecordingWriter
 from tofmix.jobs.reporter import Reporter
 from tofmix.sensor import Sensor
 from tofmix.simulation.casting.cast import cast_scene
+from tofmix.simulation.events import Truth
 from tofmix.simulation.exposure import drawn_truth
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import FrameBlock, recording_sensor, render_blocks
-from tofmix.simulation.truth import Truth
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

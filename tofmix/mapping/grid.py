@@ -26,9 +26,6 @@ from tofmix.mapping.beams import Beams
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import Projection, cell_nodes, unit
 
-MAX_PITCH_DEG = 89.0  # a vertical view has no yaw
-MAX_POSITION_MM = 1.0e7  # 10 km from the map's origin
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pose:
@@ -55,13 +52,15 @@ class Pose:
     pitch_deg: float = 0.0
 
     def __post_init__(self) -> None:
+        max_position_mm = 1.0e7  # 10 km from the map's origin
         for key in ("x_mm", "y_mm"):
-            if not abs(getattr(self, key)) <= MAX_POSITION_MM:
-                raise ValueError(f"{key}: {getattr(self, key):g} is not within {MAX_POSITION_MM:g} mm")
+            if not abs(getattr(self, key)) <= max_position_mm:
+                raise ValueError(f"{key}: {getattr(self, key):g} is not within {max_position_mm:g} mm")
         if not math.isfinite(self.yaw_deg):
             raise ValueError(f"yaw_deg: {self.yaw_deg:g} is not finite")
-        if not abs(self.pitch_deg) <= MAX_PITCH_DEG:
-            raise ValueError(f"pitch_deg: {self.pitch_deg:g} is not within {MAX_PITCH_DEG:g} degrees")
+        max_pitch_deg = 89.0  # a vertical view has no yaw
+        if not abs(self.pitch_deg) <= max_pitch_deg:
+            raise ValueError(f"pitch_deg: {self.pitch_deg:g} is not within {max_pitch_deg:g} degrees")
 
     def rotation(self) -> FloatArray:
         """(3, 3): its columns are the sensor's axes (x right, y down, z forward) in the map's frame."""
@@ -79,9 +78,6 @@ class Pose:
 
 _POINTS = np.array([p for p in product((0.0, 0.5, 1.0), repeat=3) if p.count(0.5) <= 1])
 """Corners of a cell and the middles of its edges, in cells: where the lens bends an edge outward its middle counts."""
-
-_SLACK_RAD = 1e-6
-"""Added to the cone of the image, so that its border lies inside."""
 
 
 def image_nodes(optics: Projection, shape: tuple[int, int]) -> FloatArray:
@@ -103,7 +99,8 @@ def image_cone(nodes: FloatArray) -> tuple[FloatArray, float]:
     """A cone around all rays of an image: its axis (3,) of unit length, and its half angle, rad."""
     border = unit(np.concatenate([nodes[0], nodes[-1], nodes[:, 0], nodes[:, -1]]))
     axis = unit(border.mean(axis=0))
-    return axis, float(np.arccos(np.clip(border @ axis, -1.0, 1.0)).max()) + _SLACK_RAD
+    slack_rad = 1e-6  # added to the cone of the image, so that its border lies inside
+    return axis, float(np.arccos(np.clip(border @ axis, -1.0, 1.0)).max()) + slack_rad
 
 
 def cell_outlines(
@@ -151,9 +148,6 @@ def cell_outlines(
     return out
 
 
-MAX_CELLS = 50_000_000
-"""Most cells of a grid: about 2 GB while it is made."""
-
 _BORDER = 33  # directions on each side of the field of view whose ends bound the grid
 
 
@@ -185,9 +179,10 @@ class VoxelGrid:
             raise ValueError(f"cell_mm: {self.cell_mm:g} is not a finite number above 0")
         if min(self.shape) < 1:
             raise ValueError(f"shape: {self.shape} holds no cell")
-        if self.size > MAX_CELLS:
+        max_cells = 50_000_000  # most cells of a grid: about 2 GB while it is made
+        if self.size > max_cells:
             raise ValueError(
-                f"{self.size:,} cells of {self.cell_mm:g} mm are more than {MAX_CELLS:,}; take larger cells"
+                f"{self.size:,} cells of {self.cell_mm:g} mm are more than {max_cells:,}; take larger cells"
             )
 
     @property

@@ -18,9 +18,6 @@ from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.optics.cells import fill_patch, patch_direction
 
-MIN_RAYS = 4
-"""Least rays a side with which a cell is sampled: a small one's outline is then met to about a sixteenth."""
-
 
 @jit
 def meets(direction: FloatArray, low: FloatArray, high: FloatArray, span: FloatArray) -> bool:
@@ -110,7 +107,9 @@ def sampled(start: float, end: float, n: int) -> tuple[int, int, int]:
     """Of `n` pixels in a row or column, those [first, stop) that an interval meets, and the rays in each of them."""
     first = max(math.floor(start), 0)
     stop = min(math.ceil(end), n)
-    return first, stop, max(1, math.ceil(MIN_RAYS / (stop - first))) if first < stop else 0
+    # Least rays a side with which a cell is sampled: a small one's outline is then met to about a sixteenth.
+    min_rays = 4
+    return first, stop, max(1, math.ceil(min_rays / (stop - first))) if first < stop else 0
 
 
 @jit

@@ -39,8 +39,6 @@ FREE_THRESH = 0.196
 MAX_LOG_ODDS = math.log(0.999 / 0.001)
 """Largest certainty of a cell, 0.999: no model is better."""
 
-_TINY = 1e-300  # keeps the logarithm of a vanished tail finite; it is clipped at MAX_LOG_ODDS anyway
-
 
 class State(IntEnum):
     """State of a cell.
@@ -208,8 +206,9 @@ def log_odds(
     if not 0 < min_share < 1:
         raise ValueError(f"min_share: {min_share:g} is not between 0 and 1")
     k, f = np.asarray(stopped, dtype=np.float64) + 1.0, np.asarray(passed, dtype=np.float64) + 1.0
-    occupied = np.log(np.maximum(betainc(f, k, 1.0 - min_share), _TINY) / (1.0 - min_share))
-    free = np.log(np.maximum(betainc(k, f, min_share), _TINY) / min_share)
+    tiny = 1e-300  # keeps the logarithm of a vanished tail finite; it is clipped at MAX_LOG_ODDS anyway
+    occupied = np.log(np.maximum(betainc(f, k, 1.0 - min_share), tiny) / (1.0 - min_share))
+    free = np.log(np.maximum(betainc(k, f, min_share), tiny) / min_share)
     sure = np.minimum(np.asarray(probability, dtype=np.float64), 1.0 - 1e-9)
     with np.errstate(divide="ignore"):
         most = np.maximum(np.log(sure / (1.0 - sure)), 0.0)

@@ -25,17 +25,12 @@ DISTORTION_LENGTHS = (0, 4, 5, 8)
 MOST_OFF_AXIS = 1000.0
 """Largest tangent of an angle off the axis that a pinhole images: 89.94 degrees."""
 
-_STARTS = 4097
-"""Radii in a table of starts for the undistortion."""
 
 _EXACT = 1e-11
 """Largest error of an undistorted place, in focal lengths: 1e-7 of a pixel where the focal length is 10,000."""
 
 _POINTS_AT_ONCE = 1 << 18
 """Places that are undistorted at once: bounds the memory."""
-
-_NEGLIGIBLE = 1e-30
-"""A coefficient below this adds less than 1e-12 at the largest radius, 1000 focal lengths."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +96,8 @@ class Distortion:
         if not any(self.coefficients):
             return x, y
         fold = self.fold_radius()
-        radius = np.tan(np.linspace(0.0, math.atan(fold), _STARTS, endpoint=False))  # the fold may be a pole
+        starts = 4097  # radii in a table of starts for the undistortion
+        radius = np.tan(np.linspace(0.0, math.atan(fold), starts, endpoint=False))  # the fold may be a pole
         top, bottom, _, _ = self._radial(radius**2)
         imaged = np.maximum.accumulate(np.nan_to_num(radius * top / bottom))
         flat_x, flat_y = np.ravel(x), np.ravel(y)
@@ -147,11 +143,12 @@ class Distortion:
 @cache
 def _fold_radius(coefficients: tuple[float, ...]) -> float:
     """The distorted radius r N(s) / D(s), s = r^2, grows while (N + 2 s N') D - 2 s N D' and D are above 0."""
-    k1, k2, _, _, k3, k4, k5, k6 = (0.0 if abs(k) < _NEGLIGIBLE else k for k in coefficients)
+    negligible = 1e-30  # a coefficient below this adds less than 1e-12 at the largest radius, 1000 focal lengths
+    k1, k2, _, _, k3, k4, k5, k6 = (0.0 if abs(k) < negligible else k for k in coefficients)
     s = np.polynomial.Polynomial([0.0, 1.0])
     top = np.polynomial.Polynomial([1.0, k1, k2, k3]).trim()
     bottom = np.polynomial.Polynomial([1.0, k4, k5, k6]).trim()
-    growth = ((top + 2 * s * top.deriv()) * bottom - 2 * s * top * bottom.deriv()).trim(_NEGLIGIBLE)
+    growth = ((top + 2 * s * top.deriv()) * bottom - 2 * s * top * bottom.deriv()).trim(negligible)
     return math.sqrt(min(_least_positive_root(growth), _least_positive_root(bottom), MOST_OFF_AXIS**2))
 
 

@@ -155,9 +155,6 @@ def pixel_extent_rad(projection: Projection, shape: tuple[int, int]) -> FloatArr
 EQUIANGULAR, PINHOLE = "equiangular", "pinhole"
 """Projections that a field of view may be of: equal angles between pixels, or an ideal pinhole."""
 
-_FLAT_DEG = 180.0
-"""A pinhole sees less than this angle, degrees: a half-space."""
-
 
 def projection_of_view(*, along_z: bool) -> str:
     """Projection of a field of view alone: depths along z are a pinhole's, ranges are of equal angles."""
@@ -172,8 +169,9 @@ def ideal_pinhole(view_deg: tuple[float, float], shape: tuple[int, int]) -> Pinh
     ValueError
         If no pinhole sees that much.
     """
-    if max(view_deg) >= _FLAT_DEG:
-        raise ValueError(f"{view_deg[0]:g} x {view_deg[1]:g} degrees; a pinhole sees less than {_FLAT_DEG:g}")
+    flat_deg = 180.0  # a pinhole sees less than this angle, degrees: a half-space
+    if max(view_deg) >= flat_deg:
+        raise ValueError(f"{view_deg[0]:g} x {view_deg[1]:g} degrees; a pinhole sees less than {flat_deg:g}")
     rows, cols = shape
     fx, fy = (size / 2 / math.tan(math.radians(angle) / 2) for size, angle in zip((cols, rows), view_deg, strict=True))
     return Pinhole(fx=fx, fy=fy, cx=(cols - 1) / 2, cy=(rows - 1) / 2)

@@ -22,8 +22,7 @@ from tofmix.estimation.settings import MixingChoice
 from tofmix.flags import MixingLaw
 from tofmix.grid import Cell, Grid
 from tofmix.io.layers.chunks import EncodedCell, decode_cell, decode_evidence, encode_cell
-from tofmix.io.layers.layers_file import LayersWriter
-from tofmix.io.layers.provenance import read_header_image
+from tofmix.io.layers.layers_file import LayersWriter, read_header_image
 from tofmix.layers import Layers, Provenance, layer_fields
 from tofmix.suspicion.registry import judge
 from tofmix.suspicion.scene import WindowSamples, joined
@@ -87,10 +86,6 @@ class Marks:
             )
 
 
-_WINDOWS_AT_ONCE = 2
-"""Windows that are unmixed at the same time: each needs some 100 bytes a pixel, and some 100 MB of working memory."""
-
-
 def total(tallies: Iterable[tuple[int, ...]]) -> tuple[int, ...]:
     """Add up pixels by their number of surfaces."""
     return tuple(sum(counts) for counts in zip_longest(*tallies, fillvalue=0))
@@ -137,7 +132,9 @@ def _written(
 ) -> tuple[tuple[int, ...], MixingLaw | None]:
     """Finish the windows of each group of cells, judge them, and write them."""
     tallies, shares, pixels = [], [], []
-    with ThreadPoolExecutor(_WINDOWS_AT_ONCE, thread_name_prefix="tofmix-finish") as pool:
+    # Windows that are unmixed at the same time: each needs some 100 bytes a pixel, and some 100 MB of working memory.
+    windows_at_once = 2
+    with ThreadPoolExecutor(windows_at_once, thread_name_prefix="tofmix-finish") as pool:
         for group in _groups(cells, grid):
             layers, phasors = _whole(group, grid, provenance)
             results = list(pool.map(partial(_finished, layers, phasors, provenance, grid), range(layers.shape[0])))

@@ -31,7 +31,6 @@ BLOCK_SAMPLES = 1 << 22
 
 _CONNECT_TIMEOUT_S = 10  # s to wait for an answer of a scheduler
 _WORKER_TIMEOUT_S = 30  # s to wait for a worker
-_LOOK_S = 0.05  # s between two looks for a block that is done
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,12 +168,13 @@ def _while_there_are_workers(client: Any, waiting: Any) -> Iterator[Any]:  # noq
         If no worker has been there for `_WORKER_TIMEOUT_S`, or the scheduler has ended.
     """
     last_seen_s = time.monotonic()
+    look_s = 0.05  # s between two looks for a block that is done
     while waiting.count():
         if waiting.has_ready():
             yield next(waiting)
             last_seen_s = time.monotonic()
             continue
-        time.sleep(_LOOK_S)
+        time.sleep(look_s)
         if client.status not in ("running", "connecting"):
             raise StorageError(f"the scheduler {client.scheduler.address} has ended; --resume continues")
         if client.scheduler_info().get("workers"):

@@ -32,8 +32,6 @@ _LEARNT_LATER = (
     "estimation.learnt.bootstrap._gains",
 )
 
-_POLL_S = 0.02  # between two looks for a kernel
-
 
 class CompilerProcess:
     """A second process that compiles kernels, and ends.
@@ -61,10 +59,11 @@ class CompilerProcess:
     def _wait_for(self, kernel: str) -> bool:
         if kernel not in self._kernels:
             return False
+        poll_s = 0.02  # between two looks for a kernel
         while not is_kept(kernel):
             if self._process.poll() is not None:
                 return is_kept(kernel)
-            time.sleep(_POLL_S)
+            time.sleep(poll_s)
         return True
 
     def end(self) -> None:
@@ -149,7 +148,7 @@ def _compile(task: str) -> None:
 
         warm_up()
     elif task == "learning":
-        from tofmix.estimation.learnt.warm_up import warm_up_later
+        from tofmix.estimation.learnt.recordings import warm_up_later
 
         warm_up_later()
     else:

@@ -14,16 +14,14 @@ from tofmix.errors import UsageError
 from tofmix.estimation.blocks.reading import MemoryTooSmallError, plan_reading
 from tofmix.estimation.blocks.sequence import estimate_cells, resolved_mixing
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
-from tofmix.grid import Cell, Grid, plan_grid
-from tofmix.independent_samples import independent_samples
+from tofmix.grid import Cell, Grid, Windows, plan_grid
 from tofmix.io.layers.chunks import EncodedCell, encode_cell
-from tofmix.io.layers.provenance import header_image
+from tofmix.io.layers.layers_file import header_image
 from tofmix.io.recording.recording_file import RecordingFile
 from tofmix.io.recording.scratch import on_scratch
 from tofmix.layers import Provenance
-from tofmix.recording import CameraSource, SampleSource
+from tofmix.recording import CameraSource, SampleSource, independent_samples
 from tofmix.version import __version__
-from tofmix.windows import Windows
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

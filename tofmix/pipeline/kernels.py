@@ -9,13 +9,12 @@ from numpy.typing import NDArray
 from tofmix.estimation.beam import beam_of, is_uniform
 from tofmix.estimation.blocks.finishing import layer_amplitudes
 from tofmix.estimation.layering import MADE_UP_MM, layer_pixels, warm_up
-from tofmix.estimation.learnt import warm_up as learnt
+from tofmix.estimation.learnt.recordings import warm_up as warm_up_learnt
 from tofmix.estimation.mixture.em import fit_mixture
 from tofmix.estimation.noise.measurement import measure_noise
 from tofmix.estimation.peaks.counters import COUNTERS
-from tofmix.estimation.peaks.density import density
 from tofmix.estimation.peaks.incremental import IncrementalDensity
-from tofmix.estimation.peaks.modes import find_modes
+from tofmix.estimation.peaks.modes import density, find_modes
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.flags import Mixing
 from tofmix.io.model_file import load_model
@@ -45,7 +44,7 @@ def compile_all() -> None:
     compile_images()
     compile_scenes()
     compile_noise()
-    learnt.warm_up()
+    warm_up_learnt()
 
 
 def compile_options() -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from tofmix.errors import BadInputError, StorageError, TofmixError, UsageError
 from tofmix.flags import MixingLaw
-from tofmix.grid import Grid
+from tofmix.grid import Grid, Windows
 from tofmix.io.layers.journal import (
     WHOLE,
     Journal,
@@ -23,12 +23,10 @@ from tofmix.io.layers.journal import (
     partial_path,
     remove_journal,
 )
-from tofmix.io.layers.layers_file import open_layers
-from tofmix.io.layers.provenance import read_header_image
+from tofmix.io.layers.layers_file import open_layers, read_header_image
 from tofmix.io.storage import check_output
 from tofmix.pipeline.assembly import assemble, total
 from tofmix.pipeline.job import Engine, Job
-from tofmix.windows import Windows
 from tofmix.wording import counted
 
 

@@ -20,10 +20,6 @@ from tofmix.wording import counted
 BLOCK_FRAMES = 5  # held out together, at most a quarter of the recording
 BLOCK_PIXELS = 4  # side of a square that is held out
 _LEAST_FRAMES = 8  # four blocks of two: two to fit and two to judge
-_DIMENSIONS = 3  # of samples: frame, row, col
-_LEAST_ALIVE = 8  # pixels whose samples change
-_FAR_BELOW = 0.002  # of the largest range; values in metres are a thousandth
-_APART = 1_000_000  # frame numbers between two recordings: longer than any burst, a multiple of any block
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -81,7 +77,8 @@ class Evidence:
     def frame_number(self) -> IntArray:
         """Number (frame,) of each frame in its recording; numbers of different recordings are far apart."""
         lengths = [r.stop - r.start for r in self.recordings]
-        return np.concatenate([np.arange(n) + k * _APART for k, n in enumerate(lengths)])
+        apart = 1_000_000  # frame numbers between two recordings: longer than any burst, a multiple of any block
+        return np.concatenate([np.arange(n) + k * apart for k, n in enumerate(lengths)])
 
     def recording(self, frames: slice) -> "Evidence":
         """One of the recordings, not copied."""
@@ -138,7 +135,8 @@ def make_evidence(
         far below its range, the times do not ascend, or there are too few frames to hold some out. Frames that repeat
         the one before do not count. Frames of one time are put between this time and the next.
     """
-    if range_mm.ndim != _DIMENSIONS:
+    dimensions = 3  # of samples: frame, row, col
+    if range_mm.ndim != dimensions:
         raise BadInputError(
             f"range: {range_mm.ndim} dimensions instead of frame, row and col; of several targets keep one:"
             " tofmix import --target nearest"
@@ -159,7 +157,8 @@ def make_evidence(
     if not valid.any():
         raise BadInputError("range: no sample is valid")
     middle, most = float(np.median(range_mm[valid])), model.sensor.range_max_mm
-    if middle < _FAR_BELOW * most:
+    far_below = 0.002  # of the largest range; values in metres are a thousandth
+    if middle < far_below * most:
         raise BadInputError(
             f"range: half of the samples are below {middle:.3g} mm, of a camera that measures up to {most:g} mm; "
             "are they in metres?"
@@ -234,7 +233,8 @@ def _repeats(samples: NDArray[np.uint16]) -> BoolArray:
     """
     alive = (samples != samples[0]).any(axis=0)
     out = np.zeros(len(samples), dtype=bool)
-    if alive.sum() >= _LEAST_ALIVE:
+    least_alive = 8  # pixels whose samples change
+    if alive.sum() >= least_alive:
         out[1:] = [bool((now[alive] == before[alive]).all()) for before, now in pairwise(samples)]
     return out
 

@@ -37,13 +37,8 @@ from tofmix.simulation.effects.hidden import RangeStep
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import with_noise
 
-BY_RANGE = 0.5
-"""Share of the change between surfaces that must be seen within them, at the same ranges: 1 for a law of range, 0 for a
-factor of each surface."""
-
 _TILES = 6  # parts of the image, along each side
 _LEAST_PIXELS = 12  # of a surface or of a part of the image
-_TWO = 2  # surfaces, at least, that can differ
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,7 +140,11 @@ def _places(ratios: _Ratios, alpha: float) -> Iterator[Uneven]:
     factor = {k: float(ratios.value[own[k]].mean()) for k in numbers}
     limit = float(norm.isf(alpha / (2 * (len(numbers) + _TILES**2))))
     least = LEAST_SIZE + limit * ratios.error
-    if len(numbers) >= _TWO and max(_seen_within(ratios, own, by) for by in ratios.by) < BY_RANGE:
+    two = 2  # surfaces, at least, that can differ
+    # Share of the change between surfaces that must be seen within them, at the same ranges: 1 for a law of range, 0
+    # for a factor of each surface.
+    by_range = 0.5
+    if len(numbers) >= two and max(_seen_within(ratios, own, by) for by in ratios.by) < by_range:
         for k in numbers:
             others = float(np.median([factor[j] for j in numbers if j != k]))
             if abs(factor[k] - others) > least:

@@ -36,7 +36,6 @@ _POWER = round(NormalDist().inv_cdf(0.95), 3)
 _WITHIN_CHANCE = 0.15  # of a gap
 _SANE = 1.5  # largest gap of the refined model's own simulation, if that of the recording is no larger
 _SETTLED, _UNTOUCHED = 0.97, 0.7  # least share that is removed of the largest deviation; that is left of others
-_SHOWN = 2.0  # normal deviate from which the model's own simulation also shows a deviation
 _OPEN = 0.03  # share of an effect's gain that may remain in the statistics in which it must show
 _FEW = 0.1  # weight of third and fourth powers of single pixels, which depend on few samples
 _HIGHER = ("spread", "skew", "tails")  # orders that a bias moves too
@@ -191,7 +190,8 @@ class VerdictData:
 
     def is_simulated(self, curve: Curve) -> bool:
         """Whether simulations of the model also show a deviation of a curve."""
-        return max((c.z for c in self._simulated(curve)), default=0.0) >= _SHOWN
+        shown = 2.0  # normal deviate from which the model's own simulation also shows a deviation
+        return max((c.z for c in self._simulated(curve)), default=0.0) >= shown
 
     def _simulated(self, curve: Curve) -> list[Curve]:
         panels = (_named(panel) for panel in self.nulls or (self.floor,))

@@ -24,7 +24,6 @@ _AXES = {
 }
 """Words before an interval; other axes have their names."""
 
-_NO_DOUBT = 1.0e-99  # smaller p-values are not printed
 _WIDER = 1.3  # least ratio of gaps that is mentioned
 _UNITS = {"range": "mm", "time": "s", "radius": "pixels", "neighbour_contrast": "mm", "surfaces_in_pixel": "surfaces"}
 
@@ -92,7 +91,8 @@ def where_text(place: Place, result: Reconciliation) -> str:
 
 def p_text(place: Place) -> str:
     """The corrected p-value as text; very small values as a bound."""
-    return f"p = {place.p_value:.1g}" if place.p_value > _NO_DOUBT else f"p < {_NO_DOUBT:g}"
+    no_doubt = 1.0e-99  # smaller p-values are not printed
+    return f"p = {place.p_value:.1g}" if place.p_value > no_doubt else f"p < {no_doubt:g}"
 
 
 def effect_text(named: NamedEffect, result: Reconciliation) -> str:

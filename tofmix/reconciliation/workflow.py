@@ -16,8 +16,7 @@ from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
 from tofmix.reconciliation.comparison.compare import Compared, Place, localise
 from tofmix.reconciliation.evidence import Evidence, make_evidence
-from tofmix.reconciliation.found import Added, TriedEffect
-from tofmix.reconciliation.ledger import Ledger, Named, WeighedSet
+from tofmix.reconciliation.found import Added, Ledger, Named, TriedEffect, WeighedSet
 from tofmix.reconciliation.likelihood.hidden_fits import fit_bursts
 from tofmix.reconciliation.likelihood.hidden_states import latent_states
 from tofmix.reconciliation.likelihood.joint import Recording, joint_likelihood, renamed
@@ -34,19 +33,15 @@ from tofmix.reconciliation.parameters.pattern_errors import latent_errors
 from tofmix.reconciliation.parameters.polish import numbers_of
 from tofmix.reconciliation.parameters.standard_errors import standard_errors
 from tofmix.reconciliation.settings import Settings, fit_part
-from tofmix.reconciliation.verification.aliases import Alias, aliases
-from tofmix.reconciliation.verification.considered import considered
-from tofmix.reconciliation.verification.far_trends import far_trends
+from tofmix.reconciliation.verification.considered import Alias, aliases, considered
 from tofmix.reconciliation.verification.next_steps import next_steps
-from tofmix.reconciliation.verification.verify import Verified, verify
+from tofmix.reconciliation.verification.verify import Verified, far_trends, verify
 from tofmix.simulation.casting.polygon_cast import PolygonCaster
 from tofmix.simulation.effects.base import Effect, with_hidden
 from tofmix.simulation.effects.hidden import RememberedNoise
 from tofmix.simulation.effects.parameter import Holds, PixelMap
 from tofmix.simulation.model import Model
 from tofmix.wording import rounded
-
-_FRAMES = 20  # as few as are taken
 
 
 def warm_up(model: Model) -> None:
@@ -59,10 +54,11 @@ def warm_up(model: Model) -> None:
     """
     PolygonCaster(model.sensor).cast(model)  # 6 x 6 pixels are too wide for it
     model = replace(model, sensor=replace(model.sensor, rows=6, cols=6))
-    range_mm = np.random.default_rng(1).normal(1500.0, 10.0, (_FRAMES, 6, 6)).astype(np.float32)
+    frames = 20  # as few as are taken
+    range_mm = np.random.default_rng(1).normal(1500.0, 10.0, (frames, 6, 6)).astype(np.float32)
     likelihood = joint_likelihood([(model, make_evidence(model, range_mm))])
     state, mixture = likelihood.start(), likelihood.scene.mixture()
-    everything = np.arange(_FRAMES), np.arange(36)
+    everything = np.arange(frames), np.arange(36)
     likelihood.sums(mixture, state, everything)
     stepped = replace(mixture, step=7.0)
     likelihood.sums(stepped, state, everything)  # a lattice: sample by sample
@@ -73,7 +69,7 @@ def warm_up(model: Model) -> None:
     scores = likelihood.scores(state, everything, 1)
     for gain in (memory_gain, memory_gain_at_own_widths):
         gain(likelihood, scores, mixture, everything, 0.5)
-    predicted_noise(np.zeros((_FRAMES, 36)), 0.5, np.ones(36), alike)
+    predicted_noise(np.zeros((frames, 36)), 0.5, np.ones(36), alike)
 
 
 DONE = ("agree", "explained")

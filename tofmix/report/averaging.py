@@ -13,10 +13,9 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.circle import fold
 from tofmix.errors import UsageError
-from tofmix.layers import Layers
+from tofmix.layers import Layers, LayersSource
 from tofmix.optics.geometry import unambiguous_range_mm
 from tofmix.recording import AmplitudeSource, SampleSource, amplitude_source, samples_a_frame
-from tofmix.report.sources import LayersSource
 
 
 class Averaging(StrEnum):

@@ -16,7 +16,6 @@ from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.patches import Patch
 
 RANGE_MAP = "cividis"
 """Ranges alone, so that one colour means one thing."""
@@ -27,8 +26,6 @@ DENSITY_MAP = "cividis"
 GAP_MAP = "PuOr"
 LAYER_LINES = ("-", "--", ":")
 
-WIDTH_INCH = 7.2
-"""Width of a figure, inch: of a page of text."""
 
 _HATCH = "////"
 _SETTINGS = {
@@ -153,11 +150,7 @@ def mark_no_data(axes: Axes, theme: Theme) -> None:
     axes.patch.set(facecolor=theme.no_data, edgecolor=theme.hatch, hatch=_HATCH, linewidth=0)
 
 
-def no_data_patch(theme: Theme, label: str) -> Patch:
-    """Make the legend entry for the hatched ground."""
-    return Patch(facecolor=theme.no_data, edgecolor=theme.hatch, hatch=_HATCH, linewidth=0, label=label)
-
-
 def new_figure(height_inch: float) -> Figure:
     """Make a figure of the width of a page."""
-    return Figure(figsize=(WIDTH_INCH, height_inch), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06))
+    width_inch = 7.2  # width of a figure, inch: of a page of text
+    return Figure(figsize=(width_inch, height_inch), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06))

@@ -12,12 +12,19 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
-from tofmix.measurement import Measurement, ShareLaw
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.geometry import unambiguous_range_mm
 from tofmix.optics.projection import Projection
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
-from tofmix.sensor_schema import LAW_NUMBERS, NOT_NEEDED, NUMBERS, RARE_SENSOR_NUMBERS, VIEW_NUMBERS
+from tofmix.sensor_schema import (
+    LAW_NUMBERS,
+    NOT_NEEDED,
+    NUMBERS,
+    RARE_SENSOR_NUMBERS,
+    VIEW_NUMBERS,
+    Measurement,
+    ShareLaw,
+)
 
 _NOISE = ("noise", *LAW_NUMBERS)
 """Fields of the noise at any integration time; each needs the others."""

@@ -11,7 +11,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.measurement import ShareLaw, measurement_of, share_law_of
 from tofmix.noise_shape import NoiseShape
 from tofmix.optics.projection import (
     DEFAULT_PROJECTION,
@@ -32,6 +31,9 @@ from tofmix.sensor_schema import (
     RARE_SENSOR_NUMBERS,
     SHAPE_LISTS,
     VIEW_NUMBERS,
+    ShareLaw,
+    measurement_of,
+    share_law_of,
 )
 from tofmix.sensors.camera import Camera, CompleteCamera
 from tofmix.toml_table import MapReader, TomlTable, nearest, toml_string

@@ -17,9 +17,6 @@ from tofmix.noise_shape import NoiseShape
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.events import EventTable, draw
 
-MAX_EXPOSURES = 1000  # the SR-3000 sets its time in steps of 0.2 ms: 50 of them in its default time
-_NEGLIGIBLE = 1.0e-6  # a last part of a sample shorter than this is a rounding error of the division
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Exposure:
@@ -61,14 +58,16 @@ def exposure_times(sensor: CompleteCamera) -> tuple[float, ...]:
             f"[sensor]: integration_time_ms: {tau:g} ms is not below the {total:g} ms that the camera integrates on "
             "board, so there is nothing to average; lower it, or leave out --averaged"
         )
-    if total / tau > MAX_EXPOSURES:
+    max_exposures = 1000  # the SR-3000 sets its time in steps of 0.2 ms: 50 of them in its default time
+    if total / tau > max_exposures:
         raise BadInputError(
-            f"[sensor]: integration_time_ms: {tau:g} ms fits into {total:g} ms more than {MAX_EXPOSURES} times;"
+            f"[sensor]: integration_time_ms: {tau:g} ms fits into {total:g} ms more than {max_exposures} times;"
             " raise it, or leave out --averaged"
         )
-    whole = math.floor(total / tau + _NEGLIGIBLE)
+    negligible = 1.0e-6  # a last part of a sample shorter than this is a rounding error of the division
+    whole = math.floor(total / tau + negligible)
     rest = total - whole * tau
-    return (tau,) * whole + ((rest,) if rest > _NEGLIGIBLE * tau else ())
+    return (tau,) * whole + ((rest,) if rest > negligible * tau else ())
 
 
 def exposures(table: EventTable, sensor: CompleteCamera, width: FloatArray | None = None) -> tuple[Exposure, ...]:

@@ -18,7 +18,6 @@ from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.events import stored_range
 
 _LOWEST, _HIGHEST = 1.0, 65_534.0  # what a recording can store
-_SIGMAS = 8.5  # a Gaussian's tail beyond holds less than the rounding of a float
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -111,9 +110,8 @@ class Prediction(Echoes):
         folds = (self.weight[k] > 0) & self.returned[k]
         if self.period_mm is None or not folds.any():
             return plain
-        first, last = (
-            (-_SIGMAS, _SIGMAS) if self.error_shape is None else (self.error_shape.z[0], self.error_shape.z[-1])
-        )
+        sigmas = 8.5  # a Gaussian's tail beyond holds less than the rounding of a float
+        first, last = (-sigmas, sigmas) if self.error_shape is None else (self.error_shape.z[0], self.error_shape.z[-1])
         span = (mean + first * sigma)[folds].min(), (mean + last * sigma)[folds].max()
         return np.where(folds, _folded_cdf(range_mm, mean, sigma, self.period_mm, span, below), plain)
 

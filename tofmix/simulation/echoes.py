@@ -15,8 +15,6 @@ from tofmix.simulation.events import stored_range
 
 ComplexArray = NDArray[np.complex128]
 
-_FAINTEST = 1.0e-9  # |z'| / |z| below this counts as this: sigma stays finite where light cancels itself
-
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class Echoes:
@@ -84,7 +82,8 @@ class Echoes:
         lit = self.returned & (before != 0)
         turned = np.angle(np.where(lit, after * before.conj(), 1.0))
         gain = np.abs(after) / np.abs(np.where(lit, before, 1.0))
-        gain = np.where(lit, np.maximum(gain, _FAINTEST), 1.0)
+        faintest = 1.0e-9  # |z'| / |z| below this counts as this: sigma stays finite where light cancels itself
+        gain = np.where(lit, np.maximum(gain, faintest), 1.0)
         self.range_mm = self.range_mm + turned * (self.turn_mm / (2 * math.pi))
         self.amplitude = self.amplitude * gain
         self.sigma_mm = self.sigma_mm / gain

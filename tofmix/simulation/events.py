@@ -7,21 +7,76 @@ The parts of a camera's noise beyond sigma(r): the shape of the error, each pixe
 
 Effects act on Gaussian noise, which alone keeps its distribution under memory. The sample is the quantile of the shape
 at the same probability (a Gaussian copula).
+
+The samples are drawn from `Truth`, the surfaces of every pixel of a scene.
 """
 
 import math
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from tofmix.arrays import Float32Array, FloatArray, IntArray
+from tofmix.arrays import ByteArray, Float32Array, FloatArray, IntArray
 from tofmix.noise_shape import NoiseShape
 from tofmix.sensor import NoiseCurve
 from tofmix.sensors.camera import CompleteCamera
-from tofmix.simulation.truth import Truth
+
+_T = TypeVar("_T", bound=np.generic)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Truth:
+    """Surfaces, ranges and shares of each pixel. The layers of a pixel run from near to far.
+
+    Parameters
+    ----------
+    n_modes : (row, col) uint8
+        Surfaces in the beam.
+    range_true : (row, col, layer) float32
+        Mean range of each surface's sub-beams, mm; NaN past `n_modes`.
+    weight_true : (row, col, layer) float32
+        p(c_i): area share times 1 - p(c_r), effects' outliers included; NaN past `n_modes`.
+    weight_no_return : (row, col) float32
+        p(c_0): share of the sub-beams that meet nothing, times 1 - p(c_r).
+    surface : (row, col, layer) int16
+        Number of the surface in the model, from 0; -1 past `n_modes`.
+    amplitude : (row, col, layer) float32
+        Amplitude of a sample of each surface; 0 past `n_modes`.
+    width : (row, col, layer) float64 or None
+        Factor on sigma(r) of each surface's samples, of a measured scene; None: sigma is the camera's.
+    lost : (row, col) float64 or None
+        Share of the samples of each pixel that are lost, of a measured scene; None: none is.
+    """
+
+    n_modes: ByteArray
+    range_true: Float32Array
+    weight_true: Float32Array
+    weight_no_return: Float32Array
+    surface: NDArray[np.int16]
+    amplitude: Float32Array
+    width: FloatArray | None = None
+    lost: FloatArray | None = None
+
+    def padded(self, layers: int) -> Self:
+        """The same with room for `layers` surfaces a pixel, at least as many as it has."""
+        more = layers - self.range_true.shape[2]
+
+        def pad(values: NDArray[_T], padding: float) -> NDArray[_T]:
+            return np.pad(values, ((0, 0), (0, 0), (0, more)), constant_values=padding)
+
+        return replace(
+            self,
+            range_true=pad(self.range_true, np.nan),
+            weight_true=pad(self.weight_true, np.nan),
+            surface=pad(self.surface, -1),
+            amplitude=pad(self.amplitude, 0.0),
+            width=None if self.width is None else pad(self.width, 1.0),
+        )
+
 
 _STREAM = (zlib.crc32(b"noise width"), 0)
 """Where the widths' random stream is among those of a recording: no frame and no effect has it."""

@@ -29,6 +29,7 @@ from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Level
 from tofmix.simulation.events import (
     Drawn,
     EventTable,
+    Truth,
     amplitude_draws,
     draw_events,
     drawn_widths,
@@ -41,7 +42,6 @@ from tofmix.simulation.events import (
 )
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface
-from tofmix.simulation.truth import Truth
 
 
 def equation_1(truth: Truth, model: Model) -> Prediction:

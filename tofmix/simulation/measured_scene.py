@@ -1,7 +1,7 @@
 """A scene as a recording saw it: layers in place of rectangles, pixel by pixel, with the errors of what was seen.
 
 Use `measured_scene` for the layers of a recording, and `camera_of` for the camera of a model of them. A `Model` with a
-`MeasuredScene` is cast by `tofmix.simulation.casting.measured_cast`: each layer keeps its share, and an effect that
+`MeasuredScene` is cast by `tofmix.simulation.casting.cast`: each layer keeps its share, and an effect that
 places a surface moves the ranges of its layers along the beams. So everything after the cast is the same as for
 rectangles.
 """
@@ -26,15 +26,11 @@ LEAST_SAMPLES = 8
 OWN_ERROR = 0.02
 """Error of every mean, in sigma, beside that of chance: no scene and no camera stays the same to better than this."""
 
-_EXPONENT = 0.5  # of the law of the integration time, by counting photons: one recording does not tell it
 USUAL_SPREAD = 0.25
 """Standard deviation of the logarithm of the widths of pixels where the recording was too short to show any: those of
 real cameras are 0.2 to 0.4."""
 
 _ONE_ZONE_DEG = 25.0  # field of view of a sensor of one zone that does not give its own
-_SEEN_LOST = 0.5  # weight, in frames, of the image's mean share of lost samples: Jeffreys' prior
-_LEAST_NORMAL = 1e-9  # length of a normal that is none
-_PLANE_POINTS = 3  # that a plane needs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -220,6 +216,7 @@ def camera_of(sensor: Sensor, shape: tuple[int, int], *, longest_mm: float) -> t
     if by_angles and (wide is None or high is None) and shape == (1, 1):
         wide = high = _ONE_ZONE_DEG
         notes.append(f"the field of view of the one pixel is not known: {_ONE_ZONE_DEG:g} degrees are written")
+    exponent = 0.5  # of the law of the integration time, by counting photons: one recording does not tell it
     camera = CompleteCamera(
         name=sensor.name,
         rows=shape[0],
@@ -234,7 +231,7 @@ def camera_of(sensor: Sensor, shape: tuple[int, int], *, longest_mm: float) -> t
         default_integration_time_ms=tau,
         noise=curve,
         reference_integration_time_ms=tau,
-        exponent=_EXPONENT,
+        exponent=exponent,
         modulation_frequency_hz=sensor.modulation_frequency_hz,
         outlier_probability=sensor.outlier_probability,
     )
@@ -288,8 +285,9 @@ def measured_scene(
     samples = layers.n_samples.astype(np.int64)
     lost = np.zeros((rows, cols)) if layers.invalid_share is None else layers.invalid_share.astype(np.float64)
     lost = np.where(np.isfinite(lost), lost, 0.0)
-    usual = max(float(lost.mean()), _SEEN_LOST / (frames * lost.size))
-    lost = (lost * frames + _SEEN_LOST * usual) / (frames + _SEEN_LOST)
+    seen_lost = 0.5  # weight, in frames, of the image's mean share of lost samples: Jeffreys' prior
+    usual = max(float(lost.mean()), seen_lost / (frames * lost.size))
+    lost = (lost * frames + seen_lost * usual) / (frames + seen_lost)
     told = (weight.sum(axis=2) + nothing > 0) & (samples >= LEAST_SAMPLES)
     lost = np.where(told, lost, 1.0)  # of other pixels nothing is known, and no sample is predicted
     own, planes = _planes(range_mm, there, surface, camera)
@@ -357,13 +355,15 @@ def _planes(
 
 def _normal(beams: FloatArray, range_mm: FloatArray) -> FloatArray | None:
     """Unit normal of the plane of layers: 1 / r = m . d by least squares, each by its relative error."""
-    if len(range_mm) < _PLANE_POINTS:
+    plane_points = 3  # that a plane needs
+    if len(range_mm) < plane_points:
         return None
     inverse = np.linalg.lstsq(beams * range_mm[:, None], np.ones(len(range_mm)), rcond=None)[0]
     length = float(np.linalg.norm(inverse))
-    normal = inverse / max(length, _LEAST_NORMAL)
+    least_normal = 1e-9  # length of a normal that is none
+    normal = inverse / max(length, least_normal)
     seen = beams @ normal
-    return np.asarray(normal, dtype=np.float64) if length > _LEAST_NORMAL and (seen > 0).all() else None
+    return np.asarray(normal, dtype=np.float64) if length > least_normal and (seen > 0).all() else None
 
 
 def _plane(number: int, points: FloatArray, normal: FloatArray, size_mm: FloatArray | None) -> Surface:

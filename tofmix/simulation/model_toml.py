@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from tofmix.errors import BadInputError
-from tofmix.learnt_noise import WHOLE_MM
+from tofmix.noise_shape import WHOLE_MM
 from tofmix.optics.geometry import unambiguous_range_mm
 from tofmix.sensor import AmplitudeLaw, NoiseCurve
 from tofmix.sensors import camera_of_model

@@ -19,6 +19,7 @@ from tofmix.sensor import Sensor
 from tofmix.simulation.averaging import average_frame, exposure_times, exposures
 from tofmix.simulation.events import (
     Drawn,
+    Truth,
     amplitude_draws,
     draw,
     drawn_widths,
@@ -29,9 +30,6 @@ from tofmix.simulation.events import (
 )
 from tofmix.simulation.exposure import Exposer, StillScene, check_averages, recorded_amplitude
 from tofmix.simulation.model import Model
-from tofmix.simulation.truth import Truth
-
-_FRAMES_AT_ONCE = 16  # held in memory with all that their samples carry
 
 
 class _Frame(NamedTuple):
@@ -251,8 +249,9 @@ def _with_effects(exposer: Exposer) -> _Frames:
             yield frame, scene, drawn, before
 
     def render(frames: range, pool: _Map) -> Iterator[_Frame]:
-        for first in range(0, len(frames), _FRAMES_AT_ONCE):
-            some = frames[first : first + _FRAMES_AT_ONCE]
+        frames_at_once = 16  # held in memory with all that their samples carry
+        for first in range(0, len(frames), frames_at_once):
+            some = frames[first : first + frames_at_once]
             yield from pool(end, list(coloured(pool(begin, some))))
 
     return render

@@ -96,7 +96,8 @@ def angles_of(rotation: FloatArray) -> tuple[float, float, float]:
     """
     across = math.hypot(rotation[2, 0], rotation[2, 2])  # |cos pitch|
     pitch = math.atan2(rotation[2, 1], across)
-    if across < _POLE:
+    pole = 1e-9  # cosine of pitch below which yaw and roll turn about one axis
+    if across < pole:
         yaw, roll = math.atan2(rotation[0, 2], rotation[0, 0]), 0.0
     else:
         yaw, roll = math.atan2(-rotation[2, 0], rotation[2, 2]), math.atan2(-rotation[0, 1], rotation[1, 1])
@@ -150,10 +151,6 @@ MOST_DEG = 60.0
 PITCH_FIRST = 2.0
 """Roll is changed where it tilts a surface so many times as far as pitch does: nearly all models have no roll."""
 
-_POLE = 1e-9  # cosine of pitch below which yaw and roll turn about one axis
-_ENOUGH = 1e-13  # difference of two unit normals
-_LEAST_PART = 1e-6  # of a degree of tilt that an angle makes for each degree
-
 
 def tilts_to(surface: Surface, normal: FloatArray) -> tuple[float, float]:
     """Tilts about the surface's own u and v axes that turn its normal to `normal` (3,), a unit vector; degrees."""
@@ -198,13 +195,15 @@ def angle_changes(
     yaw, pitch, roll = (math.radians(angle) for angle in (surface.yaw_deg, surface.pitch_deg, surface.roll_deg))
     of_pitch, of_roll = abs(math.cos(yaw)), abs(math.cos(pitch) * math.sin(yaw))  # tilt by a small change of each
     by_pitch = PITCH_FIRST * of_pitch >= of_roll
-    if max(of_pitch, of_roll) < _LEAST_PART:
+    least_part = 1e-6  # of a degree of tilt that an angle makes for each degree
+    if max(of_pitch, of_roll) < least_part:
         raise ValueError(f'"{surface.name}" tilts about one axis alone by its angles; give it another yaw or pitch')
     change = np.zeros(2)
+    enough = 1e-13  # difference of two unit normals
     for _ in range(most_steps):
         turned = (yaw + change[0], pitch + change[1] * by_pitch, roll + change[1] * (not by_pitch))
         normal, by_yaw, *others = _normal_and_slopes(*turned)
-        if float(np.abs(wanted - normal).max()) < _ENOUGH:
+        if float(np.abs(wanted - normal).max()) < enough:
             break
         slopes = np.stack([by_yaw, others[0 if by_pitch else 1]], axis=1)
         change += np.linalg.lstsq(slopes, wanted - normal, rcond=None)[0]

@@ -20,15 +20,12 @@ from numpy.typing import NDArray
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.flags import Mixing
 from tofmix.layers import Layers
-from tofmix.measurement import ShareLaw
+from tofmix.sensor_schema import ShareLaw
 from tofmix.surfaces.found import NO_SURFACE
 from tofmix.surfaces.linking import Linked
 from tofmix.surfaces.nodes import Nodes
 from tofmix.surfaces.settings import DEFAULT_SETTINGS, BrightnessSettings
 from tofmix.surfaces.shares import Shares
-
-_MEDIAN_DEVIATION = 1.482602218505602
-"""A Gaussian's standard deviation over its median absolute deviation."""
 
 
 class Brightness(NamedTuple):
@@ -125,7 +122,8 @@ def _scatter(log_light: FloatArray, inside: BoolArray, settings: BrightnessSetti
     off = (here - around)[np.isfinite(here - around)]
     if len(off) < settings.least_scatter_pixels:
         return settings.usual_scatter
-    return max(float(np.median(np.abs(off)) * _MEDIAN_DEVIATION / np.sqrt(1.25)), settings.least_scatter)
+    median_deviation = 1.482602218505602  # a Gaussian's standard deviation over its median absolute deviation
+    return max(float(np.median(np.abs(off)) * median_deviation / np.sqrt(1.25)), settings.least_scatter)
 
 
 _PAIR = 2

@@ -99,12 +99,6 @@ def _squares(fits: FloatArray, share: FloatArray, samples: FloatArray, floor: Fl
     return out
 
 
-_REACH = 1.0
-"""Distance, pixels, from the end of a piece to the beginning of the next one at most."""
-
-_CANDIDATES = 6
-"""Beginnings that are looked at for each end."""
-
 _LEAST_TURN = -0.5
 """Least cosine between the directions of two pieces: 120 degrees, as at the tip of a triangle."""
 
@@ -214,8 +208,10 @@ def _piece(region: FloatArray, at: int, sides: int, half: float, out: FloatArray
 def _followers(pieces: FloatArray, near: NDArray[np.int32]) -> IntArray:
     """Piece that follows each, -1 for none: of the same surface, beginning nearest to its end; the closest first."""
     count = len(pieces)
-    wanted = min(_CANDIDATES, count)
-    found = cKDTree(pieces[:, :2]).query(pieces[:, 4:6], k=wanted, distance_upper_bound=_REACH)
+    candidates = 6  # beginnings that are looked at for each end
+    wanted = min(candidates, count)
+    reach = 1.0  # distance, pixels, from the end of a piece to the beginning of the next one at most
+    found = cKDTree(pieces[:, :2]).query(pieces[:, 4:6], k=wanted, distance_upper_bound=reach)
     distance, other = (np.asarray(values).ravel() for values in found)
     one = np.repeat(np.arange(count), wanted)
     there = np.isfinite(distance)

@@ -168,9 +168,6 @@ def to_plane(ray: FloatArray, frame: FloatArray) -> None:
             frame[i, j] /= whole
 
 
-_ARC_ERROR = 0.014
-"""Error of the area under an arc, in units of its curvature squared, pixels^2: rms over places and directions."""
-
 _PRIOR = (4.0, 4.0, 4.0)
 """Weights of the first guess of angle (1/rad^2), offset (1/pixel^2) and the third number: they keep a fit regular."""
 
@@ -179,7 +176,9 @@ _PRIOR = (4.0, 4.0, 4.0)
 def _variance(share: float, pixel: FloatArray, bend: float) -> float:
     """Variance of a measured share where the true one is `share`; the area under an arc is not exact."""
     own = (share * (1.0 - share) + 0.25 / pixel[SAMPLES]) / pixel[SAMPLES] + pixel[FLOOR]
-    return float(own + (_ARC_ERROR * bend * bend) ** 2)
+    # Error of the area under an arc, in units of its curvature squared, pixels^2: rms over places and directions.
+    arc_error = 0.014
+    return float(own + (arc_error * bend * bend) ** 2)
 
 
 @borrowing

@@ -18,12 +18,6 @@ from tofmix.compiled.plane import dot, solve
 from tofmix.surfaces.nodes import Nodes
 from tofmix.surfaces.settings import DEFAULT_SETTINGS, LinkSettings
 
-_AFTER = 1.1
-"""A plane is solved again when it has this many times the nodes: more often changes nothing that matters."""
-
-_FEW = 32
-"""With fewer nodes than this it is solved after each."""
-
 
 @borrowing
 def begin(
@@ -157,6 +151,9 @@ def grow(
     right, plane = np.empty(3), np.empty(3)
     worst = settings.most_sigmas * settings.most_sigmas
     found = 0
+    few = 32  # with fewer nodes than this it is solved after each
+    # A plane is solved again when it has this many times the nodes: more often changes nothing that matters.
+    after = 1.1
     for seed in order:
         if label[seed] >= 0:
             continue
@@ -195,7 +192,7 @@ def grow(
                         label[best] = found
                         queue[count] = best
                         count += 1
-                        if count < _FEW or count > _AFTER * solved:
+                        if count < few or count > after * solved:
                             solve(information, right, plane, covariance)
                             solved = count
         found += 1

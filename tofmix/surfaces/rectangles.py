@@ -19,11 +19,6 @@ from tofmix.arrays import BoolArray, FloatArray
 from tofmix.optics.projection import Projection, beam_directions_of, unit
 from tofmix.surfaces.found import WindowSurfaces, plane_ranges
 
-_ENOUGH = 3
-"""Points of a polygon, at least."""
-
-_TOUCH_MM = 1e-6  # points on a side lie in the rectangle, whatever the rounding
-
 
 class Rectangle(NamedTuple):
     """A rectangle in the sensor's frame.
@@ -45,7 +40,8 @@ class Rectangle(NamedTuple):
     def contains(self, points_mm: FloatArray) -> BoolArray:
         """Whether points (n, 3) of its plane, mm, lie in it; not if they are NaN."""
         away = np.abs((points_mm - self.center_mm) @ self.axes[:, :2])
-        return np.asarray((away <= self.size_mm / 2.0 + _TOUCH_MM).all(axis=-1))
+        touch_mm = 1e-6  # points on a side lie in the rectangle, whatever the rounding
+        return np.asarray((away <= self.size_mm / 2.0 + touch_mm).all(axis=-1))
 
 
 def outline_rectangle(found: WindowSurfaces, surface: int, optics: Projection, *, reach_mm: float) -> Rectangle | None:
@@ -166,7 +162,8 @@ def least_rectangle(points: FloatArray, normal: FloatArray) -> Rectangle | None:
     H. Freeman, R. Shapira, "Determining the minimum-area encasing rectangle for an arbitrary closed curve",
     Communications of the ACM 18 (1975) 409, doi:10.1145/360881.360919.
     """
-    if len(points) < _ENOUGH:
+    enough = 3  # points of a polygon, at least
+    if len(points) < enough:
         return None
     first = unit(np.cross(np.eye(3)[np.argmin(np.abs(normal))], normal))
     basis = np.stack([first, np.cross(normal, first)], axis=1)

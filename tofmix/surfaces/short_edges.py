@@ -37,8 +37,6 @@ _PRIOR_WEIGHT = 4.0
 _STEP = 1.0e-4
 """Difference for derivatives, and a change that ends a fit: rad and pixels, far below errors."""
 
-_STEPS = 10
-"""Steps of Levenberg and Marquardt's method at most."""
 
 _FIRST_OFFSETS = (-1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5)
 """First guesses of the offset, pixels."""
@@ -208,7 +206,8 @@ def fit_short_edge(
     first_angle, first_offset = fit[SHORT_ANGLE], fit[SHORT_OFFSET]
     equations, damping = scratch[3, 6:11], 0.0
     total = _equations(side, one, other, frame, rays, row, col, told, work, scratch, fit, first_angle, first_offset)
-    for _ in range(_STEPS):
+    steps = 10  # steps of Levenberg and Marquardt's method at most
+    for _ in range(steps):
         angle, offset = fit[SHORT_ANGLE], fit[SHORT_OFFSET]
         a, b, c = equations[0] * (1.0 + damping), equations[1], equations[2] * (1.0 + damping)
         whole = a * c - b * b

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.compiled.jit import borrowing
 from tofmix.image.patch import PLACES_9, STATE, Patches, fit_patches, meet
-from tofmix.image.segments import LEAST_PIXELS, REACH, around
+from tofmix.image.segments import LEAST_PIXELS, REACH, members_around
 from tofmix.surfaces.linking import Linked
 from tofmix.surfaces.nodes import Nodes
 from tofmix.surfaces.smooth_linking import Smooth
@@ -129,7 +129,7 @@ def fit_smooth(nodes: Nodes, linked: Linked, smooth: Smooth | None) -> tuple[Sha
     rows, cols = view.shape
     which = linked.smooth[linked.label]
     pixels = nodes.row.astype(np.int64) * cols + nodes.col
-    members = around(view.shape, smooth.segment, pixels, which.astype(np.int64), REACH, own=True)
+    members = members_around(view.shape, smooth.segment, pixels, which.astype(np.int64), REACH, own=True)
     ours = np.flatnonzero((which >= 0) & ((members >= 0).sum(axis=1) >= LEAST_PIXELS))
     ours = ours[np.argsort(pixels[ours], kind="stable")]
     pixel, place = pixels[ours], which[ours]

@@ -17,10 +17,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.image.masks import components, count_around, near, neighbour_pairs
 from tofmix.image.patch import LEAST_HITS, PLACES_9, drawn_ranges, fit_patches
 from tofmix.image.scales import BENDS, MOST_NATS, THIRDS, UNKNOWN, Scales, learn_scales, may_bend
-from tofmix.image.segments import LEAST_PIXELS, REACH, View, around
+from tofmix.image.segments import (
+    LEAST_PIXELS,
+    REACH,
+    View,
+    components,
+    count_around,
+    members_around,
+    near,
+    neighbour_pairs,
+)
 from tofmix.layers import Layers
 from tofmix.surfaces.linking import Linked, fit, numbered
 from tofmix.surfaces.nodes import Nodes
@@ -30,9 +38,6 @@ _TRIALS = np.array(
     [(BENDS[0], THIRDS[0]), (BENDS[2], THIRDS[0]), (UNKNOWN[0], THIRDS[0]), UNKNOWN, (BENDS[-1], THIRDS[-1])]
 )
 """Scales of curvatures and cubic terms that pieces are tried with, the same for one piece and for both."""
-
-_REACH = 3  # of these windows: more takes in the next border
-_WINDOWS = 4  # along the border of two pieces
 
 
 def pieces_of(view: View, label: IntArray, settings: LinkSettings) -> IntArray:
@@ -91,21 +96,19 @@ def _borders(view: View, group: IntArray, settings: LinkSettings) -> dict[tuple[
     a, b = a[touch], b[touch]
     sigma = np.sqrt(view.range_variance[a] + view.range_variance[b])
     near_mm = np.minimum(view.range_mm[a], view.range_mm[b])
-    even = np.abs(view.range_mm[a] - view.range_mm[b]) < _STEP * near_mm + settings.most_sigmas * sigma
+    step = 0.04  # largest difference between neighbours that may be of one surface, as a part of the range
+    even = np.abs(view.range_mm[a] - view.range_mm[b]) < step * near_mm + settings.most_sigmas * sigma
     a, b = a[even], b[even]
     low, high = np.minimum(group[a], group[b]), np.maximum(group[a], group[b])
     keys, which = np.unique(np.stack([low, high], axis=1), axis=0, return_inverse=True)
     which = which.reshape(len(a))
     draw = np.random.default_rng(1)
     out = {}
+    windows = 4  # along the border of two pieces
     for number, (one, other) in enumerate(keys.tolist()):
         pixels = np.unique(np.concatenate([a[which == number], b[which == number]]))
-        out[one, other] = pixels[draw.permutation(pixels.size)[:_WINDOWS]]
+        out[one, other] = pixels[draw.permutation(pixels.size)[:windows]]
     return out
-
-
-_STEP = 0.04
-"""Largest difference between neighbours that may be of one surface, as a part of the range."""
 
 
 def _gains(view: View, group: IntArray, pairs: list[tuple[int, int]], borders: list[IntArray]) -> list[float]:
@@ -115,7 +118,8 @@ def _gains(view: View, group: IntArray, pairs: list[tuple[int, int]], borders: l
     at = np.concatenate(borders)
     owner = np.repeat(np.arange(len(pairs)), [border.size for border in borders])
     one, other = (np.array(part)[owner] for part in zip(*pairs, strict=True))
-    first, second = (around(view.shape, group, at, number, _REACH, own=True) for number in (one, other))
+    reach = 3  # of these windows: more takes in the next border
+    first, second = (members_around(view.shape, group, at, number, reach, own=True) for number in (one, other))
     both = np.where(first >= 0, first, second)
     usable = (first >= 0).any(axis=1) & (second >= 0).any(axis=1)
     at, owner, first, second, both = (part[usable] for part in (at, owner, first, second, both))
@@ -324,7 +328,9 @@ class _Rim:
             has = self._has(label, self._planes + place)
             beside = (near(has, 1) & ~has).ravel()
             some = np.flatnonzero(free & beside[self._pixel])
-            members = around(self._view.shape, self._segment, self._pixel[some], np.full(some.size, place), REACH)
+            members = members_around(
+                self._view.shape, self._segment, self._pixel[some], np.full(some.size, place), REACH
+            )
             some = some[(members >= 0).sum(axis=1) >= LEAST_PIXELS]
             found.append(some)
             places.append(np.full(some.size, place))
@@ -391,7 +397,7 @@ def predict(
         Mean range over the part of the pixel that is hit, mm; its variance, mm^2; the change of the range along a
         pixel's side, mm; whether enough draws hit the pixel.
     """
-    members = around(view.shape, segment, pixel, place, REACH)
+    members = members_around(view.shape, segment, pixel, place, REACH)
     patches = fit_patches(view, pixel, members, scales.bend[place], scales.third[place])
     patches = patches._replace(covariance=patches.covariance * scales.inflation[place][:, np.newaxis, np.newaxis])
     ranges = drawn_ranges(patches, view.rays(pixel, PLACES_9))

@@ -15,7 +15,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.image.masks import components
+from tofmix.image.segments import components
 from tofmix.suspicion.scene import WindowScene
 
 SHAPES = 6.0

@@ -12,17 +12,36 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import borrowing, jit
-from tofmix.layer_of_sample import layer_of
 from tofmix.layers import Layers
 from tofmix.suspicion.passing import LONGEST, MOST_OUTSIDE
 from tofmix.suspicion.scene import WindowSamples
 from tofmix.suspicion.time_clusters import log_chance
 
+
+@borrowing
+def layer_of(
+    value: float, count: int, mean: Float32Array, sigma: Float32Array, weight: Float32Array, circle: float
+) -> int:
+    """The layer that a sample is most probably of; -1 if it is far from all.
+
+    `count` layers (layer,) are there; `circle` is the length of the circle that ranges are on, mm, or 0.
+    """
+    best, chosen = -math.inf, -1
+    farthest_sigmas = 5.0  # a sample farther from a layer than this many of its sigma is not of it
+    for i in range(count):
+        away = value - mean[i]
+        if circle > 0.0:
+            away -= circle * round(away / circle)
+        z = abs(away) / sigma[i]
+        if z <= farthest_sigmas:
+            density = math.log(max(weight[i], 1.0e-12) / sigma[i]) - 0.5 * z * z
+            if density > best:
+                best, chosen = density, i
+    return chosen
+
+
 WORTH_KEEPING = math.log(0.2)
 """Log of the chance from which on a layer is kept as a cluster in time: passing layers beside it may support it."""
-
-_MOST_SHARE = 0.75
-"""Share of a layer above which its frames are not looked at: with more it is not in less than half of them."""
 
 
 def gather_evidence(
@@ -47,7 +66,9 @@ def gather_evidence(
     of_layers = flat.n_modes, flat.range, flat.sigma, flat.weight
     circle = 0.0 if circle_mm is None else float(circle_mm)
     with np.errstate(invalid="ignore"):
-        found = np.flatnonzero((flat.weight <= _MOST_SHARE).any(-1))
+        # Share of a layer above which its frames are not looked at: with more it is not in less than half of them.
+        most_share = 0.75
+        found = np.flatnonzero((flat.weight <= most_share).any(-1))
     clusters, memory = _clusters(samples, found, targets, *of_layers, circle)
     row, col = np.divmod(clusters[:, 0], shape[1])
     return WindowSamples(np.column_stack([row, col, clusters[:, 1:]]), memory)

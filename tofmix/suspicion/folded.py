@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray
-from tofmix.image.masks import around, count_around
+from tofmix.image.segments import around, count_around
 from tofmix.suspicion.albedo import (
     PLANE_NUMBERS,
     AlbedoLaw,
@@ -27,7 +27,6 @@ from tofmix.suspicion.scene import FALSE_MARKS, Suspicion, WindowScene
 
 MOST_SURFACES = 24  # the largest surfaces that are compared: more cost time, and are small
 
-_LEAST_CONTRAST = 1.0  # log of the ratio of brightnesses below which no set of surfaces can have enough evidence
 _BESIDE = 0.2  # a layer beside a folded surface within this share of its range is of it
 
 
@@ -47,7 +46,8 @@ def mark_folded(scene: WindowScene) -> BoolArray:
     if beyond.sum() > FALSE_MARKS * scene.present.sum() or not len(known):
         return nothing
     low, high = np.quantile(known, (0.01, 0.99))
-    if high - low < _LEAST_CONTRAST:
+    least_contrast = 1.0  # log of the ratio of brightnesses below which no set of surfaces can have enough evidence
+    if high - low < least_contrast:
         return nothing
     surfaces = find_surfaces(scene, bright)
     folded = _folded_surfaces(scene, surfaces, scene.turn_mm)

@@ -11,9 +11,6 @@ import numpy as np
 from tofmix.arrays import BoolArray
 from tofmix.suspicion.scene import FALSE_MARKS, NOISE_SIGMAS, Suspicion, WindowScene
 
-MOST_MM = 300.0
-"""Farthest near return, mm: cover glass and housing are parts of the device."""
-
 LEAST_SHARE = 0.8
 """Nearly every pixel: of those with a layer, this share has the near one. Few samples of a window may miss it."""
 
@@ -36,7 +33,8 @@ def mark_near_return(scene: WindowScene) -> BoolArray:
     width = ordered[held - 1 :] - ordered[: seen - held + 1]
     start = int(width.argmin())
     common = float(np.median(ordered[start : start + held]))
-    if common > MOST_MM:
+    most_mm = 300.0  # farthest near return, mm: cover glass and housing are parts of the device
+    if common > most_mm:
         return marked
     with np.errstate(invalid="ignore"):
         near = np.abs(first - common) <= np.maximum(NOISE_SIGMAS * error, scene.sigma_mm[..., 0])

@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.image.masks import around
+from tofmix.image.segments import around
 from tofmix.suspicion.scene import CLUSTER_FIELDS, FALSE_MARKS, NOISE_SIGMAS, Suspicion, WindowScene
 
 _ROW, _COL, _LAYER, _FRAMES, _SAMPLES, _OUTSIDE, _LENGTH, _FIRST, _LAST = range(len(CLUSTER_FIELDS))
@@ -21,13 +21,6 @@ MOST_OUTSIDE = 0.2
 
 LONGEST = 0.5
 """Share of the frames from which on a layer is no passing one: it is there for most of the time."""
-
-BESIDE_PASSING = 0.05
-"""Chance below which a layer beside a passing one, in its frames alone, is of it too: there the odds are even."""
-
-_SLOPE = 0.05  # how much ranges of one surface differ between neighbouring pixels, of the range
-
-_MOST_CORRELATION = 0.99  # from frame to frame: a recording with more has no independent frames to speak of
 
 
 def mark_passing(scene: WindowScene) -> BoolArray:
@@ -44,9 +37,11 @@ def mark_passing(scene: WindowScene) -> BoolArray:
     place = tuple(found[:, [_ROW, _COL, _LAYER]].astype(int).T)
     may_pass = ~_continues(scene, *place)
     sure = may_pass & (chances <= math.log(FALSE_MARKS))
+    # Chance below which a layer beside a passing one, in its frames alone, is of it too: there the odds are even.
+    beside_passing = 0.05
     while sure.any():  # each round reaches one pixel farther
         beside = _log_chances_beside(found, sure, scene.range_mm.shape[:2], memory_frames)
-        more = may_pass & ~sure & (beside <= math.log(BESIDE_PASSING))
+        more = may_pass & ~sure & (beside <= math.log(beside_passing))
         if not more.any():
             break
         sure |= more
@@ -67,12 +62,13 @@ def _continues(scene: WindowScene, row: IntArray, col: IntArray, layer: IntArray
     around, sigma = (np.pad(values, pad, constant_values=np.nan) for values in (stands, scene.sigma_mm))
     own, width = scene.range_mm[row, col, layer], scene.sigma_mm[row, col, layer]
     out = together[row, col, layer] > LONGEST
+    slope = 0.05  # how much ranges of one surface differ between neighbouring pixels, of the range
     for down, right in product(range(3), range(3)):
         if (down, right) != (1, 1):
             there = around[row + down, col + right]
             noise = NOISE_SIGMAS * np.hypot(sigma[row + down, col + right], width[:, np.newaxis])
             with np.errstate(invalid="ignore"):
-                near = np.abs(there - own[:, np.newaxis]) <= _SLOPE * own[:, np.newaxis] + noise
+                near = np.abs(there - own[:, np.newaxis]) <= slope * own[:, np.newaxis] + noise
             out |= near.any(-1)
     return out
 
@@ -113,7 +109,8 @@ def _memory_frames(memory: FloatArray) -> float:
     """
     products, squares, pairs, most = memory
     correlation = max(products / squares if squares > 0 else 0.0, pairs / most if most > 0 else 0.0)
-    correlation = min(max(correlation, 0.0), _MOST_CORRELATION)
+    most_correlation = 0.99  # from frame to frame: a recording with more has no independent frames to speak of
+    correlation = min(max(correlation, 0.0), most_correlation)
     return float((1.0 + correlation) / (1.0 - correlation))
 
 

@@ -8,7 +8,7 @@ it would be flat, where scattered light has one range.
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray
-from tofmix.image.masks import count_around
+from tofmix.image.segments import count_around
 from tofmix.suspicion.albedo import (
     PLANE_NUMBERS,
     AlbedoLaw,
@@ -19,15 +19,6 @@ from tofmix.suspicion.albedo import (
     rms,
 )
 from tofmix.suspicion.scene import FALSE_MARKS, NOISE_SIGMAS, Suspicion, WindowScene
-
-MOST_SCATTERED = 0.05
-"""Most of a bright thing's light that a pixel elsewhere gets of it."""
-
-MOST_SOURCES = 4  # bright things that are looked at, from the brightest on
-
-_SLOPE = 0.1  # how much ranges of one surface differ between neighbouring pixels, of the range
-
-_BRIGHTER_BESIDE = 2.0  # times, that scattered light may be brighter beside the bright thing than elsewhere
 
 
 def mark_scattered(scene: WindowScene) -> BoolArray:
@@ -43,9 +34,12 @@ def mark_scattered(scene: WindowScene) -> BoolArray:
     light = np.where(known, scene.amplitude, 0.0)
     dimmest = light[known].min()
     surfaces = None
-    for _ in range(MOST_SOURCES):
+    most_sources = 4  # bright things that are looked at, from the brightest on
+    slope = 0.1  # how much ranges of one surface differ between neighbouring pixels, of the range
+    most_scattered = 0.05  # most of a bright thing's light that a pixel elsewhere gets of it
+    for _ in range(most_sources):
         source = np.unravel_index(int(light.argmax()), light.shape)
-        if light[source] * MOST_SCATTERED < dimmest:
+        if light[source] * most_scattered < dimmest:
             break
         surfaces = surfaces or find_surfaces(scene, bright)
         at_range = known & _agrees(scene, source)
@@ -54,10 +48,10 @@ def mark_scattered(scene: WindowScene) -> BoolArray:
         others = others[others >= 0]
         if len(others):
             law = AlbedoLaw.of(surfaces.log_brightness[others])
-            candidates = at_range & (scene.amplitude <= MOST_SCATTERED * scene.amplitude[source])
+            candidates = at_range & (scene.amplitude <= most_scattered * scene.amplitude[source])
             improbable = _improbable(scene, candidates, bright, law, source)
             with np.errstate(invalid="ignore"):
-                close = np.abs(scene.range_mm / scene.range_mm[source] - 1.0) <= _SLOPE
+                close = np.abs(scene.range_mm / scene.range_mm[source] - 1.0) <= slope
             marked |= _without_rims(scene.amplitude, known & close, improbable)
         light = np.where(at_range, 0.0, light)
     return marked
@@ -103,7 +97,8 @@ def _without_rims(amplitude: FloatArray, close: BoolArray, improbable: BoolArray
     """
     beside = count_around(np.asarray((close & ~improbable).any(-1)), 1) > 0
     apart = improbable & ~beside[..., np.newaxis]
-    most = _BRIGHTER_BESIDE * np.where(apart, amplitude, -np.inf).max(initial=-np.inf)
+    brighter_beside = 2.0  # times, that scattered light may be brighter beside the bright thing than elsewhere
+    most = brighter_beside * np.where(apart, amplitude, -np.inf).max(initial=-np.inf)
     return np.asarray(improbable & (apart | (amplitude <= most)))
 
 

@@ -4,9 +4,9 @@ A lock-in camera's pixel that sees several surfaces returns one phasor sum, z = 
 samples have one mode, at a range without a surface. The surfaces are found in the pixel's amplitude and in its
 neighbours.
 
-The data's path: samples -> `phasors` (mean and covariance of each pixel) -> `image` (the measurements of one window) ->
-`unfolding` (surfaces beyond the fold of a folded axis) -> `seeds` (pixels that certainly see one surface), `lines`
-(narrow surfaces, of one column or row of pixels) and `distant` (planes of large surfaces) -> `neighbours` (the surfaces
-beside a pixel, continued to it) -> `hypotheses` (one surface; `chords`: two, three; `likeliest`: the one to keep) ->
-`labels` (rounds over all pixels) -> `law` (are the samples phasor sums at all?) -> `rewriting` (layers).
+The data's path: samples -> `image` (mean and covariance of each pixel, the measurements of one window, surfaces
+beyond the fold of a folded axis: `unmix.unfolded`) -> `seeds` (pixels that certainly see one surface), `lines`
+(narrow surfaces, of one column or row of pixels) -> `neighbours` (the surfaces beside a pixel, continued to it, and
+planes of large surfaces) -> `hypotheses` (one surface; `chords`: two, three; `likeliest`: the one to keep) ->
+`labels` (rounds over all pixels) -> `unmix` (are the samples phasor sums at all? and the layers).
 """

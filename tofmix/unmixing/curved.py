@@ -26,7 +26,7 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.light import STATES, Lit, with_light
 from tofmix.image.patch import STATE, fit_patches, meet
 from tofmix.image.scales import Scales
-from tofmix.image.segments import LEAST_PIXELS, REACH, View, around, grid_of_places, lattice_of_places
+from tofmix.image.segments import LEAST_PIXELS, REACH, View, grid_of_places, lattice_of_places, members_around
 from tofmix.unmixing.chords import unseen_log_density
 from tofmix.unmixing.image import ComplexArray, PhasorImage
 from tofmix.unmixing.likeliest import OpenSpace
@@ -57,7 +57,6 @@ Of the pairs, one in 50 has a surface that no pixel within two sees alone: none 
 person's neck, 0.1 beside fingers.
 """
 
-_NEAREST = 2  # pixels, within which a surface must have one
 _PARTS = 64
 _PLACES = lattice_of_places(_PARTS, 27)
 _COARSE = grid_of_places(3)
@@ -68,7 +67,6 @@ _SOME = 0.01  # and as some
 _LEAST_DRAWS, _LEAST_LIMBS, _LEAST_CUTS = 6, 4, _DRAWS // 4
 _BINS = 50  # of the share
 _ANY = 0.03  # part of a limb's shares that no draw has
-_FEWEST = 0.3  # share of the pixel that the farther surface fills in the mean of its draws
 _FAR, _NEAR = 4.0, 0.25  # of the range in the middle: a patch is not continued farther
 _BLOCK = 48  # pairs at once: some 50 MB
 
@@ -157,7 +155,7 @@ def judge_bent(
     if not owner.size:
         return best.verdicts()
     at = pixels[owner]
-    members = around(view.shape, segment, at, number, REACH)
+    members = members_around(view.shape, segment, at, number, REACH)
     patches = fit_patches(view, at, members, scales.bend[number], scales.third[number])
     patches = patches._replace(covariance=patches.covariance * scales.inflation[number][:, np.newaxis, np.newaxis])
     lit = with_light(view, at, patches)
@@ -210,7 +208,8 @@ def _items(view: View, segment: IntArray, pixels: IntArray) -> tuple[IntArray, I
     row, col = (pixels // cols)[:, np.newaxis] + down, (pixels % cols)[:, np.newaxis] + right
     inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols) & ((down != 0) | (right != 0))
     found = np.where(inside, segment[np.where(inside, row * cols + col, 0)], -1)
-    close = np.maximum(np.abs(down), np.abs(right)) <= _NEAREST
+    nearest = 2  # pixels, within which a surface must have one
+    close = np.maximum(np.abs(down), np.abs(right)) <= nearest
     owners, numbers = [], []
     for place in range(len(pixels)):
         for number in np.unique(found[place]).tolist():
@@ -595,7 +594,8 @@ def _far(seen: _Seen, totals: _Sums, which: IntArray, order: IntArray, view: Vie
     flat = _Sums(*(np.swapaxes(part, 1, 2).reshape(n * _PARTS, -1) for part in sums))
     fits = (ok[..., np.newaxis] & (hit > 0)).swapaxes(1, 2).reshape(n * _PARTS, -1)
     mean = _moments(flat, fits)[0].reshape(n, _PARTS, 2)
-    possible = (ok.sum(axis=1) >= _LEAST_DRAWS) & (seen.share[which].mean(axis=1) >= _FEWEST)
+    fewest = 0.3  # share of the pixel that the farther surface fills in the mean of its draws
+    possible = (ok.sum(axis=1) >= _LEAST_DRAWS) & (seen.share[which].mean(axis=1) >= fewest)
     return _Far(mean, covariance, offset, possible)
 
 

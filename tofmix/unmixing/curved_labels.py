@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.image.masks import near
 from tofmix.image.scales import BENDS, THIRDS, Scales, learn_scales, may_bend
-from tofmix.image.segments import LEAST_PIXELS, REACH, View, rim_of, segments_of
+from tofmix.image.segments import LEAST_PIXELS, REACH, View, near, rim_of, segments_of
 from tofmix.unmixing.curved import Bent, Verdicts, judge_bent
 from tofmix.unmixing.functions import ndtr
 from tofmix.unmixing.image import ComplexArray, PhasorImage, polar_covariance, variance_along
@@ -22,14 +21,8 @@ from tofmix.unmixing.likeliest import Kind, OpenSpace
 from tofmix.unmixing.seeds import without_creases
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, CurvedSettings, UnmixSettings
 
-_LEAVING = 1
-"""Round in which members at the rim may leave."""
-_LEAST_WALL = 36
-"""Fewest pixels of a part that tell whether it bends: a window of 6 x 6."""
 _WALLS = 0.8
 """Part of a segment's pixels that flat parts must have; the rest lies at creases."""
-_RELEARNT = 2
-"""Round after which scales are learnt again."""
 
 
 def label_curved(image: PhasorImage, labels: Labels, settings: UnmixSettings = DEFAULT_SETTINGS) -> Labels:
@@ -98,7 +91,8 @@ def _parted(
     """
     part, origin = without_creases(image, labels.seeds, segment, settings.seeds.different_sigmas)
     size = np.bincount(part[part >= 0], minlength=origin.size)
-    large = np.flatnonzero(bent[origin] & (size >= _LEAST_WALL))
+    least_wall = 36  # fewest pixels of a part that tell whether it bends: a window of 6 x 6
+    large = np.flatnonzero(bent[origin] & (size >= least_wall))
     learnt = learn_scales(view, part, large, REACH)
     flat = large[learnt.is_known() & learnt.is_flat()]
     count = len(bent)
@@ -195,16 +189,13 @@ class _Judged:
         if not fresh:
             return np.zeros(0, np.int64)
         chosen = np.array(fresh, dtype=np.int64)
-        for start in range(0, chosen.size, _CHUNK):
-            block = chosen[start : start + _CHUNK]
+        chunk = 128  # pixels that are judged at once: the draws of their surfaces take some 100 MB
+        for start in range(0, chosen.size, chunk):
+            block = chosen[start : start + chunk]
             found = judge_bent(self._image, self._view, segment, block, scales, self._apart, self._space)
             for place, pixel in enumerate(block.tolist()):
                 self.verdict[pixel] = tuple(part[place] for part in found)
         return chosen
-
-
-_CHUNK = 128
-"""Pixels that are judged at once: the draws of their surfaces take some 100 MB."""
 
 
 def _grown(
@@ -219,6 +210,8 @@ def _grown(
     """Segments with the pixels that joined, and the verdicts on those beside bent ones that are in none."""
     judged = _Judged(image, view, settings.hypotheses.apart, space)
     first, segment = segment, segment.copy()
+    relearnt = 2  # round after which scales are learnt again
+    leaving = 1  # round in which members at the rim may leave
     for number in range(settings.curved.rounds):
         area = image.valid & _beside(segment, bent, view.shape, REACH)
         candidates = _open_pixels(segment, area, view, settings.curved.beside)
@@ -231,11 +224,11 @@ def _grown(
                 changed[pixel] = verdict[2]
                 joined += 1
         segment = changed
-        if not joined and number >= _RELEARNT:
+        if not joined and number >= relearnt:
             break
-        if number == _LEAVING:
+        if number == leaving:
             _leave(judged, segment, scales, np.flatnonzero(rim_of(segment >= 0, view.shape) & area))
-        if number == _RELEARNT:
+        if number == relearnt:
             curved = np.flatnonzero(bent)
             again = learn_scales(view, segment, curved, REACH)
             for old, new in zip(scales, again, strict=True):

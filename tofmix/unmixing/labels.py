@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.image.masks import near, sum_around
+from tofmix.image.segments import near, sum_around
 from tofmix.unmixing.hypotheses import judge
 from tofmix.unmixing.image import ComplexArray, PhasorImage
 from tofmix.unmixing.likeliest import ENDS, Kind, LikeliestHypotheses, OpenSpace
@@ -102,12 +102,9 @@ def weigh_planes(
     gain[pixels] = log_evidence[pixels] - found.log_evidence
     log_odds = LOG_ODDS_OF_PLANES + sum_around(gain.reshape(shape), reach).ravel()
     area = near(vague.reshape(shape), reach).ravel()
-    bends[area] = 1.0 / (1.0 + np.exp(np.clip(log_odds[area], -_MOST_LOG, _MOST_LOG)))
+    most_log = 500.0  # largest exponent
+    bends[area] = 1.0 / (1.0 + np.exp(np.clip(log_odds[area], -most_log, most_log)))
     return Surroundings(gain, bends)
-
-
-_MOST_LOG = 500.0
-"""Largest exponent."""
 
 
 def judge_bending(

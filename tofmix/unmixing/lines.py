@@ -15,13 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.image.masks import components, near, neighbour_pairs
+from tofmix.image.segments import components, near, neighbour_pairs
 from tofmix.unmixing.image import TINY, ComplexArray, PhasorImage, inverse_form, polar_covariance
 from tofmix.unmixing.seeds import Seeds
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, LabelSettings
-
-_LEAST_PIXELS = 3
-"""Pixels of a line: two of them determine it, and the third one tests it."""
 
 _BEYOND = (2, 3)
 """Distances, pixels, of the surface beyond a neighbour. An edge that is not upright in the image crosses two pixels."""
@@ -92,7 +89,8 @@ def find_lines(
     wider = np.zeros(image.count, bool)
     wider[surface[np.where(is_line[one], one, other)[beside]]] = True
     known = wider[surface] & near(seeds.has_plane.reshape(image.shape), reach).ravel()
-    pixels = pixels[(size[surface[pixels]] >= _LEAST_PIXELS) & ~known[pixels]]
+    least_pixels = 3  # pixels of a line: two of them determine it, and the third one tests it
+    pixels = pixels[(size[surface[pixels]] >= least_pixels) & ~known[pixels]]
     number[pixels] = np.unique(surface, return_index=True)[1][surface[pixels]]
     return number
 

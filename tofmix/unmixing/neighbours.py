@@ -15,7 +15,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.compiled.vector import MAD_TO_SIGMA
-from tofmix.image.masks import components
+from tofmix.image.segments import components
 from tofmix.unmixing.image import ComplexArray, PhasorImage
 from tofmix.unmixing.seeds import Seeds
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, NeighbourSettings, PlaneSettings
@@ -245,9 +245,12 @@ def phasor_of(
     seeds: Seeds,
 ) -> Predictions:
     """Phasors (n,) of surfaces, from 1 / r (1 / mm), u, and their variances."""
-    range_mm = 1.0 / np.maximum(near, _LEAST_NEAR)
+    least_near = 1.0e-7  # 1 / mm: no surface is farther than 10 km
+    range_mm = 1.0 / np.maximum(near, least_near)
     range_variance = near_variance * range_mm**4 + seeds.pattern_variance
-    amplitude = np.exp(np.minimum(light - 3.0 * np.log(range_mm), _MOST_LOG))
+    # Logarithm of the largest amplitude, in units of the image's median: an extrapolation must not overflow.
+    most_log = 10.0
+    amplitude = np.exp(np.minimum(light - 3.0 * np.log(range_mm), most_log))
     radial = light_variance + seeds.texture_variance + 9.0 * range_variance / range_mm**2
     return Predictions(
         phasor=amplitude * np.exp(1j * range_mm / image.scale_mm),
@@ -256,13 +259,6 @@ def phasor_of(
         range_mm=range_mm,
         range_variance=range_variance,
     )
-
-
-_LEAST_NEAR = 1.0e-7
-"""1 / mm: no surface is farther than 10 km."""
-
-_MOST_LOG = 10.0
-"""Logarithm of the largest amplitude, in units of the image's median: an extrapolation must not overflow."""
 
 
 def predict(

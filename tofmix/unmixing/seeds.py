@@ -11,16 +11,13 @@ import numpy as np
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.compiled.plane import fit_plane
-from tofmix.image.masks import components
+from tofmix.image.segments import components
 from tofmix.unmixing.functions import chi_square_6
 from tofmix.unmixing.image import Measured, PhasorImage, PixelDirections, places, window
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, SeedSettings
 
 _FREE = 6
 """Degrees of freedom of a plane through 3 x 3 pixels."""
-
-_LINE = 8
-"""Pixels of a line that is as free as a window: a straight line through them leaves six degrees of freedom."""
 
 
 def _continued(away: int) -> float:
@@ -330,11 +327,12 @@ def _line_scatters(image: PhasorImage, axis: int) -> tuple[FloatArray, FloatArra
     """Scatter and noise (n,) of ranges (mm^2) and of light about straight lines, along eight pixels each."""
     index = np.arange(image.count).reshape(image.shape)
     index = index if axis == 1 else index.T
-    if index.shape[1] < _LINE:
+    line = 8  # pixels of a line that is as free as a window: a straight line through them leaves six degrees of freedom
+    if index.shape[1] < line:
         return (np.zeros(0),) * 4
-    pixels = np.lib.stride_tricks.sliding_window_view(index, _LINE, axis=1).reshape(-1, _LINE)
+    pixels = np.lib.stride_tricks.sliding_window_view(index, line, axis=1).reshape(-1, line)
     pixels = pixels[image.valid[pixels].all(axis=1)]
-    middle = pixels[:, _LINE // 2]
+    middle = pixels[:, line // 2]
     own, unit = image.directions[middle], (image.down if axis == 0 else image.across)[middle]
     ways, near = image.directions[pixels], 1.0 / image.range_mm[pixels]
     cosine = np.einsum("nki,ni->nk", ways, own)

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import tofmix as tm
-from tofmix.measurement import ShareLaw
 from tofmix.optics.pinhole import Pinhole
 from tofmix.sensor import Sensor
+from tofmix.sensor_schema import ShareLaw
 from tofmix.surfaces.found import Edges
 from tofmix.surfaces.reconstruct import reconstruct
 

@@ -16,11 +16,10 @@ from support.files import boards, write_recording
 from support.lock_in import made, two_boards, write_sums
 
 from tofmix.errors import ExitCode
-from tofmix.grid import plan_grid
+from tofmix.grid import plan_grid, plan_windows
 from tofmix.io.layers.layers_file import open_layers
 from tofmix.pipeline import cluster as pipeline_cluster
 from tofmix.report.summary.summary import find, remedy_for
-from tofmix.windows import plan_windows
 
 pytestmark = [
     pytest.mark.cluster,

@@ -15,17 +15,15 @@ from tofmix.arrays import Float32Array
 from tofmix.estimation.beam import beam_of, outlier_interval
 from tofmix.estimation.blocks.finishing import layer_amplitudes
 from tofmix.estimation.blocks.reading import MemoryTooSmallError, ReadPlan, plan_reading, read_groups, working_bytes
-from tofmix.estimation.blocks.sample_span import sample_span, sensor_with_span
 from tofmix.estimation.blocks.sequence import estimate_cells, estimate_layers
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.peaks.incremental import IncrementalDensity
-from tofmix.estimation.samples import invalid_share
+from tofmix.estimation.samples import invalid_share, sample_span, sensor_with_span
 from tofmix.estimation.settings import EstimateOptions
-from tofmix.grid import Grid, plan_grid
+from tofmix.grid import Grid, plan_grid, plan_windows
 from tofmix.layers import LAYER_FIELDS, Layers
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor
-from tofmix.windows import plan_windows
 
 COLS = sized(7, 1)
 
@@ -207,7 +205,7 @@ def test_every_sample_is_read_once_for_any_chunks(shape: tuple[int, int], step: 
     samples = np.arange(shape[0] * shape[1], dtype=np.float32).reshape(*shape, 1)
     recording = Stored(samples, step)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tofmix.estimation.blocks.sample_span.DECODED_SAMPLES", least)
+        patch.setattr("tofmix.estimation.samples.DECODED_SAMPLES", least)
         assert sample_span(recording) == (0.0, samples.max())
     assert (recording.reads == 1).all()
 

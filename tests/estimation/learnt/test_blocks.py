@@ -14,13 +14,12 @@ from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.blocks import layers_with_learnt
 from tofmix.estimation.learnt.bootstrap import SAMPLES, SHARES, KnownThresholds, calibrate
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD
-from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.thresholds import GainThresholds, read_gains
-from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, gain_table
+from tofmix.estimation.learnt.model import GainThresholds, PixelNoise, read_gains
+from tofmix.estimation.mixture.counting import FALSE_ALARMS, gain_table
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode, counts_with_learnt
 from tofmix.flags import Status
 from tofmix.layers import Layers
-from tofmix.learnt_noise import DRIFTS
+from tofmix.noise_shape import DRIFTS
 from tofmix.sensor import NoiseCurve, Sensor
 
 WIDE = camera_with(pixel_noise(width_spread=0.4))

@@ -41,7 +41,7 @@ from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.population import population_likelihoods, spread_beside_pairs
 from tofmix.estimation.learnt.trials import new_workspace
 from tofmix.estimation.settings import EstimateOptions
-from tofmix.learnt_noise import DRIFTS, TAIL_DEGREES
+from tofmix.noise_shape import DRIFTS, TAIL_DEGREES
 from tofmix.sensor import NoiseCurve, Sensor
 
 if TYPE_CHECKING:

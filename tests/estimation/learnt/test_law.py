@@ -23,8 +23,7 @@ from tofmix.estimation.learnt.law import (
     precision_of_t,
     slope_at,
 )
-from tofmix.learnt_noise import TAIL_DEGREES
-from tofmix.noise_shape import NoiseShape
+from tofmix.noise_shape import TAIL_DEGREES, NoiseShape
 
 Z = np.linspace(-REACH, REACH, int(2 * REACH * STEPS) + 1)
 FLAT = (1.0, 10.0)

@@ -11,18 +11,21 @@ from support.sizes import sized
 
 from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.mixture.components import MEAN, SIGMA, WEIGHT
 from tofmix.estimation.mixture.counting import (
     CERTAIN_SIGMAS,
     CERTAIN_SUPPORT,
+    FALSE_ALARMS,
     LEAST_BOUND,
+    SAMPLES,
     Rules,
     Workspace,
+    chance_of,
+    gain_table,
+    least_gain,
     new_workspace,
     try_one_more,
 )
-from tofmix.estimation.mixture.em import expectation_maximisation
-from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, SAMPLES, chance_of, gain_table, least_gain
+from tofmix.estimation.mixture.em import MEAN, SIGMA, WEIGHT, expectation_maximisation
 from tofmix.estimation.mixture.gain_bound import gain_bound_of_clear, steepest_place
 from tofmix.estimation.samples import Readings, readings_of
 from tofmix.estimation.settings import MODE_TIED, EstimateOptions, Refine, SigmaMode

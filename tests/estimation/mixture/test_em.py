@@ -9,14 +9,19 @@ from support.sizes import sized
 
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.mixture.components import MEAN, SIGMA, TOTAL, WEIGHT, new_components, new_scratch
 from tofmix.estimation.mixture.em import (
     FREE_SIGMA_FLOOR,
+    MEAN,
+    SIGMA,
+    TOTAL,
+    WEIGHT,
     em_step,
     expectation_maximisation,
     fit_mixture,
     log_likelihood,
     maximise_likelihood,
+    new_components,
+    new_scratch,
     start_at,
 )
 from tofmix.estimation.mixture.gain_bound import best_share, steepest_place

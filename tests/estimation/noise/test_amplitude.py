@@ -10,9 +10,9 @@ from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.noise.curve import smooth
 from tofmix.estimation.noise.measurement import MeasuredNoise, measure_noise
 from tofmix.estimation.noise.pixel_noise import pixel_curves
+from tofmix.grid import plan_windows
 from tofmix.recording import ArrayRecording, amplitude_source
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
-from tofmix.windows import plan_windows
 
 BARE = Sensor(name="no curve", range_min_mm=300.0, range_max_mm=6000.0)
 ROWS, COLS = 40, 60

@@ -7,7 +7,7 @@ from support.drawing import draw
 from support.sizes import sized
 
 from tofmix.compiled.vector import MAD_TO_SIGMA
-from tofmix.estimation.noise.curve import locate, single_share
+from tofmix.estimation.noise.curve import CurveSettings, NoiseSettings, locate, single_share
 from tofmix.estimation.noise.measurement import MeasuredNoise, disagreement, measure_noise
 from tofmix.estimation.noise.series import (
     CLIP_SIGMAS,
@@ -23,7 +23,6 @@ from tofmix.estimation.noise.series import (
     series_statistics,
     shaped_as_one,
 )
-from tofmix.estimation.noise.settings import CurveSettings, NoiseSettings
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor
 

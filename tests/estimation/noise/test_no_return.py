@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.noise.outliers import no_return_constant
+from tofmix.estimation.noise.measurement import no_return_constant
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor
 

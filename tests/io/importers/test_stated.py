@@ -17,25 +17,14 @@ from scipy.io import netcdf_file, savemat
 from support import naive_png
 from support.bags import new_bag
 from support.commandline import succeed
-from support.reading import read_source
+from support.reading import depths, read_source
 
 from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError, UsageError
-from tofmix.io.importers import open_source
-from tofmix.io.importers.base import Frame, FrameSource, SourceRequest
-from tofmix.io.importers.streams import depths_among, stream_of, stream_of_file
+from tofmix.io.importers.conversion import depths_among, stream_of, stream_of_file
 from tofmix.io.importers.times import epoch_unit_s, settled, time_unit_s, times_of_array, unit_of_stamps
 
 WALL = np.rint(np.random.default_rng(7).normal(2100.0, 6.0, (9, 4, 5)))
-
-
-def opened(path: Path, **request: Any) -> tuple[FrameSource, list[Frame]]:  # noqa: ANN401  fields of a request
-    with open_source(path, SourceRequest(**request)) as source:
-        return source, list(source.frames)
-
-
-def depths(path: Path, **request: Any) -> NDArray[Any]:  # noqa: ANN401  likewise
-    return np.stack([frame.depth for frame in opened(path, **request)[1]])
 
 
 def imported_mm(path: Path, *options: str) -> NDArray[np.float64]:
@@ -126,7 +115,7 @@ def test_whole_numbers_that_are_marked_as_unsigned_are_read_so(tmp_path: Path, *
 def test_damaged_packing_is_refused(tmp_path: Path) -> None:
     path = write_hdf5(tmp_path / "a.h5", WALL, scale_factor="half")
     with pytest.raises(BadInputError, match="scale_factor: expected a number"):
-        opened(path)
+        read_source(path)
 
 
 @pytest.mark.parametrize(
@@ -138,12 +127,12 @@ def test_times_are_read_in_their_units(tmp_path: Path, units: str, stored: NDArr
     with h5py.File(path, "a") as root:
         root["time"] = stored
         root["time"].attrs["units"] = units
-    source, frames = opened(path)
+    source, frames = read_source(path)
     np.testing.assert_allclose([frame.time_s or 0.0 for frame in frames], np.arange(9) * 0.04)
     assert source.notes == ()
     with h5py.File(path, "a") as root:
         root["time"].attrs["units"] = "ticks"
-    source, _ = opened(path)
+    source, _ = read_source(path)
     assert not source.has_time
     assert "time in 'ticks', no known unit of time (--time-unit gives it)" in source.notes[0]
 
@@ -152,7 +141,7 @@ def test_axes_are_told_by_the_names_of_dimensions_with_a_note(tmp_path: Path) ->
     table = xarray.Dataset({"depth": (("y", "x", "time"), np.moveaxis(WALL, 0, -1))}, coords={"time": np.arange(9.0)})
     table.to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
     np.testing.assert_array_equal(depths(tmp_path / "a.nc"), WALL)
-    assert "the dimensions y,x,time are taken as --axes row,col,frame" in opened(tmp_path / "a.nc")[0].notes[0]
+    assert "the dimensions y,x,time are taken as --axes row,col,frame" in read_source(tmp_path / "a.nc")[0].notes[0]
 
 
 def test_a_dataset_a_frame_is_a_sequence_in_natural_order(tmp_path: Path) -> None:
@@ -180,16 +169,16 @@ def test_depths_are_told_from_other_streams_by_name_and_status_codes_are_used(tm
     status = np.where(WALL > 2100, 5, 4)
     path = write_arrays(tmp_path, kind, depth=WALL, infrared=WALL + 1, status=status)
     axes = {"axes": "frame,row,col"} if kind == "mat" else {}
-    source, frames = opened(path, **axes)
+    source, frames = read_source(path, **axes)
     np.testing.assert_array_equal(np.stack([frame.depth for frame in frames]), WALL)
     assert any("not used: array status (--valid-status status=5,9" in note for note in source.notes)
     assert any("not used: array infrared" in note for note in source.notes)
-    source, frames = opened(path, valid_status=("status", (5,)), **axes)
+    source, frames = read_source(path, valid_status=("status", (5,)), **axes)
     assert source.status_valid == (5,)
     np.testing.assert_array_equal([frame.status for frame in frames], status)
     assert not any("status" in note for note in source.notes)
     with pytest.raises(BadInputError, match=r"--valid-status: no array 'state'"):
-        opened(path, valid_status=("state", (5,)), **axes)
+        read_source(path, valid_status=("state", (5,)), **axes)
 
 
 def test_zones_with_targets_are_arranged_by_the_shape(tmp_path: Path) -> None:
@@ -214,7 +203,7 @@ def test_scale_in_the_text_of_an_image_is_used(tmp_path: Path) -> None:
     write_png(tmp_path / "png/0.png", WALL[0] * 8, text)
     tifffile.imwrite(tmp_path / "a.tif", (WALL[:1] * 8).astype("u2"), description=text, metadata=None)
     for path in (tmp_path / "png", tmp_path / "a.tif"):
-        source, frames = opened(path)
+        source, frames = read_source(path)
         assert (source.unit_mm, source.depth_axis) == (0.125, "ray")
         np.testing.assert_array_equal(frames[0].depth, WALL[0] * 8)
 
@@ -236,7 +225,7 @@ def test_calibration_of_imagej_is_used(
     with tifffile.TiffWriter(path) as file:
         for number, image in enumerate(WALL):
             file.write(image.astype("u2"), description=text if number == 0 else None, metadata=None)
-    source, frames = opened(path)
+    source, frames = read_source(path)
     assert (source.unit_mm, source.scale_factor, source.add_offset) == (unit_mm, factor, offset)
     np.testing.assert_array_equal([frame.depth for frame in frames], WALL)
 
@@ -245,7 +234,7 @@ def test_channels_of_imagej_have_no_names_and_are_refused(tmp_path: Path) -> Non
     stack = np.stack([WALL, WALL + 500], axis=1).astype("u2")
     tifffile.imwrite(tmp_path / "a.tif", stack, imagej=True, metadata={"axes": "TCYX"})
     with pytest.raises(BadInputError, match=r"2 channels .* not one sequence of depths"):
-        opened(tmp_path / "a.tif")
+        read_source(tmp_path / "a.tif")
 
 
 @pytest.mark.parametrize(
@@ -269,19 +258,12 @@ def test_unit_of_an_ome_tiff_is_that_of_its_channel_or_of_an_annotation(
         **({"MapAnnotation": {"Unit": annotation}} if annotation else {}),
     }
     tifffile.imwrite(tmp_path / "a.ome.tif", WALL.astype("f4"), metadata=metadata, ome=True)
-    assert opened(tmp_path / "a.ome.tif")[0].unit_mm == unit_mm
+    assert read_source(tmp_path / "a.ome.tif")[0].unit_mm == unit_mm
 
 
 @pytest.mark.parametrize("kind", ["npz", "mat", "h5"])
 def test_unit_in_the_name_of_an_array_is_used(tmp_path: Path, kind: str) -> None:
-    path, metres = tmp_path / f"a.{kind}", WALL / 1000
-    if kind == "npz":
-        np.savez(path, depth_m=metres)
-    elif kind == "mat":
-        savemat(path, {"depth_m": metres})
-    else:
-        with h5py.File(path, "w") as root:
-            root["depth_m"] = metres
+    path = write_arrays(tmp_path, kind, depth_m=WALL / 1000)
     options = ("--axes", "frame,row,col") if kind == "mat" else ()
     np.testing.assert_allclose(imported_mm(path, *options), WALL, rtol=1e-6)
     np.testing.assert_allclose(imported_mm(path, *options, "--units", "cm"), WALL / 100, rtol=1e-6)
@@ -292,12 +274,12 @@ def test_images_of_another_stream_in_a_folder_are_not_frames(tmp_path: Path) -> 
         write_png(tmp_path / f"depth_{k}.png", WALL[k])
         write_png(tmp_path / f"ir_{k}.png", WALL[k] + 100)
     np.testing.assert_array_equal(depths(tmp_path), WALL)
-    assert opened(tmp_path)[0].notes == (f"{tmp_path}: not used: images ir_# (9)",)
+    assert read_source(tmp_path)[0].notes == (f"{tmp_path}: not used: images ir_# (9)",)
     for k in range(9):
         (tmp_path / f"depth_{k}.png").rename(tmp_path / f"left_depth_{k}.png")
         write_png(tmp_path / f"right_depth_{k}.png", WALL[k])
     with pytest.raises(BadInputError, match="several sequences of images: 9 of ir_#, 9 of left_depth_#, 9 of "):
-        opened(tmp_path)
+        read_source(tmp_path)
 
 
 def test_names_that_are_time_stamps_are_sorted_as_decimal_numbers(tmp_path: Path) -> None:
@@ -315,10 +297,10 @@ def test_channel_of_an_ome_tiff_is_told_by_its_name(tmp_path: Path, names: tuple
     tifffile.imwrite(tmp_path / "a.ome.tif", stack, metadata=metadata, ome=True)
     if chosen is None:
         with pytest.raises(BadInputError, match=r"2 channels \(one, two\), not one sequence of depths"):
-            opened(tmp_path / "a.ome.tif")
+            read_source(tmp_path / "a.ome.tif")
         return
     np.testing.assert_array_equal(depths(tmp_path / "a.ome.tif"), stack[:, chosen])
-    assert f"not used: channels {names[1 - chosen]}" in opened(tmp_path / "a.ome.tif")[0].notes[0]
+    assert f"not used: channels {names[1 - chosen]}" in read_source(tmp_path / "a.ome.tif")[0].notes[0]
 
 
 @pytest.mark.parametrize(
@@ -334,6 +316,17 @@ def test_channel_of_an_ome_tiff_is_told_by_its_name(tmp_path: Path, names: tuple
         ("zDepth_mm", "depth"),
         ("/device_0/sensor_0/Depth_0/image/data", "depth"),
         ("/points", "unknown"),
+        # The last part that says something decides.
+        ("/sensor/noise_filtered/depth", "depth"),
+        ("/color_camera/depth/image", "depth"),
+        ("/tof/depth_valid", "depth"),
+        ("/valid", "other"),
+        ("/depth/valid_mask", "other"),
+        ("/depth_cam/ir/image_raw", "other"),
+        ("ir_depth", "depth"),
+        ("depth_ir", "other"),
+        ("sigma_z", "other"),
+        ("IRImage", "other"),
     ],
 )
 def test_streams_are_told_by_the_words_of_their_names(name: str, stream: str) -> None:
@@ -342,16 +335,8 @@ def test_streams_are_told_by_the_words_of_their_names(name: str, stream: str) ->
 
 @pytest.mark.parametrize("kind", ["npz", "mat", "h5"])
 def test_array_of_8_bits_beside_a_wider_one_is_no_depth_where_names_say_nothing(tmp_path: Path, kind: str) -> None:
-    path, arrays = tmp_path / f"a.{kind}", {"a": np.full(WALL.shape, 255, dtype="u1"), "b": WALL}
-    if kind == "npz":
-        np.savez(path, **arrays)  # type: ignore[arg-type]
-    elif kind == "mat":
-        savemat(path, arrays)
-    else:
-        with h5py.File(path, "w") as root:
-            for name, values in arrays.items():
-                root[name] = values
-    source, frames = opened(path, axes="frame,row,col")
+    path = write_arrays(tmp_path, kind, a=np.full(WALL.shape, 255, dtype="u1"), b=WALL)
+    source, frames = read_source(path, axes="frame,row,col")
     np.testing.assert_array_equal([frame.depth for frame in frames], WALL)
     assert source.notes == (f"{path}: not used: array a",)
 
@@ -379,7 +364,7 @@ def test_images_of_different_scales_are_no_sequence(tmp_path: Path, kind: str, t
         else:
             tifffile.imwrite(tmp_path / f"{k}.tif", WALL[0].astype("u2"), description=text, metadata=None)
     with pytest.raises(BadInputError, match=r"1\.\w+: its text states .*, that of .*0\.\w+"):
-        opened(tmp_path)
+        read_source(tmp_path)
 
 
 def test_given_unit_takes_the_place_of_different_scales(tmp_path: Path) -> None:
@@ -398,14 +383,14 @@ def test_datasets_of_frames_that_state_different_numbers_are_refused(
             stated = {"units": "mm", **(attributes if k == 2 else {})}
             dataset.attrs.update({key: value for key, value in stated.items() if value is not None})
     with pytest.raises(BadInputError, match=r"f2/depth: scale_factor .*, f0/depth has scale_factor 1"):
-        opened(tmp_path / "a.h5")
+        read_source(tmp_path / "a.h5")
 
 
 def test_datasets_beside_those_of_frames_are_named(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.h5", "w") as root:
         for k in range(3):
             root[f"f{k}/depth"], root[f"f{k}/ir"], root[f"f{k}/stamp"] = WALL[k], WALL[k], 0.5 * k
-    notes = opened(tmp_path / "a.h5")[0].notes
+    notes = read_source(tmp_path / "a.h5")[0].notes
     assert f"{tmp_path / 'a.h5'}: not used: datasets f#/ir (3), f#/stamp (3)" in notes
     np.testing.assert_array_equal(depths(tmp_path / "a.h5", topic="f#/ir"), WALL[:3])
 
@@ -439,7 +424,7 @@ def test_classic_netcdf_is_refused_with_the_command_that_converts_it(tmp_path: P
     with pytest.raises(
         BadInputError, match=r"a b\.nc: classic netCDF, not netCDF-4: nccopy -k nc4 '.*a b\.nc' '.*a b_nc4"
     ):
-        opened(tmp_path / "a b.nc")
+        read_source(tmp_path / "a b.nc")
 
 
 STACK = np.random.default_rng(4).integers(900, 1900, (5, 3, 4)).astype("u2")
@@ -470,17 +455,11 @@ def source_of(folder: Path, kind: str, name: str) -> tuple[Path, str]:
             np.savetxt(path, STACK.reshape(5, -1), fmt="%d", delimiter=",")
         return path, name
     path = folder / f"recorded.{kind}"
-    if kind == "npz":
-        np.savez(path, allow_pickle=False, **{name: STACK})
-    elif kind == "mat":
-        savemat(path, {name: STACK})
-    elif kind == "h5":
-        with h5py.File(path, "w") as root:
-            root[name] = STACK
-    else:
+    if kind == "ome.tif":
         metadata = {"axes": "TYX", "Channel": {"Name": [name]}}
         tifffile.imwrite(path, STACK, metadata=metadata, ome=True, photometric="minisblack")
-    return path, name
+        return path, name
+    return write_arrays(folder, kind, **{name: STACK}), name
 
 
 ONE_STREAM = ["folder", "folder name", "npy", "tif", "csv", "npz", "mat", "h5", "ome.tif"]
@@ -514,25 +493,6 @@ def test_name_of_a_file_that_may_describe_the_scene_is_no_other_stream(tmp_path:
     assert stream_of_file(stem) != "other"
     np.save(tmp_path / f"{stem}.npy", STACK)
     assert read_source(tmp_path / f"{stem}.npy")[0].notes == ()
-
-
-@pytest.mark.parametrize(
-    ("name", "stream"),
-    [
-        ("/sensor/noise_filtered/depth", "depth"),
-        ("/color_camera/depth/image", "depth"),
-        ("/tof/depth_valid", "depth"),
-        ("/valid", "other"),
-        ("/depth/valid_mask", "other"),
-        ("/depth_cam/ir/image_raw", "other"),
-        ("ir_depth", "depth"),
-        ("depth_ir", "other"),
-        ("sigma_z", "other"),
-        ("IRImage", "other"),
-    ],
-)
-def test_last_part_that_says_something_decides(name: str, stream: str) -> None:
-    assert stream_of(name) == stream
 
 
 @pytest.mark.parametrize("topic", ["/cam/noise_filtered/depth", "/rgb_cam/depth/image_raw", "/cam/depth_valid"])
@@ -611,29 +571,17 @@ def test_unit_of_times_does_not_apply_to_a_bag(tmp_path: Path) -> None:
         read_source(path, time_unit_s=1e-3)
 
 
-def write(path: Path, **arrays: NDArray[Any]) -> Path:
-    if path.suffix == ".npz":
-        np.savez(path, allow_pickle=False, **arrays)
-    elif path.suffix == ".mat":
-        savemat(path, arrays)
-    else:
-        with h5py.File(path, "w") as root:
-            for name, values in arrays.items():
-                root[name] = values
-    return path
-
-
-@pytest.mark.parametrize("suffix", [".npz", ".mat", ".h5"])
-def test_times_and_codes_that_are_not_used_are_named(tmp_path: Path, suffix: str) -> None:
-    path = write(tmp_path / f"a{suffix}", depth=STACK, timestamps=np.arange(5.0), flags=np.ones(7))
+@pytest.mark.parametrize("kind", ["npz", "mat", "h5"])
+def test_times_and_codes_that_are_not_used_are_named(tmp_path: Path, kind: str) -> None:
+    path = write_arrays(tmp_path, kind, depth=STACK, timestamps=np.arange(5.0), flags=np.ones(7))
     notes = " ".join(read_source(path, axes="frame,row,col")[0].notes)
     assert "not used: array timestamps" in notes
     assert "not used: array flags" in notes
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".mat", ".h5"])
-def test_amplitudes_beside_depths_are_named_with_the_option_that_uses_them(tmp_path: Path, suffix: str) -> None:
-    path = write(tmp_path / f"a{suffix}", depth=STACK, amplitude=STACK + 3)
+@pytest.mark.parametrize("kind", ["npz", "mat", "h5"])
+def test_amplitudes_beside_depths_are_named_with_the_option_that_uses_them(tmp_path: Path, kind: str) -> None:
+    path = write_arrays(tmp_path, kind, depth=STACK, amplitude=STACK + 3)
     source, _ = read_source(path, axes="frame,row,col")
     assert source.notes == (f"{path}: not used: array amplitude (--amplitude amplitude uses it)",)
     assert read_source(path, axes="frame,row,col", amplitude="amplitude")[0].notes == ()
@@ -641,9 +589,9 @@ def test_amplitudes_beside_depths_are_named_with_the_option_that_uses_them(tmp_p
 
 def test_codes_of_the_camera_are_used_for_a_status_of_the_same_shape_alone(tmp_path: Path) -> None:
     codes: dict[str, Any] = {"status_codes": (5, 9)}
-    used = read_source(write(tmp_path / "a.npz", depth=STACK, status=np.full(STACK.shape, 5)), **codes)[0]
+    used = read_source(write_arrays(tmp_path, "npz", depth=STACK, status=np.full(STACK.shape, 5)), **codes)[0]
     assert (used.status_valid, used.notes) == ((5, 9), ())
-    path = write(tmp_path / "b.npz", depth=STACK, status=np.full(5, 1))
+    path = write_arrays(tmp_path, "npz", depth=STACK, status=np.full(5, 1))
     other = read_source(path, **codes)[0]
     assert (other.status_valid, other.notes) == ((), (f"{path}: not used: array status",))
 

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from tofmix.errors import BadInputError, StorageError, UsageError
 from tofmix.flags import Status
+from tofmix.grid import plan_windows
 from tofmix.io import hdf5
 from tofmix.io.layers.chunks import EncodedCell, encode_cell, fill_of, fletcher32
 from tofmix.io.layers.journal import Shard, files_of, journal_path, open_journal, open_part, remove_journal
@@ -23,7 +24,6 @@ from tofmix.io.schema import field_of
 from tofmix.io.storage import AtomicFile
 from tofmix.layers import LAYER_DIMS, LAYER_FIELDS, Layers, Provenance
 from tofmix.sensor import NoiseCurve, Sensor
-from tofmix.windows import plan_windows
 
 CONTRACT = Path(__file__).parents[4] / "shared" / "check_contract.py"
 SHAPE, MAX_LAYERS = (3, 5, 4), 3

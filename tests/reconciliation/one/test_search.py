@@ -9,7 +9,7 @@ import pytest
 from support.recordings import MAKE, recorded
 from support.search_tasks import MakeTask
 
-from tofmix.reconciliation.ledger import Ledger
+from tofmix.reconciliation.found import Ledger
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
 from tofmix.reconciliation.one.fitted_set import FittedSet
 from tofmix.reconciliation.one.proposals import About, Columns

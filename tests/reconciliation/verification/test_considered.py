@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 from support.recordings import MAKE, reconciled, recorded
 
-from tofmix.reconciliation.ledger import ALIAS_NATS, Ledger, WeighedSet
+from tofmix.reconciliation.found import ALIAS_NATS, Ledger, WeighedSet
 from tofmix.reconciliation.settings import Settings
-from tofmix.reconciliation.verification.aliases import aliases
+from tofmix.reconciliation.verification.considered import aliases
 from tofmix.reconciliation.workflow import Reconciliation, reconcile
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model

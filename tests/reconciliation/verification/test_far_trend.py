@@ -10,7 +10,7 @@ from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.reconciliation.settings import Settings
-from tofmix.reconciliation.verification.far_trends import far_trends
+from tofmix.reconciliation.verification.verify import far_trends
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.model import Model
 

@@ -10,11 +10,19 @@ from support.alike import MakeLayers, MakeRecording, MakeSource
 from support.learnt_noises import ALL, Parts, camera
 from support.unpacking import samples_of, unpack
 
+from tofmix.layers import LayersSource
 from tofmix.recording import ArrayRecording, SampleSource
 from tofmix.report.averaging import average_layers
-from tofmix.report.explorer.explorer import Explorer, make_explorer, windows_around
-from tofmix.report.explorer.packing import DEFAULT_LIMITS, PackedSamples, PageLimits, pack_numbers, pack_samples
-from tofmix.report.sources import LayersSource
+from tofmix.report.explorer.explorer import (
+    DEFAULT_LIMITS,
+    Explorer,
+    PackedSamples,
+    PageLimits,
+    make_explorer,
+    pack_numbers,
+    pack_samples,
+    windows_around,
+)
 from tofmix.sensor import NoiseCurve, Sensor
 
 

@@ -8,7 +8,7 @@ from support.alike import MakeLayers, MakeRecording, MakeSource
 from support.chromium import Tab, chromium, tab
 from support.learnt_noises import ALL, camera
 
-from tofmix.estimation.peaks.density import density
+from tofmix.estimation.peaks.modes import density
 from tofmix.layers import Layers
 from tofmix.report.page.page import render_page
 from tofmix.report.page.templates import read_part

@@ -19,9 +19,8 @@ from tofmix.recording import ArrayRecording
 from tofmix.report.figures.noise_pictures import curve_figure, shape_figure, width_figure
 from tofmix.report.page.page import render_page
 from tofmix.report.pixels.single_pixels import single_pixels
-from tofmix.report.summary.noise_numbers import has_more_than_a_curve, noise_numbers
 from tofmix.report.summary.quantiles import ValueCounts
-from tofmix.report.summary.summary import summarise
+from tofmix.report.summary.summary import has_more_than_a_curve, noise_numbers, summarise
 from tofmix.report.summary.tables import COLUMNS, format_table
 from tofmix.report.theme import LIGHT, drawing
 from tofmix.sensor import NoiseCurve, Sensor

@@ -14,17 +14,21 @@ from support.alike import MakeLayers
 
 from tofmix.layers import Layers
 from tofmix.report.figures.curves import range_histogram, sigma_figure, weight_histogram
-from tofmix.report.figures.picture import NO_DATA, NO_SURFACE, difference_picture, kinds_picture, most_of
-from tofmix.report.figures.rasters import (
+from tofmix.report.figures.picture import (
     ABOVE,
     BELOW,
+    NO_DATA,
+    NO_SURFACE,
     bar_labels,
     colour_scale,
     count_colours,
     count_label,
+    difference_picture,
     difference_shades,
     difference_uri,
+    kinds_picture,
     kinds_uri,
+    most_of,
     pixel_ticks,
     range_shades,
     range_uri,

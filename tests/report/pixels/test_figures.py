@@ -21,9 +21,8 @@ from tofmix.estimation.blocks.sequence import estimate_windows
 from tofmix.flags import Mixing
 from tofmix.layers import Layers, Provenance
 from tofmix.recording import ArrayRecording
-from tofmix.report.pixels.phasor_figure import draw_plane
 from tofmix.report.pixels.phasor_plane import PhasorEnd, PhasorPlane, SamplesAround, phasor_plane, read_around
-from tofmix.report.pixels.pixel_figures import neighbours_figure
+from tofmix.report.pixels.pixel_figures import draw_plane, neighbours_figure
 from tofmix.report.pixels.pixels import PixelView, format_pixels, learnt_sensor, view_pixels
 from tofmix.report.theme import LIGHT, drawing, new_figure
 from tofmix.sensor import Sensor

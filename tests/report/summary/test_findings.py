@@ -13,17 +13,18 @@ from support.alike import MakeLayers, MakeSource
 from tofmix.errors import UsageError
 from tofmix.flags import MixingLaw, Status
 from tofmix.layers import Layers
-from tofmix.measurement import Measurement
 from tofmix.optics.geometry import unambiguous_range_mm
 from tofmix.recording import ArrayRecording
 from tofmix.report.averaging import Averaging, average_layers, average_samples
 from tofmix.report.summary.findings import (
     AMPLITUDES,
+    DEFAULT_THRESHOLDS,
     FREQUENCY,
     PHASOR_SUMS,
     SINGLE_SAMPLES,
     AskedFrames,
     Remedy,
+    Thresholds,
     count_findings,
     frame_findings,
     lacking,
@@ -33,8 +34,8 @@ from tofmix.report.summary.findings import (
 )
 from tofmix.report.summary.lost import UNKNOWN_CAUSE, LostTally, cause_of_loss
 from tofmix.report.summary.summary import summarise
-from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from tofmix.sensor import Sensor
+from tofmix.sensor_schema import Measurement
 
 REMEDY = Remedy(recording="a b.h5", window_frames=40, windows=2)
 

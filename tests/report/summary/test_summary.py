@@ -9,13 +9,13 @@ import pytest
 from support.alike import MakeLayers, MakeSource
 
 from tofmix.flags import Mixing, Status, status_name
+from tofmix.grid import plan_windows
 from tofmix.io.layers.layers_file import LayersWriter, open_layers
 from tofmix.layers import Layers
 from tofmix.report.summary.quantiles import ValueCounts
 from tofmix.report.summary.summary import Summary, summarise
 from tofmix.report.summary.tables import format_table, ordinal, printable
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
-from tofmix.windows import plan_windows
 
 
 def check_against_numpy(summary: Summary, windows: tuple[Layers, ...]) -> None:

@@ -17,13 +17,13 @@ from tofmix.optics.projection import cell_nodes
 from tofmix.sensors import CompleteCamera, load_profile
 from tofmix.simulation.casting import cast, cast_cells, cast_kernel
 from tofmix.simulation.casting.cast import MIN_SHARE, MovingCaster, cast_scene
+from tofmix.simulation.casting.cast_kernel import scene_arrays
 from tofmix.simulation.casting.polygon_cast import PolygonCaster
 from tofmix.simulation.casting.polygon_kernel import MOST_IN_FRONT
-from tofmix.simulation.casting.scene import scene_arrays
 from tofmix.simulation.effects.base import Context
+from tofmix.simulation.events import Truth
 from tofmix.simulation.model import Model, RecordingSettings
 from tofmix.simulation.surface import Surface
-from tofmix.simulation.truth import Truth
 
 Floats = NDArray[np.float64]
 MakeModel = Callable[..., Model]

@@ -12,10 +12,10 @@ from scipy import stats
 
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import EFFECTS
+from tofmix.simulation.events import Truth
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import parse_model
 from tofmix.simulation.render import render_blocks
-from tofmix.simulation.truth import Truth
 
 Floats = NDArray[np.float64]
 

@@ -11,10 +11,10 @@ from support.effect_bench import Bench, effect
 
 from tofmix.errors import BadInputError
 from tofmix.simulation.casting.cast import MovingCaster, cast_scene
+from tofmix.simulation.events import Truth
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks
 from tofmix.simulation.surface import Surface
-from tofmix.simulation.truth import Truth
 
 
 def at(model: Model, *centres: tuple[float, float, float]) -> Model:

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import jit
-from tofmix.layer_of_sample import layer_of
 from tofmix.layers import Layers
 from tofmix.lost_samples import learn_losses
 from tofmix.sensor import Sensor
+from tofmix.suspicion.evidence import layer_of
 from tofmix.unmixing.unmix import unmix
 
 
@@ -106,7 +106,7 @@ def finish_window(
     layers : Layers
         Of the leading shape (row, col), pixel by pixel.
     phasors : (row, col, 7) float32 or None
-        Mean phasors of the pixels (`tofmix.unmixing.phasors`); None: nothing is unmixed.
+        Mean phasors of the pixels (`tofmix.unmixing.image`); None: nothing is unmixed.
     sensor : Sensor
         The camera.
     frames : int

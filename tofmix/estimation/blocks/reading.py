@@ -16,9 +16,6 @@ from tofmix.arrays import Float32Array
 from tofmix.grid import Cell, Grid
 from tofmix.recording import DECODED_SAMPLES, SAMPLE_BYTES, SampleSource, wanted_amplitudes
 
-_DECODING_BYTES = 10
-"""A sample while it is decoded: as it is stored, and whether it is valid."""
-
 _WORKING_BYTES = 24
 """Bytes of a sample during computation, in addition to the slabs: in the order and precision of the kernels, with its
 layers."""
@@ -28,8 +25,6 @@ PIECE_SAMPLES = 1 << 20
 
 _SLAB_BYTES = 8 << 20, 1 << 18, 0
 """About a slab's size where stored chunks are smaller, in the order of preference."""
-
-_MOST_AHEAD = 64  # most groups of slabs that are read ahead of the workers
 
 
 class MemoryTooSmallError(ValueError):
@@ -164,7 +159,8 @@ def _bands(grid: Grid) -> list[int]:
 def _wanted_ahead(grid: Grid, band: int, workers: int) -> int:
     """Groups that keep all workers busy while the next one is read."""
     cells = -(-band // grid.step[1])
-    return min(1 + -(-2 * workers // cells), _MOST_AHEAD, max(1, grid.groups * -(-grid.image[0] // band)))
+    most_ahead = 64  # most groups of slabs that are read ahead of the workers
+    return min(1 + -(-2 * workers // cells), most_ahead, max(1, grid.groups * -(-grid.image[0] // band)))
 
 
 def _slab_frames(grid: Grid, band: int, frame_step: int, slab_bytes: int) -> int:
@@ -180,7 +176,8 @@ def _needed(grid: Grid, plan: ReadPlan, chunk: tuple[int, int], workers: int) ->
     cols = grid.image[1]
     decoded = max(chunk[0] * chunk[1] * cols, DECODED_SAMPLES)
     reading = min(decoded, plan.frames * plan.band * cols, grid.windows.stop(grid.windows.count - 1) * plan.band * cols)
-    return plan.band * cols * frames * SAMPLE_BYTES + reading * _DECODING_BYTES + workers * working_bytes(grid)
+    decoding_bytes = 10  # a sample while it is decoded: as it is stored, and whether it is valid
+    return plan.band * cols * frames * SAMPLE_BYTES + reading * decoding_bytes + workers * working_bytes(grid)
 
 
 def _held(grid: Grid, plan: ReadPlan, groups: int) -> int:

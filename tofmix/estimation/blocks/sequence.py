@@ -19,20 +19,18 @@ from numpy.typing import NDArray
 from tofmix.arrays import Float32Array
 from tofmix.estimation.blocks.finishing import finish_window, layer_amplitudes
 from tofmix.estimation.blocks.reading import PIECE_SAMPLES, Group, ReadPlan, plan_reading, read_groups
-from tofmix.estimation.blocks.sample_span import sensor_with_span
 from tofmix.estimation.layering import layer_pixels, warm_up
+from tofmix.estimation.samples import sensor_with_span
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
-from tofmix.grid import Cell, Grid, plan_grid
-from tofmix.independent_samples import independent_samples
+from tofmix.grid import Cell, Grid, Windows, plan_grid
 from tofmix.layers import MIXING, Layers, layer_fields
-from tofmix.recording import SampleSource, amplitude_source, has_phasors, samples_a_frame
+from tofmix.recording import SampleSource, amplitude_source, has_phasors, independent_samples, samples_a_frame
 from tofmix.sensor import Sensor, sensor_of_part
 from tofmix.suspicion.evidence import gather_evidence
 from tofmix.suspicion.evidence import warm_up as warm_up_evidence
 from tofmix.suspicion.registry import judge_windows
 from tofmix.suspicion.scene import WindowSamples, joined
-from tofmix.unmixing.phasors import FIELD_COUNT, mean_phasors
-from tofmix.windows import Windows
+from tofmix.unmixing.image import FIELD_COUNT, mean_phasors
 
 T = TypeVar("T")
 
@@ -82,7 +80,7 @@ def estimate_cells(
     finish : callable
         Called in the worker with the layers of a cell, of the leading shape (window, row, col), under equation (1).
         With `phasors`, its second argument are the mean phasors (window, row, col, 7) float32 of
-        `tofmix.unmixing.phasors`, which `tofmix.unmixing.unmix` takes when a window is whole.
+        `tofmix.unmixing.image`, which `tofmix.unmixing.unmix` takes when a window is whole.
     workers : int
         Threads, at least 1. It changes no value.
     buffer_bytes : int

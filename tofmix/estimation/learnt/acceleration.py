@@ -32,10 +32,7 @@ from tofmix.estimation.learnt.components import (
 from tofmix.estimation.learnt.em import drifts, em_step, mix, objective, step_up
 from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.mixture.em import LEAST_SHARE
-from tofmix.learnt_noise import DRIFTS, MOST_LOG_WIDTH
-
-_LONGEST_JUMP = 32.0
-"""Most EM steps that one jump stands for."""
+from tofmix.noise_shape import DRIFTS, MOST_LOG_WIDTH
 
 LEARNING_ITER, LEARNING_TOL = 60, 1.0e-3
 """Most EM iterations, and tolerance in sigmas, of the fits that noise is learnt from."""
@@ -129,6 +126,7 @@ def maximise(
         return 0
     iterations = 0
     fit[PLACE, -1] = fit[SIGMA, 0] if k > 0 else beam.sigma_max
+    longest_jump = 32.0  # most EM steps that one jump stands for
     while iterations + 2 <= max_iter:
         _pack(k, fit, law, FIRST)
         em_step(data, k, fit, law, beam, scratch)
@@ -137,7 +135,7 @@ def maximise(
         _pack(k, fit, law, THIRD)
         iterations += 2
         step2, bend2, last = _step_and_bend(k, fit, law)
-        jump = min(math.sqrt(step2 / bend2), _LONGEST_JUMP) if bend2 > 0.0 else 1.0
+        jump = min(math.sqrt(step2 / bend2), longest_jump) if bend2 > 0.0 else 1.0
         if last * max(jump, 1.0) < tol:
             return iterations
         if jump <= 1.0 or iterations >= max_iter:

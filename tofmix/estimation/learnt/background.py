@@ -44,7 +44,7 @@ from tofmix.estimation.learnt.components import (
 from tofmix.estimation.learnt.counting import LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, LearntRules, count_surfaces
 from tofmix.estimation.learnt.em import mix
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.learnt.thresholds import GainThresholds
+from tofmix.estimation.learnt.model import GainThresholds
 from tofmix.estimation.learnt.trials import new_workspace
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.noise_shape import BackgroundDensity
@@ -166,9 +166,6 @@ _STEP_DEVIATIONS = np.geomspace(0.01, 3.0, 24)
 
 _NEWTON_STEPS, _NEWTON_TOLERANCE = 60, 1e-8
 """Most steps to the most probable log density, and the step that ends them."""
-
-_LONGEST_STEP = 2.0
-"""Most that a log density moves in one Newton step: counts of 0 would drive it far."""
 
 
 @jit
@@ -305,9 +302,10 @@ def _walk(counts: FloatArray, width: FloatArray, deviation: float, start: FloatA
     """
     precision = 1.0 / (deviation * deviation)
     value, step = start.copy(), np.empty(len(counts))
+    longest_step = 2.0  # most that a log density moves in one Newton step: counts of 0 would drive it far
     for _ in range(_NEWTON_STEPS):
         longest, _ = _newton_step(counts, width, precision, value, step)
-        part = min(1.0, _LONGEST_STEP / longest) if longest > 0.0 else 1.0
+        part = min(1.0, longest_step / longest) if longest > 0.0 else 1.0
         for j in range(len(value)):
             value[j] += step[j] * part
         if longest < _NEWTON_TOLERANCE:

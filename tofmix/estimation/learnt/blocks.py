@@ -47,21 +47,17 @@ from tofmix.estimation.learnt.components import (
 from tofmix.estimation.learnt.counting import LearntRules, count_surfaces
 from tofmix.estimation.learnt.em import mix
 from tofmix.estimation.learnt.law import Law, edges_at, has_steps, information_of, precision_of_t, step_at
-from tofmix.estimation.learnt.model import PixelNoise, thresholds_of
-from tofmix.estimation.learnt.thresholds import GainThresholds, read_gains
+from tofmix.estimation.learnt.model import GainThresholds, PixelNoise, read_gains, thresholds_of
 from tofmix.estimation.learnt.trials import new_workspace
-from tofmix.estimation.mixture.components import sort_surfaces
-from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, chance_of
+from tofmix.estimation.mixture.counting import FALSE_ALARMS, chance_of
+from tofmix.estimation.mixture.em import sort_surfaces
 from tofmix.estimation.mixture.uncertainty import scaled_cholesky
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.estimation.settings import EstimateOptions, KernelOptions, SigmaMode, kernel_options
 from tofmix.flags import Status
 from tofmix.layers import Layers
-from tofmix.learnt_noise import DRIFTS, LEAST_SIGMA
+from tofmix.noise_shape import DRIFTS, LEAST_SIGMA
 from tofmix.sensor import Sensor
-
-_NOTHING = 1.0e-12
-"""Least responsibility of a surface for a sample that has information on it."""
 
 
 @jit
@@ -106,6 +102,7 @@ def standard_errors(  # noqa: PLR0915  one pass over the samples
     information = np.zeros((size, size))
     score, mean_score = np.zeros(size), np.zeros(size)
     reference = np.zeros(shares)
+    nothing = 1.0e-12  # least responsibility of a surface for a sample that has information on it
     for j in range(n):
         total = scratch[TOTAL, j]
         mean_score[:] = 0.0
@@ -120,7 +117,7 @@ def standard_errors(  # noqa: PLR0915  one pass over the samples
         mean_score[at_share + place] = (scratch[RANDOM, j] - scratch[DENSITY + largest, j]) / total
         for i in range(k):
             part = fit[WEIGHT, i] * scratch[DENSITY + i, j] / total
-            if part < _NOTHING:
+            if part < nothing:
                 continue
             scale = 1.0 / (width * fit[SIGMA, i])
             psi = scratch[slopes + i, j] / scratch[DENSITY + i, j]
@@ -221,9 +218,6 @@ def _error_of(lower: FloatArray, unit: FloatArray, first: int, at_share: int, su
     return math.sqrt(square)
 
 
-AT_LEAST = 1.001
-"""A sigma up to this factor on the least one that a step tells is the least: both are interpolated by range."""
-
 _CHANCES = len(FALSE_ALARMS)
 _OK = int(Status.OK)
 _TOO_FEW_SAMPLES = int(Status.TOO_FEW_SAMPLES)
@@ -239,7 +233,9 @@ def _told_by_step(sigma: float, error: float, range_mm: float, beam: Beam) -> tu
     A smaller sigma is not told; nor is then where between two values the surface is.
     """
     least = LEAST_SIGMA * step_at(range_mm, beam)
-    if sigma < AT_LEAST * least:
+    # A sigma up to this factor on the least one that a step tells is the least: both are interpolated by range.
+    at_least = 1.001
+    if sigma < at_least * least:
         return least, math.sqrt(error * error + least * least)
     return sigma, error
 

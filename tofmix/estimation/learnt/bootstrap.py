@@ -37,14 +37,12 @@ from tofmix.estimation.learnt.components import (
     start_without_surface,
     take_samples,
 )
-from tofmix.estimation.learnt.jumps import gain_of_jump
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, Law
-from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.thresholds import GainThresholds
-from tofmix.estimation.learnt.trials import first_surface, new_workspace, try_one_more
-from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
+from tofmix.estimation.learnt.model import GainThresholds, PixelNoise
+from tofmix.estimation.learnt.trials import first_surface, gain_of_jump, new_workspace, try_one_more
+from tofmix.estimation.mixture.counting import FALSE_ALARMS
 from tofmix.estimation.noise.series import SEED
-from tofmix.learnt_noise import DRIFTS, TAIL_DEGREES
+from tofmix.noise_shape import DRIFTS, TAIL_DEGREES
 
 DRAWS = 6000, 20_000
 """Fewest and most pixels of each number of samples and share of background: the tail then has 300 gains or more."""
@@ -63,14 +61,9 @@ to 2 nat too low."""
 SHARES = (0.0, 0.02, 0.1, 0.3, 0.6, 0.85)
 """Shares of background that are drawn where each pixel has a share."""
 
-RARE_SHARE = 1.0e-3
-"""Part of the pixels whose share of background may lie beyond those that are drawn, at either end."""
 
 SAMPLES = (3, 6, 12, 25, 50, 100, 200, 400, 1000)
 """Numbers of samples that are drawn, as far as pixels of the recording have them; the gains of the last hold beyond."""
-
-LEAST_WORTH = 1.0
-"""Gain bound, nat, from which on a trial is made: smaller gains are no part of the tail."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -159,7 +152,9 @@ def _shares(prior: tuple[float, float]) -> list[float]:
     """Return the `SHARES` that enclose all but rare shares of the prior."""
     from scipy.special import betaincinv
 
-    low, high = betaincinv(*prior, [RARE_SHARE, 1.0 - RARE_SHARE])
+    # Part of the pixels whose share of background may lie beyond those that are drawn, at either end.
+    rare_share = 1.0e-3
+    low, high = betaincinv(*prior, [rare_share, 1.0 - rare_share])
     first = max((i for i, share in enumerate(SHARES) if share <= low), default=0)
     last = min((i for i, share in enumerate(SHARES) if share >= high), default=len(SHARES) - 1)
     return list(SHARES[first : max(last, first) + 1])
@@ -258,6 +253,7 @@ def _gains(block: FloatArray, empty: bool, laws: tuple[Law, Law], beam: Beam, ou
     pixels, frames = block.shape
     value, time = np.empty(frames), np.empty(frames)
     work = new_workspace(3, frames, 1)
+    least_worth = 1.0  # gain bound, nat, from which on a trial is made: smaller gains are no part of the tail
     for pixel in range(pixels):
         n = take_samples(block[pixel].astype(np.float32), value, time)
         data = Samples(value[:n], time[:n])
@@ -270,13 +266,13 @@ def _gains(block: FloatArray, empty: bool, laws: tuple[Law, Law], beam: Beam, ou
         elif gain > 0.0:
             copy_fit(work.best, work.fit)
             jump = gain_of_jump(data, work.fit, laws[0], beam, work.scratch)
-            more = try_one_more(data, 1, work, laws[0], beam, LEAST_WORTH)
+            more = try_one_more(data, 1, work, laws[0], beam, least_worth)
             if jump > more:
                 # A jump alone splits no pixel: without drift, a further surface must gain as much too.
                 start_without_surface(data.value, work.fit, beam)
                 first_surface(data, work, laws[1], beam)
                 copy_fit(work.best, work.fit)
-                more = min(jump, try_one_more(data, 1, work, laws[1], beam, LEAST_WORTH))
+                more = min(jump, try_one_more(data, 1, work, laws[1], beam, least_worth))
             out[pixel] = more
 
 

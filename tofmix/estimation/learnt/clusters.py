@@ -45,13 +45,10 @@ from tofmix.estimation.noise.isolated_clusters import (
     Clusters,
 )
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
-from tofmix.learnt_noise import DRIFTS, LEAST_SIGMA
+from tofmix.noise_shape import DRIFTS, LEAST_SIGMA
 
 SIGMAS = LEAST_SIGMA * np.exp(0.1 * np.arange(38))
 """Sigmas, in steps, whose likelihood is computed: from the least that a step tells to 4 steps."""
-
-RANGES = 96
-"""Ranges of a surface over which a likelihood is averaged."""
 
 
 class ClusterFits(NamedTuple):
@@ -155,7 +152,8 @@ def cluster_likelihoods(
     count, frames = len(clusters.pixel), samples.shape[1]
     out = np.zeros((count, len(SIGMAS)))
     value, time = np.empty(frames), np.empty(frames)
-    times, half, logs = np.empty(frames), np.empty(frames), np.empty(RANGES)
+    ranges = 96  # ranges of a surface over which a likelihood is averaged
+    times, half, logs = np.empty(frames), np.empty(frames), np.empty(ranges)
     for c in range(count):
         n_all = take_samples(samples[clusters.pixel[c]], value, time)
         n, levels = 0.0, 0
@@ -178,8 +176,8 @@ def cluster_likelihoods(
             spread = math.sqrt(sigma * sigma + step[c] * step[c] / 12.0)
             reach = 0.5 * step[c] + 5.0 * spread / math.sqrt(max(support[c], 1.0))
             best = -math.inf
-            for m in range(RANGES):
-                mean = place[c] + reach * (2.0 * (m + 0.5) / RANGES - 1.0)
+            for m in range(ranges):
+                mean = place[c] + reach * (2.0 * (m + 0.5) / ranges - 1.0)
                 total = 0.0
                 for j in range(levels):
                     h = half[j] / sigma
@@ -188,7 +186,7 @@ def cluster_likelihoods(
                 logs[m] = total
                 best = max(best, total)
             mean_likelihood = 0.0
-            for m in range(RANGES):
+            for m in range(ranges):
                 mean_likelihood += math.exp(logs[m] - best)
             out[c, s] = best + math.log(mean_likelihood * reach)
     return out

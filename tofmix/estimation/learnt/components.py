@@ -2,7 +2,7 @@
 
 The surfaces of a mixture under the learnt noise, and scratch arrays for its fit.
 
-Both are plain float64 arrays with a row for each quantity, as in `tofmix.estimation.mixture.components`: fits are
+Both are plain float64 arrays with a row for each quantity, as in `tofmix.estimation.mixture.em`: fits are
 copied, sorted and extrapolated as wholes.
 
 A fit is (ROWS, capacity + 1). Rows MEAN and SIGMA (of the noise curve) are in mm, SUPPORT is a surface's sum of
@@ -31,7 +31,7 @@ from tofmix.estimation.beam import NO_RETURN_REACH, Beam, background_at, near_no
 from tofmix.estimation.learnt.law import has_steps, step_at
 from tofmix.estimation.mixture.em import LEAST_SHARE
 from tofmix.estimation.samples import FARTHEST_MM
-from tofmix.learnt_noise import DRIFTS
+from tofmix.noise_shape import DRIFTS
 
 MEAN, SIGMA, WEIGHT, SUPPORT, GAIN, DRIFT = range(6)
 OWN = DRIFT + DRIFTS

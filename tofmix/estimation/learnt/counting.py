@@ -1,7 +1,7 @@
 """How many surfaces the samples of one pixel show under the learnt noise: each must gain its threshold.
 
 A count starts without surfaces: background, and c_0 where samples lie near r_max. Surfaces are added while one more
-gains its threshold (`thresholds`) in a trial (`trials`). A pair of surfaces must not pass for one wide surface; so,
+gains its threshold (`GainThresholds`) in a trial (`trials`). A pair of surfaces must not pass for one wide surface; so,
 where a pixel has a width of its own, trials start from this width and from the common one. At the end, c_0 and surfaces
 that the samples do not need are removed, the least needed first.
 """
@@ -26,19 +26,18 @@ from tofmix.estimation.learnt.components import (
     start_without_surface,
 )
 from tofmix.estimation.learnt.em import mix
-from tofmix.estimation.learnt.jumps import gain_of_jump
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.learnt.thresholds import GainThresholds, read_gains
+from tofmix.estimation.learnt.model import GainThresholds, read_gains
 from tofmix.estimation.learnt.trials import (
     LearntWorkspace,
     first_surface,
+    gain_of_jump,
     gain_of_surface,
     settle,
     surely_needed,
     try_one_more,
 )
-from tofmix.estimation.mixture.counting import MIN_SUPPORT
-from tofmix.estimation.mixture.false_alarms import least_gain
+from tofmix.estimation.mixture.counting import MIN_SUPPORT, least_gain
 
 NEAR_NO_RETURN = 5.0
 """Distance, in sigmas, within which c_0 and a surface may stand for the same samples."""
@@ -46,9 +45,6 @@ NEAR_NO_RETURN = 5.0
 LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN = 1.0e-3, 4.0
 """Rules of the counts that noise is learnt from: false alarms, and c_0's gain in nat, which noise alone gives it with a
 probability of 0.002."""
-
-INEXACT_GAIN = 1.0e-3
-"""Gain, nat, that no fit of a trial tells from 0. Where noise gains nothing, as on steps of ten sigma, it is needed."""
 
 
 class LearntRules(NamedTuple):
@@ -69,7 +65,9 @@ def _wanted_gain(
     """Threshold, nat, of a surface beside `k` others in `n` samples; `fit` has the share of background."""
     read_gains(n, fit[OWN, BACKGROUND], k == 0, thresholds, work.gains)
     least = least_gain(rules.false_alarm, work.gains)
-    return max(least, INEXACT_GAIN) if k > 0 else least  # the first surface may be wanted for any gain
+    # Gain, nat, that no fit of a trial tells from 0. Where noise gains nothing, as on steps of ten sigma, it is needed.
+    inexact_gain = 1.0e-3
+    return max(least, inexact_gain) if k > 0 else least  # the first surface may be wanted for any gain
 
 
 @borrowing

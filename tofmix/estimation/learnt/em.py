@@ -56,12 +56,10 @@ from tofmix.estimation.learnt.law import (
 )
 from tofmix.estimation.mixture.em import gaussians
 from tofmix.estimation.noise.isolated_clusters import LONGEST_STEP
-from tofmix.learnt_noise import DRIFTS, MOST_LOG_WIDTH, SIGMA_OF_STEP
+from tofmix.noise_shape import DRIFTS, MOST_LOG_WIDTH, SIGMA_OF_STEP
 
 _LEAST_BACKGROUND = 1.0e-12
 """Least share of background, and of the rest, before its logarithm is taken."""
-_INFINITE = 1.0e30
-"""Information of a number that is held fixed."""
 
 
 @borrowing
@@ -346,6 +344,7 @@ def _move_drift(n: int, i: int, push: float, fit: FloatArray, law: Law, scratch:
 def _with_prior(slope: float, information: float, value: float, scale: float, own_width: float) -> tuple[float, float]:
     """Add the prior's slope and information, in units of the width; without a scale, no step follows."""
     if scale <= 0.0:
-        return 0.0, _INFINITE
+        infinite = 1.0e30  # information of a number that is held fixed
+        return 0.0, infinite
     precision = precision_of_t(value, scale) * own_width * own_width
     return slope - precision * value / own_width, information + precision

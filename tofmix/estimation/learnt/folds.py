@@ -25,10 +25,9 @@ from tofmix.estimation.learnt.components import LEAST_SAMPLES, TOTAL, Samples, f
 from tofmix.estimation.learnt.counting import LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN, LearntRules, count_surfaces
 from tofmix.estimation.learnt.em import background_density, mix
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.thresholds import GainThresholds
+from tofmix.estimation.learnt.model import GainThresholds, PixelNoise
 from tofmix.estimation.learnt.trials import new_workspace
-from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
+from tofmix.estimation.mixture.counting import FALSE_ALARMS
 from tofmix.estimation.noise.isolated_clusters import LEAST_CLUSTERS, LEAST_TO_CLUSTER, WEAK_PRIOR, Clusters
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel, pixel_curves
 from tofmix.estimation.noise.series import SEED
@@ -42,12 +41,6 @@ the true noise too, above all where a shape is steep."""
 LEAST_GAIN = 7.0
 """Threshold of a further surface under any model, nat: for Gaussian noise it is 6 at one false alarm in 1000."""
 
-LEAST_FIRST_GAIN = 4.0
-"""Threshold of the first surface over background alone, nat. It is low because the background may span few sigmas: a
-pixel with a surface must not pass for background. A pixel without surfaces costs all models the same."""
-
-NO_SURFACE_NATS = 1.0e9
-"""Threshold of the first surface where each pixel has one, below 0: no gain is as low."""
 
 SURPRISES = 0.02
 """Share of background that is mixed into every model: samples of a surface that no other frame shows are improbable
@@ -64,11 +57,15 @@ def flat_thresholds(*, always_one: bool = False) -> GainThresholds:
     With `always_one`, each pixel has a surface. A model without background by pixel must not explain a pixel by
     background alone.
     """
+    no_surface_nats = 1.0e9  # threshold of the first surface where each pixel has one, below 0: no gain is as low
+    # Threshold of the first surface over background alone, nat. It is low because the background may span few sigmas: a
+    # pixel with a surface must not pass for background. A pixel without surfaces costs all models the same.
+    least_first_gain = 4.0
     return GainThresholds(
         log_n=np.zeros(1),
         background=np.zeros(1),
         more=np.full((1, 1, _CHANCES), LEAST_GAIN) + 1e-9 * np.arange(_CHANCES),
-        first=np.full((1, _CHANCES), -NO_SURFACE_NATS if always_one else LEAST_FIRST_GAIN) + 1e-9 * np.arange(_CHANCES),
+        first=np.full((1, _CHANCES), -no_surface_nats if always_one else least_first_gain) + 1e-9 * np.arange(_CHANCES),
     )
 
 
@@ -154,12 +151,6 @@ MOST_COUNTED = 600
 MOST_FOR_DENSITY = 300
 """Most pixels whose surfaces are counted, to measure the density of background."""
 
-CURVES_KEPT = 4
-"""Sets of pixels' curves that a fold keeps: those of some training pixels, of all, and of the held-out ones."""
-
-_FOLDS = 3
-"""Parts of the pixels: two thirds teach, one third judges."""
-
 
 class Fold:
     """Pixels that teach, other pixels that judge, and their camera.
@@ -200,7 +191,10 @@ class Fold:
             found = pixel_curves(pixels.samples.T, amplitude.T, curve)
             self._curves[key] = found
             with suppress(KeyError):  # another thread may have removed it
-                while len(self._curves) > CURVES_KEPT:
+                # Sets of pixels' curves that a fold keeps: those of some training pixels, of all, and of the held-out
+                # ones.
+                curves_kept = 4
+                while len(self._curves) > curves_kept:
                     self._curves.popitem(last=False)
         return found
 
@@ -321,8 +315,9 @@ class Fold:
 def folds_of(pixels: Pixels, sensor: Sensor) -> list[Fold]:
     """Split pixels into thirds: one third judges; where pixels are few, each third in turn."""
     count = len(pixels.samples)
-    part = np.random.default_rng(SEED).permutation(count) % _FOLDS  # neighbours are alike: no fold has them all
-    turns = range(_FOLDS) if count < MANY_PIXELS else [_FOLDS - 1]
+    folds = 3  # parts of the pixels: two thirds teach, one third judges
+    part = np.random.default_rng(SEED).permutation(count) % folds  # neighbours are alike: no fold has them all
+    turns = range(folds) if count < MANY_PIXELS else [folds - 1]
     return [Fold(pixels.chosen(part != turn), pixels.chosen(part == turn), sensor) for turn in turns]
 
 

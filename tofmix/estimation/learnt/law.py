@@ -16,8 +16,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
 from tofmix.estimation.beam import Beam, sigma_at
-from tofmix.learnt_noise import DRIFTS, SIGMA_OF_STEP, TAIL_DEGREES
-from tofmix.noise_shape import NoiseShape
+from tofmix.noise_shape import DRIFTS, SIGMA_OF_STEP, TAIL_DEGREES, NoiseShape
 
 STEPS = 32
 """Points of the tables by sigma."""
@@ -140,10 +139,6 @@ def law_of(
     )
 
 
-_NEGLIGIBLE = 1.0e-12
-"""Probability of a cell that has no part in the information."""
-
-
 @borrowing
 def has_steps(beam: Beam) -> bool:
     """Whether the samples are stored on a step that matters."""
@@ -238,12 +233,13 @@ def cell_information(offset: float, step: float, law: Law) -> tuple[float, float
     location, width, cross = 0.0, 0.0, 0.0
     upper = offset - step * (int((offset + REACH) / step) + 0.5)
     end_density, end_distribution = at_table(upper, law.density), distribution_at(upper, law)
+    negligible = 1.0e-12  # probability of a cell that has no part in the information
     while upper < REACH:
         lower, low_density, low_distribution = upper, end_density, end_distribution
         upper += step
         end_density, end_distribution = at_table(upper, law.density), distribution_at(upper, law)
         probability = end_distribution - low_distribution
-        if probability > _NEGLIGIBLE:
+        if probability > negligible:
             by_mean, by_width = low_density - end_density, lower * low_density - upper * end_density
             location += by_mean * by_mean / probability
             width += by_width * by_width / probability

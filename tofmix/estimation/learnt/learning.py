@@ -1,6 +1,6 @@
 """Learn the noise of pixels: sigma by range, shape of the error, width, background and drift of pixels, memory.
 
-1. sigma(r) comes from isolated clusters (`noise.measurement`) and from differences of samples (`pair_differences`).
+1. sigma(r) comes from isolated clusters (`noise.measurement`) and from differences of samples (`noise.series`).
    Where surfaces lie close together, both are too large. So smaller sigmas are tried too, and the one of the largest
    held-out likelihood is kept (`sigma_curve`). Each is judged with the background that it leaves: fog
    seems to be a surface of a wide sigma, where the model has no fog.
@@ -38,9 +38,6 @@ from tofmix.estimation.learnt.shape_fit import shapes_differ
 from tofmix.estimation.learnt.sigma_curve import different_starts, first_curves, with_sigma
 from tofmix.estimation.noise.training_pixels import Pixels, medians
 from tofmix.sensor import NoiseCurve, Sensor
-
-_CLIP_DEVIATIONS = 10.0
-"""Differences of pixels are clipped at so many median absolute deviations, so that no single pixel decides."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +113,9 @@ def mean_difference(one: FloatArray, other: FloatArray) -> tuple[float, float]:
     if difference.size < 3:  # noqa: PLR2004  two numbers have no robust spread
         return 0.0, math.inf
     middle = float(np.median(difference))
-    reach = _CLIP_DEVIATIONS * MAD_TO_SIGMA * float(np.median(np.abs(difference - middle))) + 1e-9
+    # Differences of pixels are clipped at so many median absolute deviations, so that no single pixel decides.
+    clip_deviations = 10.0
+    reach = clip_deviations * MAD_TO_SIGMA * float(np.median(np.abs(difference - middle))) + 1e-9
     difference = np.clip(difference, middle - reach, middle + reach)
     return float(difference.mean()), float(difference.std() / math.sqrt(difference.size)) + 1e-12
 

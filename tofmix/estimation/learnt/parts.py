@@ -24,19 +24,14 @@ from tofmix.estimation.learnt.population import spread_beside_pairs
 from tofmix.estimation.learnt.shape_fit import fit_shape, histogram
 from tofmix.estimation.learnt.sigma_curve import FREE_WIDTH, ROUNDS, variance_left, with_sigma
 from tofmix.estimation.noise.isolated_clusters import FREE_DRIFT_SIGMAS, LEAST_CLUSTERS, Clusters
-from tofmix.learnt_noise import DRIFTS, MOST_LOG_WIDTH, TAIL_DEGREES
+from tofmix.noise_shape import DRIFTS, MOST_LOG_WIDTH, TAIL_DEGREES
 
 LEAST_MEMORY, MOST_MEMORY = 0.05, 0.95
 """Correlations below the first count as 0, and none above the second is given."""
 
-LEAST_PAIRS = 100
-"""Least pairs of neighbouring frames: fewer determine a correlation to no better than 0.1."""
 
 _CENTRAL = 4.0
 """Largest error of a surface, in sigmas; a larger one is background."""
-
-_SIGNIFICANT = 3.0
-"""Standard errors of a correlation, 1 / sqrt(pairs) for errors without memory, up to which it counts as 0."""
 
 
 def centred(error: FloatArray) -> FloatArray:
@@ -67,7 +62,8 @@ def memory_of(
     """
     a, b = fits.error[:, :-1], fits.error[:, 1:]
     both = np.isfinite(a) & np.isfinite(b) & (np.abs(a) < _CENTRAL) & (np.abs(b) < _CENTRAL)
-    if both.sum() < LEAST_PAIRS:
+    least_pairs = 100  # least pairs of neighbouring frames: fewer determine a correlation to no better than 0.1
+    if both.sum() < least_pairs:
         return 0.0
     x, y = a[both], b[both]
     n = max(float(np.median(fits.support)), 2.0)
@@ -80,7 +76,9 @@ def memory_of(
     for _ in range(rounds):
         slow = (1.0 + found) / (1.0 - found) * taken / n
         found = min(max(seen + slow * (1.0 - seen), 0.0), MOST_MEMORY)
-    return found if found > max(LEAST_MEMORY, _SIGNIFICANT / math.sqrt(both.sum())) else 0.0
+    # Standard errors of a correlation, 1 / sqrt(pairs) for errors without memory, up to which it counts as 0.
+    significant = 3.0
+    return found if found > max(LEAST_MEMORY, significant / math.sqrt(both.sum())) else 0.0
 
 
 PARTS = ("background", "density", "drift", "widths", "shape")
@@ -95,14 +93,9 @@ FIRST_PRIOR = (0.5, 2.0)
 _UPPER_QUARTILE = round(NormalDist().inv_cdf(7.0 / 8.0), 4)
 """Upper quartile of |z| of a standard Gaussian, Phi^-1(7/8), to four decimals."""
 
-_LEAST_DRIFT_SIGMAS = 0.02
-"""A drift of a smaller scale, in sigmas, counts as none: it changes no count."""
 
 _WIDTH_SCALES = np.geomspace(0.02, 1.0, 30)
 """Scales of log width that are tried."""
-
-_LEAST_LIKELIHOOD = 1e-12
-"""Least likelihood of a scale before its logarithm is taken."""
 
 
 def with_part(fold: Fold, noise: PixelNoise, part: str) -> PixelNoise | None:
@@ -172,7 +165,8 @@ def _with_drift(fold: Fold, noise: PixelNoise, clusters: Clusters) -> PixelNoise
                 0.0,
             )
         )
-    scales[scales < _LEAST_DRIFT_SIGMAS * sigma] = 0.0
+    least_drift_sigmas = 0.02  # a drift of a smaller scale, in sigmas, counts as none: it changes no count
+    scales[scales < least_drift_sigmas * sigma] = 0.0
     return replace(noise, drift_mm=scales)
 
 
@@ -220,10 +214,11 @@ def width_scale(log_width: FloatArray, variance: FloatArray) -> float | None:
     at = np.linspace(-MOST_LOG_WIDTH, MOST_LOG_WIDTH, 601)
     seen = np.exp(-0.5 * (log_width[:, None] - at) ** 2 / variance[:, None]) / np.sqrt(variance[:, None])
     alike = np.exp(-0.5 * log_width**2 / variance) / np.sqrt(variance)
-    best, chosen = float(np.log(np.maximum(alike, _LEAST_LIKELIHOOD)).sum()), None
+    least_likelihood = 1e-12  # least likelihood of a scale before its logarithm is taken
+    best, chosen = float(np.log(np.maximum(alike, least_likelihood)).sum()), None
     for scale in _WIDTH_SCALES:
         prior = (1.0 + (at / scale) ** 2 / TAIL_DEGREES) ** (-0.5 * (TAIL_DEGREES + 1.0))
-        found = float(np.log(np.maximum(seen @ (prior / prior.sum()), _LEAST_LIKELIHOOD)).sum())
+        found = float(np.log(np.maximum(seen @ (prior / prior.sum()), least_likelihood)).sum())
         if found > best:
             best, chosen = found, float(scale)
     return chosen

@@ -15,8 +15,7 @@ from tofmix.circle import open_at
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.learnt.law import REACH, Law
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.learnt_noise import DRIFTS, TAIL_DEGREES
-from tofmix.noise_shape import BackgroundDensity
+from tofmix.noise_shape import DRIFTS, TAIL_DEGREES, BackgroundDensity
 from tofmix.sensor import Sensor
 
 _WIDER = (4.0, 2.0, 1.0)
@@ -24,9 +23,6 @@ _WIDER = (4.0, 2.0, 1.0)
 
 _ITERATIONS, _TOLERANCE = 60, 1.0e-3
 """Most steps at each factor, and the step, in sigmas, that ends them."""
-
-_MOST_TIMES = 200
-"""Most times at which a drifting surface is drawn."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -185,7 +181,8 @@ def pixel_mixture(
         law=law,
     )[0]
     time = times(len(samples_mm))[known]
-    some = np.unique(np.linspace(0, max(0, len(time) - 1), min(len(time), _MOST_TIMES)).astype(int))
+    most_times = 200  # most times at which a drifting surface is drawn
+    some = np.unique(np.linspace(0, max(0, len(time) - 1), min(len(time), most_times)).astype(int))
     return replace(mixture, drift_mm=found[0], time=time[some])
 
 

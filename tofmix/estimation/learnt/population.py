@@ -21,13 +21,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.estimation.learnt.law import Law, distribution_at
-from tofmix.learnt_noise import TAIL_DEGREES
-
-MOST_CLUSTERS = 400
-"""Most clusters that are compared, evenly chosen."""
-
-MOST_SAMPLES = 100
-"""About the most samples of a cluster that are compared, of frames evenly chosen."""
+from tofmix.noise_shape import TAIL_DEGREES
 
 BIN = 0.25
 """Samples are put into cells of so many sigmas where their step is finer: that costs 0.5 % of their information."""
@@ -35,8 +29,6 @@ BIN = 0.25
 SAME_LEVEL = 0.25
 """Samples closer than this part of a step are in one cell."""
 
-SAME_EDGE = 1e-6
-"""Ends of two cells closer than this part of half a cell are one."""
 
 LOG_WIDTHS = np.linspace(-1.2, 1.5, 28)
 """Log widths under which one surface is fitted."""
@@ -56,11 +48,6 @@ PLACES = 15
 REACH = 4.0
 """Places reach so many standard errors from the mean of the fitted surface."""
 
-OFF_CENTRE = 0.1
-"""Further reach, by the distance of a pair: the fitted surface of a skewed pair is not at its mean."""
-
-OFF_STEP = 0.5
-"""Further reach, by half the step: within a coarse step, samples hardly tell where the surface is."""
 
 SCALES = np.geomspace(0.025, 0.8, 11)
 """Scales of log width that are tried."""
@@ -68,8 +55,6 @@ SCALES = np.geomspace(0.025, 0.8, 11)
 SHIFTS = np.linspace(-0.24, 0.09, 12)
 """Log widths of the population's sigma by that of the curve, which a few pairs make too large."""
 
-ITERATIONS = 60
-"""Iterations of EM for the shares of pairs."""
 
 DECISIVE = math.log(1.0e3)
 """Difference, nat, from which one population is preferred: the other has such a ratio once in 1000 times."""
@@ -173,16 +158,19 @@ def _mean_over_places(
 ) -> float:
     """Log of the mean likelihood, nat, over the places of a pair's mean, all equally probable."""
     variance = width * width + half * half / 3.0 + share * (1.0 - share) * apart * apart
-    reach = REACH * math.sqrt(variance / max(n, 1)) + OFF_CENTRE * apart + OFF_STEP * half
+    off_centre = 0.1  # further reach, by the distance of a pair: the fitted surface of a skewed pair is not at its mean
+    off_step = 0.5  # further reach, by half the step: within a coarse step, samples hardly tell where the surface is
+    reach = REACH * math.sqrt(variance / max(n, 1)) + off_centre * apart + off_step * half
     scale = 1.0 / width
     near = (1.0 - rest) * share / (2.0 * half)
     far = (1.0 - rest) * (1.0 - share) / (2.0 * half)
     best, total = -math.inf, 0.0
+    same_edge = 1e-6  # ends of two cells closer than this part of half a cell are one
     for m in range(PLACES):
         first = reach * (2.0 * (m + 0.5) / PLACES - 1.0) - (1.0 - share) * apart
         log, edge, below, below_far = 0.0, -math.inf, 0.0, 0.0
         for j in range(levels):
-            if level[j] - half - edge > SAME_EDGE * half:  # else the cell begins where the last one ends
+            if level[j] - half - edge > same_edge * half:  # else the cell begins where the last one ends
                 edge = level[j] - half
                 below = distribution_at((edge - first) * scale, law)
                 if apart > 0.0:
@@ -225,8 +213,10 @@ def spread_beside_pairs(
     float or None
         `scale` where pairs do not raise the likelihood by `DECISIVE`. None where with pairs equal widths are as likely.
     """
-    some = np.unique(np.linspace(0, len(error) - 1, MOST_CLUSTERS).astype(int))
-    every = max(1, round(float(np.median(np.isfinite(error[some]).sum(axis=1))) / MOST_SAMPLES))
+    most_clusters = 400  # most clusters that are compared, evenly chosen
+    some = np.unique(np.linspace(0, len(error) - 1, most_clusters).astype(int))
+    most_samples = 100  # about the most samples of a cluster that are compared, of frames evenly chosen
+    every = max(1, round(float(np.median(np.isfinite(error[some]).sum(axis=1))) / most_samples))
     thinned = np.ascontiguousarray(error[some, ::every])
 
     def likelihoods(pairs: FloatArray, log_widths: FloatArray) -> FloatArray:
@@ -275,7 +265,8 @@ class _Population:
         parts = np.hstack([part[:, None], pairs])
         share = np.full(parts.shape[1], 0.5 / pairs.shape[1])
         share[0] = 0.5
-        for _ in range(ITERATIONS):
+        iterations = 60  # iterations of EM for the shares of pairs
+        for _ in range(iterations):
             share *= (1.0 / (parts @ share)) @ parts / len(parts)
         return self._most + float(np.log(parts @ share).sum())
 

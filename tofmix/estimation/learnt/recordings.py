@@ -1,4 +1,7 @@
-"""Learn the noise of a recording: read pixels, learn the noise from them, and draw the thresholds of the count."""
+"""Learn the noise of a recording: read pixels, learn the noise from them, and draw the thresholds of the count.
+
+`warm_up` compiles the kernels of learnt noise, or loads them from the cache: each runs once on some made-up pixels.
+"""
 
 import math
 from collections.abc import Callable
@@ -7,17 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from tofmix.arrays import FloatArray
-from tofmix.estimation.beam import COARSE, Beam, beam_of, step_matters, steps_of
-from tofmix.estimation.learnt.background import background_shares
-from tofmix.estimation.learnt.bootstrap import known_thresholds
-from tofmix.estimation.learnt.folds import MAX_LAYERS, flat_thresholds
+from tofmix.arrays import Float32Array, FloatArray
+from tofmix.estimation.beam import COARSE, Beam, all_steps, beam_of, step_matters, steps_of
+from tofmix.estimation.layering import layer_pixels
+from tofmix.estimation.learnt.background import background_counts, background_shares, pixel_widths
+from tofmix.estimation.learnt.bootstrap import calibrate, known_thresholds
+from tofmix.estimation.learnt.clusters import cluster_likelihoods, find_clusters, fit_clusters
+from tofmix.estimation.learnt.folds import MAX_LAYERS, flat_thresholds, held_out_scores
+from tofmix.estimation.learnt.law import precision_of_t
 from tofmix.estimation.learnt.learning import LearntModel, learn_pixel_noise
-from tofmix.estimation.learnt.model import PixelNoise
+from tofmix.estimation.learnt.model import PixelNoise, noise_words
 from tofmix.estimation.learnt.parts import beta_prior
-from tofmix.estimation.learnt.words import noise_words
+from tofmix.estimation.learnt.population import LOG_WIDTHS, ONE_SURFACE, population_likelihoods
 from tofmix.estimation.noise.measurement import MeasuredNoise, measure_noise
-from tofmix.estimation.noise.pair_differences import sigma_from_differences
+from tofmix.estimation.noise.series import sigma_from_differences
 from tofmix.estimation.noise.training_pixels import (
     MOST_FRAMES,
     Pixels,
@@ -26,7 +32,7 @@ from tofmix.estimation.noise.training_pixels import (
     sample_numbers,
     scatters,
 )
-from tofmix.learnt_noise import DRIFTS, RangeStep
+from tofmix.noise_shape import DRIFTS, RangeStep
 from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
 from tofmix.wording import counted
@@ -36,9 +42,6 @@ LEAST_IN_PIXEL, LEAST_IN_ALL = 5, 100
 
 FALSE_CHOICE = 1.0e-3
 """Probability of a share of outliers by chance, as of a part of the noise (`candidates.held_out_gain`)."""
-
-DISAGREE = 1.25
-"""Ratio of two measurements of sigma from which on both are reported: drifts and shapes change it by less."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,7 +90,9 @@ class FoundNoise:
         other = self.measured.curve
         wide = 1.0 if curve.shape is None else curve.shape.moments()[1]
         ratio = float(np.exp(np.median(np.log(other.sigma_mm / (wide * curve.sigma(other.range_mm))))))
-        if max(ratio, 1.0 / ratio) < DISAGREE:
+        # Ratio of two measurements of sigma from which on both are reported: drifts and shapes change it by less.
+        disagree = 1.25
+        if max(ratio, 1.0 / ratio) < disagree:
             return ""
         low, high = float(other.sigma_mm.min()), float(other.sigma_mm.max())
         return f"; pixels taken for one surface alone would give sigma {low:.3g} to {high:.3g} mm"
@@ -344,3 +349,48 @@ def background_map(source: SampleSource, noise: PixelNoise, beam: Beam, window_f
         part[known] = (share[known] * number[known] + near) / (number[known] + near + far)
         out[first : first + band] = part.reshape(-1, cols)
     return np.asarray(np.minimum(out, 0.999), dtype=np.float64)
+
+
+_RANGE_MM, _SIGMA_MM = 1000.0, 10.0
+_FRAMES, _PIXELS = 20, 3
+"""Range, sigma and size of the made-up samples."""
+
+
+def warm_up() -> None:
+    """Run each kernel once."""
+    warm_up_first()
+    warm_up_later()
+
+
+def warm_up_first() -> None:
+    """Run the kernels that learn sigma, drift and shape."""
+    samples, sensor, noise = _made_up()
+    laws, beam = noise.laws(), beam_of(sensor)
+    fit_clusters(samples, find_clusters(samples, beam), laws[0], beam, True)  # noqa: FBT003  a kernel's flag
+    held_out_scores(samples, laws, beam, flat_thresholds(), 2)
+    precision_of_t(0.0, 1.0)
+
+
+def warm_up_later() -> None:
+    """Run the kernels that count surfaces, draw the gains of noise alone, and weigh sigmas of samples on a step."""
+    samples, sensor, noise = _made_up()
+    laws, beam, thresholds = noise.laws(), beam_of(sensor), flat_thresholds()
+    clusters = find_clusters(samples, beam)
+    fits = fit_clusters(samples, clusters, laws[0], beam, True)  # noqa: FBT003  a kernel's flag
+    stepped = beam._replace(steps=all_steps(RangeStep.common(1.0)))
+    cluster_likelihoods(samples, clusters, fits.place, fits.support, np.ones(len(fits.place)), laws[1], stepped)
+    background_shares(samples, laws, beam, thresholds, 2)
+    background_counts(samples, laws, beam, thresholds, 2, np.array([0.0, 2.0 * _RANGE_MM]))
+    pixel_widths(samples, laws, laws[0], beam, thresholds, 2)
+    none = np.zeros(1)
+    population_likelihoods(np.zeros((1, _FRAMES)), none, none + 0.1, none + 1.0, laws[0], ONE_SURFACE, LOG_WIDTHS)
+    gains = calibrate(noise, beam, np.array([_RANGE_MM]), samples=(_FRAMES, _FRAMES), draws=_FRAMES)
+    layer_pixels(samples.T, replace(sensor, learnt=noise.learnt_with(gains)))
+
+
+def _made_up() -> tuple[Float32Array, Sensor, PixelNoise]:
+    """Samples (pixel, frame), mm, their camera, and its noise."""
+    samples = np.random.default_rng(1).normal(_RANGE_MM, _SIGMA_MM, (_PIXELS, _FRAMES)).astype(np.float32)
+    curve = NoiseCurve(np.array([_RANGE_MM]), np.array([_SIGMA_MM]))
+    sensor = Sensor(name="warm-up", range_min_mm=0.0, range_max_mm=2.0 * _RANGE_MM, noise=curve)
+    return samples, sensor, PixelNoise.gaussian(curve, sensor.outlier_probability)

@@ -30,14 +30,6 @@ RING = (12.0, 16.0)
 _PENALTIES = np.logspace(-5, 5, 11)
 """Weights of the mean square of the third derivative that are tried, by error."""
 
-_RIDGE = 1e-11
-"""Damps Newton's steps where rounding makes the matrix singular: the penalty leaves parabolas free."""
-
-_LEAST_FALL = 0.5
-"""Least fall of the log density by sigma beyond the last errors."""
-
-_LAST_ERRORS = 3.0
-"""Errors from a bin outward up to which it counts as beyond the last errors."""
 
 CENTRES = np.arange(-round(REACH / STEP), round(REACH / STEP) + 1) * STEP
 
@@ -165,11 +157,12 @@ def _log_density(
         return float(counts @ log_density - n * STEP * np.exp(log_density).sum() - 0.5 * weight * bend @ bend)
 
     now = value(g)
+    ridge = 1e-11  # damps Newton's steps where rounding makes the matrix singular: the penalty leaves parabolas free
     for _ in range(most_steps):
         expected = n * STEP * np.exp(g)
         slope = counts - expected - _times(band, g)
         bent = band.copy()
-        bent[0] += expected + _RIDGE * band[0].max() + 1e-9 * n
+        bent[0] += expected + ridge * band[0].max() + 1e-9 * n
         step = solveh_banded(bent, slope, lower=True)
         size = 1.0
         while size > 1e-4:  # noqa: PLR2004  shorter steps change nothing
@@ -199,10 +192,12 @@ def _with_tails(log_density: FloatArray, counts: FloatArray) -> FloatArray:
     """Make the density fall on either side of its peak, also beyond the last errors."""
     out, peak = log_density.copy(), int(np.argmax(log_density))
     outward = np.cumsum(counts[::-1])[::-1], np.cumsum(counts)
+    last_errors = 3.0  # errors from a bin outward up to which it counts as beyond the last errors
+    least_fall = 0.5  # least fall of the log density by sigma beyond the last errors
     for j in range(peak + 1, len(out)):
-        fall = 0.0 if outward[0][j] > _LAST_ERRORS else _LEAST_FALL * STEP
+        fall = 0.0 if outward[0][j] > last_errors else least_fall * STEP
         out[j] = min(out[j], out[j - 1] - fall)
     for j in range(peak - 1, -1, -1):
-        fall = 0.0 if outward[1][j] > _LAST_ERRORS else _LEAST_FALL * STEP
+        fall = 0.0 if outward[1][j] > last_errors else least_fall * STEP
         out[j] = min(out[j], out[j + 1] - fall)
     return out

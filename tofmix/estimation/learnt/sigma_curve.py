@@ -13,12 +13,9 @@ from tofmix.estimation.learnt.clusters import SIGMAS, ClusterFits
 from tofmix.estimation.learnt.folds import Fold
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.noise.isolated_clusters import LEAST_CLUSTERS, Clusters
-from tofmix.estimation.noise.pair_differences import sigma_from_differences
+from tofmix.estimation.noise.series import sigma_from_differences
 from tofmix.estimation.noise.training_pixels import Pixels, medians
 from tofmix.sensor import NoiseCurve, Sensor
-
-LEAST_CLUSTERS_A_PIXEL = 0.05
-"""Least clusters a pixel that sigma(r) is measured with: fewer may be isolated by chance."""
 
 SCALES = (1.0, 0.5, 0.25, 0.125)
 """Factors on the sigma of the differences: where surfaces lie close in every pixel, this sigma is too large."""
@@ -29,14 +26,6 @@ ROUNDS = 3
 FREE_WIDTH = 0.6
 """Spread of log width while widths are measured: this prior leaves each width to its samples."""
 
-_EQUAL_FACTOR = 1.02
-"""Curves within this factor count as equal: no count differs by it."""
-
-_DIFFERENT_FACTOR = 1.1
-"""Curves to start from differ by more than this factor."""
-
-_CONVERGED = 0.01
-"""Change of log sigma that ends the rounds: samples determine sigma less exactly."""
 
 SEVERAL = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
 """Parts of the clusters that may be of several surfaces, where sigma is the most likely one; the likeliest is taken."""
@@ -45,8 +34,6 @@ _WINDOW, _PLACES, _MOST_WINDOWS = 0.2, 81, 20
 """Half the interval of log sigma in which sigma is sought between `SIGMAS`, the places in it, and the most intervals.
 Places lie 0.005 apart: 10^4 samples tell the width of a cluster to 0.007."""
 
-_WIDTHS = 41
-"""Widths over which a likelihood is averaged: a fifth of their spread apart, up to four spreads."""
 
 COARSE_SIGMAS = 0.5
 """Step, in sigmas, from which sigma is the most likely one of all clusters. `SIGMAS` reach to twice the sigma there."""
@@ -57,9 +44,6 @@ _LEAST_IN_BIN, _WIDEST_BIN = 20, 0.12
 _FARTHEST_IN_BIN, _FEW = 10.0, 3
 """Largest factor between ranges in a bin, however few clusters it then has: sigma at 3 cm says nothing of that at 3 m.
 A bin of fewer clusters than the second number keeps its sigma, scaled as that of all: one cluster may be of chance."""
-
-_LEAST_VARIANCE_LEFT = 0.1
-"""Least part of the variance that fits leave, for clusters of few samples."""
 
 
 def first_curves(pixels: Pixels, start: NoiseCurve | None) -> list[NoiseCurve]:
@@ -91,9 +75,10 @@ def first_curves(pixels: Pixels, start: NoiseCurve | None) -> list[NoiseCurve]:
         if not spread > 0:
             return curves
         ranges, sigmas = np.array([float(np.median(medians(seen)))]), np.array([spread])
+    different_factor = 1.1  # curves to start from differ by more than this factor
     for scale in SCALES:
         curve = with_least_sigma(NoiseCurve(ranges, sigmas * scale), pixels)
-        if all(abs(math.log(typical_ratio(curve, other))) > math.log(_DIFFERENT_FACTOR) for other in curves):
+        if all(abs(math.log(typical_ratio(curve, other))) > math.log(different_factor) for other in curves):
             curves.append(curve)
     return curves
 
@@ -120,8 +105,9 @@ def different_starts(
 
 def _nearly_equal(one: PixelNoise, other: PixelNoise) -> bool:
     """Whether two curves have about the same sigma at all ranges of the first one."""
+    equal_factor = 1.02  # curves within this factor count as equal: no count differs by it
     return bool(
-        np.all(np.abs(np.log(one.curve.sigma_mm / other.curve.sigma(one.curve.range_mm))) < math.log(_EQUAL_FACTOR))
+        np.all(np.abs(np.log(one.curve.sigma_mm / other.curve.sigma(one.curve.range_mm))) < math.log(equal_factor))
     )
 
 
@@ -132,11 +118,14 @@ def typical_ratio(one: NoiseCurve, other: NoiseCurve) -> float:
 
 def with_sigma(fold: Fold, noise: PixelNoise) -> PixelNoise:
     """Measure sigma(r) anew: the median width of the clusters near each range, or of pixels where clusters are rare."""
+    # Least clusters a pixel that sigma(r) is measured with: fewer may be isolated by chance.
+    least_clusters_a_pixel = 0.05
+    converged = 0.01  # change of log sigma that ends the rounds: samples determine sigma less exactly
     for _ in range(ROUNDS):
         coarse = None
         free = replace(noise, curve=replace(noise.curve, width_spread=FREE_WIDTH))
         clusters = fold.clusters(noise)
-        if len(clusters.pixel) >= max(LEAST_CLUSTERS, LEAST_CLUSTERS_A_PIXEL * len(fold.training.samples)):
+        if len(clusters.pixel) >= max(LEAST_CLUSTERS, least_clusters_a_pixel * len(fold.training.samples)):
             fits = fold.fits(free, clusters)
             place, wide = fits.place, fits.log_width
             bias = _log_bias(noise, fits.support, 1.0)
@@ -152,7 +141,7 @@ def with_sigma(fold: Fold, noise: PixelNoise) -> PixelNoise:
         curve = with_least_sigma(_curve_through(place, wide + bias, noise.curve, coarse), fold.training)
         change = abs(math.log(typical_ratio(curve, noise.curve)))
         noise = replace(noise, curve=curve)
-        if change < _CONVERGED:
+        if change < converged:
             break
     return noise
 
@@ -168,7 +157,8 @@ def _log_bias(noise: PixelNoise, support: FloatArray, surfaces: FloatArray | flo
 
 def variance_left(taken: FloatArray | float, support: FloatArray) -> FloatArray:
     """Part of the errors' variance that fits of `taken` parameters to `support` (n,) samples leave: 1 - taken / n."""
-    return np.asarray(np.maximum(1.0 - taken / np.maximum(support, taken + 2.0), _LEAST_VARIANCE_LEFT))
+    least_variance_left = 0.1  # least part of the variance that fits leave, for clusters of few samples
+    return np.asarray(np.maximum(1.0 - taken / np.maximum(support, taken + 2.0), least_variance_left))
 
 
 class _Coarse(NamedTuple):
@@ -207,7 +197,8 @@ def _coarse(fold: Fold, noise: PixelNoise, clusters: Clusters, fits: ClusterFits
 
 def _over_widths(likelihood: FloatArray, spread: float) -> FloatArray:
     """Log of the mean likelihood (cluster, `SIGMAS`) over the widths of pixels."""
-    node = np.linspace(-4.0, 4.0, _WIDTHS)
+    widths = 41  # widths over which a likelihood is averaged: a fifth of their spread apart, up to four spreads
+    node = np.linspace(-4.0, 4.0, widths)
     log_weight = -0.5 * node**2 - np.log(np.exp(-0.5 * node**2).sum())
     between, out = _between(likelihood), np.full_like(likelihood, -np.inf)
     for x, weight in zip(node, log_weight, strict=True):

@@ -3,13 +3,22 @@
 The density's peaks are where a count starts. From there, with the noise curve's
 sigmas: samples that only c_r explains are gathered into surfaces; surfaces that
 are not missed are taken out, the least missed first; and new ones are tried where
-the likelihood rises most, until none gains enough. "Enough" is the threshold of
-`false_alarms`, the same for taking out and putting in.
+the likelihood rises most, until none gains enough. "Enough" is the threshold for a wanted chance of
+false alarms, the same for taking out and putting in.
+
+Where a pixel sees one surface, a second one in the fit still gains some likelihood
+by following the noise. How much depends on the number of samples, slowly. The
+table of `gain_table` holds the gains that were exceeded with each chance, drawn with the package's
+own search by ``python tests/benchmarks/calibrate.py``; in between it is read off
+linearly in the logarithms of both.
 """
 
 import math
 from typing import NamedTuple
 
+import numpy as np
+
+from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.compiled.vector import product_of, total_of
 from tofmix.estimation.beam import (
@@ -22,12 +31,13 @@ from tofmix.estimation.beam import (
     outlier_density_at,
     sigma_at,
 )
-from tofmix.estimation.mixture.components import (
+from tofmix.estimation.mixture.em import (
     GAIN,
     MEAN,
     MOMENT_2,
     OTHER,
     RANDOM,
+    ROOT_TWO_PI,
     SHARE,
     SIGMA,
     SPARE,
@@ -38,15 +48,86 @@ from tofmix.estimation.mixture.components import (
     Scratch,
     capacity_of,
     copy_components,
+    expect,
+    log_likelihood,
+    maximise_likelihood,
+    mix,
     new_components,
     new_scratch,
     no_return_row,
     remove_surface,
 )
-from tofmix.estimation.mixture.em import ROOT_TWO_PI, expect, log_likelihood, maximise_likelihood, mix
 from tofmix.estimation.mixture.gain_bound import best_share, gain_bound_of_clear, steepest_place
 from tofmix.estimation.samples import Readings, within_reach
 from tofmix.estimation.settings import MODE_TIED
+
+FALSE_ALARMS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0001)
+"""Chances of a false alarm, a column each."""
+
+SAMPLES = (5, 10, 15, 30, 60, 100, 200, 500, 1000)
+"""Samples in the pixel, a row each."""
+
+_GAINS = np.array(
+    [
+        (0.00, 0.51, 1.30, 1.91, 2.55, 3.53, 4.18, 6.44),  # 5
+        (0.53, 1.12, 1.94, 2.58, 3.27, 4.14, 4.70, 6.82),  # 10
+        (0.71, 1.31, 2.15, 2.79, 3.45, 4.36, 4.89, 6.99),  # 15
+        (0.97, 1.61, 2.49, 3.21, 3.94, 4.83, 5.49, 7.77),  # 30
+        (1.14, 1.79, 2.67, 3.38, 4.04, 5.00, 5.69, 8.01),  # 60
+        (1.25, 1.91, 2.78, 3.45, 4.11, 5.04, 5.83, 8.21),  # 100
+        (1.36, 2.02, 2.91, 3.57, 4.26, 5.23, 6.00, 8.43),  # 200
+        (1.48, 2.15, 3.06, 3.70, 4.43, 5.45, 6.12, 8.54),  # 500
+        (1.55, 2.24, 3.16, 3.81, 4.52, 5.37, 6.08, 8.34),  # 1000
+    ]
+)
+
+_NATS_OF_CHANCE = -np.log(np.array(FALSE_ALARMS))
+
+
+def gain_table(most_samples: int) -> FloatArray:
+    """Gains that noise exceeds with each of `FALSE_ALARMS`, for each number of samples.
+
+    Parameters
+    ----------
+    most_samples : int
+        Most samples in a pixel.
+
+    Returns
+    -------
+    (most_samples + 1, len(FALSE_ALARMS)) float64
+        Gains in nat; row n is for n samples. Below 5 samples those of 5 hold, above 1000 those of 1000.
+    """
+    log_n = np.log(np.maximum(np.arange(most_samples + 1, dtype=np.float64), 1.0))
+    columns = [np.interp(log_n, np.log(np.array(SAMPLES)), column) for column in _GAINS.T]
+    return np.ascontiguousarray(np.stack(columns, axis=1), dtype=np.float64)
+
+
+@borrowing
+def _read_off(x: float, known: FloatArray, values: FloatArray) -> float:
+    """Interpolate linearly; past the last point, go on as between the last two."""
+    last = len(known) - 1
+    k = 1
+    while k < last and known[k] < x:
+        k += 1
+    slope = (values[k] - values[k - 1]) / (known[k] - known[k - 1])
+    return float(values[k] + slope * (x - known[k]))
+
+
+@borrowing
+def least_gain(false_alarm: float, gains: FloatArray) -> float:
+    """Gain, nat, that noise exceeds with the chance `false_alarm`; `gains` is the pixel's row of `gain_table`."""
+    return _read_off(-math.log(false_alarm), _NATS_OF_CHANCE, gains)
+
+
+@borrowing
+def chance_of(gain: float, gains: FloatArray) -> float:
+    """Chance that noise gains as much: the inverse of `least_gain`, at most 1."""
+    if gain <= 0.0:
+        return 1.0
+    if gain < gains[0]:
+        return float(1.0 - (1.0 - FALSE_ALARMS[0]) * gain / gains[0])
+    return float(math.exp(-_read_off(gain, gains, _NATS_OF_CHANCE)))
+
 
 COUNT_ITER = 60
 """Most EM iterations of one trial: counting compares likelihoods, which settle long before the means."""
@@ -60,39 +141,24 @@ MIN_SUPPORT = 1.5
 CERTAIN_SUPPORT, CERTAIN_GAIN = 5.0, 40.0
 """Least samples of a surface that needs no trial, and least loss, nat, without it: its probability rounds to 1."""
 
-LOST_BY_SAMPLE = 2.0
-"""What a sample's density falls short of its surface's peak, nat: 0.5 by its error, 1 at most by the share that others
-gain without the surface, and 0.5 to spare."""
 
 CERTAIN_SIGMAS = 5.0
 """Distance of such a surface from all others, in sigmas."""
 
-UNEXPLAINED_SIGMAS = 3.0
-"""Samples that only c_r explains are gathered when they lie within this many sigma of one of them."""
 
 SPLIT_SIGMAS = 0.8
 """Half the distance, in sigmas, at which a trial splits one surface in two equal ones."""
 
-MOVED_SHARE = 0.9
-"""Part of c_0 that a trial gives to a surface in its place: EM moves a share of 0 no more."""
-
-ALONE_SIGMAS = 4.0
-"""Distance from all other surfaces, in sigmas, from which a surface may be a chance group of outliers."""
 
 SCAN_SIGMAS = 4.0
 """Distance from such a surface, in sigmas, within which its samples are counted."""
 
-MOST_BY_CHANCE = 12.0
-"""Samples from which a surface is no chance group of outliers."""
-
 
 _STEEPEST, _SPLIT, _MOVED = 0, 1, 2  # starts of one surface more
 
-BY_CHANCE = 0.1
-"""Part of the wanted false alarms that heaps of outliers may add: `false_alarms` has used up the rest."""
 
 LEAST_BOUND = 0.4
-"""One more surface is tried where its gain bound (see `gradient`) is this part of the least gain."""
+"""One more surface is tried where its gain bound (`mixture.gain_bound`) is this part of the least gain."""
 
 
 class Rules(NamedTuple):
@@ -136,8 +202,10 @@ def _most_unexplained(data: Readings, k: int, fit: Components, beam: Beam, scrat
             unexplained[n], counts[n] = data.value[j], data.times[j]
             n += 1
     most, place, first, stop = 0.0, 0.0, 0, 0
+    # Samples that only c_r explains are gathered when they lie within this many sigma of one of them.
+    unexplained_sigmas = 3.0
     for centre in unexplained[:n]:
-        reach = UNEXPLAINED_SIGMAS * sigma_at(centre, beam.curve_range, beam.curve_sigma)
+        reach = unexplained_sigmas * sigma_at(centre, beam.curve_range, beam.curve_sigma)
         first, stop = within_reach(unexplained[:n], first, stop, centre - reach, centre + reach)
         group_size = total_of(counts[first:stop])
         if group_size > most:
@@ -198,14 +266,18 @@ def _by_chance(n: float, k: int, index: int, fit: Components, beam: Beam, rules:
     group.
     """
     support = fit[SUPPORT, index]
-    if support > MOST_BY_CHANCE or _gap_sigmas(k, index, fit, beam) < ALONE_SIGMAS:
+    most_by_chance = 12.0  # samples from which a surface is no chance group of outliers
+    # Distance from all other surfaces, in sigmas, from which a surface may be a chance group of outliers.
+    alone_sigmas = 4.0
+    if support > most_by_chance or _gap_sigmas(k, index, fit, beam) < alone_sigmas:
         return False
     expected = n * outlier_density_at(fit[MEAN, index], beam) * SCAN_SIGMAS * fit[SIGMA, index]
     fewer, term = 0.0, math.exp(-expected)
     for m in range(round(support) - 1):
         fewer += term
         term *= expected / (m + 1)
-    return n * beam.p_outlier * (1.0 - fewer) > BY_CHANCE * rules.false_alarm
+    by_chance = 0.1  # part of the wanted false alarms that heaps of outliers may add: `gain_table` has used up the rest
+    return n * beam.p_outlier * (1.0 - fewer) > by_chance * rules.false_alarm
 
 
 @borrowing
@@ -236,7 +308,10 @@ def _certain(k: int, index: int, fit: Components, beam: Beam) -> bool:
     if _gap_sigmas(k, index, fit, beam) <= CERTAIN_SIGMAS:
         return False
     peak = fit[WEIGHT, index] / (ROOT_TWO_PI * fit[SIGMA, index])
-    by_sample = math.log(peak / outlier_density_at(fit[MEAN, index], beam)) - LOST_BY_SAMPLE
+    # What a sample's density falls short of its surface's peak, nat: 0.5 by its error, 1 at most by the share that
+    # others gain without the surface, and 0.5 to spare.
+    lost_by_sample = 2.0
+    by_sample = math.log(peak / outlier_density_at(fit[MEAN, index], beam)) - lost_by_sample
     return bool(fit[SUPPORT, index] * by_sample > CERTAIN_GAIN)
 
 
@@ -398,7 +473,8 @@ def _move_no_return(data: Readings, k: int, fit: Components, beam: Beam, scratch
     if is_beyond(place, beam):
         return False
     _add_surface(k, place, 0.0, fit, beam)
-    fit[WEIGHT, k], fit[WEIGHT, -1] = MOVED_SHARE * weight, (1.0 - MOVED_SHARE) * weight
+    moved_share = 0.9  # part of c_0 that a trial gives to a surface in its place: EM moves a share of 0 no more
+    fit[WEIGHT, k], fit[WEIGHT, -1] = moved_share * weight, (1.0 - moved_share) * weight
     return True
 
 

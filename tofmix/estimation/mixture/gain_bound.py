@@ -39,12 +39,13 @@ from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
 from tofmix.compiled.vector import exp_minus, log_of, product_of, total_of
 from tofmix.estimation.beam import Beam, is_beyond, is_uniform, sigma_at
-from tofmix.estimation.mixture.components import (
+from tofmix.estimation.mixture.em import (
     DENSITY,
     MEAN,
     MEAN_SCORE,
     OTHER,
     RANDOM,
+    ROOT_TWO_PI,
     SHARE,
     SHARE_SCORE,
     SIGMA,
@@ -53,8 +54,9 @@ from tofmix.estimation.mixture.components import (
     WEIGHT,
     Components,
     Scratch,
+    gaussians,
+    mix,
 )
-from tofmix.estimation.mixture.em import ROOT_TWO_PI, gaussians, mix
 from tofmix.estimation.samples import Readings, whole_lanes, within_reach
 
 LARGEST_SHARE = 0.9
@@ -73,8 +75,6 @@ def next_share(share: float, slope: float, bend: float) -> float:
 SEARCH_STEP = 0.5
 """Step of the search in sigmas: a quarter of a sigma off the best place, a surface gains 3 % less."""
 
-_REACH = 5.0
-"""A surface lends samples farther away than this, in sigmas, less than 4e-6 of its peak."""
 
 LAST_STEPS = 6
 """Newton steps of the best share at the place that is taken: the share is then exact to rounding."""
@@ -109,9 +109,10 @@ def steepest_place(
     end = values[-1] + sigma_at(values[-1], beam.curve_range, beam.curve_sigma)
     if math.isinf(beam.no_return_to):
         end = min(end, beam.surface_end)
+    reach = 5.0  # a surface lends samples farther away than this, in sigmas, less than 4e-6 of its peak
     while theta <= end:
         sigma = sigma_at(theta, beam.curve_range, beam.curve_sigma)
-        near, past = within_reach(values, near, past, theta - _REACH * sigma, theta + _REACH * sigma)
+        near, past = within_reach(values, near, past, theta - reach * sigma, theta + reach * sigma)
         next_theta = theta + SEARCH_STEP * sigma
         if near == past and near < m:
             next_theta = max(next_theta, values[near] - sigma)  # nothing near: go to the next sample
@@ -251,11 +252,6 @@ SURFACE_SIGMAS = 4.0
 _STEP = 0.75
 """Distance between the places of a trial surface, in sigmas."""
 
-_STEPS = 6
-"""Places on either side: up to 4.5 sigma."""
-
-_HEAVY = 0.5
-"""Where one sample has such a part in a new surface, the score statistic falls short, and the gain is worked out."""
 
 _ROOT = math.exp(_STEP * SURFACE_SIGMAS)
 
@@ -323,6 +319,9 @@ def _gain_bound_near(
         base[j] = _ROOT * exp_minus(_STEP * (SURFACE_SIGMAS - z[j]))  # exp(_STEP z)
         power[j] = count[j] * z[j] * z[j]
     bound, squares = 0.0, total_of(power)
+    steps = 6  # places on either side: up to 4.5 sigma
+    # Where one sample has such a part in a new surface, the score statistic falls short, and the gain is worked out.
+    heavy = 0.5
     for side in range(2):
         for j in range(m):
             power[j] = 1.0
@@ -330,7 +329,7 @@ def _gain_bound_near(
             for j in range(m):
                 base[j] = 1.0 / base[j]
         farthest = z[m - 1] if side == 0 else -z[0]
-        for step in range(1, _STEPS + 1):
+        for step in range(1, steps + 1):
             delta = _STEP * step
             scale = math.exp(-0.5 * delta * delta)
             new, by_mean, square = _next_power(power, base, z, count)
@@ -342,7 +341,7 @@ def _gain_bound_near(
                 information -= scale * scale * by_mean * by_mean / squares
             information = max(information, LEAST_INFORMATION * own.total)
             bound = max(bound, 0.5 * slope * slope / information)
-            if bound < least and slope * scale * math.exp(delta * farthest) > _HEAVY * information:
+            if bound < least and slope * scale * math.exp(delta * farthest) > heavy * information:
                 bound = max(bound, _gain_of_best_share(power, scale, own, scratch[TOTAL, :m]))
             if bound >= least:
                 return bound

@@ -15,9 +15,10 @@ from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.compiled.vector import product_of
 from tofmix.estimation.beam import Beam, sigma_at
-from tofmix.estimation.mixture.components import (
+from tofmix.estimation.mixture.em import (
     DENSITY,
     MEAN,
+    PRIOR_SAMPLES,
     SHARE,
     SIGMA,
     SPARE,
@@ -26,15 +27,12 @@ from tofmix.estimation.mixture.components import (
     WEIGHT,
     Components,
     Scratch,
+    expect,
     gradient_row,
     no_return_row,
 )
-from tofmix.estimation.mixture.em import PRIOR_SAMPLES, expect
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED
-
-_SINGULAR = 1.0e-10
-"""A pivot below this, of a matrix with a unit diagonal, is rounding."""
 
 
 @borrowing
@@ -49,22 +47,19 @@ def scaled_cholesky(matrix: FloatArray, scale: FloatArray, lower: FloatArray) ->
         if not matrix[i, i] > 0.0:
             return False
         scale[i] = 1.0 / math.sqrt(matrix[i, i])
+    singular = 1.0e-10  # a pivot below this, of a matrix with a unit diagonal, is rounding
     for i in range(n):
         for j in range(i + 1):
             value = matrix[i, j] * scale[i] * scale[j]
             for m in range(j):
                 value -= lower[i, m] * lower[j, m]
             if i == j:
-                if not value > _SINGULAR:
+                if not value > singular:
                     return False
                 lower[i, i] = math.sqrt(value)
             else:
                 lower[i, j] = value / lower[j, j]
     return True
-
-
-_LEAST_NO_RETURN = 0.5
-"""With less than half a sample, p(c_0) sits at its bound 0 and has no curvature to invert."""
 
 
 @borrowing
@@ -205,7 +200,8 @@ def standard_errors(
         weights[i] = math.sqrt(max(share * (1.0 - share), 0.0) / n)
     if k == 0:
         return True
-    with_no_return = fit[SUPPORT, -1] > _LEAST_NO_RETURN
+    least_no_return = 0.5  # with less than half a sample, p(c_0) sits at its bound 0 and has no curvature to invert
+    with_no_return = fit[SUPPORT, -1] > least_no_return
     if k == 1 and not with_no_return:
         weights[0] = 0.0
         if fit[SUPPORT, 0] > n - 0.01:

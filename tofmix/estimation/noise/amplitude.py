@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.estimation.noise.curve import GRID, STEP, ScaleMixtures, place
+from tofmix.estimation.noise.curve import GRID, STEP, AmplitudeSettings, ScaleMixtures, place
 from tofmix.estimation.noise.series import SEED
-from tofmix.estimation.noise.settings import AmplitudeSettings
 from tofmix.sensor import AmplitudeLaw
 
 _SEED = SEED + 1

@@ -23,7 +23,7 @@ from tofmix.estimation.noise.series import (
     series_statistics,
 )
 from tofmix.estimation.unrolling import UnrolledSource
-from tofmix.learnt_noise import SIGMA_OF_STEP, RangeStep
+from tofmix.noise_shape import SIGMA_OF_STEP, RangeStep
 from tofmix.recording import SampleSource, amplitude_source, by_target
 from tofmix.sensor import NoiseCurve
 
@@ -33,9 +33,6 @@ MEDIAN_TO_MEAN = math.sqrt(math.pi / 2.0)
 _QUARTILE = 0.75  # of the pixels' changes: a drift shows in a quarter of the pixels at least
 GAUSSIAN_QUARTILE = NormalDist().inv_cdf(0.5 * (1.0 + _QUARTILE))
 """That quantile of the absolute value of a standard Gaussian number."""
-
-_NO_RETURN_SIGMAS = 3.0  # samples this near to the largest range may be no return
-_ENDS = 3  # the change over a window is that from its first third to its last
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -163,7 +160,8 @@ def _returns(source: SampleSource, curve: NoiseCurve, range_mm: FloatArray) -> B
     most = source.sensor.range_max_mm
     if most is None:
         return np.ones(range_mm.shape, dtype=np.bool_)
-    return np.asarray(range_mm < most - _NO_RETURN_SIGMAS * float(curve.sigma(most)), dtype=np.bool_)
+    no_return_sigmas = 3.0  # samples this near to the largest range may be no return
+    return np.asarray(range_mm < most - no_return_sigmas * float(curve.sigma(most)), dtype=np.bool_)
 
 
 def _scatter(
@@ -193,7 +191,8 @@ def _drift(
     """
     runs = series.samples.shape[1]
     pixels = len(series.pixel) if window_frames <= runs else len(series.pixel) // 2
-    part = min(window_frames, runs) // _ENDS if window_frames <= runs else min(window_frames // _ENDS, runs)
+    ends = 3  # the change over a window is that from its first third to its last
+    part = min(window_frames, runs) // ends if window_frames <= runs else min(window_frames // ends, runs)
     if window_frames < LEAST_SAMPLES:
         return None
     early = series.samples[:pixels, :part]

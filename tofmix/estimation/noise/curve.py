@@ -9,11 +9,13 @@ Use `locate` on the logarithms of their standard deviations, one group a range. 
 separate make it wider, never narrower. So a series is either single, its variance chi-square about sigma^2, or wider by
 an unknown factor. The share of wider series, their factor, and the spread of sigma between pixels come from all groups
 together, because a single group has too few series.
+
+The thresholds of the whole measurement stand here, as `NoiseSettings`; `measure_noise` takes them.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from itertools import pairwise
 from typing import NamedTuple, Self
@@ -22,8 +24,156 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray, IntArray
-from tofmix.estimation.noise.settings import CurveSettings
+from tofmix.bounds import (
+    AtLeastTwo,
+    Count,
+    Finite,
+    NotNegative,
+    Positive,
+    RatioAbove1,
+    Share,
+    check_ascending,
+    check_bounds,
+)
 from tofmix.sensor import AmplitudeLaw, NoiseCurve
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CurveSettings:
+    """The curve sigma(r) through bins of range.
+
+    Parameters
+    ----------
+    least_in_bin : int
+        Fewest series that determine a sigma.
+    bin_target : int
+        Series of a bin, where there are enough.
+    most_bins : int
+        Bins of range at most.
+    wide, narrow : float
+        Extent of a bin over its range: above the first it is split, below the second it never is.
+    gap : float
+        A step in range, over the range, that parts two bins.
+    slopes : (float, float)
+        Least and greatest power of range by which sigma is carried on past the outer bins.
+    fill : float
+        Ratio of neighbouring points of the curve where nothing was seen, above 1.
+    least_smoothed : int
+        Fewest bins that determine the smoothness of the curve.
+    """
+
+    least_in_bin: Count = 20
+    bin_target: Count = 60
+    most_bins: Count = 64
+    wide: Positive = 0.12
+    narrow: NotNegative = 0.02
+    gap: Positive = 0.03
+    slopes: tuple[Finite, Finite] = (-1.0, 4.0)
+    fill: RatioAbove1 = 1.15
+    least_smoothed: Count = 4
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        check_ascending(self, "slopes")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AmplitudeSettings:
+    """How noise depends on amplitude.
+
+    Parameters
+    ----------
+    exponents : (float, float)
+        Least and greatest power by which noise falls with amplitude: shot noise gives 1, as does background light.
+    pieces : tuple of int
+        Powers of one law, each over its own part of the amplitudes: the numbers that are tried, ascending.
+    ends : (float, float)
+        Quantiles of the amplitudes between which a law is told.
+    folds : int
+        Parts of the pixels for cross-validation.
+    least_gain : float
+        Least gain of held-out likelihood, nat, of a law over the one with fewer pieces.
+    least_errors : float
+        The gain must also be that many of its standard errors over the series: a few of them must not decide.
+    least_effect : float
+        Least standard deviation of log sigma that a law makes among the series of a bin: 0.025 is 5 % from bright to
+        dark.
+    least_series, most_series : int
+        Series with amplitudes: fewer are not asked for a law, and of more some are fitted, spread over all.
+    """
+
+    exponents: tuple[Finite, Finite] = (0.0, 2.0)
+    pieces: tuple[Count, ...] = (1, 2, 3)
+    ends: tuple[Share, Share] = (0.005, 0.995)
+    folds: AtLeastTwo = 5
+    least_gain: NotNegative = 10.0
+    least_errors: NotNegative = 2.0
+    least_effect: NotNegative = 0.025
+    least_series: Count = 100
+    most_series: Count = 20_000
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        check_ascending(self, "exponents", "pieces", "ends")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OutlierSettings:
+    """The share of random values.
+
+    Parameters
+    ----------
+    far_sigmas : float
+        Samples that are farther from the surface are no noise.
+    neighbour_sigmas : float
+        Two of them that are nearer to each other are a weak surface.
+    cells : int
+        Parts of the working range.
+    least_in_cell : int
+        Outliers a part on average, from which the median part tells.
+    suspect_factor : float
+        A series whose spread is that many times sigma(r) may see two surfaces.
+    """
+
+    far_sigmas: Positive = 5.0
+    neighbour_sigmas: NotNegative = 3.0
+    cells: Count = 20
+    least_in_cell: Count = 5
+    suspect_factor: Positive = 1.35
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoiseSettings:
+    """All thresholds of the measurement of noise.
+
+    Parameters
+    ----------
+    curve, amplitude, outliers
+        Of these steps.
+    strictness : float
+        Share of Gaussian series that each test of shape turns away, 0 to 1: it costs no bias.
+    least_fitting : float
+        Share of series that must have the shape of one surface for the tests of shape to count, 0 to 1.
+    pile_sigma : float
+        Samples without a return with less than this share of their neighbour's sigma are a constant.
+    """
+
+    curve: CurveSettings = field(default_factory=CurveSettings)
+    amplitude: AmplitudeSettings = field(default_factory=AmplitudeSettings)
+    outliers: OutlierSettings = field(default_factory=OutlierSettings)
+    strictness: Share = 0.1
+    least_fitting: Share = 0.1
+    pile_sigma: NotNegative = 0.5
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+
+DEFAULT_SETTINGS = NoiseSettings()
+
 
 STEP = 0.005
 """Step of log sigma in all tables: half a per cent."""
@@ -31,13 +181,9 @@ STEP = 0.005
 GRID = np.arange(-1200, 1201)
 """Places, in steps, at which densities are kept."""
 
-_REACH = 0.45  # from the median down to the least sigma that is tried, and a third of it up
 _CONTAMINATED = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6])  # share of wider series
 _EXCESS = (0.08, 0.25, 0.7)  # mean of the exponential log factor by which they are wider
 _DISPERSION = (1.0, 0.6, 0.35, 0.2, 0.1)  # factors on the degrees of freedom: sigma itself differs between pixels
-_BACKGROUND = 0.002  # density of series that are neither, so that no single one decides
-_ROUNDS = 60  # EM steps for the chances of the mixtures
-_PRIOR_GROUPS = 1.0  # weight of equal chances for all mixtures, in groups
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -70,6 +216,7 @@ class ScaleMixtures:
     def of(cls, degrees: int) -> Self:
         """Mixtures for variances of so many degrees of freedom."""
         single, density, left = [], [], []
+        background = 0.002  # density of series that are neither, so that no single one decides
         for dispersion in _DISPERSION:
             one = np.exp(_log_density(STEP * GRID, dispersion * degrees))
             for excess in _EXCESS:
@@ -77,7 +224,7 @@ class ScaleMixtures:
                 wider = np.mean([np.exp(_log_density(STEP * (GRID - u), dispersion * degrees)) for u in steps], axis=0)
                 for share in _CONTAMINATED:
                     single.append((1.0 - share) * one)
-                    density.append(single[-1] + share * wider + _BACKGROUND)
+                    density.append(single[-1] + share * wider + background)
                     left.append(dispersion * degrees)
         return cls(np.array(single), np.array(density), np.array(left))
 
@@ -100,16 +247,19 @@ def locate(groups: Sequence[FloatArray], degrees: int) -> Located:
     """
     log_density = np.log(ScaleMixtures.of(degrees).density)
     centre = [float(np.median(group)) for group in groups]
-    shifts = np.arange(-int(_REACH / STEP), int(_REACH / STEP) // 3 + 1)
+    reach = 0.45  # from the median down to the least sigma that is tried, and a third of it up
+    shifts = np.arange(-int(reach / STEP), int(reach / STEP) // 3 + 1)
     tables = np.array([_likelihoods(g - c, shifts, log_density) for g, c in zip(groups, centre, strict=True)])
     tables -= tables.max(axis=(1, 2), keepdims=True)
     likelihood = np.exp(tables)
     evidence = likelihood.sum(axis=1)
     chances = np.full(evidence.shape[1], 1.0 / evidence.shape[1])
-    for _ in range(_ROUNDS):
+    rounds = 60  # EM steps for the chances of the mixtures
+    prior_groups = 1.0  # weight of equal chances for all mixtures, in groups
+    for _ in range(rounds):
         mine = evidence * chances
         mine /= mine.sum(axis=1, keepdims=True)
-        chances = (mine.sum(axis=0) + _PRIOR_GROUPS / len(chances)) / (len(groups) + _PRIOR_GROUPS)
+        chances = (mine.sum(axis=0) + prior_groups / len(chances)) / (len(groups) + prior_groups)
     weight = likelihood @ chances
     weight /= weight.sum(axis=1, keepdims=True)
     mean = weight @ shifts

@@ -26,24 +26,16 @@ from tofmix.estimation.noise.isolated_clusters import (
     find_clusters,
     fit_clusters,
 )
-from tofmix.estimation.noise.pair_differences import sigma_from_differences
 from tofmix.estimation.noise.pixel_noise import pixel_curves
+from tofmix.estimation.noise.series import sigma_from_differences
 from tofmix.estimation.noise.training_pixels import Pixels, pixels_of, scatters
-from tofmix.learnt_noise import DRIFTS, RangeStep
+from tofmix.noise_shape import DRIFTS, RangeStep
 from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
 
 QUESTIONED_PIXELS = 1000
 """Most pixels whose samples are compared with a file's curve."""
 
-FREE_SCALE = 0.5
-"""Scale of log width while widths are measured: this prior leaves each width to its samples."""
-
-LEAST_ERRORS = 100
-"""Least errors whose skewness and kurtosis are tested."""
-
-_NEAR_SIGMAS = 8.0
-"""Distance from a cluster, in sigmas, beyond which a sample counts as background."""
 
 _QUARTILE = NormalDist().inv_cdf(7.0 / 8.0)
 _QUARTILE_ERROR = round(math.sqrt(3.0) / (4.0 * _QUARTILE * NormalDist().pdf(_QUARTILE)), 2)
@@ -55,9 +47,6 @@ References
 ----------
 Serfling, Approximation Theorems of Mathematical Statistics, 1980, section 2.3.3.
 """
-
-_CENTRAL = 4.0
-"""Largest error, in sigmas, that is a sign of a shape; one sigma farther out, errors are outliers."""
 
 
 _NODES, _NEWTON_STEPS = 40, 8
@@ -135,9 +124,10 @@ def doubts(pixels: Pixels, sensor: Sensor, *, tolerances: CurveTolerances = DEFA
     filled = np.count_nonzero(np.isfinite(pixels.samples).any(axis=1))
     if len(clusters.pixel) < LEAST_CLUSTERS or len(owners) < tolerances.least_with_cluster * filled:
         return _by_differences(pixels, sensor.noise, tolerances)
-    fits = fit_clusters(samples, clusters, sigma, width_scale=FREE_SCALE)
+    free_scale = 0.5  # scale of log width while widths are measured: this prior leaves each width to its samples
+    fits = fit_clusters(samples, clusters, sigma, width_scale=free_scale)
     drift_mm = FREE_DRIFT_SIGMAS * float(np.median(fits.sigma))
-    drifting = fit_clusters(samples, clusters, sigma, width_scale=FREE_SCALE, drift_mm=drift_mm)
+    drifting = fit_clusters(samples, clusters, sigma, width_scale=free_scale, drift_mm=drift_mm)
     found, errors = [], tolerances.standard_errors
     variance = 1.0 / (WIDTH_INFORMATION * np.maximum(fits.support, 1.0))
     count = len(fits.place)
@@ -198,8 +188,10 @@ def _by_differences(pixels: Pixels, curve: NoiseCurve, tolerances: CurveToleranc
 
 def _is_shaped(fits: GaussianFits, tolerances: CurveTolerances) -> bool:
     """Whether the errors of all clusters are skewed or long-tailed, beyond noise and tolerance."""
-    z = fits.error[np.abs(fits.error) < _CENTRAL + 1.0]
-    if z.size < LEAST_ERRORS:
+    central = 4.0  # largest error, in sigmas, that is a sign of a shape; one sigma farther out, errors are outliers
+    z = fits.error[np.abs(fits.error) < central + 1.0]
+    least_errors = 100  # least errors whose skewness and kurtosis are tested
+    if z.size < least_errors:
         return False
     z = (z - z.mean()) / z.std()
     skewness, kurtosis = float((z**3).mean()), float((z**4).mean() - 3.0)
@@ -245,7 +237,8 @@ def _far_share(samples: FlatSamples, fits: GaussianFits, clusters: Clusters) -> 
     Such samples may be of surfaces without an isolated cluster. So the median is a share of background only where most
     pixels see one surface.
     """
-    reach = _NEAR_SIGMAS * fits.sigma * np.exp(np.maximum(fits.log_width, 0.0))
+    near_sigmas = 8.0  # distance from a cluster, in sigmas, beyond which a sample counts as background
+    reach = near_sigmas * fits.sigma * np.exp(np.maximum(fits.log_width, 0.0))
     change = np.zeros(len(samples.value) + 1, dtype=np.int64)
     np.add.at(change, samples.since(clusters.pixel, fits.place - reach), 1)
     np.add.at(change, samples.until(clusters.pixel, fits.place + reach), -1)

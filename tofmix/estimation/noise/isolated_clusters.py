@@ -13,7 +13,7 @@ import numpy as np
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.samples import FARTHEST_MM
-from tofmix.learnt_noise import DRIFTS, MOST_LOG_WIDTH, TAIL_DEGREES
+from tofmix.noise_shape import DRIFTS, MOST_LOG_WIDTH, TAIL_DEGREES
 
 CLOSE = 1.2
 """Half the width, in sigmas, of the window of the densest place: it holds 77 % of a Gaussian surface."""
@@ -53,15 +53,11 @@ FREE_DRIFT_SIGMAS = 3.0
 WIDTH_INFORMATION = 2.0
 """Fisher's information of the log scale of a Gaussian, of one sample."""
 
-START_BACKGROUND = 0.05
-"""Share of background that a fit starts with."""
 
 LONGEST_STEP = 1.0
 """Most that a mean moves in one iteration, in sigmas."""
 
 _MOST_ITERATIONS, _TOLERANCE = 100, 2e-4  # of EM; in sigmas, and as a share
-_STILL_MANY = 0.75  # part of the clusters that move still, below which the others are left out
-_FLOOR = 1e-30  # 1/mm, of a density, so that none is 0
 
 
 class Clusters(NamedTuple):
@@ -276,15 +272,17 @@ class _Em:
         self.place = 0.5 * (clusters.low + clusters.high)
         self.sigma = sigma_of(clusters.pixel, self.place)
         self.log_width, self.support = np.zeros(count), np.zeros(count)
-        self.drift, self.background = np.zeros((count, DRIFTS)), np.full(count, START_BACKGROUND)
+        start_background = 0.05  # share of background that a fit starts with
+        self.drift, self.background = np.zeros((count, DRIFTS)), np.full(count, start_background)
 
     def run(self, data: _Windows) -> None:
         """Iterate until no number of a cluster moves by more than the tolerance."""
         moves = np.ones(len(data.cluster), dtype=np.bool_)
+        still_many = 0.75  # part of the clusters that move still, below which the others are left out
         for _ in range(_MOST_ITERATIONS):
             if not moves.any():
                 return
-            if moves.sum() < _STILL_MANY * len(moves):
+            if moves.sum() < still_many * len(moves):
                 data = data.only(moves)
             moves = self._step(data) > _TOLERANCE
 
@@ -304,10 +302,11 @@ class _Em:
         width = self.sigma[which] * np.exp(log_width)
         z = self.errors(data)
         density = ((1.0 - background) / (width * math.sqrt(2.0 * math.pi)))[own] * np.exp(-0.5 * z * z)
-        part = density / (density + (background / self._length[which] + _FLOOR)[own])
+        floor = 1e-30  # 1/mm, of a density, so that none is 0
+        part = density / (density + (background / self._length[which] + floor)[own])
         pull = part * z
         support, push, square = data.summed(part), data.summed(pull), data.summed(pull * z)
-        held = np.maximum(support, _FLOOR)
+        held = np.maximum(support, floor)
         step = push / held
         if self._drift_mm > 0.0:
             step -= self._move_drift(data, part, pull, width, held, push)

@@ -4,11 +4,19 @@ Use it through `noise`. A series is one pixel in one run of consecutive frames. 
 moves) is removed by a polynomial, samples far off are set aside, and the residuals have a variance and a shape. For
 Gaussian noise the shape is independent of the variance (Basu's theorem), so that series may be picked by their shape as
 strictly as one likes and the variance stays unbiased.
+
+Where no pixel sees one surface alone, the differences between samples of a pixel give sigma(r). The difference of two
+samples of one surface has the standard deviation sqrt(2) sigma. Differences to background or to other surfaces are
+larger and spread widely. So the density of |x_i - x_j| is a peak at small differences on a level. The level is
+subtracted; the median of the rest is 0.954 sigma, that of a Gaussian's difference. Surfaces that are a few sigmas apart
+in every pixel widen the peak: `sigma_curve` then tries smaller sigmas too.
 """
 
 import math
 from collections.abc import Sequence
 from functools import lru_cache
+from itertools import pairwise
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -38,9 +46,6 @@ LEAST_KEPT = 0.7
 
 
 _BLOCK = 1 << 18  # samples that are worked on at once: they stay in the processor's cache
-_ROUNDS = 4  # of fitting a trend and setting samples aside
-_RESOLUTION_MM = 0.01  # finer steps are not told from none
-_USUAL_STRICTNESS = 0.1  # of `NoiseSettings`
 _USUAL_LIMITS = (
     (0.9302248796326201, 1.6889123682259486, 5.122634928518553),
     (0.8639173947030889, 1.76993153084951, 5.023172992937566),
@@ -144,10 +149,11 @@ def _medians(amplitude: Float32Array) -> FloatArray:
 def quantisation_step(samples_mm: Float32Array) -> float:
     """Step between neighbouring stored ranges, mm: that of the densest tenth; tiny where ranges are continuous."""
     values = samples_mm[np.abs(samples_mm) <= FARTHEST_MM]
-    distinct = np.unique(np.rint(values.astype(np.float64) / _RESOLUTION_MM))
+    resolution_mm = 0.01  # finer steps are not told from none
+    distinct = np.unique(np.rint(values.astype(np.float64) / resolution_mm))
     if distinct.size < 3:  # noqa: PLR2004  two values may be any distance apart
-        return _RESOLUTION_MM
-    gaps = np.diff(distinct) * _RESOLUTION_MM
+        return resolution_mm
+    gaps = np.diff(distinct) * resolution_mm
     # A step that is no whole number of mm is stored as two gaps by turns: their mean is the step.
     return float(gaps[gaps <= 1.5 * np.quantile(gaps, 0.1)].mean())
 
@@ -192,7 +198,8 @@ def _fill_statistics(samples: Float32Array, rows: IntArray, degree: int, step: f
     centre = _middle(raw, known)
     values = np.where(known, raw - centre[:, None], 0.0)
     trend, keep = np.zeros(values.shape), known
-    for _ in range(_ROUNDS):
+    rounds = 4  # of fitting a trend and setting samples aside
+    for _ in range(rounds):
         rest = values - trend
         away = np.abs(rest - _middle(rest, known)[:, None])
         spread = MAD_TO_SIGMA * _middle(away, known)
@@ -242,7 +249,8 @@ def series_statistics(series: Series, step_mm: float) -> SeriesStatistics:
 
 def _limits_of_shape(index: int, strictness: float) -> tuple[float, float, float]:
     """Largest absolute skewness, least and largest kurtosis of Gaussian series of `_SHAPE_SIZES[index]` samples."""
-    return _USUAL_LIMITS[index] if strictness == _USUAL_STRICTNESS else drawn_limits(index, strictness)
+    usual_strictness = 0.1  # of `NoiseSettings`
+    return _USUAL_LIMITS[index] if strictness == usual_strictness else drawn_limits(index, strictness)
 
 
 @lru_cache(maxsize=64)
@@ -300,3 +308,137 @@ def memory_correction(memory: float, n: int) -> float:
         lagged.append(float(np.trace(rest, offset=1)) / left[-1])
     found = float(np.interp(memory, lagged, coefficients))  # lagged rises with the coefficient
     return (n - degree - 1) / float(np.interp(found, coefficients, left))
+
+
+MEDIAN_OF_DIFFERENCE = NormalDist().inv_cdf(0.75) * math.sqrt(2.0)
+"""Median of |x_i - x_j| of a Gaussian, in sigmas."""
+
+PEAK_SIGMAS, LEVEL_SIGMAS = 5.0, 10.0
+"""Differences up to the first are the peak's, those between the two the level's, in sigmas."""
+
+
+WIDE = 0.25
+"""Width of a bin by its range."""
+
+
+LEAST_IN_PEAK = 10
+"""Least differences of a peak."""
+
+
+_GRID_STEP = math.log(1.12)
+"""Step between the logarithms of the sigmas that are tried."""
+
+
+def _differences(samples: Float32Array, partners: int) -> tuple[FloatArray, FloatArray]:
+    """Means and absolute differences, mm, of each valid sample and each of the `partners` next ones of its pixel."""
+    pixel, frame = np.nonzero(~np.isnan(samples))  # in the order of pixels, and of frames within each
+    value = samples[pixel, frame].astype(np.float64)
+    places, lags = [], []
+    for away in range(1, partners + 1):
+        together = pixel[away:] == pixel[:-away]
+        one, other = value[:-away][together], value[away:][together]
+        places.append(0.5 * (one + other))
+        lags.append(np.abs(one - other))
+    return np.concatenate(places), np.concatenate(lags)
+
+
+def sigma_from_differences(samples_mm: Float32Array) -> tuple[FloatArray, FloatArray] | None:
+    """Measure sigma(r) by pairs of samples.
+
+    Parameters
+    ----------
+    samples_mm : (pixel, frame) float32
+        Samples in the order of frames, NaN where invalid.
+
+    Returns
+    -------
+    (n,), (n,) float64 or None
+        Ranges, mm, ascending, and sigma at each, mm; None where no peak of differences stands out.
+    """
+    pairs_a_sample = 16  # pairs of each sample, with the next valid ones of its pixel: a drift over them is small
+    partners = min(pairs_a_sample, max(samples_mm.shape[1] - 1, 1))
+    most_pairs = 1_500_000  # about the most differences of all pixels: they determine sigma to a fifth of a percent
+    some = samples_mm[:: 1 + samples_mm.size * partners // most_pairs]
+    place, lag = _differences(some, partners)
+    if place.size == 0:
+        return None
+    order = np.argsort(place, kind="stable")
+    place, lag = place[order], lag[order]
+    common = _scale(np.sort(lag), math.inf)
+    flat = 0.25  # largest sigma by the span of the samples: uniform samples have 0.31, those of a surface less than 0.2
+    if common is None or common > flat * (place[-1] - place[0]):
+        return None
+    ranges, sigmas = [], []
+    middle = float(np.median(place[lag < PEAK_SIGMAS * common]))
+    least_pairs = 1000  # least differences in a bin of range: those of 60 samples, which tell sigma to a tenth
+    for first, stop in _bins(place, common):
+        part, most = np.sort(lag[first:stop]), _most_of(common, middle, float(place[stop - 1]))
+        part = part[: np.searchsorted(part, 2.0 * LEVEL_SIGMAS * most)]
+        found = _scale(part, most) if part.size >= least_pairs else None
+        if found is not None and found >= common**2 / _most_of(common, float(place[first]), middle):
+            ranges.append(float(np.median(place[first:stop][lag[first:stop] < PEAK_SIGMAS * found])))
+            sigmas.append(found)
+    if not ranges:
+        ranges, sigmas = [middle], [common]
+    return np.array(ranges), np.array(sigmas)
+
+
+def _most_of(common: float, middle: float, range_mm: float) -> float:
+    """Largest sigma, mm, at a range, mm, for a common one at `middle`, mm.
+
+    The light of a surface falls with the square of range. If its own shot noise is all noise, sigma grows with range.
+
+    References
+    ----------
+    Lange and Seitz, IEEE J. Quantum Electronics 37(3), 2001, doi:10.1109/3.910448.
+    """
+    # Largest factor between sigma in a bin and the common one, where sigma grows at most as range does (`_most_of`).
+    widest = 5.0
+    return widest * common * (max(range_mm / middle, 1.0) if middle > 0.0 else 1.0)
+
+
+def _bins(place: FloatArray, common: float) -> list[tuple[int, int]]:
+    """Cut ascending places, mm, into bins `WIDE` of the range wide, or many sigmas: a narrow bin would cut peaks."""
+    edges = [float(place[0])]
+    while edges[-1] < place[-1]:
+        edges.append(edges[-1] + max(WIDE * abs(edges[-1]), 4.0 * LEVEL_SIGMAS * common))
+    cuts = np.searchsorted(place, edges[1:-1])
+    return list(pairwise([0, *cuts.tolist(), len(place)]))
+
+
+def _scale(lags: FloatArray, most: float) -> float | None:
+    """Smallest sigma, mm, up to `most`, that equals the sigma of its peak in ascending lags, mm; None without one."""
+    positive = lags[lags > 0]
+    if positive.size < LEAST_IN_PEAK:
+        return None
+    low, high = 0.25 * float(np.quantile(positive, 0.001)) + 1e-6, min(float(positive[-1]), most)
+    before = None
+    for scale in np.exp(np.arange(math.log(low), math.log(max(high, 2 * low)), _GRID_STEP)):
+        found = _peak(lags, scale)
+        if found is not None and found <= scale and before is not None:
+            # Between the two, the sigma equals that of its peak.
+            for _ in range(20):
+                again = _peak(lags, found)
+                if again is None or abs(again - found) < 1e-3 * found:
+                    break
+                found = 0.5 * (again + found)
+            return float(found)
+        before = found if found is not None else before
+    return None
+
+
+def _peak(lags: FloatArray, scale: float) -> float | None:
+    """Sigma, mm, of the peak over the level at larger lags; None without a peak."""
+    if not scale > 0.0:
+        return None
+    near, far = np.searchsorted(lags, [PEAK_SIGMAS * scale, LEVEL_SIGMAS * scale], side="right")
+    level = (far - near) / ((LEVEL_SIGMAS - PEAK_SIGMAS) * scale)
+    excess = near - level * PEAK_SIGMAS * scale
+    least_excess = 0.02  # least part of the differences that the peak has over the level
+    # Least excess of a peak over the level, in standard errors of the number of differences up to `LEVEL_SIGMAS`.
+    significant_excess = 5.0
+    if near < LEAST_IN_PEAK or excess < max(least_excess * near, significant_excess * math.sqrt(far)):
+        return None
+    over = np.arange(1, near + 1) - level * lags[:near]
+    at = int(np.argmax(over >= 0.5 * excess))
+    return float(lags[at] / MEDIAN_OF_DIFFERENCE) if lags[at] > 0 else None

@@ -20,7 +20,7 @@ import numpy as np
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.estimation.noise.series import read_runs
 from tofmix.estimation.samples import FARTHEST_MM
-from tofmix.learnt_noise import WHOLE_MM, RangeStep
+from tofmix.noise_shape import WHOLE_MM, RangeStep
 from tofmix.recording import SampleSource, samples_a_frame
 
 MOST_MULTIPLE = 4
@@ -29,8 +29,6 @@ MOST_MULTIPLE = 4
 NEAR = 0.1
 """A distance within this part of the step of a whole multiple agrees with the step."""
 
-LEAST_AGREEING = 0.9
-"""Part of the distances that agree with a step, at least: outliers and other surfaces may lie between two levels."""
 
 LEAST_DISTANCES = 20
 """Fewest distances that tell a step: continuous values agree in 90 % of 20 with a probability below 1e-10."""
@@ -38,8 +36,6 @@ LEAST_DISTANCES = 20
 ALIKE = 0.01
 """Relative difference of two steps that are one."""
 
-LEAST_ALIKE = 0.9
-"""Part of the pixels whose steps are predicted by one number, or by range."""
 
 TOLERANCES = (4.0, 32.0, 256.0)
 """Distances within a level that are tried, in units of the resolution of float32 at the pixel's ranges."""
@@ -47,14 +43,10 @@ TOLERANCES = (4.0, 32.0, 256.0)
 LARGEST_TOLERANCE = 0.1
 """Largest tolerance by the step that it gives."""
 
-LEAST_REPEATED = 0.02
-"""Part of the samples that repeat a level, at least: with fewer, a step tells nothing of sigma."""
 
 OF_ONE_SIZE = 2.0
 """Factor about their median within which the pixels' own steps lie."""
 
-MOST_REPEATED = 0.8
-"""Part of the samples that repeat a level from which on two levels tell a step: values of surfaces repeat alike."""
 
 FIRST_FRAMES, MOST_VALUES = 100, 60_000
 """Frames of each pixel, and about the most samples, that are looked at first: continuous values are told from them."""
@@ -62,18 +54,9 @@ FIRST_FRAMES, MOST_VALUES = 100, 60_000
 MOST_FRAMES, MOST_LOOKED_AT = 300, 600_000
 """Most frames of a recording, and about the most samples, that are looked at."""
 
-LOW = 0.1
-"""Part of the groups whose smallest distance is the step, at least, where one step is common."""
-
-RANGES = 24
-"""Most points of a step by range."""
 
 LEAST_AT_RANGE = 5
 """Fewest pixels at each of them."""
-
-
-OCTAVES_ALIKE = 0.95
-"""Part of the pixels, at least, whose steps double at the same ranges, where the values are floating-point numbers."""
 
 
 class _Distances(NamedTuple):
@@ -172,7 +155,9 @@ def _sorted(samples: Float32Array) -> tuple[IntArray, FloatArray, FloatArray]:
 def _step_at(pixel: IntArray, value: FloatArray, tolerance: FloatArray, pixels: int) -> RangeStep | None:
     """Step if samples within `tolerance` (n,), mm, of their neighbour are one level."""
     first = _first_of_levels(pixel, value, tolerance)
-    if len(first) > (1.0 - LEAST_REPEATED) * len(value):
+    # Part of the samples that repeat a level, at least: with fewer, a step tells nothing of sigma.
+    least_repeated = 0.02
+    if len(first) > (1.0 - least_repeated) * len(value):
         return None
     found = _distances(pixel[first], _levels(value, first))
     if found is None:
@@ -268,16 +253,19 @@ def _chosen(
         ((found.range_mm, form) for form in _by_octave(found, step)),
         ((middle_mm, form) for form in _by_range(middle_mm, step)),
     )
+    least_alike = 0.9  # part of the pixels whose steps are predicted by one number, or by range
     for at_mm, (range_mm, by_range) in forms:
         predicted = np.interp(at_mm, range_mm, by_range)
         ratio = step / predicted
         multiple = np.maximum(np.rint(ratio), 1.0)  # few samples may show no two neighbouring values
         alike = np.abs(ratio / multiple - 1.0) <= ALIKE
-        if alike.mean() >= LEAST_ALIKE and _agrees(found, predicted, other=False):
+        if alike.mean() >= least_alike and _agrees(found, predicted, other=False):
             return RangeStep(range_mm, by_range)
     alike = _of_one_size(step, float(np.median(step)))
-    two_levels = repeated >= MOST_REPEATED and len(step) >= LEAST_DISTANCES
-    if alike.mean() < LEAST_ALIKE or not (two_levels or _agrees(found, step, other=True)):
+    # Part of the samples that repeat a level from which on two levels tell a step: values of surfaces repeat alike.
+    most_repeated = 0.8
+    two_levels = repeated >= most_repeated and len(step) >= LEAST_DISTANCES
+    if alike.mean() < least_alike or not (two_levels or _agrees(found, step, other=True)):
         return None
     out = np.full(pixels, np.nan)
     _fill_pixels(found, step, alike, out)
@@ -302,7 +290,9 @@ def _by_octave(found: _Distances, step: FloatArray) -> Iterator[tuple[FloatArray
     # Of sorted ends, the count of intervals that hold a point grows at each low one, and falls at each high one.
     count = np.arange(1, len(low) + 1) - np.searchsorted(high, low, side="right")
     best = int(count.argmax())
-    if count[best] < OCTAVES_ALIKE * len(step):
+    # Part of the pixels, at least, whose steps double at the same ranges, where the values are floating-point numbers.
+    octaves_alike = 0.95
+    if count[best] < octaves_alike * len(step):
         return
     first, last = float(low[best]), float(high[np.searchsorted(high, low[best], side="right")])
     unit = math.log2(middle)
@@ -310,11 +300,8 @@ def _by_octave(found: _Distances, step: FloatArray) -> Iterator[tuple[FloatArray
     start = exact if exact <= last else 0.5 * (first + last)
     ends = 2.0 ** (start + np.arange(several[0], several[-1] + 2.0))
     sizes = middle * 2.0 ** np.arange(several[0], several[-1] + 1.0)
-    yield np.stack([ends[:-1], ends[1:] * (1.0 - _BELOW)], axis=-1).ravel(), np.repeat(sizes, 2)
-
-
-_BELOW = 1.0e-9
-"""Part of a range by which a range counts as below it."""
+    below = 1.0e-9  # part of a range by which a range counts as below it
+    yield np.stack([ends[:-1], ends[1:] * (1.0 - below)], axis=-1).ravel(), np.repeat(sizes, 2)
 
 
 def _by_range(group_mm: FloatArray, step: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
@@ -322,9 +309,11 @@ def _by_range(group_mm: FloatArray, step: FloatArray) -> Iterator[tuple[FloatArr
 
     In sparse samples, most groups show multiples of the step only; so a low quantile is tried after the median.
     """
-    for part in (0.5, LOW):
+    low = 0.1  # part of the groups whose smallest distance is the step, at least, where one step is common
+    for part in (0.5, low):
         yield np.array([np.median(group_mm)]), np.array([np.quantile(step, part, method="lower")])
-    points = min(RANGES, len(step) // LEAST_AT_RANGE)
+    ranges = 24  # most points of a step by range
+    points = min(ranges, len(step) // LEAST_AT_RANGE)
     if points > 1:
         order = np.argsort(group_mm, kind="stable")
         parts = np.array_split(order, points)
@@ -353,4 +342,6 @@ def _agrees(found: _Distances, step: FloatArray, *, other: bool) -> bool:
     tested, agreeing = int(tests.sum()), int((tests & near).sum())
     if other:
         tested, agreeing = tested - len(step), agreeing - len(step)
-    return tested >= LEAST_DISTANCES and agreeing >= LEAST_AGREEING * tested
+    # Part of the distances that agree with a step, at least: outliers and other surfaces may lie between two levels.
+    least_agreeing = 0.9
+    return tested >= LEAST_DISTANCES and agreeing >= least_agreeing * tested

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.estimation.noise.series import SEED, quantisation_step, read_runs
 from tofmix.estimation.samples import FARTHEST_MM
-from tofmix.learnt_noise import RangeStep
+from tofmix.noise_shape import RangeStep
 from tofmix.recording import AmplitudeSource, SampleSource, amplitude_source
 from tofmix.sensor import NoiseCurve
 

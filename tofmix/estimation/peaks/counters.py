@@ -16,7 +16,7 @@ knows the noise curve, and each surface has side lobes that look like weak surfa
 
 The paper's choice (section IV c): peaks of a kernel density whose bandwidth follows the noise curve.
 
-See `tofmix.estimation.peaks.density` for equation (4) and `tofmix.estimation.peaks.modes` for test (5).
+See `tofmix.estimation.peaks.modes` for equation (4) and `tofmix.estimation.peaks.modes` for test (5).
 """
 
 import math
@@ -71,9 +71,6 @@ class Counter(Protocol):
 LONE_SAMPLES = 1.0
 """A maximum must hold more samples than this: one alone is no surface."""
 
-_ROUNDING = 1.0e-9
-"""Differences of F below this share of the samples are none: P(k r) lies between bins."""
-
 
 @jit
 def _count_below(samples: FloatArray, edges: FloatArray, below: FloatArray) -> None:
@@ -104,16 +101,17 @@ def _maxima(n: int, edges: FloatArray, ratio: float, rise: FloatArray, place: Fl
     width = edges[1] - edges[0]
     count, first, before, best = 0, 0, -1.0, 0.0
     guess = math.nan
+    rounding = 1.0e-9  # differences of F below this share of the samples are none: P(k r) lies between bins
     for i in range(len(edges)):
         after = rise[i + 1] if i + 1 < len(edges) else -1.0
-        if abs(after - rise[i]) <= _ROUNDING * n:
+        if abs(after - rise[i]) <= rounding * n:
             continue  # the plateau goes on
         if rise[i] > before and rise[i] > after:
             # F(r) is the mass between r and k r, and P is known to a bin only: the mode is in the wider of the two.
             middle = 0.5 * (edges[first] + edges[i])
             at = middle + 0.5 * max((ratio - 1.0) * middle, width)
             inside = rise[i] / min((ratio - 1.0) * middle / width, 1.0)
-            if inside > LONE_SAMPLES + _ROUNDING * n and count < len(place):
+            if inside > LONE_SAMPLES + rounding * n and count < len(place):
                 place[count], height[count] = at, inside / n
                 count += 1
             if rise[i] > best:

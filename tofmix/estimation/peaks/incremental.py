@@ -18,12 +18,9 @@ from tofmix.circle import fold
 from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.peaks.counters import SIGMAS_BEYOND, Kde, Peaks, no_peaks
-from tofmix.estimation.peaks.density import BANDWIDTH, REACH
-from tofmix.estimation.peaks.modes import LONE_SAMPLES, PEAK_OF_SHARE, STEP, keep_peak
+from tofmix.estimation.peaks.modes import BANDWIDTH, LONE_SAMPLES, PEAK_OF_SHARE, REACH, STEP, keep_peak
 from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.sensor import Sensor
-
-_DIMENSIONS = 2  # (frame, pixel)
 
 
 @jit
@@ -192,7 +189,8 @@ class IncrementalDensity:
             If the block has not these pixels.
         """
         values = np.ascontiguousarray(block, dtype=np.float64)
-        if values.ndim != _DIMENSIONS or values.shape[1] != len(self._n_samples):
+        dimensions = 2  # (frame, pixel)
+        if values.ndim != dimensions or values.shape[1] != len(self._n_samples):
             raise ValueError(f"block: expected (frame, {len(self._n_samples)}), got shape {values.shape}")
         n_samples = self._n_samples.copy()
         if self._length is not None:

@@ -22,13 +22,11 @@ from tofmix.version import __version__
 SCALE_M = 1e-6
 """A count of a coordinate, m."""
 
-MOST_RETURNS = 15  # of one pulse, by LAS 1.4
 
 _COORDINATES = ("x", "y", "z")
 _INTENSITY = "intensity"
 _OWN = (*_COORDINATES, "return_number", "number_of_returns", _INTENSITY)
 _FARTHEST_M = SCALE_M * np.iinfo(np.int32).max
-_DESCRIPTION_BYTES = 31  # of a text field of 32 bytes that ends with a zero
 _LARGEST_INTENSITY = float(np.iinfo(np.uint16).max)
 _NO_DATE = date(1970, 1, 1)  # the format needs a date; the same points give the same bytes
 
@@ -67,12 +65,13 @@ def _header(laspy: Any, title: str, fields: Sequence[PointField]) -> Any:  # noq
     header = laspy.LasHeader(point_format=6, version="1.4")
     header.scales, header.offsets = np.full(3, SCALE_M), np.zeros(3)
     header.creation_date = _NO_DATE
-    header.system_identifier = title[:_DESCRIPTION_BYTES]
+    description_bytes = 31  # of a text field of 32 bytes that ends with a zero
+    header.system_identifier = title[:description_bytes]
     header.generating_software = f"tofmix {__version__}"
     header.add_extra_dims(
         [
             laspy.ExtraBytesParams(
-                name=spec.name, type=spec.dtype[1:], description=f"{spec.units}: {spec.long_name}"[:_DESCRIPTION_BYTES]
+                name=spec.name, type=spec.dtype[1:], description=f"{spec.units}: {spec.long_name}"[:description_bytes]
             )
             for spec in fields
             if spec.name not in _OWN
@@ -102,9 +101,10 @@ def _record(
     intensity: tuple[str, float],
 ) -> Any:  # noqa: ANN401
     most = int(block["number_of_returns"].max())
-    if most > MOST_RETURNS:
+    most_returns = 15  # of one pulse, by LAS 1.4
+    if most > most_returns:
         raise BadInputError(
-            f"{file.path}: a pixel has {most} layers, LAS stores {MOST_RETURNS} returns at most;"
+            f"{file.path}: a pixel has {most} layers, LAS stores {most_returns} returns at most;"
             " choose .ply, .pcd or .csv"
         )
     farthest = max(float(np.abs(block[axis]).max()) for axis in _COORDINATES)

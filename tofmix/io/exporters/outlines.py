@@ -20,8 +20,6 @@ from tofmix.io.storage import AtomicFile
 from tofmix.io.surfaces_file import SurfacesFile
 from tofmix.surfaces.found import NO_SURFACE
 
-_DECIMALS = 6  # of a metre: micrometres
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outline:
@@ -128,7 +126,8 @@ def _polygon(source: SurfacesFile, surface: int, polygon: Any) -> dict[str, Any]
 def _ring(source: SurfacesFile, surface: int, ring: Any) -> list[list[float]]:  # noqa: ANN401  shapely has no types
     """Points of a ring that lie on the plane, closed; a beam next to a grazing one may miss the plane."""
     places = placed(source, surface, np.asarray(ring.coords)[:-1])
-    known: list[list[float]] = np.round(places[np.isfinite(places).all(axis=-1)], _DECIMALS).tolist()
+    decimals = 6  # of a metre: micrometres
+    known: list[list[float]] = np.round(places[np.isfinite(places).all(axis=-1)], decimals).tolist()
     return [*known, *known[:1]]
 
 

@@ -16,14 +16,10 @@ import h5py
 _PREFLIGHT_BYTES = 4 << 20
 """Memory that must be free before an opening, bytes; the library takes less than 1 MB for one."""
 
-_AHEAD = 4
-"""Number of files whose caches are allocated together, before the files are opened."""
 
 _LIST_BYTES, _ALL_LISTS_BYTES = 16 << 20, 32 << 20
 """Memory that the library may keep for freed objects of one kind, and of all kinds, bytes."""
 
-_MOST_FILES = 28
-"""The caches of so many files fit into the list; it is emptied when more of them are given back."""
 
 _caches = [0]
 """Number of caches, in use or in the list."""
@@ -40,11 +36,13 @@ def reserve_memory() -> None:
     _keep_caches()
     bytearray(_PREFLIGHT_BYTES)
     opened = h5py.h5f.get_obj_count(h5py.h5f.OBJ_ALL, h5py.h5f.OBJ_FILE)
+    ahead = 4  # number of files whose caches are allocated together, before the files are opened
     if opened >= _caches[0]:
         with ExitStack() as stack:
-            for _ in range(_AHEAD):
+            for _ in range(ahead):
                 stack.enter_context(h5py.File(io.BytesIO(), "w"))
-        _caches[0] = min(opened + _AHEAD, _MOST_FILES)
+        most_files = 28  # the caches of so many files fit into the list; it is emptied when more of them are given back
+        _caches[0] = min(opened + ahead, most_files)
 
 
 @cache

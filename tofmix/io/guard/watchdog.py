@@ -15,9 +15,6 @@ from contextlib import contextmanager, nullcontext
 from tofmix.errors import ExitCode
 from tofmix.io.locks import discard_partial_outputs, is_resumable
 
-READ_LIMIT_S = 120.0
-"""For one read, which is of one stored chunk or of some MB."""
-
 STRUCTURE_LIMIT_S = 20.0
 """For a look at a file's structure."""
 
@@ -71,10 +68,11 @@ class Watchdog:
             self._since.pop(key, None)
 
     def _watch(self) -> None:
+        read_limit_s = 120.0  # for one read, which is of one stored chunk or of some MB
         while True:
             time.sleep(POLL_S)
             for since, what, times in list(self._since.values()):
-                limit = times * limit_s(READ_LIMIT_S)
+                limit = times * limit_s(read_limit_s)
                 if time.monotonic() - since > limit:
                     self._give_up(what, limit)
                     return

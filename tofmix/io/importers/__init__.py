@@ -12,7 +12,7 @@ from pathlib import Path
 from tofmix.errors import BadInputError, UsageError, os_error_text
 from tofmix.io.importers import arrays, csv_source, folder, hdf5_source, matlab, rosbag, tiff
 from tofmix.io.importers.base import FrameSource, SourceRequest, with_amplitude
-from tofmix.io.importers.streams import stream_of, stream_of_file
+from tofmix.io.importers.conversion import stream_of, stream_of_file
 from tofmix.io.next_command import import_command
 from tofmix.io.storage import check_input
 

@@ -29,10 +29,9 @@ from tofmix.io.importers.base import (
     foreign,
     unused,
 )
-from tofmix.io.importers.conversion import codes_of, is_status_name
-from tofmix.io.importers.streams import depths_among
+from tofmix.io.importers.conversion import codes_of, depths_among, is_status_name
 from tofmix.io.importers.times import times_of_array
-from tofmix.io.units import unit_in_name
+from tofmix.io.recording.range_check import unit_in_name
 
 TIME = "time"
 """Name of an array of one time a frame."""

@@ -20,7 +20,7 @@ from tofmix.io.importers.base import Frame, FrameSource, SourceRequest, foreign,
 from tofmix.io.importers.conversion import codes_of, is_status_name
 from tofmix.io.importers.csv_text import Layout
 from tofmix.io.importers.times import unit_of_stamps
-from tofmix.io.units import TIME_UNITS_S, UNITS_MM
+from tofmix.io.recording.range_check import TIME_UNITS_S, UNITS_MM
 from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE, MOST_TARGETS
 
 PIECE_LINES = 1 << 17

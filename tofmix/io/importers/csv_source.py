@@ -18,7 +18,7 @@ from tofmix.errors import BadInputError
 from tofmix.io.importers.base import Frame, FrameSource, SourceRequest, foreign
 from tofmix.io.importers.csv_long import INDEX_NAMES, TIME_NAMES, named_columns, open_long, time_unit_of
 from tofmix.io.importers.csv_text import Layout, layout_of
-from tofmix.io.units import unit_mm_of
+from tofmix.io.recording.range_check import unit_mm_of
 from tofmix.wording import counted
 
 SUFFIXES = (".csv", ".tsv", ".txt")

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import IO
 
 from tofmix.io.importers.base import foreign
-from tofmix.io.importers.streams import set_of
+from tofmix.io.importers.conversion import set_of
 
 _NUMBER = re.compile(r"[+-]?\d+(?:[.,]\d+)?(?:e[+-]?\d+)?", re.IGNORECASE)
 _NUMBER_WITH_COMMA = re.compile(r"[+-]?\d*,\d+(?:e[+-]?\d+)?", re.IGNORECASE)
@@ -29,11 +29,6 @@ _DAY_FIRST = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})(?:[ T]+|$)")
 _YEAR_FIRST = re.compile(r"(\d{4})/(\d{1,2})/(\d{1,2})(?:[ T]+|$)")
 _OF_DAY = re.compile(r"(?:(\d+) days? +)?(\d+):(\d\d):(\d\d(?:[.,]\d+)?)")
 
-_SAMPLE_LINES = 20
-"""Lines below the first that are looked at."""
-
-_LABEL_FACTOR = 20.0
-"""Numbers below a line of labels 0, 1 are larger than them by this, or have decimals, where labels have none."""
 
 _PIECE_BYTES = 1 << 20
 """Bytes that are read together where the encoding is looked for."""
@@ -88,7 +83,8 @@ def layout_of(path: Path) -> Layout:
         encoding, named = _encoding(path)
     notes = [f"{path}: read as {named}"] if named else []
     with foreign(path), path.open(encoding=encoding, newline="") as file:
-        first, *others = [*islice(_filled(file), 1 + _SAMPLE_LINES)] or [""]
+        sample_lines = 20  # lines below the first that are looked at
+        first, *others = [*islice(_filled(file), 1 + sample_lines)] or [""]
     second = others[0] if others else ""
     delimiter = _delimiter(second) or _delimiter(first)
     with foreign(path):
@@ -216,7 +212,9 @@ def _are_labels(layout: Layout, begin: int, labels: list[str], *, sure: int = 3)
         return True
     cells = [cell for line in layout.below for cell in line[begin:]]
     numbers = [number for cell in cells if (number := _number_of(layout, cell)) is not None and not math.isnan(number)]
-    most = max(1.0, float(layout.number(labels[-1]))) * _LABEL_FACTOR
+    # Numbers below a line of labels 0, 1 are larger than them by this, or have decimals, where labels have none.
+    label_factor = 20.0
+    most = max(1.0, float(layout.number(labels[-1]))) * label_factor
     larger = all(number >= most for number in numbers)
     with_decimals = not any(cell.isdecimal() for cell in cells) and all(label.isdecimal() for label in labels)
     return bool(numbers) and (larger or with_decimals)

@@ -31,9 +31,6 @@ _DEFAULT_FILLS = {f"i{n}": -(2 ** (8 * n - 1)) + 1 for n in (1, 2, 4)} | {f"u{n}
 _DEFAULT_FILLS |= {"i8": -(2**63) + 2, "u8": 2**64 - 2}
 """netCDF's fill values of whole numbers; that of real ones is above any range."""
 
-_DIGITS = 6
-"""A limit in stored numbers, from its value: 8.0 / 0.001 is 8000.000000000001 or less than 8000 in other numbers."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Packing:
@@ -121,7 +118,10 @@ def _span(
             # The shortest text of a float32 is the number that was meant: 1.95, not 1.9500000477.
             short = np.asarray(dataset.attrs[key]).dtype.itemsize <= np.dtype(np.float32).itemsize
             meant = [float(str(np.float32(limit))) if short else limit for limit in limits]
-            return tuple(round((limit - offset) / scale, _DIGITS) for limit in meant)
+            # A limit in stored numbers, from its value: 8.0 / 0.001 is 8000.000000000001 or less than 8000 in other
+            # numbers.
+            digits = 6
+            return tuple(round((limit - offset) / scale, digits) for limit in meant)
         return limits if dtype is None else tuple(_as_marked(limit, dtype) for limit in limits)
 
     both = stored("valid_range", 2)

@@ -21,7 +21,7 @@ from tofmix.io.importers.base import (
     foreign,
     unused,
 )
-from tofmix.io.importers.streams import depths_among, stream_of
+from tofmix.io.importers.conversion import depths_among, stream_of
 from tofmix.io.importers.tiff import Stated, check_stated, read_single, single_text, stated_in
 from tofmix.io.next_command import import_command, need
 

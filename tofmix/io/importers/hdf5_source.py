@@ -32,7 +32,7 @@ from tofmix.io.importers.datasets import Packing, dataset_frames, packing_of
 from tofmix.io.importers.times import time_unit_s, times_of_array
 from tofmix.io.layers.layers_file import FORMAT as LAYERS_FORMAT
 from tofmix.io.next_command import import_command
-from tofmix.io.units import unit_in_name, unit_mm_of
+from tofmix.io.recording.range_check import unit_in_name, unit_mm_of
 
 _RANGE, _AMPLITUDE, _TIME = "range", "amplitude", "time"
 _CLASSIC = (b"CDF\x01", b"CDF\x02", b"CDF\x05")

@@ -17,7 +17,7 @@ import numpy as np
 
 from tofmix.errors import BadInputError
 from tofmix.io.importers.base import foreign
-from tofmix.io.importers.streams import depths_among
+from tofmix.io.importers.conversion import depths_among
 from tofmix.io.next_command import need
 from tofmix.io.storage import read_text
 from tofmix.optics.pinhole import DISTORTION_LENGTHS, Pinhole

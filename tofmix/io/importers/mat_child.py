@@ -14,21 +14,16 @@ from typing import Any
 import numpy as np
 from scipy.io import loadmat, whosmat
 
-_STORAGE = 4
-"""Exit code of a full disk, as in `tofmix.errors.ExitCode`: this process imports no more than it needs."""
-
 _MEMORY_BYTES = 6 << 30
 """Memory that one file may take, bytes: its arrays are read whole."""
-
-_SECONDS = 600
-"""Limit of computing time, if no parent process is left to end this one."""
 
 
 def main() -> None:
     """List and unpack; a failure is one line on stderr and exit code 1."""
     path, folder = sys.argv[1:]
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    for what, limit in ((resource.RLIMIT_AS, _MEMORY_BYTES), (resource.RLIMIT_CPU, _SECONDS)):
+    seconds = 600  # limit of computing time, if no parent process is left to end this one
+    for what, limit in ((resource.RLIMIT_AS, _MEMORY_BYTES), (resource.RLIMIT_CPU, seconds)):
         hard = resource.getrlimit(what)[1]
         resource.setrlimit(what, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
     try:
@@ -52,7 +47,9 @@ def _save(path: Path, values: "np.ndarray[Any, Any]") -> None:
         np.save(path, values, allow_pickle=False)
     except OSError as error:
         sys.stderr.write(f"{error.strerror or error}\n")
-        sys.exit(_STORAGE)
+        # Exit code of a full disk, as in `tofmix.errors.ExitCode`: this process imports no more than it needs.
+        storage = 4
+        sys.exit(storage)
 
 
 if __name__ == "__main__":

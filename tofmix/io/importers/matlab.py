@@ -24,8 +24,8 @@ from tofmix.io.guard.watchdog import watched
 from tofmix.io.importers.arrays import Container, Frames, frames_of, source_of
 from tofmix.io.importers.axes import FRAMES_FIRST, FRAMES_LAST, STACK_DIMENSIONS, axes_of
 from tofmix.io.importers.base import FrameSource, SourceRequest, foreign
+from tofmix.io.importers.conversion import set_of
 from tofmix.io.importers.datasets import dataset_frames
-from tofmix.io.importers.streams import set_of
 from tofmix.io.locks import scratch_folder
 
 _BYTES = set_of("int8 uint8 logical char")
@@ -34,9 +34,6 @@ _BYTES = set_of("int8 uint8 logical char")
 _NUMBERS = _BYTES | set_of("int16 uint16 int32 uint32 int64 uint64 single double sparse")
 _STRUCTS = ("struct", "object", "cell", "opaque", "unknown")
 """MATLAB's classes of variables that hold others."""
-
-_UNPACKING_TIMES = 6.0
-"""Factor on the time limit of a read: a whole file is unpacked at once."""
 
 
 @contextmanager
@@ -127,8 +124,9 @@ class _OfHdf5(_Matlab):
 def _of_scipy(path: Path, request: SourceRequest, folder: Path) -> FrameSource:
     program = [sys.executable, "-P", str(Path(__file__).with_name("mat_child.py")), str(path), str(folder)]
     pipe = subprocess.PIPE
+    unpacking_times = 6.0  # factor on the time limit of a read: a whole file is unpacked at once
     with (
-        watched(str(path), times=_UNPACKING_TIMES),
+        watched(str(path), times=unpacking_times),
         subprocess.Popen(program, stdin=pipe, stdout=pipe, stderr=pipe, text=True, start_new_session=True) as child,  # noqa: S603  our own
     ):
         return source_of(_OfScipy(path, folder, child), request, path)

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
 from tofmix.io.importers.base import Frame, FrameSource, SourceRequest, check_frame, foreign, unused
+from tofmix.io.importers.conversion import depths_among, stream_of
 from tofmix.io.importers.intrinsics import Calibration, differences, from_camera_info
-from tofmix.io.importers.streams import depths_among, stream_of
 from tofmix.io.next_command import need
 from tofmix.optics.pinhole import Pinhole
 from tofmix.points import MM_A_METRE
@@ -38,8 +38,6 @@ _UNIT_TOPIC = "/option/Depth_Units/value"
 _DEPTH_TRANSPORT = "/compressedDepth"
 _WAITING = 64
 """Frames that wait for an amplitude image of the same time stamp; older frames have none."""
-
-_NS = 1.0e-9  # s in a nanosecond
 
 
 def is_bag_folder(path: Path) -> bool:
@@ -247,7 +245,8 @@ def _frames(bag: _Bag, topic: str, amplitude: str | None, first: NDArray[Any]) -
 
 
 def _joined(stamp: int, depth: NDArray[Any], amplitudes: dict[int, NDArray[Any]], origin: int | None) -> Frame:
-    time_s = (stamp - (origin or 0)) * _NS
+    ns = 1.0e-9  # s in a nanosecond
+    time_s = (stamp - (origin or 0)) * ns
     return Frame(depth=depth, amplitude=amplitudes.pop(stamp, None), time_s=time_s)
 
 

@@ -36,9 +36,9 @@ from tofmix.io.importers.base import (
     foreign,
     unused,
 )
-from tofmix.io.importers.streams import depths_among, stream_of
+from tofmix.io.importers.conversion import depths_among, stream_of
 from tofmix.io.next_command import import_command, need
-from tofmix.io.units import unit_in_name, unit_mm_of
+from tofmix.io.recording.range_check import unit_in_name, unit_mm_of
 
 _COUNT = re.compile(r"1 count = ([0-9.eE+-]+) (mm|cm|m)\b")
 _UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}

@@ -33,8 +33,6 @@ _UNITS_S = {
 SET_BACK_S = 1.0
 """A clock that goes back by more than this has been set, or started again; by less, messages overtook one another."""
 
-_DIGITS = 9
-"""Stamps are whole nanoseconds: those of ROS are, and floats that differ by less are equal."""
 
 _EPOCH_S = 1.0e8, 1.0e10
 """Seconds since 1970 in the years 1973 to 2286."""
@@ -51,8 +49,6 @@ _SLOWEST_S = 5.0
 _REGULAR = 0.3, 2.5
 """Steps of one clock between its frames in order, in units of its interval: some frames are late, or lost."""
 
-_HOLE = 1.5
-"""Two frames farther apart than this, in intervals, have another between them that is missing, or comes later."""
 
 _SET, _COUNTED, _APART = "is set back", "starts again with the count of frames", "is apart from its neighbours'"
 _NEW_STARTS = (_SET, _COUNTED)
@@ -192,7 +188,8 @@ def settled(stamps_s: FloatArray, same_as_before: BoolArray, starts: IntArray | 
     begins = np.unique(np.searchsorted(order, [] if starts is None else starts))
     time_s = _restarted(time_s, order, begins[begins < order.size].tolist(), remarks)
     time_s = _filled(time_s, remarks)
-    time_s = np.round(time_s - time_s.min(), _DIGITS)
+    digits = 9  # stamps are whole nanoseconds: those of ROS are, and floats that differ by less are equal
+    time_s = np.round(time_s - time_s.min(), digits)
     sort = np.argsort(time_s, kind="stable")
     if moved := int(np.count_nonzero(sort != np.arange(sort.size))):
         remarks.append(f"{_frames(moved)} out of order sorted by time")
@@ -332,11 +329,13 @@ class _Restarts:
 
     def _are_late(self, times: list[float]) -> bool:
         """Whether frames fill holes that the frames before them left, so that both together are of one clock."""
+        # Two frames farther apart than this, in intervals, have another between them that is missing, or comes later.
+        hole = 1.5
         for time in times:
             if not self._seen or time >= self._seen[-1]:
                 continue
             above = bisect_right(self._seen, time)
-            if above == 0 or self._seen[above] - self._seen[above - 1] < _HOLE * self._step:
+            if above == 0 or self._seen[above] - self._seen[above - 1] < hole * self._step:
                 return False
             first, last = np.searchsorted(self._sorted, self._seen[above - 1 : above + 1])
             if self._irregular[last] > self._irregular[first]:

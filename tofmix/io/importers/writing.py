@@ -15,9 +15,9 @@ from tofmix.io.importers.base import BLOCK_BYTES, Frame, FrameSource
 from tofmix.io.importers.conversion import Conversion
 from tofmix.io.importers.times import Settled, Twins, ascends, settled
 from tofmix.io.locks import scratch_folder
+from tofmix.io.recording.range_check import refuse_metres
 from tofmix.io.recording.recording_writer import CHUNK_FRAMES, RecordingWriter
 from tofmix.io.samples import is_camera_matrix
-from tofmix.io.units import refuse_metres
 from tofmix.recording import SAMPLE_BYTES
 from tofmix.sensor import Sensor
 from tofmix.wording import counted

@@ -16,10 +16,6 @@ from tofmix.arrays import Float32Array
 from tofmix.layers import LayerField, Layers
 from tofmix.suspicion.scene import CLUSTER_FIELDS, WindowSamples
 
-COMPRESSION_LEVEL = 1
-"""The fastest level of gzip: packing must not slow down the kernels."""
-
-
 _EVIDENCE_CHUNKS = 2  # clusters in time, and the memory of samples
 
 
@@ -43,7 +39,7 @@ def encode_cell(
 ) -> EncodedCell:
     """Encode the layers (window, row, col) of a cell.
 
-    `phasors` (window, row, col, 7) are the mean phasors of the same pixels (`tofmix.unmixing.phasors`), `evidence` is
+    `phasors` (window, row, col, 7) are the mean phasors of the same pixels (`tofmix.unmixing.image`), `evidence` is
     that of each window. `shape` is the leading shape of a stored chunk; a cell at the far edge is filled up to it.
     """
     tally = np.bincount(layers.n_modes.ravel(), minlength=layers.max_layers + 1)
@@ -115,7 +111,8 @@ def _chunks(layers: Layers, shape: tuple[int, int, int]) -> Iterator[bytes]:
 
 def _packed(values: NDArray[Any]) -> bytes:
     """Shuffled, compressed, and with a checksum."""
-    packed = zlib.compress(_shuffled(values), COMPRESSION_LEVEL)
+    compression_level = 1  # the fastest level of gzip: packing must not slow down the kernels
+    packed = zlib.compress(_shuffled(values), compression_level)
     return packed + fletcher32(packed).to_bytes(4, "little")
 
 

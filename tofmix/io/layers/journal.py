@@ -26,7 +26,6 @@ _SCHEMA = """
 CREATE TABLE about (key TEXT PRIMARY KEY, value BLOB) WITHOUT ROWID;
 CREATE TABLE cells (cell INTEGER PRIMARY KEY, tally TEXT, sizes TEXT, checksum INTEGER, chunks BLOB);
 """
-_PAGE_BYTES = 16384  # of SQLite: cells of many kB lie in few pages
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -199,7 +198,8 @@ def _is_full(error: BaseException) -> bool:
 def _begin(path: Path, database: sqlite3.Connection, header: bytes, shard: Shard) -> Journal:
     # One process at a time, and no shared memory file, which network file systems do not bear.
     database.execute("PRAGMA locking_mode = EXCLUSIVE")
-    database.execute(f"PRAGMA page_size = {_PAGE_BYTES}")
+    page_bytes = 16384  # of SQLite: cells of many kB lie in few pages
+    database.execute(f"PRAGMA page_size = {page_bytes}")
     database.execute("PRAGMA journal_mode = WAL")
     database.execute("PRAGMA synchronous = NORMAL")
     database.execute("BEGIN EXCLUSIVE")

@@ -1,24 +1,27 @@
-"""Checks on the ranges of a recording: that they are in mm, plausible, and that zeros are ranges.
+"""Units as files and people write them, and checks on ranges: that they are in mm, plausible, and zeros are ranges.
 
 A float dataset does not show this. Without the attribute `units`, values of a few units are metres more likely than mm;
 where the fill value is not 0, exact zeros are ranges by the contract, and lost samples more likely. Both are checked in
 a few blocks, so that a long recording is not read twice; a file always has the same blocks.
+
+Units of length and time may stand at the ends of names.
 """
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array
 from tofmix.errors import BadInputError
 from tofmix.io.next_command import import_command
 from tofmix.sensor import Sensor
 
-_BLOCKS = 4  # parts of the recording that are checked
 _BLOCK_SAMPLES = 1 << 16  # samples at each place
 
 
@@ -80,7 +83,8 @@ def look(recording: FloatRecording) -> RangeCheck:
 def _blocks(recording: FloatRecording) -> Iterator[tuple[slice, slice]]:
     """Frames and rows of blocks that are spread over recording and image; all of a small recording."""
     frames, rows, cols = recording.shape
-    if frames * rows * cols <= _BLOCKS * _BLOCK_SAMPLES:
+    blocks = 4  # parts of the recording that are checked
+    if frames * rows * cols <= blocks * _BLOCK_SAMPLES:
         yield slice(0, frames), slice(0, rows)
         return
     # Whole stored chunks where they are small; of larger ones a part, so that no block is larger than its limit.
@@ -90,7 +94,7 @@ def _blocks(recording: FloatRecording) -> Iterator[tuple[slice, slice]]:
     deep = min(frames, max(1, _BLOCK_SAMPLES // (high * cols)))
     for k, row in enumerate((0, 2, 1, 3)):  # the later frames of a scene that changes are not all of its lower rows
         first, top = (
-            (size - part) * place // (_BLOCKS - 1) for size, part, place in ((frames, deep, k), (rows, high, row))
+            (size - part) * place // (blocks - 1) for size, part, place in ((frames, deep, k), (rows, high, row))
         )
         yield slice(first, first + deep), slice(top, top + high)
 
@@ -240,3 +244,55 @@ def check_range(recording: FloatRecording) -> tuple[str, ...]:
     if doubt is not None:
         raise BadInputError(f"{recording.path}: range: {doubt}")
     return _notes(recording, found)
+
+
+UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
+"""mm of one unit."""
+
+_LENGTHS_MM = UNITS_MM | {
+    name: mm
+    for mm, names in {
+        1e-6: "nm",
+        1e-3: "um µm μm micron",
+        100.0: "dm",
+        1e6: "km",
+        25.4: "inch",
+        304.8: "foot ft",
+    }.items()
+    for name in names.split()
+}
+"""mm of each unit that a file may name."""
+
+_PREFIXES_MM = {"": 1000.0, "nano": 1e-6, "micro": 1e-3, "milli": 1.0, "centi": 10.0, "deci": 100.0, "kilo": 1e6}
+_SPELT = {
+    f"{prefix}{metre}": mm for prefix, mm in _PREFIXES_MM.items() for metre in ("meter", "metre", "meters", "metres")
+}
+_SPELT |= {"microns": 1e-3, "inches": 25.4, "feet": 304.8}
+
+
+def unit_mm_of(text: str) -> float | None:
+    """Length of the unit that a text names, mm; None if it is not known."""
+    name = text.strip()
+    return _LENGTHS_MM.get(name, _SPELT.get(name.lower()))
+
+
+TIME_UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""s of one unit of time."""
+
+_IN_NAME = re.compile(r"\w.*?[_\s./([-](mm|cm|m)[)\]]?$", re.DOTALL)
+
+
+def unit_in_name(name: str) -> float | None:
+    """Length of the unit that the name of an array or channel ends in, mm, as in ``range_m`` or ``depth [mm]``."""
+    found = _IN_NAME.match(name.strip())
+    return None if found is None else UNITS_MM[found[1]]
+
+
+def refuse_metres(range_mm: NDArray[Any], sensor: Sensor, what: object) -> None:
+    """Refuse ranges without a unit, taken as mm and not all NaN, if half of them are too small for mm."""
+    median = float(np.nanmedian(range_mm))
+    if is_too_small(median, sensor):
+        raise BadInputError(
+            f"{what}: no unit is given, and half of the values are below {median:.3g}, too small for mm;"
+            " give --units m, or --units mm if mm is right"
+        )

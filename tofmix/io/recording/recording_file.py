@@ -22,9 +22,8 @@ from tofmix.io import hdf5, sensor_group
 from tofmix.io.guard import guard
 from tofmix.io.guard.watchdog import watched
 from tofmix.io.next_command import import_command
-from tofmix.io.recording.range_check import check_range
+from tofmix.io.recording.range_check import UNITS_MM, check_range, unit_mm_of
 from tofmix.io.schema import FRAME_DIMS, RECORDING, TARGET
-from tofmix.io.units import UNITS_MM, unit_mm_of
 from tofmix.recording import DECODED_SAMPLES, MOST_FRAMES, MOST_PIXELS_A_SIDE, MOST_TARGETS
 from tofmix.sensor import Sensor
 

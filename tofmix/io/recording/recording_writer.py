@@ -24,14 +24,11 @@ from tofmix.io.schema import (
 )
 from tofmix.sensor import Sensor
 from tofmix.simulation.effects import EffectTruth
-from tofmix.simulation.truth import Truth
+from tofmix.simulation.events import Truth
 from tofmix.version import __version__
 
 CHUNK_FRAMES = 100
 """Frames of a stored chunk; `simulate` holds as many in memory at once."""
-
-_CHUNK_ROWS = 8  # rows of a chunk: a band of rows is read without the rest
-_CHUNK_COLS = 22  # columns of a chunk: an eighth of a 176-pixel row
 
 
 class RecordingWriter(hdf5.FileWriter):
@@ -103,7 +100,9 @@ class RecordingWriter(hdf5.FileWriter):
         self._effect_truth = effect_truth
         self._moving = moving
         self._attributes = attributes or {}
-        rows, cols = min(shape[1], _CHUNK_ROWS), min(shape[2], _CHUNK_COLS)
+        chunk_rows = 8  # rows of a chunk: a band of rows is read without the rest
+        chunk_cols = 22  # columns of a chunk: an eighth of a 176-pixel row
+        rows, cols = min(shape[1], chunk_rows), min(shape[2], chunk_cols)
         self._chunks = {"frame": min(shape[0], chunk_frames), TARGET: targets, "row": rows, "col": cols}
         dims = ("frame", TARGET, "row", "col") if targets else FRAME_DIMS
         self._lengths = {

@@ -23,14 +23,9 @@ BINS = 12
 """Number of bins of axes that are divided by quantiles."""
 
 _ENOUGH = 200  # samples of a bin
-_ENOUGH_OF_MEANS = 40  # samples of a bin, for a mean or a spread
-_ENOUGH_PIXELS = 12  # for the correlation of neighbours in the image
-_MANY_BINS = 40  # with more, a sum of squares is nearly normal
-_FAR_WIDTH = 2.5  # largest width in spreads: one pixel with another cause must not decide
 _CLIPPED_MEAN, _CLIPPED_SPREAD = 0.97756, 1.29675  # mean and spread of min(x^2, 2.5^2), x a standard normal number
 _TOLD = 0.5  # least part of the variance of a pixel's log width that its samples determine
 _ROOT_TWO = math.sqrt(2.0)  # of the second Hermite polynomial's norm
-_SMOOTH_MM = 2.0  # least sigma of a density that is smooth over three mm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -52,7 +47,7 @@ class Curve:
     scale_mm : (bin,) float64
         Shift of the bin's samples with a return that raises their mean by 1, mm; 0 without returns.
     information : float, optional
-        Information beyond curves of lower order, nats (`tofmix.reconciliation.comparison.information`); None if not
+        Information beyond curves of lower order, nats (`tofmix.reconciliation.comparison.compare`); None if not
         computed.
     recording : int
         Number of its recording, from 0.
@@ -118,7 +113,8 @@ class Curve:
     @property
     def largest(self) -> float:
         """The largest value minus two standard errors; for many bins, such as pixels and frames, `size`."""
-        if self.dof > _MANY_BINS:
+        many_bins = 40  # with more, a sum of squares is nearly normal
+        if self.dof > many_bins:
             return self.size
         return float((np.abs(self.value) - 2 * np.sqrt(self.variance)).max()) if self.dof else 0.0
 
@@ -266,7 +262,8 @@ def widths(state: ModelState, spread: float, recording: int = 0) -> Iterator[Cur
     told = state.working & (error > 0) & (expected > _TOLD * spread**2)
     if not told.any():
         return
-    square = np.minimum(found[told] ** 2 / expected[told], _FAR_WIDTH**2)
+    far_width = 2.5  # largest width in spreads: one pixel with another cause must not decide
+    square = np.minimum(found[told] ** 2 / expected[told], far_width**2)
     value = (float(square.mean()) - _CLIPPED_MEAN) / _CLIPPED_SPREAD
     yield Curve(
         statistic="widths",
@@ -289,7 +286,8 @@ def _curve(name: str, axis: Axis, total: FloatArray, known: tuple[FloatArray, Fl
     """Means over bins; `known` are the samples of each pixel, and the additional variance of its mean."""
     count, unknown = known
     n = np.bincount(axis.bin, count, minlength=axis.lower.size)
-    some = n >= (_ENOUGH_OF_MEANS if name in ("bias", "spread") else _ENOUGH)
+    enough_of_means = 40  # samples of a bin, for a mean or a spread
+    some = n >= (enough_of_means if name in ("bias", "spread") else _ENOUGH)
     value = np.bincount(axis.bin, total, minlength=n.size)[some] / n[some]
     per_mm = np.bincount(axis.bin, count / sigma, minlength=n.size)[some] / n[some]
     scale = np.where(per_mm > 0, 1.0 / np.maximum(per_mm, 1e-9), 0.0)
@@ -359,7 +357,8 @@ def neighbours(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curv
     result.
     """
     rows, cols = evidence.image
-    if part[1].size < _ENOUGH_PIXELS:
+    enough_pixels = 12  # for the correlation of neighbours in the image
+    if part[1].size < enough_pixels:
         return
     flat = np.nan_to_num(z - np.nanmean(np.where(np.isfinite(z).any(axis=0), z, 0), axis=0))
     cube = np.zeros((len(part[0]), rows * cols), dtype=np.float32)
@@ -388,7 +387,8 @@ def discreteness(evidence: Evidence, part: Part, m: Mixture, state: ModelState) 
 
     If the model has a quantisation step: the share of samples off its steps.
     """
-    use = part[1][(state.working & (m.of_main(m.sigma) > _SMOOTH_MM))[part[1]]]
+    smooth_mm = 2.0  # least sigma of a density that is smooth over three mm
+    use = part[1][(state.working & (m.of_main(m.sigma) > smooth_mm))[part[1]]]
     count = np.bincount(evidence.samples[part[0]][:, use].ravel(), minlength=65_536)[1:].astype(np.float64)
     if m.step > 0:
         value = np.arange(1.0, 65_536.0)
@@ -424,7 +424,6 @@ def discreteness(evidence: Evidence, part: Part, m: Mixture, state: ModelState) 
 
 
 _PERIODS = range(2, 17)  # mm
-_SMOOTH_TURNS = 0.8  # least sigma of a density without such a wave, in periods: the wave is e^-12.6
 
 
 def _combs(evidence: Evidence, part: Part, m: Mixture, state: ModelState) -> Iterator[Curve]:
@@ -440,8 +439,9 @@ def _combs(evidence: Evidence, part: Part, m: Mixture, state: ModelState) -> Ite
     sums: list[float] = []
     counts: list[float] = []
     turns: list[float] = []
+    smooth_turns = 0.8  # least sigma of a density without such a wave, in periods: the wave is e^-12.6
     for period in _PERIODS:
-        of_each = np.bincount(values[:, sigma > _SMOOTH_TURNS * period].ravel(), minlength=1)
+        of_each = np.bincount(values[:, sigma > smooth_turns * period].ravel(), minlength=1)
         of_each[0] = 0
         residues = np.bincount(np.arange(of_each.size) % period, of_each, minlength=period)
         n = residues.sum()

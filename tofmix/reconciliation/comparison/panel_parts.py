@@ -20,10 +20,6 @@ from tofmix.reconciliation.likelihood.memory import lag_product, one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.simulation.effects.hidden import FrameChain
 
-_CLEAR = 4.5  # sigma from a surface, beyond which it has no samples
-_ENOUGH = 100  # samples of a bin
-_LEAST_SHARE = 1e-3  # of the beam
-
 
 def bridging(evidence: Evidence, m: Mixture, state: ModelState, axes: Sequence[Axis], part: Part) -> Iterator[Curve]:
     """Share of samples between the two surfaces of a pixel, beyond the predicted share.
@@ -48,7 +44,8 @@ def bridging(evidence: Evidence, m: Mixture, state: ModelState, axes: Sequence[A
         np.bincount(axis.bin[use], by_pixel, minlength=axis.lower.size)
         for by_pixel in (inside.sum(axis=0), chance, valid.sum(axis=0))
     )
-    some = n >= _ENOUGH
+    enough = 100  # samples of a bin
+    some = n >= enough
     found, expected, n = found[some], expected[some], n[some]
     # Few are expected, so the squared deviation of their number is no chi-square; a variance that also follows the
     # number found keeps it small
@@ -74,8 +71,10 @@ def _valleys(m: Mixture) -> tuple[FloatArray, FloatArray, BoolArray]:
     second = np.where(own, 0.0, weight).argmax(axis=0)
     others = own | (m.surface[0] == m.surface[0][second, at])
     share = np.where(own, 0.0, weight).sum(axis=0)
-    two = (share > _LEAST_SHARE) & (np.where(others, 0.0, weight).sum(axis=0) == 0)
-    mean, reach = m.mean[0], _CLEAR * m.sigma[0] + m.step / 2
+    least_share = 1e-3  # of the beam
+    two = (share > least_share) & (np.where(others, 0.0, weight).sum(axis=0) == 0)
+    clear = 4.5  # sigma from a surface, beyond which it has no samples
+    mean, reach = m.mean[0], clear * m.sigma[0] + m.step / 2
     near = np.where(mean[first, at] < mean[second, at], first, second)
     far = np.where(mean[first, at] < mean[second, at], second, first)
     return mean[near, at] + reach[near, at], mean[far, at] - reach[far, at], two
@@ -102,10 +101,6 @@ def _chance(m: Mixture, low: FloatArray, high: FloatArray) -> FloatArray:
     return np.asarray((1 - m.outlier) * inside + m.outlier * (high - low) / max(m.high - m.low, 1.0))
 
 
-_FEW = 4  # samples of a line in a frame
-_LEAST = 1e-9  # variance of a line that is not constant
-
-
 def lines(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
     """Variance of the mean of each row, and column, over that of independent samples, minus 1, over root 2.
 
@@ -123,15 +118,17 @@ def lines(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
     seen[:, part[1]] = ok
     image, valid = cube.reshape(-1, rows, cols), seen.reshape(-1, rows, cols)
     sigma = np.ones(1)
+    few = 4  # samples of a line in a frame
+    least = 1e-9  # variance of a line that is not constant
     for axis, name in ((2, "row"), (1, "col")):
         if image.shape[3 - axis] == 1:
             continue
         n = valid.sum(axis=axis)
-        use = n >= _FEW
+        use = n >= few
         frames = use.sum(axis=0)
         level = (image**2).sum(axis=(0, axis), dtype=np.float64) / np.maximum(n.sum(axis=0), 1)
         square = np.where(use, image.sum(axis=axis, dtype=np.float64) ** 2 / np.maximum(n, 1), 0.0).sum(axis=0)
-        some = (frames >= _FEW) & (level > _LEAST)
+        some = (frames >= few) & (level > least)
         lost = 1.0 - 1.0 / image.shape[3 - axis]  # the part that the means of frames removed
         value = (square[some] / frames[some] / level[some] / lost - 1) / np.sqrt(2)
         at = np.flatnonzero(some).astype(np.float64)
@@ -145,11 +142,6 @@ def lines(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
             unit="1",
             scale_mm=np.broadcast_to(sigma, at.shape),
         )
-
-
-_ENOUGH_IN_FRAME = 30  # samples
-_PARTS = 10  # of the time
-_MORE = 4.0  # weight of the effect's share, in frames
 
 
 def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture, together: float = 0.0) -> Iterator[Curve]:
@@ -166,7 +158,8 @@ def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture, togethe
     alone = one_surface(m)[part[1]]  # in other pixels a score also depends on the surface that was drawn
     if alone.any() and ok.any():
         yield from _memory(flat[:, alone], ok[:, alone], part[0])
-    some = n >= _ENOUGH_IN_FRAME
+    enough_in_frame = 30  # samples
+    some = n >= enough_in_frame
     if not some.any():
         return
     per_mm = float((count / sigma_of_lit(m, part)).sum() / count.sum())
@@ -188,7 +181,8 @@ def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture, togethe
             scale_mm=sigma,
         )
     told = int(some.sum())
-    tenth = np.arange(told) * min(_PARTS, told) // told
+    parts = 10  # of the time
+    tenth = np.arange(told) * min(parts, told) // told
     for name, value, shared in (("trend", mean, together), ("spread", square, 2.0 * together**2)):
         size = np.bincount(tenth, n[some])
         start = np.array([now[some][tenth == k][0] for k in range(tenth.max() + 1)])
@@ -218,7 +212,8 @@ def burst_share(disturbed: FloatArray, chain: FrameChain) -> Iterator[Curve]:
     """
     p = chain.probability
     bursts = disturbed.size / max(2 * chain.burst_frames * (1 - p) - 1, 1.0)  # number of independent frames
-    share = (float(disturbed.sum()) * bursts / disturbed.size + _MORE * p) / (bursts + _MORE)
+    more = 4.0  # weight of the effect's share, in frames
+    share = (float(disturbed.sum()) * bursts / disturbed.size + more * p) / (bursts + more)
     yield Curve(
         statistic="bursts",
         axis="all",

@@ -16,16 +16,16 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.noise_shape import NoiseShape
 from tofmix.optics.projection import beam_directions_of
 from tofmix.reconciliation.likelihood.error_shape import GAUSSIAN, ShapeTable, shape_table
-from tofmix.simulation.casting.measured_cast import by_neighbours
+from tofmix.simulation.casting.cast import by_neighbours
 from tofmix.simulation.casting.polygon_cast import PolygonCaster
 from tofmix.simulation.distribution import Prediction
 from tofmix.simulation.effects.base import Effect, Latent, Level
 from tofmix.simulation.effects.hidden import PixelBias
+from tofmix.simulation.events import Truth
 from tofmix.simulation.exposure import equation_1, predict
 from tofmix.simulation.measured_scene import MeasuredScene
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface
-from tofmix.simulation.truth import Truth
 
 LINKING = (Latent.FRAME, Latent.PIXEL, Latent.MEMORY)
 """Hidden states that link samples. They are no part of the mixture; a quantisation step is a part of it."""

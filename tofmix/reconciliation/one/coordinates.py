@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from tofmix.arrays import FloatArray
-from tofmix.reconciliation.ledger import Named
+from tofmix.reconciliation.found import Named
 from tofmix.reconciliation.one.unnamed import Unnamed, unnamed_laws
 from tofmix.reconciliation.parameters.searches import problems_from
 from tofmix.simulation.effects import EFFECTS, Effect

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.reconciliation.ledger import Named
+from tofmix.reconciliation.found import Named
 from tofmix.reconciliation.likelihood import hidden_fits
 from tofmix.reconciliation.likelihood.beats import FrameNoise, of_unknown_phase
 from tofmix.reconciliation.likelihood.likelihood import ModelState, forward

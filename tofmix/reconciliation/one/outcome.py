@@ -13,8 +13,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.comparison.compare import Compared, compare
-from tofmix.reconciliation.found import Added, TriedEffect
-from tofmix.reconciliation.ledger import ALIAS_NATS, Ledger, Named, WeighedSet, name_of_effect
+from tofmix.reconciliation.found import ALIAS_NATS, Added, Ledger, Named, TriedEffect, WeighedSet, name_of_effect
 from tofmix.reconciliation.likelihood import hidden_fits
 from tofmix.reconciliation.likelihood.hidden_states import SLACK, latent_states, without
 from tofmix.reconciliation.likelihood.joint import Recording, joint_likelihood, views

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
-from tofmix.reconciliation.ledger import Named
+from tofmix.reconciliation.found import Named
 from tofmix.reconciliation.likelihood import hidden_fits
 from tofmix.reconciliation.likelihood.beats import FrameNoise, fit_beat
 from tofmix.reconciliation.likelihood.memory import fit_memory

@@ -13,14 +13,14 @@ from itertools import chain
 
 import numpy as np
 
-from tofmix.reconciliation.ledger import ALIAS_NATS, Ledger
+from tofmix.reconciliation.found import ALIAS_NATS, Ledger
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.one.coordinates import Key
 from tofmix.reconciliation.one.fitted_set import FittedSet
 from tofmix.reconciliation.one.proposals import INEXACT, About, Columns, Proposal, by_trial
 from tofmix.reconciliation.one.recordings import SearchTask
 from tofmix.reconciliation.settings import Settings
-from tofmix.reconciliation.verification.aliases import MOST_ALIASES
+from tofmix.reconciliation.verification.considered import MOST_ALIASES
 from tofmix.simulation.effects.hidden import PixelBias
 
 BASES, PLAIN, PATTERNED, LARGEST = 3, 8, 4, 3

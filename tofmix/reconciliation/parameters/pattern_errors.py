@@ -23,8 +23,6 @@ from tofmix.reconciliation.parameters.fits import SOFT, Numbers, Parabola, inver
 from tofmix.simulation.effects.base import Effect, with_hidden
 from tofmix.simulation.effects.hidden import DisturbedFrames, PatternSpreads, PixelBias, RangeStep, RememberedNoise
 
-_LIKELY = 0.5  # probability from which a frame counts as disturbed
-
 
 def latent_errors(
     likelihood: Likelihood, state: ModelState, effect: Effect, seed: int
@@ -72,7 +70,8 @@ def _bursts(
     share = float(np.clip(state.disturbed.mean(), 1e-4, 0.99))
     frames = state.disturbed.size
     mixture = likelihood.mixture(state)
-    part = np.flatnonzero(state.disturbed > _LIKELY), np.arange(likelihood.evidence.shape[1])
+    likely = 0.5  # probability from which a frame counts as disturbed
+    part = np.flatnonzero(state.disturbed > likely), np.arange(likelihood.evidence.shape[1])
     step = 0.02 * chain.sigma_mm
     bare = replace(state, effects=tuple(e for e in state.effects if e is not effect))
 

@@ -14,12 +14,8 @@ from tofmix.reconciliation.parameters.fits import Numbers, inverse, parabola
 from tofmix.reconciliation.parameters.pattern_errors import integrated, pattern_of, spreads_of_pattern, under_pattern
 from tofmix.simulation.effects.hidden import PatternSpreads
 
-_MOST_TURNS = 8  # of numbers and latent states
-_MOST_STEPS = 4  # of Newton's to the top
-_ENOUGH = 0.01  # nats: a smaller gain needs no step
 _PARTS = (1.0, 0.5, 0.2, 0.05)  # of a step that are tried
 _DAMPINGS = (0.0, 0.1, 1.0, 10.0)  # in units of a number's own curvature
-_OFF = 0.1  # relative difference of parts, from which another part is tried
 
 
 def numbers_of(likelihood: Likelihood, state: ModelState, chosen: Sequence[TriedEffect], part: Part) -> Numbers:
@@ -43,7 +39,8 @@ def settle(numbers: Numbers) -> Numbers:
 
     Numbers and a fixed pattern's spreads alternate until the numbers converge.
     """
-    for _ in range(_MOST_TURNS):
+    most_turns = 8  # of numbers and latent states
+    for _ in range(most_turns):
         last = polish(numbers)
         if last is numbers:
             break
@@ -60,7 +57,9 @@ def polish(numbers: Numbers) -> Numbers:
     fitted after the step.
     """
     spreads = spreads_of_pattern(numbers.state)
-    for _ in range(_MOST_STEPS if spreads is None else 1):
+    most_steps = 4  # of Newton's to the top
+    enough = 0.01  # nats: a smaller gain needs no step
+    for _ in range(most_steps if spreads is None else 1):
         about = parabola(numbers)
         if about is None:
             break
@@ -68,7 +67,7 @@ def polish(numbers: Numbers) -> Numbers:
         if spreads is not None:
             under = under_pattern(numbers, about, spreads)
             slope, curvature = under.slope(), under.curvature(spreads.column_sigma_mm, spreads.row_sigma_mm)
-        if 0 <= 0.5 * float(slope @ inverse(curvature) @ slope) < _ENOUGH:  # below 0: far from any top
+        if 0 <= 0.5 * float(slope @ inverse(curvature) @ slope) < enough:  # below 0: far from any top
             break
         better = _climbed(numbers, about.steps, (slope, curvature), spreads)
         if better is None:
@@ -126,11 +125,12 @@ def _better(line: _Line, gain: float) -> Numbers | None:
         Gain by half the slope along the step, nats. A parabola of this slope through any point gives the next part.
     """
     top, _ = line.at(0.0)
+    off = 0.1  # relative difference of parts, from which another part is tried
     for part in _PARTS:
         height, found = line.at(part)
         if height > top:
             bend = 2 * gain * part - (height - top)
             near = gain * part**2 / bend if bend > 0 else part
-            other, nearer = line.at(near) if abs(near / part - 1) > _OFF else (-math.inf, found)
+            other, nearer = line.at(near) if abs(near / part - 1) > off else (-math.inf, found)
             return nearer if other > height else found
     return None

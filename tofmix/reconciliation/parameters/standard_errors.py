@@ -26,12 +26,8 @@ from tofmix.simulation.effects import Effect
 
 _REACH = 2.0  # standard errors, for both sides
 _NEARER = (1.0, 0.5, 0.15)  # parts of this distance that are tried at a bound
-_TURNS = 2  # of the search for the farthest point of an ellipse
 _SLOPE = 0.3  # of a step, over which slopes are taken
 _PARABOLA = (0.75, 1.33)  # ratio of the drop to that of the parabola, at which the parabola is accepted
-_SETTLED = 0.15  # logarithm of this ratio, at which the end of the profile is accepted
-_MOST_MOVES = 5  # along a profile
-_LEAST_DROP = 0.2  # nats; a smaller drop does not determine the width
 
 Value = Callable[[FloatArray], float]
 """Log-likelihood where all numbers move by so many steps; minus infinity out of bounds."""
@@ -135,9 +131,10 @@ def _farthest(parameter: ProfiledParameter, covariance: FloatArray, sign: float)
 
     A nearer point if this one is out of bounds.
     """
+    turns = 2  # of the search for the farthest point of an ellipse
     for part in _NEARER:
         at, found, errors = np.zeros(len(covariance)), None, _REACH * part
-        for _ in range(_TURNS):
+        for _ in range(turns):
             slope = parameter.slope(at)
             length = float(slope @ covariance @ slope)
             if not length > 0:
@@ -160,14 +157,17 @@ def _profiled(
     """
     move, fallen, wanted = start
     best: tuple[float, float] | None = None
-    for _ in range(_MOST_MOVES):
+    most_moves = 5  # along a profile
+    least_drop = 0.2  # nats; a smaller drop does not determine the width
+    settled = 0.15  # logarithm of this ratio, at which the end of the profile is accepted
+    for _ in range(most_moves):
         if math.isfinite(fallen) and len(covariance) > 1:
             move, fallen = _settled(parameter, covariance, drop, (move, fallen))
         change = parameter.change(move)
-        if change is not None and math.isfinite(fallen) and fallen > _LEAST_DROP:
+        if change is not None and math.isfinite(fallen) and fallen > least_drop:
             off = abs(math.log(fallen / wanted))
             best = min(best or (math.inf, 0.0), (off, abs(change) / math.sqrt(2 * fallen)))
-            if off < _SETTLED:
+            if off < settled:
                 break
         ratio = wanted / max(fallen, 0.25 * wanted) if math.isfinite(fallen) else 0.25
         move = move * max(math.sqrt(ratio), 0.5)
@@ -198,9 +198,6 @@ def _settled(
 def numeric(effect: Effect) -> dict[str, float]:
     """An effect's numbers by name."""
     return effect.numbers()
-
-
-_SEEN = 0.05  # share of the beam, from which a surface's amplitude is one of the scene
 
 
 def standard_errors(numbers: Numbers, *, by_blocks: bool = True) -> dict[int, dict[str, float]]:
@@ -260,7 +257,8 @@ def standard_errors(numbers: Numbers, *, by_blocks: bool = True) -> dict[int, di
 def _amplitudes(numbers: Numbers) -> FloatArray:
     """Amplitudes (n,) of the surfaces in the pixels of the scene."""
     mixture = numbers.likelihood.mixture(numbers.state)
-    return mixture.amplitude[mixture.lit & (mixture.weight > _SEEN)]
+    seen = 0.05  # share of the beam, from which a surface's amplitude is one of the scene
+    return mixture.amplitude[mixture.lit & (mixture.weight > seen)]
 
 
 def _value(numbers: Numbers, about: Parabola, move: FloatArray) -> float:

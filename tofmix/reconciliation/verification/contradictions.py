@@ -3,6 +3,10 @@
 A set of effects may bring every statistic down to chance and be wrong: two large effects may cancel, and much noise may
 stand for a motion. So each effect is judged by its posterior (`tofmix.simulation.effects.parameter`), by what it does
 in the presence of the others, and by the recorded amplitudes. None of these tests knows a kind.
+
+In a `fixed_pattern`, pixels, columns and rows are independent. If a map is smooth over the image, over its columns or
+rows, or a plane over a surface, another cause has changed the ranges. Without this test, any static bias that no law
+describes would be named a pattern.
 """
 
 import math
@@ -12,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import norm
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.reconciliation.comparison.compare import Compared, disagreements
 from tofmix.reconciliation.found import Added, TriedEffect
 from tofmix.reconciliation.likelihood.hidden_states import begin, without, without_pattern
@@ -25,9 +29,77 @@ from tofmix.reconciliation.settings import Settings, fit_part, held_out
 from tofmix.reconciliation.verdict import LAW
 from tofmix.simulation.effects.base import Effect
 
-CANCELS = 20.0
-"""Gain of an effect in the presence of the others over that of the best effect alone, and over that of all together:
-two biases that cancel to less than a quarter gain so much, since gains are squares of biases."""
+SMOOTH = 0.2
+"""Correlation of neighbours in a map, above which it is no pattern."""
+
+TILTED = 0.8
+"""Share of a plane in a map on one surface, above which the map is no pattern."""
+
+
+def tilted(values: FloatArray, known: BoolArray, surface: IntArray) -> bool:
+    """Whether a map (row, col) is a plane over a surface, which is then tilted.
+
+    On a surface of so many rows and columns, a pattern looks like a plane once in some thousands of recordings.
+    """
+    plane_lines = 8  # least rows and columns for the test of a plane
+    for number in range(int(surface.max()) + 1):
+        row, col = np.nonzero(known & (surface == number))
+        if min(np.unique(row).size, np.unique(col).size) < plane_lines:
+            continue
+        value = values[row, col] - values[row, col].mean()
+        slopes = np.stack([row - row.mean(), col - col.mean()], axis=1)
+        plane = slopes @ np.linalg.lstsq(slopes, value, rcond=None)[0]
+        if float((plane**2).sum()) > TILTED * float((value**2).sum()) > 0:
+            return True
+    return False
+
+
+def smooth(values: FloatArray, known: BoolArray) -> bool:
+    """Whether a map (row, col), or its means of columns or rows, are smooth over the image.
+
+    Only pixels with a known bias count. In pixels without a return the map is 0, which would distort the mean of a
+    column.
+    """
+    if not known.any():
+        return False
+    rest = np.where(known, values - values[known].mean(), 0.0)
+    whole = float((rest**2).sum())
+    lines = [np.zeros(values.shape[1]), np.zeros(values.shape[0])]
+    sweeps = 30  # alternations of columns and rows, if some pixels are unknown
+    for _ in range(sweeps):
+        for axis in (0, 1):
+            mean = rest.sum(axis=axis) / np.maximum(known.sum(axis=axis), 1)
+            lines[axis] += mean
+            rest -= np.where(known, np.expand_dims(mean, axis), 0.0)
+    if any(_lines_smooth(line, known.sum(axis=axis), whole) for axis, line in enumerate(lines)):
+        return True
+    power = float((rest**2).sum()) / known.sum()
+    near = 0.5 * (
+        _mean_product(rest[1:], rest[:-1], known[1:] & known[:-1])
+        + _mean_product(rest[:, 1:], rest[:, :-1], known[:, 1:] & known[:, :-1])
+    )
+    return bool(near > SMOOTH * power > 0)
+
+
+def _lines_smooth(line: FloatArray, pixels: IntArray, whole: float) -> bool:
+    """Whether values of columns or rows, of `pixels` known pixels each, are smooth.
+
+    In n independent lines, neighbours correlate by 0 +- 1 / sqrt(n).
+    """
+    seen = pixels > 0
+    value = np.where(seen, line - line[seen].mean(), 0.0)
+    lines = 0.2  # least share of the columns, or rows, in a map, from which they are tested
+    if float((value**2 * pixels).sum()) < lines * whole:
+        return False
+    power = float((value**2).sum()) / seen.sum()
+    near = _mean_product(value[1:], value[:-1], seen[1:] & seen[:-1])
+    chance = 4.0  # margin of the correlation of neighbouring lines, in its standard deviations
+    return bool(near > (SMOOTH + chance / np.sqrt(seen.sum())) * power)
+
+
+def _mean_product(a: FloatArray, b: FloatArray, both: BoolArray) -> float:
+    return float((a * b).sum() / max(int(both.sum()), 1))
+
 
 PRICE_NATS = 3.0  # of each number, for effects whose samples are not independent
 FAINT_SHARE = 0.01
@@ -130,13 +202,16 @@ def _by_others(likelihood: Likelihood, added: Added, settings: Settings) -> Iter
     judged = len(part[0]) * len(part[1]) / max(len(scored[0]) * len(scored[1]), 1)
     given = whole - likelihood.value(begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance), part)
     best = max(given, judged * max((c.gain for c in added.first), default=0.0))
+    # Gain of an effect in the presence of the others over that of the best effect alone, and over that of all together:
+    # two biases that cancel to less than a quarter gain so much, since gains are squares of biases.
+    cancels = 20.0
     for number, candidate in enumerate(added.chosen):
         if candidate.fitted is None:
             continue
         rest = without(added.state, number)
         bare = likelihood.mixture(rest)
         gain = whole - likelihood.value(rest, part, bare)
-        if len(added.chosen) > 1 and gain > CANCELS * best > 0:
+        if len(added.chosen) > 1 and gain > cancels * best > 0:
             yield Contradiction(number=number, reason="cancels another effect")
         if candidate.static and not moves_by_itself(likelihood, (rest, bare), (added.state, mixture), part):
             yield Contradiction(number=number, reason="moves no range: its only trace is noise")

@@ -1,4 +1,10 @@
-"""Next steps after a verdict: one sentence each, the most useful first."""
+"""Next steps after a verdict: one sentence each, the most useful first.
+
+Whether the range axis folds is asked here: of two static biases that fit equally, the one of a turn is no bias.
+A wall beyond the unambiguous range appears a turn nearer. A bias, a pose or a second path of metres fits such samples
+as well, and the fold alone fits them badly where a pixel has a bias of several sigma. So both hypotheses are compared
+with a bias of each pixel integrated out, whose spread is fitted: without the fold it is a turn, with it some mm.
+"""
 
 import json
 import math
@@ -10,31 +16,58 @@ import numpy as np
 from scipy.stats import norm
 
 from tofmix.reconciliation.comparison.compare import disagreements
-from tofmix.reconciliation.found import Added
-from tofmix.reconciliation.ledger import name_of_effect
+from tofmix.reconciliation.found import Added, name_of_effect
+from tofmix.reconciliation.likelihood import hidden_fits
 from tofmix.reconciliation.likelihood.biases import biases_of_recordings
 from tofmix.reconciliation.likelihood.hidden_states import begin
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
-from tofmix.reconciliation.parameters.planes import PlanePose, measured_pose
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
+from tofmix.reconciliation.likelihood.pixel_pattern import pixel_biases, with_pattern
+from tofmix.reconciliation.parameters.searches import PlanePose, measured_pose, problems
 from tofmix.reconciliation.settings import Settings, fit_part
-from tofmix.reconciliation.verification.aliases import Alias
-from tofmix.reconciliation.verification.far_trends import far_trends
-from tofmix.reconciliation.verification.fold import fold
-from tofmix.reconciliation.verification.verify import Verified
+from tofmix.reconciliation.verification.considered import Alias
+from tofmix.reconciliation.verification.verify import Verified, far_trends
 from tofmix.simulation.effects import EFFECTS, basic_kind
 from tofmix.simulation.effects.base import Basic, Effect
 from tofmix.simulation.effects.hidden import PixelBias
 from tofmix.simulation.surface import Surface
 from tofmix.wording import counted
 
+
+def fold(likelihood: Likelihood, state: ModelState, part: Part) -> tuple[Effect, ModelState] | None:
+    """The fold of the camera's phase, and the state with it, if it explains more than the state; None if not.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        The recordings.
+    state : ModelState
+        The model with the effects added so far.
+    part : (frames, pixels)
+        The samples.
+    """
+    mixture = likelihood.mixture(state)
+    if mixture.period > 0:
+        return None
+    for problem in problems(basic_kind(Basic.FOLD).kind, likelihood, mixture):
+        effect = problem.make(np.array(problem.starts[0]))
+        folded = replace(state, effects=(*state.effects, effect))
+        if _with_biases(likelihood, folded, part) > _with_biases(likelihood, state, part):
+            return effect, folded
+    return None
+
+
+def _with_biases(likelihood: Likelihood, state: ModelState, part: Part) -> float:
+    """Log-likelihood of a part with a bias of each pixel integrated out, of normal spreads that are fitted."""
+    mixture = likelihood.mixture(state)
+    found = pixel_biases(likelihood, mixture, state, part)
+    bare = likelihood.marginal(mixture, state, part).total
+    pattern = hidden_fits.fit_spreads(found, likelihood.evidence.image)
+    return bare if pattern is None else bare + with_pattern(found, likelihood.evidence.image, pattern[0])
+
+
 _CLEAR = 5.0  # least distance from the model's pose, in standard errors
 _MOSTLY = 0.8  # least share of the weighted squares of a surface's biases that another pose explains
 _LEAST_PIXELS = 12  # of a surface, for a pose of three numbers
-_SAME = 1e-3  # relative difference of integration times that are written in files
-_MOST_POSES = 3  # most poses that are listed; more are another scene
-_SEVERAL = 2  # surfaces
-_DEGREE = 2  # of the smooth function of place in the image
-_NUMBERS_OF_POSE = 3  # a shift and two tilts
 _LEAST_TURN_DEG = 0.02  # smaller tilts are not reported
 
 
@@ -113,7 +146,8 @@ def next_steps(
         if offset is not None:
             suggested += [(k, offset) for k in range(len(likelihood.scene.members))]
             steps.append(f"All surfaces are off by one value: {offset.explain()}.")
-        shown = sorted(poses, key=lambda f: -f.pose.z)[:_MOST_POSES]
+        most_poses = 3  # most poses that are listed; more are another scene
+        shown = sorted(poses, key=lambda f: -f.pose.z)[:most_poses]
         steps += _of_poses(shown, several=len(likelihood.scene.members) > 1)
         suggested += [(f.recording, pose_of(f)) for f in shown]
         there = {name_of_effect(e) for e in (*likelihood.scene.effects, *(state.effects if named else ()))}
@@ -169,7 +203,8 @@ def worse(verified: Verified) -> Iterator[str]:
 def _of_the_recording(likelihood: Likelihood, verified: Verified) -> Iterator[str]:
     repeated, found = likelihood.evidence.repeated, verified.findings
     own, given = likelihood.evidence.integration_time_ms, likelihood.scene.model.sensor.integration_time_ms
-    if own is not None and not math.isclose(own, given, rel_tol=_SAME):
+    same = 1e-3  # relative difference of integration times that are written in files
+    if own is not None and not math.isclose(own, given, rel_tol=same):
         yield (
             f"The recording has an integration time of {own:g} ms, the model {given:g} ms: give [sensor] of the model"
             f" integration_time_ms = {own:g}, or use --noise measured."
@@ -312,7 +347,8 @@ def common_offset(likelihood: Likelihood, settings: Settings, state: ModelState)
             weight += float(information.sum())
             weighed += float((information * bias).sum())
             squares += float((information * bias**2).sum())
-    if surfaces < _SEVERAL or weight <= 0:
+    several = 2  # surfaces
+    if surfaces < several or weight <= 0:
         return None
     offset, explained = weighed / weight, weighed**2 / weight
     clear = abs(offset) * math.sqrt(weight) > _CLEAR and explained > _MOSTLY * squares
@@ -325,13 +361,15 @@ def poses_win(likelihood: Likelihood, settings: Settings, state: ModelState, pos
     Each by the squares that it leaves, with half the logarithm of the number of pixels for each of its numbers (BIC).
     """
     gain = 0.0
+    numbers_of_pose = 3  # a shift and two tilts
+    degree = 2  # of the smooth function of place in the image
     for biases in biases_of_recordings(likelihood, state, fit_part(likelihood, settings)):
         rows, cols = likelihood.evidence.image
         used = np.flatnonzero(biases.used)
         information, bias = biases.information[biases.used], biases.bias_mm[biases.used]
         row, col = np.divmod(used, cols)
         v, u = 2 * row / max(rows - 1, 1) - 1, 2 * col / max(cols - 1, 1) - 1
-        columns = np.stack([u**i * v**j for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)], axis=1)
+        columns = np.stack([u**i * v**j for i in range(degree + 1) for j in range(degree + 1 - i)], axis=1)
         root = np.sqrt(information)
         left = root * (bias - columns @ np.linalg.lstsq(columns * root[:, None], root * bias, rcond=None)[0])
         total, price = float((information * bias**2).sum()), math.log(max(used.size, 1))
@@ -340,7 +378,7 @@ def poses_win(likelihood: Likelihood, settings: Settings, state: ModelState, pos
         names = dict(biases.surfaces)
         for found in (f for f in poses if f.recording == biases.view.number):
             weights, off = biases.information[names[found.surface.name]], biases.bias_mm[names[found.surface.name]]
-            by_poses += found.pose.explained * float((weights * off**2).sum()) - _NUMBERS_OF_POSE * price
+            by_poses += found.pose.explained * float((weights * off**2).sum()) - numbers_of_pose * price
         gain += by_poses - by_law
     return gain > 0
 

@@ -2,41 +2,119 @@
 
 `floor` is the gap between the refined model and a simulation of it, `before` and `after` are gaps of the recording.
 `tofmix.reconciliation.verdict` decides the verdict.
+
+Scores end at four sigma, so a surface that comes 30 mm nearer with each frame looks like a bias of every later frame.
+Use `far_trends` to place such a change: something moves through the scene, or the camera does. It takes medians of
+ranges, so random values do not matter.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import kruskal
 
-from tofmix.arrays import FloatArray
-from tofmix.reconciliation.comparison.compare import Compared, compare, disagreements
+from tofmix.arrays import FloatArray, IntArray
+from tofmix.reconciliation.comparison.compare import FARTHEST_SCORE, SMALLEST_P, Compared, Place, compare, disagreements
 from tofmix.reconciliation.found import Added
 from tofmix.reconciliation.likelihood.hidden_fits import pattern_image
 from tofmix.reconciliation.likelihood.hidden_states import begin, latent_states
-from tofmix.reconciliation.likelihood.joint import views
+from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.memory import independent, memory_left, memory_of
 from tofmix.reconciliation.likelihood.mixture import LINKING, Scene
 from tofmix.reconciliation.settings import Settings, fit_part, held_out
 from tofmix.reconciliation.verdict import VerdictData, judge, share_closed
-from tofmix.reconciliation.verification.contradictions import Contradiction, contradictions
-from tofmix.reconciliation.verification.far_trends import far_trends
-from tofmix.reconciliation.verification.pattern_shape import smooth, tilted
+from tofmix.reconciliation.verification.contradictions import Contradiction, contradictions, smooth, tilted
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects.base import Effect, with_hidden
 from tofmix.simulation.effects.hidden import PixelBias, PixelValue
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks
 
-IN_TIME = 0.005
-"""Share of the effects' gain that may remain as a change of all frames in time."""
+_PARTS = 10  # of the time
 
-ECHO = 0.1
-"""Correlation at any lag that may remain after a memory of one frame."""
+
+def far_trends(likelihood: Likelihood, state: ModelState, alpha: float) -> list[Place]:
+    """The change in time of each recording whose ranges leave the reach of scores; none for most recordings.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        The recordings.
+    state : ModelState
+        A model: the change is that of the differences from it.
+    alpha : float
+        Level of the test that parts of the time differ, after correction for the recordings.
+
+    References
+    ----------
+    Kruskal and Wallis, J. American Statistical Association 47 (1952) 583.
+    """
+    whole = np.arange(likelihood.evidence.shape[0]), np.arange(likelihood.evidence.shape[1])
+    seen = list(views(likelihood, likelihood.mixture(state), whole))
+    found = (_far_trend(view, alpha / len(seen)) for view in seen)
+    return [place for place in found if place is not None]
+
+
+def _far_trend(view: RecordingView, alpha: float) -> Place | None:
+    medians, frames, sigma = _medians(view)
+    least_frames = 3  # of a part, for a median with a scatter
+    parts = min(_PARTS, medians.size // least_frames)
+    if parts < 2:  # noqa: PLR2004  two parts of the time to compare
+        return None
+    part = np.arange(medians.size) * parts // medians.size
+    level = np.array([np.median(medians[part == k]) for k in range(parts)])
+    first, last = sorted((int(level.argmin()), int(level.argmax())))
+    change = float(level[last] - level[first])
+    if abs(change) < FARTHEST_SCORE * sigma:
+        return None
+    p = float(kruskal(*(medians[part == k] for k in range(parts))).pvalue)
+    if not p < alpha:
+        return None
+    now = view.evidence.time_s[frames]
+    return Place(
+        axis="time",
+        statistic="trend",
+        interval=(float(now[part == first][0]), float(now[part == last][-1])),
+        size=change,
+        unit="mm",
+        p_value=max(p, SMALLEST_P),
+        z=abs(change) / sigma,
+        recording=view.number,
+    )
+
+
+def _medians(view: RecordingView) -> tuple[FloatArray, IntArray, float]:
+    """Median difference from the model of some frames, mm; the frames; and the typical sigma, mm.
+
+    Each pixel has its own level, found together with those of the frames: it does not matter which pixels are valid
+    when.
+
+    References
+    ----------
+    Tukey, Exploratory Data Analysis, 1977, chapter 11: median polish.
+    """
+    m, samples = view.mixture, view.evidence.samples
+    use = np.flatnonzero(m.of_main(m.lit))
+    pixels = 256  # enough for a median
+    use = use[:: math.ceil(max(use.size, 1) / pixels)]
+    off = m.near_turn(samples[:, use] - m.of_main(m.mean)[use])
+    away = np.where(samples[:, use] > 0, off, np.nan)
+    some = np.isfinite(away).any(axis=1)
+    if not some.any():
+        return np.zeros(0), np.zeros(0, dtype=np.int64), math.inf
+    away = away[some][:, np.isfinite(away).any(axis=0)]
+    level = np.zeros(len(away))
+    polished = 30  # turns of the levels of pixels and frames
+    for _ in range(polished):
+        own = np.nanmedian(away - level[:, None], axis=0)
+        level = np.nanmedian(away - own, axis=1)
+    return level, np.flatnonzero(some), float(np.median(m.of_main(m.sigma)[use]))
+
 
 _SEEDS_APART, _SIMULATIONS_APART = 1000, 100_000  # distance between seeds of recordings, and of simulations
-_NULLS = 3  # simulations, if one is not enough
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -150,7 +228,8 @@ def _nulls(likelihood: Likelihood, state: ModelState, settings: Settings, found:
     loud = disagreements(found.near, found.alpha)
     linked = any(e.latent in LINKING for e in state.linking)
     several = bool(loud) and (linked or any(found.is_simulated(c) for c in loud))
-    more = range(1, _NULLS) if several else range(0)
+    nulls = 3  # simulations, if one is not enough
+    more = range(1, nulls) if several else range(0)
     return (found.floor, *(simulated(likelihood, state, settings, number) for number in more))
 
 
@@ -163,7 +242,8 @@ def revoked(likelihood: Likelihood, found: Verified, settings: Settings) -> Veri
 def _echoes(likelihood: Likelihood, state: ModelState, settings: Settings) -> bool:
     """Whether a correlation at any lag remains after a memory of one frame."""
     coefficient = memory_of(state)
-    return bool(coefficient) and memory_left(likelihood, state, coefficient, settings.seed) > ECHO
+    echo = 0.1  # correlation at any lag that may remain after a memory of one frame
+    return bool(coefficient) and memory_left(likelihood, state, coefficient, settings.seed) > echo
 
 
 def _shaped(likelihood: Likelihood, state: ModelState, held: Part) -> bool:
@@ -201,7 +281,8 @@ def changes_in_time(state: ModelState, found: VerdictData, gain: float) -> bool:
         max((found.left(c) for c in loud if c.statistic in some), default=0.0)
         for some in (("memory",), ("bias", "pattern"))
     )
-    return max(left, default=0.0) > IN_TIME * gain or same > max(IN_TIME * gain, stays)
+    in_time = 0.005  # share of the effects' gain that may remain as a change of all frames in time
+    return max(left, default=0.0) > in_time * gain or same > max(in_time * gain, stays)
 
 
 def refined_model(scene: Scene, state: ModelState) -> Model:

@@ -16,8 +16,7 @@ import numpy as np
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.errors import BadInputError
 from tofmix.flags import status_name
-from tofmix.layers import Layers
-from tofmix.report.sources import LayersSource
+from tofmix.layers import Layers, LayersSource
 from tofmix.report.summary.quantiles import ValueCounts
 from tofmix.wording import counted, finite_or_none
 

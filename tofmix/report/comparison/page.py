@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tofmix.layers import LayersSource
 from tofmix.report.comparison.comparison import Comparison, PixelDifference, common_circle, compare_windows
 from tofmix.report.page.templates import load_template
-from tofmix.report.sources import LayersSource
 from tofmix.report.summary.tables import printable
 from tofmix.wording import counted, number, percent_of
 

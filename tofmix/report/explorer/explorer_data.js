@@ -1,8 +1,8 @@
-// The numbers of the page: unpacks what tofmix.report.explorer.packing and sample_packing wrote.
+// The numbers of the page: unpacks what tofmix.report.explorer.explorer wrote.
 
 const NOT_KNOWN = -(2 ** 31);
 const PER_LAYER = ["range", "range_stderr", "weight", "weight_stderr", "sigma", "probability"];
-const BANDWIDTH = 0.5; // h(r) in units of sigma(r), as in tofmix.estimation.peaks.density
+const BANDWIDTH = 0.5; // h(r) in units of sigma(r), as in tofmix.estimation.peaks.modes
 const REACH = 5;
 
 async function inflated(text) {

@@ -17,7 +17,7 @@ from tofmix.report.figures.curves import curve_axes
 from tofmix.report.figures.picture import Picture, figure_picture, range_picture
 from tofmix.report.pixels.pixels import drifts
 from tofmix.report.pixels.single_pixels import SinglePixels
-from tofmix.report.summary.noise_numbers import NoiseNumbers
+from tofmix.report.summary.summary import NoiseNumbers
 from tofmix.report.theme import Theme
 from tofmix.sensor import NoiseCurve
 from tofmix.wording import counted

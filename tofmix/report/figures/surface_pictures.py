@@ -10,8 +10,7 @@ from scipy.ndimage import binary_dilation
 
 from tofmix.arrays import BoolArray
 from tofmix.layers import Layers
-from tofmix.report.figures.picture import Picture, kinds_picture, range_picture
-from tofmix.report.figures.rasters import MARK
+from tofmix.report.figures.picture import MARK, Picture, kinds_picture, range_picture
 from tofmix.surfaces.found import Edges, WindowSurfaces
 from tofmix.wording import counted
 

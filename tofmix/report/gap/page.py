@@ -2,8 +2,7 @@
 
 from importlib import import_module
 
-from tofmix.reconciliation.found import TriedEffect
-from tofmix.reconciliation.ledger import set_text
+from tofmix.reconciliation.found import TriedEffect, set_text
 from tofmix.reconciliation.words import closed_text, effect_tables, effect_text, headline, in_words, p_text, where_text
 from tofmix.reconciliation.workflow import NamedEffect, Reconciliation
 from tofmix.report.page.templates import load_template

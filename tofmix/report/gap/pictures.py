@@ -18,8 +18,6 @@ from tofmix.report.theme import Theme
 if TYPE_CHECKING:
     from tofmix.reconciliation.comparison.compare import Compared
 
-_MOST = 6  # curves that have a picture; the rest are named
-_MANY = 40  # bins: no marker for each
 _IN_MM = ("bias", "trend", "common_mode")
 _COUNTED = ("row", "col", "surface", "surfaces_in_pixel", "frame")
 _MEANINGS = {
@@ -35,7 +33,6 @@ _MEANINGS = {
     "memory": "correlation",
     "neighbour_correlation": "correlation",
 }
-_WIDTH = 5.0  # in
 _LABEL = 28  # characters of a line beside an axis: a longer one reaches the legend
 
 
@@ -46,8 +43,9 @@ def curve_pictures(result: Reconciliation) -> list[Picture]:
     drawable = [c for c in v.before.curves if c.dof > 1 and not c.statistic.endswith("pattern")]
     named = {(p.statistic, p.axis, p.recording): number for number, p in reversed(list(enumerate(result.where)))}
     ranked = sorted(drawable, key=lambda c: (named.get(c.name, len(named)), -c.z))
-    top = ranked[:_MOST]
-    for curve in ranked[_MOST:]:
+    most = 6  # curves that have a picture; the rest are named
+    top = ranked[:most]
+    for curve in ranked[most:]:
         if curve.statistic not in {c.statistic for c in top} and (curve.value != 0).any():
             top.append(curve)
     several = len(result.models) > 1
@@ -70,7 +68,8 @@ def _axis(curve: Curve) -> str:
 
 def _curve(before: Curve, after: Curve | None, names: list[str]) -> Callable[[Theme], Figure]:
     def draw(theme: Theme) -> Figure:
-        figure = Figure(figsize=(_WIDTH, 2.9), layout="constrained")
+        width = 5.0  # in
+        figure = Figure(figsize=(width, 2.9), layout="constrained")
         axes = figure.add_subplot()
         axes.grid(visible=True)
         axes.set_axisbelow(True)
@@ -110,7 +109,8 @@ def _steps(axes: Axes, curve: Curve, scale: FloatArray, *, color: str, label: st
     if (curve.lower == curve.upper).all():
         axes.plot(middle, value, color=color, label=label, linestyle="none", marker="o", markersize=2.5)
         return
-    if curve.dof > _MANY:
+    many = 40  # bins: no marker for each
+    if curve.dof > many:
         axes.plot(middle, value, color=color, label=label, linewidth=0.8)
         return
     axes.hlines(value, curve.lower, curve.upper, color=color, linewidth=1.5)

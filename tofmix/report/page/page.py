@@ -10,13 +10,12 @@ from dataclasses import replace
 from importlib import import_module
 
 from tofmix.errors import UsageError
-from tofmix.layers import Provenance
+from tofmix.layers import LayersSource, Provenance
 from tofmix.optics.projection import projection_values
 from tofmix.recording import SampleSource
 from tofmix.report.averaging import AveragedImage, average_window
 from tofmix.report.page.templates import load_template, read_part
 from tofmix.report.pixels.single_pixels import SinglePixels, single_pixels
-from tofmix.report.sources import LayersSource
 from tofmix.report.summary.summary import Summary, noise_of, summarise
 from tofmix.report.summary.tables import ordinal
 from tofmix.sensor import Sensor
@@ -69,7 +68,7 @@ def render_page(
     averaged = average_window(layers_file, window, layers, recording)
     summary = summary or summarise(layers_file)
     pictures = import_module("tofmix.report.figures.pictures")
-    rasters = import_module("tofmix.report.figures.rasters")
+    rasters = import_module("tofmix.report.figures.picture")
     sensor = replace(provenance.sensor, noise=noise_of(provenance), range_step_mm=None)
     scale: tuple[float, float] = pictures.range_scale(layers, averaged, sensor)
     explorer = import_module("tofmix.report.explorer.explorer").make_explorer(

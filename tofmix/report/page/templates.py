@@ -28,7 +28,7 @@ def load_template(name: str) -> "Template":
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    colours = import_module("tofmix.report.figures.rasters").style_colours()
+    colours = import_module("tofmix.report.figures.picture").style_colours()
     environment.globals.update(colours, number=partial(number, missing=_MISSING_NUMBER), percent_of=percent_of)
     template: Template = environment.get_template(name)
     return template

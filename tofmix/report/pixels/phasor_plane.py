@@ -1,7 +1,7 @@
 """A pixel of a lock-in camera in the complex plane: its samples, its neighbours, and the surfaces it was unmixed to.
 
 Use `read_around` for the samples and `phasor_plane` for the data of the figure. Drawing is left to
-`tofmix.report.pixels.phasor_figure`.
+`tofmix.report.pixels.pixel_figures`.
 """
 
 import cmath
@@ -16,14 +16,11 @@ from tofmix.flags import Mixing
 from tofmix.layers import Layers
 from tofmix.recording import SampleSource, amplitude_source
 from tofmix.sensor import Sensor
-from tofmix.unmixing.image import ComplexArray
-from tofmix.unmixing.phasors import FIELDS, mean_phasors, phase_scale_mm
+from tofmix.unmixing.image import FIELDS, ComplexArray, mean_phasors, phase_scale_mm
 
 REACH = 3
 """Neighbours are shown up to so many pixels from the pixel, by row and by column: unmixing looks as far."""
 
-_SAME_SURFACE = 0.03
-"""Part of a layer's range within which a neighbour's range is of the same surface."""
 
 _REAL, _IMAGINARY, _VARIANCE_REAL, _VARIANCE_IMAGINARY, _COVARIANCE, _SAMPLES = (
     FIELDS.index(name) for name in ("real", "imaginary", "variance_real", "variance_imaginary", "covariance", "samples")
@@ -182,8 +179,9 @@ def _ends(
         gap = np.minimum(gap % length_mm, length_mm - gap % length_mm)
     nearest = gap.argmin(axis=1) if count and range_mm.size else np.zeros(range_mm.size, np.int64)
     ends = []
+    same_surface = 0.03  # part of a layer's range within which a neighbour's range is of the same surface
     for k in range(count):
-        same = (nearest == k) & (gap[:, k] <= _SAME_SURFACE * of_layers[k])
+        same = (nearest == k) & (gap[:, k] <= same_surface * of_layers[k])
         ends.append(
             PhasorEnd(
                 share=float(layers.weight[(*pixel, k)]),

@@ -16,8 +16,6 @@ from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.report.pixels.pixels import drifts
 from tofmix.report.summary.quantiles import Quantiles, spread_of
 
-_FRAMES_A_BLOCK = 256  # frames that are read at once
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SinglePixels:
@@ -139,10 +137,11 @@ def _samples(recording: SampleSource, pixels: IntArray, frames: slice, step: int
     band = max(1, recording.row_step)
     kept = np.arange(frames.start, frames.stop, step)
     out = np.full((len(pixels), len(kept)), np.nan)
+    frames_a_block = 256  # frames that are read at once
     for top in sorted({int(row) // band * band for row in pixels // cols}):
         here = (pixels // cols >= top) & (pixels // cols < top + band)
-        for first in range(frames.start, frames.stop, _FRAMES_A_BLOCK):
-            last = min(first + _FRAMES_A_BLOCK, frames.stop)
+        for first in range(frames.start, frames.stop, frames_a_block):
+            last = min(first + frames_a_block, frames.stop)
             wanted = (kept >= first) & (kept < last)
             if not wanted.any():
                 continue

@@ -10,9 +10,8 @@ from tofmix.arrays import BoolArray, ByteArray, Float32Array
 from tofmix.flags import Status
 from tofmix.lost_samples import learn_losses
 from tofmix.recording import SampleSource, amplitude_source
-from tofmix.report.summary.findings import Finding
+from tofmix.report.summary.findings import DEFAULT_THRESHOLDS, Finding, Thresholds
 from tofmix.report.summary.quantiles import Quantiles, ValueCounts, spread_of
-from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from tofmix.wording import counted
 
 Cause = Callable[[BoolArray], str]

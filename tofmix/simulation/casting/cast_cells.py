@@ -22,11 +22,11 @@ from tofmix.simulation.casting.cast_kernel import (
     SHIFT_DOWN,
     SMOOTH_BEAMS,
     SUBCELLS,
+    SceneArrays,
     add,
     judge,
     nearest,
 )
-from tofmix.simulation.casting.scene import SceneArrays
 
 BULGE = 1.01
 """A part of a cell reaches at most this much farther from its centre than its corners: 1 / 32 of the pixel's bend."""

@@ -16,19 +16,10 @@ from tofmix.optics.projection import Projection, cell_nodes, pixel_extent_rad
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.casting.cast import SeenSurfaces, cast_scene, sift, truth_of
 from tofmix.simulation.casting.cast_cells import BULGE
+from tofmix.simulation.casting.cast_kernel import scene_arrays
 from tofmix.simulation.casting.polygon_kernel import cast_polygons
-from tofmix.simulation.casting.scene import scene_arrays
+from tofmix.simulation.events import Truth
 from tofmix.simulation.model import Model
-from tofmix.simulation.truth import Truth
-
-_BEAMS = 8  # a side of a pixel, for the moments of its directions: as `cast` has them
-_STRAIGHT_RAD = 0.013
-"""A part of a cell up to which an edge that is bent by the projection passes for straight: to 0.0005 of its area."""
-
-_COARSE_RAD = 0.05
-"""Extent of a pixel beyond which second moments describe its directions too roughly: its beams are cast one by one."""
-
-_AT_ONCE = 4_000_000  # numbers that a cast holds
 
 
 class _Cells(NamedTuple):
@@ -53,7 +44,10 @@ class PolygonCaster:
     """
 
     def __init__(self, sensor: CompleteCamera) -> None:
-        self._coarse = float(pixel_extent_rad(sensor.optics, sensor.shape).max()) > _COARSE_RAD
+        # Extent of a pixel beyond which second moments describe its directions too roughly: its beams are cast one by
+        # one.
+        coarse_rad = 0.05
+        self._coarse = float(pixel_extent_rad(sensor.optics, sensor.shape).max()) > coarse_rad
         self._cells = _cells(sensor.optics, sensor.shape)  # type: ignore[arg-type]  # a frozen dataclass
 
     def cast(self, model: Model) -> Truth:
@@ -61,7 +55,8 @@ class PolygonCaster:
         if self._coarse or model.scene is not None:
             return cast_scene(model)
         scene, count = scene_arrays(model), max(1, len(model.surfaces))
-        step, cells, found = max(1, _AT_ONCE // (3 * count)), self._cells, []
+        at_once = 4_000_000  # numbers that a cast holds
+        step, cells, found = max(1, at_once // (3 * count)), self._cells, []
         for start in range(0, len(cells.radii), step):
             own = slice(start, start + step)
             sums = np.zeros((len(cells.radii[own]), len(model.surfaces), 3))
@@ -92,13 +87,15 @@ def _cells(optics: Projection, shape: tuple[int, int]) -> _Cells:
     centres = np.ascontiguousarray(directions[:, 1, 1])
     chord = np.linalg.norm(directions - centres[:, None, None], axis=-1).reshape(len(centres), 9)
     even = isinstance(optics, Equiangular)
+    # A part of a cell up to which an edge that is bent by the projection passes for straight: to 0.0005 of its area.
+    straight_rad = 0.013
     return _Cells(
         patches,
         centres,
         BULGE * chord.max(axis=1),
         *_moments(patches, even=even),
         _weights(patches, even=even),
-        max(1, math.ceil(float(pixel_extent_rad(optics, shape).max()) / _STRAIGHT_RAD)),
+        max(1, math.ceil(float(pixel_extent_rad(optics, shape).max()) / straight_rad)),
     )
 
 
@@ -132,7 +129,8 @@ def _moments(patches: FloatArray, *, even: bool) -> tuple[FloatArray, FloatArray
     """Mean (pixel, 3) and covariance (pixel, 3, 3) of the directions in each cell."""
     total, first, second = np.zeros(len(patches)), np.zeros((len(patches), 3)), np.zeros((len(patches), 3, 3))
     middle = _at(patches, 0.5, 0.5)[0]
-    places = (np.arange(_BEAMS) + 0.5) / _BEAMS
+    beams = 8  # a side of a pixel, for the moments of its directions: as `cast` has them
+    places = (np.arange(beams) + 0.5) / beams
     for v in places:
         for u in places:
             directions, angle = _at(patches, float(u), float(v))

@@ -1,7 +1,7 @@
 """Kernels that cut a pixel's cell along the edges of surfaces: shares and mean ranges as areas, without beams.
 
 They validate nothing; call `tofmix.simulation.casting.polygon_cast`. Places (u, v) run
-across and down a cell, from 0 to 1. A condition of `tofmix.simulation.casting.scene` is a
+across and down a cell, from 0 to 1. A condition of `tofmix.simulation.casting.cast_kernel` is a
 polynomial of second degree in u and in v there, and the part of a cell that fulfils it is
 cut with straight lines between its places on the sides of the polygon.
 """
@@ -14,15 +14,13 @@ import numpy as np
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.optics.cells import patch_ray
-from tofmix.simulation.casting.cast_kernel import MIXED, TIE, judge
-from tofmix.simulation.casting.scene import SceneArrays
+from tofmix.simulation.casting.cast_kernel import MIXED, TIE, SceneArrays, judge
 
 MOST_IN_FRONT = 6
 """Surfaces that may hide parts of one surface in one part of a cell; the subsets of more are too many."""
 
 _CONDITIONS = 5  # of a surface: four edges and the range
 _CORNERS = 2 * (4 + (_CONDITIONS + 1) * (MOST_IN_FRONT + 1))  # a cut adds one; two where an edge is bent
-_ROUND_PARTS = 6  # times as many parts a side, where a circle crosses the cell
 _STEP = 0.25  # of a cell, for slopes of the cosine
 
 
@@ -335,7 +333,8 @@ def _cast_mixed(
 ) -> int:
     """A cell that an edge crosses, part by part. Returns 1 where too many surfaces are before one, else 0."""
     if _find_conditions(patch, scene, centre, radius, seen, n_seen, scratch):
-        parts *= _ROUND_PARTS
+        round_parts = 6  # times as many parts a side, where a circle crosses the cell
+        parts *= round_parts
     crowded = 0
     for k in range(n_seen):
         for m in range(6):

@@ -5,7 +5,7 @@ import pytest
 from support.learnt_pixels import KNOWN, LOW_MM, TOP_MM, surfaces
 
 from tofmix.arrays import Float32Array, FloatArray
-from tofmix.estimation.noise.pair_differences import sigma_from_differences
+from tofmix.estimation.noise.series import sigma_from_differences
 
 
 def _sigma(samples: FloatArray) -> float:

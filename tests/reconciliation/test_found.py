@@ -2,7 +2,7 @@
 
 import pytest
 
-from tofmix.reconciliation.ledger import Ledger, WeighedSet, set_text
+from tofmix.reconciliation.found import Ledger, WeighedSet, set_text
 
 WALL = ("surface_pose", "wall")
 OFFSET = ("range_offset", "")

@@ -6,7 +6,7 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import norm
 
 from tofmix.arrays import Float32Array, FloatArray
-from tofmix.reconciliation.comparison.information import Scored, gain, information
+from tofmix.reconciliation.comparison.compare import Scored, gain, information
 from tofmix.reconciliation.comparison.panel import Axis
 
 FRAMES, ROWS, COLS = 80, 16, 20

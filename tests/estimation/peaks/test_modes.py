@@ -13,9 +13,8 @@ from support.sizes import sized
 from tofmix.circle import circular_noise, fold
 from tofmix.estimation.beam import beam_of, sigma_at
 from tofmix.estimation.peaks.counters import Kde
-from tofmix.estimation.peaks.density import density
 from tofmix.estimation.peaks.incremental import IncrementalDensity
-from tofmix.estimation.peaks.modes import find_modes
+from tofmix.estimation.peaks.modes import density, find_modes
 from tofmix.estimation.samples import sort_samples
 from tofmix.estimation.unrolling import unroll
 from tofmix.sensor import NoiseCurve, Sensor
