@@ -33,6 +33,7 @@ from tofmix.simulation.effects.search import (
 from tofmix.simulation.surface import Surface, tilts_to
 
 _PASSES, _FAR = 12, 6.0  # of a fit; largest residual of a pixel, in medians of the residuals
+_HALF_CELL_MM = 0.5  # samples are whole mm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -284,8 +285,7 @@ def _nearer(seen_by: Sequence[RecordingView], low_mm: float, high_mm: float) -> 
     if not near.size:
         return None
     middle = float(np.median(near))
-    half_cell_mm = 0.5  # samples are whole mm
-    return near.size / sum(counts), middle, max(float(np.median(np.abs(near - middle))), half_cell_mm)
+    return near.size / sum(counts), middle, max(float(np.median(np.abs(near - middle))), _HALF_CELL_MM)
 
 
 def _before_the_scene(view: RecordingView, low_mm: float, high_mm: float) -> tuple[int, FloatArray]:
