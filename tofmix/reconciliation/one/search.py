@@ -258,7 +258,7 @@ def closed(found: FoundSets, about: Callable[[FittedSet], About]) -> None:
 
 
 def _from_fitted(found: FoundSets, proposals: Iterable[Proposal]) -> Iterator[Proposal]:
-    """Proposals about one set, each told from the fitted set of one member fewer that tells it best.
+    """Proposals about one set, none higher than a fitted set of one member fewer lets it be.
 
     What a member changes is predicted better than what a whole set does.
     """
@@ -275,4 +275,4 @@ def _from_fitted(found: FoundSets, proposals: Iterable[Proposal]) -> Iterator[Pr
                 off = max(nearest[t].predicted - top, 0.0)  # what was predicted too high another member may bring
                 slack = INEXACT * abs(gain) + s.below_top_nats + off
                 told.append(replace(p, predicted=top + gain, slack=slack, near=(p.near[0], top + gain)))
-        yield min(told, key=lambda one: one.slack)
+        yield min(told, key=lambda one: one.predicted + one.slack)
