@@ -185,9 +185,10 @@ def test_zones_with_targets_are_arranged_by_the_shape(tmp_path: Path) -> None:
     values = np.random.default_rng(1).integers(500, 900, (7, 20, 3))
     np.save(tmp_path / "a.npy", values)
     expected = np.moveaxis(values.reshape(7, 4, 5, 3), -1, 1)
-    np.testing.assert_array_equal(depths(tmp_path / "a.npy", shape=(4, 5)), expected)
     np.save(tmp_path / "b.npy", np.moveaxis(values, 1, 2))
-    np.testing.assert_array_equal(depths(tmp_path / "b.npy", shape=(4, 5), axes="frame,target,zone"), expected)
+    for name, axes in (("a.npy", ""), ("b.npy", "frame,target,zone")):
+        _, frames = read_source(tmp_path / name, shape=(4, 5), axes=axes)
+        np.testing.assert_array_equal([frame.depth for frame in frames], expected)
 
 
 def write_png(path: Path, image: NDArray[Any], text: str = "") -> None:

@@ -13,7 +13,7 @@ from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.bounce import one_bounce, sees
-from tofmix.simulation.effects.parameter import Prior, StudentPrior, about, number, surface
+from tofmix.simulation.effects.parameter import Prior, StudentPrior, UniformPrior, about, number, surface
 from tofmix.simulation.effects.parameter import surface as another
 from tofmix.simulation.effects.search import (
     EFFECT_NATS,
@@ -127,6 +127,7 @@ class Multipath(Effect):
         low=0,
         high=1,
         default=0,
+        prior=UniformPrior(low=0, high=1),
     )
 
     def __post_init__(self) -> None:
