@@ -186,8 +186,8 @@ def test_zones_with_targets_are_arranged_by_the_shape(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", values)
     expected = np.moveaxis(values.reshape(7, 4, 5, 3), -1, 1)
     np.save(tmp_path / "b.npy", np.moveaxis(values, 1, 2))
-    for name, axes in (("a.npy", ""), ("b.npy", "frame,target,zone")):
-        _, frames = read_source(tmp_path / name, shape=(4, 5), axes=axes)
+    for name, request in (("a.npy", {}), ("b.npy", {"axes": "frame,target,zone"})):
+        _, frames = read_source(tmp_path / name, shape=(4, 5), **request)
         np.testing.assert_array_equal([frame.depth for frame in frames], expected)
 
 
