@@ -8,7 +8,7 @@ from support.reconcile_errors import in_errors, scene
 from support.recordings import MAKE, reconciled, recorded
 
 from tofmix.reconciliation.parameters.standard_errors import numeric
-from tofmix.reconciliation.settings import Settings
+from tofmix.reconciliation.settings import KINDS, Settings
 from tofmix.reconciliation.words import headline
 from tofmix.reconciliation.workflow import Reconciliation, reconcile
 from tofmix.simulation.effects import Effect
@@ -106,19 +106,27 @@ def test_offset_is_named_and_no_other_effect_if_poses_are_nearly_right(model: Mo
     assert headline(result).endswith("within --tolerance, which the errors exclude.")
 
 
+@pytest.mark.parametrize("shifts_mm", [(-0.5, 1.2, -2.0), (0.5, -1.2, 2.2)], ids=str)
+def test_poses_within_the_tolerance_agree_in_pixels_that_surfaces_share_too(
+    model: Model, shifts_mm: tuple[float, float, float]
+) -> None:
+    """There the samples of each surface are off by its own error: one bias for the pixel would not do."""
+    result = reconcile(_shifted(model, shifts_mm), recorded(model, seed=14), Settings(kinds=KINDS))
+    assert result.verified.verdict == "agree"
+
+
 @pytest.mark.slow
-def test_walk_that_follows_wrong_poses_cannot_be_told_from_offset_and_pose(model: Model) -> None:
+def test_walk_that_follows_wrong_poses_is_no_more_than_an_alias_of_the_offset(model: Model) -> None:
     """Surfaces are up to 2.9 mm from each other's places, and the tolerance is 1.6 mm.
 
-    A walk of two numbers follows the three places as an offset and one pose do: within a nat. One effect is named
-    before two, and the two stand beside it.
+    A walk of two numbers follows the three places better than an offset does, by less than tells them apart.
     """
     evidence = recorded(model, MAKE["range_offset"](offset_mm=7.0), seed=14)
     result = reconcile(
         _shifted(model, (0.63, -1.75, -2.23)), evidence, Settings(kinds=(*WITHOUT_POSES, "surface_pose"))
     )
     near = {tuple(kind for kind, _ in s.names) for s in result.added.considered if s.is_alias}
-    assert {tuple(named_kinds(result)), *near} == {("amplitude_walk",), ("range_offset", "surface_pose")}
+    assert {("amplitude_walk",), ("range_offset",)} <= {tuple(named_kinds(result)), *near}
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.special import expit, ndtri
@@ -104,6 +104,16 @@ Part = tuple[IntArray, IntArray]
 """Frames and pixels."""
 
 
+class SurfaceShifts(NamedTuple):
+    """How far the surfaces that share pixels are from their places in the model."""
+
+    pixels: IntArray
+    """(n,), the pixels."""
+
+    shift_mm: FloatArray
+    """(recording, surface + 1, n); the last row is 0, for what is no surface."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelState:
     """A model with effects, and with the latent states that were estimated for them.
@@ -127,6 +137,8 @@ class ModelState:
         the camera have the same width.
     errors : ReferenceErrors or None
         Errors of a measured scene; None if the scene is given.
+    shifts : SurfaceShifts or None
+        The model's own errors of surfaces in the pixels that they share; None without any.
     """
 
     effects: tuple[Effect, ...]
@@ -138,6 +150,7 @@ class ModelState:
     log_width: FloatArray
     log_width_error: FloatArray
     errors: ReferenceErrors | None = None
+    shifts: SurfaceShifts | None = None
 
     @property
     def linking(self) -> tuple[Effect, ...]:
@@ -244,16 +257,32 @@ class Likelihood:
         )
 
     def mixture(self, state: ModelState) -> Mixture:
-        """The prediction of the model and a state's effects, with the widths of pixels."""
+        """The prediction of the model and a state's effects, with the widths of pixels and shifts of surfaces."""
         mixture = self.scene.mixture(state.effects)
+        if state.shifts is not None:
+            mixture = self._shifted(mixture, state.shifts)
         return self._widened(mixture, state.log_width) if state.log_width.any() else mixture
 
     def _widened(self, mixture: Mixture, log_width: FloatArray) -> Mixture:
         """A mixture of all recordings with widths (recording, pixel)."""
+        return mixture.widened(log_width[self._recording_at(mixture)][:, None])
+
+    def _recording_at(self, mixture: Mixture) -> IntArray:
+        """Number of the recording of each time (time,) of a mixture of all."""
         times = np.zeros(len(mixture.sigma), dtype=np.int64)
         for number, frames in enumerate(self.evidence.recordings):
             times[int(mixture.key[frames].min()) :] = number
-        return mixture.widened(log_width[times][:, None])
+        return times
+
+    def _shifted(self, mixture: Mixture, shifts: SurfaceShifts) -> Mixture:
+        """A mixture of all recordings with surfaces shifted in the pixels that they share."""
+        surface = mixture.surface[:, :, shifts.pixels]
+        last = shifts.shift_mm.shape[1] - 1
+        row = np.where((surface >= 0) & (surface < last), surface, last)
+        own = np.take_along_axis(shifts.shift_mm[self._recording_at(mixture)], row, axis=1)
+        mean = mixture.mean.copy()
+        mean[:, :, shifts.pixels] += np.where(mixture.lit[:, :, shifts.pixels], own, 0.0)
+        return replace(mixture, mean=mean)
 
     def sums(
         self,

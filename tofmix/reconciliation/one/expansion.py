@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray
-from tofmix.reconciliation.likelihood.likelihood import ModelState
+from tofmix.reconciliation.likelihood.likelihood import ModelState, SurfaceShifts
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.one.recordings import SearchTask
 from tofmix.reconciliation.one.static_errors import LEAST_INFORMATION, StaticErrors
@@ -141,6 +141,8 @@ class Expansion:
         Covariance of the biases.
     widths : StaticErrors
         Covariance of the log widths, all recordings in one row.
+    shifts : SurfaceShifts or None
+        The model's errors of surfaces in pixels that they share.
     """
 
     task: SearchTask
@@ -150,6 +152,7 @@ class Expansion:
     measured_mm: FloatArray
     errors: StaticErrors
     widths: StaticErrors
+    shifts: SurfaceShifts | None
     _information: FloatArray  # of the biases by independent samples, 0 where they are not used
     _measured_width: FloatArray  # most likely log width of each pixel by its own samples
     _log_sigma: FloatArray  # of the model about which widths are expanded
@@ -218,8 +221,9 @@ class Expansion:
         widths = task.width_errors(2 * count / overstated_width(over))
         measured_width = _unbiased(state.log_width + _top(square, count), widths)
         log_width = widths.mean(measured_width).reshape(state.log_width.shape)
+        shifts = task.shifts(errors.coordinates_of_model(measured))
         if again and far.any():
-            near = replace(state, log_width=log_width)
+            near = replace(state, log_width=log_width, shifts=shifts)
             return cls.of(task, near, spreads, bias_mm, thin=thin, passes=passes, again=again - 1)
         return cls(
             task=task,
@@ -229,6 +233,7 @@ class Expansion:
             measured_mm=measured,
             errors=errors,
             widths=widths,
+            shifts=shifts,
             _information=information,
             _measured_width=measured_width,
             _log_sigma=log_sigma(task, mixture),
@@ -276,4 +281,4 @@ class Expansion:
         wide = self.widths.of_model(self._measured_width).reshape(self.log_width.shape)
         bias_mm = self.bias_mm - self.errors.of_model(self.measured_mm)
         squares = self.errors.square_of_model(self.measured_mm), self.widths.square_of_model(self._measured_width)
-        return replace(self, bias_mm=bias_mm, log_width=self.log_width - wide), 0.5 * sum(squares)
+        return replace(self, bias_mm=bias_mm, log_width=self.log_width - wide, shifts=None), 0.5 * sum(squares)

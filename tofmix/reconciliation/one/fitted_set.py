@@ -146,6 +146,7 @@ class FittedSet:
             stuck_mm=null.stuck_mm if self.stuck_mm is None else self.stuck_mm,
             disturbed=null.disturbed if self.disturbed is None else self.disturbed,
             log_width=null.log_width if self.about is None else self.about.log_width,
+            shifts=None if self.about is None else self.about.shifts,
         )
 
     @property

@@ -148,7 +148,7 @@ def refitted(s: FittedSet) -> tuple[ModelState, tuple[TriedEffect, ...]]:
         if not isinstance(kind.hidden, PixelBias):
             raise TypeError(f"{kind.kind} has no bias of a pixel")
         pattern = (kind.hidden.made(kind, spreads),)
-    bare = replace(s.state(), log_width=task.null.log_width)  # the model's own error of widths is no part of it
+    bare = replace(s.state(), log_width=task.null.log_width, shifts=None)  # the model's own errors are no part of it
     members = s.members()
     state = replace(bare, effects=(*members, *s.linked, *pattern))
     if not state.effects:
@@ -231,9 +231,10 @@ def _moved(task: SearchTask, state: ModelState, held: Part) -> tuple[ModelState,
     own = state.pixel_variance if state.errors is None else np.zeros_like(state.pixel_variance)  # taken off already
     errors = StaticErrors.of(task.low, known, like.evidence.image, more_variance=own)
     moved = errors.of_model(bias, most)
+    state = replace(state, shifts=task.shifts(errors.coordinates_of_model(bias, most)))
     if task.width_variance.any():
-        return state, _with_biases(task, mixture, moved)
-    wider = _log_width(task, state, _with_biases(task, mixture, moved), held, most * math.sqrt(0.5))
+        return state, _with_biases(task, like.mixture(state), moved)
+    wider = _log_width(task, state, _with_biases(task, like.mixture(state), moved), held, most * math.sqrt(0.5))
     near = replace(state, log_width=state.log_width + wider)
     return near, _with_biases(task, like.mixture(near), moved)
 

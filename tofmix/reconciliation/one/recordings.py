@@ -1,6 +1,7 @@
 """What all sets of effects of one search share: the recordings, the model as given, the laws, and the prices."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,7 +11,7 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.reconciliation.likelihood.hidden_fits import find_lattice
 from tofmix.reconciliation.likelihood.hidden_states import begin
 from tofmix.reconciliation.likelihood.joint import RecordingView, views
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, SurfaceShifts
 from tofmix.reconciliation.likelihood.memory import memory_of, one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.one.columns import TENTHS, ColumnMaker
@@ -96,7 +97,7 @@ class SearchTask:
         Pixels whose main component is light of a surface; those that also see only one surface.
     low : (k, recording, pixel) float64
         Errors of means that pixels have in common, mm, with unit priors: those of any model, of each surface a shift,
-        two tilts and a smooth error; and those of a measured scene.
+        two tilts and a smooth error, in pixels that see it alone; and those of a measured scene.
     own_variance_mm2 : (pixel,) float64
         Variance of the mean of each pixel in a measured scene; 0 where the scene is given.
     laws : tuple of Law
@@ -129,7 +130,8 @@ class SearchTask:
         mixtures = [r.view.mixture for r in self.recordings]
         self.lit: BoolArray = np.stack([m.of_main(m.lit).astype(bool) for m in mixtures])
         self.single: BoolArray = np.stack([one_surface(m) for m in mixtures]) & self.lit
-        self.low = np.concatenate([self._model_errors(), self._scene_errors()])
+        self._of_surfaces = list(self._model_errors())
+        self.low = np.concatenate([self._low_of_surfaces(), self._scene_errors()])
         self.own_variance_mm2 = self.recordings[0].scene.own_variance_mm2
         self.columns = ColumnMaker(likelihood, self.null, self.part)
         own = [EFFECTS[kind] for kind in settings.kinds]
@@ -167,25 +169,48 @@ class SearchTask:
         """Whether samples are lost beyond those that the model loses."""
         return bool((self.likelihood.evidence.samples == 0).mean() > self.mixture.invalid.mean())
 
-    def _model_errors(self) -> FloatArray:
+    def _model_errors(self) -> Iterator[tuple[int, int, FloatArray]]:
+        """The errors of each surface: its recording, its number, and their columns (k, pixel) over the image, mm."""
         rows, cols = self.likelihood.evidence.image
         row, col = np.divmod(np.arange(rows * cols), cols)
-        out: list[FloatArray] = []
-        for number, recording in enumerate(self.recordings):
+        for number, recording in enumerate(self.recordings if self.settings.tolerance else ()):
             m = recording.view.mixture
             sigma = m.of_main(m.sigma)
-            for surface in np.unique(recording.surface[self.lit[number]]):
-                own = self.lit[number] & (recording.surface == surface)
+            for surface in np.unique(recording.surface[self.single[number]]):
+                own = self.single[number] & (recording.surface == surface)
                 error = self.settings.tolerance * UNIFORM * float(np.median(sigma[own]))
                 u, v = across_surface(col, own), across_surface(row, own)
-                smooth = ((s, DISCREPANCY * error) for s in (u, v, *hats(u, v)))
-                for shape, size in ((np.ones(own.size), error), *smooth):
-                    column = np.zeros(self.lit.shape)
-                    column[number] = np.where(own, shape * size, 0.0)
-                    out.append(column)
-        if not out or not self.settings.tolerance:
-            return np.zeros((0, *self.lit.shape))
-        return np.stack(out)
+                smooth = [DISCREPANCY * error * s for s in (u, v, *hats(u, v))]
+                yield number, int(surface), np.stack([np.full(own.size, error), *smooth])
+
+    def _low_of_surfaces(self) -> FloatArray:
+        out = [np.zeros((0, *self.lit.shape))]
+        for number, surface, columns in self._of_surfaces:
+            own = np.zeros((len(columns), *self.lit.shape))
+            alone = self.single[number] & (self.recordings[number].surface == surface)
+            own[:, number] = np.where(alone, columns, 0.0)
+            out.append(own)
+        return np.concatenate(out)
+
+    def shifts(self, coordinates: FloatArray) -> SurfaceShifts | None:
+        """How far surfaces are off in the pixels that they share, by the errors that other pixels tell.
+
+        Parameters
+        ----------
+        coordinates : (k,) float64
+            Of the columns of `low`.
+        """
+        shared = np.flatnonzero((self.lit & ~self.single).any(axis=0))
+        if not shared.size or not self._of_surfaces:
+            return None
+        last = 1 + max(surface for _, surface, _ in self._of_surfaces)
+        shift = np.zeros((len(self.recordings), last + 1, shared.size))
+        place = 0
+        for number, surface, columns in self._of_surfaces:
+            own = coordinates[place : place + len(columns)]
+            shift[number, surface] = np.where(self.single[number, shared], 0.0, own @ columns[:, shared])
+            place += len(columns)
+        return SurfaceShifts(shared, shift)
 
     def _noise_errors(self) -> FloatArray:
         """Half of the variance is common to all surfaces, as of a curve that is wrong, and half is of each surface.

@@ -135,6 +135,10 @@ class StaticErrors:
         """The square of the posterior mean of the errors of the model alone, by their prior."""
         return float((self._coordinates(bias_mm)[: len(self.low)] ** 2).sum())
 
+    def coordinates_of_model(self, bias_mm: FloatArray, most: float = math.inf) -> FloatArray:
+        """Posterior mean (k,) of the columns of U, in sd of their priors, each of at most so many."""
+        return np.asarray(np.clip(self._coordinates(bias_mm)[: len(self.low)], -most, most))
+
     def _coordinates(self, bias_mm: FloatArray) -> FloatArray:
         """Posterior mean (k + lines,) of the columns of U and the lines, in standard deviations of their priors."""
         return np.asarray(cho_solve(self._root, self._pull(self._weigh(bias_mm[None]))[0], check_finite=False))
