@@ -30,7 +30,7 @@ def _named(wall: Model, effect: Effect) -> Interference:
 
 def test_forms_have_keys_of_their_own(make_task: MakeTask) -> None:
     always = [law.key for law in make_task(("interference",)).laws if law.named]
-    assert [*map(key_of_state, (BURSTS, BEAT)), *always] == [("interference", "", k) for k in (0, 1, 2)]
+    assert [*map(key_of_state, (BURSTS, BEAT)), *always] == [("interference", "", k) for k in (0, 1, 2, 3)]
 
 
 def test_a_kind_with_several_forms_counts_once_in_the_price(make_task: MakeTask) -> None:

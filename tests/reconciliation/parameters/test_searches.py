@@ -73,7 +73,7 @@ def test_noise_of_one_surface_is_searched_for_where_there_are_several(model: Mod
     found = [p.make(np.array(p.starts[0])) for p in problems("excess_noise", several, several.scene.mixture())]
     assert {getattr(e, "surface", None) for e in found} == {"", *several.scene.names}
     one = Likelihood(evidence, Scene(replace(model, surfaces=model.surfaces[-1:]), evidence.time_s))
-    whole, by_angle = problems("excess_noise", one, one.scene.mixture())
+    whole, by_angle, *_of_a_spot = problems("excess_noise", one, one.scene.mixture())
     assert whole.make(np.array(whole.starts[0])) == MAKE["excess_noise"](factor=0.9)
     assert by_angle.make(np.array(by_angle.starts[1])) == MAKE["excess_noise"](factor=1.0, angle_exponent=1.0)
     assert (by_angle.form, by_angle.price_nats) == ("by angle", EFFECT_NATS)

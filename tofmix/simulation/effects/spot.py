@@ -131,7 +131,8 @@ def measured_spots(facts: SearchFacts, added: FloatArray) -> list[tuple[float, F
         least, most = math.log(_SMALLEST), math.log(_FARTHEST / 2)  # within the bounds of a search
         lows = [-25.0, -_FARTHEST, -_FARTHEST, least, least, -3.0][: len(begun)]
         highs = [25.0, _FARTHEST, _FARTHEST, most, most, 3.0][: len(begun)]
-        end = least_squares(residual, begun, bounds=(lows, highs), loss="soft_l1", max_nfev=60)
+        start = np.clip(begun, np.nextafter(lows, 0), np.nextafter(highs, 0))  # least squares ask for it
+        end = least_squares(residual, start, bounds=(lows, highs), loss="soft_l1", max_nfev=60)
         found.append((math.exp(end.x[0]), np.asarray(end.x[1:5])))
     return found
 
