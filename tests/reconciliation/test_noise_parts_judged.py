@@ -99,7 +99,7 @@ def test_effect_with_all_noise_parts_is_found_with_its_number(small: Model, hidd
 
 @pytest.mark.xfail(
     reason="about one expansion of the samples, evidence over a factor on the noise has no top where widths are spread "
-    "and the shape is skewed: a fit leaves its start, and noise by the angle of incidence takes the place of the factor",
+    "and the shape is skewed: a fit leaves its start, and noise by the angle of incidence takes its place",
     strict=True,
 )
 @pytest.mark.slow
