@@ -258,12 +258,13 @@ class Expansion:
         slope = np.where(self.used, slope, 0.0)
         samples = float(value.sum())
         wider = log_sigma(self.task, mixture) - self._log_sigma
-        told = np.maximum(self._information * np.exp(-2 * wider), LEAST_INFORMATION)
+        factor = np.exp(-2 * wider)
+        told = np.maximum(self._information * factor, LEAST_INFORMATION)
         # far from the samples a pixel may have hardly been told its bias where it was expanded, and be told it here
         told = np.where(0.5 * slope**2 > FAR_NATS * told, np.maximum(told, now), told)
         step = slope / told
-        by_bias = float((slope * step).sum()) - self.errors.square(self.bias_mm + step) - self.errors.logdet
-        by_bias += 2 * float((self.used * wider).sum())  # a wider noise explains more of the biases, and less is told
+        errors = self.errors if (factor == 1.0).all() else self.errors.weighed(factor)
+        by_bias = float((slope * step).sum()) - errors.square(self.bias_mm + step) - errors.logdet
         return samples + 0.5 * (by_bias + self._by_width(wider)), samples
 
     def _by_width(self, wider: FloatArray) -> float:

@@ -87,25 +87,41 @@ class StaticErrors:
         """
         weight = np.where(information > LEAST_INFORMATION, information, 0.0)
         own = spreads.pixel_sigma_mm**2 + (np.zeros(weight.shape[1]) if more_variance is None else more_variance)
+        return cls._made(low, image, weight, own, spreads.column_sigma_mm, spreads.row_sigma_mm)
+
+    @classmethod
+    def _made(
+        cls,
+        low: FloatArray,
+        image: tuple[int, int],
+        weight: FloatArray,
+        own: FloatArray,
+        by_column_mm: float,
+        by_row_mm: float,
+    ) -> "StaticErrors":
         total = weight.sum(axis=0)
         shrink = 1.0 / (1.0 + own * total)
-        k, lines = len(low), (image[1] + image[0] if spreads.column_sigma_mm or spreads.row_sigma_mm else 0)
+        k, lines = len(low), (image[1] + image[0] if by_column_mm or by_row_mm else 0)
         small = np.eye(k + lines)
         weighed = _weighed(low, weight, own * shrink)
         small[:k, :k] += weighed.reshape(k, weight.size) @ low.reshape(k, weight.size).T
         if lines:
-            pulled = _line_sums(weighed.sum(axis=1), image, spreads.column_sigma_mm, spreads.row_sigma_mm)
+            pulled = _line_sums(weighed.sum(axis=1), image, by_column_mm, by_row_mm)
             small[:k, k:], small[k:, :k] = pulled, pulled.T
             grid = (total * shrink).reshape(image)
             c, r = slice(k, k + image[1]), slice(k + image[1], None)
-            small[c, c] += np.diag(grid.sum(axis=0) * spreads.column_sigma_mm**2)
-            small[r, r] += np.diag(grid.sum(axis=1) * spreads.row_sigma_mm**2)
-            small[r, c] = grid * spreads.column_sigma_mm * spreads.row_sigma_mm
+            small[c, c] += np.diag(grid.sum(axis=0) * by_column_mm**2)
+            small[r, r] += np.diag(grid.sum(axis=1) * by_row_mm**2)
+            small[r, c] = grid * by_column_mm * by_row_mm
             small[c, r] = small[r, c].T
         root = cho_factor(small, lower=True, check_finite=False)
         logdet = float(-np.log(shrink).sum() + 2 * np.log(np.diag(root[0])).sum())
-        return cls(
-            low, image, weight, own, spreads.column_sigma_mm, spreads.row_sigma_mm, logdet, _shrink=shrink, _root=root
+        return cls(low, image, weight, own, by_column_mm, by_row_mm, logdet, _shrink=shrink, _root=root)
+
+    def weighed(self, factor: FloatArray) -> "StaticErrors":
+        """The same errors with the information about each bias (recording, pixel) times a factor."""
+        return self._made(
+            self.low, self.image, self.weight * factor, self.own_variance, self.by_column_mm, self.by_row_mm
         )
 
     def products(self, vectors: FloatArray) -> FloatArray:
