@@ -97,11 +97,6 @@ def test_effect_with_all_noise_parts_is_found_with_its_number(small: Model, hidd
     assert named.parameters[name] == pytest.approx(getattr(hidden, name), abs=4 * named.stderr[name])
 
 
-@pytest.mark.xfail(
-    reason="about one expansion of the samples, evidence over a factor on the noise has no top where widths are spread "
-    "and the shape is skewed: a fit leaves its start, and noise by the angle of incidence takes its place",
-    strict=True,
-)
 @pytest.mark.slow
 def test_common_change_of_noise_does_not_change_the_widths(small: Model) -> None:
     has, factor = with_noise(small, **PARTS["all"]), 1.3

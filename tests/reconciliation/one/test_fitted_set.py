@@ -95,8 +95,7 @@ def test_errors_of_the_noise_are_integrated_out(make_task: MakeTask) -> None:
             inside = -0.5 * (scatter / variance + (len(samples) - 1) * np.log(variance)).sum()
             of_width.append(own.logpdf(middle - mixture.of_main(mixture.mean)) + inside - 0.5 * (width / sd) ** 2)
         values.append(logsumexp(of_width))
-    # the twelve errors of biases, found from the same samples, take twelve degrees of freedom of 4,800
-    assert found == pytest.approx(values[0] - values[1], rel=0.05)
+    assert found == pytest.approx(values[0] - values[1], rel=0.01)
 
 
 def test_a_memory_close_to_none_adds_little_more_than_its_gain(make_task: MakeTask) -> None:

@@ -258,7 +258,10 @@ class Likelihood:
 
     def mixture(self, state: ModelState) -> Mixture:
         """The prediction of the model and a state's effects, with the widths of pixels and shifts of surfaces."""
-        mixture = self.scene.mixture(state.effects)
+        return self.with_errors(self.scene.mixture(state.effects), state)
+
+    def with_errors(self, mixture: Mixture, state: ModelState) -> Mixture:
+        """What a state's effects predict, with its widths of pixels and its shifts of surfaces."""
         if state.shifts is not None:
             mixture = self._shifted(mixture, state.shifts)
         return self._widened(mixture, state.log_width) if state.log_width.any() else mixture

@@ -5,6 +5,9 @@ so that with the covariance C of the errors and N = 1 / I of the noise
 
     log p = sum(L + s^2 / 2 I) - b' (C + N)^-1 b / 2 - log |1 + N^-1 C| / 2.
 
+For other numbers of the effects, b0 follows: each pixel's most likely bias and width change by as much as its
+prediction does, so that the samples are taken about the errors that these numbers leave.
+
 The logarithms of the widths of the noise have errors of the same form, and are integrated out in the same way: those of
 the model within its tolerance, and those of single pixels of a camera whose widths are spread. If the squares of n
 samples about their own mean add up to S, L(w) = -n w - S exp(-2 w) / 2 has its top at log(S / n) / 2, with the
@@ -17,6 +20,7 @@ Rasmussen and Williams, Gaussian Processes for Machine Learning, section 3.4, fo
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -109,6 +113,15 @@ def log_sigma(task: SearchTask, mixture: Mixture) -> FloatArray:
     return np.stack([np.log(m.of_main(m.sigma)) for m in task.split(mixture)])
 
 
+def main_ranges(task: SearchTask, mixture: Mixture) -> FloatArray:
+    """Predicted range (recording, pixel) of the main components, mm, a mean over the times."""
+    out = []
+    for own in task.split(mixture):
+        ranges = np.take_along_axis(own.mean, own.main[None, None], axis=1)[:, 0]
+        out.append(ranges[0] + own.near_turn(ranges - ranges[0]).mean(axis=0))
+    return np.stack(out)
+
+
 def _top(square: FloatArray, count: FloatArray) -> FloatArray:
     """The log width at which samples with such a sum of squares are most likely; 0 where none tell it."""
     told = count > 0
@@ -154,6 +167,8 @@ class Expansion:
     widths: StaticErrors
     shifts: SurfaceShifts | None
     _information: FloatArray  # of the biases by independent samples, 0 where they are not used
+    _ranges: FloatArray  # mm, of the main components, that the effects predict
+    _own_log_sigma: FloatArray  # that the effects predict, without other widths
     _measured_width: FloatArray  # most likely log width of each pixel by its own samples
     _log_sigma: FloatArray  # of the model about which widths are expanded
     _mean_taken: FloatArray  # degrees of freedom of its samples that a pixel's own mean takes
@@ -189,7 +204,8 @@ class Expansion:
         again : int
             Most expansions about other log widths, where samples are too far for those of the start.
         """
-        mixture = task.likelihood.mixture(state)
+        predicted = task.likelihood.scene.mixture(state.effects)
+        mixture = task.likelihood.with_errors(predicted, state)
         over = overstated(task, state, mixture)
         image = task.likelihood.evidence.image
         for _ in range(passes):
@@ -235,6 +251,8 @@ class Expansion:
             widths=widths,
             shifts=shifts,
             _information=information,
+            _ranges=main_ranges(task, predicted),
+            _own_log_sigma=log_sigma(task, predicted),
             _measured_width=measured_width,
             _log_sigma=log_sigma(task, mixture),
             _mean_taken=mean_taken,
@@ -242,40 +260,58 @@ class Expansion:
             _square=square,
         )
 
-    def log_likelihood(self, state: ModelState, mixture: Mixture, *, thin: bool = False) -> tuple[float, float]:
-        """Log density of the samples with the errors integrated out, and the log-likelihood about the errors.
+    def followed(self, state: ModelState) -> "Followed":
+        """The samples' model for other numbers of the effects, about the errors that these numbers leave.
 
         Parameters
         ----------
         state : ModelState
-            With the log widths of this expansion.
-        mixture : Mixture
-            Its prediction.
+            With these effects; its own widths and shifts do not count.
+        """
+        task, like = self.task, self.task.likelihood
+        predicted = like.scene.mixture(state.effects)
+        moved = predicted.near_turn(main_ranges(task, predicted) - self._ranges)
+        measured = self.measured_mm - np.where(self.used, moved, 0.0)
+        by_effects = log_sigma(task, predicted) - self._own_log_sigma
+        log_width = self.widths.mean(self._measured_width - by_effects.reshape(1, -1)).reshape(by_effects.shape)
+        state = replace(state, log_width=log_width)
+        wider = log_sigma(task, like.with_errors(predicted, replace(state, shifts=None))) - self._log_sigma
+        errors = self.errors.weighed(np.exp(-2 * wider)) if wider.any() else self.errors
+        state = replace(state, shifts=task.shifts(errors.coordinates_of_model(measured)))
+        return Followed(state, like.with_errors(predicted, state), errors.mean(measured), wider, errors)
+
+    def log_likelihood(self, now: "Followed", *, thin: bool = False) -> tuple[float, float]:
+        """Log density of the samples with the errors integrated out, and the log-likelihood about the errors.
+
+        Parameters
+        ----------
+        now : Followed
+            The model.
         thin : bool
             Take every third frame for three.
         """
-        value, slope, now = pixel_sums(self.task, state, mixture, self.bias_mm, thin=thin)
+        value, slope, known = pixel_sums(self.task, now.state, now.mixture, now.bias_mm, thin=thin)
         slope = np.where(self.used, slope, 0.0)
         samples = float(value.sum())
-        wider = log_sigma(self.task, mixture) - self._log_sigma
-        factor = np.exp(-2 * wider)
-        told = np.maximum(self._information * factor, LEAST_INFORMATION)
+        told = np.maximum(self._information * np.exp(-2 * now.wider), LEAST_INFORMATION)
         # far from the samples a pixel may have hardly been told its bias where it was expanded, and be told it here
-        told = np.where(0.5 * slope**2 > FAR_NATS * told, np.maximum(told, now), told)
+        told = np.where(0.5 * slope**2 > FAR_NATS * told, np.maximum(told, known), told)
         step = slope / told
-        errors = self.errors if (factor == 1.0).all() else self.errors.weighed(factor)
-        by_bias = float((slope * step).sum()) - errors.square(self.bias_mm + step) - errors.logdet
-        return samples + 0.5 * (by_bias + self._by_width(wider)), samples
+        by_bias = float((slope * step).sum()) - now.errors.square(now.bias_mm + step) - now.errors.logdet
+        return samples + 0.5 * (by_bias + self._by_width(now)), samples
 
-    def _by_width(self, wider: FloatArray) -> float:
+    def _by_width(self, now: "Followed") -> float:
         """Twice the log density that is gained by log widths, where the noise is predicted wider.
 
         A pixel's mean has one density, of one degree of freedom, whatever memory takes from the squares about it.
         """
-        change = _top(self._square * np.exp(-2 * wider), self._count)
-        by_squares = self._count * (np.expm1(2 * change) - 2 * change)
-        gain = float((by_squares - 2 * np.maximum(self._mean_taken - 1.0, 0.0) * change).sum())
-        return gain - self.widths.square(_unbiased(self.log_width + change, self.widths)) - self.widths.logdet
+        square = self._square * np.exp(-2 * now.wider)
+        told = self._count > 0
+        off = np.where(told, square - self._count, 0.0)
+        step = off / (2 * np.where(told, self._count, 1.0))
+        gain = float(((off - 2 * np.maximum(self._mean_taken - 1.0, 0.0)) * step).sum())
+        width = (now.state.log_width + step).reshape(1, -1)
+        return gain - self.widths.square(width) - self.widths.logdet
 
     def without_model_errors(self) -> tuple["Expansion", float]:
         """The samples about biases and widths without the model's own errors, and what their priors cost, nats."""
@@ -283,3 +319,22 @@ class Expansion:
         bias_mm = self.bias_mm - self.errors.of_model(self.measured_mm)
         squares = self.errors.square_of_model(self.measured_mm), self.widths.square_of_model(self._measured_width)
         return replace(self, bias_mm=bias_mm, log_width=self.log_width - wide, shifts=None), 0.5 * sum(squares)
+
+
+class Followed(NamedTuple):
+    """A model, and the static errors that its numbers leave."""
+
+    state: ModelState
+    """With widths and shifts."""
+
+    mixture: Mixture
+    """Its prediction."""
+
+    bias_mm: FloatArray
+    """(recording, pixel), the biases about which samples are taken, mm."""
+
+    wider: FloatArray
+    """(recording, pixel), logarithm of the noise over that of the expansion."""
+
+    errors: StaticErrors
+    """Covariance of the biases for this noise."""

@@ -179,34 +179,36 @@ class FittedSet:
         """Log density of samples and side information, static errors integrated out; minus infinity out of bounds."""
         if self.about is None:
             raise TypeError("samples are not expanded yet")
-        like = self.task.likelihood
         try:
-            state = self.state(x)
+            now = self.about.followed(self.state(x))
         except (ValueError, OverflowError):
             return -math.inf
-        mixture = like.mixture(state)
-        total, samples = self.about.log_likelihood(state, mixture, thin=self._thin and not final)
-        total += self._of_scene(state, mixture)
+        total, samples = self.about.log_likelihood(now, thin=self._thin and not final)
+        total += self._of_scene(now.state, now.mixture, now.bias_mm)
         if final:
-            total += self._of_states(state, mixture, samples)
-        return total + like.side_log_density(state)
+            total += self._of_states(now.state, now.mixture, samples)
+        return total + self.task.likelihood.side_log_density(now.state)
 
-    def _of_scene(self, state: ModelState, mixture: Mixture) -> float:
+    def _of_scene(self, state: ModelState, mixture: Mixture, bias_mm: FloatArray) -> float:
         """Log density by the errors of a measured scene beside those of its means."""
         total = 0.0
         for recording in self.task.recordings:
             if recording.scene.lost_frames.any():
                 share = mixture.of_frames(recording.view.frames).invalid[0]
                 total += recording.scene.by_lost(recording.lost, recording.part[0].size, share)
-        return total + self.frame_gain(state, mixture)
+        return total + self.frame_gain(state, mixture, bias_mm)
 
-    def frame_gain(self, state: ModelState, mixture: Mixture) -> float:
-        """What the noise that frames of a measured scene share changes in the log-likelihood, nats."""
-        gains = (self._frame_gains(number, state, mixture) for number in range(len(self.task.recordings)))
+    def frame_gain(self, state: ModelState, mixture: Mixture, bias_mm: FloatArray | None = None) -> float:
+        """What the noise that frames of a measured scene share changes in the log-likelihood, nats.
+
+        `bias_mm` are the biases (recording, pixel) about which samples are taken, those of the set without it.
+        """
+        bias_mm = self.beta if bias_mm is None else bias_mm
+        gains = (self._frame_gains(k, state, mixture, bias_mm[k]) for k in range(len(self.task.recordings)))
         return float(sum(own.sum() for own in gains))
 
     def _frame_gains(
-        self, number: int, state: ModelState, mixture: Mixture, added: FloatArray | None = None
+        self, number: int, state: ModelState, mixture: Mixture, bias_mm: FloatArray, added: FloatArray | None = None
     ) -> FloatArray:
         """What the noise that a recording's frames share changes in the log-likelihood of each (frame,), nats.
 
@@ -216,7 +218,7 @@ class FittedSet:
         if not recording.scene.frame_noise_mm:
             return np.zeros(recording.part[0].size)
         task.passes += 1
-        sums = task.likelihood.sums(mixture, state, recording.part, bias=self.beta[number], variance=added)
+        sums = task.likelihood.sums(mixture, state, recording.part, bias=bias_mm, variance=added)
         own = sums.by_frame[recording.part[0]]
         return recording.scene.by_frames(own[:, 1], own[:, 2])
 
@@ -253,7 +255,7 @@ class FittedSet:
                 sums = like.sums(mixture, state, recording.part, bias=bias, variance=added)
                 pair[number] += sums.by_frame[:, 0]
                 unsure += (1 - number) * (sums.total - float(sums.by_frame[:, 0].sum()))
-                pair[number, recording.part[0]] += self._frame_gains(place, state, mixture, added)
+                pair[number, recording.part[0]] += self._frame_gains(place, state, mixture, bias, added)
         total, disturbed = forward(pair[0], pair[1], like.evidence.frame_number, state.bursts)
         return total + unsure, disturbed
 
