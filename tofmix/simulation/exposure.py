@@ -15,7 +15,7 @@ samples (memory, bursts of frames, neighbours) are declared by each effect and n
 import copy
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -165,6 +165,13 @@ class StillScene:
     lost: FloatArray | None = None
 
 
+class Caster(Protocol):
+    """Casts a scene time after time."""
+
+    def cast(self, time_s: float) -> Truth:
+        """Surfaces of each pixel at a time."""
+
+
 class Exposer:
     """Makes the frames of a model with effects, in any order, in any thread.
 
@@ -178,6 +185,8 @@ class Exposer:
         The recording's seed.
     n_frames : int
         Frames of the recording.
+    caster : Caster, optional
+        Casts the scene at other times, if surfaces move.
 
     Raises
     ------
@@ -185,7 +194,9 @@ class Exposer:
         If a surface moves out of bounds within the recording.
     """
 
-    def __init__(self, model: Model, truth: Truth, *, seed: int, n_frames: int) -> None:
+    def __init__(
+        self, model: Model, truth: Truth, *, seed: int, n_frames: int, caster: Caster | None = None
+    ) -> None:
         self._model = model
         self._seed = seed
         self._effects = tuple(effect for effect in model.acting() if effect.level is not Level.GEOMETRY)
@@ -196,7 +207,7 @@ class Exposer:
         self._shape = model.sensor.noise.shape
         self._width = drawn_widths(model.sensor, seed=seed)
         self._still = self._scene(truth, 0.0)
-        self._caster = MovingCaster(model) if model.moves else None
+        self._caster = (caster or MovingCaster(model)) if model.moves else None
         if self._caster is not None:
             model.placed(self._time(n_frames - 1))  # refused now, not after thousands of frames
 

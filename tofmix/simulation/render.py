@@ -28,7 +28,7 @@ from tofmix.simulation.events import (
     noisy_amplitude,
     stored_range,
 )
-from tofmix.simulation.exposure import Exposer, StillScene, check_averages, recorded_amplitude
+from tofmix.simulation.exposure import Caster, Exposer, StillScene, check_averages, recorded_amplitude
 from tofmix.simulation.model import Model
 
 
@@ -114,6 +114,7 @@ def render_blocks(
     averaged: bool = False,
     block_frames: int = 100,
     threads: int = 1,
+    caster: Caster | None = None,
 ) -> Iterator[FrameBlock]:
     """Render the frames of a cast scene in blocks.
 
@@ -136,6 +137,8 @@ def render_blocks(
         Most frames in a block, at least 1; memory is proportional to it.
     threads : int
         Frames rendered side by side, at least 1.
+    caster : Caster, optional
+        Casts the scene at other times, if surfaces move; then the blocks hold no true ranges.
 
     Returns
     -------
@@ -166,8 +169,8 @@ def render_blocks(
     if not model.effects and truth.lost is None:
         render = _independent(_averaged(model, truth, seed) if averaged else _single(model, truth, seed))
     else:
-        exposer = Exposer(model, truth, seed=seed, n_frames=n_frames)
-        layers = truth.range_true.shape[2] if model.moves else 0
+        exposer = Exposer(model, truth, seed=seed, n_frames=n_frames, caster=caster)
+        layers = truth.range_true.shape[2] if model.moves and caster is None else 0
         render = _independent(_averaged_with_effects(exposer)) if averaged else _with_effects(exposer)
     starts = range(0, n_frames, block_frames)
     blocks = (range(start, min(start + block_frames, n_frames)) for start in starts)

@@ -116,17 +116,18 @@ def test_poses_within_the_tolerance_agree_in_pixels_that_surfaces_share_too(
 
 
 @pytest.mark.slow
-def test_walk_that_follows_wrong_poses_is_no_more_than_an_alias_of_the_offset(model: Model) -> None:
+def test_walk_that_follows_wrong_poses_is_no_more_than_an_alias_of_what_is_true(model: Model) -> None:
     """Surfaces are up to 2.9 mm from each other's places, and the tolerance is 1.6 mm.
 
-    A walk of two numbers follows the three places better than an offset does, by less than tells them apart.
+    A walk of two numbers follows the three places better than an offset does. An offset with a pose is as likely.
     """
     evidence = recorded(model, MAKE["range_offset"](offset_mm=7.0), seed=14)
     result = reconcile(
         _shifted(model, (0.63, -1.75, -2.23)), evidence, Settings(kinds=(*WITHOUT_POSES, "surface_pose"))
     )
-    near = {tuple(kind for kind, _ in s.names) for s in result.added.considered if s.is_alias}
-    assert {("amplitude_walk",), ("range_offset",)} <= {tuple(named_kinds(result)), *near}
+    sets = [{kind for kind, _ in s.names} for s in result.added.considered if s.is_alias]
+    sets.append(set(named_kinds(result)))
+    assert any("range_offset" in s and s <= {"range_offset", "surface_pose"} for s in sets)
 
 
 @pytest.mark.slow

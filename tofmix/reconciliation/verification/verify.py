@@ -28,6 +28,7 @@ from tofmix.reconciliation.settings import Settings, fit_part, held_out
 from tofmix.reconciliation.verdict import VerdictData, judge, share_closed
 from tofmix.reconciliation.verification.contradictions import Contradiction, contradictions, smooth, tilted
 from tofmix.simulation.casting.cast import cast_scene
+from tofmix.simulation.casting.polygon_cast import MovingPolygons
 from tofmix.simulation.effects.base import Effect, with_hidden
 from tofmix.simulation.effects.hidden import PixelBias, PixelValue
 from tofmix.simulation.model import Model
@@ -342,6 +343,8 @@ def simulate_like(model: Model, frames: int, *, seed: int, begun: int = 0) -> ND
     """Samples (frame, pixel) of a model from frame `begun` on, as `Evidence` holds them."""
     pixels = model.sensor.rows * model.sensor.cols
     samples = np.empty((begun + frames, pixels), dtype=np.uint16)
-    for block in render_blocks(model, cast_scene(model), n_frames=begun + frames, seed=seed, threads=2):
+    caster = None if model.scene is not None else MovingPolygons(model)
+    truth = cast_scene(model)
+    for block in render_blocks(model, truth, n_frames=begun + frames, seed=seed, threads=2, caster=caster):
         samples[block.start : block.stop] = block.range_mm.reshape(-1, pixels)
     return samples[begun:]

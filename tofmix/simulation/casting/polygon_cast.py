@@ -5,6 +5,7 @@ Use it where a scene is fitted: shares are areas, which change evenly with a sur
 """
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -75,6 +76,23 @@ class PolygonCaster:
                 return cast_scene(model)
             found.append(sift(sums, start))
         return truth_of(model, SeenSurfaces(*(np.concatenate(values) for values in zip(*found, strict=True))))
+
+
+class MovingPolygons:
+    """Casts a scene in which some surfaces move, time after time, as `PolygonCaster` does.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self._model, self._caster = model, PolygonCaster(model.sensor)
+
+    def cast(self, time_s: float) -> Truth:
+        """Surfaces of each pixel at a time, with as many layers as they need."""
+        return self._caster.cast(replace(self._model, surfaces=self._model.placed(time_s), effects=()))
 
 
 @lru_cache(maxsize=2)
