@@ -194,9 +194,7 @@ class Exposer:
         If a surface moves out of bounds within the recording.
     """
 
-    def __init__(
-        self, model: Model, truth: Truth, *, seed: int, n_frames: int, caster: Caster | None = None
-    ) -> None:
+    def __init__(self, model: Model, truth: Truth, *, seed: int, n_frames: int, caster: Caster | None = None) -> None:
         self._model = model
         self._seed = seed
         self._effects = tuple(effect for effect in model.acting() if effect.level is not Level.GEOMETRY)

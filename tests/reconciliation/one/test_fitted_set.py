@@ -13,6 +13,7 @@ from support.search_tasks import MakeTask
 from tofmix.reconciliation.one.fitted_set import FittedSet
 from tofmix.reconciliation.one.recordings import SearchTask
 from tofmix.simulation.effects.hidden import PatternSpreads, PixelBias
+from tofmix.simulation.model import Model
 
 OFFSET = MAKE["range_offset"](offset_mm=4.0)
 
@@ -121,6 +122,25 @@ def test_density_with_a_memory_is_the_same_wherever_it_is_expanded(make_task: Ma
         values.append(s.log_likelihood(one, final=True))
     # a nat a pixel of each unit of log sigma would be 0.05 nats a pixel
     assert values[0] == pytest.approx(values[1], abs=0.004 * task.lit.size)
+
+
+@pytest.mark.parametrize("width_spread", [0.0, 0.2])
+def test_density_is_the_same_about_the_errors_of_any_noise(
+    make_task: MakeTask, wall: Model, width_spread: float
+) -> None:
+    """Errors that a model without the noise has stand a tenth off: the first expansion about them is as good."""
+    noise = MAKE["excess_noise"](factor=1.25)
+    model = replace(wall, sensor=replace(wall.sensor, noise=replace(wall.sensor.noise, width_spread=width_spread)))
+    task = make_task(("excess_noise",), noise, of=model)
+    law = next(law for law in task.laws if law.kind.kind == "excess_noise")
+    x = law.vector_of(noise)
+    s = replace(FittedSet.without_effects(task).fit(), laws=(law,), x=x)
+    values = []
+    for about in (x, x - 0.1, x + 0.1, x):
+        s.settle_errors(about)
+        values.append(s.log_likelihood(x))
+    # the factor that the information about each bias takes changes by a fifth, half a nat a unit of its logarithm
+    assert np.ptp(values) < 0.04 * task.lit.size
 
 
 def test_a_set_with_numbers_of_no_camera_is_refused(make_task: MakeTask) -> None:

@@ -67,6 +67,21 @@ def test_products_and_determinant_are_those_of_the_dense_covariance(
 
 
 @CASES
+def test_errors_beside_less_noise_are_those_made_with_its_information(
+    recordings: int, spreads: PatternSpreads, more: float
+) -> None:
+    rng = np.random.default_rng(8)
+    low, information = rng.normal(0, 2, (3, recordings, 12)), rng.uniform(0.05, 2.0, (recordings, 12))
+    factor, bias = rng.uniform(0.5, 3.0, (recordings, 12)), rng.normal(0, 5, (recordings, 12))
+    own = np.full(12, more)
+    found = StaticErrors.of(low, information, IMAGE, spreads, own).weighed(factor)
+    wanted = StaticErrors.of(low, information * factor, IMAGE, spreads, own)
+    assert found.logdet == pytest.approx(wanted.logdet, rel=1e-12)
+    np.testing.assert_allclose(found.mean(bias), wanted.mean(bias), rtol=1e-12)
+    assert found.square(bias) == pytest.approx(wanted.square(bias), rel=1e-12)
+
+
+@CASES
 def test_posterior_means_are_those_of_the_dense_covariance(
     recordings: int, spreads: PatternSpreads, more: float
 ) -> None:

@@ -18,7 +18,7 @@ from tofmix.sensors import CompleteCamera, load_profile
 from tofmix.simulation.casting import cast, cast_cells, cast_kernel
 from tofmix.simulation.casting.cast import MIN_SHARE, MovingCaster, cast_scene
 from tofmix.simulation.casting.cast_kernel import scene_arrays
-from tofmix.simulation.casting.polygon_cast import PolygonCaster
+from tofmix.simulation.casting.polygon_cast import MovingPolygons, PolygonCaster
 from tofmix.simulation.casting.polygon_kernel import MOST_IN_FRONT
 from tofmix.simulation.effects.base import Context
 from tofmix.simulation.events import Truth
@@ -384,6 +384,15 @@ def test_moving_surfaces_are_cast_as_still_ones_at_their_places() -> None:
         moved = caster.cast(time_s)
         np.testing.assert_array_equal(moved.range_true, still.range_true)
         np.testing.assert_array_equal(moved.weight_true, still.weight_true)
+
+
+@pytest.mark.usefixtures("kernel_casts")
+def test_moving_surfaces_cast_by_areas_are_those_cast_by_beams() -> None:
+    effect = MAKE["motion"](surface="right", velocity_mm_s=300.0)
+    model = Model(sensor=camera(), surfaces=BOARDS, effects=(effect,), recording=RecordingSettings(frames=3))
+    beams, areas = (caster(model).cast(0.7) for caster in (MovingCaster, MovingPolygons))
+    found, wanted = (dense(truth, len(BOARDS))[0] for truth in (areas, beams))
+    np.testing.assert_allclose(found, wanted, atol=0.01)
 
 
 @pytest.mark.usefixtures("kernel_casts")
