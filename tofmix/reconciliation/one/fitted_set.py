@@ -161,8 +161,8 @@ class FittedSet:
 
     # ---- value ---------------------------------------------------------------------------------------------------
     @property
-    def _thin(self) -> bool:
-        """Whether passes are slow: quantised samples that change in time."""
+    def thin(self) -> bool:
+        """Whether passes are slow, and take every third frame for three: quantised samples that change in time."""
         stepped = self.task.mixture.step > 0 or hidden_of(self.linked, RangeStep) is not None
         return stepped and (self.disturbed is not None or any(law.kind.changes_in_time for law in self.laws))
 
@@ -172,7 +172,7 @@ class FittedSet:
 
     def settle_errors(self, x: FloatArray | None = None, *, final: bool = False, passes: int = 2) -> None:
         """Expand the samples about the most likely static errors; ValueError out of bounds."""
-        thin = self._thin and not final
+        thin = self.thin and not final
         self.about = Expansion.of(self.task, self.state(x), self._spreads, self.beta, thin=thin, passes=passes)
 
     def log_likelihood(self, x: FloatArray, *, final: bool = False) -> float:
@@ -183,7 +183,7 @@ class FittedSet:
             now = self.about.followed(self.state(x))
         except (ValueError, OverflowError):
             return -math.inf
-        total, samples = self.about.log_likelihood(now, thin=self._thin and not final)
+        total, samples = self.about.log_likelihood(now, thin=self.thin and not final)
         total += self._of_scene(now.state, now.mixture, now.bias_mm)
         if final:
             total += self._of_states(now.state, now.mixture, samples)

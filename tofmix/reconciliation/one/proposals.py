@@ -523,27 +523,33 @@ def by_trial(base: FittedSet) -> Iterator[Proposal]:
     if base.about is None:
         raise TypeError("samples are not expanded yet")
     about, cost = base.about.without_model_errors()
-    rest = _total(base, base.linked, base.x, base.beta)
-    bases = [(base, rest), *([(replace(base, about=about), rest - cost)] if cost > _OCCAM else [])]
+    bases = [(base, 0.0), *([(replace(base, about=about), cost)] if cost > _OCCAM else [])]
     yield from _laws_by_trial(base, bases)
+    rest = _total(base, base.linked, base.x, base.beta)
     for kind in task.hidden:
         if (kind.kind, "") not in base.names | {(k, "") for k in task.given_kinds} and type(
             kind.hidden
         ) not in base.sorts:
             best: dict[frozenset[Key], Proposal] = {}
-            for p in (p for own, nats in bases for p in _of_hidden(own, kind, nats)):
+            for p in (p for own, cost in bases for p in _of_hidden(own, kind, rest - cost)):
                 if p.keys not in best or p.predicted > best[p.keys].predicted:
                     best[p.keys] = p
             yield from best.values()
 
 
 def _laws_by_trial(base: FittedSet, bases: Sequence[tuple[FittedSet, float]]) -> Iterator[Proposal]:
-    """The base with one more law that summaries do not show; `bases` are with and without the model's own errors."""
+    """The base with one more law that summaries do not show.
+
+    `bases` are with the model's own errors, and without, with what their priors cost.
+    """
     task = base.task
+    rest = _total(base, base.linked, base.x, base.beta, thin=base.thin)
     for law in task.laws:
         if law.forms or law.name in base.names or not law.named:
             continue
-        tried = [(found[1] - nats, found[0], own) for own, nats in bases if (found := _climbed(own, law)) is not None]
+        tried = [
+            (found[1] + cost - rest, found[0], own) for own, cost in bases if (found := _climbed(own, law)) is not None
+        ]
         gain, x, own = max(tried, key=lambda one: one[0], default=(0.0, base.x, base))
         if gain > 0:
             predicted = base.score + gain - _OCCAM * law.size - task.price_nats - law.price_nats
@@ -574,7 +580,13 @@ def _of_hidden(base: FittedSet, kind: type[Effect], rest: float) -> Iterator[Pro
 
 
 def _total(
-    base: FittedSet, linked: tuple[Effect, ...], x: FloatArray, beta: FloatArray, laws: tuple[Law, ...] | None = None
+    base: FittedSet,
+    linked: tuple[Effect, ...],
+    x: FloatArray,
+    beta: FloatArray,
+    laws: tuple[Law, ...] | None = None,
+    *,
+    thin: bool = False,
 ) -> float:
     """Log-likelihood of the samples about static errors, with other members; minus infinity out of bounds."""
     other = replace(base, linked=linked, x=x, laws=base.laws if laws is None else laws)
@@ -583,14 +595,15 @@ def _total(
     except (ValueError, OverflowError):
         return -math.inf
     mixture = base.task.likelihood.mixture(state)
-    return float(pixel_sums(base.task, state, mixture, beta)[0].sum())
+    return float(pixel_sums(base.task, state, mixture, beta, thin=thin)[0].sum())
 
 
 def _climbed(base: FittedSet, law: Law) -> tuple[FloatArray, float] | None:
     """The best start of a law's search on the samples, after a step along each number, and its log-likelihood."""
 
     def value(x: FloatArray) -> float:
-        return _total(base, base.linked, np.concatenate([base.x, x]), base.beta, (*base.laws, law))
+        whole = np.concatenate([base.x, x])
+        return _total(base, base.linked, whole, base.beta, (*base.laws, law), thin=base.thin)
 
     tried = [(np.array(start, dtype=np.float64), value(np.array(start))) for start in law.problem.starts]
     best = max(tried, key=lambda pair: pair[1], default=None)
