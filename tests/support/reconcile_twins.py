@@ -97,6 +97,7 @@ def log_likelihood(
     there = lower < upper
     lower, upper = np.where(there, lower, 0.0)[:, None], np.where(there, upper, 0.0)[:, None]
     turn = glows * np.rint((m - 0.5 * (lower + upper)) / period) * period if period > 0 else 0.0
+    w = np.where((period > 0) & glows & (lower >= period), 0.0, w)
     below, above = (lower + turn - m) / s, (upper + turn - m) / s
     gaussian = table[2].size == 0
     between = _between(below, above) if gaussian else _cdf_of(table)(above) - _cdf_of(table)(below)

@@ -267,6 +267,8 @@ def any_log_likelihood(  # noqa: C901  one pass, kept in one place
                         if extra_variance[t] > 0.0:
                             s = math.sqrt(s * s + extra_variance[t])
                         if period > 0.0:
+                            if lower >= period:
+                                continue  # beyond the fold is no phase
                             turn = np.rint((m - centre) / period) * period
                     precision = 1.0 / (s * s + (upper - lower) ** 2 / 12.0)
                     if table[2].size == 0:
