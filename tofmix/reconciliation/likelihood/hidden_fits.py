@@ -5,6 +5,7 @@ None if there is no evidence. The step of quantised samples is among them.
 """
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -249,13 +250,17 @@ def fit_pattern(
 def fit_spreads(found: PixelBiases, image: tuple[int, int]) -> tuple[PatternSpreads, PixelBiases] | None:
     """The spreads that are most likely for the pixels' biases and their noise, in an image of any size.
 
-    In a single row, the bias of a column is that of its pixel, and the bias of the row is an offset; likewise in a
-    single column. Then only the spread by pixel is fitted.
+    What all pixels have in common is an offset, and tells no spread. In a single row, the bias of a column is that of
+    its pixel, and the bias of the row is an offset; likewise in a single column. Then only the spread by pixel is
+    fitted.
     """
     use = found.information > 0
-    if use.sum() < _LEAST_DIFFERENT or not _beyond_chance(found, image):
+    if use.sum() < _LEAST_DIFFERENT:
         return None
-    size = max(float(np.median(np.abs(found.bias[use])) / 0.67), 1e-3)
+    apart = _apart(found)
+    if not _beyond_chance(apart, image):
+        return None
+    size = _size(apart.bias[use])
 
     def of(x: FloatArray) -> tuple[float, float, float]:
         fitted = [float(math.exp(min(max(v, -8.0), _MOST_LOG_MM))) for v in x]
@@ -263,7 +268,7 @@ def fit_spreads(found: PixelBiases, image: tuple[int, int]) -> tuple[PatternSpre
         return pixel, column, row
 
     def cost(x: FloatArray) -> float:
-        return -marginal_pattern(found, image, of(x))[0]
+        return -marginal_pattern(apart, image, of(x))[0]
 
     start = np.log(np.array([size, size * 0.3, size * 0.3])[: spreads_of(image)])
     simplex = np.vstack([start, start + 0.5 * np.eye(start.size)])
@@ -271,6 +276,20 @@ def fit_spreads(found: PixelBiases, image: tuple[int, int]) -> tuple[PatternSpre
     best = minimize(cost, start, method="Nelder-Mead", options=options)
     pixel, column, row = of(best.x)
     return PatternSpreads(pixel_sigma_mm=pixel, column_sigma_mm=column, row_sigma_mm=row), found
+
+
+def _size(bias_mm: FloatArray) -> float:
+    """Standard deviation of most biases about 0, mm."""
+    return max(float(np.median(np.abs(bias_mm)) / 0.67), 1e-3)
+
+
+def _apart(found: PixelBiases) -> PixelBiases:
+    """Biases without what they have in common, a mean of pixels that differ by noise and by their own biases."""
+    use = found.information > 0
+    around = found.bias[use] - np.median(found.bias[use])
+    weight = 1.0 / (1.0 / found.information[use] + _size(around) ** 2)
+    bias = np.where(use, found.bias - float((weight * found.bias[use]).sum() / weight.sum()), found.bias)
+    return replace(found, bias=bias, gain=0.5 * bias**2 * found.information)
 
 
 def _beyond_chance(found: PixelBiases, image: tuple[int, int]) -> bool:

@@ -258,7 +258,7 @@ def any_log_likelihood(  # noqa: C901  one pass, kept in one place
                 centre = 0.5 * (lower + upper)
                 for k in range(components):
                     w = weight[g, k, p]
-                    if w <= 0.0:
+                    if w <= 0.0 or (lit[g, k, p] and 0.0 < period <= lower):  # beyond the fold is no phase
                         continue
                     m, s = mean[g, k, p], sigma[g, k, p]
                     turn = 0.0
@@ -267,8 +267,6 @@ def any_log_likelihood(  # noqa: C901  one pass, kept in one place
                         if extra_variance[t] > 0.0:
                             s = math.sqrt(s * s + extra_variance[t])
                         if period > 0.0:
-                            if lower >= period:
-                                continue  # beyond the fold is no phase
                             turn = np.rint((m - centre) / period) * period
                     precision = 1.0 / (s * s + (upper - lower) ** 2 / 12.0)
                     if table[2].size == 0:
