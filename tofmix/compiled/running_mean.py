@@ -15,7 +15,6 @@ from tofmix.arrays import FloatArray, IntArray
 from tofmix.compiled.jit import jit
 
 _NOTHING = 1e-9  # density that is left of kernels that were taken away
-_BINS = 2.0  # bins of the density in a sigma
 _REACH = 6  # bins on either side of a sample that its kernel reaches
 _WIDE = 2.0  # largest changes: single surfaces keep their tails
 _NARROW = 0.5  # of the noise that differences give
@@ -135,7 +134,7 @@ def _align(out: FloatArray, m: int, sigma: float) -> tuple[float, float]:
         low[c] = out[c::m].min()
         span[c] = out[c::m].max() - low[c]
     most_bins = 20_000.0  # of all chains: an error of a sample may be as large as a range
-    step = max(sigma / _BINS, span.sum() * 2.0 / most_bins)
+    step = max(sigma / 2.0, span.sum() * 2.0 / most_bins)  # two bins of the density in a sigma
     bins = _new_bins(out, low, span, step, sigma)
     order = np.argsort(-span)  # chains of several surfaces come first
     place, best_place = np.zeros(m, dtype=np.int64), np.zeros(m, dtype=np.int64)

@@ -23,7 +23,6 @@ _ODDS_OF_PLANE = 100.0
 
 _WINDOWS = 10
 _LEAST_WINDOWS = 3
-_LEAST_MEMBERS = 10
 _LEAST_VARIANCE = 0.5
 """Least variance of the members' places across, square pixels: two columns (0.25) tell no curvature, three do."""
 MOST_NATS = 25.0
@@ -69,7 +68,8 @@ def _evidence(
     """
     at, owner = _windows(segment, numbers)
     members = members_around(view.shape, segment, at, segment[at], reach, own=True)
-    usable = ((members >= 0).sum(axis=1) >= _LEAST_MEMBERS) & (_narrowest(members, view.shape[1]) >= _LEAST_VARIANCE)
+    least = 10  # members
+    usable = ((members >= 0).sum(axis=1) >= least) & (_narrowest(members, view.shape[1]) >= _LEAST_VARIANCE)
     at, owner, members = at[usable], owner[usable], members[usable]
     if not at.size:
         return owner, np.zeros((len(trials), len(numbers)))

@@ -190,10 +190,6 @@ class Cpdf:
         return out
 
 
-GRID = 16
-"""Points of the grid to the shortest wavelength of the series."""
-
-
 @jit
 def _coefficients(angles: FloatArray, n: int, a: FloatArray, b: FloatArray) -> None:
     """a_j and b_j for j from 1, equation (3), of the angles of `n` samples."""
@@ -330,7 +326,7 @@ class Fourier:
     def peaks(self, samples: SortedSamples, beam: Beam) -> Peaks:
         """Find the peaks of each pixel; see `Peaks`."""
         out = no_peaks(len(samples.valid))
-        points = GRID * self.order
+        points = 16 * self.order  # sixteen to the shortest wavelength of the series
         phase = np.outer(-np.pi + 2.0 * np.pi * np.arange(points) / points, np.arange(1, self.order + 1))
         ends = beam.range_min, beam.range_top, SIGMAS_BEYOND * beam.sigma_max
         _fill_fourier(samples, ends, (np.cos(phase), np.sin(phase)), float(self.level), out)
