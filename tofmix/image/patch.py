@@ -30,7 +30,6 @@ BENT = 6
 STATE = BENT + 3
 """Numbers of a patch: those, and p, q, e."""
 
-_RIDGE = 1.0e-12
 _HEIGHT_MM, _SLOPE = 1e4, 2.0  # standard deviations of a, and of b and c, which pixels in one line leave open
 _SKEW, _CONIC = 0.5, 1.0
 """Standard deviations of p and q, and of e, in units of the size of the curvatures."""
@@ -391,7 +390,7 @@ def scaled_inverse(matrix: FloatArray) -> FloatArray:
     size = matrix.shape[-1]
     scale = 1.0 / np.sqrt(np.maximum(matrix[:, range(size), range(size)], np.finfo(float).tiny))
     scale = scale[:, :, np.newaxis] * scale[:, np.newaxis, :]
-    return np.asarray(np.linalg.inv(matrix * scale + _RIDGE * np.eye(size)) * scale)
+    return np.asarray(np.linalg.inv(matrix * scale + 1.0e-12 * np.eye(size)) * scale)
 
 
 def _without_outliers(residual: FloatArray, there: BoolArray) -> BoolArray:

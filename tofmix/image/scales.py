@@ -21,7 +21,6 @@ UNKNOWN = 3e-3, 1e-6
 _ODDS_OF_PLANE = 100.0
 """Prior odds that a surface is a plane: things are made of walls, and a few pixels of a board bend by chance."""
 
-_WINDOWS = 10
 _LEAST_WINDOWS = 3
 _LEAST_VARIANCE = 0.5
 """Least variance of the members' places across, square pixels: two columns (0.25) tell no curvature, three do."""
@@ -187,7 +186,7 @@ def _windows(segment: IntArray, numbers: IntArray) -> tuple[IntArray, IntArray]:
     found, owners = [], []
     for place, number in enumerate(numbers.tolist()):
         own = np.flatnonzero(segment == number)
-        chosen = own[draw.permutation(own.size)[:_WINDOWS]]
+        chosen = own[draw.permutation(own.size)[:10]]  # ten windows
         found.append(chosen)
         owners.append(np.full(chosen.size, place))
     if not found:

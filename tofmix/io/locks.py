@@ -258,6 +258,8 @@ def remove_unlocked(
 
 
 _PREFIX = "tofmix-scratch-"
+YOUNG_S = 60.0
+"""A folder may be this old and not locked yet."""
 
 
 @contextmanager
@@ -283,8 +285,7 @@ def scratch_folder() -> Iterator[Path]:
 def _clear(root: Path) -> None:
     """Remove folders of dead runs of this user."""
     for folder in root.glob(f"{_PREFIX}*"):
-        # s: a younger folder may not be locked yet
-        remove_unlocked(folder, stat.S_ISDIR, os.O_RDONLY | os.O_DIRECTORY, _remove, age_s=60.0)
+        remove_unlocked(folder, stat.S_ISDIR, os.O_RDONLY | os.O_DIRECTORY, _remove, age_s=YOUNG_S)
 
 
 def _remove(folder: Path) -> None:

@@ -50,14 +50,6 @@ DRAWS = 6000, 20_000
 DRAWS_IN_ALL = 120_000
 """Pixels drawn in all, within these bounds."""
 
-TAIL = 0.05
-"""Part of the gains that the tail is fitted to."""
-
-TAIL_OF_CLUMPS = 0.005
-"""The same where pixels have shares of background. Clumps of two, three or four of its samples have gains of their own:
-the tail is exponential from about one in 200 on. Fitted to a twentieth, the gain that one pixel in 1000 reaches was up
-to 2 nat too low."""
-
 SHARES = (0.0, 0.02, 0.1, 0.3, 0.6, 0.85)
 """Shares of background that are drawn where each pixel has a share."""
 
@@ -123,7 +115,10 @@ def calibrate(
     ]
     count = draws or min(max(DRAWS[0], DRAWS_IN_ALL // len(cells)), DRAWS[1])
     laws = noise.laws()
-    tail = TAIL if noise.background is None else TAIL_OF_CLUMPS
+    # Part of the gains that the tail is fitted to. Clumps of two to four samples of background have gains of their own:
+    # the tail is then exponential from about one in 200 on. Fitted to a twentieth, the gain that one pixel in 1000
+    # reaches was up to 2 nat too low.
+    tail = 0.05 if noise.background is None else 0.005
     draw = _Drawing(noise, beam, ranges_mm, pixel_effects, rounding_mm)
 
     def gains(cell: _Cell) -> FloatArray:

@@ -68,10 +68,6 @@ class Counter(Protocol):
         """Return the parameters by name."""
 
 
-LONE_SAMPLES = 1.0
-"""A maximum must hold more samples than this: one alone is no surface."""
-
-
 @jit
 def _count_below(samples: FloatArray, edges: FloatArray, below: FloatArray) -> None:
     """N P(b): samples at or below each edge."""
@@ -111,7 +107,7 @@ def _maxima(n: int, edges: FloatArray, ratio: float, rise: FloatArray, place: Fl
             middle = 0.5 * (edges[first] + edges[i])
             at = middle + 0.5 * max((ratio - 1.0) * middle, width)
             inside = rise[i] / min((ratio - 1.0) * middle / width, 1.0)
-            if inside > LONE_SAMPLES + rounding * n and count < len(place):
+            if inside > 1.0 + rounding * n and count < len(place):  # one sample alone is no surface
                 place[count], height[count] = at, inside / n
                 count += 1
             if rise[i] > best:

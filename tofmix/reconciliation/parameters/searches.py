@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray
+from tofmix.reconciliation.evidence import LEAST_PIXELS
 from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.memory import one_surface
@@ -137,7 +138,6 @@ def measured_pose(surface: Surface, beams: FloatArray, bias_mm: FloatArray, info
     )
 
 
-_LEAST_PIXELS = 12  # least pixels of a surface, for effects of this surface
 _GLANCE = 25  # frames for medians
 _COURSE_FRAMES, _COURSE_PIXELS = 100, 1000  # for the course in time: their medians are known to some 0.05 sigma
 _NOISE_FRAMES = 200  # for the noise from frame to frame, which is then known to some 5 %
@@ -186,7 +186,7 @@ def search_facts(likelihood: Likelihood, mixture: Mixture) -> SearchFacts:
     seen = []
     for surface in likelihood.scene.names:
         own = lit & (name == surface)
-        if own.sum() >= _LEAST_PIXELS:
+        if own.sum() >= LEAST_PIXELS:
             away = (median - mean)[own & ~np.isnan(median)]
             residual = float(np.median(away)) if away.size else 0.0
             typical = float(np.median(sigma[own]))
@@ -224,7 +224,7 @@ def _with_pose(seen: SurfaceFacts, seen_by: Sequence[RecordingView]) -> SurfaceF
     for view in seen_by:
         lit, _, mean, names, _, _, median = _main(view)
         own = lit & (names == seen.name) & ~np.isnan(median)
-        if own.sum() < _LEAST_PIXELS:
+        if own.sum() < LEAST_PIXELS:
             continue
         beams = view.scene.beams[own]
         known = np.full(int(own.sum()), _KNOWN_OF_MEDIAN * min(len(view.evidence.samples), _GLANCE) / seen.sigma_mm**2)
