@@ -126,7 +126,7 @@ def _scatter(log_light: FloatArray, inside: BoolArray, settings: BrightnessSetti
     return max(float(np.median(np.abs(off)) * median_deviation / np.sqrt(1.25)), settings.least_scatter)
 
 
-_PAIR = 2
+_PAIR = 2  # a surface and the one beside it
 
 
 class Areas(NamedTuple):
