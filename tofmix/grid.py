@@ -73,6 +73,9 @@ def plan_windows(n_frames: int, *, window: int | None = None, stride: int | None
     return Windows(length=length, stride=step, count=count, frames_left_out=n_frames - used)
 
 
+CELL_PIXELS = 4096
+"""Pixels of a cell, each window counted: a few 10 ms of work, and chunks that compress well."""
+
 _CELL_SAMPLES = 1 << 22
 """Most samples of a cell, where one row of one window has not more: 17 MB in memory."""
 
@@ -154,7 +157,7 @@ def plan_grid(windows: Windows, image: tuple[int, int], *, row_step: int = 1) ->
         Cells of about 4096 pixels, and one row of one window at least.
     """
     rows, cols = image
-    pixels = max(1, min(4096, _CELL_SAMPLES // windows.length))  # a few 10 ms of work, and chunks that compress well
+    pixels = max(1, min(CELL_PIXELS, _CELL_SAMPLES // windows.length))
     high = max(1, min(rows, pixels // cols))
     if high < rows and row_step <= high:
         high -= high % row_step

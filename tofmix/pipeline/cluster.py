@@ -29,6 +29,7 @@ from tofmix.version import __version__
 BLOCK_SAMPLES = 1 << 22
 """Samples of a task: at least half a second of work, compared with which dask's 2 ms are negligible."""
 
+_CONNECT_TIMEOUT_S = 10  # s to wait for an answer of a scheduler
 _WORKER_TIMEOUT_S = 30  # s to wait for a worker
 
 
@@ -250,7 +251,7 @@ def open_cluster(scheduler: str, *, memory_bytes: int) -> Iterator[ClusterEngine
     for logger in ("distributed", "distributed.client"):  # the second logger has a separate level
         logging.getLogger(logger).setLevel(logging.CRITICAL)  # its errors become one line of tofmix
     try:
-        client = Client(**where, timeout=10, set_as_default=False)  # s to wait for an answer
+        client = Client(**where, timeout=_CONNECT_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise StorageError(
             f"--scheduler {scheduler}: cannot be reached ({str(error) or type(error).__name__})"

@@ -21,6 +21,8 @@ STRUCTURE_LIMIT_S = 20.0
 VARIABLE = "TOFMIX_READ_TIMEOUT"
 """Variable of the environment with the time limit of a read, s."""
 
+POLL_S = 0.5  # s between two looks at the clock
+
 
 def limit_s(default: float) -> float:
     """Time limit of a read, s: the default, or the environment variable TOFMIX_READ_TIMEOUT."""
@@ -68,7 +70,7 @@ class Watchdog:
     def _watch(self) -> None:
         read_limit_s = 120.0  # for one read, which is of one stored chunk or of some MB
         while True:
-            time.sleep(0.5)  # s between two looks at the clock
+            time.sleep(POLL_S)
             for since, what, times in list(self._since.values()):
                 limit = times * limit_s(read_limit_s)
                 if time.monotonic() - since > limit:

@@ -140,7 +140,6 @@ def measured_pose(surface: Surface, beams: FloatArray, bias_mm: FloatArray, info
 
 _GLANCE = 25  # frames for medians
 _COURSE_FRAMES, _COURSE_PIXELS = 100, 1000  # for the course in time: their medians are known to some 0.05 sigma
-_NOISE_FRAMES = 200  # for the noise from frame to frame, which is then known to some 5 %
 _OUTLYING = 4.0  # sigma, beyond which a difference of two frames is no noise
 _TO_SIGMA = 1.4826 / math.sqrt(2)  # of the median size of differences of two frames of Gaussian noise
 _KNOWN_OF_MEDIAN = 2 / math.pi  # information of a median over that of a mean
@@ -299,7 +298,8 @@ def _before_the_scene(view: RecordingView, low_mm: float, high_mm: float) -> tup
 
 def _noise(view: RecordingView) -> FloatArray:
     """As `SearchFacts.measured_noise_mm`, of all pixels: the root mean square difference of consecutive frames."""
-    m, samples = view.mixture, view.evidence.samples[:_NOISE_FRAMES].astype(np.float64)
+    # the noise from frame to frame is then known to some 5 %
+    m, samples = view.mixture, view.evidence.samples[:200].astype(np.float64)
     out = np.full(samples.shape[1], np.nan)
     if len(samples) < 3:  # noqa: PLR2004  of one difference there is no median
         return out
