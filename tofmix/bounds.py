@@ -59,7 +59,6 @@ Threshold = Annotated[float, Bounds(0.0, infinite=True)]
 PositiveThreshold = Annotated[float, Bounds(0.0, inside=True, infinite=True)]
 FactorThreshold = Annotated[float, Bounds(1.0, infinite=True)]
 Share = Annotated[float, Bounds(0.0, 1.0)]
-Probability = Annotated[float, Bounds(0.0, 1.0, inside=True)]
 Finite = Annotated[float, Bounds(-math.inf)]
 
 

@@ -112,7 +112,53 @@ def samples_a_frame(source: SampleSource) -> int:
     return max(1, source.targets) if isinstance(source, TargetSource) else 1
 
 
-class TargetSeries:
+class _Around:
+    """A recording that is read from another: its camera, shape and steps are that one's, unless a class says more."""
+
+    def __init__(self, source: SampleSource) -> None:
+        self._source = source
+
+    @property
+    def sensor(self) -> Sensor:
+        """The camera."""
+        return self._source.sensor
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Frames, rows, columns."""
+        return self._source.shape
+
+    @property
+    def row_step(self) -> int:
+        """Rows that are stored together."""
+        return self._source.row_step
+
+    @property
+    def frame_step(self) -> int:
+        """Frames that are stored together."""
+        return self._source.frame_step
+
+
+class _AroundAmplitudes(_Around):
+    """Such a recording, with the amplitudes of the other one."""
+
+    @property
+    def has_amplitude(self) -> bool:
+        """Whether the recording has amplitudes."""
+        return amplitude_source(self._source) is not None
+
+    def read_amplitude(self, frames: slice, rows: slice) -> Float32Array:
+        """Amplitudes (frame, row, col) float32, as they are stored; a ValueError if there are none."""
+        return self._light().read_amplitude(frames, rows)
+
+    def _light(self) -> "AmplitudeSource":
+        light = amplitude_source(self._source)
+        if light is None:
+            raise ValueError("the recording has no amplitudes")
+        return light
+
+
+class TargetSeries(_AroundAmplitudes):
     """A recording with each target as a separate pixel: (frame, row and target, col); no array is copied.
 
     Use it where the samples of a pixel must follow each other in time, as for its noise.
@@ -124,12 +170,8 @@ class TargetSeries:
     """
 
     def __init__(self, source: SampleSource) -> None:
-        self._source, self._targets = source, samples_a_frame(source)
-
-    @property
-    def sensor(self) -> Sensor:
-        """The camera."""
-        return self._source.sensor
+        super().__init__(source)
+        self._targets = samples_a_frame(source)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -151,23 +193,9 @@ class TargetSeries:
         """Samples (frame, row and target, col) float32 in mm, NaN where invalid."""
         return self._by_target(self._source.read_range, frames, rows)
 
-    @property
-    def has_amplitude(self) -> bool:
-        """Whether the recording has amplitudes."""
-        return amplitude_source(self._source) is not None
-
     def read_amplitude(self, frames: slice, rows: slice) -> Float32Array:
-        """Amplitudes of the same shape.
-
-        Raises
-        ------
-        ValueError
-            If there are none.
-        """
-        light = amplitude_source(self._source)
-        if light is None:
-            raise ValueError("the recording has no amplitudes")
-        return self._by_target(light.read_amplitude, frames, rows)
+        """Amplitudes of the same shape; a ValueError if there are none."""
+        return self._by_target(self._light().read_amplitude, frames, rows)
 
     def _by_target(self, read: Callable[[slice, slice], Float32Array], frames: slice, rows: slice) -> Float32Array:
         count, (length, height, cols) = self._targets, self.shape
@@ -303,7 +331,7 @@ class ArrayRecording:
         return self._amplitude[frames, rows]
 
 
-class FrameSpan:
+class FrameSpan(_Around):
     """Some frames of a recording, as a recording of their own; nothing is copied.
 
     Parameters
@@ -323,27 +351,13 @@ class FrameSpan:
         each = samples_a_frame(source)
         if not 0 <= start < stop <= source.shape[0] // each:
             raise ValueError(f"frames {start} to {stop} asked for, the recording has {source.shape[0] // each}")
-        self._source, self._start, self._stop = source, start * each, stop * each
-
-    @property
-    def sensor(self) -> Sensor:
-        """The camera."""
-        return self._source.sensor
+        super().__init__(source)
+        self._start, self._stop = start * each, stop * each
 
     @property
     def shape(self) -> tuple[int, int, int]:
         """Frames, rows, columns."""
         return self._stop - self._start, *self._source.shape[1:]
-
-    @property
-    def row_step(self) -> int:
-        """Rows that are stored together."""
-        return self._source.row_step
-
-    @property
-    def frame_step(self) -> int:
-        """Frames that are stored together."""
-        return self._source.frame_step
 
     def read_range(self, frames: slice, rows: slice) -> Float32Array:
         """Samples (frame, row, col) float32 in mm, NaN where invalid."""
@@ -351,7 +365,7 @@ class FrameSpan:
         return self._source.read_range(slice(self._start + first, self._start + last, step), rows)
 
 
-class IndependentSamples:
+class IndependentSamples(_AroundAmplitudes):
     """A recording with its filter undone; frames that add no sample are invalid. Nothing is kept in memory.
 
     Parameters
@@ -365,27 +379,8 @@ class IndependentSamples:
     """
 
     def __init__(self, source: SampleSource, filter_: TemporalFilter, *, marks: bool = False) -> None:
-        self._source, self._filter, self._marks = source, filter_, marks
-
-    @property
-    def sensor(self) -> Sensor:
-        """The camera."""
-        return self._source.sensor
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """Frames, rows, columns."""
-        return self._source.shape
-
-    @property
-    def row_step(self) -> int:
-        """Rows that are stored together."""
-        return self._source.row_step
-
-    @property
-    def frame_step(self) -> int:
-        """Frames that are stored together."""
-        return self._source.frame_step
+        super().__init__(source)
+        self._filter, self._marks = filter_, marks
 
     @property
     def targets(self) -> int:
@@ -415,24 +410,6 @@ class IndependentSamples:
             return found
         adds_none = np.where(np.isfinite(stored), np.float32(np.inf), np.float32(np.nan))
         return np.where(np.isfinite(found), found, adds_none)
-
-    @property
-    def has_amplitude(self) -> bool:
-        """Whether the recording has amplitudes."""
-        return amplitude_source(self._source) is not None
-
-    def read_amplitude(self, frames: slice, rows: slice) -> Float32Array:
-        """Amplitudes (frame, row, col) float32, as they are stored.
-
-        Raises
-        ------
-        ValueError
-            If there are none.
-        """
-        light = amplitude_source(self._source)
-        if light is None:
-            raise ValueError("the recording has no amplitudes")
-        return light.read_amplitude(frames, rows)
 
 
 def independent_samples(source: SampleSource, *, for_noise: bool = False) -> SampleSource:

@@ -16,7 +16,9 @@ tell it.
 import math
 from collections.abc import Mapping
 from enum import StrEnum
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
+
+E = TypeVar("E", bound=StrEnum)
 
 
 class ShareLaw(StrEnum):
@@ -31,19 +33,6 @@ class ShareLaw(StrEnum):
     STRONGEST = "strongest"
 
 
-def share_law_of(text: str) -> ShareLaw:
-    """The law of this name.
-
-    Raises
-    ------
-    ValueError
-        If there is none.
-    """
-    if text not in tuple(ShareLaw):
-        raise ValueError(f'share_law: "{text}" is not one of {", ".join(ShareLaw)}')
-    return ShareLaw(text)
-
-
 class Measurement(StrEnum):
     """What a sample is taken from.
 
@@ -56,17 +45,20 @@ class Measurement(StrEnum):
     STEREO = "stereo"
 
 
-def measurement_of(text: str) -> Measurement:
-    """The measurement of this name.
+def share_law_of(text: str) -> ShareLaw:
+    """The law of this name; a ValueError if there is none."""
+    return _member(ShareLaw, "share_law", text)
 
-    Raises
-    ------
-    ValueError
-        If there is none.
-    """
-    if text not in tuple(Measurement):
-        raise ValueError(f'measurement: "{text}" is not one of {", ".join(Measurement)}')
-    return Measurement(text)
+
+def measurement_of(text: str) -> Measurement:
+    """The measurement of this name; a ValueError if there is none."""
+    return _member(Measurement, "measurement", text)
+
+
+def _member(kind: type[E], key: str, text: str) -> E:
+    if text not in tuple(kind):
+        raise ValueError(f'{key}: "{text}" is not one of {", ".join(kind)}')
+    return kind(text)
 
 
 class Number(NamedTuple):

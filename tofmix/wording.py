@@ -64,11 +64,6 @@ def percent_of(count: int, total: int) -> str:
     return f"{100 * count / max(1, total):.1f} %"
 
 
-def table_cell(text: str) -> str:
-    """A text as the cell of a Markdown table: one line, with bars escaped."""
-    return " ".join(text.split()).replace("|", "\\|")
-
-
 def readable(text: str) -> str:
     """The text with a replacement character for each byte of a file name that is no UTF-8.
 

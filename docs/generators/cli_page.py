@@ -7,11 +7,10 @@ import sys
 from collections.abc import Iterator
 
 import click
-from commands import PROGRAM, DescribedCommand, described_commands, described_program
+from commands import PROGRAM, DescribedCommand, described_commands, described_program, table_cell
 
 from tofmix.cli.main import main
 from tofmix.errors import EXIT_CODE_MEANINGS, EXIT_CODE_REMEDIES
-from tofmix.wording import table_cell
 
 COMMAND = "python docs/generators/cli_page.py > docs/reference/cli.md"
 

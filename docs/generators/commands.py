@@ -18,6 +18,11 @@ _DEFAULT_IN_HELP = re.compile(r"\s*\[default: (.*)\]$")
 _EXIT_CODES_HEADING = "Exit codes:"
 
 
+def table_cell(text: str) -> str:
+    """A text as the cell of a Markdown table: one line, with bars escaped."""
+    return " ".join(text.split()).replace("|", "\\|")
+
+
 @dataclass(frozen=True, slots=True)
 class DescribedOption:
     """An option.

@@ -8,10 +8,11 @@ import inspect
 import sys
 from collections.abc import Iterator
 
+from commands import table_cell
+
 from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.effects.base import LEVEL_NAMES, Effect, Level
 from tofmix.simulation.effects.parameter import Holds, Parameter
-from tofmix.wording import table_cell
 
 COMMAND = "python docs/generators/effects_page.py > docs/reference/effects.md"
 

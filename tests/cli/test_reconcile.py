@@ -27,13 +27,7 @@ from tofmix.reconciliation.workflow import reconcile
 
 SAMPLES = Path(__file__).parents[2] / "sample_data"
 BLIND = Path(__file__).parents[1] / "benchmarks" / "hidden_effect.py"
-MODEL = """\
-[sensor]
-profile = "sr4000"
-rows = 12
-cols = 16
-[recording]
-frames = 80
+SURFACES = """\
 [[surface]]
 name = "board"
 center_mm = [-300.0, 0.0, 1500.0]
@@ -44,16 +38,32 @@ center_mm = [0.0, 0.0, 3000.0]
 size_mm = [9000.0, 9000.0]
 yaw_deg = 20.0
 """
+MODEL = (
+    """\
+[sensor]
+profile = "sr4000"
+rows = 12
+cols = 16
+[recording]
+frames = 80
+"""
+    + SURFACES
+)
 PATTERN = '[[effect]]\nkind = "fixed_pattern"\npixel_sigma_mm = 60.0\n'
+
+
+def simulated(tofmix: Tofmix, folder: Path, text: str, effect: str) -> tuple[Path, Path]:
+    """The file of a model, and a recording of it with one effect more."""
+    model, real, measured = (folder / name for name in ("model.toml", "real.toml", "measured.h5"))
+    model.write_text(text)
+    real.write_text(text + effect)
+    tofmix.done("simulate", real, "-o", measured)
+    return model, measured
 
 
 @pytest.fixture
 def files(tofmix: Tofmix, tmp_path: Path) -> tuple[Path, Path]:
-    model, real, measured = (tmp_path / name for name in ("model.toml", "real.toml", "measured.h5"))
-    model.write_text(MODEL)
-    real.write_text(MODEL + PATTERN)
-    tofmix.done("simulate", real, "-o", measured)
-    return model, measured
+    return simulated(tofmix, tmp_path, MODEL, PATTERN)
 
 
 def change(measured: Path, name: str, by: Callable[[NDArray[Any]], ArrayLike]) -> None:
@@ -362,7 +372,8 @@ def test_law_of_amplitude_changes_the_verdict(tofmix: Tofmix, tmp_path: Path, la
         assert gap["where"][0]["statistic"] == "spread"
 
 
-MODEL_NOISE = """\
+MODEL_NOISE = (
+    """\
 [sensor]
 profile = "sr4000"
 rows = 14
@@ -374,16 +385,9 @@ sigma_mm = [5.0, 12.0, 40.0]
 reference_integration_time_ms = 10.0
 [recording]
 frames = 120
-[[surface]]
-name = "board"
-center_mm = [-300.0, 0.0, 1500.0]
-size_mm = [500.0, 500.0]
-[[surface]]
-name = "wall"
-center_mm = [0.0, 0.0, 3000.0]
-size_mm = [9000.0, 9000.0]
-yaw_deg = 20.0
 """
+    + SURFACES
+)
 NOISIER = '[[effect]]\nkind = "excess_noise"\nfactor = 1.5\n'
 ONLY_OFFSET = ("--effects", "range_offset")
 
@@ -391,11 +395,7 @@ ONLY_OFFSET = ("--effects", "range_offset")
 @pytest.fixture
 def files_noise(tofmix: Tofmix, tmp_path: Path) -> tuple[Path, Path]:
     """A model, and a recording whose noise is half as large again."""
-    model, real, measured = (tmp_path / name for name in ("model.toml", "real.toml", "measured.h5"))
-    model.write_text(MODEL_NOISE)
-    real.write_text(MODEL_NOISE + NOISIER)
-    tofmix.done("simulate", real, "-o", measured)
-    return model, measured
+    return simulated(tofmix, tmp_path, MODEL_NOISE, NOISIER)
 
 
 def outcome(folder: Path) -> dict[str, Any]:

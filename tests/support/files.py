@@ -39,3 +39,9 @@ def boards(frames: int = 30, rows: int = 4, cols: int = 6, dtype: str = "u2") ->
     rng = np.random.default_rng(5)
     far = rng.random((frames, rows, cols)) < np.clip((np.arange(cols) - cols / 2 + 1) / 2, 0, 1)
     return (np.where(far, 3000, 1200) + rng.normal(0, 15, far.shape)).astype(dtype)
+
+
+def contents(path: Path) -> dict[str, Any]:
+    """The datasets and attributes at the root of a file."""
+    with h5py.File(path) as root:
+        return {name: item[...] for name, item in root.items() if isinstance(item, h5py.Dataset)} | dict(root.attrs)

@@ -6,7 +6,6 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -75,7 +74,7 @@ tofmix simulate gap/model.toml -o refined.h5
 @click.option("--trace", is_flag=True, help="Print a line on stderr for each set of effects, as it is weighed.")
 @json_option
 @overwrite_option
-def reconcile(model: str | None, measured: Path | None, output: Path, self: str | None, **options: Any) -> int:  # noqa: ANN401  fields of `_Asked`
+def reconcile(model: str | None, measured: Path | None, output: Path, self: str | None, **options: Any) -> int:  # noqa: ANN401  of `_run`
     """Find where a simulation of MODEL and the recording MEASURED disagree, name the missing effect, and add it.
 
     The command compares each sample with the model's prediction, locates the
@@ -95,22 +94,7 @@ def reconcile(model: str | None, measured: Path | None, output: Path, self: str 
         share, model, measured = _of_itself(self, model, measured)
     elif model is None or measured is None:
         raise click.UsageError("give MODEL and MEASURED, or --self and one recording")
-    search = {name: options.pop(name) for name in RECONCILE}
-    return _run(model, measured, output, _Asked(share=share, search=search, **options))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Asked:
-    """The options of a command."""
-
-    also: tuple[tuple[str, Path], ...]
-    share: float | None  # of the frames, or their number, with --self
-    effects: str | None
-    noise: str | None
-    trace: bool
-    as_json: bool
-    overwrite: bool
-    search: dict[str, Any]  # fields of the search's `Settings`
+    return _run(model, measured, output, share=share, **options)
 
 
 def _of_itself(own: str, model: str | None, measured: Path | None) -> tuple[float, str, Path]:
@@ -129,7 +113,20 @@ def _of_itself(own: str, model: str | None, measured: Path | None) -> tuple[floa
     return share, given[0], Path(given[0])
 
 
-def _run(model: str, measured: Path, output: Path, asked: _Asked) -> int:
+def _run(
+    model: str,
+    measured: Path,
+    output: Path,
+    *,
+    share: float | None,  # of the frames, or their number, with --self
+    also: tuple[tuple[str, Path], ...],
+    effects: str | None,
+    noise: str | None,
+    trace: bool,
+    as_json: bool,
+    overwrite: bool,
+    **search: Any,  # noqa: ANN401  fields of the search's `Settings`
+) -> int:
     """Reconcile files, print the outcome, and give the exit code."""
     from tofmix.errors import ExitCode
     from tofmix.io.model_file import load_model
@@ -148,17 +145,17 @@ def _run(model: str, measured: Path, output: Path, asked: _Asked) -> int:
             return learnt_sensor(source, reporter)
 
     reporter = CommandReporter()
-    names = None if asked.effects is None else [name.strip() for name in asked.effects.split(",") if name.strip()]
+    names = None if effects is None else [name.strip() for name in effects.split(",") if name.strip()]
     kinds = kinds_of(names, reporter)
-    files = ((model, measured), *asked.also)
-    settings = Settings(kinds=kinds, **asked.search)
-    with locked_folder(output, overwrite=asked.overwrite, models=len(files)):
+    files = ((model, measured), *also)
+    settings = Settings(kinds=kinds, **search)
+    with locked_folder(output, overwrite=overwrite, models=len(files)):
         reference: Reference | None = None
-        if asked.share is not None:
-            reference = first_frames(measured, asked.share, reporter, workers=default_workers())
+        if share is not None:
+            reference = first_frames(measured, share, reporter, workers=default_workers())
         elif is_reference(Path(model)):
             reference = reference_of_file(Path(model), reporter, workers=default_workers())
-        rest = files if reference is None else asked.also
+        rest = files if reference is None else also
         models = [] if reference is None else [(model, reference.model)]
         models += [(name, load_model(name)) for name, _ in rest]  # before recordings, which take longer to read
         check_models(models)
@@ -177,13 +174,13 @@ def _run(model: str, measured: Path, output: Path, asked: _Asked) -> int:
             Progress(len(kinds) * max(settings.max_effects, 1), "reconcile", "kind") as bar,
             _asked_to_stop() as stopped,
         ):
-            reporter = _KindReporter(bar, len(kinds), stopped, trace=asked.trace)
-            result = run(recordings, settings, asked.noise, learnt, reporter)
+            reporter = _KindReporter(bar, len(kinds), stopped, trace=trace)
+            result = run(recordings, settings, noise, learnt, reporter)
             bar.total = bar.done  # no other way is tried: the page is left
             bar.describe("reconcile: page")
             beside = {} if reference is None else {REFERENCE: reference.layers}
-            write_reconciliation(result, files, output, overwrite=asked.overwrite, beside=beside)
-    if asked.as_json:
+            write_reconciliation(result, files, output, overwrite=overwrite, beside=beside)
+    if as_json:
         click.echo(json.dumps(result.as_dict(), indent=2, allow_nan=False))
         return ExitCode.INTERRUPTED if stopped() else ExitCode.DONE
     click.echo("\n".join(summary_lines(result)))

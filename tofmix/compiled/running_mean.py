@@ -15,9 +15,7 @@ from tofmix.arrays import FloatArray, IntArray
 from tofmix.compiled.jit import jit
 
 _NOTHING = 1e-9  # density that is left of kernels that were taken away
-_BINS = 2.0  # bins of the density in a sigma
 _REACH = 6  # bins on either side of a sample that its kernel reaches
-_WIDE = 2.0  # largest changes: single surfaces keep their tails
 _NARROW = 0.5  # of the noise that differences give
 
 
@@ -83,7 +81,7 @@ def _solve(means: FloatArray, m: int, out: FloatArray, only_sure: bool) -> None:
 def _noise(changes: FloatArray) -> float:
     """Sigma of a sample from the changes between samples of the same chain.
 
-    Changes within a surface are Gaussian, others are anywhere up to `_WIDE` times the largest: EM of the two, from the
+    Changes within a surface are Gaussian, others are anywhere up to twice the largest: EM of the two, from the
     smallest eighth on, as with three surfaces a third of the changes are within one.
     """
     size = np.sort(np.abs(changes))
@@ -101,7 +99,7 @@ def _noise(changes: FloatArray) -> float:
         weight, square = 0.0, 0.0
         for value in size:
             same = share * math.exp(-0.5 * (value / sigma) ** 2) / (sigma * 2.5066)
-            other = (1.0 - share) / (2.0 * _WIDE * most)
+            other = (1.0 - share) / (4.0 * most)  # twice the largest changes: single surfaces keep their tails
             part = same / (same + other)
             weight += part
             square += part * value * value
@@ -135,7 +133,7 @@ def _align(out: FloatArray, m: int, sigma: float) -> tuple[float, float]:
         low[c] = out[c::m].min()
         span[c] = out[c::m].max() - low[c]
     most_bins = 20_000.0  # of all chains: an error of a sample may be as large as a range
-    step = max(sigma / _BINS, span.sum() * 2.0 / most_bins)
+    step = max(sigma / 2.0, span.sum() * 2.0 / most_bins)  # two bins of the density in a sigma
     bins = _new_bins(out, low, span, step, sigma)
     order = np.argsort(-span)  # chains of several surfaces come first
     place, best_place = np.zeros(m, dtype=np.int64), np.zeros(m, dtype=np.int64)

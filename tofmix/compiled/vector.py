@@ -30,9 +30,6 @@ Rousseeuw and Croux, Journal of the American Statistical Association 88, 1993, d
 LANES = 8
 """Loops over a multiple of this many numbers leave nothing over."""
 
-LARGEST = 700.0
-"""Beyond it, exp(-x) is replaced by exp(-700), 10^-304."""
-
 _LOG_2 = math.log(2.0)
 _ROOT_2 = math.sqrt(2.0)
 
@@ -41,10 +38,10 @@ _ROOT_2 = math.sqrt(2.0)
 def exp_minus(x: float) -> float:
     """exp(-x) for x >= 0, to 1e-10 of its value up to x = 20, and to 1 % up to 400.
 
-    exp(-x / 1024) by its series, squared ten times. Never 0: values past `LARGEST` are as at it.
+    exp(-x / 1024) by its series, squared ten times. Never 0: values past 700 are as at it, 10^-304.
     """
     squarings = 10  # the series is taken at x / 2^10, and squared ten times
-    y = min(x, LARGEST) * (-1.0 / 2.0**squarings)
+    y = min(x, 700.0) * (-1.0 / 2.0**squarings)
     p = 1.0 + y * (1.0 + y * (1.0 / 2.0 + y * (1.0 / 6.0 + y * (1.0 / 24.0 + y * (1.0 / 120.0)))))
     p *= p
     p *= p

@@ -38,9 +38,6 @@ NO_RETURN_REACH = 6.0
 """Without a sample this near to range_max, in sigmas, p(c_0) is 0 from the start."""
 
 
-SPAN_SIGMAS = 6.0
-"""Random values between extreme samples spread over this many sigma at least: as far as those of one surface do."""
-
 FINE = 0.5
 """A step of fewer sigmas is neglected: it widens sigma by 1 % at most."""
 
@@ -211,7 +208,7 @@ def outlier_interval(sensor: Sensor, curve: NoiseCurve) -> tuple[float, float]:
     sensor : Sensor
         The camera.
     curve : NoiseCurve
-        sigma(r): between samples, the interval is at least `SPAN_SIGMAS` wide.
+        sigma(r): between samples, the interval is at least six sigma wide.
 
     Returns
     -------
@@ -226,7 +223,8 @@ def outlier_interval(sensor: Sensor, curve: NoiseCurve) -> tuple[float, float]:
         return low, float(curve.range_mm[-1])
     if sensor.range_min_mm is not None and sensor.range_min_mm < largest:
         least = sensor.range_min_mm
-    lacking = max(0.0, SPAN_SIGMAS * float(curve.sigma(largest)) - (largest - least))
+    # sigmas at least: as far as samples of one surface spread
+    lacking = max(0.0, 6.0 * float(curve.sigma(largest)) - (largest - least))
     return least - 0.5 * lacking, largest + 0.5 * lacking
 
 

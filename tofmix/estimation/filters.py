@@ -126,8 +126,6 @@ class FilterSettings(NamedTuple):
 
 DEFAULT_SETTINGS = FilterSettings()
 
-_GROUP = 64  # pixels of similar range whose lower quartile of spreads is the noise
-_ABOVE_LINE = 1.5  # noise of a range over the line through all ranges, at most
 _LAGS = 12  # frames apart, of repeated values
 
 
@@ -272,10 +270,11 @@ def _noise_of_range(range_mm: FloatArray, spread: FloatArray) -> FloatArray:
     """Spread (pixel,) of pixels of one surface at each pixel's range: the lower quartile of its neighbours in range.
 
     Between two surfaces all neighbours may be mixed. Noise changes slowly with range, so a quartile is at most
-    `_ABOVE_LINE` times a line through all of them: its slope is the median over pairs of groups.
+    1.5 times a line through all of them: its slope is the median over pairs of groups.
     """
     order = np.argsort(range_mm, kind="stable")
-    groups = np.array_split(order, max(1, len(order) // _GROUP))
+    # pixels of similar range, whose lower quartile of spreads is the noise
+    groups = np.array_split(order, max(1, len(order) // 64))
     at = np.array([np.median(range_mm[group]) for group in groups])
     level = np.log(np.maximum([np.quantile(spread[group], 0.25) for group in groups], 1e-6))
     first, second = np.triu_indices(len(groups), 1)
@@ -284,7 +283,8 @@ def _noise_of_range(range_mm: FloatArray, spread: FloatArray) -> FloatArray:
     slope = float(np.median(slopes)) if slopes.size else 0.0
     line = slope * at + np.median(level - slope * at)
     out = np.empty(len(order))
-    for group, noise in zip(groups, np.minimum(level, line + math.log(_ABOVE_LINE)), strict=True):
+    # noise of a range over the line through all ranges, at most
+    for group, noise in zip(groups, np.minimum(level, line + math.log(1.5)), strict=True):
         out[group] = math.exp(noise)
     return out
 

@@ -43,10 +43,6 @@ from tofmix.flags import Status
 from tofmix.layers import Layers
 from tofmix.sensor import Sensor
 
-SPACING = 0.125
-"""Spacing of the grid in units of the least sigma: a quarter of the narrowest kernel's h."""
-
-
 _TOO_FEW_SAMPLES = int(Status.TOO_FEW_SAMPLES)
 _NO_SURFACE = int(Status.NO_SURFACE)
 _DEGENERATE = int(Status.DEGENERATE)
@@ -285,7 +281,8 @@ def paper_pixels(samples: SortedSamples, sensor: Sensor, *, gamma: float, max_la
     outlier_density = beam.outlier_density * (beam.range_top - beam.range_min) / beam.range_top
     beam = beam._replace(outlier_density=outlier_density, background=uniform_background())
     out = Layers.empty((len(samples.valid),), max_layers)
-    spacing = SPACING * float(np.min(sensor.noise.sigma_mm)) if sensor.noise is not None else math.nan
+    # of the least sigma: a quarter of the narrowest kernel's h
+    spacing = 0.125 * float(np.min(sensor.noise.sigma_mm)) if sensor.noise is not None else math.nan
     table = gain_table(samples.values.shape[1])
     _paper_block(samples, out.arrays(), beam, gamma, spacing, max_layers, min_samples, table)
     return out

@@ -19,9 +19,6 @@ STATES = STATE + 4
 
 _GAMMA = 0.15  # standard deviation: light between cos^0.7 and cos^1.3
 _SLOPE = 0.01  # a pixel
-_FREE = 1e-6  # precision of c
-_ROUNDS = 2  # of Gauss and Newton
-_STEP = 0.3  # of a standard deviation, for derivatives
 _LARGEST_STEP = np.array([10.0, 0.05, 0.05, *np.full(STATE - 3, 1e-3)])
 """In mm, 1 and 1 / mm: rays still meet the patch."""
 _LEAST = 3  # pixels
@@ -78,14 +75,15 @@ def with_light(view: View, at: IntArray, patches: Patches) -> Lit:
     prior[:, :STATE, :STATE] = scaled_inverse(
         patches.covariance + 1e-9 * sd[:, :, np.newaxis] * sd[:, np.newaxis, :] * np.eye(STATE)
     )
-    prior[:, range(STATE, STATES), range(STATE, STATES)] = (_FREE, _SLOPE**-2, _SLOPE**-2, _GAMMA**-2)
+    # the precision of c is small: it is free
+    prior[:, range(STATE, STATES), range(STATE, STATES)] = (1e-6, _SLOPE**-2, _SLOPE**-2, _GAMMA**-2)
     first = _light(patches.frame, state[:, np.newaxis, :STATE], ray)[0][:, 0]
     state[:, STATE] = _median(corrected - first, usable & np.isfinite(first))
     start = state.copy()
     inflation, covariance = np.ones(n), scaled_inverse(prior)
     fitted = usable.sum(axis=1) >= _LEAST
     noise = view.amplitude_variance[pixel] + _ROUGH**2
-    for number in range(_ROUNDS):
+    for number in range(2):  # two rounds of Gauss and Newton
         design, light, log_cosine, good = _linear(patches.frame, state, sd, ray, down, right, usable)
         fitted &= good.sum(axis=1) >= _LEAST
         residual = np.where(good, corrected - light - (design[..., STATE:] @ state[:, STATE:, np.newaxis])[..., 0], 0.0)
@@ -144,7 +142,7 @@ def _linear(
     usable: BoolArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
     """Design (n, place, 13) about states, ln(cos / r^2) and ln cos (n, place), and where all of it is known."""
-    step = np.minimum(_STEP * sd, _LARGEST_STEP)
+    step = np.minimum(0.3 * sd, _LARGEST_STEP)  # of a standard deviation, for derivatives
     offsets = np.concatenate([np.eye(STATE), -np.eye(STATE), np.zeros((1, STATE))])
     several = state[:, np.newaxis, :STATE] + offsets * step[:, np.newaxis]
     light, log_cosine = _light(frame, several, ray)

@@ -30,9 +30,6 @@ BENT = 6
 STATE = BENT + 3
 """Numbers of a patch: those, and p, q, e."""
 
-_ORIGIN = 3  # nearest members, in whose middle the origin lies
-_OUTLIER = 4.5  # standard errors
-_RIDGE = 1.0e-12
 _HEIGHT_MM, _SLOPE = 1e4, 2.0  # standard deviations of a, and of b and c, which pixels in one line leave open
 _SKEW, _CONIC = 0.5, 1.0
 """Standard deviations of p and q, and of e, in units of the size of the curvatures."""
@@ -266,7 +263,8 @@ def fit_patches(
     ray, range_mm = view.direction[pixel], view.range_mm[pixel]
     noise = view.range_variance[pixel]
     first = 10  # nearest members, through which the first plane goes
-    normal, origin = _first_plane(ray * range_mm[..., np.newaxis], there & (rank < first), there & (rank < _ORIGIN))
+    middle = 3  # nearest members, in whose middle the origin lies
+    normal, origin = _first_plane(ray * range_mm[..., np.newaxis], there & (rank < first), there & (rank < middle))
     n, places = members.shape
     averaged, keep, state = np.zeros((n, places)), there.copy(), np.zeros((n, STATE))
     inner = view.rays(pixel, PLACES_9).reshape(n, places * len(PLACES_9), 3)
@@ -392,13 +390,14 @@ def scaled_inverse(matrix: FloatArray) -> FloatArray:
     size = matrix.shape[-1]
     scale = 1.0 / np.sqrt(np.maximum(matrix[:, range(size), range(size)], np.finfo(float).tiny))
     scale = scale[:, :, np.newaxis] * scale[:, np.newaxis, :]
-    return np.asarray(np.linalg.inv(matrix * scale + _RIDGE * np.eye(size)) * scale)
+    return np.asarray(np.linalg.inv(matrix * scale + 1.0e-12 * np.eye(size)) * scale)
 
 
 def _without_outliers(residual: FloatArray, there: BoolArray) -> BoolArray:
-    """Members within `_OUTLIER` standard errors; where too few are, the better two thirds."""
+    """Members within 4.5 standard errors; where too few are, the better two thirds."""
     size = np.where(there, np.abs(residual), np.inf)
-    keep = size < _OUTLIER
+    farthest = 4.5  # standard errors
+    keep = size < farthest
     count = there.sum(axis=1)
     least = np.maximum(BENT, 2 * count // 3)[:, np.newaxis]
     rank = np.argsort(np.argsort(size, axis=1, kind="stable"), axis=1, kind="stable")

@@ -21,9 +21,7 @@ UNKNOWN = 3e-3, 1e-6
 _ODDS_OF_PLANE = 100.0
 """Prior odds that a surface is a plane: things are made of walls, and a few pixels of a board bend by chance."""
 
-_WINDOWS = 10
 _LEAST_WINDOWS = 3
-_LEAST_MEMBERS = 10
 _LEAST_VARIANCE = 0.5
 """Least variance of the members' places across, square pixels: two columns (0.25) tell no curvature, three do."""
 MOST_NATS = 25.0
@@ -69,7 +67,8 @@ def _evidence(
     """
     at, owner = _windows(segment, numbers)
     members = members_around(view.shape, segment, at, segment[at], reach, own=True)
-    usable = ((members >= 0).sum(axis=1) >= _LEAST_MEMBERS) & (_narrowest(members, view.shape[1]) >= _LEAST_VARIANCE)
+    least = 10  # members
+    usable = ((members >= 0).sum(axis=1) >= least) & (_narrowest(members, view.shape[1]) >= _LEAST_VARIANCE)
     at, owner, members = at[usable], owner[usable], members[usable]
     if not at.size:
         return owner, np.zeros((len(trials), len(numbers)))
@@ -187,7 +186,7 @@ def _windows(segment: IntArray, numbers: IntArray) -> tuple[IntArray, IntArray]:
     found, owners = [], []
     for place, number in enumerate(numbers.tolist()):
         own = np.flatnonzero(segment == number)
-        chosen = own[draw.permutation(own.size)[:_WINDOWS]]
+        chosen = own[draw.permutation(own.size)[:10]]  # ten windows
         found.append(chosen)
         owners.append(np.full(chosen.size, place))
     if not found:

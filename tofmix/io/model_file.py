@@ -127,7 +127,7 @@ def scene_of_model(file: Path) -> SceneReader:
             if not 0 <= window < layers.shape[0]:
                 raise table.error(f"{window}: {path} has windows 0 to {layers.shape[0] - 1}", "window")
             try:
-                return scene_of_layers(layers, window, given, surfaces=surfaces if given.surfaces_path else None)
+                return scene_of_window(layers, window, given, surfaces if given.surfaces_path else None)
             except (ValueError, BadInputError) as error:
                 raise table.error(f"{path}: {error}", "layers") from None
 
@@ -147,19 +147,8 @@ def _file_of(folder: Path, name: str, table: TomlTable, key: str) -> Path:
     return path
 
 
-def scene_of_layers(layers: LayersFile, window: int, table: SceneTable, *, surfaces: Path | None = None) -> SceneParts:
-    """The camera and the scene of a window of an open layers file.
-
-    Parameters
-    ----------
-    layers : LayersFile
-        The layers; of one sample a frame.
-    window : int
-        A window of it.
-    table : SceneTable
-        What the model says of these layers.
-    surfaces : Path, optional
-        The surfaces file of these layers; without it, neighbouring layers are linked here.
+def scene_of_window(layers: LayersFile, window: int, table: SceneTable, surfaces: Path | None = None) -> SceneParts:
+    """The camera and the scene of a window of an open layers file; without a surfaces file, layers are linked here.
 
     Raises
     ------

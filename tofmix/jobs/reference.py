@@ -37,8 +37,6 @@ REFERENCE = "reference.layers.h5"
 SELF_SHARE = 1.0 / 3.0
 """Share of a recording's first frames that is its own reference."""
 
-_MAIN = 0.95  # share of a pixel's samples in one layer, from which their scatter is that of the noise
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reference:
@@ -234,7 +232,8 @@ def frame_noise(source: SampleSource, layers: LayersFile) -> float:
     4.3.
     """
     one = layers.read_window(0)
-    main = np.nan_to_num(one.weight[..., 0], nan=0.0) > _MAIN
+    single = 0.95  # share of a pixel's samples in one layer, from which their scatter is that of the noise
+    main = np.nan_to_num(one.weight[..., 0], nan=0.0) > single
     least_together = 12  # pixels of one layer, from which what they share is told from the noise of each
     if main.sum() < least_together:
         return 0.0

@@ -20,7 +20,7 @@ from tofmix.estimation.settings import EstimateOptions
 from tofmix.io.hdf5 import format_of
 from tofmix.io.layers.layers_file import FORMAT as LAYERS
 from tofmix.io.layers.layers_file import LayersFile, open_layers
-from tofmix.io.model_file import scene_of_layers as measured_scene_of
+from tofmix.io.model_file import scene_of_window
 from tofmix.io.next_command import next_command
 from tofmix.io.recording.recording_file import RecordingFile
 from tofmix.io.storage import locked, write_atomic_group
@@ -179,7 +179,7 @@ def measured_of_file(
             check_window(layers, window, reporter)
             if layers.shape[1:] != (1, 1):
                 check_view(layers)
-            return _measured(layers, source, reporter, layers_path, window, None)
+            return measured_model(layers, source, reporter, layers_path, window=window)[0]
     if window:
         raise OptionError(f"{reporter.option('window')} {window}: {source} is a recording, which is one window here")
     with opened_recording(source, reporter) as recording:
@@ -187,18 +187,7 @@ def measured_of_file(
             _check_recorded_view(recording)
         settings, (_, rows, cols) = settings_of(recording), recording.shape
     with reporter.steps(rows * cols, "estimate", "px"), estimated(source, workers, reporter) as layers:
-        return _measured(layers, source, reporter, layers_path, 0, settings)
-
-
-def _measured(
-    layers: LayersFile,
-    source: Path,
-    reporter: Reporter,
-    layers_path: str,
-    window: int,
-    recording: RecordingSettings | None,
-) -> MeasuredModel:
-    return measured_model(layers, source, reporter, layers_path, window=window, settings=recording)[0]
+        return measured_model(layers, source, reporter, layers_path, settings=settings)[0]
 
 
 def measured_model(
@@ -237,7 +226,7 @@ def measured_model(
     """
     sensor = layers.provenance.sensor
     try:
-        parts = measured_scene_of(layers, window, replace(table or SceneTable(), layers_path=layers_path))
+        parts = scene_of_window(layers, window, replace(table or SceneTable(), layers_path=layers_path))
         camera, scene = parts
         assumed = camera_of(sensor, camera.shape, longest_mm=float(np.nanmax(scene.range_mm)))[1]
     except (ValueError, BadInputError) as error:

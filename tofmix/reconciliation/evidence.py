@@ -19,6 +19,7 @@ from tofmix.wording import counted
 
 BLOCK_FRAMES = 5  # held out together, at most a quarter of the recording
 BLOCK_PIXELS = 4  # side of a square that is held out
+LEAST_PIXELS = 12  # of a surface or a part of the image, for a median, or a pose of three numbers
 _LEAST_FRAMES = 8  # four blocks of two: two to fit and two to judge
 
 

@@ -23,7 +23,7 @@ from scipy.stats import norm
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.reconciliation.comparison.compare import LEAST_SIZE
-from tofmix.reconciliation.evidence import Evidence
+from tofmix.reconciliation.evidence import LEAST_PIXELS, Evidence
 from tofmix.reconciliation.likelihood.joint import Recording, joint_likelihood
 from tofmix.reconciliation.likelihood.likelihood import ModelState
 from tofmix.reconciliation.likelihood.mixture import Mixture, Scene
@@ -38,7 +38,6 @@ from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import with_noise
 
 _TILES = 6  # parts of the image, along each side
-_LEAST_PIXELS = 12  # of a surface or of a part of the image
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,7 +134,7 @@ def _arguments(mixture: Mixture, lit: BoolArray, *, by_amplitude: bool) -> tuple
 
 def _places(ratios: _Ratios, alpha: float) -> Iterator[Uneven]:
     """Surfaces with a factor of their own, and parts of the image that differ within their surface."""
-    numbers = [int(k) for k in np.unique(ratios.surface) if (ratios.surface == k).sum() >= _LEAST_PIXELS]
+    numbers = [int(k) for k in np.unique(ratios.surface) if (ratios.surface == k).sum() >= LEAST_PIXELS]
     own = {k: ratios.surface == k for k in numbers}
     factor = {k: float(ratios.value[own[k]].mean()) for k in numbers}
     limit = float(norm.isf(alpha / (2 * (len(numbers) + _TILES**2))))
@@ -176,7 +175,7 @@ def _tiles(ratios: _Ratios, own: BoolArray, limits: tuple[float, float]) -> Iter
     for k in np.unique(tile):
         inside = tile == k
         n = int(inside.sum())
-        if n < _LEAST_PIXELS or n == inside.size:
+        if n < LEAST_PIXELS or n == inside.size:
             continue
         there, elsewhere = float(rest[inside].mean()), float(np.median(rest[~inside]))
         error = float(rest[inside].std()) / math.sqrt(n)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.layers import Provenance
 from tofmix.noise_shape import BackgroundDensity, NoiseShape
 from tofmix.optics.projection import projection_values
 from tofmix.report.summary.findings import (
@@ -35,6 +36,7 @@ from tofmix.sensor_schema import DENSITY_LISTS, LAW_LISTS, RARE_SENSOR_NUMBERS, 
 from tofmix.sensors.camera import Camera
 from tofmix.sensors.camera_toml import noise_toml
 from tofmix.simulation.model import Model
+from tofmix.surfaces.found import SurfacesProvenance
 from tofmix.wording import counted, finite_or_none, number
 
 if TYPE_CHECKING:
@@ -360,6 +362,19 @@ def describe_source(source: "FrameSource", *, name: str, command: str) -> Descri
 _COUNTED = ("n_modes", "status", "suspect", "invalid_share")
 
 
+def _made_from(provenance: Provenance | SurfacesProvenance) -> dict[str, Section]:
+    """Source, options and camera of layers or surfaces."""
+    return {
+        "made_from": {
+            "source": provenance.source,
+            "source_sha256": provenance.source_sha256,
+            "tofmix_version": provenance.version,
+        },
+        "options": dict(sorted(provenance.options.items())),
+        "sensor": sensor_section(provenance.sensor),
+    }
+
+
 def describe_layers(file: "LayersFile", *, name: str, file_bytes: int) -> Description:
     """Describe a layers file from its header, its counts and its status, read window by window."""
     windows, rows, cols = file.shape
@@ -381,13 +396,7 @@ def describe_layers(file: "LayersFile", *, name: str, file_bytes: int) -> Descri
             "frames_left_out": provenance.frames_left_out,
         },
         "units": {"range": "mm", "sigma": "mm", "range_stderr": "mm", "weight": "1"},
-        "made_from": {
-            "source": provenance.source,
-            "source_sha256": provenance.source_sha256,
-            "tofmix_version": provenance.version,
-        },
-        "options": dict(sorted(provenance.options.items())),
-        "sensor": sensor_section(provenance.sensor),
+        **_made_from(provenance),
     }
     if (losses := counts.lost.numbers()) is not None:
         sections["lost_samples"] = {
@@ -447,13 +456,7 @@ def describe_surfaces(file: "SurfacesFile", *, name: str, file_bytes: int) -> De
             "edge_points": file.edge_points,
         },
         "units": {"range_fine": "mm", "edge_row": "pixel", "edge_stderr": "pixel", "plane_offset_mm": "mm"},
-        "made_from": {
-            "source": provenance.source,
-            "source_sha256": provenance.source_sha256,
-            "tofmix_version": provenance.version,
-        },
-        "options": dict(sorted(provenance.options.items())),
-        "sensor": sensor_section(provenance.sensor),
+        **_made_from(provenance),
     }
     noise = noise_section(provenance.sensor)
     sections |= {"noise": noise} if noise else {}

@@ -148,9 +148,6 @@ def surface_along(
 MOST_DEG = 60.0
 """Largest tilt that is fitted: a surface beyond is another one."""
 
-PITCH_FIRST = 2.0
-"""Roll is changed where it tilts a surface so many times as far as pitch does: nearly all models have no roll."""
-
 
 def tilts_to(surface: Surface, normal: FloatArray) -> tuple[float, float]:
     """Tilts about the surface's own u and v axes that turn its normal to `normal` (3,), a unit vector; degrees."""
@@ -178,7 +175,7 @@ def angle_changes(
     Returns
     -------
     (float, float, float)
-        One of pitch and roll is 0: roll, unless pitch would change more than `PITCH_FIRST` times as far.
+        One of pitch and roll is 0: roll, unless pitch would change more than twice as far.
 
     Raises
     ------
@@ -194,7 +191,7 @@ def angle_changes(
     wanted = surface.rotation() @ np.array([tilts_deg[1] * part, -tilts_deg[0] * part, math.cos(math.radians(tilt))])
     yaw, pitch, roll = (math.radians(angle) for angle in (surface.yaw_deg, surface.pitch_deg, surface.roll_deg))
     of_pitch, of_roll = abs(math.cos(yaw)), abs(math.cos(pitch) * math.sin(yaw))  # tilt by a small change of each
-    by_pitch = PITCH_FIRST * of_pitch >= of_roll
+    by_pitch = 2.0 * of_pitch >= of_roll  # roll only where it tilts twice as far: nearly all models have none
     least_part = 1e-6  # of a degree of tilt that an angle makes for each degree
     if max(of_pitch, of_roll) < least_part:
         raise ValueError(f'"{surface.name}" tilts about one axis alone by its angles; give it another yaw or pitch')

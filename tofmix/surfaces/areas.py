@@ -126,9 +126,7 @@ def _scatter(log_light: FloatArray, inside: BoolArray, settings: BrightnessSetti
     return max(float(np.median(np.abs(off)) * median_deviation / np.sqrt(1.25)), settings.least_scatter)
 
 
-_PAIR = 2
-_MANY_SAMPLES = 1e6
-"""Samples of a share that is no count: the error of its amplitude is all of its variance."""
+_PAIR = 2  # a surface and the one beside it
 
 
 class Areas(NamedTuple):
@@ -270,7 +268,7 @@ class _Turned:
             area = np.exp(np.log(light[known]) - log_light)
         if not np.isfinite(area).all():
             return False
-        out.samples[row, col] = _MANY_SAMPLES
+        out.samples[row, col] = 1e6  # no count: the error of its amplitude is all of its variance
         spread = area**2 * (of_mean + own)
         self._common.append(float(np.mean(of_mean / (of_mean + own))))
         if known.sum() == _PAIR:  # two estimates; a return that is kept is brighter than in the mean

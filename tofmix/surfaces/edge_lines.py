@@ -99,9 +99,6 @@ def _squares(fits: FloatArray, share: FloatArray, samples: FloatArray, floor: Fl
     return out
 
 
-_LEAST_TURN = -0.5
-"""Least cosine between the directions of two pieces: 120 degrees, as at the tip of a triangle."""
-
 _NOTHING = 1.0e-9
 """Smallest length of a piece, pixels."""
 
@@ -219,7 +216,8 @@ def _followers(pieces: FloatArray, near: NDArray[np.int32]) -> IntArray:
     way = pieces[:, 4:6] - pieces[:, :2]
     way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), _NOTHING)
     alike: BoolArray = (near[one] == near[other]) & (one != other)
-    alike &= (way[one] * way[other]).sum(axis=1) > _LEAST_TURN
+    sharpest = -0.5  # cosine of 120 degrees, as at the tip of a triangle
+    alike &= (way[one] * way[other]).sum(axis=1) > sharpest
     order = np.flatnonzero(alike)[np.argsort(distance[alike], kind="stable")]
     follower, taken = np.full(count, -1), np.zeros(count, bool)
     for k in order:

@@ -18,9 +18,6 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.segments import components
 from tofmix.suspicion.scene import WindowScene
 
-SHAPES = 6.0
-"""Free numbers of the deviations of a smooth shape from another: more pixels than these tell no more."""
-
 PLANE_NUMBERS = 3
 """Free numbers of a plane."""
 
@@ -53,7 +50,8 @@ def evidence_nats(misfit: float, other: float, error: float, free: int) -> float
     squares = [max(value**2, error**2) for value in (misfit, other)]
     if free <= 0 or not 0.0 < squares[0] < math.inf or not 0.0 < squares[1] < math.inf:
         return 0.0
-    evidence = 0.5 * min(SHAPES, free) * math.log(squares[1] / squares[0])
+    # free numbers of a smooth shape: more pixels tell no more
+    evidence = 0.5 * min(6.0, free) * math.log(squares[1] / squares[0])
     return min(max(evidence, -MOST_EVIDENCE), MOST_EVIDENCE)
 
 
@@ -68,9 +66,6 @@ in the near infrared."""
 
 PRIOR_SURFACES = 20.0
 """How many surfaces' worth of knowledge `ALBEDO_SPREAD` is; a scene of many surfaces has its own spread."""
-
-LEAST_PIXELS = 4
-"""Pixels of a surface that counts as a draw of an albedo: fewer may be mixed, or false."""
 
 _RANGE_STEP, _LIGHT_STEP = 0.1, 0.5  # between neighbours of one surface: of the range, and in the log of the amplitude
 
@@ -172,7 +167,8 @@ def find_surfaces(scene: WindowScene, bright: FloatArray) -> Surfaces:
 
 def _surfaces(row: IntArray, col: IntArray, layer: IntArray, part: IntArray, bright: FloatArray) -> Surfaces:
     size = np.bincount(part)
-    large = np.flatnonzero(size >= LEAST_PIXELS)
+    least = 4  # pixels of a draw of an albedo: fewer may be mixed, or false
+    large = np.flatnonzero(size >= least)
     number = np.full(len(size), -1)
     number[large] = np.arange(len(large))
     part = number[part]

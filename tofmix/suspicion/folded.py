@@ -25,8 +25,6 @@ from tofmix.suspicion.albedo import (
 )
 from tofmix.suspicion.scene import FALSE_MARKS, Suspicion, WindowScene
 
-MOST_SURFACES = 24  # the largest surfaces that are compared: more cost time, and are small
-
 _BESIDE = 0.2  # a layer beside a folded surface within this share of its range is of it
 
 
@@ -62,7 +60,7 @@ def _folded_surfaces(scene: WindowScene, surfaces: Surfaces, turn_mm: float) -> 
     count = len(surfaces.log_brightness)
     folded = np.zeros(count, bool)
     sizes = np.bincount(surfaces.part[surfaces.part >= 0], minlength=count)
-    largest = np.argsort(-sizes, kind="stable")[:MOST_SURFACES]
+    largest = np.argsort(-sizes, kind="stable")[:24]  # further ones cost time, and are small
     if len(largest) < 2:  # noqa: PLR2004  nothing to compare it with
         return folded
     bright = surfaces.log_brightness[largest]

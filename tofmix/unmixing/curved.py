@@ -65,7 +65,6 @@ _DRAWS = 64  # of each surface
 _ALL = 0.995  # share of the parts that counts as all
 _SOME = 0.01  # and as some
 _LEAST_DRAWS, _LEAST_LIMBS, _LEAST_CUTS = 6, 4, _DRAWS // 4
-_BINS = 50  # of the share
 _ANY = 0.03  # part of a limb's shares that no draw has
 _FAR, _NEAR = 4.0, 0.25  # of the range in the middle: a patch is not continued farther
 _BLOCK = 48  # pairs at once: some 50 MB
@@ -230,19 +229,15 @@ def _middle(view: View, at: IntArray, members: IntArray) -> FloatArray:
     return np.asarray(sums / np.maximum(weight.sum(axis=1, keepdims=True), 1e-30))
 
 
-_FREEDOM = 4
-"""Degrees of freedom of Student's t, as which the draws of a surface scatter: tails of a fit to a few pixels."""
-
-
 def _student(count: int) -> FloatArray:
     """Numbers (count, STATES) of the draws, each with its negative: the same in each run.
 
-    Student's t of `_FREEDOM` degrees of freedom, of unit variance: how far a surface goes on as it bends is known only
+    Student's t of four degrees of freedom, of unit variance: how far a surface goes on as it bends is known only
     by its own pixels, so a limb may lie farther away than Gaussian errors say.
     """
     draw = np.random.default_rng(0)
     normal = draw.standard_normal((count // 2, STATES))
-    size = 1.0 / draw.chisquare(_FREEDOM, (count // 2, 1))
+    size = 1.0 / draw.chisquare(4, (count // 2, 1))  # degrees of freedom: tails of a fit to a few pixels
     normal *= np.sqrt(size / size.mean())
     return np.concatenate([normal, -normal])
 
@@ -444,7 +439,7 @@ def _limb(seen: _Seen, totals: _Sums, which: IntArray) -> _Ends:
     residual = np.where(ok[..., np.newaxis], values - design @ coefficients, 0.0)
     free = np.maximum(count - degree - 1, 1)[:, np.newaxis, np.newaxis]
     scatter = np.swapaxes(residual, 1, 2) @ residual / free + np.diag([1e-4, 1.0])
-    bins = np.linspace(_SOME, 1.0 - _SOME, _BINS)
+    bins = np.linspace(_SOME, 1.0 - _SOME, 50)  # bins of the share
     width = float(bins[1] - bins[0])
     smooth = np.maximum(1.06 * spread * whole**-0.2, 0.02)[:, np.newaxis, np.newaxis]
     bumps = np.exp(-0.5 * ((bins[:, np.newaxis] - share[:, np.newaxis]) / smooth) ** 2) / smooth

@@ -21,9 +21,6 @@ from tofmix.unmixing.likeliest import Kind, OpenSpace
 from tofmix.unmixing.seeds import without_creases
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, CurvedSettings, UnmixSettings
 
-_WALLS = 0.8
-"""Part of a segment's pixels that flat parts must have; the rest lies at creases."""
-
 
 def label_curved(image: PhasorImage, labels: Labels, settings: UnmixSettings = DEFAULT_SETTINGS) -> Labels:
     """Label the pixels beside surfaces that bend.
@@ -97,7 +94,8 @@ def _parted(
     flat = large[learnt.is_known() & learnt.is_flat()]
     count = len(bent)
     pixels = np.bincount(segment[segment >= 0], minlength=count)
-    of_walls = np.bincount(origin[flat], weights=size[flat], minlength=count) > _WALLS * pixels
+    # the rest of a segment lies at creases
+    of_walls = np.bincount(origin[flat], weights=size[flat], minlength=count) > 0.8 * pixels
     parted = np.bincount(origin[large], minlength=count) > 1
     walls = bent & parted & of_walls
     bent = bent & ~walls

@@ -6,13 +6,12 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 from support.commandline import Tofmix
-from support.files import boards, write_recording
+from support.files import boards, contents, write_recording
 from support.full_disk import FullDisk
 from support.sizes import sized
 
@@ -28,14 +27,9 @@ def recording(tmp_path: Path) -> Path:
     return write_recording(tmp_path / "a.h5", boards(40))
 
 
-def _read(path: Path) -> dict[str, Any]:
-    with h5py.File(path) as root:
-        return {name: item[...] for name, item in root.items() if isinstance(item, h5py.Dataset)} | dict(root.attrs)
-
-
 def test_estimate_finds_the_surfaces_of_the_model(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     outcome = tofmix.done("estimate", recording)
-    found = _read(tmp_path / "a.layers.h5")
+    found = contents(tmp_path / "a.layers.h5")
     assert outcome.out.startswith(f"{tmp_path / 'a.layers.h5'}: 4 x 6 pixels, 1 window of 40 frames")
     np.testing.assert_allclose(found["range"][0, :, 0, 0], 1200, atol=15)
     np.testing.assert_allclose(found["range"][0, :, -1, 0], 3000, atol=25)
@@ -71,7 +65,7 @@ def test_frames_after_the_last_window_are_left_out_with_a_note(tofmix: Tofmix, r
     outcome = tofmix("estimate", recording, "--window", 15)
     assert "2 windows of 15 frames" in outcome.out
     assert "10 frames after the last whole window left out" in outcome.err
-    found = _read(tmp_path / "a.layers.h5")
+    found = contents(tmp_path / "a.layers.h5")
     assert found["window_stop"].tolist() == [15, 30]
     assert found["frames_left_out"] == 10
 
@@ -102,7 +96,7 @@ def test_every_option_of_estimate_changes_its_layers(
     more = ["--refine", "none"] if option == "--tol" else []
     tofmix("estimate", recording, "-o", tmp_path / "plain", *more)
     tofmix.done("estimate", recording, "-o", tmp_path / "changed", option, value, *more)
-    plain, changed = _read(tmp_path / "plain"), _read(tmp_path / "changed")
+    plain, changed = contents(tmp_path / "plain"), contents(tmp_path / "changed")
     assert not np.array_equal(plain[changes], changed[changes], equal_nan=True)
     assert plain["options"] != changed["options"]
 
@@ -115,11 +109,11 @@ def test_higher_false_alarm_rate_gives_more_second_layers(tofmix: Tofmix, tmp_pa
     counts = []
     for false_alarm in (1e-5, 0.1):
         tofmix.done("estimate", path, "--overwrite", "--false-alarm", false_alarm)
-        counts.append(np.sum(_read(tmp_path / "a.layers.h5")["n_modes"] > 1))
+        counts.append(np.sum(contents(tmp_path / "a.layers.h5")["n_modes"] > 1))
     assert counts[0] < 5
     assert counts[1] > 60
     tofmix.done("estimate", path, "--overwrite", "--refine", "none")
-    found = _read(tmp_path / "a.layers.h5")
+    found = contents(tmp_path / "a.layers.h5")
     # A component may lose its samples to another in the fit.
     assert np.mean(found["n_modes"] == found["n_peaks"]) > 0.99
     assert np.sum(found["n_modes"] > 1) > 60
@@ -137,7 +131,7 @@ def test_noise_profile_replaces_a_missing_curve(tofmix: Tofmix, tmp_path: Path) 
 def test_estimate_accepts_other_image_sizes(tofmix: Tofmix, tmp_path: Path, shape: tuple[int, int, int]) -> None:
     path = write_recording(tmp_path / "a.h5", np.full(shape, 1500, "u2"))
     tofmix.done("estimate", path)
-    assert _read(tmp_path / "a.layers.h5")["range"].shape == (1, *shape[1:], 6)
+    assert contents(tmp_path / "a.layers.h5")["range"].shape == (1, *shape[1:], 6)
 
 
 def test_invalid_samples_are_skipped_and_counted(tofmix: Tofmix, tmp_path: Path) -> None:
@@ -146,7 +140,7 @@ def test_invalid_samples_are_skipped_and_counted(tofmix: Tofmix, tmp_path: Path)
     samples[:10, 1, 1] = np.nan
     path = write_recording(tmp_path / "a.h5", samples)
     tofmix.done("estimate", path)
-    found = _read(tmp_path / "a.layers.h5")
+    found = contents(tmp_path / "a.layers.h5")
     assert found["status"][0, 0, 0] == 1
     assert found["n_samples"][0, 1, 1] == 20
 
@@ -317,7 +311,7 @@ def test_names_of_recordings_are_read_from_stdin(
     assert tofmix("estimate", "-", "--output-dir", tmp_path / "out").code == ExitCode.USAGE
 
 
-def test_impossible_outputs_are_refused_before_the_first_recording_is_read(
+def test_impossible_outputs_are_refused_before_the_first_recording_iscontents(
     tofmix: Tofmix, recordings: list[Path], tmp_path: Path
 ) -> None:
     (tmp_path / "other").mkdir()

@@ -5,13 +5,12 @@ import re
 import shlex
 import shutil
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 from support.commandline import Tofmix
-from support.files import write_recording
+from support.files import contents, write_recording
 from support.lock_in import small, write_sums
 
 import tofmix as tm
@@ -143,11 +142,6 @@ def _folded(path: Path, dtype: str = "f4", **attributes: float) -> Path:
     )
 
 
-def _read(path: Path) -> dict[str, Any]:
-    with h5py.File(path) as root:
-        return {name: item[...] for name, item in root.items() if isinstance(item, h5py.Dataset)} | dict(root.attrs)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("dtype", "option"), [("f4", ["--wrap"]), ("u2", ["--unambiguous-range", LENGTH])])
 def test_a_wall_at_the_fold_is_one_surface(tofmix: Tofmix, tmp_path: Path, dtype: str, option: list[object]) -> None:
@@ -155,14 +149,14 @@ def test_a_wall_at_the_fold_is_one_surface(tofmix: Tofmix, tmp_path: Path, dtype
     outcome = tofmix("estimate", recording, *option, "--mixing", "events")
     said = [line for line in outcome.err.splitlines() if "compiling the kernels" not in line]
     assert (outcome.code, said) == (0, [])
-    found = _read(layers)
+    found = contents(layers)
     assert (found["n_modes"] == 1).all()
     wall = fold(found["range"][0, :, :6, 0] + LENGTH / 2, LENGTH) - LENGTH / 2
     np.testing.assert_allclose(wall, 5, atol=35)
     assert json.loads(found["options"])["unambiguous_range_mm"] == pytest.approx(LENGTH)
     assert (found["n_samples"] == 60).all()  # with another _FillValue, an integer 0 is a range
     tofmix.done("estimate", recording, "--noise", "file", "-o", tmp_path / "line.h5")
-    line = _read(tmp_path / "line.h5")
+    line = contents(tmp_path / "line.h5")
     assert (line["n_modes"][0, :, :6] == 1).mean() < 0.9 or not (line["range"][0, :, :6, 0] > 6000).all()
 
 
@@ -179,7 +173,7 @@ def test_noise_and_outliers_are_measured_on_the_circle(tofmix: Tofmix, tmp_path:
     (line,) = outcome.err.splitlines()  # no warning that curve and recording disagree
     assert "noise: sigma 5" in line or "noise: sigma 6" in line
     found = tmp_path / "a.layers.h5"
-    assert (_read(found)["n_modes"] == 1).all()
+    assert (contents(found)["n_modes"] == 1).all()
     with h5py.File(found) as root:
         sensor = root["sensor"]
         at = np.interp([2000.0, LENGTH], sensor["noise_range"][...], sensor["noise_sigma"][...])
@@ -208,7 +202,7 @@ def test_range_max_at_the_fold_leaves_out_c0_with_a_note(tofmix: Tofmix, tmp_pat
     outcome = tofmix.done("estimate", _folded(tmp_path / "a.h5", range_max_mm=7490.0), "--wrap", "--mixing", "events")
     assert "c_0 is left out" in outcome.err
     assert outcome.err.count("\n") == 1
-    found = _read(tmp_path / "a.layers.h5")
+    found = contents(tmp_path / "a.layers.h5")
     assert (found["weight_no_return"] == 0).all()
     assert (found["n_modes"] == 1).all()
 
@@ -235,7 +229,7 @@ def test_wrap_keeps_the_ranges_of_boards_away_from_the_fold(tofmix: Tofmix, tmp_
     tofmix.done("simulate", "three-boards", "-o", recording, "--frames", 60)
     for name, options in (("line.h5", []), ("circle.h5", ["--wrap"])):
         outcome = tofmix.done("estimate", recording, "-o", tmp_path / name, *options)
-    line, circle = _read(tmp_path / "line.h5"), _read(tmp_path / "circle.h5")
+    line, circle = contents(tmp_path / "line.h5"), contents(tmp_path / "circle.h5")
     assert "c_0 is left out" in outcome.err  # range_max is at the fold
     boards = (line["n_modes"] == 1) & (line["range"][..., 0] < 4500) & (line["weight"][..., 0] > 0.99)
     assert boards.sum() > 1000

@@ -8,7 +8,7 @@ import pytest
 
 from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.effects.search import image_places
-from tofmix.simulation.effects.spot import NAMES, light_of, measured_spots
+from tofmix.simulation.effects.spot import NAMES, light_of, measured
 
 SPOT = {"spot_across": 0.2, "spot_down": -0.3, "spot_radius_across": 0.4, "spot_radius_down": 0.25}
 MAKE: dict[str, Any] = dict(EFFECTS)
@@ -47,7 +47,7 @@ def test_spot_is_found_where_the_noise_is_larger(factor: float) -> None:
     light = np.exp(-0.5 * (((place[:, 0] - x) / wide) ** 2 + ((place[:, 1] - y) / high) ** 2))
     true = np.sqrt((factor * sigma) ** 2 + 20.0**2 * light)
     facts: Any = _Facts(true * np.exp(0.07 * rng.standard_normal(sigma.size)), sigma, place)
-    size, vector = measured_spots(facts, sigma**-2.0)[0]
+    size, vector = measured(facts, sigma**-2.0)[0]
     found = [math.sqrt(size), vector[0], vector[1], math.exp(vector[2]), math.exp(vector[3])]
     assert found == pytest.approx([20.0, x, y, wide, high], rel=0.1, abs=0.02)
 
@@ -55,7 +55,7 @@ def test_spot_is_found_where_the_noise_is_larger(factor: float) -> None:
 def test_noise_of_few_pixels_has_no_spot() -> None:
     place = image_places((4, 5))
     facts: Any = _Facts(np.ones(20), np.ones(20), place)
-    assert measured_spots(facts, np.ones(20)) == []
+    assert measured(facts, np.ones(20)) == []
 
 
 def test_noise_as_predicted_has_no_large_spot() -> None:
@@ -64,6 +64,6 @@ def test_noise_as_predicted_has_no_large_spot() -> None:
     facts: Any = _Facts(sigma * np.exp(0.07 * np.random.default_rng(6).standard_normal(2000)), sigma, place)
     peaks = [
         size * float(light_of((v[0], v[1], math.exp(v[2]), math.exp(v[3])), place).mean())
-        for size, v in measured_spots(facts, np.ones(2000))
+        for size, v in measured(facts, np.ones(2000))
     ]
     assert all(peak < 0.1 for peak in peaks)

@@ -16,10 +16,6 @@ from tofmix.arrays import Float32Array
 from tofmix.grid import Cell, Grid
 from tofmix.recording import DECODED_SAMPLES, SAMPLE_BYTES, SampleSource, wanted_amplitudes
 
-_WORKING_BYTES = 24
-"""Bytes of a sample during computation, in addition to the slabs: in the order and precision of the kernels, with its
-layers."""
-
 PIECE_SAMPLES = 1 << 20
 """Most samples for one call of the kernels, unless one pixel has more: this limits their scratch memory."""
 
@@ -194,7 +190,8 @@ def _held(grid: Grid, plan: ReadPlan, groups: int) -> int:
 def working_bytes(grid: Grid) -> int:
     """Memory that a worker takes for the piece of a cell that it works on."""
     rows, length = min(grid.step[1], grid.image[0]), grid.windows.length
-    return _WORKING_BYTES * min(rows * grid.image[1] * length, max(PIECE_SAMPLES, length))
+    # bytes of a sample in the order and precision of the kernels, with its layers
+    return 24 * min(rows * grid.image[1] * length, max(PIECE_SAMPLES, length))
 
 
 def read_groups(

@@ -47,17 +47,6 @@ from tofmix.noise_shape import DRIFTS, TAIL_DEGREES
 DRAWS = 6000, 20_000
 """Fewest and most pixels of each number of samples and share of background: the tail then has 300 gains or more."""
 
-DRAWS_IN_ALL = 120_000
-"""Pixels drawn in all, within these bounds."""
-
-TAIL = 0.05
-"""Part of the gains that the tail is fitted to."""
-
-TAIL_OF_CLUMPS = 0.005
-"""The same where pixels have shares of background. Clumps of two, three or four of its samples have gains of their own:
-the tail is exponential from about one in 200 on. Fitted to a twentieth, the gain that one pixel in 1000 reaches was up
-to 2 nat too low."""
-
 SHARES = (0.0, 0.02, 0.1, 0.3, 0.6, 0.85)
 """Shares of background that are drawn where each pixel has a share."""
 
@@ -104,7 +93,7 @@ def calibrate(
     rounding_mm : float
         Step of the stored ranges, mm: draws are rounded to it, or to the beam's steps, where it has some.
     draws : int, optional
-        Pixels of each number of samples and share; default: by `DRAWS` and `DRAWS_IN_ALL`.
+        Pixels of each number of samples and share; default: within `DRAWS`, 120,000 in all.
     workers : int
         Threads; the table does not depend on them.
     progress : callable, optional
@@ -121,9 +110,12 @@ def calibrate(
         _Cell(samples=n, background=share, number=number)
         for number, (n, share) in enumerate(product(numbers, [*shares, None]))
     ]
-    count = draws or min(max(DRAWS[0], DRAWS_IN_ALL // len(cells)), DRAWS[1])
+    count = draws or min(max(DRAWS[0], 120_000 // len(cells)), DRAWS[1])  # 120,000 in all, within these bounds
     laws = noise.laws()
-    tail = TAIL if noise.background is None else TAIL_OF_CLUMPS
+    # Part of the gains that the tail is fitted to. Clumps of two to four samples of background have gains of their own:
+    # the tail is then exponential from about one in 200 on. Fitted to a twentieth, the gain that one pixel in 1000
+    # reaches was up to 2 nat too low.
+    tail = 0.05 if noise.background is None else 0.005
     draw = _Drawing(noise, beam, ranges_mm, pixel_effects, rounding_mm)
 
     def gains(cell: _Cell) -> FloatArray:

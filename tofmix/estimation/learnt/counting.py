@@ -39,9 +39,6 @@ from tofmix.estimation.learnt.trials import (
 )
 from tofmix.estimation.mixture.counting import MIN_SUPPORT, least_gain
 
-NEAR_NO_RETURN = 5.0
-"""Distance, in sigmas, within which c_0 and a surface may stand for the same samples."""
-
 LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN = 1.0e-3, 4.0
 """Rules of the counts that noise is learnt from: false alarms, and c_0's gain in nat, which noise alone gives it with a
 probability of 0.002."""
@@ -76,7 +73,8 @@ def _remove_no_return(data: Samples, k: int, work: LearntWorkspace, law: Law, be
     fit, trial, _, scratch, _ = work
     near = False
     for i in range(k):
-        near = near or near_no_return(fit[MEAN, i], NEAR_NO_RETURN, beam)
+        # sigmas within which c_0 and a surface may stand for the same samples
+        near = near or near_no_return(fit[MEAN, i], 5.0, beam)
     if fit[WEIGHT, -1] == 0.0 or not near:
         return
     copy_fit(fit, trial)

@@ -24,9 +24,6 @@ STEPS = 32
 REACH = 24.0
 """Ends of the tables, in sigmas from the surface; the density is 0 beyond."""
 
-NEGLIGIBLE = 1.0e-4
-"""Part of its peak below which the density plays no part in the search for a surface."""
-
 SCALE_OF_SPREAD = 0.831
 """Scale s of the Student t of n = `TAIL_DEGREES` with the largest likelihood for values x of a standard Gaussian, to
 three decimals: the mean of (n + 1) x^2 / (n s^2 + x^2) is 1."""
@@ -38,7 +35,7 @@ class Law(NamedTuple):
     `density`, `slope` and `distribution` (point,) are f(z), -f'(z) and the integral of f at z from -`REACH` to `REACH`,
     in sigmas. `information` is the
     mean of (f' / f)^2 and `width_information` that of (z f' / f + 1)^2: Fisher's information of location and log scale;
-    `cross_information` is that of both together. Beyond `low` and `high`, in sigmas, the density is `NEGLIGIBLE`.
+    `cross_information` is that of both together. Beyond `low` and `high`, in sigmas, the density is negligible.
     `width_spread` is the scale of log width, 0 where all widths are equal; `drift_mm` (DRIFTS,) has the scale of each
     polynomial, 0 without this polynomial. `background_near` and `background_far` are the pseudo-counts, in samples, of
     background and of the rest.
@@ -122,7 +119,8 @@ def law_of(
     root = np.sqrt(density)
     steep = -0.5 * z * root if shape is None else np.gradient(root, z)
     wide = 2.0 * z * steep + root
-    seen = np.flatnonzero(density > NEGLIGIBLE * density.max())
+    # less of its peak plays no part in the search for a surface
+    seen = np.flatnonzero(density > 1.0e-4 * density.max())
     return Law(
         density=np.ascontiguousarray(density),
         slope=np.ascontiguousarray(slope),

@@ -45,9 +45,6 @@ ONE_SURFACE = np.array([[0.0, 1.0]])
 PLACES = 15
 """Places over which a likelihood is averaged."""
 
-REACH = 4.0
-"""Places reach so many standard errors from the mean of the fitted surface."""
-
 
 SCALES = np.geomspace(0.025, 0.8, 11)
 """Scales of log width that are tried."""
@@ -160,7 +157,8 @@ def _mean_over_places(
     variance = width * width + half * half / 3.0 + share * (1.0 - share) * apart * apart
     off_centre = 0.1  # further reach, by the distance of a pair: the fitted surface of a skewed pair is not at its mean
     off_step = 0.5  # further reach, by half the step: within a coarse step, samples hardly tell where the surface is
-    reach = REACH * math.sqrt(variance / max(n, 1)) + off_centre * apart + off_step * half
+    # standard errors from the mean of the fitted surface
+    reach = 4.0 * math.sqrt(variance / max(n, 1)) + off_centre * apart + off_step * half
     scale = 1.0 / width
     near = (1.0 - rest) * share / (2.0 * half)
     far = (1.0 - rest) * (1.0 - share) / (2.0 * half)

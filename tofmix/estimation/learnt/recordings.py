@@ -40,9 +40,6 @@ from tofmix.wording import counted
 LEAST_IN_PIXEL, LEAST_IN_ALL = 5, 100
 """Least valid samples for one sigma: in some pixel, and in all pixels. Its standard error is then 7 %."""
 
-FALSE_CHOICE = 1.0e-3
-"""Probability of a share of outliers by chance, as of a part of the noise (`candidates.held_out_gain`)."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FoundNoise:
@@ -221,7 +218,7 @@ def share_of_outliers(sensor: Sensor, measured: MeasuredNoise) -> float:
     """p(c_r) for learning: the sensor's, or the counted one where nothing is stated and the count contradicts it.
 
     A sensor that states nothing has `DEFAULT_OUTLIER_PROBABILITY`. Counted outliers contradict it where their number is
-    `FALSE_CHOICE` times as likely under their own share. Under too small a share, two of them that lie together pass
+    1000 times as likely under their own share. Under too small a share, two of them that lie together pass
     for a surface. Parts of the noise do not show such shares: `held_out.SURPRISES` is mixed into all models.
     """
     assumed, counted_share = sensor.outlier_probability, measured.outlier_probability
@@ -230,7 +227,8 @@ def share_of_outliers(sensor: Sensor, measured: MeasuredNoise) -> float:
     count = measured.outlier_samples
     samples = (count + 0.5) / counted_share
     gain = count * math.log(counted_share / assumed) - samples * (counted_share - assumed)
-    return counted_share if gain > -math.log(FALSE_CHOICE) else assumed
+    # probability by chance, as of a part of the noise (`candidates.held_out_gain`)
+    return counted_share if gain > -math.log(1.0e-3) else assumed
 
 
 def _pixels(

@@ -35,9 +35,6 @@ _WINDOW, _PLACES, _MOST_WINDOWS = 0.2, 81, 20
 Places lie 0.005 apart: 10^4 samples tell the width of a cluster to 0.007."""
 
 
-COARSE_SIGMAS = 0.5
-"""Step, in sigmas, from which sigma is the most likely one of all clusters. `SIGMAS` reach to twice the sigma there."""
-
 _LEAST_IN_BIN, _WIDEST_BIN = 20, 0.12
 """Least clusters in a bin of range, and greatest width of the bin by its range."""
 
@@ -257,7 +254,7 @@ def _curve_through(
 ) -> NoiseCurve:
     """Curve through the median widths of bins of range; log widths (n,) are relative to `curve` at `at_mm` (n,).
 
-    Where the step is `COARSE_SIGMAS` or more, sigma is the most likely one of the bin: widths of single clusters
+    Where the step is half a sigma or more, sigma is the most likely one of the bin: widths of single clusters
     scatter far, and those of several surfaces do not stand apart.
     """
     order = np.argsort(at_mm, kind="stable")
@@ -279,7 +276,7 @@ def _curve_through(
         if coarse is not None:
             some = order[first:stop]
             log_step = float(np.median(coarse.log_step[some]))
-            if log_step >= log_sigma + math.log(COARSE_SIGMAS):
+            if log_step >= log_sigma + math.log(0.5):  # `SIGMAS` reach to twice the sigma there
                 log_sigma = log_step + math.log(_sigma_in_steps(coarse.in_steps_of(log_step, some)))
         sigmas.append(float(np.exp(log_sigma)))
         first = stop

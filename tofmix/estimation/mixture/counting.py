@@ -150,10 +150,6 @@ SPLIT_SIGMAS = 0.8
 """Half the distance, in sigmas, at which a trial splits one surface in two equal ones."""
 
 
-SCAN_SIGMAS = 4.0
-"""Distance from such a surface, in sigmas, within which its samples are counted."""
-
-
 _STEEPEST, _SPLIT, _MOVED = 0, 1, 2  # starts of one surface more
 
 
@@ -261,7 +257,7 @@ def _gap_sigmas(k: int, index: int, fit: Components, beam: Beam) -> float:
 def _by_chance(n: float, k: int, index: int, fit: Components, beam: Beam, rules: Rules) -> bool:
     """Whether outliers alone would give such a surface too often.
 
-    Of N p(c_r) outliers, spread evenly over these samples, each finds m - 1 or more others in the `SCAN_SIGMAS` after
+    Of N p(c_r) outliers, spread evenly over these samples, each finds m - 1 or more others in the four sigmas after
     it with the chance of a Poisson variable; times the number of outliers, this bounds the probability of one such
     group.
     """
@@ -271,7 +267,8 @@ def _by_chance(n: float, k: int, index: int, fit: Components, beam: Beam, rules:
     alone_sigmas = 4.0
     if support > most_by_chance or _gap_sigmas(k, index, fit, beam) < alone_sigmas:
         return False
-    expected = n * outlier_density_at(fit[MEAN, index], beam) * SCAN_SIGMAS * fit[SIGMA, index]
+    # four sigmas, within which the samples of such a surface are counted
+    expected = n * outlier_density_at(fit[MEAN, index], beam) * 4.0 * fit[SIGMA, index]
     fewer, term = 0.0, math.exp(-expected)
     for m in range(round(support) - 1):
         fewer += term

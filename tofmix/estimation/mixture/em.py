@@ -356,9 +356,6 @@ def fit_mixture(
     )
 
 
-_LONGEST_JUMP = 64.0
-"""Most EM steps that one extrapolation stands for."""
-
 LEAST_SHARE = 1.0e-9
 """Least share after an extrapolation: one to a smaller share is taken back."""
 
@@ -438,7 +435,8 @@ def maximise_likelihood(
                 step2 += step * step
                 bend2 += (after - step) ** 2
                 last = max(last, abs(after))
-        jump = min(math.sqrt(step2 / bend2), _LONGEST_JUMP) if bend2 > 0.0 else 1.0
+        # most EM steps that one extrapolation stands for
+        jump = min(math.sqrt(step2 / bend2), 64.0) if bend2 > 0.0 else 1.0
         if last * max(jump, 1.0) < tol:
             return iterations
         if jump <= 1.0 or iterations >= max_iter:

@@ -33,10 +33,6 @@ from tofmix.noise_shape import DRIFTS, RangeStep
 from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
 
-QUESTIONED_PIXELS = 1000
-"""Most pixels whose samples are compared with a file's curve."""
-
-
 _QUARTILE = NormalDist().inv_cdf(7.0 / 8.0)
 _QUARTILE_ERROR = round(math.sqrt(3.0) / (4.0 * _QUARTILE * NormalDist().pdf(_QUARTILE)), 2)
 """Relative standard error of the upper quartile of n chi-square variables of one degree, times sqrt(n).
@@ -155,7 +151,7 @@ def is_contradicted(
     Parameters
     ----------
     source : SampleSource
-        The recording, with a curve. Up to `QUESTIONED_PIXELS` pixels are read.
+        The recording, with a curve. Up to 1000 pixels are read.
     window_frames, stride_frames : int
         Frames of a window, and from one window to the next.
     step : RangeStep, optional
@@ -168,7 +164,7 @@ def is_contradicted(
     """
     targets = samples_a_frame(source)
     stride = (stride_frames or window_frames) * targets
-    pixels = pixels_of(source, window_frames * targets, stride, most=QUESTIONED_PIXELS, step=step)
+    pixels = pixels_of(source, window_frames * targets, stride, most=1000, step=step)
     sensor = source.sensor
     if step is not None and sensor.noise is not None:
         # Rounding, and its spread over the step, each add a variance of step^2 / 12.

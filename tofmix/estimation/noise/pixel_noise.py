@@ -18,12 +18,6 @@ from tofmix.estimation.beam import Beam, PixelCurves, Steps, sigma_at
 from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.sensor import NoiseCurve
 
-APART_SIGMAS = 3.0
-"""A wider gap between neighbouring samples separates two clusters, each with its own amplitude."""
-
-NEAR_SIGMAS = 1.0
-"""Within a cluster, samples this near give the amplitude at a range."""
-
 CLUSTER_SAMPLES = 3.0
 """Weight of the cluster's median amplitude in this mean, in samples, for ranges with few samples."""
 
@@ -68,7 +62,7 @@ def _fill_cluster(
     first, stop, total, known = 0, 0, 0.0, 0
     for j in range(len(values)):
         base = sigma_at(values[j], law.curve_range, law.curve_sigma)
-        reach = NEAR_SIGMAS * base * math.exp(middle)
+        reach = base * math.exp(middle)  # one sigma, within which samples give the amplitude at a range
         while stop < len(values) and values[stop] <= values[j] + reach:
             if not math.isnan(scale[stop]):
                 total, known = total + scale[stop], known + 1
@@ -104,7 +98,8 @@ def _fill(block: Float32Array, amplitude: Float32Array, law: _Law, out: PixelCur
         for j in range(n):
             factor = 1.0 if math.isnan(scales[j]) else math.exp(scales[j])
             sigma = factor * sigma_at(ordered[j], law.curve_range, law.curve_sigma)
-            if j > first and ordered[j] - ordered[j - 1] > APART_SIGMAS * max(sigma, widest):
+            # sigmas: a wider gap separates two clusters, each with its own amplitude
+            if j > first and ordered[j] - ordered[j - 1] > 3.0 * max(sigma, widest):
                 size = _fill_cluster(
                     ordered[first:j], scales[first:j], law, out.range_mm[pixel], out.sigma_mm[pixel], size
                 )
@@ -131,8 +126,8 @@ def pixel_curves(block: Float32Array, amplitude: Float32Array, curve: NoiseCurve
     Returns
     -------
     PixelCurves
-        Points at the samples' ranges. Samples less than `APART_SIGMAS` from their neighbour are a cluster. At a range
-        in it, log sigma has the mean scale of the samples within `NEAR_SIGMAS`, and of `CLUSTER_SAMPLES` more with
+        Points at the samples' ranges. Samples less than three sigmas from their neighbour are a cluster. At a range
+        in it, log sigma has the mean scale of the samples within one sigma, and of `CLUSTER_SAMPLES` more with
         the cluster's median scale.
 
     Raises

@@ -317,10 +317,6 @@ PEAK_SIGMAS, LEVEL_SIGMAS = 5.0, 10.0
 """Differences up to the first are the peak's, those between the two the level's, in sigmas."""
 
 
-WIDE = 0.25
-"""Width of a bin by its range."""
-
-
 LEAST_IN_PEAK = 10
 """Least differences of a peak."""
 
@@ -398,10 +394,10 @@ def _most_of(common: float, middle: float, range_mm: float) -> float:
 
 
 def _bins(place: FloatArray, common: float) -> list[tuple[int, int]]:
-    """Cut ascending places, mm, into bins `WIDE` of the range wide, or many sigmas: a narrow bin would cut peaks."""
+    """Cut ascending places, mm, into bins a quarter of the range wide, or many sigmas: a narrow bin would cut peaks."""
     edges = [float(place[0])]
     while edges[-1] < place[-1]:
-        edges.append(edges[-1] + max(WIDE * abs(edges[-1]), 4.0 * LEVEL_SIGMAS * common))
+        edges.append(edges[-1] + max(0.25 * abs(edges[-1]), 4.0 * LEVEL_SIGMAS * common))
     cuts = np.searchsorted(place, edges[1:-1])
     return list(pairwise([0, *cuts.tolist(), len(place)]))
 

@@ -44,10 +44,6 @@ LARGEST_TOLERANCE = 0.1
 """Largest tolerance by the step that it gives."""
 
 
-OF_ONE_SIZE = 2.0
-"""Factor about their median within which the pixels' own steps lie."""
-
-
 FIRST_FRAMES, MOST_VALUES = 100, 60_000
 """Frames of each pixel, and about the most samples, that are looked at first: continuous values are told from them."""
 
@@ -183,8 +179,8 @@ def _levels(value: FloatArray, first: IntArray) -> FloatArray:
 
 
 def _of_one_size(step: FloatArray, typical_mm: float) -> BoolArray:
-    """Whether steps (n,), mm, are within the factor `OF_ONE_SIZE` of the typical one."""
-    return np.asarray(np.abs(np.log(step / typical_mm)) <= math.log(OF_ONE_SIZE))
+    """Whether steps (n,), mm, are within a factor of two of the typical one."""
+    return np.asarray(np.abs(np.log(step / typical_mm)) <= math.log(2.0))
 
 
 def _fill_pixels(found: _Distances, step: FloatArray, good: BoolArray, out: FloatArray) -> None:

@@ -13,14 +13,8 @@ from tofmix.noise_shape import RangeStep
 from tofmix.recording import AmplitudeSource, SampleSource, amplitude_source
 from tofmix.sensor import NoiseCurve
 
-COARSE = 2.0
-"""Step, in sigmas, above which most samples of a pixel have one or two values."""
-
 MANY_PIXELS = 900
 """From so many pixels on, one third of them judges all models: its standard error is small enough."""
-
-MOST_PIXELS = 3000
-"""Most pixels, each in one window, that the noise is learnt from."""
 
 MOST_SAMPLES = 300_000
 """Most samples that the noise is learnt from, in `MANY_PIXELS` pixels or more."""
@@ -74,8 +68,8 @@ class Pixels:
         """Samples (pixel, frame), mm, with their rounding spread over its step."""
         return self.samples if self.spread is None else self.spread
 
-    def is_coarse(self, curve: NoiseCurve, sigmas: float = COARSE) -> bool:
-        """Whether the step is above so many sigmas at some range of a curve; by default, order then tells nothing."""
+    def is_coarse(self, curve: NoiseCurve, sigmas: float = 2.0) -> bool:
+        """Whether the step is above so many sigmas at some range; above 2, most samples have one or two values."""
         return self.step is not None and bool((self.step.at(curve.range_mm) > sigmas * curve.sigma_mm).any())
 
     def with_fine_step(self) -> "Pixels":
@@ -106,7 +100,7 @@ def pixels_of(
     window_frames: int,
     stride_frames: int,
     *,
-    most: int = MOST_PIXELS,
+    most: int = 3000,
     step: RangeStep | None = None,
 ) -> Pixels:
     """Read up to `most` pixels, evenly spread over the image and the windows; fewer where `MOST_SAMPLES` are more.
@@ -120,7 +114,7 @@ def pixels_of(
     window_frames, stride_frames : int
         Samples of a pixel in a window, and from one window to the next.
     most : int
-        Most pixels.
+        Most pixels, each in one window.
     step : RangeStep, optional
         Step of the stored ranges; the result then has the samples as they were stored, too. Default: a common one, from
         the samples.

@@ -68,10 +68,6 @@ class Counter(Protocol):
         """Return the parameters by name."""
 
 
-LONE_SAMPLES = 1.0
-"""A maximum must hold more samples than this: one alone is no surface."""
-
-
 @jit
 def _count_below(samples: FloatArray, edges: FloatArray, below: FloatArray) -> None:
     """N P(b): samples at or below each edge."""
@@ -111,7 +107,7 @@ def _maxima(n: int, edges: FloatArray, ratio: float, rise: FloatArray, place: Fl
             middle = 0.5 * (edges[first] + edges[i])
             at = middle + 0.5 * max((ratio - 1.0) * middle, width)
             inside = rise[i] / min((ratio - 1.0) * middle / width, 1.0)
-            if inside > LONE_SAMPLES + rounding * n and count < len(place):
+            if inside > 1.0 + rounding * n and count < len(place):  # one sample alone is no surface
                 place[count], height[count] = at, inside / n
                 count += 1
             if rise[i] > best:
@@ -188,10 +184,6 @@ class Cpdf:
         out = no_peaks(len(samples.valid))
         _fill_cpdf(samples, self.edges(beam), float(self.ratio), out)
         return out
-
-
-GRID = 16
-"""Points of the grid to the shortest wavelength of the series."""
 
 
 @jit
@@ -330,7 +322,7 @@ class Fourier:
     def peaks(self, samples: SortedSamples, beam: Beam) -> Peaks:
         """Find the peaks of each pixel; see `Peaks`."""
         out = no_peaks(len(samples.valid))
-        points = GRID * self.order
+        points = 16 * self.order  # sixteen to the shortest wavelength of the series
         phase = np.outer(-np.pi + 2.0 * np.pi * np.arange(points) / points, np.arange(1, self.order + 1))
         ends = beam.range_min, beam.range_top, SIGMAS_BEYOND * beam.sigma_max
         _fill_fourier(samples, ends, (np.cos(phase), np.sin(phase)), float(self.level), out)

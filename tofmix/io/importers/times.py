@@ -30,9 +30,6 @@ _UNITS_S = {
     for name in names.split()
 }
 
-SET_BACK_S = 1.0
-"""A clock that goes back by more than this has been set, or started again; by less, messages overtook one another."""
-
 
 _EPOCH_S = 1.0e8, 1.0e10
 """Seconds since 1970 in the years 1973 to 2286."""
@@ -167,7 +164,7 @@ def ascends(stamps_s: FloatArray) -> bool:
 def settled(stamps_s: FloatArray, same_as_before: BoolArray, starts: IntArray | None = None) -> Settled:
     """Settle the order and the times of frames.
 
-    Frames of one clock that are out of order are sorted. A clock that goes back by more than `SET_BACK_S` is a new
+    Frames of one clock that are out of order are sorted. A clock that goes back by more than a second is a new
     start: its frames follow one frame interval later. Of frames of the same stamp, one that equals an earlier one is
     left out, and others get a time between their neighbours'.
 
@@ -274,12 +271,12 @@ def _restarted(time_s: FloatArray, order: IntArray, begins: list[int], remarks: 
 
 
 def _set_back(time_s: FloatArray, begins: IntArray) -> IntArray:
-    """Places at which a clock goes back by more than `SET_BACK_S`; none where frames are in random order."""
+    """Places at which a clock goes back by more than a second; none where frames are in random order."""
     steps = np.diff(time_s)
     down = np.setdiff1d(np.flatnonzero(steps < 0) + 1, begins)
     if down.size >= max(1.0, _SHUFFLED * steps.size):
         return np.zeros(0, dtype=np.int64)
-    return down[steps[down - 1] < -SET_BACK_S]
+    return down[steps[down - 1] < -1.0]  # s: a clock was set, or started again; by less, messages overtook one another
 
 
 class _Restarts:

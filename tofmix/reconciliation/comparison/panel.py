@@ -19,8 +19,6 @@ from tofmix.reconciliation.likelihood.memory import memory_of, one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
 
 SHAPES = ("bias", "spread", "skew", "tails")
-BINS = 12
-"""Number of bins of axes that are divided by quantiles."""
 
 _ENOUGH = 200  # samples of a bin
 _CLIPPED_MEAN, _CLIPPED_SPREAD = 0.97756, 1.29675  # mean and spread of min(x^2, 2.5^2), x a standard normal number
@@ -135,9 +133,7 @@ class Axis:
     upper: FloatArray
 
 
-def panel_axes(
-    evidence: Evidence, m: Mixture, part: Part, *, bins: int = BINS, measured: bool = False
-) -> Iterator[Axis]:
+def panel_axes(evidence: Evidence, m: Mixture, part: Part, *, bins: int = 12, measured: bool = False) -> Iterator[Axis]:
     """Bins of the part's pixels, by predicted quantities and by position.
 
     Ranges and amplitudes of a `measured` scene have errors. Bins of them would collect the pixels whose errors are

@@ -88,8 +88,7 @@ def _chain(emit: FloatArray, powers: FloatArray, which: IntArray, belief: FloatA
     return total, posterior
 
 
-_CHUNKS = 2  # fixed, so that sums do not depend on the number of threads
-_THREADS = 2  # as many as chunks
+_CHUNKS = 2  # as many as threads, fixed, so that sums do not depend on their number
 _SIDE, _AWAY = 1 / 6, 3**0.5
 """Three points of Gauss-Hermite quadrature: weight of each side, and its distance in standard errors."""
 
@@ -97,7 +96,7 @@ _SIDE, _AWAY = 1 / 6, 3**0.5
 @lru_cache(maxsize=1)
 def _pool() -> ThreadPoolExecutor:
     """Threads for all passes: there are thousands of passes, and starting a thread takes as long as a small pass."""
-    return ThreadPoolExecutor(_THREADS)
+    return ThreadPoolExecutor(_CHUNKS)
 
 
 Part = tuple[IntArray, IntArray]

@@ -53,14 +53,12 @@ _MOST = 0.98  # coefficient
 _FAR = 5.0  # sigma: beyond the model's noise, and not explained by its random values
 _REACH = 7.0  # sigma, beyond which a sample is a random value for sure
 _LEAST_CHANCE = 1e-15  # in either tail: a score of 7.9
-_SUBSTITUTIONS = 3  # of the fixed point of the filter's gain, which halves its error each time
 _NUDGE = 0.01  # of the coefficient, for a curvature
 _MANY_PAIRS = 1000  # of frames and pixels: a correlation is then known to 0.03
 _LEAST_PAIRS = 100  # to 0.1
 _SHOWING = 500  # pixels that show a memory well enough to count independent samples
 _LEAST_POWER = 1e-6  # mean square of scores that are no mere rounding
 _LAGS = 24  # frames
-_TIMES = 10  # at which means are compared with cells
 _WIDE = 0.7  # cells over sigma, above which their places count
 _AT_ONCE = 1 << 12  # pixels
 _ROOT_TWO_PI = math.sqrt(2 * math.pi)
@@ -108,7 +106,7 @@ def cell_share(mixture: Mixture) -> FloatArray:
     """
     sigma = mixture.of_main(mixture.sigma)
     cell = max(mixture.step, 1.0) / sigma
-    frames = np.unique(np.linspace(0, mixture.key.size - 1, _TIMES).astype(np.int64))
+    frames = np.unique(np.linspace(0, mixture.key.size - 1, 10).astype(np.int64))
     out = np.broadcast_to(1.0 / (1.0 + cell**2 / 12.0), (frames.size, sigma.size)).copy()  # Sheppard
     wide = np.flatnonzero(cell > _WIDE)
     for number, frame in enumerate(frames if wide.size else ()):
@@ -183,7 +181,7 @@ def noise_of(z: FloatArray, random: RandomValues) -> FloatArray:
     if not random.share.any():
         return z
     wanted, u = ndtr(z), z
-    for _ in range(_SUBSTITUTIONS):
+    for _ in range(3):  # of the fixed point of the gain: each halves its error
         stray = random.share * np.clip(random.below + random.density * u, 0.0, 1.0)
         u = ndtri(np.clip((wanted - stray) / (1 - random.share), _LEAST_CHANCE, 1 - _LEAST_CHANCE))
     return np.asarray(u)

@@ -132,16 +132,6 @@ class Mixture:
         """The heaviest component (pixel,) at the first time."""
         return np.asarray(self.weight[0].argmax(axis=0))
 
-    def main_of(self, other: "Mixture") -> IntArray:
-        """The component (pixel,) with the surface of the heaviest component in another mixture of the scene.
-
-        At the first time; -1 if the surface is out of the pixel.
-        """
-        here = self.surface[0] == other.of_main(other.surface)
-        same = np.minimum(other.main, len(here) - 1)
-        kept = np.take_along_axis(here, same[None], axis=0)[0]
-        return np.where(kept, same, np.where(here.any(axis=0), here.argmax(axis=0), -1))
-
     def of_main(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values (time, component, pixel) of the heaviest component, (pixel,)."""
         return np.asarray(np.take_along_axis(values[0], self.main[None], axis=0)[0])

@@ -12,7 +12,6 @@ from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, 
 from tofmix.reconciliation.likelihood.memory import inflation
 from tofmix.reconciliation.likelihood.mixture import Mixture
 
-_STEPS = 6  # of the iteration for pixels' biases
 _LEAST_INFORMATION = 1e-10  # 1/mm2: a bias with less information is unknown
 _LEAST_MM = 1e-6  # a spread that counts as none
 
@@ -48,7 +47,7 @@ def pixel_biases(likelihood: Likelihood, mixture: Mixture, state: ModelState, pa
     better = other.by_pixel[:, 0] > first.by_pixel[:, 0]
     bias = np.where(better, far, state.pixel_bias)
     sums = Sums(np.where(better[:, None], other.by_pixel, first.by_pixel), first.by_frame)
-    for _ in range(_STEPS):
+    for _ in range(6):  # steps of the iteration for pixels' biases
         bias = bias + sums.by_pixel[:, 1] / np.maximum(sums.by_pixel[:, 2], 1e-12)
         sums = likelihood.sums(mixture, state, part, bias=bias)
     inside = np.zeros(bias.size, dtype=bool)

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
 
-from tofmix.reconciliation.evidence import Evidence
+from tofmix.reconciliation.evidence import LEAST_PIXELS, Evidence
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level
@@ -26,7 +26,6 @@ from tofmix.simulation.effects.parameter import Parameter
 from tofmix.simulation.model import Model
 
 _SINGLE = 0.9  # weight of a pixel's main surface
-_LEAST_PIXELS = 12  # of a surface, for the median of its amplitudes
 _ROUGH = 0.3  # largest scatter of a surface's log ratios; above, its amplitudes follow another law
 _MEDIAN_DEVIATION = round(NormalDist().inv_cdf(0.75), 4)
 """Median absolute deviation of a standard Gaussian, Phi^-1(3/4), to four decimals."""
@@ -125,7 +124,7 @@ def log_ratios(model: Model, evidence: Evidence, mixture: Mixture) -> dict[str, 
     out = {}
     for number, given in enumerate(model.surfaces):
         own = known & (surface == number)
-        if own.sum() < _LEAST_PIXELS:
+        if own.sum() < LEAST_PIXELS:
             continue
         ratio = np.log(evidence.amplitude[own] / predicted[own])
         middle = float(np.median(ratio))

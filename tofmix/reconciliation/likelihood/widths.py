@@ -20,7 +20,6 @@ _GRID = np.linspace(-3.5, 3.5, 8)
 _AROUND = np.linspace(-3.5, 3.5, 9)
 """Points of the average over possible widths, in standard errors from the most likely width."""
 
-_TURNS = 5  # Newton steps of the log widths
 _NUDGE = 0.02  # of the log width: a Gaussian's log-likelihood is a parabola over that to 1e-3
 _FARTHEST = 0.5
 """Longest step of a log width: the log-likelihood is no parabola over more."""
@@ -87,7 +86,7 @@ def _climbed(
     Returns the widths with their errors, and the mean.
     """
     error, mean = np.full(at.size, spread), 0.0
-    for _ in range(_TURNS):
+    for _ in range(5):  # Newton steps of the log widths
         low, middle, high = (value(at + step) for step in (-_NUDGE, 0.0, _NUDGE))
         variance = 1.0 / (np.maximum((2 * middle - low - high) / _NUDGE**2, 0.0) + 1.0 / spread**2)
         slope = (high - low) / (2 * _NUDGE)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray
+from tofmix.reconciliation.evidence import LEAST_PIXELS
 from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.memory import one_surface
@@ -137,10 +138,8 @@ def measured_pose(surface: Surface, beams: FloatArray, bias_mm: FloatArray, info
     )
 
 
-_LEAST_PIXELS = 12  # least pixels of a surface, for effects of this surface
 _GLANCE = 25  # frames for medians
 _COURSE_FRAMES, _COURSE_PIXELS = 100, 1000  # for the course in time: their medians are known to some 0.05 sigma
-_NOISE_FRAMES = 200  # for the noise from frame to frame, which is then known to some 5 %
 _OUTLYING = 4.0  # sigma, beyond which a difference of two frames is no noise
 _TO_SIGMA = 1.4826 / math.sqrt(2)  # of the median size of differences of two frames of Gaussian noise
 _KNOWN_OF_MEDIAN = 2 / math.pi  # information of a median over that of a mean
@@ -186,7 +185,7 @@ def search_facts(likelihood: Likelihood, mixture: Mixture) -> SearchFacts:
     seen = []
     for surface in likelihood.scene.names:
         own = lit & (name == surface)
-        if own.sum() >= _LEAST_PIXELS:
+        if own.sum() >= LEAST_PIXELS:
             away = (median - mean)[own & ~np.isnan(median)]
             residual = float(np.median(away)) if away.size else 0.0
             typical = float(np.median(sigma[own]))
@@ -224,7 +223,7 @@ def _with_pose(seen: SurfaceFacts, seen_by: Sequence[RecordingView]) -> SurfaceF
     for view in seen_by:
         lit, _, mean, names, _, _, median = _main(view)
         own = lit & (names == seen.name) & ~np.isnan(median)
-        if own.sum() < _LEAST_PIXELS:
+        if own.sum() < LEAST_PIXELS:
             continue
         beams = view.scene.beams[own]
         known = np.full(int(own.sum()), _KNOWN_OF_MEDIAN * min(len(view.evidence.samples), _GLANCE) / seen.sigma_mm**2)
@@ -299,7 +298,8 @@ def _before_the_scene(view: RecordingView, low_mm: float, high_mm: float) -> tup
 
 def _noise(view: RecordingView) -> FloatArray:
     """As `SearchFacts.measured_noise_mm`, of all pixels: the root mean square difference of consecutive frames."""
-    m, samples = view.mixture, view.evidence.samples[:_NOISE_FRAMES].astype(np.float64)
+    # the noise from frame to frame is then known to some 5 %
+    m, samples = view.mixture, view.evidence.samples[:200].astype(np.float64)
     out = np.full(samples.shape[1], np.nan)
     if len(samples) < 3:  # noqa: PLR2004  of one difference there is no median
         return out

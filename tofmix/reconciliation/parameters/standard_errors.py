@@ -24,7 +24,6 @@ from tofmix.reconciliation.parameters.fits import Fitted, Numbers, Parabola, inv
 from tofmix.reconciliation.parameters.pattern_errors import pattern_of, under_pattern
 from tofmix.simulation.effects import Effect
 
-_REACH = 2.0  # standard errors, for both sides
 _NEARER = (1.0, 0.5, 0.15)  # parts of this distance that are tried at a bound
 _SLOPE = 0.3  # of a step, over which slopes are taken
 _PARABOLA = (0.75, 1.33)  # ratio of the drop to that of the parabola, at which the parabola is accepted
@@ -127,13 +126,13 @@ class _End:
 
 
 def _farthest(parameter: ProfiledParameter, covariance: FloatArray, sign: float) -> _End | None:
-    """One end of the ellipse of `_REACH` standard errors.
+    """One end of the ellipse of two standard errors.
 
     A nearer point if this one is out of bounds.
     """
     turns = 2  # of the search for the farthest point of an ellipse
     for part in _NEARER:
-        at, found, errors = np.zeros(len(covariance)), None, _REACH * part
+        at, found, errors = np.zeros(len(covariance)), None, 2.0 * part
         for _ in range(turns):
             slope = parameter.slope(at)
             length = float(slope @ covariance @ slope)

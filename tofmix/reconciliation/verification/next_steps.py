@@ -16,6 +16,7 @@ import numpy as np
 from scipy.stats import norm
 
 from tofmix.reconciliation.comparison.compare import disagreements
+from tofmix.reconciliation.evidence import LEAST_PIXELS
 from tofmix.reconciliation.found import Added, name_of_effect
 from tofmix.reconciliation.likelihood import hidden_fits
 from tofmix.reconciliation.likelihood.biases import biases_of_recordings
@@ -67,7 +68,6 @@ def _with_biases(likelihood: Likelihood, state: ModelState, part: Part) -> float
 
 _CLEAR = 5.0  # least distance from the model's pose, in standard errors
 _MOSTLY = 0.8  # least share of the weighted squares of a surface's biases that another pose explains
-_LEAST_PIXELS = 12  # of a surface, for a pose of three numbers
 _LEAST_TURN_DEG = 0.02  # smaller tilts are not reported
 
 
@@ -343,7 +343,7 @@ def common_offset(likelihood: Likelihood, settings: Settings, state: ModelState)
     for biases in biases_of_recordings(likelihood, state, fit_part(likelihood, settings)):
         for _, own in biases.surfaces:
             information, bias = biases.information[own], biases.bias_mm[own]
-            surfaces += int(own.sum() >= _LEAST_PIXELS)
+            surfaces += int(own.sum() >= LEAST_PIXELS)
             weight += float(information.sum())
             weighed += float((information * bias).sum())
             squares += float((information * bias**2).sum())
@@ -401,7 +401,7 @@ def found_poses(likelihood: Likelihood, settings: Settings, state: ModelState | 
     for biases in biases_of_recordings(likelihood, state, part):
         scene = biases.view.scene
         for name, own in biases.surfaces:
-            if own.sum() < _LEAST_PIXELS:
+            if own.sum() < LEAST_PIXELS:
                 continue
             surface = next(s for s in scene.model.surfaces if s.name == name)
             information, bias = biases.information[own], biases.bias_mm[own]

@@ -249,8 +249,6 @@ _LAYER_UNITS = {
     "sigma": 0.01,
     "probability": 1e-6,
 }
-_AVERAGED_UNIT_MM = 0.1
-"""Resolution of averaged ranges in a page, mm."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -344,7 +342,7 @@ def _pack_window(
     else:
         layers, mean = known
     arrays = {name: (getattr(layers, name), unit) for name, unit in _PIXEL_UNITS.items()}
-    arrays["averaged"] = (mean.range_mm, _AVERAGED_UNIT_MM)
+    arrays["averaged"] = (mean.range_mm, 0.1)  # in 0.1 mm
     present = np.arange(layers.max_layers) < layers.n_modes[..., np.newaxis]
     arrays |= {name: (getattr(layers, name)[present], unit) for name, unit in _LAYER_UNITS.items()}
     specs, text = pack_numbers(arrays)

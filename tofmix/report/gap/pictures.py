@@ -33,7 +33,6 @@ _MEANINGS = {
     "memory": "correlation",
     "neighbour_correlation": "correlation",
 }
-_LABEL = 28  # characters of a line beside an axis: a longer one reaches the legend
 
 
 def curve_pictures(result: Reconciliation) -> list[Picture]:
@@ -91,7 +90,7 @@ def _curve(before: Curve, after: Curve | None, names: list[str]) -> Callable[[Th
         axes.set_xlabel(_axis(before) + (f" ({before.unit})" if before.unit != "1" else ""))
         meaning = _MEANINGS.get(before.statistic, before.statistic.replace("_", " "))
         label = f"{meaning} (mm)" if before.statistic in _IN_MM else meaning
-        axes.set_ylabel(textwrap.fill(label, _LABEL), fontsize=8)
+        axes.set_ylabel(textwrap.fill(label, 28), fontsize=8)  # characters: a longer line reaches the legend
         if before.axis in _COUNTED:
             _count(axes, before, names)
         figure.legend(loc="outside upper left", ncols=3, fontsize=8)

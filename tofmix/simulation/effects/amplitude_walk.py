@@ -23,8 +23,6 @@ from tofmix.simulation.effects.search import (
     spread_of,
 )
 
-_LARGEST_MM = 1.0e5  # beyond any range: amplitude 0 must not give infinity
-
 _FLAT = 0.1
 """Exponent below which a walk is an offset."""
 
@@ -176,5 +174,6 @@ class AmplitudeWalk(Effect):
         faintest = self.reference_amplitude * 1.0e-30
         ratio = self.reference_amplitude / np.maximum(echoes.amplitude + self.saturation_amplitude, faintest)
         with np.errstate(over="ignore"):
-            bias = self.scale_mm * np.minimum(ratio**self.exponent, _LARGEST_MM / max(abs(self.scale_mm), 1.0e-9))
+            # 100 m are beyond any range: amplitude 0 must not give infinity
+            bias = self.scale_mm * np.minimum(ratio**self.exponent, 1.0e5 / max(abs(self.scale_mm), 1.0e-9))
         echoes.add_bias(bias)

@@ -18,8 +18,6 @@ from tofmix.optics.projection import beam_directions_of
 from tofmix.simulation.echoes import ComplexArray
 from tofmix.simulation.surface import Surface
 
-_NODES = 9  # of Gauss and Legendre, in each direction: right to 0.5 % in a room, lit by the lamp
-_BEYOND = 1.5  # of half a surface's width: pixels whose centre is a little beside it may see it
 _PARALLEL = 1.0e-9  # sine of the angle of two planes
 _LEAST_MM = 1.0e-6  # less is no length
 
@@ -107,7 +105,8 @@ def _points(surface: Surface, facing: FloatArray, beams: FloatArray) -> tuple[Fl
     ahead = along < -_PARALLEL
     points = beams * (facing @ center / np.where(ahead, along, -1.0))[:, None]
     local = np.abs((points - center) @ surface.rotation()[:, :2])
-    return points, ahead & (local <= 0.5 * _BEYOND * np.array(surface.size_mm)).all(axis=1)
+    # also pixels whose centre is a little beside the surface see it
+    return points, ahead & (local <= 0.5 * 1.5 * np.array(surface.size_mm)).all(axis=1)
 
 
 def _integral(
@@ -123,7 +122,7 @@ def _integral(
     low, high = float(ends[:, 0].min()), float(ends[:, 0].max())
     if high - low < _LEAST_MM:
         return np.zeros(len(points), dtype=np.complex128)
-    node, weight = np.polynomial.legendre.leggauss(_NODES)
+    node, weight = np.polynomial.legendre.leggauss(9)  # right to 0.5 % in a room, lit by the lamp
     angles = [_angle(origin + s * across - points, facing, up) for s in (low, high)]
     first, last = np.minimum(*angles)[:, None], np.maximum(*angles)[:, None]
     psi = 0.5 * (last + first) + 0.5 * (last - first) * node

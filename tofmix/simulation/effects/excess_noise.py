@@ -11,6 +11,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.echoes import Echoes
+from tofmix.simulation.effects import spot
 from tofmix.simulation.effects.base import Basic, Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import PixelMap, Prior, StudentPrior, about, number, pixel_map, surface
 from tofmix.simulation.effects.search import (
@@ -25,16 +26,6 @@ from tofmix.simulation.effects.search import (
     image_places,
     spread_of,
     spread_of_factor,
-)
-from tofmix.simulation.effects.spot import (
-    light_of,
-    measured_spots,
-    spot_from,
-    spot_of,
-    spot_place,
-    spot_radius,
-    spot_steps,
-    words_of,
 )
 
 _STARTS = (0.9, 1.1, 1.5)  # factors
@@ -108,14 +99,14 @@ class ExcessNoise(Effect):
         prior=StudentPrior(scale=1, half=True),
     )
 
-    spot_across: float | None = spot_place("to the right")
-    spot_down: float | None = spot_place("below")
-    spot_radius_across: float | None = spot_radius("rows")
-    spot_radius_down: float | None = spot_radius("columns")
+    spot_across: float | None = spot.place("to the right of")
+    spot_down: float | None = spot.place("below")
+    spot_radius_across: float | None = spot.radius("rows")
+    spot_radius_down: float | None = spot.radius("columns")
 
     def __post_init__(self) -> None:
         Effect.__post_init__(self)
-        spot_of(self)
+        spot.of(self)
 
     @classmethod
     def problems(cls, facts: SearchFacts) -> Iterator[Problem]:
@@ -148,14 +139,12 @@ class ExcessNoise(Effect):
 
         def in_a_part(x: FloatArray) -> Effect:
             factor = math.exp(bounded(x[0], 0.0, math.log(cls.parameters()["factor"].high)))
-            return cls(factor=factor, **spot_from(x[1:]))
+            return cls(factor=factor, **spot.from_vector(x[1:]))
 
-        spots = tuple(
-            (0.5 * math.log1p(size), *spot) for size, spot in measured_spots(facts, np.ones(facts.noise_mm.size))
-        )
+        spots = tuple((0.5 * math.log1p(size), *x) for size, x in spot.measured(facts, np.ones(facts.noise_mm.size)))
         if spots:
             yield Problem(
-                make=in_a_part, starts=spots, steps=(0.2, *spot_steps()), form=_IN_A_PART, price_nats=EFFECT_NATS
+                make=in_a_part, starts=spots, steps=(0.2, *spot.STEPS), form=_IN_A_PART, price_nats=EFFECT_NATS
             )
 
     @classmethod
@@ -200,15 +189,15 @@ class ExcessNoise(Effect):
         of = f' of "{self.surface}"' if self.surface else ""
         mapped = "" if self.map is None else f", and a factor of each pixel from {self.map.path or 'a map'}"
         divided = f", divided by the cosine of incidence to the power of {self.angle_exponent:g}"
-        spot = spot_of(self)
-        of += "" if spot is None else f" {words_of(spot)}"
+        own = spot.of(self)
+        of += "" if own is None else f" {spot.words_of(own)}"
         return f"the noise{of} is {self.factor:g} times the sensor's{divided if self.angle_exponent else ''}{mapped}"
 
     def act(self, echoes: Echoes, context: Context) -> None:
         """Scale sigma."""
-        spot, factor = spot_of(self), np.asarray(self.factor)
-        if spot is not None:
-            factor = np.sqrt(1 + (self.factor**2 - 1) * light_of(spot, image_places(context.sensor.shape)))
+        own, factor = spot.of(self), np.asarray(self.factor)
+        if own is not None:
+            factor = np.sqrt(1 + (self.factor**2 - 1) * spot.light_of(own, image_places(context.sensor.shape)))
         if self.map is not None:
             factor = factor * self.map.values.ravel().astype(np.float64)
         if self.angle_exponent:

@@ -10,20 +10,11 @@ import numpy as np
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.echoes import Echoes, FrameSamples
+from tofmix.simulation.effects import spot
 from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Latent, Level, Target
 from tofmix.simulation.effects.hidden import DisturbedFrames, FrameChain, HiddenState
 from tofmix.simulation.effects.parameter import PixelMap, Prior, UniformPrior, about, number, pixel_map
 from tofmix.simulation.effects.search import EFFECT_NATS, Problem, SearchFacts, bounded, image_places
-from tofmix.simulation.effects.spot import (
-    light_of,
-    measured_spots,
-    spot_from,
-    spot_of,
-    spot_place,
-    spot_radius,
-    spot_steps,
-    words_of,
-)
 
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
@@ -116,15 +107,15 @@ class Interference(Effect):
         typical=(10, 200),
         prior=about(50, 4),
     )
-    spot_across: float | None = spot_place("to the right")
-    spot_down: float | None = spot_place("below")
-    spot_radius_across: float | None = spot_radius("rows")
-    spot_radius_down: float | None = spot_radius("columns")
+    spot_across: float | None = spot.place("to the right of")
+    spot_down: float | None = spot.place("below")
+    spot_radius_across: float | None = spot.radius("rows")
+    spot_radius_down: float | None = spot.radius("columns")
     map: PixelMap | None = pixel_map("Part of the noise that each pixel has, 0 to 1.", unit="1")  # noqa: RUF009
 
     def __post_init__(self) -> None:
         Effect.__post_init__(self)
-        spot_of(self)
+        spot.of(self)
 
     @classmethod
     def problems(cls, facts: SearchFacts) -> Iterator[Problem]:
@@ -138,18 +129,18 @@ class Interference(Effect):
             return cls(probability=1.0, sigma_mm=math.exp(bounded(x[0], -5, most)))
 
         def in_a_part(x: FloatArray) -> Effect:
-            return cls(probability=1.0, sigma_mm=math.exp(bounded(x[0], -5, most)), **spot_from(x[1:]))
+            return cls(probability=1.0, sigma_mm=math.exp(bounded(x[0], -5, most)), **spot.from_vector(x[1:]))
 
         starts = tuple((math.log(part * facts.sigma_mm),) for part in _STARTS)
         yield Problem(make=make, starts=starts, steps=(0.3,), form=_ALWAYS, price_nats=EFFECT_NATS)
         # the variance is the square of the noise, and falls off with the square of the light
         spots = tuple(
-            (0.5 * math.log(size), *spot[:2], *(spot[2:] + 0.5 * math.log(2)))
-            for size, spot in measured_spots(facts, facts.noise_mm**-2.0)
+            (0.5 * math.log(size), *x[:2], *(x[2:] + 0.5 * math.log(2)))
+            for size, x in spot.measured(facts, facts.noise_mm**-2.0)
         )
         if spots:
             yield Problem(
-                make=in_a_part, starts=spots, steps=(0.3, *spot_steps()), form=_IN_A_PART, price_nats=EFFECT_NATS
+                make=in_a_part, starts=spots, steps=(0.3, *spot.STEPS), form=_IN_A_PART, price_nats=EFFECT_NATS
             )
 
     @property
@@ -181,8 +172,8 @@ class Interference(Effect):
             else "in all frames"
         )
         mapped = "" if self.map is None else f", times the part of each pixel from {self.map.path or 'a map'}"
-        spot = spot_of(self)
-        where = "" if spot is None else f", {words_of(spot)}"
+        own = spot.of(self)
+        where = "" if own is None else f", {spot.words_of(own)}"
         return f"a second camera adds noise of {self.sigma_mm:g} mm {when}{where}{mapped}"
 
     def prepare(self, context: Context, n_frames: int) -> BoolArray | FloatArray:
@@ -237,9 +228,9 @@ class Interference(Effect):
             quiet, _ = prediction.split(0.0)
 
     def _add(self, echoes: Echoes, context: Context, part: float) -> None:
-        spot = spot_of(self)
+        own = spot.of(self)
         sigma = self.sigma_mm * part
-        light = 1.0 if spot is None else light_of(spot, image_places(context.sensor.shape))
+        light = 1.0 if own is None else spot.light_of(own, image_places(context.sensor.shape))
         added = sigma * light if self.map is None else sigma * light * self.map.values.ravel().astype(np.float64)
         echoes.sigma_mm = np.where(echoes.returned, np.hypot(echoes.sigma_mm, added), echoes.sigma_mm)
 

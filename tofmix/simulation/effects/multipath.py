@@ -33,9 +33,6 @@ if TYPE_CHECKING:
 _SHARE = 0.25
 """Scale of the share of a short second path: half of the light of a bright wall beside the surface."""
 
-_NEAR_MM = 2000.0
-"""Distance of a surface in a room, from which the light of a second path spreads."""
-
 
 _FULL_SHARE = 0.5
 """Scale of the share of one bounce at full form factor: half of the light that a bright surface gets, it returns."""
@@ -207,13 +204,14 @@ class Multipath(Effect):
             )
 
     def priors(self) -> dict[str, Prior]:
-        """A longer path has less light: it spreads over a square of the whole way, as from a surface at `_NEAR_MM`.
+        """A longer path has less light: it spreads over a square of the whole way, as from a surface at 2 m.
 
         Light of one bounce has its form factor.
         """
         if self.extra_path_mm is None:
             return Effect.priors(self) | {"share": StudentPrior(scale=_FULL_SHARE, half=True)}
-        spread_out = (1 + 0.5 * self.extra_path_mm / _NEAR_MM) ** 2
+        # mm, distance of a surface in a room, from which the light of a second path spreads
+        spread_out = (1 + 0.5 * self.extra_path_mm / 2000.0) ** 2
         return Effect.priors(self) | {"share": StudentPrior(scale=_SHARE / spread_out, half=True)}
 
     def explain(self) -> str:

@@ -16,10 +16,6 @@ if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
 
 
-_MOST = 0.5
-"""Largest share that is searched for."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outliers(Effect):
     """Samples are uniform over the working range with this probability, in addition to `outlier_probability`.
@@ -52,7 +48,7 @@ class Outliers(Effect):
     @classmethod
     def problems(cls, facts: SearchFacts) -> Iterator[Problem]:  # noqa: ARG003
         """By the logarithm of the probability."""
-        yield of_logarithm(cls, "probability", (0.0005, 0.01), most=_MOST)
+        yield of_logarithm(cls, "probability", (0.0005, 0.01), most=0.5)  # half of the samples
 
     @property
     def outlier_share(self) -> float:

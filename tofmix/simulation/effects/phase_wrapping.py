@@ -13,12 +13,6 @@ from tofmix.simulation.effects.base import Basic, Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 from tofmix.simulation.effects.search import Problem, SearchFacts
 
-_BY_CHANCE = 0.05
-"""Chance that a value lies so near a whole number."""
-
-_NEAR = 4.0
-"""Sigma below the turn, from which noise folds."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PhaseWrapping(Effect):
@@ -58,8 +52,10 @@ class PhaseWrapping(Effect):
         if math.isnan(facts.turn_mm):
             return
         turns = facts.residual_mm / facts.turn_mm
-        whole = (np.rint(turns) != 0) & (np.abs(turns - np.rint(turns)) < 0.5 * _BY_CHANCE)
-        if facts.farthest_mm + _NEAR * facts.sigma_mm > facts.turn_mm or whole.any():
+        # so near a whole number in 5 % by chance
+        whole = (np.rint(turns) != 0) & (np.abs(turns - np.rint(turns)) < 0.5 * 0.05)
+        # sigma below the turn, from which noise folds
+        if facts.farthest_mm + 4.0 * facts.sigma_mm > facts.turn_mm or whole.any():
             yield Problem(make=lambda _: cls(unambiguous_range_mm=facts.turn_mm), starts=((),), steps=())
 
     def check(self, sensor: CompleteCamera, surfaces: tuple[str, ...]) -> None:

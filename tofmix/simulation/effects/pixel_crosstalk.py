@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
 
 _SURE = 1e-9  # share of a beam that rounding may leave beside one surface
-_APART = 2  # neighbours whose events are told apart
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,7 +138,7 @@ def _uncertain(power: FloatArray) -> Iterator[IntArray]:
     differs = np.where(near >= 0, power.ravel()[near], 0.0)
     near = np.where(differs > _SURE * differs.max(), near, -1)
     order = np.argsort(-differs, axis=0, kind="stable")
-    for lead in order[:_APART]:
+    for lead in order[:2]:  # neighbours whose events are told apart
         yield np.take_along_axis(near, lead[None], axis=0)[0]
 
 

@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
 
 
-_MOSTLY = 0.5
-"""Share of lost samples, above which a pixel is saturated."""
-
 _NEAR, _FAR = 0.03, 0.1
 """Relative noise of an amplitude; relative size of a gap between amplitudes, from which it is an error."""
 
@@ -58,7 +55,8 @@ class Saturation(Effect):
         def make(x: FloatArray) -> Effect:
             return cls(full_well_amplitude=math.exp(x[0]))
 
-        hit = (facts.lost_shares > _MOSTLY) & (facts.amplitudes > 0)
+        most = 0.5  # a pixel that loses most samples is saturated
+        hit = (facts.lost_shares > most) & (facts.amplitudes > 0)
         spare = np.quantile(facts.lit_amplitudes, (0.5, 0.8, 0.9, 0.95, 0.98, 0.995))
         of_hit = np.quantile(facts.amplitudes[hit], (0.0, 0.02, 0.1)) if hit.any() else spare[:0]
         levels = np.concatenate([of_hit, spare])

@@ -26,13 +26,13 @@ _SMALLEST = 0.02  # half diagonals: about a pixel
 _GRID = np.linspace(-0.9, 0.9, 7)  # middles with which a fit begins
 _RADII = (0.15, 0.3, 0.6)  # likewise
 _LEAST_PIXELS, _MOST_PIXELS = 30, 1000  # with which the six numbers of a fit are known; more take longer
-_STEPS = (0.1, 0.1, 0.2, 0.2)  # of a search: two places, and the logarithms of the radii
+STEPS = (0.1, 0.1, 0.2, 0.2)  # of a search: two places, and the logarithms of the radii
 
 
-def spot_place(words: str) -> Any:  # noqa: ANN401  as dataclasses.field
-    """A dataclass field of a coordinate of the middle; `words` say where it counts from."""
+def place(words: str) -> Any:  # noqa: ANN401  as dataclasses.field
+    """A dataclass field of a coordinate of the middle; `words` say on which side of the centre it is above 0."""
     return number(
-        f"Middle of the part of the image with the noise, {words} of the image's centre; all of the image without it.",
+        f"Middle of the part of the image with the noise, {words} the image's centre; all of the image without it.",
         unit="half diagonal",
         low=-_FARTHEST,
         high=_FARTHEST,
@@ -41,7 +41,7 @@ def spot_place(words: str) -> Any:  # noqa: ANN401  as dataclasses.field
     )
 
 
-def spot_radius(words: str) -> Any:  # noqa: ANN401  as dataclasses.field
+def radius(words: str) -> Any:  # noqa: ANN401  as dataclasses.field
     """A dataclass field of a radius; `words` say along what."""
     return number(
         f"Radius of this part along {words}: there, its light is exp(-1/2) of that in the middle.",
@@ -54,7 +54,7 @@ def spot_radius(words: str) -> Any:  # noqa: ANN401  as dataclasses.field
     )
 
 
-def spot_of(effect: Any) -> Spot | None:  # noqa: ANN401  any effect that declares `NAMES`
+def of(effect: Any) -> Spot | None:  # noqa: ANN401  any effect that declares `NAMES`
     """The spot of an effect; None for the whole image.
 
     Raises
@@ -83,7 +83,7 @@ def words_of(spot: Spot) -> str:
     return f"in a spot of {radii}, {across} and {down} the image's centre (in half diagonals)"
 
 
-def spot_from(x: FloatArray) -> dict[str, Any]:
+def from_vector(x: FloatArray) -> dict[str, Any]:
     """The numbers of a spot from a vector of a search: its middle, and the logarithms of its radii."""
     radii = (math.exp(bounded(v, math.log(_SMALLEST), math.log(_FARTHEST))) for v in x[2:])
     return {
@@ -93,13 +93,8 @@ def spot_from(x: FloatArray) -> dict[str, Any]:
     }
 
 
-def spot_steps() -> tuple[float, ...]:
-    """First steps of a search, in the order of `spot_from`."""
-    return _STEPS
-
-
-def measured_spots(facts: SearchFacts, added: FloatArray) -> list[tuple[float, FloatArray]]:
-    """The spot that widens the noise as it is measured, and its size: (size, vector of `spot_from`).
+def measured(facts: SearchFacts, added: FloatArray) -> list[tuple[float, FloatArray]]:
+    """The spot that widens the noise as it is measured, and its size: (size, vector of `from_vector`).
 
     Noise of variance sigma^2 (factor + size x added x light) is fitted to the measured noise by least squares of the
     logarithms, once with a free factor and once with a factor of 1. Sizes are above 0; none without enough pixels.
@@ -115,17 +110,17 @@ def measured_spots(facts: SearchFacts, added: FloatArray) -> list[tuple[float, F
     if known.size < _LEAST_PIXELS:
         return []
     known = known[np.linspace(0, known.size - 1, min(known.size, _MOST_PIXELS)).astype(np.int64)]
-    place, added = facts.place[known], added[known]
+    places, added = facts.place[known], added[known]
     wider = 2 * np.log(facts.measured_noise_mm[known] / facts.noise_mm[known])
     found = []
     for free in (True, False):
-        begun = _begun(place, added, np.exp(wider), free=free)
+        begun = _begun(places, added, np.exp(wider), free=free)
         if begun is None:
             continue
 
         def residual(x: FloatArray, free: bool = free) -> FloatArray:
             factor = math.exp(x[5]) if free else 1.0
-            light = light_of((x[1], x[2], math.exp(x[3]), math.exp(x[4])), place)
+            light = light_of((x[1], x[2], math.exp(x[3]), math.exp(x[4])), places)
             return np.asarray(np.log(factor + math.exp(x[0]) * added * light) - wider)
 
         least, most = math.log(_SMALLEST), math.log(_FARTHEST / 2)  # within the bounds of a search

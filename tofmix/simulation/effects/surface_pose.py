@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from tofmix.simulation.surface import Surface
 
 
-_TURNED_NATS = 6.0
-"""Least evidence for tilts, two more numbers."""
-
 _TURN_DEG = 0.1
 """Tilt for slopes."""
 
@@ -105,8 +102,9 @@ class SurfacePose(Effect):
             there = ((seen.residual_mm / seen.sigma_mm,),) if seen.far else ()
             make = partial(shifted_by, seen.name, seen.sigma_mm)
             yield Problem(make=make, starts=((-1.0,), (1.0,), *there), steps=(0.3,))
+        two_more = 6.0  # nats, least evidence for two more numbers
         for seen in facts.surfaces:
-            if seen.turn_nats < _TURNED_NATS or min(seen.turned_deg) <= 0:
+            if seen.turn_nats < two_more or min(seen.turned_deg) <= 0:
                 continue
             scales = seen.sigma_mm, *seen.turned_deg
             measured = (seen.shift_mm, *seen.tilts_deg)

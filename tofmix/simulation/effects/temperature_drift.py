@@ -39,14 +39,8 @@ _GRID, _BEST = 12, 3
 _TWO = "two time constants"
 """Name of the form."""
 
-_LEAST_FRAMES = 3.0
-"""Least time constant, in frames: a faster drift is an offset with a bad first frame."""
-
 _AT_ONCE = 1.2
 """Of the shortest time constant, below which a drift is an offset."""
-
-_PAUSED = 1.5
-"""Times the duration of its frames, above which a recording has pauses."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,7 +123,8 @@ class TemperatureDrift(Effect):
 
         Then both of two terms.
         """
-        fastest = max(facts.recorded_s / 100, _LEAST_FRAMES * facts.interval_s)
+        # a drift within three frames is an offset with a bad first frame
+        fastest = max(facts.recorded_s / 100, 3.0 * facts.interval_s)
 
         second = max(facts.recorded_s / 100, facts.interval_s)  # beside a slow one it is no offset
 
@@ -138,7 +133,7 @@ class TemperatureDrift(Effect):
             reached = -math.expm1(-facts.duration_s / tau)
             return cls(amplitude_mm=float(x[0]) * facts.sigma_mm / reached, time_constant_s=tau)
 
-        paused = facts.duration_s > _PAUSED * facts.recorded_s
+        paused = facts.duration_s > 1.5 * facts.recorded_s  # longer than its frames take
         spans = {facts.recorded_s, facts.duration_s} if paused else {facts.duration_s}
         taus = sorted({max(part * span, 1.1 * fastest) for part in (0.1, 0.4, 1.5) for span in spans})
         yield Problem(
