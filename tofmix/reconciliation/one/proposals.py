@@ -349,7 +349,7 @@ class About:
         """The pattern that the biases show, if a kind can be one."""
         task = self.base.task
         kind = next((k for k in task.hidden if isinstance(k.hidden, PixelBias)), None)
-        if kind is None or PixelBias in self.base.sorts:
+        if kind is None or kind.kind in task.given_kinds or PixelBias in self.base.sorts:
             return None
         spreads = spreads_of_biases(task, mean, told)
         return None if spreads is None else (kind, spreads)
