@@ -97,10 +97,10 @@ def test_probabilities_of_all_values_of_a_folded_axis_add_up_to_one(mean_mm: flo
     turn_mm, pixels = 1000.5, 1300
     samples = np.arange(1, pixels + 1, dtype=np.uint16)[None]  # each value in a pixel of its own
     one = np.ones((1, 1, pixels))
-    scene = (samples, np.arange(pixels), np.array([0]), np.array([0]), *np.zeros((3, 1)), np.zeros(pixels))
+    frame, still, nothing = np.array([0]), np.zeros(1), np.zeros(pixels)
+    scene = samples, np.arange(pixels), frame, frame, still, still, still, nothing
     mixture = one, mean_mm * one, 20.0 * one, 0 * one, one > 0
     found = empty_sums(1, pixels)
-    nothing = np.zeros(pixels)
     kernel.any_log_likelihood(*scene, *mixture, nothing[None], nothing, 0.0, turn_mm, GAUSSIAN, *found)
     # the value 0, at most 0.02, is stored as 1; if values beyond the fold counted, the sum would be 1.15 to 2.00
     assert np.exp(found[0][:, 0]).sum() == pytest.approx(1.0, abs=0.02)
