@@ -9,7 +9,7 @@ of their searches.
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, permutations
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,14 +19,13 @@ from tofmix.reconciliation.found import Named
 from tofmix.reconciliation.likelihood import hidden_fits
 from tofmix.reconciliation.likelihood.beats import FrameNoise, fit_beat
 from tofmix.reconciliation.likelihood.memory import fit_memory
-from tofmix.reconciliation.likelihood.mixture import Mixture
-from tofmix.reconciliation.one.columns import by_tenth
 from tofmix.reconciliation.one.coordinates import Key, Law, key_of_state
 from tofmix.reconciliation.one.expansion import pixel_sums
 from tofmix.reconciliation.one.fitted_set import FittedSet
 from tofmix.reconciliation.one.recordings import SearchTask
 from tofmix.reconciliation.one.static_errors import LEAST_INFORMATION, StaticErrors
 from tofmix.reconciliation.one.summary import spreads_of_biases
+from tofmix.reconciliation.one.tenths import observed
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.hidden import (
     DisturbedFrames,
@@ -52,7 +51,6 @@ _UNSEEN = 100.0  # curvature of a number that the linear model does not have, ov
 _NUDGE = 0.05  # of the prior's standard deviation, for derivatives
 _FAR_SCORE = 4.0  # beyond, a sample is no noise
 _FIFTH = 5  # pixels whose scores show a memory
-_SAME_NATS = 0.1  # change of the samples' log-likelihood below which two orders of effects predict the same
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,63 +166,6 @@ class Columns:
     def moving(self) -> FloatArray:
         """Which columns change in time (column,)."""
         return np.asarray((np.ptp(self.course, axis=1) > 0).any(axis=1) & self.bias_mm.any(axis=(1, 2)))
-
-
-def observed(task: SearchTask, mixture: Mixture) -> tuple[FloatArray, FloatArray]:
-    """Mean, mm, and log width (tenth, recording, pixel) of the main surfaces of the given model."""
-    most = max(len(r.tenths) for r in task.recordings)
-    mean, width = np.full((2, most, *task.lit.shape), np.nan)
-    for number, recording in enumerate(task.recordings):
-        own = slice(len(recording.tenths)), number
-        mean[own], width[own] = by_tenth(mixture, recording.tenths, recording.surface)
-    return mean, width
-
-
-def in_best_order(s: FittedSet) -> FittedSet:
-    """The set with its laws in the order of the highest score at the start.
-
-    Effects of one level act in the order of their list, such as a lens that dims a reflection or one behind which the
-    reflection is. Only orders that predict something else are begun.
-    """
-    level = [law.kind.level for law in s.laws]
-    if len(set(level)) == len(level):
-        return s
-    begun, orders = [(s, _predicted(s))], {tuple(sorted(range(len(level)), key=lambda k: level[k]))}
-    for order in permutations(range(len(level))):
-        acting = tuple(sorted(order, key=lambda k: level[k]))
-        if acting in orders:
-            continue
-        orders.add(acting)
-        other = _in_order(s, acting)
-        predicted = _predicted(other)
-        if all(_change_nats(s.task, predicted, known) > _SAME_NATS for _, known in begun):
-            begun.append((other, predicted))
-    return s if len(begun) == 1 else max((one for one, _ in begun), key=lambda one: one.at_start)
-
-
-def _in_order(s: FittedSet, order: Sequence[int]) -> FittedSet:
-    """The set, not begun, with its laws in another order."""
-    numbers = np.split(np.arange(s.x.size), np.cumsum([law.size for law in s.laws]))
-    at = np.concatenate([numbers[k] for k in order])
-    hessian = None if s.hessian is None else s.hessian[np.ix_(at, at)]
-    return replace(s, laws=tuple(s.laws[k] for k in order), x=s.x[at], hessian=hessian, started=None, refused="")
-
-
-def _predicted(s: FittedSet) -> tuple[FloatArray, FloatArray, float]:
-    """Mean, mm, and log width (tenth, recording, pixel) of main surfaces, and the log density of side information."""
-    state, like = s.state(), s.task.likelihood
-    return *observed(s.task, like.mixture(state)), like.side_log_density(state)
-
-
-def _change_nats(
-    task: SearchTask, a: tuple[FloatArray, FloatArray, float], b: tuple[FloatArray, FloatArray, float]
-) -> float:
-    """By how much samples of one prediction are less likely under another one, nats."""
-    by_sample = 0.5 * ((a[0] - b[0]) ** 2 * np.exp(-2 * a[1])) + (a[1] - b[1]) ** 2
-    frames = np.zeros(by_sample.shape[:2])
-    for number, recording in enumerate(task.recordings):
-        frames[: len(recording.tenths), number] = [own.size for own in recording.tenths]
-    return float(np.nansum(frames[..., None] * by_sample)) + abs(a[2] - b[2])
 
 
 class About:

@@ -17,7 +17,8 @@ from tofmix.reconciliation.found import ALIAS_NATS, Ledger
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.one.coordinates import Key
 from tofmix.reconciliation.one.fitted_set import FittedSet
-from tofmix.reconciliation.one.proposals import INEXACT, About, Columns, Proposal, by_trial, in_best_order
+from tofmix.reconciliation.one.order import in_best_order
+from tofmix.reconciliation.one.proposals import INEXACT, About, Columns, Proposal, by_trial
 from tofmix.reconciliation.one.recordings import SearchTask
 from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.verification.considered import MOST_ALIASES

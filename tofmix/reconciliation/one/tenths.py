@@ -6,11 +6,22 @@ from tofmix.arrays import BoolArray, FloatArray
 from tofmix.reconciliation.likelihood.likelihood import ModelState, Part
 from tofmix.reconciliation.likelihood.memory import inflation, memory_of
 from tofmix.reconciliation.likelihood.mixture import Mixture
+from tofmix.reconciliation.one.columns import by_tenth
 from tofmix.reconciliation.one.recordings import SearchTask
 from tofmix.reconciliation.one.static_errors import LEAST_INFORMATION
 
 _NUDGE = 0.3  # of sigma, for slopes of quantised samples
 _LEAST = 0.05  # of the information of independent samples, below which quantised samples tell nothing of a bias
+
+
+def observed(task: SearchTask, mixture: Mixture) -> tuple[FloatArray, FloatArray]:
+    """Mean, mm, and log width (tenth, recording, pixel) of the main surfaces of the given model."""
+    most = max(len(r.tenths) for r in task.recordings)
+    mean, width = np.full((2, most, *task.lit.shape), np.nan)
+    for number, recording in enumerate(task.recordings):
+        own = slice(len(recording.tenths)), number
+        mean[own], width[own] = by_tenth(mixture, recording.tenths, recording.surface)
+    return mean, width
 
 
 def biases_by_tenth(
