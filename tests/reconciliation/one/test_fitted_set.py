@@ -62,7 +62,7 @@ def test_evidence_is_the_integral_of_the_likelihood_over_the_prior(make_task: Ma
     prior = [law.log_density(np.array([x])) + math.log(unit_mm) for x in offsets]
     whole = logsumexp(values + np.array(prior)) + math.log(offsets[1] - offsets[0])
     assert s.evidence == pytest.approx(whole, abs=0.1)
-    assert s.score == pytest.approx(s.evidence - task.price_nats - s.laws[0].price_nats)
+    assert s.score == pytest.approx(s.evidence - task.price_nats(s.keys) - s.laws[0].price_nats)
 
 
 def test_an_effect_that_is_there_scores_and_one_that_is_not_costs_its_price(make_task: MakeTask) -> None:

@@ -33,10 +33,12 @@ def test_forms_have_keys_of_their_own(make_task: MakeTask) -> None:
     assert [*map(key_of_state, (BURSTS, BEAT)), *always] == [("interference", "", k) for k in (0, 1, 2, 3)]
 
 
-def test_a_kind_with_several_forms_counts_once_in_the_price(make_task: MakeTask) -> None:
-    laws = make_task(("excess_noise", "interference"))
-    kinds = {law.name for law in laws.laws}
-    assert laws.price_nats == pytest.approx(np.log(len(kinds) / laws.settings.alpha))
+def test_a_kind_with_several_forms_counts_once_and_all_prices_share_alpha(make_task: MakeTask) -> None:
+    task = make_task(("excess_noise", "interference"))
+    key_of = {law.name: law.key for law in task.laws}
+    noise, other = (task.price_nats([key_of[kind, ""]]) for kind in ("excess_noise", "interference"))
+    assert sum(np.exp(-task.price_nats([key])) for key in key_of.values()) == pytest.approx(task.settings.alpha)
+    assert noise < other  # every model has an error of its noise
 
 
 def test_phase_of_a_beat_is_integrated_out(make_task: MakeTask) -> None:

@@ -42,6 +42,8 @@ WIDTH_NUDGE = 0.05
 FAR_NATS = 4.5
 """Gain of a pixel's own bias, nats, up to which its log-likelihood is taken as a parabola in any case: three sigma."""
 
+_FEW = 25  # samples of a pixel whose median is the start of its bias
+_REACH = 3.0  # sigma, from which steps lead to the samples
 _LEAST = 0.05  # of the information of independent samples, below which quantised samples tell nothing of a bias
 _WIDTH_STEPS = 3  # of log widths, where samples are too far for a parabola
 _THIRD = 3  # every third frame, for a faster pass
@@ -106,6 +108,37 @@ def _of_one(
         told = (down - up) / (2 * nudge)
         out[2] = np.where(told > _LEAST * out[2], told, 0.0)
     return np.asarray(out)
+
+
+def medians(task: SearchTask, mixture: Mixture) -> FloatArray:
+    """Median of a pixel's samples minus the mean of its main surface, mm (recording, pixel)."""
+    out = []
+    for recording, own in zip(task.recordings, task.split(mixture), strict=True):
+        samples = recording.view.evidence.samples
+        few = samples[:: max(1, len(samples) // _FEW)].astype(np.float64)
+        few[few == 0] = np.nan
+        away = own.near_turn(few - own.of_main(own.mean))
+        median = np.zeros(few.shape[1])
+        some = ~np.isnan(away).all(axis=0) & own.of_main(own.lit).astype(bool)
+        median[some] = np.nanmedian(away[:, some], axis=0)
+        out.append(median)
+    return np.stack(out)
+
+
+def _within_reach(
+    task: SearchTask, state: ModelState, mixture: Mixture, spreads: PatternSpreads, bias_mm: FloatArray
+) -> FloatArray:
+    """Biases (recording, pixel), mm, of pixels: the given ones, or medians where these are more likely.
+
+    A pattern's bias of many sigma is not reached step by step: there, samples count as outliers.
+    """
+    far = medians(task, mixture)
+    reached = np.abs(far - bias_mm) < _REACH * np.exp(log_sigma(task, mixture))
+    if reached.all():
+        return bias_mm
+    there, here = (pixel_sums(task, state, mixture, at)[0] for at in (far, bias_mm))
+    variance = sum(sigma**2 for sigma in spreads)
+    return np.where(~reached & (there - here > 0.5 * (far**2 - bias_mm**2) / variance), far, bias_mm)
 
 
 def log_sigma(task: SearchTask, mixture: Mixture) -> FloatArray:
@@ -208,6 +241,8 @@ class Expansion:
         mixture = task.likelihood.with_errors(predicted, state)
         over = overstated(task, state, mixture)
         image = task.likelihood.evidence.image
+        if any(spreads):
+            bias_mm = _within_reach(task, state, mixture, spreads, bias_mm)
         for _ in range(passes):
             at = bias_mm
             value, slope, information = pixel_sums(task, state, mixture, at, thin=thin, exact=True)

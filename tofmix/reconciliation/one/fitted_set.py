@@ -320,7 +320,7 @@ class FittedSet:
     @property
     def _members_price(self) -> float:
         forms = sum(key_of_state(effect)[2] for effect in self.linked)
-        return self.task.price_nats * len(self.keys) + sum(law.price_nats for law in self.laws) + EFFECT_NATS * forms
+        return self.task.price_nats(self.keys) + sum(law.price_nats for law in self.laws) + EFFECT_NATS * forms
 
     @property
     def score_anyhow(self) -> float:

@@ -1,7 +1,8 @@
 """The best set of a search as the verdict, the aliases and the report need it.
 
 The numbers are fitted once more, to the fitting frames alone, so that the check of the verdict uses frames that no fit
-has seen. A member that leaves a statistic open in which it must show is taken out.
+has seen. A member that leaves a statistic open in which it must show is taken out. Of sets that cannot be told apart,
+one with a contradicted member gives way to the next.
 """
 
 import math
@@ -69,6 +70,11 @@ def named(
     verified = verify(likelihood, added, settings)
     if verified.verdict != "unexplained" or found.law is not None:
         return added, verified
+    for alias in found.aliases(best) if verified.against else ():
+        other = as_added(found, alias)
+        judged = verify(likelihood, other, settings)
+        if judged.verdict != "unexplained":
+            return other, judged
     open_ = {name_of_effect(added.chosen[k].effect) for k in verified.findings.unsigned}
     rest = frozenset(name for name in best.names if name not in open_)
     less = max((s for s in found.table.values() if s.names == rest), key=lambda s: s.score, default=None)
@@ -106,7 +112,7 @@ def better_own_effect(recordings: Sequence[Recording], added: Added, settings: S
             s = _fitted(p) if p.names == {name_of_effect(effect)} else None
             if s is None or s.refused:
                 continue
-            score = s.score + task.price_nats - as_given  # it takes the place of one, so it has no price
+            score = s.score + task.price_nats(s.keys) - as_given  # it takes the place of one, so it has no price
             if score > top:
                 best, top = s.members()[0], score
     return best
@@ -311,7 +317,7 @@ def _only_hidden(s: FittedSet) -> Effect:
 
 def considered(found: FoundSets, best: FittedSet) -> tuple[WeighedSet, ...]:
     """The best set, its aliases, and the best others, each with the reason why it is not the answer."""
-    nothing, price_nats = found.table[frozenset()].evidence, found.task.price_nats
+    nothing = found.table[frozenset()].evidence
     near = found.aliases(best)
 
     def of(s: FittedSet, why_not: str | None, *, is_alias: bool = False) -> WeighedSet:
@@ -328,14 +334,15 @@ def considered(found: FoundSets, best: FittedSet) -> tuple[WeighedSet, ...]:
     alike = "cannot be told apart"
     return (
         of(best, None),
-        *(of(s, f"{alike}: {_why(s, best, price_nats)}", is_alias=True) for s in near),
-        *(of(s, s.refused or _why(s, best, price_nats)) for s in others[:OTHERS]),
+        *(of(s, f"{alike}: {_why(s, best)}", is_alias=True) for s in near),
+        *(of(s, s.refused or _why(s, best)) for s in others[:OTHERS]),
     )
 
 
-def _why(s: FittedSet, best: FittedSet, price_nats: float) -> str:
+def _why(s: FittedSet, best: FittedSet) -> str:
     """How much more or less likely a set is than the best one, and what its further effects cost."""
     nats, more = s.evidence - best.evidence, len(s.keys) - len(best.keys)
+    dearer = s.task.price_nats(s.keys) - s.task.price_nats(best.keys)
     size = f"{abs(nats):.1f}" if abs(nats) < 10 else f"{abs(nats):,.0f}"  # noqa: PLR2004  two digits are enough
-    price = f", by {more} more, at a price of {more * price_nats:.0f}" if nats > 0 and more > 0 else ""
+    price = f", by {more} more, at a price of {dearer:.0f}" if nats > 0 and more > 0 else ""
     return f"{size} nats {'more' if nats > 0 else 'less'} likely{price}"

@@ -335,14 +335,14 @@ class About:
 
     def sets(self, size: int, *, unnamed: bool = False) -> Iterator[Proposal]:
         """Sets of a size: some members of the base, with at most two others; all hidden states but a pattern stay."""
-        base, task = self.base, self.base.task
+        base = self.base
         always = [o for o in self.own if not o.law.forms]
         own = [o for o in self.own if o.law.forms]
         linked = {key_of_state(e) for e in base.linked}
         everything = {o.law.key for o in self.own}
         others = [o for o in self.new if (o.law.named or unnamed) and o.law.key not in everything]
         whole = float(self.evidence([self.own], everything, patterned=base.pattern is not None)[0])
-        anchor = base.evidence - whole - sum(o.price_nats for o in self.own) - task.price_nats * size
+        anchor = base.evidence - whole - sum(o.price_nats for o in self.own)
         for patterned in self.gram:
             wanted = size - len(linked) - len(always) - patterned
             for number in range(max(wanted - _NEW, 0), min(wanted, len(own)) + 1) if wanted >= 0 else ():
@@ -376,12 +376,13 @@ class About:
         pattern = {(self.pattern[0].kind, "", 0)} if patterned and self.pattern is not None else set()
         for options, value in zip(many, self.evidence(many, keys, patterned=patterned), strict=True):
             members = frozenset({o.law.key for o in options} | linked | pattern)
+            predicted = float(value) + anchor - base.task.price_nats(members)
             yield Proposal(
                 keys=members,
-                predicted=float(value) + anchor,
+                predicted=predicted,
                 build=lambda o=options: self._built(o, keys, patterned=patterned),  # type: ignore[misc]
                 slack=INEXACT * max(float(value) - bare, 0.0),
-                near=(len(members & base.keys), float(value) + anchor),
+                near=(len(members & base.keys), predicted),
             )
 
     def _built(self, options: Sequence[_Option], kept: set[Key], *, patterned: bool) -> FittedSet:
@@ -493,7 +494,7 @@ def _laws_by_trial(base: FittedSet, bases: Sequence[tuple[FittedSet, float]]) ->
         ]
         gain, x, own = max(tried, key=lambda one: one[0], default=(0.0, base.x, base))
         if gain > 0:
-            predicted = base.score + gain - _OCCAM * law.size - task.price_nats - law.price_nats
+            predicted = base.score + gain - _OCCAM * law.size - task.price_nats([law.key]) - law.price_nats
             yield Proposal(
                 keys=base.keys | {law.key},
                 predicted=predicted,
@@ -581,9 +582,10 @@ def _linked(
 ) -> Proposal | None:
     if not gain > 0:
         return None
-    predicted = base.score + gain - base.task.price_nats - EFFECT_NATS * key_of_state(effect)[2]
+    key = key_of_state(effect)
+    predicted = base.score + gain - base.task.price_nats([key]) - EFFECT_NATS * key[2]
     return Proposal(
-        keys=base.keys | {key_of_state(effect)},
+        keys=base.keys | {key},
         predicted=predicted,
         build=build,
         slack=inexact * gain,
@@ -666,7 +668,11 @@ def _disturbed(base: FittedSet, kind: type[Effect], rest: float) -> Iterator[Pro
         made.disturbed = made.chain(after, task.likelihood.mixture(after))[1]
         return made
 
-    bursts = _linked(base, effect_found, gain, build, _HIDDEN_INEXACT) if gain > task.price_nats else None
+    bursts = (
+        _linked(base, effect_found, gain, build, _HIDDEN_INEXACT)
+        if gain > task.price_nats([key_of_state(effect_found)])
+        else None
+    )
     beat = _beat(base, kind, hidden, rest) if hidden.period else None
     yield from (p for p in (bursts, beat) if p is not None)
 

@@ -1,7 +1,7 @@
 """What all sets of effects of one search share: the recordings, the model as given, the laws, and the prices."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,7 +15,7 @@ from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, Surfac
 from tofmix.reconciliation.likelihood.memory import memory_of, one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.one.columns import TENTHS, ColumnMaker
-from tofmix.reconciliation.one.coordinates import Law, laws
+from tofmix.reconciliation.one.coordinates import Key, Law, laws
 from tofmix.reconciliation.one.scene_errors import SceneErrors
 from tofmix.reconciliation.one.static_errors import DISCREPANCY, StaticErrors, across_surface, hats
 from tofmix.reconciliation.one.steps_kernel import DistinctValues
@@ -104,9 +104,6 @@ class SearchTask:
         All laws that may be members.
     hidden : tuple of type of Effect
         Kinds with a hidden state of one of `SORTS`.
-    price_nats : float
-        Price of a member. Without effects, a Bayes factor of x comes up with a probability of at most 1 / x (Markov),
-        so that noise adds one of m effects to at most a share alpha of recordings if each costs log(m / alpha).
     low_width : (k, 1, recording x pixel) float64
         The model's own errors of the logarithm of sigma, with unit priors: one common, and one of each surface.
     width_variance : (recording x pixel,) float64
@@ -138,14 +135,26 @@ class SearchTask:
         self.hidden = tuple(kind for kind in own if isinstance(kind.hidden, SORTS))
         searched = [k.kind for k in own if k not in self.hidden or isinstance(k, OwnProblems)]
         self.laws = tuple(self._laws(searched))
-        names = {law.name for law in self.laws} | {(kind.kind, "") for kind in self.hidden}
-        self.price_nats = math.log(max(len(names), 1) / settings.alpha)
+        kinds = {law.name: law.kind for law in self.laws} | {(kind.kind, ""): kind for kind in self.hidden}
+        self._basic = {name for name, kind in kinds.items() if kind.basic is not None}
+        self._others = max(len(kinds) - len(self._basic), 1)
         self.low_width = self._noise_errors()
         spread = likelihood.scene.model.sensor.noise.width_spread
         of_scene = np.concatenate([r.scene.log_width_variance for r in self.recordings])
         self.width_variance = spread**2 + of_scene
         self.given_kinds = {e.kind for e in likelihood.scene.effects}
         self.given = next((h.spreads(e) for e, h in with_hidden(self.null.given, PixelBias)), PatternSpreads(0, 0, 0))
+
+    def price_nats(self, keys: Iterable[Key]) -> float:
+        """Price of some members.
+
+        Without effects, a Bayes factor of x comes up with a probability of at most 1 / x (Markov). So noise adds one of
+        m effects to at most a share alpha / 2 of recordings if each costs log(2 m / alpha). The errors that every model
+        has share one half of alpha, all other effects the other half.
+        """
+        half = 0.5 * self.settings.alpha
+        own = (len(self._basic) if key[:2] in self._basic else self._others for key in keys)
+        return sum(math.log(count / half) for count in own)
 
     def _recording(self, view: RecordingView) -> OneRecording:
         m = view.mixture

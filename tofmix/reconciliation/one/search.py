@@ -100,7 +100,8 @@ class FoundSets:
         best = self.best
         if s.names >= best.names or s.names < best.names:  # of the same effects, a part or an extension: no alias
             return best.score
-        return best.score - ALIAS_NATS - max(len(s.keys) - len(best.keys), 0) * self.task.price_nats
+        dearer = self.task.price_nats(s.keys) - self.task.price_nats(best.keys)
+        return best.score - ALIAS_NATS - max(dearer, 0.0)
 
     def weigh(self, s: FittedSet) -> None:
         """Enter a set of named effects into the ledger."""
@@ -109,10 +110,15 @@ class FoundSets:
             self.ledger.weigh(tuple(s.names), s.evidence - nothing, s.refused or None)
 
     def _begun(self, ranked: Iterable[Proposal], most: int) -> list[tuple[float, Proposal, FittedSet]]:
-        """The first proposals that can be, with their scores at the start."""
+        """The first proposals that can be, with their scores at the start.
+
+        One that is predicted better than the best set, and is worse at its start, does not count as one of the first:
+        where samples lie far from the model, linear evidence ranks nothing.
+        """
         out: list[tuple[float, Proposal, FittedSet]] = []
+        top, counted = self.best.score, 0
         for p in ranked:
-            if len(out) == most:
+            if counted == most:
                 break
             try:
                 s = in_best_order(p.build())
@@ -121,7 +127,8 @@ class FoundSets:
                 start = -math.inf
             if math.isfinite(start):
                 out.append((start, p, s))
-        return out
+                counted += not start < top < p.predicted - p.slack
+        return sorted(out, key=lambda b: -b[0])[:most]
 
     def aliases(self, best: FittedSet) -> list[FittedSet]:
         """Sets within `ALIAS_NATS` of the evidence of the best one, none a part or extension of another, best first.
@@ -251,7 +258,7 @@ def closed(found: FoundSets, about: Callable[[FittedSet], About]) -> None:
                 return False
             if p.names >= best.names or p.names < best.names or any(key in unnamed for key in p.keys):  # no alias
                 return p.predicted + p.slack > best.score
-            return p.predicted + p.slack + task.price_nats * len(p.keys) > best.evidence - ALIAS_NATS
+            return p.predicted + p.slack + task.price_nats(p.keys) > best.evidence - ALIAS_NATS
 
         found.fit_best(proposals, as_good)
         if found.best is best or found.ledger.ends():

@@ -15,7 +15,7 @@ from tofmix.reconciliation.likelihood.likelihood import ModelState
 from tofmix.reconciliation.likelihood.memory import one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.likelihood.pixel_pattern import PixelBiases
-from tofmix.reconciliation.one.expansion import WIDTH_NUDGE, pixel_sums
+from tofmix.reconciliation.one.expansion import WIDTH_NUDGE, medians, pixel_sums
 from tofmix.reconciliation.one.recordings import SearchTask
 from tofmix.reconciliation.one.static_errors import LEAST_INFORMATION
 from tofmix.reconciliation.one.tenths import biases_by_tenth, overstated, overstated_width
@@ -25,7 +25,6 @@ _FAR_WIDTH = 1.0  # longest step of the logarithm of a width
 _FAR_BIAS = 0.3  # longest step of a bias of quantised samples, over the quantisation step
 _STEPS = 4  # of Newton's, of a bias
 _WIDTH_STEPS = 2  # of Newton's, of a width
-_FEW = 25  # samples of a pixel whose median is the start of its bias
 _PARABOLA = 4.5  # nats, up to which a pixel's log-likelihood is taken as a parabola in any case
 
 
@@ -90,7 +89,7 @@ def _biases(task: SearchTask, state: ModelState, mixture: Mixture) -> tuple[Floa
     value = first
     limit = _FAR_BIAS * mixture.step if mixture.step > 0 else math.inf
     if state.working.any():  # a bias of many sigma is not reached step by step
-        far = _medians(task, mixture)
+        far = medians(task, mixture)
         there = pixel_sums(task, state, mixture, far, exact=True)
         better = there[0] > value
         at = np.where(better, far, at)
@@ -102,21 +101,6 @@ def _biases(task: SearchTask, state: ModelState, mixture: Mixture) -> tuple[Floa
         at = at + np.clip(move, -limit, limit)
         value, slope, information = pixel_sums(task, state, mixture, at, exact=True)
     return at, information, value - first
-
-
-def _medians(task: SearchTask, mixture: Mixture) -> FloatArray:
-    """Median of a pixel's samples minus the mean of its main surface, mm (recording, pixel)."""
-    out = []
-    for recording, own in zip(task.recordings, task.split(mixture), strict=True):
-        samples = recording.view.evidence.samples
-        few = samples[:: max(1, len(samples) // _FEW)].astype(np.float64)
-        few[few == 0] = np.nan
-        away = own.near_turn(few - own.of_main(own.mean))
-        median = np.zeros(few.shape[1])
-        some = ~np.isnan(away).all(axis=0) & own.of_main(own.lit).astype(bool)
-        median[some] = np.nanmedian(away[:, some], axis=0)
-        out.append(median)
-    return np.stack(out)
 
 
 def _widths(
