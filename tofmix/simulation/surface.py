@@ -9,7 +9,7 @@ than twice as far.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -87,6 +87,17 @@ class Surface:
     def plane_distance_mm(self) -> float:
         """Distance of its plane from the sensor, mm."""
         return abs(float(self.rotation()[:, 2] @ np.array(self.center_mm)))
+
+    def shifted(self, shift_mm: float) -> "Surface":
+        """The surface, moved along its normal.
+
+        Raises
+        ------
+        ValueError
+            If it would leave the bounds of a model.
+        """
+        x, y, z = np.array(self.center_mm) + shift_mm * self.rotation()[:, 2]
+        return replace(self, center_mm=(float(x), float(y), float(z)))
 
 
 def angles_of(rotation: FloatArray) -> tuple[float, float, float]:

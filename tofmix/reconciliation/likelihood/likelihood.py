@@ -112,6 +112,9 @@ class SurfaceShifts(NamedTuple):
     shift_mm: FloatArray
     """(recording, surface + 1, n); the last row is 0, for what is no surface."""
 
+    shares: "tuple[tuple[IntArray, FloatArray] | None, ...]"
+    """Of each recording the surface of each component (component, n), -1 for none, and the change of its share."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelState:
@@ -220,6 +223,22 @@ def _in_rows(mixture: Mixture) -> Mixture:
     )
 
 
+def _reshared(mixture: Mixture, where: Any, surface: IntArray, change: FloatArray) -> FloatArray:  # noqa: ANN401
+    """Weights (time, component, n) with changed shares; those of pixels whose surfaces effects have moved stay."""
+    weight, own, ranges = (of[where] for of in (mixture.weight, mixture.surface, mixture.true_range))
+    count = len(surface)
+    if weight.shape[1] < count:
+        return np.asarray(weight[:, :count])
+    weight = weight[:, :count]
+    there = (own[:, :count] >= 0) | (ranges[:, :count] > 0)  # else no pixel has such a component
+    same = ((own[:, :count] == surface) & (there | (change == 0))).all(axis=1)
+    total = weight.sum(axis=1)
+    new = np.maximum(weight + change * total[:, None], 0.0)
+    same &= new.sum(axis=1) > 0
+    new *= np.where(same, total / np.where(same, new.sum(axis=1), 1.0), 1.0)[:, None]
+    return np.asarray(np.where(same[:, None], new, weight))
+
+
 @dataclass(eq=False)
 class Likelihood:
     """Evaluates states on parts of a recording.
@@ -284,7 +303,14 @@ class Likelihood:
         own = np.take_along_axis(shifts.shift_mm[self._recording_at(mixture)], row, axis=1)
         mean = mixture.mean.copy()
         mean[:, :, shifts.pixels] += np.where(mixture.lit[:, :, shifts.pixels], own, 0.0)
-        return replace(mixture, mean=mean)
+        weight = mixture.weight.copy()
+        at = self._recording_at(mixture)
+        for number, shares in enumerate(shifts.shares):
+            if shares is not None and shares[1].any():
+                times = at == number
+                own = _reshared(mixture, np.ix_(times, np.arange(weight.shape[1]), shifts.pixels), *shares)
+                weight[np.ix_(times, np.arange(own.shape[1]), shifts.pixels)] = own
+        return replace(mixture, mean=mean, weight=weight)
 
     def sums(
         self,

@@ -312,7 +312,7 @@ class Expansion:
         state = replace(state, log_width=log_width)
         wider = log_sigma(task, like.with_errors(predicted, replace(state, shifts=None))) - self._log_sigma
         errors = self.errors.weighed(np.exp(-2 * wider)) if wider.any() else self.errors
-        state = replace(state, shifts=task.shifts(errors.coordinates_of_model(measured)))
+        state = replace(state, shifts=task.shifts(errors.coordinates_of_model(measured), self.shifts))
         return Followed(state, like.with_errors(predicted, state), errors.mean(measured), wider, errors)
 
     def log_likelihood(self, now: "Followed", *, thin: bool = False) -> tuple[float, float]:

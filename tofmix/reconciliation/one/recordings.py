@@ -16,6 +16,7 @@ from tofmix.reconciliation.likelihood.memory import memory_of, one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.one.columns import TENTHS, ColumnMaker
 from tofmix.reconciliation.one.coordinates import Key, Law, laws
+from tofmix.reconciliation.one.edges import Edges
 from tofmix.reconciliation.one.scene_errors import SceneErrors
 from tofmix.reconciliation.one.static_errors import DISCREPANCY, StaticErrors, across_surface, hats
 from tofmix.reconciliation.one.steps_kernel import DistinctValues
@@ -196,20 +197,21 @@ class SearchTask:
         out = [np.zeros((0, *self.lit.shape))]
         for number, surface, columns in self._of_surfaces:
             own = np.zeros((len(columns), *self.lit.shape))
-            alone = self.single[number] & (self.recordings[number].surface == surface)
-            own[:, number] = np.where(alone, columns, 0.0)
+            own[:, number] = np.where(self._alone(number, surface), columns, 0.0)
             out.append(own)
         return np.concatenate(out)
 
-    def shifts(self, coordinates: FloatArray) -> SurfaceShifts | None:
+    def shifts(self, coordinates: FloatArray, near: SurfaceShifts | None = None) -> SurfaceShifts | None:
         """How far surfaces are off in the pixels that they share, by the errors that other pixels tell.
 
         Parameters
         ----------
         coordinates : (k,) float64
             Of the columns of `low`.
+        near : SurfaceShifts, optional
+            Those of coordinates nearby, whose shares are taken.
         """
-        shared = np.flatnonzero((self.lit & ~self.single).any(axis=0))
+        shared = self._shared
         if not shared.size or not self._of_surfaces:
             return None
         last = 1 + max(surface for _, surface, _ in self._of_surfaces)
@@ -219,7 +221,38 @@ class SearchTask:
             own = coordinates[place : place + len(columns)]
             shift[number, surface] = np.where(self.single[number, shared], 0.0, own @ columns[:, shared])
             place += len(columns)
-        return SurfaceShifts(shared, shift)
+        return SurfaceShifts(shared, shift, self._shares(coordinates) if near is None else near.shares)
+
+    def _shares(self, coordinates: FloatArray) -> tuple[tuple[IntArray, FloatArray] | None, ...]:
+        """The shares that change where surfaces are off, as of `SurfaceShifts`."""
+        shift = [np.zeros(len(r.view.scene.names)) for r in self.recordings]
+        place = 0
+        for number, surface, columns in self._of_surfaces:
+            own = coordinates[place : place + len(columns)] @ columns
+            shift[number][surface] = own[self._alone(number, surface)].mean()
+            place += len(columns)
+        return tuple(
+            None if edges is None else (edges.surface, edges.change(mm))
+            for edges, mm in zip(self._edges, shift, strict=True)
+        )
+
+    def _alone(self, number: int, surface: int) -> BoolArray:
+        return np.asarray(self.single[number] & (self.recordings[number].surface == surface))
+
+    @cached_property
+    def _shared(self) -> IntArray:
+        """Pixels that surfaces share in any recording."""
+        return np.flatnonzero((self.lit & ~self.single).any(axis=0))
+
+    @cached_property
+    def _edges(self) -> tuple[Edges | None, ...]:
+        """Of each recording; none of a measured scene, whose surfaces keep their shares."""
+        return tuple(
+            None
+            if r.view.scene.model.scene is not None
+            else Edges.of(r.view.scene.model, self._shared, [self._alone(n, s) for s in range(len(r.view.scene.names))])
+            for n, r in enumerate(self.recordings)
+        )
 
     def _noise_errors(self) -> FloatArray:
         """Half of the variance is common to all surfaces, as of a curve that is wrong, and half is of each surface.

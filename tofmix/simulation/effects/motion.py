@@ -9,7 +9,7 @@ from tofmix.arrays import FloatArray
 from tofmix.simulation.effects.base import Effect, Level, Target
 from tofmix.simulation.effects.parameter import StudentPrior, number, surface
 from tofmix.simulation.effects.search import Coefficient, FormFacts, LinearForm, Problem, SearchFacts, spread_of
-from tofmix.simulation.effects.surface_pose import SurfacePose, shifted
+from tofmix.simulation.effects.surface_pose import SurfacePose
 
 if TYPE_CHECKING:
     from tofmix.simulation.surface import Surface
@@ -82,4 +82,4 @@ class Motion(Effect):
 
     def place(self, surface: "Surface", time_s: float) -> "Surface":
         """The surface at that time."""
-        return shifted(surface, self.velocity_mm_s * time_s) if surface.name == self.surface else surface
+        return surface.shifted(self.velocity_mm_s * time_s) if surface.name == self.surface else surface

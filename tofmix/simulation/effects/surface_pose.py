@@ -5,8 +5,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
-
 from tofmix.arrays import FloatArray
 from tofmix.simulation.effects.base import Basic, Effect, Level, Target
 from tofmix.simulation.effects.parameter import StudentPrior, number, surface
@@ -152,7 +150,7 @@ class SurfacePose(Effect):
         """Move the surface."""
         if surface.name != self.surface:
             return surface
-        moved = shifted(surface, self.shift_mm)
+        moved = surface.shifted(self.shift_mm)
         if not (self.yaw_deg or self.pitch_deg or self.roll_deg):
             return moved
         return replace(
@@ -161,15 +159,3 @@ class SurfacePose(Effect):
             pitch_deg=surface.pitch_deg + self.pitch_deg,
             roll_deg=surface.roll_deg + self.roll_deg,
         )
-
-
-def shifted(surface: "Surface", shift_mm: float) -> "Surface":
-    """The surface, moved along its normal.
-
-    Raises
-    ------
-    ValueError
-        If it would leave the bounds of a model.
-    """
-    x, y, z = np.array(surface.center_mm) + shift_mm * surface.rotation()[:, 2]
-    return replace(surface, center_mm=(float(x), float(y), float(z)))
