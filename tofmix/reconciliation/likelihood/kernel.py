@@ -22,6 +22,7 @@ _INVALID_FLOOR = 1.0e-6  # probability that any sample is lost, whatever the mod
 _ROOT2 = math.sqrt(2.0)
 _PER_ROOT_TWO_PI = 1.0 / math.sqrt(2.0 * math.pi)
 _FAR = 40.0  # exp(-40) adds nothing
+_NEARER_MM = 1.0e5  # of ranges that are stored as 1 mm
 _FINE = 0.7  # a cell narrower than this many sigma: its probability is density times width (Sheppard's correction)
 
 
@@ -84,8 +85,11 @@ def _share_and_slope(lower: float, upper: float, mean: float, sigma: float) -> t
 
 
 @jit
-def _cell(value: float, step: float) -> tuple[float, float]:
-    """The ranges that are stored as a whole number of mm; lower is above upper where there are none."""
+def _cell(value: float, step: float, period: float) -> tuple[float, float]:
+    """The ranges that are stored as a whole number of mm; lower is above upper where there are none.
+
+    The least valid value is 1 mm: without a fold, all that is nearer is stored as 1 mm too.
+    """
     lower, upper = value - 0.5, value + 0.5
     if step > 0:
         first, last = math.ceil(lower / step), math.floor(upper / step)
@@ -94,7 +98,16 @@ def _cell(value: float, step: float) -> tuple[float, float]:
         if np.rint(last * step) > value:
             last -= 1
         lower, upper = (first - 0.5) * step, (last + 0.5) * step
+    if value == 1.0 and period <= 0.0:
+        lower = upper - 2.0 * _NEARER_MM
     return lower, upper
+
+
+@jit
+def _width(lower: float, upper: float, step: float) -> float:
+    """Width of a cell, mm; of all that is nearer than 1 mm, where random values hardly are, that of one cell."""
+    width = upper - lower
+    return width if width < _NEARER_MM else max(step, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,15 +144,20 @@ def sort_pixels(
     invalid: FloatArray,
     step: float,
     period: float,
+    nearest: BoolArray,
     *,
     gaussian: bool = True,
 ) -> Sorted:
-    """Sort pixels for `log_likelihood`; parameters as there, and whether errors are normal."""
+    """Sort pixels for `log_likelihood`.
+
+    Parameters as there; `nearest` are the pixels (pixel,) with samples of 1 mm, whose cell is not narrow; and whether
+    errors are normal.
+    """
     log_invalid = np.log(np.maximum(invalid, _INVALID_FLOOR))
     there = weight > 0
     if step > 0 or period > 0 or not gaussian:
         return Sorted(pixels[:0], np.zeros(0, dtype=np.int64), pixels, log_invalid)
-    wide = np.asarray((~there | (sigma > 1.0 / _FINE)).all(axis=(0, 1)))[pixels]
+    wide = np.asarray((~there | (sigma > 1.0 / _FINE)).all(axis=(0, 1)) & ~nearest)[pixels]
     count = there.sum(axis=1).max(axis=0)[pixels[wide]]
     order = np.argsort(-count, kind="stable")
     ends = np.array([int((count > rank).sum()) for rank in range(int(count.max(initial=0)))], dtype=np.int64)
@@ -251,10 +269,11 @@ def any_log_likelihood(  # noqa: C901  one pass, kept in one place
                 by_pixel[p, 0] += ll
                 by_frame[t, 0] += ll
                 continue
-            lower, upper = _cell(float(value), step)
+            lower, upper = _cell(float(value), step, period)
             total, slope, information = 0.0, 0.0, 0.0
             if lower < upper:
-                total = random_density[p] * (upper - lower)
+                width = _width(lower, upper, step)
+                total = random_density[p] * width
                 centre = 0.5 * (lower + upper)
                 for k in range(components):
                     w = weight[g, k, p]
@@ -268,7 +287,7 @@ def any_log_likelihood(  # noqa: C901  one pass, kept in one place
                             s = math.sqrt(s * s + extra_variance[t])
                         if period > 0.0:
                             turn = np.rint((m - centre) / period) * period
-                    precision = 1.0 / (s * s + (upper - lower) ** 2 / 12.0)
+                    precision = 1.0 / (s * s + width**2 / 12.0)
                     if table[2].size == 0:
                         share, slope_of_share = _share_and_slope(lower + turn, upper + turn, m, s)
                         inside, pull = w * share, w * slope_of_share
@@ -385,7 +404,7 @@ def transform(  # noqa: C901  as above
             out[t, p] = np.nan
             if value == 0:
                 continue
-            lower, upper = _cell(float(value), step)
+            lower, upper = _cell(float(value), step, period)
             if not lower < upper:
                 continue
             u = _uniform(seed, t, p)

@@ -9,7 +9,7 @@ pixel by pixel), and the memory of the noise.
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -274,6 +274,11 @@ class Likelihood:
             log_width_error=np.zeros((len(self.evidence.starts), pixels)) if errors is None else errors.log_width[None],
         )
 
+    @cached_property
+    def _nearest(self) -> BoolArray:
+        """Pixels with samples of 1 mm, which stand for all that is nearer."""
+        return np.asarray((self.evidence.samples == 1).any(axis=0))
+
     def mixture(self, state: ModelState) -> Mixture:
         """The prediction of the model and a state's effects, with the widths of pixels and shifts of surfaces."""
         return self.with_errors(self.scene.mixture(state.effects), state)
@@ -360,7 +365,8 @@ class Likelihood:
         frames, pixels = part
         density = mixture.outlier / (mixture.high - mixture.low)
         m = _in_rows(mixture)
-        chosen = sort_pixels(pixels, m.weight, m.sigma, m.invalid, m.step, m.period, gaussian=m.shape is None)
+        gaussian = m.shape is None
+        chosen = sort_pixels(pixels, m.weight, m.sigma, m.invalid, m.step, m.period, self._nearest, gaussian=gaussian)
         run = partial(self._pass, m, chosen, (added, shift, density))
         results = list(_pool().map(run, np.array_split(frames, _CHUNKS)))
         out = Sums(*empty_sums(*self.evidence.shape))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.compiled.jit import jit
-from tofmix.reconciliation.likelihood.kernel import _cell, _phi
+from tofmix.reconciliation.likelihood.kernel import _cell, _phi, _width
 from tofmix.reconciliation.likelihood.mixture import Mixture
 
 _FLOOR, _INVALID_FLOOR = 1.0e-12, 1.0e-6  # as of the pass over samples
@@ -108,10 +108,10 @@ def _sums(
             if value[k] == 0.0:
                 out[p, 0] += n * math.log(max(invalid[p], _INVALID_FLOOR))
                 continue
-            lower, upper = _cell(value[k], step)
+            lower, upper = _cell(value[k], step, 0.0)
             total, one, two = _FLOOR, 0.0, 0.0
             if lower < upper:
-                total += density[p] * (upper - lower)
+                total += density[p] * _width(lower, upper, step)
                 for c in range(weight.shape[0]):
                     w = weight[c, p]
                     if w <= 0.0:

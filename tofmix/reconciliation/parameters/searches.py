@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import trim_mean
 
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.reconciliation.evidence import LEAST_PIXELS
@@ -283,8 +284,9 @@ def _nearer(seen_by: Sequence[RecordingView], low_mm: float, high_mm: float) -> 
     near = np.concatenate(values)
     if not near.size:
         return None
-    middle = float(np.median(near))
-    return near.size / sum(counts), middle, max(float(np.median(np.abs(near - middle))), _HALF_CELL_MM)
+    low, high = np.quantile(near, (0.16, 0.84))  # a sigma about the mean: a median deviation is 0 on a coarse grid
+    middle = float(trim_mean(near, 0.05))
+    return near.size / sum(counts), middle, max(0.5 * float(high - low), _HALF_CELL_MM)
 
 
 def _before_the_scene(view: RecordingView, low_mm: float, high_mm: float) -> tuple[int, FloatArray]:
