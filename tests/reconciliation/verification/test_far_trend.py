@@ -42,6 +42,16 @@ def test_recording_that_scores_can_show_has_no_far_trend(small: Model, hidden: t
     assert far_trends(likelihood, likelihood.start(), ALPHA) == []
 
 
+def test_drift_over_coarse_cells_that_the_model_has_is_no_far_trend(small: Model) -> None:
+    """Medians of values on a grid jump by a whole step, where the ranges cross into the next cell."""
+    near = replace(small, surfaces=small.surfaces[:1])
+    drift = MAKE["temperature_drift"](amplitude_mm=30.0, time_constant_s=1.0)
+    step = MAKE["quantisation"](step_mm=25.0)
+    likelihood = likelihood_of(near, recorded(near, drift, step))
+    right = replace(likelihood.start(), effects=(drift, step))
+    assert far_trends(likelihood, right, ALPHA) == []
+
+
 def test_lost_pixels_do_not_make_a_trend(small: Model) -> None:
     """First the near surface is valid, then the far one."""
     evidence = recorded(small)

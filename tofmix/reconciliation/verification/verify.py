@@ -88,7 +88,7 @@ def _far_trend(view: RecordingView, alpha: float) -> Place | None:
 
 
 def _medians(view: RecordingView) -> tuple[FloatArray, IntArray, float]:
-    """Median difference from the model of some frames, mm; the frames; and the typical sigma, mm.
+    """Median difference from the model of some frames, mm; the frames; and the typical sigma of a stored value, mm.
 
     Each pixel has its own level, found together with those of the frames: it does not matter which pixels are valid
     when.
@@ -112,7 +112,8 @@ def _medians(view: RecordingView) -> tuple[FloatArray, IntArray, float]:
     for _ in range(polished):
         own = np.nanmedian(away - level[:, None], axis=0)
         level = np.nanmedian(away - own, axis=1)
-    return level, np.flatnonzero(some), float(np.median(m.of_main(m.sigma)[use]))
+    cell = m.step / math.sqrt(12.0)  # medians of values on a grid are off by as much as single ones
+    return level, np.flatnonzero(some), math.hypot(float(np.median(m.of_main(m.sigma)[use])), cell)
 
 
 _SEEDS_APART, _SIMULATIONS_APART = 1000, 100_000  # distance between seeds of recordings, and of simulations
