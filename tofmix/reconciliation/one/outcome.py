@@ -31,7 +31,7 @@ from tofmix.reconciliation.one.static_errors import LEAST_INFORMATION, StaticErr
 from tofmix.reconciliation.parameters.fits import Fitted, Numbers
 from tofmix.reconciliation.parameters.polish import settle
 from tofmix.reconciliation.settings import Settings, fit_part, held_out
-from tofmix.reconciliation.verification.considered import OTHERS
+from tofmix.reconciliation.verification.considered import OTHERS, refusal
 from tofmix.reconciliation.verification.verify import Verified, verify
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.base import Basic, Latent
@@ -70,7 +70,10 @@ def named(
     verified = verify(likelihood, added, settings)
     if verified.verdict != "unexplained" or found.law is not None:
         return added, verified
-    for alias in found.aliases(best) if verified.against else ():
+    aliases = found.aliases(best) if verified.against else []
+    for s in [s for s in found.table.values() if s.names == best.names] if aliases else ():  # in all its forms
+        s.refused, s.score = refusal(added, verified), -math.inf
+    for alias in aliases:
         other = as_added(found, alias)
         judged = verify(likelihood, other, settings)
         if judged.verdict != "unexplained":

@@ -153,7 +153,7 @@ def considered(added: Added, verified: Verified, ledger: Ledger) -> tuple[Weighe
     if verified.verdict in NAMED or not best.names:
         return added.considered
     others = [replace(w, is_alias=False) for w in others if w.names]
-    refused = replace(best, why_not=_refusal(added, verified))
+    refused = replace(best, why_not=refusal(added, verified))
     return (WeighedSet(names=(), evidence_nats=0.0), refused, *others[:OTHERS])
 
 
@@ -187,7 +187,7 @@ def still(curve: Curve) -> str:
     return f"{what} still differs{over}"
 
 
-def _refusal(added: Added, verified: Verified) -> str:
+def refusal(added: Added, verified: Verified) -> str:
     """Why the effects of a search are not named."""
     found = verified.findings
     said = [f"{set_text([added.chosen[c.number].name])} {c.reason}" for c in verified.against]
