@@ -12,8 +12,8 @@ from support.search_tasks import MakeTask
 from tofmix.reconciliation.found import Ledger
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
 from tofmix.reconciliation.one.fitted_set import FittedSet
-from tofmix.reconciliation.one.proposals import About, Columns
-from tofmix.reconciliation.one.search import FoundSets, closed, search
+from tofmix.reconciliation.one.proposals import Columns
+from tofmix.reconciliation.one.search import FoundSets, Proposers, closed, search
 from tofmix.reconciliation.settings import Settings
 from tofmix.simulation.model import Model
 
@@ -23,11 +23,10 @@ KINDS = ("range_offset", "amplitude_walk", "wiggling", "excess_noise", "temperat
 def test_closing_step_finds_the_neighbour_that_is_better(make_task: MakeTask) -> None:
     task = make_task(KINDS, MAKE["range_offset"](offset_mm=6.0), MAKE["excess_noise"](factor=1.5))
     null = FittedSet.without_effects(task).fit()
-    columns = Columns.of(task)
-    about = About(columns, null)
-    wrong = next(p for p in about.sets(1) if p.names == {("temperature_drift", "")})
+    known = Proposers(Columns.of(task))
+    wrong = next(p for p in known.about(null).sets(1) if p.names == {("temperature_drift", "")})
     found = FoundSets(task, lambda _: None, Ledger(), {frozenset(): null, wrong.keys: wrong.build().fit()})
-    closed(found, lambda s: About(columns, s))
+    closed(found, known)
     assert {kind for kind, _ in found.best.names} == {"range_offset", "excess_noise"}
 
 

@@ -185,24 +185,18 @@ def extend(found: FoundSets) -> None:
     settings = task.settings
     if settings.max_effects == 0:
         return
-    columns = Columns.of(task)
-    known: dict[frozenset[Key], About] = {}
-
-    def about(s: FittedSet) -> About:
-        if s.keys not in known:
-            known[s.keys] = About(columns, s)
-        return known[s.keys]
-
+    known = Proposers(Columns.of(task))
     bases = [null]
 
     def linear(b: FittedSet, size: int) -> Iterator[Proposal]:
-        with_parts = _from_fitted(found, chain(about(b).sets(size - 1), about(b).sets(size)))
+        around = known.about(b)
+        with_parts = _from_fitted(found, chain(around.sets(size - 1), around.sets(size)))
         return (p for p in with_parts if len(p.keys) == size)
 
     for size in range(1, min(LARGEST, settings.max_effects) + 1):
         top = found.best.score
         proposals = chain.from_iterable(
-            chain(linear(b, size), by_trial(b) if len(b.keys) == size - 1 else ()) for b in bases
+            chain(linear(b, size), known.trials(b) if len(b.keys) == size - 1 else ()) for b in bases
         )
         found.fit_best(proposals, lambda p, least=top - ALIAS_NATS: p.predicted + p.slack > least)  # type: ignore[misc]
         _without_members_at_a_bound(found, size)
@@ -211,7 +205,34 @@ def extend(found: FoundSets) -> None:
         if not level or found.best.score > level[0].score or found.ledger.ends():
             break
         bases = [*level[:BASES], *([null] if size == 1 else [])]
-    closed(found, about)
+    closed(found, known)
+
+
+@dataclass(frozen=True, eq=False)
+class Proposers:
+    """The proposals about each fitted set, made once: the closing step needs those of the last sets again.
+
+    Parameters
+    ----------
+    columns : Columns
+        Changes by each form.
+    """
+
+    columns: Columns
+    _about: dict[frozenset[Key], About] = field(default_factory=dict)
+    _trials: dict[frozenset[Key], list[Proposal]] = field(default_factory=dict)
+
+    def about(self, s: FittedSet) -> About:
+        """The linear model about a set."""
+        if s.keys not in self._about:
+            self._about[s.keys] = About(self.columns, s)
+        return self._about[s.keys]
+
+    def trials(self, s: FittedSet) -> list[Proposal]:
+        """The set with one more member that only samples show."""
+        if s.keys not in self._trials:
+            self._trials[s.keys] = list(by_trial(s))
+        return self._trials[s.keys]
 
 
 def _without_members_at_a_bound(found: FoundSets, size: int) -> None:
@@ -240,7 +261,7 @@ def _with_laws(s: FittedSet, keep: list[int]) -> FittedSet:
     )
 
 
-def closed(found: FoundSets, about: Callable[[FittedSet], About]) -> None:
+def closed(found: FoundSets, known: Proposers) -> None:
     """Fit all neighbours of the best set that may be as good, until none is better."""
     task = found.task
     most = task.settings.max_effects
@@ -248,10 +269,10 @@ def closed(found: FoundSets, about: Callable[[FittedSet], About]) -> None:
     while True:
         best = found.best
         size = len(best.keys)
-        around = about(best)
+        around = known.about(best)
         sizes = (k for k in (size - 1, size, size + 1) if 0 < k <= most)
         linear = chain.from_iterable(around.sets(k, unnamed=True) for k in sizes)
-        proposals = chain(_from_fitted(found, linear), by_trial(best) if size < most else ())
+        proposals = chain(_from_fitted(found, linear), known.trials(best) if size < most else ())
 
         def as_good(p: Proposal, best: FittedSet = best) -> bool:
             if p.names > best.names and not p.keys > best.keys:  # other forms as good were extended about themselves
