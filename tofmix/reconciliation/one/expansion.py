@@ -42,8 +42,6 @@ WIDTH_NUDGE = 0.05
 FAR_NATS = 4.5
 """Gain of a pixel's own bias, nats, up to which its log-likelihood is taken as a parabola in any case: three sigma."""
 
-_FEW = 25  # samples of a pixel whose median is the start of its bias
-_REACH = 3.0  # sigma, from which steps lead to the samples
 _LEAST = 0.05  # of the information of independent samples, below which quantised samples tell nothing of a bias
 _WIDTH_STEPS = 3  # of log widths, where samples are too far for a parabola
 _THIRD = 3  # every third frame, for a faster pass
@@ -112,10 +110,10 @@ def _of_one(
 
 def medians(task: SearchTask, mixture: Mixture) -> FloatArray:
     """Median of a pixel's samples minus the mean of its main surface, mm (recording, pixel)."""
-    out = []
+    out, least = [], 25  # samples of a pixel, enough for a median that a search begins with
     for recording, own in zip(task.recordings, task.split(mixture), strict=True):
         samples = recording.view.evidence.samples
-        few = samples[:: max(1, len(samples) // _FEW)].astype(np.float64)
+        few = samples[:: max(1, len(samples) // least)].astype(np.float64)
         few[few == 0] = np.nan
         away = own.near_turn(few - own.of_main(own.mean))
         median = np.zeros(few.shape[1])
@@ -132,8 +130,8 @@ def _within_reach(
 
     A pattern's bias of many sigma is not reached step by step: there, samples count as outliers.
     """
-    far = medians(task, mixture)
-    reached = np.abs(far - bias_mm) < _REACH * np.exp(log_sigma(task, mixture))
+    far, near = medians(task, mixture), 3.0  # sigma, from which steps lead to the samples
+    reached = np.abs(far - bias_mm) < near * np.exp(log_sigma(task, mixture))
     if reached.all():
         return bias_mm
     there, here = (pixel_sums(task, state, mixture, at)[0] for at in (far, bias_mm))
