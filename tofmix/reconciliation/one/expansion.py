@@ -270,7 +270,7 @@ class Expansion:
         widths = task.width_errors(2 * count / overstated_width(over))
         measured_width = _unbiased(state.log_width + _top(square, count), widths)
         log_width = widths.mean(measured_width).reshape(state.log_width.shape)
-        shifts = task.shifts(errors.coordinates_of_model(measured))
+        shifts = task.likely_shifts(errors.coordinates_of_model(measured), state, predicted)
         if again and far.any():
             near = replace(state, log_width=log_width, shifts=shifts)
             return cls.of(task, near, spreads, bias_mm, thin=thin, passes=passes, again=again - 1)

@@ -240,7 +240,8 @@ def _moved(task: SearchTask, state: ModelState, held: Part) -> tuple[ModelState,
     own = state.pixel_variance if state.errors is None else np.zeros_like(state.pixel_variance)  # taken off already
     errors = StaticErrors.of(task.low, known, like.evidence.image, more_variance=own)
     moved = errors.of_model(bias, most)
-    state = replace(state, shifts=task.shifts(errors.coordinates_of_model(bias, most)))
+    predicted = like.scene.mixture(state.effects)
+    state = replace(state, shifts=task.likely_shifts(errors.coordinates_of_model(bias, most), state, predicted))
     if task.width_variance.any():
         return state, _with_biases(task, like.mixture(state), moved)
     wider = _log_width(task, state, _with_biases(task, like.mixture(state), moved), held, most * math.sqrt(0.5))

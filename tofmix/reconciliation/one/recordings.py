@@ -11,7 +11,7 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.reconciliation.likelihood.hidden_fits import find_lattice
 from tofmix.reconciliation.likelihood.hidden_states import begin
 from tofmix.reconciliation.likelihood.joint import RecordingView, views
-from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part, SurfaceShifts
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part, SurfaceShifts
 from tofmix.reconciliation.likelihood.memory import memory_of, one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.one.columns import TENTHS, ColumnMaker
@@ -222,6 +222,25 @@ class SearchTask:
             shift[number, surface] = np.where(self.single[number, shared], 0.0, own @ columns[:, shared])
             place += len(columns)
         return SurfaceShifts(shared, shift, self._shares(coordinates) if near is None else near.shares)
+
+    def likely_shifts(self, coordinates: FloatArray, state: ModelState, predicted: Mixture) -> SurfaceShifts | None:
+        """The same, with other shares only where samples bear them out: ranges may be off where no surface is.
+
+        Parameters
+        ----------
+        coordinates : (k,) float64
+            Of the columns of `low`.
+        state, predicted
+            A model, and what its effects predict.
+        """
+        moved, like = self.shifts(coordinates), self.likelihood
+        if moved is None or not any(shares is not None and shares[1].any() for shares in moved.shares):
+            return moved
+        still = moved._replace(shares=(None,) * len(moved.shares))
+        states = [replace(state, shifts=shifts) for shifts in (moved, still)]
+        part = self.part[0], moved.pixels
+        there, here = (like.sums(like.with_errors(predicted, s), s, part).total for s in states)
+        return moved if there > here else still
 
     def _shares(self, coordinates: FloatArray) -> tuple[tuple[IntArray, FloatArray] | None, ...]:
         """The shares that change where surfaces are off, as of `SurfaceShifts`."""
