@@ -1,7 +1,7 @@
 """What all sets of effects of one search share: the recordings, the model as given, the laws, and the prices."""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -146,7 +146,7 @@ class SearchTask:
         self.given_kinds = {e.kind for e in likelihood.scene.effects}
         self.given = next((h.spreads(e) for e, h in with_hidden(self.null.given, PixelBias)), PatternSpreads(0, 0, 0))
 
-    def price_nats(self, keys: Iterable[Key]) -> float:
+    def price_nats(self, keys: Collection[Key]) -> float:
         """Price of some members.
 
         Without effects, a Bayes factor of x comes up with a probability of at most 1 / x (Markov). So noise adds one of
@@ -154,8 +154,9 @@ class SearchTask:
         has share one half of alpha, all other effects the other half.
         """
         half = 0.5 * self.settings.alpha
-        own = (len(self._basic) if key[:2] in self._basic else self._others for key in keys)
-        return sum(math.log(count / half) for count in own)
+        basic = sum(key[:2] in self._basic for key in keys)  # counted, as sums over a set depend on its order
+        others = len(keys) - basic
+        return basic * math.log(max(len(self._basic), 1) / half) + others * math.log(self._others / half)
 
     def _recording(self, view: RecordingView) -> OneRecording:
         m = view.mixture
