@@ -155,14 +155,11 @@ def _not_frames(root: h5py.File, names: list[str], path: Path) -> list[str]:
     """Note on the datasets beside the frames, by their kinds."""
     kinds: dict[str, int] = {}
     taken = kind_of_names(names[0])
-
-    def add(name: str, item: h5py.HLObject) -> None:
-        kind = kind_of_names(name)
-        if isinstance(item, h5py.Dataset) and item.dtype.kind in "iuf" and kind != taken:
-            kinds[kind] = kinds.get(kind, 0) + 1
-
     with guard.reading(path, "datasets"):
-        root.visititems(add)
+        for name, item in every_dataset(root):
+            kind = kind_of_names(name)
+            if item.dtype.kind in "iuf" and kind != taken:
+                kinds[kind] = kinds.get(kind, 0) + 1
     return [unused(path, "datasets", [f"{kind} ({count})" for kind, count in kinds.items()])] if kinds else []
 
 
@@ -173,15 +170,30 @@ def _packing(root: h5py.File, dataset: h5py.Dataset, path: Path) -> Packing:
 
 def _datasets(root: h5py.File) -> dict[str, tuple[int, ...]]:
     """Datasets of numbers by their path, with their shapes; no dimension scales and nothing of a `truth`."""
-    found: dict[str, tuple[int, ...]] = {}
+    return {
+        name: item.shape
+        for name, item in every_dataset(root)
+        if item.dtype.kind in "iuf" and item.shape and not name.startswith(_OF_OUR_OWN)
+    }
 
-    def add(name: str, item: h5py.HLObject) -> None:
-        own = name.startswith(_OF_OUR_OWN)
-        if isinstance(item, h5py.Dataset) and item.dtype.kind in "iuf" and item.shape and not own:
-            found[name] = item.shape
 
-    root.visititems(add)
-    return found
+def every_dataset(root: h5py.File) -> Iterator[tuple[str, h5py.Dataset]]:
+    """Each dataset once, with its path, by names, as of `visititems`, whose time grows with the square of the depth."""
+    seen: set[tuple[int, int]] = set()
+    left: list[tuple[str, h5py.Group, str]] = [("", root, "/")]
+    while left:
+        path, parent, name = left.pop()
+        item = parent[name]
+        place = h5py.h5o.get_info(item.id)
+        if (place.fileno, place.addr) in seen:
+            continue
+        seen.add((place.fileno, place.addr))
+        if isinstance(item, h5py.Dataset):
+            yield path, item
+        elif isinstance(item, h5py.Group):
+            own = sorted(item, key=lambda of: of.encode("utf-8", "surrogateescape"), reverse=True)
+            links = (of for of in own if isinstance(item.get(of, getlink=True), h5py.HardLink))
+            left += [(f"{path}/{of}".lstrip("/"), item, of) for of in links]
 
 
 def _scales(dataset: h5py.Dataset) -> str | None:
