@@ -225,7 +225,9 @@ class SearchTask:
         return SurfaceShifts(shared, shift, self._shares(coordinates) if near is None else near.shares)
 
     def likely_shifts(self, coordinates: FloatArray, state: ModelState, predicted: Mixture) -> SurfaceShifts | None:
-        """The same, with other shares only where samples bear them out: ranges may be off where no surface is.
+        """How far surfaces are off, as of `shifts`; their shares change only if samples bear it out.
+
+        Ranges may be off by another cause than the place of a surface.
 
         Parameters
         ----------
