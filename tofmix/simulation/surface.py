@@ -10,6 +10,7 @@ than twice as far.
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -72,16 +73,7 @@ class Surface:
 
     def rotation(self) -> FloatArray:
         """R (3, 3): its columns are the rectangle's u, v and normal axes in the sensor's frame."""
-        yaw, pitch, roll = (math.radians(angle) for angle in (self.yaw_deg, self.pitch_deg, self.roll_deg))
-        about_y = np.array([[math.cos(yaw), 0.0, math.sin(yaw)], [0.0, 1.0, 0.0], [-math.sin(yaw), 0.0, math.cos(yaw)]])
-        about_x = np.array(
-            [[1.0, 0.0, 0.0], [0.0, math.cos(pitch), -math.sin(pitch)], [0.0, math.sin(pitch), math.cos(pitch)]]
-        )
-        about_z = np.array(
-            [[math.cos(roll), -math.sin(roll), 0.0], [math.sin(roll), math.cos(roll), 0.0], [0.0, 0.0, 1.0]]
-        )
-        rotation: FloatArray = about_z @ (about_x @ about_y)
-        return rotation
+        return _rotation(self.yaw_deg, self.pitch_deg, self.roll_deg)
 
     @property
     def plane_distance_mm(self) -> float:
@@ -98,6 +90,20 @@ class Surface:
         """
         x, y, z = np.array(self.center_mm) + shift_mm * self.rotation()[:, 2]
         return replace(self, center_mm=(float(x), float(y), float(z)))
+
+
+@lru_cache(maxsize=256)  # surfaces of a scene, at the poses that a search tries
+def _rotation(yaw_deg: float, pitch_deg: float, roll_deg: float) -> FloatArray:
+    """R (3, 3) of these angles, read only."""
+    yaw, pitch, roll = (math.radians(angle) for angle in (yaw_deg, pitch_deg, roll_deg))
+    about_y = np.array([[math.cos(yaw), 0.0, math.sin(yaw)], [0.0, 1.0, 0.0], [-math.sin(yaw), 0.0, math.cos(yaw)]])
+    about_x = np.array(
+        [[1.0, 0.0, 0.0], [0.0, math.cos(pitch), -math.sin(pitch)], [0.0, math.sin(pitch), math.cos(pitch)]]
+    )
+    about_z = np.array([[math.cos(roll), -math.sin(roll), 0.0], [math.sin(roll), math.cos(roll), 0.0], [0.0, 0.0, 1.0]])
+    rotation: FloatArray = about_z @ (about_x @ about_y)
+    rotation.setflags(write=False)
+    return rotation
 
 
 def angles_of(rotation: FloatArray) -> tuple[float, float, float]:

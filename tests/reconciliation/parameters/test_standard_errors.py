@@ -1,8 +1,9 @@
 """Standard errors cover the truth, also where noise is shared; the last step finds the top."""
 
+import warnings
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from support.recordings import MAKE, Record, reconciled
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.likelihood.hidden_states import latent_states
-from tofmix.reconciliation.likelihood.likelihood import Likelihood
+from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState
 from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.reconciliation.likelihood.pixel_pattern import PixelBiases, marginal_pattern
 from tofmix.reconciliation.parameters.fits import Fitted, Numbers, Value, inverse, parabola
@@ -20,6 +21,9 @@ from tofmix.reconciliation.parameters.searches import problems
 from tofmix.reconciliation.parameters.standard_errors import numeric, standard_errors
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.model import Model
+
+if TYPE_CHECKING:
+    from tofmix.simulation.effects.range_offset import RangeOffset
 
 FULL = 150.0
 """An amplitude between those of the near board and of the middle one."""
@@ -75,6 +79,25 @@ def test_polished_offset_is_at_the_top_and_its_error_that_of_a_mean(model: Model
     slope = likelihood.sums(mixture, found.state, found.part).by_pixel[:, 1:3].sum(axis=0)
     assert abs(slope[0]) < 0.2 * np.sqrt(slope[1])  # a fifth of a standard error from the top
     assert standard_errors(found)[0]["offset_mm"] == pytest.approx(1 / np.sqrt(slope[1]), rel=0.35)
+
+
+def test_number_whose_neighbour_has_no_density_is_held_without_a_warning(
+    model: Model, record: Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Samples may have no density at all a step away, as where a surface leaves the image: no slope is told there."""
+    evidence = record()
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    numbers = fitted_offset(model, likelihood, 0.1)
+    at_start, least_mm = numbers.vector[0], cast("RangeOffset", numbers.state.effects[0]).offset_mm
+
+    def none_below(_: Likelihood, state: ModelState) -> float:
+        return 0.0 if cast("RangeOffset", state.effects[0]).offset_mm >= least_mm else -np.inf
+
+    monkeypatch.setattr(Likelihood, "outside", none_below)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert parabola(numbers) is None
+        assert polish(numbers).vector[0] == at_start
 
 
 def test_error_of_an_offset_under_an_unknown_pattern_is_the_patterns_spread_over_root_pixels(

@@ -75,13 +75,14 @@ class Numbers:
         return replace(self, fits=fits, state=replace(self.state, effects=tuple(effects)))
 
     def at(self, x: FloatArray) -> "Value | None":
-        """The objective of fits, in total and by pixel and frame; None out of bounds."""
+        """The objective of fits, in total and by pixel and frame; None out of bounds, and where it is not finite."""
         try:
             state = self.moved(x).state
         except ValueError:
             return None
         sums = self.likelihood.marginal(self.likelihood.mixture(state), state, self.part)
-        return Value(total=sums.total + self.likelihood.outside(state), by_pixel=sums.by_pixel, by_frame=sums.by_frame)
+        total = sums.total + self.likelihood.outside(state)
+        return Value(total=total, by_pixel=sums.by_pixel, by_frame=sums.by_frame) if math.isfinite(total) else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -128,7 +129,7 @@ def parabola(numbers: Numbers) -> Parabola | None:
     """
     x = numbers.vector
     top = numbers.at(x)
-    if top is None or not math.isfinite(top.total):
+    if top is None:
         return None
     steps = np.array([_unit_drop(numbers, x, k, step, top.total) for k, step in enumerate(numbers.first_steps)])
     unit = np.diag(steps)

@@ -179,8 +179,11 @@ def _instead_of_means(
         return
     wide = _height(likelihood.mixture(state))
     for number in range(len(state.effects)):
-        ratio = wide / _height(likelihood.mixture(without(state, number)))
-        added = 1 - float(np.nanmean(ratio)) ** 2  # of the variance, as for a Gaussian of this height
+        narrow = _height(likelihood.mixture(without(state, number)))
+        seen = np.isfinite(wide) & (narrow > 0)
+        if not seen.any():
+            continue
+        added = 1 - float((wide[seen] / narrow[seen]).mean()) ** 2  # of the variance, as for a Gaussian of this height
         if structured > LAW * added > 0:
             yield Contradiction(number=number, reason="stands for means that change with the frame or the pixel")
 
