@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tofmix.arrays import BoolArray, FloatArray
+from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.reconciliation.likelihood.likelihood import ModelState, SurfaceShifts
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.one.recordings import SearchTask
@@ -139,16 +139,37 @@ def _within_reach(
     return np.where(~reached & (there - here > 0.5 * (far**2 - bias_mm**2) / variance), far, bias_mm)
 
 
-def log_sigma(task: SearchTask, mixture: Mixture) -> FloatArray:
-    """Logarithm of the predicted noise (recording, pixel) of the main components, mm."""
-    return np.stack([np.log(m.of_main(m.sigma)) for m in task.split(mixture)])
+def _components(own: Mixture, surface: IntArray | None) -> IntArray:
+    """The component (pixel,) of a surface at the first time; the heaviest, or where the surface is out of the pixel.
+
+    A change of numbers may make another surface the heaviest one, whose range and noise are no change of the first's.
+    """
+    if surface is None:
+        return own.main
+    weight = np.where(own.surface[0] == surface, own.weight[0], 0.0)
+    return np.where(weight.max(axis=0) > 0, weight.argmax(axis=0), own.main)
 
 
-def main_ranges(task: SearchTask, mixture: Mixture) -> FloatArray:
-    """Predicted range (recording, pixel) of the main components, mm, a mean over the times."""
+def main_surfaces(task: SearchTask, mixture: Mixture) -> IntArray:
+    """Surface (recording, pixel) of the main components."""
+    return np.stack([own.of_main(own.surface) for own in task.split(mixture)])
+
+
+def log_sigma(task: SearchTask, mixture: Mixture, surface: IntArray | None = None) -> FloatArray:
+    """Logarithm of the predicted noise (recording, pixel) of the main components, or of a surface, mm."""
     out = []
-    for own in task.split(mixture):
-        ranges = np.take_along_axis(own.mean, own.main[None, None], axis=1)[:, 0]
+    for k, own in enumerate(task.split(mixture)):
+        place = _components(own, None if surface is None else surface[k])
+        out.append(np.log(np.take_along_axis(own.sigma[0], place[None], axis=0)[0]))
+    return np.stack(out)
+
+
+def main_ranges(task: SearchTask, mixture: Mixture, surface: IntArray | None = None) -> FloatArray:
+    """Predicted range (recording, pixel) of the main components, or of a surface, mm, a mean over the times."""
+    out = []
+    for k, own in enumerate(task.split(mixture)):
+        place = _components(own, None if surface is None else surface[k])
+        ranges = np.take_along_axis(own.mean, place[None, None], axis=1)[:, 0]
         out.append(ranges[0] + own.near_turn(ranges - ranges[0]).mean(axis=0))
     return np.stack(out)
 
@@ -198,10 +219,11 @@ class Expansion:
     widths: StaticErrors
     shifts: SurfaceShifts | None
     _information: FloatArray  # of the biases by independent samples, 0 where they are not used
-    _ranges: FloatArray  # mm, of the main components, that the effects predict
+    _surface: IntArray  # (recording, pixel), of the main components that the effects predict
+    _ranges: FloatArray  # mm, of these components
     _own_log_sigma: FloatArray  # that the effects predict, without other widths
     _measured_width: FloatArray  # most likely log width of each pixel by its own samples
-    _log_sigma: FloatArray  # of the model about which widths are expanded
+    _expanded_log_width: FloatArray  # about which widths are expanded
     _mean_taken: FloatArray  # degrees of freedom of its samples that a pixel's own mean takes
     _count: FloatArray  # samples that tell a width, 0 where none do
     _square: FloatArray  # sum of their squares, in units of the variance
@@ -284,10 +306,11 @@ class Expansion:
             widths=widths,
             shifts=shifts,
             _information=information,
+            _surface=main_surfaces(task, predicted),
             _ranges=main_ranges(task, predicted),
             _own_log_sigma=log_sigma(task, predicted),
             _measured_width=measured_width,
-            _log_sigma=log_sigma(task, mixture),
+            _expanded_log_width=state.log_width,
             _mean_taken=mean_taken,
             _count=count,
             _square=square,
@@ -303,12 +326,12 @@ class Expansion:
         """
         task, like = self.task, self.task.likelihood
         predicted = like.scene.mixture(state.effects)
-        moved = predicted.near_turn(main_ranges(task, predicted) - self._ranges)
+        moved = predicted.near_turn(main_ranges(task, predicted, self._surface) - self._ranges)
         measured = self.measured_mm - np.where(self.used, moved, 0.0)
-        by_effects = log_sigma(task, predicted) - self._own_log_sigma
+        by_effects = log_sigma(task, predicted, self._surface) - self._own_log_sigma
         log_width = self.widths.mean(self._measured_width - by_effects.reshape(1, -1)).reshape(by_effects.shape)
         state = replace(state, log_width=log_width)
-        wider = log_sigma(task, like.with_errors(predicted, replace(state, shifts=None))) - self._log_sigma
+        wider = by_effects + log_width - self._expanded_log_width
         errors = self.errors.weighed(np.exp(-2 * wider)) if wider.any() else self.errors
         state = replace(state, shifts=task.shifts(errors.coordinates_of_model(measured), self.shifts))
         return Followed(state, like.with_errors(predicted, state), errors.mean(measured), wider, errors)
