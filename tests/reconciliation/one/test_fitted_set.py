@@ -150,3 +150,18 @@ def test_a_set_with_numbers_of_no_camera_is_refused(make_task: MakeTask) -> None
     s.fit()
     assert s.score == -math.inf
     assert "beyond that of real cameras" in s.refused
+
+
+def test_biases_are_told_beside_a_near_return_of_a_tenth(make_task: MakeTask) -> None:
+    """Samples of the camera's own cover are of no surface: those of the wall tell its bias as well as without them."""
+    near = MAKE["near_return"](share=0.1, range_mm=60.0, sigma_mm=8.0)
+    told = []
+    for hidden in ((OFFSET,), (OFFSET, near)):
+        task = make_task(("range_offset", "near_return"), *hidden)
+        laws = [law for law in task.laws if law.kind.kind == "near_return"][: len(hidden) - 1]
+        s = FittedSet(task=task, laws=tuple(laws), x=np.concatenate([np.zeros(0), *(w.vector_of(near) for w in laws)]))
+        s.settle_errors()
+        summary = s.summary()
+        assert float(np.median(summary.mean_mm)) == pytest.approx(OFFSET.offset_mm, abs=0.3)
+        told.append(float(summary.bias_information.sum()))
+    assert told[1] == pytest.approx(0.9 * told[0], rel=0.03)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
-from tofmix.reconciliation.likelihood.memory import one_surface
+from tofmix.reconciliation.likelihood.memory import sees_one_surface
 from tofmix.reconciliation.likelihood.pixel_pattern import pixel_biases
 
 
@@ -45,6 +45,6 @@ def biases_of_recordings(likelihood: Likelihood, state: ModelState, part: Part) 
     out = []
     for view in views(likelihood, mixture, part):
         found, m = pixel_biases(likelihood, mixture, state, view.part_of_all), view.mixture
-        used = one_surface(m) & m.of_main(m.lit).astype(bool) & (found.information > 0)
+        used = sees_one_surface(m) & m.of_main(m.lit).astype(bool) & (found.information > 0)
         out.append(RecordingBiases(view=view, used=used, bias_mm=found.bias, information=found.information))
     return out

@@ -138,6 +138,15 @@ def one_surface(mixture: Mixture, share: float = _MAIN) -> BoolArray:
     return np.asarray(mixture.of_main(mixture.weight) > share * np.maximum(mixture.weight[0].sum(axis=0), 1e-9))
 
 
+def sees_one_surface(mixture: Mixture) -> BoolArray:
+    """Pixels (pixel,) whose samples of surfaces are of one: biases and noise are told there, whatever lies beside it.
+
+    Samples of no surface, as of the camera's own cover, make scores depend on where a sample is from.
+    """
+    of_surfaces = np.where(mixture.lit[0], mixture.weight[0], 0.0)
+    return np.asarray(of_surfaces.max(axis=0) > _MAIN * np.maximum(of_surfaces.sum(axis=0), 1e-9))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RandomValues:
     """Random values among the valid samples of some pixels, in units of the noise.

@@ -12,7 +12,7 @@ from tofmix.reconciliation.likelihood.hidden_fits import find_lattice
 from tofmix.reconciliation.likelihood.hidden_states import begin
 from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part, SurfaceShifts
-from tofmix.reconciliation.likelihood.memory import memory_of, one_surface
+from tofmix.reconciliation.likelihood.memory import memory_of, sees_one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.one.columns import TENTHS, ColumnMaker
 from tofmix.reconciliation.one.coordinates import Key, Law, laws
@@ -127,7 +127,7 @@ class SearchTask:
         self.recordings = tuple(self._recording(view) for view in views(likelihood, self.mixture, self.part))
         mixtures = [r.view.mixture for r in self.recordings]
         self.lit: BoolArray = np.stack([m.of_main(m.lit).astype(bool) for m in mixtures])
-        self.single: BoolArray = np.stack([one_surface(m) for m in mixtures]) & self.lit
+        self.single: BoolArray = np.stack([sees_one_surface(m) for m in mixtures]) & self.lit
         self._of_surfaces = list(self._model_errors())
         self.low = np.concatenate([self._low_of_surfaces(), self._scene_errors()])
         self.own_variance_mm2 = self.recordings[0].scene.own_variance_mm2

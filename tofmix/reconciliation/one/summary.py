@@ -12,7 +12,7 @@ import numpy as np
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.reconciliation.likelihood import hidden_fits
 from tofmix.reconciliation.likelihood.likelihood import ModelState
-from tofmix.reconciliation.likelihood.memory import one_surface
+from tofmix.reconciliation.likelihood.memory import sees_one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.likelihood.pixel_pattern import PixelBiases
 from tofmix.reconciliation.one.expansion import WIDTH_NUDGE, medians, pixel_sums
@@ -62,7 +62,7 @@ class Summary:
         share = np.where(
             high > np.maximum(gain, _PARABOLA), np.maximum(gain, 0.5) / np.maximum(high, LEAST_INFORMATION), 1.0
         )
-        alone = np.stack([one_surface(m) & s for m, s in zip(task.split(mixture), task.single, strict=True)])
+        alone = np.stack([sees_one_surface(m) & s for m, s in zip(task.split(mixture), task.single, strict=True)])
         used = alone & (information > LEAST_INFORMATION) & state.working
         shifts, told = biases_by_tenth(task, state, mixture, bias, used)
         width, width_information = _widths(task, state, mixture, bias, shifts, told, used)

@@ -20,7 +20,7 @@ from tofmix.arrays import BoolArray, FloatArray
 from tofmix.reconciliation.evidence import LEAST_PIXELS
 from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
-from tofmix.reconciliation.likelihood.memory import one_surface
+from tofmix.reconciliation.likelihood.memory import sees_one_surface
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.base import refuse_without_phase
@@ -307,7 +307,7 @@ def _noise(view: RecordingView) -> FloatArray:
         return out
     samples[samples == 0] = np.nan
     away = m.near_turn(np.diff(samples, axis=0)) if m.period > 0 else np.diff(samples, axis=0)
-    use = one_surface(m) & (np.isfinite(away).sum(axis=0) >= 0.5 * len(away))  # half of the differences
+    use = sees_one_surface(m) & (np.isfinite(away).sum(axis=0) >= 0.5 * len(away))  # half of the differences
     away = np.abs(away[:, use])
     typical = _TO_SIGMA * np.nanmedian(away, axis=0)
     limit = _OUTLYING * math.sqrt(2) * np.maximum(typical, _HALF_CELL_MM)
