@@ -106,7 +106,7 @@ def compare(
     errors. Exit code 0: equal; 6: different; 3: the files have different sizes.
     """
     from tofmix.jobs.report import compare_layers
-    from tofmix.report.comparison.page import format_comparison
+    from tofmix.report.comparison import format_comparison
 
     if window is not None and html is None:
         raise UsageError("--window needs --html")

@@ -33,7 +33,7 @@ from tofmix.reconciliation.words import effect_tables, suggested_tables
 from tofmix.reconciliation.workflow import Reconciliation, maps_of
 from tofmix.reconciliation.workflow import reconcile as search
 from tofmix.recording import CameraSource, amplitude_source
-from tofmix.report.gap.page import render_gap
+from tofmix.report.gap import render_gap
 from tofmix.sensor import Sensor
 from tofmix.simulation.effects.base import with_hidden
 from tofmix.simulation.effects.hidden import PixelBias

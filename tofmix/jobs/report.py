@@ -17,7 +17,7 @@ from tofmix.io.surfaces_file import open_surfaces
 from tofmix.jobs.files import check_recording, check_window, findings_of_samples, opened_recording
 from tofmix.jobs.reporter import Reporter
 from tofmix.recording import SampleSource
-from tofmix.report.comparison.comparison import Comparison, compare
+from tofmix.report.comparison import Comparison, compare, render_comparison
 from tofmix.report.summary.lost import cause_of_loss
 from tofmix.report.summary.summary import Summary, remedy_for, summarise
 
@@ -58,7 +58,7 @@ def report_layers(
                 singles = _singles(file, window, source)
                 summary = replace(summary, noise=replace(summary.noise, scatter_over_sigma=singles.spread()))
         if html is not None:
-            from tofmix.report.page.page import render_page
+            from tofmix.report.page import render_page
 
             shown: dict[str, Any] = {} if surfaces is None else _surfaces_of(surfaces, layers, window)
             page = render_page(file, recording=source, window=window, summary=summary, singles=singles, **shown)
@@ -103,8 +103,6 @@ def compare_layers(
         except BadInputError as error:
             raise BadInputError(f"{a} and {b}: {error}") from error
         if html is not None:
-            from tofmix.report.comparison.page import render_comparison  # with Matplotlib, which only pages need
-
             page = render_comparison(*files, comparison=comparison, window=window, names=(a.name, b.name))
             write_text(html, page, overwrite=overwrite, inputs=(a, b))
         return comparison
