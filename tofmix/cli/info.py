@@ -53,7 +53,7 @@ def _describe(file: Path) -> "Description":
     from tofmix.io.reconciliation import is_gap_folder, read_gap
     from tofmix.report.description import describe_gap
     from tofmix.sensors import PROFILES
-    from tofmix.simulation.builtin import BUILTIN_MODELS
+    from tofmix.simulation import BUILTIN_MODELS
 
     name = str(file)
     if is_gap_folder(file):

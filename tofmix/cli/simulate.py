@@ -13,7 +13,7 @@ from tofmix.wording import counted
 def _list_models(context: click.Context, _: click.Parameter, wanted: bool) -> None:
     if not wanted or context.resilient_parsing:
         return
-    from tofmix.simulation.builtin import BUILTIN_MODELS, builtin_description
+    from tofmix.simulation import BUILTIN_MODELS, builtin_description
 
     for name in BUILTIN_MODELS:
         click.echo(f"{name:14s} {builtin_description(name)}")

@@ -20,7 +20,7 @@ from tofmix.report.summary.tables import ordinal
 from tofmix.report.templates import load_template, read_part
 from tofmix.sensor import Sensor
 from tofmix.surfaces.found import WindowSurfaces
-from tofmix.suspicion.registry import SUSPICIONS
+from tofmix.suspicion import SUSPICIONS
 from tofmix.wording import counted
 
 SCRIPTS = tuple(f"{name}.js" for name in ("explorer_data", "explorer_plots", "explorer", "explorer_views"))

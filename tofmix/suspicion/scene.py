@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray
+from tofmix.circle import unambiguous_range_mm
 from tofmix.flags import Mixing
 from tofmix.layers import Layers
-from tofmix.optics.geometry import unambiguous_range_mm
 from tofmix.optics.projection import beam_directions_of
 from tofmix.sensor import Sensor
 
