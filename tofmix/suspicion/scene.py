@@ -35,6 +35,12 @@ Its place; frames that could show it; frames that do; how many of these lie outs
 and its first and last frame, from the window's first.
 """
 
+MOST_OUTSIDE = 0.2
+"""Largest share of the samples that may lie outside the interval: they are taken for others' samples."""
+
+LONGEST = 0.5
+"""Share of the frames from which on a layer is no passing one: it is there for most of the time."""
+
 
 class WindowSamples(NamedTuple):
     """What suspicions need of samples, beside layers.
