@@ -140,7 +140,7 @@ def test_imports_point_one_way() -> None:
 ORDER = {
     "estimation": ("noise", "peaks", "mixture", "learnt", "blocks"),
     "io": ("guard", "recording", "layers", "importers", "exporters"),
-    "report": ("summary", "pixels", "figures", "explorer", "page", "comparison", "gap"),
+    "report": ("summary", "pixels", "figures"),
     "reconciliation": ("likelihood", "comparison", "parameters", "search", "verification", "one"),
     "simulation": ("casting", "effects"),
 }

@@ -47,7 +47,7 @@ from tofmix.estimation.settings import EstimateOptions
 from tofmix.io.guard.structure_rules import Limits
 from tofmix.options import ESTIMATE, NOISE, RECONCILE, Option
 from tofmix.reconciliation.settings import Settings
-from tofmix.report.explorer.explorer import PageLimits
+from tofmix.report.explorer import PageLimits
 from tofmix.report.summary.findings import Thresholds
 from tofmix.surfaces.settings import BrightnessSettings, EdgeSettings, LinkSettings, ShareSettings, SurfaceSettings
 from tofmix.toml_table import nearest, parse_toml

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from tofmix.arrays import FloatArray
-from tofmix.simulation.builtin import builtin_text
+from tofmix.simulation import builtin_text
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.distribution import Prediction
 from tofmix.simulation.effects import EFFECTS

@@ -117,7 +117,7 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=3)
     parser.add_argument("--frames", type=int, default=10_000, help="length of the long runs")
     options = parser.parse_args()
-    from tofmix.simulation.builtin import builtin_text
+    from tofmix.simulation import builtin_text
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -16,7 +16,7 @@ from support.files import boards, write_recording
 
 from tofmix.errors import ExitCode
 from tofmix.sensors import PROFILES
-from tofmix.simulation.builtin import BUILTIN_MODELS
+from tofmix.simulation import BUILTIN_MODELS
 
 FOV = {"fov_horizontal_deg": 40.0, "fov_vertical_deg": 30.0}
 

@@ -8,7 +8,7 @@ import pytest
 from support.commandline import Tofmix
 
 from tofmix.errors import ExitCode
-from tofmix.simulation.builtin import BUILTIN_MODELS
+from tofmix.simulation import BUILTIN_MODELS
 from tofmix.simulation.model_toml import parse_model
 
 SMALL = """

@@ -257,7 +257,7 @@ GAP = {
     ],
 )
 def test_folders_of_reconcile_are_checked(tmp_path: Path, gap: object, line: str | None) -> None:
-    from tofmix.simulation.builtin import builtin_text
+    from tofmix.simulation import builtin_text
 
     folder = tmp_path / "gap"
     folder.mkdir()

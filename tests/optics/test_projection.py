@@ -11,19 +11,21 @@ from scipy.constants import c
 from support import lens
 from support.naive import beam_directions, pixel_angles
 
+from tofmix.circle import unambiguous_range_mm
 from tofmix.optics.equiangular import Equiangular
-from tofmix.optics.geometry import largest_angle_deg, ray_over_depth, unambiguous_range_mm
 from tofmix.optics.pinhole import Distortion, Pinhole
 from tofmix.optics.projection import (
     PROJECTIONS,
     Projection,
     beam_directions_of,
     cell_nodes,
+    largest_angle_deg,
     list_keys,
     make_projection,
     number_keys,
     pixel_extent_rad,
     projection_values,
+    ray_over_depth,
     unit,
 )
 from tofmix.sensors import load_profile

@@ -19,7 +19,7 @@ from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.words import effect_tables, headline, in_words, summary_lines
 from tofmix.reconciliation.workflow import Reconciliation, reconcile
-from tofmix.report.gap.page import render_gap
+from tofmix.report.gap import render_gap
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.exposure import drawn_truth, predict

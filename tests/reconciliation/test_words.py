@@ -9,7 +9,7 @@ import pytest
 from support.recordings import MAKE, reconciled
 
 from tofmix.reconciliation.words import closed_text, effect_tables, effect_text, headline, summary_lines
-from tofmix.report.gap.page import render_gap
+from tofmix.report.gap import render_gap
 from tofmix.simulation.effects.parameter import PixelMap
 from tofmix.simulation.model import Model
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tofmix.sensors import CompleteCamera, load_profile
-from tofmix.simulation.builtin import builtin_text
+from tofmix.simulation import builtin_text
 from tofmix.simulation.casting import cast, cast_cells, cast_kernel
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.events import Truth

@@ -10,7 +10,7 @@ import pytest
 from tofmix.errors import BadInputError
 from tofmix.sensor import NoiseCurve
 from tofmix.sensors import CompleteCamera
-from tofmix.simulation.builtin import BUILTIN_MODELS, builtin_description, builtin_text
+from tofmix.simulation import BUILTIN_MODELS, builtin_description, builtin_text
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.events import Truth
 from tofmix.simulation.model import Model, RecordingSettings

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy import special, stats
 
 from tofmix.errors import BadInputError
+from tofmix.simulation import builtin_text
 from tofmix.simulation.averaging import exposure_times
-from tofmix.simulation.builtin import builtin_text
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.events import EventSamples, EventTable, Truth, draw, event_table, frame_generator, stored_range
 from tofmix.simulation.model import Model

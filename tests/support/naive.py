@@ -9,7 +9,7 @@ from scipy.stats import norm
 from tofmix.arrays import FloatArray
 from tofmix.mapping.beams import Beams
 from tofmix.mapping.grid import Pose, VoxelGrid
-from tofmix.optics.geometry import check_view
+from tofmix.optics.equiangular import check_view
 from tofmix.sensor import NoiseCurve, Sensor
 
 Array = NDArray[np.float64]

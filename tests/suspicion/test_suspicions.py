@@ -18,14 +18,14 @@ from tofmix.io.verify import verify
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.projection import beam_directions_of
 from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.suspicion import SUSPICIONS
 from tofmix.suspicion.albedo import ALBEDO_SPREAD, AlbedoLaw
+from tofmix.suspicion.evidence import log_chance
 from tofmix.suspicion.folded import mark_folded
 from tofmix.suspicion.near_return import mark_near_return
 from tofmix.suspicion.passing import mark_passing
-from tofmix.suspicion.registry import SUSPICIONS
 from tofmix.suspicion.scattered_light import mark_scattered
 from tofmix.suspicion.scene import FALSE_MARKS, NO_CLUSTERS, WindowScene
-from tofmix.suspicion.time_clusters import log_chance
 
 TURN_MM = 7495.0
 OPTICS = Equiangular(fov_horizontal_deg=47.0, fov_vertical_deg=39.0)

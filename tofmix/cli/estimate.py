@@ -1,5 +1,9 @@
-"""``tofmix estimate``: a recording in, a layers file out. `estimate_runs` has the runs and their results."""
+"""``tofmix estimate``: a recording in, a layers file out; ``tofmix merge``: the parts of a sharded one.
 
+`estimate_runs` has the runs and their results.
+"""
+
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -266,3 +270,27 @@ def _counter(context: click.Context, choices: dict[str, Any]) -> "Counter":
             elif context.get_parameter_source(name) is not ParameterSource.DEFAULT:
                 raise UsageError(f"--{name} belongs to --counter {owner}, not to --counter {kind}")
     return MAKERS[kind](**own)
+
+
+@examples(
+    """
+tofmix merge long.layers.*.part -o long.layers.h5
+"""
+)
+@click.command(short_help="Join the parts of estimate --shard.")
+@click.argument("parts", type=PATH, nargs=-1, required=True)
+@click.option("-o", "--output", type=HDF5_PATH, required=True, help="Layers file to write.")
+@json_option
+@overwrite_option
+def merge(parts: tuple[Path, ...], output: Path, *, as_json: bool, overwrite: bool) -> None:
+    """Join PARTS, the files that `tofmix estimate --shard I/N` wrote of one recording.
+
+    The layers file has the same bytes as the result of a single run. Missing or duplicate parts, and parts of another
+    run, are refused. The parts are kept.
+    """
+    from tofmix.cli.estimate_runs import describe
+    from tofmix.io.layers.journal import WHOLE
+    from tofmix.jobs.estimate import merge_files
+
+    line, values = describe(*merge_files(parts, output, CommandReporter(), overwrite=overwrite), WHOLE)
+    click.echo(json.dumps({"output": str(output), **values}) if as_json else line)

@@ -187,8 +187,7 @@ def import_(
     the sensor's field of view. Other sources hold ranges along the beam. Properties missing from SOURCE and --sensor
     stay unknown; the command lists them. Frames are read and written in blocks.
     """
-    from tofmix.io.importers.axes import check_axes
-    from tofmix.io.importers.base import SourceRequest
+    from tofmix.io.importers.base import SourceRequest, check_axes
     from tofmix.io.recording.range_check import TIME_UNITS_S, UNITS_MM
     from tofmix.io.samples import guessed
     from tofmix.jobs.import_ import ImportRequest, Lens, camera_of, import_file

@@ -69,7 +69,7 @@ def inspect(
     from tofmix.io.layers.layers_file import open_layers
     from tofmix.io.storage import locked
     from tofmix.jobs.files import check_window
-    from tofmix.report.figures.figures import FIGURE_SUFFIXES
+    from tofmix.report.pixels.pixels import FIGURE_SUFFIXES
 
     inputs = tuple(path for path in (layers, recording) if path is not None)
     if output is not None and output.suffix.lower() not in FIGURE_SUFFIXES:
@@ -169,7 +169,7 @@ def _write_figure(
     overwrite: bool,
 ) -> None:
     from tofmix.io.storage import AtomicFile
-    from tofmix.report.figures.figures import FIGURE_SUFFIXES, pixel_figure
+    from tofmix.report.pixels.pixels import FIGURE_SUFFIXES, pixel_figure
 
     kind = FIGURE_SUFFIXES[output.suffix.lower()]
     made = file.provenance

@@ -1,4 +1,4 @@
-"""``tofmix report``: the results of an estimate, for people and for scripts."""
+"""``tofmix report``: the results of an estimate; ``tofmix compare``: where those of two differ."""
 
 import json
 from pathlib import Path
@@ -7,7 +7,7 @@ import click
 
 from tofmix.cli.options import PATH, examples, json_option, overwrite_option, say_written
 from tofmix.cli.reporter import CommandReporter
-from tofmix.errors import UsageError
+from tofmix.errors import ExitCode, UsageError
 
 
 @examples(
@@ -60,3 +60,64 @@ def report(
     click.echo(said)
     if html is not None:
         say_written("page", html, beside_json=as_json)
+
+
+@examples(
+    """
+tofmix compare boards.layers.h5 other.layers.h5
+tofmix compare prior.layers.h5 free.layers.h5 --tolerance 0.5 --html differences.html
+tofmix compare monday.layers.h5 tuesday.layers.h5 --allow 0.05 --json
+"""
+)
+@click.command(short_help="Show where two layers files differ.")
+@click.argument("a", type=PATH)
+@click.argument("b", type=PATH)
+@click.option(
+    "--tolerance",
+    type=click.FloatRange(0),
+    default=3.0,
+    show_default=True,
+    help="Largest difference of equal ranges, in combined standard errors.",
+)
+@click.option(
+    "--allow",
+    type=click.FloatRange(0, 1),
+    default=0.0,
+    show_default=True,
+    help="Largest share of differing pixels for exit code 0.",
+)
+@click.option("--html", type=PATH, help="Write a self-contained page with pictures.")
+@click.option("--window", type=click.IntRange(0), help="The window that the page shows.  [default: the most different]")
+@json_option
+@overwrite_option
+def compare(
+    a: Path,
+    b: Path,
+    tolerance: float,
+    allow: float,
+    html: Path | None,
+    window: int | None,
+    as_json: bool,
+    overwrite: bool,
+) -> ExitCode:
+    """Show where the layers files A and B differ.
+
+    A pixel differs if its numbers of surfaces differ, or if a range differs by more than --tolerance combined standard
+    errors. Exit code 0: equal; 6: different; 3: the files have different sizes.
+    """
+    from tofmix.jobs.report import compare_layers
+    from tofmix.report.comparison import format_comparison
+
+    if window is not None and html is None:
+        raise UsageError("--window needs --html")
+    comparison = compare_layers(
+        a, b, CommandReporter(), tolerance=tolerance, html=html, window=window, overwrite=overwrite
+    )
+    equal = comparison.equal(allow)
+    if as_json:
+        click.echo(json.dumps(comparison.as_dict() | {"allow": allow, "equal": equal}, indent=2, allow_nan=False))
+    else:
+        click.echo(format_comparison(comparison, names=(a.name, b.name), allow=allow))
+    if html is not None:
+        say_written("page", html, beside_json=as_json)
+    return ExitCode.DONE if equal else ExitCode.DIFFERENT

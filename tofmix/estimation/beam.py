@@ -50,7 +50,7 @@ _SMALLEST_OUTLIER_PROBABILITY = 1.0e-12  # in the density: a sample far from all
 class PixelCurves(NamedTuple):
     """Noise curves of single pixels: `range_mm` and `sigma_mm` (pixel, point); the first `size` (pixel,) count.
 
-    Made by `tofmix.estimation.noise.pixel_noise`; of no pixel where the beam's curve holds for all.
+    Made by `tofmix.estimation.noise.amplitude`; of no pixel where the beam's curve holds for all.
     """
 
     range_mm: FloatArray
@@ -61,7 +61,7 @@ class PixelCurves(NamedTuple):
 class Steps(NamedTuple):
     """Steps of the stored ranges, where they matter: `step_mm` (n,) at `range_mm` (n,), mm; empty where they do not.
 
-    `of_pixel` (pixel,), mm, are steps of single pixels, which `pixel_noise.beam_of_pixel` puts in the place of the
+    `of_pixel` (pixel,), mm, are steps of single pixels, which `amplitude.beam_of_pixel` puts in the place of the
     common ones; empty where there is none.
     """
 
@@ -85,7 +85,7 @@ class Beam(NamedTuple):
     `no_return_from`, up to `no_return_to`, belongs to c_0; the latter is infinite but on a circle. No surface lies past
     `surface_end`, the sensor's r_max, up to there. `outlier_density` is p(c_r) / (range_max - range_min), 1/mm.
     `range_min` and `range_top`, always finite, are the ends of that interval: the working range, or its substitute
-    (`outlier_interval`). `pixel_curves` are the curves of single pixels, which `pixel_noise.beam_of_pixel` puts in the
+    (`outlier_interval`). `pixel_curves` are the curves of single pixels, which `amplitude.beam_of_pixel` puts in the
     place of the common one. `steps` are those of the stored ranges; only the learnt engine reads them. `background` is
     the density of random values where it is not uniform; p(c_r) times it then stands for `outlier_density`.
     """

@@ -57,7 +57,7 @@ from tofmix.estimation.mixture.em import (
     start_at,
 )
 from tofmix.estimation.mixture.uncertainty import standard_errors
-from tofmix.estimation.noise.pixel_noise import beam_of_pixel, pixel_curves
+from tofmix.estimation.noise.amplitude import beam_of_pixel, pixel_curves
 from tofmix.estimation.paper import paper_pixels
 from tofmix.estimation.peaks.counters import MAX_PEAKS, Kde, Peaks, no_peaks
 from tofmix.estimation.samples import Readings, SortedSamples, gather, invalid_share, padded, sort_samples

@@ -12,7 +12,7 @@ from tofmix.io.next_command import next_command
 from tofmix.io.recording.recording_file import file_sha256
 from tofmix.io.storage import check_input, read_text
 from tofmix.io.surfaces_file import open_surfaces
-from tofmix.simulation.builtin import BUILTIN_MODELS, builtin_text
+from tofmix.simulation import BUILTIN_MODELS, builtin_text
 from tofmix.simulation.measured_scene import SceneParts, SceneTable, measured_scene
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import SceneReader, parse_model

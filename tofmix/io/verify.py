@@ -46,7 +46,7 @@ from tofmix.io.schema import (
 )
 from tofmix.io.surfaces_file import SurfacesFile
 from tofmix.surfaces.found import NO_SURFACE
-from tofmix.suspicion.registry import suspect_rules
+from tofmix.suspicion import suspect_rules
 from tofmix.wording import counted
 
 

@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+from tofmix.circle import unambiguous_range_mm
 from tofmix.errors import BadInputError
 from tofmix.estimation.noise.measurement import no_return_constant
 from tofmix.estimation.noise_choice import (
@@ -32,7 +33,6 @@ from tofmix.io.storage import check_output
 from tofmix.jobs.files import findings_of_samples, opened_recording
 from tofmix.jobs.reporter import OptionError, Reporter
 from tofmix.layers import LayersSource
-from tofmix.optics.geometry import unambiguous_range_mm
 from tofmix.pipeline.cluster import ClusterEngine, open_cluster
 from tofmix.pipeline.first_run import compile_for
 from tofmix.pipeline.job import Engine, Job, LocalEngine, plan_job

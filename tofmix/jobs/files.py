@@ -100,7 +100,7 @@ def opened_recording(path: Path, reporter: Reporter) -> Iterator[RecordingFile]:
 
 def findings_of_samples(source: SampleSource, sensor: Sensor, circle_mm: float | None, remedy: Remedy) -> list[Finding]:
     """Doubts from some of the samples: scatter off the noise curve of `sensor`, and drift within a window."""
-    from tofmix.estimation.noise.consistency import check_consistency  # slow to import, and a report may need none
+    from tofmix.estimation.noise.curve_check import check_consistency  # slow to import, and a report may need none
     from tofmix.recording import independent_samples
 
     seen = check_consistency(

@@ -15,8 +15,7 @@ from tofmix.io.next_command import import_command
 from tofmix.io.reconciliation import write_folder
 from tofmix.jobs.reference import SAME, check_same_camera
 from tofmix.jobs.reporter import OptionError, Reporter
-from tofmix.optics.geometry import largest_angle_deg
-from tofmix.optics.projection import beam_directions_of, pixel_extent_rad
+from tofmix.optics.projection import beam_directions_of, largest_angle_deg, pixel_extent_rad
 from tofmix.reconciliation.evidence import Evidence, make_evidence
 from tofmix.reconciliation.found import Ledger
 from tofmix.reconciliation.likelihood.joint import check_camera
@@ -33,7 +32,7 @@ from tofmix.reconciliation.words import effect_tables, suggested_tables
 from tofmix.reconciliation.workflow import Reconciliation, maps_of
 from tofmix.reconciliation.workflow import reconcile as search
 from tofmix.recording import CameraSource, amplitude_source
-from tofmix.report.gap.page import render_gap
+from tofmix.report.gap import render_gap
 from tofmix.sensor import Sensor
 from tofmix.simulation.effects.base import with_hidden
 from tofmix.simulation.effects.hidden import PixelBias

@@ -1,4 +1,4 @@
-"""Summarise a layers file, alone or with its recording, and write the page.
+"""Summarise a layers file, alone or with its recording, or compare two of them, and write the page.
 
 What only pages or samples need is imported where it is used: it is slow to import.
 """
@@ -17,6 +17,7 @@ from tofmix.io.surfaces_file import open_surfaces
 from tofmix.jobs.files import check_recording, check_window, findings_of_samples, opened_recording
 from tofmix.jobs.reporter import Reporter
 from tofmix.recording import SampleSource
+from tofmix.report.comparison import Comparison, compare, render_comparison
 from tofmix.report.summary.lost import cause_of_loss
 from tofmix.report.summary.summary import Summary, remedy_for, summarise
 
@@ -57,7 +58,7 @@ def report_layers(
                 singles = _singles(file, window, source)
                 summary = replace(summary, noise=replace(summary.noise, scatter_over_sigma=singles.spread()))
         if html is not None:
-            from tofmix.report.page.page import render_page
+            from tofmix.report.page import render_page
 
             shown: dict[str, Any] = {} if surfaces is None else _surfaces_of(surfaces, layers, window)
             page = render_page(file, recording=source, window=window, summary=summary, singles=singles, **shown)
@@ -86,3 +87,22 @@ def _surfaces_of(path: Path, layers: Path, window: int) -> dict[str, Any]:
         found = file.read_window(window)
     numbers = found.surface[found.surface >= 0]
     return {"surfaces": found, "first_surface": int(numbers.min()) if len(numbers) else 0}
+
+
+def compare_layers(
+    a: Path, b: Path, reporter: Reporter, *, tolerance: float, html: Path | None, window: int | None, overwrite: bool
+) -> Comparison:
+    """Compare two layers files; write the page `html`, which shows one window, if it is wanted."""
+    with ExitStack() as stack:
+        files = [stack.enter_context(open_layers(path)) for path in (a, b)]
+        if html is not None:
+            stack.enter_context(locked(html, overwrite=overwrite, inputs=(a, b)))
+        check_window(files[0], window, reporter)
+        try:
+            comparison = compare(*files, tolerance=tolerance)
+        except BadInputError as error:
+            raise BadInputError(f"{a} and {b}: {error}") from error
+        if html is not None:
+            page = render_comparison(*files, comparison=comparison, window=window, names=(a.name, b.name))
+            write_text(html, page, overwrite=overwrite, inputs=(a, b))
+        return comparison

@@ -8,7 +8,24 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
-from tofmix.optics.geometry import check_view
+
+_HORIZONTAL_MOST_DEG, _VERTICAL_MOST_DEG = 360.0, 180.0  # a whole turn, and from pole to pole
+
+
+def check_view(fov_horizontal_deg: float, fov_vertical_deg: float) -> None:
+    """Refuse a field of view that cannot be.
+
+    Raises
+    ------
+    ValueError
+        If an angle is not above 0, or above 360 (horizontal) or 180 (vertical) degrees.
+    """
+    for name, value, most in (
+        ("fov_horizontal_deg", fov_horizontal_deg, _HORIZONTAL_MOST_DEG),
+        ("fov_vertical_deg", fov_vertical_deg, _VERTICAL_MOST_DEG),
+    ):
+        if not 0.0 < value <= most:
+            raise ValueError(f"{name}: {value:g} is not above 0 and up to {most:g}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
 from tofmix.optics.equiangular import Equiangular
-from tofmix.optics.geometry import ray_over_depth
 from tofmix.optics.pinhole import Pinhole
 
 
@@ -250,3 +249,33 @@ def ray_factor(optics: Projection, shape: tuple[int, int]) -> FloatArray:
         If a pixel looks nowhere, or 90 degrees or more off the axis.
     """
     return ray_over_depth(beam_directions_of(optics, shape))
+
+
+def ray_over_depth(directions: FloatArray) -> FloatArray:
+    """Range over depth along z of each beam, at least 1.
+
+    Parameters
+    ----------
+    directions : (row, col, 3) float64
+        Unit vectors.
+
+    Returns
+    -------
+    (row, col) float64
+        1 / z.
+
+    Raises
+    ------
+    ValueError
+        If a beam is 90 degrees or more off the axis and has no depth.
+    """
+    forward = directions[..., 2]
+    if not (forward > np.finfo(np.float32).eps).all():
+        raise ValueError("a pixel looks 90 degrees or more off the axis and has no depth along z")
+    return np.asarray(1.0 / forward)
+
+
+def largest_angle_deg(one: FloatArray, other: FloatArray) -> float:
+    """Largest angle between two images of unit vectors (row, col, 3), degrees."""
+    across = np.linalg.norm(np.cross(one, other), axis=-1)
+    return float(np.rad2deg(np.arctan2(across, (one * other).sum(axis=-1))).max())

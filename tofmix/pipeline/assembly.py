@@ -24,7 +24,7 @@ from tofmix.grid import Cell, Grid
 from tofmix.io.layers.chunks import EncodedCell, decode_cell, decode_evidence, encode_cell
 from tofmix.io.layers.layers_file import LayersWriter, read_header_image
 from tofmix.layers import Layers, Provenance, layer_fields
-from tofmix.suspicion.registry import judge
+from tofmix.suspicion import judge
 from tofmix.suspicion.scene import WindowSamples, joined
 
 

@@ -1,1 +1,1 @@
-"""Reading a layers file for people: numbers (`summary`, `tables`) and pictures (`page`)."""
+"""Reading files for people: numbers (`summary`, `pixels`), pictures (`figures`), and HTML pages on `templates`."""

@@ -11,10 +11,9 @@ from enum import StrEnum
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.circle import fold
+from tofmix.circle import fold, unambiguous_range_mm
 from tofmix.errors import UsageError
 from tofmix.layers import Layers, LayersSource
-from tofmix.optics.geometry import unambiguous_range_mm
 from tofmix.recording import AmplitudeSource, SampleSource, amplitude_source, samples_a_frame
 
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.circle import unambiguous_range_mm
 from tofmix.errors import BadInputError
 from tofmix.optics.equiangular import Equiangular
-from tofmix.optics.geometry import unambiguous_range_mm
 from tofmix.optics.projection import Projection
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
 from tofmix.sensor_schema import (

@@ -2,8 +2,7 @@
 
 A model file's text into a `Model`. Every refusal is one line: file, table, key, value, remedy.
 
-Reading the file itself is left to the caller, and the built-in models to
-`tofmix.simulation.builtin`.
+Reading the file itself is left to the caller, and the built-in models to `tofmix.simulation`.
 
 A model's parts as the text of a model file: `model_text`.
 
@@ -23,9 +22,9 @@ from typing import Any
 
 import numpy as np
 
+from tofmix.circle import unambiguous_range_mm
 from tofmix.errors import BadInputError
 from tofmix.noise_shape import WHOLE_MM
-from tofmix.optics.geometry import unambiguous_range_mm
 from tofmix.sensor import AmplitudeLaw, NoiseCurve
 from tofmix.sensors import camera_of_model
 from tofmix.sensors.camera import CompleteCamera

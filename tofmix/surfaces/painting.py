@@ -1,13 +1,175 @@
-"""The fine range image: each part of a pixel gets its nearest surface. Compiled."""
+"""The fine range image: each part of a pixel gets its nearest surface. Compiled.
+
+Before, edges continue into neighbouring pixels of one surface, or without known shares (`continue_edges`). A surface
+with a small share is not found in its pixel, and an undecided pixel has no known shares. The neighbouring edges
+determine both.
+"""
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import BoolArray, FloatArray
 from tofmix.compiled.jit import jit
+from tofmix.surfaces.edge_shape import AGREES, AHEAD, BACK, BAR, KIND, covered
 from tofmix.surfaces.found import NO_SURFACE
-from tofmix.surfaces.regions import inside
-from tofmix.surfaces.smooth_fits import Shapes, inverse_of
+from tofmix.surfaces.regions import FIRST, ONE, REGION_COLUMNS, SHAPE, continue_edge, inside, set_edge
+from tofmix.surfaces.settings import EdgeSettings
+from tofmix.surfaces.shares import Cuts, Shares
+from tofmix.surfaces.smooth_fits import Shapes, inverse_of, inverses_of
+
+
+class Painted(NamedTuple):
+    """The surfaces to paint: entries of each pixel, near to far, and the area of each."""
+
+    entries: NDArray[np.int32]
+    label: NDArray[np.int32]
+    inverse: FloatArray
+    cuts: Cuts
+    regions: FloatArray
+
+
+def continue_edges(
+    shares: Shares,
+    cuts: Cuts,
+    fits: FloatArray,
+    lines: FloatArray,
+    regions: FloatArray,
+    planes: Shapes,
+    directions: FloatArray,
+    rays: FloatArray,
+    silent: BoolArray,
+    settings: EdgeSettings,
+) -> Painted:
+    """Continue edges into neighbouring pixels of one surface, or without known shares.
+
+    Parameters
+    ----------
+    shares, cuts, fits, lines, regions
+        The results so far.
+    planes, directions, rays
+        As for `fit_edges`.
+    silent : (row, col) bool
+        Pixels with samples but without known shares.
+    settings : EdgeSettings
+        Thresholds.
+
+    Returns
+    -------
+    Painted
+        With a further entry and cut where an edge continues.
+    """
+    found, more = _continue(
+        shares.count,
+        shares.label,
+        shares.inverse,
+        shares.samples,
+        shares.floor,
+        cuts.near,
+        cuts.far,
+        cuts.row,
+        cuts.col,
+        cuts.first,
+        cuts.following,
+        fits,
+        lines,
+        planes,
+        directions,
+        rays,
+        silent,
+        settings,
+    )
+    row, col, near, far = found.T
+    count, first = shares.count.copy(), cuts.first.copy()
+    label = np.concatenate([shares.label, np.full((*count.shape, 1), NO_SURFACE, np.int32)], axis=2)
+    inverse = np.concatenate([shares.inverse, np.zeros((*count.shape, 1))], axis=2)
+    for k, surface in enumerate((near, far)):
+        known = inverses_of(planes, surface, row, col, directions)
+        label[row, col, k] = surface
+        inverse[row, col, k] = np.where(surface == NO_SURFACE, 0.0, known)
+    count[row, col] = 2
+    first[row, col] = np.arange(len(cuts), len(cuts) + len(row))
+    both = Cuts(
+        row=np.concatenate([cuts.row, row]),
+        col=np.concatenate([cuts.col, col]),
+        near=np.concatenate([cuts.near, near]),
+        far=np.concatenate([cuts.far, far]),
+        first=first,
+        following=np.concatenate([cuts.following, np.full(len(row), -1, np.int32)]),
+        entry=np.concatenate([cuts.entry, np.zeros(len(row), np.int32)]),
+        margin=np.concatenate([cuts.margin, np.zeros(len(row))]),
+    )
+    return Painted(count, label, inverse, both, np.concatenate([regions, more]))
+
+
+@jit
+def _continue(
+    count: NDArray[np.int32],
+    labels: NDArray[np.int32],
+    inverses: FloatArray,
+    samples: FloatArray,
+    floor: FloatArray,
+    near: NDArray[np.int32],
+    far: NDArray[np.int32],
+    cut_rows: NDArray[np.int32],
+    cut_cols: NDArray[np.int32],
+    first_cut: NDArray[np.int32],
+    next_cut: NDArray[np.int32],
+    fits: FloatArray,
+    lines: FloatArray,
+    planes: Shapes,
+    directions: FloatArray,
+    rays: FloatArray,
+    silent: BoolArray,
+    settings: EdgeSettings,
+) -> tuple[NDArray[np.int32], FloatArray]:
+    """Edges that go on: (row, col, near, far), (edge, 4) int32, and their regions."""
+    rows, cols = count.shape
+    found = np.empty((rows * cols, 4), np.int32)
+    regions = np.zeros((rows * cols, REGION_COLUMNS))
+    here = np.empty(3)
+    total = 0
+    for row in range(rows):
+        for col in range(cols):
+            if count[row, col] > 1 or (count[row, col] == 0 and not silent[row, col]):
+                continue
+            longest, hidden = 0.0, NO_SURFACE
+            for r in range(max(row - 1, 0), min(row + 2, rows)):
+                for c in range(max(col - 1, 0), min(col + 2, cols)):
+                    cut = first_cut[r, c]
+                    while cut >= 0:
+                        run = fits[cut, BACK] + fits[cut, AHEAD]
+                        if fits[cut, AGREES] > 0.0 and run > longest:
+                            for side in range(2 if fits[cut, KIND] == BAR else 1):
+                                continue_edge(fits[cut], lines[cut, side], rays[row, col], row - r, col - c, here)
+                                area = covered(here[0], here[1], here[2])
+                                if area < settings.graze_area or area > 1.0 - settings.graze_area:
+                                    continue
+                                behind = far[cut]
+                                if count[row, col] == 1:
+                                    sees = labels[row, col, 0]
+                                    plane = inverse_of(planes, near[cut], row, col, directions)
+                                    if sees != near[cut]:
+                                        behind = sees
+                                        if inverses[row, col, 0] > plane:
+                                            continue  # nearer than the edge's surface, which it hides
+                                    miss = (1.0 if sees == near[cut] else 0.0) - area
+                                    effective = samples[row, col]
+                                    variance = (area * (1.0 - area) + 0.25 / effective) / effective + floor[row, col]
+                                    if miss * miss > settings.graze_sigmas * settings.graze_sigmas * variance:
+                                        continue
+                                longest, hidden = run, behind
+                                found[total, 0], found[total, 1] = row, col
+                                found[total, 2], found[total, 3] = near[cut], hidden
+                                regions[total, SHAPE] = ONE
+                                set_edge(
+                                    regions[total], FIRST, here, fits[cut], row - cut_rows[cut], col - cut_cols[cut]
+                                )
+                        cut = next_cut[cut]
+            if longest > 0.0:
+                total += 1
+    return found[:total].copy(), regions[:total].copy()
 
 
 @jit

@@ -16,10 +16,9 @@ from tofmix.surfaces.edge_fit import fit_edges
 from tofmix.surfaces.edge_lines import trace, widened
 from tofmix.surfaces.edge_shape import FIT_COLUMNS
 from tofmix.surfaces.found import NO_SURFACE, Planes, WindowSurfaces
-from tofmix.surfaces.grazing import continue_edges
 from tofmix.surfaces.linking import Linked, link
 from tofmix.surfaces.nodes import Nodes, make_nodes
-from tofmix.surfaces.painting import paint_row, share_out
+from tofmix.surfaces.painting import continue_edges, paint_row, share_out
 from tofmix.surfaces.regions import choose_regions, ray_lines
 from tofmix.surfaces.settings import DEFAULT_SETTINGS, SurfaceSettings
 from tofmix.surfaces.shares import Cuts, Shares, make_cuts, make_shares

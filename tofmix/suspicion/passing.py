@@ -12,15 +12,9 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.segments import around
-from tofmix.suspicion.scene import CLUSTER_FIELDS, FALSE_MARKS, NOISE_SIGMAS, Suspicion, WindowScene
+from tofmix.suspicion.scene import CLUSTER_FIELDS, FALSE_MARKS, LONGEST, NOISE_SIGMAS, Suspicion, WindowScene
 
 _ROW, _COL, _LAYER, _FRAMES, _SAMPLES, _OUTSIDE, _LENGTH, _FIRST, _LAST = range(len(CLUSTER_FIELDS))
-
-MOST_OUTSIDE = 0.2
-"""Largest share of the samples that may lie outside the interval: they are taken for others' samples."""
-
-LONGEST = 0.5
-"""Share of the frames from which on a layer is no passing one: it is there for most of the time."""
 
 
 def mark_passing(scene: WindowScene) -> BoolArray:
@@ -116,7 +110,7 @@ def _memory_frames(memory: FloatArray) -> float:
 
 def _log_chances(found: FloatArray, memory_frames: float) -> list[float]:
     """Log chance (n,) of each cluster, with frames that remember those before them."""
-    from tofmix.suspicion.time_clusters import log_chance  # compiled: readers of marks do not wait for it
+    from tofmix.suspicion.evidence import log_chance  # compiled: readers of marks do not wait for it
 
     out = []
     for line in found:

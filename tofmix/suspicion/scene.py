@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray
+from tofmix.circle import unambiguous_range_mm
 from tofmix.flags import Mixing
 from tofmix.layers import Layers
-from tofmix.optics.geometry import unambiguous_range_mm
 from tofmix.optics.projection import beam_directions_of
 from tofmix.sensor import Sensor
 
@@ -34,6 +34,12 @@ CLUSTER_FIELDS = (
 Its place; frames that could show it; frames that do; how many of these lie outside the shortest interval; its length,
 and its first and last frame, from the window's first.
 """
+
+MOST_OUTSIDE = 0.2
+"""Largest share of the samples that may lie outside the interval: they are taken for others' samples."""
+
+LONGEST = 0.5
+"""Share of the frames from which on a layer is no passing one: it is there for most of the time."""
 
 
 class WindowSamples(NamedTuple):

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
-from tofmix.optics.geometry import unambiguous_range_mm
+from tofmix.circle import unambiguous_range_mm
 from tofmix.sensor import Sensor
 from tofmix.unmixing.functions import binomial_most
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, ImageSettings

@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.measured_parts.judging import far_pose, reconciled
 
 from tofmix.arrays import Float32Array, FloatArray
-from tofmix.optics.geometry import unambiguous_range_mm
+from tofmix.circle import unambiguous_range_mm
 from tofmix.sensor import NoiseCurve
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.casting.cast import cast_scene

@@ -15,10 +15,9 @@ from support.lock_in import small, write_sums
 
 import tofmix as tm
 from tofmix.api.estimates import Estimate
-from tofmix.circle import fold
+from tofmix.circle import fold, unambiguous_range_mm
 from tofmix.errors import DoubtWarning, ExitCode
 from tofmix.flags import Mixing
-from tofmix.optics.geometry import unambiguous_range_mm
 
 
 @pytest.fixture(scope="module")

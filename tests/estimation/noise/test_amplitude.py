@@ -7,9 +7,9 @@ from support.sizes import sized
 
 from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.estimation.layering import layer_pixels
+from tofmix.estimation.noise.amplitude import pixel_curves
 from tofmix.estimation.noise.curve import smooth
 from tofmix.estimation.noise.measurement import MeasuredNoise, measure_noise
-from tofmix.estimation.noise.pixel_noise import pixel_curves
 from tofmix.grid import plan_windows
 from tofmix.recording import ArrayRecording, amplitude_source
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor

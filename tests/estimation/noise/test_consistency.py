@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tofmix.estimation.noise.consistency import Consistency, check_consistency
+from tofmix.estimation.noise.curve_check import Consistency, check_consistency
 from tofmix.recording import ArrayRecording, SampleSource
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 

@@ -20,9 +20,8 @@ from tofmix.errors import BadInputError, StorageError, UsageError
 from tofmix.io.importers import open_source
 from tofmix.io.importers.base import SourceRequest
 from tofmix.io.importers.conversion import Conversion
-from tofmix.optics.geometry import ray_over_depth
 from tofmix.optics.pinhole import Pinhole
-from tofmix.optics.projection import beam_directions_of
+from tofmix.optics.projection import beam_directions_of, ray_over_depth
 
 SHAPE = (6, 4, 5)
 ROWS_FIRST = "row,col,frame"

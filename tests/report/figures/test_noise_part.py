@@ -17,7 +17,7 @@ from support.noise_parts import skewed
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
 from tofmix.report.figures.noise_pictures import curve_figure, shape_figure, width_figure
-from tofmix.report.page.page import render_page
+from tofmix.report.page import render_page
 from tofmix.report.pixels.single_pixels import single_pixels
 from tofmix.report.summary.quantiles import ValueCounts
 from tofmix.report.summary.summary import has_more_than_a_curve, noise_numbers, summarise

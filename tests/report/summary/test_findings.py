@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from support.alike import MakeLayers, MakeSource
 
+from tofmix.circle import unambiguous_range_mm
 from tofmix.errors import UsageError
 from tofmix.flags import MixingLaw, Status
 from tofmix.layers import Layers
-from tofmix.optics.geometry import unambiguous_range_mm
 from tofmix.recording import ArrayRecording
 from tofmix.report.averaging import Averaging, average_layers, average_samples
 from tofmix.report.summary.findings import (

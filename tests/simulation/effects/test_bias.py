@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.effect_bench import Bench, Floats, Recorded, effect
 
-from tofmix.optics.geometry import unambiguous_range_mm
+from tofmix.circle import unambiguous_range_mm
 from tofmix.simulation.effects import PixelMap
 
 TURN = unambiguous_range_mm(20e6)

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import ArrayLike, NDArray
 from support.effect_bench import Bench, Recorded, effect
 
-from tofmix.optics.geometry import unambiguous_range_mm
+from tofmix.circle import unambiguous_range_mm
 
 Complex = NDArray[np.complex128]
 TURN = unambiguous_range_mm(20e6)

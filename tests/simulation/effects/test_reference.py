@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from effects_page import COMMAND, reference
 
-from tofmix.optics.geometry import SPEED_OF_LIGHT_MM_S, unambiguous_range_mm
+from tofmix.circle import SPEED_OF_LIGHT_MM_S, unambiguous_range_mm
 from tofmix.simulation.effects import EFFECTS
 
 DOCS = Path(__file__).parents[3] / "docs"

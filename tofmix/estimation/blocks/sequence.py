@@ -26,9 +26,9 @@ from tofmix.grid import Cell, Grid, Windows, plan_grid
 from tofmix.layers import MIXING, Layers, layer_fields
 from tofmix.recording import SampleSource, amplitude_source, has_phasors, independent_samples, samples_a_frame
 from tofmix.sensor import Sensor, sensor_of_part
+from tofmix.suspicion import judge_windows
 from tofmix.suspicion.evidence import gather_evidence
 from tofmix.suspicion.evidence import warm_up as warm_up_evidence
-from tofmix.suspicion.registry import judge_windows
 from tofmix.suspicion.scene import WindowSamples, joined
 from tofmix.unmixing.image import FIELD_COUNT, mean_phasors
 

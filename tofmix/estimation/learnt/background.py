@@ -46,7 +46,7 @@ from tofmix.estimation.learnt.em import mix
 from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.learnt.model import GainThresholds
 from tofmix.estimation.learnt.trials import new_workspace
-from tofmix.estimation.noise.pixel_noise import beam_of_pixel
+from tofmix.estimation.noise.amplitude import beam_of_pixel
 from tofmix.noise_shape import BackgroundDensity
 from tofmix.sensor import NoiseCurve
 

@@ -52,7 +52,7 @@ from tofmix.estimation.learnt.trials import new_workspace
 from tofmix.estimation.mixture.counting import FALSE_ALARMS, chance_of
 from tofmix.estimation.mixture.em import sort_surfaces
 from tofmix.estimation.mixture.uncertainty import scaled_cholesky
-from tofmix.estimation.noise.pixel_noise import beam_of_pixel
+from tofmix.estimation.noise.amplitude import beam_of_pixel
 from tofmix.estimation.settings import EstimateOptions, KernelOptions, SigmaMode, kernel_options
 from tofmix.flags import Status
 from tofmix.layers import Layers

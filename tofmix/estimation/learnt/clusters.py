@@ -34,6 +34,7 @@ from tofmix.estimation.learnt.em import detrend, mix
 from tofmix.estimation.learnt.law import Law, density_at, spread_at
 from tofmix.estimation.learnt.population import SAME_LEVEL
 from tofmix.estimation.learnt.trials import densest_place, new_workspace, try_one_more
+from tofmix.estimation.noise.amplitude import beam_of_pixel
 from tofmix.estimation.noise.isolated_clusters import (
     APART,
     CLOSE,
@@ -44,7 +45,6 @@ from tofmix.estimation.noise.isolated_clusters import (
     WINDOW,
     Clusters,
 )
-from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.noise_shape import DRIFTS, LEAST_SIGMA
 
 SIGMAS = LEAST_SIGMA * np.exp(0.1 * np.arange(38))

@@ -28,8 +28,8 @@ from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.learnt.model import GainThresholds, PixelNoise
 from tofmix.estimation.learnt.trials import new_workspace
 from tofmix.estimation.mixture.counting import FALSE_ALARMS
+from tofmix.estimation.noise.amplitude import beam_of_pixel, pixel_curves
 from tofmix.estimation.noise.isolated_clusters import LEAST_CLUSTERS, LEAST_TO_CLUSTER, WEAK_PRIOR, Clusters
-from tofmix.estimation.noise.pixel_noise import beam_of_pixel, pixel_curves
 from tofmix.estimation.noise.series import SEED
 from tofmix.estimation.noise.training_pixels import MANY_PIXELS, Pixels
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor

@@ -13,7 +13,7 @@ import numpy as np
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.estimation.beam import COARSE, Beam, all_steps, beam_of, step_matters, steps_of
 from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.learnt.background import background_counts, background_shares, pixel_widths
+from tofmix.estimation.learnt.background import background_counts, background_shares, pixel_widths, smooth_density
 from tofmix.estimation.learnt.bootstrap import calibrate, known_thresholds
 from tofmix.estimation.learnt.clusters import cluster_likelihoods, find_clusters, fit_clusters
 from tofmix.estimation.learnt.folds import MAX_LAYERS, flat_thresholds, held_out_scores
@@ -379,6 +379,7 @@ def warm_up_later() -> None:
     cluster_likelihoods(samples, clusters, fits.place, fits.support, np.ones(len(fits.place)), laws[1], stepped)
     background_shares(samples, laws, beam, thresholds, 2)
     background_counts(samples, laws, beam, thresholds, 2, np.array([0.0, 2.0 * _RANGE_MM]))
+    smooth_density(np.array([1.0, 9.0]), np.array([0.0, _RANGE_MM, 2.0 * _RANGE_MM]))
     pixel_widths(samples, laws, laws[0], beam, thresholds, 2)
     none = np.zeros(1)
     population_likelihoods(np.zeros((1, _FRAMES)), none, none + 0.1, none + 1.0, laws[0], ONE_SURFACE, LOG_WIDTHS)

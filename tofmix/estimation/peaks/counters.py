@@ -28,7 +28,7 @@ import numpy as np
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
-from tofmix.estimation.noise.pixel_noise import beam_of_pixel
+from tofmix.estimation.noise.amplitude import beam_of_pixel
 from tofmix.estimation.peaks.modes import find_peaks
 from tofmix.estimation.samples import SortedSamples, gather, padded
 from tofmix.options import CPDF, FOURIER, KDE, check_options

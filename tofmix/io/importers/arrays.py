@@ -20,11 +20,15 @@ from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
-from tofmix.io.importers.axes import FRAMES_FIRST, IMAGE_DIMENSIONS, STACK_DIMENSIONS, as_stack, axes_of
 from tofmix.io.importers.base import (
+    FRAMES_FIRST,
+    IMAGE_DIMENSIONS,
+    STACK_DIMENSIONS,
     Frame,
     FrameSource,
     SourceRequest,
+    as_stack,
+    axes_of,
     check_numbers,
     foreign,
     unused,

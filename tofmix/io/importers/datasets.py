@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 from tofmix.errors import BadInputError
 from tofmix.io.guard import guard
 from tofmix.io.importers.arrays import Frames
-from tofmix.io.importers.axes import as_stack, stack_shape
-from tofmix.io.importers.base import BLOCK_BYTES, check_numbers
+from tofmix.io.importers.base import BLOCK_BYTES, as_stack, check_numbers, stack_shape
 
 _DEFAULT_FILLS = {f"i{n}": -(2 ** (8 * n - 1)) + 1 for n in (1, 2, 4)} | {f"u{n}": 2 ** (8 * n) - 1 for n in (1, 2, 4)}
 _DEFAULT_FILLS |= {"i8": -(2**63) + 2, "u8": 2**64 - 2}

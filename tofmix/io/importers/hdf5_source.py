@@ -26,8 +26,18 @@ from tofmix.io.importers.arrays import (
     kind_of_names,
     numbered_images,
 )
-from tofmix.io.importers.axes import FRAMES_FIRST, WITH_TARGETS, axes_of, axis_name
-from tofmix.io.importers.base import Frame, FrameSource, SourceRequest, check_frame, foreign, unused
+from tofmix.io.importers.base import (
+    FRAMES_FIRST,
+    WITH_TARGETS,
+    Frame,
+    FrameSource,
+    SourceRequest,
+    axes_of,
+    axis_name,
+    check_frame,
+    foreign,
+    unused,
+)
 from tofmix.io.importers.datasets import Packing, dataset_frames, packing_of
 from tofmix.io.importers.times import time_unit_s, times_of_array
 from tofmix.io.layers.layers_file import FORMAT as LAYERS_FORMAT

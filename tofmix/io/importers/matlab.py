@@ -22,8 +22,15 @@ from tofmix.errors import BadInputError, ExitCode, StorageError, TofmixError
 from tofmix.io.guard import guard
 from tofmix.io.guard.watchdog import watched
 from tofmix.io.importers.arrays import Container, Frames, frames_of, source_of
-from tofmix.io.importers.axes import FRAMES_FIRST, FRAMES_LAST, STACK_DIMENSIONS, axes_of
-from tofmix.io.importers.base import FrameSource, SourceRequest, foreign
+from tofmix.io.importers.base import (
+    FRAMES_FIRST,
+    FRAMES_LAST,
+    STACK_DIMENSIONS,
+    FrameSource,
+    SourceRequest,
+    axes_of,
+    foreign,
+)
 from tofmix.io.importers.conversion import set_of
 from tofmix.io.importers.datasets import dataset_frames
 from tofmix.io.locks import scratch_folder

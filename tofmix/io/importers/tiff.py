@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError, UsageError
-from tofmix.io.importers.axes import IMAGE_DIMENSIONS
 from tofmix.io.importers.base import (
+    IMAGE_DIMENSIONS,
     DepthAxis,
     Frame,
     FrameSource,

@@ -38,7 +38,7 @@ from tofmix.layers import (
 )
 from tofmix.recording import MOST_TARGETS
 from tofmix.surfaces.found import SurfacesProvenance
-from tofmix.suspicion.registry import SUSPICIONS
+from tofmix.suspicion import SUSPICIONS
 from tofmix.wording import readable
 
 _CHECKSUM = "provenance_crc32"

@@ -1,19 +1,22 @@
 """One pixel and its neighbours: their layers, their samples, and the density over the number of samples.
 
 Use `view_pixels` for neighbouring pixels as in the paper's Fig. 8, and `grow_density` for its Fig. 7. Drawing is left
-to `tofmix.report.pixels.pixel_figures`.
+to `tofmix.report.pixels.pixel_figures`; `pixel_figure` gives a figure as a file, and needs the extra ``report`` only
+when it is called.
 
 Pixels as short plain text tables for the terminal; for scripts use `PixelView.as_dict`.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.circle import cut_between, fold, open_at
+from tofmix.errors import UsageError
 from tofmix.estimation.learnt.pixel_mixture import PixelMixture, pixel_mixture
 from tofmix.estimation.peaks.incremental import IncrementalDensity
 from tofmix.estimation.peaks.modes import find_modes
@@ -21,8 +24,14 @@ from tofmix.estimation.settings import Refine, SigmaMode
 from tofmix.flags import Mixing, mixing_name, status_name
 from tofmix.layers import Layers, Provenance
 from tofmix.recording import SampleSource, samples_a_frame
+from tofmix.report.pixels.phasor_plane import PhasorPlane
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.wording import counted, finite_or_none
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from tofmix.report.theme import Format, Theme
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -390,3 +399,39 @@ def format_growth(growth: GrowingDensity) -> str:
 
 def _listed(values: FloatArray) -> str:
     return " ".join(f"{value:.1f}" for value in values) or "none"
+
+
+FIGURE_SUFFIXES: dict[str, "Format"] = {".png": "png", ".svg": "svg"}
+
+_MISSING_EXTRA = "a figure needs matplotlib: pip install 'tofmix[report]'"
+
+
+def pixel_figure(
+    views: list[PixelView],
+    *,
+    noise: NoiseCurve | None,
+    growth: GrowingDensity | None,
+    kind: "Format",
+    unambiguous_range_mm: float | None = None,
+    plane: PhasorPlane | None = None,
+) -> bytes:
+    """Draw neighbouring pixels, or how the density of the first one grew over its layers, as a file.
+
+    The parameters are those of `tofmix.report.pixels.pixel_figures`; the same input gives the same bytes.
+    """
+    try:
+        drawings = import_module("tofmix.report.pixels.pixel_figures")
+        theme = import_module("tofmix.report.theme")
+    except ImportError as error:
+        raise UsageError(_MISSING_EXTRA) from error
+    circle = {"unambiguous_range_mm": unambiguous_range_mm}
+
+    def draw(t: "Theme") -> "Figure":
+        if growth is None:
+            figure: Figure = drawings.neighbours_figure(views, noise=noise, theme=t, plane=plane, **circle)
+        else:
+            figure = drawings.growth_figure(growth, views[0], theme=t, **circle)
+        return figure
+
+    content: bytes = theme.figure_bytes(draw, kind)
+    return content

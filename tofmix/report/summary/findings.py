@@ -21,7 +21,7 @@ from tofmix.bounds import Count, FactorThreshold, NotNegative, Share, Threshold,
 from tofmix.flags import Status, status_name
 from tofmix.options import MAX_LAYERS_LIMIT
 from tofmix.sensor import Sensor
-from tofmix.suspicion.registry import SUSPICIONS
+from tofmix.suspicion import SUSPICIONS
 from tofmix.temporal_filter import TemporalFilter
 from tofmix.wording import counted
 
@@ -237,7 +237,7 @@ def target_findings(targets: int) -> list[Finding]:
 
 
 def suspect_findings(counts: Mapping[str, int]) -> list[Finding]:
-    """Say how many layers are suspect; `counts` are those of each name in `tofmix.suspicion.registry`."""
+    """Say how many layers are suspect; `counts` are those of each name in `tofmix.suspicion`."""
     said = [f"{counts[s.name]:,} {s.short} ({s.meaning})" for s in SUSPICIONS if counts.get(s.name)]
     if not said:
         return []

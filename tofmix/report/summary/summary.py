@@ -36,7 +36,7 @@ from tofmix.report.summary.findings import (
 from tofmix.report.summary.lost import Cause, LostNumbers, LostTally
 from tofmix.report.summary.quantiles import Quantiles, ValueCounts, spread_of
 from tofmix.sensor import NoiseCurve, Sensor
-from tofmix.suspicion.registry import SUSPICIONS, count_suspects
+from tofmix.suspicion import SUSPICIONS, count_suspects
 from tofmix.unmixing.settings import DEFAULT_SETTINGS
 from tofmix.wording import finite_or_none
 
@@ -158,7 +158,7 @@ class Summary:
     undecided_by_surfaces: tuple[int, ...]
     # By the names of `tofmix.flags.Status`; a value without a name is ``status_<value>``.
     pixels_by_status: dict[str, int]
-    # Suspect layers by the names of `tofmix.suspicion.registry`; a layer may have several.
+    # Suspect layers by the names of `tofmix.suspicion`; a layer may have several.
     layers_by_suspicion: dict[str, int]
     pixels_with_close_layers: int  # pixels with two layers within 5 sigma (of the wider one) of each other
     # Shares of `pixels` with more than one surface, and with none.

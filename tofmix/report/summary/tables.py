@@ -7,7 +7,7 @@ import textwrap
 
 from tofmix.report.summary.quantiles import Quantiles
 from tofmix.report.summary.summary import LayerSummary, Summary
-from tofmix.suspicion.registry import SUSPICIONS
+from tofmix.suspicion import SUSPICIONS
 from tofmix.wording import counted, number, percent_of
 
 COLUMNS = 80

@@ -5,14 +5,14 @@ from importlib import import_module
 from tofmix.reconciliation.found import TriedEffect, set_text
 from tofmix.reconciliation.words import closed_text, effect_tables, effect_text, headline, in_words, p_text, where_text
 from tofmix.reconciliation.workflow import NamedEffect, Reconciliation
-from tofmix.report.page.templates import load_template
+from tofmix.report.templates import load_template
 from tofmix.wording import number
 
 
 def render_gap(result: Reconciliation, *, source: str) -> str:
     """Render the page of a reconciliation of recordings named `source` as HTML; the same input gives the same text."""
-    template = load_template("gap/gap.html")
-    pictures = import_module("tofmix.report.gap.pictures")
+    template = load_template("gap.html")
+    pictures = import_module("tofmix.report.figures.gap_pictures")
     said = result.as_dict()
     return template.render(
         source=source,

@@ -4,12 +4,14 @@ Use it for two estimates of one recording (other options, another version) or of
 two recordings of one scene. Windows are read one by one. Two estimates of one
 recording share its noise: there a difference of a standard error is already much.
 
-`WindowDifference` has those of two windows, pixel by pixel and layer by layer.
+`WindowDifference` has those of two windows, pixel by pixel and layer by layer; `Comparison` those of the files, as a
+dictionary for scripts, a text table for the terminal (`format_comparison`) and an HTML page (`render_comparison`).
 """
 
 from collections import Counter
 from dataclasses import asdict, dataclass
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,7 +20,12 @@ from tofmix.errors import BadInputError
 from tofmix.flags import status_name
 from tofmix.layers import Layers, LayersSource
 from tofmix.report.summary.quantiles import ValueCounts
-from tofmix.wording import counted, finite_or_none
+from tofmix.report.summary.tables import printable
+from tofmix.report.templates import load_template
+from tofmix.wording import counted, finite_or_none, number, percent_of
+
+if TYPE_CHECKING:
+    from tofmix.report.figures.picture import Picture
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -299,3 +306,83 @@ def _pixel(window: int, place: tuple[int, int], a: Layers, b: Layers, gap_errors
 def _ranges(layers: Layers, place: tuple[int, int]) -> tuple[float | None, ...]:
     values = layers.range[place][: int(layers.n_modes[place])].astype(np.float64).tolist()
     return tuple(round(value, 3) if np.isfinite(value) else None for value in values)
+
+
+def format_comparison(comparison: Comparison, *, names: tuple[str, str], allow: float, shown_pairs: int = 5) -> str:
+    """Format a comparison of the files `names` for the terminal, without a newline at the end.
+
+    The `shown_pairs` most frequent pairs of numbers of surfaces are in it.
+    """
+    c = comparison
+    image = f"{counted(c.rows, 'row')} x {counted(c.cols, 'column')}"
+    lines = [
+        *(f"{'AB'[k]}          {printable(names[k])}, of {printable(c.sources[k])}" for k in (0, 1)),
+        f"recording  {'the same' if c.same_recording else 'not the same'}",
+        f"pixels     {c.pixels} ({counted(c.windows, 'window')} of {image})",
+        "",
+        *(
+            f"{name:<40}{count:>8}{percent_of(count, c.pixels):>9}"
+            for name, count in (
+                ("pixels that differ", c.different),
+                ("  in the number of surfaces", c.count_differs),
+                (f"  in a range, by over {c.tolerance:g} errors", c.range_differs),
+                ("another status (no difference by itself)", c.status_differs),
+            )
+        ),
+        "",
+        f"layers compared   {c.layers_compared}, beyond tolerance {c.layers_differ}",
+        f"range differences median {number(c.gap_median_mm, '.3g')} mm, largest {number(c.gap_largest_mm, '.3g')} mm",
+        f"                  largest {number(c.gap_largest_errors, '.3g')} combined standard errors",
+    ]
+    lines += [f"surfaces {a} in A, {b} in B: {counted(count, 'pixel')}" for a, b, count in c.surfaces[:shown_pairs]]
+    lines += [f"option {name}: {pair[0]} in A, {pair[1]} in B" for name, pair in c.options.items()]
+    if c.pixels_shown:
+        lines += ["", f"{'window':>6}{'row':>6}{'col':>6}{'errors':>8}  ranges in A | in B (mm)"]
+        lines += [_pixel_line(pixel) for pixel in c.pixels_shown]
+        if len(c.pixels_shown) < c.different:
+            lines.append(f"and {c.different - len(c.pixels_shown)} more pixels")
+    lines += ["", "equal" if c.equal(allow) else "different"]
+    return "\n".join(lines)
+
+
+def _pixel_line(pixel: PixelDifference) -> str:
+    sides = (" ".join(number(mm, ".1f") for mm in side) or "none" for side in (pixel.range_a_mm, pixel.range_b_mm))
+    return f"{pixel.window:>6}{pixel.row:>6}{pixel.col:>6}{number(pixel.gap_errors, '.1f'):>8}  {' | '.join(sides)}"
+
+
+def render_comparison(
+    a: LayersSource, b: LayersSource, *, comparison: Comparison, window: int | None, names: tuple[str, str]
+) -> str:
+    """Render the page of two layers files as HTML; the same input gives the same text.
+
+    The pictures are of `window`, or of the window with most differences.
+    """
+    template = load_template("comparison.html")
+    drawings = import_module("tofmix.report.figures.comparison_pictures")
+    shown = int(np.argmax(comparison.different_by_window)) if window is None else window
+    of_a, of_b = a.read_window(shown), b.read_window(shown)
+    circle_mm = common_circle(a, b)
+    found = compare_windows(of_a, of_b, tolerance=comparison.tolerance, unambiguous_range_mm=circle_mm)
+    pictures: tuple[Picture, ...] = drawings.draw_comparison(of_a, of_b, found, tolerance=comparison.tolerance)
+    return template.render(
+        comparison=comparison,
+        names=names,
+        headline=headline(comparison),
+        window=shown,
+        pictures=pictures,
+        made=[
+            (f"{letter}: {name}", source) for letter, name, source in zip("AB", names, comparison.sources, strict=True)
+        ],
+        options=[(name, f"{pair[0]} in A, {pair[1]} in B") for name, pair in comparison.options.items()],
+    )
+
+
+def headline(comparison: Comparison) -> str:
+    """Describe the differences in one sentence."""
+    c = comparison
+    if c.different == 0:
+        return f"All {counted(c.pixels, 'pixel', ',')} agree within {c.tolerance:g} standard errors."
+    return (
+        f"{c.different:,} of {counted(c.pixels, 'pixel', ',')} differ: {c.count_differs:,} in the number of surfaces,"
+        f" {c.range_differs:,} in a range by more than {c.tolerance:g} standard errors."
+    )

@@ -14,16 +14,16 @@ from tofmix.layers import LayersSource, Provenance
 from tofmix.optics.projection import projection_values
 from tofmix.recording import SampleSource
 from tofmix.report.averaging import AveragedImage, average_window
-from tofmix.report.page.templates import load_template, read_part
 from tofmix.report.pixels.single_pixels import SinglePixels, single_pixels
 from tofmix.report.summary.summary import Summary, noise_of, summarise
 from tofmix.report.summary.tables import ordinal
+from tofmix.report.templates import load_template, read_part
 from tofmix.sensor import Sensor
 from tofmix.surfaces.found import WindowSurfaces
-from tofmix.suspicion.registry import SUSPICIONS
+from tofmix.suspicion import SUSPICIONS
 from tofmix.wording import counted
 
-SCRIPTS = tuple(f"explorer/{name}.js" for name in ("explorer_data", "explorer_plots", "explorer", "explorer_views"))
+SCRIPTS = tuple(f"{name}.js" for name in ("explorer_data", "explorer_plots", "explorer", "explorer_views"))
 
 Row = tuple[str, str]
 
@@ -61,7 +61,7 @@ def render_page(
             f"recording: {recording.shape[1]} x {recording.shape[2]} pixels, the layers have {rows} x {cols}; "
             "pass the one the layers were made from"
         )
-    template = load_template("page/page.html")
+    template = load_template("page.html")
     layers = layers_file.read_window(window)
     frames = int(layers_file.window_start[window]), int(layers_file.window_stop[window])
     provenance = layers_file.provenance
@@ -71,7 +71,7 @@ def render_page(
     rasters = import_module("tofmix.report.figures.picture")
     sensor = replace(provenance.sensor, noise=noise_of(provenance), range_step_mm=None)
     scale: tuple[float, float] = pictures.range_scale(layers, averaged, sensor)
-    explorer = import_module("tofmix.report.explorer.explorer").make_explorer(
+    explorer = import_module("tofmix.report.explorer").make_explorer(
         layers_file, recording=recording, window=window, layers=layers, averaged=averaged, scale=scale
     )
     noise_pictures = None

@@ -10,8 +10,14 @@ from support.made_up import LayersInMemory, made_up_layers
 from tofmix.errors import BadInputError
 from tofmix.flags import Status
 from tofmix.layers import LAYER_FIELDS, Layers, Provenance
-from tofmix.report.comparison.comparison import Comparison, compare, compare_windows
-from tofmix.report.comparison.page import format_comparison, headline, render_comparison
+from tofmix.report.comparison import (
+    Comparison,
+    compare,
+    compare_windows,
+    format_comparison,
+    headline,
+    render_comparison,
+)
 from tofmix.sensor import Sensor
 
 SHAPE, MAX_LAYERS = (2, 8, 9), 3

@@ -1,4 +1,4 @@
-// The numbers of the page: unpacks what tofmix.report.explorer.explorer wrote.
+// The numbers of the page: unpacks what tofmix.report.explorer wrote.
 
 const NOT_KNOWN = -(2 ** 31);
 const PER_LAYER = ["range", "range_stderr", "weight", "weight_stderr", "sigma", "probability"];

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tofmix.layers import Layers
-from tofmix.report.comparison.comparison import WindowDifference
+from tofmix.report.comparison import WindowDifference
 from tofmix.report.figures.curves import gap_histogram
 from tofmix.report.figures.picture import (
     NO_SURFACE,

@@ -10,9 +10,9 @@ from support.learnt_noises import ALL, camera
 
 from tofmix.estimation.peaks.modes import density
 from tofmix.layers import Layers
-from tofmix.report.page.page import render_page
-from tofmix.report.page.templates import read_part
+from tofmix.report.page import render_page
 from tofmix.report.pixels.pixels import format_pixels, view_pixels
+from tofmix.report.templates import read_part
 from tofmix.sensor import NoiseCurve
 
 BROWSER = chromium()
@@ -208,7 +208,7 @@ def test_samples_and_density_are_those_of_the_estimator(
         "Runtime.evaluate",
         returnByValue=True,
         awaitPromise=True,
-        expression=f"(async () => {{{read_part('explorer/explorer_data.js')}\n"
+        expression=f"(async () => {{{read_part('explorer_data.js')}\n"
         "const settings = JSON.parse(document.getElementById('explorer-data').textContent);"
         f"const samples = (await WindowData.read(settings.windows[1], {ROWS * COLS})).samples(40);"
         f"return [[...samples], densityAt(samples, {json.dumps(places.tolist())}, {json.dumps(noise)})];}})()",

@@ -8,7 +8,7 @@ from support.recordings import reconciled
 
 from tofmix.reconciliation.words import in_words
 from tofmix.reconciliation.workflow import Reconciliation
-from tofmix.report.gap.page import render_gap
+from tofmix.report.gap import render_gap
 from tofmix.sensors import load_profile
 from tofmix.simulation.effects.range_offset import RangeOffset
 from tofmix.simulation.model import Model, RecordingSettings

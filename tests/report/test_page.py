@@ -17,7 +17,7 @@ from tofmix.errors import UsageError
 from tofmix.flags import Mixing, MixingLaw, Status
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
-from tofmix.report.page.page import headline, page_script, percent, render_page
+from tofmix.report.page import headline, page_script, percent, render_page
 from tofmix.report.summary.summary import summarise
 from tofmix.sensor import Sensor
 

@@ -1,4 +1,4 @@
-"""The templates of the pages, which share one style sheet and a few macros."""
+"""The templates, style sheets and scripts of the pages; all pages share one style sheet and a few macros."""
 
 from functools import partial
 from importlib import import_module, resources
@@ -10,12 +10,13 @@ from tofmix.wording import number, percent_of
 if TYPE_CHECKING:
     from jinja2 import Template
 
+
 _MISSING_NUMBER = "\N{EN DASH}"
 _MISSING_EXTRA = "the page needs matplotlib and jinja2: pip install 'tofmix[report]'"
 
 
 def load_template(name: str) -> "Template":
-    """Load a template of `tofmix.report`; `name` is its path there."""
+    """Load a template of this folder."""
     try:
         import_module("matplotlib")  # told here, before minutes are spent on the numbers
         jinja2 = import_module("jinja2")
@@ -35,5 +36,5 @@ def load_template(name: str) -> "Template":
 
 
 def read_part(name: str) -> str:
-    """Return a template, style sheet or script of `tofmix.report` as text; `name` is its path there."""
-    return resources.files("tofmix.report").joinpath(name).read_text(encoding="utf-8")
+    """Return a template, style sheet or script of `tofmix.report.templates` as text."""
+    return resources.files("tofmix.report.templates").joinpath(name).read_text(encoding="utf-8")

@@ -13,7 +13,7 @@ from support.unpacking import samples_of, unpack
 from tofmix.layers import LayersSource
 from tofmix.recording import ArrayRecording, SampleSource
 from tofmix.report.averaging import average_layers
-from tofmix.report.explorer.explorer import (
+from tofmix.report.explorer import (
     DEFAULT_LIMITS,
     Explorer,
     PackedSamples,

@@ -1,1 +1,0 @@
-"""Two layers files of one size compared: numbers, table, pictures and page."""

@@ -1,1 +1,0 @@
-"""The page of a reconciliation: statistics of recording and model side by side."""
