@@ -184,10 +184,10 @@ def join_painted(scene: WindowScene, surfaces: Surfaces) -> Surfaces:
     shape = scene.range_mm.shape
     part = np.full(shape, -1)
     part[surfaces.row, surfaces.col, surfaces.layer] = surfaces.part
-    pairs = [
-        _border(*(np.swapaxes(values, 0, axis) for values in (part, scene.range_mm, scene.stderr_mm)), _pitch(scene))
-        for axis in (0, 1)
-    ]
+    pairs = []
+    for axis in (0, 1):
+        numbers, ranges, errors = (np.swapaxes(each, 0, axis) for each in (part, scene.range_mm, scene.stderr_mm))
+        pairs.append(_border(numbers, ranges, errors, _pitch(scene)))
     one, other, continued = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
     border, of_pair = np.unique(np.minimum(one, other) * count + np.maximum(one, other), return_inverse=True)
     all_pairs, agreeing = (
