@@ -98,6 +98,24 @@ def test_walls_that_are_near_or_flat_are_not_marked_as_folded() -> None:
     assert not mark_folded(scene(range_mm[..., np.newaxis], amplitude[..., np.newaxis])).any()
 
 
+def test_dark_paint_on_a_surface_is_not_marked_as_folded() -> None:
+    """A chessboard, and boards of two paints, slanted: the dark parts continue the bright ones."""
+    row, col = np.mgrid[:24, :32]
+    range_mm, albedo = boards()
+    beams = beam_directions_of(OPTICS, range_mm.shape)
+    wall = 2600.0 / (beams @ np.array([0.5, 0.1, np.sqrt(0.74)]))
+    is_wall: BoolArray = np.isnan(range_mm)
+    dark = (row // 6 + col // 6) % 2 == 0
+    near = np.where(is_wall, wall, range_mm / beams[..., 2])
+    painted = np.where(is_wall & dark, 0.06, np.where(is_wall, 0.8, albedo))
+    assert not mark_folded(scene(near[..., np.newaxis], light(near, painted)[..., np.newaxis])).any()
+    holes = np.where(is_wall & dark, 8900.0 / beams[..., 2], near)  # the dark squares are holes before a far wall
+    lit = light(holes, np.where(is_wall, 0.6, albedo))
+    marked = mark_folded(scene(np.mod(holes, TURN_MM)[..., np.newaxis], lit[..., np.newaxis]))[..., 0]
+    assert marked[is_wall & dark].all()
+    assert not marked[~(is_wall & dark)].any()
+
+
 def ghost(amplitude: float, bright: float = 4000.0) -> WindowScene:
     """Eight by eight zones with a layer at 1.2 m, bright in one of them, before a wall at 2.6 m."""
     range_mm = np.stack([np.full((8, 8), 1200.0), np.full((8, 8), 2600.0)], axis=-1)

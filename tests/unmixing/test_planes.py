@@ -10,7 +10,7 @@ from support.lock_in import FAMILIES, SLATS, SMALL, Direction, Scene, crease, ju
 from support.round_things import Thing, joined, rays_of, wall
 from support.unmixing_twins import least_squares, local, surfaces_beside
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import BoolArray, FloatArray
 from tofmix.compiled.plane import fit_plane
 from tofmix.estimation.blocks.sequence import estimate_windows
 from tofmix.layers import Layers
@@ -21,7 +21,7 @@ from tofmix.sensor import Sensor
 from tofmix.unmixing.functions import binomial_most, chi_square_6, logsumexp, ndtr
 from tofmix.unmixing.image import FIELDS, PhasorImage, make_image, mean_phasors, phase_scale_mm
 from tofmix.unmixing.labels import label
-from tofmix.unmixing.lines import Mixtures, find_lines
+from tofmix.unmixing.lines import Mixtures, find_lines, is_bounded
 from tofmix.unmixing.neighbours import find_neighbours
 from tofmix.unmixing.seeds import find_seeds, plane_vector, without_creases
 from tofmix.unmixing.surface_fit import Members
@@ -280,6 +280,34 @@ def test_mixtures_without_a_filled_pixel_between_them_are_no_surface(
     shares = _columns(*middle)
     found = _found(_striped(shares, rng))
     assert not found[:, shares > 0].any()
+
+
+@pytest.mark.parametrize("is_upright", [True, False])
+@pytest.mark.parametrize(
+    ("middle", "bounded"), [((0.6, 0.6), False), ((1.0, 1.0), False), ((1.0, 1.0, 0.4), True), ((0.3, 1.0, 1.0), True)]
+)
+def test_two_equal_lines_are_one_surface_only_if_a_pixel_beside_them_sees_some_of_it(
+    middle: tuple[float, ...], bounded: bool, is_upright: bool, rng: np.random.Generator
+) -> None:
+    """A wire on the border of two columns, and a slat whose edges are both on borders of pixels, look the same."""
+    shares = _columns(*middle)
+    if not is_upright:
+        shares = np.append(shares, 0.0)
+    image = _striped(shares, rng, is_upright=is_upright)
+    share = np.broadcast_to(shares, image.shape if is_upright else image.shape[::-1])
+    share = share if is_upright else share.T
+    nothing = np.full((image.count, 3), np.nan)
+    mixtures = Mixtures(
+        is_mixed=np.zeros(image.count, bool),
+        range_mm=nothing,
+        range_variance=nothing,
+        share=nothing,
+        share_variance=nothing,
+    )
+    mask: BoolArray = share == max(middle)
+    found = is_bounded(image, find_seeds(image), mixtures, mask.ravel()).reshape(image.shape)
+    assert not found[~mask].any()
+    assert (found[mask].mean() > 0.95) if bounded else (found[mask].mean() < 0.05)
 
 
 def test_blurred_edge_is_no_surface(rng: np.random.Generator) -> None:

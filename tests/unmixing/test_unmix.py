@@ -398,6 +398,20 @@ def test_pixels_of_a_wire_are_undecided_where_no_pixel_sees_it_alone() -> None:
 @pytest.mark.compiled("it estimates 3,072 pixels")
 @pytest.mark.filterwarnings("ignore::tofmix.errors.DoubtWarning")
 @pytest.mark.slow
+def test_wire_on_the_border_of_two_columns_is_undecided_and_nothing_flies() -> None:
+    """Both columns see the same mixture, and no other pixel sees some of the wire."""
+    one = render([wall(3000, (0.1, 0.0, 1.0)), cylinder(0, 1800, 14)], [0.6, 0.6], noise_mm=10.0, frames=60)
+    wire = one.share[1] > 0.1
+    assert wire.sum() == 2 * one.share.shape[1]
+    found = tm.estimate(one.recording).window(0)
+    assert score(one, found).flying == 0
+    assert found.mixing is not None
+    assert (found.mixing[wire] == int(Mixing.UNDECIDED)).mean() > 0.9
+
+
+@pytest.mark.compiled("it estimates 3,072 pixels")
+@pytest.mark.filterwarnings("ignore::tofmix.errors.DoubtWarning")
+@pytest.mark.slow
 def test_samples_of_one_surface_each_contradict_sums_where_no_edge_tells() -> None:
     one = render([wall(3500), cylinder(-200, 2000, 6)], [0.5, 0.5], noise_mm=15.0, frames=60)
     draw = np.random.default_rng(3)

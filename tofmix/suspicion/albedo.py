@@ -16,7 +16,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.segments import components
-from tofmix.suspicion.scene import WindowScene
+from tofmix.suspicion.scene import NOISE_SIGMAS, WindowScene
 
 PLANE_NUMBERS = 3
 """Free numbers of a plane."""
@@ -173,6 +173,71 @@ def _surfaces(row: IntArray, col: IntArray, layer: IntArray, part: IntArray, bri
     number[large] = np.arange(len(large))
     part = number[part]
     return Surfaces(row, col, layer, part, medians(bright, part, len(large)))
+
+
+def join_painted(scene: WindowScene, surfaces: Surfaces) -> Surfaces:
+    """Join surfaces that continue each other in range along most of their border: one thing in several paints.
+
+    Its brightness is the median of all its layers.
+    """
+    count = len(surfaces.log_brightness)
+    shape = scene.range_mm.shape
+    part = np.full(shape, -1)
+    part[surfaces.row, surfaces.col, surfaces.layer] = surfaces.part
+    pairs = []
+    for axis in (0, 1):
+        numbers, ranges, errors = (np.swapaxes(each, 0, axis) for each in (part, scene.range_mm, scene.stderr_mm))
+        pairs.append(_border(numbers, ranges, errors, _pitch(scene)))
+    one, other, continued = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+    border, of_pair = np.unique(np.minimum(one, other) * count + np.maximum(one, other), return_inverse=True)
+    all_pairs, agreeing = (
+        np.bincount(of_pair, minlength=len(border)),
+        np.bincount(of_pair[continued], minlength=len(border)),
+    )
+    least = 4  # pairs of pixels of a border: fewer may agree by chance
+    joined = border[(agreeing >= least) & (2 * agreeing > all_pairs)]
+    thing = components(joined // count, joined % count, count) if count else np.zeros(0, np.int64)
+    numbers, thing = np.unique(thing, return_inverse=True)
+    of_layer = np.where(surfaces.part >= 0, np.append(thing, -1)[surfaces.part], -1)
+    bright = log_brightness(scene)[surfaces.row, surfaces.col, surfaces.layer]
+    return Surfaces(surfaces.row, surfaces.col, surfaces.layer, of_layer, medians(bright, of_layer, len(numbers)))
+
+
+def _pitch(scene: WindowScene) -> float:
+    """Angle between the beams of neighbouring pixels, radians."""
+    unknown = 0.005  # 0.3 degrees, of a camera whose view is not known
+    if scene.directions is None or min(scene.directions.shape[:2]) < 2:  # noqa: PLR2004  no neighbour
+        return unknown
+    return float(np.median(np.linalg.norm(np.diff(scene.directions, axis=1), axis=-1)))
+
+
+def _border(
+    part: IntArray, range_mm: FloatArray, stderr_mm: FloatArray, pitch: float
+) -> tuple[IntArray, IntArray, BoolArray]:
+    """Parts (n,) and (n,) of layers whose pixels follow each other along the first axis, and whether ranges go on.
+
+    All arrays are (place, place across, layer). Ranges go on if the step between the pixels is that of one of the two
+    surfaces beside it, within noise and a quarter of a pixel's width: the slope of what bends changes by 14 degrees.
+    """
+    steps = np.full((2, *part.shape), np.nan)  # within the same part, to each layer from the pixel before and after
+    for near in range(part.shape[2]):
+        for far in range(part.shape[2]):
+            same = (part[:-1, :, near] == part[1:, :, far]) & (part[1:, :, far] >= 0)
+            step = range_mm[1:, :, far] - range_mm[:-1, :, near]
+            steps[0, 1:, :, far] = np.where(same, step, steps[0, 1:, :, far])
+            steps[1, :-1, :, near] = np.where(same, step, steps[1, :-1, :, near])
+    steps = np.nan_to_num(steps)  # a part that is one pixel wide tells no slope
+    place, across, i, j = np.nonzero(
+        (part[:-1, :, :, np.newaxis] >= 0)
+        & (part[1:, :, np.newaxis] >= 0)
+        & (part[:-1, :, :, np.newaxis] != part[1:, :, np.newaxis])
+    )
+    one, other = (place, across, i), (place + 1, across, j)
+    gap = range_mm[other] - range_mm[one]
+    off = np.minimum(np.abs(gap - steps[0][one]), np.abs(gap - steps[1][other]))
+    # a gap and a step are of four ranges
+    noise = NOISE_SIGMAS * math.sqrt(2.0) * np.hypot(stderr_mm[one], stderr_mm[other])
+    return part[one], part[other], off <= noise + 0.25 * pitch * range_mm[one]
 
 
 def medians(values: FloatArray, part: IntArray, count: int) -> FloatArray:

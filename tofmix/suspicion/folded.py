@@ -2,7 +2,8 @@
 
 A surface at r + d_u that a phase shows at r returns (r / (r + d_u))^2 of what it would at r. The sets of surfaces that
 may be folded are compared by the evidence of their albedos: one set explains the brightness of the others better. Where
-the camera's view is known, so do shapes: unfolded, a wall is a plane; a dark thing that is near is one as it is.
+the camera's view is known, so do shapes: unfolded, a wall is a plane; a dark thing that is near is one as it is. What
+continues a surface is as far as it: dark paint on a wall is no fold.
 """
 
 import math
@@ -18,6 +19,7 @@ from tofmix.suspicion.albedo import (
     chosen,
     evidence_nats,
     find_surfaces,
+    join_painted,
     log_brightness,
     log_evidence,
     plane_misfit_mm,
@@ -47,7 +49,7 @@ def mark_folded(scene: WindowScene) -> BoolArray:
     least_contrast = 1.0  # log of the ratio of brightnesses below which no set of surfaces can have enough evidence
     if high - low < least_contrast:
         return nothing
-    surfaces = find_surfaces(scene, bright)
+    surfaces = join_painted(scene, find_surfaces(scene, bright))
     folded = _folded_surfaces(scene, surfaces, scene.turn_mm)
     if not folded.any():
         return nothing

@@ -30,7 +30,7 @@ from tofmix.image.segments import near, sum_around
 from tofmix.unmixing.hypotheses import judge
 from tofmix.unmixing.image import ComplexArray, PhasorImage
 from tofmix.unmixing.likeliest import ENDS, Kind, LikeliestHypotheses, OpenSpace
-from tofmix.unmixing.lines import Mixtures, agree, find_lines
+from tofmix.unmixing.lines import Mixtures, agree, find_lines, is_bounded
 from tofmix.unmixing.neighbours import DistantPlane, distant_planes
 from tofmix.unmixing.seeds import Seeds, find_seeds
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, LabelSettings, UnmixSettings
@@ -241,7 +241,8 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
         line = find_lines(image, seeds, mixtures, settings.labels, settings.neighbours.reach)
         is_last = number + 1 >= settings.labels.rounds and bool(np.all(is_line == (line >= 0)))
         is_line = line >= 0
-        members, square = _next_members(image, seeds, line, arrays["kind"], plane, is_distant, settings.labels)
+        bounded = is_bounded(image, seeds, mixtures, arrays["kind"] == Kind.NEW, settings.labels)
+        members, square = _next_members(image, seeds, line, bounded, arrays["kind"], plane, is_distant, settings.labels)
         if number == 0:  # the large planes are tried from the second round on, in all pixels
             planes = distant_planes(image, seeds, line, settings.planes)
         else:
@@ -335,17 +336,19 @@ def _next_members(
     image: PhasorImage,
     seeds: Seeds,
     line: IntArray,
+    bounded: BoolArray,
     kind: IntArray,
     plane: FloatArray,
     is_distant: BoolArray,
     settings: LabelSettings,
 ) -> tuple[Members, BoolArray]:
-    """Settle who is a member in the next round, and which new pixels agree in blocks of 2 x 2."""
+    """Settle who is a member in the next round, and which new pixels agree in blocks of 2 x 2 and are bounded."""
     continued = np.isin(kind, (Kind.CONTINUED, Kind.OTHER_REFLECTANCE))
     kept = seeds.has_plane & continued
     joined = (kind == Kind.CONTINUED) & ~kept & (line < 0)
     fresh = kind == Kind.NEW
     agrees, square = _agreeing(image, seeds, fresh, settings)
+    square &= bounded
     is_line = line >= 0
     is_known = kept | joined | (fresh & square) | is_line
     next_members = Members(

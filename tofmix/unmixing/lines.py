@@ -95,6 +95,34 @@ def find_lines(
     return number
 
 
+def is_bounded(
+    image: PhasorImage,
+    seeds: Seeds,
+    mixtures: Mixtures,
+    mask: BoolArray,
+    settings: LabelSettings = DEFAULT_SETTINGS.labels,
+) -> BoolArray:
+    """Which pixels of a mask (pixel,) see one surface by what is beside them: they are filled, or agree with such.
+
+    Along the row and along the column. Two columns that agree, beside pixels that see nothing of them, are as well two
+    halves of a narrower thing on the border of both, with another surface behind it.
+    """
+    bounded = mask.copy()
+    index = np.arange(image.count).reshape(image.shape)
+    pixels = np.flatnonzero(near(mask.reshape(image.shape), 1).ravel() & image.valid)
+    for axis in (0, 1):
+        is_filled = np.zeros(image.count, bool)
+        is_filled[pixels] = _is_between(image, seeds, mixtures, pixels, axis, settings)
+        along = np.moveaxis(index, axis, 0)
+        one, other = along[:-1].ravel(), along[1:].ravel()
+        agreeing = agree(image, seeds, one, other, settings)
+        beside = is_filled.copy()
+        beside[one] |= agreeing & is_filled[other]
+        beside[other] |= agreeing & is_filled[one]
+        bounded &= beside
+    return bounded
+
+
 def agree(
     image: PhasorImage, seeds: Seeds, one: IntArray, other: IntArray, settings: LabelSettings = DEFAULT_SETTINGS.labels
 ) -> BoolArray:
