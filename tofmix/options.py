@@ -188,10 +188,10 @@ RECONCILE = {
         help="Significance level of the tests, corrected for their number.",
     ),
     "tolerance": Option(
-        default=0.1,
         low=0,
         high=1,
-        help="Accepted model error: pose errors up to this many sigma, and sigma errors up to a tenth of this share.",
+        help="Accepted model error: pose errors up to this many sigma, and sigma errors up to a tenth of this share."
+        " Without it 0.1, and 0.02 where a recording is the scene, whose own errors count beside.",
     ),
     "split": Option(
         default="frames,pixels",

@@ -21,6 +21,8 @@ PARTS = {
     "walls": "walls at stated distances, with a folded axis, an offset, and a bias of each pixel",
     "same": "real recordings with permuted frames, against a model made from their own first half",
     "references": "real recordings with permuted frames, against their own first third as the scene",
+    "injections": "changes of known size in real recordings, against their own first half as the scene",
+    "minutes": "minutes of a sensor that lies still, against the minutes ten before them as the scene",
     "flights": "flights towards a wall, against the wall at their start",
 }
 """Modules of `measured_parts`, each with the members of `Part`."""

@@ -43,7 +43,7 @@ def with_factor(given: Recording, factor: Factor) -> Recording:
 
 def state_of(recording: Recording) -> ModelState:
     likelihood = joint_likelihood([recording])
-    return begin(likelihood, fit_part(likelihood, SETTINGS)[0], SETTINGS.tolerance)
+    return begin(likelihood, fit_part(likelihood, SETTINGS)[0], SETTINGS.accepted(likelihood))
 
 
 def uneven(given: Recording, factor: Factor, log_width: FloatArray | float = 0.0) -> Uneven | None:

@@ -127,7 +127,7 @@ def reconcile(
     effects: tuple[str, ...] | None = None,
     max_effects: int = 3,
     alpha: float = 0.01,
-    tolerance: float = 0.1,
+    tolerance: float | None = None,
     split: Split = "frames,pixels",
     seed: int = 1,
     noise: Sensor | str | os.PathLike[str] | None = None,

@@ -8,9 +8,13 @@ from tofmix.errors import UsageError
 from tofmix.options import RECONCILE, check_options
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, Part
 from tofmix.simulation.effects import EFFECTS
+from tofmix.simulation.measured_scene import OWN_ERROR
 
 KINDS = tuple(EFFECTS)
 """All kinds that are tried."""
+
+TOLERANCE = 0.1
+"""Accepted error of a scene that is given as rectangles, in sigma; that of a measured one is `OWN_ERROR`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,7 +26,7 @@ class Settings:
     kinds : tuple of str
         Kinds of effects to try.
     max_effects, alpha, tolerance, split, seed
-        See `tofmix.options.RECONCILE`.
+        See `tofmix.options.RECONCILE`; the tolerance is read with `accepted`.
 
     Raises
     ------
@@ -33,7 +37,7 @@ class Settings:
     kinds: tuple[str, ...]
     max_effects: int = RECONCILE["max_effects"].default
     alpha: float = RECONCILE["alpha"].default
-    tolerance: float = RECONCILE["tolerance"].default
+    tolerance: float | None = RECONCILE["tolerance"].default
     split: str = RECONCILE["split"].default
     seed: int = RECONCILE["seed"].default
 
@@ -42,6 +46,12 @@ class Settings:
             check_options(self, RECONCILE)
         except ValueError as error:
             raise UsageError(str(error)) from error
+
+    def accepted(self, likelihood: Likelihood) -> float:
+        """Accepted error of the scene, in sigma. What a recording saw is known as well as a camera stays the same."""
+        if self.tolerance is not None:
+            return self.tolerance
+        return TOLERANCE if likelihood.scene.model.scene is None else OWN_ERROR
 
 
 def held_out(likelihood: Likelihood, settings: Settings) -> Part:

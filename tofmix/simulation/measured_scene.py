@@ -26,6 +26,9 @@ LEAST_SAMPLES = 8
 OWN_ERROR = 0.02
 """Error of every mean, in sigma, beside that of chance: no scene and no camera stays the same to better than this."""
 
+OWN_WIDTH_ERROR = 0.006
+"""Error of the logarithm of all widths, likewise."""
+
 USUAL_SPREAD = 0.25
 """Standard deviation of the logarithm of the widths of pixels where the recording was too short to show any: those of
 real cameras are 0.2 to 0.4."""
@@ -162,13 +165,14 @@ class MeasuredScene(SceneTable):
         return self.repeats * self.frame_noise**2 / max(self.frames, 1)
 
     def common_width_error(self) -> float:
-        """Standard error of the logarithm of all widths together: by chance, and by the memory of the noise.
+        """Standard error of the logarithm of all widths together: by chance, the memory of the noise, and the camera.
 
         The variance about a mean of n samples is too small by v / n. Squares of AR(1) noise have the memory rho^2.
         """
         squares = (1.0 + self.memory**2) / (1.0 - self.memory**2)
         known = max(int(np.where(self.known, self.samples, 0).sum()), 1)
-        return float(np.hypot(np.sqrt(squares / (2.0 * known)), 0.5 * (self.repeats - 1.0) / max(self.frames, 1)))
+        by_memory = 0.5 * (self.repeats - 1.0) / max(self.frames, 1)
+        return float(np.sqrt(squares / (2.0 * known) + by_memory**2 + OWN_WIDTH_ERROR**2))
 
     def width_error(self) -> FloatArray:
         """Standard error (row, col) of the logarithm of a pixel's width, estimated from its samples.

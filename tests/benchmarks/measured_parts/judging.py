@@ -38,6 +38,7 @@ def said_of(gap: Mapping[str, Any], seconds: float) -> dict[str, Any]:
         "verdict": gap["verdict"],
         "named": sorted(e["kind"] for e in gap["effects"]),
         "effects": [{key: e[key] for key in ("kind", "parameters", "stderr")} for e in gap["effects"]],
+        "aliases": [{"kinds": a["kinds"]} for a in gap.get("aliases", ())],
         "where": gap["where"][:3],
         "next": list(gap["next_steps"]),
         "seconds": round(seconds, 1),

@@ -1,14 +1,16 @@
 """Effects as vectors: the vector of an effect, and the prior that does not depend on the vector."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from support.recordings import MAKE, Record
 
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
-from tofmix.reconciliation.one.coordinates import Law
+from tofmix.reconciliation.one.coordinates import Law, laws
 from tofmix.reconciliation.one.recordings import SearchTask
+from tofmix.reconciliation.parameters.searches import search_facts
 from tofmix.reconciliation.settings import KINDS, Settings
 from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.effects.parameter import StudentPrior
@@ -28,6 +30,15 @@ def test_every_kind_that_may_hide_nothing_has_a_law(task: SearchTask) -> None:
     possible = set(KINDS) - always_hides - {"phase_wrapping", "near_return"}  # nothing is a turn away, or near
     assert found == possible
     assert {law.surface for law in task.laws if law.kind.kind == "surface_pose"} == set(task.likelihood.scene.names)
+
+
+def test_a_form_begins_no_search_of_another_form(task: SearchTask) -> None:
+    """Of a drift of two terms that has no start within bounds, the linear form must not begin that of one term."""
+    steep = np.arange(100.0), 1e6 * np.arange(100.0)
+    facts = replace(search_facts(task.likelihood, task.mixture), course=lambda: steep)
+    found = list(laws(KINDS, facts, task.columns.facts, set(), task.likelihood.scene.model.sensor))
+    assert "temperature_drift" in {law.kind.kind for law in found}
+    assert all(form.form == law.problem.form for law in found for form in law.forms)
 
 
 def test_vector_of_an_effect_makes_this_effect(task: SearchTask) -> None:

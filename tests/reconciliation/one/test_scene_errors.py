@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.stats import beta, binom
+from scipy.stats import beta, binom, multivariate_normal
 from support.recordings import recorded
 
 from tofmix.layers import Layers, layer_fields
@@ -61,6 +61,33 @@ def test_a_bias_of_all_frames_is_none_of_single_frames() -> None:
     assert _errors(1, frame_noise_mm=0.7).by_frames(np.full(3, 5.0), np.ones(3)) == pytest.approx(nothing)
 
 
+def test_a_walk_of_all_means_has_the_probability_of_its_covariance() -> None:
+    """Samples of one pixel, about their mean: contrasts of them are Gaussian, with the walk and without."""
+    blocks, each, sigma_mm = 10, 3, 2.0
+    frames = blocks * each
+    rng = np.random.default_rng(5)
+    y = np.repeat(0.9 * np.cumsum(rng.normal(size=blocks)), each) + sigma_mm * rng.normal(size=frames)
+    scene = replace(SceneErrors.none(1), typical_mm=sigma_mm)
+    found = scene.by_course(y / sigma_mm**2, np.full(frames, sigma_mm**-2.0))
+
+    block = np.arange(frames) // each
+    walk = np.minimum.outer(block, block) * sigma_mm**2 / (blocks - 1)
+    contrasts = np.linalg.svd(np.ones((1, frames)))[2][1:]
+
+    def density(size: float) -> float:
+        noise = sigma_mm**2 * np.eye(frames) + size**2 * walk
+        return float(multivariate_normal(cov=contrasts @ noise @ contrasts.T).pdf(contrasts @ y))
+
+    sizes = (0.05, 0.1, 0.2, 0.4, 0.8)
+    wanted = 0.5 + 0.5 * np.mean([density(size) for size in sizes]) / density(0.0)
+    assert found == pytest.approx(np.log(wanted), abs=1e-6)
+
+
+def test_a_bias_of_all_frames_is_no_walk() -> None:
+    scene = replace(SceneErrors.none(1), typical_mm=1.0)
+    assert scene.by_course(np.full(20, 5.0), np.ones(20)) < 0
+
+
 def test_means_share_the_noise_of_frames_of_both_recordings(wall: Model) -> None:
     task = SearchTask(joint_likelihood([(wall, recorded(wall))]), Settings(kinds=KINDS))
     pixels = task.lit.shape[1]
@@ -103,6 +130,16 @@ def _measured(wall: Model, *effects: Effect) -> tuple[Model, Evidence]:
 def test_a_static_scene_with_few_frames_has_no_effect(wall: Model) -> None:
     found = search(joint_likelihood([_measured(wall)]), Settings(kinds=KINDS))
     assert found.best.names == set()
+
+
+def test_an_offset_beside_a_walk_is_named_alone(wall: Model) -> None:
+    """Ranges of real cameras wander within minutes; no drift of two terms stands for that."""
+    model, evidence = _measured(wall, RangeOffset(offset_mm=6.0))
+    course = np.repeat([0, 1, 3, 4, 4, 3, 1, 1, 0, -1], len(evidence.samples) // 10)
+    moved = replace(evidence, samples=(evidence.samples + course[:, None]).astype(np.uint16))
+    kinds = ("range_offset", "temperature_drift")
+    found = search(joint_likelihood([(model, moved)]), Settings(kinds=kinds))
+    assert found.best.names == {("range_offset", "")}
 
 
 @pytest.mark.slow

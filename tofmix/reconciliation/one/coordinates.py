@@ -264,7 +264,7 @@ def _of_kind(kind: type[Effect], problems: list[tuple[str, Problem]], forms: lis
 
 
 def _begins(form: LinearForm, problem: Problem, of_surface: list[Problem]) -> bool:
-    """Whether a form is the beginning of this search, not of another one of the surface."""
+    """Whether a form is the beginning of this search, not of another one of the surface; it may have none."""
     searched = form.searched or len(form.coefficients)
-    best = min(of_surface, key=lambda p: (p.form != form.form, abs(p.parameters - searched)))
-    return best is problem
+    same = (p for p in of_surface if p.form == form.form)
+    return problem is min(same, key=lambda p: abs(p.parameters - searched), default=None)

@@ -196,7 +196,36 @@ class FittedSet:
             if recording.scene.lost_frames.any():
                 share = mixture.of_frames(recording.view.frames).invalid[0]
                 total += recording.scene.by_lost(recording.lost, recording.part[0].size, share)
+        for k, recording in enumerate(self.task.recordings):
+            if recording.scene.wanders:
+                total += self.course_gain(k, state, mixture, bias_mm[k])
         return total + self.frame_gain(state, mixture, bias_mm)
+
+    def wanders(self) -> list[bool]:
+        """Whether the samples of each recording of a measured scene show that all means wander."""
+        state = self.with_errors
+        mixture = self.task.likelihood.mixture(state)
+        return [
+            r.scene.typical_mm > 0 and self.course_gain(k, state, mixture, self.beta[k]) > 0
+            for k, r in enumerate(self.task.recordings)
+        ]
+
+    def course_gain(self, number: int, state: ModelState, mixture: Mixture, bias_mm: FloatArray) -> float:
+        """What a walk of all means of a recording changes in the log-likelihood, nats.
+
+        `bias_mm` are the biases (pixel,) about which samples are taken.
+        """
+        memory, recording = memory_of(state), self.task.recordings[number]
+        own = self._by_frame(number, state, mixture, bias_mm) * (1.0 - memory) / (1.0 + memory)
+        return recording.scene.by_course(own[:, 1], own[:, 2])
+
+    def _by_frame(
+        self, number: int, state: ModelState, mixture: Mixture, bias_mm: FloatArray, added: FloatArray | None = None
+    ) -> FloatArray:
+        """Sums (frame, 4) over the samples of each frame of a recording, about biases of pixels."""
+        self.task.passes += 1
+        part = self.task.recordings[number].part
+        return self.task.likelihood.sums(mixture, state, part, bias=bias_mm, variance=added).by_frame[part[0]]
 
     def frame_gain(self, state: ModelState, mixture: Mixture, bias_mm: FloatArray | None = None) -> float:
         """What the noise that frames of a measured scene share changes in the log-likelihood, nats.
@@ -214,12 +243,10 @@ class FittedSet:
 
         `added` is the variance that each frame has in addition, mm2; without it, that of the state.
         """
-        task, recording = self.task, self.task.recordings[number]
+        recording = self.task.recordings[number]
         if not recording.scene.frame_noise_mm:
             return np.zeros(recording.part[0].size)
-        task.passes += 1
-        sums = task.likelihood.sums(mixture, state, recording.part, bias=bias_mm, variance=added)
-        own = sums.by_frame[recording.part[0]]
+        own = self._by_frame(number, state, mixture, bias_mm, added)
         return recording.scene.by_frames(own[:, 1], own[:, 2])
 
     def _of_states(self, state: ModelState, mixture: Mixture, samples: float) -> float:

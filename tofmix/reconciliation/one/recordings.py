@@ -71,6 +71,11 @@ class OneRecording:
     lost: IntArray
 
     @property
+    def wandering(self) -> "OneRecording":
+        """The same where all means wander."""
+        return replace(self, scene=self.scene.wandering())
+
+    @property
     def part(self) -> Part:
         """All of it."""
         return self.view.part_of_all
@@ -115,13 +120,16 @@ class SearchTask:
         Spreads of the model's own pattern; zeros without one.
     passes : int
         Passes over the samples so far.
+    accepted : float
+        Accepted error of the scene, in sigma.
     """
 
     def __init__(self, likelihood: Likelihood, settings: Settings) -> None:
         self.likelihood, self.settings, self.passes = likelihood, settings, 0
+        self.accepted = settings.accepted(likelihood)
         frames, pixels = likelihood.evidence.shape
         self.part: Part = (np.arange(frames), np.arange(pixels))
-        begun = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
+        begun = begin(likelihood, fit_part(likelihood, settings)[0], self.accepted)
         self.null = replace(begun, pixel_bias=np.zeros(pixels), log_width=np.zeros_like(begun.log_width))
         self.mixture = likelihood.mixture(self.null)
         self.recordings = tuple(self._recording(view) for view in views(likelihood, self.mixture, self.part))
@@ -184,12 +192,12 @@ class SearchTask:
         """The errors of each surface: its recording, its number, and their columns (k, pixel) over the image, mm."""
         rows, cols = self.likelihood.evidence.image
         row, col = np.divmod(np.arange(rows * cols), cols)
-        for number, recording in enumerate(self.recordings if self.settings.tolerance else ()):
+        for number, recording in enumerate(self.recordings if self.accepted else ()):
             m = recording.view.mixture
             sigma = m.of_main(m.sigma)
             for surface in np.unique(recording.surface[self.single[number]]):
                 own = self.single[number] & (recording.surface == surface)
-                error = self.settings.tolerance * UNIFORM * float(np.median(sigma[own]))
+                error = self.accepted * UNIFORM * float(np.median(sigma[own]))
                 u, v = across_surface(col, own), across_surface(row, own)
                 smooth = [DISCREPANCY * error * s for s in (u, v, *hats(u, v))]
                 yield number, int(surface), np.stack([np.full(own.size, error), *smooth])
@@ -281,7 +289,7 @@ class SearchTask:
 
         All widths of a measured scene have another error in common.
         """
-        size = _NOISE * self.settings.tolerance * UNIFORM * math.sqrt(0.5)
+        size = _NOISE * self.accepted * UNIFORM * math.sqrt(0.5)
         out = [self.lit * size]
         for number, recording in enumerate(self.recordings):
             for surface in np.unique(recording.surface[self.lit[number]]):

@@ -6,7 +6,9 @@ A scene of rectangles is given, and has none. A measured scene is known as well 
 - the width of its noise to `log_width_variance`, and all widths together to `common_log_width`;
 - its share of lost samples as from `lost_frames` frames: the number of lost samples is beta-binomial;
 - the noise that all samples of a frame share goes on while the recording is measured, so that a course in time is known
-  to `frame_noise_mm` in each frame, however many pixels show it.
+  to `frame_noise_mm` in each frame, however many pixels show it;
+- where the recording shows it, all samples wander together, as the ranges of a real camera do within minutes: a course
+  in time is a random walk, whose size is integrated out.
 
 The first two are parts of covariances (`tofmix.reconciliation.one.static_errors`); the others are integrated out of the
 log-likelihood here, in closed form.
@@ -17,17 +19,20 @@ Skellam, J. R. Statist. Soc. B 10 (1948) 257, for the beta-binomial distribution
 Variance Components, 4.3, for what the samples of a frame share.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from scipy.special import betaln
+from scipy.special import betaln, logsumexp
 
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.likelihood.reference_errors import ReferenceErrors
 
 _LEAST_SHARE = 1e-6  # probability of a lost sample, as of the pass over samples
+
+_BLOCKS = 10  # of time, in which a walk is told
+_WALKS = (0.05, 0.1, 0.2, 0.4, 0.8)  # ways from the first to the last of them, in sigma, that are as likely as none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -48,6 +53,10 @@ class SceneErrors:
         Independent frames that tell the share of lost samples; 0 where it is given.
     frame_noise_mm : float
         Standard deviation of what the samples of one frame have in common.
+    typical_mm : float
+        Noise of a typical sample, mm.
+    wanders : bool
+        Whether all means wander together.
     """
 
     columns_mm: FloatArray
@@ -56,6 +65,8 @@ class SceneErrors:
     common_log_width: float
     lost_frames: FloatArray
     frame_noise_mm: float
+    typical_mm: float
+    wanders: bool = False
 
     @classmethod
     def none(cls, pixels: int) -> Self:
@@ -68,7 +79,12 @@ class SceneErrors:
             common_log_width=0.0,
             lost_frames=nothing,
             frame_noise_mm=0.0,
+            typical_mm=0.0,
         )
+
+    def wandering(self) -> Self:
+        """The same where all means wander."""
+        return replace(self, wanders=True)
 
     @classmethod
     def of(cls, errors: ReferenceErrors | None, mixture: Mixture, frames: int, memory: float) -> Self:
@@ -103,6 +119,7 @@ class SceneErrors:
             common_log_width=errors.common_log_width,
             lost_frames=np.where(told, share * (1.0 - share) / np.where(told, errors.lost, 1.0), 0.0),
             frame_noise_mm=errors.frame_noise * typical,
+            typical_mm=typical,
         )
 
     def by_frames(self, slope: FloatArray, information: FloatArray) -> FloatArray:
@@ -120,6 +137,29 @@ class SceneErrors:
         left = slope - information * float(slope.sum()) / max(float(information.sum()), 1e-300)
         free = 1.0 + information * variance
         return np.asarray(0.5 * left**2 * variance / free - 0.5 * np.log(free))
+
+    def by_course(self, slope: FloatArray, information: FloatArray) -> float:
+        """What a walk of the means of all samples changes in the log-likelihood, nats, beside their mean over time.
+
+        Parameters
+        ----------
+        slope, information : (frame,) float64
+            As of `by_frames`, of independent samples.
+        """
+        free = 1.0 + information * self.frame_noise_mm**2
+        block = np.arange(slope.size) * min(_BLOCKS, slope.size) // max(slope.size, 1)
+        slopes, told = np.bincount(block, slope / free), np.bincount(block, information / free)
+        if not told[1:].any() or not self.typical_mm:
+            return 0.0
+        slopes = slopes - told * slopes.sum() / told.sum()
+        known = np.diag(told) - np.outer(told, told) / told.sum()
+        steps = np.tril(np.ones((told.size, told.size)), -1)[:, :-1] * (self.typical_mm / np.sqrt(told.size - 1))
+        pull, curved = steps.T @ slopes, steps.T @ known @ steps
+        value, axes = np.linalg.eigh(curved)
+        along = (axes.T @ pull) ** 2
+        sizes = np.square(_WALKS)[:, None]
+        gains = 0.5 * (along * sizes / (1.0 + value * sizes) - np.log1p(np.maximum(value, 0.0) * sizes)).sum(axis=1)
+        return float(logsumexp(np.append(gains - np.log(2.0 * gains.size), -np.log(2.0))))
 
     def by_lost(self, lost: IntArray, frames: int, share: FloatArray) -> float:
         """What errors of the shares of lost samples change in the log-likelihood, nats.

@@ -164,6 +164,9 @@ def begun(
     """
     task = SearchTask(likelihood, settings)
     null = FittedSet.without_effects(task).fit()
+    if any(wander := null.wanders()):
+        task.recordings = tuple(r.wandering if w else r for r, w in zip(task.recordings, wander, strict=True))
+        null = FittedSet.without_effects(task).fit()
     return FoundSets(task, tick, Ledger() if ledger is None else ledger, {frozenset(): null})
 
 

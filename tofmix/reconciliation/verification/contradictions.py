@@ -203,7 +203,9 @@ def _by_others(likelihood: Likelihood, added: Added, settings: Settings) -> Iter
     whole = likelihood.value(added.state, part, mixture)
     scored = likelihood.evidence.part(fit=False, split=settings.split)
     judged = len(part[0]) * len(part[1]) / max(len(scored[0]) * len(scored[1]), 1)
-    given = whole - likelihood.value(begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance), part)
+    given = whole - likelihood.value(
+        begin(likelihood, fit_part(likelihood, settings)[0], settings.accepted(likelihood)), part
+    )
     best = max(given, judged * max((c.gain for c in added.first), default=0.0))
     # Gain of an effect in the presence of the others over that of the best effect alone, and over that of all together:
     # two biases that cancel to less than a quarter gain so much, since gains are squares of biases.

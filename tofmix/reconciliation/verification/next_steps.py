@@ -128,7 +128,7 @@ def next_steps(
     if verified.verdict in ("unexplained", "partly_explained"):
         named = verified.verdict == "partly_explained"  # otherwise the effects are no part of the model
         part = fit_part(likelihood, settings)
-        state = verified.state if named else begin(likelihood, part[0], settings.tolerance)
+        state = verified.state if named else begin(likelihood, part[0], settings.accepted(likelihood))
         folded = fold(likelihood, state, part)
         if folded is not None:
             effect, state = folded
@@ -396,7 +396,7 @@ def found_poses(likelihood: Likelihood, settings: Settings, state: ModelState | 
         The model with the effects that are named; the model as given without it.
     """
     part = fit_part(likelihood, settings)
-    state = state or begin(likelihood, part[0], settings.tolerance)
+    state = state or begin(likelihood, part[0], settings.accepted(likelihood))
     out = []
     for biases in biases_of_recordings(likelihood, state, part):
         scene = biases.view.scene

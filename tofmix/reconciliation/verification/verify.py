@@ -179,7 +179,7 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings, own: Effect
         The model's own effect with other numbers, if it is better than the added effects.
     """
     held = held_out(likelihood, settings)
-    start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
+    start = begin(likelihood, fit_part(likelihood, settings)[0], settings.accepted(likelihood))
     before = compare(likelihood, start, held, seed=settings.seed)
     after = compare(likelihood, added.state, held, seed=settings.seed) if added.chosen else before
     floor = simulated(likelihood, added.state, settings)
@@ -237,7 +237,7 @@ def _nulls(likelihood: Likelihood, state: ModelState, settings: Settings, found:
 
 def revoked(likelihood: Likelihood, found: Verified, settings: Settings) -> Verified:
     """The verification without effects: the model as given."""
-    start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
+    start = begin(likelihood, fit_part(likelihood, settings)[0], settings.accepted(likelihood))
     return replace(found, state=start, after=found.before, floor=simulated(likelihood, start, settings))
 
 

@@ -1,0 +1,210 @@
+"""Changes of known size in the second half of real recordings, against the first half as the scene.
+
+The recordings are those of `same`, with their frames in another order, so that nothing else changes: the noise, the
+steps of the values and the edges are real, the change alone is computed. The object before the TMF8829 recedes: the
+line through the means of its frames is taken out first. Sizes are in standard deviations of a sample,
+factors or shares. A change of what one wall shows has several names that no recording of this wall tells apart: these
+are in `ALIKE`.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from benchmarks.measured_parts import same
+from benchmarks.measured_parts.of_itself import of_itself
+from users.score import alternatives
+
+from tofmix.arrays import BoolArray, FloatArray
+
+DRAWS = 20
+"""Recordings of each change and size."""
+
+
+class Injected(NamedTuple):
+    """A recording's second half after a change, and the change's number."""
+
+    samples: FloatArray
+    """(frame, row, col), mm."""
+    value: float
+    """In the unit of the effect's number."""
+
+
+Change = Callable[[FloatArray, FloatArray, float, np.random.Generator], Injected]
+"""The second half from itself, the first half, the size and a generator."""
+
+
+def _sigma(first: FloatArray) -> float:
+    """The median of the pixels' standard deviations, mm."""
+    return float(np.median(first.std(axis=0, ddof=1)))
+
+
+def _offset(second: FloatArray, first: FloatArray, size: float, rng: np.random.Generator) -> Injected:
+    value = _sign(rng) * size * _sigma(first)
+    return Injected(second + value, value)
+
+
+def _drift(second: FloatArray, first: FloatArray, size: float, rng: np.random.Generator) -> Injected:
+    """Along a line from the middle of the first half; `size` at the end."""
+    value = _sign(rng) * size * _sigma(first)
+    since = (np.arange(len(second)) + len(first) / 2) / (len(second) + len(first) / 2)
+    return Injected(second + value * since[:, None, None], value)
+
+
+def _motion(second: FloatArray, first: FloatArray, size: float, rng: np.random.Generator) -> Injected:
+    """Of the nearest surface, along the beam; `size` is its way by the end."""
+    value = _sign(rng) * size * _sigma(first)
+    since = (np.arange(len(second)) + len(first) / 2) / same.RATE_HZ
+    velocity = value / float(since[-1])
+    near = nearest(first)
+    return Injected(np.where(near, second + velocity * since[:, None, None], second), velocity)
+
+
+def _biases(second: FloatArray, first: FloatArray, size: float, rng: np.random.Generator) -> Injected:
+    value = size * _sigma(first)
+    return Injected(second + rng.normal(0.0, value, second.shape[1:]), value)
+
+
+def _noise(second: FloatArray, first: FloatArray, size: float, _: np.random.Generator) -> Injected:
+    mean = first.mean(axis=0)
+    return Injected(mean + size * (second - mean), size)
+
+
+def _outliers(second: FloatArray, _: FloatArray, size: float, rng: np.random.Generator) -> Injected:
+    random = rng.uniform(0.0, 2 * second.max(), second.shape)
+    return Injected(np.where(rng.random(second.shape) < size, random, second), size)
+
+
+def _memory(second: FloatArray, first: FloatArray, size: float, _: np.random.Generator) -> Injected:
+    """The noise of a frame is `size` times that of the frame before, and enough of its own to be as wide."""
+    mean, out = first.mean(axis=0), second - first.mean(axis=0)
+    for k in range(1, len(out)):
+        out[k] = size * out[k - 1] + math.sqrt(1.0 - size**2) * out[k]
+    return Injected(mean + out, size)
+
+
+def _sign(rng: np.random.Generator) -> float:
+    return float(rng.choice((-1.0, 1.0)))
+
+
+def nearest(first: FloatArray) -> BoolArray:
+    """The pixels (row, col) of the nearest surface of a scene; all of them if it has one surface."""
+    mean, sigma = np.median(first, axis=0), _sigma(first)
+    levels = np.sort(mean.ravel())
+    steps = np.diff(levels)
+    widest = int(np.argmax(steps))
+    apart = 10.0  # standard deviations between surfaces
+    return np.asarray(mean <= levels[widest] if steps[widest] > apart * sigma else np.ones_like(mean, dtype=bool))
+
+
+NEAR_MM = 400.0
+"""The receding object of the TMF8829's recording is nearer than this, all else is farther."""
+
+
+def still(samples: FloatArray) -> FloatArray:
+    """Samples (frame, row, col) of the TMF8829 in the order of time, as if its object did not recede."""
+    near = samples < NEAR_MM
+    whole = near.all(axis=0)
+    frame = np.arange(len(samples)) - (len(samples) - 1) / 2
+    slope = float(frame @ samples[:, whole].mean(axis=1) / (frame @ frame))
+    return np.where(near, samples - slope * frame[:, None, None], samples)
+
+
+SEVERAL_SURFACES = ("TMF8829", "face", "three boards")
+
+CHANGES: Mapping[str, tuple[Change, tuple[float, float, float]]] = {
+    "range_offset": (_offset, (1.0, 2.0, 4.0)),
+    "temperature_drift": (_drift, (1.0, 2.0, 4.0)),
+    "motion": (_motion, (1.0, 2.0, 4.0)),
+    "fixed_pattern": (_biases, (1.0, 2.0, 4.0)),
+    "excess_noise": (_noise, (1.2, 1.5, 2.0)),
+    "outliers": (_outliers, (0.01, 0.03, 0.1)),
+    "temporal_correlation": (_memory, (0.2, 0.4, 0.6)),
+}
+
+ALIKE: Mapping[str, frozenset[str]] = {
+    "range_offset": frozenset({"surface_pose", "surface_offset", "smooth_pattern", "tap_mismatch", "wiggling"}),
+    "temperature_drift": frozenset({"motion"}),
+    "motion": frozenset({"temperature_drift"}),
+    "fixed_pattern": frozenset(),
+    "excess_noise": frozenset({"vignetting"}),
+    "outliers": frozenset(),
+    "temporal_correlation": frozenset(),
+}
+"""Other names of a change."""
+
+NUMBERS = {
+    "range_offset": "offset_mm",
+    "surface_offset": "offset_mm",
+    "motion": "velocity_mm_s",
+    "fixed_pattern": "pixel_sigma_mm",
+    "excess_noise": "factor",
+    "outliers": "probability",
+    "temporal_correlation": "coefficient",
+}
+"""The number of an effect that is held against the injected one."""
+
+CASES = len(CHANGES) * 3 * DRAWS
+
+
+def judged(number: int, seed: int) -> dict[str, Any] | None:
+    """The result of one case; None where its recording is missing."""
+    kind = list(CHANGES)[number % len(CHANGES)]
+    rest = number // len(CHANGES)
+    change, sizes = CHANGES[kind]
+    names = SEVERAL_SURFACES if kind == "motion" else tuple(same.RECORDINGS)
+    name, size = names[rest % len(names)], sizes[(rest // len(names) + rest) % len(sizes)]
+    rng = np.random.default_rng([seed, number])
+    try:
+        samples = same.RECORDINGS[name](rng)[: same.MOST_FRAMES]
+    except FileNotFoundError:
+        return None
+    samples = same.part_of(samples, rng)
+    samples = same.in_group(still(samples) if name == "TMF8829" else samples, "permuted", rng)
+    half = len(samples) // 2
+    first = samples[:half]
+    changed = change(samples[half:].copy(), first, size, rng)
+    found = of_itself(np.concatenate([first, changed.samples]), half)
+    result, errors = scored(kind, changed.value, found)
+    case = {"number": number, "kind": kind, "size": size, "name": name, "value": round(changed.value, 4)}
+    return {**case, "result": result, "errors": errors, **found}
+
+
+def scored(kind: str, value: float, found: Mapping[str, Any]) -> tuple[str, float | None]:
+    """Right, wrong or open, and by how many stated errors the number is off; None where none is held against it."""
+    named = frozenset(found["named"])
+    if named - {kind} - ALIKE[kind]:
+        return "wrong", None
+    if not named:
+        return "open", None
+    listed = alternatives(found)
+    own = [e for e in found["effects"] if e["kind"] in NUMBERS]
+    errors = None
+    if len(found["effects"]) == 1 and own and (own[0]["kind"] == kind or own[0]["kind"] == "surface_offset"):
+        key = NUMBERS[own[0]["kind"]]
+        error = own[0]["stderr"].get(key)
+        errors = None if not error else round(abs(own[0]["parameters"][key] - value) / error, 2)
+    return ("right" if named == {kind} or frozenset({kind}) in listed or named <= ALIKE[kind] else "open"), errors
+
+
+def order(count: int) -> Sequence[int]:
+    """The first cases: kinds take turns, then recordings and sizes together."""
+    return range(count)
+
+
+def table(done: Sequence[Any]) -> Iterator[str]:
+    """Counts by kind and size."""
+    yield "| change | small | middle | large | wrong | number within two errors | names that are wrong |"
+    yield "|---|---|---|---|---|---|---|"
+    for kind, (_, sizes) in CHANGES.items():
+        own = [line for line in done if line["kind"] == kind]
+        cells = []
+        for size in sizes:
+            of = [line for line in own if line["size"] == size]
+            cells.append(f"{sum(line['result'] == 'right' for line in of)} of {len(of)}")
+        wrong = [line for line in own if line["result"] == "wrong"]
+        within = [line["errors"] <= 2.0 for line in own if line["errors"] is not None]
+        names = "; ".join(sorted({" + ".join(line["named"]) for line in wrong}))
+        yield f"| {kind} | {' | '.join(cells)} | {len(wrong)} | {sum(within)} of {len(within)} | {names} |"
+    yield f"| longest run, s | {max((line['seconds'] for line in done), default=0)} | | | | | |"
