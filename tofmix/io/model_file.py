@@ -1,5 +1,6 @@
 """Models (`*.toml`), from a file or built in."""
 
+import math
 from pathlib import Path, PurePath
 
 import numpy as np
@@ -13,7 +14,7 @@ from tofmix.io.recording.recording_file import file_sha256
 from tofmix.io.storage import check_input, read_text
 from tofmix.io.surfaces_file import open_surfaces
 from tofmix.simulation import BUILTIN_MODELS, builtin_text
-from tofmix.simulation.measured_scene import SceneParts, SceneTable, measured_scene
+from tofmix.simulation.measured_scene import WALKS, SceneParts, SceneTable, measured_scene
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import SceneReader, parse_model
 from tofmix.surfaces.found import NO_SURFACE
@@ -115,8 +116,12 @@ def scene_of_model(file: Path) -> SceneReader:
         most_frame_noise = 10.0  # sigma
         if not 0.0 <= frame_noise <= most_frame_noise:
             raise table.error(f"{frame_noise:g} is not in [0, {most_frame_noise:g}] sigma", "frame_noise")
+        walks = table.numbers("walks") if "walks" in table else ()
+        if walks and (min(walks) < 0 or len(walks) != len(WALKS) or not math.isclose(sum(walks), 1.0, abs_tol=0.01)):
+            raise table.error(f"expected {len(WALKS)} probabilities, which add up to 1", "walks")
         given = SceneTable(
             frame_noise=frame_noise,
+            walks=walks,
             every=every,
             layers_path=table.text("layers"),
             surfaces_path=table.text("surfaces") if "surfaces" in table else "",

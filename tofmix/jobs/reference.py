@@ -25,9 +25,10 @@ from tofmix.jobs.estimate import About
 from tofmix.jobs.files import opened_recording
 from tofmix.jobs.reporter import OptionError, Reporter
 from tofmix.jobs.scene import estimated, measured_model, settings_of
+from tofmix.reconciliation.likelihood import wander
 from tofmix.recording import SampleSource
 from tofmix.sensor import Sensor
-from tofmix.simulation.measured_scene import LEAST_SAMPLES, MeasuredScene, SceneTable
+from tofmix.simulation.measured_scene import LEAST_SAMPLES, UNKNOWN_WALK, MeasuredScene, SceneTable
 from tofmix.simulation.model import Model
 from tofmix.temporal_filter import ExponentialAverage, TemporalFilter
 
@@ -197,8 +198,8 @@ def _reference(
 ) -> Reference:
     """The reference of the layers of a part of a recording."""
     with open_recording(part) as first:
-        noise = frame_noise(first, layers)
-    settings, table = settings_of(recording), SceneTable(frame_noise=noise, every=every)
+        noise, walks = in_common(first, layers)
+    settings, table = settings_of(recording), SceneTable(frame_noise=noise, walks=walks, every=every)
     made, model = measured_model(layers, path, reporter, REFERENCE, settings=settings, table=table)
     return Reference(model=model, layers=made.layers, frames=used)
 
@@ -211,8 +212,8 @@ def frames_apart(found: TemporalFilter) -> int:
     return max(2, math.ceil(found.parameter))
 
 
-def frame_noise(source: SampleSource, layers: LayersFile) -> float:
-    """Standard deviation of what the samples of a frame have in common, in sigma, beyond the noise of each.
+def in_common(source: SampleSource, layers: LayersFile) -> tuple[float, tuple[float, ...]]:
+    """What samples of a recording have in common: the noise of each frame, and a walk of all means.
 
     Parameters
     ----------
@@ -224,7 +225,10 @@ def frame_noise(source: SampleSource, layers: LayersFile) -> float:
     Returns
     -------
     float
-        0 if few pixels see one layer.
+        Standard deviation of what the samples of a frame have in common beyond the noise of each, in sigma; 0 if few
+        pixels see one layer.
+    tuple of float
+        Probability of each size of a walk (`WALKS`).
 
     References
     ----------
@@ -234,13 +238,17 @@ def frame_noise(source: SampleSource, layers: LayersFile) -> float:
     one = layers.read_window(0)
     single = 0.95  # share of a pixel's samples in one layer, from which their scatter is that of the noise
     main = np.nan_to_num(one.weight[..., 0], nan=0.0) > single
-    least_together = 12  # pixels of one layer, from which what they share is told from the noise of each
-    if main.sum() < least_together:
-        return 0.0
+    if not main.any():
+        return 0.0, UNKNOWN_WALK
     samples = source.read_range(slice(None), slice(None))[:, main].astype(np.float64)
     z = (samples - one.range[..., 0][main]) / one.sigma[..., 0][main]
     far = 5.0  # sigma: a random value
-    return _in_common(np.where(np.isfinite(z) & (np.abs(z) < far), z, np.nan))
+    z = np.where(np.isfinite(z) & (np.abs(z) < far), z, np.nan)
+    least_together = 12  # pixels of one layer, from which what they share is told from the noise of each
+    noise = _in_common(z) if main.sum() >= least_together else 0.0
+    learnt = layers.provenance.sensor.learnt
+    memory = 0.0 if learnt is None else learnt.memory
+    return noise, wander.probabilities(z, frame_noise=noise, repeats=(1.0 + memory) / (1.0 - memory))
 
 
 def _in_common(z: FloatArray) -> float:

@@ -29,6 +29,13 @@ OWN_ERROR = 0.02
 OWN_WIDTH_ERROR = 0.006
 """Error of the logarithm of all widths, likewise."""
 
+WALKS = (0.0, 0.05, 0.1, 0.2, 0.4, 0.8)
+"""Sizes of a walk of all means: standard deviation of the way from the first to the last tenth of the recording's time,
+in sigma. Those of cameras that stand still for a minute are 0.1 to 0.5."""
+
+UNKNOWN_WALK = (0.5, 0.1, 0.1, 0.1, 0.1, 0.1)
+"""Their probabilities where no recording tells them."""
+
 USUAL_SPREAD = 0.25
 """Standard deviation of the logarithm of the widths of pixels where the recording was too short to show any: those of
 real cameras are 0.2 to 0.4."""
@@ -44,6 +51,8 @@ class SceneTable:
     ----------
     frame_noise : float
         Standard deviation of what all samples of a frame have in common, in sigma.
+    walks : tuple of float
+        Probability of each of `WALKS`; empty where nothing tells them.
     every : int
         Frames from one sample to the next: a camera that filters its ranges over time repeats itself in between.
     layers_path, surfaces_path : str
@@ -51,6 +60,7 @@ class SceneTable:
     """
 
     frame_noise: float = 0.0
+    walks: tuple[float, ...] = ()
     every: int = 1
     layers_path: str = ""
     surfaces_path: str = ""
@@ -311,6 +321,7 @@ def measured_scene(
         recorded_spread=spread,
         memory=0.0 if sensor.learnt is None else sensor.learnt.memory,
         frame_noise=table.frame_noise,
+        walks=table.walks,
         every=table.every,
         layers_path=table.layers_path,
         surfaces_path=table.surfaces_path,

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from benchmarks.measured_parts import same
 from benchmarks.measured_parts.of_itself import of_itself
+from scipy.stats import median_abs_deviation
 from users.score import alternatives
 
 from tofmix.arrays import BoolArray, FloatArray
@@ -36,8 +37,8 @@ Change = Callable[[FloatArray, FloatArray, float, np.random.Generator], Injected
 
 
 def _sigma(first: FloatArray) -> float:
-    """The median of the pixels' standard deviations, mm."""
-    return float(np.median(first.std(axis=0, ddof=1)))
+    """The median of the pixels' standard deviations, mm, without random values."""
+    return float(np.median(median_abs_deviation(first, axis=0, scale="normal")))
 
 
 def _offset(second: FloatArray, first: FloatArray, size: float, rng: np.random.Generator) -> Injected:
@@ -138,7 +139,6 @@ NUMBERS = {
     "range_offset": "offset_mm",
     "surface_offset": "offset_mm",
     "motion": "velocity_mm_s",
-    "fixed_pattern": "pixel_sigma_mm",
     "excess_noise": "factor",
     "outliers": "probability",
     "temporal_correlation": "coefficient",
@@ -165,10 +165,18 @@ def judged(number: int, seed: int) -> dict[str, Any] | None:
     half = len(samples) // 2
     first = samples[:half]
     changed = change(samples[half:].copy(), first, size, rng)
-    found = of_itself(np.concatenate([first, changed.samples]), half)
+    stored = as_stored(changed.samples, first, rng)
+    found = of_itself(np.concatenate([first, stored]), half)
     result, errors = scored(kind, changed.value, found)
     case = {"number": number, "kind": kind, "size": size, "name": name, "value": round(changed.value, 4)}
     return {**case, "result": result, "errors": errors, **found}
+
+
+def as_stored(changed: FloatArray, first: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Changed samples as a camera stores them whose values are whole mm; all whole values move by fractions of a mm."""
+    if (first != np.rint(first)).any():
+        return changed
+    return np.asarray(np.rint(changed + rng.uniform(-0.5, 0.5, changed.shape)))
 
 
 def scored(kind: str, value: float, found: Mapping[str, Any]) -> tuple[str, float | None]:

@@ -21,7 +21,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.likelihood.mixture import Mixture
-from tofmix.simulation.measured_scene import OWN_ERROR, MeasuredScene
+from tofmix.simulation.measured_scene import OWN_ERROR, UNKNOWN_WALK, MeasuredScene
 
 _LEAST_INFORMATION = 1e-12  # 1/mm2
 
@@ -43,6 +43,10 @@ class ReferenceErrors:
         Standard error of the logarithm of all widths together.
     frame_noise : float
         Standard deviation of what the samples of one frame have in common, in sigma.
+    walks : tuple of float
+        Probability of each size of a walk of all means.
+    frames : int
+        Frames of the scene.
     """
 
     sigma_mm: FloatArray
@@ -53,6 +57,8 @@ class ReferenceErrors:
     common: float
     common_log_width: float
     frame_noise: float
+    walks: tuple[float, ...] = UNKNOWN_WALK
+    frames: int = 1
 
     @classmethod
     def of(cls, scene: MeasuredScene, mixture: Mixture) -> Self:
@@ -74,6 +80,8 @@ class ReferenceErrors:
             common=scene.frame_variance(),
             common_log_width=scene.common_width_error(),
             frame_noise=scene.frame_noise,
+            walks=scene.walks or UNKNOWN_WALK,
+            frames=scene.frames,
         )
 
     @property

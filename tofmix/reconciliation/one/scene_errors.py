@@ -8,7 +8,7 @@ A scene of rectangles is given, and has none. A measured scene is known as well 
 - the noise that all samples of a frame share goes on while the recording is measured, so that a course in time is known
   to `frame_noise_mm` in each frame, however many pixels show it;
 - where the recording shows it, all samples wander together, as the ranges of a real camera do within minutes: a course
-  in time is a random walk, whose size is integrated out.
+  in time is a random walk, whose size is integrated out (`tofmix.reconciliation.likelihood.wander`).
 
 The first two are parts of covariances (`tofmix.reconciliation.one.static_errors`); the others are integrated out of the
 log-likelihood here, in closed form.
@@ -23,16 +23,15 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from scipy.special import betaln, logsumexp
+from scipy.special import betaln
 
 from tofmix.arrays import FloatArray, IntArray
+from tofmix.reconciliation.likelihood import wander
 from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.likelihood.reference_errors import ReferenceErrors
+from tofmix.simulation.measured_scene import UNKNOWN_WALK
 
 _LEAST_SHARE = 1e-6  # probability of a lost sample, as of the pass over samples
-
-_BLOCKS = 10  # of time, in which a walk is told
-_WALKS = (0.05, 0.1, 0.2, 0.4, 0.8)  # ways from the first to the last of them, in sigma, that are as likely as none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,8 +54,12 @@ class SceneErrors:
         Standard deviation of what the samples of one frame have in common.
     typical_mm : float
         Noise of a typical sample, mm.
+    walks : tuple of float
+        Probability of each of `WALKS`.
+    longer : float
+        Length of this recording over that of the scene.
     wanders : bool
-        Whether all means wander together.
+        Whether all means wander together, as these samples show.
     """
 
     columns_mm: FloatArray
@@ -66,6 +69,8 @@ class SceneErrors:
     lost_frames: FloatArray
     frame_noise_mm: float
     typical_mm: float
+    walks: tuple[float, ...] = UNKNOWN_WALK
+    longer: float = 1.0
     wanders: bool = False
 
     @classmethod
@@ -120,6 +125,8 @@ class SceneErrors:
             lost_frames=np.where(told, share * (1.0 - share) / np.where(told, errors.lost, 1.0), 0.0),
             frame_noise_mm=errors.frame_noise * typical,
             typical_mm=typical,
+            walks=errors.walks,
+            longer=frames / max(errors.frames, 1),
         )
 
     def by_frames(self, slope: FloatArray, information: FloatArray) -> FloatArray:
@@ -146,20 +153,9 @@ class SceneErrors:
         slope, information : (frame,) float64
             As of `by_frames`, of independent samples.
         """
-        free = 1.0 + information * self.frame_noise_mm**2
-        block = np.arange(slope.size) * min(_BLOCKS, slope.size) // max(slope.size, 1)
-        slopes, told = np.bincount(block, slope / free), np.bincount(block, information / free)
-        if not told[1:].any() or not self.typical_mm:
-            return 0.0
-        slopes = slopes - told * slopes.sum() / told.sum()
-        known = np.diag(told) - np.outer(told, told) / told.sum()
-        steps = np.tril(np.ones((told.size, told.size)), -1)[:, :-1] * (self.typical_mm / np.sqrt(told.size - 1))
-        pull, curved = steps.T @ slopes, steps.T @ known @ steps
-        value, axes = np.linalg.eigh(curved)
-        along = (axes.T @ pull) ** 2
-        sizes = np.square(_WALKS)[:, None]
-        gains = 0.5 * (along * sizes / (1.0 + value * sizes) - np.log1p(np.maximum(value, 0.0) * sizes)).sum(axis=1)
-        return float(logsumexp(np.append(gains - np.log(2.0 * gains.size), -np.log(2.0))))
+        free = (1.0 + information * self.frame_noise_mm**2) / self.typical_mm
+        own = wander.gains(slope / free, information * self.typical_mm / free, longer=self.longer)
+        return wander.gain(own, self.walks)
 
     def by_lost(self, lost: IntArray, frames: int, share: FloatArray) -> float:
         """What errors of the shares of lost samples change in the log-likelihood, nats.
