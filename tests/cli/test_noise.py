@@ -181,7 +181,7 @@ def test_reconcile_refuses_a_background_with_a_memory(tofmix: Tofmix, recording:
     path = tmp_path / "memory.toml"
     path.write_text(model_text("background = 0.1", '[[effect]]\nkind = "temporal_correlation"\ncoefficient = 0.5\n'))
     said = tofmix("reconcile", path, recording, "-o", tmp_path / "gap")
-    said.refused(ExitCode.BAD_INPUT, "no prediction for a background beside temporal_correlation")
+    said.refused(ExitCode.BAD_INPUT, "no prediction for a background of 10 % beside temporal_correlation of 0.5")
     assert not (tmp_path / "gap").exists()
 
 

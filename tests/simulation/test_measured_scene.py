@@ -126,6 +126,24 @@ def test_lost_samples_are_simulated_by_their_share() -> None:
     assert (block.range_mm == 0).mean() == pytest.approx(0.3, abs=0.02)
 
 
+def test_a_share_of_lost_samples_is_that_of_all_samples_random_values_too() -> None:
+    """A pixel that is left out returns nothing, however many random values its camera returns."""
+    model = _model()
+    assert model.scene is not None
+    lost = np.full((ROWS, COLS), 0.25)
+    lost[0, 0] = 1.0
+    noisy = replace(model.sensor, noise=replace(model.sensor.noise, background=0.2))
+    lossy = replace(model, sensor=noisy, scene=replace(model.scene, lost=lost))
+    predicted = equation_1(cast_scene(lossy), lossy)
+    np.testing.assert_allclose(predicted.invalid, lost.ravel())
+    np.testing.assert_allclose(predicted.weight.sum(axis=0) + predicted.invalid + predicted.outlier, 1.0)
+    (block,) = render_blocks(lossy, cast_scene(lossy), n_frames=200, seed=1, block_frames=200)
+    samples = block.range_mm
+    assert (samples[:, 0, 0] == 0).all()
+    count = samples[:, 1:].size
+    assert abs((samples[:, 1:] == 0).mean() - 0.25) < 4 * math.sqrt(0.25 * 0.75 / count)
+
+
 def test_errors_of_means_follow_samples_and_memory() -> None:
     scene = _model().scene
     assert scene is not None

@@ -122,6 +122,11 @@ class FrameSamples(Echoes):
         """Mark samples as invalid; random values and stuck pixels are never lost."""
         self.lost = self.lost | lost
 
+    def lose_any(self, lost: BoolArray) -> None:
+        """Mark samples as invalid, random values among them."""
+        self.outlier_mm = np.where(lost, np.nan, self.outlier_mm)
+        self.lose(lost)
+
     def measure(self) -> None:
         """Add the noise, fold, and put random values in place."""
         measured = self.noise * self.sigma_mm

@@ -67,9 +67,12 @@ def equation_1(truth: Truth, model: Model) -> Prediction:
     weight = np.vstack([seen, truth.weight_no_return.reshape(1, pixels)]).astype(np.float64)
     random = sensor.random_share
     random = random if isinstance(random, float) else random.ravel()
-    lost = np.zeros(pixels) if truth.lost is None else truth.lost.ravel()
     weight *= (1.0 - random) / weight.sum(axis=0)
-    weight *= 1.0 - lost
+    if truth.lost is None:
+        lost = np.zeros(pixels)
+    else:  # as measured, of all samples of a pixel: random values are lost too
+        lost = truth.lost.ravel().astype(np.float64)
+        weight, random = weight * (1.0 - lost), random * (1.0 - lost)
     amplitude = np.vstack([truth.amplitude.reshape(pixels, layers).T.astype(np.float64), np.zeros((1, pixels))])
     sigma_mm = noise.sigma(ranges, amplitude)
     if truth.width is not None:
@@ -82,7 +85,7 @@ def equation_1(truth: Truth, model: Model) -> Prediction:
         amplitude=amplitude,
         sigma_mm=sigma_mm,
         weight=weight,
-        invalid=lost * (1.0 - random),
+        invalid=lost,
         outlier=random,
         limits_mm=(sensor.range_min_mm, sensor.range_max_mm),
         stuck_mm=np.full(pixels, np.nan),
@@ -284,7 +287,7 @@ class Exposer:
         """
         samples = _samples(scene, drawn, shaped(noise[0], self._shape), scene.sigma_mm, self._turn_mm)
         if scene.lost is not None:
-            samples.lose(loss_draws(drawn.event.size, seed=self._seed, frame=frame) < scene.lost)
+            samples.lose_any(loss_draws(drawn.event.size, seed=self._seed, frame=frame) < scene.lost)
         self._act(samples, frame, scene, read_out=False)
         samples.measure()
         self._act(samples, frame, scene, read_out=True)

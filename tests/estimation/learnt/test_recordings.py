@@ -543,6 +543,18 @@ def test_memory_is_the_correlation_of_neighbouring_frames(rng: np.random.Generat
     assert "shape" not in _parts(model)
 
 
+def test_independent_photons_of_a_skewed_shape_have_no_memory(rng: np.random.Generator) -> None:
+    """The mean of their errors about the place of the shape is not 0, in each pixel and frame alike."""
+
+    def errors(shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
+        return np.where(rng.random(shape) < 0.4, rng.exponential(2.5, shape), 0.0) + 0.6 * rng.standard_normal(shape)
+
+    z = errors((30, PIXELS), rng)
+    model = _learnt_learning(rng.uniform(1000.0, 3000.0, PIXELS) + SIGMA_MM * z / z.std(), drift=False)
+    assert "shape" in _parts(model)
+    assert "memory" not in _parts(model)
+
+
 @pytest.mark.slow
 def test_sigma_is_that_of_all_errors_where_drifts_follow_errors_that_remember(rng: np.random.Generator) -> None:
     z = signal.lfilter([np.sqrt(0.75)], [1.0, -0.5], rng.standard_normal((FRAMES_LEARNING + 40, 900)), axis=0)[40:]
@@ -584,7 +596,7 @@ def test_all_parts_together_are_all_learnt(rng: np.random.Generator) -> None:
         drift_mm=drift,
     )
     model = _learnt_learning(samples)
-    assert _parts(model) - {"memory"} == {"shape", "widths", "background", "drift"}
+    assert _parts(model) == {"shape", "widths", "background", "drift"}
     assert model.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.1)
 
 
@@ -626,7 +638,7 @@ def test_few_pixels_give_one_sigma_and_a_gaussian(name: str, rng: np.random.Gene
 def test_forbidden_parts_are_skipped_and_required_parts_are_learnt(rng: np.random.Generator) -> None:
     width = np.exp(0.3 * rng.standard_normal(90))
     samples = surfaces(rng, (40, 90), (2000.0,), errors=KNOWN["skewed"].draw, width=width)
-    assert _parts(_learnt_learning(samples, shape=False, widths=False, drift=False)) <= {"background", "memory"}
+    assert _parts(_learnt_learning(samples, shape=False, widths=False, drift=False)) <= {"background"}
     plain = surfaces(rng, (40, 90), (2000.0,))
     insisted = _learnt_learning(plain, shape=False, widths=True, drift=False)
     assert _parts(insisted) <= {"widths", "background"}

@@ -28,7 +28,6 @@ from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.parts import (
     OF_BACKGROUND,
     PARTS,
-    centred,
     memory_of,
     shrunken_effects,
     with_part,
@@ -276,10 +275,8 @@ def learn_pixel_noise(
         noise = with_part(whole, noise, part) or noise
     clusters = whole.clusters(noise)
     fits = whole.fits(noise, clusters)
-    if pixels.step is None:
+    if pixels.step is None or not pixels.is_coarse(noise.curve):
         noise = replace(noise, memory=memory_of(fits, noise))
-    elif not pixels.is_coarse(noise.curve):
-        noise = replace(noise, memory=memory_of(fits._replace(error=centred(fits.error)), noise))
     if noise.memory > 0.0:
         noise = with_sigma(whole, noise)
     ranges = fits.place if len(fits.place) else medians(pixels.samples)

@@ -35,7 +35,10 @@ _CENTRAL = 4.0
 
 
 def centred(error: FloatArray) -> FloatArray:
-    """Errors (cluster, frame) less the mean of each cluster: that of rounded samples is not 0, and is no memory."""
+    """Errors (cluster, frame) less the mean of each cluster.
+
+    The mean of rounded samples is not 0, nor is that about the place of a skewed shape; it is no memory.
+    """
     known = np.isfinite(error) & (np.abs(error) < _CENTRAL)
     mean = np.where(known, error, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
     return np.asarray(error - mean[:, None])
@@ -60,7 +63,8 @@ def memory_of(
     noise : PixelNoise
         The noise without memory.
     """
-    a, b = fits.error[:, :-1], fits.error[:, 1:]
+    error = centred(fits.error)
+    a, b = error[:, :-1], error[:, 1:]
     both = np.isfinite(a) & np.isfinite(b) & (np.abs(a) < _CENTRAL) & (np.abs(b) < _CENTRAL)
     least_pairs = 100  # least pairs of neighbouring frames: fewer determine a correlation to no better than 0.1
     if both.sum() < least_pairs:
