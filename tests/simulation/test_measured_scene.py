@@ -132,7 +132,7 @@ def test_a_share_of_lost_samples_is_that_of_all_samples_random_values_too() -> N
     assert model.scene is not None
     lost = np.full((ROWS, COLS), 0.25)
     lost[0, 0] = 1.0
-    noisy = replace(model.sensor, noise=replace(model.sensor.noise, background=0.2))
+    noisy = replace(model.sensor, noise=replace(model.sensor.noise, background=np.array(0.2)))
     lossy = replace(model, sensor=noisy, scene=replace(model.scene, lost=lost))
     predicted = equation_1(cast_scene(lossy), lossy)
     np.testing.assert_allclose(predicted.invalid, lost.ravel())

@@ -154,7 +154,7 @@ def _run(
         if share is not None:
             reference = first_frames(measured, share, reporter, workers=default_workers())
         elif is_reference(Path(model)):
-            reference = reference_of_file(Path(model), reporter, workers=default_workers())
+            reference = reference_of_file(Path(model), measured, reporter, workers=default_workers())
         rest = files if reference is None else also
         models = [] if reference is None else [(model, reference.model)]
         models += [(name, load_model(name)) for name, _ in rest]  # before recordings, which take longer to read

@@ -119,9 +119,13 @@ def scene_of_model(file: Path) -> SceneReader:
         walks = table.numbers("walks") if "walks" in table else ()
         if walks and (min(walks) < 0 or len(walks) != len(WALKS) or not math.isclose(sum(walks), 1.0, abs_tol=0.01)):
             raise table.error(f"expected {len(WALKS)} probabilities, which add up to 1", "walks")
+        range_max_mm, most_mm = table.number("range_max_mm") if "range_max_mm" in table else 0.0, 65_000.0
+        if not 0.0 <= range_max_mm <= most_mm:
+            raise table.error(f"{range_max_mm:g} is not in [0, {most_mm:g}] mm", "range_max_mm")
         given = SceneTable(
             frame_noise=frame_noise,
             walks=walks,
+            range_max_mm=range_max_mm,
             every=every,
             layers_path=table.text("layers"),
             surfaces_path=table.text("surfaces") if "surfaces" in table else "",

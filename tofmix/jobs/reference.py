@@ -67,8 +67,20 @@ def is_reference(path: Path) -> bool:
         return False
 
 
-def reference_of_file(path: Path, reporter: Reporter, *, workers: int) -> Reference:
+def reference_of_file(path: Path, measured: Path, reporter: Reporter, *, workers: int) -> Reference:
     """The reference of a recording, which is estimated as `tofmix estimate` does, or of the first window of layers.
+
+    Parameters
+    ----------
+    path : Path
+        The recording, or the layers file.
+    measured : Path
+        The recording that is compared with it. A camera that does not say how far it measures returns random values as
+        far as both show.
+    reporter : Reporter
+        Receives doubts and notes.
+    workers : int
+        Threads of the estimate.
 
     Raises
     ------
@@ -90,10 +102,12 @@ def reference_of_file(path: Path, reporter: Reporter, *, workers: int) -> Refere
                     f"{path}: its camera filters ranges over time, so these layers have another noise than its samples;"
                     " give the recording"
                 )
-            made, model = measured_model(layers, path, reporter, REFERENCE)
+            with opened_recording(measured, reporter) as other:
+                table = SceneTable(range_max_mm=_longest_mm(other))
+            made, model = measured_model(layers, path, reporter, REFERENCE, table=table)
             return Reference(model=model, layers=made.layers)
-    with opened_recording(path, reporter) as recording:
-        return _of_frames(recording, recording.frames, path, reporter, workers, 0)
+    with opened_recording(path, reporter) as recording, opened_recording(measured, reporter) as other:
+        return _of_frames(recording, recording.frames, path, reporter, workers, 0, _longest_mm(other))
 
 
 def first_frames(path: Path, wanted: float, reporter: Reporter, *, workers: int) -> Reference:
@@ -130,11 +144,23 @@ def first_frames(path: Path, wanted: float, reporter: Reporter, *, workers: int)
                 f"{path}: range: {recording.frames} frames, {recording.frames - frames} of them after the reference of"
                 f" {frames}; both need {LEAST_SAMPLES}"
             )
-        return _of_frames(recording, frames, path, reporter, workers, frames)
+        return _of_frames(recording, frames, path, reporter, workers, frames, _longest_mm(recording))
+
+
+def _longest_mm(recording: RecordingFile) -> float:
+    """The longest range of a recording of a camera that does not say how far it measures; 0 if it says so."""
+    if recording.sensor.range_max_mm is not None:
+        return 0.0
+    at_once, longest = 64, 0.0  # frames in memory
+    for begin in range(0, recording.frames, at_once):
+        longest = max(
+            longest, float(np.nan_to_num(recording.read_range(slice(begin, begin + at_once), slice(None))).max())
+        )
+    return longest
 
 
 def _of_frames(
-    recording: RecordingFile, frames: int, path: Path, reporter: Reporter, workers: int, used: int
+    recording: RecordingFile, frames: int, path: Path, reporter: Reporter, workers: int, used: int, longest_mm: float
 ) -> Reference:
     """The reference of the first frames of a recording, of which those between independent ones are left out."""
     _check_frames(path, frames, "the first " if used else "")
@@ -142,12 +168,12 @@ def _of_frames(
     with _written(recording, frames, path, 1) as part, estimated(part, workers, reporter, about=about) as layers:
         found = layers.provenance.sensor.temporal_filter
         if found is None:
-            return _reference(layers, path, reporter, recording, part, 1, used)
+            return _reference(layers, path, reporter, recording, part, 1, used, longest_mm)
     every = frames_apart(found)
     reporter.note(f"{path}: {found.words()}: one frame of {every} is compared")
     _check_frames(path, -(-frames // every), f"one frame of {every} is independent: ")
     with _written(recording, frames, path, every) as part, estimated(part, workers, reporter, about=about) as layers:
-        return _reference(layers, path, reporter, recording, part, every, used)
+        return _reference(layers, path, reporter, recording, part, every, used, longest_mm)
 
 
 def _check_frames(path: Path, frames: int, which: str = "") -> None:
@@ -195,11 +221,15 @@ def _reference(
     part: Path,
     every: int,
     used: int,
+    longest_mm: float,
 ) -> Reference:
     """The reference of the layers of a part of a recording."""
     with open_recording(part) as first:
         noise, walks = in_common(first, layers)
-    settings, table = settings_of(recording), SceneTable(frame_noise=noise, walks=walks, every=every)
+    settings, table = (
+        settings_of(recording),
+        SceneTable(frame_noise=noise, walks=walks, range_max_mm=longest_mm, every=every),
+    )
     made, model = measured_model(layers, path, reporter, REFERENCE, settings=settings, table=table)
     return Reference(model=model, layers=made.layers, frames=used)
 

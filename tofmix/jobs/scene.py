@@ -228,7 +228,8 @@ def measured_model(
     try:
         parts = scene_of_window(layers, window, replace(table or SceneTable(), layers_path=layers_path))
         camera, scene = parts
-        assumed = camera_of(sensor, camera.shape, longest_mm=float(np.nanmax(scene.range_mm)))[1]
+        longest = float(np.nanmax(scene.range_mm))
+        _, assumed = camera_of(sensor, camera.shape, longest_mm=longest, others_mm=scene.range_max_mm)
     except (ValueError, BadInputError) as error:
         raise BadInputError(f"{source}: window {window}: {error}") from error
     notes = [note.replace("is written", "is used").replace("are written", "are used") for note in assumed]

@@ -53,6 +53,8 @@ class SceneTable:
         Standard deviation of what all samples of a frame have in common, in sigma.
     walks : tuple of float
         Probability of each of `WALKS`; empty where nothing tells them.
+    range_max_mm : float
+        Longest range of any recording of the scene, of a camera that does not say its own; 0 is that of the layers.
     every : int
         Frames from one sample to the next: a camera that filters its ranges over time repeats itself in between.
     layers_path, surfaces_path : str
@@ -61,6 +63,7 @@ class SceneTable:
 
     frame_noise: float = 0.0
     walks: tuple[float, ...] = ()
+    range_max_mm: float = 0.0
     every: int = 1
     layers_path: str = ""
     surfaces_path: str = ""
@@ -197,7 +200,9 @@ SceneParts = tuple[CompleteCamera, MeasuredScene]
 """The camera and the scene of a recording."""
 
 
-def camera_of(sensor: Sensor, shape: tuple[int, int], *, longest_mm: float) -> tuple[CompleteCamera, list[str]]:
+def camera_of(
+    sensor: Sensor, shape: tuple[int, int], *, longest_mm: float, others_mm: float = 0.0
+) -> tuple[CompleteCamera, list[str]]:
     """The camera of a model of what a sensor saw, and what was assumed of it.
 
     Parameters
@@ -208,6 +213,8 @@ def camera_of(sensor: Sensor, shape: tuple[int, int], *, longest_mm: float) -> t
         Rows and columns.
     longest_mm : float
         The longest range that was seen, in place of an unknown `range_max_mm`.
+    others_mm : float
+        The same of other recordings of this camera.
 
     Raises
     ------
@@ -223,7 +230,7 @@ def camera_of(sensor: Sensor, shape: tuple[int, int], *, longest_mm: float) -> t
         tau = 1.0
         notes.append("integration_time_ms is not known: 1 is written, for which the noise holds")
     if far is None:
-        far = sensor.sample_max_mm or float(np.ceil(longest_mm))
+        far = max(sensor.sample_max_mm or float(np.ceil(longest_mm)), float(np.ceil(others_mm)))
         notes.append(f"range_max_mm is not known: {far:g} is written, the longest range that was seen")
     by_angles = sensor.projection is None
     wide, high = (sensor.fov_horizontal_deg, sensor.fov_vertical_deg) if by_angles else (None, None)
@@ -286,7 +293,8 @@ def measured_scene(
     if not there.any():
         raise BadInputError("no pixel has a layer, so there is no scene")
     rows, cols = layers.n_modes.shape
-    camera, _ = camera_of(sensor, (rows, cols), longest_mm=float(np.nanmax(layers.range)))
+    longest = float(np.nanmax(layers.range))
+    camera, _ = camera_of(sensor, (rows, cols), longest_mm=longest, others_mm=table.range_max_mm)
     spread = camera.noise.width_spread
     camera = replace(camera, noise=replace(camera.noise, width_spread=0.0))  # a measured scene has the widths
     range_mm = layers.range.astype(np.float64)
@@ -322,6 +330,7 @@ def measured_scene(
         memory=0.0 if sensor.learnt is None else sensor.learnt.memory,
         frame_noise=table.frame_noise,
         walks=table.walks,
+        range_max_mm=table.range_max_mm,
         every=table.every,
         layers_path=table.layers_path,
         surfaces_path=table.surfaces_path,

@@ -271,7 +271,7 @@ def parse_model(
 def _read_scene(root: TomlTable, read_scene: SceneReader | None) -> SceneParts:
     """The camera and the scene of the table ``[scene]``, beside which nothing else says what they are."""
     table = root.table("scene")
-    table.refuse_unknown({"layers", "surfaces", "window", "frame_noise", "walks", "every"})
+    table.refuse_unknown({"layers", "surfaces", "window", "frame_noise", "walks", "range_max_mm", "every"})
     if "surface" in root:
         raise root.error("a model has either rectangles or a measured scene; leave out one of both", "[[surface]]")
     if "sensor" in root:
@@ -309,6 +309,7 @@ def scene_text(
     values |= {"window": window} if window else {}
     values |= {"frame_noise": round(scene.frame_noise, 4)} if scene.frame_noise > 0 else {}
     values |= {"walks": [round(p, 4) for p in scene.walks]} if scene.walks else {}
+    values |= {"range_max_mm": scene.range_max_mm} if scene.range_max_mm > 0 else {}
     values |= {"every": scene.every} if scene.every > 1 else {}
     tables = [
         *([_comments(remarks)] if remarks else []),
