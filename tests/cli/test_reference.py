@@ -1,5 +1,6 @@
 """`tofmix reconcile` with a recording as the reference: what it refuses, and what it writes."""
 
+import json
 from pathlib import Path
 
 import h5py
@@ -70,6 +71,27 @@ def test_offset_since_the_reference_is_named_with_its_size(tofmix: Tofmix, tmp_p
     offset = float(next(line for line in text.splitlines() if line.startswith("offset_mm")).split("=")[1])
     assert offset == pytest.approx(4.0, abs=1.0)
     assert tofmix("verify", gap).code == 0
+
+
+@pytest.mark.slow
+def test_random_values_beyond_the_reference_s_longest_range_are_named_with_their_share(
+    tofmix: Tofmix, tmp_path: Path
+) -> None:
+    """The camera does not say how far it measures, and its first recording shows one wall only."""
+    first = _zone(tmp_path / "first.h5", 500.0, shape=(4, 4), frames=80)
+    rng = np.random.default_rng(4)
+    samples = np.rint(rng.normal(500.0, 3.0, (80, 4, 4)))
+    random = rng.random(samples.shape) < 0.05
+    samples[random] = np.rint(rng.uniform(1.0, 2000.0, random.sum()))
+    second = tmp_path / "second.h5"
+    tm.from_array(samples, units="mm", fov_deg=(25.0, 25.0), time_s=np.arange(80) / 50.0).save(second)
+    tofmix.done("reconcile", first, second, "-o", tmp_path / "gap")
+    gap = json.loads((tmp_path / "gap" / "gap.json").read_text())
+    assert [e["kind"] for e in gap["effects"]] == ["outliers"]
+    assert gap["verdict"] == "explained"
+    found, error = (gap["effects"][0][key]["probability"] for key in ("parameters", "stderr"))
+    assert abs(found - random.mean()) < 3 * error
+    assert tm.reconcile(tmp_path / "gap" / "model.toml", second).verified.verdict == "agree"
 
 
 @pytest.mark.slow

@@ -112,7 +112,8 @@ def still(samples: FloatArray) -> FloatArray:
     return np.where(near, samples - slope * frame[:, None, None], samples)
 
 
-SEVERAL_SURFACES = ("TMF8829", "face", "three boards")
+OF_SCENES = ("TMF8829", "VL53L8CX", "three boards")
+"""Recordings whose pixels are those of one image; a segment of others is not connected."""
 
 CHANGES: Mapping[str, tuple[Change, tuple[float, float, float]]] = {
     "range_offset": (_offset, (1.0, 2.0, 4.0)),
@@ -153,7 +154,7 @@ def judged(number: int, seed: int) -> dict[str, Any] | None:
     kind = list(CHANGES)[number % len(CHANGES)]
     rest = number // len(CHANGES)
     change, sizes = CHANGES[kind]
-    names = SEVERAL_SURFACES if kind == "motion" else tuple(same.RECORDINGS)
+    names = OF_SCENES if kind == "motion" else tuple(same.RECORDINGS)
     name, size = names[rest % len(names)], sizes[(rest // len(names) + rest) % len(sizes)]
     rng = np.random.default_rng([seed, number])
     try:
