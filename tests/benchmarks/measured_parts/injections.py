@@ -54,11 +54,11 @@ def _drift(second: FloatArray, first: FloatArray, size: float, rng: np.random.Ge
 
 
 def _motion(second: FloatArray, first: FloatArray, size: float, rng: np.random.Generator) -> Injected:
-    """Of the nearest surface, along the beam; `size` is its way by the end."""
-    value = _sign(rng) * size * _sigma(first)
+    """Of the nearest surface, along the beam; `size` is its way by the end, in standard deviations of its samples."""
+    near = nearest(first)
+    value = _sign(rng) * size * _sigma(first[:, near])
     since = (np.arange(len(second)) + len(first) / 2) / same.RATE_HZ
     velocity = value / float(since[-1])
-    near = nearest(first)
     return Injected(np.where(near, second + velocity * since[:, None, None], second), velocity)
 
 
