@@ -1,6 +1,6 @@
 """Changes of known size in the second half of real recordings, against the first half as the scene.
 
-The recordings are those of `same`, with their frames in another order, so that nothing else changes: the noise, the
+The recordings are the real ones of `same`, and one of boards where a segment moves, with their frames in another order, so that nothing else changes: the noise, the
 steps of the values and the edges are real, the change alone is computed. The object before the TMF8829 recedes: the
 line through the means of its frames is taken out first. Sizes are in standard deviations of a sample,
 factors or shares. A change of what one wall shows has several names that no recording of this wall tells apart: these
@@ -68,8 +68,8 @@ def _biases(second: FloatArray, first: FloatArray, size: float, rng: np.random.G
 
 
 def _noise(second: FloatArray, first: FloatArray, size: float, _: np.random.Generator) -> Injected:
-    mean = first.mean(axis=0)
-    return Injected(mean + size * (second - mean), size)
+    place, out = _about(second, first)
+    return Injected(np.where(np.isnan(out), second, place + size * out), size)
 
 
 def _outliers(second: FloatArray, _: FloatArray, size: float, rng: np.random.Generator) -> Injected:
@@ -79,10 +79,21 @@ def _outliers(second: FloatArray, _: FloatArray, size: float, rng: np.random.Gen
 
 def _memory(second: FloatArray, first: FloatArray, size: float, _: np.random.Generator) -> Injected:
     """The noise of a frame is `size` times that of the frame before, and enough of its own to be as wide."""
-    mean, out = first.mean(axis=0), second - first.mean(axis=0)
-    for k in range(1, len(out)):
-        out[k] = size * out[k - 1] + math.sqrt(1.0 - size**2) * out[k]
-    return Injected(mean + out, size)
+    place, out = _about(second, first)
+    noise, before = np.full(out.shape, np.nan), np.zeros(place.shape)
+    for k, own in enumerate(out):
+        fresh = np.where(np.isnan(own), before, own)  # under a random value the noise goes on unseen
+        before = fresh if k == 0 else size * before + math.sqrt(1.0 - size**2) * fresh
+        noise[k] = np.where(np.isnan(own), np.nan, before)
+    return Injected(np.where(np.isnan(noise), second, place + noise), size)
+
+
+def _about(second: FloatArray, first: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Median of each pixel (row, col), and samples less it, NaN for those of other surfaces and random values."""
+    place = np.median(np.concatenate([first, second]), axis=0)
+    out, far = second - place, 5.0  # standard deviations
+    wide = np.abs(out) > far * median_abs_deviation(first, axis=0, scale="normal")
+    return place, np.where(wide, np.nan, out)
 
 
 def _sign(rng: np.random.Generator) -> float:
@@ -114,6 +125,9 @@ def still(samples: FloatArray) -> FloatArray:
 
 OF_SCENES = ("TMF8829", "VL53L8CX", "three boards")
 """Recordings whose pixels are those of one image; a segment of others is not connected."""
+
+MEASURED = tuple(name for name in same.RECORDINGS if name != "three boards")
+"""Recordings of real cameras: the noise of `three_boards.h5`, 50 to 200 mm, makes a bias of some of it one of no camera."""
 
 CHANGES: Mapping[str, tuple[Change, tuple[float, float, float]]] = {
     "range_offset": (_offset, (1.0, 2.0, 4.0)),
@@ -154,7 +168,7 @@ def judged(number: int, seed: int) -> dict[str, Any] | None:
     kind = list(CHANGES)[number % len(CHANGES)]
     rest = number // len(CHANGES)
     change, sizes = CHANGES[kind]
-    names = OF_SCENES if kind == "motion" else tuple(same.RECORDINGS)
+    names = OF_SCENES if kind == "motion" else MEASURED
     name, size = names[rest % len(names)], sizes[(rest // len(names) + rest) % len(sizes)]
     rng = np.random.default_rng([seed, number])
     try:
