@@ -1,10 +1,10 @@
 """Changes of known size in the second half of real recordings, against the first half as the scene.
 
-The recordings are the real ones of `same`, and one of boards where a segment moves, with their frames in another order, so that nothing else changes: the noise, the
-steps of the values and the edges are real, the change alone is computed. The object before the TMF8829 recedes: the
-line through the means of its frames is taken out first. Sizes are in standard deviations of a sample,
-factors or shares. A change of what one wall shows has several names that no recording of this wall tells apart: these
-are in `ALIKE`.
+The recordings are the real ones of `same`, and one of boards where a segment moves, with their frames in another order,
+so that nothing else changes: the noise, the steps of the values and the edges are real, the change alone is computed.
+The object before the TMF8829 recedes: the line through the means of its frames is taken out first. Sizes are in
+standard deviations of a sample, factors or shares. A change of what one wall shows has several names that no recording
+of this wall tells apart: these are in `ALIKE`.
 """
 
 import math
@@ -127,7 +127,7 @@ OF_SCENES = ("TMF8829", "VL53L8CX", "three boards")
 """Recordings whose pixels are those of one image; a segment of others is not connected."""
 
 MEASURED = tuple(name for name in same.RECORDINGS if name != "three boards")
-"""Recordings of real cameras: the noise of `three_boards.h5`, 50 to 200 mm, makes a bias of some of it one of no camera."""
+"""Recordings of real cameras. The noise of the boards is 50 to 200 mm: some times that is a bias of no camera."""
 
 CHANGES: Mapping[str, tuple[Change, tuple[float, float, float]]] = {
     "range_offset": (_offset, (1.0, 2.0, 4.0)),
