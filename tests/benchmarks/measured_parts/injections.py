@@ -2,7 +2,7 @@
 
 The recordings are the real ones of `same`, and one of boards where a segment moves, with their frames in another order,
 so that nothing else changes: the noise, the steps of the values and the edges are real, the change alone is computed.
-The object before the TMF8829 recedes: the line through the means of its frames is taken out first. Sizes are in
+The object before the TMF8829 recedes: the course of its mean is taken out first. Sizes are in
 standard deviations of a sample, factors or shares. A change of what one wall shows has several names that no recording
 of this wall tells apart: these are in `ALIKE`.
 """
@@ -118,9 +118,8 @@ def still(samples: FloatArray) -> FloatArray:
     """Samples (frame, row, col) of the TMF8829 in the order of time, as if its object did not recede."""
     near = samples < NEAR_MM
     whole = near.all(axis=0)
-    frame = np.arange(len(samples)) - (len(samples) - 1) / 2
-    slope = float(frame @ samples[:, whole].mean(axis=1) / (frame @ frame))
-    return np.where(near, samples - slope * frame[:, None, None], samples)
+    course = samples[:, whole].mean(axis=1)
+    return np.where(near, samples - (course - course.mean())[:, None, None], samples)
 
 
 OF_SCENES = ("TMF8829", "VL53L8CX", "three boards")
