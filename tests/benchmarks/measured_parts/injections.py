@@ -2,7 +2,7 @@
 
 The recordings are the real ones of `same`, and one of boards where a segment moves, with their frames in another order,
 so that nothing else changes: the noise, the steps of the values and the edges are real, the change alone is computed.
-The object before the TMF8829 recedes: the course of its mean is taken out first. Sizes are in
+The object before the TMF8829 recedes and turns: the course of its mean in each column is taken out first. Sizes are in
 standard deviations of a sample, factors or shares. A change of what one wall shows has several names that no recording
 of this wall tells apart: these are in `ALIKE`.
 """
@@ -115,11 +115,12 @@ NEAR_MM = 400.0
 
 
 def still(samples: FloatArray) -> FloatArray:
-    """Samples (frame, row, col) of the TMF8829 in the order of time, as if its object did not recede."""
+    """Samples (frame, row, col) of the TMF8829 in the order of time, as if its object neither receded nor turned."""
     near = samples < NEAR_MM
     whole = near.all(axis=0)
-    course = samples[:, whole].mean(axis=1)
-    return np.where(near, samples - (course - course.mean())[:, None, None], samples)
+    mean = np.where(whole, samples, 0.0).sum(axis=1) / np.maximum(whole.sum(axis=0), 1)
+    course = mean - mean.mean(axis=0)
+    return np.where(near, samples - course[:, None, :], samples)
 
 
 OF_SCENES = ("TMF8829", "VL53L8CX", "three boards")
