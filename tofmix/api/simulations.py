@@ -13,6 +13,7 @@ from tofmix.sensor import Sensor
 
 if TYPE_CHECKING:
     from tofmix.api.estimates import Estimate
+    from tofmix.jobs.reporter import Reporter
     from tofmix.reconciliation.workflow import Reconciliation
     from tofmix.simulation.model import Model
 
@@ -137,7 +138,8 @@ def reconcile(
     Parameters
     ----------
     model : Model or str or path
-        A model, the name of a built-in one, or a TOML file.
+        A model, the name of a built-in one, or a TOML file; or the file of a recording or of layers, which is the scene
+        as it was seen: what is named is a change since then.
     recording : Recording or path
         The measurement.
     effects : tuple of str, optional
@@ -177,7 +179,9 @@ def reconcile(
         with measured.opened() as samples:
             return learnt_sensor(samples, reporter)
 
-    reporter, (name, scene) = PythonReporter(), _model(model)
+    reporter = PythonReporter()
+    measured = recording if isinstance(recording, Recording) else opened_recording(Path(recording))
+    name, scene = _model_or_reference(model, measured, reporter)
     settings = Settings(
         kinds=kinds_of(effects, reporter),
         max_effects=max_effects,
@@ -187,11 +191,24 @@ def reconcile(
         seed=seed,
     )
     check_models([(name, scene)])
-    measured = recording if isinstance(recording, Recording) else opened_recording(Path(recording))
     with measured.opened() as samples:
         evidence = read_evidence(scene, samples, reporter, time_s=measured.time_s, temperature_c=measured.temperature_c)
     given = noise if noise is None or isinstance(noise, Sensor) else os.fspath(noise)
     return run([(scene, evidence)], settings, given, learnt, reporter)
+
+
+def _model_or_reference(
+    model: "Model | str | os.PathLike[str]", measured: Recording, reporter: "Reporter"
+) -> tuple[str, "Model"]:
+    """As `_model`; of a recording or layers the scene that they saw."""
+    from tofmix.jobs.reference import is_reference, longest_mm, reference_of_file
+
+    if not isinstance(model, str | os.PathLike) or not is_reference(Path(model)):
+        return _model(model)
+    with measured.opened() as samples:
+        longest = longest_mm(samples)
+    found = reference_of_file(Path(model), reporter, workers=os.cpu_count() or 1, others_mm=longest)
+    return os.fspath(model), found.model
 
 
 def _model(model: "Model | str | os.PathLike[str]") -> tuple[str, "Model"]:

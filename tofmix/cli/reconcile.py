@@ -136,7 +136,7 @@ def _run(
     from tofmix.jobs.files import opened_recording
     from tofmix.jobs.reconcile import check_models, kinds_of, read_evidence, write_reconciliation
     from tofmix.jobs.reconcile import reconcile as run
-    from tofmix.jobs.reference import REFERENCE, Reference, first_frames, is_reference, reference_of_file
+    from tofmix.jobs.reference import REFERENCE, Reference, first_frames, is_reference, longest_mm, reference_of_file
     from tofmix.reconciliation.settings import Settings
     from tofmix.reconciliation.words import summary_lines
 
@@ -154,7 +154,9 @@ def _run(
         if share is not None:
             reference = first_frames(measured, share, reporter, workers=default_workers())
         elif is_reference(Path(model)):
-            reference = reference_of_file(Path(model), measured, reporter, workers=default_workers())
+            with opened_recording(measured, reporter) as other:
+                longest = longest_mm(other)
+            reference = reference_of_file(Path(model), reporter, workers=default_workers(), others_mm=longest)
         rest = files if reference is None else also
         models = [] if reference is None else [(model, reference.model)]
         models += [(name, load_model(name)) for name, _ in rest]  # before recordings, which take longer to read

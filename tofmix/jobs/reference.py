@@ -26,7 +26,7 @@ from tofmix.jobs.files import opened_recording
 from tofmix.jobs.reporter import OptionError, Reporter
 from tofmix.jobs.scene import estimated, measured_model, settings_of
 from tofmix.reconciliation.likelihood import wander
-from tofmix.recording import SampleSource
+from tofmix.recording import CameraSource, SampleSource
 from tofmix.sensor import Sensor
 from tofmix.simulation.measured_scene import LEAST_SAMPLES, UNKNOWN_WALK, MeasuredScene, SceneTable
 from tofmix.simulation.model import Model
@@ -67,20 +67,20 @@ def is_reference(path: Path) -> bool:
         return False
 
 
-def reference_of_file(path: Path, measured: Path, reporter: Reporter, *, workers: int) -> Reference:
+def reference_of_file(path: Path, reporter: Reporter, *, workers: int, others_mm: float = 0.0) -> Reference:
     """The reference of a recording, which is estimated as `tofmix estimate` does, or of the first window of layers.
 
     Parameters
     ----------
     path : Path
         The recording, or the layers file.
-    measured : Path
-        The recording that is compared with it. A camera that does not say how far it measures returns random values as
-        far as both show.
     reporter : Reporter
         Receives doubts and notes.
     workers : int
         Threads of the estimate.
+    others_mm : float
+        `longest_mm` of the recording that is compared with it: random values of a camera that does not say how far it
+        measures reach as far as both show.
 
     Raises
     ------
@@ -102,12 +102,11 @@ def reference_of_file(path: Path, measured: Path, reporter: Reporter, *, workers
                     f"{path}: its camera filters ranges over time, so these layers have another noise than its samples;"
                     " give the recording"
                 )
-            with opened_recording(measured, reporter) as other:
-                table = SceneTable(range_max_mm=_longest_mm(other))
+            table = SceneTable(range_max_mm=others_mm)
             made, model = measured_model(layers, path, reporter, REFERENCE, table=table)
             return Reference(model=model, layers=made.layers)
-    with opened_recording(path, reporter) as recording, opened_recording(measured, reporter) as other:
-        return _of_frames(recording, recording.frames, path, reporter, workers, 0, _longest_mm(other))
+    with opened_recording(path, reporter) as recording:
+        return _of_frames(recording, recording.frames, path, reporter, workers, 0, others_mm)
 
 
 def first_frames(path: Path, wanted: float, reporter: Reporter, *, workers: int) -> Reference:
@@ -144,18 +143,17 @@ def first_frames(path: Path, wanted: float, reporter: Reporter, *, workers: int)
                 f"{path}: range: {recording.frames} frames, {recording.frames - frames} of them after the reference of"
                 f" {frames}; both need {LEAST_SAMPLES}"
             )
-        return _of_frames(recording, frames, path, reporter, workers, frames, _longest_mm(recording))
+        return _of_frames(recording, frames, path, reporter, workers, frames, longest_mm(recording))
 
 
-def _longest_mm(recording: RecordingFile) -> float:
+def longest_mm(recording: CameraSource) -> float:
     """The longest range of a recording of a camera that does not say how far it measures; 0 if it says so."""
     if recording.sensor.range_max_mm is not None:
         return 0.0
     at_once, longest = 64, 0.0  # frames in memory
-    for begin in range(0, recording.frames, at_once):
-        longest = max(
-            longest, float(np.nan_to_num(recording.read_range(slice(begin, begin + at_once), slice(None))).max())
-        )
+    for begin in range(0, recording.shape[0], at_once):
+        samples = recording.read_range(slice(begin, begin + at_once), slice(None))
+        longest = max(longest, float(np.nan_to_num(samples).max()))
     return longest
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import BoolArray, FloatArray
 from tofmix.errors import BadInputError
 from tofmix.sensors.camera import CompleteCamera
 from tofmix.simulation.measured_scene import MeasuredScene
@@ -110,6 +110,11 @@ class Model:
                     "a kind may be there twice only with another surface"
                 )
             seen[effect.kind, surface] = number
+
+    @property
+    def seen(self) -> BoolArray:
+        """Pixels (row, col) of which the scene predicts any sample: all of rectangles, others of a measured scene."""
+        return np.ones(self.sensor.shape, dtype=np.bool_) if self.scene is None else self.scene.lost < 1.0
 
     def acting(self) -> "tuple[Effect, ...]":
         """The effects in the order in which they act: by level, then as in the file."""

@@ -169,7 +169,7 @@ def judged(number: int, seed: int) -> dict[str, Any] | None:
     rest = number // len(CHANGES)
     change, sizes = CHANGES[kind]
     names = OF_SCENES if kind == "motion" else MEASURED
-    name, size = names[rest % len(names)], sizes[(rest // len(names) + rest) % len(sizes)]
+    name, size = names[rest % len(names)], sizes[(rest // len(names) + rest % len(names)) % len(sizes)]
     rng = np.random.default_rng([seed, number])
     try:
         samples = same.RECORDINGS[name](rng)[: same.MOST_FRAMES]

@@ -18,6 +18,7 @@ from tofmix.reconciliation.one.search import search
 from tofmix.reconciliation.settings import Settings
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.motion import Motion
+from tofmix.simulation.effects.outliers import Outliers
 from tofmix.simulation.effects.range_offset import RangeOffset
 from tofmix.simulation.measured_scene import measured_scene
 from tofmix.simulation.model import Model
@@ -140,6 +141,21 @@ def test_an_offset_beside_a_walk_is_named_alone(wall: Model) -> None:
     kinds = ("range_offset", "temperature_drift")
     found = search(joint_likelihood([(model, moved)]), Settings(kinds=kinds))
     assert found.best.names == {("range_offset", "")}
+
+
+def test_pixels_that_are_left_out_say_nothing_of_random_values(wall: Model) -> None:
+    """They have no sample, and no effect predicts one there: else the share would be that of all pixels."""
+    model, evidence = _measured(wall, Outliers(probability=0.06))
+    assert model.scene is not None
+    lost = model.scene.lost.copy()
+    lost[:, ::2] = 1.0
+    some = replace(model, scene=replace(model.scene, lost=lost))
+    samples = np.where(lost.ravel() < 1.0, evidence.samples, 0).astype(np.uint16)
+    kinds = ("outliers", "near_return")
+    found = search(joint_likelihood([(some, replace(evidence, samples=samples))]), Settings(kinds=kinds))
+    assert found.best.names == {("outliers", "")}
+    share = found.best.members()[0].numbers()["probability"]
+    assert abs(share - 0.06) < 3 * np.sqrt(0.06 / (len(samples) * (lost < 1.0).sum()))
 
 
 @pytest.mark.slow

@@ -132,6 +132,8 @@ class ModelState:
         Variance of this bias, mm2.
     stuck_mm : (pixel,) float64
         Value of stuck pixels, NaN for the others.
+    compared : (pixel,) bool
+        Pixels of which the scene predicts any sample; no effect gives the others one.
     disturbed : (frame,) float64
         Probability that a frame is disturbed, used for scores; the square of its part of the noise in a beat.
     log_width, log_width_error : (recording, pixel) float64
@@ -148,6 +150,7 @@ class ModelState:
     pixel_bias: FloatArray
     pixel_variance: FloatArray
     stuck_mm: FloatArray
+    compared: BoolArray
     disturbed: FloatArray
     log_width: FloatArray
     log_width_error: FloatArray
@@ -184,8 +187,8 @@ class ModelState:
 
     @property
     def working(self) -> BoolArray:
-        """Pixels that are not stuck."""
-        return np.isnan(self.stuck_mm)
+        """Pixels that are compared, and not stuck."""
+        return np.asarray(np.isnan(self.stuck_mm) & self.compared)
 
 
 @dataclass(slots=True, eq=False)
@@ -269,6 +272,7 @@ class Likelihood:
             pixel_bias=np.zeros(pixels),
             pixel_variance=np.zeros(pixels) if errors is None else errors.variance_mm2,
             stuck_mm=np.full(pixels, np.nan),
+            compared=np.logical_or.reduce([own.model.seen.ravel() for own in self.scene.members]),
             disturbed=np.zeros(frames),
             log_width=np.zeros((len(self.evidence.starts), pixels)),
             log_width_error=np.zeros((len(self.evidence.starts), pixels)) if errors is None else errors.log_width[None],

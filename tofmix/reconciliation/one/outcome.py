@@ -196,7 +196,7 @@ def _gain(s: FittedSet, state: ModelState, number: int) -> float:
     effect, rest = state.effects[number], without(state, number)
     hidden = effect.hidden
     if isinstance(hidden, PixelValue):
-        out = np.flatnonzero(~state.working)
+        out = np.flatnonzero(np.isfinite(state.stuck_mm))
         part = test[0], np.intersect1d(test[1], out) if np.intersect1d(test[1], out).size else out
         freed = replace(rest, stuck_mm=np.full_like(rest.stuck_mm, np.nan))
         before = like.sums(like.mixture(freed), freed, part).total
