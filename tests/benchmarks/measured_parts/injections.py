@@ -179,19 +179,20 @@ def judged(number: int, seed: int) -> dict[str, Any] | None:
     samples = same.in_group(still(samples) if name == "TMF8829" else samples, "permuted", rng)
     half = len(samples) // 2
     first = samples[:half]
-    changed = change(samples[half:].copy(), first, size, rng)
-    stored = as_stored(changed.samples, first, rng)
-    found = of_itself(np.concatenate([first, stored]), half)
+    changed = changed_half(change, samples, half, size, rng)
+    found = of_itself(np.concatenate([first, changed.samples]), half)
     result, errors = scored(kind, changed.value, found)
     case = {"number": number, "kind": kind, "size": size, "name": name, "value": round(changed.value, 4)}
     return {**case, "result": result, "errors": errors, **found}
 
 
-def as_stored(changed: FloatArray, first: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Changed samples as a camera stores them whose values are whole mm; all whole values move by fractions of a mm."""
-    if (first != np.rint(first)).any():
-        return changed
-    return np.asarray(np.rint(changed + rng.uniform(-0.5, 0.5, changed.shape)))
+def changed_half(change: Change, samples: FloatArray, half: int, size: float, rng: np.random.Generator) -> Injected:
+    """The second half after a change. Of a camera that stores whole mm, samples change before they are rounded."""
+    first, second = samples[:half], samples[half:].copy()
+    if (samples != np.rint(samples)).any():
+        return change(second, first, size, rng)
+    changed = change(second + rng.uniform(-0.5, 0.5, second.shape), first, size, rng)
+    return Injected(np.rint(changed.samples), changed.value)
 
 
 def scored(kind: str, value: float, found: Mapping[str, Any]) -> tuple[str, float | None]:
