@@ -13,9 +13,6 @@ from tofmix.simulation.measured_scene import OWN_ERROR
 KINDS = tuple(EFFECTS)
 """All kinds that are tried."""
 
-TOLERANCE = 0.1
-"""Accepted error of a scene that is given as rectangles, in sigma; that of a measured one is `OWN_ERROR`."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
@@ -51,7 +48,8 @@ class Settings:
         """Accepted error of the scene, in sigma. What a recording saw is known as well as a camera stays the same."""
         if self.tolerance is not None:
             return self.tolerance
-        return TOLERANCE if likelihood.scene.model.scene is None else OWN_ERROR
+        of_rectangles = 0.1  # that somebody measured
+        return of_rectangles if likelihood.scene.model.scene is None else OWN_ERROR
 
 
 def held_out(likelihood: Likelihood, settings: Settings) -> Part:

@@ -16,9 +16,6 @@ from scipy.special import logsumexp
 from tofmix.arrays import FloatArray
 from tofmix.simulation.measured_scene import UNKNOWN_WALK, WALKS
 
-_BLOCKS = 10  # of time, in which a walk is told
-_STEADY = 2  # degree of a course that is a change and no walk: a drift, or the beginning of a warm-up
-
 
 def gains(slope: FloatArray, information: FloatArray, *, longer: float = 1.0, degree: int = 0) -> FloatArray:
     """What a walk of each of `WALKS` changes in the log-likelihood (size,), nats.
@@ -32,7 +29,8 @@ def gains(slope: FloatArray, information: FloatArray, *, longer: float = 1.0, de
     degree : int
         Of the polynomial in time that is free; 0 is a constant.
     """
-    count = min(_BLOCKS, slope.size)
+    most_blocks = 10  # of time, in which a walk is told
+    count = min(most_blocks, slope.size)
     if count <= degree + 1:
         return np.zeros(len(WALKS))
     block = np.arange(slope.size) * count // slope.size
@@ -72,8 +70,9 @@ def probabilities(z: FloatArray, *, frame_noise: float, repeats: float) -> tuple
     each = float(np.nanmean(z**2)) if there.any() else 0.0
     if not each:
         return UNKNOWN_WALK
+    steady = 2  # degree of a course that is a change and no walk: a drift, or the beginning of a warm-up
     count = there.sum(axis=1)
     free = repeats * (1.0 + count / each * frame_noise**2)
-    found = gains(np.nansum(z, axis=1) / each / free, count / each / free, degree=_STEADY) + np.log(UNKNOWN_WALK)
+    found = gains(np.nansum(z, axis=1) / each / free, count / each / free, degree=steady) + np.log(UNKNOWN_WALK)
     share = np.exp(found - logsumexp(found))
     return tuple(float(p) for p in share)
