@@ -26,9 +26,6 @@ LEAST_SAMPLES = 8
 OWN_ERROR = 0.02
 """Error of every mean, in sigma, beside that of chance: no scene and no camera stays the same to better than this."""
 
-OWN_WIDTH_ERROR = 0.006
-"""Error of the logarithm of all widths, likewise."""
-
 WALKS = (0.0, 0.05, 0.1, 0.2, 0.4, 0.8)
 """Sizes of a walk of all means: standard deviation of the way from the first to the last tenth of the recording's time,
 in sigma. Those of cameras that stand still for a minute are 0.1 to 0.5."""
@@ -185,7 +182,8 @@ class MeasuredScene(SceneTable):
         squares = (1.0 + self.memory**2) / (1.0 - self.memory**2)
         known = max(int(np.where(self.known, self.samples, 0).sum()), 1)
         by_memory = 0.5 * (self.repeats - 1.0) / max(self.frames, 1)
-        return float(np.sqrt(squares / (2.0 * known) + by_memory**2 + OWN_WIDTH_ERROR**2))
+        of_camera = 0.006  # no noise stays the same to better than this
+        return float(np.sqrt(squares / (2.0 * known) + by_memory**2 + of_camera**2))
 
     def width_error(self) -> FloatArray:
         """Standard error (row, col) of the logarithm of a pixel's width, estimated from its samples.
