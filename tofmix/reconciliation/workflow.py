@@ -14,7 +14,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
-from tofmix.reconciliation.comparison.compare import LEAST_SIZE, Compared, Place, localise
+from tofmix.reconciliation.comparison.compare import Compared, Place, localise
 from tofmix.reconciliation.evidence import Evidence, make_evidence
 from tofmix.reconciliation.found import Added, Ledger, Named, TriedEffect, WeighedSet
 from tofmix.reconciliation.likelihood.hidden_fits import fit_bursts
@@ -357,17 +357,14 @@ def _of_model(effect: Effect, likelihood: Likelihood, models: tuple[Model, ...],
 def _refuse_what_no_prediction_takes(model: Model) -> None:
     """Refuse a background together with a memory: a random value has no memory, and no sample is marked as random.
 
-    So scores are not normal, given the scores of the frame before. With a share b of random values, and a memory rho,
-    their spread is too large by b rho^2 / (1 - rho^2), which does not matter below `LEAST_SIZE`, nor does an
-    `outlier_probability`.
+    So scores are not normal, given the scores of the frame before. An `outlier_probability` is too small for this to
+    matter.
     """
     remembered, background = next(with_hidden(model.effects, RememberedNoise), None), model.sensor.noise.background
     if background is None or remembered is None:
         return
     effect, hidden = remembered
     share, memory = float(np.mean(background)), hidden.coefficient(effect)
-    if share * memory**2 / (1.0 - memory**2) <= LEAST_SIZE:
-        return
     both = f"a background of {100 * share:.2g} % beside {effect.kind} of {memory:.2g}"
     if model.scene is not None:
         raise BadInputError(f"reference: reconcile has no prediction for {both}; switch the camera's filter off")
