@@ -158,7 +158,7 @@ def longest_mm(recording: CameraSource) -> float:
 
 
 def _of_frames(
-    recording: RecordingFile, frames: int, path: Path, reporter: Reporter, workers: int, used: int, longest_mm: float
+    recording: RecordingFile, frames: int, path: Path, reporter: Reporter, workers: int, used: int, others_mm: float
 ) -> Reference:
     """The reference of the first frames of a recording, of which those between independent ones are left out."""
     _check_frames(path, frames, "the first " if used else "")
@@ -166,12 +166,12 @@ def _of_frames(
     with _written(recording, frames, path, 1) as part, estimated(part, workers, reporter, about=about) as layers:
         found = layers.provenance.sensor.temporal_filter
         if found is None:
-            return _reference(layers, path, reporter, recording, part, 1, used, longest_mm)
+            return _reference(layers, path, reporter, recording, part, 1, used, others_mm)
     every = frames_apart(found)
     reporter.note(f"{path}: {found.words()}: one frame of {every} is compared")
     _check_frames(path, -(-frames // every), f"one frame of {every} is independent: ")
     with _written(recording, frames, path, every) as part, estimated(part, workers, reporter, about=about) as layers:
-        return _reference(layers, path, reporter, recording, part, every, used, longest_mm)
+        return _reference(layers, path, reporter, recording, part, every, used, others_mm)
 
 
 def _check_frames(path: Path, frames: int, which: str = "") -> None:
@@ -219,15 +219,13 @@ def _reference(
     part: Path,
     every: int,
     used: int,
-    longest_mm: float,
+    others_mm: float,
 ) -> Reference:
     """The reference of the layers of a part of a recording."""
     with open_recording(part) as first:
         noise, walks = in_common(first, layers)
-    settings, table = (
-        settings_of(recording),
-        SceneTable(frame_noise=noise, walks=walks, range_max_mm=longest_mm, every=every),
-    )
+    settings = settings_of(recording)
+    table = SceneTable(frame_noise=noise, walks=walks, range_max_mm=others_mm, every=every)
     made, model = measured_model(layers, path, reporter, REFERENCE, settings=settings, table=table)
     return Reference(model=model, layers=made.layers, frames=used)
 

@@ -367,7 +367,10 @@ def _refuse_what_no_prediction_takes(model: Model) -> None:
     share, memory = float(np.mean(background)), hidden.coefficient(effect)
     both = f"a background of {100 * share:.2g} % beside {effect.kind} of {memory:.2g}"
     if model.scene is not None:
-        raise BadInputError(f"reference: reconcile has no prediction for {both}; switch the camera's filter off")
+        raise BadInputError(
+            f"reference: reconcile has no prediction for {both}; if the camera filters its ranges over time, switch the"
+            " filter off, else give a model of the scene"
+        )
     raise BadInputError(f"[sensor.noise]: background: reconcile has no prediction for {both}; leave out one of them")
 
 

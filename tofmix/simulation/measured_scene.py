@@ -28,7 +28,7 @@ OWN_ERROR = 0.02
 
 WALKS = (0.0, 0.05, 0.1, 0.2, 0.4, 0.8)
 """Sizes of a walk of all means: standard deviation of the way from the first to the last tenth of the recording's time,
-in sigma. Those of cameras that stand still for a minute are 0.1 to 0.5."""
+in sigma."""
 
 UNKNOWN_WALK = (0.5, 0.1, 0.1, 0.1, 0.1, 0.1)
 """Their probabilities where no recording tells them."""

@@ -8,6 +8,7 @@ from scipy.integrate import quad
 from scipy.stats import beta, binom, multivariate_normal
 from support.recordings import recorded
 
+from tofmix.errors import BadInputError
 from tofmix.layers import Layers, layer_fields
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
@@ -16,10 +17,12 @@ from tofmix.reconciliation.one.recordings import SearchTask
 from tofmix.reconciliation.one.scene_errors import SceneErrors
 from tofmix.reconciliation.one.search import search
 from tofmix.reconciliation.settings import Settings
+from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.motion import Motion
 from tofmix.simulation.effects.outliers import Outliers
 from tofmix.simulation.effects.range_offset import RangeOffset
+from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 from tofmix.simulation.measured_scene import measured_scene
 from tofmix.simulation.model import Model
 
@@ -156,6 +159,15 @@ def test_pixels_that_are_left_out_say_nothing_of_random_values(wall: Model) -> N
     assert found.best.names == {("outliers", "")}
     share = found.best.members()[0].numbers()["probability"]
     assert abs(share - 0.06) < 3 * np.sqrt(0.06 / (len(samples) * (lost < 1.0).sum()))
+
+
+def test_a_reference_of_random_values_with_a_memory_is_refused_with_a_remedy(wall: Model) -> None:
+    model, evidence = _measured(wall)
+    noise = replace(model.sensor.noise, background=np.array(0.1))
+    effects = (TemporalCorrelation(coefficient=0.5),)
+    both = replace(model, sensor=replace(model.sensor, noise=noise), effects=effects)
+    with pytest.raises(BadInputError, match=r"reference: .* background of 10 % .* give a model of the scene"):
+        reconcile(both, evidence, Settings(kinds=KINDS))
 
 
 @pytest.mark.slow

@@ -1,7 +1,7 @@
 """The wander of a camera: all means walk together, by an unknown way.
 
-The ranges of a real camera wander within minutes by tenths of their noise, by temperature and 1/f noise. A random walk
-describes this; a course in time is known as well as the walk lets it be. Its size is one of a few, with probabilities
+The ranges of a real camera, such as a VL53L0X, wander within minutes by tenths of their noise. A random walk describes
+this; a course in time is known as well as the walk lets it be. Its size is one of a few, with probabilities
 that the recording of the scene gives, and is integrated out.
 
 References
