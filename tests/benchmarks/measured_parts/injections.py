@@ -13,11 +13,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from benchmarks.measured_parts import same
-from benchmarks.measured_parts.of_itself import of_itself
+from benchmarks.measured_parts.of_itself import VIEW_DEG, of_itself
 from scipy.stats import median_abs_deviation
 from users.score import alternatives
 
 from tofmix.arrays import BoolArray, FloatArray
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.projection import beam_directions_of
 
 DRAWS = 20
 """Recordings of each change and size."""
@@ -54,12 +56,18 @@ def _drift(second: FloatArray, first: FloatArray, size: float, rng: np.random.Ge
 
 
 def _motion(second: FloatArray, first: FloatArray, size: float, rng: np.random.Generator) -> Injected:
-    """Of the nearest surface, along the beam; `size` is its way by the end, in standard deviations of its samples."""
+    """Of the nearest surface, along its normal; `size` is its way by the end, in standard deviations of its samples."""
     near = nearest(first)
     value = _sign(rng) * size * _sigma(first[:, near])
     since = (np.arange(len(second)) + len(first) / 2) / same.RATE_HZ
     velocity = value / float(since[-1])
-    return Injected(np.where(near, second + velocity * since[:, None, None], second), velocity)
+    view = Equiangular(fov_horizontal_deg=VIEW_DEG, fov_vertical_deg=VIEW_DEG)
+    beams = beam_directions_of(view, (near.shape[0], near.shape[1]))
+    place = np.median(first, axis=0)[near]
+    plane = np.linalg.lstsq(beams[near] * place[:, None], np.ones(place.size), rcond=None)[0]
+    nearer = beams @ plane / np.linalg.norm(plane)  # a beam that meets it at an angle becomes longer by more
+    way = velocity * since[:, None, None] / np.where(near, nearer, 1.0)
+    return Injected(np.where(near, second + way, second), velocity)
 
 
 def _biases(second: FloatArray, first: FloatArray, size: float, rng: np.random.Generator) -> Injected:
@@ -189,12 +197,19 @@ def judged(number: int, seed: int) -> dict[str, Any] | None:
 
 
 def changed_half(change: Change, samples: FloatArray, half: int, size: float, rng: np.random.Generator) -> Injected:
-    """The second half after a change. Of a camera that stores whole mm, samples change before they are rounded."""
+    """The second half after a change. Of a camera that stores whole mm, samples change before they are rounded.
+
+    The noise that is multiplied there is that of the camera, that of its rounding and that of the values between.
+    """
     first, second = samples[:half], samples[half:].copy()
     if (samples != np.rint(samples)).any():
         return change(second, first, size, rng)
+    step_variance = 1.0 / 12.0  # mm2: of rounding, and of what is added before the change
     changed = change(second + rng.uniform(-0.5, 0.5, second.shape), first, size, rng)
-    return Injected(np.rint(changed.samples), changed.value)
+    if change is not _noise:
+        return Injected(np.rint(changed.samples), changed.value)
+    unrounded = max(_sigma(first) ** 2 - step_variance, step_variance)
+    return Injected(np.rint(changed.samples), size * math.sqrt(1.0 + 2.0 * step_variance / unrounded))
 
 
 def scored(kind: str, value: float, found: Mapping[str, Any]) -> tuple[str, float | None]:

@@ -18,6 +18,9 @@ from tofmix.jobs.reference import SELF_SHARE, first_frames
 from tofmix.jobs.reporter import Reporter
 from tofmix.reconciliation.settings import KINDS, Settings
 
+VIEW_DEG = 40.0
+"""Field of view of all recordings, both ways."""
+
 
 def of_itself(samples: FloatArray, wanted: float = SELF_SHARE, times_s: FloatArray | None = None) -> dict[str, Any]:
     """What is noted of samples (frame, row, col) against their first frames: a share, or a number of frames."""
@@ -25,7 +28,7 @@ def of_itself(samples: FloatArray, wanted: float = SELF_SHARE, times_s: FloatArr
     with TemporaryDirectory() as folder:
         path = Path(folder) / "recording.h5"
         stamps = np.arange(len(samples)) / RATE_HZ if times_s is None else times_s
-        tm.from_array(samples.astype(np.float32), units="mm", fov_deg=(40.0, 40.0), time_s=stamps).save(path)
+        tm.from_array(samples.astype(np.float32), units="mm", fov_deg=(VIEW_DEG, VIEW_DEG), time_s=stamps).save(path)
         try:
             gap = _reconciled(path, wanted)
         except BadInputError as error:
