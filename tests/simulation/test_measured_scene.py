@@ -126,6 +126,19 @@ def test_lost_samples_are_simulated_by_their_share() -> None:
     assert (block.range_mm == 0).mean() == pytest.approx(0.3, abs=0.02)
 
 
+def test_all_pixels_have_one_share_of_lost_samples_unless_counts_contradict_it() -> None:
+    layers, numbers = _layers()
+    never = np.zeros((ROWS, COLS), np.float32)
+    _, scene = measured_scene(replace(layers, invalid_share=never), SENSOR, numbers, frames=FRAMES)
+    assert (scene.lost == 0).all()
+    assert scene.lost_worth > FRAMES * ROWS * COLS
+    often = never.copy()
+    often[0] = 0.5
+    _, scene = measured_scene(replace(layers, invalid_share=often), SENSOR, numbers, frames=FRAMES)
+    assert scene.lost[0].min() > 0.4
+    assert scene.lost[1:].max() < 0.05
+
+
 def test_a_share_of_lost_samples_is_that_of_all_samples_random_values_too() -> None:
     """A pixel that is left out returns nothing, however many random values its camera returns."""
     model = _model()

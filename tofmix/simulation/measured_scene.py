@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
+from scipy.special import betaln
 
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.errors import BadInputError
@@ -29,6 +30,9 @@ OWN_ERROR = 0.02
 WALKS = (0.0, 0.05, 0.1, 0.2, 0.4, 0.8)
 """Sizes of a walk of all means: standard deviation of the way from the first to the last tenth of the recording's time,
 in sigma."""
+
+NONE_LOST = 0.5
+"""Lost samples of an image that lost none: the mean of Jeffreys' prior."""
 
 UNKNOWN_WALK = (0.5, 0.1, 0.1, 0.1, 0.1, 0.1)
 """Their probabilities where no recording tells them."""
@@ -84,6 +88,8 @@ class MeasuredScene(SceneTable):
         Factor on sigma(r) of the camera.
     lost : (row, col) float64
         Share of the frames without a valid sample.
+    lost_worth : float
+        Frames that the image's mean share of lost samples is worth in each pixel.
     surface : (row, col, layer) int16
         Number of the layer's surface; `len(surfaces)` for a layer that is of none, -1 past the layers.
     surfaces : tuple of Surface
@@ -116,6 +122,7 @@ class MeasuredScene(SceneTable):
     width_spread: float = USUAL_SPREAD
     recorded_spread: float = 0.0
     memory: float = 0.0
+    lost_worth: float = 0.0
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -304,11 +311,9 @@ def measured_scene(
     whole = np.where(whole > 0, whole, 1.0)
     samples = layers.n_samples.astype(np.int64)
     lost = np.zeros((rows, cols)) if layers.invalid_share is None else layers.invalid_share.astype(np.float64)
-    lost = np.where(np.isfinite(lost), lost, 0.0)
-    seen_lost = 0.5  # weight, in frames, of the image's mean share of lost samples: Jeffreys' prior
-    usual = max(float(lost.mean()), seen_lost / (frames * lost.size))
-    lost = (lost * frames + seen_lost * usual) / (frames + seen_lost)
     told = (weight.sum(axis=2) + nothing > 0) & (samples >= LEAST_SAMPLES)
+    usual, worth = _usual_loss(np.where(np.isfinite(lost), lost, 0.0)[told], frames)
+    lost = (np.where(np.isfinite(lost), lost, 0.0) * frames + worth * usual) / (frames + worth)
     lost = np.where(told, lost, 1.0)  # of other pixels nothing is known, and no sample is predicted
     own, planes = _planes(range_mm, there, surface, camera)
     return camera, MeasuredScene(
@@ -318,6 +323,7 @@ def measured_scene(
         amplitude=amplitude,
         width=np.where(there, layers.sigma.astype(np.float64) / curve, np.nan),
         lost=lost,
+        lost_worth=worth,
         surface=own,
         surfaces=planes,
         frames=frames,
@@ -333,6 +339,32 @@ def measured_scene(
         layers_path=table.layers_path,
         surfaces_path=table.surfaces_path,
     )
+
+
+def _usual_loss(lost: FloatArray, frames: int) -> tuple[float, float]:
+    """The mean share of lost samples, and the frames that it is worth in each pixel.
+
+    Shares of pixels are Beta(w p, w (1 - p)) about the mean p, so counts are beta-binomial. The image has one share, or
+    one that differs as little as counts allow: w is the largest that they do not contradict. Where 60 frames of each
+    pixel lose nothing, a small w would say that hardly any pixel ever loses a sample.
+
+    Parameters
+    ----------
+    lost : (pixel,) float64
+        Share of each pixel.
+    frames : int
+        Frames.
+
+    References
+    ----------
+    Skellam, J. R. Statist. Soc. B 10 (1948) 257.
+    """
+    count, samples = np.rint(lost * frames), max(frames * lost.size, 1)
+    mean, worth = float(count.sum()) / samples, 0.5 * 4.0 ** np.arange(12)
+    a, b = worth * max(mean, NONE_LOST / samples), worth * max(1.0 - mean, NONE_LOST / samples)
+    nats = betaln(count[:, None] + a, frames - count[:, None] + b).sum(axis=0) - lost.size * betaln(a, b)
+    contradicted = 2.0  # nats below the most likely one
+    return mean, float(worth[nats >= nats.max() - contradicted][-1])
 
 
 def _filled(amplitude: FloatArray, there: BoolArray) -> FloatArray | None:

@@ -12,6 +12,7 @@ from tofmix.reconciliation.likelihood.memory import (
     attenuation,
     cell_share,
     fit_memory,
+    memory_error,
     inflation,
     memory_gain_at_own_widths,
 )
@@ -46,6 +47,25 @@ def test_memory_fitted_to_few_frames_has_no_bias(model: Model, record: Record) -
             assert coefficient is not None
             found.append(coefficient)
     assert abs(np.mean(found) - 0.5) < 0.012
+
+
+@pytest.mark.parametrize("alike", [1, 8])
+@pytest.mark.parametrize("coefficient", [0.3, 0.8])
+def test_error_of_a_memory_is_that_of_a_correlation_of_pixels_that_differ(
+    model: Model, record: Record, coefficient: float, alike: int
+) -> None:
+    """(1 - rho^2) / n of n pairs (Bartlett 1946), where so many pixels share their noise of n / 8."""
+    evidence = record()
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    frames, pixels = evidence.shape
+    mixture = replace(likelihood.scene.mixture(), outlier=np.zeros(pixels), step=0.01)
+    own = np.random.default_rng(4).normal(size=(frames, pixels // alike + 1))
+    for k in range(1, frames):
+        own[k] = coefficient * own[k - 1] + np.sqrt(1 - coefficient**2) * own[k]
+    z = np.repeat(own, alike, axis=1)[:, :pixels].astype(np.float32)
+    found = memory_error(likelihood, z, mixture, (np.arange(frames), np.arange(pixels)), coefficient)
+    alone = int((mixture.of_main(mixture.weight) > 0.9995 * mixture.weight[0].sum(axis=0)).sum())
+    assert found == pytest.approx(np.sqrt((1 - coefficient**2) * alike / alone / (frames - 1)), rel=0.2)
 
 
 @pytest.mark.parametrize("coefficient", [-0.4, 0.0, 0.5, 0.9])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.stats import beta, binom, multivariate_normal
+from scipy.stats import beta, betabinom, binom, multivariate_normal, norm
 from support.recordings import recorded
 
 from tofmix.errors import BadInputError
@@ -43,6 +43,21 @@ def test_lost_samples_have_the_probability_of_an_integral_over_the_share() -> No
     whole, _ = quad(lambda u: 2 * u * binom.pmf(lost, frames, u * u) * prior.pdf(u * u), 0, 1)
     more = _errors(1, lost_frames=worth).by_lost(np.array([lost]), frames, np.array([share]))
     assert more == pytest.approx(np.log(whole) - binom.logpmf(lost, frames, share), abs=1e-6)
+
+
+def test_the_share_of_all_pixels_is_integrated_out_beside_those_of_single_ones() -> None:
+    share, worth, frames, error = 0.02, 5000.0, 60, 0.5
+    lost = np.array([0, 3, 1, 0])
+    errors = replace(_errors(4, lost_frames=worth), lost_share=np.full(4, share), common_lost=error)
+    log_factor = norm(-0.5 * error**2, error)  # its exponential has the mean 1
+
+    def of(log: float) -> float:
+        now = share * np.exp(log)
+        return float(np.prod(betabinom.pmf(lost, frames, worth * now, worth * (1 - now))) * log_factor.pdf(log))
+
+    whole, _ = quad(of, -4, 3)
+    known = float(binom.logpmf(lost, frames, share).sum())
+    assert errors.by_lost(lost, frames, np.full(4, share)) == pytest.approx(np.log(whole) - known, abs=0.01)
 
 
 def test_a_given_share_of_lost_samples_has_no_error() -> None:
@@ -101,6 +116,9 @@ def test_means_share_the_noise_of_frames_of_both_recordings(wall: Model) -> None
         log_width=np.full(pixels, 0.1),
         shares=np.zeros(pixels),
         lost=np.full(pixels, 0.0),
+        lost_share=np.zeros(pixels),
+        lost_worth=0.0,
+        common_lost=0.0,
         common=0.02,
         common_log_width=0.01,
         frame_noise=0.5,

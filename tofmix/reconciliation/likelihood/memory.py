@@ -253,6 +253,17 @@ class _Noise:
         own = _own_gain(self.u, coefficient, self.camera, self.random.share, self.random.density, self.scored)
         return float(own)
 
+    def products(self, coefficient: float) -> tuple[float, float]:
+        """Sums of squares of what tells the coefficient: the part of a sample that is new, times the sample before.
+
+        First of its sums over the pixels of a frame, then of single samples: equal if pixels are independent.
+        """
+        told = np.where(self.scored, self.u, 0.0)
+        before = np.zeros_like(told)
+        before[:, 1:] = np.where(self.scored[:, 1:], self.u[:, :-1], 0.0)
+        product = (told - coefficient * before) * before
+        return float((product.sum(axis=0) ** 2).sum()), float((product**2).sum())
+
 
 def _noises(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part) -> list[_Noise]:
     """The noise of each recording in the part's pixels; scored samples are in its frames and have a frame before."""
@@ -332,12 +343,22 @@ def _left(z: Float32Array, mixture: Mixture, coefficient: float) -> float:
 
 
 def memory_error(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part, coefficient: float) -> float:
-    """Standard error of the coefficient, by the curvature of the log-likelihood."""
+    """Standard error of the coefficient, by the curvature of the log-likelihood at each pixel's own width.
+
+    Samples that pixels have in common are counted once: the variance is larger by that of the products of a frame's
+    samples with those of the frame before, summed over pixels, over the sum of the pixels' own.
+
+    References
+    ----------
+    Liang and Zeger, Biometrika 73 (1986) 13: the errors of dependent samples by their clusters, here the frames.
+    """
     noises = _noises(likelihood, z, mixture, part)
     middle = min(max(coefficient, -_MOST + _NUDGE), _MOST - _NUDGE)
-    below, here, above = (sum(n.gain(middle + step) for n in noises) for step in (-_NUDGE, 0.0, _NUDGE))
+    below, here, above = (sum(n.gain_at_own_widths(middle + step) for n in noises) for step in (-_NUDGE, 0.0, _NUDGE))
     curvature = (2 * here - below - above) / _NUDGE**2
-    return 1.0 / math.sqrt(max(curvature, 1.0))
+    by_frame, by_sample = (sum(part) for part in zip(*(n.products(middle) for n in noises), strict=True))
+    together = max(by_frame / by_sample, 1.0) if by_sample > 0 else 1.0
+    return math.sqrt(together / max(curvature, 1.0))
 
 
 @borrowing

@@ -14,6 +14,7 @@ References
 Kennedy and O'Hagan, J. R. Statist. Soc. B 63 (2001) 425, for a discrepancy that is integrated out.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Self
 
@@ -21,7 +22,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.likelihood.mixture import Mixture
-from tofmix.simulation.measured_scene import OWN_ERROR, UNKNOWN_WALK, MeasuredScene
+from tofmix.simulation.measured_scene import NONE_LOST, OWN_ERROR, UNKNOWN_WALK, MeasuredScene
 
 _LEAST_INFORMATION = 1e-12  # 1/mm2
 
@@ -36,7 +37,12 @@ class ReferenceErrors:
     variance_mm2 : variance of each pixel's mean, mm2.
     log_width : standard error of the logarithm of its width.
     shares : variance that errors of the shares add to the means of its scores, in pixels of several layers.
-    lost : variance of its share of lost samples.
+    lost : variance of its share of lost samples, by its own frames.
+    lost_share : its share of lost samples, as it may be: above 0 where none was lost.
+    lost_worth : float
+        The frames of the image, over those of the pixel, that tell its share of lost samples.
+    common_lost : float
+        Standard error of the logarithm of all shares of lost samples together.
     common : float
         Variance of what all means have in common, in sigma squared.
     common_log_width : float
@@ -54,6 +60,9 @@ class ReferenceErrors:
     log_width: FloatArray
     shares: FloatArray
     lost: FloatArray
+    lost_share: FloatArray
+    lost_worth: float
+    common_lost: float
     common: float
     common_log_width: float
     frame_noise: float
@@ -66,7 +75,10 @@ class ReferenceErrors:
         sigma, known = mixture.of_main(mixture.sigma), scene.known.ravel()
         relative = np.where(known, scene.mean_variance().ravel(), 0.0)
         several = ((scene.surface >= 0).sum(axis=2) + (scene.no_return > 0) > 1).ravel()
-        lost, frames = scene.lost.ravel(), max(scene.frames, 1)
+        given, frames = scene.lost.ravel(), max(scene.frames, 1)
+        seen, samples = given < 1.0, max(frames * int((given < 1.0).sum()), 1)
+        total = max(frames * float(given[seen].sum()), NONE_LOST)
+        lost = np.where(seen, np.maximum(given, NONE_LOST / samples), given)
         # Samples without a return have no range, so the mean is that of the main layer, however few samples it has
         share, error = scene.of_main(scene.share).ravel(), scene.of_main(scene.range_error_mm).ravel()
         of_mean = scene.repeats * error**2 + (OWN_ERROR * sigma) ** 2
@@ -77,12 +89,22 @@ class ReferenceErrors:
             log_width=np.where(known, scene.width_error().ravel(), 0.0),
             shares=np.where(several, relative, 0.0),
             lost=lost * (1.0 - lost) / (frames + 1.0) * scene.repeats,
+            lost_share=np.where(seen, lost, 0.0),
+            lost_worth=scene.lost_worth / frames,
+            common_lost=math.sqrt(scene.repeats / total),
             common=scene.frame_variance(),
             common_log_width=scene.common_width_error(),
             frame_noise=scene.frame_noise,
             walks=scene.walks or UNKNOWN_WALK,
             frames=scene.frames,
         )
+
+    @property
+    def lost_frames(self) -> FloatArray:
+        """Independent frames (pixel,) that tell the share of lost samples, with those that the image lends; or 0."""
+        share = self.lost_share
+        by_own = share * (1.0 - share) / np.where(self.lost > 0, self.lost, 1.0)
+        return np.asarray(by_own * (1.0 + self.lost_worth))
 
     @property
     def typical_log_width(self) -> float:

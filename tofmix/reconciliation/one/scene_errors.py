@@ -4,7 +4,8 @@ A scene of rectangles is given, and has none. A measured scene is known as well 
 
 - the mean of each pixel to the variance `own_variance_mm2`, and all means together by `columns_mm`;
 - the width of its noise to `log_width_variance`, and all widths together to `common_log_width`;
-- its share of lost samples as from `lost_frames` frames: the number of lost samples is beta-binomial;
+- its share of lost samples as from `lost_frames` frames: the number of lost samples is beta-binomial; and all shares
+  together to `common_lost`;
 - the noise that all samples of a frame share goes on while the recording is measured, so that a course in time is known
   to `frame_noise_mm` in each frame, however many pixels show it;
 - where the recording shows it, all samples wander together, as the ranges of a real camera do within minutes: a course
@@ -23,7 +24,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from scipy.special import betaln
+from scipy.special import betaln, logsumexp
 
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.reconciliation.likelihood import wander
@@ -32,6 +33,7 @@ from tofmix.reconciliation.likelihood.reference_errors import ReferenceErrors
 from tofmix.simulation.measured_scene import UNKNOWN_WALK
 
 _LEAST_SHARE = 1e-6  # probability of a lost sample, as of the pass over samples
+_NODES = 9  # of an integral over the logarithm of all shares of lost samples
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -50,6 +52,10 @@ class SceneErrors:
         Standard error of the logarithm of all widths together.
     lost_frames : (pixel,) float64
         Independent frames that tell the share of lost samples; 0 where it is given.
+    lost_share : (pixel,) float64
+        The scene's share of lost samples.
+    common_lost : float
+        Standard error of the logarithm of all shares of lost samples together.
     frame_noise_mm : float
         Standard deviation of what the samples of one frame have in common.
     typical_mm : float
@@ -67,6 +73,8 @@ class SceneErrors:
     log_width_variance: FloatArray
     common_log_width: float
     lost_frames: FloatArray
+    lost_share: FloatArray
+    common_lost: float
     frame_noise_mm: float
     typical_mm: float
     walks: tuple[float, ...] = UNKNOWN_WALK
@@ -83,6 +91,8 @@ class SceneErrors:
             log_width_variance=nothing,
             common_log_width=0.0,
             lost_frames=nothing,
+            lost_share=nothing,
+            common_lost=0.0,
             frame_noise_mm=0.0,
             typical_mm=0.0,
         )
@@ -111,7 +121,7 @@ class SceneErrors:
             return cls.none(lit.size)
         shared = errors.common_to(frames, memory)
         share = mixture.invalid[0]
-        told = (errors.lost > 0) & (share > 0) & (share < 1)
+        told = (errors.lost > 0) & (share < 1)
         weight = np.where(lit, 1.0 / errors.sigma_mm**2, 0.0)
         # of a shift of every pixel by its own sigma, the shift of all by as many mm that is nearest to it
         typical = float((weight * errors.sigma_mm).sum() / max(float(weight.sum()), 1e-300))
@@ -122,7 +132,9 @@ class SceneErrors:
             own_variance_mm2=errors.variance_mm2,
             log_width_variance=errors.log_width**2,
             common_log_width=errors.common_log_width,
-            lost_frames=np.where(told, share * (1.0 - share) / np.where(told, errors.lost, 1.0), 0.0),
+            lost_frames=np.where(told, errors.lost_frames, 0.0),
+            lost_share=errors.lost_share,
+            common_lost=errors.common_lost,
             frame_noise_mm=errors.frame_noise * typical,
             typical_mm=typical,
             walks=errors.walks,
@@ -171,6 +183,13 @@ class SceneErrors:
         """
         told = (self.lost_frames > 0) & (share < 1)
         p, k, worth = np.maximum(share[told], _LEAST_SHARE), lost[told], self.lost_frames[told]
-        a, b = worth * p, worth * (1.0 - p)
-        binomial = k * np.log(p) + (frames - k) * np.log1p(-p)
-        return float((betaln(k + a, frames - k + b) - betaln(a, b) - binomial).sum())
+        binomial = float((k * np.log(p) + (frames - k) * np.log1p(-p)).sum())
+        of_effects = np.maximum(share[told] - self.lost_share[told], 0.0)
+        place, weight = np.polynomial.hermite_e.hermegauss(_NODES if self.common_lost else 1)
+        of_all = np.exp(self.common_lost * (place - 0.5 * self.common_lost))  # its mean is 1
+        nats = np.empty(place.size)
+        for number, factor in enumerate(of_all):
+            now = np.clip(of_effects + self.lost_share[told] * factor, _LEAST_SHARE, 1.0 - _LEAST_SHARE)
+            a, b = worth * now, worth * (1.0 - now)
+            nats[number] = float((betaln(k + a, frames - k + b) - betaln(a, b)).sum())
+        return float(logsumexp(nats, b=weight / weight.sum())) - binomial
