@@ -148,15 +148,18 @@ CHANGES: Mapping[str, tuple[Change, tuple[float, float, float]]] = {
 }
 
 ALIKE: Mapping[str, frozenset[str]] = {
-    "range_offset": frozenset({"surface_pose", "surface_offset", "smooth_pattern", "tap_mismatch", "wiggling"}),
+    "range_offset": frozenset(
+        {"surface_pose", "surface_offset", "smooth_pattern", "tap_mismatch", "wiggling", "amplitude_walk"}
+    ),
     "temperature_drift": frozenset({"motion"}),
     "motion": frozenset({"temperature_drift"}),
     "fixed_pattern": frozenset(),
-    "excess_noise": frozenset({"vignetting"}),
+    "excess_noise": frozenset({"vignetting", "interference"}),
     "outliers": frozenset(),
     "temporal_correlation": frozenset(),
 }
-"""Other names of a change."""
+"""Other names of a change: without recorded amplitudes and at one range, a walk is an offset, and a second camera that
+is always on is noise."""
 
 NUMBERS = {
     "range_offset": "offset_mm",

@@ -12,8 +12,8 @@ from tofmix.reconciliation.likelihood.memory import (
     attenuation,
     cell_share,
     fit_memory,
-    memory_error,
     inflation,
+    memory_error,
     memory_gain_at_own_widths,
 )
 from tofmix.reconciliation.likelihood.mixture import Scene

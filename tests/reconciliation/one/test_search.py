@@ -20,6 +20,26 @@ from tofmix.simulation.model import Model
 KINDS = ("range_offset", "amplitude_walk", "wiggling", "excess_noise", "temperature_drift", "fixed_pattern")
 
 
+@pytest.mark.parametrize(
+    ("lead", "kinds", "is_implausible", "stands"),
+    [
+        (10.0, ("b",), True, True),
+        (3.0, ("b",), True, False),  # as likely
+        (10.0, ("b", "c", "d"), True, False),  # of more members
+        (10.0, ("b",), False, False),  # ends as another effect
+    ],
+)
+def test_a_set_that_no_camera_has_stands_if_it_is_clearly_more_likely_than_all_that_one_may_have(
+    lead: float, kinds: tuple[str, ...], is_implausible: bool, stands: bool
+) -> None:
+    nothing, named, beyond = _set(0.0), _set(116.0, "a", "e", score=100.0), _set(110.0, *kinds, score=-math.inf)
+    beyond.refused, beyond.is_implausible, beyond.score_anyhow = "would need b 5", is_implausible, 101.0 + lead
+    task: Any = None
+    found = FoundSets(task, lambda _: None, Ledger(), {s.keys: s for s in (nothing, named, beyond)})
+    assert (found.answer is beyond) is stands
+    assert found.best_named is named
+
+
 def test_closing_step_finds_the_neighbour_that_is_better(make_task: MakeTask) -> None:
     task = make_task(KINDS, MAKE["range_offset"](offset_mm=6.0), MAKE["excess_noise"](factor=1.5))
     null = FittedSet.without_effects(task).fit()
@@ -33,7 +53,8 @@ def test_closing_step_finds_the_neighbour_that_is_better(make_task: MakeTask) ->
 def _set(evidence: float, *kinds: str, score: float | None = None, named: bool = True) -> Any:  # noqa: ANN401
     names = frozenset((kind, "") for kind in kinds)
     own = evidence - 8 * len(kinds) if score is None else score
-    return SimpleNamespace(names=names, keys=names, evidence=evidence, score=own, named=named, laws=(), x=np.zeros(0))
+    x = np.zeros(0)
+    return SimpleNamespace(names=names, keys=names, evidence=evidence, score=own, named=named, laws=(), x=x, refused="")
 
 
 def test_aliases_are_within_four_nats_and_neither_part_nor_extension() -> None:

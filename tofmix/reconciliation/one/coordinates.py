@@ -110,6 +110,13 @@ class Law:
             return "ends at numbers at which it is another effect"
         return ""
 
+    def is_implausible(self, x: FloatArray) -> bool:
+        """Whether the effect of a vector has numbers beyond those of real cameras and scenes."""
+        try:
+            return not self.make(x).plausible()
+        except ValueError:
+            return False
+
     def log_density(self, x: FloatArray) -> float:
         """Log density of the numbers, each per unit of itself or of its logarithm; minus infinity out of bounds."""
         try:

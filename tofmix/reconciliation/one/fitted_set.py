@@ -354,6 +354,11 @@ class FittedSet:
         """The score, also of a set that cannot be."""
         return self.evidence - self._members_price
 
+    @property
+    def is_implausible(self) -> bool:
+        """Whether a member has numbers beyond those of real cameras and scenes."""
+        return any(law.is_implausible(p) for law, p in zip(self.laws, self.parts(self.x), strict=True))
+
     def begin(self) -> float:
         """The score at the start, with the volume of the linear model; minus infinity if it is out of bounds."""
         try:

@@ -65,7 +65,7 @@ def named(
         if verified.verdict == "agree":
             return given, verified
     extend(found)
-    best = found.best_named
+    best = found.answer
     added = as_added(found, best)
     verified = verify(likelihood, added, settings)
     if verified.verdict != "unexplained" or found.law is not None:

@@ -22,6 +22,7 @@ from tofmix.reconciliation.one.proposals import INEXACT, About, Columns, Proposa
 from tofmix.reconciliation.one.recordings import SearchTask
 from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.verification.considered import MOST_ALIASES
+from tofmix.reconciliation.verification.contradictions import FAINT_SHARE
 from tofmix.simulation.effects.hidden import PixelBias
 
 BASES, PLAIN, PATTERNED, LARGEST = 3, 8, 4, 3
@@ -64,6 +65,19 @@ class FoundSets:
         own = [s for s in self.table.values() if s.named]
         top = max(s.score for s in own)
         return min((s for s in own if s.score >= top - EVEN_NATS), key=lambda s: (s.x.size, -s.score))
+
+    @property
+    def answer(self) -> FittedSet:
+        """The best named set, or one of no more members that is clearly more likely, and that no camera has.
+
+        What samples ask for beyond all bounds has a cause that no effect stands for. The next best set would only be
+        what is left of those that can be.
+        """
+        best = self.best_named
+        clearly = best.score + ALIAS_NATS + FAINT_SHARE * max(best.evidence - self.table[frozenset()].evidence, 0.0)
+        beyond = (s for s in self.table.values() if s.named and s.refused and math.isfinite(s.evidence))
+        likely = [s for s in beyond if len(s.keys) <= len(best.keys) and s.score_anyhow > clearly]
+        return max((s for s in likely if s.is_implausible), key=lambda s: s.score_anyhow, default=best)
 
     @property
     def law(self) -> str | None:
