@@ -12,6 +12,7 @@ from tofmix.reconciliation.likelihood.mixture import Scene
 from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.verification.verify import far_trends
 from tofmix.reconciliation.workflow import reconcile
+from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
 
 ALPHA = 0.01
@@ -50,6 +51,22 @@ def test_drift_over_coarse_cells_that_the_model_has_is_no_far_trend(small: Model
     likelihood = likelihood_of(near, recorded(near, drift, step))
     right = replace(likelihood.start(), effects=(drift, step))
     assert far_trends(likelihood, right, ALPHA) == []
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        MAKE["motion"](surface="wall", velocity_mm_s=-200.0),
+        MAKE["temperature_drift"](amplitude_mm=-400.0, time_constant_s=1.0),
+    ],
+    ids=lambda e: e.kind,
+)
+def test_large_change_in_time_that_the_model_has_is_no_far_trend(small: Model, change: Effect) -> None:
+    wall = replace(small, surfaces=small.surfaces[-1:])
+    wall = replace(wall, surfaces=(replace(wall.surfaces[0], name="wall"),))
+    likelihood = likelihood_of(wall, recorded(wall, change))
+    assert far_trends(likelihood, likelihood.start(), ALPHA)
+    assert far_trends(likelihood, replace(likelihood.start(), effects=(change,)), ALPHA) == []
 
 
 def test_lost_pixels_do_not_make_a_trend(small: Model) -> None:

@@ -136,6 +136,12 @@ class Mixture:
         """Values (time, component, pixel) of the heaviest component, (pixel,)."""
         return np.asarray(np.take_along_axis(values[0], self.main[None], axis=0)[0])
 
+    def main_means(self, pixels: IntArray) -> FloatArray:
+        """Mean (frame, pixel) of the heaviest component of some pixels, mm; NaN in frames in which it has no light."""
+        at = self.key[:, None], self.main[pixels], pixels
+        mean = self.mean[at] + self.rate[at] * self.since[:, None] + self.frame_bias[:, None]
+        return np.where(self.lit[at], mean, np.nan)
+
 
 class Scene:
     """A model's scene, cast with its surfaces as effects place them.

@@ -168,12 +168,19 @@ def next_steps(
     steps += remedies(verified)
     if verified.verdict == "explained":
         steps += worse(verified)
-        steps.append(
-            "Confirm it on a scene that no fit has seen: reconcile the written model.toml, with the surfaces of that"
-            " scene, with a recording of it."
-        )
+        steps.append(_confirming(likelihood))
     nothing = "Examine the places in `where`: no known effect explains them."
     return Advice(steps=tuple(steps) or (nothing,), suggested=tuple(suggested))
+
+
+def _confirming(likelihood: Likelihood) -> str:
+    """The step after an explanation; a measured scene has no surfaces to replace by those of another scene."""
+    if any(scene.model.scene is not None for scene in likelihood.scene.members):
+        return "Confirm it on another recording of this scene: reconcile the written model.toml with it."
+    return (
+        "Confirm it on a scene that no fit has seen: reconcile the written model.toml, with the surfaces of that"
+        " scene, with a recording of it."
+    )
 
 
 def remedies(verified: Verified) -> list[str]:

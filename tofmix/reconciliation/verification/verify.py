@@ -101,7 +101,7 @@ def _medians(view: RecordingView) -> tuple[FloatArray, IntArray, float]:
     use = np.flatnonzero(m.of_main(m.lit))
     pixels = 256  # enough for a median
     use = use[:: math.ceil(max(use.size, 1) / pixels)]
-    off = m.near_turn(samples[:, use] - m.of_main(m.mean)[use])
+    off = m.near_turn(samples[:, use] - m.main_means(use))
     away = np.where(samples[:, use] > 0, off, np.nan)
     some = np.isfinite(away).any(axis=1)
     if not some.any():
