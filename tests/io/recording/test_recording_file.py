@@ -15,7 +15,14 @@ from support.commandline import succeed
 from support.files import boards, write_recording
 
 from tofmix.errors import BadInputError, UsageError
-from tofmix.io.recording.range_check import check_whole_numbers, implausible, look, unit_doubt, zeros_doubt
+from tofmix.io.recording.range_check import (
+    check_whole_numbers,
+    fills_doubt,
+    implausible,
+    look,
+    unit_doubt,
+    zeros_doubt,
+)
 from tofmix.io.recording.recording_file import RecordingFile, file_sha256, open_recording
 from tofmix.io.recording.recording_writer import RecordingWriter
 from tofmix.recording import ArrayRecording, FrameSpan, TargetSeries, by_target, samples_a_frame
@@ -444,6 +451,44 @@ def test_zeros_beside_another_fill_value_are_counted(tmp_path: Path, dtype: str)
     succeed("import", path, "-o", again, "--invalid", "0")
     with open_recording(again) as recording:
         assert (*recording.remarks, *check_whole_numbers(recording)) == ()
+
+
+@pytest.mark.parametrize(
+    ("dtype", "value", "reason"),
+    [
+        ("u2", 65535, "fill value 65535"),
+        ("i2", 32767, "fill value 32767"),
+        ("u4", 4294967295, "above 1e+09 mm"),
+        ("f4", 65535.0, "fill value 65535 mm"),
+        ("f8", 9.97e36, "above 1e+09 mm"),
+        ("f4", -1.0, "negative"),
+    ],
+)
+def test_values_that_import_drops_and_the_file_does_not_name_are_counted(
+    tmp_path: Path, dtype: str, value: float, reason: str
+) -> None:
+    samples = boards(40).astype(dtype)
+    samples[::4, 2] = value
+    path = write_recording(tmp_path / "a.h5", samples)
+    with open_recording(path) as recording:
+        (line,) = (*recording.remarks, *check_whole_numbers(recording))
+    assert f"of 960 checked samples these count as ranges: 60 {reason}; if they mean no sample" in line
+    again = tmp_path / "a_mm.h5"
+    assert line.endswith(f"tofmix import {path} -o {again}")
+    succeed("import", path, "-o", again)
+    with open_recording(again) as recording:
+        assert (*recording.remarks, *check_whole_numbers(recording)) == ()
+
+
+def test_named_fill_values_and_a_surface_at_the_range_of_one_are_not_counted(tmp_path: Path) -> None:
+    samples = boards(40).astype("u2")
+    samples[::4, 2] = 65535
+    with open_recording(write_recording(tmp_path / "named.h5", samples, fill=65535)) as recording:
+        assert fills_doubt(recording, look(recording)) is None
+    samples = (32768 + np.random.default_rng(3).integers(-12, 13, samples.shape)).astype("u2")
+    with open_recording(write_recording(tmp_path / "surface.h5", samples)) as recording:
+        assert look(recording).samples == samples.size
+        assert fills_doubt(recording, look(recording)) is None
 
 
 @pytest.mark.parametrize(
