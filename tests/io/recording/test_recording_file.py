@@ -401,6 +401,19 @@ def test_a_median_that_the_camera_cannot_measure_is_said(median: float, limits: 
     assert said in doubt
 
 
+@pytest.mark.parametrize(("most", "doubted"), [(1100.0, True), (2000.0, False), (3000.0, False), (5000.0, False)])
+@pytest.mark.parametrize("dtype", ["u2", "f4"])
+def test_samples_mostly_beyond_the_cameras_range_are_said(
+    tmp_path: Path, most: float, doubted: bool, dtype: str
+) -> None:
+    # Boards at 1200 and 3000 mm in equal parts. One at the end of the range is as samples without a return are.
+    path = write_recording(tmp_path / "a.h5", boards(40).astype(dtype), attributes={"range_max_mm": most})
+    with open_recording(path) as recording:
+        lines = (*recording.remarks, *check_whole_numbers(recording))
+    said = f"outside the sensor's 300 to {most:g} mm; check range_min_mm and range_max_mm of its sensor"
+    assert [said in line for line in lines] == [True] * doubted
+
+
 def test_integers_have_no_doubtful_unit_and_no_doubtful_zeros(tmp_path: Path) -> None:
     samples = (boards() // 1000).astype("u2")
     samples[::2] = 0

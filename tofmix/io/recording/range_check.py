@@ -18,7 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.arrays import Float32Array
+from tofmix.arrays import BoolArray, Float32Array
 from tofmix.errors import BadInputError
 from tofmix.io.next_command import import_command
 from tofmix.io.samples import no_sample, unnamed
@@ -69,6 +69,7 @@ class RangeCheck:
     median: float | None  # of the valid samples other than 0, as they are stored; None without any
     # Numbers of other samples that `tofmix import` would drop, by reason: unnamed fill values and negative ranges.
     fills: tuple[tuple[str, int], ...] = ()
+    outside: float = 0.0  # share of the valid samples outside of the camera's working range, 0 to 1
 
 
 def look(recording: FloatRecording) -> RangeCheck:
@@ -82,6 +83,7 @@ def look(recording: FloatRecording) -> RangeCheck:
         zeros=0 if is_at_fold else zeros,
         median=float(np.median(some)) if some.size else None,
         fills=tuple(_fills(some, recording).items()),
+        outside=float(is_outside(some, recording.sensor).mean()) if some.size else 0.0,
     )
 
 
@@ -194,6 +196,12 @@ def implausible(median_mm: float, sensor: Sensor, *, unit_mm: float, path: Path 
     return f"{said}; check the units; if the numbers are in {_NAMES[text]}: {remedy}"
 
 
+def is_outside(range_mm: NDArray[Any], sensor: Sensor) -> BoolArray:
+    """Which ranges, mm, lie outside of the camera's working range, as far as it is known; of their shape."""
+    least, most = sensor.range_min_mm or 0.0, math.inf if sensor.range_max_mm is None else sensor.range_max_mm
+    return np.asarray((range_mm < least) | (range_mm > most))
+
+
 def outside_doubt(share: float, sensor: Sensor, option: str, *, mostly: float = 0.5) -> str:
     """Doubt about a share of the samples outside of the camera's working range; empty without one."""
     if share <= mostly:
@@ -242,10 +250,15 @@ def fills_doubt(recording: FloatRecording, found: RangeCheck) -> str | None:
 
 
 def distance_doubt(recording: FloatRecording, found: RangeCheck) -> str | None:
-    """Doubt about a median range that no camera measures, with the remedy; None without one."""
+    """Doubt about ranges that no camera measures, or not this one, with the remedy; None without one."""
     if found.median is None or unit_doubt(recording, found) is not None:
         return None
-    return implausible(found.median, recording.sensor, unit_mm=1.0, path=recording.path) or None
+    sensor = recording.sensor
+    said = implausible(found.median, sensor, unit_mm=1.0, path=recording.path)
+    # Samples without a return lie about range_max_mm, half of them beyond it: all of them are no doubt.
+    return (
+        said or outside_doubt(found.outside, sensor, "range_min_mm and range_max_mm of its sensor", mostly=0.6) or None
+    )
 
 
 def check_whole_numbers(recording: FloatRecording) -> tuple[str, ...]:
