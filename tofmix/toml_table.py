@@ -195,7 +195,7 @@ def parse_toml(text: str, *, source: str) -> TomlTable:
     if len(text) > MOST_CHARACTERS or longest > most_in_a_line:
         raise BadInputError(
             f"{source}: {len(text)} characters, {longest} in the longest line; no more than {MOST_CHARACTERS} and"
-            f" {most_in_a_line} are read"
+            f" {most_in_a_line} are read; break a long list over several lines"
         )
     try:
         return TomlTable(tomllib.loads(text), source)

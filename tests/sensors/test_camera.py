@@ -214,14 +214,17 @@ LAW = AmplitudeLaw(
 )
 WIDE = np.linspace(-6, 6, 121)
 SHAPE = NoiseShape(z=WIDE, density=np.exp(-0.5 * WIDE**2) + 1e-4)
+FINE = np.linspace(-16, 16, 513)  # points as of noise with long tails
+LONG_TAILED = NoiseShape(z=FINE, density=np.exp(-0.5 * FINE**2) + 1e-5)
 CURVES = (
     NoiseCurve(RANGE, SIGMA),
     NoiseCurve(RANGE, SIGMA, law=LAW),
     NoiseCurve(RANGE, SIGMA, shape=SHAPE, width_spread=0.125, background=np.array(0.03125)),
+    NoiseCurve(RANGE, SIGMA, law=LAW, shape=LONG_TAILED),
 )
 
 
-@pytest.mark.parametrize("curve", CURVES, ids=["sigma", "amplitude", "shape, widths, background"])
+@pytest.mark.parametrize("curve", CURVES, ids=["sigma", "amplitude", "shape, widths, background", "long tails"])
 def test_table_is_read_as_the_same_curve(curve: NoiseCurve) -> None:
     table = noise_toml(curve, integration_time_ms=2.5, exponent=0.5)
     sensor = parse_model(f'[sensor]\nprofile = "sr3000"\n{table}', source="a.toml").sensor

@@ -554,7 +554,7 @@ def _say_doubts(
     range_mm: FloatArray, built_in: "Camera", camera: Sensor, dropped: dict[str, int], unit_mm: float
 ) -> None:
     """Warn of an image of another size, of values dropped unnamed, and of ranges that are not the camera's."""
-    from tofmix.io.recording.range_check import implausible, outside_doubt
+    from tofmix.io.recording.range_check import implausible, is_outside, outside_doubt
     from tofmix.io.samples import guessed
 
     doubts = [built_in.size_doubt(range_mm.shape[-2:]) if range_mm.ndim >= IMAGE_RANK else ""]
@@ -562,9 +562,8 @@ def _say_doubts(
         doubts.append(f"no samples: {unnamed}; keep_values=True keeps fill values")
     seen = range_mm[np.isfinite(range_mm)]
     if seen.size:
-        outside = (seen < (camera.range_min_mm or 0.0)) | (seen > (camera.range_max_mm or np.inf))
         doubt = implausible(float(np.median(seen)), camera, unit_mm=unit_mm, path=None)
-        doubts.append(doubt or outside_doubt(float(outside.mean()), camera, "units"))
+        doubts.append(doubt or outside_doubt(float(is_outside(seen, camera).mean()), camera, "units"))
     elif range_mm.size:
         doubts.append(f"no valid sample: {', '.join(f'{number:,} {reason}' for reason, number in dropped.items())}")
     for text in filter(None, doubts):

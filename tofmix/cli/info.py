@@ -107,7 +107,7 @@ def _of_hdf5(path: Path) -> "Description":
     from tofmix.io.hdf5 import format_of
     from tofmix.io.layers import layers_file
     from tofmix.io.layers.layers_file import open_layers
-    from tofmix.io.recording.range_check import distance_doubt, look, unit_doubt, zeros_doubt
+    from tofmix.io.recording.range_check import distance_doubt, fills_doubt, look, unit_doubt, zeros_doubt
     from tofmix.io.recording.recording_file import open_recording
     from tofmix.io.surfaces_file import FORMAT as SURFACES_FORMAT
     from tofmix.io.surfaces_file import open_surfaces
@@ -125,6 +125,7 @@ def _of_hdf5(path: Path) -> "Description":
         doubts = {
             "range_units": unit_doubt(recording, found),
             "range_zeros": zeros_doubt(recording, found),
+            "range_fills": fills_doubt(recording, found),
             "range_distance": distance_doubt(recording, found),
         }
         return describe_recording(recording, name=str(path), file_bytes=size, doubts=doubts)

@@ -77,7 +77,12 @@ def is_camera_matrix(image: NDArray[Any]) -> bool:
 
 def guessed(dropped: dict[str, int]) -> str:
     """Numbers and reasons of the values that neither the source nor the user calls invalid; empty without any."""
-    return ", ".join(f"{number:,} {reason}" for reason, number in dropped.items() if reason.startswith(GUESSED))
+    return ", ".join(f"{number:,} {reason}" for reason, number in unnamed(dropped).items())
+
+
+def unnamed(dropped: dict[str, int]) -> dict[str, int]:
+    """Numbers by reason of the values that neither the source nor the user calls invalid."""
+    return {reason: number for reason, number in dropped.items() if reason.startswith(GUESSED)}
 
 
 def _reasons(

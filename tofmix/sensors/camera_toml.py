@@ -5,6 +5,7 @@ camera. Use `camera_toml` where a camera is written into a model, and `noise_tom
 pasted, or written into a model.
 """
 
+import textwrap
 from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
@@ -286,7 +287,7 @@ def _exact(value: float | tuple[float, ...]) -> str:
 def noise_toml(
     curve: NoiseCurve, *, integration_time_ms: float | None, exponent: float = 0.5, background: str | None = None
 ) -> str:
-    """The table ``[sensor.noise]`` of a curve, each list on one line, ending in a newline.
+    """The table ``[sensor.noise]`` of a curve, ending in a newline; long lists are on several lines.
 
     Parameters
     ----------
@@ -301,13 +302,13 @@ def noise_toml(
         Path of the .npy file with the map of background shares, relative to the model's folder. Without it one share
         is written for all pixels, the mean of a map.
     """
-    lines = ["[sensor.noise]", *(f"{key} = {_list(getattr(curve, key))}" for key in CURVE_LISTS)]
+    lines = ["[sensor.noise]", *(_list(key, getattr(curve, key)) for key in CURVE_LISTS)]
     if integration_time_ms is not None:
         lines += [f"reference_integration_time_ms = {integration_time_ms!r}", f"exponent = {exponent!r}"]
     if curve.law is not None:
-        lines += [f"{key} = {_list(getattr(curve.law, name))}" for key, name in LAW_LISTS.items()]
+        lines += [_list(key, getattr(curve.law, name)) for key, name in LAW_LISTS.items()]
     if curve.shape is not None:
-        lines += [f"{key} = {_list(getattr(curve.shape, name))}" for key, name in SHAPE_LISTS.items()]
+        lines += [_list(key, getattr(curve.shape, name)) for key, name in SHAPE_LISTS.items()]
     lines.append(f"width_spread = {_shown(curve.width_spread)}")
     if background is not None:
         lines.append(f'background = "{background}"')
@@ -316,8 +317,10 @@ def noise_toml(
     return "\n".join(lines) + "\n"
 
 
-def _list(values: Iterable[float]) -> str:
-    return f"[{', '.join(_shown(v) for v in values)}]"
+def _list(key: str, values: Iterable[float], *, width: int = 120) -> str:
+    """A key and its list, on lines of at most `width` characters: `parse_toml` refuses very long lines."""
+    text = f"{key} = [{', '.join(_shown(v) for v in values)}]"
+    return textwrap.fill(text, width, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False)
 
 
 def _shown(value: float) -> str:

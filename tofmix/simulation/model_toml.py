@@ -335,7 +335,7 @@ def background_path(model: Model) -> str | None:
     """Where, relative to a model's file, its map of background shares is; None where it has none."""
     if not model.text:
         return None
-    noise = parse_toml(model.text, source="").table("sensor").table("noise")
+    noise = parse_toml(model.text, source="model").table("sensor").table("noise")
     return noise.text("background") if isinstance(noise.values.get("background"), str) else None
 
 

@@ -15,7 +15,14 @@ from support.commandline import succeed
 from support.files import boards, write_recording
 
 from tofmix.errors import BadInputError, UsageError
-from tofmix.io.recording.range_check import check_whole_numbers, implausible, look, unit_doubt, zeros_doubt
+from tofmix.io.recording.range_check import (
+    check_whole_numbers,
+    fills_doubt,
+    implausible,
+    look,
+    unit_doubt,
+    zeros_doubt,
+)
 from tofmix.io.recording.recording_file import RecordingFile, file_sha256, open_recording
 from tofmix.io.recording.recording_writer import RecordingWriter
 from tofmix.recording import ArrayRecording, FrameSpan, TargetSeries, by_target, samples_a_frame
@@ -394,6 +401,19 @@ def test_a_median_that_the_camera_cannot_measure_is_said(median: float, limits: 
     assert said in doubt
 
 
+@pytest.mark.parametrize(("most", "doubted"), [(1100.0, True), (2000.0, False), (3000.0, False), (5000.0, False)])
+@pytest.mark.parametrize("dtype", ["u2", "f4"])
+def test_samples_mostly_beyond_the_cameras_range_are_said(
+    tmp_path: Path, most: float, doubted: bool, dtype: str
+) -> None:
+    # Boards at 1200 and 3000 mm in equal parts. One at the end of the range is as samples without a return are.
+    path = write_recording(tmp_path / "a.h5", boards(40).astype(dtype), attributes={"range_max_mm": most})
+    with open_recording(path) as recording:
+        lines = (*recording.remarks, *check_whole_numbers(recording))
+    said = f"outside the sensor's 300 to {most:g} mm; check range_min_mm and range_max_mm of its sensor"
+    assert [said in line for line in lines] == [True] * doubted
+
+
 def test_integers_have_no_doubtful_unit_and_no_doubtful_zeros(tmp_path: Path) -> None:
     samples = (boards() // 1000).astype("u2")
     samples[::2] = 0
@@ -444,6 +464,44 @@ def test_zeros_beside_another_fill_value_are_counted(tmp_path: Path, dtype: str)
     succeed("import", path, "-o", again, "--invalid", "0")
     with open_recording(again) as recording:
         assert (*recording.remarks, *check_whole_numbers(recording)) == ()
+
+
+@pytest.mark.parametrize(
+    ("dtype", "value", "reason"),
+    [
+        ("u2", 65535, "fill value 65535"),
+        ("i2", 32767, "fill value 32767"),
+        ("u4", 4294967295, "above 1e+09 mm"),
+        ("f4", 65535.0, "fill value 65535 mm"),
+        ("f8", 9.97e36, "above 1e+09 mm"),
+        ("f4", -1.0, "negative"),
+    ],
+)
+def test_values_that_import_drops_and_the_file_does_not_name_are_counted(
+    tmp_path: Path, dtype: str, value: float, reason: str
+) -> None:
+    samples = boards(40).astype(dtype)
+    samples[::4, 2] = value
+    path = write_recording(tmp_path / "a.h5", samples)
+    with open_recording(path) as recording:
+        (line,) = (*recording.remarks, *check_whole_numbers(recording))
+    assert f"of 960 checked samples these count as ranges: 60 {reason}; if they mean no sample" in line
+    again = tmp_path / "a_mm.h5"
+    assert line.endswith(f"tofmix import {path} -o {again}")
+    succeed("import", path, "-o", again)
+    with open_recording(again) as recording:
+        assert (*recording.remarks, *check_whole_numbers(recording)) == ()
+
+
+def test_named_fill_values_and_a_surface_at_the_range_of_one_are_not_counted(tmp_path: Path) -> None:
+    samples = boards(40).astype("u2")
+    samples[::4, 2] = 65535
+    with open_recording(write_recording(tmp_path / "named.h5", samples, fill=65535)) as recording:
+        assert fills_doubt(recording, look(recording)) is None
+    samples = (32768 + np.random.default_rng(3).integers(-12, 13, samples.shape)).astype("u2")
+    with open_recording(write_recording(tmp_path / "surface.h5", samples)) as recording:
+        assert look(recording).samples == samples.size
+        assert fills_doubt(recording, look(recording)) is None
 
 
 @pytest.mark.parametrize(

@@ -77,6 +77,8 @@ def test_close_layers_name_the_remedies_that_were_not_tried() -> None:
         return found[0].commands
 
     assert [c.split()[-3:-1] for c in commands(REMEDY)] == [["--window", "13"], ["--noise", "auto"]]
+    slanted = count_findings(pixels=10, by_status={}, by_surfaces=[0, 9, 1], max_layers=4, close=1, remedy=REMEDY)
+    assert "slanted or rough within a pixel" in slanted[0].text
     measured = Remedy(recording="a.h5", noise="auto", window_frames=40)
     assert [c.split()[-3:-1] for c in commands(measured)] == [["--window", "13"]]
     paper = Remedy(recording="a.h5", window_frames=40, paper=True)

@@ -1,8 +1,9 @@
 """Units as files and people write them, and checks on ranges: that they are in mm, plausible, and zeros are ranges.
 
 A float dataset does not show this. Without the attribute `units`, values of a few units are metres more likely than mm;
-where the fill value is not 0, exact zeros are ranges by the contract, and lost samples more likely. Both are checked in
-a few blocks, so that a long recording is not read twice; a file always has the same blocks.
+where the fill value is not 0, exact zeros are ranges by the contract, and lost samples more likely; so are other fill
+values that the file does not name, and negative ranges. All are checked in a few blocks, so that a long recording is
+not read twice; a file always has the same blocks.
 
 Units of length and time may stand at the ends of names.
 """
@@ -17,9 +18,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.arrays import Float32Array
+from tofmix.arrays import BoolArray, Float32Array
 from tofmix.errors import BadInputError
 from tofmix.io.next_command import import_command
+from tofmix.io.samples import no_sample, unnamed
 from tofmix.sensor import Sensor
 
 _BLOCK_SAMPLES = 1 << 16  # samples at each place
@@ -65,6 +67,9 @@ class RangeCheck:
     samples: int
     zeros: int
     median: float | None  # of the valid samples other than 0, as they are stored; None without any
+    # Numbers of other samples that `tofmix import` would drop, by reason: unnamed fill values and negative ranges.
+    fills: tuple[tuple[str, int], ...] = ()
+    outside: float = 0.0  # share of the valid samples outside of the camera's working range, 0 to 1
 
 
 def look(recording: FloatRecording) -> RangeCheck:
@@ -77,7 +82,27 @@ def look(recording: FloatRecording) -> RangeCheck:
         samples=values.size,
         zeros=0 if is_at_fold else zeros,
         median=float(np.median(some)) if some.size else None,
+        fills=tuple(_fills(some, recording).items()),
+        outside=float(is_outside(some, recording.sensor).mean()) if some.size else 0.0,
     )
+
+
+def _fills(valid: Float32Array, recording: FloatRecording) -> dict[str, int]:
+    """Numbers of valid samples (n,), other than 0, that import takes for none, by reason.
+
+    A value is a range where as many samples lie within `NEAREST_MM` of it.
+    """
+    stored = np.dtype(recording.stored_type)
+    fits = np.can_cast(stored, np.float32)  # so that float32 holds its numbers exactly; the ends of wider types do not
+    numbers = valid.astype(stored) if fits else valid
+    found = no_sample(numbers, unit_mm=1.0)
+    dropped = unnamed(found.dropped)
+    if not dropped:
+        return {}
+    values, counts = np.unique(valid[found.bad], return_counts=True)
+    kept = np.sort(valid[~found.bad])
+    beside = np.searchsorted(kept, values + NEAREST_MM, "right") - np.searchsorted(kept, values - NEAREST_MM)
+    return dropped if np.any(counts > beside) else {}
 
 
 def _blocks(recording: FloatRecording) -> Iterator[tuple[slice, slice]]:
@@ -171,6 +196,12 @@ def implausible(median_mm: float, sensor: Sensor, *, unit_mm: float, path: Path 
     return f"{said}; check the units; if the numbers are in {_NAMES[text]}: {remedy}"
 
 
+def is_outside(range_mm: NDArray[Any], sensor: Sensor) -> BoolArray:
+    """Which ranges, mm, lie outside of the camera's working range, as far as it is known; of their shape."""
+    least, most = sensor.range_min_mm or 0.0, math.inf if sensor.range_max_mm is None else sensor.range_max_mm
+    return np.asarray((range_mm < least) | (range_mm > most))
+
+
 def outside_doubt(share: float, sensor: Sensor, option: str, *, mostly: float = 0.5) -> str:
     """Doubt about a share of the samples outside of the camera's working range; empty without one."""
     if share <= mostly:
@@ -207,15 +238,31 @@ def zeros_doubt(recording: FloatRecording, found: RangeCheck) -> str | None:
     )
 
 
+def fills_doubt(recording: FloatRecording, found: RangeCheck) -> str | None:
+    """Number of samples that are fill values elsewhere and count as ranges, with the remedy; None without any."""
+    if not found.fills:
+        return None
+    said = ", ".join(f"{number:,} {reason}" for reason, number in found.fills)
+    return (
+        f"of {found.samples:,} checked samples these count as ranges: {said}; if they mean no sample:"
+        f" {import_command(recording.path)}"
+    )
+
+
 def distance_doubt(recording: FloatRecording, found: RangeCheck) -> str | None:
-    """Doubt about a median range that no camera measures, with the remedy; None without one."""
+    """Doubt about ranges that no camera measures, or not this one, with the remedy; None without one."""
     if found.median is None or unit_doubt(recording, found) is not None:
         return None
-    return implausible(found.median, recording.sensor, unit_mm=1.0, path=recording.path) or None
+    sensor = recording.sensor
+    said = implausible(found.median, sensor, unit_mm=1.0, path=recording.path)
+    # Samples without a return lie about range_max_mm, half of them beyond it: all of them are no doubt.
+    return (
+        said or outside_doubt(found.outside, sensor, "range_min_mm and range_max_mm of its sensor", mostly=0.6) or None
+    )
 
 
 def check_whole_numbers(recording: FloatRecording) -> tuple[str, ...]:
-    """Notes on the distances and zeros of a recording of whole numbers, as `check_range` has them of floats.
+    """Notes on a recording of whole numbers: its distances, zeros and fill values, as `check_range` has them of floats.
 
     Apart from opening, since floats alone must be looked at before they are used.
     """
@@ -225,7 +272,7 @@ def check_whole_numbers(recording: FloatRecording) -> tuple[str, ...]:
 
 
 def _notes(recording: FloatRecording, found: RangeCheck) -> tuple[str, ...]:
-    doubts = (zeros_doubt(recording, found), distance_doubt(recording, found))
+    doubts = (zeros_doubt(recording, found), fills_doubt(recording, found), distance_doubt(recording, found))
     return tuple(f"{recording.path}: range: {text}" for text in doubts if text)
 
 
