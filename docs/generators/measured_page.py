@@ -78,7 +78,10 @@ class Story:
     def samples(self, root: Path) -> Samples:
         """The samples of both."""
         first, second = (tm.open(root / name) for name in (self.reference, self.measured))
-        old, new, times_s = first.range_mm, second.range_mm, second.time_s
+        if not (isinstance(first, tm.Recording) and isinstance(second, tm.Recording)):
+            raise TypeError(f"{self.reference}, {self.measured}: not recordings")
+        old, new = first.range_mm.astype(np.float64), second.range_mm.astype(np.float64)
+        times_s = second.time_s
         if times_s is None:
             raise ValueError(f"{self.measured} has no times")
         if self.reference != self.measured:
@@ -159,7 +162,7 @@ def draw(story: Story, root: Path) -> Figure:
     last = _level(samples.measured_mm[-max(len(samples.measured_mm) // 3, 1) :])
     change = np.where(used, last - base, np.nan)
     most = float(np.nanpercentile(np.abs(change), 98.0))
-    differs = _on_changed_surfaces(change, model.scene.surface[..., 0])
+    differs = _on_changed_surfaces(change, model.scene.surface[..., 0].astype(np.int64))
     figure = Figure(figsize=_SIZE_INCH, dpi=_DPI, layout=ConstrainedLayoutEngine(w_pad=0.1))
     if change.size > 1:
         left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.7))

@@ -6,7 +6,6 @@ The page's own commands run in small: fewer frames or pixels, and other seeds. E
 import json
 import re
 import runpy
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +16,6 @@ from support.commandline import Tofmix
 ROOT = Path(__file__).parents[2]
 SAMPLES = ROOT / "sample_data"
 PAGE = (ROOT / "docs/tutorials/measured.md").read_text(encoding="utf-8")
-
-
-def story(test: Callable[..., None]) -> Callable[..., None]:
-    """Mark a test that reconciles recordings."""
-    return pytest.mark.slow(pytest.mark.compiled("it reconciles recordings")(test))
 
 
 def test_each_story_of_the_page_has_the_outcome_of_its_command_and_a_picture() -> None:
@@ -44,7 +38,8 @@ def outcome(tofmix: Tofmix, folder: Path, *arguments: object) -> dict[str, Any]:
     return found
 
 
-@story
+@pytest.mark.slow
+@pytest.mark.compiled("it reconciles recordings")
 def test_a_drone_that_flies_towards_a_wall_is_named_with_its_speed(tofmix: Tofmix, tmp_path: Path) -> None:
     model = SAMPLES / "drone_model.toml"
     (added,) = re.findall(r"<<'TOML'\n(.*?)^TOML$", PAGE, re.DOTALL | re.MULTILINE)
@@ -62,7 +57,8 @@ def test_a_drone_that_flies_towards_a_wall_is_named_with_its_speed(tofmix: Tofmi
     assert any("another recording of this scene" in step for step in found["next_steps"])
 
 
-@story
+@pytest.mark.slow
+@pytest.mark.compiled("it reconciles recordings")
 def test_a_room_that_is_found_again_by_a_warm_camera_shows_its_drift(
     tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -77,7 +73,8 @@ def test_a_room_that_is_found_again_by_a_warm_camera_shows_its_drift(
         assert abs(drift["parameters"][name] - true) < 3 * drift["stderr"][name]
 
 
-@story
+@pytest.mark.slow
+@pytest.mark.compiled("it reconciles recordings")
 def test_an_object_that_recedes_is_located_and_no_wall_is_named(tofmix: Tofmix, tmp_path: Path) -> None:
     """The object is in columns 6 to 10; whether its motion is named is not part of the story."""
     found = outcome(tofmix, tmp_path / "gap", "--self", SAMPLES / "tmf8829_edge.h5")
@@ -91,7 +88,8 @@ def test_an_object_that_recedes_is_located_and_no_wall_is_named(tofmix: Tofmix, 
     assert {effect["parameters"].get("surface", "surface 0") for effect in found["effects"]} <= {"surface 0"}
 
 
-@story
+@pytest.mark.slow
+@pytest.mark.compiled("it reconciles recordings")
 def test_a_zone_sensor_that_stands_still_is_off_by_less_than_its_noise(tofmix: Tofmix, tmp_path: Path) -> None:
     found = outcome(tofmix, tmp_path / "gap", SAMPLES / "vl53l0x_minute.h5", SAMPLES / "vl53l0x_later.h5")
     assert found["verdict"] == "explained"
