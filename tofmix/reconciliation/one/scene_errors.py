@@ -32,9 +32,6 @@ from tofmix.reconciliation.likelihood.mixture import Mixture
 from tofmix.reconciliation.likelihood.reference_errors import ReferenceErrors
 from tofmix.simulation.measured_scene import UNKNOWN_WALK
 
-_LEAST_SHARE = 1e-6  # probability of a lost sample, as of the pass over samples
-_NODES = 9  # of an integral over the logarithm of all shares of lost samples
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SceneErrors:
@@ -181,15 +178,17 @@ class SceneErrors:
         share : (pixel,) float64
             Predicted share of lost samples.
         """
+        least = 1e-6  # probability of a lost sample, as of the pass over samples
+        nodes = 9  # of the integral over the logarithm of all shares
         told = (self.lost_frames > 0) & (share < 1)
-        p, k, worth = np.maximum(share[told], _LEAST_SHARE), lost[told], self.lost_frames[told]
+        p, k, worth = np.maximum(share[told], least), lost[told], self.lost_frames[told]
         binomial = float((k * np.log(p) + (frames - k) * np.log1p(-p)).sum())
         of_effects = np.maximum(share[told] - self.lost_share[told], 0.0)
-        place, weight = np.polynomial.hermite_e.hermegauss(_NODES if self.common_lost else 1)
+        place, weight = np.polynomial.hermite_e.hermegauss(nodes if self.common_lost else 1)
         of_all = np.exp(self.common_lost * (place - 0.5 * self.common_lost))  # its mean is 1
         nats = np.empty(place.size)
         for number, factor in enumerate(of_all):
-            now = np.clip(of_effects + self.lost_share[told] * factor, _LEAST_SHARE, 1.0 - _LEAST_SHARE)
+            now = np.clip(of_effects + self.lost_share[told] * factor, least, 1.0 - least)
             a, b = worth * now, worth * (1.0 - now)
             nats[number] = float((betaln(k + a, frames - k + b) - betaln(a, b)).sum())
         return float(logsumexp(nats, b=weight / weight.sum())) - binomial
