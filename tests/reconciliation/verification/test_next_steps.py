@@ -96,7 +96,7 @@ def test_bias_that_is_smooth_over_the_image_leads_to_the_lens_and_to_no_pose(sma
 def along_another_axis(model: Model, power: int) -> Evidence:
     """Ranges times this power of the cosine of each beam with z, in whole mm."""
     evidence = recorded(model)
-    cosine = joint_likelihood([(model, evidence)]).scene.beams[:, 2]
+    cosine = joint_likelihood([(model, evidence)]).scene.members[0].beams[:, 2]
     samples = np.rint(evidence.samples * cosine**power).reshape(-1, *model.sensor.shape)
     return make_evidence(model, samples.astype(np.float32), time_s=evidence.time_s)
 
