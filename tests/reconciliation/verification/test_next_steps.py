@@ -15,7 +15,7 @@ from tofmix.reconciliation.likelihood.joint import joint_likelihood
 from tofmix.reconciliation.likelihood.pixel_pattern import spreads_of
 from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.verification.considered import separate_by
-from tofmix.reconciliation.verification.next_steps import fold, remedies, worse
+from tofmix.reconciliation.verification.next_steps import fold, other_axes, remedies, worse
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.sensors import load_profile
 from tofmix.simulation.effects.phase_wrapping import PhaseWrapping
@@ -89,6 +89,35 @@ def test_bias_that_is_smooth_over_the_image_leads_to_the_lens_and_to_no_pose(sma
     result = reconcile(small, shown, Settings(kinds=("range_offset", "surface_pose")))
     assert (result.verified.verdict, result.verified.law) == ("unexplained", "place in the image")
     assert any("suspect the lens" in step for step in result.next_steps)
+    assert not any("along its normal" in step for step in result.next_steps)
+    assert not result.suggested
+
+
+def along_another_axis(model: Model, power: int) -> Evidence:
+    """Ranges times this power of the cosine of each beam with z, in whole mm."""
+    evidence = recorded(model)
+    cosine = joint_likelihood([(model, evidence)]).scene.members[0].beams[:, 2]
+    samples = np.rint(evidence.samples * cosine**power).reshape(-1, *model.sensor.shape)
+    return make_evidence(model, samples.astype(np.float32), time_s=evidence.time_s)
+
+
+@pytest.mark.parametrize(("power", "axes"), [(1, [(0, "z")]), (-1, [(0, "ray")]), (0, [])])
+def test_axis_of_the_depths_is_told_by_the_biases(small: Model, power: int, axes: list[tuple[int, str]]) -> None:
+    likelihood = joint_likelihood([(small, along_another_axis(small, power))])
+    assert list(other_axes(likelihood, Settings(kinds=()))) == axes
+
+
+@pytest.mark.parametrize("offset_mm", [-40.0, 40.0])
+def test_an_offset_is_no_other_axis(small: Model, offset_mm: float) -> None:
+    likelihood = joint_likelihood([(small, recorded(small, MAKE["range_offset"](offset_mm=offset_mm)))])
+    assert not list(other_axes(likelihood, Settings(kinds=())))
+
+
+@pytest.mark.slow
+def test_depths_along_z_lead_to_the_import_and_to_no_pose(small: Model) -> None:
+    result = reconcile(small, along_another_axis(small, 1), Settings(kinds=("range_offset",)))
+    step = "The ranges fit the model if they are depths along z: import the source again with --depth-axis z."
+    assert step in result.next_steps
     assert not any("along its normal" in step for step in result.next_steps)
     assert not result.suggested
 

@@ -121,11 +121,13 @@ def next_steps(
         Options of the search.
     """
     steps = [*_of_the_recording(likelihood, verified)]
+    axes = [] if verified.verdict == "agree" else list(other_axes(likelihood, settings))
+    steps += _of_axes(axes, several=len(likelihood.scene.members) > 1)
     suggested: list[tuple[int, Effect]] = []
     if verified.verdict in ("unexplained", "partly_explained"):
         steps += _of_contradictions(added, verified)
         steps += _of_far_trends(likelihood, verified, settings)
-    if verified.verdict in ("unexplained", "partly_explained"):
+    if verified.verdict in ("unexplained", "partly_explained") and not axes:
         named = verified.verdict == "partly_explained"  # otherwise the effects are no part of the model
         part = fit_part(likelihood, settings)
         state = verified.state if named else begin(likelihood, part[0], settings.accepted(likelihood))
@@ -360,6 +362,36 @@ def common_offset(likelihood: Likelihood, settings: Settings, state: ModelState)
     offset, explained = weighed / weight, weighed**2 / weight
     clear = abs(offset) * math.sqrt(weight) > _CLEAR and explained > _MOSTLY * squares
     return basic_kind(Basic.OFFSET).of_magnitude(float(f"{offset:.4g}")) if clear else None
+
+
+def other_axes(likelihood: Likelihood, settings: Settings) -> Iterator[tuple[int, str]]:
+    """Recordings, from 0, whose ranges fit the model as given along another axis, and the option that takes them so.
+
+    A depth along z is the range times the cosine z of the unit beam. Depths that were stored as ranges have biases of
+    (z - 1) r, ranges that were converted as if they were depths those of (1 / z - 1) r: without a free number, so that
+    they must explain as much of all biases as a pose of one surface. An offset explains at most three quarters of such
+    squares over a whole image.
+    """
+    state = begin(likelihood, fit_part(likelihood, settings)[0], settings.accepted(likelihood))
+    for biases in biases_of_recordings(likelihood, state, fit_part(likelihood, settings)):
+        own = biases.used
+        if own.sum() < LEAST_PIXELS:
+            continue
+        mean = biases.view.mixture.of_main(biases.view.mixture.mean)[own]
+        cosine, bias, information = biases.view.scene.beams[own, 2], biases.bias_mm[own], biases.information[own]
+        squares = float((information * bias**2).sum())
+        for option, factor in (("z", 1.0 / cosine), ("ray", cosine)):
+            left = (mean + bias) * factor - mean
+            explained = 1.0 - float((information * left**2).sum()) / max(squares, 1e-30)
+            if explained > _MOSTLY and math.sqrt(explained * squares) > _CLEAR:
+                yield biases.view.number, option
+
+
+def _of_axes(axes: Sequence[tuple[int, str]], *, several: bool) -> Iterator[str]:
+    for number, option in axes:
+        of = f" of recording {number + 1}" if several else ""
+        what = "depths along z" if option == "z" else "along the beams already, and were converted from depths along z"
+        yield f"The ranges{of} fit the model if they are {what}: import the source again with --depth-axis {option}."
 
 
 def poses_win(likelihood: Likelihood, settings: Settings, state: ModelState, poses: Sequence[FoundPose]) -> bool:
