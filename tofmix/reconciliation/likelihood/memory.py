@@ -8,6 +8,7 @@ Products of samples at a distance of some frames, which show a memory.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -261,7 +262,10 @@ class _Noise:
         told = np.where(self.scored, self.u, 0.0)
         before = np.zeros_like(told)
         before[:, 1:] = np.where(self.scored[:, 1:], self.u[:, :-1], 0.0)
-        product = (told - coefficient * before) * before
+        count = np.maximum(self.scored.sum(axis=1, keepdims=True), 1)
+        power = (told**2).sum(axis=1, keepdims=True) / count  # of each pixel: no predicted width counts
+        product = (told - coefficient * before) * before / np.maximum(power, _LEAST_POWER)
+        product -= np.where(self.scored, product.sum() / max(int(self.scored.sum()), 1), 0.0)  # of another coefficient
         return float((product.sum(axis=0) ** 2).sum()), float((product**2).sum())
 
 
@@ -305,15 +309,32 @@ def fit_memory(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: 
 
 
 def memory_gain(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part, coefficient: float) -> float:
-    """Gain, nats, by earlier frames in the prediction of a part's samples."""
-    return sum(n.gain(coefficient) for n in _noises(likelihood, z, mixture, part))
+    """Gain, nats, by earlier frames in the prediction of a part's samples; what pixels share counts once."""
+    noises = _noises(likelihood, z, mixture, part)
+    return sum(n.gain(coefficient) for n in noises) / _together(noises, coefficient)
 
 
 def memory_gain_at_own_widths(
     likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part, coefficient: float
 ) -> float:
     """As `memory_gain`, with the noise of each pixel as wide as is most likely: it depends on no predicted width."""
-    return sum(n.gain_at_own_widths(coefficient) for n in _noises(likelihood, z, mixture, part))
+    noises = _noises(likelihood, z, mixture, part)
+    return sum(n.gain_at_own_widths(coefficient) for n in noises) / _together(noises, coefficient)
+
+
+def _together(noises: Sequence[_Noise], coefficient: float) -> float:
+    """How many samples count as one, as they are alike within a frame; 1 for pixels that are independent.
+
+    The variance of the products of a frame's samples with those of the frame before, summed over pixels, over the sum
+    of the pixels' own.
+
+    References
+    ----------
+    Liang and Zeger, Biometrika 73 (1986) 13: errors of dependent samples by their clusters, here the frames. Chandler
+    and Bate, Biometrika 94 (2007) 167: their likelihood.
+    """
+    by_frame, by_sample = (sum(part) for part in zip(*(n.products(coefficient) for n in noises), strict=True))
+    return max(by_frame / by_sample, 1.0) if by_sample > 0 else 1.0
 
 
 def memory_left(likelihood: Likelihood, state: ModelState, coefficient: float, seed: int) -> float:
@@ -345,20 +366,13 @@ def _left(z: Float32Array, mixture: Mixture, coefficient: float) -> float:
 def memory_error(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part, coefficient: float) -> float:
     """Standard error of the coefficient, by the curvature of the log-likelihood at each pixel's own width.
 
-    Samples that pixels have in common are counted once: the variance is larger by that of the products of a frame's
-    samples with those of the frame before, summed over pixels, over the sum of the pixels' own.
-
-    References
-    ----------
-    Liang and Zeger, Biometrika 73 (1986) 13: the errors of dependent samples by their clusters, here the frames.
+    What pixels share counts once.
     """
     noises = _noises(likelihood, z, mixture, part)
     middle = min(max(coefficient, -_MOST + _NUDGE), _MOST - _NUDGE)
     below, here, above = (sum(n.gain_at_own_widths(middle + step) for n in noises) for step in (-_NUDGE, 0.0, _NUDGE))
     curvature = (2 * here - below - above) / _NUDGE**2
-    by_frame, by_sample = (sum(part) for part in zip(*(n.products(middle) for n in noises), strict=True))
-    together = max(by_frame / by_sample, 1.0) if by_sample > 0 else 1.0
-    return math.sqrt(together / max(curvature, 1.0))
+    return math.sqrt(_together(noises, middle) / max(curvature, 1.0))
 
 
 @borrowing
