@@ -215,9 +215,8 @@ def count_findings(
     if close / max(1, pixels) > thresholds.close_share:
         text = (
             f"{100 * close / pixels:.1f} % of the pixels have two layers within {thresholds.close_sigmas:g} sigma of"
-            " each other, which is rare in real scenes. Drift within a window causes such pairs, and so do noise"
-            " above the curve, and a surface that is slanted or rough within a pixel: its layers are parts of it, and"
-            " no option joins them."
+            " each other, which is rare. Causes: drift within a window, noise above the curve, a surface that is"
+            " slanted or rough within a pixel (no option joins it)."
         )
         commands = tuple(dict.fromkeys((remedy.shorter(), remedy.measure())))
         if remedy.paper:  # its peaks are split by chance alone
