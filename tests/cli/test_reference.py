@@ -111,3 +111,47 @@ def test_a_static_image_with_edges_and_open_space_agrees_with_its_own_beginning(
     assert shown.code == 0
     assert "verdict      agree" in shown.out
     assert "pixels left out: a neighbour sees another surface" in shown.err
+
+
+def _flight(path: Path, speed_mm_s: float, *, zones: int = 8, frames: int = 72) -> Path:
+    """A recording of zones that move along their axis before a wall from the first frame on; some see nothing."""
+    rng, time_s = np.random.default_rng(1), np.arange(frames) / 15.0
+    depth_mm = 1500.0 + speed_mm_s * time_s[:, None, None] + rng.normal(0.0, 12.0, (frames, zones, zones))
+    depth_mm[:, 0] = np.nan
+    tm.from_array(depth_mm, units="mm", fov_deg=(45.0, 45.0), depth_axis="z", time_s=time_s).save(path)
+    return path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("speed_mm_s", [-200.0, 350.0])
+def test_motion_that_began_before_the_reference_is_named_with_its_speed(
+    tofmix: Tofmix, tmp_path: Path, speed_mm_s: float
+) -> None:
+    """Within the reference of 16 frames the wall moves by 17 and 29 sigma, and by 60 to 110 after it."""
+    recording, folder = _flight(tmp_path / "a.h5", speed_mm_s), tmp_path / "gap"
+    shown = tofmix("reconcile", "--self=16", recording, "-o", folder)
+    assert shown.code == 0, shown.err
+    assert f"its first 16 frames: ranges change by {speed_mm_s:+.0f}"[:-2] in shown.err
+    assert "at_rest = true" in (folder / "model.toml").read_text()
+    gap = json.loads((folder / "gap.json").read_text())
+    assert (gap["verdict"], [e["kind"] for e in gap["effects"]]) == ("explained", ["motion"])
+    found, error = (gap["effects"][0][key]["velocity_mm_s"] for key in ("parameters", "stderr"))
+    assert abs(found - speed_mm_s) < 3 * error + 0.01 * abs(speed_mm_s)
+    assert tm.reconcile(folder / "model.toml", recording).verified.verdict != "unexplained"
+
+
+def test_reference_without_a_whole_surface_is_compared(tofmix: Tofmix, tmp_path: Path) -> None:
+    """Two zones in opposite corners see a wall, which is no plane of three points; one sees another wall behind it."""
+    rng, far = np.random.default_rng(2), np.arange(160)[:, None, None] >= 80
+    samples = np.full((160, 4, 4), np.nan)
+    for row, col in ((0, 0), (3, 3)):
+        samples[:, row, col] = rng.normal(1000.0, 5.0, 160)
+    samples[::3, 0, 0] += 800.0
+    recording = tmp_path / "a.h5"
+    moved = samples + np.where(far, 20.0, 0.0)
+    tm.from_array(moved, units="mm", fov_deg=(45.0, 45.0), time_s=np.arange(160) / 15.0).save(recording)
+    shown = tofmix("reconcile", "--self=80", recording, "-o", tmp_path / "gap", "--effects", "range_offset")
+    assert shown.code == 0, shown.err
+    gap = json.loads((tmp_path / "gap" / "gap.json").read_text())
+    assert gap["where"][0]["statistic"] in ("bias", "trend", "pattern")
+    assert "verdict      agree" not in shown.out

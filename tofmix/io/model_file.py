@@ -127,6 +127,7 @@ def scene_of_model(file: Path) -> SceneReader:
             walks=walks,
             range_max_mm=range_max_mm,
             every=every,
+            at_rest=table.boolean("at_rest") if "at_rest" in table else False,
             layers_path=table.text("layers"),
             surfaces_path=table.text("surfaces") if "surfaces" in table else "",
         )

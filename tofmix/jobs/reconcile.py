@@ -62,7 +62,7 @@ def kinds_of(effects: Sequence[str] | None, reporter: Reporter) -> tuple[str, ..
 def check_models(models: Sequence[tuple[str, Model]]) -> None:
     """Refuse named models that no recording, or not one camera, can be compared with."""
     for name, model in models:
-        if not model.surfaces:
+        if model.scene is None and not model.surfaces:
             raise BadInputError(f"{name}: surface: the model has no surface; add one to compare with the recording")
     for name, model in models[1:]:
         try:

@@ -26,6 +26,7 @@ from tofmix.jobs.files import opened_recording
 from tofmix.jobs.reporter import OptionError, Reporter
 from tofmix.jobs.scene import estimated, measured_model, settings_of
 from tofmix.reconciliation.likelihood import wander
+from tofmix.reconciliation.likelihood.wander import straight_courses
 from tofmix.recording import CameraSource, SampleSource
 from tofmix.sensor import Sensor
 from tofmix.simulation.measured_scene import LEAST_SAMPLES, UNKNOWN_WALK, MeasuredScene, SceneTable
@@ -163,15 +164,23 @@ def _of_frames(
     """The reference of the first frames of a recording, of which those between independent ones are left out."""
     _check_frames(path, frames, "the first " if used else "")
     about = About(path, f"its first {frames} frames" if used else "")
-    with _written(recording, frames, path, 1) as part, estimated(part, workers, reporter, about=about) as layers:
+    course = _course(recording, frames, about, reporter)
+    table = SceneTable(range_max_mm=others_mm, at_rest=course is not None)
+    with (
+        _written(recording, frames, path, 1, course) as part,
+        estimated(part, workers, reporter, about=about) as layers,
+    ):
         found = layers.provenance.sensor.temporal_filter
         if found is None:
-            return _reference(layers, path, reporter, recording, part, 1, used, others_mm)
+            return _reference(layers, path, reporter, recording, part, table, used)
     every = frames_apart(found)
     reporter.note(f"{path}: {found.words()}: one frame of {every} is compared")
     _check_frames(path, -(-frames // every), f"one frame of {every} is independent: ")
-    with _written(recording, frames, path, every) as part, estimated(part, workers, reporter, about=about) as layers:
-        return _reference(layers, path, reporter, recording, part, every, used, others_mm)
+    with (
+        _written(recording, frames, path, every, course) as part,
+        estimated(part, workers, reporter, about=about) as layers,
+    ):
+        return _reference(layers, path, reporter, recording, part, replace(table, every=every), used)
 
 
 def _check_frames(path: Path, frames: int, which: str = "") -> None:
@@ -179,18 +188,49 @@ def _check_frames(path: Path, frames: int, which: str = "") -> None:
         raise BadInputError(f"{path}: {which}{frames} frames; a reference needs {LEAST_SAMPLES}")
 
 
-@contextmanager
-def _written(recording: RecordingFile, frames: int, path: Path, every: int) -> Iterator[Path]:
-    """Every so many of the first frames of a recording as a file for the time of the block; the recording if all."""
+def _course(recording: RecordingFile, frames: int, about: About, reporter: Reporter) -> FloatArray | None:
+    """The straight ways of pixels (frame, row, col), mm, within the first frames of a recording, which are said.
+
+    None if the ranges do not change far. The scene is that of the middle of the time: an effect that moves a surface
+    begins there.
+    """
+    _refuse_targets(recording, about.recording)
+    samples = recording.read_range(slice(frames), slice(None)).astype(np.float64)
+    time_s = recording.read_time()
+    since = np.arange(frames, dtype=np.float64) if time_s is None else time_s[:frames]
+    alpha = 0.01
+    found = straight_courses(np.where(samples > 0, samples, np.nan).reshape(frames, -1), since, alpha)
+    if found is None:
+        return None
+    ways, far_mm = found
+    reporter.warn(
+        f"{about.name}: ranges change by {far_mm:+.0f} mm within the reference: the camera or its scene moves. The"
+        " scene is that of the middle of this time, and each pixel's straight way is taken out"
+    )
+    return ways.reshape(samples.shape)
+
+
+def _refuse_targets(recording: RecordingFile, path: Path) -> None:
     if recording.targets:
         raise BadInputError(f"{path}: range: {recording.targets} targets a pixel and frame; a scene needs one sample")
-    if frames == recording.frames and every == 1:
+
+
+@contextmanager
+def _written(
+    recording: RecordingFile, frames: int, path: Path, every: int, course: FloatArray | None
+) -> Iterator[Path]:
+    """Every so many of the first frames of a recording, without a course, as a file for the time of the block.
+
+    The recording itself if all frames are taken and there is no course.
+    """
+    _refuse_targets(recording, path)
+    if frames == recording.frames and every == 1 and course is None:
         yield path
         return
     light, time_s, rows = recording.has_amplitude, recording.read_time(), slice(None)
     with TemporaryDirectory(prefix="tofmix-") as folder:
         part = Path(folder) / path.name
-        whole = np.issubdtype(np.dtype(recording.stored_type), np.integer)
+        whole = course is None and np.issubdtype(np.dtype(recording.stored_type), np.integer)
         writer = RecordingWriter(
             part,
             shape=(len(range(0, frames, every)), *recording.shape[1:]),
@@ -200,7 +240,10 @@ def _written(recording: RecordingFile, frames: int, path: Path, every: int) -> I
             dtype="u2" if whole else "f4",
             attributes={"averaged": int(recording.averaged)},
         )
-        samples = recording.read_range(slice(frames), rows)[::every]
+        samples = recording.read_range(slice(frames), rows)
+        if course is not None:
+            samples = np.where(samples > 0, samples - course.astype(np.float32), np.float32(np.nan))
+        samples = samples[::every]
         with writer:
             writer.write(
                 0,
@@ -217,15 +260,14 @@ def _reference(
     reporter: Reporter,
     recording: RecordingFile,
     part: Path,
-    every: int,
+    table: SceneTable,
     used: int,
-    others_mm: float,
 ) -> Reference:
     """The reference of the layers of a part of a recording."""
     with open_recording(part) as first:
         noise, walks = in_common(first, layers)
     settings = settings_of(recording)
-    table = SceneTable(frame_noise=noise, walks=walks, range_max_mm=others_mm, every=every)
+    table = replace(table, frame_noise=noise, walks=walks)
     made, model = measured_model(layers, path, reporter, REFERENCE, settings=settings, table=table)
     return Reference(model=model, layers=made.layers, frames=used)
 

@@ -58,6 +58,8 @@ class SceneTable:
         Longest range of any recording of the scene, of a camera that does not say its own; 0 is that of the layers.
     every : int
         Frames from one sample to the next: a camera that filters its ranges over time repeats itself in between.
+    at_rest : bool
+        Whether the straight ways of surfaces that moved within the recording are no part of the layers.
     layers_path, surfaces_path : str
         Files, relative to the model; surfaces may be empty.
     """
@@ -66,6 +68,7 @@ class SceneTable:
     walks: tuple[float, ...] = ()
     range_max_mm: float = 0.0
     every: int = 1
+    at_rest: bool = False
     layers_path: str = ""
     surfaces_path: str = ""
 
@@ -336,6 +339,7 @@ def measured_scene(
         walks=table.walks,
         range_max_mm=table.range_max_mm,
         every=table.every,
+        at_rest=table.at_rest,
         layers_path=table.layers_path,
         surfaces_path=table.surfaces_path,
     )

@@ -1,10 +1,10 @@
-"""Probabilities of a walk of all means, by the recording of a scene."""
+"""Probabilities of a walk of all means, by the recording of a scene; and straight ways that are no walk."""
 
 import numpy as np
 import pytest
 
 from tofmix.arrays import FloatArray
-from tofmix.reconciliation.likelihood.wander import probabilities
+from tofmix.reconciliation.likelihood.wander import probabilities, straight_courses
 from tofmix.simulation.measured_scene import UNKNOWN_WALK, WALKS
 
 FRAMES, PIXELS = 400, 16
@@ -46,3 +46,45 @@ def test_what_a_frame_has_in_common_is_no_walk() -> None:
 
 def test_a_recording_of_few_frames_tells_nothing() -> None:
     assert probabilities(_noise(1)[:3], frame_noise=0.0, repeats=1.0) == pytest.approx(UNKNOWN_WALK)
+
+
+def _moving(frames: int, seed: int = 3) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Samples of sigma 10 mm, of which two thirds of the pixels move at their own speeds; times; and the speeds."""
+    rng = np.random.default_rng(seed)
+    time_s = np.sort(rng.uniform(0.0, 2.0, frames))
+    speeds = np.where(np.arange(PIXELS) % 3 == 0, 0.0, rng.uniform(80.0, 120.0, PIXELS))
+    return 1000.0 + 10.0 * rng.standard_normal((frames, PIXELS)) + time_s[:, None] * speeds, time_s, speeds
+
+
+@pytest.mark.parametrize("frames", [12, 60])
+def test_straight_ways_are_those_of_the_pixels_that_move_and_zero_in_the_middle(frames: int) -> None:
+    samples, time_s, speeds = _moving(frames)
+    samples[np.random.default_rng(4).random(samples.shape) < 0.1] = np.nan
+    found = straight_courses(samples, time_s, 0.01)
+    assert found is not None
+    ways, far_mm = found
+    middle = 0.5 * (time_s[0] + time_s[-1])
+    assert far_mm == pytest.approx(100.0 * (time_s[-1] - time_s[0]), rel=0.15)
+    np.testing.assert_array_equal(ways[:, speeds == 0.0], 0.0)
+    error = 10.0 * np.sqrt(np.pi / 2) * np.sqrt(2.0 / (frames / 3 * 0.7))  # of two medians
+    np.testing.assert_allclose(ways, (time_s - middle)[:, None] * speeds, atol=4 * error)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.95])
+def test_still_pixels_have_no_straight_ways_under_a_memory_either(memory: float) -> None:
+    """The way of 16 pixels is compared with the noise of one."""
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        noise = rng.standard_normal((20, PIXELS))
+        for k in range(1, len(noise)):
+            noise[k] = memory * noise[k - 1] + np.sqrt(1.0 - memory**2) * noise[k]
+        assert straight_courses(1000.0 + 10.0 * noise, np.arange(20.0), 0.01) is None
+
+
+def test_a_small_way_or_no_time_is_no_straight_way() -> None:
+    samples, time_s, _ = _moving(60)
+    assert straight_courses(1000.0 + (samples - 1000.0) * np.where(time_s < 0, 1, 0)[:, None], time_s, 0.01) is None
+    still = 10.0 * np.random.default_rng(5).standard_normal((60, PIXELS))
+    assert straight_courses(still + 10.0 * time_s[:, None], time_s, 0.01) is None  # 2 sigma
+    assert straight_courses(samples, np.zeros(60), 0.01) is None
+    assert straight_courses(np.full((60, PIXELS), np.nan), time_s, 0.01) is None

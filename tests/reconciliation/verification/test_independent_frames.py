@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.recordings import MAKE
 
 from tofmix.reconciliation.evidence import Evidence, make_evidence
 from tofmix.reconciliation.likelihood.joint import joint_likelihood
@@ -55,3 +56,14 @@ def test_share_of_independent_samples_follows_the_memory_of_the_scores(
     """Of 12 frames under 0.65: 1 / (1 + 2 sum of (1 - k / 12) 0.65^k) = 0.28."""
     likelihood = joint_likelihood([recorded(model, frames=12, memory=memory, offset_mm=0.0, seed=4)])
     assert independent(likelihood, likelihood.start(), 0.01, 1) == pytest.approx(worth, abs=0.08)
+
+
+def test_pixels_without_a_surface_do_not_count_as_independent(model: Model) -> None:
+    """Most pixels of the image see nothing: the memory of the others decides. Those at edges share less of the noise."""
+    zones, evidence = recorded(model, frames=12, memory=0.65, offset_mm=0.0, seed=4)
+    few = replace(zones, surfaces=(replace(zones.surfaces[0], size_mm=(500.0, 500.0)),))
+    likelihood = joint_likelihood([(few, evidence)])
+    remembered = replace(likelihood.start(), effects=(MAKE["temporal_correlation"](coefficient=0.65),))
+    lit = likelihood.mixture(remembered).lit.any(axis=(0, 1))
+    assert 4 <= lit.sum() < 0.4 * lit.size
+    assert 0.25 < independent(likelihood, remembered, 0.01, 1) < 0.45

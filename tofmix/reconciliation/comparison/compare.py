@@ -39,6 +39,7 @@ from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.memory import lag_product, memory_of, one_surface, whitened
 from tofmix.reconciliation.likelihood.mixture import Mixture
+from tofmix.reconciliation.likelihood.wander import FARTHEST_SCORE
 
 STRUCTURED = 0.15
 """Least share of the gain of single pixels at which an axis is the place."""
@@ -251,10 +252,6 @@ def information_of(z: Float32Array, evidence: Evidence, m: Mixture, part: Part) 
     )
     lost = evidence.samples[part[0]][:, part[1]] == 0
     return information(scored) | of_losses(lost, m.invalid[0][part[1]], axes)
-
-
-FARTHEST_SCORE = np.float32(4.0)
-"""Largest score in the statistics: one sample must not determine a fourth power."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

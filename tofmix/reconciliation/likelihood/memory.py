@@ -520,8 +520,10 @@ def independent(likelihood: Likelihood, state: ModelState, alpha: float, seed: i
             return 1.0
         if memory_gain(likelihood, z, mixture, part, shown) < 0.5 * chdtri(1, alpha):
             return 1.0
-        return 1.0 / float(np.median(_inflation(likelihood, mixture, shown, part)))
-    return 1.0 / float(np.median(inflation(likelihood, mixture, state, part)))
+    else:
+        shown = memory_of(state)
+    seen = (mixture.weight[0] * mixture.lit[0]).sum(axis=0)[part[1]] > 0  # of other pixels no sample is compared
+    return 1.0 / float(np.median(_inflation(likelihood, mixture, shown, part)[part[1]][seen])) if seen.any() else 1.0
 
 
 def _linked(frames: IntArray, coefficient: float) -> float:

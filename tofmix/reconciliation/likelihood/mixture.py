@@ -262,7 +262,7 @@ class Scene:
         """The measured scene with the widths of its surfaces at rest, as these effects move them; None without one."""
         scene = self.model.scene
         velocity = self._velocities((*self._apart, *self.own(effects)), 0.0)
-        if scene is None or not velocity.any():
+        if scene is None or scene.at_rest or not velocity.any():
             return scene
         noise = self.model.sensor.noise_at(self.model.sensor.integration_time_ms)
         sigma = scene.width * noise.sigma(np.nan_to_num(scene.range_mm, nan=1.0), scene.amplitude)
@@ -315,7 +315,7 @@ class Scene:
         if self._apart_mm is not None:
             mean = mean + np.take_along_axis(self._apart_mm[None], surface, axis=1)
         sigma = np.maximum(stack("sigma_mm", 1.0), _LEAST_SIGMA_MM)
-        if self.model.scene is not None and velocity.any():
+        if self.model.scene is not None and not self.model.scene.at_rest and velocity.any():
             sigma = self._at_rest(sigma, rate)
         sensor = self.model.sensor
         share = 0.0 if sensor.noise.background is None else sensor.noise.background

@@ -4,17 +4,27 @@ The ranges of a real camera, such as a VL53L0X, wander within minutes by tenths 
 this; a course in time is known as well as the walk lets it be. Its size is one of a few, with probabilities
 that the recording of the scene gives, and is integrated out.
 
+A change of all means beyond the reach of a pixel's noise is no wander: something moves. `frame_levels` and `far_change`
+find it without a model of its course.
+
 References
 ----------
 Durbin and Koopman, Time Series Analysis by State Space Methods, 2.1, for the local level model; Patterson and Thompson,
 Biometrika 58 (1971) 545, for a likelihood of contrasts, which no trend changes.
 """
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 from scipy.special import logsumexp
+from scipy.stats import kendalltau, kruskal, median_abs_deviation
 
 from tofmix.arrays import FloatArray
 from tofmix.simulation.measured_scene import UNKNOWN_WALK, WALKS
+
+FARTHEST_SCORE = 4.0
+"""Largest score in the statistics: one sample must not determine a fourth power."""
 
 
 def gains(slope: FloatArray, information: FloatArray, *, longer: float = 1.0, degree: int = 0) -> FloatArray:
@@ -76,3 +86,129 @@ def probabilities(z: FloatArray, *, frame_noise: float, repeats: float) -> tuple
     found = gains(np.nansum(z, axis=1) / each / free, count / each / free, degree=steady) + np.log(UNKNOWN_WALK)
     share = np.exp(found - logsumexp(found))
     return tuple(float(p) for p in share)
+
+
+class FarChange(NamedTuple):
+    """A change in time of all means.
+
+    Parameters
+    ----------
+    size : float
+        The last of its two parts of the time less the first, mm.
+    begins, ends : int
+        Its first and last frame.
+    p_value : float
+        Of parts of the time that do not differ.
+    """
+
+    size: float
+    begins: int
+    ends: int
+    p_value: float
+
+
+def frame_levels(away: FloatArray) -> FloatArray:
+    """What the samples of each frame have in common (frame,), NaN for frames without a sample.
+
+    Each pixel has its own level, found together with those of the frames: it does not matter which pixels are valid
+    when.
+
+    Parameters
+    ----------
+    away : (frame, pixel) float64
+        Samples, or their differences from a model; NaN where there is none.
+
+    References
+    ----------
+    Tukey, Exploratory Data Analysis, 1977, chapter 11: median polish.
+    """
+    there = np.isfinite(away)
+    some = np.asarray(there.any(axis=1))
+    out = np.full(len(away), np.nan)
+    if not some.any():
+        return out
+    away = away[some][:, there.any(axis=0)]
+    level = np.zeros(len(away))
+    polished = 30  # turns of the levels of pixels and frames
+    for _ in range(polished):
+        own = np.nanmedian(away - level[:, None], axis=0)
+        level = np.nanmedian(away - own, axis=1)
+    out[some] = level
+    return out
+
+
+def far_change(levels: FloatArray, least: float, alpha: float) -> FarChange | None:
+    """The change of the levels of frames between those parts of the time in which they differ most.
+
+    Parameters
+    ----------
+    levels : (frame,) float64
+        Of each frame; NaN where there is none.
+    least : float
+        A change that is smaller is none.
+    alpha : float
+        Level of the test that parts of the time differ.
+
+    References
+    ----------
+    Kruskal and Wallis, J. American Statistical Association 47 (1952) 583.
+    """
+    frames = np.flatnonzero(np.isfinite(levels))
+    least_frames, most_parts = 3, 10  # of a part, for a median with a scatter; of the time
+    parts = min(most_parts, frames.size // least_frames)
+    if parts < 2:  # noqa: PLR2004  two parts of the time to compare
+        return None
+    part = np.arange(frames.size) * parts // frames.size
+    level = np.array([np.median(levels[frames[part == k]]) for k in range(parts)])
+    first, last = sorted((int(level.argmin()), int(level.argmax())))
+    change = float(level[last] - level[first])
+    if abs(change) < least:
+        return None
+    p = float(kruskal(*(levels[frames[part == k]] for k in range(parts))).pvalue)
+    if not p < alpha:
+        return None
+    return FarChange(change, int(frames[part == first][0]), int(frames[part == last][-1]), p)
+
+
+def straight_courses(samples: FloatArray, time_s: FloatArray, alpha: float) -> tuple[FloatArray, float] | None:
+    """The ways of pixels along a line, (frame, pixel), mm, and that of all means, if it is far; None if it is not.
+
+    A line goes through the medians of the first and the last third of the time, and is 0 in the middle of the time. A
+    pixel whose line is within three standard errors of none has none.
+
+    Parameters
+    ----------
+    samples : (frame, pixel) float64
+        Ranges, mm; NaN where there is none.
+    time_s : (frame,) float64
+        Time of each frame.
+    alpha : float
+        Level of the test that the means go one way.
+
+    References
+    ----------
+    Tukey, Exploratory Data Analysis, 1977, chapter 10: the resistant line. Mann, Econometrica 13 (1945) 245: the test.
+    """
+    third = max(len(samples) // 3, 1)
+    early, late = slice(third), slice(len(samples) - third, None)
+    since = time_s - 0.5 * (time_s[0] + time_s[-1])
+    count = np.minimum(np.isfinite(samples[early]).sum(axis=0), np.isfinite(samples[late]).sum(axis=0))
+    told = count > 0
+    slope = np.zeros(samples.shape[1])
+    way_s = float(np.median(since[late]) - np.median(since[early]))
+    if not told.any() or way_s <= 0:
+        return None
+    change = np.nanmedian(samples[late][:, told], axis=0) - np.nanmedian(samples[early][:, told], axis=0)
+    slope[told] = change / way_s
+    rest = (samples - since[:, None] * slope)[:, told]
+    sigma = median_abs_deviation(rest, axis=0, scale="normal", nan_policy="omit")
+    levels = frame_levels(samples[:, told])
+    way = float(np.nanmedian(levels[late]) - np.nanmedian(levels[early])) / way_s * float(since[-1] - since[0])
+    if not abs(way) >= FARTHEST_SCORE * float(np.median(sigma)):
+        return None
+    if not float(kendalltau(since, levels, nan_policy="omit").pvalue) < alpha:
+        return None
+    of_medians, clearly = math.sqrt(math.pi / 2.0), 3.0  # standard error over that of a mean; errors from no line
+    error = of_medians * sigma * np.sqrt(2.0 / count[told])
+    slope[told] = np.where(np.abs(change) > clearly * error, slope[told], 0.0)
+    return since[:, None] * slope, way

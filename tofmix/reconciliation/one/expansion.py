@@ -359,13 +359,14 @@ class Expansion:
     def _by_width(self, now: "Followed") -> float:
         """Twice the log density that is gained by log widths, where the noise is predicted wider.
 
-        A pixel's mean has one density, of one degree of freedom, whatever memory takes from the squares about it.
+        Of n samples with a sum of squares S, the parabola about their own width, log(S / n) / 2 away: that about the
+        predicted width, (S / n - 1) / 2 away, would say far more where samples are many sigma off. A pixel's mean has
+        one density, of one degree of freedom, whatever memory takes from the squares about it.
         """
-        square = self._square * np.exp(-2 * now.wider)
-        told = self._count > 0
-        off = np.where(told, square - self._count, 0.0)
-        step = off / (2 * np.where(told, self._count, 1.0))
-        gain = float(((off - 2 * np.maximum(self._mean_taken - 1.0, 0.0)) * step).sum())
+        square, told = self._square * np.exp(-2 * now.wider), self._count > 0
+        off = np.where(told, square / np.where(told, self._count, 1.0) - 1.0, 0.0)
+        step = 0.5 * np.where(off > 0, np.log1p(np.maximum(off, 0.0)), off)
+        gain = float((2 * (self._count * step - np.maximum(self._mean_taken - 1.0, 0.0)) * step).sum())
         width = (now.state.log_width + step).reshape(1, -1)
         return gain - self.widths.square(width) - self.widths.logdet
 

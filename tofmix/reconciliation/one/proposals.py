@@ -480,14 +480,14 @@ def by_trial(base: FittedSet) -> Iterator[Proposal]:
 
 
 def _laws_by_trial(base: FittedSet, bases: Sequence[tuple[FittedSet, float]]) -> Iterator[Proposal]:
-    """The base with one more law that summaries do not show.
+    """The base with one more law that summaries do not show, or whose linear form does not lead to far samples.
 
     `bases` are with the model's own errors, and without, with what their priors cost.
     """
     task = base.task
     rest = _total(base, base.linked, base.x, base.beta, thin=base.thin)
     for law in task.laws:
-        if law.forms or law.name in base.names or not law.named:
+        if (law.forms and not law.problem.shown) or law.name in base.names or not law.named:
             continue
         tried = [
             (found[1] + cost - rest, found[0], own) for own, cost in bases if (found := _climbed(own, law)) is not None

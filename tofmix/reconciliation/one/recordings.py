@@ -255,14 +255,14 @@ class SearchTask:
 
     def _shares(self, coordinates: FloatArray) -> tuple[tuple[IntArray, FloatArray] | None, ...]:
         """The shares that change where surfaces are off, as of `SurfaceShifts`."""
-        shift = [np.zeros(len(r.view.scene.names)) for r in self.recordings]
+        shift = [np.zeros(len(r.view.scene.names) + 1) for r in self.recordings]  # the last: layers of no surface
         place = 0
         for number, surface, columns in self._of_surfaces:
             own = coordinates[place : place + len(columns)] @ columns
             shift[number][surface] = own[self._alone(number, surface)].mean()
             place += len(columns)
         return tuple(
-            None if edges is None else (edges.surface, edges.change(mm))
+            None if edges is None else (edges.surface, edges.change(mm[:-1]))
             for edges, mm in zip(self._edges, shift, strict=True)
         )
 

@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import kruskal
 
-from tofmix.arrays import FloatArray, IntArray
-from tofmix.reconciliation.comparison.compare import FARTHEST_SCORE, SMALLEST_P, Compared, Place, compare, disagreements
+from tofmix.arrays import FloatArray
+from tofmix.reconciliation.comparison.compare import SMALLEST_P, Compared, Place, compare, disagreements
 from tofmix.reconciliation.found import Added
 from tofmix.reconciliation.likelihood.hidden_fits import pattern_image
 from tofmix.reconciliation.likelihood.hidden_states import begin, latent_states
@@ -24,6 +23,7 @@ from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.memory import independent, memory_left, memory_of
 from tofmix.reconciliation.likelihood.mixture import LINKING, Scene
+from tofmix.reconciliation.likelihood.wander import FARTHEST_SCORE, far_change, frame_levels
 from tofmix.reconciliation.settings import Settings, fit_part, held_out
 from tofmix.reconciliation.verdict import VerdictData, judge, share_closed
 from tofmix.reconciliation.verification.contradictions import Contradiction, contradictions, smooth, tilted
@@ -33,8 +33,6 @@ from tofmix.simulation.effects.base import Effect, with_hidden
 from tofmix.simulation.effects.hidden import PixelBias, PixelValue
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks
-
-_PARTS = 10  # of the time
 
 
 def far_trends(likelihood: Likelihood, state: ModelState, alpha: float) -> list[Place]:
@@ -48,10 +46,6 @@ def far_trends(likelihood: Likelihood, state: ModelState, alpha: float) -> list[
         A model: the change is that of the differences from it.
     alpha : float
         Level of the test that parts of the time differ, after correction for the recordings.
-
-    References
-    ----------
-    Kruskal and Wallis, J. American Statistical Association 47 (1952) 583.
     """
     whole = np.arange(likelihood.evidence.shape[0]), np.arange(likelihood.evidence.shape[1])
     seen = list(views(likelihood, likelihood.mixture(state), whole))
@@ -60,60 +54,34 @@ def far_trends(likelihood: Likelihood, state: ModelState, alpha: float) -> list[
 
 
 def _far_trend(view: RecordingView, alpha: float) -> Place | None:
-    medians, frames, sigma = _medians(view)
-    least_frames = 3  # of a part, for a median with a scatter
-    parts = min(_PARTS, medians.size // least_frames)
-    if parts < 2:  # noqa: PLR2004  two parts of the time to compare
+    levels, sigma = _levels(view)
+    found = far_change(levels, FARTHEST_SCORE * sigma, alpha)
+    if found is None:
         return None
-    part = np.arange(medians.size) * parts // medians.size
-    level = np.array([np.median(medians[part == k]) for k in range(parts)])
-    first, last = sorted((int(level.argmin()), int(level.argmax())))
-    change = float(level[last] - level[first])
-    if abs(change) < FARTHEST_SCORE * sigma:
-        return None
-    p = float(kruskal(*(medians[part == k] for k in range(parts))).pvalue)
-    if not p < alpha:
-        return None
-    now = view.evidence.time_s[frames]
+    time_s = view.evidence.time_s
     return Place(
         axis="time",
         statistic="trend",
-        interval=(float(now[part == first][0]), float(now[part == last][-1])),
-        size=change,
+        interval=(float(time_s[found.begins]), float(time_s[found.ends])),
+        size=found.size,
         unit="mm",
-        p_value=max(p, SMALLEST_P),
-        z=abs(change) / sigma,
+        p_value=max(found.p_value, SMALLEST_P),
+        z=abs(found.size) / sigma,
         recording=view.number,
     )
 
 
-def _medians(view: RecordingView) -> tuple[FloatArray, IntArray, float]:
-    """Median difference from the model of some frames, mm; the frames; and the typical sigma of a stored value, mm.
-
-    Each pixel has its own level, found together with those of the frames: it does not matter which pixels are valid
-    when.
-
-    References
-    ----------
-    Tukey, Exploratory Data Analysis, 1977, chapter 11: median polish.
-    """
+def _levels(view: RecordingView) -> tuple[FloatArray, float]:
+    """Levels (frame,) of the differences from the model, mm, and the typical sigma of a stored value, mm."""
     m, samples = view.mixture, view.evidence.samples
     use = np.flatnonzero(m.of_main(m.lit))
     pixels = 256  # enough for a median
     use = use[:: math.ceil(max(use.size, 1) / pixels)]
     off = m.near_turn(samples[:, use] - m.main_means(use))
-    away = np.where(samples[:, use] > 0, off, np.nan)
-    some = np.isfinite(away).any(axis=1)
-    if not some.any():
-        return np.zeros(0), np.zeros(0, dtype=np.int64), math.inf
-    away = away[some][:, np.isfinite(away).any(axis=0)]
-    level = np.zeros(len(away))
-    polished = 30  # turns of the levels of pixels and frames
-    for _ in range(polished):
-        own = np.nanmedian(away - level[:, None], axis=0)
-        level = np.nanmedian(away - own, axis=1)
+    levels = frame_levels(np.where(samples[:, use] > 0, off, np.nan))
     cell = m.step / math.sqrt(12.0)  # medians of values on a grid are off by as much as single ones
-    return level, np.flatnonzero(some), math.hypot(float(np.median(m.of_main(m.sigma)[use])), cell)
+    sigma = math.hypot(float(np.median(m.of_main(m.sigma)[use])), cell) if use.size else math.inf
+    return levels, sigma
 
 
 _SEEDS_APART, _SIMULATIONS_APART = 1000, 100_000  # distance between seeds of recordings, and of simulations

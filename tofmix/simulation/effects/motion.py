@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
+
 from tofmix.arrays import FloatArray
 from tofmix.simulation.effects.base import Effect, Level, Target
 from tofmix.simulation.effects.parameter import StudentPrior, number, surface
@@ -52,9 +54,11 @@ class Motion(Effect):
             return cls(surface=surface, velocity_mm_s=float(x[0]) * scale)
 
         for seen in facts.surfaces:
-            there = ((seen.residual_mm / seen.sigma_mm * 2.0,),) if seen.far else ()  # twice the mean
+            there: tuple[tuple[float], ...] = ()
+            if seen.far:  # its median is the way until the median of the times
+                there = ((seen.residual_mm / seen.sigma_mm * facts.duration_s / float(np.median(facts.course()[0])),),)
             make = partial(moving, seen.name, seen.sigma_mm / facts.duration_s)
-            yield Problem(make=make, starts=((-1.5,), (1.5,), *there), steps=(0.3,))
+            yield Problem(make=make, starts=((-1.5,), (1.5,), *there), steps=(0.3,), shown=seen.far)
 
     @classmethod
     def linear_forms(cls, facts: FormFacts) -> Iterator[LinearForm]:

@@ -53,6 +53,8 @@ class Problem:
         Which of the kind's forms it fits; empty where its numbers say so.
     price_nats : float
         Price of an optional part of the law, beyond that of its numbers.
+    shown : bool
+        Whether a start is where samples lie that are far from the model: a law for small numbers does not lead there.
     """
 
     make: Callable[[FloatArray], Effect]
@@ -61,6 +63,7 @@ class Problem:
     other: Callable[[FloatArray], bool] | None = None
     form: str = ""
     price_nats: float = 0.0
+    shown: bool = False
 
     @property
     def parameters(self) -> int:
