@@ -74,6 +74,9 @@ def where_text(place: Place, result: Reconciliation) -> str:
     axis = _AXES.get(place.axis, f"at {place.axis}")
     within = f" in recording {place.recording + 1}" if len(result.models) > 1 else ""
     size = f"{place.statistic.replace('_', ' ')} of {number(place.size, '+.3g')}{' mm' if place.unit == 'mm' else ''}"
+    if place.statistic == "trend":
+        change = f"ranges {'grow' if place.size > 0 else 'shrink'} by {number(abs(place.size), '.3g')} mm"
+        return f"{axis} {number(low, '.4g')} to {number(high, '.4g')} {unit}{within} ({change})"
     if place.statistic == "memory":
         frames = f"{low:g} to {high:g} frames" if high > low else counted(int(low), "frame")
         return f"between samples {frames} apart{within} ({size})"
