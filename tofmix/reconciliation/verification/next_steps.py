@@ -8,9 +8,9 @@ with a bias of each pixel integrated out, whose spread is fitted: without the fo
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import norm
@@ -21,11 +21,13 @@ from tofmix.reconciliation.found import Added, name_of_effect
 from tofmix.reconciliation.likelihood import hidden_fits
 from tofmix.reconciliation.likelihood.biases import biases_of_recordings
 from tofmix.reconciliation.likelihood.hidden_states import begin
+from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.pixel_pattern import pixel_biases, with_pattern
 from tofmix.reconciliation.parameters.searches import PlanePose, measured_pose, problems
 from tofmix.reconciliation.settings import Settings, fit_part
 from tofmix.reconciliation.verification.considered import Alias
+from tofmix.reconciliation.verification.frame_levels import Jump, find_jump, frame_medians, jitter_mm
 from tofmix.reconciliation.verification.verify import Verified, far_trends
 from tofmix.simulation.effects import EFFECTS, basic_kind
 from tofmix.simulation.effects.base import Basic, Effect
@@ -124,9 +126,11 @@ def next_steps(
     axes = [] if verified.verdict == "agree" else list(other_axes(likelihood, settings))
     steps += _of_axes(axes, several=len(likelihood.scene.members) > 1)
     suggested: list[tuple[int, Effect]] = []
+    together: dict[int, _Together] = {}
     if verified.verdict in ("unexplained", "partly_explained"):
         steps += _of_contradictions(added, verified)
-        steps += _of_far_trends(likelihood, verified, settings)
+        together = _together(likelihood, verified, settings)
+        steps += [*(each.step for each in together.values()), *_of_far_trends(likelihood, verified, settings, together)]
     if verified.verdict in ("unexplained", "partly_explained") and not axes:
         named = verified.verdict == "partly_explained"  # otherwise the effects are no part of the model
         part = fit_part(likelihood, settings)
@@ -141,8 +145,10 @@ def next_steps(
             )
         # Poses of a model that lacks more effects than the search may add are shifted by what those do
         limited = not named and 0 < settings.max_effects <= len(added.chosen)
-        offset = None if limited else common_offset(likelihood, settings, state)
+        jump_mm = max((each.jump_mm for each in together.values()), default=0.0)  # shifts a mean by a part of it
+        offset = None if limited else common_offset(likelihood, settings, state, least_mm=jump_mm)
         poses = [] if limited or offset is not None else found_poses(likelihood, settings, state)
+        poses = [f for f in poses if abs(f.pose.shift_mm) > jump_mm]
         if verified.law is not None and not poses_win(likelihood, settings, state, poses):
             poses = []
         if offset is not None:
@@ -156,7 +162,7 @@ def next_steps(
         suggested = [(k, e) for k, e in suggested if name_of_effect(e) not in there]
         if suggested:
             steps.append("suggested_model.toml has this: reconcile it with the same recording.")
-        steps += _of_the_search(added, verified, settings, misplaced=bool(poses))
+        steps += _of_the_search(added, verified, settings, misplaced=bool(poses or together))
     for alias in unclear:
         kinds = alias.kinds
         steps.append(
@@ -239,14 +245,58 @@ def _of_contradictions(added: Added, verified: Verified) -> Iterator[str]:
         yield f"{kind}{of} fits, but is no explanation: it {against.reason}."
 
 
-def _of_far_trends(likelihood: Likelihood, verified: Verified, settings: Settings) -> Iterator[str]:
+class _Together(NamedTuple):
+    """The step for a change of all pixels from a frame to the next, and the size of a jump, mm, if it is one."""
+
+    step: str
+    jump_mm: float = 0.0
+
+
+def _together(likelihood: Likelihood, verified: Verified, settings: Settings) -> dict[int, _Together]:
+    """The step for each recording, from 0, whose pixels change together from a frame to the next: a jump, or jitter."""
+    several = len(likelihood.scene.members) > 1
+    whole = np.arange(likelihood.evidence.shape[0]), np.arange(likelihood.evidence.shape[1])
+    loud = {(c.recording, c.statistic) for c in disagreements(verified.after, settings.alpha) if c.dof}
+    steps = {}
+    for view in views(likelihood, likelihood.mixture(verified.state), whole):
+        if not loud & {(view.number, name) for name in ("common_mode", "trend")}:
+            continue
+        found, of = frame_medians(view), f" of recording {view.number + 1}" if several else ""
+        jump = find_jump(found, view.evidence.time_s[found.frames])
+        jitter = jitter_mm(found, settings.alpha)
+        if jump is not None:
+            steps[view.number] = _Together(_of_jump(jump, view, of, several=several), abs(jump.change_mm))
+        elif jitter:
+            steps[view.number] = _Together(
+                f"Whole frames{of} move together, by {jitter:.3g} mm from frame to frame (standard deviation), and no"
+                " effect has this: the camera, its mount or the delay of its light shakes. Hold the camera still before"
+                " a wall and record again: what stays is the light's."
+            )
+    return steps
+
+
+def _of_far_trends(
+    likelihood: Likelihood, verified: Verified, settings: Settings, known: Collection[int]
+) -> Iterator[str]:
+    """Steps for recordings that change far, but those for which the reason is known."""
     several = len(likelihood.scene.members) > 1
     for place in far_trends(likelihood, verified.start, settings.alpha):
+        if place.recording in known:
+            continue
         of = f" of recording {place.recording + 1}" if several else ""
         yield (
             f"The ranges{of} change by {place.size:+.4g} mm between {place.interval[0]:.3g} and {place.interval[1]:.3g}"
             " s: a surface or the camera moves. Reconcile frames in which nothing moves."
         )
+
+
+def _of_jump(jump: Jump, view: RecordingView, of: str, *, several: bool) -> str:
+    """The step for a jump; frames of the file are counted as here if none was left out."""
+    at_s = view.evidence.time_s[jump.frame]
+    said = f"The ranges{of} jump by {jump.change_mm:+.3g} mm at {at_s:.4g} s"
+    if view.scene.model.scene is None and not view.evidence.repeated and not several:
+        return f"{said}: `tofmix reconcile --self={jump.frame} MEASURED.h5 -o FOLDER` names what changed."
+    return f"{said}: reconcile the frames before and after it by themselves."
 
 
 def _of_the_search(added: Added, verified: Verified, settings: Settings, *, misplaced: bool) -> Iterator[str]:
@@ -264,7 +314,7 @@ def _of_the_search(added: Added, verified: Verified, settings: Settings, *, misp
                 f"The best {number} together do not explain it, so none is named: --max-effects"
                 f" {settings.max_effects + 1} tries one more."
             )
-    if misplaced:  # wrong poses can also cause a bias that is smooth over the image, or wider noise
+    if misplaced:  # wrong poses, and frames apart, also cause a bias that is smooth over the image, or wider noise
         return
     if verified.law == "place in the image":
         yield (
@@ -343,10 +393,12 @@ def effect_line(found: FoundPose) -> str:
     return "[[effect]] " + "; ".join(f"{k} = {json.dumps(v)}" for k, v in values.items() if v != defaults.get(k, ""))
 
 
-def common_offset(likelihood: Likelihood, settings: Settings, state: ModelState) -> Effect | None:
+def common_offset(
+    likelihood: Likelihood, settings: Settings, state: ModelState, *, least_mm: float = 0.0
+) -> Effect | None:
     """The offset that explains most of the remaining biases of several surfaces; None for one surface, or else.
 
-    By the same share of the weighted squares that a pose must explain of one surface.
+    By the same share of the weighted squares that a pose must explain of one surface; None up to `least_mm`.
     """
     surfaces, weight, weighed, squares = 0, 0.0, 0.0, 0.0
     for biases in biases_of_recordings(likelihood, state, fit_part(likelihood, settings)):
@@ -360,7 +412,7 @@ def common_offset(likelihood: Likelihood, settings: Settings, state: ModelState)
     if surfaces < several or weight <= 0:
         return None
     offset, explained = weighed / weight, weighed**2 / weight
-    clear = abs(offset) * math.sqrt(weight) > _CLEAR and explained > _MOSTLY * squares
+    clear = abs(offset) > max(least_mm, _CLEAR / math.sqrt(weight)) and explained > _MOSTLY * squares
     return basic_kind(Basic.OFFSET).of_magnitude(float(f"{offset:.4g}")) if clear else None
 
 

@@ -8,14 +8,13 @@ Use `far_trends` to place such a change: something moves through the scene, or t
 ranges, so random values do not matter.
 """
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import kruskal
 
-from tofmix.arrays import FloatArray, IntArray
+from tofmix.arrays import FloatArray
 from tofmix.reconciliation.comparison.compare import FARTHEST_SCORE, SMALLEST_P, Compared, Place, compare, disagreements
 from tofmix.reconciliation.found import Added
 from tofmix.reconciliation.likelihood.hidden_fits import pattern_image
@@ -27,6 +26,7 @@ from tofmix.reconciliation.likelihood.mixture import LINKING, Scene
 from tofmix.reconciliation.settings import Settings, fit_part, held_out
 from tofmix.reconciliation.verdict import VerdictData, judge, share_closed
 from tofmix.reconciliation.verification.contradictions import Contradiction, contradictions, smooth, tilted
+from tofmix.reconciliation.verification.frame_levels import frame_medians
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.casting.polygon_cast import MovingPolygons
 from tofmix.simulation.effects.base import Effect, with_hidden
@@ -60,7 +60,8 @@ def far_trends(likelihood: Likelihood, state: ModelState, alpha: float) -> list[
 
 
 def _far_trend(view: RecordingView, alpha: float) -> Place | None:
-    medians, frames, sigma = _medians(view)
+    found = frame_medians(view)
+    medians, frames, sigma = found.level_mm, found.frames, found.sigma_mm
     least_frames = 3  # of a part, for a median with a scatter
     parts = min(_PARTS, medians.size // least_frames)
     if parts < 2:  # noqa: PLR2004  two parts of the time to compare
@@ -85,35 +86,6 @@ def _far_trend(view: RecordingView, alpha: float) -> Place | None:
         z=abs(change) / sigma,
         recording=view.number,
     )
-
-
-def _medians(view: RecordingView) -> tuple[FloatArray, IntArray, float]:
-    """Median difference from the model of some frames, mm; the frames; and the typical sigma of a stored value, mm.
-
-    Each pixel has its own level, found together with those of the frames: it does not matter which pixels are valid
-    when.
-
-    References
-    ----------
-    Tukey, Exploratory Data Analysis, 1977, chapter 11: median polish.
-    """
-    m, samples = view.mixture, view.evidence.samples
-    use = np.flatnonzero(m.of_main(m.lit))
-    pixels = 256  # enough for a median
-    use = use[:: math.ceil(max(use.size, 1) / pixels)]
-    off = m.near_turn(samples[:, use] - m.main_means(use))
-    away = np.where(samples[:, use] > 0, off, np.nan)
-    some = np.isfinite(away).any(axis=1)
-    if not some.any():
-        return np.zeros(0), np.zeros(0, dtype=np.int64), math.inf
-    away = away[some][:, np.isfinite(away).any(axis=0)]
-    level = np.zeros(len(away))
-    polished = 30  # turns of the levels of pixels and frames
-    for _ in range(polished):
-        own = np.nanmedian(away - level[:, None], axis=0)
-        level = np.nanmedian(away - own, axis=1)
-    cell = m.step / math.sqrt(12.0)  # medians of values on a grid are off by as much as single ones
-    return level, np.flatnonzero(some), math.hypot(float(np.median(m.of_main(m.sigma)[use])), cell)
 
 
 _SEEDS_APART, _SIMULATIONS_APART = 1000, 100_000  # distance between seeds of recordings, and of simulations
