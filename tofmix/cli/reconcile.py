@@ -183,7 +183,7 @@ def _run(
         click.echo(json.dumps(result.as_dict(), indent=2, allow_nan=False))
         return ExitCode.INTERRUPTED if stopped() else ExitCode.DONE
     click.echo("\n".join(summary_lines(result)))
-    more = suggested_names(len(files)) if result.suggested else []
+    more = suggested_names(len(files)) if result.has_advice else []
     written = ", ".join([*model_names(len(files))[1:], *more, "gap.json", "report.html"])
     click.echo(f"wrote        {output / 'model.toml'}, {written}")
     return ExitCode.INTERRUPTED if stopped() else ExitCode.DONE

@@ -302,7 +302,7 @@ def write_reconciliation(
         page=page,
         overwrite=overwrite,
         inputs=inputs,
-        suggested_texts=texts(suggested_tables) if result.suggested else (),
+        suggested_texts=texts(suggested_tables) if result.has_advice else (),
         beside=dict(beside) | _scene_files(result, files, beside),
     )
 

@@ -8,6 +8,7 @@ from typing import Any
 from tofmix.reconciliation.comparison.compare import Place
 from tofmix.reconciliation.workflow import NamedEffect, Reconciliation
 from tofmix.simulation.effects.base import Effect
+from tofmix.simulation.model_toml import surface_table
 from tofmix.wording import counted, number, rounded
 
 _TITLES = {
@@ -161,8 +162,9 @@ def effect_tables(result: Reconciliation, recording: int = 0) -> str:
 
 
 def suggested_tables(result: Reconciliation, recording: int = 0) -> str:
-    """The [[effect]] tables of the suggested model, appended to a recording's model file."""
-    return "\n".join(_table(n) for n in result.advised(recording))
+    """The tables of the suggested model, appended to a recording's model file."""
+    surfaces = [surface_table(surface) for number, surface in result.suggested_surfaces if number == recording]
+    return "\n".join([*surfaces, *(_table(n) for n in result.advised(recording))])
 
 
 def _table(named: NamedEffect) -> str:

@@ -134,15 +134,24 @@ def model_text(
         _table_text("[recording]", _recording_values(recording)),
     ]
     for number, surface in enumerate(surfaces):
-        written = {
-            "name": surface.name,
-            "center_mm": [round(x, 3) + 0.0 for x in surface.center_mm],
-            "size_mm": [round(x, 3) for x in surface.size_mm],
-            **{key: round(getattr(surface, key), 6) + 0.0 for key in ("yaw_deg", "pitch_deg", "roll_deg")},
-            "reflectivity": round(surface.reflectivity, 4),
-        }
-        tables.append((_comments(about[number : number + 1])) + _table_text("[[surface]]", written))
+        tables.append((_comments(about[number : number + 1])) + surface_table(surface))
     return "\n".join([*tables, *_effect_texts(effects)])
+
+
+def surface_values(surface: Surface) -> dict[str, Any]:
+    """The keys of a surface's table and their values, lengths to a thousandth of a mm, angles to a millionth degree."""
+    return {
+        "name": surface.name,
+        "center_mm": [round(x, 3) + 0.0 for x in surface.center_mm],
+        "size_mm": [round(x, 3) for x in surface.size_mm],
+        **{key: round(getattr(surface, key), 6) + 0.0 for key in ("yaw_deg", "pitch_deg", "roll_deg")},
+        "reflectivity": round(surface.reflectivity, 4),
+    }
+
+
+def surface_table(surface: Surface) -> str:
+    """The table of a surface in a model file."""
+    return _table_text("[[surface]]", surface_values(surface))
 
 
 def _comments(lines: Sequence[str]) -> str:

@@ -52,14 +52,14 @@ def test_other_courses_are_no_jump(course: Callable[[FloatArray], FloatArray]) -
 
 
 def test_jitter_is_found_with_its_size_beside_a_jump_and_a_way() -> None:
-    course = np.where(np.arange(FRAMES) < 37, 0.0, 60.0) + 5.0 * TIME_S
+    course = np.where(np.arange(FRAMES) < 37, 0.0, 60.0) + 200.0 * TIME_S
     found = [jitter_mm(medians(course, seed, jitter=4.0), 0.01) for seed in range(40)]
     assert min(found) > 0.0
     assert np.mean(found) == pytest.approx(4.0, rel=0.05)
 
 
 def test_noise_of_single_samples_is_no_jitter() -> None:
-    found = [jitter_mm(medians(5.0 * TIME_S, seed), 0.01) for seed in range(200)]
+    found = [jitter_mm(medians(200.0 * TIME_S, seed), 0.01) for seed in range(200)]
     assert sum(size > 0.0 for size in found) <= 8  # 2 at the level of the test, were the median normal
 
 

@@ -157,9 +157,10 @@ def jitter_mm(found: FrameMedians, alpha: float) -> float:
     alpha : float
         Level of the test.
     """
-    differences = np.abs(np.diff(found.level_mm))
-    if differences.size < _LEAST_FRAMES:
+    if found.level_mm.size <= _LEAST_FRAMES:
         return 0.0
+    steps = np.diff(found.level_mm)
+    differences = np.abs(steps - np.median(steps))  # without a steady way
     variance = 0.5 * (float(np.median(differences)) / norm.ppf(0.75)) ** 2
     noise = float(np.median(found.error_mm**2))
     relative = 2.0 * math.sqrt(1.5) * 1.17 / math.sqrt(differences.size)  # error of a squared median of differences

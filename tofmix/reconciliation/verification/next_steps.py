@@ -8,7 +8,7 @@ with a bias of each pixel integrated out, whose spread is fitted: without the fo
 
 import json
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -28,10 +28,12 @@ from tofmix.reconciliation.parameters.searches import PlanePose, measured_pose, 
 from tofmix.reconciliation.settings import Settings, fit_part
 from tofmix.reconciliation.verification.considered import Alias
 from tofmix.reconciliation.verification.frame_levels import Jump, find_jump, frame_medians, jitter_mm
-from tofmix.reconciliation.verification.verify import Verified, far_trends
+from tofmix.reconciliation.verification.missing_surface import MissingSurface, likelihood_gain, missing_surface
+from tofmix.reconciliation.verification.verify import Verified, far_trends, refined_model
 from tofmix.simulation.effects import EFFECTS, basic_kind
 from tofmix.simulation.effects.base import Basic, Effect
 from tofmix.simulation.effects.hidden import PixelBias
+from tofmix.simulation.model_toml import surface_values
 from tofmix.simulation.surface import Surface
 from tofmix.wording import counted
 
@@ -98,10 +100,13 @@ class Advice:
         Sentences, the most useful first; never empty.
     suggested : tuple of (int, Effect)
         Effects that the sentences advise to add, with their recordings, from 0.
+    surfaces : tuple of (int, Surface)
+        Surfaces likewise.
     """
 
     steps: tuple[str, ...]
     suggested: tuple[tuple[int, Effect], ...] = ()
+    surfaces: tuple[tuple[int, Surface], ...] = ()
 
 
 def next_steps(
@@ -124,45 +129,17 @@ def next_steps(
     """
     steps = [*_of_the_recording(likelihood, verified)]
     axes = [] if verified.verdict == "agree" else list(other_axes(likelihood, settings))
-    steps += _of_axes(axes, several=len(likelihood.scene.members) > 1)
-    suggested: list[tuple[int, Effect]] = []
-    together: dict[int, _Together] = {}
+    several = len(likelihood.scene.members) > 1
+    steps += _of_axes(axes, several=several)
+    static = Advice(steps=())
     if verified.verdict in ("unexplained", "partly_explained"):
         steps += _of_contradictions(added, verified)
         together = _together(likelihood, verified, settings)
-        steps += [*(each.step for each in together.values()), *_of_far_trends(likelihood, verified, settings, together)]
-    if verified.verdict in ("unexplained", "partly_explained") and not axes:
-        named = verified.verdict == "partly_explained"  # otherwise the effects are no part of the model
-        part = fit_part(likelihood, settings)
-        state = verified.state if named else begin(likelihood, part[0], settings.accepted(likelihood))
-        folded = fold(likelihood, state, part)
-        if folded is not None:
-            effect, state = folded
-            suggested += [(k, effect) for k in range(len(likelihood.scene.members))]
-            steps.append(
-                "The samples of a surface lie a turn of the phase from the model's,"
-                f" {likelihood.mixture(state).period:.5g} mm: {effect.kind} is missing."
-            )
-        # Poses of a model that lacks more effects than the search may add are shifted by what those do
-        limited = not named and 0 < settings.max_effects <= len(added.chosen)
-        jump_mm = max((each.jump_mm for each in together.values()), default=0.0)  # shifts a mean by a part of it
-        offset = None if limited else common_offset(likelihood, settings, state, least_mm=jump_mm)
-        poses = [] if limited or offset is not None else found_poses(likelihood, settings, state)
-        poses = [f for f in poses if abs(f.pose.shift_mm) > jump_mm]
-        if verified.law is not None and not poses_win(likelihood, settings, state, poses):
-            poses = []
-        if offset is not None:
-            suggested += [(k, offset) for k in range(len(likelihood.scene.members))]
-            steps.append(f"All surfaces are off by one value: {offset.explain()}.")
-        most_poses = 3  # most poses that are listed; more are another scene
-        shown = sorted(poses, key=lambda f: -f.pose.z)[:most_poses]
-        steps += _of_poses(shown, several=len(likelihood.scene.members) > 1)
-        suggested += [(f.recording, pose_of(f)) for f in shown]
-        there = {name_of_effect(e) for e in (*likelihood.scene.effects, *(state.effects if named else ()))}
-        suggested = [(k, e) for k, e in suggested if name_of_effect(e) not in there]
-        if suggested:
-            steps.append("suggested_model.toml has this: reconcile it with the same recording.")
-        steps += _of_the_search(added, verified, settings, misplaced=bool(poses or together))
+        jumped = {number for number, each in together.items() if each.jump_mm}
+        steps += [*(each.step for each in together.values()), *_of_far_trends(likelihood, verified, settings, jumped)]
+        if not axes:
+            static = _of_places(likelihood, added, verified, settings, together)
+            steps += static.steps
     for alias in unclear:
         kinds = alias.kinds
         steps.append(
@@ -178,7 +155,58 @@ def next_steps(
         steps += worse(verified)
         steps.append(_confirming(likelihood))
     nothing = "Examine the places in `where`: no known effect explains them."
-    return Advice(steps=tuple(steps) or (nothing,), suggested=tuple(suggested))
+    return replace(static, steps=tuple(steps) or (nothing,))
+
+
+def _of_places(
+    likelihood: Likelihood,
+    added: Added,
+    verified: Verified,
+    settings: Settings,
+    together: Mapping[int, "_Together"],
+) -> Advice:
+    """Steps for what stays in all frames: a fold, other positions, a missing surface, the search, the lens, noise."""
+    several = len(likelihood.scene.members) > 1
+    steps: list[str] = []
+    suggested: list[tuple[int, Effect]] = []
+    named = verified.verdict == "partly_explained"  # otherwise the effects are no part of the model
+    part = fit_part(likelihood, settings)
+    state = verified.state if named else begin(likelihood, part[0], settings.accepted(likelihood))
+    folded = fold(likelihood, state, part)
+    if folded is not None:
+        effect, state = folded
+        suggested += [(k, effect) for k in range(len(likelihood.scene.members))]
+        steps.append(
+            "The samples of a surface lie a turn of the phase from the model's,"
+            f" {likelihood.mixture(state).period:.5g} mm: {effect.kind} is missing."
+        )
+    # Poses of a model that lacks more effects than the search may add are shifted by what those do
+    limited = not named and 0 < settings.max_effects <= len(added.chosen)
+    jump_mm = max((each.jump_mm for each in together.values()), default=0.0)  # shifts a mean by a part of it
+    offset = None if limited else common_offset(likelihood, settings, state, least_mm=jump_mm)
+    poses = [] if limited or offset is not None else found_poses(likelihood, settings, state)
+    poses = [f for f in poses if abs(f.pose.shift_mm) > jump_mm]
+    if verified.law is not None and not poses_win(likelihood, settings, state, poses):
+        poses = []
+    missing = _missing(likelihood, settings, state, [offset] if offset else [pose_of(f) for f in poses])
+    if missing:
+        offset, poses = None, []
+    if offset is not None:
+        suggested += [(k, offset) for k in range(len(likelihood.scene.members))]
+        steps.append(f"All surfaces are off by one value: {offset.explain()}.")
+    most_poses = 3  # most poses that are listed; more are another scene
+    shown = sorted(poses, key=lambda f: -f.pose.z)[:most_poses]
+    steps += [*_of_missing(missing, several=several), *_of_poses(shown, several=several)]
+    suggested += [(f.recording, pose_of(f)) for f in shown]
+    there = {name_of_effect(e) for e in (*likelihood.scene.effects, *(state.effects if named else ()))}
+    suggested = [(k, e) for k, e in suggested if name_of_effect(e) not in there]
+    if suggested or missing:
+        steps.append("suggested_model.toml has this: reconcile it with the same recording.")
+    measured = any(scene.model.scene is not None for scene in likelihood.scene.members)
+    is_known = bool(together or missing)
+    steps += _of_the_search(added, verified, settings, misplaced=bool(poses), is_known=is_known, measured=measured)
+    surfaces = tuple((f.recording, f.surface) for f in missing)
+    return Advice(steps=tuple(steps), suggested=tuple(suggested), surfaces=surfaces)
 
 
 def _confirming(likelihood: Likelihood) -> str:
@@ -263,7 +291,7 @@ def _together(likelihood: Likelihood, verified: Verified, settings: Settings) ->
             continue
         found, of = frame_medians(view), f" of recording {view.number + 1}" if several else ""
         jump = find_jump(found, view.evidence.time_s[found.frames])
-        jitter = jitter_mm(found, settings.alpha)
+        jitter = 0.0 if view.scene.model.scene is not None else jitter_mm(found, settings.alpha)
         if jump is not None:
             steps[view.number] = _Together(_of_jump(jump, view, of, several=several), abs(jump.change_mm))
         elif jitter:
@@ -299,22 +327,24 @@ def _of_jump(jump: Jump, view: RecordingView, of: str, *, several: bool) -> str:
     return f"{said}: reconcile the frames before and after it by themselves."
 
 
-def _of_the_search(added: Added, verified: Verified, settings: Settings, *, misplaced: bool) -> Iterator[str]:
+def _of_the_search(
+    added: Added, verified: Verified, settings: Settings, *, misplaced: bool, is_known: bool, measured: bool
+) -> Iterator[str]:
+    """Steps by what the search tried; `is_known`: something that no effect is explains the rest already."""
     if verified.own is not None:
         yield (
             f"The model's own {verified.own.kind} has other numbers than the camera's: correct it. The samples give:"
             f" {verified.own.explain()}."
         )
-    if len(added.chosen) >= settings.max_effects:
+    if len(added.chosen) >= settings.max_effects and not is_known:
         number = counted(settings.max_effects, "effect")
         if verified.verdict == "partly_explained":
             yield f"The search stopped at {number}: raise --max-effects, or reconcile the written model.toml again."
         else:
-            yield (
-                f"The best {number} together do not explain it, so none is named: --max-effects"
-                f" {settings.max_effects + 1} tries one more."
-            )
-    if misplaced:  # wrong poses, and frames apart, also cause a bias that is smooth over the image, or wider noise
+            best = f"best {number} together do" if settings.max_effects > 1 else "best effect alone does"
+            more = settings.max_effects + 1
+            yield f"The {best} not explain it, so none is named: --max-effects {more} tries one more."
+    if misplaced or is_known:  # wrong poses can also cause a smooth bias over the image, or wider noise
         return
     if verified.law == "place in the image":
         yield (
@@ -329,6 +359,12 @@ def _of_the_search(added: Added, verified: Verified, settings: Settings, *, misp
     noise = [c for c in verified.findings.open if c.statistic in ("spread", "spread_pattern")]
     if noise and quiet_frames_differ(verified):
         axis = f" over {noise[0].axis}" if noise[0].axis not in ("all", "frame", "time") else ""
+        if measured:
+            yield (
+                f"The noise differs from the reference's{axis}: `tofmix estimate --noise auto` measures the curve of"
+                " either recording, and `tofmix info` prints it."
+            )
+            return
         yield (
             f"The noise differs from the model's{axis}: try --noise measured. `tofmix estimate MEASURED.h5 --noise"
             " auto` measures its curve, and `tofmix info` prints it as a table [sensor.noise] to paste into the model."
@@ -371,6 +407,40 @@ def _of_poses(poses: Sequence[FoundPose], *, several: bool) -> Iterator[str]:
             f'"{found.surface.name}"{where} is {abs(found.pose.shift_mm):.3g} mm {side}{turned}:'
             f" measure its position again, or add {effect_line(found)}"
         )
+
+
+def _missing(
+    likelihood: Likelihood, settings: Settings, state: ModelState, rivals: Sequence[Effect]
+) -> list[MissingSurface]:
+    """Surfaces that recordings show and their models lack, but where the rival effects are likelier."""
+    whole = np.arange(likelihood.evidence.shape[0]), np.arange(likelihood.evidence.shape[1])
+    out = []
+    for view in views(likelihood, likelihood.mixture(state), whole):
+        model = refined_model(view.scene, state)
+        found = missing_surface(view, model, settings)
+        if found is None:
+            continue
+        own = view.scene.own(tuple(rivals))
+        other = replace(model, effects=(*model.effects, *own))
+        if not own or found.gain_nats > likelihood_gain(view, model, other, settings):
+            out.append(found)
+    return out
+
+
+def _of_missing(missing: Sequence[MissingSurface], *, several: bool) -> Iterator[str]:
+    for found in missing:
+        where = f" of recording {found.recording + 1}" if several else ""
+        yield (
+            f"In {counted(found.pixels, 'pixel')}{where} (rows {found.rows[0]} to {found.rows[1]}, columns"
+            f" {found.cols[0]} to {found.cols[1]}) {100 * found.share:.0f} % of the samples lie at about"
+            f" {found.range_mm:.4g} mm, where the model has nothing: add {surface_line(found.surface)}"
+        )
+
+
+def surface_line(surface: Surface) -> str:
+    """The table of a model file with the surface, on one line."""
+    values = surface_values(surface)
+    return "[[surface]] " + "; ".join(f"{k} = {json.dumps(v)}" for k, v in values.items())
 
 
 def pose_of(found: FoundPose) -> Effect:
