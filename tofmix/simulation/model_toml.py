@@ -358,10 +358,11 @@ def _read_effect(table: TomlTable, sensor: CompleteCamera, read_map: MapReader |
         raise table.error(f"{json.dumps(kind)} is not an effect{nearest(kind, EFFECTS)}", "kind")
     parameters = EFFECTS[kind].parameters()
     table.refuse_unknown({"kind", *(parameter.key for parameter in parameters.values())})
+    table.require(parameter.key for parameter in parameters.values() if parameter.required)
     settings = {
         name: _read_parameter(table, parameter, sensor, read_map)
         for name, parameter in parameters.items()
-        if parameter.key in table or parameter.required
+        if parameter.key in table
     }
     try:
         return EFFECTS[kind](**settings)
@@ -390,6 +391,7 @@ def _read_parameter(
 def _read_surface(table: TomlTable, number: int) -> Surface:
     angles = ("yaw_deg", "pitch_deg", "roll_deg", "reflectivity")
     table.refuse_unknown({"name", "center_mm", "size_mm", *angles})
+    table.require(("center_mm", "size_mm"))
     settings: dict[str, Any] = {key: table.number(key) for key in angles if key in table}
     settings["name"] = table.text("name") if "name" in table else f"surface {number}"
     settings["center_mm"] = table.numbers("center_mm", 3)
