@@ -88,6 +88,11 @@ class TomlTable:
             if key not in names:
                 raise self.error(f"{json.dumps(key)} is not a key here{nearest(key, names)}")
 
+    def require(self, keys: Iterable[str]) -> None:
+        """Raise BadInputError, naming all, if the table lacks some of the keys."""
+        if missing := [key for key in keys if key not in self.values]:
+            raise self.error("missing", ", ".join(missing))
+
     def __contains__(self, key: str) -> bool:
         return key in self.values
 

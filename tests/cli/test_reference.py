@@ -1,6 +1,7 @@
 """`tofmix reconcile` with a recording as the reference: what it refuses, and what it writes."""
 
 import json
+import sys
 from pathlib import Path
 
 import h5py
@@ -9,6 +10,7 @@ import pytest
 from support.commandline import Tofmix
 
 import tofmix as tm
+from tofmix.errors import BadInputError
 
 SAMPLES = Path(__file__).parents[2] / "sample_data"
 
@@ -47,6 +49,38 @@ def test_messages_about_the_first_frames_name_the_recording(tofmix: Tofmix, tmp_
     shown = tofmix("reconcile", "--self=0.5", recording, "-o", tmp_path / "gap", "--quiet")
     assert shown.code == 3
     assert f"{recording}: its first 100 frames: marked as averaged" in shown.err
+
+
+@pytest.mark.parametrize("reference", ["--self", "first.h5", "model.toml"])
+def test_missing_extra_is_said_before_anything_is_read(
+    tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reference: str
+) -> None:
+    """No file exists: what comes after would be refused for that."""
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    first = reference if reference == "--self" else tmp_path / reference
+    shown = tofmix("reconcile", first, tmp_path / "measured.h5", "-o", tmp_path / "gap")
+    shown.refused(2, "pip install 'tofmix[report]'")
+
+
+def test_a_reference_that_does_not_exist_is_refused_with_what_may_be_one(tofmix: Tofmix, tmp_path: Path) -> None:
+    measured, missing = _zone(tmp_path / "a.h5", 500.0), tmp_path / "missing.h5"
+    said = f"{missing}: no such file; give a model (TOML), a recording or a layers file (HDF5), or a built-in model"
+    tofmix("reconcile", missing, measured, "-o", tmp_path / "gap").refused(3, said)
+    with pytest.raises(BadInputError, match="no such file; give a model"):
+        tm.reconcile(missing, measured)
+    shown = tofmix("reconcile", "--self", missing, "-o", tmp_path / "gap")
+    assert shown.code == 3
+    assert str(missing) in shown.err
+    assert "model" not in shown.err
+
+
+def test_a_recording_has_its_own_frame_rate_and_its_part_no_command(tofmix: Tofmix, tmp_path: Path) -> None:
+    """The usual step of its later frames is longer by a twentieth than that of all."""
+    recording = SAMPLES / "tmf8829_edge.h5"
+    shown = tofmix("reconcile", "--self", recording, "-o", tmp_path / "gap", "--effects", "motion", "--max-effects", 1)
+    assert "its first 8 frames: 5.1 % of the pixels have two layers within 5 sigma" in shown.err
+    assert "frame_rate_hz" not in shown.err
+    assert "tofmix estimate" not in shown.err
 
 
 def test_self_takes_one_recording(tofmix: Tofmix, tmp_path: Path) -> None:

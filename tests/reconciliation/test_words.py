@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.recordings import MAKE, reconciled
 
-from tofmix.reconciliation.words import closed_text, effect_tables, effect_text, headline, summary_lines
+from tofmix.reconciliation.words import closed_text, effect_tables, effect_text, headline, summary_lines, where_text
 from tofmix.report.gap import render_gap
 from tofmix.simulation.effects.parameter import PixelMap
 from tofmix.simulation.model import Model
@@ -66,6 +66,17 @@ def test_zero_is_written_without_a_sign(small: Model) -> None:
     assert "held-out gain 0 nats" in "\n".join(summary_lines(said))
     assert "-0" not in json.dumps(said.as_dict()["effects"]).replace("-0.2", "")
     assert "offset_mm = 0.0" in effect_tables(said)
+
+
+@pytest.mark.parametrize(("amplitude_mm", "said"), [(12.0, "ranges grow by "), (-12.0, "ranges shrink by ")])
+def test_a_warm_up_is_said_with_the_change_of_the_measured_ranges(small: Model, amplitude_mm: float, said: str) -> None:
+    """Between means of the first and of the last tenth of 3.2 s, which hold 0.08 and 0.78 of the change."""
+    drift = MAKE["temperature_drift"](amplitude_mm=amplitude_mm, time_constant_s=2.0)
+    result = reconciled(small, drift, kinds=("temperature_drift",))
+    place = next(p for p in result.where if p.statistic == "trend")
+    assert np.sign(place.size) == np.sign(amplitude_mm)
+    assert 0.5 * abs(amplitude_mm) < abs(place.size) < abs(amplitude_mm)
+    assert f"({said}{abs(place.size):.3g} mm)" in where_text(place, result)
 
 
 @pytest.mark.parametrize(

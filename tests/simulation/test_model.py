@@ -209,6 +209,7 @@ def test_models_without_surfaces_are_accepted_and_equal_names_refused() -> None:
         (SHORT + "[recording]\nsed = 1", 'm: [recording]: "sed" is not a key here; did you mean "seed"?'),
         (SHORT + "[surface]\n", "m: surface: expected tables [[surface]], got a table"),
         (SHORT + "[[surface]]\nsize_mm = [1, 1]", "m: [[surface]] 1: center_mm: missing"),
+        (SHORT + "[[surface]]\nname = 'a'", "m: [[surface]] 1: center_mm, size_mm: missing"),
         (
             SHORT + BOARD_TOML + BOARD_TOML + "size = 1",
             'm: [[surface]] 2: "size" is not a key here; did you mean "size_mm"?',

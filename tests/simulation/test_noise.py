@@ -400,7 +400,10 @@ def test_a_recording_has_the_law_at_its_integration_time() -> None:
 @pytest.mark.parametrize(
     ("law", "message"),
     [
-        ("amplitude = [1.0]\n", "missing reference_amplitude; reference_amplitude, amplitude, amplitude_factor go"),
+        (
+            "amplitude = [1.0]\n",
+            "missing reference_amplitude, amplitude_factor; reference_amplitude, amplitude, amplitude_factor go",
+        ),
         (LAW.replace("[50.0, ", "["), "2 amplitudes, but 3 factors"),
         (LAW.replace("50.0", "-50.0"), "amplitude must be a list of finite numbers above 0"),
         (LAW.replace("50.0", "500.0"), "its amplitudes do not ascend"),

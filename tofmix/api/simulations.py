@@ -201,9 +201,12 @@ def _model_or_reference(
     model: "Model | str | os.PathLike[str]", measured: Recording, reporter: "Reporter"
 ) -> tuple[str, "Model"]:
     """As `_model`; of a recording or layers the scene that they saw."""
-    from tofmix.jobs.reference import is_reference, longest_mm, reference_of_file
+    from tofmix.jobs.reference import check_scene_file, is_reference, longest_mm, reference_of_file
 
-    if not isinstance(model, str | os.PathLike) or not is_reference(Path(model)):
+    if not isinstance(model, str | os.PathLike):
+        return _model(model)
+    check_scene_file(os.fspath(model))
+    if not is_reference(Path(model)):
         return _model(model)
     with measured.opened() as samples:
         longest = longest_mm(samples)

@@ -17,6 +17,7 @@ from tofmix.cli.reporter import CommandReporter, Progress
 from tofmix.options import RECONCILE
 
 if TYPE_CHECKING:
+    from tofmix.jobs.reference import Reference
     from tofmix.sensor import Sensor
 
 
@@ -136,27 +137,23 @@ def _run(
     from tofmix.jobs.files import opened_recording
     from tofmix.jobs.reconcile import check_models, kinds_of, read_evidence, write_reconciliation
     from tofmix.jobs.reconcile import reconcile as run
-    from tofmix.jobs.reference import REFERENCE, Reference, first_frames, is_reference, longest_mm, reference_of_file
+    from tofmix.jobs.reference import REFERENCE
     from tofmix.reconciliation.settings import Settings
     from tofmix.reconciliation.words import summary_lines
+    from tofmix.report.templates import check_extra
 
     def learnt() -> "Sensor":
         with open_recording(measured) as source:
             return learnt_sensor(source, reporter)
 
+    check_extra()
     reporter = CommandReporter()
     names = None if effects is None else [name.strip() for name in effects.split(",") if name.strip()]
     kinds = kinds_of(names, reporter)
     files = ((model, measured), *also)
     settings = Settings(kinds=kinds, **search)
     with locked_folder(output, overwrite=overwrite, models=len(files)):
-        reference: Reference | None = None
-        if share is not None:
-            reference = first_frames(measured, share, reporter, workers=default_workers())
-        elif is_reference(Path(model)):
-            with opened_recording(measured, reporter) as other:
-                longest = longest_mm(other)
-            reference = reference_of_file(Path(model), reporter, workers=default_workers(), others_mm=longest)
+        reference = _reference(model, measured, share, reporter)
         rest = files if reference is None else also
         models = [] if reference is None else [(model, reference.model)]
         models += [(name, load_model(name)) for name, _ in rest]  # before recordings, which take longer to read
@@ -186,10 +183,25 @@ def _run(
         click.echo(json.dumps(result.as_dict(), indent=2, allow_nan=False))
         return ExitCode.INTERRUPTED if stopped() else ExitCode.DONE
     click.echo("\n".join(summary_lines(result)))
-    more = suggested_names(len(files)) if result.suggested else []
+    more = suggested_names(len(files)) if result.has_advice else []
     written = ", ".join([*model_names(len(files))[1:], *more, "gap.json", "report.html"])
     click.echo(f"wrote        {output / 'model.toml'}, {written}")
     return ExitCode.INTERRUPTED if stopped() else ExitCode.DONE
+
+
+def _reference(model: str, measured: Path, share: float | None, reporter: CommandReporter) -> "Reference | None":
+    """What stands in place of a model; None where a model is given."""
+    from tofmix.jobs.files import opened_recording
+    from tofmix.jobs.reference import check_scene_file, first_frames, is_reference, longest_mm, reference_of_file
+
+    if share is not None:
+        return first_frames(measured, share, reporter, workers=default_workers())
+    check_scene_file(model)
+    if not is_reference(Path(model)):
+        return None
+    with opened_recording(measured, reporter) as other:
+        longest = longest_mm(other)
+    return reference_of_file(Path(model), reporter, workers=default_workers(), others_mm=longest)
 
 
 @contextmanager

@@ -100,6 +100,7 @@ class Prepared:
     windows: Windows  # in frames
     remedy: Remedy
     findings: list[Finding]
+    has_commands: bool = True  # whether a command estimates what the findings are about
 
 
 def check_request(request: EstimateRequest, reporter: Reporter) -> None:
@@ -134,7 +135,7 @@ def prepare(
     reporter : Reporter
         Receives doubts about the samples and their noise, and notes.
     about : About, optional
-        What a remedy's command names; without it, the open recording.
+        What a remedy's command names; without it, the open recording. No command estimates a part of one.
     """
     options = request.options
     _check_frames(source, request, reporter)
@@ -175,11 +176,14 @@ def prepare(
             has_amplitude=source.has_amplitude,
         )
         findings = findings_of_samples(source, sensor, options.unambiguous_range_mm, remedy)
+    has_commands = about is None or not about.part
     for finding in findings:
-        reporter.finding(source.name, finding)
+        reporter.finding(source.name, finding if has_commands else finding.without_commands())
     of_sensor = noise_options(noise, request.outliers, shape=request.noise_shape, widths=request.noise_widths)
     job = plan_job(source, windows, options, of_sensor)
-    return Prepared(source=source, job=job, windows=windows, remedy=remedy, findings=findings)
+    return Prepared(
+        source=source, job=job, windows=windows, remedy=remedy, findings=findings, has_commands=has_commands
+    )
 
 
 def estimate_file(
@@ -259,7 +263,7 @@ def say_findings(layers: LayersSource, name: object, ready: Prepared, reporter: 
     _say_left_out(ready, reporter)
     found = find(layers, ready.remedy, cause=partial(cause_of_loss, ready.source))
     for finding in found:
-        reporter.finding(name, finding)
+        reporter.finding(name, finding if ready.has_commands else finding.without_commands())
     return [*ready.findings, *found]
 
 

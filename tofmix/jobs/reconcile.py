@@ -105,7 +105,7 @@ def read_evidence(
         if own is not None and models is not None and not math.isclose(own, models, rel_tol=SAME):
             reporter.warn(f"{name}: sensor: {number} is {own:g}; the model has {models:g}")
     _say_other_optics(source, model, reporter)
-    _say_other_rate(name, time_s, model, reporter)
+    _say_other_rate(name, time_s, model, after, reporter)
     for effect, hidden in with_hidden(model.effects, PixelBias):
         if hidden.map_of(effect) is None:
             reporter.warn(
@@ -193,9 +193,9 @@ def _say_other_optics(source: CameraSource, model: Model, reporter: Reporter) ->
         )
 
 
-def _say_other_rate(name: str, time_s: FloatArray | None, model: Model, reporter: Reporter) -> None:
-    """Say if frames follow each other at another rate than the model's."""
-    if time_s is None or time_s[-1] <= time_s[0]:
+def _say_other_rate(name: str, time_s: FloatArray | None, model: Model, after: int, reporter: Reporter) -> None:
+    """Say if frames follow each other at another rate than the model's; it is their own where `after` are its scene."""
+    if after or time_s is None or time_s[-1] <= time_s[0]:
         return
     models, steps = model.recording.frame_rate_hz, np.diff(time_s)
     mean, usual = 1.0 / float(steps.mean()), 1.0 / float(np.median(steps[steps > 0]))
@@ -302,7 +302,7 @@ def write_reconciliation(
         page=page,
         overwrite=overwrite,
         inputs=inputs,
-        suggested_texts=texts(suggested_tables) if result.suggested else (),
+        suggested_texts=texts(suggested_tables) if result.has_advice else (),
         beside=dict(beside) | _scene_files(result, files, beside),
     )
 

@@ -29,6 +29,7 @@ from tofmix.reconciliation.likelihood import wander
 from tofmix.reconciliation.likelihood.wander import straight_courses
 from tofmix.recording import CameraSource, SampleSource
 from tofmix.sensor import Sensor
+from tofmix.simulation import BUILTIN_MODELS
 from tofmix.simulation.measured_scene import LEAST_SAMPLES, UNKNOWN_WALK, MeasuredScene, SceneTable
 from tofmix.simulation.model import Model
 from tofmix.temporal_filter import ExponentialAverage, TemporalFilter
@@ -57,6 +58,16 @@ class Reference:
     model: Model
     layers: bytes
     frames: int = 0
+
+
+def check_scene_file(name: str) -> None:
+    """Refuse the name of a model, a recording or a layers file that does not exist."""
+    if name not in BUILTIN_MODELS and not Path(name).exists():
+        known = ", ".join(BUILTIN_MODELS)
+        raise BadInputError(
+            f"{name}: no such file; give a model (TOML), a recording or a layers file (HDF5), or a built-in model"
+            f" ({known})"
+        )
 
 
 def is_reference(path: Path) -> bool:

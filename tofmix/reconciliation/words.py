@@ -8,6 +8,7 @@ from typing import Any
 from tofmix.reconciliation.comparison.compare import Place
 from tofmix.reconciliation.workflow import NamedEffect, Reconciliation
 from tofmix.simulation.effects.base import Effect
+from tofmix.simulation.model_toml import surface_table
 from tofmix.wording import counted, number, rounded
 
 _TITLES = {
@@ -74,6 +75,9 @@ def where_text(place: Place, result: Reconciliation) -> str:
     axis = _AXES.get(place.axis, f"at {place.axis}")
     within = f" in recording {place.recording + 1}" if len(result.models) > 1 else ""
     size = f"{place.statistic.replace('_', ' ')} of {number(place.size, '+.3g')}{' mm' if place.unit == 'mm' else ''}"
+    if place.statistic == "trend":
+        change = f"ranges {'grow' if place.size > 0 else 'shrink'} by {number(abs(place.size), '.3g')} mm"
+        return f"{axis} {number(low, '.4g')} to {number(high, '.4g')} {unit}{within} ({change})"
     if place.statistic == "memory":
         frames = f"{low:g} to {high:g} frames" if high > low else counted(int(low), "frame")
         return f"between samples {frames} apart{within} ({size})"
@@ -158,8 +162,9 @@ def effect_tables(result: Reconciliation, recording: int = 0) -> str:
 
 
 def suggested_tables(result: Reconciliation, recording: int = 0) -> str:
-    """The [[effect]] tables of the suggested model, appended to a recording's model file."""
-    return "\n".join(_table(n) for n in result.advised(recording))
+    """The tables of the suggested model, appended to a recording's model file."""
+    surfaces = [surface_table(surface) for number, surface in result.suggested_surfaces if number == recording]
+    return "\n".join([*surfaces, *(_table(n) for n in result.advised(recording))])
 
 
 def _table(named: NamedEffect) -> str:

@@ -41,6 +41,7 @@ from tofmix.simulation.effects.base import Effect, with_hidden
 from tofmix.simulation.effects.hidden import RememberedNoise
 from tofmix.simulation.effects.parameter import Holds, PixelMap
 from tofmix.simulation.model import Model
+from tofmix.simulation.surface import Surface
 from tofmix.wording import rounded
 
 
@@ -136,6 +137,8 @@ class Reconciliation:
         Next steps, the most useful first.
     suggested : tuple of (int, Effect)
         Effects that the next steps advise to add, with their recordings, from 0.
+    suggested_surfaces : tuple of (int, Surface)
+        Surfaces that the next steps advise to add, likewise.
     measured_noise : bool
         Whether the models have measured noise in place of their own.
     """
@@ -150,12 +153,18 @@ class Reconciliation:
     is_complete: bool = True
     next_steps: tuple[str, ...] = ()
     suggested: tuple[tuple[int, Effect], ...] = ()
+    suggested_surfaces: tuple[tuple[int, Surface], ...] = ()
     measured_noise: bool = False
 
     @property
     def aliases(self) -> tuple[Alias, ...]:
         """Explanations that the recording cannot separate."""
         return aliases(self.considered, named=bool(self.named))
+
+    @property
+    def has_advice(self) -> bool:
+        """Whether the next steps advise to add something to a model."""
+        return bool(self.suggested or self.suggested_surfaces)
 
     def advised(self, recording: int) -> tuple[NamedEffect, ...]:
         """The effects of the suggested model of one of the recordings, from 0: named ones, and advised ones."""
@@ -344,7 +353,7 @@ def reconcile(
     )
     advice = next_steps(likelihood, added, verified, found.aliases, settings)
     suggested = tuple((k, _of_model(effect, likelihood, models, k)) for k, effect in advice.suggested)
-    return replace(found, next_steps=advice.steps, suggested=suggested)
+    return replace(found, next_steps=advice.steps, suggested=suggested, suggested_surfaces=advice.surfaces)
 
 
 def _of_model(effect: Effect, likelihood: Likelihood, models: tuple[Model, ...], recording: int) -> Effect:

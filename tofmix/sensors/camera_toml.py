@@ -195,7 +195,7 @@ def _noise_curve(noise: TomlTable, base: NoiseCurve | None, background: FloatArr
     lists = {} if base is None else {"range_mm": base.range_mm, "sigma_mm": base.sigma_mm}
     given: dict[str, Any] = {key: noise.numbers(key) for key in CURVE_LISTS if key in noise}
     if lacking := [key for key in CURVE_LISTS if key not in lists | given]:
-        raise noise.error(f"missing {lacking[0]}; range_mm and sigma_mm go together")
+        raise noise.error(f"missing {', '.join(lacking)}; range_mm and sigma_mm go together")
     parts: dict[str, Any] = {} if base is None else {key: getattr(base, key) for key in _INHERITED}
     if "width_spread" in noise:
         parts["width_spread"] = noise.number("width_spread")
@@ -245,7 +245,7 @@ def _amplitude_law(noise: TomlTable, base: NoiseCurve | None) -> AmplitudeLaw | 
     if not given:
         return None
     if lacking := [key for key in LAW_LISTS if key not in given]:
-        raise noise.error(f"missing {lacking[0]}; {', '.join(LAW_LISTS)} go together")
+        raise noise.error(f"missing {', '.join(lacking)}; {', '.join(LAW_LISTS)} go together")
     return AmplitudeLaw(**{name: np.array(given[key]) for key, name in LAW_LISTS.items()})
 
 

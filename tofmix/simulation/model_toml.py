@@ -134,15 +134,24 @@ def model_text(
         _table_text("[recording]", _recording_values(recording)),
     ]
     for number, surface in enumerate(surfaces):
-        written = {
-            "name": surface.name,
-            "center_mm": [round(x, 3) + 0.0 for x in surface.center_mm],
-            "size_mm": [round(x, 3) for x in surface.size_mm],
-            **{key: round(getattr(surface, key), 6) + 0.0 for key in ("yaw_deg", "pitch_deg", "roll_deg")},
-            "reflectivity": round(surface.reflectivity, 4),
-        }
-        tables.append((_comments(about[number : number + 1])) + _table_text("[[surface]]", written))
+        tables.append((_comments(about[number : number + 1])) + surface_table(surface))
     return "\n".join([*tables, *_effect_texts(effects)])
+
+
+def surface_values(surface: Surface) -> dict[str, Any]:
+    """The keys of a surface's table and their values, lengths to a thousandth of a mm, angles to a millionth degree."""
+    return {
+        "name": surface.name,
+        "center_mm": [round(x, 3) + 0.0 for x in surface.center_mm],
+        "size_mm": [round(x, 3) for x in surface.size_mm],
+        **{key: round(getattr(surface, key), 6) + 0.0 for key in ("yaw_deg", "pitch_deg", "roll_deg")},
+        "reflectivity": round(surface.reflectivity, 4),
+    }
+
+
+def surface_table(surface: Surface) -> str:
+    """The table of a surface in a model file."""
+    return _table_text("[[surface]]", surface_values(surface))
 
 
 def _comments(lines: Sequence[str]) -> str:
@@ -350,10 +359,11 @@ def _read_effect(table: TomlTable, sensor: CompleteCamera, read_map: MapReader |
         raise table.error(f"{json.dumps(kind)} is not an effect{nearest(kind, EFFECTS)}", "kind")
     parameters = EFFECTS[kind].parameters()
     table.refuse_unknown({"kind", *(parameter.key for parameter in parameters.values())})
+    table.require(parameter.key for parameter in parameters.values() if parameter.required)
     settings = {
         name: _read_parameter(table, parameter, sensor, read_map)
         for name, parameter in parameters.items()
-        if parameter.key in table or parameter.required
+        if parameter.key in table
     }
     try:
         return EFFECTS[kind](**settings)
@@ -382,6 +392,7 @@ def _read_parameter(
 def _read_surface(table: TomlTable, number: int) -> Surface:
     angles = ("yaw_deg", "pitch_deg", "roll_deg", "reflectivity")
     table.refuse_unknown({"name", "center_mm", "size_mm", *angles})
+    table.require(("center_mm", "size_mm"))
     settings: dict[str, Any] = {key: table.number(key) for key in angles if key in table}
     settings["name"] = table.text("name") if "name" in table else f"surface {number}"
     settings["center_mm"] = table.numbers("center_mm", 3)

@@ -59,7 +59,7 @@ def test_share_of_independent_samples_follows_the_memory_of_the_scores(
 
 
 def test_pixels_without_a_surface_do_not_count_as_independent(model: Model) -> None:
-    """Most pixels of the image see nothing: the memory of the others decides. Those at edges share less of the noise."""
+    """Most of the image sees nothing: the memory of the others decides. Those at edges share less of the noise."""
     zones, evidence = recorded(model, frames=12, memory=0.65, offset_mm=0.0, seed=4)
     few = replace(zones, surfaces=(replace(zones.surfaces[0], size_mm=(500.0, 500.0)),))
     likelihood = joint_likelihood([(few, evidence)])

@@ -152,7 +152,7 @@ def test_search_that_ends_at_its_most_effects_says_that_none_is_named(small: Mod
     result = reconciled(small, *hidden, kinds=("range_offset", "excess_noise"), max_effects=1)
     step = next(s for s in result.next_steps if "--max-effects" in s)
     named = result.verified.verdict == "partly_explained"
-    assert step.startswith("The search stopped at 1 effect" if named else "The best 1 effect")
+    assert step.startswith("The search stopped at 1 effect" if named else "The best effect alone does not")
 
 
 ROOM = (

@@ -147,6 +147,7 @@ def test_bounds_are_refused_with_value_and_bound(kind: str) -> None:
     [
         (table("wigling"), 'm: [[effect]] 1: kind: "wigling" is not an effect; did you mean "wiggling"? known: '),
         (table("range_offset"), "m: [[effect]] 1: offset_mm: missing"),
+        (table("temperature_drift"), "m: [[effect]] 1: amplitude_mm, time_constant_s: missing"),
         (table("range_offset", offset=3), 'm: [[effect]] 1: "offset" is not a key here; did you mean "offset_mm"?'),
         (table("range_offset", offset_mm="a"), "m: [[effect]] 1: offset_mm: expected a number, got a string"),
         (

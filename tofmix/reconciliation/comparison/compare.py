@@ -370,7 +370,8 @@ class Place:
     interval : (float, float)
         In the unit of the axis.
     size : float
-        Mean of the statistic in it; mm for a bias, else a ratio, a correlation or a share.
+        Mean of the statistic in it; mm for a bias, else a ratio, a correlation or a share. Of a trend the change of
+        measured minus predicted ranges, mm, from the beginning of the interval to its end.
     unit : str
         Unit of the size.
     p_value : float
@@ -423,6 +424,12 @@ def _by_weight(curves: Iterable[Curve]) -> list[Curve]:
     return sorted(curves, key=lambda c: -(gain(c.chi2, c.dof) if c.information is None else c.information))
 
 
+def _change(value: FloatArray) -> tuple[tuple[int, int], float]:
+    """The bins between the least and the largest value, in their order, and the change from the first to the last."""
+    first, last = sorted((int(value.argmin()), int(value.argmax())))
+    return (first, last + 1), float(value[last] - value[first])
+
+
 def _strongest(curve: Curve, looked_at: int) -> Place:
     weight = 1 / curve.variance
     total, mass = np.concatenate([[0], np.cumsum(curve.value * weight)]), np.concatenate([[0], np.cumsum(weight)])
@@ -438,6 +445,8 @@ def _strongest(curve: Curve, looked_at: int) -> Place:
     whole = curve.statistic.endswith("pattern")  # pixels have no order, so no interval of them is a place
     a, b = (0, curve.dof) if whole else where
     value = (total[b] - total[a]) / (mass[b] - mass[a])
+    if curve.statistic == "trend":
+        (a, b), value = _change(curve.value)
     tests = looked_at * curve.dof * (min(longest, curve.dof) + 1) / 2
     # The whole curve may be more significant than its best interval, as for a sine
     log_p = min(log_ndtr(-best) + math.log(2 * tests), log_ndtr(-curve.z) + math.log(looked_at))

@@ -4,8 +4,7 @@ The ranges of a real camera, such as a VL53L0X, wander within minutes by tenths 
 this; a course in time is known as well as the walk lets it be. Its size is one of a few, with probabilities
 that the recording of the scene gives, and is integrated out.
 
-A change of all means beyond the reach of a pixel's noise is no wander: something moves. `frame_levels` and `far_change`
-find it without a model of its course.
+A way of all means beyond the reach of a pixel's noise is no wander: something moves, and `straight_courses` finds it.
 
 References
 ----------
@@ -14,11 +13,10 @@ Biometrika 58 (1971) 545, for a likelihood of contrasts, which no trend changes.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
-from scipy.stats import kendalltau, kruskal, median_abs_deviation
+from scipy.stats import kendalltau, median_abs_deviation
 
 from tofmix.arrays import FloatArray
 from tofmix.simulation.measured_scene import UNKNOWN_WALK, WALKS
@@ -88,25 +86,6 @@ def probabilities(z: FloatArray, *, frame_noise: float, repeats: float) -> tuple
     return tuple(float(p) for p in share)
 
 
-class FarChange(NamedTuple):
-    """A change in time of all means.
-
-    Parameters
-    ----------
-    size : float
-        The last of its two parts of the time less the first, mm.
-    begins, ends : int
-        Its first and last frame.
-    p_value : float
-        Of parts of the time that do not differ.
-    """
-
-    size: float
-    begins: int
-    ends: int
-    p_value: float
-
-
 def frame_levels(away: FloatArray) -> FloatArray:
     """What the samples of each frame have in common (frame,), NaN for frames without a sample.
 
@@ -135,39 +114,6 @@ def frame_levels(away: FloatArray) -> FloatArray:
         level = np.nanmedian(away - own, axis=1)
     out[some] = level
     return out
-
-
-def far_change(levels: FloatArray, least: float, alpha: float) -> FarChange | None:
-    """The change of the levels of frames between those parts of the time in which they differ most.
-
-    Parameters
-    ----------
-    levels : (frame,) float64
-        Of each frame; NaN where there is none.
-    least : float
-        A change that is smaller is none.
-    alpha : float
-        Level of the test that parts of the time differ.
-
-    References
-    ----------
-    Kruskal and Wallis, J. American Statistical Association 47 (1952) 583.
-    """
-    frames = np.flatnonzero(np.isfinite(levels))
-    least_frames, most_parts = 3, 10  # of a part, for a median with a scatter; of the time
-    parts = min(most_parts, frames.size // least_frames)
-    if parts < 2:  # noqa: PLR2004  two parts of the time to compare
-        return None
-    part = np.arange(frames.size) * parts // frames.size
-    level = np.array([np.median(levels[frames[part == k]]) for k in range(parts)])
-    first, last = sorted((int(level.argmin()), int(level.argmax())))
-    change = float(level[last] - level[first])
-    if abs(change) < least:
-        return None
-    p = float(kruskal(*(levels[frames[part == k]] for k in range(parts))).pvalue)
-    if not p < alpha:
-        return None
-    return FarChange(change, int(frames[part == first][0]), int(frames[part == last][-1]), p)
 
 
 def straight_courses(samples: FloatArray, time_s: FloatArray, alpha: float) -> tuple[FloatArray, float] | None:

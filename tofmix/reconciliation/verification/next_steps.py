@@ -8,9 +8,9 @@ with a bias of each pixel integrated out, whose spread is fitted: without the fo
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import norm
@@ -21,15 +21,19 @@ from tofmix.reconciliation.found import Added, name_of_effect
 from tofmix.reconciliation.likelihood import hidden_fits
 from tofmix.reconciliation.likelihood.biases import biases_of_recordings
 from tofmix.reconciliation.likelihood.hidden_states import begin
+from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.pixel_pattern import pixel_biases, with_pattern
 from tofmix.reconciliation.parameters.searches import PlanePose, measured_pose, problems
 from tofmix.reconciliation.settings import Settings, fit_part
 from tofmix.reconciliation.verification.considered import Alias
-from tofmix.reconciliation.verification.verify import Verified, far_trends
+from tofmix.reconciliation.verification.frame_levels import Jump, find_jump, frame_medians, jitter_mm
+from tofmix.reconciliation.verification.missing_surface import MissingSurface, likelihood_gain, missing_surface
+from tofmix.reconciliation.verification.verify import Verified, far_trends, refined_model
 from tofmix.simulation.effects import EFFECTS, basic_kind
 from tofmix.simulation.effects.base import Basic, Effect
 from tofmix.simulation.effects.hidden import PixelBias
+from tofmix.simulation.model_toml import surface_values
 from tofmix.simulation.surface import Surface
 from tofmix.wording import counted
 
@@ -96,10 +100,13 @@ class Advice:
         Sentences, the most useful first; never empty.
     suggested : tuple of (int, Effect)
         Effects that the sentences advise to add, with their recordings, from 0.
+    surfaces : tuple of (int, Surface)
+        Surfaces likewise.
     """
 
     steps: tuple[str, ...]
     suggested: tuple[tuple[int, Effect], ...] = ()
+    surfaces: tuple[tuple[int, Surface], ...] = ()
 
 
 def next_steps(
@@ -122,41 +129,17 @@ def next_steps(
     """
     steps = [*_of_the_recording(likelihood, verified)]
     axes = [] if verified.verdict == "agree" else list(other_axes(likelihood, settings))
-    steps += _of_axes(axes, several=len(likelihood.scene.members) > 1)
-    suggested: list[tuple[int, Effect]] = []
+    several = len(likelihood.scene.members) > 1
+    steps += _of_axes(axes, several=several)
+    static = Advice(steps=())
     if verified.verdict in ("unexplained", "partly_explained"):
         steps += _of_contradictions(added, verified)
-        steps += _of_far_trends(likelihood, verified, settings)
-    if verified.verdict in ("unexplained", "partly_explained") and not axes:
-        named = verified.verdict == "partly_explained"  # otherwise the effects are no part of the model
-        part = fit_part(likelihood, settings)
-        state = verified.state if named else begin(likelihood, part[0], settings.accepted(likelihood))
-        folded = fold(likelihood, state, part)
-        if folded is not None:
-            effect, state = folded
-            suggested += [(k, effect) for k in range(len(likelihood.scene.members))]
-            steps.append(
-                "The samples of a surface lie a turn of the phase from the model's,"
-                f" {likelihood.mixture(state).period:.5g} mm: {effect.kind} is missing."
-            )
-        # Poses of a model that lacks more effects than the search may add are shifted by what those do
-        limited = not named and 0 < settings.max_effects <= len(added.chosen)
-        offset = None if limited else common_offset(likelihood, settings, state)
-        poses = [] if limited or offset is not None else found_poses(likelihood, settings, state)
-        if verified.law is not None and not poses_win(likelihood, settings, state, poses):
-            poses = []
-        if offset is not None:
-            suggested += [(k, offset) for k in range(len(likelihood.scene.members))]
-            steps.append(f"All surfaces are off by one value: {offset.explain()}.")
-        most_poses = 3  # most poses that are listed; more are another scene
-        shown = sorted(poses, key=lambda f: -f.pose.z)[:most_poses]
-        steps += _of_poses(shown, several=len(likelihood.scene.members) > 1)
-        suggested += [(f.recording, pose_of(f)) for f in shown]
-        there = {name_of_effect(e) for e in (*likelihood.scene.effects, *(state.effects if named else ()))}
-        suggested = [(k, e) for k, e in suggested if name_of_effect(e) not in there]
-        if suggested:
-            steps.append("suggested_model.toml has this: reconcile it with the same recording.")
-        steps += _of_the_search(added, verified, settings, misplaced=bool(poses))
+        together = _together(likelihood, verified, settings)
+        jumped = {number for number, each in together.items() if each.jump_mm}
+        steps += [*(each.step for each in together.values()), *_of_far_trends(likelihood, verified, settings, jumped)]
+        if not axes:
+            static = _of_places(likelihood, added, verified, settings, together)
+            steps += static.steps
     for alias in unclear:
         kinds = alias.kinds
         steps.append(
@@ -172,7 +155,58 @@ def next_steps(
         steps += worse(verified)
         steps.append(_confirming(likelihood))
     nothing = "Examine the places in `where`: no known effect explains them."
-    return Advice(steps=tuple(steps) or (nothing,), suggested=tuple(suggested))
+    return replace(static, steps=tuple(steps) or (nothing,))
+
+
+def _of_places(
+    likelihood: Likelihood,
+    added: Added,
+    verified: Verified,
+    settings: Settings,
+    together: Mapping[int, "_Together"],
+) -> Advice:
+    """Steps for what stays in all frames: a fold, other positions, a missing surface, the search, the lens, noise."""
+    several = len(likelihood.scene.members) > 1
+    steps: list[str] = []
+    suggested: list[tuple[int, Effect]] = []
+    named = verified.verdict == "partly_explained"  # otherwise the effects are no part of the model
+    part = fit_part(likelihood, settings)
+    state = verified.state if named else begin(likelihood, part[0], settings.accepted(likelihood))
+    folded = fold(likelihood, state, part)
+    if folded is not None:
+        effect, state = folded
+        suggested += [(k, effect) for k in range(len(likelihood.scene.members))]
+        steps.append(
+            "The samples of a surface lie a turn of the phase from the model's,"
+            f" {likelihood.mixture(state).period:.5g} mm: {effect.kind} is missing."
+        )
+    # Poses of a model that lacks more effects than the search may add are shifted by what those do
+    limited = not named and 0 < settings.max_effects <= len(added.chosen)
+    jump_mm = max((each.jump_mm for each in together.values()), default=0.0)  # shifts a mean by a part of it
+    offset = None if limited else common_offset(likelihood, settings, state, least_mm=jump_mm)
+    poses = [] if limited or offset is not None else found_poses(likelihood, settings, state)
+    poses = [f for f in poses if abs(f.pose.shift_mm) > jump_mm]
+    if verified.law is not None and not poses_win(likelihood, settings, state, poses):
+        poses = []
+    missing = _missing(likelihood, settings, state, [offset] if offset else [pose_of(f) for f in poses])
+    if missing:
+        offset, poses = None, []
+    if offset is not None:
+        suggested += [(k, offset) for k in range(len(likelihood.scene.members))]
+        steps.append(f"All surfaces are off by one value: {offset.explain()}.")
+    most_poses = 3  # most poses that are listed; more are another scene
+    shown = sorted(poses, key=lambda f: -f.pose.z)[:most_poses]
+    steps += [*_of_missing(missing, several=several), *_of_poses(shown, several=several)]
+    suggested += [(f.recording, pose_of(f)) for f in shown]
+    there = {name_of_effect(e) for e in (*likelihood.scene.effects, *(state.effects if named else ()))}
+    suggested = [(k, e) for k, e in suggested if name_of_effect(e) not in there]
+    if suggested or missing:
+        steps.append("suggested_model.toml has this: reconcile it with the same recording.")
+    measured = any(scene.model.scene is not None for scene in likelihood.scene.members)
+    is_known = bool(together or missing)
+    steps += _of_the_search(added, verified, settings, misplaced=bool(poses), is_known=is_known, measured=measured)
+    surfaces = tuple((f.recording, f.surface) for f in missing)
+    return Advice(steps=tuple(steps), suggested=tuple(suggested), surfaces=surfaces)
 
 
 def _confirming(likelihood: Likelihood) -> str:
@@ -239,9 +273,44 @@ def _of_contradictions(added: Added, verified: Verified) -> Iterator[str]:
         yield f"{kind}{of} fits, but is no explanation: it {against.reason}."
 
 
-def _of_far_trends(likelihood: Likelihood, verified: Verified, settings: Settings) -> Iterator[str]:
+class _Together(NamedTuple):
+    """The step for a change of all pixels from a frame to the next, and the size of a jump, mm, if it is one."""
+
+    step: str
+    jump_mm: float = 0.0
+
+
+def _together(likelihood: Likelihood, verified: Verified, settings: Settings) -> dict[int, _Together]:
+    """The step for each recording, from 0, whose pixels change together from a frame to the next: a jump, or jitter."""
+    several = len(likelihood.scene.members) > 1
+    whole = np.arange(likelihood.evidence.shape[0]), np.arange(likelihood.evidence.shape[1])
+    loud = {(c.recording, c.statistic) for c in disagreements(verified.after, settings.alpha) if c.dof}
+    steps = {}
+    for view in views(likelihood, likelihood.mixture(verified.state), whole):
+        if not loud & {(view.number, name) for name in ("common_mode", "trend")}:
+            continue
+        found, of = frame_medians(view), f" of recording {view.number + 1}" if several else ""
+        jump = find_jump(found, view.evidence.time_s[found.frames])
+        jitter = 0.0 if view.scene.model.scene is not None else jitter_mm(found, settings.alpha)
+        if jump is not None:
+            steps[view.number] = _Together(_of_jump(jump, view, of, several=several), abs(jump.change_mm))
+        elif jitter:
+            steps[view.number] = _Together(
+                f"Whole frames{of} move together, by {jitter:.3g} mm from frame to frame (standard deviation), and no"
+                " effect has this: the camera, its mount or the delay of its light shakes. Hold the camera still before"
+                " a wall and record again: what stays is the light's."
+            )
+    return steps
+
+
+def _of_far_trends(
+    likelihood: Likelihood, verified: Verified, settings: Settings, known: Collection[int]
+) -> Iterator[str]:
+    """Steps for recordings that change far, but those for which the reason is known."""
     several = len(likelihood.scene.members) > 1
     for place in far_trends(likelihood, verified.start, settings.alpha):
+        if place.recording in known:
+            continue
         of = f" of recording {place.recording + 1}" if several else ""
         yield (
             f"The ranges{of} change by {place.size:+.4g} mm between {place.interval[0]:.3g} and {place.interval[1]:.3g}"
@@ -249,22 +318,33 @@ def _of_far_trends(likelihood: Likelihood, verified: Verified, settings: Setting
         )
 
 
-def _of_the_search(added: Added, verified: Verified, settings: Settings, *, misplaced: bool) -> Iterator[str]:
+def _of_jump(jump: Jump, view: RecordingView, of: str, *, several: bool) -> str:
+    """The step for a jump; frames of the file are counted as here if none was left out."""
+    at_s = view.evidence.time_s[jump.frame]
+    said = f"The ranges{of} jump by {jump.change_mm:+.3g} mm at {at_s:.4g} s"
+    if view.scene.model.scene is None and not view.evidence.repeated and not several:
+        return f"{said}: `tofmix reconcile --self={jump.frame} MEASURED.h5 -o FOLDER` names what changed."
+    return f"{said}: reconcile the frames before and after it by themselves."
+
+
+def _of_the_search(
+    added: Added, verified: Verified, settings: Settings, *, misplaced: bool, is_known: bool, measured: bool
+) -> Iterator[str]:
+    """Steps by what the search tried; `is_known`: something that no effect is explains the rest already."""
     if verified.own is not None:
         yield (
             f"The model's own {verified.own.kind} has other numbers than the camera's: correct it. The samples give:"
             f" {verified.own.explain()}."
         )
-    if len(added.chosen) >= settings.max_effects:
+    if len(added.chosen) >= settings.max_effects and not is_known:
         number = counted(settings.max_effects, "effect")
         if verified.verdict == "partly_explained":
             yield f"The search stopped at {number}: raise --max-effects, or reconcile the written model.toml again."
         else:
-            yield (
-                f"The best {number} together do not explain it, so none is named: --max-effects"
-                f" {settings.max_effects + 1} tries one more."
-            )
-    if misplaced:  # wrong poses can also cause a bias that is smooth over the image, or wider noise
+            best = f"best {number} together do" if settings.max_effects > 1 else "best effect alone does"
+            more = settings.max_effects + 1
+            yield f"The {best} not explain it, so none is named: --max-effects {more} tries one more."
+    if misplaced or is_known:  # wrong poses can also cause a smooth bias over the image, or wider noise
         return
     if verified.law == "place in the image":
         yield (
@@ -279,6 +359,12 @@ def _of_the_search(added: Added, verified: Verified, settings: Settings, *, misp
     noise = [c for c in verified.findings.open if c.statistic in ("spread", "spread_pattern")]
     if noise and quiet_frames_differ(verified):
         axis = f" over {noise[0].axis}" if noise[0].axis not in ("all", "frame", "time") else ""
+        if measured:
+            yield (
+                f"The noise differs from the reference's{axis}: `tofmix estimate --noise auto` measures the curve of"
+                " either recording, and `tofmix info` prints it."
+            )
+            return
         yield (
             f"The noise differs from the model's{axis}: try --noise measured. `tofmix estimate MEASURED.h5 --noise"
             " auto` measures its curve, and `tofmix info` prints it as a table [sensor.noise] to paste into the model."
@@ -323,6 +409,40 @@ def _of_poses(poses: Sequence[FoundPose], *, several: bool) -> Iterator[str]:
         )
 
 
+def _missing(
+    likelihood: Likelihood, settings: Settings, state: ModelState, rivals: Sequence[Effect]
+) -> list[MissingSurface]:
+    """Surfaces that recordings show and their models lack, but where the rival effects are likelier."""
+    whole = np.arange(likelihood.evidence.shape[0]), np.arange(likelihood.evidence.shape[1])
+    out = []
+    for view in views(likelihood, likelihood.mixture(state), whole):
+        model = refined_model(view.scene, state)
+        found = missing_surface(view, model, settings)
+        if found is None:
+            continue
+        own = view.scene.own(tuple(rivals))
+        other = replace(model, effects=(*model.effects, *own))
+        if not own or found.gain_nats > likelihood_gain(view, model, other, settings):
+            out.append(found)
+    return out
+
+
+def _of_missing(missing: Sequence[MissingSurface], *, several: bool) -> Iterator[str]:
+    for found in missing:
+        where = f" of recording {found.recording + 1}" if several else ""
+        yield (
+            f"In {counted(found.pixels, 'pixel')}{where} (rows {found.rows[0]} to {found.rows[1]}, columns"
+            f" {found.cols[0]} to {found.cols[1]}) {100 * found.share:.0f} % of the samples lie at about"
+            f" {found.range_mm:.4g} mm, where the model has nothing: add {surface_line(found.surface)}"
+        )
+
+
+def surface_line(surface: Surface) -> str:
+    """The table of a model file with the surface, on one line."""
+    values = surface_values(surface)
+    return "[[surface]] " + "; ".join(f"{k} = {json.dumps(v)}" for k, v in values.items())
+
+
 def pose_of(found: FoundPose) -> Effect:
     """The effect that moves the surface to this pose; of a tilt that its angles cannot make, the shift."""
     kind, shift = basic_kind(Basic.POSE), float(f"{found.pose.shift_mm:.5g}")
@@ -343,10 +463,12 @@ def effect_line(found: FoundPose) -> str:
     return "[[effect]] " + "; ".join(f"{k} = {json.dumps(v)}" for k, v in values.items() if v != defaults.get(k, ""))
 
 
-def common_offset(likelihood: Likelihood, settings: Settings, state: ModelState) -> Effect | None:
+def common_offset(
+    likelihood: Likelihood, settings: Settings, state: ModelState, *, least_mm: float = 0.0
+) -> Effect | None:
     """The offset that explains most of the remaining biases of several surfaces; None for one surface, or else.
 
-    By the same share of the weighted squares that a pose must explain of one surface.
+    By the same share of the weighted squares that a pose must explain of one surface; None up to `least_mm`.
     """
     surfaces, weight, weighed, squares = 0, 0.0, 0.0, 0.0
     for biases in biases_of_recordings(likelihood, state, fit_part(likelihood, settings)):
@@ -360,7 +482,7 @@ def common_offset(likelihood: Likelihood, settings: Settings, state: ModelState)
     if surfaces < several or weight <= 0:
         return None
     offset, explained = weighed / weight, weighed**2 / weight
-    clear = abs(offset) * math.sqrt(weight) > _CLEAR and explained > _MOSTLY * squares
+    clear = abs(offset) > max(least_mm, _CLEAR / math.sqrt(weight)) and explained > _MOSTLY * squares
     return basic_kind(Basic.OFFSET).of_magnitude(float(f"{offset:.4g}")) if clear else None
 
 

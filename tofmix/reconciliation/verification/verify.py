@@ -8,11 +8,11 @@ Use `far_trends` to place such a change: something moves through the scene, or t
 ranges, so random values do not matter.
 """
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import kruskal
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.comparison.compare import SMALLEST_P, Compared, Place, compare, disagreements
@@ -23,16 +23,19 @@ from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood, ModelState, Part
 from tofmix.reconciliation.likelihood.memory import independent, memory_left, memory_of
 from tofmix.reconciliation.likelihood.mixture import LINKING, Scene
-from tofmix.reconciliation.likelihood.wander import FARTHEST_SCORE, far_change, frame_levels
+from tofmix.reconciliation.likelihood.wander import FARTHEST_SCORE
 from tofmix.reconciliation.settings import Settings, fit_part, held_out
 from tofmix.reconciliation.verdict import VerdictData, judge, share_closed
 from tofmix.reconciliation.verification.contradictions import Contradiction, contradictions, smooth, tilted
+from tofmix.reconciliation.verification.frame_levels import frame_medians
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.casting.polygon_cast import MovingPolygons
 from tofmix.simulation.effects.base import Effect, with_hidden
 from tofmix.simulation.effects.hidden import PixelBias, PixelValue
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks
+
+_PARTS = 10  # of the time
 
 
 def far_trends(likelihood: Likelihood, state: ModelState, alpha: float) -> list[Place]:
@@ -46,6 +49,10 @@ def far_trends(likelihood: Likelihood, state: ModelState, alpha: float) -> list[
         A model: the change is that of the differences from it.
     alpha : float
         Level of the test that parts of the time differ, after correction for the recordings.
+
+    References
+    ----------
+    Kruskal and Wallis, J. American Statistical Association 47 (1952) 583.
     """
     whole = np.arange(likelihood.evidence.shape[0]), np.arange(likelihood.evidence.shape[1])
     seen = list(views(likelihood, likelihood.mixture(state), whole))
@@ -54,34 +61,32 @@ def far_trends(likelihood: Likelihood, state: ModelState, alpha: float) -> list[
 
 
 def _far_trend(view: RecordingView, alpha: float) -> Place | None:
-    levels, sigma = _levels(view)
-    found = far_change(levels, FARTHEST_SCORE * sigma, alpha)
-    if found is None:
+    found = frame_medians(view)
+    medians, frames, sigma = found.level_mm, found.frames, found.sigma_mm
+    least_frames = 3  # of a part, for a median with a scatter
+    parts = min(_PARTS, medians.size // least_frames)
+    if parts < 2:  # noqa: PLR2004  two parts of the time to compare
         return None
-    time_s = view.evidence.time_s
+    part = np.arange(medians.size) * parts // medians.size
+    level = np.array([np.median(medians[part == k]) for k in range(parts)])
+    first, last = sorted((int(level.argmin()), int(level.argmax())))
+    change = float(level[last] - level[first])
+    if abs(change) < FARTHEST_SCORE * sigma:
+        return None
+    p = float(kruskal(*(medians[part == k] for k in range(parts))).pvalue)
+    if not p < alpha:
+        return None
+    now = view.evidence.time_s[frames]
     return Place(
         axis="time",
         statistic="trend",
-        interval=(float(time_s[found.begins]), float(time_s[found.ends])),
-        size=found.size,
+        interval=(float(now[part == first][0]), float(now[part == last][-1])),
+        size=change,
         unit="mm",
-        p_value=max(found.p_value, SMALLEST_P),
-        z=abs(found.size) / sigma,
+        p_value=max(p, SMALLEST_P),
+        z=abs(change) / sigma,
         recording=view.number,
     )
-
-
-def _levels(view: RecordingView) -> tuple[FloatArray, float]:
-    """Levels (frame,) of the differences from the model, mm, and the typical sigma of a stored value, mm."""
-    m, samples = view.mixture, view.evidence.samples
-    use = np.flatnonzero(m.of_main(m.lit))
-    pixels = 256  # enough for a median
-    use = use[:: math.ceil(max(use.size, 1) / pixels)]
-    off = m.near_turn(samples[:, use] - m.main_means(use))
-    levels = frame_levels(np.where(samples[:, use] > 0, off, np.nan))
-    cell = m.step / math.sqrt(12.0)  # medians of values on a grid are off by as much as single ones
-    sigma = math.hypot(float(np.median(m.of_main(m.sigma)[use])), cell) if use.size else math.inf
-    return levels, sigma
 
 
 _SEEDS_APART, _SIMULATIONS_APART = 1000, 100_000  # distance between seeds of recordings, and of simulations

@@ -14,7 +14,7 @@ Notes on the law of mixing: what a lock-in camera's recording lacks for unmixing
 import math
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from tofmix.bounds import Count, FactorThreshold, NotNegative, Share, Threshold, check_bounds
@@ -75,6 +75,10 @@ class Finding:
     def as_dict(self) -> dict[str, str | list[str]]:
         """Return the same for JSON."""
         return {"code": self.code, "text": self.text, "commands": list(self.commands)}
+
+    def without_commands(self) -> "Finding":
+        """The same of samples that no command estimates."""
+        return replace(self, commands=())
 
     @property
     def line(self) -> str:

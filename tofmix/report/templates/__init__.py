@@ -15,13 +15,19 @@ _MISSING_NUMBER = "\N{EN DASH}"
 _MISSING_EXTRA = "the page needs matplotlib and jinja2: pip install 'tofmix[report]'"
 
 
-def load_template(name: str) -> "Template":
-    """Load a template of this folder."""
+def check_extra() -> None:
+    """Refuse to make pages without what the extra ``report`` installs, before time is spent on their numbers."""
     try:
-        import_module("matplotlib")  # told here, before minutes are spent on the numbers
-        jinja2 = import_module("jinja2")
+        import_module("matplotlib")
+        import_module("jinja2")
     except ImportError as error:
         raise UsageError(_MISSING_EXTRA) from error
+
+
+def load_template(name: str) -> "Template":
+    """Load a template of this folder."""
+    check_extra()
+    jinja2 = import_module("jinja2")
     environment = jinja2.Environment(
         loader=jinja2.FunctionLoader(read_part),
         autoescape=True,
