@@ -99,6 +99,33 @@ def test_running_median_is_found_by_its_repeated_values(window: int) -> None:
     assert _found(over_windows(Scene(SHAPE, 2).draw(FRAMES), window, median=True)) == RunningMedian(float(window))
 
 
+def held(samples: FloatArray, share: float, *, frames: bool = False) -> FloatArray:
+    """The samples, each of which repeats the one before with some probability: by itself, or in whole frames."""
+    out = samples.copy()
+    drawn = np.random.default_rng(11).random((len(out), 1, 1) if frames else out.shape) < share
+    for frame in range(1, len(out)):
+        out[frame] = np.where(drawn[frame], out[frame - 1], out[frame])
+    return out
+
+
+@pytest.mark.parametrize("share", [0.3, 0.4, 0.45, 0.5])
+@pytest.mark.parametrize("step_mm", [0.0, 1.0])
+def test_held_values_are_no_median(share: float, step_mm: float) -> None:
+    samples = held(Scene(SHAPE, 2).draw(FRAMES), share)
+    assert _found(np.round(samples / step_mm) * step_mm if step_mm else samples) is None
+
+
+def test_sigma_of_held_values_is_that_of_the_samples() -> None:
+    rng = np.random.default_rng(12)
+    samples = held(1500.0 + 40.0 * np.arange(10.0) + rng.normal(0.0, 8.0, (FRAMES, 8, 10)), 0.3)
+    found = tofmix.estimate(tofmix.from_array(samples, units="mm"), workers=2)
+    assert np.median(found.sigma[found.n_modes == 1][:, 0]) == pytest.approx(8.0, rel=0.05)
+    one = found.n_modes[0] == 1
+    z = ((found.range[0, ..., 0] - 1500.0 - 40.0 * np.arange(10.0)) / found.range_stderr[0, ..., 0])[one]
+    assert one.mean() > 0.95
+    assert 0.75 < z.std() < 1.25
+
+
 @pytest.mark.parametrize(("window", "frames"), [(2, 100), (3, 100), (5, 100), (8, 100), (16, 100), (3, 30), (8, 40)])
 def test_running_mean_is_found_with_its_window(window: int, frames: int) -> None:
     means = over_windows(Scene(SHAPE, 3).draw(FRAMES), window, median=False)

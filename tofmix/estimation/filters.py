@@ -178,12 +178,21 @@ def _median_filter(stored: FloatArray, settings: FilterSettings) -> RunningMedia
         return None
     base = chance[told].mean()
     excess = (ties[:, told].mean(axis=1) - base) / (1.0 - base)
+    returns = _returns(stored[told], 2) - np.mean([_returns(stored[told], lag) for lag in lags[-far_lags:]])
     for window in settings.windows:
         found = RunningMedian(float(window))
         expected = np.array([found.tie(lag) for lag in lags])
-        if np.abs(excess - expected).max() <= settings.tie_tolerance:
+        # A median comes back to a value that it left; a value that is held does not.
+        comes_back = returns > 0.5 * (1.0 - base) * found.returns()
+        if comes_back and np.abs(excess - expected).max() <= settings.tie_tolerance:
             return found
     return None
+
+
+def _returns(stored: FloatArray, lag: int) -> float:
+    """Share of the samples (pixel, frame) that equal the one `lag` frames before, which the next one differed from."""
+    before = stored[:, :-lag]
+    return float(np.mean((stored[:, lag:] == before) & (stored[:, 1 : 1 - lag] != before)))
 
 
 def _linear_filter(stored: FloatArray, settings: FilterSettings) -> TemporalFilter | None:
