@@ -206,6 +206,10 @@ class RunningMedian:
                 total += ways * math.exp(math.lgamma(under + 1) + math.lgamma(over + 1) - math.lgamma(under + over + 2))
         return common * total
 
+    def returns(self) -> float:
+        """Probability that a median is that of two frames before, and not that of the frame before."""
+        return _returns(self)
+
     def seen(self, quantile: FloatArray) -> FloatArray:
         """Probability q(u) that a sample at a quantile u of its distribution is a median."""
         u = np.asarray(quantile, dtype=np.float64)
@@ -260,11 +264,22 @@ def _cumulated(window: int) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(middle) / (_QUANTILES - 1)])
 
 
-@lru_cache(maxsize=8)
-def _dependence(median: RunningMedian) -> float:
+def _drawn_medians(median: RunningMedian) -> Float32Array:
+    """Running medians (frame, pixel) of drawn samples."""
     rng = np.random.default_rng(_SEED)
     drawn = rng.standard_normal((_DRAWN_FRAMES, _DRAWN_PIXELS)).astype(np.float32)
-    medians = np.median(np.lib.stride_tricks.sliding_window_view(drawn, median.window, axis=0), axis=-1)
+    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(drawn, median.window, axis=0), axis=-1))
+
+
+@lru_cache(maxsize=8)
+def _returns(median: RunningMedian) -> float:
+    medians = _drawn_medians(median)
+    return float(np.mean((medians[2:] == medians[:-2]) & (medians[1:-1] != medians[:-2])))
+
+
+@lru_cache(maxsize=8)
+def _dependence(median: RunningMedian) -> float:
+    medians = _drawn_medians(median)
     seen = median.independent(medians, 0)
     return float(np.nanmean(seen, axis=0).var() * np.isfinite(seen).sum(axis=0).mean() / np.nanvar(seen))
 

@@ -1,16 +1,24 @@
 """Samples of a block sorted and binned, and a camera's temporal filter found and undone."""
 
+import json
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from benchmarks import binning
+from click.testing import CliRunner
 from support.filtered import SENSOR, Scene, averaged, over_windows, stored
 from support.sizes import sized
 
 import tofmix
 from tofmix.arrays import FloatArray
+from tofmix.cli.main import main
 from tofmix.compiled.vector import LANES
 from tofmix.errors import DoubtWarning
-from tofmix.estimation.filters import learn_filter
+from tofmix.estimation.filters import find_repeats, learn_filter
 from tofmix.estimation.samples import BIN, FARTHEST_MM, LONG_WINDOW, Readings, gather, padded, sort_samples
 from tofmix.recording import ArrayRecording
 from tofmix.temporal_filter import ExponentialAverage, RunningMean, RunningMedian, TemporalFilter
@@ -97,6 +105,70 @@ def test_exponential_average_and_no_other_is_found() -> None:
 @pytest.mark.parametrize("window", [3, 5, 7])
 def test_running_median_is_found_by_its_repeated_values(window: int) -> None:
     assert _found(over_windows(Scene(SHAPE, 2).draw(FRAMES), window, median=True)) == RunningMedian(float(window))
+
+
+def held(samples: FloatArray, share: float, *, frames: bool = False) -> FloatArray:
+    """The samples, each of which repeats the one before with some probability: by itself, or in whole frames."""
+    out = samples.copy()
+    drawn = np.random.default_rng(11).random((len(out), 1, 1) if frames else out.shape) < share
+    for frame in range(1, len(out)):
+        out[frame] = np.where(drawn[frame], out[frame - 1], out[frame])
+    return out
+
+
+@pytest.mark.parametrize("share", [0.3, 0.4, 0.45, 0.5])
+@pytest.mark.parametrize("step_mm", [0.0, 1.0])
+def test_held_values_are_no_median(share: float, step_mm: float) -> None:
+    samples = held(Scene(SHAPE, 2).draw(FRAMES), share)
+    assert _found(np.round(samples / step_mm) * step_mm if step_mm else samples) is None
+
+
+@pytest.mark.parametrize("frames", [False, True])
+@pytest.mark.parametrize("step_mm", [0.0, 1.0])
+def test_repeats_are_counted_beyond_chance(step_mm: float, frames: bool) -> None:
+    samples = Scene(SHAPE, 2).draw(FRAMES)
+    samples = np.round(samples / step_mm) * step_mm if step_mm else samples
+    assert find_repeats(ArrayRecording(stored(samples, FRAMES), SENSOR)) is None
+    repeated = stored(held(samples, 0.4, frames=frames), FRAMES)
+    found = find_repeats(ArrayRecording(repeated, SENSOR))
+    assert found is not None
+    whole = np.mean((np.diff(repeated, axis=0) == 0.0).all(axis=(1, 2)))
+    assert found.share == pytest.approx(whole if frames else 0.4, abs=0.02)
+    assert found.frames == pytest.approx(whole)
+
+
+@pytest.mark.parametrize("memory", [0.3, 0.9])
+@pytest.mark.parametrize("step_mm", [1.0, 4.0])
+def test_noise_with_a_memory_repeats_nothing(memory: float, step_mm: float) -> None:
+    samples = np.round(Scene(SHAPE, 4).draw(FRAMES, memory=memory) / step_mm) * step_mm
+    assert find_repeats(ArrayRecording(stored(samples, FRAMES), SENSOR)) is None
+
+
+def test_command_of_repeated_frames_leaves_them_out(tmp_path: Path) -> None:
+    samples = np.random.default_rng(13).normal(1500.0, 8.0, (FRAMES, 4, 6))
+    path = tofmix.from_array(held(samples, 0.4, frames=True), units="mm", sensor=SENSOR).save(tmp_path / "held.h5")
+    result = CliRunner().invoke(main, ["estimate", str(path), "--noise", "file", "--json"])
+    (said,) = (one for one in json.loads(result.stdout)["warnings"] if one["code"] == "repeated_samples")
+    assert said["text"].startswith("4")
+    assert "% of the samples repeat the one before" in result.stderr
+    (command,) = said["commands"]
+    subprocess.run([sys.executable, *shlex.split(command)[1:]], check=True)
+    left = tofmix.open(tmp_path / "held.new.h5")
+    assert isinstance(left, tofmix.Recording)
+    assert (np.diff(left.range_mm, axis=0) != 0.0).any(axis=(1, 2)).all()
+    assert f"100 such frames tell as much as {left.shape[0]}." in said["text"].replace("samples", "frames")
+
+
+def test_sigma_of_held_values_is_that_of_the_samples() -> None:
+    rng = np.random.default_rng(12)
+    samples = held(1500.0 + 40.0 * np.arange(10.0) + rng.normal(0.0, 8.0, (FRAMES, 8, 10)), 0.3)
+    with pytest.warns(DoubtWarning, match="% of the samples repeat the one before"):
+        found = tofmix.estimate(tofmix.from_array(samples, units="mm"), workers=2)
+    assert np.median(found.sigma[found.n_modes == 1][:, 0]) == pytest.approx(8.0, rel=0.05)
+    one = found.n_modes[0] == 1
+    z = ((found.range[0, ..., 0] - 1500.0 - 40.0 * np.arange(10.0)) / found.range_stderr[0, ..., 0])[one]
+    assert one.mean() > 0.95
+    assert 0.75 < z.std() < 1.25
 
 
 @pytest.mark.parametrize(("window", "frames"), [(2, 100), (3, 100), (5, 100), (8, 100), (16, 100), (3, 30), (8, 40)])

@@ -38,6 +38,7 @@ _REMEDIES = {
     "all_layers_used": "A larger max_layers shows them.",
     "not_converged": "Take a larger max_iter.",
     "too_few_samples": "Take a longer window.",
+    "frames_of_two_kinds": "from_array(numpy.delete(recording.range_mm, frames, axis=0), ...) leaves frames out.",
     "flying_pixels_counted": "from_array takes amplitude=..., with_sensor modulation_frequency_hz=...",
 }
 """Remedies of findings, as parameters of `estimate`."""

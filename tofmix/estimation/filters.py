@@ -144,19 +144,57 @@ def learn_filter(source: SampleSource, settings: FilterSettings = DEFAULT_SETTIN
     TemporalFilter or None
         None, too, for recordings of several targets a frame or of few frames.
     """
+    stored = _stored(source, settings)
+    if not len(stored) or _stored_twice(stored, settings):
+        return None
+    return _median_filter(stored, settings) or _linear_filter(stored, settings)
+
+
+class Repeats(NamedTuple):
+    """Samples that repeat the one before."""
+
+    share: float  # of the samples, beyond chance
+    frames: float  # share of the frames that repeat as a whole
+
+
+def find_repeats(source: SampleSource, settings: FilterSettings = DEFAULT_SETTINGS) -> Repeats | None:
+    """The repeats of a recording whose camera filters nothing over time; None where there are few beyond chance.
+
+    Samples that are no repeats differ from those before as samples far apart do. Noise with a memory has small
+    differences as often as none.
+    """
+    stored = _stored(source, settings)
+    if len(stored) < settings.least_pixels:
+        return None
+    change, far = np.abs(np.diff(stored, axis=1)), np.abs(stored[:, _LAGS:] - stored[:, :-_LAGS])
+    told = (far == 0.0).mean(axis=1) < settings.most_ties
+    if told.sum() < settings.least_pixels:
+        return None
+    change, far = change[told], far[told]
+    near = np.nanmedian(far, axis=1, keepdims=True)
+    chance, by_near = float(np.mean(far == 0.0)), float(np.mean((far > 0.0) & (far <= near)))
+    share = (float(np.mean(change == 0.0)) - chance) / (1.0 - chance)
+    of_others = float(np.mean((change > 0.0) & (change <= near))) / by_near
+    if share < settings.least_correlation or abs(1.0 - share - of_others) > settings.tie_tolerance:
+        return None
+    return Repeats(share, float(np.mean((change == 0.0).mean(axis=0) >= settings.valid)))
+
+
+def _stored(source: SampleSource, settings: FilterSettings) -> FloatArray:
+    """Samples (pixel, frame) of the first frames of pixels spread over the image; of no pixel where they tell nothing.
+
+    Recordings of several targets a frame, or of few frames, tell nothing.
+    """
     frames, rows, cols = source.shape
     if samples_a_frame(source) > 1 or frames < settings.least_frames:
-        return None
+        return np.zeros((0, frames))
     every = max(1, math.ceil(rows * cols / settings.pixels))
     chosen = np.arange(every // 2 if rows > every // 2 else 0, rows, every)
     stored = read_runs(source, [0], min(frames, settings.frames), chosen, None).samples.astype(np.float64)
     with np.errstate(invalid="ignore"):
         stored[~(np.abs(stored) <= FARTHEST_MM)] = np.nan
     stored = stored[np.isfinite(stored).mean(axis=1) >= settings.valid]
-    stored = stored[np.nanmax(stored, axis=1) > np.nanmin(stored, axis=1)] if len(stored) else stored
-    if not len(stored) or _stored_twice(stored, settings):
-        return None
-    return _median_filter(stored, settings) or _linear_filter(stored, settings)
+    return np.asarray(stored[np.nanmax(stored, axis=1) > np.nanmin(stored, axis=1)]) if len(stored) else stored
 
 
 def _stored_twice(stored: FloatArray, settings: FilterSettings) -> bool:
@@ -178,12 +216,21 @@ def _median_filter(stored: FloatArray, settings: FilterSettings) -> RunningMedia
         return None
     base = chance[told].mean()
     excess = (ties[:, told].mean(axis=1) - base) / (1.0 - base)
+    returns = _returns(stored[told], 2) - np.mean([_returns(stored[told], lag) for lag in lags[-far_lags:]])
     for window in settings.windows:
         found = RunningMedian(float(window))
         expected = np.array([found.tie(lag) for lag in lags])
-        if np.abs(excess - expected).max() <= settings.tie_tolerance:
+        # A median comes back to a value that it left; a value that is held does not.
+        comes_back = returns > 0.5 * (1.0 - base) * found.returns()
+        if comes_back and np.abs(excess - expected).max() <= settings.tie_tolerance:
             return found
     return None
+
+
+def _returns(stored: FloatArray, lag: int) -> float:
+    """Share of the samples (pixel, frame) that equal the one `lag` frames before, which the next one differed from."""
+    before = stored[:, :-lag]
+    return float(np.mean((stored[:, lag:] == before) & (stored[:, 1 : 1 - lag] != before)))
 
 
 def _linear_filter(stored: FloatArray, settings: FilterSettings) -> TemporalFilter | None:

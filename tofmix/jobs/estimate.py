@@ -40,6 +40,7 @@ from tofmix.pipeline.run import Outcome, merge_parts, run_job
 from tofmix.recording import CameraSource
 from tofmix.report.summary.findings import OPTIONS, Finding, Remedy, lacking
 from tofmix.report.summary.lost import cause_of_loss
+from tofmix.report.summary.moved_frames import moved_frames
 from tofmix.report.summary.summary import find
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.sensor_schema import share_law_of
@@ -261,7 +262,8 @@ def _local_engine(
 def say_findings(layers: LayersSource, name: object, ready: Prepared, reporter: Reporter) -> list[Finding]:
     """Say what is doubtful about the layers, named `name`; return it after the findings of the samples."""
     _say_left_out(ready, reporter)
-    found = find(layers, ready.remedy, cause=partial(cause_of_loss, ready.source))
+    source = ready.source
+    found = find(layers, ready.remedy, cause=partial(cause_of_loss, source), frames=partial(moved_frames, source))
     for finding in found:
         reporter.finding(name, finding if ready.has_commands else finding.without_commands())
     return [*ready.findings, *found]

@@ -17,7 +17,7 @@ from tofmix.jobs.reporter import OptionError, Reporter
 from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import Projection, view_doubt
 from tofmix.recording import SampleSource
-from tofmix.report.summary.findings import Finding, Remedy, sample_findings
+from tofmix.report.summary.findings import Finding, Remedy, repeat_findings, sample_findings
 from tofmix.sensor import Sensor, with_view
 
 _VIEW_REMEDY = "import the recording with --fov HxV or --intrinsics, and estimate again"
@@ -99,7 +99,8 @@ def opened_recording(path: Path, reporter: Reporter) -> Iterator[RecordingFile]:
 
 
 def findings_of_samples(source: SampleSource, sensor: Sensor, circle_mm: float | None, remedy: Remedy) -> list[Finding]:
-    """Doubts from some of the samples: scatter off the noise curve of `sensor`, and drift within a window."""
+    """Doubts from some of the samples: repeats, scatter off the noise curve of `sensor`, and drift within a window."""
+    from tofmix.estimation.filters import find_repeats
     from tofmix.estimation.noise.curve_check import check_consistency  # slow to import, and a report may need none
     from tofmix.recording import independent_samples
 
@@ -112,7 +113,9 @@ def findings_of_samples(source: SampleSource, sensor: Sensor, circle_mm: float |
         follows_drift=sensor.follows_drift,
     )
     scatter = None if remedy.noise == "auto" else seen.scatter_over_curve  # a curve that the samples gave is theirs
-    return sample_findings(scatter_over_curve=scatter, drift_sigmas=seen.drift_sigmas, remedy=remedy)
+    found = sample_findings(scatter_over_curve=scatter, drift_sigmas=seen.drift_sigmas, remedy=remedy)
+    repeats = None if sensor.temporal_filter is not None else find_repeats(source)
+    return found if repeats is None else [*repeat_findings(repeats.share, repeats.frames, remedy), *found]
 
 
 def check_recording(file: LayersFile, source: RecordingFile) -> None:

@@ -19,6 +19,7 @@ from tofmix.jobs.reporter import Reporter
 from tofmix.recording import SampleSource
 from tofmix.report.comparison import Comparison, compare, render_comparison
 from tofmix.report.summary.lost import cause_of_loss
+from tofmix.report.summary.moved_frames import moved_frames
 from tofmix.report.summary.summary import Summary, remedy_for, summarise
 
 if TYPE_CHECKING:
@@ -52,7 +53,9 @@ def report_layers(
             made = file.provenance
             remedy = remedy_for(made, file.shape[0], str(recording), has_amplitude=source.has_amplitude)
             of_samples = findings_of_samples(source, made.sensor, made.unambiguous_range_mm, remedy)
-            summary = summarise(file, remedy, cause=partial(cause_of_loss, source))
+            summary = summarise(
+                file, remedy, cause=partial(cause_of_loss, source), frames=partial(moved_frames, source)
+            )
             summary = summary.with_findings((*of_samples, *summary.warnings, *summary.notes))
             if summary.noise is not None:
                 singles = _singles(file, window, source)

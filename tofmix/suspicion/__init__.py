@@ -65,6 +65,9 @@ def judge(
         place = tuple(int(line[_COLUMN[name]]) for name in ("row", "col", "layer"))
         if flags[place] & PASSING.flag:
             frames[place] = [first_frame + int(line[_COLUMN[name]]) for name in ("first", "last")]
+    kind_of_layer = scene.kind_of_layer
+    for number, kind in enumerate(scene.kinds[1:], start=1):
+        frames[kind_of_layer == number] = first_frame + kind.frames[0], first_frame + kind.frames[-1]
     return flags, frames
 
 

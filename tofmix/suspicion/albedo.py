@@ -16,7 +16,8 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.segments import components
-from tofmix.suspicion.scene import NOISE_SIGMAS, WindowScene
+from tofmix.suspicion.frame_kinds import NOISE_SIGMAS
+from tofmix.suspicion.scene import WindowScene
 
 PLANE_NUMBERS = 3
 """Free numbers of a plane."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.layers import Layers
+from tofmix.suspicion.frame_kinds import is_sampled
 from tofmix.suspicion.scene import LONGEST, MOST_OUTSIDE, WindowSamples
 
 
@@ -90,7 +91,13 @@ WORTH_KEEPING = math.log(0.2)
 
 
 def gather_evidence(
-    range_mm: NDArray[np.floating], layers: Layers, *, targets: int = 1, circle_mm: float | None = None
+    range_mm: NDArray[np.floating],
+    layers: Layers,
+    *,
+    targets: int = 1,
+    circle_mm: float | None = None,
+    place: tuple[int, int] = (0, 0),
+    image: tuple[int, int] | None = None,
 ) -> WindowSamples:
     """Evidence of the samples of a block.
 
@@ -104,6 +111,10 @@ def gather_evidence(
         Samples of a frame.
     circle_mm : float, optional
         Length of the circle that ranges are on, mm.
+    place : (int, int)
+        Row and column of the block's first pixel in the image.
+    image : (int, int), optional
+        Rows and columns of the image; without it, the block is the image.
     """
     shape, pixels = layers.shape, math.prod(layers.shape)
     samples = np.ascontiguousarray(range_mm, np.float32).reshape(-1, pixels)
@@ -116,7 +127,25 @@ def gather_evidence(
         found = np.flatnonzero((flat.weight <= most_share).any(-1))
     clusters, memory = _clusters(samples, found, targets, *of_layers, circle)
     row, col = np.divmod(clusters[:, 0], shape[1])
-    return WindowSamples(np.column_stack([row, col, clusters[:, 1:]]), memory)
+    sampled = _sampled(samples, flat.n_modes, targets, shape, place, image or (shape[0], shape[1]))
+    return WindowSamples(np.column_stack([row, col, clusters[:, 1:]]), memory, sampled)
+
+
+def _sampled(
+    samples: Float32Array,
+    n_modes: NDArray[np.uint8],
+    targets: int,
+    shape: tuple[int, ...],
+    place: tuple[int, int],
+    image: tuple[int, int],
+) -> Float32Array:
+    """Row, column and samples (n, 2 + frame) of the sampled pixels with more than one layer; the nearest of targets."""
+    row, col = np.divmod(np.flatnonzero(n_modes > 1), shape[1])
+    chosen = is_sampled(image, row + place[0], col + place[1])
+    row, col = row[chosen], col[chosen]
+    of_pixels = samples[:, row * shape[1] + col].reshape(len(samples) // targets, targets, len(row))
+    nearest = np.fmin.reduce(of_pixels, axis=1)  # NaN only where all targets of a frame are
+    return np.column_stack([row, col, nearest.T]).astype(np.float32)
 
 
 @borrowing

@@ -9,10 +9,8 @@ import math
 import numpy as np
 
 from tofmix.arrays import BoolArray
-from tofmix.suspicion.scene import FALSE_MARKS, NOISE_SIGMAS, Suspicion, WindowScene
-
-LEAST_SHARE = 0.8
-"""Nearly every pixel: of those with a layer, this share has the near one. Few samples of a window may miss it."""
+from tofmix.suspicion.frame_kinds import LEAST_SHARE, NOISE_SIGMAS
+from tofmix.suspicion.scene import LEAST_PIXELS, Suspicion, WindowScene
 
 
 def mark_near_return(scene: WindowScene) -> BoolArray:
@@ -24,7 +22,7 @@ def mark_near_return(scene: WindowScene) -> BoolArray:
     marked = np.zeros(scene.range_mm.shape, bool)
     count = scene.present.sum(-1)
     seen = int((count > 0).sum())
-    if seen == 0 or 0.5**seen > FALSE_MARKS or (count > 1).sum() + (scene.weight[..., 0] < 0.5).sum() < seen / 2:  # noqa: PLR2004  one half
+    if seen < LEAST_PIXELS or (count > 1).sum() + (scene.weight[..., 0] < 0.5).sum() < seen / 2:  # noqa: PLR2004  one half
         return marked
     first, error = scene.range_mm[..., 0], scene.stderr_mm[..., 0]
     ordered = np.sort(first[count > 0])

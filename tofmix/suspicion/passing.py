@@ -1,8 +1,10 @@
 """Passing: a layer whose samples lie in a part of the frames only, such as a person's who walks by.
 
 Its samples are closer in time than chance puts them, and that part is less than half of the frames. Where samples
-remember those before them, frames count as fewer. A net in the wind, or what each third frame shows, is spread over the
-frames, and is no passing layer.
+remember those before them, frames count as fewer. A net in the wind is spread over the frames, and is no passing layer.
+
+Where frames are of several kinds (`tofmix.suspicion.frame_kinds`), layers that only the frames of another than the main
+kind show are in a part of the frames too, and those of the main kind are not.
 """
 
 import math
@@ -12,7 +14,8 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.image.segments import around
-from tofmix.suspicion.scene import CLUSTER_FIELDS, FALSE_MARKS, LONGEST, NOISE_SIGMAS, Suspicion, WindowScene
+from tofmix.suspicion.frame_kinds import NOISE_SIGMAS
+from tofmix.suspicion.scene import CLUSTER_FIELDS, FALSE_MARKS, LONGEST, Suspicion, WindowScene
 
 _ROW, _COL, _LAYER, _FRAMES, _SAMPLES, _OUTSIDE, _LENGTH, _FIRST, _LAST = range(len(CLUSTER_FIELDS))
 
@@ -22,6 +25,13 @@ def mark_passing(scene: WindowScene) -> BoolArray:
 
     Of layers that are there all the time, `FALSE_MARKS` at most are marked.
     """
+    marked = _close_in_time(scene)
+    kind = scene.kind_of_layer
+    return np.asarray((marked | (kind > 0)) & (kind != 0))
+
+
+def _close_in_time(scene: WindowScene) -> BoolArray:
+    """Layers (row, col, layer) whose samples are closer in time than chance puts them."""
     marked = np.zeros(scene.range_mm.shape, bool)
     found = scene.clusters
     if not len(found):

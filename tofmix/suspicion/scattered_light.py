@@ -18,7 +18,8 @@ from tofmix.suspicion.albedo import (
     plane_misfit_mm,
     rms,
 )
-from tofmix.suspicion.scene import FALSE_MARKS, NOISE_SIGMAS, Suspicion, WindowScene
+from tofmix.suspicion.frame_kinds import NOISE_SIGMAS
+from tofmix.suspicion.scene import FALSE_MARKS, Suspicion, WindowScene
 
 
 def mark_scattered(scene: WindowScene) -> BoolArray:

@@ -4,6 +4,7 @@ A window has layers, their amplitudes, and layers whose samples come close in ti
 and the function that marks layers.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -11,12 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.arrays import BoolArray, FloatArray
+from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.circle import unambiguous_range_mm
 from tofmix.flags import Mixing
 from tofmix.layers import Layers
 from tofmix.optics.projection import beam_directions_of
 from tofmix.sensor import Sensor
+from tofmix.suspicion.frame_kinds import NOISE_SIGMAS, FrameKind, find_frame_kinds, kinds_of_layers
 
 CLUSTER_FIELDS = (
     "row",
@@ -51,10 +53,14 @@ class WindowSamples(NamedTuple):
         `CLUSTER_FIELDS` of layers whose samples come close in time.
     memory : (4,) float64
         `MEMORY_FIELDS`.
+    sampled : (n, 2 + frame) float32
+        Row, column and samples, mm, one a frame, of some pixels with more than one layer
+        (`tofmix.suspicion.frame_kinds`).
     """
 
     clusters: FloatArray
     memory: FloatArray
+    sampled: Float32Array
 
 
 MEMORY_FIELDS = ("products", "squares", "pairs", "most_pairs")
@@ -64,22 +70,24 @@ Products of consecutive residuals of the pixel's main layer, and their squares; 
 show a rare layer, less those expected by chance within its interval; and the most of these.
 """
 
-NOISE_SIGMAS = 3.0
-"""Ranges of one surface differ by noise by so many standard deviations at most."""
-
 NO_CLUSTERS = np.zeros((0, len(CLUSTER_FIELDS)))
 """No layer comes close in time."""
+
+NO_SAMPLES = np.zeros((0, 2), np.float32)
+"""No pixel has more than one layer."""
 
 
 def joined(pieces: Sequence[tuple[int, int, WindowSamples]]) -> WindowSamples:
     """Evidence of an image from that of its pieces, each with its first row and column."""
-    clusters, memory = [NO_CLUSTERS], np.zeros(len(MEMORY_FIELDS))
+    clusters, memory, sampled = [NO_CLUSTERS], np.zeros(len(MEMORY_FIELDS)), [NO_SAMPLES]
     for row, col, part in pieces:
-        moved = part.clusters.copy()
-        moved[:, :2] += row, col
-        clusters.append(moved)
+        lines = part.clusters.copy(), part.sampled.copy()
+        for moved in lines:
+            moved[:, :2] += row, col
+        clusters.append(lines[0])
+        sampled.append(lines[1])
         memory += part.memory
-    return WindowSamples(np.concatenate(clusters), memory)
+    return WindowSamples(np.concatenate(clusters), memory, np.concatenate(sampled[1:] or sampled))
 
 
 class WindowScene(NamedTuple):
@@ -99,6 +107,10 @@ class WindowScene(NamedTuple):
         `CLUSTER_FIELDS`.
     memory : (4,) float64
         `MEMORY_FIELDS`.
+    kinds : tuple of FrameKind
+        The kinds of frames, the main one first; empty where all frames are of one kind.
+    circle_mm : float or None
+        Length of the circle that ranges are on; None for a line.
     """
 
     range_mm: FloatArray
@@ -110,11 +122,18 @@ class WindowScene(NamedTuple):
     turn_mm: float | None
     clusters: FloatArray
     memory: FloatArray
+    kinds: tuple[FrameKind, ...] = ()
+    circle_mm: float | None = None
 
     @property
     def present(self) -> NDArray[np.bool_]:
         """Layers (row, col, layer) that are there."""
         return np.isfinite(self.range_mm)
+
+    @property
+    def kind_of_layer(self) -> IntArray:
+        """Kind (row, col, layer) of the frames that show each layer: its place in `kinds`, -1 if that is not known."""
+        return kinds_of_layers(self.range_mm, self.sigma_mm, self.weight, self.kinds, circle_mm=self.circle_mm)
 
     @property
     def joined(self) -> NDArray[np.bool_]:
@@ -146,11 +165,13 @@ def make_scene(
     """
     sigma = layers.sigma.astype(np.float64)
     stderr = layers.range_stderr.astype(np.float64)
-    clusters, memory = evidence
+    clusters, memory, sampled = evidence
     light = None if layers.amplitude is None else layers.amplitude.astype(np.float64)
     if layers.mixing is not None:
         unmixed = layers.mixing == int(Mixing.PHASOR)
-        clusters = clusters[~unmixed[clusters[:, 0].astype(int), clusters[:, 1].astype(int)]]
+        clusters, sampled = (
+            lines[~unmixed[lines[:, 0].astype(int), lines[:, 1].astype(int)]] for lines in (clusters, sampled)
+        )
     rows, cols = layers.shape
     try:
         directions = None if sensor.optics is None else beam_directions_of(sensor.optics, (rows, cols))
@@ -166,6 +187,8 @@ def make_scene(
         turn_mm=_turn_mm(sensor) if circle_mm is None else circle_mm,
         clusters=clusters,
         memory=memory,
+        kinds=find_frame_kinds(layers, sampled, least_pixels=LEAST_PIXELS, circle_mm=circle_mm),
+        circle_mm=circle_mm,
     )
 
 
@@ -176,6 +199,9 @@ def _turn_mm(sensor: Sensor) -> float | None:
 
 FALSE_MARKS = 0.002
 """Rate at which a suspicion marks what is not so: of surfaces, by their amplitude; of layers, by their frames."""
+
+LEAST_PIXELS = math.ceil(math.log2(1.0 / FALSE_MARKS))
+"""Fewest pixels that tell what nearly every pixel shows: each may show it by a chance of one half."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

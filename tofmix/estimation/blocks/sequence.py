@@ -176,7 +176,14 @@ class _Work(Generic[T]):
                     phasors[window, place, piece_cols] = mean_phasors(samples, light, self._sensor)
                 if self._evidence:
                     circle_mm = self._options.unambiguous_range_mm
-                    found = gather_evidence(samples, layers, targets=self._each, circle_mm=circle_mm)
+                    found = gather_evidence(
+                        samples,
+                        layers,
+                        targets=self._each,
+                        circle_mm=circle_mm,
+                        place=(piece_rows.start, piece_cols.start),
+                        image=self._grid.image,
+                    )
                     pieces.append((place.start, piece_cols.start, found))
             evidence.append(joined(pieces))
         if self._evidence:

@@ -16,14 +16,14 @@ from tofmix.arrays import Float32Array
 from tofmix.layers import LayerField, Layers
 from tofmix.suspicion.scene import CLUSTER_FIELDS, WindowSamples
 
-_EVIDENCE_CHUNKS = 2  # clusters in time, and the memory of samples
+_EVIDENCE_CHUNKS = 3  # clusters in time, the memory of samples, and sampled pixels
 
 
 class EncodedCell(NamedTuple):
     """One chunk for each dataset of the layers, and how many pixels have 0, 1, 2, ... surfaces.
 
-    Where layers are still to be unmixed, another chunk holds the mean phasors. In journals, the last two hold
-    the evidence of suspicions: clusters in time, and memory.
+    Where layers are still to be unmixed, another chunk holds the mean phasors. In journals, the last three hold
+    the evidence of suspicions: clusters in time, memory, and sampled pixels.
     """
 
     tally: tuple[int, ...]
@@ -77,10 +77,15 @@ def decode_cell(
 
 def decode_evidence(encoded: EncodedCell, windows: int) -> list[WindowSamples]:
     """Decode the evidence of each window of a cell of so many windows."""
-    times, sums = encoded.chunks[-_EVIDENCE_CHUNKS:]
+    times, sums, some = encoded.chunks[-_EVIDENCE_CHUNKS:]
     clusters = _unpacked(times, np.dtype("<f8")).astype(np.float64).reshape(-1, 1 + len(CLUSTER_FIELDS))
     memory = _unpacked(sums, np.dtype("<f8")).astype(np.float64).reshape(windows, -1)
-    return [WindowSamples(clusters[clusters[:, 0] == window, 1:], memory[window]) for window in range(windows)]
+    length, *lines = np.split(_unpacked(some, np.dtype("<f4")).astype(np.float32), [1])
+    sampled = lines[0].reshape(-1, int(length[0]))
+    return [
+        WindowSamples(clusters[clusters[:, 0] == window, 1:], memory[window], sampled[sampled[:, 0] == window, 1:])
+        for window in range(windows)
+    ]
 
 
 def fill_of(spec: LayerField) -> float:
@@ -88,14 +93,17 @@ def fill_of(spec: LayerField) -> float:
     return np.nan if spec.dtype.startswith("f") else 0
 
 
-def _evidence_chunks(evidence: Sequence[WindowSamples]) -> tuple[bytes, bytes]:
-    clusters = [
-        np.column_stack([np.full(len(part.clusters), float(window)), part.clusters])
-        for window, part in enumerate(evidence)
-    ]
+def _evidence_chunks(evidence: Sequence[WindowSamples]) -> tuple[bytes, ...]:
+    clusters = _by_window([part.clusters for part in evidence])
+    sampled = _by_window([part.sampled for part in evidence])
     memory = np.stack([part.memory for part in evidence])
-    times = np.concatenate(clusters)
-    return _packed(times.astype("<f8")), _packed(memory.astype("<f8"))
+    some = np.concatenate([[sampled.shape[1]], sampled.ravel()])  # their length first: there may be none
+    return _packed(clusters.astype("<f8")), _packed(memory.astype("<f8")), _packed(some.astype("<f4"))
+
+
+def _by_window(lines: list[NDArray[Any]]) -> NDArray[Any]:
+    """Lines (n, ...) of all windows, each with the number of its window first."""
+    return np.concatenate([np.column_stack([np.full(len(part), float(n)), part]) for n, part in enumerate(lines)])
 
 
 def _chunks(layers: Layers, shape: tuple[int, int, int]) -> Iterator[bytes]:

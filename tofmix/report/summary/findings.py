@@ -11,10 +11,12 @@ The figures are those of two tables by number of frames, and stand here alone in
 Notes on the law of mixing: what a lock-in camera's recording lacks for unmixing, and what follows.
 """
 
+import json
 import math
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from types import MappingProxyType
 
 from tofmix.bounds import Count, FactorThreshold, NotNegative, Share, Threshold, check_bounds
@@ -259,6 +261,30 @@ def filter_findings(found: TemporalFilter | None, frames: int) -> list[Finding]:
         " Switch the camera's temporal filter off, and record again."
     )
     return [Finding(code="temporal_filter", text=text)]
+
+
+def repeat_findings(share: float, of_frames: float, remedy: Remedy) -> list[Finding]:
+    """Warn of samples that repeat the one before: their share, and the share of frames that repeat as a whole."""
+    frames = remedy.window_frames
+    text = (
+        f"{100 * share:.0f} % of the samples repeat the one before, more than chance gives, as where a driver is read"
+        f" faster than the camera measures. Repeats tell nothing new: {counted(frames, 'such frame')} tell as much as"
+        f" {max(1, round(frames * (1.0 - share)))}."
+    )
+    if of_frames < 0.5 * share:  # pixels repeat values one by one
+        return [Finding(code="repeated_samples", text=f"{text} Read the camera at its own rate, and record again.")]
+    light = ", amplitude=r.amplitude[new]" if remedy.has_amplitude else ""
+    before, after = (
+        json.dumps(str(name), ensure_ascii=False)  # the shell quotes the code by single quotes
+        for name in (remedy.recording, Path(remedy.recording).with_suffix(".new.h5"))
+    )
+    code = (
+        f"import numpy as np, tofmix; r = tofmix.open({before}); a = np.nan_to_num(r.range_mm);"
+        " new = np.r_[True, (a[1:] != a[:-1]).any((1, 2))];"
+        f' tofmix.from_array(r.range_mm[new], units="mm", sensor=r.sensor{light}).save({after})'
+    )
+    command = shlex.join(["python", "-c", code])
+    return [Finding(code="repeated_samples", text=f"{text} Leave repeated frames out.", commands=(command,))]
 
 
 def sigma_findings(

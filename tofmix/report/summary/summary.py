@@ -34,6 +34,7 @@ from tofmix.report.summary.findings import (
     target_findings,
 )
 from tofmix.report.summary.lost import Cause, LostNumbers, LostTally
+from tofmix.report.summary.moved_frames import Frames, MovedFrames, find_moved, moved_findings
 from tofmix.report.summary.quantiles import Quantiles, ValueCounts, spread_of
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.suspicion import SUSPICIONS, count_suspects
@@ -198,6 +199,7 @@ def summarise(
     remedy: Remedy | None = None,
     *,
     cause: Cause | None = None,
+    frames: Frames | None = None,
     thresholds: Thresholds = DEFAULT_THRESHOLDS,
 ) -> Summary:
     """Summarise a layers file over all windows, reading one at a time; the parameters are those of `find`.
@@ -210,7 +212,7 @@ def summarise(
     tally.add_all()
     windows, rows, cols = layers_file.shape
     pixels = windows * rows * cols
-    warnings, notes = split_notes(tally.findings(remedy, cause))
+    warnings, notes = split_notes(tally.findings(remedy, cause, frames))
     return Summary(
         source=provenance.source,
         source_sha256=provenance.source_sha256,
@@ -258,6 +260,7 @@ def find(
     remedy: Remedy | None = None,
     *,
     cause: Cause | None = None,
+    frames: Frames | None = None,
     thresholds: Thresholds = DEFAULT_THRESHOLDS,
 ) -> tuple[Finding, ...]:
     """List the findings of a layers file, the same as in its summary, with less work.
@@ -270,12 +273,14 @@ def find(
         Names in the commands; by default the name of the recording in the file.
     cause : callable, optional
         Tells why samples of some pixels were lost, where the recording is at hand.
+    frames : callable, optional
+        Tells which frames nearly all pixels show as moved, where the recording is at hand.
     thresholds : Thresholds
         From where on a finding is made.
     """
     tally = _FindingTally(layers_file, thresholds)
     tally.add_all()
-    return tally.findings(remedy, cause)
+    return tally.findings(remedy, cause, frames)
 
 
 def remedy_for(
@@ -338,12 +343,17 @@ class _FindingTally(Counts):
         self._curve = noise_of(layers_file.provenance)
         self._thresholds = thresholds
         self.close = 0
+        self.moved: list[list[MovedFrames]] = []
         self.dominant_ratio = ValueCounts()
 
     def add_all(self) -> None:
         """Add every window of the file."""
+        starts, stops = self._file.window_start, self._file.window_stop
         for window in range(self._file.shape[0]):
-            self.add(self._file.read_window(window))
+            layers = self._file.read_window(window)
+            self.add(layers)
+            if moved := find_moved(layers, int(starts[window]), int(stops[window])):
+                self.moved.append(moved)
 
     def add(self, window: Layers) -> None:
         self.count(window.n_modes, window.status, window.suspect, window.invalid_share)
@@ -359,7 +369,7 @@ class _FindingTally(Counts):
             ratio[known] = window.sigma[known] / self._curve.sigma(range_mm[known])
         return ratio
 
-    def findings(self, remedy: Remedy | None, cause: Cause | None) -> tuple[Finding, ...]:
+    def findings(self, remedy: Remedy | None, cause: Cause | None, frames: Frames | None) -> tuple[Finding, ...]:
         windows, rows, cols = self._file.shape
         provenance, law = self._file.provenance, self._file.mixing_law
         remedy = remedy or remedy_for(provenance, windows)
@@ -394,6 +404,7 @@ class _FindingTally(Counts):
         )
         of_filter = filter_findings(provenance.sensor.temporal_filter, remedy.window_frames)
         return (
+            *moved_findings(self.moved, remedy, frames, targets=provenance.targets),
             *of_filter,
             *of_sigma,
             *of_losses,
