@@ -171,7 +171,6 @@ def test_motion_that_began_before_the_reference_is_named_with_its_speed(
     assert (gap["verdict"], [e["kind"] for e in gap["effects"]]) == ("explained", ["motion"])
     found, error = (gap["effects"][0][key]["velocity_mm_s"] for key in ("parameters", "stderr"))
     assert abs(found - speed_mm_s) < 3 * error + 0.01 * abs(speed_mm_s)
-    assert tm.reconcile(folder / "model.toml", recording).verified.verdict != "unexplained"
 
 
 def test_reference_without_a_whole_surface_is_compared(tofmix: Tofmix, tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from scipy.stats import kendalltau, median_abs_deviation
 from tofmix.arrays import FloatArray
 from tofmix.simulation.measured_scene import UNKNOWN_WALK, WALKS
 
-FARTHEST_SCORE = 4.0
+FARTHEST_SCORE = np.float32(4.0)
 """Largest score in the statistics: one sample must not determine a fourth power."""
 
 

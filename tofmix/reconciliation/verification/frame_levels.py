@@ -18,8 +18,7 @@ from tofmix.arrays import FloatArray, IntArray
 from tofmix.reconciliation.found import ALIAS_NATS
 from tofmix.reconciliation.likelihood.joint import RecordingView
 from tofmix.reconciliation.likelihood.wander import frame_levels
-
-_LEAST_FRAMES = 8  # of a part of a recording: as many as a reference needs
+from tofmix.simulation.measured_scene import LEAST_SAMPLES
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -84,7 +83,7 @@ def find_jump(found: FrameMedians, time_s: FloatArray) -> Jump | None:
         Their times.
     """
     level, n = found.level_mm, found.level_mm.size
-    if n < 2 * _LEAST_FRAMES:
+    if n < 2 * LEAST_SAMPLES:
         return None
     least = float(np.mean(found.error_mm**2))
     at = _best_step(level)
@@ -104,7 +103,7 @@ def _steps(n: int, at: int) -> FloatArray:
 def _best_step(level: FloatArray) -> int:
     """The first frame of the second part, where two means leave the least squares."""
     n = level.size
-    before = np.arange(_LEAST_FRAMES, n - _LEAST_FRAMES + 1)
+    before = np.arange(LEAST_SAMPLES, n - LEAST_SAMPLES + 1)
     total = np.cumsum(level)[before - 1]
     gain = (total - before * level.mean()) ** 2 / (before * (n - before))
     return int(before[gain.argmax()])
@@ -147,7 +146,7 @@ def jitter_mm(found: FrameMedians, alpha: float) -> float:
     alpha : float
         Level of the test.
     """
-    if found.level_mm.size <= _LEAST_FRAMES:
+    if found.level_mm.size <= LEAST_SAMPLES:
         return 0.0
     steps = np.diff(found.level_mm)
     differences = np.abs(steps - np.median(steps))  # without a steady way

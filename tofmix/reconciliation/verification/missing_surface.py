@@ -23,8 +23,8 @@ from tofmix.reconciliation.settings import Settings, fit_part
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface, surface_along
 
-_FAR = 5.0  # sigma: a sample so far from every predicted surface is of none of them
-_MOSTLY = 0.8  # least share of the pixels that one plane, or what the model predicts elsewhere, describes
+_FAR, _MOSTLY = 5.0, 0.8
+"""Sigma from every predicted surface of a sample that is of none; least share of the pixels that a plane describes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
