@@ -26,7 +26,7 @@ from tofmix.jobs.files import opened_recording
 from tofmix.jobs.reporter import OptionError, Reporter
 from tofmix.jobs.scene import estimated, measured_model, settings_of
 from tofmix.reconciliation.likelihood import wander
-from tofmix.reconciliation.likelihood.wander import straight_courses
+from tofmix.reconciliation.likelihood.wander import straight_courses, straight_way
 from tofmix.recording import CameraSource, SampleSource
 from tofmix.sensor import Sensor
 from tofmix.simulation import BUILTIN_MODELS
@@ -206,19 +206,28 @@ def _course(recording: RecordingFile, frames: int, about: About, reporter: Repor
     begins there.
     """
     _refuse_targets(recording, about.recording)
-    samples = recording.read_range(slice(frames), slice(None)).astype(np.float64)
     time_s = recording.read_time()
-    since = np.arange(frames, dtype=np.float64) if time_s is None else time_s[:frames]
-    alpha = 0.01
-    found = straight_courses(np.where(samples > 0, samples, np.nan).reshape(frames, -1), since, alpha)
-    if found is None:
+    since, alpha = np.arange(frames, dtype=np.float64) if time_s is None else time_s[:frames], 0.01
+    far_mm = straight_way(_of_some_pixels(recording, frames), since, alpha)
+    if far_mm is None:
         return None
-    ways, far_mm = found
     reporter.warn(
         f"{about.name}: ranges change by {far_mm:+.0f} mm within the reference: the camera or its scene moves. The"
         " scene is that of the middle of this time, and each pixel's straight way is taken out"
     )
+    samples = recording.read_range(slice(frames), slice(None)).astype(np.float64)
+    ways = straight_courses(np.where(samples > 0, samples, np.nan).reshape(frames, -1), since)
     return ways.reshape(samples.shape)
+
+
+def _of_some_pixels(recording: RecordingFile, frames: int) -> FloatArray:
+    """Samples (frame, pixel) of some pixels, spread over the image, NaN where there is none."""
+    pixels, at_once = 1024, 64  # enough for medians, though most may be dark; frames in memory
+    step = math.ceil(math.sqrt(math.prod(recording.shape[1:]) / pixels))
+    blocks = (slice(k, min(k + at_once, frames)) for k in range(0, frames, at_once))
+    read = [recording.read_range(block, slice(None))[:, ::step, ::step] for block in blocks]
+    some = np.concatenate([block.reshape(len(block), -1) for block in read]).astype(np.float64)
+    return np.where(some > 0, some, np.nan)
 
 
 def _refuse_targets(recording: RecordingFile, path: Path) -> None:

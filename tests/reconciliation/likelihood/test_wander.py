@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tofmix.arrays import FloatArray
-from tofmix.reconciliation.likelihood.wander import probabilities, straight_courses
+from tofmix.reconciliation.likelihood.wander import probabilities, straight_courses, straight_way
 from tofmix.simulation.measured_scene import UNKNOWN_WALK, WALKS
 
 FRAMES, PIXELS = 400, 16
@@ -60,9 +60,7 @@ def _moving(frames: int, seed: int = 3) -> tuple[FloatArray, FloatArray, FloatAr
 def test_straight_ways_are_those_of_the_pixels_that_move_and_zero_in_the_middle(frames: int) -> None:
     samples, time_s, speeds = _moving(frames)
     samples[np.random.default_rng(4).random(samples.shape) < 0.1] = np.nan
-    found = straight_courses(samples, time_s, 0.01)
-    assert found is not None
-    ways, far_mm = found
+    far_mm, ways = straight_way(samples, time_s, 0.01), straight_courses(samples, time_s)
     middle = 0.5 * (time_s[0] + time_s[-1])
     assert far_mm == pytest.approx(100.0 * (time_s[-1] - time_s[0]), rel=0.15)
     np.testing.assert_array_equal(ways[:, speeds == 0.0], 0.0)
@@ -78,13 +76,18 @@ def test_still_pixels_have_no_straight_ways_under_a_memory_either(memory: float)
         noise = rng.standard_normal((20, PIXELS))
         for k in range(1, len(noise)):
             noise[k] = memory * noise[k - 1] + np.sqrt(1.0 - memory**2) * noise[k]
-        assert straight_courses(1000.0 + 10.0 * noise, np.arange(20.0), 0.01) is None
+        assert straight_way(1000.0 + 10.0 * noise, np.arange(20.0), 0.01) is None
 
 
 def test_a_small_way_or_no_time_is_no_straight_way() -> None:
     samples, time_s, _ = _moving(60)
-    assert straight_courses(1000.0 + (samples - 1000.0) * np.where(time_s < 0, 1, 0)[:, None], time_s, 0.01) is None
     still = 10.0 * np.random.default_rng(5).standard_normal((60, PIXELS))
-    assert straight_courses(still + 10.0 * time_s[:, None], time_s, 0.01) is None  # 2 sigma
-    assert straight_courses(samples, np.zeros(60), 0.01) is None
-    assert straight_courses(np.full((60, PIXELS), np.nan), time_s, 0.01) is None
+    assert straight_way(still + 10.0 * time_s[:, None], time_s, 0.01) is None  # 2 sigma
+    assert straight_way(samples, np.zeros(60), 0.01) is None
+    assert straight_way(np.full((60, PIXELS), np.nan), time_s, 0.01) is None
+
+
+def test_a_way_within_a_coarse_step_of_the_values_is_no_straight_way() -> None:
+    """All pixels step from one value to the next, and what is left of that about a line is less than a step's error."""
+    samples = np.repeat([1000.0, 1025.0, 1025.0], 20)[:, None] + np.zeros((60, PIXELS))
+    assert straight_way(samples, np.arange(60.0), 0.01) is None

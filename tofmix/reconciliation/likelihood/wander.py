@@ -4,7 +4,7 @@ The ranges of a real camera, such as a VL53L0X, wander within minutes by tenths 
 this; a course in time is known as well as the walk lets it be. Its size is one of a few, with probabilities
 that the recording of the scene gives, and is integrated out.
 
-A way of all means beyond the reach of a pixel's noise is no wander: something moves, and `straight_courses` finds it.
+A way of all means beyond the reach of a pixel's noise is no wander: something moves, and `straight_way` finds it.
 
 References
 ----------
@@ -13,12 +13,13 @@ Biometrika 58 (1971) 545, for a likelihood of contrasts, which no trend changes.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
-from scipy.stats import kendalltau, median_abs_deviation
+from scipy.stats import kendalltau, norm
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import BoolArray, FloatArray
 from tofmix.simulation.measured_scene import UNKNOWN_WALK, WALKS
 
 FARTHEST_SCORE = np.float32(4.0)
@@ -116,11 +117,44 @@ def frame_levels(away: FloatArray) -> FloatArray:
     return out
 
 
-def straight_courses(samples: FloatArray, time_s: FloatArray, alpha: float) -> tuple[FloatArray, float] | None:
-    """The ways of pixels along a line, (frame, pixel), mm, and that of all means, if it is far; None if it is not.
+class _Lines(NamedTuple):
+    """Resistant lines of pixels. Arrays are (frame,) and (pixel,); of pixels without one, `told` is False."""
 
-    A line goes through the medians of the first and the last third of the time, and is 0 in the middle of the time. A
-    pixel whose line is within three standard errors of none has none.
+    since: FloatArray  # s, from the middle of the time
+    slope: FloatArray  # mm/s, 0 where it is not told
+    change_mm: FloatArray  # from the first third of the time to the last
+    sigma_mm: FloatArray  # of samples about the line
+    error_mm: FloatArray  # of the change
+    told: BoolArray
+
+
+def _lines(samples: FloatArray, time_s: FloatArray) -> _Lines:
+    """Lines through the medians of the first and the last third of the time.
+
+    References
+    ----------
+    Tukey, Exploratory Data Analysis, 1977, chapter 10: the resistant line.
+    """
+    third = max(len(samples) // 3, 1)
+    early, late = slice(third), slice(len(samples) - third, None)
+    since = time_s - 0.5 * (time_s[0] + time_s[-1])
+    way_s = float(np.median(since[late]) - np.median(since[early]))
+    count = np.minimum(np.isfinite(samples[early]).sum(axis=0), np.isfinite(samples[late]).sum(axis=0))
+    told = (count > 0) & (way_s > 0)
+    change, sigma, error = np.zeros((3, samples.shape[1]))
+    slope = np.zeros(samples.shape[1])
+    if told.any():
+        own = samples[:, told]
+        change[told] = np.nanmedian(own[late], axis=0) - np.nanmedian(own[early], axis=0)
+        slope[told] = change[told] / way_s
+        rest = own - since[:, None] * slope[told]
+        sigma[told] = np.nanmedian(np.abs(rest - np.nanmedian(rest, axis=0)), axis=0) / norm.ppf(0.75)
+        error[told] = math.sqrt(math.pi / 2.0) * sigma[told] * np.sqrt(2.0 / count[told])  # of two medians
+    return _Lines(since, slope, change, sigma, error, told)
+
+
+def straight_way(samples: FloatArray, time_s: FloatArray, alpha: float) -> float | None:
+    """The way of all means along a line, mm, if it is beyond the reach of a pixel's noise; None if it is not.
 
     Parameters
     ----------
@@ -133,28 +167,25 @@ def straight_courses(samples: FloatArray, time_s: FloatArray, alpha: float) -> t
 
     References
     ----------
-    Tukey, Exploratory Data Analysis, 1977, chapter 10: the resistant line. Mann, Econometrica 13 (1945) 245: the test.
+    Mann, Econometrica 13 (1945) 245.
     """
-    third = max(len(samples) // 3, 1)
-    early, late = slice(third), slice(len(samples) - third, None)
-    since = time_s - 0.5 * (time_s[0] + time_s[-1])
-    count = np.minimum(np.isfinite(samples[early]).sum(axis=0), np.isfinite(samples[late]).sum(axis=0))
-    told = count > 0
-    slope = np.zeros(samples.shape[1])
-    way_s = float(np.median(since[late]) - np.median(since[early]))
-    if not told.any() or way_s <= 0:
+    of_pixels = _lines(samples, time_s)
+    if not of_pixels.told.any():
         return None
-    change = np.nanmedian(samples[late][:, told], axis=0) - np.nanmedian(samples[early][:, told], axis=0)
-    slope[told] = change / way_s
-    rest = (samples - since[:, None] * slope)[:, told]
-    sigma = median_abs_deviation(rest, axis=0, scale="normal", nan_policy="omit")
-    levels = frame_levels(samples[:, told])
-    way = float(np.nanmedian(levels[late]) - np.nanmedian(levels[early])) / way_s * float(since[-1] - since[0])
-    if not abs(way) >= FARTHEST_SCORE * float(np.median(sigma)):
+    levels = frame_levels(samples[:, of_pixels.told])
+    of_all = _lines(levels[:, None], time_s)
+    way = float(of_all.slope[0] * (time_s[-1] - time_s[0]))
+    apart = np.diff(np.unique(samples[np.isfinite(samples)]))
+    cell = float(apart.min()) / math.sqrt(12.0) if apart.size else 0.0  # of values on a grid
+    if abs(way) < FARTHEST_SCORE * math.hypot(float(np.median(of_pixels.sigma_mm[of_pixels.told])), cell):
         return None
-    if not float(kendalltau(since, levels, nan_policy="omit").pvalue) < alpha:
-        return None
-    of_medians, clearly = math.sqrt(math.pi / 2.0), 3.0  # standard error over that of a mean; errors from no line
-    error = of_medians * sigma * np.sqrt(2.0 / count[told])
-    slope[told] = np.where(np.abs(change) > clearly * error, slope[told], 0.0)
-    return since[:, None] * slope, way
+    return way if float(kendalltau(of_all.since, levels, nan_policy="omit").pvalue) < alpha else None
+
+
+def straight_courses(samples: FloatArray, time_s: FloatArray) -> FloatArray:
+    """The ways of pixels along a line, (frame, pixel), mm, 0 in the middle of the time; parameters as `straight_way`.
+
+    A pixel whose line is within three standard errors of none has none.
+    """
+    lines, clearly = _lines(samples, time_s), 3.0
+    return lines.since[:, None] * np.where(np.abs(lines.change_mm) > clearly * lines.error_mm, lines.slope, 0.0)
