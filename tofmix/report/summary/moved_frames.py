@@ -154,7 +154,7 @@ def _frames_words(frames: IntArray) -> str:
     listed = [str(number) for number in frames.tolist()]
     if len(listed) > few:
         listed[few - 1 : -1] = ["..."]
-    return f"frame{'s' if len(listed) > 1 else ''} {', '.join(listed)}"
+    return f"{'frames' if len(listed) > 1 else 'frame'} {', '.join(listed)}"
 
 
 def _ordinal(number: int) -> str:
