@@ -166,8 +166,9 @@ def find_repeats(source: SampleSource, settings: FilterSettings = DEFAULT_SETTIN
     stored = _stored(source, settings)
     if len(stored) < settings.least_pixels:
         return None
-    change, far = np.abs(np.diff(stored, axis=1)), np.abs(stored[:, _LAGS:] - stored[:, :-_LAGS])
-    told = (far == 0.0).mean(axis=1) < settings.most_ties
+    # Pixels chosen for few ties at one lag have too few of them there, and as many as by chance at any other
+    change, chosen_by, far = (np.abs(stored[:, lag:] - stored[:, :-lag]) for lag in (1, _LAGS, _LAGS + 1))
+    told = (chosen_by == 0.0).mean(axis=1) < settings.most_ties
     if told.sum() < settings.least_pixels:
         return None
     change, far = change[told], far[told]
