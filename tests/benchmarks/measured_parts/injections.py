@@ -97,11 +97,15 @@ def _memory(second: FloatArray, first: FloatArray, size: float, _: np.random.Gen
 
 
 def _about(second: FloatArray, first: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Median of each pixel (row, col), and samples less it, NaN for those of other surfaces and random values."""
-    place = np.median(np.concatenate([first, second]), axis=0)
-    out, far = second - place, 5.0  # standard deviations
-    wide = np.abs(out) > far * median_abs_deviation(first, axis=0, scale="normal")
-    return place, np.where(wide, np.nan, out)
+    """Mean of each pixel (row, col), and samples less it, NaN for those of other surfaces and random values.
+
+    Noise that is skewed and changes about its median would have another mean: an offset beside the change.
+    """
+    middle, far = np.median(np.concatenate([first, second]), axis=0), 5.0  # standard deviations
+    wide = np.abs(second - middle) > far * median_abs_deviation(first, axis=0, scale="normal")
+    own = np.where(wide, np.nan, second)
+    place = np.where(wide.all(axis=0), middle, np.nanmean(np.where(wide.all(axis=0), middle, own), axis=0))
+    return place, own - place
 
 
 def _sign(rng: np.random.Generator) -> float:
