@@ -301,14 +301,16 @@ def measured_scene(
     if not there.any():
         raise BadInputError("no pixel has a layer, so there is no scene")
     rows, cols = layers.n_modes.shape
+    seen = slice(1 + int(np.flatnonzero(there.any(axis=(0, 1)))[-1]))  # files have room for more layers than are there
+    there, surface = there[:, :, seen], surface[:, :, seen]
     longest = float(np.nanmax(layers.range))
     camera, _ = camera_of(sensor, (rows, cols), longest_mm=longest, others_mm=table.range_max_mm)
     spread = camera.noise.width_spread
     camera = replace(camera, noise=replace(camera.noise, width_spread=0.0))  # a measured scene has the widths
-    range_mm = layers.range.astype(np.float64)
-    amplitude = None if layers.amplitude is None else _filled(layers.amplitude.astype(np.float64), there)
+    range_mm = layers.range[:, :, seen].astype(np.float64)
+    amplitude = None if layers.amplitude is None else _filled(layers.amplitude[:, :, seen].astype(np.float64), there)
     curve = camera.noise.sigma(np.nan_to_num(range_mm, nan=1.0), amplitude)
-    weight = np.where(there, np.nan_to_num(layers.weight.astype(np.float64)), 0.0)
+    weight = np.where(there, np.nan_to_num(layers.weight[:, :, seen].astype(np.float64)), 0.0)
     nothing = np.nan_to_num(layers.weight_no_return.astype(np.float64))
     whole = weight.sum(axis=2) + nothing
     whole = np.where(whole > 0, whole, 1.0)
@@ -324,14 +326,14 @@ def measured_scene(
         share=np.where(there, weight / whole[:, :, None], np.nan),
         no_return=nothing / whole,
         amplitude=amplitude,
-        width=np.where(there, layers.sigma.astype(np.float64) / curve, np.nan),
+        width=np.where(there, layers.sigma[:, :, seen].astype(np.float64) / curve, np.nan),
         lost=lost,
         lost_worth=worth,
         surface=own,
         surfaces=planes,
         frames=frames,
         samples=samples,
-        range_error_mm=layers.range_stderr.astype(np.float64),
+        range_error_mm=layers.range_stderr[:, :, seen].astype(np.float64),
         width_spread=spread or USUAL_SPREAD,
         recorded_spread=spread,
         memory=0.0 if sensor.learnt is None else sensor.learnt.memory,

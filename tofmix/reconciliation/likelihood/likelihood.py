@@ -283,9 +283,9 @@ class Likelihood:
         """Pixels with samples of 1 mm, which stand for all that is nearer."""
         return np.asarray((self.evidence.samples == 1).any(axis=0))
 
-    def mixture(self, state: ModelState) -> Mixture:
+    def mixture(self, state: ModelState, *, coarse: bool = False) -> Mixture:
         """The prediction of the model and a state's effects, with the widths of pixels and shifts of surfaces."""
-        return self.with_errors(self.scene.mixture(state.effects), state)
+        return self.with_errors(self.scene.mixture(state.effects, coarse=coarse), state)
 
     def with_errors(self, mixture: Mixture, state: ModelState) -> Mixture:
         """What a state's effects predict, with its widths of pixels and its shifts of surfaces."""

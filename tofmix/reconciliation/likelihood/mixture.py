@@ -31,6 +31,7 @@ LINKING = (Latent.FRAME, Latent.PIXEL, Latent.MEMORY)
 """Hidden states that link samples. They are no part of the mixture; a quantisation step is a part of it."""
 
 _TIMES = (4, 8, 16, 32)  # times at which a changing scene is computed; the most unless only surfaces move
+_COARSE = _TIMES[1]  # most times of a prediction that only ranks effects
 _STEP_MM = 15.0  # largest move of a surface from one time to the next, if there are enough times
 _SOON_S = 1e-3  # for the velocity of a surface
 _LEAST_SIGMA_MM = 0.05  # of a prediction
@@ -218,7 +219,7 @@ class Scene:
         self._casts[surfaces] = kept  # now the last one used
         return kept
 
-    def _times(self, effects: tuple[Effect, ...]) -> FloatArray:
+    def _times(self, effects: tuple[Effect, ...], *, coarse: bool) -> FloatArray:
         """Times (time,) at which the scene is computed, s; a single one if only biases of frames change."""
         changing = [e for e in effects if e.changes_in_time and e.frame_bias(self.time_s) is None]
         if not changing:
@@ -228,7 +229,7 @@ class Scene:
         if all(e.level is Level.GEOMETRY for e in changing):
             first, last = (np.array([_plane_distance(s) for s in self._placed(effects, t)]) for t in (0.0, end_s))
             count = next((n for n in _TIMES if n * _STEP_MM >= np.abs(last - first).max()), count)
-        edges = np.linspace(0.0, end_s, count + 1)
+        edges = np.linspace(0.0, end_s, (min(count, _COARSE) if coarse else count) + 1)
         return np.asarray((edges[1:] + edges[:-1]) / 2)
 
     def _placed(self, effects: tuple[Effect, ...], time_s: float) -> tuple[Surface, ...]:
@@ -269,10 +270,13 @@ class Scene:
         rate = scene.range_mm * velocity[np.minimum(scene.surface, velocity.size - 1)]
         return replace(scene, width=scene.width * self._at_rest(sigma, rate) / sigma)
 
-    def mixture(self, effects: tuple[Effect, ...] = ()) -> Mixture:
-        """The prediction of the model and these effects, without hidden states that link samples."""
+    def mixture(self, effects: tuple[Effect, ...] = (), *, coarse: bool = False) -> Mixture:
+        """The prediction of the model and these effects, without hidden states that link samples.
+
+        A coarse one has few times: good enough to rank effects.
+        """
         effects = (*self._apart, *self.own(effects))
-        times = self._times((*self._still.effects, *effects))
+        times = self._times((*self._still.effects, *effects), coarse=coarse)
         last = [e for e in effects if e.loses_by_noise]
         acting = tuple(e for e in effects if not _links(e) and not _stands_apart(e) and not e.loses_by_noise)
         own = (*self._still.effects, *acting)
@@ -310,7 +314,7 @@ class Scene:
         first, true_range = parts[0], stack("true_range_mm", 1.0)
         rate = np.zeros(true_range.shape)
         if velocity.any():
-            rate = true_range * np.take_along_axis(velocity[:, None], surface, axis=2)
+            rate = true_range * np.stack([own[of] for own, of in zip(velocity, surface, strict=True)])
         mean = stack("range_mm", 1.0)
         if self._apart_mm is not None:
             mean = mean + np.take_along_axis(self._apart_mm[None], surface, axis=1)
@@ -397,9 +401,9 @@ class Scenes:
             found |= {e.kind: e for e in member.links if e.kind not in found}
         return tuple(found.values())
 
-    def mixture(self, effects: tuple[Effect, ...] = ()) -> Mixture:
-        """The prediction of the models and these effects for all frames."""
-        parts = [member.mixture(effects) for member in self.members]
+    def mixture(self, effects: tuple[Effect, ...] = (), *, coarse: bool = False) -> Mixture:
+        """The prediction of the models and these effects for all frames, as of `Scene.mixture`."""
+        parts = [member.mixture(effects, coarse=coarse) for member in self.members]
         most = max(p.weight.shape[1] for p in parts)
         times = np.cumsum([0, *(len(p.weight) for p in parts)])
         joined = {name: np.concatenate([_padded(p, name, most) for p in parts]) for name in _BY_COMPONENT}

@@ -485,7 +485,7 @@ def _laws_by_trial(base: FittedSet, bases: Sequence[tuple[FittedSet, float]]) ->
     `bases` are with the model's own errors, and without, with what their priors cost.
     """
     task = base.task
-    rest = _total(base, base.linked, base.x, base.beta, thin=base.thin)
+    rest = _total(base, base.linked, base.x, base.beta, ranks=True)
     for law in task.laws:
         if (law.forms and not law.problem.shown) or law.name in base.names or not law.named:
             continue
@@ -528,16 +528,19 @@ def _total(
     beta: FloatArray,
     laws: tuple[Law, ...] | None = None,
     *,
-    thin: bool = False,
+    ranks: bool = False,
 ) -> float:
-    """Log-likelihood of the samples about static errors, with other members; minus infinity out of bounds."""
+    """Log-likelihood of the samples about static errors, with other members; minus infinity out of bounds.
+
+    If it only `ranks` effects, the prediction has few times, and slow passes take every third frame.
+    """
     other = replace(base, linked=linked, x=x, laws=base.laws if laws is None else laws)
     try:
         state = other.state()
     except (ValueError, OverflowError):
         return -math.inf
-    mixture = base.task.likelihood.mixture(state)
-    return float(pixel_sums(base.task, state, mixture, beta, thin=thin)[0].sum())
+    mixture = base.task.likelihood.mixture(state, coarse=ranks)
+    return float(pixel_sums(base.task, state, mixture, beta, thin=ranks and base.thin)[0].sum())
 
 
 def _climbed(base: FittedSet, law: Law) -> tuple[FloatArray, float] | None:
@@ -545,7 +548,7 @@ def _climbed(base: FittedSet, law: Law) -> tuple[FloatArray, float] | None:
 
     def value(x: FloatArray) -> float:
         whole = np.concatenate([base.x, x])
-        return _total(base, base.linked, whole, base.beta, (*base.laws, law), thin=base.thin)
+        return _total(base, base.linked, whole, base.beta, (*base.laws, law), ranks=True)
 
     tried = [(np.array(start, dtype=np.float64), value(np.array(start))) for start in law.problem.starts]
     best = max(tried, key=lambda pair: pair[1], default=None)
