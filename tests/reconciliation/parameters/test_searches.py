@@ -9,13 +9,15 @@ from hypothesis import strategies as st
 from support.recordings import MAKE, Record
 from support.simplex import fit
 
+from tofmix.reconciliation.evidence import make_evidence
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
-from tofmix.reconciliation.likelihood.mixture import Scene
+from tofmix.reconciliation.likelihood.mixture import Scene, plane_distance
 from tofmix.reconciliation.parameters.searches import measured_pose, problems, range_slopes, ranges_to
 from tofmix.reconciliation.parameters.standard_errors import numeric
 from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.effects.base import Latent
 from tofmix.simulation.effects.internal_reflection import stray_phasor
+from tofmix.simulation.effects.motion import Motion
 from tofmix.simulation.effects.search import EFFECT_NATS
 from tofmix.simulation.effects.surface_pose import SurfacePose
 from tofmix.simulation.model import Model
@@ -40,6 +42,34 @@ def test_drift_has_starts_in_few_frames(model: Model, record: Record, frames: in
         assert problem.starts
         for start in problem.starts:
             assert problem.make(np.array(start)).kind == "temperature_drift"
+
+
+def test_motion_starts_at_the_speed_of_pixels_that_go_on_seeing_the_surface(model: Model) -> None:
+    """Six of ten pixels see another surface from some time on, so that medians tell no speed."""
+    wall = replace(model.surfaces[-1], size_mm=(9e4, 9e4))
+    alone = replace(model, surfaces=(wall,), sensor=replace(model.sensor, rows=8, cols=8))
+    time_s, rng = 0.5 + np.arange(60) / 10, np.random.default_rng(3)
+    blank = make_evidence(alone, np.full((60, 8, 8), 1000.0), time_s=time_s)
+    mixture = Scene(alone, blank.time_s).mixture()
+    mean, sigma = mixture.of_main(mixture.mean), mixture.of_main(mixture.sigma)
+    ranges = mean * (1.0 + 300.0 * blank.time_s[:, None] / 2500.0) + sigma * rng.standard_normal((60, 64))
+    leaves = rng.permutation(64)[:38]
+    since = rng.uniform(0.0, 3.0, 38)
+    ranges[:, leaves] = np.where(blank.time_s[:, None] > since, rng.uniform(800.0, 1300.0, 38), ranges[:, leaves])
+    evidence = make_evidence(alone, ranges.reshape(60, 8, 8), time_s=time_s)
+    likelihood = Likelihood(evidence, Scene(alone, evidence.time_s))
+    (problem,) = problems("motion", likelihood, likelihood.scene.mixture())
+    distance = plane_distance(wall)
+    found = problem.make(np.array(problem.starts[-1]))
+    assert problem.shown
+    assert isinstance(found, Motion)
+    assert found.velocity_mm_s == pytest.approx(distance * 300.0 / 2500.0, rel=0.03)
+
+
+def test_nothing_moves_far_in_noise(model: Model, record: Record) -> None:
+    evidence = record()
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    assert not any(problem.shown for problem in problems("motion", likelihood, likelihood.scene.mixture()))
 
 
 @pytest.mark.parametrize("kind", [kind for kind, effect in EFFECTS.items() if effect.latent is Latent.NONE])

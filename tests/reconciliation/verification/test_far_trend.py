@@ -81,6 +81,15 @@ def test_lost_pixels_do_not_make_a_trend(small: Model) -> None:
     assert far_trends(likelihood, likelihood.start(), ALPHA) == []
 
 
+def test_few_samples_are_no_reason_where_ranges_change_far(small: Model) -> None:
+    one = replace(small, sensor=replace(small.sensor, rows=1, cols=1))
+    result = reconcile(one, nearer(recorded(one), 8.0), Settings(kinds=("range_offset",)))
+    assert result.verified.verdict == "unexplained"
+    assert result.verified.findings.few
+    assert result.next_steps[0].startswith("The ranges change by -")
+    assert not any(step.startswith("Too few samples") for step in result.next_steps)
+
+
 @pytest.mark.slow
 def test_noise_does_not_stand_for_a_flight(small: Model) -> None:
     wall = replace(small, surfaces=small.surfaces[-1:])

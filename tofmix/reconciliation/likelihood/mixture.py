@@ -227,7 +227,7 @@ class Scene:
         end_s = float(self.time_s[-1])
         count = _TIMES[-1]
         if all(e.level is Level.GEOMETRY for e in changing):
-            first, last = (np.array([_plane_distance(s) for s in self._placed(effects, t)]) for t in (0.0, end_s))
+            first, last = (np.array([plane_distance(s) for s in self._placed(effects, t)]) for t in (0.0, end_s))
             count = next((n for n in _TIMES if n * _STEP_MM >= np.abs(last - first).max()), count)
         edges = np.linspace(0.0, end_s, (min(count, _COARSE) if coarse else count) + 1)
         return np.asarray((edges[1:] + edges[:-1]) / 2)
@@ -245,7 +245,7 @@ class Scene:
         out = np.zeros(len(self.names) + 1)
         if any(e.level is Level.GEOMETRY and e.changes_in_time for e in effects):
             now, soon = (
-                np.array([_plane_distance(s) for s in self._placed(effects, t)]) for t in (time_s, time_s + _SOON_S)
+                np.array([plane_distance(s) for s in self._placed(effects, t)]) for t in (time_s, time_s + _SOON_S)
             )
             out[:-1] = (soon / now - 1.0) / _SOON_S
         return out
@@ -368,7 +368,7 @@ def _size(kept: tuple[Truth | Prediction, ...]) -> int:
     return sum(getattr(getattr(of, name), "nbytes", 0) for of in kept for name in of.__dataclass_fields__)
 
 
-def _plane_distance(surface: Surface) -> float:
+def plane_distance(surface: Surface) -> float:
     """Distance of a surface's plane from the camera along its normal, signed, mm; never 0."""
     distance = float(surface.rotation()[:, 2] @ np.array(surface.center_mm))
     return distance if abs(distance) > 1.0 else 1.0

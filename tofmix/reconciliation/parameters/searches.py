@@ -21,7 +21,7 @@ from tofmix.reconciliation.evidence import LEAST_PIXELS
 from tofmix.reconciliation.likelihood.joint import RecordingView, views
 from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.likelihood.memory import sees_one_surface
-from tofmix.reconciliation.likelihood.mixture import Mixture
+from tofmix.reconciliation.likelihood.mixture import Mixture, plane_distance
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.base import refuse_without_phase
 from tofmix.simulation.effects.search import (
@@ -190,7 +190,12 @@ def search_facts(likelihood: Likelihood, mixture: Mixture) -> SearchFacts:
             away = (median - mean)[own & ~np.isnan(median)]
             residual = float(np.median(away)) if away.size else 0.0
             typical = float(np.median(sigma[own]))
-            facts = SurfaceFacts(surface=surfaces[surface], sigma_mm=typical, residual_mm=residual)
+            facts = SurfaceFacts(
+                surface=surfaces[surface],
+                sigma_mm=typical,
+                residual_mm=residual,
+                speed_mm_s=_speed(surfaces[surface], seen_by),
+            )
             seen.append(_with_pose(facts, seen_by))
     phased = likelihood.scene.model.sensor.modulation_frequency_hz is not None
     turn = likelihood.scene.model.sensor.turn_mm("reconcile") if phased else math.nan
@@ -215,6 +220,42 @@ def search_facts(likelihood: Likelihood, mixture: Mixture) -> SearchFacts:
         gain=partial(_gain, likelihood, (lit, median - mean, sigma)),
         nearer=partial(_nearer, seen_by),
     )
+
+
+def _speed(surface: Surface, seen_by: Sequence[RecordingView]) -> float:
+    """As `SurfaceFacts.speed_mm_s`: the mode of the samples' ways over their times, but for the first times.
+
+    Where a surface leaves the sight of most of its pixels, the rest of them still tell its speed.
+    """
+    most, found = 50_000, []  # samples, enough for a mode
+    for view in seen_by:
+        m, time_s = view.mixture, view.evidence.time_s
+        lit, _, mean, names, *_ = _main(view)
+        own, late = np.flatnonzero(lit & (names == surface.name)), np.flatnonzero(time_s > time_s[-1] / 4)
+        if not own.size or not late.size:
+            continue
+        own = own[:: max(1, own.size * late.size // most)]
+        few = view.evidence.samples[np.ix_(late, own)].astype(np.float64)
+        along = plane_distance(surface) / mean[own]
+        speed = m.near_turn(few - mean[own]) * along / time_s[late, None]
+        found.append(speed[few > 0])
+    return _mode(np.concatenate([np.zeros(0), *found]))
+
+
+def _mode(values: FloatArray) -> float:
+    """The half-sample mode of values; 0 of none.
+
+    References
+    ----------
+    Bickel and Fruehwirth, Computational Statistics and Data Analysis 50 (2006) 3500.
+    """
+    few = 3  # values of which the mean is taken
+    values = np.sort(values)
+    while values.size > few:
+        half = (values.size + 1) // 2
+        first = int(np.argmin(values[half - 1 :] - values[: values.size - half + 1]))
+        values = values[first : first + half]
+    return float(values.mean()) if values.size else 0.0
 
 
 def _with_pose(seen: SurfaceFacts, seen_by: Sequence[RecordingView]) -> SurfaceFacts:

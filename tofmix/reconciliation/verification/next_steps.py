@@ -127,7 +127,7 @@ def next_steps(
     settings : Settings
         Options of the search.
     """
-    steps = [*_of_the_recording(likelihood, verified)]
+    steps = [*_of_the_recording(likelihood)]
     axes = [] if verified.verdict == "agree" else list(other_axes(likelihood, settings))
     several = len(likelihood.scene.members) > 1
     steps += _of_axes(axes, several=several)
@@ -136,7 +136,8 @@ def next_steps(
         steps += _of_contradictions(added, verified)
         together = _together(likelihood, verified, settings)
         jumped = {number for number, each in together.items() if each.jump_mm}
-        steps += [*(each.step for each in together.values()), *_of_far_trends(likelihood, verified, settings, jumped)]
+        changes = [*(each.step for each in together.values()), *_of_far_trends(likelihood, verified, settings, jumped)]
+        steps += changes or list(_of_few(verified))  # what changes far is told however few samples there are
         if not axes:
             static = _of_places(likelihood, added, verified, settings, together)
             steps += static.steps
@@ -243,8 +244,8 @@ def worse(verified: Verified) -> Iterator[str]:
         )
 
 
-def _of_the_recording(likelihood: Likelihood, verified: Verified) -> Iterator[str]:
-    repeated, found = likelihood.evidence.repeated, verified.findings
+def _of_the_recording(likelihood: Likelihood) -> Iterator[str]:
+    repeated = likelihood.evidence.repeated
     own, given = likelihood.evidence.integration_time_ms, likelihood.scene.model.sensor.integration_time_ms
     same = 1e-3  # relative difference of integration times that are written in files
     if own is not None and not math.isclose(own, given, rel_tol=same):
@@ -257,6 +258,10 @@ def _of_the_recording(likelihood: Likelihood, verified: Verified) -> Iterator[st
             f"{counted(repeated, 'frame')} of {repeated + likelihood.evidence.shape[0]} repeated the frame before,"
             " sample by sample, and were left out: check the driver's frame rate."
         )
+
+
+def _of_few(verified: Verified) -> Iterator[str]:
+    found = verified.findings
     if found.few:
         worth = found.samples * found.independent
         of_them = f", worth {worth:.0f} independent ones under their memory" if found.independent < 1 else ""
@@ -306,9 +311,9 @@ def _together(likelihood: Likelihood, verified: Verified, settings: Settings) ->
 def _of_far_trends(
     likelihood: Likelihood, verified: Verified, settings: Settings, known: Collection[int]
 ) -> Iterator[str]:
-    """Steps for recordings that change far, but those for which the reason is known."""
+    """Steps for recordings that change far beside the named effects, but those for which the reason is known."""
     several = len(likelihood.scene.members) > 1
-    for place in far_trends(likelihood, verified.start, settings.alpha):
+    for place in far_trends(likelihood, verified.state, settings.alpha):
         if place.recording in known:
             continue
         of = f" of recording {place.recording + 1}" if several else ""

@@ -5,12 +5,18 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
-
 from tofmix.arrays import FloatArray
 from tofmix.simulation.effects.base import Effect, Level, Target
 from tofmix.simulation.effects.parameter import StudentPrior, number, surface
-from tofmix.simulation.effects.search import Coefficient, FormFacts, LinearForm, Problem, SearchFacts, spread_of
+from tofmix.simulation.effects.search import (
+    OUT_OF_SIGHT,
+    Coefficient,
+    FormFacts,
+    LinearForm,
+    Problem,
+    SearchFacts,
+    spread_of,
+)
 from tofmix.simulation.effects.surface_pose import SurfacePose
 
 if TYPE_CHECKING:
@@ -54,11 +60,11 @@ class Motion(Effect):
             return cls(surface=surface, velocity_mm_s=float(x[0]) * scale)
 
         for seen in facts.surfaces:
-            there: tuple[tuple[float], ...] = ()
-            if seen.far:  # its median is the way until the median of the times
-                there = ((seen.residual_mm / seen.sigma_mm * facts.duration_s / float(np.median(facts.course()[0])),),)
+            way = seen.speed_mm_s * facts.duration_s / seen.sigma_mm
+            far = abs(way) > OUT_OF_SIGHT
+            there = ((way,),) if far else ()
             make = partial(moving, seen.name, seen.sigma_mm / facts.duration_s)
-            yield Problem(make=make, starts=((-1.5,), (1.5,), *there), steps=(0.3,), shown=seen.far)
+            yield Problem(make=make, starts=((-1.5,), (1.5,), *there), steps=(0.3,), shown=far)
 
     @classmethod
     def linear_forms(cls, facts: FormFacts) -> Iterator[LinearForm]:

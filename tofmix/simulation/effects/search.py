@@ -83,6 +83,8 @@ class SurfaceFacts:
         Typical noise.
     residual_mm : float
         Measured minus predicted range.
+    speed_mm_s : float
+        Along the normal, at which more samples lie than at any other, from the model's pose at time 0.
     shift_mm, tilts_deg : float, (float, float)
         Measured pose: along the model's normal, and about the surface's own two axes.
     turn_nats : float
@@ -94,6 +96,7 @@ class SurfaceFacts:
     surface: "Surface"
     sigma_mm: float
     residual_mm: float
+    speed_mm_s: float = 0.0
     shift_mm: float = 0.0
     tilts_deg: tuple[float, float] = (0.0, 0.0)
     turn_nats: float = -math.inf
