@@ -103,6 +103,7 @@ def findings_of_samples(source: SampleSource, sensor: Sensor, circle_mm: float |
     from tofmix.estimation.filters import find_repeats
     from tofmix.estimation.noise.curve_check import check_consistency  # slow to import, and a report may need none
     from tofmix.recording import independent_samples
+    from tofmix.temporal_filter import HeldValues
 
     seen = check_consistency(
         independent_samples(source, for_noise=True),
@@ -114,7 +115,8 @@ def findings_of_samples(source: SampleSource, sensor: Sensor, circle_mm: float |
     )
     scatter = None if remedy.noise == "auto" else seen.scatter_over_curve  # a curve that the samples gave is theirs
     found = sample_findings(scatter_over_curve=scatter, drift_sigmas=seen.drift_sigmas, remedy=remedy)
-    repeats = None if sensor.temporal_filter is not None else find_repeats(source)
+    filters = sensor.temporal_filter is not None and not isinstance(sensor.temporal_filter, HeldValues)
+    repeats = None if filters else find_repeats(source)
     return found if repeats is None else [*repeat_findings(repeats.share, repeats.frames, remedy), *found]
 
 

@@ -24,7 +24,7 @@ from tofmix.flags import Status, status_name
 from tofmix.options import MAX_LAYERS_LIMIT
 from tofmix.sensor import Sensor
 from tofmix.suspicion import SUSPICIONS
-from tofmix.temporal_filter import TemporalFilter
+from tofmix.temporal_filter import HeldValues, TemporalFilter
 from tofmix.wording import counted
 
 
@@ -253,7 +253,7 @@ def suspect_findings(counts: Mapping[str, int]) -> list[Finding]:
 
 def filter_findings(found: TemporalFilter | None, frames: int) -> list[Finding]:
     """Warn of a camera that filters ranges over time: `frames` of a window tell less than they seem to."""
-    if found is None:
+    if found is None or isinstance(found, HeldValues):  # `repeat_findings` says these
         return []
     text = (
         f"The camera filters ranges over time ({found.words()}): {counted(frames, 'such frame')} tell as much"
@@ -268,8 +268,8 @@ def repeat_findings(share: float, of_frames: float, remedy: Remedy) -> list[Find
     frames = remedy.window_frames
     text = (
         f"{100 * share:.0f} % of the samples repeat the one before, more than chance gives, as where a driver is read"
-        f" faster than the camera measures. Repeats tell nothing new: {counted(frames, 'such frame')} tell as much as"
-        f" {max(1, round(frames * (1.0 - share)))}."
+        f" faster than the camera measures. Layers are of the other samples: {counted(frames, 'such frame')} tell as"
+        f" much as {max(1, round(frames * (1.0 - share)))}."
     )
     if of_frames < 0.5 * share:  # pixels repeat values one by one
         return [Finding(code="repeated_samples", text=f"{text} Read the camera at its own rate, and record again.")]
