@@ -57,7 +57,7 @@ def _mark_below(scene: WindowScene, chances: FloatArray, *, level: float = 0.2, 
     """Chance below which a layer is marked: `FALSE_MARKS`, or more where many layers pass, as in snow.
 
     Layers that are there all the time have evenly spread chances; the number of those above `level` tells how many
-    there are. More are marked as long as at most `false_share` of the marked, and `FALSE_MARKS` of all, are such layers.
+    there are. More are marked as long as such layers are at most `false_share` of the marked, and `FALSE_MARKS` of all.
 
     References
     ----------
