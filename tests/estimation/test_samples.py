@@ -1,6 +1,7 @@
 """Samples of a block sorted and binned, and a camera's temporal filter found and undone."""
 
 import json
+import math
 import shlex
 import subprocess
 import sys
@@ -18,7 +19,7 @@ from tofmix.arrays import FloatArray
 from tofmix.cli.main import main
 from tofmix.compiled.vector import LANES
 from tofmix.errors import DoubtWarning
-from tofmix.estimation.filters import find_repeats, learn_filter
+from tofmix.estimation.filters import common_motion, find_repeats, learn_filter
 from tofmix.estimation.samples import BIN, FARTHEST_MM, LONG_WINDOW, Readings, gather, padded, sort_samples
 from tofmix.recording import ArrayRecording
 from tofmix.temporal_filter import ExponentialAverage, HeldValues, RunningMean, RunningMedian, TemporalFilter
@@ -281,3 +282,24 @@ def test_mixed_pixels_of_few_windows_of_a_mean_have_no_layer() -> None:
     np.testing.assert_array_equal(found.invalid_share, 0.0)
     assert (found.n_modes[0][scene.mixed] == 0).all()
     assert (found.n_modes[0][~scene.mixed] == 1).mean() > 0.95
+
+
+@pytest.mark.parametrize("jitter_mm", [0.0, 20.0])
+def test_frames_that_move_as_a_whole_are_said_with_a_command_that_takes_the_motion_out(
+    jitter_mm: float, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(19)
+    samples = rng.normal(1500.0, 9.0, (FRAMES, 8, 12)) + jitter_mm * rng.standard_normal((FRAMES, 1, 1))
+    samples[rng.random(samples.shape) < 0.02] = np.nan
+    path = tofmix.from_array(samples, units="mm", sensor=SENSOR).save(tmp_path / "moved.h5")
+    result = CliRunner().invoke(main, ["estimate", str(path), "--noise", "auto", "--json"])
+    said = [one for one in json.loads(result.stdout)["warnings"] if one["code"] == "frames_move"]
+    assert len(said) == (jitter_mm > 0.0)
+    if said:
+        (command,) = said[0]["commands"]
+        subprocess.run([sys.executable, *shlex.split(command)[1:]], check=True)
+        left = tofmix.open(tmp_path / "moved.still.h5")
+        assert isinstance(left, tofmix.Recording)
+        assert np.nanstd(left.range_mm - 1500.0) == pytest.approx(9.0, rel=0.2)
+        common, each = common_motion(ArrayRecording(left.range_mm.astype(np.float32), SENSOR)) or (math.nan, 0.0)
+        assert common < 0.3 * each

@@ -26,6 +26,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.bounds import AtLeastTwo, Count, Factor, Share, checked
+from tofmix.compiled.vector import MAD_TO_SIGMA
 from tofmix.estimation.noise.series import read_runs
 from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.layers import Layers
@@ -189,6 +190,28 @@ def _repeats(stored: FloatArray, settings: FilterSettings) -> Repeats | None:
     if share < settings.least_correlation or abs(1.0 - share - of_others) > settings.tie_tolerance:
         return None
     return Repeats(share, float(np.mean((change == 0.0).mean(axis=0) >= settings.valid)))
+
+
+def common_motion(source: SampleSource, settings: FilterSettings = DEFAULT_SETTINGS) -> tuple[float, float] | None:
+    """How far all ranges of a frame move together, and how far those of one pixel move, from frame to frame.
+
+    Two standard deviations, mm, by the differences of consecutive frames: a drift is none of it, and one jump neither.
+    The common one is beyond what pixels that are independent have in common by chance. None where few pixels tell.
+    """
+    stored = _stored(source, settings)
+    if len(stored) < settings.least_pixels:
+        return None
+    change = np.diff(stored, axis=1)
+    each = np.median(_spread(change, axis=1)) / math.sqrt(2.0)
+    together = float(_spread(np.nanmedian(change, axis=0), axis=0)) / math.sqrt(2.0)
+    of_medians = math.pi / 2.0 / len(stored)  # variance of a median of Gaussian values
+    return math.sqrt(max(together**2 - of_medians * each**2, 0.0)), float(each)
+
+
+def _spread(values: FloatArray, axis: int) -> FloatArray:
+    """Standard deviation along an axis, by the median absolute deviation."""
+    middle = np.nanmedian(values, axis=axis, keepdims=True)
+    return np.asarray(MAD_TO_SIGMA * np.nanmedian(np.abs(values - middle), axis=axis))
 
 
 def _stored(source: SampleSource, settings: FilterSettings) -> FloatArray:

@@ -287,6 +287,29 @@ def repeat_findings(share: float, of_frames: float, remedy: Remedy) -> list[Find
     return [Finding(code="repeated_samples", text=f"{text} Leave repeated frames out.", commands=(command,))]
 
 
+def motion_findings(common_mm: float, each_mm: float, remedy: Remedy, *, least_share: float = 0.5) -> list[Finding]:
+    """Warn of frames that move as a whole, if they cause more than `least_share` of the sd of single samples."""
+    if not common_mm > least_share * each_mm:
+        return []
+    alone_mm = math.sqrt(max(each_mm**2 - common_mm**2, 0.0))
+    text = (
+        f"All ranges of a frame move together, by {common_mm:.3g} mm (sd) from frame to frame: a pixel's samples"
+        f" scatter by {each_mm:.3g} mm, and by {alone_mm:.2g} mm without it. Sigma is wider by it, and near surfaces"
+        " are not told apart. Take the motion of each frame out."
+    )
+    light = ", amplitude=r.amplitude" if remedy.has_amplitude else ""
+    before, after = (
+        json.dumps(str(name), ensure_ascii=False)
+        for name in (remedy.recording, Path(remedy.recording).with_suffix(".still.h5"))
+    )
+    code = (
+        f"import numpy as np, tofmix; r = tofmix.open({before}); a = r.range_mm[:, np.isfinite(r.range_mm).any(0)];"
+        " moved = np.nanmedian(a - np.nanmedian(a, 0), 1);"
+        f' tofmix.from_array(r.range_mm - moved[:, None, None], units="mm", sensor=r.sensor{light}).save({after})'
+    )
+    return [Finding(code="frames_move", text=text, commands=(shlex.join(["python", "-c", code]),))]
+
+
 def sigma_findings(
     *,
     count: int,
