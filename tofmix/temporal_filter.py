@@ -14,7 +14,7 @@ from typing import ClassVar, Protocol, Self
 
 import numpy as np
 
-from tofmix.arrays import Float32Array, FloatArray
+from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
 SPAN_FRAMES = 100
 """About the frames of a span of running means: many a chain, few for the rounding of stored ranges to add up."""
@@ -380,9 +380,7 @@ class RunningMean:
 
     def spans(self, first: int, last: int, frames: int) -> list[slice]:
         """Spans of equal length, about `SPAN_FRAMES` or so many windows."""
-        count = max(1, round(frames / max(SPAN_FRAMES, _SPAN_WINDOWS * self.window)))
-        ends = [frames * k // count for k in range(count + 1)]
-        return [slice(a, b) for a, b in pairwise(ends) if a < last and b > first]
+        return _even_spans(first, last, frames, max(SPAN_FRAMES, _SPAN_WINDOWS * self.window))
 
     def independent(self, stored_mm: Float32Array, first: int) -> Float32Array:  # noqa: ARG002  any frame will do
         """Samples by their differences; NaN in runs of valid means that do not tell them."""
@@ -413,8 +411,97 @@ class RunningMean:
         return f"mean of {self.parameter:g}"
 
 
-FILTERS: dict[str, type[ExponentialAverage] | type[RunningMedian] | type[RunningMean]] = {
-    filter_.kind: filter_ for filter_ in (ExponentialAverage, RunningMedian, RunningMean)
+@dataclass(frozen=True, slots=True)
+class HeldValues:
+    """y_t is y_(t-1) with probability s, and else a new sample: a driver that is read faster than the camera measures.
+
+    A stored value that equals the one before is a new sample of a value of probability p with probability
+    (1 - s) p / (s + (1 - s) p). As many of these are kept in each span of frames, evenly spaced: without them, the
+    samples of ranges on coarse steps would spread too widely. p follows from the samples of the pixel in that span, by
+    expectation-maximisation.
+
+    Parameters
+    ----------
+    parameter : float
+        s, in (0, 1).
+
+    Raises
+    ------
+    ValueError
+        If it is out of its bounds.
+    """
+
+    parameter: float
+    kind: ClassVar[str] = "held_values"
+    keeps_values: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        if not 0 < self.parameter < 1:
+            raise ValueError(f"temporal filter: the share of held values, {self.parameter:g}, is not in (0, 1)")
+
+    def spans(self, first: int, last: int, frames: int) -> list[slice]:
+        """Spans of equal length, about `SPAN_FRAMES`: the same for any frames that are read."""
+        return _even_spans(first, last, frames, SPAN_FRAMES)
+
+    def independent(self, stored_mm: Float32Array, first: int) -> Float32Array:
+        """The new samples. Of a span's first frame it is not known whether they are, but in the first span."""
+        flat = stored_mm.reshape(len(stored_mm), -1)
+        repeats = np.zeros(flat.shape, dtype=np.bool_)
+        repeats[1:] = flat[1:] == flat[:-1]
+        taken = np.isfinite(flat) & (~repeats | self._kept(flat, repeats))
+        taken[0] &= first == 0
+        return np.where(taken, flat, np.float32(np.nan)).reshape(stored_mm.shape)
+
+    def _kept(self, flat: Float32Array, repeats: BoolArray) -> BoolArray:
+        """Repeats (frame, pixel) that stand for those by chance."""
+        if not repeats.any():
+            return repeats
+        rounds = 8  # of expectation-maximisation: p of a value that fills half of the samples is right to 1 %
+        value, new, share = _equal_values(flat), (np.isfinite(flat) & ~repeats).astype(np.float64), self.parameter
+        chance = np.zeros(flat.shape)
+        for _ in range(rounds):
+            drawn = new + chance
+            of_value = np.bincount(value.ravel(), drawn.ravel())[value]
+            others = np.maximum(drawn.sum(axis=0) - 1.0, 1.0)
+            p = np.clip((of_value - 1.0) / others, 0.0, 1.0)  # another sample's chance to have this value
+            chance = np.where(repeats, (1.0 - share) * p / (share + (1.0 - share) * p), 0.0)
+        return np.diff(np.rint(np.cumsum(chance, axis=0)), axis=0, prepend=0.0) > 0.0
+
+    def rounding_mm(self, step_mm: float) -> float:  # noqa: ARG002  samples are stored ones
+        """No more than that of stored ranges."""
+        return 0.0
+
+    def for_noise(self) -> TemporalFilter:
+        """Noise is learnt from the same samples."""
+        return self
+
+    def worth(self, frames: int) -> int:
+        """New samples in so many frames."""
+        return max(1, round(frames * (1.0 - self.parameter)))
+
+    def words(self) -> str:
+        """The filter in a few words."""
+        return f"{100.0 * self.parameter:.0f} % of the values held"
+
+
+def _equal_values(flat: Float32Array) -> IntArray:
+    """A number for each value of each pixel (frame, pixel); those of different pixels differ."""
+    order = np.argsort(flat, axis=0, kind="stable")
+    differs = np.diff(np.take_along_axis(flat, order, axis=0), axis=0, prepend=np.nan) != 0.0
+    number = np.empty(flat.shape, dtype=np.int64)
+    np.put_along_axis(number, order, np.cumsum(differs.T.ravel()).reshape(differs.T.shape).T, axis=0)
+    return number
+
+
+def _even_spans(first: int, last: int, frames: int, length: int) -> list[slice]:
+    """Spans of a recording of `frames`, about `length` each, that have the frames `first` to `last` - 1."""
+    count = max(1, round(frames / length))
+    ends = [frames * k // count for k in range(count + 1)]
+    return [slice(a, b) for a, b in pairwise(ends) if a < last and b > first]
+
+
+FILTERS: dict[str, type[ExponentialAverage] | type[RunningMedian] | type[RunningMean] | type[HeldValues]] = {
+    filter_.kind: filter_ for filter_ in (ExponentialAverage, RunningMedian, RunningMean, HeldValues)
 }
 """Filters by their name in files."""
 

@@ -1,6 +1,7 @@
 """Samples of a block sorted and binned, and a camera's temporal filter found and undone."""
 
 import json
+import math
 import shlex
 import subprocess
 import sys
@@ -18,10 +19,10 @@ from tofmix.arrays import FloatArray
 from tofmix.cli.main import main
 from tofmix.compiled.vector import LANES
 from tofmix.errors import DoubtWarning
-from tofmix.estimation.filters import find_repeats, learn_filter
+from tofmix.estimation.filters import common_motion, find_repeats, learn_filter
 from tofmix.estimation.samples import BIN, FARTHEST_MM, LONG_WINDOW, Readings, gather, padded, sort_samples
 from tofmix.recording import ArrayRecording
-from tofmix.temporal_filter import ExponentialAverage, RunningMean, RunningMedian, TemporalFilter
+from tofmix.temporal_filter import ExponentialAverage, HeldValues, RunningMean, RunningMedian, TemporalFilter
 
 
 def test_valid_samples_come_first_and_ascend(rng: np.random.Generator) -> None:
@@ -94,7 +95,7 @@ def test_exponential_average_and_no_other_is_found() -> None:
     assert isinstance(found, ExponentialAverage)
     assert found.parameter == pytest.approx(0.2, rel=0.004)
     samples = Scene(SHAPE, 6).draw(2 * FRAMES)
-    assert _found(np.repeat(samples, 2, axis=0), 2 * FRAMES) is None
+    assert isinstance(_found(np.repeat(samples, 2, axis=0), 2 * FRAMES), HeldValues)
     sway = 300.0 * np.sin(np.arange(len(samples)) / 9.0)[:, None, None] * (np.indices(SHAPE)[1] < 8)
     assert _found(samples + sway) is None
     scene = Scene(SHAPE, 7)
@@ -120,7 +121,37 @@ def held(samples: FloatArray, share: float, *, frames: bool = False) -> FloatArr
 @pytest.mark.parametrize("step_mm", [0.0, 1.0])
 def test_held_values_are_no_median(share: float, step_mm: float) -> None:
     samples = held(Scene(SHAPE, 2).draw(FRAMES), share)
-    assert _found(np.round(samples / step_mm) * step_mm if step_mm else samples) is None
+    found = _found(np.round(samples / step_mm) * step_mm if step_mm else samples)
+    assert isinstance(found, HeldValues)
+    assert found.parameter == pytest.approx(share, abs=0.02)
+
+
+@pytest.mark.parametrize("steps", [0.0, 0.5, 2.0])
+def test_held_values_are_left_out_and_repeats_by_chance_are_not(steps: float) -> None:
+    rng = np.random.default_rng(17)
+    drawn = rng.normal(1500.0, 8.0, (300, 6, 50))
+    drawn = np.round(drawn / (8.0 * steps)) * 8.0 * steps if steps else drawn
+    samples = held(drawn, 0.4).astype(np.float32)
+    own = HeldValues(0.4).independent(samples, 0)
+    assert np.isfinite(own).mean() == pytest.approx(0.6, abs=0.012)
+    assert np.nanstd(own) == pytest.approx(drawn.std(), rel=0.012)
+    later = np.isfinite(HeldValues(0.4).independent(samples, 100))
+    assert not later[0].any()  # what came before is not known
+
+
+@pytest.mark.parametrize("noise", ["file", "auto"])
+def test_values_that_pixels_hold_one_by_one_give_no_further_surface(noise: str) -> None:
+    rng = np.random.default_rng(18)
+    mixed = (np.arange(FRAMES * 16 * 30).reshape(FRAMES, 16, 30) % 30 == 0) & (rng.random((FRAMES, 16, 30)) < 0.5)
+    samples = held(np.where(mixed, 1900.0, 1500.0) + rng.normal(0.0, 9.5, mixed.shape), 0.4)
+    recording = tofmix.from_array(samples.astype(np.float32), units="mm", sensor=SENSOR)
+    with pytest.warns(DoubtWarning, match="40 % of the samples repeat"):
+        layers = tofmix.estimate(recording, noise=noise)
+    assert (layers.n_modes[0][:, 1:] != 1).sum() <= 2
+    assert (layers.n_modes[0][:, 0] == 2).all()
+    alone = layers.range[0][:, 1:, 0]
+    assert np.std((alone - 1500.0) / layers.range_stderr[0][:, 1:, 0]) == pytest.approx(1.0, abs=0.1)
+    assert layers.n_samples.mean() == pytest.approx(0.6 * FRAMES, rel=0.03)
 
 
 @pytest.mark.parametrize("frames", [False, True])
@@ -251,3 +282,24 @@ def test_mixed_pixels_of_few_windows_of_a_mean_have_no_layer() -> None:
     np.testing.assert_array_equal(found.invalid_share, 0.0)
     assert (found.n_modes[0][scene.mixed] == 0).all()
     assert (found.n_modes[0][~scene.mixed] == 1).mean() > 0.95
+
+
+@pytest.mark.parametrize("jitter_mm", [0.0, 20.0])
+def test_frames_that_move_as_a_whole_are_said_with_a_command_that_takes_the_motion_out(
+    jitter_mm: float, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(19)
+    samples = rng.normal(1500.0, 9.0, (FRAMES, 8, 12)) + jitter_mm * rng.standard_normal((FRAMES, 1, 1))
+    samples[rng.random(samples.shape) < 0.02] = np.nan
+    path = tofmix.from_array(samples, units="mm", sensor=SENSOR).save(tmp_path / "moved.h5")
+    result = CliRunner().invoke(main, ["estimate", str(path), "--noise", "auto", "--json"])
+    said = [one for one in json.loads(result.stdout)["warnings"] if one["code"] == "frames_move"]
+    assert len(said) == (jitter_mm > 0.0)
+    if said:
+        (command,) = said[0]["commands"]
+        subprocess.run([sys.executable, *shlex.split(command)[1:]], check=True)
+        left = tofmix.open(tmp_path / "moved.still.h5")
+        assert isinstance(left, tofmix.Recording)
+        assert np.nanstd(left.range_mm - 1500.0) == pytest.approx(9.0, rel=0.2)
+        common, each = common_motion(ArrayRecording(left.range_mm.astype(np.float32), SENSOR)) or (math.nan, 0.0)
+        assert common < 0.3 * each

@@ -193,6 +193,21 @@ def test_samples_close_in_time_are_passing_unless_noise_or_a_standing_surface_ex
     assert not passing(10, 12, standing=True)
 
 
+@pytest.mark.parametrize(("close", "marked"), [(1, 0), (60, 60)])
+def test_where_many_layers_pass_less_evidence_marks_one(close: int, marked: int) -> None:
+    rng = np.random.default_rng(1)
+    range_mm = np.full((20, 20, 2), 5000.0)
+    range_mm[..., 0] = rng.uniform(500.0, 4500.0, (20, 20))
+    made = scene(range_mm)
+    made.weight[:] = 0.03, 0.97
+    pixel = rng.permutation(300)[:close]
+    # Three samples in four of 100 frames: chance puts them there in 0.4 % of the layers that are there all the time
+    cluster = np.column_stack([*np.divmod(pixel, 20), *np.tile([0, 100, 3, 0, 4, 20, 23], (close, 1)).T]).astype(float)
+    found = mark_passing(made._replace(clusters=cluster))
+    assert found.sum() == marked
+    assert found[np.divmod(pixel, 20)][:, 0].sum() == marked
+
+
 @pytest.mark.parametrize(("apart_mm", "is_passing"), [(30.0, False), (300.0, True)])
 def test_layers_of_a_wall_that_drifts_are_not_passing_and_layers_apart_are(apart_mm: float, is_passing: bool) -> None:
     range_mm = 3000.0 + apart_mm * np.arange(3.0) + np.zeros((3, 3, 1))

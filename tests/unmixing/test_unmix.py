@@ -262,6 +262,43 @@ def test_images_too_small_for_a_plane_are_unchanged(sums: Scene) -> None:
         np.testing.assert_array_equal(result.layers.n_modes, events.layers.n_modes)
 
 
+@pytest.mark.parametrize("sums", [True, False])
+def test_behind_a_mesh_without_a_whole_window_of_one_surface_no_mixed_pixel_is_sure(sums: bool) -> None:
+    shape, parts, frames = (24, 30), 8, 40
+    y, x = (np.indices((shape[0] * parts, shape[1] * parts)) + 0.5) / parts
+    wires = (np.abs((x + y) % 5.0 - 2.5) < 0.25) | (np.abs((x - y) % 5.0 - 2.5) < 0.25)
+    share = wires.reshape(shape[0], parts, shape[1], parts).mean(axis=(1, 3))
+    near, far = 2000.0, 3900.0 + 10.0 * np.indices(shape)[1]
+    rng = np.random.default_rng(5)
+    sensor = tm.Sensor(
+        name="camera",
+        modulation_frequency_hz=20e6,
+        fov_horizontal_deg=30.0,
+        fov_vertical_deg=24.0,
+        noise=tm.NoiseCurve(np.array([1000.0, 6000.0]), np.array([20.0, 20.0])),
+    )
+    turn = 2.0 * np.pi / (299_792_458e3 / 2.0 / 20e6)
+    if sums:
+        light = share * np.exp(1j * turn * near) + (1.0 - share) * 0.3 * np.exp(1j * turn * far)
+        light = np.broadcast_to(light, (frames, *shape))
+    else:
+        hits = rng.random((frames, *shape)) < share
+        light = np.where(hits, np.exp(1j * turn * near), 0.3 * np.exp(1j * turn * far))
+    samples = np.angle(light) % (2.0 * np.pi) / turn + rng.normal(0.0, 20.0, light.shape)
+    amplitude = 1000.0 * np.abs(light) * (1.0 + 0.02 * rng.standard_normal(light.shape))
+    recording = ArrayRecording(samples.astype(np.float32), sensor, amplitude=amplitude.astype(np.float32))
+    layers, events = first(estimate_windows(recording)), first(estimate_windows(recording, EVENTS))
+    assert layers.mixing is not None
+    mixed = (share > 0.05) & (share < 0.95)
+    assert mixed.mean() > 0.5
+    if sums:
+        assert (layers.mixing[mixed] == int(Mixing.UNDECIDED)).mean() > 0.98
+        assert (layers.mixing[share == 0.0] == int(Mixing.ONE_SURFACE)).mean() > 0.4
+    else:
+        np.testing.assert_array_equal(layers.range, events.range)
+        assert (layers.n_modes[mixed] == 2).mean() > 0.9
+
+
 @pytest.mark.parametrize(
     ("share", "pixels", "text"),
     [

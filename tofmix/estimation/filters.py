@@ -1,12 +1,13 @@
 """The temporal filter of a camera, found in the samples of a recording.
 
-Use `learn_filter` before noise is learnt. A filter is common to all pixels, and shows in two ways:
+Use `learn_filter` before noise is learnt. A filter is common to all pixels, and shows in three ways:
 
 - *Linear filters*: pixels of several surfaces (*wide* ones) and pixels of one surface have the same correlation from
   frame to frame, as a filter takes samples of noise and of surfaces alike. Noise with a memory, 1/f noise, drift and
   the jitter of whole frames correlate the noise only: wide pixels change from one surface to another without memory.
   A surface that moves correlates wide pixels only.
 - *Medians* repeat values: the same sample is the median of several windows, in a known share of frames.
+- *Held values* repeat them too, and never come back: a driver that is read faster than the camera measures.
 
 An average is taken for granted only if its inverse explains wide pixels better than independent samples and better than
 ranges that wander: by the entropy of the samples, given those before. Of several averages, that one is taken whose
@@ -25,12 +26,13 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.bounds import AtLeastTwo, Count, Factor, Share, checked
+from tofmix.compiled.vector import MAD_TO_SIGMA
 from tofmix.estimation.noise.series import read_runs
 from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.layers import Layers
 from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.sensor import Sensor
-from tofmix.temporal_filter import ExponentialAverage, RunningMean, RunningMedian, TemporalFilter
+from tofmix.temporal_filter import ExponentialAverage, HeldValues, RunningMean, RunningMedian, TemporalFilter
 
 
 def layers_before_filter(layers: Layers, sensor: Sensor) -> None:
@@ -145,9 +147,14 @@ def learn_filter(source: SampleSource, settings: FilterSettings = DEFAULT_SETTIN
         None, too, for recordings of several targets a frame or of few frames.
     """
     stored = _stored(source, settings)
-    if not len(stored) or _stored_twice(stored, settings):
+    if not len(stored):
         return None
-    return _median_filter(stored, settings) or _linear_filter(stored, settings)
+    found = None
+    if not _stored_twice(stored, settings):
+        found = _median_filter(stored, settings) or _linear_filter(stored, settings)
+    if found is None and (repeats := _repeats(stored, settings)) is not None:
+        return HeldValues(repeats.share)
+    return found
 
 
 class Repeats(NamedTuple):
@@ -158,13 +165,17 @@ class Repeats(NamedTuple):
 
 
 def find_repeats(source: SampleSource, settings: FilterSettings = DEFAULT_SETTINGS) -> Repeats | None:
-    """The repeats of a recording whose camera filters nothing over time; None where there are few beyond chance.
+    """The repeats of a recording whose camera filters nothing over time; None where there are few beyond chance."""
+    return _repeats(_stored(source, settings), settings)
+
+
+def _repeats(stored: FloatArray, settings: FilterSettings) -> Repeats | None:
+    """The repeats of samples (pixel, frame).
 
     Samples that are no repeats differ from those before as samples far apart do. Noise with a memory has small
     differences as often as none.
     """
-    stored = _stored(source, settings)
-    if len(stored) < settings.least_pixels:
+    if len(stored) < settings.least_pixels or np.mean(stored[:, 1:] == stored[:, :-1]) < settings.least_correlation:
         return None
     # Pixels chosen for few ties at one lag have too few of them there, and as many as by chance at any other
     change, chosen_by, far = (np.abs(stored[:, lag:] - stored[:, :-lag]) for lag in (1, _LAGS, _LAGS + 1))
@@ -179,6 +190,28 @@ def find_repeats(source: SampleSource, settings: FilterSettings = DEFAULT_SETTIN
     if share < settings.least_correlation or abs(1.0 - share - of_others) > settings.tie_tolerance:
         return None
     return Repeats(share, float(np.mean((change == 0.0).mean(axis=0) >= settings.valid)))
+
+
+def common_motion(source: SampleSource, settings: FilterSettings = DEFAULT_SETTINGS) -> tuple[float, float] | None:
+    """How far all ranges of a frame move together, and how far those of one pixel move, from frame to frame.
+
+    Two standard deviations, mm, by the differences of consecutive frames: a drift is none of it, and one jump neither.
+    The common one is beyond what pixels that are independent have in common by chance. None where few pixels tell.
+    """
+    stored = _stored(source, settings)
+    if len(stored) < settings.least_pixels:
+        return None
+    change = np.diff(stored, axis=1)
+    each = np.median(_spread(change, axis=1)) / math.sqrt(2.0)
+    together = float(_spread(np.nanmedian(change, axis=0), axis=0)) / math.sqrt(2.0)
+    of_medians = math.pi / 2.0 / len(stored)  # variance of a median of Gaussian values
+    return math.sqrt(max(together**2 - of_medians * each**2, 0.0)), float(each)
+
+
+def _spread(values: FloatArray, axis: int) -> FloatArray:
+    """Standard deviation along an axis, by the median absolute deviation."""
+    middle = np.nanmedian(values, axis=axis, keepdims=True)
+    return np.asarray(MAD_TO_SIGMA * np.nanmedian(np.abs(values - middle), axis=axis))
 
 
 def _stored(source: SampleSource, settings: FilterSettings) -> FloatArray:

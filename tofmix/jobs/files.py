@@ -17,7 +17,7 @@ from tofmix.jobs.reporter import OptionError, Reporter
 from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import Projection, view_doubt
 from tofmix.recording import SampleSource
-from tofmix.report.summary.findings import Finding, Remedy, repeat_findings, sample_findings
+from tofmix.report.summary.findings import Finding, Remedy, motion_findings, repeat_findings, sample_findings
 from tofmix.sensor import Sensor, with_view
 
 _VIEW_REMEDY = "import the recording with --fov HxV or --intrinsics, and estimate again"
@@ -100,9 +100,10 @@ def opened_recording(path: Path, reporter: Reporter) -> Iterator[RecordingFile]:
 
 def findings_of_samples(source: SampleSource, sensor: Sensor, circle_mm: float | None, remedy: Remedy) -> list[Finding]:
     """Doubts from some of the samples: repeats, scatter off the noise curve of `sensor`, and drift within a window."""
-    from tofmix.estimation.filters import find_repeats
+    from tofmix.estimation.filters import common_motion, find_repeats
     from tofmix.estimation.noise.curve_check import check_consistency  # slow to import, and a report may need none
     from tofmix.recording import independent_samples
+    from tofmix.temporal_filter import HeldValues
 
     seen = check_consistency(
         independent_samples(source, for_noise=True),
@@ -114,8 +115,14 @@ def findings_of_samples(source: SampleSource, sensor: Sensor, circle_mm: float |
     )
     scatter = None if remedy.noise == "auto" else seen.scatter_over_curve  # a curve that the samples gave is theirs
     found = sample_findings(scatter_over_curve=scatter, drift_sigmas=seen.drift_sigmas, remedy=remedy)
-    repeats = None if sensor.temporal_filter is not None else find_repeats(source)
-    return found if repeats is None else [*repeat_findings(repeats.share, repeats.frames, remedy), *found]
+    filters = sensor.temporal_filter is not None and not isinstance(sensor.temporal_filter, HeldValues)
+    repeats = None if filters else find_repeats(source)
+    motion = common_motion(source) if sensor.temporal_filter is None and circle_mm is None else None
+    return [
+        *([] if repeats is None else repeat_findings(repeats.share, repeats.frames, remedy)),
+        *([] if motion is None else motion_findings(*motion, remedy)),
+        *found,
+    ]
 
 
 def check_recording(file: LayersFile, source: RecordingFile) -> None:

@@ -32,7 +32,7 @@ from tofmix.sensor import Sensor
 from tofmix.simulation import BUILTIN_MODELS
 from tofmix.simulation.measured_scene import LEAST_SAMPLES, UNKNOWN_WALK, MeasuredScene, SceneTable
 from tofmix.simulation.model import Model
-from tofmix.temporal_filter import ExponentialAverage, TemporalFilter
+from tofmix.temporal_filter import ExponentialAverage, HeldValues, TemporalFilter
 
 REFERENCE = "reference.layers.h5"
 """The layers of a reference in the folder of a reconciliation."""
@@ -294,9 +294,10 @@ def _reference(
 
 def frames_apart(found: TemporalFilter) -> int:
     """Frames from one sample to the next that shares nothing with it, or next to nothing, under a filter."""
-    if isinstance(found, ExponentialAverage):
+    if isinstance(found, (ExponentialAverage, HeldValues)):
         shared = 0.05  # correlation that is next to nothing
-        return max(2, math.ceil(math.log(shared) / math.log(1.0 - found.parameter)))
+        kept = found.parameter if isinstance(found, HeldValues) else 1.0 - found.parameter
+        return max(2, math.ceil(math.log(shared) / math.log(kept)))
     return max(2, math.ceil(found.parameter))
 
 

@@ -40,7 +40,7 @@ def _close_in_time(scene: WindowScene) -> BoolArray:
     chances = np.array(_log_chances(found, memory_frames))
     place = tuple(found[:, [_ROW, _COL, _LAYER]].astype(int).T)
     may_pass = ~_continues(scene, *place)
-    sure = may_pass & (chances <= math.log(FALSE_MARKS))
+    sure = may_pass & (chances <= math.log(_mark_below(scene, np.exp(chances[may_pass]))))
     # Chance below which a layer beside a passing one, in its frames alone, is of it too: there the odds are even.
     beside_passing = 0.05
     while sure.any():  # each round reaches one pixel farther
@@ -51,6 +51,23 @@ def _close_in_time(scene: WindowScene) -> BoolArray:
         sure |= more
     marked[tuple(part[sure] for part in place)] = True
     return marked
+
+
+def _mark_below(scene: WindowScene, chances: FloatArray, *, level: float = 0.2, false_share: float = 0.1) -> float:
+    """Chance below which a layer is marked: `FALSE_MARKS`, or more where many layers pass, as in snow.
+
+    Layers that are there all the time have evenly spread chances; the number of those above `level` tells how many
+    there are. More are marked as long as such layers are at most `false_share` of the marked, and `FALSE_MARKS` of all.
+
+    References
+    ----------
+    Benjamini and Hochberg, JRSS B 57(1), 1995; Storey, JRSS B 64(3), 2002, doi:10.1111/1467-9868.00346.
+    """
+    rare = int(np.sum(scene.weight <= LONGEST))
+    standing = max(rare - int(np.sum(chances <= level)), 1) / (1.0 - level)
+    ordered = np.sort(chances[chances <= min(FALSE_MARKS * scene.present.sum() / standing, level)])
+    many = ordered * standing <= false_share * np.arange(1, len(ordered) + 1)
+    return max(FALSE_MARKS, float(ordered[many].max(initial=0.0)))
 
 
 def _continues(scene: WindowScene, row: IntArray, col: IntArray, layer: IntArray) -> BoolArray:

@@ -4,6 +4,7 @@ The scatter about such planes is measured too: beyond noise it is fixed pattern,
 belong to the errors of everything that follows.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,6 +69,8 @@ def find_seeds(image: PhasorImage, settings: SeedSettings = DEFAULT_SETTINGS.see
     limit = chi_square_6(settings.rare) / _FREE
     along = [_line_scatters(image, axis) for axis in (0, 1)]
     pattern = _beyond_noise([(range_scatter, range_noise), *(line[:2] for line in along)], limit, settings)
+    if math.sqrt(pattern) > settings.most_pattern * image.scale_mm:
+        pattern = 0.0  # no camera's: nearly all windows are of several surfaces, as behind a mesh
     texture = _beyond_noise([(light_scatter, light_noise), *(line[2:] for line in along)], limit, settings)
     excess = range_scatter / np.maximum(range_noise + pattern, np.finfo(float).tiny)
     of_plane = excess < limit

@@ -56,6 +56,8 @@ class SeedSettings:
         Parts of the windows, 0 to 1, that are taken to be of one surface each: the smaller scatter counts.
     least_windows : int
         Windows from which on a scatter beyond noise is measured.
+    most_pattern : float
+        Largest standard deviation of a fixed pattern, rad of phase: a tenth is 1.6 % of the unambiguous range.
     unlike_sigmas : float
         Standard errors from the neighbouring planes, beyond which a pixel at a border is tested again: more than noise
         gives.
@@ -66,6 +68,7 @@ class SeedSettings:
     rare: Share = 1.0e-3
     quantiles: tuple[Share, ...] = (0.1, 0.25)
     least_windows: Count = 20
+    most_pattern: Positive = 0.1
     unlike_sigmas: Threshold = 2.5
     between_sigmas: Threshold = 1.0
     different_sigmas: Threshold = 5.0

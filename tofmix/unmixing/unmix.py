@@ -57,8 +57,12 @@ class MixingLaw:
     is_sum: BoolArray
 
 
-def measure_law(image: PhasorImage, labels: Labels, settings: LawSettings) -> MixingLaw:
+def measure_law(
+    image: PhasorImage, labels: Labels, settings: LawSettings, several: BoolArray | None = None
+) -> MixingLaw:
     """Measure the share of phasor sums, of the image and of each edge.
+
+    `several` (pixel,): whether the samples show several surfaces, one each; without it, only their scatter counts.
 
     Edges between surfaces, and edges of a surface next to open space, are measured separately: a camera may sum at one
     kind and not at the other. Where an edge differs from the others of its kind, its own share is taken, if such edges
@@ -70,7 +74,7 @@ def measure_law(image: PhasorImage, labels: Labels, settings: LawSettings) -> Mi
     between = informative & ~beside_open
     main = between if between.any() else informative
     if not main.any():
-        return _assumed(image, labels, settings)
+        return _assumed(image, labels, settings, several)
     share, share_error = _median(value[main], error[main])
     at, at_error = np.full(image.count, share), np.full(image.count, share_error)
     at_open = informative & beside_open
@@ -89,23 +93,27 @@ def measure_law(image: PhasorImage, labels: Labels, settings: LawSettings) -> Mi
     return MixingLaw(phasor_share=share, pixels=int(main.sum()), is_sum=is_sum)
 
 
-def _assumed(image: PhasorImage, labels: Labels, settings: LawSettings) -> MixingLaw:
+def _assumed(image: PhasorImage, labels: Labels, settings: LawSettings, several: BoolArray | None = None) -> MixingLaw:
     """The law where no edge tells it: sums, the physics of a lock-in camera, unless the samples contradict them.
 
-    Samples of one surface each jump between the surfaces of a pixel, so they scatter more than the noise of pixels that
-    see one surface. Those of a sum do not, whatever the surfaces are.
+    Samples of one surface each jump between the surfaces of a pixel: they show several surfaces, or scatter more than
+    the noise of pixels that see one surface. Those of a sum do not, whatever the surfaces are. Where few pixels are
+    known to see one surface, as behind a mesh, the noise is that of all pixels whose samples do not show several.
     """
     nothing = MixingLaw(phasor_share=float("nan"), pixels=0, is_sum=np.zeros(image.count, bool))
     edge = image.valid & ~labels.is_surface
     alone = image.valid & labels.is_surface
     least_side = 3  # rows and columns of the least window of a plane
-    if not edge.any() or min(image.shape) < least_side or alone.sum() <= edge.sum():
-        return nothing  # an image too narrow for planes, or one of which little is understood
+    if several is None:
+        several = np.zeros(image.count, bool)
+    quiet = alone if alone.sum() > edge.sum() else image.valid & ~several
+    if not edge.any() or not quiet.any() or min(image.shape) < least_side:
+        return nothing  # an image too narrow for planes, or one in which all samples jump
     x, y, both = image.covariance.T
     largest = 0.5 * (x + y) + np.sqrt(0.25 * (x - y) ** 2 + both**2)
     free = np.maximum(image.samples - 1.0, 1.0)
     chance = 1.0 + settings.different_sigmas * np.sqrt(2.0 / free)
-    jumps = largest > chance * float(np.quantile(largest[alone], settings.noisiest))
+    jumps = several | (largest > chance * float(np.quantile(largest[quiet], settings.noisiest)))
     if jumps[edge].mean() > 0.5:  # noqa: PLR2004  most of them
         return nothing
     return MixingLaw(phasor_share=1.0, pixels=0, is_sum=np.ones(image.count, bool))
@@ -452,7 +460,7 @@ def unmix(
     if circle_mm is not None:
         image = replace(image, range_mm=unfolded(image, circle_mm, settings.unfolding))
     labels = label_curved(image, label(image, settings), settings)
-    law = measure_law(image, labels, settings.law)
+    law = measure_law(image, labels, settings.law, layers.n_modes.ravel() > 1)
     return rewrite(layers, image, labels, law, sensor, insist=insist, circle_mm=circle_mm, settings=settings)
 
 

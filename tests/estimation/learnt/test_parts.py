@@ -274,9 +274,28 @@ def test_a_net_and_a_wall_at_one_range_in_all_pixels_leave_the_density(rng: np.r
     assert prior[0] / sum(prior) == pytest.approx(0.5, abs=0.02)
 
 
-def test_the_density_needs_pixels_with_shares_of_background(rng: np.random.Generator) -> None:
+def test_the_density_brings_shares_of_background(rng: np.random.Generator) -> None:
     samples = of_pixels(in_fog(rng, 10, 20, 0.5))
-    assert with_part(whole_fold(Pixels(samples=samples), CAMERA), pixel_noise(), "density") is None
+    found = with_part(whole_fold(Pixels(samples=samples), CAMERA), pixel_noise(), "density")
+    assert found is not None
+    assert found.background is not None
+    assert found.curve.background_density is not None
+
+
+@pytest.mark.compiled("learns the noise of 300 pixels")
+def test_clutter_in_a_narrow_part_of_the_range_is_background_though_a_uniform_one_gains_nothing(
+    rng: np.random.Generator,
+) -> None:
+    pixels, frames = 300, 100
+    samples = np.linspace(3000.0, 5000.0, pixels) + SIGMA_MM * rng.standard_normal((frames, pixels))
+    clutter = rng.random(samples.shape) < 0.08
+    samples[clutter] = 700.0 + 6.0 * SIGMA_MM * rng.standard_normal(int(clutter.sum()))
+    noise = learn_pixel_noise(Pixels(samples=of_pixels(samples)), CAMERA, None).noise
+    assert noise.background is not None
+    assert noise.background[0] / sum(noise.background) == pytest.approx(0.08, abs=0.01)
+    assert noise.curve.background_density is not None
+    found = layer_pixels(samples, camera_with(noise, flat()))
+    assert (found.n_modes == 1).mean() > 0.98
 
 
 @pytest.mark.compiled("counts the surfaces of 600 pixels")

@@ -125,6 +125,7 @@ def select_parts(
     parts: Sequence[str],
     *,
     required: Sequence[str],
+    together: bool = False,
     map_parts: Callable[[Callable[[str], NoiseCandidate | None], Iterable[str]], Iterable[NoiseCandidate | None]],
 ) -> tuple[NoiseCandidate, list[str]]:
     """Add the part of the largest held-out gain while one gains; then drop parts that the others make needless.
@@ -139,6 +140,9 @@ def select_parts(
         Names of the parts that may be added; see `parts.PARTS`.
     required : sequence of str
         Parts that are added first, whatever they gain, and kept.
+    together : bool
+        Whether background is tried together with its density too: a uniform one explains no dense fog, and gains
+        nothing alone. It takes time where there is no background.
     map_parts : callable
         Applies a function to several parts: `map`, or the `map` of a pool of threads.
 
@@ -161,12 +165,14 @@ def select_parts(
             selected.append(part)
     while len(selected) < len(parts) + len(required):
         left = [part for part in parts if part not in selected]
+        if not together and "background" not in selected:
+            left = [part for part in left if part != "density"]
         trials = [(part, trial) for part, trial in zip(left, map_parts(one_more, left), strict=True) if trial]
         gains = [held_out_gain(trial, best) for _, trial in trials]
         if max(gains, default=0.0) <= 0.0:
             break
         part, best = trials[int(np.argmax(gains))]
-        selected.append(part)
+        selected += [part] if part != "density" or "background" in selected else list(OF_BACKGROUND)
     for part in tuple(selected):
         if len(selected) > 1 and part not in required:
             trial = candidate_of(folds, [without_part(noise, part) for noise in best.noises])
@@ -263,7 +269,14 @@ def learn_pixel_noise(
     if plain is not None:
         measured = plain.noises[-1].curve
         with ThreadPoolExecutor(workers, thread_name_prefix="tofmix") as pool:
-            best, added = select_parts(folds, plain, parts, required=("widths",) if widths else (), map_parts=pool.map)
+            best, added = select_parts(
+                folds,
+                plain,
+                parts,
+                required=("widths",) if widths else (),
+                together=_most_see_more(pixels, measured),
+                map_parts=pool.map,
+            )
     given_holds = False
     if instead_of is not None and best is not None:
         given = PixelNoise.gaussian(instead_of, sensor.outlier_probability)
@@ -289,6 +302,16 @@ def learn_pixel_noise(
         given_holds=given_holds,
         shapes_differ=shapes_differ(whole.smooth_errors(fits, clusters)),
     )
+
+
+def _most_see_more(pixels: Pixels, curve: NoiseCurve) -> bool:
+    """Whether most pixels have samples farther from their median than the noise of a surface reaches."""
+    far_sigmas = 8.0  # more than the tails of any shape reach in most pixels
+    samples = pixels.samples[np.isfinite(pixels.samples).any(axis=1)]
+    middle = medians(samples)[:, np.newaxis]
+    with np.errstate(invalid="ignore"):
+        far = np.abs(samples - middle) > far_sigmas * curve.sigma(middle)
+    return bool(far.any(axis=1).mean() > 0.5)  # noqa: PLR2004  most
 
 
 def _best_curve(

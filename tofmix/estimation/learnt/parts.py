@@ -308,7 +308,7 @@ def _with_background(fold: Fold, noise: PixelNoise) -> PixelNoise:
 def _with_density(fold: Fold, noise: PixelNoise) -> PixelNoise | None:
     """Learn the density of background over range, and the prior of shares again; None where pixels have no shares."""
     if noise.background is None:
-        return None
+        noise = _with_background(fold, noise)
     edges = fold.cell_edges(noise, CELL_SIGMAS[0])
     density = smooth_density(fold.counts(edges), edges, cells_of_surface(noise.curve, edges, noise.laws()[1]))
     for cell_sigmas in CELL_SIGMAS[1:]:

@@ -24,7 +24,7 @@ from tofmix.flags import Status, status_name
 from tofmix.options import MAX_LAYERS_LIMIT
 from tofmix.sensor import Sensor
 from tofmix.suspicion import SUSPICIONS
-from tofmix.temporal_filter import TemporalFilter
+from tofmix.temporal_filter import HeldValues, TemporalFilter
 from tofmix.wording import counted
 
 
@@ -253,7 +253,7 @@ def suspect_findings(counts: Mapping[str, int]) -> list[Finding]:
 
 def filter_findings(found: TemporalFilter | None, frames: int) -> list[Finding]:
     """Warn of a camera that filters ranges over time: `frames` of a window tell less than they seem to."""
-    if found is None:
+    if found is None or isinstance(found, HeldValues):  # `repeat_findings` says these
         return []
     text = (
         f"The camera filters ranges over time ({found.words()}): {counted(frames, 'such frame')} tell as much"
@@ -268,8 +268,8 @@ def repeat_findings(share: float, of_frames: float, remedy: Remedy) -> list[Find
     frames = remedy.window_frames
     text = (
         f"{100 * share:.0f} % of the samples repeat the one before, more than chance gives, as where a driver is read"
-        f" faster than the camera measures. Repeats tell nothing new: {counted(frames, 'such frame')} tell as much as"
-        f" {max(1, round(frames * (1.0 - share)))}."
+        f" faster than the camera measures. Layers are of the other samples: {counted(frames, 'such frame')} tell as"
+        f" much as {max(1, round(frames * (1.0 - share)))}."
     )
     if of_frames < 0.5 * share:  # pixels repeat values one by one
         return [Finding(code="repeated_samples", text=f"{text} Read the camera at its own rate, and record again.")]
@@ -285,6 +285,29 @@ def repeat_findings(share: float, of_frames: float, remedy: Remedy) -> list[Find
     )
     command = shlex.join(["python", "-c", code])
     return [Finding(code="repeated_samples", text=f"{text} Leave repeated frames out.", commands=(command,))]
+
+
+def motion_findings(common_mm: float, each_mm: float, remedy: Remedy, *, least_share: float = 0.5) -> list[Finding]:
+    """Warn of frames that move as a whole, if they cause more than `least_share` of the sd of single samples."""
+    if not common_mm > least_share * each_mm:
+        return []
+    alone_mm = math.sqrt(max(each_mm**2 - common_mm**2, 0.0))
+    text = (
+        f"All ranges of a frame move together, by {common_mm:.3g} mm (sd) from frame to frame: a pixel's samples"
+        f" scatter by {each_mm:.3g} mm, and by {alone_mm:.2g} mm without it. Sigma is wider by it, and near surfaces"
+        " are not told apart. Take the motion of each frame out."
+    )
+    light = ", amplitude=r.amplitude" if remedy.has_amplitude else ""
+    before, after = (
+        json.dumps(str(name), ensure_ascii=False)
+        for name in (remedy.recording, Path(remedy.recording).with_suffix(".still.h5"))
+    )
+    code = (
+        f"import numpy as np, tofmix; r = tofmix.open({before}); a = r.range_mm[:, np.isfinite(r.range_mm).any(0)];"
+        " moved = np.nanmedian(a - np.nanmedian(a, 0), 1);"
+        f' tofmix.from_array(r.range_mm - moved[:, None, None], units="mm", sensor=r.sensor{light}).save({after})'
+    )
+    return [Finding(code="frames_move", text=text, commands=(shlex.join(["python", "-c", code]),))]
 
 
 def sigma_findings(
