@@ -5,6 +5,5 @@ effects), `unnamed` (smooth laws without a name), `coordinates` (an effect as a 
 all sets share), `steps_kernel` (exact likelihood of quantised samples), `tenths` (biases in time, and what a memory of
 the noise leaves of them), `expansion` (the samples with static errors integrated out), `summary` (what proposals need
 of the samples), `fitted_set` (a set at its most likely numbers, with its score), `proposals` (the linear evidence of
-all sets), `order` (in which effects of one level act), `search` (which sets are fitted), `outcome` (the best set as the
-verdict needs it).
+all sets), `search` (which sets are fitted), `outcome` (the best set as the verdict needs it).
 """
