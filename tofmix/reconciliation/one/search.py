@@ -20,8 +20,7 @@ from tofmix.reconciliation.likelihood.likelihood import Likelihood
 from tofmix.reconciliation.one.coordinates import Key
 from tofmix.reconciliation.one.fitted_set import FittedSet
 from tofmix.reconciliation.one.proposals import INEXACT, About, Columns, Proposal, by_trial
-from tofmix.reconciliation.one.recordings import SearchTask
-from tofmix.reconciliation.one.tenths import observed
+from tofmix.reconciliation.one.recordings import SearchTask, observed
 from tofmix.reconciliation.settings import Settings
 from tofmix.reconciliation.verification.considered import MOST_ALIASES
 from tofmix.reconciliation.verification.contradictions import FAINT_SHARE
