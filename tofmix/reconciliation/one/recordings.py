@@ -1,6 +1,7 @@
 """What all sets of effects of one search share: the recordings, the model as given, the laws, and the prices.
 
-Here too: biases in tenths of the time, and how far a memory of the noise lets independent samples overstate what they tell.
+Here too: biases in tenths of the time, and how far a memory of the noise lets independent samples overstate what
+they tell.
 """
 
 import math
