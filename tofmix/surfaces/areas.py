@@ -61,8 +61,6 @@ def measure_brightness(
         Of the window.
     label : (node,) int32
         Surface of each.
-    settings : BrightnessSettings
-        Thresholds.
     """
     used = nodes.index >= 0
     alone = used.sum(axis=-1) == 1
@@ -155,8 +153,6 @@ def to_areas(
         Of the leading shape (row, col).
     nodes, linked : Nodes, Linked
         Their nodes, and the surfaces of these.
-    settings : BrightnessSettings
-        Thresholds.
     """
     unmixed = np.zeros(layers.shape, bool) if layers.mixing is None else layers.mixing == int(Mixing.PHASOR)
     mixed = (shares.entries > 1) & ~unmixed

@@ -208,8 +208,6 @@ def fit_edges(
         Fits of the cuts that are nearer in their pixels than these, made before; 0 for none.
     cuts, shares, view
         Of the window.
-    settings : EdgeSettings
-        Thresholds.
     """
     size = 2 * settings.longest_run + 1
     pixels = np.empty((size * size, COLUMNS))

@@ -46,8 +46,6 @@ def widened(fits: FloatArray, cuts: Cuts, shares: Shares, settings: EdgeSettings
         From `fit_edges`.
     cuts, shares
         Of the same window.
-    settings : EdgeSettings
-        Thresholds.
     """
     if not shares.common or not len(cuts.row):
         return fits

@@ -50,8 +50,6 @@ def continue_edges(
         Of the window.
     silent : (row, col) bool
         Pixels with samples but without known shares.
-    settings : EdgeSettings
-        Thresholds.
 
     Returns
     -------

@@ -41,8 +41,6 @@ def reconstruct(
         The camera; its optics place the pixels.
     factor : int
         Parts of a pixel along each side in the fine range image.
-    settings : SurfaceSettings
-        Thresholds.
 
     Raises
     ------

@@ -158,8 +158,6 @@ def choose_regions(
         From `fit_edges` and `ray_lines`.
     cuts, shares, view
         Of the window.
-    settings : EdgeSettings
-        Thresholds.
 
     Returns
     -------

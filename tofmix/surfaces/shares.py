@@ -153,8 +153,6 @@ def make_cuts(shares: Shares, planes: Shapes, directions: FloatArray, settings: 
         Of the surfaces.
     directions : (row, col, 3) float64
         Unit vectors d.
-    settings : ShareSettings
-        Thresholds.
     """
     entries = np.arange(shares.label.shape[2] - 1)
     row, col, entry = np.nonzero(entries < shares.entries[..., np.newaxis] - 1)

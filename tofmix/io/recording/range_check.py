@@ -112,8 +112,6 @@ def is_too_small(median_mm: float, sensor: Sensor, *, least_mm: float = 50.0, le
     ----------
     median_mm : float
         The median, if it is in mm.
-    sensor : Sensor
-        The camera.
     least_mm : float
         A median below this is no camera's; in m it is beyond every camera's.
     least_share : float
@@ -139,8 +137,6 @@ def implausible(median_mm: float, sensor: Sensor, *, unit_mm: float, path: Path 
     ----------
     median_mm : float
         Median of the valid samples, mm.
-    sensor : Sensor
-        The camera.
     unit_mm : float
         mm of one unit of the source, by which the median was made.
     path : Path, optional

@@ -290,8 +290,6 @@ def laws(kinds: Sequence[str], search: SearchFacts, form: FormFacts, taken: set[
         Data for the searches and for linear forms.
     taken : set of (str, str)
         Effects of the model.
-    sensor : CompleteCamera
-        The camera.
     """
     # tilts may show only beside other effects, so that each surface may be tilted
     surfaces = tuple(

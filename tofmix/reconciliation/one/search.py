@@ -170,8 +170,6 @@ def begun(
     ----------
     likelihood : Likelihood
         Of the recordings.
-    settings : Settings
-        Options.
     tick : callable
         Called with shares of a step that are done; a step is a size, or a round of the closing step.
     ledger : Ledger, optional

@@ -123,8 +123,6 @@ def next_steps(
         The verdict.
     unclear : sequence of Alias
         Explanations that the recording cannot separate.
-    settings : Settings
-        Options of the search.
     """
     steps = [*_of_the_recording(likelihood, verified)]
     axes = [] if verified.verdict == "agree" else list(other_axes(likelihood, settings))
@@ -550,8 +548,6 @@ def found_poses(likelihood: Likelihood, settings: Settings, state: ModelState | 
     ----------
     likelihood : Likelihood
         The recordings and their scenes.
-    settings : Settings
-        How.
     state : ModelState, optional
         The model with the effects that are named; the model as given without it.
     """
